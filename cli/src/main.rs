@@ -1,0 +1,3 @@
+//! armwire-cli
+
+fn main() {}

@@ -1,0 +1,3 @@
+//! armwire-firmware
+
+fn main() {}

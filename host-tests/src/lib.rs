@@ -1,0 +1,1 @@
+//! armwire-host-tests

@@ -1,0 +1,1 @@
+//! armwire-virtual-board
