@@ -1,0 +1,271 @@
+//! Bytes in, frames and noise out.
+
+use core::fmt;
+use core::marker::PhantomData;
+
+use crate::{Framing, Noise, Reason, Scan};
+
+/// A streaming decoder over an inline buffer of `N` bytes, at least [`Framing::MAX_FRAME`].
+///
+/// Bytes may arrive in any chunks: the frames and noise that come out are the same. When a candidate for a frame turns
+/// out to be none, scanning resumes at its second byte, so a false header never costs a good frame.
+///
+/// ```
+/// use armwire::Decoder;
+/// use armwire::ling::{self, Ling};
+///
+/// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
+/// let line = [0x11, 0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+/// assert!(decoder.push(&line).is_empty());
+///
+/// let noise = decoder.next(()).unwrap().unwrap_err();
+/// assert_eq!((noise.offset, noise.len), (0, 1));
+/// let frame = decoder.next(()).unwrap().unwrap();
+/// assert_eq!((frame.command, frame.function, frame.data), (0x06, 0x00, &[0xFE][..]));
+/// assert!(decoder.next(()).is_none());
+/// ```
+pub struct Decoder<F: Framing, const N: usize> {
+    buf: [u8; N],
+    /// The window not yet decided on: `buf[head..tail]`.
+    head: usize,
+    tail: usize,
+    /// Bytes before the window since the decoder was made.
+    offset: u64,
+    framing: PhantomData<F>,
+}
+
+impl<F: Framing, const N: usize> Decoder<F, N> {
+    /// An empty decoder. Does not compile when `N` is less than [`Framing::MAX_FRAME`].
+    pub const fn new() -> Self {
+        const { assert!(N >= F::MAX_FRAME, "the buffer is shorter than the longest frame") }
+        Self {
+            buf: [0; N],
+            head: 0,
+            tail: 0,
+            offset: 0,
+            framing: PhantomData,
+        }
+    }
+
+    /// Room to read or DMA into; [`commit`](Self::commit) what arrived.
+    ///
+    /// Never empty once [`next`](Self::next) has returned `None`.
+    pub fn space(&mut self) -> &mut [u8] {
+        if 0 < self.head && self.head <= self.tail && self.tail <= N {
+            self.buf.copy_within(self.head..self.tail, 0);
+            self.tail -= self.head;
+            self.head = 0;
+        }
+        self.buf.get_mut(self.tail..).unwrap_or_default()
+    }
+
+    /// Accepts the first `n` bytes of [`space`](Self::space), or all of it if `n` is more.
+    pub fn commit(&mut self, n: usize) {
+        self.tail = self.tail.saturating_add(n).min(N);
+    }
+
+    /// Copies in as much of `bytes` as there is room for and returns the rest.
+    ///
+    /// Take all that [`next`](Self::next) has to give, then push the rest, until there is none.
+    pub fn push<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
+        let space = self.space();
+        let n = bytes.len().min(space.len());
+        let (now, later) = bytes.split_at(n);
+        if let Some(space) = space.get_mut(..n) {
+            space.copy_from_slice(now);
+        }
+        self.commit(n);
+        later
+    }
+
+    /// The next frame or the next run of noise; `None` when more bytes are needed to tell.
+    #[expect(clippy::should_implement_trait, reason = "a frame borrows the decoder: no Iterator can")]
+    pub fn next(&mut self, expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
+        match self.scan(expect)? {
+            Scan::Need(_) => None,
+            Scan::Skip(n, reason) => Some(Err(self.skip(n, reason))),
+            Scan::Frame(n) => {
+                let (start, offset) = (self.head, self.offset);
+                self.advance(n);
+                let frame = self.buf.get(start..self.head).and_then(F::view);
+                Some(frame.ok_or(Noise {
+                    offset,
+                    len: n,
+                    reason: Reason::Stray,
+                }))
+            }
+        }
+    }
+
+    /// How many more bytes must arrive before [`next`](Self::next) can have something to say: a receive threshold.
+    ///
+    /// Zero when it has something to say now.
+    ///
+    /// ```
+    /// use armwire::Decoder;
+    /// use armwire::ling::{self, Ling};
+    ///
+    /// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
+    /// decoder.push(&[0xAA, 0x06, 0x00, 0x0F]);
+    /// assert_eq!(decoder.need(()), 17); // 15 data bytes, the checksum and the end mark
+    /// ```
+    pub fn need(&self, expect: F::Expect) -> usize {
+        match self.scan(expect) {
+            None => 1,
+            Some(Scan::Need(n)) => n.max(1),
+            Some(_) => 0,
+        }
+    }
+
+    /// The line went idle: a frame that is waiting for its end will never get it.
+    ///
+    /// Call it on an idle line that the UART reports, never on a gap between USB packets. Call it and
+    /// [`next`](Self::next) in turn until both return `None`: each call gives up one false header, and what follows it
+    /// is scanned again.
+    ///
+    /// ```
+    /// use armwire::{Decoder, Reason};
+    /// use armwire::ling::{self, Ling};
+    ///
+    /// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
+    /// decoder.push(&[0xAA, 0x06, 0x00, 0x0F, 0x02]);
+    /// assert!(decoder.next(()).is_none());
+    /// assert_eq!(decoder.idle(()).unwrap().reason, Reason::Truncated { missing: 16 });
+    /// ```
+    pub fn idle(&mut self, expect: F::Expect) -> Option<Noise> {
+        match self.scan(expect)? {
+            Scan::Need(missing) => Some(self.skip(1, Reason::Truncated { missing })),
+            Scan::Frame(_) | Scan::Skip(..) => None,
+        }
+    }
+
+    /// Bytes received that are not yet part of a frame or noise.
+    ///
+    /// ```
+    /// # use armwire::{Decoder, ling::{self, Ling}};
+    /// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
+    /// decoder.push(&[0xAA, 0x06]);
+    /// assert_eq!(decoder.pending(), 2);
+    /// ```
+    pub const fn pending(&self) -> usize {
+        self.tail.saturating_sub(self.head)
+    }
+
+    fn scan(&self, expect: F::Expect) -> Option<Scan> {
+        let window = self.buf.get(self.head..self.tail)?;
+        (!window.is_empty()).then(|| F::scan(window, expect))
+    }
+
+    fn skip(&mut self, n: usize, reason: Reason) -> Noise {
+        let (offset, len) = (self.offset, n.clamp(1, self.pending().max(1)));
+        self.advance(len);
+        Noise { offset, len, reason }
+    }
+
+    fn advance(&mut self, n: usize) {
+        self.head = self.head.saturating_add(n).min(self.tail);
+        self.offset = self.offset.wrapping_add(n as u64);
+    }
+}
+
+impl<F: Framing, const N: usize> Default for Decoder<F, N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<F: Framing, const N: usize> fmt::Debug for Decoder<F, N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Decoder")
+            .field("offset", &self.offset)
+            .field("pending", &self.pending())
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::ling::{self, Ling};
+
+    const QUERY: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+
+    type Lings = Decoder<Ling, { ling::MAX_FRAME }>;
+
+    fn drain(decoder: &mut Lings) -> (usize, Vec<Noise>) {
+        let (mut frames, mut noise) = (0, Vec::new());
+        while let Some(next) = decoder.next(()) {
+            match next {
+                Ok(_) => frames += 1,
+                Err(n) => noise.push(n),
+            }
+        }
+        (frames, noise)
+    }
+
+    #[test]
+    fn a_false_header_does_not_cost_the_frame_that_follows() {
+        let mut decoder = Lings::new();
+        decoder.push(&[0xAA, 0x06, 0x00, 0x03]);
+        decoder.push(&QUERY);
+        let (frames, noise) = drain(&mut decoder);
+        assert_eq!(frames, 1);
+        assert_eq!(noise.iter().map(|n| n.len).sum::<usize>(), 4);
+        assert_eq!(noise[0].offset, 0);
+    }
+
+    #[test]
+    fn an_idle_line_frees_frames_behind_a_false_header() {
+        let mut decoder = Lings::new();
+        decoder.push(&[0xAA, 0x06, 0x00, 64]);
+        decoder.push(&QUERY);
+        assert_eq!(drain(&mut decoder).0, 0);
+        assert_eq!(decoder.need(()), 64 + ling::OVERHEAD - 11);
+
+        let noise = decoder.idle(()).unwrap();
+        assert_eq!(noise.reason, Reason::Truncated { missing: 59 });
+        assert_eq!(drain(&mut decoder).0, 1);
+        assert_eq!(decoder.idle(()), None);
+    }
+
+    #[test]
+    fn offsets_count_every_byte_once() {
+        let mut decoder = Lings::new();
+        let mut dropped = 0;
+        for _ in 0..50 {
+            for byte in [1, 2, 0xAA, 3].into_iter().chain(QUERY) {
+                assert!(decoder.push(&[byte]).is_empty());
+                let (_, noise) = drain(&mut decoder);
+                dropped += noise.iter().map(|n| n.len).sum::<usize>();
+            }
+        }
+        while let Some(noise) = decoder.idle(()) {
+            dropped += noise.len + drain(&mut decoder).1.iter().map(|n| n.len).sum::<usize>();
+        }
+        assert_eq!(dropped, 200);
+        assert_eq!((decoder.offset, decoder.pending()), (50 * 11, 0));
+    }
+
+    #[test]
+    fn there_is_always_room_once_next_is_done() {
+        let mut decoder = Lings::new();
+        for i in 0..10_000_u32 {
+            let n = decoder.space().len();
+            assert!(n > 0);
+            decoder.space().fill(if i % 3 == 0 { 0xAA } else { i as u8 });
+            decoder.commit(n);
+            drain(&mut decoder);
+        }
+    }
+
+    #[test]
+    fn committing_more_than_the_room_takes_all_of_it() {
+        let mut decoder = Lings::new();
+        decoder.commit(usize::MAX);
+        assert_eq!(decoder.pending(), ling::MAX_FRAME);
+    }
+}

@@ -1,0 +1,105 @@
+//! Where frames begin and end.
+
+use core::fmt;
+
+/// What a [`Framing`] makes of the bytes at the front of a window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Scan {
+    /// No verdict before this many more bytes arrive (at least one).
+    Need(usize),
+    /// The first `n` bytes are a frame.
+    Frame(usize),
+    /// The first `n` bytes (at least one) belong to no frame.
+    Skip(usize, Reason),
+}
+
+/// Why bytes were not part of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Reason {
+    /// No frame starts here.
+    Stray,
+    /// A frame seemed to start here, but no message of this protocol is so long.
+    Length {
+        /// The most data bytes a message may have.
+        max: usize,
+        /// What the length field said.
+        got: usize,
+    },
+    /// A frame seemed to start here, but its checksum does not match.
+    Checksum {
+        /// The checksum of the bytes that arrived.
+        expected: u8,
+        /// The checksum that arrived with them.
+        got: u8,
+    },
+    /// A frame seemed to start here, but its end mark is missing.
+    Tail {
+        /// The end mark of this protocol.
+        expected: u8,
+        /// The byte in its place.
+        got: u8,
+    },
+    /// A frame seemed to start here, but the line went idle before its end.
+    Truncated {
+        /// How many bytes were still to come.
+        missing: usize,
+    },
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Stray => write!(f, "no frame starts here"),
+            Self::Length { max, got } => write!(f, "length field says {got}, no message has over {max}"),
+            Self::Checksum { expected, got } => write!(f, "checksum {got:#04x}, expected {expected:#04x}"),
+            Self::Tail { expected, got } => write!(f, "end mark {got:#04x}, expected {expected:#04x}"),
+            Self::Truncated { missing } => write!(f, "line went idle with {missing} bytes missing"),
+        }
+    }
+}
+
+/// A run of bytes that was dropped, and why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Noise {
+    /// Where the run starts, in bytes since the decoder was made.
+    pub offset: u64,
+    /// How many bytes were dropped.
+    pub len: usize,
+    /// Why.
+    pub reason: Reason,
+}
+
+impl fmt::Display for Noise {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} bytes at {}: {}", self.len, self.offset, self.reason)
+    }
+}
+
+impl core::error::Error for Noise {}
+
+/// Where frames begin and end on one kind of line.
+///
+/// An implementation is stateless: it is shown the bytes received so far and says what the front of them is. All
+/// state lives in the [`Decoder`](crate::Decoder). [`Ling`](crate::ling::Ling) is the one to read as an example.
+pub trait Framing {
+    /// The longest frame, in bytes. A decoder's buffer must hold one.
+    const MAX_FRAME: usize;
+
+    /// What the reader knows about the next frame, for protocols whose frames do not carry their own end. `()` where
+    /// framing stands alone.
+    type Expect: Copy + Default;
+
+    /// A frame whose envelope is good, borrowed from the decoder.
+    type Frame<'a>: Copy;
+
+    /// Says what the front of `window` is. The verdict on a prefix never changes when more bytes follow, except from
+    /// [`Scan::Need`].
+    fn scan(window: &[u8], expect: Self::Expect) -> Scan;
+
+    /// Views bytes for which [`scan`](Self::scan) said [`Scan::Frame`]; `None` for any others.
+    fn view(bytes: &[u8]) -> Option<Self::Frame<'_>>;
+}

@@ -1,0 +1,150 @@
+//! The bytes of a Ling frame (document section 1).
+//!
+//! ```text
+//!   0     1        2         3       4 .. 4+n    4+n       5+n
+//! +----+---------+----------+------+-----------+----------+------+
+//! | AA | command | function | n    | data      | checksum | FF   |
+//! +----+---------+----------+------+-----------+----------+------+
+//! ```
+//!
+//! The checksum is the low byte of CRC-32/ISO-HDLC over `command .. data`. The document's "command + function + length +
+//! data" means concatenation: its own examples hold only so.
+//!
+//! One request is printed, and sent by the vendor's software, with length 0 and one data byte ([`SELF_CHECK`]). It is
+//! recognised as that one sequence of bytes and nothing else has such slack. No other frame can start like it: with
+//! length 0 its fifth byte would be the checksum, C8.
+
+use super::Ling;
+use crate::{BufferTooShort, Framing, Reason, Scan};
+
+/// The most data bytes a frame may have.
+///
+/// The document's longest message has 28. The length field could say 255, but every false header would then hold back
+/// up to 255 bytes of good frames; 64 leaves room to grow and bounds that.
+pub const MAX_DATA: usize = 64;
+
+/// Bytes of a frame that are not data.
+pub const OVERHEAD: usize = 6;
+
+/// The longest frame, in bytes.
+pub const MAX_FRAME: usize = MAX_DATA + OVERHEAD;
+
+/// The self-check request as the document prints it: length 0, yet one data byte, which the checksum covers.
+pub const SELF_CHECK: [u8; 7] = [HEADER, 0xFE, 0x00, 0x00, 0xFE, 0x93, TAIL];
+
+const HEADER: u8 = 0xAA;
+const TAIL: u8 = 0xFF;
+
+#[cfg(not(any(feature = "crc-table", feature = "crc-table16")))]
+type Table = crc::NoTable;
+#[cfg(all(feature = "crc-table", not(feature = "crc-table16")))]
+type Table = crc::Table<1>;
+#[cfg(feature = "crc-table16")]
+type Table = crc::Table<16>;
+
+static CRC: crc::Crc<u32, Table> = crc::Crc::<u32, Table>::new(&crc::CRC_32_ISO_HDLC);
+
+/// The checksum of `body`, which is command, function, length and data.
+///
+/// ```
+/// assert_eq!(armwire::ling::checksum(&[0x06, 0x00, 0x01, 0xFE]), 0x9A); // section 2.5
+/// ```
+pub fn checksum(body: &[u8]) -> u8 {
+    CRC.checksum(body) as u8
+}
+
+/// A frame whose header, length, checksum and end mark are good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Frame<'a> {
+    /// Command (section 1.1).
+    pub command: u8,
+    /// Function within the command.
+    pub function: u8,
+    /// The data, 0 to [`MAX_DATA`] bytes.
+    pub data: &'a [u8],
+}
+
+impl Frame<'_> {
+    /// Writes the frame at the front of `out` and returns its length in bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferTooShort`] when `out`, or what the length field can say, is shorter than the frame.
+    ///
+    /// ```
+    /// use armwire::ling::Frame;
+    ///
+    /// let mut out = [0; 8];
+    /// let frame = Frame { command: 0x05, function: 0x00, data: &[1] };
+    /// assert_eq!(frame.encode(&mut out), Ok(7));
+    /// assert_eq!(out[..7], [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF]);
+    /// assert_eq!(frame.encode(&mut out[..6]).unwrap_err().needed, 7);
+    /// ```
+    pub fn encode(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let needed = self.data.len() + OVERHEAD;
+        let too_short = BufferTooShort {
+            needed,
+            got: out.len().min(MAX_FRAME),
+        };
+        if needed > MAX_FRAME {
+            return Err(too_short);
+        }
+        let Some([header, body @ .., check, tail]) = out.get_mut(..needed) else {
+            return Err(too_short);
+        };
+        let [command, function, len, data @ ..] = &mut *body else {
+            return Err(too_short);
+        };
+        (*header, *command, *function, *len) = (HEADER, self.command, self.function, self.data.len() as u8);
+        for (to, from) in data.iter_mut().zip(self.data) {
+            *to = *from;
+        }
+        (*check, *tail) = (checksum(body), TAIL);
+        Ok(needed)
+    }
+}
+
+impl Framing for Ling {
+    const MAX_FRAME: usize = MAX_FRAME;
+    type Expect = ();
+    type Frame<'a> = Frame<'a>;
+
+    fn scan(window: &[u8], (): ()) -> Scan {
+        if window.first() != Some(&HEADER) {
+            let stray = window.iter().position(|&byte| byte == HEADER);
+            return Scan::Skip(stray.unwrap_or(window.len()), Reason::Stray);
+        }
+        let &[_, _, _, len, ..] = window else {
+            return Scan::Need(4 - window.len());
+        };
+        let len = usize::from(len);
+        if len > MAX_DATA {
+            return Scan::Skip(1, Reason::Length { max: MAX_DATA, got: len });
+        }
+        let total = match window.first_chunk::<5>() {
+            Some(start) if SELF_CHECK.starts_with(start) => SELF_CHECK.len(),
+            _ => len + OVERHEAD,
+        };
+        match window.get(1..total) {
+            None => Scan::Need(total - window.len()),
+            Some([body @ .., got, TAIL]) => match checksum(body) {
+                expected if expected == *got => Scan::Frame(total),
+                expected => Scan::Skip(1, Reason::Checksum { expected, got: *got }),
+            },
+            Some([.., got]) => Scan::Skip(1, Reason::Tail { expected: TAIL, got: *got }),
+            Some([]) => Scan::Need(1),
+        }
+    }
+
+    fn view(bytes: &[u8]) -> Option<Frame<'_>> {
+        match bytes {
+            [HEADER, command, function, _, data @ .., _, TAIL] => Some(Frame {
+                command: *command,
+                function: *function,
+                data,
+            }),
+            _ => None,
+        }
+    }
+}
