@@ -79,7 +79,6 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     }
 
     /// The next frame or the next run of noise; `None` when more bytes are needed to tell.
-    #[expect(clippy::should_implement_trait, reason = "a frame borrows the decoder: no Iterator can")]
     pub fn next(&mut self, expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
         match self.scan(expect)? {
             Scan::Need(_) => None,

@@ -14,7 +14,11 @@ pub struct BufferTooShort {
 
 impl fmt::Display for BufferTooShort {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "the message takes {} bytes, the buffer has {}", self.needed, self.got)
+        write!(
+            f,
+            "the message takes {} bytes, the buffer has {}",
+            self.needed, self.got
+        )
     }
 }
 

@@ -1,14 +1,46 @@
 //! Exact, allocation-free robot-arm protocols.
+//!
+//! Bytes in → [`Decoder`] → frame → typed message → [`Client`] or [`Device`] → bytes out. No step does I/O, reads a
+//! clock, allocates, or panics on what it is given: the same code runs in an interrupt handler, in a task, on a desktop,
+//! and in a test in no time at all.
+//!
+//! | Layer | What it knows |
+//! |---|---|
+//! | [`Framing`] | where frames begin and end |
+//! | [`Decoder`] | bytes received, in any chunks, with noise between frames |
+//! | [`Protocol`] | what frames mean, and which answers which |
+//! | [`Client`], [`Device`] | the host's and the arm's side of a conversation |
+//! | [`driver`] (feature `async`) | a client over `embedded-io-async` |
+//!
+//! The protocols are [`ling`] (Ling / Alicia-D).
+//!
+//! # Features
+//!
+//! * `async`: the driver.
+//! * `defmt`: `defmt::Format` for every public type.
+//! * `crc-table`, `crc-table16`: the checksum by 1 or 16 KiB of tables instead of bit by bit.
+//!
+//! # Panics
+//!
+//! None: a link test on Cortex-M4 proves that no path to a panic is left in the crate. A panic would be a bug.
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod client;
 mod decoder;
+mod device;
+#[cfg(feature = "async")]
+pub mod driver;
 mod error;
 mod framing;
 pub mod ling;
+mod protocol;
 mod time;
 
+pub use client::{Busy, Client, Config, Event, Input};
 pub use decoder::Decoder;
+pub use device::{Device, Heard};
 pub use error::{BufferTooShort, OutOfRange};
 pub use framing::{Framing, Noise, Reason, Scan};
+pub use protocol::{Protocol, Reply};
 pub use time::Micros;

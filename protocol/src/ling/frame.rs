@@ -120,7 +120,13 @@ impl Framing for Ling {
         };
         let len = usize::from(len);
         if len > MAX_DATA {
-            return Scan::Skip(1, Reason::Length { max: MAX_DATA, got: len });
+            return Scan::Skip(
+                1,
+                Reason::Length {
+                    max: MAX_DATA,
+                    got: len,
+                },
+            );
         }
         let total = match window.first_chunk::<5>() {
             Some(start) if SELF_CHECK.starts_with(start) => SELF_CHECK.len(),
@@ -132,7 +138,13 @@ impl Framing for Ling {
                 expected if expected == *got => Scan::Frame(total),
                 expected => Scan::Skip(1, Reason::Checksum { expected, got: *got }),
             },
-            Some([.., got]) => Scan::Skip(1, Reason::Tail { expected: TAIL, got: *got }),
+            Some([.., got]) => Scan::Skip(
+                1,
+                Reason::Tail {
+                    expected: TAIL,
+                    got: *got,
+                },
+            ),
             Some([]) => Scan::Need(1),
         }
     }

@@ -1,0 +1,457 @@
+//! The host's side: one request in flight, time as an input, no I/O.
+
+use core::fmt;
+
+use crate::{Decoder, Micros, Noise, Protocol};
+
+/// What happened outside.
+#[derive(Debug)]
+pub enum Input<'a> {
+    /// Bytes arrived. They are taken from the front; what is left was not looked at yet.
+    Bytes(&'a [u8]),
+    /// The UART reported an idle line. Never a gap between USB packets or TCP segments.
+    Idle,
+    /// Nothing but time passed.
+    Tick,
+}
+
+/// How a [`Client`] treats its line.
+///
+/// ```
+/// use armwire::{Config, Micros};
+///
+/// // Bluetooth serial: slow, and late at times.
+/// let config = Config { baud: 115_200, latency: Micros::from_millis(200), ..Config::default() };
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// Baud rate of the line, which says how long messages take on it.
+    pub baud: u32,
+    /// The most that the way to the line and back may add to an answer: USB and operating system, or nothing.
+    pub latency: Micros,
+    /// How often a request that may be repeated is sent again after silence.
+    pub repeats: u8,
+    /// How long after its request an answer that was given up may still arrive. So long the next request that wants an
+    /// answer is held back, for an arm's answers do not say what they answer.
+    pub lateness: Micros,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+impl Config {
+    /// 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 200 ms late.
+    pub const DEFAULT: Self = Self {
+        baud: 1_000_000,
+        latency: Micros::from_millis(10),
+        repeats: 2,
+        lateness: Micros::from_millis(200),
+    };
+
+    /// The time that `len` bytes take on the line, ten bits a byte.
+    fn on_wire(&self, len: usize) -> Micros {
+        Micros((len as u64 * 10_000_000).div_ceil(u64::from(self.baud.max(1))))
+    }
+}
+
+/// What a [`Client`] has to say.
+pub enum Event<P: Protocol> {
+    /// The answer to the request in flight, which is done.
+    Answer(P::Response),
+    /// The request in flight, which the arm does not answer, is with the line: it is done.
+    Sent,
+    /// The request in flight got no answer and is given up.
+    TimedOut {
+        /// How often it was sent.
+        sends: u8,
+    },
+    /// An answer to a request that was given up, cancelled, or answered before.
+    Late(P::Response),
+    /// A response that answers nothing.
+    Unsolicited(P::Response),
+    /// The line gave a request back.
+    Echo(P::Request),
+    /// A good frame that is no message of the protocol.
+    Unknown(P::Error),
+    /// Bytes that are not part of a frame.
+    Noise(Noise),
+}
+
+impl<P: Protocol> fmt::Debug for Event<P> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Answer(response) => f.debug_tuple("Answer").field(response).finish(),
+            Self::Sent => f.write_str("Sent"),
+            Self::TimedOut { sends } => f.debug_struct("TimedOut").field("sends", sends).finish(),
+            Self::Late(response) => f.debug_tuple("Late").field(response).finish(),
+            Self::Unsolicited(response) => f.debug_tuple("Unsolicited").field(response).finish(),
+            Self::Echo(request) => f.debug_tuple("Echo").field(request).finish(),
+            Self::Unknown(error) => f.debug_tuple("Unknown").field(error).finish(),
+            Self::Noise(noise) => f.debug_tuple("Noise").field(noise).finish(),
+        }
+    }
+}
+
+impl<P: Protocol> Clone for Event<P> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<P: Protocol> Copy for Event<P> {}
+
+impl<P: Protocol> PartialEq for Event<P> {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Answer(a), Self::Answer(b))
+            | (Self::Late(a), Self::Late(b))
+            | (Self::Unsolicited(a), Self::Unsolicited(b)) => a == b,
+            (Self::Sent, Self::Sent) => true,
+            (Self::TimedOut { sends: a }, Self::TimedOut { sends: b }) => a == b,
+            (Self::Echo(a), Self::Echo(b)) => a == b,
+            (Self::Unknown(a), Self::Unknown(b)) => a == b,
+            (Self::Noise(a), Self::Noise(b)) => a == b,
+            _ => false,
+        }
+    }
+}
+
+/// A request came while another was in flight; here it is back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Busy<R>(pub R);
+
+impl<R> fmt::Display for Busy<R> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a request is already in flight")
+    }
+}
+
+impl<R: fmt::Debug> core::error::Error for Busy<R> {}
+
+/// The request in flight.
+struct Flight<P: Protocol> {
+    request: P::Request,
+    state: State,
+    /// How often all of it was sent.
+    sends: u8,
+}
+
+impl<P: Protocol> Flight<P> {
+    /// How many answers may come: one for each time it was sent, or is being sent.
+    const fn answers(&self) -> u8 {
+        self.sends.saturating_add(matches!(self.state, State::Writing) as u8)
+    }
+}
+
+#[derive(Clone, Copy)]
+enum State {
+    /// Not sent yet, or to be sent again.
+    Ready,
+    /// Its bytes are being taken from the transmit buffer.
+    Writing,
+    /// All sent; an answer is expected by then.
+    Waiting(Micros),
+    /// All sent; no answer is expected.
+    Sent,
+}
+
+/// Answers that were not waited for and may still come.
+struct Owed<P: Protocol> {
+    request: P::Request,
+    answers: u8,
+    until: Micros,
+}
+
+/// A host-side state machine with buffers of `N` bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
+///
+/// One request is in flight at a time. Bytes and time go in by [`handle`](Self::handle), bytes come out by
+/// [`poll_transmit`](Self::poll_transmit), and [`poll_timeout`](Self::poll_timeout) says when to call again if nothing
+/// happens. It does no I/O and reads no clock, so it runs in an interrupt, in a task, or in a test in no time at all.
+///
+/// A late answer never satisfies the next request: when answers to an earlier one may still come (it timed out, was
+/// repeated, or was cancelled), the next request that wants an answer is held back until they came or
+/// [`Config::lateness`] is over. Requests without an answer, such as torque off, are never held back.
+///
+/// ```
+/// use armwire::ling::{self, JointState, Ling, MotionStatus, Request, Response};
+/// use armwire::{Client, Config, Event, Input, Micros, Protocol};
+///
+/// let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
+/// client.submit(Request::ReadJoints).unwrap();
+/// let bytes = client.poll_transmit(Micros(0)).unwrap();
+/// assert_eq!(bytes, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
+/// let n = bytes.len(); // what the port took
+/// client.transmitted(Micros(0), n);
+///
+/// # let state = JointState { joints: [2048; 6], gripper: 500, status: MotionStatus::Idle };
+/// # let mut line = [0; 21];
+/// # Ling::encode_response(&Response::Joints(state), &mut line).unwrap();
+/// let mut input = Input::Bytes(&line);
+/// let event = client.handle(Micros(350), &mut input);
+/// assert_eq!(event, Some(Event::Answer(Response::Joints(state))));
+/// assert_eq!(client.handle(Micros(350), &mut input), None);
+/// ```
+pub struct Client<P: Protocol, const N: usize> {
+    config: Config,
+    decoder: Decoder<P, N>,
+    /// When bytes last arrived.
+    heard: Micros,
+    tx: [u8; N],
+    /// The bytes still to be transmitted: `tx[tx_start..tx_end]`.
+    tx_start: usize,
+    tx_end: usize,
+    flight: Option<Flight<P>>,
+    owed: Option<Owed<P>>,
+}
+
+impl<P: Protocol, const N: usize> Client<P, N> {
+    /// An idle client. Does not compile when `N` is less than [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
+    pub const fn new(config: Config) -> Self {
+        Self {
+            config,
+            decoder: Decoder::new(),
+            heard: Micros(0),
+            tx: [0; N],
+            tx_start: 0,
+            tx_end: 0,
+            flight: None,
+            owed: None,
+        }
+    }
+
+    /// Starts a request.
+    ///
+    /// # Errors
+    ///
+    /// [`Busy`] gives it back while another is in flight.
+    pub fn submit(&mut self, request: P::Request) -> Result<(), Busy<P::Request>> {
+        if self.flight.is_some() {
+            return Err(Busy(request));
+        }
+        self.flight = Some(Flight {
+            request,
+            state: State::Ready,
+            sends: 0,
+        });
+        Ok(())
+    }
+
+    /// Gives up the request in flight, if there is one.
+    ///
+    /// If it was not begun it is never sent. If it was, its remaining bytes still come out of
+    /// [`poll_transmit`](Self::poll_transmit), so that the arm is not left with half a frame, and its answer will be
+    /// [`Event::Late`].
+    ///
+    /// ```
+    /// # use armwire::ling::{self, Ling, Request};
+    /// # use armwire::{Client, Config, Micros};
+    /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
+    /// client.submit(Request::ReadJoints).unwrap();
+    /// client.cancel(Micros(0));
+    /// assert_eq!(client.poll_transmit(Micros(0)), None);
+    /// ```
+    pub fn cancel(&mut self, now: Micros) {
+        let Some(flight) = self.flight.take() else {
+            return;
+        };
+        self.owe(now, &flight.request, flight.answers());
+    }
+
+    /// Whether no request is in flight.
+    ///
+    /// ```
+    /// # use armwire::ling::{self, Ling, Request};
+    /// # use armwire::{Client, Config};
+    /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
+    /// assert!(client.is_idle());
+    /// client.submit(Request::ReadJoints).unwrap();
+    /// assert!(!client.is_idle());
+    /// ```
+    pub const fn is_idle(&self) -> bool {
+        self.flight.is_none()
+    }
+
+    /// Bytes to transmit now, if there are any. Say with [`transmitted`](Self::transmitted) how many the line took.
+    pub fn poll_transmit(&mut self, now: Micros) -> Option<&[u8]> {
+        if self.tx_start == self.tx_end {
+            let held = self.held_until(now).is_some();
+            let flight = self.flight.as_mut()?;
+            if held || !matches!(flight.state, State::Ready) {
+                return None;
+            }
+            // The buffer holds the longest frame, so this cannot fail; if it could, silence would time out.
+            self.tx_end = P::encode_request(&flight.request, &mut self.tx).unwrap_or(0).min(N);
+            self.tx_start = 0;
+            flight.state = State::Writing;
+        }
+        self.tx.get(self.tx_start..self.tx_end)
+    }
+
+    /// The line took the first `n` bytes of what [`poll_transmit`](Self::poll_transmit) gave.
+    pub fn transmitted(&mut self, now: Micros, n: usize) {
+        self.tx_start = self.tx_start.saturating_add(n).min(self.tx_end);
+        if self.tx_start < self.tx_end {
+            return;
+        }
+        match &mut self.flight {
+            Some(flight) if matches!(flight.state, State::Writing) => {
+                flight.sends = flight.sends.saturating_add(1);
+                flight.state = match patience::<P>(&self.config, &flight.request, self.tx_end) {
+                    Some(patience) => State::Waiting(now + patience),
+                    None => State::Sent,
+                };
+            }
+            // The end of a cancelled request: only now can its answer come.
+            _ => {
+                if let Some(owed) = &mut self.owed {
+                    owed.until = now + self.config.lateness;
+                }
+            }
+        }
+    }
+
+    /// When to call [`handle`](Self::handle) or [`poll_transmit`](Self::poll_transmit) again if nothing happens before.
+    ///
+    /// ```
+    /// # use armwire::ling::{self, Ling, Request};
+    /// # use armwire::{Client, Config, Event, Input, Micros};
+    /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config { repeats: 0, ..Config::default() });
+    /// client.submit(Request::ReadJoints).unwrap();
+    /// let n = client.poll_transmit(Micros(0)).unwrap().len();
+    /// client.transmitted(Micros(0), n);
+    /// let due = client.poll_timeout().unwrap();
+    /// let event = client.handle(due, &mut Input::Tick);
+    /// assert_eq!(event, Some(Event::TimedOut { sends: 1 }));
+    /// ```
+    pub fn poll_timeout(&self) -> Option<Micros> {
+        match self.flight.as_ref()?.state {
+            State::Waiting(due) => Some(due),
+            State::Ready => self.owed.as_ref().map(|owed| owed.until),
+            State::Writing | State::Sent => None,
+        }
+    }
+
+    /// Takes the input and says what comes of it. Call again with the same input until it returns `None`.
+    pub fn handle(&mut self, now: Micros, input: &mut Input<'_>) -> Option<Event<P>> {
+        if let Some(Flight { state: State::Sent, .. }) = self.flight {
+            self.flight = None;
+            return Some(Event::Sent);
+        }
+        let expect = match &self.flight {
+            Some(flight) => P::expect(&flight.request),
+            None => P::Expect::default(),
+        };
+        loop {
+            match self.decoder.next(expect) {
+                Some(Ok(frame)) => {
+                    let event = match P::parse_response(frame) {
+                        Ok(response) => return Some(self.place(now, response)),
+                        Err(error) => P::parse_request(frame).map_or(Event::Unknown(error), Event::Echo),
+                    };
+                    return Some(event);
+                }
+                Some(Err(noise)) => return Some(Event::Noise(noise)),
+                None => {}
+            }
+            match input {
+                Input::Bytes(bytes) if !bytes.is_empty() => {
+                    self.heard = now;
+                    *bytes = self.decoder.push(bytes);
+                }
+                Input::Idle => match self.decoder.idle(expect) {
+                    Some(noise) => return Some(Event::Noise(noise)),
+                    None => break,
+                },
+                Input::Bytes(_) | Input::Tick => break,
+            }
+        }
+        self.expire(now, expect)
+    }
+
+    /// What a response is to the request in flight.
+    fn place(&mut self, now: Micros, response: P::Response) -> Event<P> {
+        if let Some(owed) = &mut self.owed
+            && now < owed.until
+            && P::answers(&owed.request, &response)
+        {
+            owed.answers = owed.answers.saturating_sub(1);
+            if owed.answers == 0 {
+                self.owed = None;
+            }
+            return Event::Late(response);
+        }
+        match self.flight.take() {
+            // Not only while it waits: a repeat may be on its way when the first answer comes after all.
+            Some(flight) if flight.sends > 0 && P::answers(&flight.request, &response) => {
+                self.owe(now, &flight.request, flight.answers().saturating_sub(1));
+                Event::Answer(response)
+            }
+            other => {
+                self.flight = other;
+                Event::Unsolicited(response)
+            }
+        }
+    }
+
+    /// What is due by `now`.
+    fn expire(&mut self, now: Micros, expect: P::Expect) -> Option<Event<P>> {
+        let flight = self.flight.as_mut()?;
+        let State::Waiting(due) = flight.state else {
+            return None;
+        };
+        if now < due {
+            return None;
+        }
+        // A false header may be holding the answer back. After so long a silence it is not a frame.
+        if self.heard + self.config.latency <= now
+            && let Some(noise) = self.decoder.idle(expect)
+        {
+            return Some(Event::Noise(noise));
+        }
+        if flight.sends <= self.config.repeats && P::repeatable(&flight.request) {
+            flight.state = State::Ready;
+            return None;
+        }
+        let Flight { request, sends, .. } = self.flight.take()?;
+        self.owe(now, &request, sends);
+        Some(Event::TimedOut { sends })
+    }
+
+    fn owe(&mut self, now: Micros, request: &P::Request, answers: u8) {
+        if answers > 0 && P::reply(request).is_some() {
+            self.owed = Some(Owed {
+                request: *request,
+                answers,
+                until: now + self.config.lateness,
+            });
+        }
+    }
+
+    /// Until when the request in flight must not be sent.
+    fn held_until(&self, now: Micros) -> Option<Micros> {
+        let owed = self.owed.as_ref()?;
+        let waits = P::reply(&self.flight.as_ref()?.request).is_some();
+        (waits && now < owed.until).then_some(owed.until)
+    }
+}
+
+/// How long to wait for the answer from when the last byte of the request was handed over.
+fn patience<P: Protocol>(config: &Config, request: &P::Request, len: usize) -> Option<Micros> {
+    let reply = P::reply(request)?;
+    Some(config.on_wire(len + reply.len) + reply.turnaround + config.latency)
+}
+
+impl<P: Protocol, const N: usize> fmt::Debug for Client<P, N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Client")
+            .field("config", &self.config)
+            .field("decoder", &self.decoder)
+            .field("in_flight", &self.flight.as_ref().map(|flight| flight.request))
+            .finish_non_exhaustive()
+    }
+}

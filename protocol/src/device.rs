@@ -1,0 +1,119 @@
+//! The arm's side: requests in, responses out, no I/O.
+
+use core::fmt;
+
+use crate::{BufferTooShort, Decoder, Input, Noise, Protocol};
+
+/// What a [`Device`] hears.
+pub enum Heard<P: Protocol> {
+    /// A request.
+    Request(P::Request),
+    /// A good frame that is no request of the protocol.
+    Unknown(P::Error),
+    /// Bytes that are not part of a frame.
+    Noise(Noise),
+}
+
+impl<P: Protocol> fmt::Debug for Heard<P> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Request(request) => f.debug_tuple("Request").field(request).finish(),
+            Self::Unknown(error) => f.debug_tuple("Unknown").field(error).finish(),
+            Self::Noise(noise) => f.debug_tuple("Noise").field(noise).finish(),
+        }
+    }
+}
+
+impl<P: Protocol> Clone for Heard<P> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<P: Protocol> Copy for Heard<P> {}
+
+impl<P: Protocol> PartialEq for Heard<P> {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Request(a), Self::Request(b)) => a == b,
+            (Self::Unknown(a), Self::Unknown(b)) => a == b,
+            (Self::Noise(a), Self::Noise(b)) => a == b,
+            _ => false,
+        }
+    }
+}
+
+/// An arm-side state machine with a buffer of `N` bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
+///
+/// It knows the protocol, not the arm: what a request does, and when its response goes out, is the caller's.
+///
+/// ```
+/// use armwire::ling::{self, Ling, Request, Response, Stroke};
+/// use armwire::{Device, Heard, Input};
+///
+/// let mut device = Device::<Ling, { ling::MAX_FRAME }>::new();
+/// let mut input = Input::Bytes(&[0xAA, 0x04, 0x0E, 0x01, 0xFE, 0x1B, 0xFF]);
+/// assert_eq!(device.handle(&mut input), Some(Heard::Request(Request::ReadStroke)));
+/// assert_eq!(device.handle(&mut input), None);
+///
+/// let mut out = [0; ling::MAX_FRAME];
+/// let n = device.respond(&Response::Stroke(Stroke::Mm100), &mut out)?;
+/// assert_eq!(out[..n], [0xAA, 0x04, 0x0E, 0x01, 0x02, 0x2C, 0xFF]);
+/// # Ok::<(), armwire::BufferTooShort>(())
+/// ```
+pub struct Device<P: Protocol, const N: usize> {
+    decoder: Decoder<P, N>,
+}
+
+impl<P: Protocol, const N: usize> Device<P, N> {
+    /// A device that has heard nothing. Does not compile when `N` is less than
+    /// [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
+    pub const fn new() -> Self {
+        Self {
+            decoder: Decoder::new(),
+        }
+    }
+
+    /// Takes the input and says what comes of it. Call again with the same input until it returns `None`.
+    pub fn handle(&mut self, input: &mut Input<'_>) -> Option<Heard<P>> {
+        let expect = P::Expect::default();
+        loop {
+            match self.decoder.next(expect) {
+                Some(Ok(frame)) => {
+                    return Some(match P::parse_request(frame) {
+                        Ok(request) => Heard::Request(request),
+                        Err(error) => Heard::Unknown(error),
+                    });
+                }
+                Some(Err(noise)) => return Some(Heard::Noise(noise)),
+                None => {}
+            }
+            match input {
+                Input::Bytes(bytes) if !bytes.is_empty() => *bytes = self.decoder.push(bytes),
+                Input::Idle => return self.decoder.idle(expect).map(Heard::Noise),
+                Input::Bytes(_) | Input::Tick => return None,
+            }
+        }
+    }
+
+    /// Writes a response at the front of `out` and returns its length in bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferTooShort`]; never when `out` has [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME) bytes.
+    pub fn respond(&self, response: &P::Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        P::encode_response(response, out)
+    }
+}
+
+impl<P: Protocol, const N: usize> Default for Device<P, N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<P: Protocol, const N: usize> fmt::Debug for Device<P, N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Device").field("decoder", &self.decoder).finish()
+    }
+}

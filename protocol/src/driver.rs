@@ -1,0 +1,194 @@
+//! A [`Client`] over `embedded-io-async`.
+
+use core::fmt;
+use core::future::{Future, poll_fn};
+use core::pin::pin;
+use core::task::Poll;
+
+use embedded_io_async::{Read, Write};
+
+use crate::{Client, Config, Event, Input, Micros, Protocol};
+
+/// A monotonic clock that can also wait: the driver's only need of a runtime.
+///
+/// With `embassy-time` it is two lines:
+///
+/// ```ignore
+/// impl Clock for Embassy {
+///     fn now(&self) -> Micros { Micros(embassy_time::Instant::now().as_micros()) }
+///     async fn wait_until(&self, t: Micros) { embassy_time::Timer::at(embassy_time::Instant::from_micros(t.0)).await }
+/// }
+/// ```
+pub trait Clock {
+    /// Now.
+    fn now(&self) -> Micros;
+
+    /// Resolves at `instant`, or at once if it is past.
+    fn wait_until(&self, instant: Micros) -> impl Future<Output = ()>;
+}
+
+/// Why a call failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum CallError<E> {
+    /// The port failed.
+    Io(E),
+    /// The port took or gave no bytes where it must: it is closed.
+    Closed,
+    /// The arm did not answer.
+    TimedOut {
+        /// How often the request was sent.
+        sends: u8,
+    },
+}
+
+impl<E: fmt::Debug> fmt::Display for CallError<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io(error) => write!(f, "the port failed: {error:?}"),
+            Self::Closed => f.write_str("the port is closed"),
+            Self::TimedOut { sends } => write!(f, "the arm did not answer, asked {sends} times"),
+        }
+    }
+}
+
+impl<E: fmt::Debug> core::error::Error for CallError<E> {}
+
+/// Counts of what was heard besides answers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Heard {
+    /// Bytes that were not part of a frame.
+    pub noise_bytes: u32,
+    /// Good frames that are no message of the protocol.
+    pub unknown: u32,
+    /// Answers that came too late, or twice.
+    pub late: u32,
+    /// Responses that answer nothing.
+    pub unsolicited: u32,
+    /// Requests that the line gave back.
+    pub echoes: u32,
+}
+
+/// A client that owns its port.
+///
+/// `N` is the size of its buffers in bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
+///
+/// **Dropping a call** before it is done is allowed if the port's own reads and writes may be dropped. A request that
+/// was not begun is then never sent. One that was half written is finished by the next call, before its own, so the arm
+/// is never left with half a frame. Its answer, should it come, satisfies nothing (see [`Client`]).
+pub struct Driver<P: Protocol, Port, C, const N: usize> {
+    port: Port,
+    clock: C,
+    client: Client<P, N>,
+    heard: Heard,
+}
+
+impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, C, N> {
+    /// A driver for the arm at the other end of `port`.
+    pub const fn new(port: Port, clock: C, config: Config) -> Self {
+        Self {
+            port,
+            clock,
+            client: Client::new(config),
+            heard: Heard {
+                noise_bytes: 0,
+                unknown: 0,
+                late: 0,
+                unsolicited: 0,
+                echoes: 0,
+            },
+        }
+    }
+
+    /// Sends a request and waits for its answer; `None` for a request the arm does not answer, once it is written.
+    ///
+    /// # Errors
+    ///
+    /// [`CallError`] when the port fails or the arm does not answer.
+    pub async fn call(&mut self, request: P::Request) -> Result<Option<P::Response>, CallError<Port::Error>> {
+        // Whatever is in flight here belongs to a call that was dropped, or failed.
+        self.client.cancel(self.clock.now());
+        // So this cannot be refused.
+        let _ = self.client.submit(request);
+        loop {
+            self.write().await?;
+            let mut buf = [0; N];
+            let mut input = match self.client.poll_timeout() {
+                None => Input::Tick,
+                Some(due) => match first(self.port.read(&mut buf), self.clock.wait_until(due)).await {
+                    None => Input::Tick,
+                    Some(Err(error)) => return Err(CallError::Io(error)),
+                    Some(Ok(0)) => return Err(CallError::Closed),
+                    Some(Ok(n)) => Input::Bytes(buf.get(..n).unwrap_or_default()),
+                },
+            };
+            while let Some(event) = self.client.handle(self.clock.now(), &mut input) {
+                match event {
+                    Event::Answer(response) => return Ok(Some(response)),
+                    Event::Sent => return Ok(None),
+                    Event::TimedOut { sends } => return Err(CallError::TimedOut { sends }),
+                    other => self.count(&other),
+                }
+            }
+        }
+    }
+
+    /// What was heard besides answers, since the driver was made.
+    pub const fn heard(&self) -> Heard {
+        self.heard
+    }
+
+    /// The port and the clock.
+    pub fn into_parts(self) -> (Port, C) {
+        (self.port, self.clock)
+    }
+
+    async fn write(&mut self) -> Result<(), CallError<Port::Error>> {
+        let mut wrote = false;
+        while let Some(bytes) = self.client.poll_transmit(self.clock.now()) {
+            match self.port.write(bytes).await {
+                Ok(0) => return Err(CallError::Closed),
+                Ok(n) => self.client.transmitted(self.clock.now(), n),
+                Err(error) => return Err(CallError::Io(error)),
+            }
+            wrote = true;
+        }
+        if wrote {
+            self.port.flush().await.map_err(CallError::Io)?;
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, event: &Event<P>) {
+        let (count, n) = match event {
+            Event::Noise(noise) => (&mut self.heard.noise_bytes, noise.len as u32),
+            Event::Unknown(_) => (&mut self.heard.unknown, 1),
+            Event::Late(_) => (&mut self.heard.late, 1),
+            Event::Unsolicited(_) => (&mut self.heard.unsolicited, 1),
+            Event::Echo(_) => (&mut self.heard.echoes, 1),
+            Event::Answer(_) | Event::Sent | Event::TimedOut { .. } => return,
+        };
+        *count = count.wrapping_add(n);
+    }
+}
+
+impl<P: Protocol, Port, C, const N: usize> fmt::Debug for Driver<P, Port, C, N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Driver")
+            .field("client", &self.client)
+            .field("heard", &self.heard)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The output of `a`, or `None` when `b` is done first.
+async fn first<A: Future>(a: A, b: impl Future<Output = ()>) -> Option<A::Output> {
+    let (mut a, mut b) = (pin!(a), pin!(b));
+    poll_fn(|cx| match a.as_mut().poll(cx) {
+        Poll::Ready(output) => Poll::Ready(Some(output)),
+        Poll::Pending => b.as_mut().poll(cx).map(|()| None),
+    })
+    .await
+}

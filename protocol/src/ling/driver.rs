@@ -1,0 +1,128 @@
+//! The calls of a Ling arm, each with the answer it gets.
+
+use embedded_io_async::{Read, Write};
+
+use super::{
+    Info, JointState, Ling, MAX_FRAME, Move, PerServo, Request, Response, SelfCheck, Stroke, TemperatureLimit, Torque,
+};
+use crate::driver::{CallError, Clock, Driver};
+
+/// A Ling arm at the other end of a port.
+///
+/// Every call fails with [`CallError`]; those that read repeat themselves after silence. See
+/// [`Driver`](crate::driver::Driver) on dropping a call.
+///
+/// ```
+/// # use armwire::driver::{CallError, Clock};
+/// # use embedded_io_async::{Read, Write};
+/// use armwire::Config;
+/// use armwire::ling::{Arm, GripperSpeed, MotionStatus, Move, Opening, Position, Speed, Torque};
+///
+/// async fn wave<P: Read + Write>(port: P, clock: impl Clock) -> Result<(), CallError<P::Error>> {
+///     let mut arm = Arm::new(port, clock, Config::default());
+///     let before = arm.read_joints().await?;
+///     arm.set_torque(Torque::On).await?;
+///     arm.move_to(Move {
+///         joints: [(Position::CENTRE, Speed::MAX); 6],
+///         gripper: (Opening::OPEN, GripperSpeed(1000)),
+///     })
+///     .await?;
+///     while arm.read_joints().await?.joints != [2048; 6] {}
+///     Ok(())
+/// }
+/// ```
+pub type Arm<Port, C> = Driver<Ling, Port, C, MAX_FRAME>;
+
+impl<Port: Read + Write, C: Clock> Arm<Port, C> {
+    /// Who the arm is.
+    pub async fn read_info(&mut self) -> Result<Info, CallError<Port::Error>> {
+        self.read(Request::ReadInfo, |response| match response {
+            Response::Info(info) => Some(info),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Where the arm is.
+    pub async fn read_joints(&mut self) -> Result<JointState, CallError<Port::Error>> {
+        self.read(Request::ReadJoints, |response| match response {
+            Response::Joints(state) => Some(state),
+            _ => None,
+        })
+        .await
+    }
+
+    /// The temperature of every servo, in °C.
+    pub async fn read_temperatures(&mut self) -> Result<PerServo<u8>, CallError<Port::Error>> {
+        self.read(Request::ReadTemperatures, |response| match response {
+            Response::Temperatures(celsius) => Some(celsius),
+            _ => None,
+        })
+        .await
+    }
+
+    /// The velocity of every servo, in ticks per second.
+    pub async fn read_velocities(&mut self) -> Result<PerServo<u16>, CallError<Port::Error>> {
+        self.read(Request::ReadVelocities, |response| match response {
+            Response::Velocities(ticks) => Some(ticks),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Which gripper the arm thinks it has.
+    pub async fn read_stroke(&mut self) -> Result<Stroke, CallError<Port::Error>> {
+        self.read(Request::ReadStroke, |response| match response {
+            Response::Stroke(stroke) => Some(stroke),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Checks every servo.
+    pub async fn self_check(&mut self) -> Result<SelfCheck, CallError<Port::Error>> {
+        self.read(Request::SelfCheck, |response| match response {
+            Response::SelfCheck(check) => Some(check),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Moves the joints and the gripper. The arm confirms nothing: read the joints to see it move.
+    pub async fn move_to(&mut self, target: Move) -> Result<(), CallError<Port::Error>> {
+        self.call(Request::Move(target)).await.map(drop)
+    }
+
+    /// Switches the torque. The arm confirms nothing.
+    pub async fn set_torque(&mut self, torque: Torque) -> Result<(), CallError<Port::Error>> {
+        self.call(Request::SetTorque(torque)).await.map(drop)
+    }
+
+    /// Makes the present pose the zero position, and switches the torque off. The arm confirms nothing.
+    pub async fn set_zero(&mut self) -> Result<(), CallError<Port::Error>> {
+        self.call(Request::SetZero).await.map(drop)
+    }
+
+    /// Tells the arm which gripper it has. The arm confirms nothing: [`read_stroke`](Self::read_stroke) does.
+    pub async fn set_stroke(&mut self, stroke: Stroke) -> Result<(), CallError<Port::Error>> {
+        self.call(Request::SetStroke(stroke)).await.map(drop)
+    }
+
+    /// Sets the temperature at which the arm protects itself. The arm confirms nothing.
+    pub async fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), CallError<Port::Error>> {
+        self.call(Request::SetTemperatureLimit(limit)).await.map(drop)
+    }
+
+    async fn read<T>(
+        &mut self,
+        request: Request,
+        answer: fn(Response) -> Option<T>,
+    ) -> Result<T, CallError<Port::Error>> {
+        loop {
+            // The client lets only the answer to this request through, so the first one is it.
+            if let Some(answer) = self.call(request).await?.and_then(answer) {
+                return Ok(answer);
+            }
+        }
+    }
+}

@@ -1,0 +1,549 @@
+//! The messages of the Ling document, section 2, and the bytes they travel as.
+
+use core::fmt;
+
+use super::value::{
+    JOINTS, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit,
+    Version,
+};
+use super::{Frame, Ling, SELF_CHECK};
+use crate::{BufferTooShort, Micros, OutOfRange, Protocol, Reply};
+
+/// Commands (section 1.1).
+mod command {
+    pub(super) const INFO: u8 = 0x01;
+    pub(super) const ZERO: u8 = 0x03;
+    pub(super) const STROKE: u8 = 0x04;
+    pub(super) const TORQUE: u8 = 0x05;
+    pub(super) const JOINTS: u8 = 0x06;
+    pub(super) const SELF_CHECK: u8 = 0xFE;
+}
+
+/// Functions of [`command::JOINTS`] (section 2.5); [`command::STROKE`] has one of its own.
+mod function {
+    pub(super) const STATE: u8 = 0x00;
+    pub(super) const TEMPERATURE: u8 = 0x01;
+    pub(super) const VELOCITY: u8 = 0x02;
+    pub(super) const MOVE: u8 = 0x03;
+    pub(super) const READ_STROKE: u8 = 0x0E;
+}
+
+/// The data byte of requests that carry no value.
+const ASK: u8 = 0xFE;
+
+/// Longest known response on the wire: information, 24 data bytes.
+const MAX_RESPONSE: usize = 30;
+
+/// What the host says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Request {
+    /// Serial number and versions (section 2.1). Answered by [`Response::Info`].
+    ReadInfo,
+    /// Makes the present pose the zero position, and switches the torque off (section 2.2). Not answered.
+    SetZero,
+    /// Tells the arm which gripper it has (section 2.3). Not answered.
+    SetStroke(Stroke),
+    /// Which gripper the arm thinks it has (section 2.3). Answered by [`Response::Stroke`].
+    ReadStroke,
+    /// Switches the torque (section 2.4). Not answered.
+    SetTorque(Torque),
+    /// Joint positions, gripper and motion status (section 2.5). Answered by [`Response::Joints`].
+    ReadJoints,
+    /// Servo temperatures (section 2.5). Answered by [`Response::Temperatures`].
+    ReadTemperatures,
+    /// Sets the temperature at which the arm protects itself (section 2.5). Not answered.
+    SetTemperatureLimit(TemperatureLimit),
+    /// Servo velocities (section 2.5). Answered by [`Response::Velocities`].
+    ReadVelocities,
+    /// Moves the joints and the gripper (section 2.5). Not answered.
+    Move(Move),
+    /// Checks every servo (section 2.6). Answered by [`Response::SelfCheck`].
+    SelfCheck,
+}
+
+/// Whether the servos hold their positions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Torque {
+    /// The arm can be moved by hand.
+    Off,
+    /// The arm holds and moves.
+    On,
+}
+
+/// Where to move, and how fast (section 2.5).
+///
+/// ```
+/// use armwire::ling::{GripperSpeed, Move, Opening, Position, Speed};
+///
+/// let home = Move {
+///     joints: [(Position::CENTRE, Speed::new(1000)?); 6],
+///     gripper: (Opening::from_fraction(0.5)?, GripperSpeed(1000)),
+/// };
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Move {
+    /// Target and speed of joints 1 to 6.
+    pub joints: [(Position, Speed); JOINTS],
+    /// Target and speed of the gripper.
+    pub gripper: (Opening, GripperSpeed),
+}
+
+/// The speed of the gripper, in ticks per second.
+///
+/// The document's maximum of 5000 is for joints: the vendor's software sends 5500 here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct GripperSpeed(pub u16);
+
+/// What the arm says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Response {
+    /// Answers [`Request::ReadInfo`].
+    Info(Info),
+    /// Answers [`Request::ReadStroke`].
+    Stroke(Stroke),
+    /// Answers [`Request::ReadJoints`].
+    Joints(JointState),
+    /// Answers [`Request::ReadTemperatures`], in °C.
+    Temperatures(PerServo<u8>),
+    /// Answers [`Request::ReadVelocities`], in ticks per second, unsigned.
+    Velocities(PerServo<u16>),
+    /// Answers [`Request::SelfCheck`].
+    SelfCheck(SelfCheck),
+}
+
+/// Who the arm is (section 2.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Info {
+    /// Serial number.
+    pub serial: SerialNumber,
+    /// Hardware version.
+    pub hardware: Version,
+    /// Firmware version.
+    pub firmware: Version,
+}
+
+/// Where the arm is, in raw counts as it sent them (section 2.5).
+///
+/// An arm may send what no host may ask for: the document's own example has a gripper value of 2051. So the counts are
+/// kept, and become typed values, range-checked, on demand.
+///
+/// ```
+/// use armwire::ling::{JointState, MotionStatus};
+///
+/// let state = JointState {
+///     joints: [2050, 2043, 2043, 2050, 2042, 2049],
+///     gripper: 2051,
+///     status: MotionStatus::Idle,
+/// };
+/// assert_eq!(state.positions()?[0].ticks(), 2050);
+/// assert!(state.opening().is_err());
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct JointState {
+    /// Positions of joints 1 to 6, in ticks.
+    pub joints: [u16; JOINTS],
+    /// Gripper opening, in thousandths of the stroke.
+    pub gripper: u16,
+    /// What the arm is doing.
+    pub status: MotionStatus,
+}
+
+impl JointState {
+    /// The joint positions.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] for the first joint that is over 4095 ticks.
+    pub fn positions(&self) -> Result<[Position; JOINTS], OutOfRange> {
+        let mut positions = [Position::CENTRE; JOINTS];
+        for (position, ticks) in positions.iter_mut().zip(self.joints) {
+            *position = Position::new(ticks)?;
+        }
+        Ok(positions)
+    }
+
+    /// The gripper opening.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] over 1000.
+    pub const fn opening(&self) -> Result<Opening, OutOfRange> {
+        Opening::new(self.gripper)
+    }
+}
+
+/// A good frame that is no message of the document.
+///
+/// ```
+/// use armwire::Protocol;
+/// use armwire::ling::{Cause, Frame, Ling};
+///
+/// let error = Ling::parse_response(Frame { command: 0x06, function: 0x00, data: &[0; 3] }).unwrap_err();
+/// assert_eq!(error.cause, Cause::Length { expected: &[15], got: 3 });
+/// assert_eq!(error.to_string(), "command 06 function 00: 3 data bytes, expected 15");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ParseError {
+    /// The frame's command.
+    pub command: u8,
+    /// The frame's function.
+    pub function: u8,
+    /// What is wrong with it.
+    pub cause: Cause,
+}
+
+/// What is wrong with a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Cause {
+    /// The document has no such command and function in this direction.
+    Unknown,
+    /// The data has the wrong length.
+    Length {
+        /// The lengths it may have, in bytes.
+        expected: &'static [usize],
+        /// The length it has, in bytes.
+        got: usize,
+    },
+    /// A value is out of its range.
+    Value {
+        /// Where it is, in bytes from the start of the data.
+        offset: usize,
+        /// What it is and may be.
+        error: OutOfRange,
+    },
+}
+
+impl fmt::Display for ParseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "command {:02X} function {:02X}: ", self.command, self.function)?;
+        match self.cause {
+            Cause::Unknown => f.write_str("unknown"),
+            Cause::Length { expected, got } => {
+                write!(f, "{got} data bytes, expected ")?;
+                for (i, length) in expected.iter().enumerate() {
+                    write!(f, "{}{length}", if i == 0 { "" } else { " or " })?;
+                }
+                Ok(())
+            }
+            Cause::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
+        }
+    }
+}
+
+impl core::error::Error for ParseError {}
+
+/// Data of a known length, or the error that says which it should have.
+fn sized<const N: usize>(data: &[u8], expected: &'static [usize]) -> Result<[u8; N], Cause> {
+    let got = data.len();
+    data.try_into().map_err(|_| Cause::Length { expected, got })
+}
+
+/// The data of a request that carries no value.
+fn asked(data: &[u8]) -> Result<(), Cause> {
+    match sized(data, &[1])? {
+        [ASK] => Ok(()),
+        [got] => Err(Cause::Value {
+            offset: 0,
+            error: OutOfRange {
+                what: "request data",
+                unit: "",
+                got: f32::from(got),
+                min: f32::from(ASK),
+                max: f32::from(ASK),
+            },
+        }),
+    }
+}
+
+/// Little-endian words of a known number.
+fn words<const N: usize>(data: &[u8]) -> [u16; N] {
+    let mut words = [0; N];
+    for (word, bytes) in words.iter_mut().zip(data.as_chunks().0) {
+        *word = u16::from_le_bytes(*bytes);
+    }
+    words
+}
+
+/// Writes words little-endian.
+fn put_words(data: &mut [u8], words: &[u16]) {
+    for (bytes, word) in data.as_chunks_mut().0.iter_mut().zip(words) {
+        *bytes = word.to_le_bytes();
+    }
+}
+
+impl Move {
+    const LEN: usize = (JOINTS + 1) * 4;
+
+    fn to_data(self) -> [u8; Self::LEN] {
+        let mut data = [0; Self::LEN];
+        let joints = self
+            .joints
+            .map(|(position, speed)| [position.ticks(), speed.ticks_per_second()]);
+        let (opening, speed) = self.gripper;
+        let axes = joints.into_iter().chain([[opening.per_mille(), speed.0]]);
+        for (bytes, axis) in data.chunks_exact_mut(4).zip(axes) {
+            put_words(bytes, &axis);
+        }
+        data
+    }
+
+    fn from_data(data: [u8; Self::LEN]) -> Result<Self, Cause> {
+        let at = |offset| move |error| Cause::Value { offset, error };
+        let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
+        for (i, (joint, bytes)) in joints.iter_mut().zip(data.as_chunks::<4>().0).enumerate() {
+            let [position, speed] = words(bytes);
+            *joint = (
+                Position::new(position).map_err(at(4 * i))?,
+                Speed::new(speed).map_err(at(4 * i + 2))?,
+            );
+        }
+        let [.., a, b, c, d] = data;
+        let [opening, speed] = words(&[a, b, c, d]);
+        Ok(Self {
+            joints,
+            gripper: (Opening::new(opening).map_err(at(4 * JOINTS))?, GripperSpeed(speed)),
+        })
+    }
+}
+
+fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
+    match (frame.command, frame.function) {
+        (command::INFO, 0) => asked(frame.data).map(|()| Request::ReadInfo),
+        (command::ZERO, 0) => asked(frame.data).map(|()| Request::SetZero),
+        (command::STROKE, function::READ_STROKE) => asked(frame.data).map(|()| Request::ReadStroke),
+        (command::STROKE, code) => {
+            let stroke = Stroke::from_code(code).map_err(|_| Cause::Unknown)?;
+            asked(frame.data).map(|()| Request::SetStroke(stroke))
+        }
+        (command::TORQUE, 0) => match sized(frame.data, &[1])? {
+            [0] => Ok(Request::SetTorque(Torque::Off)),
+            [1] => Ok(Request::SetTorque(Torque::On)),
+            [got] => Err(Cause::Value {
+                offset: 0,
+                error: OutOfRange {
+                    what: "torque switch",
+                    unit: "",
+                    got: f32::from(got),
+                    min: 0.0,
+                    max: 1.0,
+                },
+            }),
+        },
+        (command::JOINTS, function::STATE) => asked(frame.data).map(|()| Request::ReadJoints),
+        (command::JOINTS, function::TEMPERATURE) => match sized(frame.data, &[1])? {
+            [ASK] => Ok(Request::ReadTemperatures),
+            [celsius] => TemperatureLimit::new(celsius)
+                .map(Request::SetTemperatureLimit)
+                .map_err(|error| Cause::Value { offset: 0, error }),
+        },
+        (command::JOINTS, function::VELOCITY) => asked(frame.data).map(|()| Request::ReadVelocities),
+        (command::JOINTS, function::MOVE) => Move::from_data(sized(frame.data, &[Move::LEN])?).map(Request::Move),
+        // As printed and with length 1 it has the usual data byte; with length 0, which the same print says, none.
+        (command::SELF_CHECK, 0) if frame.data.is_empty() => Ok(Request::SelfCheck),
+        (command::SELF_CHECK, 0) => asked(frame.data).map(|()| Request::SelfCheck),
+        _ => Err(Cause::Unknown),
+    }
+}
+
+fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
+    match (frame.command, frame.function) {
+        (command::INFO, 0) => {
+            let data: [u8; 24] = sized(frame.data, &[24])?;
+            let [serial @ .., h0, h1, h2, h3, f0, f1, f2, f3] = data;
+            Ok(Response::Info(Info {
+                serial: SerialNumber(serial),
+                hardware: Version(u32::from_le_bytes([h0, h1, h2, h3])),
+                firmware: Version(u32::from_le_bytes([f0, f1, f2, f3])),
+            }))
+        }
+        (command::STROKE, function::READ_STROKE) => {
+            let [code] = sized(frame.data, &[1])?;
+            Stroke::from_code(code)
+                .map(Response::Stroke)
+                .map_err(|error| Cause::Value { offset: 0, error })
+        }
+        (command::JOINTS, function::STATE) => {
+            let data: [u8; 15] = sized(frame.data, &[15])?;
+            let [joints @ .., low, high, status] = data;
+            Ok(Response::Joints(JointState {
+                joints: words(&joints),
+                gripper: u16::from_le_bytes([low, high]),
+                status: status.into(),
+            }))
+        }
+        (command::JOINTS, function::TEMPERATURE) => match frame.data.len() {
+            6 => sized(frame.data, &[6]).map(PerServo::Leader),
+            _ => sized(frame.data, &[6, 10]).map(PerServo::Follower),
+        }
+        .map(Response::Temperatures),
+        (command::JOINTS, function::VELOCITY) => match frame.data.len() {
+            12 => Ok(PerServo::Leader(words(frame.data))),
+            20 => Ok(PerServo::Follower(words(frame.data))),
+            got => Err(Cause::Length {
+                expected: &[12, 20],
+                got,
+            }),
+        }
+        .map(Response::Velocities),
+        (command::SELF_CHECK, 0) => {
+            sized(frame.data, &[2]).map(|mask| Response::SelfCheck(SelfCheck(u16::from_le_bytes(mask))))
+        }
+        _ => Err(Cause::Unknown),
+    }
+}
+
+impl Protocol for Ling {
+    type Request = Request;
+    type Response = Response;
+    type Error = ParseError;
+
+    fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let mut encode = |command, function, data: &[u8]| {
+            Frame {
+                command,
+                function,
+                data,
+            }
+            .encode(out)
+        };
+        match *request {
+            Request::ReadInfo => encode(command::INFO, 0, &[ASK]),
+            Request::SetZero => encode(command::ZERO, 0, &[ASK]),
+            Request::SetStroke(stroke) => encode(command::STROKE, stroke as u8, &[ASK]),
+            Request::ReadStroke => encode(command::STROKE, function::READ_STROKE, &[ASK]),
+            Request::SetTorque(torque) => encode(command::TORQUE, 0, &[torque as u8]),
+            Request::ReadJoints => encode(command::JOINTS, function::STATE, &[ASK]),
+            Request::ReadTemperatures => encode(command::JOINTS, function::TEMPERATURE, &[ASK]),
+            Request::SetTemperatureLimit(limit) => encode(command::JOINTS, function::TEMPERATURE, &[limit.celsius()]),
+            Request::ReadVelocities => encode(command::JOINTS, function::VELOCITY, &[ASK]),
+            Request::Move(target) => encode(command::JOINTS, function::MOVE, &target.to_data()),
+            Request::SelfCheck => {
+                let got = out.len();
+                let out = out.get_mut(..SELF_CHECK.len()).ok_or(BufferTooShort {
+                    needed: SELF_CHECK.len(),
+                    got,
+                })?;
+                out.copy_from_slice(&SELF_CHECK);
+                Ok(SELF_CHECK.len())
+            }
+        }
+    }
+
+    fn encode_response(response: &Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let mut encode = |command, function, data: &[u8]| {
+            Frame {
+                command,
+                function,
+                data,
+            }
+            .encode(out)
+        };
+        match response {
+            Response::Info(info) => {
+                let mut data = [0; 24];
+                let fields = info.serial.0.into_iter();
+                let fields = fields
+                    .chain(info.hardware.0.to_le_bytes())
+                    .chain(info.firmware.0.to_le_bytes());
+                for (byte, field) in data.iter_mut().zip(fields) {
+                    *byte = field;
+                }
+                encode(command::INFO, 0, &data)
+            }
+            Response::Stroke(stroke) => encode(command::STROKE, function::READ_STROKE, &[*stroke as u8]),
+            Response::Joints(state) => {
+                let mut data = [0; 15];
+                let [j1, j2, j3, j4, j5, j6] = state.joints;
+                put_words(&mut data, &[j1, j2, j3, j4, j5, j6, state.gripper]);
+                let [.., status] = &mut data;
+                *status = state.status.into();
+                encode(command::JOINTS, function::STATE, &data)
+            }
+            Response::Temperatures(celsius) => encode(command::JOINTS, function::TEMPERATURE, celsius.as_slice()),
+            Response::Velocities(PerServo::Leader(words)) => {
+                let mut data = [0; 12];
+                put_words(&mut data, words);
+                encode(command::JOINTS, function::VELOCITY, &data)
+            }
+            Response::Velocities(PerServo::Follower(words)) => {
+                let mut data = [0; 20];
+                put_words(&mut data, words);
+                encode(command::JOINTS, function::VELOCITY, &data)
+            }
+            Response::SelfCheck(check) => encode(command::SELF_CHECK, 0, &check.0.to_le_bytes()),
+        }
+    }
+
+    fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
+        let Frame { command, function, .. } = frame;
+        parse_request(frame).map_err(|cause| ParseError {
+            command,
+            function,
+            cause,
+        })
+    }
+
+    fn parse_response(frame: Frame<'_>) -> Result<Response, ParseError> {
+        let Frame { command, function, .. } = frame;
+        parse_response(frame).map_err(|cause| ParseError {
+            command,
+            function,
+            cause,
+        })
+    }
+
+    fn expect(_request: &Request) {}
+
+    fn reply(request: &Request) -> Option<Reply> {
+        // The document gives no times. The vendor's software asks again after 200 ms.
+        let turnaround = match request {
+            Request::ReadInfo
+            | Request::ReadStroke
+            | Request::ReadJoints
+            | Request::ReadTemperatures
+            | Request::ReadVelocities => Micros::from_millis(50),
+            // It asks every servo in turn.
+            Request::SelfCheck => Micros::from_millis(500),
+            Request::SetZero
+            | Request::SetStroke(_)
+            | Request::SetTorque(_)
+            | Request::SetTemperatureLimit(_)
+            | Request::Move(_) => return None,
+        };
+        Some(Reply {
+            len: MAX_RESPONSE,
+            turnaround,
+        })
+    }
+
+    fn answers(request: &Request, response: &Response) -> bool {
+        matches!(
+            (request, response),
+            (Request::ReadInfo, Response::Info(_))
+                | (Request::ReadStroke, Response::Stroke(_))
+                | (Request::ReadJoints, Response::Joints(_))
+                | (Request::ReadTemperatures, Response::Temperatures(_))
+                | (Request::ReadVelocities, Response::Velocities(_))
+                | (Request::SelfCheck, Response::SelfCheck(_))
+        )
+    }
+
+    fn repeatable(request: &Request) -> bool {
+        // All that is answered is a read, and the self-check changes nothing.
+        Self::reply(request).is_some()
+    }
+}

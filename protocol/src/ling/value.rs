@@ -1,0 +1,599 @@
+//! The values in Ling messages: raw counts on the wire, SI units in the program, and nothing in between.
+
+use core::f32::consts::TAU;
+use core::fmt;
+use core::str;
+
+use crate::OutOfRange;
+
+/// Joints of the arm, the gripper not counted.
+pub const JOINTS: usize = 6;
+
+/// Ticks in one turn of a joint.
+pub const TICKS_PER_TURN: u16 = 4096;
+
+const CENTRE: f32 = TICKS_PER_TURN as f32 / 2.0;
+const TICKS_PER_RADIAN: f32 = TICKS_PER_TURN as f32 / TAU;
+
+/// The whole number nearest to `value`, or an error unless that is in `0..=max`.
+fn to_count(value: f32, max: u16, error: OutOfRange) -> Result<u16, OutOfRange> {
+    // A cast to an integer truncates and takes NaN for 0: look first.
+    if (-0.5..f32::from(max) + 0.5).contains(&value) {
+        Ok((value + 0.5) as u16)
+    } else {
+        Err(error)
+    }
+}
+
+/// A joint position: `0..=4095` ticks, 2048 at 0 rad, 4096 ticks per turn.
+///
+/// The document gives only 0° = 0x0800; the scale is the vendor software's. So positions reach from -π to one tick
+/// (0.0015 rad) below +π.
+///
+/// ```
+/// use armwire::ling::Position;
+///
+/// assert_eq!(Position::from_radians(0.0)?.ticks(), 2048);
+/// assert_eq!(Position::new(1024)?.radians(), -core::f32::consts::FRAC_PI_2);
+/// assert!(Position::from_radians(core::f32::consts::PI).is_err());
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Position(u16);
+
+impl Position {
+    /// The most ticks there are.
+    pub const MAX: Self = Self(TICKS_PER_TURN - 1);
+    /// 0 rad.
+    pub const CENTRE: Self = Self(TICKS_PER_TURN / 2);
+
+    /// A position in ticks.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] over 4095.
+    pub const fn new(ticks: u16) -> Result<Self, OutOfRange> {
+        if ticks <= Self::MAX.0 {
+            return Ok(Self(ticks));
+        }
+        Err(OutOfRange {
+            what: "joint position",
+            unit: "ticks",
+            got: ticks as f32,
+            min: 0.0,
+            max: Self::MAX.0 as f32,
+        })
+    }
+
+    /// The position nearest to an angle in radians.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] unless the nearest tick is in `-π..π`.
+    pub fn from_radians(angle: f32) -> Result<Self, OutOfRange> {
+        let error = OutOfRange {
+            what: "joint angle",
+            unit: "rad",
+            got: angle,
+            min: Self(0).radians(),
+            max: Self::MAX.radians(),
+        };
+        to_count(angle * TICKS_PER_RADIAN + CENTRE, Self::MAX.0, error).map(Self)
+    }
+
+    /// Ticks, `0..=4095`.
+    pub const fn ticks(self) -> u16 {
+        self.0
+    }
+
+    /// The angle in radians, `-π..π`.
+    pub const fn radians(self) -> f32 {
+        (self.0 as f32 - CENTRE) / TICKS_PER_RADIAN
+    }
+}
+
+/// The speed of a joint: `0..=5000` ticks per second (section 2.5), which is 0 to 7.67 rad/s.
+///
+/// ```
+/// use armwire::ling::Speed;
+///
+/// let speed = Speed::from_radians_per_second(1.0)?;
+/// assert_eq!(speed.ticks_per_second(), 652);
+/// assert!((speed.radians_per_second() - 1.0).abs() < 0.001);
+/// assert!(Speed::new(5001).is_err());
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Speed(u16);
+
+impl Speed {
+    /// The fastest a joint may be told to move.
+    pub const MAX: Self = Self(5000);
+
+    /// A speed in ticks per second.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] over 5000.
+    pub const fn new(ticks_per_second: u16) -> Result<Self, OutOfRange> {
+        if ticks_per_second <= Self::MAX.0 {
+            return Ok(Self(ticks_per_second));
+        }
+        Err(OutOfRange {
+            what: "joint speed",
+            unit: "ticks/s",
+            got: ticks_per_second as f32,
+            min: 0.0,
+            max: Self::MAX.0 as f32,
+        })
+    }
+
+    /// The speed nearest to one in radians per second.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] under 0 and over 5000 ticks/s.
+    pub fn from_radians_per_second(speed: f32) -> Result<Self, OutOfRange> {
+        let error = OutOfRange {
+            what: "joint speed",
+            unit: "rad/s",
+            got: speed,
+            min: 0.0,
+            max: Self::MAX.radians_per_second(),
+        };
+        to_count(speed * TICKS_PER_RADIAN, Self::MAX.0, error).map(Self)
+    }
+
+    /// Ticks per second, `0..=5000`.
+    pub const fn ticks_per_second(self) -> u16 {
+        self.0
+    }
+
+    /// Radians per second.
+    pub const fn radians_per_second(self) -> f32 {
+        self.0 as f32 / TICKS_PER_RADIAN
+    }
+}
+
+/// How far the gripper is open: `0..=1000`, 0 closed, 1000 at its full stroke (section 2.5).
+///
+/// ```
+/// use armwire::ling::{Opening, Stroke};
+///
+/// let half = Opening::from_fraction(0.5)?;
+/// assert_eq!(half.per_mille(), 500);
+/// assert_eq!(half.millimetres(Stroke::Mm100), 50.0);
+/// assert_eq!(Opening::from_millimetres(25.0, Stroke::Mm50)?, half);
+/// assert!(Opening::new(1001).is_err());
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Opening(u16);
+
+impl Opening {
+    /// Closed.
+    pub const CLOSED: Self = Self(0);
+    /// Open to the full stroke.
+    pub const OPEN: Self = Self(1000);
+
+    /// An opening in thousandths of the stroke.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] over 1000.
+    pub const fn new(per_mille: u16) -> Result<Self, OutOfRange> {
+        if per_mille <= Self::OPEN.0 {
+            return Ok(Self(per_mille));
+        }
+        Err(OutOfRange {
+            what: "gripper opening",
+            unit: "‰",
+            got: per_mille as f32,
+            min: 0.0,
+            max: Self::OPEN.0 as f32,
+        })
+    }
+
+    /// The opening nearest to a fraction of the stroke.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] unless it is in `0.0..=1.0`.
+    pub fn from_fraction(fraction: f32) -> Result<Self, OutOfRange> {
+        let error = OutOfRange {
+            what: "gripper opening",
+            unit: "of the stroke",
+            got: fraction,
+            min: 0.0,
+            max: 1.0,
+        };
+        to_count(fraction * f32::from(Self::OPEN.0), Self::OPEN.0, error).map(Self)
+    }
+
+    /// The opening nearest to a distance in millimetres, for a gripper of this stroke.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] under 0 and over the stroke.
+    pub fn from_millimetres(distance: f32, stroke: Stroke) -> Result<Self, OutOfRange> {
+        let full = f32::from(stroke.millimetres());
+        let error = OutOfRange {
+            what: "gripper opening",
+            unit: "mm",
+            got: distance,
+            min: 0.0,
+            max: full,
+        };
+        to_count(distance / full * f32::from(Self::OPEN.0), Self::OPEN.0, error).map(Self)
+    }
+
+    /// Thousandths of the stroke, `0..=1000`.
+    pub const fn per_mille(self) -> u16 {
+        self.0
+    }
+
+    /// Fraction of the stroke, `0.0..=1.0`.
+    pub const fn fraction(self) -> f32 {
+        self.0 as f32 / Self::OPEN.0 as f32
+    }
+
+    /// The distance in millimetres, for a gripper of this stroke.
+    pub const fn millimetres(self, stroke: Stroke) -> f32 {
+        self.fraction() * stroke.millimetres() as f32
+    }
+}
+
+/// How far a gripper opens: the three there are (section 2.3).
+///
+/// ```
+/// assert_eq!(armwire::ling::Stroke::Mm75.millimetres(), 75);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum Stroke {
+    /// 50 mm.
+    Mm50 = 0,
+    /// 75 mm.
+    Mm75 = 1,
+    /// 100 mm.
+    Mm100 = 2,
+}
+
+impl Stroke {
+    /// The stroke in millimetres.
+    pub const fn millimetres(self) -> u8 {
+        match self {
+            Self::Mm50 => 50,
+            Self::Mm75 => 75,
+            Self::Mm100 => 100,
+        }
+    }
+
+    pub(super) const fn from_code(code: u8) -> Result<Self, OutOfRange> {
+        match code {
+            0 => Ok(Self::Mm50),
+            1 => Ok(Self::Mm75),
+            2 => Ok(Self::Mm100),
+            _ => Err(OutOfRange {
+                what: "gripper stroke type",
+                unit: "",
+                got: code as f32,
+                min: 0.0,
+                max: 2.0,
+            }),
+        }
+    }
+}
+
+/// The temperature at which the arm protects itself, `0..=253` °C; 85 °C from the factory (section 2.5).
+///
+/// 254 cannot be said: on the wire it asks for the temperatures.
+///
+/// ```
+/// use armwire::ling::TemperatureLimit;
+///
+/// assert_eq!(TemperatureLimit::new(100)?.celsius(), 100);
+/// assert_eq!(TemperatureLimit::FACTORY.celsius(), 85);
+/// assert!(TemperatureLimit::new(254).is_err());
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TemperatureLimit(u8);
+
+impl TemperatureLimit {
+    /// What a new arm has.
+    pub const FACTORY: Self = Self(85);
+
+    /// A limit in °C.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] over 253.
+    pub const fn new(celsius: u8) -> Result<Self, OutOfRange> {
+        if celsius <= 253 {
+            return Ok(Self(celsius));
+        }
+        Err(OutOfRange {
+            what: "temperature limit",
+            unit: "°C",
+            got: celsius as f32,
+            min: 0.0,
+            max: 253.0,
+        })
+    }
+
+    /// The limit in °C.
+    pub const fn celsius(self) -> u8 {
+        self.0
+    }
+}
+
+/// What the arm is doing (section 2.5). Values the document does not name are kept.
+///
+/// ```
+/// use armwire::ling::MotionStatus;
+///
+/// assert_eq!(MotionStatus::from(0xE1), MotionStatus::Overheating);
+/// assert_eq!(u8::from(MotionStatus::from(0x42)), 0x42);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum MotionStatus {
+    /// 00: idle.
+    Idle,
+    /// 01: locked.
+    Locked,
+    /// 10: following a leader arm.
+    Syncing,
+    /// 11: following a leader arm, and locked.
+    SyncLocked,
+    /// E1: a servo is over its temperature limit.
+    Overheating,
+    /// E2: stopped to protect itself from heat.
+    OverheatProtection,
+    /// Any other value.
+    Other(u8),
+}
+
+impl From<u8> for MotionStatus {
+    fn from(code: u8) -> Self {
+        match code {
+            0x00 => Self::Idle,
+            0x01 => Self::Locked,
+            0x10 => Self::Syncing,
+            0x11 => Self::SyncLocked,
+            0xE1 => Self::Overheating,
+            0xE2 => Self::OverheatProtection,
+            other => Self::Other(other),
+        }
+    }
+}
+
+impl From<MotionStatus> for u8 {
+    fn from(status: MotionStatus) -> Self {
+        match status {
+            MotionStatus::Idle => 0x00,
+            MotionStatus::Locked => 0x01,
+            MotionStatus::Syncing => 0x10,
+            MotionStatus::SyncLocked => 0x11,
+            MotionStatus::Overheating => 0xE1,
+            MotionStatus::OverheatProtection => 0xE2,
+            MotionStatus::Other(other) => other,
+        }
+    }
+}
+
+impl fmt::Display for MotionStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Idle => f.write_str("idle"),
+            Self::Locked => f.write_str("locked"),
+            Self::Syncing => f.write_str("syncing"),
+            Self::SyncLocked => f.write_str("syncing, locked"),
+            Self::Overheating => f.write_str("overheating"),
+            Self::OverheatProtection => f.write_str("overheat protection"),
+            Self::Other(code) => write!(f, "unknown status {code:#04x}"),
+        }
+    }
+}
+
+/// A hardware or firmware version, as the arm sends it: 610 is v6.10 (section 2.1).
+///
+/// The vendor's software writes the same number as 6.1.0.
+///
+/// ```
+/// assert_eq!(armwire::ling::Version(610).to_string(), "v6.10");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Version(pub u32);
+
+impl fmt::Display for Version {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "v{}.{:02}", self.0 / 100, self.0 % 100)
+    }
+}
+
+/// A serial number: 16 ASCII characters, the product first (section 2.1).
+///
+/// ```
+/// use armwire::ling::{Kind, SerialNumber};
+///
+/// let serial = SerialNumber(*b"ADLS251205123456");
+/// assert_eq!(serial.as_str(), Some("ADLS251205123456"));
+/// assert_eq!(serial.kind(), Some(Kind::Leader));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SerialNumber(pub [u8; 16]);
+
+impl SerialNumber {
+    /// The characters up to the first NUL, or `None` if they are not UTF-8.
+    pub fn as_str(&self) -> Option<&str> {
+        let end = self.0.iter().position(|&byte| byte == 0).unwrap_or(self.0.len());
+        str::from_utf8(self.0.get(..end)?).ok()
+    }
+
+    /// What the product identifier says the arm is; `None` if it is not one that the vendor's software knows.
+    pub fn kind(&self) -> Option<Kind> {
+        match self.0 {
+            [b'A', b'D', b'L', ..] => Some(Kind::Leader),
+            [b'A', b'D', b'F', ..] => Some(Kind::Follower),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for SerialNumber {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.as_str() {
+            Some(serial) => f.write_str(serial),
+            None => write!(f, "{}", self.0.escape_ascii()),
+        }
+    }
+}
+
+/// Which of the two arms it is.
+///
+/// ```
+/// assert_eq!(armwire::ling::Kind::Follower.servos(), 10);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Kind {
+    /// Moved by hand: 6 servos.
+    Leader,
+    /// Moves by itself: 10 servos.
+    Follower,
+}
+
+impl Kind {
+    /// How many servos it has: 6 or 10 (section 2.5).
+    pub const fn servos(self) -> usize {
+        match self {
+            Self::Leader => 6,
+            Self::Follower => 10,
+        }
+    }
+}
+
+/// One reading for each servo, in the order of their ids: 6 from a leader arm, 10 from a follower (section 2.5).
+///
+/// ```
+/// use armwire::ling::{Kind, PerServo};
+///
+/// let temperatures = PerServo::Leader([35, 36, 35, 38, 35, 38]);
+/// assert_eq!(temperatures.kind(), Kind::Leader);
+/// assert_eq!(temperatures.as_slice().iter().max(), Some(&38));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PerServo<T> {
+    /// From a leader arm.
+    Leader([T; 6]),
+    /// From a follower arm.
+    Follower([T; 10]),
+}
+
+impl<T> PerServo<T> {
+    /// The readings, servo 1 first.
+    pub const fn as_slice(&self) -> &[T] {
+        match self {
+            Self::Leader(readings) => readings,
+            Self::Follower(readings) => readings,
+        }
+    }
+
+    /// Which arm has so many servos.
+    pub const fn kind(&self) -> Kind {
+        match self {
+            Self::Leader(_) => Kind::Leader,
+            Self::Follower(_) => Kind::Follower,
+        }
+    }
+}
+
+/// The outcome of a self-check: one bit a servo, servo 1 lowest, 1 = normal (section 2.6).
+///
+/// ```
+/// use armwire::ling::{Kind, SelfCheck};
+///
+/// let check = SelfCheck(0b11_1111_1011);
+/// assert!(!check.all_normal(Kind::Follower));
+/// assert!(check.faulty(Kind::Follower).eq([3]));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SelfCheck(pub u16);
+
+impl SelfCheck {
+    /// Whether every servo that such an arm has is normal.
+    pub fn all_normal(self, kind: Kind) -> bool {
+        self.faulty(kind).next().is_none()
+    }
+
+    /// The ids, from 1, of the servos that are not normal.
+    pub fn faulty(self, kind: Kind) -> impl Iterator<Item = u8> {
+        (1..=kind.servos() as u8).filter(move |id| self.0 >> (id - 1) & 1 == 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_position_survives_the_way_through_radians() {
+        for ticks in 0..TICKS_PER_TURN {
+            let position = Position::new(ticks).unwrap();
+            assert_eq!(Position::from_radians(position.radians()), Ok(position));
+        }
+    }
+
+    #[test]
+    fn every_speed_survives_the_way_through_radians_per_second() {
+        for ticks in 0..=5000 {
+            let speed = Speed::new(ticks).unwrap();
+            assert_eq!(Speed::from_radians_per_second(speed.radians_per_second()), Ok(speed));
+        }
+    }
+
+    #[test]
+    fn every_opening_survives_the_way_through_fractions_and_millimetres() {
+        for per_mille in 0..=1000 {
+            let opening = Opening::new(per_mille).unwrap();
+            assert_eq!(Opening::from_fraction(opening.fraction()), Ok(opening));
+            for stroke in [Stroke::Mm50, Stroke::Mm75, Stroke::Mm100] {
+                assert_eq!(
+                    Opening::from_millimetres(opening.millimetres(stroke), stroke),
+                    Ok(opening)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_value_that_cannot_be_said_is_an_error_not_a_clamp() {
+        for angle in [f32::NAN, f32::INFINITY, -3.2, core::f32::consts::PI] {
+            let error = Position::from_radians(angle).unwrap_err();
+            assert!(error.got.is_nan() == angle.is_nan() && error.max < core::f32::consts::PI);
+        }
+        assert!(Speed::from_radians_per_second(-0.1).is_err());
+        assert!(Speed::from_radians_per_second(f32::NAN).is_err());
+        assert!(Opening::from_fraction(1.01).is_err());
+        assert!(Opening::from_millimetres(51.0, Stroke::Mm50).is_err());
+        assert!(TemperatureLimit::new(255).is_err());
+    }
+
+    #[test]
+    fn every_motion_status_keeps_its_byte() {
+        for code in 0..=u8::MAX {
+            assert_eq!(u8::from(MotionStatus::from(code)), code);
+        }
+    }
+}

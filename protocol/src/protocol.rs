@@ -1,0 +1,70 @@
+//! What frames mean, and which answers which.
+
+use core::fmt::Debug;
+
+use crate::{BufferTooShort, Framing, Micros};
+
+/// What to expect in answer to a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Reply {
+    /// The longest the answer may be, in bytes on the wire.
+    pub len: usize,
+    /// The longest the arm may think between the last byte of the request and the first of the answer.
+    pub turnaround: Micros,
+}
+
+/// The messages of one kind of arm.
+///
+/// Both directions are here, so that a [`Client`](crate::Client) and a [`Device`](crate::Device) are made of the same
+/// definitions and tested against each other. [`Ling`](crate::ling::Ling) is the one to read as an example.
+pub trait Protocol: Framing {
+    /// What the host says.
+    type Request: Copy + PartialEq + Debug;
+
+    /// What the arm says.
+    type Response: Copy + PartialEq + Debug;
+
+    /// Why a good frame is not a message.
+    type Error: core::error::Error + Copy + PartialEq;
+
+    /// Writes a request at the front of `out` and returns its length in bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferTooShort`]; never when `out` has [`Framing::MAX_FRAME`] bytes.
+    fn encode_request(request: &Self::Request, out: &mut [u8]) -> Result<usize, BufferTooShort>;
+
+    /// Writes a response at the front of `out` and returns its length in bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferTooShort`]; never when `out` has [`Framing::MAX_FRAME`] bytes.
+    fn encode_response(response: &Self::Response, out: &mut [u8]) -> Result<usize, BufferTooShort>;
+
+    /// What a frame from the host means.
+    ///
+    /// # Errors
+    ///
+    /// When it is no request of this protocol: what is wrong, and where.
+    fn parse_request(frame: Self::Frame<'_>) -> Result<Self::Request, Self::Error>;
+
+    /// What a frame from the arm means.
+    ///
+    /// # Errors
+    ///
+    /// When it is no response of this protocol: what is wrong, and where.
+    fn parse_response(frame: Self::Frame<'_>) -> Result<Self::Response, Self::Error>;
+
+    /// What the reader may expect of the next frame while `request` is in flight.
+    fn expect(request: &Self::Request) -> Self::Expect;
+
+    /// The reply `request` gets, or `None` if the arm does not answer it.
+    fn reply(request: &Self::Request) -> Option<Reply>;
+
+    /// Whether `response` is the answer to `request`.
+    fn answers(request: &Self::Request, response: &Self::Response) -> bool;
+
+    /// Whether sending `request` again after silence is harmless: reads are, motion, torque and settings are not.
+    fn repeatable(request: &Self::Request) -> bool;
+}
