@@ -1,0 +1,267 @@
+//! The mechanics of a Ling arm: axes that move, servos that warm up, and the protection that stops them.
+//!
+//! The document says what can be read, not how the arm behaves. What is chosen here:
+//!
+//! * A follower has ten servos: two each for joints 1 to 3, one each for joints 4 to 6 (so the vendor's software for the
+//!   older generation maps them), and one for the gripper. A leader has six, one for each joint; its gripper is a sensor.
+//! * A follower is switched on holding, a leader limp. There is no status for motion: *locked* says that the torque is
+//!   on, *idle* that it is off.
+//! * The gripper's servo turns one tick for each thousandth of the stroke, whatever the stroke.
+//! * Each servo is a first-order thermal model with a time constant of [`TIME_CONSTANT`]. It settles at ambient,
+//!   10 °C above while it holds (35 °C, as in the document's example), and another 16 °C above for each 1000 ticks/s.
+//! * At the limit the arm reports overheating and goes on. 5 °C above it protects itself: it stops, switches its torque
+//!   off, and neither moves nor holds. Either ends 5 °C below the limit; the torque stays off.
+
+use armwire::Micros;
+use armwire::ling::{JOINTS, Kind, MotionStatus, Move, TemperatureLimit};
+
+use super::axis::Axis;
+
+/// Axes: the joints, then the gripper.
+const AXES: usize = JOINTS + 1;
+const GRIPPER: usize = JOINTS;
+
+/// The axis that each servo of a follower drives, servo 1 first.
+const FOLLOWER_SERVOS: [usize; 10] = [0, 0, 1, 1, 2, 2, 3, 4, 5, GRIPPER];
+/// The axis that each servo of a leader sits on.
+const LEADER_SERVOS: [usize; 6] = [0, 1, 2, 3, 4, 5];
+
+/// Heat is computed at multiples of this.
+const HEAT_STEP: Micros = Micros::from_millis(100);
+/// How long a servo takes for 63 % of the way to its final temperature.
+const TIME_CONSTANT: Micros = Micros::from_millis(120_000);
+const HEAT_STEPS: i64 = (TIME_CONSTANT.0 / HEAT_STEP.0) as i64;
+
+/// Temperatures are in millionths of a degree.
+const DEGREE: i64 = 1_000_000;
+const HOLDING: i64 = 10 * DEGREE;
+const PER_TICK_PER_SECOND: i64 = 16 * DEGREE / 1000;
+/// How far from the limit protection starts and ends.
+const MARGIN: i64 = 5 * DEGREE;
+
+/// What heat does to the arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Heat {
+    Normal,
+    Over,
+    Protecting,
+}
+
+/// One servo.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Servo {
+    axis: usize,
+    /// In millionths of °C.
+    temperature: i64,
+    faulty: bool,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Body {
+    kind: Kind,
+    now: Micros,
+    axes: [Axis; AXES],
+    /// How far each axis travelled since the last heat step, in millionths of a tick.
+    travelled: [u64; AXES],
+    servos: Vec<Servo>,
+    /// In millionths of °C.
+    ambient: i64,
+    limit: TemperatureLimit,
+    torque: bool,
+    heat: Heat,
+}
+
+impl Body {
+    pub(super) fn new(kind: Kind, ambient: u8) -> Self {
+        let ambient = i64::from(ambient) * DEGREE;
+        let axes: &[usize] = match kind {
+            Kind::Leader => &LEADER_SERVOS,
+            Kind::Follower => &FOLLOWER_SERVOS,
+        };
+        let servo = |&axis| Servo {
+            axis,
+            temperature: ambient,
+            faulty: false,
+        };
+        let mut centred = [Axis::at(2048); AXES];
+        centred[GRIPPER] = Axis::at(0);
+        Self {
+            kind,
+            now: Micros(0),
+            axes: centred,
+            travelled: [0; AXES],
+            servos: axes.iter().map(servo).collect(),
+            ambient,
+            limit: TemperatureLimit::FACTORY,
+            // The vendor's examples move a follower without switching its torque on.
+            torque: kind == Kind::Follower,
+            heat: Heat::Normal,
+        }
+    }
+
+    /// Lets time pass. The outcome is the same in however many steps it passes.
+    pub(super) fn advance(&mut self, now: Micros) {
+        loop {
+            let step = Micros((self.now.0 / HEAT_STEP.0 + 1).saturating_mul(HEAT_STEP.0));
+            if now < step {
+                break;
+            }
+            self.travel(step);
+            if self.warm() && !self.is_moving() {
+                // Nothing will change any more.
+                self.now = now.max(self.now);
+                return;
+            }
+        }
+        self.travel(now);
+    }
+
+    fn travel(&mut self, to: Micros) {
+        let span = to.since(self.now);
+        for (axis, travelled) in self.axes.iter_mut().zip(&mut self.travelled) {
+            *travelled += axis.advance(span);
+        }
+        self.now = to.max(self.now);
+    }
+
+    /// One heat step. Returns whether all temperatures are final.
+    fn warm(&mut self) -> bool {
+        let mut settled = self.travelled == [0; AXES];
+        for servo in &mut self.servos {
+            let mean_speed = (self.travelled[servo.axis] / HEAT_STEP.0) as i64;
+            let holding = if self.torque { HOLDING } else { 0 };
+            let goal = self.ambient + holding + mean_speed * PER_TICK_PER_SECOND;
+            let change = (goal - servo.temperature) / HEAT_STEPS;
+            servo.temperature += change;
+            settled &= change == 0;
+        }
+        self.travelled = [0; AXES];
+        let before = self.heat;
+        self.protect();
+        settled && before == self.heat
+    }
+
+    /// Compares the hottest servo with the limit.
+    fn protect(&mut self) {
+        let limit = i64::from(self.limit.celsius()) * DEGREE;
+        let hottest = self.servos.iter().map(|servo| servo.temperature).max().unwrap_or(0);
+        if hottest >= limit + MARGIN {
+            self.heat = Heat::Protecting;
+            self.set_torque(false);
+        } else if hottest < limit - MARGIN {
+            self.heat = Heat::Normal;
+        } else if hottest >= limit && self.heat == Heat::Normal {
+            self.heat = Heat::Over;
+        }
+    }
+
+    /// Whether it may move by itself now.
+    fn can_move(&self) -> bool {
+        self.kind == Kind::Follower && self.torque
+    }
+
+    /// Returns whether it obeys.
+    pub(super) fn go(&mut self, target: &Move) -> bool {
+        if !self.can_move() {
+            return false;
+        }
+        let joints = target
+            .joints
+            .map(|(position, speed)| (position.ticks(), speed.ticks_per_second()));
+        let (opening, speed) = target.gripper;
+        let targets = joints.into_iter().chain([(opening.per_mille(), speed.0)]);
+        for (axis, (ticks, speed)) in self.axes.iter_mut().zip(targets) {
+            axis.go(ticks, speed);
+        }
+        true
+    }
+
+    /// Returns whether it obeys: while it protects itself the torque stays off.
+    pub(super) fn set_torque(&mut self, on: bool) -> bool {
+        if on && self.heat == Heat::Protecting {
+            return false;
+        }
+        if !on {
+            self.axes.iter_mut().for_each(Axis::stop);
+        }
+        self.torque = on;
+        true
+    }
+
+    pub(super) fn set_zero(&mut self) {
+        self.set_torque(false);
+        self.axes[..JOINTS].fill(Axis::at(2048));
+    }
+
+    pub(super) fn set_limit(&mut self, limit: TemperatureLimit) {
+        self.limit = limit;
+        self.protect();
+    }
+
+    /// Moves an axis by hand. Returns whether it gave way.
+    pub(super) fn push(&mut self, axis: usize, ticks: u16) -> bool {
+        if self.torque {
+            return false;
+        }
+        self.axes[axis] = Axis::at(ticks);
+        true
+    }
+
+    pub(super) fn push_gripper(&mut self, per_mille: u16) -> bool {
+        // Nothing drives a leader's gripper, so nothing holds it.
+        let torque = self.torque && self.kind == Kind::Follower;
+        if !torque {
+            self.axes[GRIPPER] = Axis::at(per_mille);
+        }
+        !torque
+    }
+
+    /// Marks a servo, by its id from 1, as faulty or not. An id that the arm does not have is ignored.
+    pub(super) fn set_faulty(&mut self, id: u8, faulty: bool) {
+        if let Some(servo) = usize::from(id).checked_sub(1).and_then(|i| self.servos.get_mut(i)) {
+            servo.faulty = faulty;
+        }
+    }
+
+    pub(super) fn joints(&self) -> [u16; JOINTS] {
+        std::array::from_fn(|joint| self.axes[joint].ticks())
+    }
+
+    pub(super) fn gripper(&self) -> u16 {
+        self.axes[GRIPPER].ticks()
+    }
+
+    pub(super) fn is_holding(&self) -> bool {
+        self.torque
+    }
+
+    pub(super) fn is_moving(&self) -> bool {
+        self.axes.iter().any(|axis| axis.velocity() > 0)
+    }
+
+    pub(super) fn status(&self) -> MotionStatus {
+        match self.heat {
+            Heat::Over => MotionStatus::Overheating,
+            Heat::Protecting => MotionStatus::OverheatProtection,
+            Heat::Normal if self.torque => MotionStatus::Locked,
+            Heat::Normal => MotionStatus::Idle,
+        }
+    }
+
+    /// The temperature of each servo in whole °C.
+    pub(super) fn temperatures(&self) -> impl Iterator<Item = u8> {
+        let celsius = |servo: &Servo| (servo.temperature / DEGREE).clamp(0, 255) as u8;
+        self.servos.iter().map(celsius)
+    }
+
+    /// The velocity of each servo in ticks per second.
+    pub(super) fn velocities(&self) -> impl Iterator<Item = u16> {
+        self.servos.iter().map(|servo| self.axes[servo.axis].velocity())
+    }
+
+    /// One bit a servo, servo 1 lowest, 1 = normal.
+    pub(super) fn normal(&self) -> u16 {
+        let bit = |(i, servo): (usize, &Servo)| u16::from(!servo.faulty) << i;
+        self.servos.iter().enumerate().map(bit).sum()
+    }
+}

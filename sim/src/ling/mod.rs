@@ -1,0 +1,344 @@
+//! A virtual Ling arm.
+//!
+//! [`LingArm`] is the electronics: it hears requests, obeys, and answers what the real arm answers. How its joints move
+//! and its servos warm up is in `body.rs`.
+
+mod axis;
+mod body;
+
+use std::array;
+use std::collections::VecDeque;
+
+use armwire::ling::{
+    Info, JOINTS, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response,
+    SelfCheck, SerialNumber, Stroke, Torque, Version,
+};
+use armwire::{Device, Heard, Input, Micros};
+
+use crate::serial::SerialDevice;
+use body::Body;
+
+/// Answers that wait for the line at most. A host that asks faster than answers fit on the line loses the rest.
+const MAX_REPLIES: usize = 8;
+
+/// What a virtual arm is, and how it answers.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire::ling::Stroke;
+/// use armwire_sim::ling::Config;
+///
+/// let config = Config { stroke: Stroke::Mm100, turnaround: Micros(50), ..Config::follower() };
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Config {
+    /// Leader or follower.
+    pub kind: Kind,
+    /// Serial number; its prefix should say the same as `kind`.
+    pub serial: SerialNumber,
+    /// Hardware version.
+    pub hardware: Version,
+    /// Firmware version.
+    pub firmware: Version,
+    /// The gripper it is set to.
+    pub stroke: Stroke,
+    /// Ambient temperature, in °C.
+    pub ambient: u8,
+    /// From the last stop bit of a request to the first start bit of its answer.
+    pub turnaround: Micros,
+    /// How long the line must be silent for a frame that waits for its end to be given up.
+    ///
+    /// The real arm's patience is not known. Whoever forwards bytes in packets leaves gaps within frames, a full-speed
+    /// USB host up to one millisecond; so this is more by default, and less than any host waits for an answer.
+    pub idle: Micros,
+    /// Whether every byte received comes back at once, as from a half-duplex adapter.
+    pub echo: bool,
+}
+
+impl Config {
+    /// A follower with the versions of the document's example (section 2.1), a 50 mm gripper, at 25 °C.
+    pub const fn follower() -> Self {
+        Self {
+            kind: Kind::Follower,
+            serial: SerialNumber(*b"ADFS251205123456"),
+            hardware: Version(110),
+            firmware: Version(610),
+            stroke: Stroke::Mm50,
+            ambient: 25,
+            turnaround: Micros(200),
+            idle: Micros::from_millis(2),
+            echo: false,
+        }
+    }
+
+    /// The same, but a leader with the serial number of the document's example.
+    pub const fn leader() -> Self {
+        Self {
+            kind: Kind::Leader,
+            serial: SerialNumber(*b"ADLS251205123456"),
+            ..Self::follower()
+        }
+    }
+}
+
+/// What an arm has heard, since it was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Bytes.
+    pub bytes: u64,
+    /// Requests, obeyed or not.
+    pub requests: u64,
+    /// Requests that were answered.
+    pub answered: u64,
+    /// Requests that were not obeyed: motion without torque or by a leader, torque on during overheat protection.
+    pub refused: u64,
+    /// Answers given up because too many were waiting for the line.
+    pub overrun: u64,
+    /// Good frames that are no request, or one with a value out of range. The arm ignores them.
+    pub unknown: u64,
+    /// Bytes that were not part of a frame.
+    pub noise_bytes: u64,
+}
+
+/// An answer that waits for the line or is on it.
+#[derive(Debug)]
+struct Reply {
+    due: Micros,
+    bytes: [u8; MAX_FRAME],
+    len: usize,
+    sent: usize,
+}
+
+/// A virtual Ling arm, switched on at time zero.
+///
+/// It is deterministic: what it does depends on the bytes it receives and when, and not on how often it is polled.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire_sim::ling::{Config, LingArm};
+/// use armwire_sim::serial::SerialDevice;
+///
+/// let mut arm = LingArm::new(Config::follower());
+/// for (i, byte) in [0xAA, 0x04, 0x0E, 0x01, 0xFE, 0x1B, 0xFF].into_iter().enumerate() {
+///     arm.receive(Micros(10 * (i as u64 + 1)), byte);
+/// }
+/// assert_eq!(arm.transmit(Micros(269)), None);
+/// assert_eq!(arm.transmit(Micros(270)), Some(0xAA)); // 200 µs after the request's end
+/// ```
+#[derive(Debug)]
+pub struct LingArm {
+    config: Config,
+    body: Body,
+    device: Device<Ling, MAX_FRAME>,
+    /// When the line counts as idle, if it is not known to be.
+    idle_at: Option<Micros>,
+    echo: VecDeque<u8>,
+    replies: VecDeque<Reply>,
+    counters: Counters,
+}
+
+impl LingArm {
+    /// An arm at its zero position, its gripper closed. A follower holds it, a leader does not.
+    pub fn new(config: Config) -> Self {
+        Self {
+            body: Body::new(config.kind, config.ambient),
+            config,
+            device: Device::new(),
+            idle_at: None,
+            echo: VecDeque::new(),
+            replies: VecDeque::new(),
+            counters: Counters::default(),
+        }
+    }
+
+    /// Lets time pass, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do: what the
+    /// methods below tell is the state at the last time given.
+    pub fn advance(&mut self, now: Micros) {
+        if let Some(idle_at) = self.idle_at
+            && idle_at <= now
+        {
+            self.idle_at = None;
+            self.hear(idle_at, &mut Input::Idle);
+        }
+        self.body.advance(now);
+    }
+
+    /// Joint positions, in ticks.
+    pub fn joints(&self) -> [u16; JOINTS] {
+        self.body.joints()
+    }
+
+    /// Gripper opening, in thousandths of the stroke.
+    pub fn gripper(&self) -> u16 {
+        self.body.gripper()
+    }
+
+    /// The gripper it is set to.
+    pub fn stroke(&self) -> Stroke {
+        self.config.stroke
+    }
+
+    /// What it reports of itself.
+    pub fn status(&self) -> MotionStatus {
+        self.body.status()
+    }
+
+    /// Whether its torque is on.
+    pub fn is_holding(&self) -> bool {
+        self.body.is_holding()
+    }
+
+    /// Whether a joint or the gripper moves.
+    pub fn is_moving(&self) -> bool {
+        self.body.is_moving()
+    }
+
+    /// Servo temperatures, in °C.
+    pub fn temperatures(&self) -> PerServo<u8> {
+        per_servo(self.config.kind, self.body.temperatures())
+    }
+
+    /// Servo velocities, in ticks per second.
+    pub fn velocities(&self) -> PerServo<u16> {
+        per_servo(self.config.kind, self.body.velocities())
+    }
+
+    /// What it has heard.
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// Moves a joint, 0 to 5, by hand. Returns whether it gave way: it does not while the torque is on.
+    pub fn push_joint(&mut self, joint: usize, position: Position) -> bool {
+        joint < JOINTS && self.body.push(joint, position.ticks())
+    }
+
+    /// Moves the gripper by hand. Returns whether it gave way: a follower's does not while the torque is on.
+    pub fn push_gripper(&mut self, opening: Opening) -> bool {
+        self.body.push_gripper(opening.per_mille())
+    }
+
+    /// Makes the self-check report a servo, by its id from 1, as faulty, or as normal again.
+    ///
+    /// An id that the arm does not have is ignored.
+    pub fn set_faulty(&mut self, id: u8, faulty: bool) {
+        self.body.set_faulty(id, faulty);
+    }
+
+    fn hear(&mut self, now: Micros, input: &mut Input<'_>) {
+        self.body.advance(now);
+        while let Some(heard) = self.device.handle(input) {
+            match heard {
+                Heard::Request(request) => {
+                    self.counters.requests += 1;
+                    if let Some(response) = self.obey(&request) {
+                        self.reply(now, &response);
+                    }
+                }
+                Heard::Unknown(_) => self.counters.unknown += 1,
+                Heard::Noise(noise) => self.counters.noise_bytes += noise.len as u64,
+            }
+        }
+    }
+
+    /// Does what is asked and returns the answer, if there is one.
+    fn obey(&mut self, request: &Request) -> Option<Response> {
+        let obeyed = match *request {
+            Request::ReadInfo => {
+                return Some(Response::Info(Info {
+                    serial: self.config.serial,
+                    hardware: self.config.hardware,
+                    firmware: self.config.firmware,
+                }));
+            }
+            Request::ReadStroke => return Some(Response::Stroke(self.config.stroke)),
+            Request::ReadJoints => {
+                return Some(Response::Joints(JointState {
+                    joints: self.joints(),
+                    gripper: self.gripper(),
+                    status: self.status(),
+                }));
+            }
+            Request::ReadTemperatures => return Some(Response::Temperatures(self.temperatures())),
+            Request::ReadVelocities => return Some(Response::Velocities(self.velocities())),
+            Request::SelfCheck => return Some(Response::SelfCheck(SelfCheck(self.body.normal()))),
+            Request::SetZero => {
+                self.body.set_zero();
+                true
+            }
+            Request::SetStroke(stroke) => {
+                self.config.stroke = stroke;
+                true
+            }
+            Request::SetTorque(torque) => self.body.set_torque(torque == Torque::On),
+            Request::SetTemperatureLimit(limit) => {
+                self.body.set_limit(limit);
+                true
+            }
+            Request::Move(target) => self.body.go(&target),
+            // A request of a later protocol version.
+            _ => false,
+        };
+        self.counters.refused += u64::from(!obeyed);
+        None
+    }
+
+    fn reply(&mut self, now: Micros, response: &Response) {
+        let mut bytes = [0; MAX_FRAME];
+        let room = self.replies.len() < MAX_REPLIES;
+        match self.device.respond(response, &mut bytes) {
+            Ok(len) if room => {
+                self.counters.answered += 1;
+                self.replies.push_back(Reply {
+                    due: now + self.config.turnaround,
+                    bytes,
+                    len,
+                    sent: 0,
+                });
+            }
+            _ => self.counters.overrun += 1,
+        }
+    }
+}
+
+impl SerialDevice for LingArm {
+    fn receive(&mut self, now: Micros, byte: u8) {
+        self.advance(now);
+        self.counters.bytes += 1;
+        if self.config.echo {
+            self.echo.push_back(byte);
+        }
+        self.idle_at = Some(now + self.config.idle);
+        self.hear(now, &mut Input::Bytes(&[byte]));
+    }
+
+    fn transmit(&mut self, now: Micros) -> Option<u8> {
+        self.advance(now);
+        let begun = self.replies.front().is_some_and(|reply| reply.sent > 0);
+        // An echo waits for the end of an answer that is on the line.
+        if !begun && let Some(byte) = self.echo.pop_front() {
+            return Some(byte);
+        }
+        let reply = self.replies.front_mut().filter(|reply| reply.due <= now)?;
+        let byte = reply.bytes[reply.sent];
+        reply.sent += 1;
+        if reply.sent == reply.len {
+            self.replies.pop_front();
+        }
+        Some(byte)
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        let echo = (!self.echo.is_empty()).then_some(Micros(0));
+        let reply = self.replies.front().map(|reply| reply.due);
+        [echo, reply, self.idle_at].into_iter().flatten().min()
+    }
+}
+
+/// The readings of an arm of this kind, which has one of each servo.
+fn per_servo<T: Copy + Default>(kind: Kind, mut readings: impl Iterator<Item = T>) -> PerServo<T> {
+    match kind {
+        Kind::Leader => PerServo::Leader(array::from_fn(|_| readings.next().unwrap_or_default())),
+        Kind::Follower => PerServo::Follower(array::from_fn(|_| readings.next().unwrap_or_default())),
+    }
+}
