@@ -455,3 +455,261 @@ impl<P: Protocol, const N: usize> fmt::Debug for Client<P, N> {
             .finish_non_exhaustive()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::ling::{self, JointState, Ling, MotionStatus, Request, Response, Stroke, Torque};
+
+    type Lings = Client<Ling, { ling::MAX_FRAME }>;
+
+    const JOINTS: Response = Response::Joints(JointState {
+        joints: [2048; 6],
+        gripper: 500,
+        status: MotionStatus::Idle,
+    });
+
+    fn bytes(response: Response) -> Vec<u8> {
+        let mut out = [0; ling::MAX_FRAME];
+        let n = Ling::encode_response(&response, &mut out).unwrap();
+        out[..n].to_vec()
+    }
+
+    /// Transmits all there is and returns how many bytes that was.
+    fn transmit(client: &mut Lings, now: Micros) -> usize {
+        let n = client.poll_transmit(now).map_or(0, <[u8]>::len);
+        client.transmitted(now, n);
+        n
+    }
+
+    fn hear(client: &mut Lings, now: Micros, bytes: &[u8]) -> Vec<Event<Ling>> {
+        let mut input = Input::Bytes(bytes);
+        core::iter::from_fn(|| client.handle(now, &mut input)).collect()
+    }
+
+    /// Runs a request to its time-out and returns when that was.
+    fn time_out(client: &mut Lings, mut now: Micros) -> (Micros, u8) {
+        client.submit(Request::ReadJoints).unwrap();
+        loop {
+            transmit(client, now);
+            now = client.poll_timeout().unwrap();
+            if let Some(Event::TimedOut { sends }) = client.handle(now, &mut Input::Tick) {
+                return (now, sends);
+            }
+        }
+    }
+
+    #[test]
+    fn an_answer_in_any_pieces_completes_the_request() {
+        let answer = bytes(JOINTS);
+        for split in 0..=answer.len() {
+            let mut client = Lings::new(Config::DEFAULT);
+            client.submit(Request::ReadJoints).unwrap();
+            assert_eq!(transmit(&mut client, Micros(0)), 7);
+            let (first, second) = answer.split_at(split);
+            let mut events = hear(&mut client, Micros(300), first);
+            events.extend(hear(&mut client, Micros(310), second));
+            assert_eq!(events, [Event::Answer(JOINTS)]);
+            assert!(client.is_idle() && client.poll_timeout().is_none());
+        }
+    }
+
+    #[test]
+    fn a_second_request_is_given_back() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        assert_eq!(client.submit(Request::ReadInfo), Err(Busy(Request::ReadInfo)));
+    }
+
+    #[test]
+    fn requests_without_an_answer_complete_when_sent() {
+        let mut client = Lings::new(Config::DEFAULT);
+        for request in [
+            Request::SetZero,
+            Request::SetTorque(Torque::Off),
+            Request::SetStroke(Stroke::Mm50),
+        ] {
+            client.submit(request).unwrap();
+            assert_eq!(client.handle(Micros(0), &mut Input::Tick), None);
+            assert_eq!(transmit(&mut client, Micros(0)), 7);
+            assert_eq!(client.handle(Micros(0), &mut Input::Tick), Some(Event::Sent));
+            assert!(client.is_idle());
+        }
+    }
+
+    #[test]
+    fn an_echo_is_neither_an_answer_nor_an_error() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        let echo = client.poll_transmit(Micros(0)).unwrap().to_vec();
+        client.transmitted(Micros(0), echo.len());
+        let line = [echo, bytes(JOINTS)].concat();
+        let events = hear(&mut client, Micros(300), &line);
+        assert_eq!(events, [Event::Echo(Request::ReadJoints), Event::Answer(JOINTS)]);
+    }
+
+    #[test]
+    fn silence_repeats_a_read_and_then_gives_up() {
+        for repeats in 0..4 {
+            let mut client = Lings::new(Config {
+                repeats,
+                ..Config::DEFAULT
+            });
+            let (at, sends) = time_out(&mut client, Micros(0));
+            assert_eq!(sends, repeats + 1);
+            // (7 + 30) bytes at 10 µs, 50 ms of turnaround, 10 ms of latency; each time.
+            assert_eq!(at, Micros(60_370 * u64::from(sends)));
+        }
+    }
+
+    #[test]
+    fn a_late_answer_does_not_satisfy_the_next_request() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        let (now, _) = time_out(&mut client, Micros(0));
+
+        client.submit(Request::ReadJoints).unwrap();
+        assert_eq!(transmit(&mut client, now), 0, "held back");
+        assert_eq!(
+            hear(&mut client, now + Micros(1), &bytes(JOINTS)),
+            [Event::Late(JOINTS)]
+        );
+        assert_eq!(transmit(&mut client, now + Micros(1)), 7, "nothing else can be late");
+        assert_eq!(
+            hear(&mut client, now + Micros(400), &bytes(JOINTS)),
+            [Event::Answer(JOINTS)]
+        );
+    }
+
+    #[test]
+    fn a_request_held_back_goes_out_when_lateness_is_over() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        let (now, _) = time_out(&mut client, Micros(0));
+        client.submit(Request::ReadInfo).unwrap();
+        assert_eq!(transmit(&mut client, now), 0);
+        let due = client.poll_timeout().unwrap();
+        assert_eq!(due, now + Config::DEFAULT.lateness);
+        assert_eq!(client.handle(due, &mut Input::Tick), None);
+        assert_eq!(transmit(&mut client, due), 7);
+    }
+
+    #[test]
+    fn torque_off_is_never_held_back() {
+        let mut client = Lings::new(Config::DEFAULT);
+        let (now, _) = time_out(&mut client, Micros(0));
+        client.submit(Request::SetTorque(Torque::Off)).unwrap();
+        assert_eq!(transmit(&mut client, now), 7);
+    }
+
+    #[test]
+    fn the_second_answer_to_a_repeated_request_is_late() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let due = client.poll_timeout().unwrap();
+        assert_eq!(client.handle(due, &mut Input::Tick), None);
+        assert_eq!(transmit(&mut client, due), 7, "repeated");
+        assert_eq!(
+            hear(&mut client, due + Micros(10), &bytes(JOINTS)),
+            [Event::Answer(JOINTS)]
+        );
+
+        client.submit(Request::ReadJoints).unwrap();
+        assert_eq!(transmit(&mut client, due + Micros(20)), 0);
+        assert_eq!(
+            hear(&mut client, due + Micros(300), &bytes(JOINTS)),
+            [Event::Late(JOINTS)]
+        );
+        assert_eq!(transmit(&mut client, due + Micros(301)), 7);
+    }
+
+    #[test]
+    fn the_first_answer_counts_even_while_the_repeat_is_half_sent() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let due = client.poll_timeout().unwrap();
+        client.handle(due, &mut Input::Tick);
+        assert_eq!(client.poll_transmit(due).unwrap().len(), 7);
+        client.transmitted(due, 3);
+        assert_eq!(hear(&mut client, due, &bytes(JOINTS)), [Event::Answer(JOINTS)]);
+        assert_eq!(transmit(&mut client, due), 4, "the frame is finished");
+        assert_eq!(
+            hear(&mut client, due + Micros(300), &bytes(JOINTS)),
+            [Event::Late(JOINTS)]
+        );
+    }
+
+    #[test]
+    fn a_cancelled_request_is_finished_on_the_line_and_answers_nothing() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        let frame = client.poll_transmit(Micros(0)).unwrap().to_vec();
+        client.transmitted(Micros(0), 2);
+        client.cancel(Micros(0));
+
+        client.submit(Request::ReadJoints).unwrap();
+        assert_eq!(client.poll_transmit(Micros(5)).unwrap(), &frame[2..]);
+        assert_eq!(transmit(&mut client, Micros(5)), 5);
+        assert_eq!(transmit(&mut client, Micros(6)), 0, "held back");
+        assert_eq!(hear(&mut client, Micros(400), &bytes(JOINTS)), [Event::Late(JOINTS)]);
+        assert_eq!(transmit(&mut client, Micros(401)), 7);
+        assert_eq!(hear(&mut client, Micros(800), &bytes(JOINTS)), [Event::Answer(JOINTS)]);
+    }
+
+    #[test]
+    fn another_kind_of_response_is_unsolicited() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let stroke = Response::Stroke(Stroke::Mm50);
+        assert_eq!(
+            hear(&mut client, Micros(300), &bytes(stroke)),
+            [Event::Unsolicited(stroke)]
+        );
+        assert_eq!(hear(&mut client, Micros(600), &bytes(JOINTS)), [Event::Answer(JOINTS)]);
+    }
+
+    #[test]
+    fn an_answer_behind_a_false_header_is_found_when_the_line_stays_silent() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let line = [&[0xAA, 0x00, 0x00, 60][..], &bytes(JOINTS)].concat();
+        assert_eq!(hear(&mut client, Micros(300), &line), []);
+
+        let due = client.poll_timeout().unwrap();
+        let mut input = Input::Tick;
+        let events: Vec<_> = core::iter::from_fn(|| client.handle(due, &mut input)).collect();
+        assert_eq!(events.last(), Some(&Event::Answer(JOINTS)));
+        assert!(
+            events[..events.len() - 1]
+                .iter()
+                .all(|event| matches!(event, Event::Noise(_)))
+        );
+    }
+
+    #[test]
+    fn an_idle_line_frees_the_answer_at_once() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let line = [&[0xAA, 0x00, 0x00, 60][..], &bytes(JOINTS)].concat();
+        assert_eq!(hear(&mut client, Micros(300), &line), []);
+        let mut input = Input::Idle;
+        let events: Vec<_> = core::iter::from_fn(|| client.handle(Micros(310), &mut input)).collect();
+        assert_eq!(events.last(), Some(&Event::Answer(JOINTS)));
+    }
+}

@@ -8,7 +8,8 @@ use crate::{Framing, Noise, Reason, Scan};
 /// A streaming decoder over an inline buffer of `N` bytes, at least [`Framing::MAX_FRAME`].
 ///
 /// Bytes may arrive in any chunks: the frames and noise that come out are the same. When a candidate for a frame turns
-/// out to be none, scanning resumes at its second byte, so a false header never costs a good frame.
+/// out to be none, scanning resumes at its second byte, so a false header never costs a good frame. A run of stray
+/// bytes is reported whole, once its end is known.
 ///
 /// ```
 /// use armwire::Decoder;
@@ -31,6 +32,8 @@ pub struct Decoder<F: Framing, const N: usize> {
     tail: usize,
     /// Bytes before the window since the decoder was made.
     offset: u64,
+    /// Stray bytes just before the window that were not reported yet.
+    stray: usize,
     framing: PhantomData<F>,
 }
 
@@ -43,6 +46,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             head: 0,
             tail: 0,
             offset: 0,
+            stray: 0,
             framing: PhantomData,
         }
     }
@@ -80,16 +84,25 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 
     /// The next frame or the next run of noise; `None` when more bytes are needed to tell.
     pub fn next(&mut self, expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
-        match self.scan(expect)? {
+        let verdict = loop {
+            match self.scan(expect)? {
+                Scan::Skip(n, Reason::Stray) => self.stray = self.stray.saturating_add(self.advance(n)),
+                verdict => break verdict,
+            }
+        };
+        if let Some(noise) = self.take_stray() {
+            return Some(Err(noise));
+        }
+        match verdict {
             Scan::Need(_) => None,
             Scan::Skip(n, reason) => Some(Err(self.skip(n, reason))),
             Scan::Frame(n) => {
-                let (start, offset) = (self.head, self.offset);
-                self.advance(n);
+                let start = self.head;
+                let len = self.advance(n);
                 let frame = self.buf.get(start..self.head).and_then(F::view);
                 Some(frame.ok_or(Noise {
-                    offset,
-                    len: n,
+                    offset: self.offset.wrapping_sub(len as u64),
+                    len,
                     reason: Reason::Stray,
                 }))
             }
@@ -132,13 +145,14 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// assert_eq!(decoder.idle(()).unwrap().reason, Reason::Truncated { missing: 16 });
     /// ```
     pub fn idle(&mut self, expect: F::Expect) -> Option<Noise> {
-        match self.scan(expect)? {
-            Scan::Need(missing) => Some(self.skip(1, Reason::Truncated { missing })),
-            Scan::Frame(_) | Scan::Skip(..) => None,
+        match self.scan(expect) {
+            None => self.take_stray(),
+            Some(Scan::Need(missing)) => Some(self.skip(1, Reason::Truncated { missing })),
+            Some(Scan::Frame(_) | Scan::Skip(..)) => None,
         }
     }
 
-    /// Bytes received that are not yet part of a frame or noise.
+    /// Bytes received of which it is not yet known whether they are part of a frame or noise.
     ///
     /// ```
     /// # use armwire::{Decoder, ling::{self, Ling}};
@@ -156,14 +170,26 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     }
 
     fn skip(&mut self, n: usize, reason: Reason) -> Noise {
-        let (offset, len) = (self.offset, n.clamp(1, self.pending().max(1)));
-        self.advance(len);
+        let offset = self.offset;
+        let len = self.advance(n);
         Noise { offset, len, reason }
     }
 
-    fn advance(&mut self, n: usize) {
-        self.head = self.head.saturating_add(n).min(self.tail);
+    fn take_stray(&mut self) -> Option<Noise> {
+        let len = core::mem::take(&mut self.stray);
+        (len > 0).then(|| Noise {
+            offset: self.offset.wrapping_sub(len as u64),
+            len,
+            reason: Reason::Stray,
+        })
+    }
+
+    /// Leaves the first `n` bytes of the window behind, at least one, and returns how many they were.
+    fn advance(&mut self, n: usize) -> usize {
+        let n = n.max(1).min(self.pending());
+        self.head = self.head.saturating_add(n);
         self.offset = self.offset.wrapping_add(n as u64);
+        n
     }
 }
 
@@ -214,7 +240,7 @@ mod tests {
         let (frames, noise) = drain(&mut decoder);
         assert_eq!(frames, 1);
         assert_eq!(noise.iter().map(|n| n.len).sum::<usize>(), 4);
-        assert_eq!(noise[0].offset, 0);
+        assert_eq!((noise[0].offset, noise[1].offset), (0, 1));
     }
 
     #[test]

@@ -1,1 +1,271 @@
-//! t
+//! Every example frame of the document, and the frames it should have printed.
+
+extern crate std;
+
+use std::vec::Vec;
+
+use super::*;
+use crate::{Client, Config, Decoder, Device, Event, Heard, Input, Micros, Protocol, Reason};
+
+/// A frame written in hex.
+fn hex(text: &str) -> Vec<u8> {
+    text.split_whitespace()
+        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
+        .collect()
+}
+
+fn moving(gripper: u16) -> Request {
+    Request::Move(Move {
+        joints: [(Position::CENTRE, Speed::new(1000).unwrap()); 6],
+        gripper: (Opening::new(gripper).unwrap(), GripperSpeed(1000)),
+    })
+}
+
+/// Section, frame, meaning. In the order of the document; those marked *corrected* are printed with the checksum of
+/// another frame, those marked *computed* are not printed at all.
+fn requests() -> Vec<(&'static str, Vec<u8>, Request)> {
+    let home = "00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03 00 08 E8 03";
+    let limit = TemperatureLimit::new(100).unwrap();
+    Vec::from([
+        ("2.1 information", hex("AA 01 00 01 FE 23 FF"), Request::ReadInfo),
+        ("2.2 zero", hex("AA 03 00 01 FE A8 FF"), Request::SetZero),
+        (
+            "2.3 set 100 mm",
+            hex("AA 04 02 01 FE 7F FF"),
+            Request::SetStroke(Stroke::Mm100),
+        ),
+        (
+            "2.3 set 50 mm, computed",
+            hex("AA 04 00 01 FE 11 FF"),
+            Request::SetStroke(Stroke::Mm50),
+        ),
+        (
+            "2.3 set 75 mm, computed",
+            hex("AA 04 01 01 FE 26 FF"),
+            Request::SetStroke(Stroke::Mm75),
+        ),
+        ("2.3 query, corrected", hex("AA 04 0E 01 FE 1B FF"), Request::ReadStroke),
+        (
+            "2.4 torque off",
+            hex("AA 05 00 01 00 6F FF"),
+            Request::SetTorque(Torque::Off),
+        ),
+        (
+            "2.4 torque on, computed",
+            hex("AA 05 00 01 01 F9 FF"),
+            Request::SetTorque(Torque::On),
+        ),
+        ("2.5 position", hex("AA 06 00 01 FE 9A FF"), Request::ReadJoints),
+        (
+            "2.5 temperature",
+            hex("AA 06 01 01 FE AD FF"),
+            Request::ReadTemperatures,
+        ),
+        (
+            "2.5 threshold",
+            hex("AA 06 01 01 64 F7 FF"),
+            Request::SetTemperatureLimit(limit),
+        ),
+        ("2.5 velocity", hex("AA 06 02 01 FE F4 FF"), Request::ReadVelocities),
+        (
+            "2.5 control",
+            hex(&std::format!("AA 06 03 1C {home} F4 01 E8 03 6A FF")),
+            moving(500),
+        ),
+        (
+            "2.5 control, computed",
+            hex(&std::format!("AA 06 03 1C {home} E8 03 E8 03 23 FF")),
+            moving(1000),
+        ),
+        ("2.6 self-check", hex("AA FE 00 00 FE 93 FF"), Request::SelfCheck),
+    ])
+}
+
+fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
+    Vec::from([
+        (
+            "2.1 information",
+            hex("AA 01 00 18 41 44 4C 53 32 35 31 32 30 35 31 32 33 34 35 36 6E 00 00 00 62 02 00 00 92 FF"),
+            Response::Info(Info {
+                serial: SerialNumber(*b"ADLS251205123456"),
+                hardware: Version(110),
+                firmware: Version(610),
+            }),
+        ),
+        (
+            "2.3 stroke 75 mm, corrected",
+            hex("AA 04 0E 01 01 96 FF"),
+            Response::Stroke(Stroke::Mm75),
+        ),
+        (
+            "2.3 stroke 50 mm, computed",
+            hex("AA 04 0E 01 00 00 FF"),
+            Response::Stroke(Stroke::Mm50),
+        ),
+        (
+            "2.3 stroke 100 mm, computed",
+            hex("AA 04 0E 01 02 2C FF"),
+            Response::Stroke(Stroke::Mm100),
+        ),
+        (
+            "2.5 position",
+            hex("AA 06 00 0F 02 08 FB 07 FB 07 02 08 FA 07 01 08 03 08 00 A9 FF"),
+            Response::Joints(JointState {
+                joints: [2050, 2043, 2043, 2050, 2042, 2049],
+                gripper: 2051,
+                status: MotionStatus::Idle,
+            }),
+        ),
+        (
+            "2.5 temperature",
+            hex("AA 06 01 0A 23 24 23 26 23 26 23 25 24 24 4B FF"),
+            Response::Temperatures(PerServo::Follower([35, 36, 35, 38, 35, 38, 35, 37, 36, 36])),
+        ),
+        (
+            "2.5 velocity",
+            hex("AA 06 02 14 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 00 E9 FF"),
+            Response::Velocities(PerServo::Follower([0; 10])),
+        ),
+        (
+            "2.6 self-check",
+            hex("AA FE 00 02 FF 03 87 FF"),
+            Response::SelfCheck(SelfCheck(0x3FF)),
+        ),
+        (
+            "2.6 leader, computed",
+            hex("AA FE 00 02 3F 00 73 FF"),
+            Response::SelfCheck(SelfCheck(0x3F)),
+        ),
+    ])
+}
+
+/// The one frame that `bytes` are.
+fn frame_of(bytes: &[u8]) -> Frame<'_> {
+    use crate::{Framing, Scan};
+    assert_eq!(Ling::scan(bytes, ()), Scan::Frame(bytes.len()));
+    Ling::view(bytes).unwrap()
+}
+
+#[test]
+fn every_request_of_the_document_holds_in_both_directions() {
+    for (section, bytes, request) in requests() {
+        let mut out = [0; MAX_FRAME];
+        let n = Ling::encode_request(&request, &mut out).unwrap();
+        assert_eq!(out[..n], bytes, "{section}");
+        assert_eq!(Ling::parse_request(frame_of(&bytes)), Ok(request), "{section}");
+    }
+}
+
+#[test]
+fn every_response_of_the_document_holds_in_both_directions() {
+    for (section, bytes, response) in responses() {
+        let mut out = [0; MAX_FRAME];
+        let n = Ling::encode_response(&response, &mut out).unwrap();
+        assert_eq!(out[..n], bytes, "{section}");
+        assert_eq!(Ling::parse_response(frame_of(&bytes)), Ok(response), "{section}");
+    }
+}
+
+#[test]
+fn the_two_frames_printed_with_a_wrong_checksum_are_rejected_and_say_so() {
+    // Section 2.3 prints the checksum of "set 100 mm" in the query and in its answer.
+    for (printed, expected) in [("AA 04 0E 01 FE 7F FF", 0x1B), ("AA 04 0E 01 01 7F FF", 0x96)] {
+        let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+        decoder.push(&hex(printed));
+        let noise = decoder.next(()).unwrap().unwrap_err();
+        assert_eq!(noise.reason, Reason::Checksum { expected, got: 0x7F });
+    }
+}
+
+#[test]
+fn a_device_accepts_the_self_check_as_printed_and_in_both_well_formed_spellings() {
+    for spelling in ["AA FE 00 00 FE 93 FF", "AA FE 00 00 C8 FF", "AA FE 00 01 FE D2 FF"] {
+        for chunk in 1..=7 {
+            let mut device = Device::<Ling, MAX_FRAME>::new();
+            let mut heard = Vec::new();
+            for bytes in hex(spelling).chunks(chunk) {
+                let mut input = Input::Bytes(bytes);
+                while let Some(event) = device.handle(&mut input) {
+                    heard.push(event);
+                }
+            }
+            assert_eq!(
+                heard,
+                [Heard::Request(Request::SelfCheck)],
+                "{spelling} in chunks of {chunk}"
+            );
+        }
+    }
+}
+
+#[test]
+fn only_the_self_check_has_slack_in_its_length() {
+    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+    let body = [0x06, 0x00, 0x00, 0xFE];
+    decoder.push(&[0xAA, 0x06, 0x00, 0x00, 0xFE, checksum(&body), 0xFF]);
+    assert!(decoder.next(()).unwrap().is_err());
+}
+
+#[test]
+fn leader_arms_send_six_readings() {
+    for response in [
+        Response::Temperatures(PerServo::Leader([30; 6])),
+        Response::Velocities(PerServo::Leader([1, 2, 3, 4, 5, 5000])),
+    ] {
+        let mut out = [0; MAX_FRAME];
+        let n = Ling::encode_response(&response, &mut out).unwrap();
+        assert_eq!(Ling::parse_response(frame_of(&out[..n])), Ok(response));
+    }
+}
+
+#[test]
+fn a_reply_of_the_wrong_length_names_the_lengths_it_may_have() {
+    let frame = Frame {
+        command: 0x06,
+        function: 0x01,
+        data: &[35; 7],
+    };
+    let error = Ling::parse_response(frame).unwrap_err();
+    assert_eq!(
+        std::format!("{error}"),
+        "command 06 function 01: 7 data bytes, expected 6 or 10"
+    );
+}
+
+#[test]
+fn a_value_out_of_range_is_an_error_that_says_where() {
+    let mut out = [0; MAX_FRAME];
+    let n = Ling::encode_request(&moving(0), &mut out).unwrap();
+    out[4 + 9] = 0x10; // joint 3: 0x1000 ticks
+    let frame = Frame {
+        command: 0x06,
+        function: 0x03,
+        data: &out[4..n - 2],
+    };
+    let error = Ling::parse_request(frame).unwrap_err();
+    assert_eq!(
+        std::format!("{error}"),
+        "command 06 function 03: joint position is 4096 ticks, must be 0..=4095 (data byte 8)"
+    );
+}
+
+#[test]
+fn the_gripper_may_be_told_speeds_that_joints_may_not() {
+    let request = Request::Move(Move {
+        joints: [(Position::MAX, Speed::MAX); 6],
+        gripper: (Opening::OPEN, GripperSpeed(5500)),
+    });
+    let mut out = [0; MAX_FRAME];
+    let n = Ling::encode_request(&request, &mut out).unwrap();
+    assert_eq!(Ling::parse_request(frame_of(&out[..n])), Ok(request));
+}
+
+#[test]
+fn no_request_can_be_mistaken_for_a_response() {
+    for (section, bytes, request) in requests() {
+        assert!(Ling::parse_response(frame_of(&bytes)).is_err(), "{section}");
+        let mut client = Client::<Ling, MAX_FRAME>::new(Config::DEFAULT);
+        let event = client.handle(Micros(0), &mut Input::Bytes(&bytes));
+        assert_eq!(event, Some(Event::Echo(request)), "{section}");
+    }
+}
