@@ -256,9 +256,13 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// assert_eq!(client.poll_transmit(Micros(0)), None);
     /// ```
     pub fn cancel(&mut self, now: Micros) {
-        let Some(flight) = self.flight.take() else {
+        let Some(mut flight) = self.flight.take() else {
             return;
         };
+        if matches!(flight.state, State::Writing) && self.tx_start == 0 {
+            self.tx_end = 0;
+            flight.state = State::Ready;
+        }
         self.owe(now, &flight.request, flight.answers());
     }
 

@@ -1,0 +1,256 @@
+//! The async driver on a line in virtual time, with an arm at its end that answers after 100 µs.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::future::{Future, poll_fn};
+use std::pin::pin;
+use std::task::{Context, Poll, Waker};
+
+use armwire::driver::{CallError, Clock, Heard};
+use armwire::ling::*;
+use armwire::{Config, Device, Input, Micros, Protocol};
+use embedded_io_async::{ErrorType, Read, Write};
+
+/// The line and the arm. Whoever waits says until when, and `run` moves the time there.
+struct World {
+    now: Micros,
+    wake: Option<Micros>,
+    arm: Device<Ling, MAX_FRAME>,
+    /// The whole requests that the arm heard.
+    requests: Vec<Request>,
+    /// What is under way to the host.
+    replies: VecDeque<(Micros, Vec<u8>)>,
+    /// Bytes that the port takes before it stalls.
+    room: usize,
+    /// How long the arm thinks.
+    turnaround: Micros,
+    joint: u16,
+}
+
+type Shared = RefCell<World>;
+
+fn world() -> Shared {
+    RefCell::new(World {
+        now: Micros(0),
+        wake: None,
+        arm: Device::new(),
+        requests: Vec::new(),
+        replies: VecDeque::new(),
+        room: usize::MAX,
+        turnaround: Micros(100),
+        joint: 2000,
+    })
+}
+
+impl World {
+    fn wake_at(&mut self, at: Micros) {
+        self.wake = Some(self.wake.map_or(at, |wake| wake.min(at)));
+    }
+
+    fn hear(&mut self, bytes: &[u8]) {
+        let mut input = Input::Bytes(bytes);
+        while let Some(heard) = self.arm.handle(&mut input) {
+            let armwire::Heard::Request(request) = heard else {
+                panic!("the arm heard {heard:?}");
+            };
+            self.requests.push(request);
+            let response = match request {
+                Request::ReadJoints => {
+                    self.joint += 1;
+                    Response::Joints(JointState {
+                        joints: [self.joint; 6],
+                        gripper: 0,
+                        status: MotionStatus::Idle,
+                    })
+                }
+                Request::ReadStroke => Response::Stroke(Stroke::Mm75),
+                _ => continue,
+            };
+            let mut out = [0; MAX_FRAME];
+            let n = Ling::encode_response(&response, &mut out).unwrap();
+            self.replies.push_back((self.now + self.turnaround, out[..n].to_vec()));
+        }
+    }
+}
+
+struct Port<'w>(&'w Shared);
+
+impl ErrorType for Port<'_> {
+    type Error = Infallible;
+}
+
+impl Read for Port<'_> {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, Infallible> {
+        poll_fn(|_| {
+            let mut world = self.0.borrow_mut();
+            let now = world.now;
+            match world.replies.front_mut() {
+                Some((at, bytes)) if *at <= now => {
+                    let n = bytes.len().min(buf.len()).min(8);
+                    buf[..n].copy_from_slice(&bytes[..n]);
+                    bytes.drain(..n);
+                    if bytes.is_empty() {
+                        world.replies.pop_front();
+                    }
+                    Poll::Ready(Ok(n))
+                }
+                Some(&mut (at, _)) => {
+                    world.wake_at(at);
+                    Poll::Pending
+                }
+                None => Poll::Pending,
+            }
+        })
+        .await
+    }
+}
+
+impl Write for Port<'_> {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, Infallible> {
+        poll_fn(|_| {
+            let mut world = self.0.borrow_mut();
+            let n = buf.len().min(world.room);
+            if n == 0 {
+                return Poll::Pending;
+            }
+            world.room -= n;
+            world.hear(&buf[..n]);
+            Poll::Ready(Ok(n))
+        })
+        .await
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+struct VirtualClock<'w>(&'w Shared);
+
+impl Clock for VirtualClock<'_> {
+    fn now(&self) -> Micros {
+        self.0.borrow().now
+    }
+
+    async fn wait_until(&self, instant: Micros) {
+        poll_fn(|_| {
+            let mut world = self.0.borrow_mut();
+            if instant <= world.now {
+                return Poll::Ready(());
+            }
+            world.wake_at(instant);
+            Poll::Pending
+        })
+        .await
+    }
+}
+
+fn arm(world: &Shared) -> Arm<Port<'_>, VirtualClock<'_>> {
+    Arm::new(Port(world), VirtualClock(world), Config::DEFAULT)
+}
+
+/// Runs a future for at most `limit` of virtual time; `None` if it is dropped then.
+fn run_for<T>(world: &Shared, limit: Micros, future: impl Future<Output = T>) -> Option<T> {
+    let mut future = pin!(future);
+    let end = world.borrow().now + limit;
+    loop {
+        world.borrow_mut().wake = None;
+        if let Poll::Ready(output) = future.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
+            return Some(output);
+        }
+        let mut world = world.borrow_mut();
+        match world.wake {
+            Some(at) if at <= end => world.now = at,
+            _ => {
+                world.now = end;
+                return None;
+            }
+        }
+    }
+}
+
+fn run<T>(world: &Shared, future: impl Future<Output = T>) -> T {
+    run_for(world, Micros::from_millis(60_000), future).expect("done in a minute")
+}
+
+#[test]
+fn a_read_returns_the_answer_as_soon_as_it_is_there() {
+    let world = world();
+    let state = run(&world, arm(&world).read_joints()).unwrap();
+    assert_eq!(state.joints, [2001; 6]);
+    assert_eq!(world.borrow().now, Micros(100));
+}
+
+#[test]
+fn requests_without_an_answer_return_once_written() {
+    let world = world();
+    let mut arm = arm(&world);
+    run(&world, arm.set_torque(Torque::On)).unwrap();
+    run(&world, arm.set_zero()).unwrap();
+    assert_eq!(
+        world.borrow().requests,
+        [Request::SetTorque(Torque::On), Request::SetZero]
+    );
+    assert_eq!(world.borrow().now, Micros(0));
+}
+
+#[test]
+fn silence_is_an_error_that_says_how_often_it_was_asked() {
+    let world = world();
+    let error = run(&world, arm(&world).self_check()).unwrap_err();
+    assert_eq!(error, CallError::TimedOut { sends: 3 });
+    assert_eq!(world.borrow().requests, [Request::SelfCheck; 3]);
+}
+
+#[test]
+fn a_call_dropped_before_its_first_byte_is_never_sent() {
+    let world = world();
+    let mut arm = arm(&world);
+    world.borrow_mut().room = 0;
+    assert!(run_for(&world, Micros(50), arm.set_zero()).is_none());
+    world.borrow_mut().room = usize::MAX;
+    assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
+    assert_eq!(world.borrow().requests, [Request::ReadStroke]);
+}
+
+#[test]
+fn a_call_dropped_in_the_middle_of_its_frame_leaves_no_half_frame() {
+    let world = world();
+    let mut arm = arm(&world);
+    world.borrow_mut().room = 3;
+    assert!(run_for(&world, Micros(50), arm.set_torque(Torque::Off)).is_none());
+    world.borrow_mut().room = usize::MAX;
+    assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
+    assert_eq!(
+        world.borrow().requests,
+        [Request::SetTorque(Torque::Off), Request::ReadStroke]
+    );
+}
+
+#[test]
+fn the_answer_to_a_dropped_call_satisfies_no_other() {
+    let world = world();
+    let mut arm = arm(&world);
+    world.borrow_mut().turnaround = Micros(500);
+    assert!(run_for(&world, Micros(50), arm.read_joints()).is_none());
+    let state = run(&world, arm.read_joints()).unwrap();
+    assert_eq!(state.joints, [2002; 6], "the answer to the second request");
+    assert_eq!(
+        arm.heard(),
+        Heard {
+            late: 1,
+            ..Heard::default()
+        }
+    );
+}
+
+#[test]
+fn a_slow_arm_is_repeated_to_and_its_second_answer_is_not_mistaken() {
+    let world = world();
+    let mut arm = arm(&world);
+    world.borrow_mut().turnaround = Micros::from_millis(61);
+    assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2001; 6]);
+    assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2003; 6]);
+    assert_eq!(arm.heard().late, 1);
+}
