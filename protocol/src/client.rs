@@ -32,8 +32,8 @@ pub struct Config {
     pub latency: Micros,
     /// How often a request that may be repeated is sent again after silence.
     pub repeats: u8,
-    /// How long after its request an answer that was given up may still arrive. So long the next request that wants an
-    /// answer is held back, for an arm's answers do not say what they answer.
+    /// How long after a request was given up its answer may still arrive. So long the next request that wants an answer
+    /// is held back, for an arm's answers do not say what they answer.
     pub lateness: Micros,
 }
 
