@@ -346,10 +346,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             self.flight = None;
             return Some(Event::Sent);
         }
-        let expect = match &self.flight {
-            Some(flight) => P::expect(&flight.request),
-            None => P::Expect::default(),
-        };
+        let expect = P::expect(self.flight.as_ref().map(|flight| &flight.request));
         loop {
             match self.decoder.next(expect) {
                 Some(Ok(frame)) => {

@@ -76,9 +76,8 @@ impl<P: Protocol, const N: usize> Device<P, N> {
 
     /// Takes the input and says what comes of it. Call again with the same input until it returns `None`.
     pub fn handle(&mut self, input: &mut Input<'_>) -> Option<Heard<P>> {
-        let expect = P::Expect::default();
         loop {
-            match self.decoder.next(expect) {
+            match self.decoder.next(P::REQUESTS) {
                 Some(Ok(frame)) => {
                     return Some(match P::parse_request(frame) {
                         Ok(request) => Heard::Request(request),
@@ -90,7 +89,7 @@ impl<P: Protocol, const N: usize> Device<P, N> {
             }
             match input {
                 Input::Bytes(bytes) if !bytes.is_empty() => *bytes = self.decoder.push(bytes),
-                Input::Idle => return self.decoder.idle(expect).map(Heard::Noise),
+                Input::Idle => return self.decoder.idle(P::REQUESTS).map(Heard::Noise),
                 Input::Bytes(_) | Input::Tick => return None,
             }
         }

@@ -91,7 +91,7 @@ pub trait Framing {
 
     /// What the reader knows about the next frame, for protocols whose frames do not carry their own end. `()` where
     /// framing stands alone.
-    type Expect: Copy + Default;
+    type Expect: Copy;
 
     /// A frame whose envelope is good, borrowed from the decoder.
     type Frame<'a>: Copy;

@@ -19,6 +19,9 @@ pub struct Reply {
 /// Both directions are here, so that a [`Client`](crate::Client) and a [`Device`](crate::Device) are made of the same
 /// definitions and tested against each other. [`Ling`](crate::ling::Ling) is the one to read as an example.
 pub trait Protocol: Framing {
+    /// What the arm may expect of the next frame: any request.
+    const REQUESTS: Self::Expect;
+
     /// What the host says.
     type Request: Copy + PartialEq + Debug;
 
@@ -56,8 +59,8 @@ pub trait Protocol: Framing {
     /// When it is no response of this protocol: what is wrong, and where.
     fn parse_response(frame: Self::Frame<'_>) -> Result<Self::Response, Self::Error>;
 
-    /// What the reader may expect of the next frame while `request` is in flight.
-    fn expect(request: &Self::Request) -> Self::Expect;
+    /// What the host may expect of the next frame while `request`, or none, is in flight.
+    fn expect(request: Option<&Self::Request>) -> Self::Expect;
 
     /// The reply `request` gets, or `None` if the arm does not answer it.
     fn reply(request: &Self::Request) -> Option<Reply>;

@@ -407,6 +407,7 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
 }
 
 impl Protocol for Ling {
+    const REQUESTS: () = ();
     type Request = Request;
     type Response = Response;
     type Error = ParseError;
@@ -506,7 +507,7 @@ impl Protocol for Ling {
         })
     }
 
-    fn expect(_request: &Request) {}
+    fn expect(_request: Option<&Request>) {}
 
     fn reply(request: &Request) -> Option<Reply> {
         // The document gives no times. The vendor's software asks again after 200 ms.
