@@ -11,12 +11,21 @@ use crate::{Client, Config, Event, Input, Micros, Protocol};
 
 /// A monotonic clock that can also wait: the driver's only need of a runtime.
 ///
-/// With `embassy-time` it is two lines:
+/// ```no_run
+/// use armwire::Micros;
+/// use armwire::driver::Clock;
+/// use embassy_time::{Instant, Timer};
 ///
-/// ```ignore
+/// struct Embassy;
+///
 /// impl Clock for Embassy {
-///     fn now(&self) -> Micros { Micros(embassy_time::Instant::now().as_micros()) }
-///     async fn wait_until(&self, t: Micros) { embassy_time::Timer::at(embassy_time::Instant::from_micros(t.0)).await }
+///     fn now(&self) -> Micros {
+///         Micros(Instant::now().as_micros())
+///     }
+///
+///     async fn wait_until(&self, instant: Micros) {
+///         Timer::at(Instant::from_micros(instant.0)).await;
+///     }
 /// }
 /// ```
 pub trait Clock {
