@@ -2,4 +2,6 @@
 #![forbid(unsafe_code)]
 
 pub mod ling;
+#[cfg(unix)]
+pub mod pty;
 pub mod serial;
