@@ -44,7 +44,7 @@ pub struct Config {
     pub stroke: Stroke,
     /// Ambient temperature, in °C.
     pub ambient: u8,
-    /// From the last stop bit of a request to the first start bit of its answer.
+    /// From the last stop bit of a request, or the last byte of the answer before, to the first start bit of its answer.
     pub turnaround: Micros,
     /// How long the line must be silent for a frame that waits for its end to be given up.
     ///
@@ -324,6 +324,10 @@ impl SerialDevice for LingArm {
         reply.sent += 1;
         if reply.sent == reply.len {
             self.replies.pop_front();
+            // It does one thing at a time.
+            if let Some(next) = self.replies.front_mut() {
+                next.due = next.due.max(now + self.config.turnaround);
+            }
         }
         Some(byte)
     }

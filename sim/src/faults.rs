@@ -1,0 +1,218 @@
+//! A line with faults: bytes are lost, damaged, repeated, late, or come from nowhere.
+//!
+//! The faults are drawn from a seed, for each direction by itself: the same bytes meet the same faults in every run.
+
+use std::collections::VecDeque;
+
+use armwire::Micros;
+use oorandom::Rand32;
+
+use crate::serial::SerialDevice;
+
+/// How often bytes meet each fault, in parts per million.
+///
+/// ```
+/// use armwire_sim::faults::Rates;
+///
+/// let one_in_a_hundred_damaged = Rates { corrupt: 10_000, ..Rates::NONE };
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rates {
+    /// The byte does not arrive.
+    pub drop: u32,
+    /// One of its bits is flipped.
+    pub corrupt: u32,
+    /// It arrives twice.
+    pub duplicate: u32,
+    /// It, and so what follows it, is late: up to `max_delay`.
+    pub delay: u32,
+    /// A random byte arrives before it.
+    pub noise: u32,
+    /// The longest delay.
+    pub max_delay: Micros,
+}
+
+impl Rates {
+    /// No faults.
+    pub const NONE: Self = Self::each(0);
+
+    /// Each kind of fault at the same rate, with delays up to 5 ms.
+    pub const fn each(ppm: u32) -> Self {
+        Self {
+            drop: ppm,
+            corrupt: ppm,
+            duplicate: ppm,
+            delay: ppm,
+            noise: ppm,
+            max_delay: Micros::from_millis(5),
+        }
+    }
+}
+
+/// How often each fault has happened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Injected {
+    /// Bytes that did not arrive.
+    pub dropped: u64,
+    /// Bytes with a flipped bit.
+    pub corrupted: u64,
+    /// Bytes that arrived twice.
+    pub duplicated: u64,
+    /// Bytes that were delayed.
+    pub delayed: u64,
+    /// Bytes that came from nowhere.
+    pub noise: u64,
+}
+
+/// One direction of the line.
+#[derive(Debug)]
+struct Direction {
+    rates: Rates,
+    random: Rand32,
+    injected: Injected,
+    /// Bytes and when they are due, in order.
+    queue: VecDeque<(Micros, u8)>,
+}
+
+impl Direction {
+    fn new(rates: Rates, seed: u64, stream: u64) -> Self {
+        Self {
+            rates,
+            random: Rand32::new_inc(seed, stream),
+            injected: Injected::default(),
+            queue: VecDeque::new(),
+        }
+    }
+
+    fn happens(&mut self, ppm: u32) -> bool {
+        self.random.rand_range(0..1_000_000) < ppm
+    }
+
+    fn random_byte(&mut self) -> u8 {
+        self.random.rand_range(0..256) as u8
+    }
+
+    /// Queues what becomes of a byte.
+    fn put(&mut self, now: Micros, mut byte: u8) {
+        let rates = self.rates;
+        let mut due = self.queue.back().map_or(now, |&(due, _)| due.max(now));
+        if self.happens(rates.noise) {
+            self.injected.noise += 1;
+            let noise = self.random_byte();
+            self.queue.push_back((due, noise));
+        }
+        if self.happens(rates.drop) {
+            self.injected.dropped += 1;
+            return;
+        }
+        if self.happens(rates.corrupt) {
+            self.injected.corrupted += 1;
+            byte ^= 1 << self.random.rand_range(0..8);
+        }
+        if self.happens(rates.delay) {
+            self.injected.delayed += 1;
+            let longest = rates.max_delay.0.min(u64::from(u32::MAX - 1)) as u32;
+            due = due + Micros(self.random.rand_range(0..longest + 1).into());
+        }
+        self.queue.push_back((due, byte));
+        if self.happens(rates.duplicate) {
+            self.injected.duplicated += 1;
+            self.queue.push_back((due, byte));
+        }
+    }
+
+    fn take(&mut self, now: Micros) -> Option<(Micros, u8)> {
+        self.queue.pop_front_if(|&mut (due, _)| due <= now)
+    }
+
+    fn due(&self) -> Option<Micros> {
+        self.queue.front().map(|&(due, _)| due)
+    }
+}
+
+/// A device behind a line with faults; itself a device.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire_sim::faults::{Line, Rates};
+/// use armwire_sim::ling::{Config, LingArm};
+/// use armwire_sim::serial::SerialDevice;
+///
+/// let deaf = Rates { drop: 1_000_000, ..Rates::NONE };
+/// let mut line = Line::new(LingArm::new(Config::follower()), deaf, Rates::NONE, 1);
+/// line.receive(Micros(10), 0xAA);
+/// assert_eq!(line.device().counters().bytes, 0);
+/// assert_eq!(line.injected_to_device().dropped, 1);
+/// ```
+#[derive(Debug)]
+pub struct Line<D> {
+    device: D,
+    to_device: Direction,
+    from_device: Direction,
+}
+
+impl<D: SerialDevice> Line<D> {
+    /// A line to `device` with faults at these rates in each direction.
+    pub fn new(device: D, to_device: Rates, from_device: Rates, seed: u64) -> Self {
+        Self {
+            device,
+            to_device: Direction::new(to_device, seed, 1),
+            from_device: Direction::new(from_device, seed, 2),
+        }
+    }
+
+    /// The faults from now on. Bytes that are delayed stay so.
+    pub fn set_rates(&mut self, to_device: Rates, from_device: Rates) {
+        self.to_device.rates = to_device;
+        self.from_device.rates = from_device;
+    }
+
+    /// What became of the bytes to the device.
+    pub fn injected_to_device(&self) -> Injected {
+        self.to_device.injected
+    }
+
+    /// What became of the bytes from the device.
+    pub fn injected_from_device(&self) -> Injected {
+        self.from_device.injected
+    }
+
+    /// The device behind the line.
+    pub fn device(&self) -> &D {
+        &self.device
+    }
+
+    /// The device behind the line.
+    pub fn device_mut(&mut self) -> &mut D {
+        &mut self.device
+    }
+
+    fn deliver(&mut self, now: Micros) {
+        while let Some((due, byte)) = self.to_device.take(now) {
+            self.device.receive(due, byte);
+        }
+    }
+}
+
+impl<D: SerialDevice> SerialDevice for Line<D> {
+    fn receive(&mut self, now: Micros, byte: u8) {
+        self.deliver(now);
+        self.to_device.put(now, byte);
+        self.deliver(now);
+    }
+
+    fn transmit(&mut self, now: Micros) -> Option<u8> {
+        self.deliver(now);
+        while self.from_device.queue.is_empty() {
+            let byte = self.device.transmit(now)?;
+            self.from_device.put(now, byte);
+        }
+        self.from_device.take(now).map(|(_, byte)| byte)
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        // The device waits while a byte of its own is delayed.
+        let from = self.from_device.due().or_else(|| self.device.poll_timeout());
+        [self.to_device.due(), from].into_iter().flatten().min()
+    }
+}

@@ -1,0 +1,62 @@
+//! A device on a pseudo-terminal, in real time.
+
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use armwire::Micros;
+
+use crate::pty::Pty;
+use crate::serial::SerialDevice;
+
+/// How long it takes at most to notice the stop flag.
+const NOTICE: Duration = Duration::from_millis(100);
+
+/// What went over a pty.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Served {
+    /// Bytes from clients to the device.
+    pub received: u64,
+    /// Bytes from the device to clients.
+    pub sent: u64,
+    /// Bytes from the device that found no room, because no client reads.
+    pub lost: u64,
+}
+
+/// Connects a device to a pty until `stop` is set, which it notices within 100 ms.
+///
+/// The device's time zero is now. Bytes take no time, as a pty has no baud rate; what the device does at one instant is
+/// one write, so frames that it spaces reach the client one by one.
+///
+/// # Errors
+///
+/// When the pty fails.
+pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io::Result<Served> {
+    let start = Instant::now();
+    let now = || Micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));
+    let mut served = Served::default();
+    let mut input = [0; 256];
+    let mut output = Vec::new();
+    while !stop.load(Ordering::Relaxed) {
+        let n = pty.read(&mut input)?;
+        served.received += n as u64;
+        let instant = now();
+        for &byte in &input[..n] {
+            device.receive(instant, byte);
+        }
+
+        output.clear();
+        output.extend(std::iter::from_fn(|| device.transmit(instant)));
+        if !output.is_empty() {
+            let sent = pty.write(&output)?;
+            served.sent += sent as u64;
+            served.lost += (output.len() - sent) as u64;
+        }
+
+        let timeout = device
+            .poll_timeout()
+            .map(|due| Duration::from_micros(due.since(now()).0));
+        pty.wait(Some(timeout.unwrap_or(NOTICE).min(NOTICE)))?;
+    }
+    Ok(served)
+}
