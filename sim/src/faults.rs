@@ -95,6 +95,7 @@ impl Direction {
     /// Queues what becomes of a byte.
     fn put(&mut self, now: Micros, mut byte: u8) {
         let rates = self.rates;
+        // Delays overlap: nothing is later than `max_delay`, and nothing overtakes.
         let mut due = self.queue.back().map_or(now, |&(due, _)| due.max(now));
         if self.happens(rates.noise) {
             self.injected.noise += 1;
@@ -112,7 +113,8 @@ impl Direction {
         if self.happens(rates.delay) {
             self.injected.delayed += 1;
             let longest = rates.max_delay.0.min(u64::from(u32::MAX - 1)) as u32;
-            due = due + Micros(self.random.rand_range(0..longest + 1).into());
+            let delay = Micros(self.random.rand_range(0..longest + 1).into());
+            due = due.max(now + delay);
         }
         self.queue.push_back((due, byte));
         if self.happens(rates.duplicate) {
@@ -214,5 +216,96 @@ impl<D: SerialDevice> SerialDevice for Line<D> {
         // The device waits while a byte of its own is delayed.
         let from = self.from_device.due().or_else(|| self.device.poll_timeout());
         [self.to_device.due(), from].into_iter().flatten().min()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Says back what it hears, at once.
+    #[derive(Default)]
+    struct Mirror(VecDeque<u8>);
+
+    impl SerialDevice for Mirror {
+        fn receive(&mut self, _now: Micros, byte: u8) {
+            self.0.push_back(byte);
+        }
+
+        fn transmit(&mut self, _now: Micros) -> Option<u8> {
+            self.0.pop_front()
+        }
+
+        fn poll_timeout(&self) -> Option<Micros> {
+            (!self.0.is_empty()).then_some(Micros(0))
+        }
+    }
+
+    const BYTES: usize = 100_000;
+
+    /// What comes back of many bytes, one every 10 µs, and when.
+    fn run(line: &mut Line<Mirror>) -> Vec<(Micros, u8)> {
+        let mut back = Vec::new();
+        for i in 0..BYTES as u64 + 10_000 {
+            let now = Micros(10 * i);
+            if i < BYTES as u64 {
+                line.receive(now, i as u8);
+            }
+            back.extend(std::iter::from_fn(|| line.transmit(now)).map(|byte| (now, byte)));
+        }
+        back
+    }
+
+    #[test]
+    fn without_faults_every_byte_passes_at_once() {
+        let mut line = Line::new(Mirror::default(), Rates::NONE, Rates::NONE, 1);
+        let back = run(&mut line);
+        assert_eq!(back.len(), BYTES);
+        assert!(
+            back.iter()
+                .enumerate()
+                .all(|(i, &(at, byte))| at == Micros(10 * i as u64) && byte == i as u8)
+        );
+    }
+
+    #[test]
+    fn one_seed_makes_one_run_and_another_seed_another() {
+        let line = |seed| Line::new(Mirror::default(), Rates::each(10_000), Rates::each(10_000), seed);
+        assert_eq!(run(&mut line(5)), run(&mut line(5)));
+        assert_ne!(run(&mut line(5)), run(&mut line(6)));
+    }
+
+    #[test]
+    fn each_fault_happens_as_often_as_asked_and_is_counted() {
+        let mut line = Line::new(Mirror::default(), Rates::each(10_000), Rates::NONE, 1);
+        let back = run(&mut line);
+        let injected = line.injected_to_device();
+        let Injected {
+            dropped,
+            corrupted,
+            duplicated,
+            delayed,
+            noise,
+        } = injected;
+        for count in [dropped, corrupted, duplicated, delayed, noise] {
+            assert!((800..1_200).contains(&count), "{injected:?}");
+        }
+        assert_eq!(back.len() as u64, BYTES as u64 - dropped + duplicated + noise);
+        assert_eq!(line.injected_from_device(), Injected::default());
+    }
+
+    #[test]
+    fn delayed_bytes_are_late_but_in_order() {
+        let rates = Rates {
+            delay: 1_000,
+            ..Rates::NONE
+        };
+        for (to, from) in [(rates, Rates::NONE), (Rates::NONE, rates)] {
+            let mut line = Line::new(Mirror::default(), to, from, 1);
+            let back = run(&mut line);
+            assert!(back.iter().enumerate().all(|(i, &(_, byte))| byte == i as u8));
+            assert!(back.iter().enumerate().any(|(i, &(at, _))| at > Micros(10 * i as u64)));
+            assert_eq!(line.poll_timeout(), None);
+        }
     }
 }

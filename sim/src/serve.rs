@@ -60,3 +60,34 @@ pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io
     }
     Ok(served)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs::OpenOptions;
+    use std::io::{Read, Write};
+    use std::thread;
+
+    use super::*;
+    use crate::ling::{Config, LingArm};
+
+    #[test]
+    fn clients_are_answered_until_the_stop_flag_is_set() {
+        let pty = Pty::open(None).unwrap();
+        let stop = AtomicBool::new(false);
+        let mut arm = LingArm::new(Config::follower());
+        thread::scope(|scope| {
+            let server = scope.spawn(|| serve(&mut arm, &pty, &stop));
+            for _ in 0..2 {
+                let mut client = OpenOptions::new().read(true).write(true).open(pty.path()).unwrap();
+                client.write_all(&[0xAA, 0x04, 0x0E, 0x01, 0xFE, 0x1B, 0xFF]).unwrap();
+                let mut answer = [0; 7];
+                client.read_exact(&mut answer).unwrap();
+                assert_eq!(answer, [0xAA, 0x04, 0x0E, 0x01, 0x00, 0x00, 0xFF]);
+            }
+            stop.store(true, Ordering::Relaxed);
+            let served = server.join().unwrap().unwrap();
+            assert_eq!((served.received, served.sent, served.lost), (14, 14, 0));
+        });
+        assert_eq!(arm.counters().answered, 2);
+    }
+}

@@ -93,9 +93,14 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
     /// Lets time pass without a call.
     pub fn wait(&mut self, span: Micros) {
         let end = self.now + span;
-        while self.now < end {
+        loop {
+            // One step more at the end itself, to let the device know the time.
+            let last = self.now == end;
             let events = self.step(end);
             self.events.extend(events);
+            if last {
+                return;
+            }
         }
     }
 
@@ -146,5 +151,64 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
         let byte = self.to_host.take_if(|(due, _)| *due <= self.now).map(|(_, byte)| byte);
         let mut input = Input::Bytes(byte.as_slice());
         std::iter::from_fn(|| self.client.handle(self.now, &mut input)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire::ling::{Ling, MAX_FRAME, Request, Response};
+
+    use super::*;
+    use crate::faults::{Line, Rates};
+    use crate::ling::{self, LingArm};
+
+    fn wire<D: SerialDevice>(baud: u32, device: D) -> Wire<Ling, D, MAX_FRAME> {
+        let config = Config {
+            baud,
+            ..Config::default()
+        };
+        Wire::new(config, device)
+    }
+
+    #[test]
+    fn a_call_takes_the_line_time_of_its_bytes_and_the_turnaround() {
+        for (baud, byte_time) in [(1_000_000, 10), (115_200, 87), (2_000_000, 5)] {
+            let mut wire = wire(baud, LingArm::new(ling::Config::follower()));
+            wire.call(Request::ReadJoints).unwrap();
+            assert_eq!(wire.elapsed(), Micros((7 + 21) * byte_time + 200));
+        }
+    }
+
+    #[test]
+    fn a_device_that_hears_nothing_is_reported_as_silent() {
+        let deaf = Rates {
+            drop: 1_000_000,
+            ..Rates::NONE
+        };
+        let mut wire = wire(
+            1_000_000,
+            Line::new(LingArm::new(ling::Config::follower()), deaf, Rates::NONE, 1),
+        );
+        assert_eq!(wire.call(Request::ReadJoints), Err(Silence { sends: 3 }));
+        assert_eq!(wire.call(Request::SetZero), Ok(None));
+    }
+
+    #[test]
+    fn damaged_answers_are_asked_for_again_and_show_as_events() {
+        let rates = Rates {
+            corrupt: 5_000,
+            ..Rates::NONE
+        };
+        let mut wire = wire(
+            1_000_000,
+            Line::new(LingArm::new(ling::Config::follower()), Rates::NONE, rates, 1),
+        );
+        for _ in 0..100 {
+            assert!(matches!(wire.call(Request::ReadJoints), Ok(Some(Response::Joints(_)))));
+        }
+        assert!(wire.device().injected_from_device().corrupted > 5);
+        let events = wire.take_events();
+        assert!(events.iter().any(|event| matches!(event, Event::Noise(_))));
+        assert_eq!(wire.take_events(), []);
     }
 }

@@ -223,6 +223,11 @@ impl Body {
         }
     }
 
+    #[cfg(test)]
+    pub(super) fn now(&self) -> Micros {
+        self.now
+    }
+
     pub(super) fn joints(&self) -> [u16; JOINTS] {
         std::array::from_fn(|joint| self.axes[joint].ticks())
     }

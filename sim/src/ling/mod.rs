@@ -5,6 +5,8 @@
 
 mod axis;
 mod body;
+#[cfg(test)]
+mod tests;
 
 use std::array;
 use std::collections::VecDeque;

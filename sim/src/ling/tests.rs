@@ -1,0 +1,478 @@
+//! How a virtual arm behaves, seen through its line.
+
+use armwire::ling::{Frame, GripperSpeed, Move, Speed, TemperatureLimit};
+use armwire::{Event, Protocol};
+use oorandom::Rand32;
+use proptest::prelude::*;
+
+use super::*;
+use crate::faults::{Line, Rates};
+use crate::wire::Wire;
+
+type Host<D> = Wire<Ling, D, MAX_FRAME>;
+
+fn host(config: Config) -> Host<LingArm> {
+    Wire::new(armwire::Config::default(), LingArm::new(config))
+}
+
+fn joints<D: SerialDevice>(host: &mut Host<D>) -> JointState {
+    match host.call(Request::ReadJoints) {
+        Ok(Some(Response::Joints(state))) => state,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn go(ticks: u16, speed: u16, per_mille: u16) -> Request {
+    Request::Move(Move {
+        joints: [(Position::new(ticks).unwrap(), Speed::new(speed).unwrap()); JOINTS],
+        gripper: (Opening::new(per_mille).unwrap(), GripperSpeed(speed)),
+    })
+}
+
+fn seconds(seconds: u64) -> Micros {
+    Micros::from_millis(1_000 * seconds)
+}
+
+fn hear(arm: &mut LingArm, now: &mut Micros, bytes: &[u8]) {
+    for &byte in bytes {
+        *now = *now + Micros(10);
+        arm.receive(*now, byte);
+    }
+}
+
+/// Everything the arm says until it has no more to say, and the time then.
+fn listen(arm: &mut LingArm, now: &mut Micros) -> Vec<u8> {
+    let mut said = Vec::new();
+    loop {
+        match (arm.transmit(*now), arm.poll_timeout()) {
+            (Some(byte), _) => said.push(byte),
+            (None, Some(due)) => *now = due.max(*now),
+            (None, None) => return said,
+        }
+    }
+}
+
+fn bytes(request: &Request) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let n = Ling::encode_request(request, &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+#[test]
+fn joints_and_gripper_move_at_the_commanded_speed_and_stop_at_the_target() {
+    let mut host = host(Config::follower());
+    host.call(go(3048, 1000, 600)).unwrap();
+    let start = host.elapsed();
+
+    host.device_mut().advance(start + Micros::from_millis(500));
+    assert_eq!(host.device().joints(), [2548; JOINTS]);
+    assert_eq!(host.device().gripper(), 500);
+    assert_eq!(host.device().velocities(), PerServo::Follower([1000; 10]));
+
+    host.device_mut().advance(start + Micros::from_millis(700));
+    // The gripper, the last servo, is there.
+    assert_eq!(host.device().velocities().as_slice()[8..], [1000, 0]);
+
+    host.device_mut().advance(start + Micros(999_499));
+    assert_eq!(host.device().joints(), [3047; JOINTS]);
+    host.device_mut().advance(start + seconds(1));
+    assert_eq!(host.device().joints(), [3048; JOINTS]);
+    assert!(!host.device().is_moving());
+}
+
+#[test]
+fn the_arm_tells_over_the_line_what_it_does() {
+    let mut host = host(Config::follower());
+    host.call(go(1000, 100, 900)).unwrap();
+    host.wait(seconds(2));
+    let state = joints(&mut host);
+    assert_eq!(state.joints, [1848; JOINTS]);
+    assert_eq!((state.gripper, state.status), (200, MotionStatus::Locked));
+    assert_eq!(
+        host.call(Request::ReadVelocities),
+        Ok(Some(Response::Velocities(PerServo::Follower([100; 10]))))
+    );
+}
+
+#[test]
+fn a_gripper_speed_beyond_the_joints_maximum_is_obeyed() {
+    let mut host = host(Config::follower());
+    let Request::Move(mut target) = go(2048, 0, 1000) else {
+        unreachable!()
+    };
+    target.gripper.1 = GripperSpeed(5500); // what the vendor's software sends
+    host.call(Request::Move(target)).unwrap();
+    host.wait(Micros::from_millis(182));
+    assert_eq!(host.device().gripper(), 1000);
+}
+
+#[test]
+fn without_torque_it_stops_ignores_motion_and_gives_way() {
+    let mut host = host(Config::follower());
+    assert!(!host.device_mut().push_joint(0, Position::MAX));
+    assert!(!host.device_mut().push_gripper(Opening::OPEN));
+
+    host.call(go(3000, 1000, 1000)).unwrap();
+    host.wait(Micros::from_millis(100));
+    host.call(Request::SetTorque(Torque::Off)).unwrap();
+    let stopped = joints(&mut host);
+    assert_eq!(stopped.status, MotionStatus::Idle);
+    assert!((2148..2152).contains(&stopped.joints[0]));
+
+    host.call(go(3000, 1000, 1000)).unwrap();
+    host.wait(seconds(1));
+    assert_eq!(joints(&mut host), stopped);
+    assert_eq!(host.device().counters().refused, 1);
+
+    assert!(host.device_mut().push_joint(5, Position::MAX));
+    assert!(!host.device_mut().push_joint(6, Position::MAX));
+    assert!(host.device_mut().push_gripper(Opening::OPEN));
+    let pushed = joints(&mut host);
+    assert_eq!((pushed.joints[5], pushed.gripper), (4095, 1000));
+
+    host.call(Request::SetTorque(Torque::On)).unwrap();
+    assert_eq!(joints(&mut host).joints, pushed.joints);
+}
+
+#[test]
+fn zeroing_makes_the_present_pose_the_origin_and_switches_the_torque_off() {
+    let mut host = host(Config::follower());
+    host.call(go(3000, 1000, 500)).unwrap();
+    host.wait(Micros::from_millis(100));
+    host.call(Request::SetZero).unwrap();
+    let state = joints(&mut host);
+    assert_eq!((state.joints, state.status), ([2048; JOINTS], MotionStatus::Idle));
+    assert!(state.gripper > 0 && !host.device().is_holding());
+}
+
+#[test]
+fn the_stroke_it_is_told_is_the_stroke_it_tells() {
+    let mut host = host(Config::follower());
+    for stroke in [Stroke::Mm75, Stroke::Mm100, Stroke::Mm50] {
+        host.call(Request::SetStroke(stroke)).unwrap();
+        assert_eq!(host.call(Request::ReadStroke), Ok(Some(Response::Stroke(stroke))));
+        assert_eq!(host.device().stroke(), stroke);
+    }
+}
+
+#[test]
+fn servos_start_at_ambient_warm_up_in_motion_and_cool_down_at_rest() {
+    let mut host = host(Config::follower());
+    assert_eq!(host.device().temperatures(), PerServo::Follower([25; 10]));
+    host.device_mut().advance(seconds(3_600));
+    assert_eq!(host.device().temperatures(), PerServo::Follower([34; 10])); // a hair under 35
+
+    host.wait(seconds(3_600));
+    for _ in 0..30 {
+        host.call(go(4095, 1000, 0)).unwrap();
+        host.wait(seconds(2));
+        host.call(go(48, 1000, 0)).unwrap();
+        host.wait(seconds(2));
+    }
+    let moved = host.device().temperatures();
+    assert!(moved.as_slice()[..9].iter().all(|&celsius| celsius > 42));
+    assert_eq!(moved.as_slice()[9], 34); // the gripper rested
+
+    host.call(Request::SetTorque(Torque::Off)).unwrap();
+    host.wait(seconds(3_600));
+    assert_eq!(host.device().temperatures(), PerServo::Follower([25; 10]));
+}
+
+#[test]
+fn heat_is_reported_then_stops_the_arm_until_it_has_cooled_down() {
+    let mut host = host(Config::follower());
+    let limit = |celsius| Request::SetTemperatureLimit(TemperatureLimit::new(celsius).unwrap());
+    host.wait(seconds(3_600)); // 34 °C
+    host.call(go(2148, 1000, 0)).unwrap();
+
+    host.call(limit(34)).unwrap();
+    assert_eq!(host.device().status(), MotionStatus::Overheating);
+    assert!(host.device().is_holding() && host.device().is_moving());
+
+    host.call(limit(37)).unwrap();
+    assert_eq!(
+        host.device().status(),
+        MotionStatus::Overheating,
+        "within the margin it stays"
+    );
+    host.call(limit(40)).unwrap();
+    assert_eq!(host.device().status(), MotionStatus::Locked);
+
+    host.call(limit(29)).unwrap();
+    assert_eq!(host.device().status(), MotionStatus::OverheatProtection);
+    assert!(!host.device().is_holding() && !host.device().is_moving());
+    host.call(Request::SetTorque(Torque::On)).unwrap();
+    host.call(go(2148, 1000, 0)).unwrap();
+    assert!(!host.device().is_holding());
+    assert_eq!(host.device().counters().refused, 2);
+
+    // Torque is off, so it cools to 25 °C, under 31 °C - 5 °C.
+    host.call(limit(31)).unwrap();
+    assert_eq!(host.device().status(), MotionStatus::OverheatProtection);
+    host.wait(seconds(3_600));
+    assert_eq!(host.device().status(), MotionStatus::Idle);
+    host.call(Request::SetTorque(Torque::On)).unwrap();
+    assert!(host.device().is_holding());
+}
+
+#[test]
+fn hard_work_overheats_an_arm_with_the_factory_limit() {
+    let mut host = host(Config::follower());
+    let mut seen = Vec::new();
+    for leg in 0..1_000 {
+        host.call(go(if leg % 2 == 0 { 4095 } else { 0 }, 5000, 0)).unwrap();
+        host.wait(Micros::from_millis(800));
+        seen.push(host.device().status());
+    }
+    seen.dedup();
+    assert_eq!(
+        seen,
+        [
+            MotionStatus::Locked,
+            MotionStatus::Overheating,
+            MotionStatus::OverheatProtection,
+            MotionStatus::Idle
+        ]
+    );
+}
+
+#[test]
+fn the_self_check_names_the_faulty_servos() {
+    let mut host = host(Config::follower());
+    for id in [0, 3, 10, 11] {
+        host.device_mut().set_faulty(id, true);
+    }
+    let check = |host: &mut Host<LingArm>| match host.call(Request::SelfCheck) {
+        Ok(Some(Response::SelfCheck(check))) => check,
+        other => panic!("{other:?}"),
+    };
+    assert!(check(&mut host).faulty(Kind::Follower).eq([3, 10]));
+    host.device_mut().set_faulty(3, false);
+    host.device_mut().set_faulty(10, false);
+    assert_eq!(check(&mut host), SelfCheck(0x3FF));
+}
+
+#[test]
+fn a_leader_has_six_servos_and_does_not_move_by_itself() {
+    let mut host = host(Config::leader());
+    let Ok(Some(Response::Info(info))) = host.call(Request::ReadInfo) else {
+        panic!()
+    };
+    assert_eq!(info.serial.to_string(), "ADLS251205123456");
+    assert_eq!((info.hardware, info.firmware), (Version(110), Version(610)));
+    assert_eq!(
+        host.call(Request::SelfCheck),
+        Ok(Some(Response::SelfCheck(SelfCheck(0x3F))))
+    );
+    assert_eq!(
+        host.call(Request::ReadTemperatures),
+        Ok(Some(Response::Temperatures(PerServo::Leader([25; 6]))))
+    );
+    assert!(host.device_mut().push_joint(2, Position::MAX));
+
+    host.call(Request::SetTorque(Torque::On)).unwrap();
+    host.call(go(0, 5000, 0)).unwrap();
+    host.wait(seconds(1));
+    assert_eq!(joints(&mut host).joints, [2048, 2048, 4095, 2048, 2048, 2048]);
+    assert!(
+        !host.device_mut().push_joint(2, Position::CENTRE),
+        "the torque holds it"
+    );
+    assert!(host.device_mut().push_gripper(Opening::OPEN));
+}
+
+#[test]
+fn requests_without_an_answer_and_frames_that_are_no_request_meet_silence() {
+    let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+    for request in [go(2048, 100, 0), Request::SetZero, Request::SetStroke(Stroke::Mm75)] {
+        hear(&mut arm, &mut now, &bytes(&request));
+    }
+    let mut too_fast = bytes(&go(2048, 5000, 0));
+    too_fast[6..8].copy_from_slice(&5001_u16.to_le_bytes());
+    let data = too_fast[4..32].to_vec();
+    let frames = [(0x06, 0x03, &data[..]), (0x42, 0x00, &[1]), (0x06, 0x00, &[0xFE, 0xFE])];
+    for (command, function, data) in frames {
+        let mut out = [0; MAX_FRAME];
+        let n = Frame {
+            command,
+            function,
+            data,
+        }
+        .encode(&mut out)
+        .unwrap();
+        hear(&mut arm, &mut now, &out[..n]);
+    }
+    hear(&mut arm, &mut now, &[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF]);
+
+    assert_eq!(listen(&mut arm, &mut now), []);
+    let counters = arm.counters();
+    assert_eq!((counters.requests, counters.unknown, counters.noise_bytes), (3, 3, 7));
+    assert_eq!((counters.answered, counters.refused), (0, 0));
+}
+
+#[test]
+fn every_spelling_of_the_self_check_is_answered() {
+    for request in [
+        &[0xAA, 0xFE, 0x00, 0x00, 0xFE, 0x93, 0xFF][..],
+        &[0xAA, 0xFE, 0x00, 0x00, 0xC8, 0xFF],
+        &[0xAA, 0xFE, 0x00, 0x01, 0xFE, 0xD2, 0xFF],
+    ] {
+        let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+        hear(&mut arm, &mut now, request);
+        assert_eq!(
+            listen(&mut arm, &mut now),
+            [0xAA, 0xFE, 0x00, 0x02, 0xFF, 0x03, 0x87, 0xFF]
+        );
+    }
+}
+
+#[test]
+fn an_idle_line_frees_the_request_behind_a_false_header() {
+    let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+    hear(&mut arm, &mut now, &[0xAA, 0x06, 0x00, 64]);
+    hear(&mut arm, &mut now, &bytes(&Request::ReadStroke));
+    let heard = now;
+    assert_eq!(arm.transmit(heard + Micros(2_199)), None);
+    assert_eq!(arm.transmit(heard + Micros(2_200)), Some(0xAA)); // idle 2 ms, turnaround 200 µs
+}
+
+#[test]
+fn with_an_echo_every_byte_comes_back_and_calls_still_work() {
+    let mut host = host(Config {
+        echo: true,
+        ..Config::follower()
+    });
+    host.call(Request::SetTorque(Torque::Off)).unwrap();
+    assert_eq!(joints(&mut host).status, MotionStatus::Idle);
+    let echoes = [Request::SetTorque(Torque::Off), Request::ReadJoints].map(Event::Echo);
+    assert_eq!(host.take_events(), echoes);
+}
+
+#[test]
+fn answers_wait_for_each_other_and_too_many_are_counted() {
+    let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+    for _ in 0..MAX_REPLIES + 2 {
+        hear(&mut arm, &mut now, &bytes(&Request::ReadStroke));
+    }
+    assert_eq!(arm.counters().overrun, 2);
+    assert!(
+        std::iter::from_fn(|| arm.transmit(now)).count() == 7,
+        "one answer at a time"
+    );
+    assert_eq!(listen(&mut arm, &mut now).len(), 7 * (MAX_REPLIES - 1));
+}
+
+#[test]
+fn every_intact_request_is_answered_whatever_noise_stands_before_it() {
+    let mut random = Rand32::new(7);
+    let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+    let request = bytes(&Request::ReadStroke);
+    let mut swallowed = 0;
+    for _ in 0..20_000 {
+        let len = random.rand_range(0..80);
+        // Half of it header-like, so that false headers are common.
+        let noise: Vec<u8> = (0..len)
+            .map(|_| match random.rand_range(0..4) {
+                0 => 0xAA,
+                1 => random.rand_range(0..80) as u8,
+                _ => random.rand_u32() as u8,
+            })
+            .collect();
+        let before = arm.counters().unknown;
+        hear(&mut arm, &mut now, &noise);
+        hear(&mut arm, &mut now, &request);
+        let said = listen(&mut arm, &mut now);
+        // The checksum is one byte: now and then noise and the request make up another good frame together.
+        if said.is_empty() && arm.counters().unknown > before {
+            swallowed += 1;
+            continue;
+        }
+        assert_eq!(said, [0xAA, 0x04, 0x0E, 0x01, 0x00, 0x00, 0xFF], "after {noise:02X?}");
+    }
+    assert_eq!(arm.counters().answered + swallowed, 20_000);
+    assert!(swallowed < 20_000 / 256, "{swallowed}");
+}
+
+fn any_request() -> impl Strategy<Value = Request> {
+    prop_oneof![
+        Just(Request::ReadInfo),
+        Just(Request::SetZero),
+        Just(Request::SetStroke(Stroke::Mm75)),
+        Just(Request::ReadStroke),
+        Just(Request::SetTorque(Torque::Off)),
+        Just(Request::SetTorque(Torque::On)),
+        Just(Request::ReadJoints),
+        Just(Request::ReadTemperatures),
+        (0..=253_u8).prop_map(|celsius| Request::SetTemperatureLimit(TemperatureLimit::new(celsius).unwrap())),
+        Just(Request::ReadVelocities),
+        (0..4096_u16, 0..=5000_u16, 0..=1000_u16).prop_map(|(ticks, speed, opening)| go(ticks, speed, opening)),
+        Just(Request::SelfCheck),
+    ]
+}
+
+fn any_rates() -> impl Strategy<Value = Rates> {
+    prop_oneof![Just(0), 0..1_000_000_u32, Just(1_000_000)].prop_map(Rates::each)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn an_arm_survives_any_faults_and_answers_when_they_are_over(
+        requests in proptest::collection::vec(any_request(), 0..20),
+        to_arm in any_rates(),
+        from_arm in any_rates(),
+        seed: u64,
+    ) {
+        let line = Line::new(LingArm::new(Config::follower()), to_arm, from_arm, seed);
+        let mut host = Host::new(armwire::Config::default(), line);
+        for request in requests {
+            let _ = host.call(request);
+        }
+        host.device_mut().set_rates(Rates::NONE, Rates::NONE);
+        host.wait(Micros::from_millis(500)); // delayed bytes and late answers
+        prop_assert!(matches!(host.call(Request::ReadJoints), Ok(Some(Response::Joints(_)))));
+        prop_assert!(matches!(host.call(Request::ReadInfo), Ok(Some(Response::Info(_)))));
+    }
+
+    #[test]
+    fn what_an_arm_does_does_not_depend_on_how_often_it_is_polled(
+        script in proptest::collection::vec((any_request(), 0..20_000_000_u64), 1..12),
+        mut polls in proptest::collection::vec(0..200_000_000_u64, 0..200),
+    ) {
+        let (mut rarely, mut often) = (LingArm::new(Config::follower()), LingArm::new(Config::follower()));
+        polls.sort_unstable();
+        let mut polls = polls.into_iter().map(Micros).peekable();
+        let mut now = Micros(0);
+        for (request, pause) in script {
+            hear(&mut rarely, &mut now.clone(), &bytes(&request));
+            hear(&mut often, &mut now, &bytes(&request));
+            now = now + Micros(pause);
+            while let Some(poll) = polls.next_if(|&poll| poll <= now) {
+                // A poll in the past of this byte is none: time never runs backwards.
+                often.advance(poll.max(often.body.now()));
+            }
+            rarely.advance(now);
+            often.advance(now);
+            prop_assert_eq!(&rarely.body, &often.body);
+        }
+    }
+
+    #[test]
+    fn noise_alone_makes_an_arm_say_nothing_but_answers(noise in proptest::collection::vec(any::<u8>(), 0..500)) {
+        let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+        hear(&mut arm, &mut now, &noise);
+        let said = listen(&mut arm, &mut now);
+        prop_assert_eq!(said.is_empty(), arm.counters().answered == 0);
+        prop_assert_eq!(arm.counters().bytes, noise.len() as u64);
+    }
+}
+
+#[test]
+fn a_clock_that_starts_late_or_ends_never_is_no_trouble() {
+    let mut arm = LingArm::new(Config::follower());
+    arm.advance(Micros(1_700_000_000_000_000));
+    assert_eq!(arm.joints(), [2048; JOINTS]);
+    arm.advance(Micros(u64::MAX));
+    assert!(arm.is_holding());
+}
