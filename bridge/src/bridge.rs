@@ -1,0 +1,449 @@
+//! The adapter's state, and what each event does to it.
+
+use core::fmt;
+
+use armwire::ling::{self, Ling};
+use armwire::{Decoder, Micros};
+
+use crate::queue::Queue;
+use crate::{Counters, LineCoding, Refused, UartErrors};
+
+/// Bytes in a full USB packet (full speed, bulk).
+pub const PACKET: usize = 64;
+
+/// How long bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
+const PATIENCE: Micros = Micros::from_millis(1_000);
+
+/// The adapter between a USB serial port and an arm's UART.
+///
+/// `UP` is the room for bytes from the arm that the host has not read yet, `DOWN` for bytes from the host that have not
+/// gone out yet, in bytes. `DOWN` is at least one [`PACKET`], `UP` at least two.
+///
+/// Nobody has to poll: after each call, what may have become possible is said there.
+pub struct Bridge<const UP: usize, const DOWN: usize> {
+    /// Listens in on what the arm says.
+    tap: Decoder<Ling, { ling::MAX_FRAME }>,
+    /// Bytes from the arm.
+    up: Queue<UP>,
+    /// How many of them, from the front, no longer wait for more to fill the packet.
+    due: usize,
+    transfer: Transfer,
+    /// Bytes from the host.
+    down: Queue<DOWN>,
+    /// When bytes for the arm last moved, or began to wait.
+    down_moved: Micros,
+    port: Port,
+    coding: LineCoding,
+    /// The line coding that waits for the bytes before it to go out.
+    wanted: Option<LineCoding>,
+    /// When the UART was last looked at.
+    looked: Micros,
+    /// Nothing has arrived since the last frame ended or the line went idle, so there is nothing to time the next look
+    /// by.
+    quiet: bool,
+    counters: Counters,
+}
+
+/// The USB transfer towards the host. A host waits for more until a packet is short.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Transfer {
+    /// The last packet was short.
+    Closed,
+    /// The last packet was full and what follows it is still arriving.
+    Open,
+    /// The last packet was full and ended what there was to say.
+    Unterminated,
+}
+
+/// Whether somebody listens at the host's end.
+///
+/// Some hosts never raise DTR, so a low DTR means a closed port only after it has been high.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Port {
+    /// No host has configured the adapter.
+    Detached,
+    /// Configured by a host that has not raised DTR so far.
+    Attached,
+    /// DTR is high.
+    Open,
+    /// DTR went low again.
+    Closed,
+}
+
+/// When to look at the UART next, unless it reports an idle line or an error before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Wake {
+    /// As soon as the next byte arrives.
+    Byte,
+    /// At this time: nothing can be due before.
+    At(Micros),
+}
+
+impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
+    /// An adapter at 1 Mbaud that no host has found yet. Does not compile when a queue is too short.
+    pub fn new() -> Self {
+        const {
+            assert!(
+                UP >= 2 * PACKET && DOWN >= PACKET,
+                "a queue is shorter than the packets it must hold"
+            )
+        }
+        Self {
+            tap: Decoder::new(),
+            up: Queue::new(),
+            due: 0,
+            transfer: Transfer::Closed,
+            down: Queue::new(),
+            down_moved: Micros(0),
+            port: Port::Detached,
+            coding: LineCoding::LING,
+            wanted: None,
+            looked: Micros(0),
+            quiet: true,
+            counters: Counters::default(),
+        }
+    }
+
+    /// What has been seen, lost and refused so far.
+    pub const fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    // ---- The arm's side ----
+
+    /// The UART was looked at, at the time `now`, and has received `bytes`, perhaps none.
+    ///
+    /// Then ask [`usb_transmit`](Self::usb_transmit) and [`wake`](Self::wake).
+    pub fn uart_received(&mut self, bytes: &[u8], now: Micros) {
+        self.looked = now;
+        self.quiet &= bytes.is_empty();
+        count(&mut self.counters.arm_to_host_bytes, bytes.len());
+
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let later = self.tap.push(rest);
+            let (taken, _) = rest.split_at(rest.len() - later.len());
+            self.enqueue(taken);
+            if self.take_frames() {
+                // What the decoder still holds may begin the next frame.
+                let begun = self.tap.pending();
+                self.quiet = begun == 0;
+                self.release(self.up.len().saturating_sub(begun));
+            }
+            rest = later;
+        }
+    }
+
+    /// The line has been idle for the time of a byte: what has arrived goes out.
+    ///
+    /// Call [`uart_received`](Self::uart_received) first with what arrived before. Then ask
+    /// [`usb_transmit`](Self::usb_transmit) and [`wake`](Self::wake).
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::{Bridge, PACKET, Wake};
+    ///
+    /// let mut bridge = Bridge::<256, 128>::new();
+    /// bridge.usb_configured(true);
+    /// bridge.uart_received(b"what is this", Micros(0));
+    /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
+    /// bridge.uart_idle();
+    /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));
+    /// assert_eq!(bridge.wake(), Wake::Byte);
+    /// ```
+    pub fn uart_idle(&mut self) {
+        while let Some(noise) = self.tap.idle(()) {
+            count(&mut self.counters.noise_bytes, noise.len);
+            self.take_frames();
+        }
+        self.quiet = true;
+        self.release(self.up.len());
+    }
+
+    /// The UART reported errors. The bytes they came with are passed on as they are.
+    pub fn uart_errors(&mut self, errors: UartErrors) {
+        let c = &mut self.counters;
+        c.framing_errors = c.framing_errors.wrapping_add(errors.framing);
+        c.parity_errors = c.parity_errors.wrapping_add(errors.parity);
+        c.noise_errors = c.noise_errors.wrapping_add(errors.noise);
+        c.overrun_errors = c.overrun_errors.wrapping_add(errors.overrun);
+    }
+
+    /// The receive ring was overwritten before it was read.
+    pub fn uart_ring_overrun(&mut self) {
+        count(&mut self.counters.ring_overruns, 1);
+    }
+
+    /// How many more bytes must arrive before anything can be due for the host: the end of the current frame or a full
+    /// packet, at least 1.
+    pub fn need(&self) -> usize {
+        let pending = self.tap.pending();
+        let header = if pending == 0 { 0 } else { self.tap.need(()) };
+        let frame = header.max(ling::OVERHEAD.saturating_sub(pending));
+        let packet = PACKET.checked_sub(self.up.len()).unwrap_or(PACKET);
+        frame.min(packet).max(1)
+    }
+
+    /// When to look at the UART next.
+    ///
+    /// The wait is timed up to the last byte but one. From there the last byte itself is the signal, so that neither a
+    /// sender's clock nor a pause in the middle of a frame makes the end of it late.
+    pub fn wake(&self) -> Wake {
+        match self.need() - 1 {
+            certain @ 1.. if !self.quiet => Wake::At(self.looked + Micros(self.coding.micros(certain))),
+            _ => Wake::Byte,
+        }
+    }
+
+    /// Moves bytes for the arm to the front of `out` and returns how many, 0 when there are none.
+    ///
+    /// Then ask [`usb_room`](Self::usb_room) and [`line_coding_change`](Self::line_coding_change).
+    pub fn uart_transmit(&mut self, out: &mut [u8], now: Micros) -> usize {
+        let n = self.down.pop(out);
+        self.down_moved = now;
+        count(&mut self.counters.host_to_arm_bytes, n);
+        n
+    }
+
+    // ---- The host's side ----
+
+    /// The host enabled or disabled the adapter's configuration.
+    pub fn usb_configured(&mut self, configured: bool) {
+        self.forget();
+        self.port = if configured { Port::Attached } else { Port::Detached };
+    }
+
+    /// The USB bus was reset: a new host, or the same one anew.
+    ///
+    /// What the arm said to the last host is dropped and counted as unheard. What the last host said to the arm still
+    /// goes out: it was accepted.
+    pub fn usb_reset(&mut self) {
+        count(&mut self.counters.usb_resets, 1);
+        self.usb_configured(false);
+    }
+
+    /// The USB bus was suspended. The queue keeps what fits until the host reads again.
+    pub fn usb_suspended(&mut self) {
+        count(&mut self.counters.usb_suspends, 1);
+    }
+
+    /// The host raised or lowered DTR: it opened or closed the port.
+    ///
+    /// Whoever opens the port does not get what was said before.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::{Bridge, PACKET};
+    ///
+    /// let mut bridge = Bridge::<256, 128>::new();
+    /// bridge.usb_configured(true);
+    /// bridge.uart_received(b"old", Micros(0));
+    /// bridge.usb_dtr(true);
+    /// bridge.uart_received(b"new", Micros(100));
+    /// bridge.uart_idle();
+    ///
+    /// let mut packet = [0; PACKET];
+    /// assert_eq!(bridge.usb_transmit(&mut packet), Some(3));
+    /// assert_eq!(&packet[..3], b"new");
+    /// assert_eq!(bridge.counters().unheard_bytes, 3);
+    /// ```
+    pub fn usb_dtr(&mut self, high: bool) {
+        let port = match (self.port, high) {
+            (Port::Detached, _) => Port::Detached,
+            (Port::Attached, false) => Port::Attached,
+            (_, true) => Port::Open,
+            (_, false) => Port::Closed,
+        };
+        if port != self.port {
+            self.forget();
+            self.port = port;
+        }
+    }
+
+    /// Whether the next packet from the host may be taken. If not, leave it: USB holds the host back.
+    pub fn usb_room(&self) -> bool {
+        self.wanted.is_none() && self.down.room() >= PACKET
+    }
+
+    /// The host sent a packet. Ask [`usb_room`](Self::usb_room) before.
+    ///
+    /// Then ask [`uart_transmit`](Self::uart_transmit).
+    pub fn usb_received(&mut self, packet: &[u8], now: Micros) {
+        count(&mut self.counters.packets_from_host, 1);
+        if self.down.is_empty() {
+            self.down_moved = now;
+        }
+        let refused = self.down.push(packet);
+        count(&mut self.counters.refused_bytes, refused);
+    }
+
+    /// Whether a host has configured the adapter.
+    pub fn is_attached(&self) -> bool {
+        self.port != Port::Detached
+    }
+
+    /// Whether [`usb_transmit`](Self::usb_transmit) has a packet.
+    pub fn usb_due(&self) -> bool {
+        self.up.len() >= PACKET || self.due > 0 || self.transfer == Transfer::Unterminated
+    }
+
+    /// Moves the next packet for the host into `packet` and returns its length, 0 for one without data.
+    ///
+    /// `None` when nothing is due. Send what it returns before asking again.
+    pub fn usb_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
+        let len = match self.due {
+            _ if self.up.len() >= PACKET => PACKET,
+            0 if self.transfer == Transfer::Unterminated => 0,
+            0 => return None,
+            due => due,
+        };
+        let len = self.up.pop(packet.get_mut(..len).unwrap_or_default());
+        self.transfer = match len {
+            PACKET if self.due == PACKET => Transfer::Unterminated,
+            PACKET => Transfer::Open,
+            _ => Transfer::Closed,
+        };
+        self.due = self.due.saturating_sub(len);
+        count(&mut self.counters.packets_to_host, 1);
+        count(&mut self.counters.empty_packets_to_host, usize::from(len == 0));
+        Some(len)
+    }
+
+    /// A packet of `len` bytes from [`usb_transmit`](Self::usb_transmit) could not be sent: the host is gone.
+    pub fn usb_lost(&mut self, len: usize) {
+        count(&mut self.counters.unheard_bytes, len);
+    }
+
+    // ---- The line coding ----
+
+    /// The host asks for a line coding, as it came with SET_LINE_CODING.
+    ///
+    /// # Errors
+    ///
+    /// [`Refused`] when the UART cannot do it. It is counted, and the line coding stays as it was.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::{Bridge, Refused};
+    ///
+    /// let mut bridge = Bridge::<256, 128>::new();
+    /// let refused = bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 1, 0, 8], Micros(0));
+    /// assert_eq!(refused, Err(Refused::StopBits(1)));
+    /// assert_eq!(bridge.line_coding().baud, 1_000_000);
+    ///
+    /// bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 0, 8], Micros(0)).unwrap();
+    /// let coding = bridge.line_coding_change().unwrap();
+    /// // Here firmware waits for the last bit to leave, and changes the UART.
+    /// bridge.line_coding_changed(coding);
+    /// assert_eq!(bridge.line_coding().baud, 115_200);
+    /// ```
+    pub fn request_line_coding(&mut self, bytes: [u8; 7], now: Micros) -> Result<(), Refused> {
+        let coding = LineCoding::from_cdc(bytes).inspect_err(|_| count(&mut self.counters.refused_line_codings, 1))?;
+        if self.down.is_empty() {
+            self.down_moved = now;
+        }
+        self.wanted = (coding != self.coding).then_some(coding);
+        Ok(())
+    }
+
+    /// The line coding to change to, once every byte before it has been handed to the UART.
+    pub fn line_coding_change(&self) -> Option<LineCoding> {
+        self.wanted.filter(|_| self.down.is_empty())
+    }
+
+    /// The UART works with this line coding from here on. A frame that had begun will not end.
+    pub fn line_coding_changed(&mut self, coding: LineCoding) {
+        self.uart_idle();
+        self.coding = coding;
+        self.wanted = self.wanted.filter(|&wanted| wanted != coding);
+        count(&mut self.counters.line_codings, 1);
+    }
+
+    /// The line coding the host may count on: the one it last asked for successfully.
+    pub fn line_coding(&self) -> LineCoding {
+        self.wanted.unwrap_or(self.coding)
+    }
+
+    // ---- Health ----
+
+    /// Whether bytes for the arm stopped moving, or nobody has looked at the UART, for a second: something is wrong that
+    /// only a restart cures. A host that does not read is no such thing.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    ///
+    /// let mut bridge = armwire_bridge::Bridge::<256, 128>::new();
+    /// bridge.uart_received(&[], Micros(0));
+    /// assert!(!bridge.is_stuck(Micros::from_millis(900)));
+    /// assert!(bridge.is_stuck(Micros::from_millis(1_100)));
+    /// ```
+    pub fn is_stuck(&self, now: Micros) -> bool {
+        let unsent = !self.down.is_empty() || self.wanted.is_some();
+        now.since(self.looked) > PATIENCE || unsent && now.since(self.down_moved) > PATIENCE
+    }
+
+    /// Queues bytes for the host, as far as there is one and room.
+    fn enqueue(&mut self, bytes: &[u8]) {
+        match self.port {
+            Port::Detached | Port::Closed => count(&mut self.counters.unheard_bytes, bytes.len()),
+            Port::Attached | Port::Open => {
+                let dropped = self.up.push(bytes);
+                count(&mut self.counters.dropped_bytes, dropped);
+            }
+        }
+    }
+
+    /// Counts the frames and noise the tap has, and returns whether there was a frame.
+    fn take_frames(&mut self) -> bool {
+        let mut any = false;
+        while let Some(next) = self.tap.next(()) {
+            match next {
+                Ok(_) => {
+                    any = true;
+                    count(&mut self.counters.frames, 1);
+                }
+                Err(noise) => count(&mut self.counters.noise_bytes, noise.len),
+            }
+        }
+        any
+    }
+
+    /// The first `n` bytes for the host wait no longer.
+    fn release(&mut self, n: usize) {
+        self.due = self.due.max(n);
+        if self.due == 0 && self.transfer == Transfer::Open {
+            self.transfer = Transfer::Unterminated;
+        }
+    }
+
+    /// Drops what was queued for the host that was.
+    fn forget(&mut self) {
+        count(&mut self.counters.unheard_bytes, self.up.len());
+        self.up.clear();
+        self.due = 0;
+        self.transfer = Transfer::Closed;
+    }
+}
+
+impl<const UP: usize, const DOWN: usize> Default for Bridge<UP, DOWN> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const UP: usize, const DOWN: usize> fmt::Debug for Bridge<UP, DOWN> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Bridge")
+            .field("port", &self.port)
+            .field("up", &self.up.len())
+            .field("down", &self.down.len())
+            .field("coding", &self.coding)
+            .field("counters", &self.counters)
+            .finish_non_exhaustive()
+    }
+}
+
+fn count(counter: &mut u32, n: usize) {
+    *counter = counter.wrapping_add(n as u32);
+}

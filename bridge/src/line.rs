@@ -1,0 +1,214 @@
+//! The line coding a USB host asks for (CDC PSTN 1.2, section 6.3.11), as far as the UART can do it.
+
+use core::fmt;
+
+/// The slowest line, in baud.
+pub const MIN_BAUD: u32 = 1_200;
+
+/// The fastest line, in baud.
+pub const MAX_BAUD: u32 = 2_000_000;
+
+/// Data bits of every byte. No arm uses another number.
+const DATA_BITS: u8 = 8;
+
+/// Speed and shape of the bytes on the UART: 8 data bits, and
+///
+/// ```
+/// use armwire_bridge::LineCoding;
+///
+/// let coding = LineCoding::from_cdc([0x00, 0xC2, 0x01, 0x00, 0, 0, 8]).unwrap();
+/// assert_eq!(coding, LineCoding { baud: 115_200, ..LineCoding::default() });
+/// assert_eq!(coding.to_cdc(), [0x00, 0xC2, 0x01, 0x00, 0, 0, 8]);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LineCoding {
+    /// Bits per second, [`MIN_BAUD`] to [`MAX_BAUD`].
+    pub baud: u32,
+    /// The parity bit.
+    pub parity: Parity,
+    /// Stop bits.
+    pub stop_bits: StopBits,
+}
+
+/// The parity bit after the data bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Parity {
+    /// There is none.
+    None,
+    /// It makes the count of ones odd.
+    Odd,
+    /// It makes the count of ones even.
+    Even,
+}
+
+/// Stop bits after each byte.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum StopBits {
+    /// One.
+    One,
+    /// Two.
+    Two,
+}
+
+/// Why a line coding was refused. The one before it stays.
+///
+/// ```
+/// use armwire_bridge::{LineCoding, Refused};
+///
+/// assert_eq!(LineCoding::from_cdc([0xC0, 0xC6, 0x2D, 0x00, 0, 0, 8]), Err(Refused::Baud(3_000_000)));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refused {
+    /// A baud rate outside [`MIN_BAUD`] to [`MAX_BAUD`].
+    Baud(u32),
+    /// Data bits other than 8.
+    DataBits(u8),
+    /// A parity other than none, odd and even, as CDC numbers them.
+    Parity(u8),
+    /// Stop bits other than one and two, as CDC numbers them.
+    StopBits(u8),
+}
+
+impl LineCoding {
+    /// The Ling arm's line: 1 Mbaud, 8 data bits, no parity, one stop bit.
+    pub const LING: Self = Self {
+        baud: 1_000_000,
+        parity: Parity::None,
+        stop_bits: StopBits::One,
+    };
+
+    /// Reads what a host sends with SET_LINE_CODING.
+    ///
+    /// # Errors
+    ///
+    /// [`Refused`] names the first field the UART cannot do.
+    pub fn from_cdc(bytes: [u8; 7]) -> Result<Self, Refused> {
+        let [b0, b1, b2, b3, stop_bits, parity, data_bits] = bytes;
+        let baud = u32::from_le_bytes([b0, b1, b2, b3]);
+        if !(MIN_BAUD..=MAX_BAUD).contains(&baud) {
+            return Err(Refused::Baud(baud));
+        }
+        let stop_bits = match stop_bits {
+            0 => StopBits::One,
+            2 => StopBits::Two,
+            other => return Err(Refused::StopBits(other)),
+        };
+        let parity = match parity {
+            0 => Parity::None,
+            1 => Parity::Odd,
+            2 => Parity::Even,
+            other => return Err(Refused::Parity(other)),
+        };
+        if data_bits != DATA_BITS {
+            return Err(Refused::DataBits(data_bits));
+        }
+        Ok(Self {
+            baud,
+            parity,
+            stop_bits,
+        })
+    }
+
+    /// Writes what a host reads with GET_LINE_CODING.
+    pub const fn to_cdc(self) -> [u8; 7] {
+        let [b0, b1, b2, b3] = self.baud.to_le_bytes();
+        let stop_bits = match self.stop_bits {
+            StopBits::One => 0,
+            StopBits::Two => 2,
+        };
+        let parity = match self.parity {
+            Parity::None => 0,
+            Parity::Odd => 1,
+            Parity::Even => 2,
+        };
+        [b0, b1, b2, b3, stop_bits, parity, DATA_BITS]
+    }
+
+    /// The time `bytes` bytes take on the line without a gap, in whole microseconds, rounded down.
+    ///
+    /// ```
+    /// assert_eq!(armwire_bridge::LineCoding::default().micros(21), 210);
+    /// ```
+    pub fn micros(self, bytes: usize) -> u64 {
+        let parity = u64::from(self.parity != Parity::None);
+        let stop = 1 + u64::from(self.stop_bits == StopBits::Two);
+        let bits = 1 + u64::from(DATA_BITS) + parity + stop;
+        (bytes as u64)
+            .saturating_mul(bits * 1_000_000)
+            .checked_div(u64::from(self.baud))
+            .unwrap_or(0)
+    }
+}
+
+/// [`LineCoding::LING`].
+impl Default for LineCoding {
+    fn default() -> Self {
+        Self::LING
+    }
+}
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Baud(got) => write!(f, "{got} baud, the UART does {MIN_BAUD} to {MAX_BAUD}"),
+            Self::DataBits(got) => write!(f, "{got} data bits, the UART does {DATA_BITS}"),
+            Self::Parity(got) => write!(f, "parity {got}, the UART does none (0), odd (1) and even (2)"),
+            Self::StopBits(got) => write!(f, "stop bits {got}, the UART does one (0) and two (2)"),
+        }
+    }
+}
+
+impl core::error::Error for Refused {}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::string::ToString;
+
+    use super::*;
+
+    fn coding(baud: u32, stop_bits: u8, parity: u8, data_bits: u8) -> Result<LineCoding, Refused> {
+        let [b0, b1, b2, b3] = baud.to_le_bytes();
+        LineCoding::from_cdc([b0, b1, b2, b3, stop_bits, parity, data_bits])
+    }
+
+    #[test]
+    fn what_the_uart_can_do_is_accepted_and_reads_back() {
+        for baud in [1_200, 9_600, 115_200, 1_000_000, 2_000_000] {
+            for stop_bits in [0, 2] {
+                for parity in [0, 1, 2] {
+                    let accepted = coding(baud, stop_bits, parity, 8).unwrap();
+                    assert_eq!(LineCoding::from_cdc(accepted.to_cdc()), Ok(accepted));
+                    assert_eq!(accepted.to_cdc()[4..], [stop_bits, parity, 8]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_the_uart_cannot_do_is_refused_with_the_reason() {
+        assert_eq!(coding(0, 0, 0, 8), Err(Refused::Baud(0)));
+        assert_eq!(coding(MIN_BAUD - 1, 0, 0, 8), Err(Refused::Baud(MIN_BAUD - 1)));
+        assert_eq!(coding(MAX_BAUD + 1, 0, 0, 8), Err(Refused::Baud(MAX_BAUD + 1)));
+        assert_eq!(coding(9_600, 1, 0, 8), Err(Refused::StopBits(1)));
+        assert_eq!(coding(9_600, 0, 3, 8), Err(Refused::Parity(3)));
+        assert_eq!(coding(9_600, 0, 2, 7), Err(Refused::DataBits(7)));
+        assert_eq!(coding(9_600, 0, 0, 9), Err(Refused::DataBits(9)));
+        assert_eq!(
+            coding(3_000_000, 0, 0, 8).unwrap_err().to_string(),
+            "3000000 baud, the UART does 1200 to 2000000"
+        );
+    }
+
+    #[test]
+    fn time_on_the_line_counts_start_parity_and_stop_bits() {
+        assert_eq!(coding(115_200, 0, 0, 8).unwrap().micros(100), 8_680);
+        assert_eq!(coding(1_000_000, 2, 2, 8).unwrap().micros(10), 120);
+        assert_eq!(coding(2_000_000, 0, 0, 8).unwrap().micros(1), 5);
+    }
+}

@@ -1,0 +1,100 @@
+//! A bounded queue of bytes that moves slices, not bytes one at a time.
+
+/// First in, first out, up to `N` bytes.
+pub(crate) struct Queue<const N: usize> {
+    bytes: [u8; N],
+    /// Where the first byte lies.
+    head: usize,
+    len: usize,
+}
+
+impl<const N: usize> Queue<N> {
+    pub(crate) const fn new() -> Self {
+        Self {
+            bytes: [0; N],
+            head: 0,
+            len: 0,
+        }
+    }
+
+    pub(crate) const fn len(&self) -> usize {
+        self.len
+    }
+
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// How many more bytes fit.
+    pub(crate) const fn room(&self) -> usize {
+        N.saturating_sub(self.len)
+    }
+
+    pub(crate) const fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// Appends what fits and returns how many bytes did not.
+    pub(crate) fn push(&mut self, bytes: &[u8]) -> usize {
+        let fits = bytes.get(..self.room()).unwrap_or(bytes);
+        let tail = (self.head + self.len) % N;
+        let n = copy(self.bytes.get_mut(tail..).unwrap_or_default(), fits);
+        let n = n + copy(&mut self.bytes, fits.get(n..).unwrap_or_default());
+        self.len += n;
+        bytes.len().saturating_sub(n)
+    }
+
+    /// Moves bytes from the front into `out` and returns how many.
+    pub(crate) fn pop(&mut self, out: &mut [u8]) -> usize {
+        let len = out.len().min(self.len);
+        let out = out.get_mut(..len).unwrap_or_default();
+        let n = copy(out, self.bytes.get(self.head..).unwrap_or_default());
+        let n = n + copy(out.get_mut(n..).unwrap_or_default(), &self.bytes);
+        self.head = (self.head + n) % N;
+        self.len -= n;
+        n
+    }
+}
+
+/// Copies as much as both have.
+fn copy(to: &mut [u8], from: &[u8]) -> usize {
+    let n = to.len().min(from.len());
+    to[..n].copy_from_slice(&from[..n]);
+    n
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::collections::VecDeque;
+    use std::vec;
+    use std::vec::Vec;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn bytes_come_out_as_they_went_in(steps in prop::collection::vec((any::<bool>(), 0..40_usize), 0..200)) {
+            let (mut queue, mut model) = (Queue::<32>::new(), VecDeque::new());
+            let mut next = 0_u8;
+            for (push, n) in steps {
+                if push {
+                    let bytes: Vec<u8> = (0..n).map(|i| next.wrapping_add(i as u8)).collect();
+                    next = next.wrapping_add(n as u8);
+                    let fits = n.min(32 - model.len());
+                    prop_assert_eq!(queue.push(&bytes), n - fits);
+                    model.extend(&bytes[..fits]);
+                } else {
+                    let mut out = vec![0; n];
+                    let popped = queue.pop(&mut out);
+                    let expected: Vec<u8> = model.drain(..n.min(model.len())).collect();
+                    prop_assert_eq!(&out[..popped], expected);
+                }
+                prop_assert_eq!((queue.len(), queue.room()), (model.len(), 32 - model.len()));
+            }
+        }
+    }
+}

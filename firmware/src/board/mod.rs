@@ -1,0 +1,92 @@
+//! The default board: an STM32F405RG with a crystal, USB on PA11/PA12 and the arm on PA2/PA3.
+//!
+//! Only this folder and `memory.x` know which chip and which pins. Another board brings the same items.
+
+mod clock;
+
+use embassy_stm32::dma::{self, Channel, Request};
+use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::pac;
+use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, IWDG, USB_OTG_FS};
+use embassy_stm32::usart::{self, Uart};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peri, bind_interrupts, usb};
+use static_cell::StaticCell;
+
+use crate::uart;
+
+bind_interrupts!(struct Irqs {
+    OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
+    USART2 => uart::InterruptHandler;
+    DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
+    DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
+});
+
+/// The interrupt of the arm's UART.
+pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
+
+/// The registers of the arm's UART.
+pub(crate) const UART: pac::usart::Usart = pac::USART2;
+
+/// The DMA stream that serves the arm's UART, receiving.
+pub(crate) const RX_STREAM: (pac::dma::Dma, usize) = (pac::DMA1, 5);
+
+/// DMA1 stream 5 channel 4 is USART2_RX, stream 6 channel 4 USART2_TX (RM0090 table 42).
+pub(crate) const RX_REQUEST: Request = 4;
+/// See [`RX_REQUEST`].
+pub(crate) const TX_REQUEST: Request = 4;
+
+/// The driver of the USB peripheral.
+pub(crate) type UsbDriver = usb::Driver<'static, USB_OTG_FS>;
+
+/// What the board gives the firmware.
+pub(crate) struct Board {
+    /// The status LED.
+    pub(crate) led: Output<'static>,
+    /// The arm's UART, with its pins. Its line coding is set later.
+    pub(crate) uart: Uart<'static, Blocking>,
+    /// The DMA stream for bytes from the arm.
+    pub(crate) rx_dma: Channel<'static>,
+    /// The DMA stream for bytes to the arm.
+    pub(crate) tx_dma: Channel<'static>,
+    /// USB full speed.
+    pub(crate) usb: UsbDriver,
+    /// The independent watchdog, not yet started.
+    pub(crate) watchdog: Peri<'static, IWDG>,
+}
+
+/// The watchdog of this board.
+pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
+
+/// Starts the clocks and takes the pins.
+pub(crate) fn init() -> Board {
+    let p = embassy_stm32::init(clock::config());
+
+    let mut line = usart::Config::default();
+    line.baudrate = 1_000_000;
+    // An arm that is not plugged in shall look like an idle line.
+    line.rx_pull = Pull::Up;
+    let Ok(uart) = Uart::new_blocking(p.USART2, p.PA3, p.PA2, line) else {
+        unreachable!()
+    };
+
+    static OUT_PACKETS: StaticCell<[u8; 256]> = StaticCell::new();
+    let mut usb = usb::Config::default();
+    // VBUS is not wired to PA9 on most boards; without it the adapter counts as plugged in.
+    usb.vbus_detection = false;
+
+    Board {
+        led: Output::new(p.PB2, Level::Low, Speed::Low),
+        uart,
+        rx_dma: Channel::new(p.DMA1_CH5, Irqs),
+        tx_dma: Channel::new(p.DMA1_CH6, Irqs),
+        usb: UsbDriver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, OUT_PACKETS.init([0; 256]), usb),
+        watchdog: p.IWDG,
+    }
+}
+
+/// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
+pub(crate) fn serial_number() -> &'static str {
+    embassy_stm32::uid::uid_hex()
+}

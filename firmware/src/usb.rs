@@ -1,0 +1,159 @@
+//! The USB serial port: one CDC-ACM function.
+
+use armwire_bridge::PACKET;
+use embassy_usb::class::cdc_acm::{CdcAcmClass, Receiver, Sender, State};
+use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
+use embassy_usb::{Builder, Config, Handler, UsbDevice};
+use static_cell::StaticCell;
+
+use crate::adapter::{Adapter, now};
+use crate::board::{self, UsbDriver};
+
+/// The pid.codes test id. It is for private use: a product needs an id of its own.
+const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
+
+/// Requests of CDC PSTN 1.2, section 6.3.
+const SET_LINE_CODING: u8 = 0x20;
+const GET_LINE_CODING: u8 = 0x21;
+const SET_CONTROL_LINE_STATE: u8 = 0x22;
+
+/// The interface that the requests go to: the first, the only function's.
+const CONTROL_INTERFACE: u16 = 0;
+
+/// The device, and the two directions of its port.
+pub(crate) fn new(
+    driver: UsbDriver,
+    adapter: &'static Adapter,
+) -> (
+    UsbDevice<'static, UsbDriver>,
+    Sender<'static, UsbDriver>,
+    Receiver<'static, UsbDriver>,
+) {
+    static CONFIG_DESCRIPTOR: StaticCell<[u8; 128]> = StaticCell::new();
+    static CONTROL_BUFFER: StaticCell<[u8; 64]> = StaticCell::new();
+    static CONTROL: StaticCell<Control> = StaticCell::new();
+    static STATE: StaticCell<State<'static>> = StaticCell::new();
+
+    let (vendor, product) = VENDOR_AND_PRODUCT;
+    let mut config = Config::new(vendor, product);
+    config.manufacturer = Some("armwire");
+    config.product = Some("armwire adapter");
+    config.serial_number = Some(board::serial_number());
+    config.max_power = 100;
+
+    let mut builder = Builder::new(
+        driver,
+        config,
+        CONFIG_DESCRIPTOR.init([0; 128]),
+        &mut [],
+        &mut [],
+        CONTROL_BUFFER.init([0; 64]),
+    );
+    // Before the class, so that requests come here first.
+    builder.handler(CONTROL.init(Control { adapter }));
+    let port = CdcAcmClass::new(&mut builder, STATE.init(State::new()), PACKET as u16);
+    let (sender, receiver) = port.split();
+    (builder.build(), sender, receiver)
+}
+
+/// Tells the bridge what the host does, and answers for the line coding as the UART really has it.
+struct Control {
+    adapter: &'static Adapter,
+}
+
+impl Handler for Control {
+    fn reset(&mut self) {
+        self.adapter.with(|bridge| bridge.usb_reset());
+    }
+
+    fn configured(&mut self, configured: bool) {
+        self.adapter.with(|bridge| bridge.usb_configured(configured));
+    }
+
+    fn suspended(&mut self, suspended: bool) {
+        if suspended {
+            self.adapter.with(|bridge| bridge.usb_suspended());
+        }
+    }
+
+    fn control_out(&mut self, request: Request, data: &[u8]) -> Option<OutResponse> {
+        if !is_for_the_port(&request) {
+            return None;
+        }
+        match request.request {
+            SET_LINE_CODING => {
+                let coding = data.try_into().ok()?;
+                let result = self.adapter.with(|bridge| bridge.request_line_coding(coding, now()));
+                self.adapter.bytes.signal(());
+                Some(result.map_or(OutResponse::Rejected, |()| OutResponse::Accepted))
+            }
+            SET_CONTROL_LINE_STATE => {
+                let dtr = request.value & 1 != 0;
+                self.adapter.with(|bridge| bridge.usb_dtr(dtr));
+                Some(OutResponse::Accepted)
+            }
+            _ => None,
+        }
+    }
+
+    fn control_in<'a>(&'a mut self, request: Request, buf: &'a mut [u8]) -> Option<InResponse<'a>> {
+        if !is_for_the_port(&request) || request.request != GET_LINE_CODING {
+            return None;
+        }
+        let coding = self.adapter.with(|bridge| bridge.line_coding()).to_cdc();
+        let buf = buf.get_mut(..coding.len())?;
+        buf.copy_from_slice(&coding);
+        Some(InResponse::Accepted(buf))
+    }
+}
+
+fn is_for_the_port(request: &Request) -> bool {
+    request.request_type == RequestType::Class
+        && request.recipient == Recipient::Interface
+        && request.index == CONTROL_INTERFACE
+}
+
+/// Answers the host's control requests.
+#[embassy_executor::task]
+pub(crate) async fn run(mut device: UsbDevice<'static, UsbDriver>) {
+    device.run().await
+}
+
+/// Sends the host what the arm said.
+#[embassy_executor::task]
+pub(crate) async fn to_host(adapter: &'static Adapter, mut sender: Sender<'static, UsbDriver>) {
+    let mut packet = [0; PACKET];
+    loop {
+        sender.wait_connection().await;
+        loop {
+            let Some(n) = adapter.with(|bridge| bridge.usb_transmit(&mut packet)) else {
+                adapter.packet.wait().await;
+                continue;
+            };
+            if sender.write_packet(&packet[..n]).await.is_err() {
+                adapter.with(|bridge| bridge.usb_lost(n));
+                break;
+            }
+        }
+    }
+}
+
+/// Takes from the host what is for the arm.
+#[embassy_executor::task]
+pub(crate) async fn from_host(adapter: &'static Adapter, mut receiver: Receiver<'static, UsbDriver>) {
+    let mut packet = [0; PACKET];
+    loop {
+        receiver.wait_connection().await;
+        loop {
+            // Until a packet is read, USB holds the host back.
+            while !adapter.with(|bridge| bridge.usb_room()) {
+                adapter.room.wait().await;
+            }
+            let Ok(n) = receiver.read_packet(&mut packet).await else {
+                break;
+            };
+            adapter.with(|bridge| bridge.usb_received(&packet[..n], now()));
+            adapter.bytes.signal(());
+        }
+    }
+}
