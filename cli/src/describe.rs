@@ -1,0 +1,89 @@
+//! Requests and responses in words.
+
+use std::f32::consts::PI;
+
+use armwire::ling::{JointState, Move, PerServo, Position, Request, Response, Torque};
+
+/// Bytes as `AA 06 00`.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    let bytes: Vec<_> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
+    bytes.join(" ")
+}
+
+/// An angle as `+0.7854 rad  +45.00°`.
+pub(crate) fn angle(position: Position) -> String {
+    let radians = position.radians();
+    format!("{radians:+.4} rad {:+7.2}°", radians * 180.0 / PI)
+}
+
+/// A raw joint position as an angle in degrees, if it is one.
+fn degrees(ticks: u16) -> String {
+    match Position::new(ticks) {
+        Ok(position) => format!("{:+.2}°", position.radians() * 180.0 / PI),
+        Err(_) => format!("{ticks} (out of range)"),
+    }
+}
+
+/// Readings with a space between.
+pub(crate) fn list<T: ToString>(readings: &PerServo<T>) -> String {
+    let readings: Vec<_> = readings.as_slice().iter().map(T::to_string).collect();
+    readings.join(" ")
+}
+
+pub(crate) fn request(request: &Request) -> String {
+    match request {
+        Request::ReadInfo => "read information".to_owned(),
+        Request::SetZero => "set zero position".to_owned(),
+        Request::SetStroke(stroke) => format!("set gripper stroke {} mm", stroke.millimetres()),
+        Request::ReadStroke => "read gripper stroke".to_owned(),
+        Request::SetTorque(Torque::On) => "torque on".to_owned(),
+        Request::SetTorque(Torque::Off) => "torque off".to_owned(),
+        Request::ReadJoints => "read joints".to_owned(),
+        Request::ReadTemperatures => "read temperatures".to_owned(),
+        Request::SetTemperatureLimit(limit) => format!("set temperature limit {} °C", limit.celsius()),
+        Request::ReadVelocities => "read velocities".to_owned(),
+        Request::Move(target) => format!("move {}", motion(target)),
+        Request::SelfCheck => "self-check".to_owned(),
+        other => format!("{other:?}"),
+    }
+}
+
+fn motion(target: &Move) -> String {
+    let joints = target
+        .joints
+        .map(|(position, speed)| format!("{} at {}", degrees(position.ticks()), speed.ticks_per_second()));
+    let (opening, speed) = target.gripper;
+    format!(
+        "{}, gripper {} ‰ at {} ticks/s",
+        joints.join(" "),
+        opening.per_mille(),
+        speed.0
+    )
+}
+
+pub(crate) fn response(response: &Response) -> String {
+    match response {
+        Response::Info(info) => format!(
+            "serial number {}, hardware {}, firmware {}",
+            info.serial, info.hardware, info.firmware
+        ),
+        Response::Stroke(stroke) => format!("gripper stroke {} mm", stroke.millimetres()),
+        Response::Joints(state) => joints(state),
+        Response::Temperatures(celsius) => format!("temperatures {} °C", list(celsius)),
+        Response::Velocities(speeds) => format!("velocities {} ticks/s", list(speeds)),
+        Response::SelfCheck(check) => format!("self-check {:#012b}, servo 1 last, 1 = normal", check.0),
+        other => format!("{other:?}"),
+    }
+}
+
+fn joints(state: &JointState) -> String {
+    let JointState {
+        joints,
+        gripper,
+        status,
+    } = state;
+    format!(
+        "joints {}, gripper {gripper} ‰, {status}",
+        joints.map(degrees).join(" ")
+    )
+}

@@ -1,0 +1,73 @@
+//! `armwire info`: what arm is on a port, and how it is.
+
+use std::io::{Write, stdout};
+
+use armwire::ling::{Kind, Position, Request, Response};
+
+use crate::Port;
+use crate::describe::{angle, list};
+use crate::link::Link;
+use crate::problem::Problem;
+
+pub(crate) fn run(port: &Port) -> Result<(), Problem> {
+    let mut link = Link::open(port)?;
+    let mut out = stdout().lock();
+    let mut show = |name: &str, value: String| writeln!(out, "{name:<13}{value}").map_err(Problem::Output);
+    let requests = [
+        Request::ReadInfo,
+        Request::ReadJoints,
+        Request::ReadStroke,
+        Request::ReadTemperatures,
+        Request::ReadVelocities,
+        Request::SelfCheck,
+    ];
+    let mut kind = None;
+    for request in requests {
+        match link.call(request)? {
+            Response::Info(info) => {
+                kind = info.serial.kind();
+                let arm = match kind {
+                    Some(Kind::Leader) => "Ling leader",
+                    Some(Kind::Follower) => "Ling follower",
+                    None => "Ling, of a kind that the serial number does not tell",
+                };
+                show("arm", arm.to_owned())?;
+                show("serial", info.serial.to_string())?;
+                show("hardware", info.hardware.to_string())?;
+                show("firmware", info.firmware.to_string())?;
+            }
+            Response::Joints(state) => {
+                show("status", state.status.to_string())?;
+                for (i, ticks) in state.joints.into_iter().enumerate() {
+                    let position = Position::new(ticks).map(angle);
+                    show(
+                        &format!("joint {}", i + 1),
+                        position.unwrap_or_else(|error| error.to_string()),
+                    )?;
+                }
+                let opening = state
+                    .opening()
+                    .map(|opening| format!("{:.1} % open", 100.0 * opening.fraction()));
+                show("gripper", opening.unwrap_or_else(|error| error.to_string()))?;
+            }
+            Response::Stroke(stroke) => show("stroke", format!("{} mm", stroke.millimetres()))?,
+            Response::Temperatures(celsius) => show("temperatures", format!("{} °C", list(&celsius)))?,
+            Response::Velocities(speeds) => show("velocities", format!("{} ticks/s", list(&speeds)))?,
+            Response::SelfCheck(check) => {
+                let kind = kind.unwrap_or(Kind::Follower);
+                let faulty: Vec<_> = check.faulty(kind).map(|id| id.to_string()).collect();
+                let verdict = match faulty.as_slice() {
+                    [] => format!("all {} servos normal", kind.servos()),
+                    faulty => format!("servos not normal: {}", faulty.join(", ")),
+                };
+                show("self-check", verdict)?;
+            }
+            _ => {}
+        }
+    }
+    let line = match link.dropped() {
+        0 => "clean".to_owned(),
+        dropped => format!("{dropped} bytes were no part of a frame"),
+    };
+    show("line", line)
+}

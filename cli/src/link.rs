@@ -1,0 +1,158 @@
+//! A blocking call at a time over a serial port: the one place with a clock.
+
+use std::io::{ErrorKind, Read, Write};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire::ling::{Ling, MAX_FRAME, Request, Response};
+use armwire::{Client, Config, Event, Input, Micros, Protocol, Reason};
+use serialport::{ClearBuffer, SerialPort};
+
+use crate::Port;
+use crate::problem::{Heard, Problem};
+
+/// Bytes kept of what was heard instead of an answer.
+const KEPT: usize = 256;
+
+/// An open port with a client on it.
+pub(crate) struct Link {
+    name: String,
+    config: Config,
+    port: Box<dyn SerialPort>,
+    client: Client<Ling, MAX_FRAME>,
+    start: Instant,
+    dropped: usize,
+}
+
+impl Link {
+    pub(crate) fn open(port: &Port) -> Result<Self, Problem> {
+        let fail = |error| Problem::Open {
+            port: port.port.clone(),
+            error,
+        };
+        let open = serialport::new(&port.port, port.baud).open().map_err(fail)?;
+        // What an earlier program did not read is not for us.
+        open.clear(ClearBuffer::Input).map_err(fail)?;
+        let config = Config {
+            baud: port.baud,
+            // The system may be busy, and nobody waits for us but a person.
+            latency: Micros::from_millis(50),
+            ..Config::default()
+        };
+        Ok(Self {
+            name: port.port.clone(),
+            config,
+            port: open,
+            client: Client::new(config),
+            start: Instant::now(),
+            dropped: 0,
+        })
+    }
+
+    /// Asks for something and returns the answer.
+    pub(crate) fn call(&mut self, request: Request) -> Result<Response, Problem> {
+        // Every call runs to its end, so none is in flight.
+        let _ = self.client.submit(request);
+        let begun = self.now();
+        let mut heard = Heard::default();
+        let mut buf = [0; 256];
+        loop {
+            self.transmit()?;
+            let n = self.receive(&mut buf)?;
+            let bytes = &buf[..n];
+            heard.count += n;
+            let room = KEPT - heard.bytes.len();
+            heard.bytes.extend(bytes.iter().take(room));
+
+            let now = self.now();
+            let mut input = Input::Bytes(bytes);
+            while let Some(event) = self.client.handle(now, &mut input) {
+                match event {
+                    Event::Answer(response) => return Ok(response),
+                    Event::Sent | Event::TimedOut { .. } => {
+                        if let Event::TimedOut { sends } = event {
+                            heard.sends = sends;
+                        }
+                        heard.millis = now.since(begun).0 / 1_000;
+                        heard.begun = is_begun(&request, &heard.bytes);
+                        return Err(Problem::NoAnswer {
+                            port: self.name.clone(),
+                            baud: self.config.baud,
+                            heard,
+                        });
+                    }
+                    Event::Late(_) | Event::Unsolicited(_) | Event::Unknown(_) => heard.frames += 1,
+                    Event::Echo(_) => heard.echoes += 1,
+                    Event::Noise(noise) => {
+                        self.dropped += noise.len;
+                        heard.checksums += usize::from(matches!(noise.reason, Reason::Checksum { .. }));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Bytes that belonged to no frame, so far.
+    pub(crate) fn dropped(&self) -> usize {
+        self.dropped
+    }
+
+    /// Time since the port was opened.
+    pub(crate) fn now(&self) -> Micros {
+        Micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
+    }
+
+    pub(crate) fn sleep_until(&self, instant: Micros) {
+        thread::sleep(Duration::from_micros(instant.since(self.now()).0));
+    }
+
+    fn transmit(&mut self) -> Result<(), Problem> {
+        let now = self.now();
+        while let Some(bytes) = self.client.poll_transmit(now) {
+            match self.port.write(bytes) {
+                Ok(n) => self.client.transmitted(now, n),
+                Err(error) if is_nothing_yet(&error) => return Ok(()),
+                Err(error) => return Err(self.lost(error)),
+            }
+        }
+        Ok(())
+    }
+
+    /// What has arrived, waiting for it until the client has something to do.
+    fn receive(&mut self, buf: &mut [u8]) -> Result<usize, Problem> {
+        let wait = self
+            .client
+            .poll_timeout()
+            .map_or(Micros(0), |due| due.since(self.now()));
+        self.port
+            .set_timeout(Duration::from_micros(wait.0))
+            .map_err(|error| self.lost(error.into()))?;
+        match self.port.read(buf) {
+            Ok(n) => Ok(n),
+            Err(error) if is_nothing_yet(&error) => Ok(0),
+            Err(error) => Err(self.lost(error)),
+        }
+    }
+
+    fn lost(&self, error: std::io::Error) -> Problem {
+        Problem::Lost {
+            port: self.name.clone(),
+            error,
+        }
+    }
+}
+
+fn is_nothing_yet(error: &std::io::Error) -> bool {
+    matches!(
+        error.kind(),
+        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
+    )
+}
+
+/// Whether an answer to the request begins somewhere in the bytes: with the request's header, command and function.
+fn is_begun(request: &Request, bytes: &[u8]) -> bool {
+    let mut out = [0; MAX_FRAME];
+    let sent = Ling::encode_request(request, &mut out).unwrap_or(0);
+    let answered = |window: &&[u8]| window[..3] == out[..3] && window[3] != out[3];
+    sent > 3 && bytes.windows(4).any(|window| answered(&window))
+}
