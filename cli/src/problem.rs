@@ -161,7 +161,7 @@ fn fmt_open(f: &mut fmt::Formatter<'_>, port: &str, error: &serialport::Error) -
             f,
             "permission denied: add yourself to the group 'dialout' ('sudo usermod -aG dialout $USER') and log in again"
         ),
-        _ if error.description.contains("ioctl") => write!(f, "not a serial port ({error})"),
+        _ if error.description.contains("typewriter") => f.write_str("not a serial port"),
         _ => write!(f, "cannot be opened: {error}"),
     }
 }

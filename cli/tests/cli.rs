@@ -1,0 +1,348 @@
+//! The built program against virtual arms on pseudo-terminals: what a user sees, and each error a user meets.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+use std::fs::{self, Permissions};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire_sim::pty::Pty;
+use rustix::process::{Pid, Signal, geteuid, kill_process};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_armwire");
+/// No program here runs for so long unless it hangs.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Waits for a program to end, and kills it if it does not.
+fn finish(mut child: Child) -> Output {
+    let deadline = Instant::now() + PATIENCE;
+    while child.try_wait().unwrap().is_none() {
+        if Instant::now() > deadline {
+            child.kill().unwrap();
+            panic!("it hangs: {:?}", child.wait_with_output());
+        }
+        thread::sleep(Duration::from_millis(5));
+    }
+    child.wait_with_output().unwrap()
+}
+
+fn start(command: &mut Command) -> Child {
+    let command = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command.spawn().unwrap()
+}
+
+fn run(args: &[&str]) -> Output {
+    finish(start(Command::new(PROGRAM).args(args)))
+}
+
+/// What a program that succeeds prints.
+fn success(args: &[&str]) -> String {
+    let output = run(args);
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// The one line that a program which fails prints, without its name.
+fn failure(output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let stderr = String::from_utf8(output.stderr.clone()).unwrap();
+    assert_eq!(stderr.lines().count(), 1, "{stderr}");
+    stderr.strip_prefix("armwire: ").unwrap().trim_end().to_owned()
+}
+
+/// A path of one test's own where nothing is.
+fn free_path(name: &str) -> PathBuf {
+    let path = std::env::temp_dir().join(format!("armwire-cli-{name}-{}", std::process::id()));
+    let _ = fs::remove_file(&path);
+    path
+}
+
+/// A running `armwire sim ling`.
+struct Arm {
+    child: Child,
+    out: BufReader<ChildStdout>,
+    port: String,
+}
+
+impl Arm {
+    fn start(name: &str, args: &[&str]) -> Self {
+        let port = free_path(name).to_str().unwrap().to_owned();
+        let mut child = start(Command::new(PROGRAM).args(["sim", "ling", "--pty", &port]).args(args));
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        let mut line = String::new();
+        out.read_line(&mut line).unwrap();
+        assert!(line.contains(&port), "{line}");
+        Self { child, out, port }
+    }
+
+    /// Asks it to end, and returns the last it has to say.
+    fn stop(mut self, signal: Signal) -> String {
+        kill_process(Pid::from_child(&self.child), signal).unwrap();
+        let deadline = Instant::now() + PATIENCE;
+        let status = loop {
+            match self.child.try_wait().unwrap() {
+                Some(status) => break status,
+                None => assert!(Instant::now() < deadline, "it does not end"),
+            }
+            thread::sleep(Duration::from_millis(5));
+        };
+        assert!(status.success());
+        let mut rest = String::new();
+        self.out.read_to_string(&mut rest).unwrap();
+        rest
+    }
+}
+
+impl Drop for Arm {
+    fn drop(&mut self) {
+        // After stop there is nothing left to kill.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = fs::remove_file(&self.port);
+    }
+}
+
+/// Runs `armwire info` on a pty where `answer` is written for every request.
+fn info_on_a_port_that_says(answer: &[u8]) -> Output {
+    let pty = Pty::open(None).unwrap();
+    let done = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut request = [0; 64];
+            while !done.load(Ordering::Relaxed) {
+                pty.wait(Some(Duration::from_millis(10))).unwrap();
+                if pty.read(&mut request).unwrap() > 0 {
+                    pty.write(answer).unwrap();
+                }
+            }
+        });
+        let output = run(&["info", pty.path().to_str().unwrap()]);
+        done.store(true, Ordering::Relaxed);
+        output
+    })
+}
+
+#[test]
+fn info_tells_what_arm_it_is_and_how_it_is() {
+    let arm = Arm::start("info", &["--stroke", "100", "--serial", "ADFS990101000001"]);
+    let out = success(&["info", &arm.port]);
+    for line in [
+        "arm          Ling follower",
+        "serial       ADFS990101000001",
+        "hardware     v1.10",
+        "firmware     v6.10",
+        "status       locked",
+        "joint 6      +0.0000 rad   +0.00°",
+        "gripper      0.0 % open",
+        "stroke       100 mm",
+        "self-check   all 10 servos normal",
+        "line         clean",
+    ] {
+        assert!(out.lines().any(|printed| printed == line), "{line} is not in\n{out}");
+    }
+    assert_eq!(success(&["info", &arm.port]), out, "a port may be opened again");
+}
+
+#[test]
+fn info_knows_a_leader_and_copes_with_an_echo_and_a_slow_arm() {
+    let arm = Arm::start("leader", &["--leader", "--echo", "--turnaround-us", "5000"]);
+    let out = success(&["info", &arm.port]);
+    assert!(
+        out.contains("Ling leader") && out.contains("all 6 servos normal"),
+        "{out}"
+    );
+}
+
+#[test]
+fn info_asks_again_when_an_answer_is_damaged_and_tells_of_it() {
+    let arm = Arm::start("damaged", &["--faults", "corrupt=5000", "--seed", "3"]);
+    let out = success(&["info", &arm.port]);
+    assert!(out.contains("bytes were no part of a frame"), "{out}");
+}
+
+#[test]
+fn monitor_prints_as_many_readings_as_asked_for() {
+    let arm = Arm::start("monitor", &[]);
+    let out = success(&["monitor", &arm.port, "--rate", "200", "--count", "5"]);
+    assert_eq!(out.lines().count(), 5);
+    assert!(
+        out.lines()
+            .all(|line| line.contains("+0.0000 rad   +0.00°") && line.ends_with("gripper 0.0 %  locked"))
+    );
+}
+
+#[test]
+fn a_virtual_arm_ends_cleanly_on_ctrl_c_and_on_terminate() {
+    for signal in [Signal::INT, Signal::TERM] {
+        let arm = Arm::start("end", &[]);
+        success(&["info", &arm.port]);
+        let port = arm.port.clone();
+        let last = arm.stop(signal);
+        assert!(last.contains("6 requests (6 answered, 0 refused)"), "{last}");
+        assert!(fs::symlink_metadata(port).is_err(), "the link is left behind");
+    }
+}
+
+#[test]
+fn a_virtual_arm_does_not_replace_a_file() {
+    let path = free_path("file");
+    fs::write(&path, "precious").unwrap();
+    let line = failure(&run(&["sim", "ling", "--pty", path.to_str().unwrap()]));
+    assert!(line.ends_with("exists and is not a symbolic link"), "{line}");
+    assert_eq!(fs::read_to_string(&path).unwrap(), "precious");
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn a_port_that_is_not_there_is_missing() {
+    let line = failure(&run(&["info", "/dev/no-such-port"]));
+    assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
+}
+
+#[test]
+fn a_file_is_not_a_serial_port() {
+    assert_eq!(failure(&run(&["info", "/dev/null"])), "/dev/null: not a serial port");
+}
+
+#[test]
+fn a_port_that_another_program_has_open_is_busy() {
+    let arm = Arm::start("busy", &[]);
+    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port]));
+    // Its first reading says that it has the port.
+    BufReader::new(monitor.stdout.as_mut().unwrap())
+        .read_line(&mut String::new())
+        .unwrap();
+    let line = failure(&run(&["info", &arm.port]));
+    assert!(line.contains("in use by another program"), "{line}");
+
+    monitor.kill().unwrap();
+    monitor.wait().unwrap();
+    success(&["info", &arm.port]);
+}
+
+#[test]
+fn a_port_without_permission_says_which_group_to_join() {
+    let pty = Pty::open(None).unwrap();
+    let mut command;
+    let copy = free_path("copy");
+    if geteuid().is_root() {
+        // Root may open anything, so somebody else must try.
+        fs::set_permissions(pty.path(), Permissions::from_mode(0o600)).unwrap();
+        fs::copy(PROGRAM, &copy).unwrap();
+        fs::set_permissions(&copy, Permissions::from_mode(0o755)).unwrap();
+        command = Command::new(&copy);
+        command.uid(65_534).current_dir("/");
+    } else {
+        fs::set_permissions(pty.path(), Permissions::from_mode(0o000)).unwrap();
+        command = Command::new(PROGRAM);
+    }
+    let output = finish(start(command.arg("info").arg(pty.path())));
+    let _ = fs::remove_file(&copy);
+    let line = failure(&output);
+    assert!(line.contains("permission denied") && line.contains("dialout"), "{line}");
+}
+
+#[test]
+fn a_port_where_nobody_answers_is_silent() {
+    let pty = Pty::open(None).unwrap();
+    let line = failure(&run(&["info", pty.path().to_str().unwrap()]));
+    assert!(
+        line.contains("no answer in") && line.contains("asked 3 times"),
+        "{line}"
+    );
+    assert!(line.contains("is the arm powered"), "{line}");
+}
+
+#[test]
+fn answers_that_are_all_damaged_are_told_as_such() {
+    let arm = Arm::start("corrupt", &["--faults", "corrupt=100000", "--faults-on", "answers"]);
+    let line = failure(&run(&["info", &arm.port]));
+    assert!(line.contains("the answers arrive damaged"), "{line}");
+}
+
+#[test]
+fn an_arm_of_the_older_generation_is_named() {
+    let line = failure(&info_on_a_port_that_says(&[0xAA, 0x12, 0x03, 1, 2, 4, 1, 0xFF]));
+    assert!(line.contains("older generation"), "{line}");
+}
+
+#[test]
+fn bytes_that_are_no_frames_are_shown() {
+    let line = failure(&info_on_a_port_that_says(&[0x55, 0x0D, 0x0A, 0xAA]));
+    assert!(
+        line.contains("no frame of a Ling arm") && line.contains("first bytes: 55 0D 0A AA 55"),
+        "{line}"
+    );
+    assert!(line.contains("is 1000000 the baud rate"), "{line}");
+}
+
+#[test]
+fn requests_that_only_come_back_are_told_from_answers() {
+    let line = failure(&info_on_a_port_that_says(&[0xAA, 0x01, 0x00, 0x01, 0xFE, 0x23, 0xFF]));
+    assert!(line.contains("only our own requests come back"), "{line}");
+}
+
+#[test]
+fn a_port_that_goes_away_is_gone() {
+    let arm = Arm::start("gone", &[]);
+    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port]));
+    BufReader::new(monitor.stdout.as_mut().unwrap())
+        .read_line(&mut String::new())
+        .unwrap();
+    drop(arm);
+    let line = failure(&finish(monitor));
+    assert!(line.contains("the port is gone"), "{line}");
+}
+
+#[test]
+fn decode_reads_bytes_and_hexadecimal_text_from_a_file_or_standard_input() {
+    let path = free_path("recording");
+    let decode = |path: &Path| success(&["decode", path.to_str().unwrap()]);
+    fs::write(&path, [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF]).unwrap();
+    let of_bytes = decode(&path);
+    assert_eq!(
+        of_bytes,
+        "       0  AA 05 00 01 01 F9 FF\n          to the arm: torque on\n7 bytes: 1 frames, 0 bytes of noise\n"
+    );
+    fs::write(&path, "AA 05 00 01 01 F9 FF\n").unwrap();
+    assert_eq!(decode(&path), of_bytes);
+    fs::write(&path, "AA 05\nAB CG\n").unwrap();
+    let line = failure(&run(&["decode", path.to_str().unwrap()]));
+    assert!(
+        line.ends_with("line 2: 'CG' is not a byte or bytes in hexadecimal"),
+        "{line}"
+    );
+    fs::remove_file(&path).unwrap();
+    assert!(failure(&run(&["decode", path.to_str().unwrap()])).contains("No such file"));
+
+    let mut child = Command::new(PROGRAM)
+        .arg("decode")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(b"aa 05 00 01 01 f9 ff").unwrap();
+    assert_eq!(finish(child).stdout, of_bytes.as_bytes());
+}
+
+#[test]
+fn wrong_usage_exits_with_2() {
+    for args in [
+        &["info"][..],
+        &["sim", "ling", "--stroke", "60"],
+        &["sim", "ling", "--faults", "gremlins=1"],
+        &["info", "x", "--baud", "0"],
+    ] {
+        assert_eq!(run(args).status.code(), Some(2), "{args:?}");
+    }
+}
