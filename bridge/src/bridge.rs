@@ -34,8 +34,8 @@ pub struct Bridge<const UP: usize, const DOWN: usize> {
     down_moved: Micros,
     port: Port,
     coding: LineCoding,
-    /// The line coding that waits for the bytes before it to go out.
-    wanted: Option<LineCoding>,
+    /// The line coding the host asked for, and how many bytes for the arm go out before it takes effect.
+    wanted: Option<(LineCoding, usize)>,
     /// When the UART was last looked at.
     looked: Micros,
     /// Nothing has arrived since the last frame ended or the line went idle, so there is nothing to time the next look
@@ -196,11 +196,16 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         }
     }
 
-    /// Moves bytes for the arm to the front of `out` and returns how many, 0 when there are none.
+    /// Moves bytes for the arm to the front of `out` and returns how many, 0 when there are none or the line coding has
+    /// to change first.
     ///
     /// Then ask [`usb_room`](Self::usb_room) and [`line_coding_change`](Self::line_coding_change).
     pub fn uart_transmit(&mut self, out: &mut [u8], now: Micros) -> usize {
-        let n = self.down.pop(out);
+        let before = self.wanted.map_or(out.len(), |(_, before)| before.min(out.len()));
+        let n = self.down.pop(out.get_mut(..before).unwrap_or_default());
+        if let Some((_, before)) = &mut self.wanted {
+            *before = before.saturating_sub(n);
+        }
         self.down_moved = now;
         count(&mut self.counters.host_to_arm_bytes, n);
         n
@@ -263,7 +268,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     /// Whether the next packet from the host may be taken. If not, leave it: USB holds the host back.
     pub fn usb_room(&self) -> bool {
-        self.wanted.is_none() && self.down.room() >= PACKET
+        self.down.room() >= PACKET
     }
 
     /// The host sent a packet. Ask [`usb_room`](Self::usb_room) before.
@@ -343,26 +348,27 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         if self.down.is_empty() {
             self.down_moved = now;
         }
-        self.wanted = (coding != self.coding).then_some(coding);
+        let before = self.wanted.map_or(self.down.len(), |(_, before)| before);
+        self.wanted = (coding != self.coding).then_some((coding, before));
         Ok(())
     }
 
     /// The line coding to change to, once every byte before it has been handed to the UART.
     pub fn line_coding_change(&self) -> Option<LineCoding> {
-        self.wanted.filter(|_| self.down.is_empty())
+        self.wanted.filter(|&(_, before)| before == 0).map(|(coding, _)| coding)
     }
 
     /// The UART works with this line coding from here on. A frame that had begun will not end.
     pub fn line_coding_changed(&mut self, coding: LineCoding) {
         self.uart_idle();
         self.coding = coding;
-        self.wanted = self.wanted.filter(|&wanted| wanted != coding);
+        self.wanted = self.wanted.filter(|&(wanted, _)| wanted != coding);
         count(&mut self.counters.line_codings, 1);
     }
 
     /// The line coding the host may count on: the one it last asked for successfully.
     pub fn line_coding(&self) -> LineCoding {
-        self.wanted.unwrap_or(self.coding)
+        self.wanted.map_or(self.coding, |(wanted, _)| wanted)
     }
 
     // ---- Health ----

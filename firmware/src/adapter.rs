@@ -21,6 +21,8 @@ pub(crate) struct Adapter {
     bridge: RefCell<Bridge>,
     /// A packet for the host may be due.
     pub(crate) packet: Signal<NoopRawMutex, ()>,
+    /// A host came, went, opened or closed the port.
+    pub(crate) session: Signal<NoopRawMutex, ()>,
     /// There may be bytes for the arm, or a new line coding.
     pub(crate) bytes: Signal<NoopRawMutex, ()>,
     /// There may be room for a packet from the host.
@@ -33,6 +35,7 @@ impl Adapter {
         Self {
             bridge: RefCell::new(Bridge::new()),
             packet: Signal::new(),
+            session: Signal::new(),
             bytes: Signal::new(),
             room: Signal::new(),
         }

@@ -41,9 +41,10 @@ async fn main(spawner: Spawner) {
     // Spawning fails only for a task that already runs.
     spawner.spawn(uart::receive(adapter, board.rx_dma, RING.init([0; uart::RING])).unwrap());
     spawner.spawn(uart::transmit(adapter, board.uart, board.tx_dma).unwrap());
-    spawner.spawn(usb::run(device).unwrap());
     spawner.spawn(usb::to_host(adapter, sender).unwrap());
     spawner.spawn(usb::from_host(adapter, receiver).unwrap());
     spawner.spawn(led::show(adapter, board.led).unwrap());
     spawner.spawn(watchdog::feed(adapter, watchdog).unwrap());
+    // The last one runs first: it switches on the USB peripheral that others look at.
+    spawner.spawn(usb::run(device).unwrap());
 }

@@ -1,6 +1,7 @@
 //! The USB serial port: one CDC-ACM function.
 
 use armwire_bridge::PACKET;
+use embassy_futures::select::{Either, select};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, Receiver, Sender, State};
 use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
 use embassy_usb::{Builder, Config, Handler, UsbDevice};
@@ -63,11 +64,14 @@ struct Control {
 
 impl Handler for Control {
     fn reset(&mut self) {
+        board::cancel_unfetched_packets();
         self.adapter.with(|bridge| bridge.usb_reset());
+        self.adapter.session.signal(());
     }
 
     fn configured(&mut self, configured: bool) {
         self.adapter.with(|bridge| bridge.usb_configured(configured));
+        self.adapter.session.signal(());
     }
 
     fn suspended(&mut self, suspended: bool) {
@@ -90,6 +94,7 @@ impl Handler for Control {
             SET_CONTROL_LINE_STATE => {
                 let dtr = request.value & 1 != 0;
                 self.adapter.with(|bridge| bridge.usb_dtr(dtr));
+                self.adapter.session.signal(());
                 Some(OutResponse::Accepted)
             }
             _ => None,
@@ -126,12 +131,17 @@ pub(crate) async fn to_host(adapter: &'static Adapter, mut sender: Sender<'stati
     loop {
         sender.wait_connection().await;
         loop {
+            adapter.session.reset();
             let Some(n) = adapter.with(|bridge| bridge.usb_transmit(&mut packet)) else {
                 adapter.packet.wait().await;
                 continue;
             };
-            if sender.write_packet(&packet[..n]).await.is_err() {
+            // A packet that waits for the host to fetch the one before it is not for the next host.
+            let sent = select(sender.write_packet(&packet[..n]), adapter.session.wait()).await;
+            if !matches!(sent, Either::First(Ok(()))) {
                 adapter.with(|bridge| bridge.usb_lost(n));
+            }
+            if matches!(sent, Either::First(Err(_))) {
                 break;
             }
         }

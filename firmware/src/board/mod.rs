@@ -37,6 +37,9 @@ pub(crate) const RX_REQUEST: Request = 4;
 /// See [`RX_REQUEST`].
 pub(crate) const TX_REQUEST: Request = 4;
 
+/// The endpoints of the USB peripheral, each way (RM0090 34.1).
+const USB_ENDPOINTS: usize = 4;
+
 /// The driver of the USB peripheral.
 pub(crate) type UsbDriver = usb::Driver<'static, USB_OTG_FS>;
 
@@ -89,4 +92,20 @@ pub(crate) fn init() -> Board {
 /// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
 pub(crate) fn serial_number() -> &'static str {
     embassy_stm32::uid::uid_hex()
+}
+
+/// Takes back what waits in an endpoint for a host that will not fetch it.
+///
+/// A bus reset leaves such an endpoint enabled, and the HAL would wait for ever for it to be done (RM0090 34.17.6, "IN
+/// endpoint disable").
+pub(crate) fn cancel_unfetched_packets() {
+    for endpoint in 1..USB_ENDPOINTS {
+        let control = pac::USB_OTG_FS.diepctl(endpoint);
+        if control.read().epena() {
+            control.modify(|w| {
+                w.set_snak(true);
+                w.set_epdis(true);
+            });
+        }
+    }
 }
