@@ -113,7 +113,7 @@ fn lines(bytes: &[u8]) -> Vec<String> {
         offset += len;
     }
     lines.push(format!(
-        "{} bytes: {frames} frames, {noise_bytes} bytes of noise",
+        "bytes: {}, frames: {frames}, noise bytes: {noise_bytes}",
         bytes.len()
     ));
     lines
@@ -148,7 +148,7 @@ mod tests {
                 .iter()
                 .any(|line| line.ends_with("from the arm: gripper stroke 75 mm"))
         );
-        assert_eq!(lines.last().unwrap(), "19 bytes: 2 frames, 5 bytes of noise");
+        assert_eq!(lines.last().unwrap(), "bytes: 19, frames: 2, noise bytes: 5");
     }
 
     #[test]

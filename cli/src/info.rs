@@ -24,7 +24,7 @@ pub(crate) fn run(port: &Port) -> Result<(), Problem> {
     let mut kind = None;
     for request in requests {
         match link.call(request)? {
-            Response::Info(info) => {
+            Some(Response::Info(info)) => {
                 kind = info.serial.kind();
                 let arm = match kind {
                     Some(Kind::Leader) => "Ling leader",
@@ -36,7 +36,7 @@ pub(crate) fn run(port: &Port) -> Result<(), Problem> {
                 show("hardware", info.hardware.to_string())?;
                 show("firmware", info.firmware.to_string())?;
             }
-            Response::Joints(state) => {
+            Some(Response::Joints(state)) => {
                 show("status", state.status.to_string())?;
                 for (i, ticks) in state.joints.into_iter().enumerate() {
                     let position = Position::new(ticks).map(angle);
@@ -50,10 +50,10 @@ pub(crate) fn run(port: &Port) -> Result<(), Problem> {
                     .map(|opening| format!("{:.1} % open", 100.0 * opening.fraction()));
                 show("gripper", opening.unwrap_or_else(|error| error.to_string()))?;
             }
-            Response::Stroke(stroke) => show("stroke", format!("{} mm", stroke.millimetres()))?,
-            Response::Temperatures(celsius) => show("temperatures", format!("{} °C", list(&celsius)))?,
-            Response::Velocities(speeds) => show("velocities", format!("{} ticks/s", list(&speeds)))?,
-            Response::SelfCheck(check) => {
+            Some(Response::Stroke(stroke)) => show("stroke", format!("{} mm", stroke.millimetres()))?,
+            Some(Response::Temperatures(celsius)) => show("temperatures", format!("{} °C", list(&celsius)))?,
+            Some(Response::Velocities(speeds)) => show("velocities", format!("{} ticks/s", list(&speeds)))?,
+            Some(Response::SelfCheck(check)) => {
                 let kind = kind.unwrap_or(Kind::Follower);
                 let faulty: Vec<_> = check.faulty(kind).map(|id| id.to_string()).collect();
                 let verdict = match faulty.as_slice() {

@@ -49,8 +49,8 @@ impl Link {
         })
     }
 
-    /// Asks for something and returns the answer.
-    pub(crate) fn call(&mut self, request: Request) -> Result<Response, Problem> {
+    /// Makes one call and returns the answer, if the request gets one.
+    pub(crate) fn call(&mut self, request: Request) -> Result<Option<Response>, Problem> {
         // Every call runs to its end, so none is in flight.
         let _ = self.client.submit(request);
         let begun = self.now();
@@ -68,11 +68,10 @@ impl Link {
             let mut input = Input::Bytes(bytes);
             while let Some(event) = self.client.handle(now, &mut input) {
                 match event {
-                    Event::Answer(response) => return Ok(response),
-                    Event::Sent | Event::TimedOut { .. } => {
-                        if let Event::TimedOut { sends } = event {
-                            heard.sends = sends;
-                        }
+                    Event::Answer(response) => return Ok(Some(response)),
+                    Event::Sent => return Ok(None),
+                    Event::TimedOut { sends } => {
+                        heard.sends = sends;
                         heard.millis = now.since(begun).0 / 1_000;
                         heard.begun = is_begun(&request, &heard.bytes);
                         return Err(Problem::NoAnswer {

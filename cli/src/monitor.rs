@@ -35,7 +35,7 @@ impl Monitor {
             if stop.load(Ordering::Relaxed) {
                 break;
             }
-            if let Response::Joints(state) = link.call(Request::ReadJoints)? {
+            if let Some(Response::Joints(state)) = link.call(Request::ReadJoints)? {
                 let text = if terminal {
                     block(&state, reading > 0)
                 } else {

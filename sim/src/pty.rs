@@ -14,13 +14,14 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags, fcntl_getfl, fcntl_setfl};
-use rustix::io::Errno;
+use rustix::io::{Errno, FdFlags, fcntl_setfd};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, Termios, ioctl_tiocnxcl, tcgetattr, tcsetattr};
 
 /// A pty in raw mode, both ends of it, with our end non-blocking.
 ///
-/// Clients may open and close it at will. It is gone, and so is its symbolic link, when this is dropped.
+/// Clients may open and close it at will, which shows on our side only by what they write; what one leaves unread, the
+/// next one reads unless it empties its input buffer first, as serial libraries can. The pty is gone, and so is its symbolic link, when this is dropped.
 ///
 /// ```
 /// use std::io::{Read, Write};
@@ -58,6 +59,8 @@ impl Pty {
     /// replaced; [`io::ErrorKind::AlreadyExists`] when there is anything else.
     pub fn open(link: Option<&Path>) -> io::Result<Self> {
         let controller = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+        // A program that we start must not keep the pty alive.
+        fcntl_setfd(&controller, FdFlags::CLOEXEC)?;
         grantpt(&controller)?;
         unlockpt(&controller)?;
         let device = PathBuf::from(OsStr::from_bytes(ptsname(&controller, Vec::new())?.as_bytes()));
@@ -164,7 +167,10 @@ fn place_link(device: &Path, link: &Path) -> io::Result<()> {
         Ok(_) => {
             return Err(io::Error::new(
                 io::ErrorKind::AlreadyExists,
-                format!("{} exists and is not a symbolic link", link.display()),
+                format!(
+                    "{} exists and is not a symbolic link; choose another path",
+                    link.display()
+                ),
             ));
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}

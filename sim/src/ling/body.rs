@@ -5,7 +5,7 @@
 //! * A follower has ten servos: two each for joints 1 to 3, one each for joints 4 to 6 (so the vendor's software for the
 //!   older generation maps them), and one for the gripper. A leader has six, one for each joint; its gripper is a sensor.
 //! * A follower is switched on holding, a leader limp. There is no status for motion: *locked* says that the torque is
-//!   on, *idle* that it is off.
+//!   on, *idle* that it is off. It never follows a leader, so it is never *syncing*.
 //! * The gripper's servo turns one tick for each thousandth of the stroke, whatever the stroke.
 //! * Each servo is a first-order thermal model with a time constant of [`TIME_CONSTANT`]. It settles at ambient,
 //!   10 °C above while it holds (35 °C, as in the document's example), and another 16 °C above for each 1000 ticks/s.
