@@ -48,6 +48,9 @@ mod counters;
 mod line;
 mod queue;
 
+#[cfg(test)]
+mod tests;
+
 pub use bridge::{Bridge, PACKET, Wake};
 pub use counters::{Counters, UartErrors};
 pub use line::{LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits};

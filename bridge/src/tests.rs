@@ -1,0 +1,499 @@
+//! What the adapter promises, event by event.
+
+extern crate std;
+
+use std::vec;
+use std::vec::Vec;
+
+use armwire::Micros;
+use armwire::ling::{Frame, MAX_FRAME};
+use proptest::prelude::*;
+
+use crate::{Bridge, LineCoding, PACKET, Refused, UartErrors, Wake};
+
+type Adapter = Bridge<512, 128>;
+
+/// An adapter whose host has the port open.
+fn open() -> Adapter {
+    let mut bridge = Adapter::new();
+    bridge.usb_configured(true);
+    bridge.usb_dtr(true);
+    bridge
+}
+
+fn frame(data: &[u8]) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let frame = Frame {
+        command: 0x06,
+        function: 0x00,
+        data,
+    };
+    let n = frame.encode(&mut out).unwrap();
+    out[..n].to_vec()
+}
+
+/// The next packet for the host.
+fn packet<const UP: usize, const DOWN: usize>(bridge: &mut Bridge<UP, DOWN>) -> Option<Vec<u8>> {
+    let mut packet = [0; PACKET];
+    let due = bridge.usb_due();
+    let n = bridge.usb_transmit(&mut packet);
+    assert_eq!(n.is_some(), due);
+    n.map(|n| packet[..n].to_vec())
+}
+
+fn packets<const UP: usize, const DOWN: usize>(bridge: &mut Bridge<UP, DOWN>) -> Vec<Vec<u8>> {
+    core::iter::from_fn(|| packet(bridge)).collect()
+}
+
+/// All that the arm gets.
+fn sent(bridge: &mut Adapter) -> Vec<u8> {
+    let mut out = [0; 1024];
+    let n = bridge.uart_transmit(&mut out, Micros(0));
+    out[..n].to_vec()
+}
+
+const NOW: Micros = Micros(0);
+const BAUD_115200: [u8; 7] = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
+
+#[test]
+fn a_frame_goes_to_the_host_with_its_last_byte() {
+    let mut bridge = open();
+    let frame = frame(&[0xAA; 15]);
+    for &byte in &frame[..frame.len() - 1] {
+        bridge.uart_received(&[byte], NOW);
+        assert_eq!(packet(&mut bridge), None);
+    }
+    bridge.uart_received(&frame[frame.len() - 1..], NOW);
+    assert_eq!(packets(&mut bridge), [frame]);
+    assert_eq!(bridge.counters().frames, 1);
+}
+
+#[test]
+fn the_start_of_the_next_frame_waits_for_its_own_end() {
+    let mut bridge = open();
+    let first = frame(&[1]);
+    let second = frame(&[2, 3]);
+    let line = [&first[..], &second[..]].concat();
+    bridge.uart_received(&line[..first.len() + 3], NOW);
+    assert_eq!(packets(&mut bridge), [first.clone()]);
+    bridge.uart_received(&line[first.len() + 3..], NOW);
+    assert_eq!(packets(&mut bridge), [second]);
+}
+
+#[test]
+fn bytes_in_no_frame_go_out_when_the_line_is_idle() {
+    let mut bridge = open();
+    bridge.uart_received(&[1, 2, 0xAA, 3], NOW);
+    assert_eq!(packet(&mut bridge), None);
+    bridge.uart_idle();
+    assert_eq!(packets(&mut bridge), [[1, 2, 0xAA, 3]]);
+    assert_eq!((bridge.counters().noise_bytes, bridge.counters().frames), (4, 0));
+}
+
+#[test]
+fn a_full_packet_waits_for_nothing() {
+    let mut bridge = open();
+    bridge.uart_received(&[7; PACKET - 1], NOW);
+    assert_eq!(packet(&mut bridge), None);
+    bridge.uart_received(&[7; 2], NOW);
+    assert_eq!(packets(&mut bridge), [[7; PACKET]]);
+    bridge.uart_idle();
+    assert_eq!(packets(&mut bridge), [[7; 1]]);
+}
+
+#[test]
+fn a_transfer_that_ends_with_a_full_packet_is_ended_by_an_empty_one() {
+    let mut bridge = open();
+    bridge.uart_received(&[7; PACKET], NOW);
+    assert_eq!(packet(&mut bridge).unwrap().len(), PACKET);
+    assert_eq!(packet(&mut bridge), None); // more may be coming
+    bridge.uart_idle();
+    assert_eq!(packets(&mut bridge), [[]; 1]);
+    bridge.uart_idle();
+    assert_eq!(packet(&mut bridge), None); // once is enough
+
+    // The same when the line was idle before the packet was fetched, and when a frame ends there.
+    bridge.uart_received(&[7; 2 * PACKET], NOW);
+    bridge.uart_idle();
+    let lengths: Vec<_> = packets(&mut bridge).iter().map(Vec::len).collect();
+    assert_eq!(lengths, [PACKET, PACKET, 0]);
+    bridge.uart_received(&frame(&[0; PACKET - 6]), NOW);
+    let lengths: Vec<_> = packets(&mut bridge).iter().map(Vec::len).collect();
+    assert_eq!(lengths, [PACKET, 0]);
+    assert_eq!(bridge.counters().empty_packets_to_host, 3);
+}
+
+#[test]
+fn a_short_packet_ends_a_transfer_by_itself() {
+    let mut bridge = open();
+    bridge.uart_received(&[7; PACKET + 1], NOW);
+    bridge.uart_idle();
+    let lengths: Vec<_> = packets(&mut bridge).iter().map(Vec::len).collect();
+    assert_eq!(lengths, [PACKET, 1]);
+}
+
+#[test]
+fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not_fit() {
+    let mut bridge = open();
+    let line: Vec<u8> = (0..4_000_u32).map(|i| (i % 251) as u8).collect();
+    for chunk in line.chunks(50) {
+        bridge.uart_received(chunk, NOW);
+        bridge.usb_received(&[1; 10], NOW);
+        assert_eq!(sent(&mut bridge), [1; 10]);
+    }
+    bridge.uart_idle();
+    assert_eq!(packets(&mut bridge).concat(), line[..512]);
+    assert_eq!(bridge.counters().dropped_bytes, 4_000 - 512);
+
+    let frame = frame(&[1, 2, 3]);
+    bridge.uart_received(&frame, NOW);
+    assert_eq!(packets(&mut bridge), [frame]);
+}
+
+#[test]
+fn the_host_is_held_back_until_its_packet_fits() {
+    let mut bridge = open();
+    let mut expected = Vec::new();
+    while bridge.usb_room() {
+        let packet = [expected.len() as u8; PACKET];
+        bridge.usb_received(&packet, NOW);
+        expected.extend(packet);
+    }
+    assert_eq!(expected.len(), 128);
+    bridge.usb_received(&[0xEE; 3], NOW); // against the rule: counted, never mixed in
+    assert_eq!(bridge.counters().refused_bytes, 3);
+
+    let mut out = [0; PACKET - 1];
+    assert_eq!(bridge.uart_transmit(&mut out, NOW), PACKET - 1);
+    assert!(!bridge.usb_room());
+    let mut last = [0; 1];
+    bridge.uart_transmit(&mut last, NOW);
+    assert!(bridge.usb_room());
+    assert_eq!([&out[..], &last[..], &sent(&mut bridge)].concat(), expected);
+    assert_eq!(bridge.counters().host_to_arm_bytes, 128);
+}
+
+#[test]
+fn a_line_coding_takes_effect_between_the_bytes_before_and_after_it() {
+    let mut bridge = open();
+    bridge.usb_received(&[1, 2, 3], NOW);
+    bridge.request_line_coding(BAUD_115200, NOW).unwrap();
+    bridge.usb_received(&[4, 5], NOW);
+    assert_eq!(bridge.line_coding().baud, 115_200);
+    assert_eq!(bridge.line_coding_change(), None);
+
+    assert_eq!(sent(&mut bridge), [1, 2, 3]);
+    assert_eq!(sent(&mut bridge), []);
+    let coding = bridge.line_coding_change().unwrap();
+    bridge.line_coding_changed(coding);
+    assert_eq!(bridge.line_coding_change(), None);
+    assert_eq!(sent(&mut bridge), [4, 5]);
+    assert_eq!(bridge.counters().line_codings, 1);
+}
+
+#[test]
+fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
+    let mut bridge = open();
+    bridge.request_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
+    assert_eq!(bridge.line_coding_change(), None);
+    bridge.request_line_coding(BAUD_115200, NOW).unwrap();
+    bridge.request_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
+    assert_eq!(bridge.line_coding_change(), None);
+    assert_eq!(bridge.line_coding(), LineCoding::LING);
+}
+
+#[test]
+fn a_line_coding_the_uart_cannot_do_changes_nothing_and_is_counted() {
+    let mut bridge = open();
+    bridge.request_line_coding(BAUD_115200, NOW).unwrap();
+    let refused = bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 3, 8], NOW);
+    assert_eq!(refused, Err(Refused::Parity(3)));
+    assert_eq!(bridge.line_coding().baud, 115_200);
+    assert_eq!(bridge.counters().refused_line_codings, 1);
+}
+
+#[test]
+fn a_new_line_coding_ends_the_frame_that_had_begun() {
+    let mut bridge = open();
+    let frame = frame(&[1, 2, 3]);
+    bridge.uart_received(&frame[..4], NOW);
+    bridge.line_coding_changed(LineCoding::from_cdc(BAUD_115200).unwrap());
+    assert_eq!(packets(&mut bridge), [&frame[..4]]);
+    bridge.uart_received(&frame, NOW);
+    assert_eq!(packets(&mut bridge), [frame]);
+}
+
+#[test]
+fn a_bus_reset_drops_what_the_last_host_did_not_read_and_keeps_what_it_said() {
+    let mut bridge = open();
+    bridge.uart_received(&[7; PACKET], NOW);
+    packet(&mut bridge).unwrap();
+    bridge.uart_received(&[7; 100], NOW);
+    bridge.usb_received(&[1, 2], NOW);
+    bridge.usb_reset();
+    assert!(!bridge.is_attached());
+    bridge.uart_received(&[7; 20], NOW); // nobody is there
+    bridge.uart_idle();
+    assert_eq!(packet(&mut bridge), None);
+    assert_eq!(sent(&mut bridge), [1, 2]);
+    assert_eq!(
+        (bridge.counters().usb_resets, bridge.counters().unheard_bytes),
+        (1, 120)
+    );
+
+    bridge.usb_configured(true);
+    let frame = frame(&[1]);
+    bridge.uart_received(&frame, NOW);
+    assert_eq!(packets(&mut bridge), [frame]);
+}
+
+#[test]
+fn a_packet_that_could_not_be_sent_is_counted() {
+    let mut bridge = open();
+    bridge.uart_received(&[7; PACKET], NOW);
+    let lost = packet(&mut bridge).unwrap();
+    bridge.usb_lost(lost.len());
+    assert_eq!(bridge.counters().unheard_bytes, PACKET as u32);
+}
+
+#[test]
+fn a_host_that_never_raises_dtr_gets_everything() {
+    let mut bridge = Adapter::new();
+    bridge.usb_configured(true);
+    bridge.usb_dtr(false);
+    bridge.uart_received(&[1, 2], NOW);
+    bridge.uart_idle();
+    assert_eq!(packets(&mut bridge), [[1, 2]]);
+}
+
+#[test]
+fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
+    let mut bridge = open();
+    bridge.uart_received(&[1, 2], NOW);
+    bridge.usb_dtr(false);
+    bridge.uart_received(&[3; 100], NOW);
+    bridge.uart_idle();
+    assert_eq!(packet(&mut bridge), None);
+    bridge.usb_dtr(true);
+    bridge.usb_dtr(true);
+    bridge.uart_received(&[4], NOW);
+    bridge.uart_idle();
+    assert_eq!(packets(&mut bridge), [[4]]);
+    assert_eq!(bridge.counters().unheard_bytes, 102);
+}
+
+#[test]
+fn dtr_without_a_configuration_means_nothing() {
+    let mut bridge = Adapter::new();
+    bridge.usb_dtr(true);
+    assert!(!bridge.is_attached());
+    bridge.uart_received(&[1], NOW);
+    bridge.uart_idle();
+    assert_eq!(packet(&mut bridge), None);
+}
+
+#[test]
+fn the_next_look_is_timed_to_the_last_byte_but_one() {
+    let mut bridge = open();
+    let frame = frame(&[9; 15]);
+    assert_eq!(bridge.wake(), Wake::Byte); // a quiet line
+
+    bridge.uart_received(&frame[..1], Micros(1_000));
+    assert_eq!((bridge.need(), bridge.wake()), (5, Wake::At(Micros(1_040))));
+    bridge.uart_received(&frame[1..6], Micros(1_050));
+    assert_eq!((bridge.need(), bridge.wake()), (15, Wake::At(Micros(1_190))));
+    // The sender paused: the look found nothing, and the rest is timed anew.
+    bridge.uart_received(&[], Micros(1_190));
+    assert_eq!(bridge.wake(), Wake::At(Micros(1_330)));
+    bridge.uart_received(&frame[6..20], Micros(1_340));
+    assert_eq!((bridge.need(), bridge.wake()), (1, Wake::Byte));
+    bridge.uart_received(&frame[20..], Micros(1_350));
+    assert_eq!(bridge.wake(), Wake::Byte);
+}
+
+#[test]
+fn the_next_look_follows_the_baud_rate_and_a_full_packet() {
+    let mut bridge = open();
+    bridge.line_coding_changed(LineCoding::from_cdc(BAUD_115200).unwrap());
+    bridge.uart_received(&[0x11; 62], Micros(0));
+    assert_eq!((bridge.need(), bridge.wake()), (2, Wake::At(Micros(86))));
+    bridge.uart_received(&[0x11; 3], Micros(200));
+    assert_eq!(bridge.need(), 6); // the packet is full and due, the next frame could be as short as this
+}
+
+#[test]
+fn a_host_that_does_not_read_costs_no_extra_looks() {
+    let mut bridge = open();
+    bridge.uart_received(&[0x11; 500], Micros(0));
+    assert_eq!(bridge.need(), 6);
+}
+
+#[test]
+fn uart_errors_are_counted_by_kind() {
+    let mut bridge = open();
+    bridge.uart_errors(UartErrors {
+        framing: 1,
+        parity: 2,
+        noise: 3,
+        overrun: 4,
+    });
+    bridge.uart_ring_overrun();
+    bridge.usb_suspended();
+    let c = bridge.counters();
+    assert_eq!((c.framing_errors, c.parity_errors, c.noise_errors), (1, 2, 3));
+    assert_eq!((c.overrun_errors, c.ring_overruns, c.usb_suspends), (4, 1, 1));
+}
+
+#[test]
+fn bytes_that_stop_moving_are_a_fault_and_a_host_that_does_not_read_is_none() {
+    let at = Micros::from_millis;
+    let mut bridge = open();
+    bridge.uart_received(&[7; 500], at(5_000));
+    assert!(!bridge.is_stuck(at(6_000)));
+
+    bridge.usb_received(&[1; 10], at(5_500));
+    bridge.uart_received(&[], at(6_500));
+    assert!(!bridge.is_stuck(at(6_500)));
+    assert!(bridge.is_stuck(at(6_501)));
+    sent(&mut bridge);
+    assert!(!bridge.is_stuck(at(6_501)));
+
+    bridge.request_line_coding(BAUD_115200, at(6_501)).unwrap();
+    assert!(!bridge.is_stuck(at(7_500)));
+    bridge.uart_received(&[], at(7_502));
+    assert!(bridge.is_stuck(at(7_502)));
+}
+
+/// What an arm may put on the line: frames, parts of frames, anything.
+fn speech() -> impl Strategy<Value = Vec<u8>> {
+    prop_oneof![
+        prop::collection::vec(any::<u8>(), 1..20).prop_map(|data| frame(&data)),
+        prop::collection::vec(any::<u8>(), 58).prop_map(|data| frame(&data)),
+        (0..30_usize, prop::collection::vec(any::<u8>(), 1..20)).prop_map(|(n, data)| {
+            let frame = frame(&data);
+            frame[..n.min(frame.len())].to_vec()
+        }),
+        prop::collection::vec(prop_oneof![Just(0xAA), any::<u8>()], 0..150),
+    ]
+}
+
+/// A host's view: packets join to transfers, a short one ends a transfer.
+#[derive(Default)]
+struct Host {
+    bytes: Vec<u8>,
+    open: bool,
+}
+
+impl Host {
+    fn read(&mut self, bridge: &mut Bridge<4096, 64>) {
+        for packet in packets(bridge) {
+            assert!(!packet.is_empty() || self.open, "an empty packet that ends nothing");
+            self.open = packet.len() == PACKET;
+            self.bytes.extend(packet);
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn the_host_gets_every_byte_however_it_is_cut(
+        says in prop::collection::vec(speech(), 0..12),
+        cuts in prop::collection::vec((1..100_usize, any::<bool>(), any::<bool>()), 1..40),
+    ) {
+        let says = says.concat();
+        let mut bridge = Bridge::<4096, 64>::new();
+        bridge.usb_configured(true);
+        let mut host = Host::default();
+
+        let mut rest = &says[..];
+        for &(n, idle, read) in cuts.iter().cycle() {
+            if rest.is_empty() {
+                break;
+            }
+            let (now, later) = rest.split_at(n.min(rest.len()));
+            bridge.uart_received(now, NOW);
+            prop_assert!(bridge.need() >= 1);
+            if idle {
+                bridge.uart_idle();
+            }
+            if read {
+                host.read(&mut bridge);
+                prop_assert!(!idle || !host.open, "the line is idle and the host still waits");
+            }
+            rest = later;
+        }
+        bridge.uart_idle();
+        host.read(&mut bridge);
+        prop_assert_eq!(&host.bytes, &says);
+        prop_assert!(!host.open);
+
+        let counters = bridge.counters();
+        prop_assert_eq!(counters.arm_to_host_bytes as usize, says.len());
+        prop_assert_eq!(counters.dropped_bytes + counters.unheard_bytes, 0);
+    }
+
+    #[test]
+    fn a_frame_never_waits_for_the_idle_line(
+        before in prop::collection::vec(any::<u8>().prop_filter("no header", |&b| b != 0xAA), 0..200),
+        data in prop::collection::vec(any::<u8>(), 0..60),
+        cut in 1..70_usize,
+    ) {
+        let mut bridge = Bridge::<4096, 64>::new();
+        bridge.usb_configured(true);
+        let mut host = Host::default();
+        let line = [before, frame(&data)].concat();
+        for chunk in line.chunks(cut) {
+            bridge.uart_received(chunk, NOW);
+            host.read(&mut bridge);
+        }
+        prop_assert_eq!(host.bytes, line);
+        prop_assert!(!host.open);
+    }
+
+    #[test]
+    fn a_look_asked_for_is_never_after_the_end_of_the_frame(
+        data in prop::collection::vec(any::<u8>(), 0..60),
+        late in prop::collection::vec(0..9_u64, 80),
+    ) {
+        // The k-th byte is in at 10 k µs. Look when asked, up to 9 µs late, and see the end within that.
+        let frame = frame(&data);
+        let mut bridge = open();
+        let (mut now, mut taken) = (10, 0);
+        for late in late {
+            let arrived = ((now + late) / 10).min(frame.len() as u64) as usize;
+            bridge.uart_received(&frame[taken..arrived], Micros(now + late));
+            taken = arrived;
+            if taken == frame.len() {
+                break;
+            }
+            prop_assert!(!bridge.usb_due() || taken >= PACKET);
+            now = match bridge.wake() {
+                Wake::Byte => 10 * (taken as u64 + 1),
+                Wake::At(time) => time.0,
+            };
+            prop_assert!(now <= 10 * frame.len() as u64 + 9, "a look at {} for an end at {}", now, frame.len() * 10);
+        }
+        prop_assert_eq!(taken, frame.len());
+    }
+
+    #[test]
+    fn the_arm_gets_every_byte_however_it_is_cut(
+        packets in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..=PACKET), 0..40),
+        takes in prop::collection::vec(1..100_usize, 1..10),
+    ) {
+        let mut bridge = open();
+        let mut takes = takes.iter().cycle();
+        let mut got = Vec::new();
+        let mut out = vec![0; 100];
+        for packet in &packets {
+            while !bridge.usb_room() {
+                let n = bridge.uart_transmit(&mut out[..*takes.next().unwrap()], NOW);
+                got.extend(&out[..n]);
+            }
+            bridge.usb_received(packet, NOW);
+        }
+        got.extend(sent(&mut bridge));
+        prop_assert_eq!(got, packets.concat());
+        prop_assert_eq!(bridge.counters().refused_bytes, 0);
+    }
+}
