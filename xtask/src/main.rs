@@ -1,3 +1,72 @@
-//! xtask
+//! The project's commands, behind the aliases in `.cargo/config.toml`.
 
-fn main() {}
+mod ci;
+mod demo;
+mod flash;
+mod image;
+mod licences;
+mod no_panic;
+mod process;
+mod toolchain;
+mod vendor;
+mod workspace;
+
+use std::env;
+use std::error::Error;
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+/// What a step gives: an error is one readable message.
+type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
+
+const USAGE: &str = "\
+cargo demo [-- OPTIONS]   run the firmware image on the virtual board and drive the virtual arm through it;
+                          OPTIONS are the demo's own, see `cargo demo -- --help`
+cargo fw [IMAGE]          build the firmware image
+cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
+cargo ci                  run every check there is
+
+cargo xtask vendor        drive the firmware image with the arm vendor's Python SDK
+cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
+cargo xtask licences      check the licences of all dependencies
+
+IMAGE: --crystal-12mhz    for boards with a 12 MHz crystal instead of 8 MHz
+       --defmt            log over RTT";
+
+fn main() -> ExitCode {
+    let args: Vec<OsString> = env::args_os().skip(1).collect();
+    match dispatch(&args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn dispatch(args: &[OsString]) -> Result {
+    let Some((command, rest)) = args.split_first() else {
+        return Err(format!("no command\n\n{USAGE}").into());
+    };
+    match command.to_str() {
+        Some("demo") => demo::run(rest),
+        Some("fw") => image::build(&image::Options::parse(rest)?).map(|image| println!("{image}")),
+        Some("flash") => flash::run(&image::Options::parse(rest)?),
+        Some("ci") => no_options(rest).and_then(|()| ci::run()),
+        Some("vendor") => no_options(rest).and_then(|()| vendor::run()),
+        Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
+        Some("licences") => no_options(rest).and_then(|()| licences::run()),
+        Some("help" | "--help" | "-h") => {
+            println!("{USAGE}");
+            Ok(())
+        }
+        _ => Err(format!("unknown command `{}`\n\n{USAGE}", command.display()).into()),
+    }
+}
+
+fn no_options(args: &[OsString]) -> Result {
+    match args.first() {
+        Some(arg) => Err(format!("unknown option `{}`\n\n{USAGE}", arg.display()).into()),
+        None => Ok(()),
+    }
+}

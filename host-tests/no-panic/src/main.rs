@@ -1,0 +1,48 @@
+//! Links only if `armwire` and `armwire-bridge` have no path to a panic.
+//!
+//! Everything public of the two crates is called from here, with values and in states that the compiler knows nothing
+//! about. The panic handler names a symbol that does not exist: as long as the optimiser leaves one way to get there,
+//! the linker refuses, and names it.
+//!
+//! Two things are not part of it, because the panics they have are not ours: formatting, for which `core` has some left,
+//! and the async driver, for every `async fn` panics when it is polled after its end.
+#![no_std]
+#![no_main]
+
+mod bridge;
+mod client;
+mod decoder;
+mod device;
+mod values;
+
+use core::hint::black_box;
+use core::panic::PanicInfo;
+
+unsafe extern "C" {
+    /// Does not exist.
+    safe fn a_path_to_a_panic_is_left() -> !;
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    a_path_to_a_panic_is_left()
+}
+
+/// Where the linker begins to look for what is used.
+#[unsafe(no_mangle)]
+extern "C" fn _start() {
+    decoder::call_all();
+    client::call_all();
+    device::call_all();
+    values::call_all();
+    bridge::call_all();
+    if cfg!(feature = "prove") {
+        black_box([1, 2, 3][black_box(3)]);
+    }
+}
+
+/// Bytes that may be anything, and any number of them up to `room.len()`.
+fn bytes(room: &mut [u8]) -> &mut [u8] {
+    let n = black_box(room.len()).min(room.len());
+    black_box(&mut room[..n])
+}

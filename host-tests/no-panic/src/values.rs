@@ -1,0 +1,49 @@
+//! What is in the messages of a Ling arm.
+
+use core::hint::black_box;
+
+use armwire::Micros;
+use armwire::ling::{
+    JointState, Kind, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke,
+    TemperatureLimit,
+};
+
+pub(crate) fn call_all() {
+    let float = black_box(0.0_f32);
+    let stroke = black_box(Stroke::Mm50);
+    let kind = black_box(Kind::Leader);
+
+    black_box(Position::from_radians(float).is_ok_and(|position| position.radians() == float));
+    black_box(Position::new(black_box(0)).is_ok_and(|position| position.ticks() == black_box(0)));
+    black_box(Speed::from_radians_per_second(float).is_ok_and(|speed| speed.radians_per_second() == float));
+    black_box(Speed::new(black_box(0)).is_ok_and(|speed| speed.ticks_per_second() == black_box(0)));
+    black_box(Opening::new(black_box(0)).is_ok_and(|opening| opening.per_mille() == black_box(0)));
+    black_box(Opening::from_fraction(float).is_ok_and(|opening| opening.fraction() == float));
+    black_box(Opening::from_millimetres(float, stroke).is_ok_and(|opening| opening.millimetres(stroke) == float));
+    black_box(TemperatureLimit::new(black_box(0)).is_ok_and(|limit| limit.celsius() == black_box(0)));
+    black_box(u8::from(MotionStatus::from(black_box(0))));
+
+    let state = black_box(JointState {
+        joints: [0; 6],
+        gripper: 0,
+        status: MotionStatus::Idle,
+    });
+    black_box(state.positions().is_ok());
+    black_box(state.opening().is_ok());
+
+    let serial = black_box(SerialNumber([0; 16]));
+    black_box(serial.as_str());
+    black_box(serial.kind());
+
+    let readings = black_box(PerServo::Leader([0_u16; 6]));
+    black_box(readings.as_slice());
+    black_box(readings.kind());
+    black_box(kind.servos());
+
+    let check = black_box(SelfCheck(0));
+    black_box(check.all_normal(kind));
+    black_box(check.faulty(kind).map(u32::from).fold(0, u32::wrapping_add));
+
+    black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));
+    black_box(black_box(Micros(0)).since(black_box(Micros(0))));
+}

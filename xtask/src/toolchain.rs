@@ -1,0 +1,158 @@
+//! A compiler for microcontrollers: finds one, or installs it.
+//!
+//! The `core` library of the targets is not part of a plain Rust installation. In this order: the compiler in use has
+//! it; rustup adds it; Debian's compiler, which builds it from source, is there; apt-get installs that.
+
+use std::env;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::Result;
+use crate::process::{cargo, forget_our_package, output, run, shown};
+use crate::workspace;
+
+const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
+const DEBIAN_CARGO: &str = "/usr/bin/cargo";
+const DEBIAN_LINKER: &str = "/usr/bin/rust-lld";
+const DEBIAN_SOURCES: &str = "/usr/lib/rustlib/src/rust/library/core";
+/// Where these four come from.
+const DEBIAN_PACKAGES: [&str; 5] = ["rustc-web", "cargo-web", "rust-web-src", "rust-web-llvm", "lld-22"];
+
+/// How to build for a microcontroller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Toolchain {
+    /// The compiler in use has the targets.
+    Installed,
+    /// Debian's compiler builds `core` itself.
+    Debian,
+}
+
+impl Toolchain {
+    /// A toolchain that has these targets.
+    ///
+    /// # Errors
+    ///
+    /// If there is none and none can be installed: with the command that would.
+    pub(crate) fn find(targets: &[&str]) -> Result<Self> {
+        let missing: Vec<&str> = targets.iter().copied().filter(|target| !is_installed(target)).collect();
+        if missing.is_empty() || add_with_rustup(&missing) {
+            return Ok(Self::Installed);
+        }
+        if !debian_is_complete() && !install_with_apt()? {
+            return Err(format!("no compiler for {}; run `{}`", missing.join(", "), remedy(&missing)).into());
+        }
+        println!("using Debian's compiler, {DEBIAN_RUSTC}, for {}", missing.join(", "));
+        Ok(Self::Debian)
+    }
+
+    /// `cargo <subcommand> --target <target>`, to which more arguments can be added.
+    pub(crate) fn cargo(self, subcommand: &str, target: &str) -> Result<Command> {
+        let mut command = match self {
+            Self::Installed => cargo(),
+            Self::Debian => Command::new(DEBIAN_CARGO),
+        };
+        command.args([subcommand, "--target", target]);
+        command.env("CARGO_TARGET_DIR", self.target_dir()?);
+        if self == Self::Debian {
+            command.args([
+                "-Z",
+                "build-std=core,alloc",
+                "-Z",
+                "build-std-features=compiler-builtins-mem",
+            ]);
+            let linker = format!("CARGO_TARGET_{}_LINKER", target.to_uppercase().replace('-', "_"));
+            command
+                .env("RUSTC", DEBIAN_RUSTC)
+                .env("RUSTC_BOOTSTRAP", "1")
+                .env(linker, DEBIAN_LINKER);
+            // `cargo run` put the libraries of the other compiler there.
+            command.env_remove("LD_LIBRARY_PATH");
+            forget_our_package(&mut command);
+        }
+        Ok(command)
+    }
+
+    /// Where its cargo puts what it builds. Two compilers in one folder would overwrite each other's work.
+    pub(crate) fn target_dir(self) -> Result<PathBuf> {
+        let dir = workspace::target_dir()?;
+        match self {
+            Self::Installed => Ok(dir),
+            Self::Debian => Ok(dir.join("thumb")),
+        }
+    }
+}
+
+fn is_installed(target: &str) -> bool {
+    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let Ok(dir) = output(Command::new(rustc).args(["--print", "target-libdir", "--target", target])) else {
+        return false;
+    };
+    let Ok(mut files) = fs::read_dir(dir.trim()) else {
+        return false;
+    };
+    files.any(|file| file.is_ok_and(|file| file.file_name().to_string_lossy().starts_with("libcore-")))
+}
+
+/// Whether rustup is there and has added the targets.
+fn add_with_rustup(targets: &[&str]) -> bool {
+    if output(Command::new("rustup").arg("--version")).is_err() {
+        return false;
+    }
+    println!("rustup adds {}", targets.join(", "));
+    match output(Command::new("rustup").args(["target", "add"]).args(targets)) {
+        Ok(_) => targets.iter().all(|target| is_installed(target)),
+        Err(error) => {
+            let error = error.to_string();
+            println!("rustup could not: {}", error.lines().last().unwrap_or_default());
+            false
+        }
+    }
+}
+
+fn debian_is_complete() -> bool {
+    let files = [DEBIAN_CARGO, DEBIAN_LINKER, DEBIAN_SOURCES];
+    files.iter().all(|file| Path::new(file).exists()) && debian_is_recent()
+}
+
+/// Whether Debian's compiler is there and understands this workspace.
+fn debian_is_recent() -> bool {
+    let mut rustc = Command::new(DEBIAN_RUSTC);
+    rustc.arg("--version").env_remove("LD_LIBRARY_PATH");
+    let version = |text: &str| -> Option<(u32, u32)> {
+        let mut numbers = text.split('.').map_while(|number| number.parse().ok());
+        Some((numbers.next()?, numbers.next()?))
+    };
+    output(&mut rustc)
+        .is_ok_and(|said| said.split(' ').nth(1).and_then(version) >= version(env!("CARGO_PKG_RUST_VERSION")))
+}
+
+/// Whether apt-get was allowed to install Debian's compiler and has.
+fn install_with_apt() -> Result<bool> {
+    let is_root = output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0");
+    if !is_root || output(Command::new("apt-get").arg("--version")).is_err() {
+        return Ok(false);
+    }
+    let mut update = Command::new("apt-get");
+    update.arg("update");
+    let mut install = Command::new("apt-get");
+    install
+        .args(["install", "--yes", "--no-install-recommends"])
+        .args(DEBIAN_PACKAGES);
+    for command in [&mut update, &mut install] {
+        println!("running `{}`", shown(command));
+        run(command
+            .env("DEBIAN_FRONTEND", "noninteractive")
+            .env_remove("LD_LIBRARY_PATH"))?;
+    }
+    Ok(debian_is_complete())
+}
+
+/// The command that installs a compiler for the targets.
+fn remedy(targets: &[&str]) -> String {
+    let in_debian = output(Command::new("apt-cache").args(["show", DEBIAN_PACKAGES[0]])).is_ok();
+    if in_debian {
+        return format!("sudo apt-get install {}", DEBIAN_PACKAGES.join(" "));
+    }
+    format!("rustup target add {}", targets.join(" "))
+}
