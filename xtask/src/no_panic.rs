@@ -11,14 +11,14 @@ use crate::workspace;
 /// What the linker says when there is a path to a panic.
 const REFUSAL: &str = "undefined symbol: a_path_to_a_panic_is_left";
 
-/// Links the test with each way to compute the checksum, and once with a path to a panic, which must not link.
+/// Links the test with each checksum that microcontrollers use, and once with a path to a panic, which must not link.
 ///
 /// # Errors
 ///
 /// If there is a path to a panic, or if the test would not find one.
 pub(crate) fn run() -> Result {
     let toolchain = Toolchain::find(&[TARGET])?;
-    for features in ["", "armwire/crc-table", "armwire/crc-table16"] {
+    for features in ["", "armwire/crc-table"] {
         run_command(&mut link(toolchain, features)?)?;
     }
     match output(&mut link(toolchain, "prove")?) {
