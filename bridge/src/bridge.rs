@@ -373,6 +373,18 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     // ---- Health ----
 
+    /// How often the firmware had to start again since power-on, for [`Counters`].
+    ///
+    /// ```
+    /// let mut bridge = armwire_bridge::Bridge::<256, 128>::new();
+    /// bridge.started_after(1, 0);
+    /// assert_eq!(bridge.counters().panics, 1);
+    /// ```
+    pub fn started_after(&mut self, panics: u32, watchdog_resets: u32) {
+        self.counters.panics = panics;
+        self.counters.watchdog_resets = watchdog_resets;
+    }
+
     /// Whether bytes for the arm stopped moving, or nobody has looked at the UART, for a second: something is wrong that
     /// only a restart cures. A host that does not read is no such thing.
     ///

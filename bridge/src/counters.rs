@@ -1,6 +1,6 @@
 //! What the adapter has seen, lost and refused.
 
-/// Counts since the adapter started. Each wraps at 2³².
+/// Counts since the adapter started, and how often it did. Each wraps at 2³².
 ///
 /// ```
 /// let counters = armwire_bridge::Bridge::<256, 128>::new().counters();
@@ -49,6 +49,10 @@ pub struct Counters {
     pub line_codings: u32,
     /// Line codings the UART cannot do.
     pub refused_line_codings: u32,
+    /// Panics of the firmware since power-on.
+    pub panics: u32,
+    /// Resets by the watchdog since power-on.
+    pub watchdog_resets: u32,
 }
 
 /// Errors a UART reports together, as its status register does.

@@ -59,6 +59,9 @@ impl<const N: usize> Queue<N> {
 /// Copies as much as both have.
 fn copy(to: &mut [u8], from: &[u8]) -> usize {
     let n = to.len().min(from.len());
+    if n == 0 {
+        return 0; // the usual end of a ring that did not wrap, not worth a call
+    }
     to[..n].copy_from_slice(&from[..n]);
     n
 }

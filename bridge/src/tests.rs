@@ -2,7 +2,6 @@
 
 extern crate std;
 
-use std::vec;
 use std::vec::Vec;
 
 use armwire::Micros;
@@ -75,7 +74,7 @@ fn the_start_of_the_next_frame_waits_for_its_own_end() {
     let second = frame(&[2, 3]);
     let line = [&first[..], &second[..]].concat();
     bridge.uart_received(&line[..first.len() + 3], NOW);
-    assert_eq!(packets(&mut bridge), [first.clone()]);
+    assert_eq!(packets(&mut bridge), [&first[..]]);
     bridge.uart_received(&line[first.len() + 3..], NOW);
     assert_eq!(packets(&mut bridge), [second]);
 }
@@ -484,7 +483,7 @@ proptest! {
         let mut bridge = open();
         let mut takes = takes.iter().cycle();
         let mut got = Vec::new();
-        let mut out = vec![0; 100];
+        let mut out = [0; 100];
         for packet in &packets {
             while !bridge.usb_room() {
                 let n = bridge.uart_transmit(&mut out[..*takes.next().unwrap()], NOW);

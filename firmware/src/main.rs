@@ -15,6 +15,7 @@ mod adapter;
 mod board;
 mod led;
 mod panic;
+mod restart;
 mod uart;
 mod usb;
 mod watchdog;
@@ -31,15 +32,16 @@ use crate::adapter::Adapter;
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     static ADAPTER: StaticCell<Adapter> = StaticCell::new();
-    static RING: StaticCell<[u8; uart::RING]> = StaticCell::new();
 
     let board = board::init();
     let adapter = ADAPTER.init_with(Adapter::new);
+    let restarts = restart::started(board.reset_by_watchdog);
+    adapter.with(|bridge| bridge.started_after(restarts.panics, restarts.watchdog));
     let (device, sender, receiver) = usb::new(board.usb, adapter);
     let watchdog = IndependentWatchdog::new(board.watchdog, watchdog::TIMEOUT_US);
 
     // Spawning fails only for a task that already runs.
-    spawner.spawn(uart::receive(adapter, board.rx_dma, RING.init([0; uart::RING])).unwrap());
+    spawner.spawn(uart::receive(adapter, board.rx_dma).unwrap());
     spawner.spawn(uart::transmit(adapter, board.uart, board.tx_dma).unwrap());
     spawner.spawn(usb::to_host(adapter, sender).unwrap());
     spawner.spawn(usb::from_host(adapter, receiver).unwrap());

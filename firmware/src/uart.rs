@@ -6,12 +6,12 @@
 //! longer holds. Here the interrupt handler alone touches the data register, only when a flag needs clearing, and each
 //! start of the receive path sets up the stream from nothing.
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
 use armwire::Micros;
 use armwire_bridge::{LineCoding, Parity, StopBits, UartErrors, Wake};
 use embassy_futures::select::select;
-use embassy_stm32::dma::{Channel, ReadableRingBuffer};
+use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::usart::{self, Uart};
@@ -20,21 +20,27 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 
 use crate::adapter::{Adapter, now};
-use crate::board::{RX_REQUEST, RX_STREAM, TX_REQUEST, UART, UartInterrupt};
+use crate::board::{RX_REQUEST, RX_STREAM, RxInterrupt, TX_REQUEST, UART, UartInterrupt};
 
-/// The receive ring: 5 ms at 2 Mbaud.
-pub(crate) const RING: usize = 1024;
+/// Bytes the receive ring holds: 5 ms at 2 Mbaud.
+const SIZE: usize = 1024;
 
+/// The receive ring, which the DMA writes.
+static RING: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
+/// Where in the ring the next byte to take lies.
+static HEAD: AtomicUsize = AtomicUsize::new(0);
 /// What the interrupt handler has to say.
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-/// Where the DMA stood when the line went idle: the stream's NDTR plus one, 0 for no idle line.
-static IDLE: AtomicU32 = AtomicU32::new(0);
+/// Where in the ring the line went idle, [`NOWHERE`] if it did not.
+static IDLE: AtomicUsize = AtomicUsize::new(NOWHERE);
+const NOWHERE: usize = SIZE;
 /// The receive path must be started anew.
 static RESTART: AtomicBool = AtomicBool::new(false);
 static FRAMING: AtomicU32 = AtomicU32::new(0);
 static PARITY: AtomicU32 = AtomicU32::new(0);
 static NOISE: AtomicU32 = AtomicU32::new(0);
 static OVERRUN: AtomicU32 = AtomicU32::new(0);
+static RING_OVERRUN: AtomicBool = AtomicBool::new(false);
 
 /// Notes idle lines and errors, and that a byte has come where that was asked for.
 pub(crate) struct InterruptHandler;
@@ -60,11 +66,35 @@ impl Handler<UartInterrupt> for InterruptHandler {
             RESTART.store(true, Ordering::Relaxed);
         }
         if status.idle() {
-            IDLE.store(remaining() + 1, Ordering::Relaxed);
+            IDLE.store(tail(), Ordering::Relaxed);
         }
         UART.cr1().modify(|w| w.set_rxneie(false));
         EVENT.signal(());
     }
+}
+
+/// Checks, each time the DMA enters a half of the ring, that what was in it had been taken.
+pub(crate) struct RingHandler;
+
+impl Handler<RxInterrupt> for RingHandler {
+    unsafe fn on_interrupt() {
+        // Asked twice per turn, this cannot miss that the DMA went past the head.
+        let untaken = (tail() + SIZE - HEAD.load(Ordering::Relaxed)) % SIZE;
+        if untaken > SIZE / 2 - MARGIN {
+            RING_OVERRUN.store(true, Ordering::Relaxed);
+            RESTART.store(true, Ordering::Relaxed);
+        }
+        EVENT.signal(());
+    }
+}
+
+/// Bytes that may arrive before the handler runs.
+const MARGIN: usize = 16;
+
+/// Where in the ring the DMA writes next.
+fn tail() -> usize {
+    let (dma, stream) = RX_STREAM;
+    (SIZE - dma.st(stream).ndtr().read().ndt() as usize) % SIZE
 }
 
 /// Looks at the UART even though nothing happened, so that whoever asks sees the task is alive.
@@ -74,41 +104,39 @@ pub(crate) fn wake() {
 
 /// Passes what the arm says to the bridge.
 #[embassy_executor::task]
-pub(crate) async fn receive(adapter: &'static Adapter, mut dma: Channel<'static>, buffer: &'static mut [u8; RING]) {
+pub(crate) async fn receive(adapter: &'static Adapter, mut dma: Channel<'static>) {
+    let mut receiver = Receiver {
+        adapter,
+        chunk: [0; 64],
+    };
     loop {
-        let mut ring = Ring::start(&mut dma, buffer, adapter);
-        ring.serve(adapter).await;
-        ring.stop(adapter);
+        let transfer = receiver.start(&mut dma);
+        receiver.serve().await;
+        receiver.stop(transfer);
     }
 }
 
-/// The receive path, from one start to the next.
-struct Ring<'a> {
-    dma: ReadableRingBuffer<'a, u8>,
-    /// Where the next byte to take lies.
-    head: usize,
+/// The way of bytes from the ring to the bridge.
+struct Receiver {
+    adapter: &'static Adapter,
     chunk: [u8; 64],
 }
 
-impl<'a> Ring<'a> {
+impl Receiver {
     /// Sets up the DMA stream and lets the UART feed it.
     ///
-    /// Until it runs, the UART itself holds the next byte and the one arriving after it.
-    fn start(dma: &'a mut Channel<'static>, buffer: &'a mut [u8; RING], adapter: &Adapter) -> Self {
-        // SAFETY: the address is that of the UART's data register, and the stream is the one wired to it.
-        let mut dma = unsafe {
-            ReadableRingBuffer::new(
-                dma.reborrow(),
-                RX_REQUEST,
-                UART.dr().as_ptr().cast(),
-                buffer,
-                Default::default(),
-            )
-        };
-        if IDLE.swap(0, Ordering::Relaxed) != 0 {
-            adapter.with(|bridge| bridge.uart_idle());
+    /// Since [`stop`](Self::stop) the UART itself holds a byte, which is lost only when the one after it is in, too.
+    fn start<'a>(&self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
+        HEAD.store(0, Ordering::Relaxed);
+        if IDLE.swap(NOWHERE, Ordering::Relaxed) != NOWHERE {
+            self.adapter.with(|bridge| bridge.uart_idle());
         }
-        dma.start();
+        let ring = core::ptr::slice_from_raw_parts_mut(RING.as_ptr().cast::<u8>().cast_mut(), SIZE);
+        let mut options = TransferOptions::default();
+        options.circular = true;
+        options.half_transfer_ir = true;
+        // SAFETY: the source is the UART's data register, whose stream this is; the target is made of atomics, for good.
+        let transfer = unsafe { dma.read_raw(RX_REQUEST, UART.dr().as_ptr().cast::<u8>(), ring, options) };
         UART.cr1().modify(|w| {
             w.set_idleie(true);
             w.set_peie(w.pce());
@@ -117,21 +145,18 @@ impl<'a> Ring<'a> {
             w.set_eie(true);
             w.set_dmar(true);
         });
-        Self {
-            dma,
-            head: 0,
-            chunk: [0; 64],
-        }
+        transfer
     }
 
     /// Takes bytes as the bridge asks for them, until the receive path must be started anew.
-    async fn serve(&mut self, adapter: &Adapter) {
-        while !RESTART.swap(false, Ordering::Relaxed) && self.look(adapter) {
-            match adapter.with(|bridge| bridge.wake()) {
+    async fn serve(&mut self) {
+        while !RESTART.swap(false, Ordering::Relaxed) {
+            self.look();
+            match self.adapter.with(|bridge| bridge.wake()) {
                 Wake::Byte => {
                     UART.cr1().modify(|w| w.set_rxneie(true));
                     // A byte that came before that gives no signal.
-                    if remaining() == (RING - self.head) as u32 {
+                    if tail() == HEAD.load(Ordering::Relaxed) {
                         EVENT.wait().await;
                     }
                 }
@@ -142,66 +167,60 @@ impl<'a> Ring<'a> {
         }
     }
 
-    /// Stops the stream and takes what it had received.
-    fn stop(mut self, adapter: &Adapter) {
-        // Stopping a stream sets its transfer complete flag. Its handler must not count that as a turn of the ring
-        // before the last bytes are out.
-        critical_section::with(|_| {
-            self.dma.request_pause();
-            while self.dma.is_running() {}
-            self.look(adapter);
-        });
+    /// Stops the stream and takes what it had received, unless that was overwritten.
+    fn stop(&mut self, mut transfer: Transfer<'_>) {
+        transfer.request_pause();
+        while transfer.is_running() {}
+        if RING_OVERRUN.swap(false, Ordering::Relaxed) {
+            self.adapter.with(|bridge| bridge.uart_ring_overrun());
+        } else {
+            self.look();
+        }
         let errors = UartErrors {
             framing: FRAMING.swap(0, Ordering::Relaxed),
             parity: PARITY.swap(0, Ordering::Relaxed),
             noise: NOISE.swap(0, Ordering::Relaxed),
             overrun: OVERRUN.swap(0, Ordering::Relaxed),
         };
-        adapter.with(|bridge| bridge.uart_errors(errors));
+        self.adapter.with(|bridge| bridge.uart_errors(errors));
     }
 
-    /// Passes what has arrived to the bridge. Returns whether all of it was still there.
-    fn look(&mut self, adapter: &Adapter) -> bool {
+    /// Passes what has arrived to the bridge.
+    fn look(&mut self) {
         let now = now();
-        let idle = IDLE.swap(0, Ordering::Relaxed) as usize;
-        let mut intact = true;
-        if idle > 0 {
+        // At once, or the line could go idle in between, short of the tail.
+        let (idle, tail) = critical_section::with(|_| (IDLE.swap(NOWHERE, Ordering::Relaxed), tail()));
+        if idle != NOWHERE {
             // What came after the idle line belongs to the next frame.
-            let before = (2 * RING - (idle - 1) - self.head) % RING;
-            intact &= self.take(before, now, adapter);
-            adapter.with(|bridge| bridge.uart_idle());
+            self.take(idle, now);
+            self.adapter.with(|bridge| bridge.uart_idle());
         }
-        intact &= self.take(usize::MAX, now, adapter);
-
-        if adapter.with(|bridge| bridge.usb_due()) {
-            adapter.packet.signal(());
+        self.take(tail, now);
+        if self.adapter.with(|bridge| bridge.usb_due()) {
+            self.adapter.packet.signal(());
         }
-        intact
     }
 
-    /// Takes up to `limit` bytes.
-    fn take(&mut self, mut limit: usize, now: Micros, adapter: &Adapter) -> bool {
-        while limit > 0 {
-            let room = limit.min(self.chunk.len());
-            let Ok((n, _)) = self.dma.read(&mut self.chunk[..room]) else {
-                adapter.with(|bridge| bridge.uart_ring_overrun());
-                return false;
-            };
-            adapter.with(|bridge| bridge.uart_received(&self.chunk[..n], now));
-            self.head = (self.head + n) % RING;
-            limit -= n;
-            if n < room {
+    /// Takes the bytes in the ring up to `end`.
+    fn take(&mut self, end: usize, now: Micros) {
+        let mut head = HEAD.load(Ordering::Relaxed);
+        loop {
+            let mut n = 0;
+            for byte in &mut self.chunk {
+                if head == end {
+                    break;
+                }
+                *byte = RING[head].load(Ordering::Relaxed);
+                head = (head + 1) % SIZE;
+                n += 1;
+            }
+            HEAD.store(head, Ordering::Relaxed);
+            self.adapter.with(|bridge| bridge.uart_received(&self.chunk[..n], now));
+            if head == end {
                 break;
             }
         }
-        true
     }
-}
-
-/// Bytes the DMA has left to write before it is at the start of the ring again.
-fn remaining() -> u32 {
-    let (dma, stream) = RX_STREAM;
-    dma.st(stream).ndtr().read().0
 }
 
 /// Sends what the bridge has for the arm, and changes the line coding between two bytes.

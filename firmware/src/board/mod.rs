@@ -19,17 +19,21 @@ use crate::uart;
 bind_interrupts!(struct Irqs {
     OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
     USART2 => uart::InterruptHandler;
-    DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
+    // Before the HAL's, which clears the flags.
+    DMA1_STREAM5 => uart::RingHandler, dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
 });
 
 /// The interrupt of the arm's UART.
 pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
 
+/// The interrupt of the DMA stream that serves it, receiving.
+pub(crate) type RxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_STREAM5;
+
 /// The registers of the arm's UART.
 pub(crate) const UART: pac::usart::Usart = pac::USART2;
 
-/// The DMA stream that serves the arm's UART, receiving.
+/// The registers of that stream, and its number.
 pub(crate) const RX_STREAM: (pac::dma::Dma, usize) = (pac::DMA1, 5);
 
 /// DMA1 stream 5 channel 4 is USART2_RX, stream 6 channel 4 USART2_TX (RM0090 table 42).
@@ -55,6 +59,8 @@ pub(crate) struct Board {
     pub(crate) tx_dma: Channel<'static>,
     /// USB full speed.
     pub(crate) usb: UsbDriver,
+    /// Whether the watchdog reset the chip.
+    pub(crate) reset_by_watchdog: bool,
     /// The independent watchdog, not yet started.
     pub(crate) watchdog: Peri<'static, IWDG>,
 }
@@ -85,8 +91,16 @@ pub(crate) fn init() -> Board {
         rx_dma: Channel::new(p.DMA1_CH5, Irqs),
         tx_dma: Channel::new(p.DMA1_CH6, Irqs),
         usb: UsbDriver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, OUT_PACKETS.init([0; 256]), usb),
+        reset_by_watchdog: reset_by_watchdog(),
         watchdog: p.IWDG,
     }
+}
+
+/// Reads why the chip was reset, and clears it for the next time (RM0090 7.3.21).
+fn reset_by_watchdog() -> bool {
+    let cause = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    cause.wdgrstf()
 }
 
 /// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
