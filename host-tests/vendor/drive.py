@@ -9,6 +9,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from sdk import servo_driver
@@ -27,6 +28,8 @@ class Arm:
     """The SDK's calls, with an exception where the SDK gives up."""
 
     def __init__(self, port: str) -> None:
+        # Otherwise the SDK takes the first serial port it finds, and with it a real arm.
+        expect(f"{port} is there", Path(port).exists())
         self._driver, self.complaints = servo_driver(port)
         expect("the port opens", self._driver.connect())
 

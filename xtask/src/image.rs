@@ -80,7 +80,7 @@ impl fmt::Display for Image {
 /// Builds the image and puts it in the target directory under a name of its own.
 pub(crate) fn build(options: &Options) -> Result<Image> {
     let toolchain = Toolchain::find(&[TARGET])?;
-    println!("building the firmware image, about a minute the first time");
+    println!("building the firmware image, one or two minutes the first time");
     let features = options.features();
     let mut cargo = toolchain.cargo("build", TARGET)?;
     cargo.args(["--package", "armwire-firmware", "--profile", "firmware"]);

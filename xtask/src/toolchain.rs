@@ -103,8 +103,12 @@ fn add_with_rustup(targets: &[&str]) -> bool {
     match output(Command::new("rustup").args(["target", "add"]).args(targets)) {
         Ok(_) => targets.iter().all(|target| is_installed(target)),
         Err(error) => {
-            let error = error.to_string();
-            println!("rustup could not: {}", error.lines().last().unwrap_or_default());
+            let said = error.to_string();
+            let why = said
+                .lines()
+                .find_map(|line| line.strip_prefix("error: "))
+                .unwrap_or(&said);
+            println!("rustup could not: {why}");
             false
         }
     }
