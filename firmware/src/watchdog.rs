@@ -15,6 +15,8 @@ pub(crate) const TIMEOUT_US: u32 = 2_000_000;
 #[embassy_executor::task]
 pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog) {
     watchdog.unleash();
+    // Out of step with the LED: both at once would hold up the end of a frame for longer.
+    Timer::after_millis(25).await;
     loop {
         if !adapter.with(|bridge| bridge.is_stuck(now())) {
             watchdog.pet();
