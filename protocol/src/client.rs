@@ -319,7 +319,9 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         }
     }
 
-    /// When to call [`handle`](Self::handle) or [`poll_transmit`](Self::poll_transmit) again if nothing happens before.
+    /// When to call [`handle`](Self::handle) and [`poll_transmit`](Self::poll_transmit) again if nothing happens before.
+    ///
+    /// `None` while there are bytes to transmit: their going out is what happens next.
     ///
     /// ```
     /// # use armwire::ling::{self, Ling, Request};
@@ -333,6 +335,9 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// assert_eq!(event, Some(Event::TimedOut { sends: 1 }));
     /// ```
     pub fn poll_timeout(&self) -> Option<Micros> {
+        if self.tx_start < self.tx_end {
+            return None;
+        }
         match self.flight.as_ref()?.state {
             State::Waiting(due) => Some(due),
             State::Ready => self.owed.as_ref().map(|owed| owed.until),

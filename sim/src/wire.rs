@@ -142,7 +142,9 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
             None => self.device.poll_timeout(),
         };
         let host_due = self.to_device.map(|(due, _)| due);
-        let due = [host_due, device_due, self.client.poll_timeout()];
+        // What is due already waits for the line to be free.
+        let client_due = self.client.poll_timeout().filter(|due| *due > self.now);
+        let due = [host_due, device_due, client_due];
         self.now = due.into_iter().flatten().fold(end, Micros::min).max(self.now);
 
         if let Some((_, byte)) = self.to_device.take_if(|(due, _)| *due <= self.now) {

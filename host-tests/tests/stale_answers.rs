@@ -1,0 +1,74 @@
+//! However late an arm answers, and whatever it leaves out, an answer belongs to the call that returns it.
+
+use std::collections::VecDeque;
+
+use armwire::ling::*;
+use armwire::{Config, Device, Heard, Input, Micros, Protocol};
+use armwire_sim::serial::SerialDevice;
+use armwire_sim::wire::Wire;
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+/// An arm that answers as late as it is told, or not at all. Every answer says which request it is for.
+struct Dawdler {
+    device: Device<Ling, MAX_FRAME>,
+    /// How late the coming answers are, in turn; `None` for one that never comes.
+    delays: VecDeque<Option<Micros>>,
+    heard: u16,
+    replies: VecDeque<(Micros, u8)>,
+}
+
+impl SerialDevice for Dawdler {
+    fn receive(&mut self, now: Micros, byte: u8) {
+        if let Some(Heard::Request(Request::ReadJoints)) = self.device.handle(&mut Input::Bytes(&[byte])) {
+            self.heard += 1;
+            let state = JointState {
+                joints: [self.heard; JOINTS],
+                gripper: 0,
+                status: MotionStatus::Idle,
+            };
+            let mut out = [0; MAX_FRAME];
+            let n = Ling::encode_response(&Response::Joints(state), &mut out).unwrap();
+            if let Some(delay) = self.delays.pop_front().unwrap_or(Some(Micros(200))) {
+                // One line: an answer cannot overtake the one before it.
+                let after = self.replies.back().map_or(Micros(0), |&(due, _)| due);
+                let due = after.max(now + delay);
+                self.replies.extend(out[..n].iter().map(|&byte| (due, byte)));
+            }
+        }
+    }
+
+    fn transmit(&mut self, now: Micros) -> Option<u8> {
+        let (_, byte) = self.replies.pop_front_if(|(due, _)| *due <= now)?;
+        Some(byte)
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        self.replies.front().map(|&(due, _)| due)
+    }
+}
+
+proptest! {
+    #[test]
+    fn an_answer_belongs_to_the_call_that_returns_it(
+        delays in vec(prop_oneof![
+            3 => Just(Some(Micros(200))),
+            3 => (0..200_000_u64).prop_map(|delay| Some(Micros(delay))),
+            1 => Just(None),
+        ], 0..60),
+        calls in 1..30_usize,
+    ) {
+        let device = Dawdler { device: Device::new(), delays: delays.into(), heard: 0, replies: VecDeque::new() };
+        let mut wire = Wire::<Ling, _, MAX_FRAME>::new(Config::DEFAULT, device);
+        for _ in 0..calls {
+            let before = wire.device().heard;
+            match wire.call(Request::ReadJoints) {
+                Ok(Some(Response::Joints(state))) => {
+                    prop_assert!(state.joints[0] > before, "an answer to request {} of {before}", state.joints[0]);
+                }
+                Err(silence) => prop_assert_eq!(silence.sends, Config::DEFAULT.repeats + 1),
+                other => prop_assert!(false, "{other:?}"),
+            }
+        }
+    }
+}
