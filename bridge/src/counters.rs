@@ -55,6 +55,146 @@ pub struct Counters {
     pub watchdog_resets: u32,
 }
 
+impl Counters {
+    /// How many there are.
+    pub const COUNT: usize = 21;
+
+    /// How many bytes they take, each four, little-endian.
+    pub const LEN: usize = 4 * Self::COUNT;
+
+    /// What each is called, in the order in which they are declared, which is that of the bytes too.
+    pub const NAMES: [&str; Self::COUNT] = [
+        "arm_to_host_bytes",
+        "host_to_arm_bytes",
+        "packets_to_host",
+        "empty_packets_to_host",
+        "packets_from_host",
+        "frames",
+        "noise_bytes",
+        "dropped_bytes",
+        "unheard_bytes",
+        "refused_bytes",
+        "framing_errors",
+        "parity_errors",
+        "noise_errors",
+        "overrun_errors",
+        "ring_overruns",
+        "usb_resets",
+        "usb_suspends",
+        "line_codings",
+        "refused_line_codings",
+        "panics",
+        "watchdog_resets",
+    ];
+
+    /// The counts, in the order of [`NAMES`](Self::NAMES).
+    ///
+    /// ```
+    /// use armwire_bridge::Counters;
+    ///
+    /// let mut counters = Counters::default();
+    /// counters.frames = 7;
+    /// let named = Counters::NAMES.into_iter().zip(counters.to_array());
+    /// assert!(named.filter(|&(_, count)| count > 0).eq([("frames", 7)]));
+    /// ```
+    pub const fn to_array(&self) -> [u32; Self::COUNT] {
+        [
+            self.arm_to_host_bytes,
+            self.host_to_arm_bytes,
+            self.packets_to_host,
+            self.empty_packets_to_host,
+            self.packets_from_host,
+            self.frames,
+            self.noise_bytes,
+            self.dropped_bytes,
+            self.unheard_bytes,
+            self.refused_bytes,
+            self.framing_errors,
+            self.parity_errors,
+            self.noise_errors,
+            self.overrun_errors,
+            self.ring_overruns,
+            self.usb_resets,
+            self.usb_suspends,
+            self.line_codings,
+            self.refused_line_codings,
+            self.panics,
+            self.watchdog_resets,
+        ]
+    }
+
+    /// The counts as the adapter sends them.
+    ///
+    /// ```
+    /// use armwire_bridge::Counters;
+    ///
+    /// let mut counters = Counters::default();
+    /// counters.panics = 2;
+    /// assert_eq!(Counters::from_bytes(&counters.to_bytes()), counters);
+    /// ```
+    pub fn to_bytes(&self) -> [u8; Self::LEN] {
+        let mut bytes = [0; Self::LEN];
+        for (bytes, count) in bytes.as_chunks_mut().0.iter_mut().zip(self.to_array()) {
+            *bytes = count.to_le_bytes();
+        }
+        bytes
+    }
+
+    /// The counts that the adapter sent.
+    pub fn from_bytes(bytes: &[u8; Self::LEN]) -> Self {
+        let mut counts = [0; Self::COUNT];
+        for (count, bytes) in counts.iter_mut().zip(bytes.as_chunks().0) {
+            *count = u32::from_le_bytes(*bytes);
+        }
+        let [
+            arm_to_host_bytes,
+            host_to_arm_bytes,
+            packets_to_host,
+            empty_packets_to_host,
+            packets_from_host,
+            frames,
+            noise_bytes,
+            dropped_bytes,
+            unheard_bytes,
+            refused_bytes,
+            framing_errors,
+            parity_errors,
+            noise_errors,
+            overrun_errors,
+            ring_overruns,
+            usb_resets,
+            usb_suspends,
+            line_codings,
+            refused_line_codings,
+            panics,
+            watchdog_resets,
+        ] = counts;
+        Self {
+            arm_to_host_bytes,
+            host_to_arm_bytes,
+            packets_to_host,
+            empty_packets_to_host,
+            packets_from_host,
+            frames,
+            noise_bytes,
+            dropped_bytes,
+            unheard_bytes,
+            refused_bytes,
+            framing_errors,
+            parity_errors,
+            noise_errors,
+            overrun_errors,
+            ring_overruns,
+            usb_resets,
+            usb_suspends,
+            line_codings,
+            refused_line_codings,
+            panics,
+            watchdog_resets,
+        }
+    }
+}
+
 /// Errors a UART reports together, as its status register does.
 ///
 /// ```
@@ -75,4 +215,22 @@ pub struct UartErrors {
     pub noise: u32,
     /// Times a byte arrived before the last one was taken.
     pub overrun: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_count_has_its_own_place_in_the_bytes() {
+        for place in 0..Counters::COUNT {
+            let mut bytes = [0; Counters::LEN];
+            bytes[4 * place] = 9;
+            let counters = Counters::from_bytes(&bytes);
+            assert_eq!(counters.to_bytes(), bytes);
+            let mut expected = [0; Counters::COUNT];
+            expected[place] = 9;
+            assert_eq!(counters.to_array(), expected);
+        }
+    }
 }

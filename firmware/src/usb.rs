@@ -1,6 +1,6 @@
 //! The USB serial port: one CDC-ACM function.
 
-use armwire_bridge::PACKET;
+use armwire_bridge::{Counters, PACKET};
 use embassy_futures::select::{Either, select};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, Receiver, Sender, State};
 use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
@@ -18,6 +18,10 @@ const SET_LINE_CODING: u8 = 0x20;
 const GET_LINE_CODING: u8 = 0x21;
 const SET_CONTROL_LINE_STATE: u8 = 0x22;
 
+/// The vendor request that reads the counters: 0xC0, 0x01, value 0, index 0. The answer is
+/// [`Counters::to_bytes`].
+const READ_COUNTERS: u8 = 0x01;
+
 /// The interface that the requests go to: the first, the only function's.
 const CONTROL_INTERFACE: u16 = 0;
 
@@ -31,7 +35,7 @@ pub(crate) fn new(
     Receiver<'static, UsbDriver>,
 ) {
     static CONFIG_DESCRIPTOR: StaticCell<[u8; 128]> = StaticCell::new();
-    static CONTROL_BUFFER: StaticCell<[u8; 64]> = StaticCell::new();
+    static CONTROL_BUFFER: StaticCell<[u8; Counters::LEN]> = StaticCell::new();
     static CONTROL: StaticCell<Control> = StaticCell::new();
     static STATE: StaticCell<State<'static>> = StaticCell::new();
 
@@ -48,7 +52,7 @@ pub(crate) fn new(
         CONFIG_DESCRIPTOR.init([0; 128]),
         &mut [],
         &mut [],
-        CONTROL_BUFFER.init([0; 64]),
+        CONTROL_BUFFER.init([0; Counters::LEN]),
     );
     // Before the class, so that requests come here first.
     builder.handler(CONTROL.init(Control { adapter }));
@@ -102,13 +106,15 @@ impl Handler for Control {
     }
 
     fn control_in<'a>(&'a mut self, request: Request, buf: &'a mut [u8]) -> Option<InResponse<'a>> {
-        if !is_for_the_port(&request) || request.request != GET_LINE_CODING {
-            return None;
+        if is_for_the_port(&request) && request.request == GET_LINE_CODING {
+            let coding = self.adapter.with(|bridge| bridge.line_coding()).to_cdc();
+            answer(buf, &coding)
+        } else if is_for_the_adapter(&request) && request.request == READ_COUNTERS {
+            let counters = self.adapter.with(|bridge| bridge.counters()).to_bytes();
+            answer(buf, &counters)
+        } else {
+            None
         }
-        let coding = self.adapter.with(|bridge| bridge.line_coding()).to_cdc();
-        let buf = buf.get_mut(..coding.len())?;
-        buf.copy_from_slice(&coding);
-        Some(InResponse::Accepted(buf))
     }
 }
 
@@ -116,6 +122,16 @@ fn is_for_the_port(request: &Request) -> bool {
     request.request_type == RequestType::Class
         && request.recipient == Recipient::Interface
         && request.index == CONTROL_INTERFACE
+}
+
+fn is_for_the_adapter(request: &Request) -> bool {
+    request.request_type == RequestType::Vendor && request.recipient == Recipient::Device
+}
+
+fn answer<'a>(buf: &'a mut [u8], bytes: &[u8]) -> Option<InResponse<'a>> {
+    let buf = buf.get_mut(..bytes.len())?;
+    buf.copy_from_slice(bytes);
+    Some(InResponse::Accepted(buf))
 }
 
 /// Answers the host's control requests.
