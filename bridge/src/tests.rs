@@ -87,6 +87,7 @@ fn bytes_in_no_frame_go_out_when_the_line_is_idle() {
     bridge.uart_idle();
     assert_eq!(packets(&mut bridge), [[1, 2, 0xAA, 3]]);
     assert_eq!((bridge.counters().noise_bytes, bridge.counters().frames), (4, 0));
+    assert_eq!(bridge.wake(), Wake::Byte);
 }
 
 #[test]
@@ -147,6 +148,17 @@ fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not
     let frame = frame(&[1, 2, 3]);
     bridge.uart_received(&frame, NOW);
     assert_eq!(packets(&mut bridge), [frame]);
+}
+
+#[test]
+fn bytes_that_were_dropped_hold_nothing_back() {
+    let mut bridge = Bridge::<200, 64>::new();
+    bridge.usb_configured(true);
+    bridge.uart_received(&[7; 200], NOW);
+    bridge.uart_idle();
+    let line = [frame(&[1]), frame(&[2, 3])].concat();
+    bridge.uart_received(&line[..line.len() - 1], NOW);
+    assert_eq!(packets(&mut bridge).concat(), [7; 200]);
 }
 
 #[test]
@@ -274,9 +286,9 @@ fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
     bridge.uart_idle();
     assert_eq!(packet(&mut bridge), None);
     bridge.usb_dtr(true);
-    bridge.usb_dtr(true);
     bridge.uart_received(&[4], NOW);
     bridge.uart_idle();
+    bridge.usb_dtr(true); // says nothing new
     assert_eq!(packets(&mut bridge), [[4]]);
     assert_eq!(bridge.counters().unheard_bytes, 102);
 }
@@ -354,8 +366,10 @@ fn bytes_that_stop_moving_are_a_fault_and_a_host_that_does_not_read_is_none() {
     bridge.uart_received(&[], at(6_500));
     assert!(!bridge.is_stuck(at(6_500)));
     assert!(bridge.is_stuck(at(6_501)));
+    assert_eq!(bridge.uart_transmit(&mut [0; 3], at(6_501)), 3);
+    assert!(!bridge.is_stuck(at(6_502)));
     sent(&mut bridge);
-    assert!(!bridge.is_stuck(at(6_501)));
+    assert!(!bridge.is_stuck(at(7_500)));
 
     bridge.request_line_coding(BAUD_115200, at(6_501)).unwrap();
     assert!(!bridge.is_stuck(at(7_500)));
