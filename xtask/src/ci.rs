@@ -108,7 +108,12 @@ impl Ci {
 fn features() -> Result {
     let all = FEATURES[1..].join(",");
     for features in FEATURES.into_iter().chain([&*all]) {
-        let select = ["--package", "armwire", "--no-default-features", "--features", features];
+        let select = [
+            "--package",
+            "armwire",
+            "--no-default-features",
+            &format!("--features={features}"),
+        ];
         check(cargo().args(["check", "--all-targets"]).args(select))?;
         // With defmt, tests need a logger to link.
         if !features.contains("defmt") {
@@ -154,7 +159,14 @@ fn clippy_thumb() -> Result {
         let mut clippy = toolchain.cargo("clippy", image::TARGET)?;
         check(clippy.args(["--package", package, "--all-features", "--", "-D", "warnings"]))?;
     }
-    Ok(())
+    let mut clippy = toolchain.cargo("clippy", image::TARGET)?;
+    check(clippy.args([
+        "--manifest-path",
+        "host-tests/no-panic/Cargo.toml",
+        "--",
+        "-D",
+        "warnings",
+    ]))
 }
 
 /// Runs a check that is one command, and says which.

@@ -84,7 +84,7 @@ pub(crate) fn build(options: &Options) -> Result<Image> {
     let features = options.features();
     let mut cargo = toolchain.cargo("build", TARGET)?;
     cargo.args(["--package", "armwire-firmware", "--profile", "firmware"]);
-    cargo.args(["--features", &features.join(",")]);
+    cargo.arg(format!("--features={}", features.join(",")));
     run(cargo.current_dir(workspace::root()))?;
 
     let built = toolchain

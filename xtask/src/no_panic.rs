@@ -34,7 +34,7 @@ pub(crate) fn run() -> Result {
 fn link(toolchain: Toolchain, features: &str) -> Result<Command> {
     let mut cargo = toolchain.cargo("build", TARGET)?;
     cargo
-        .args(["--release", "--features", features])
+        .args(["--release", &format!("--features={features}")])
         .current_dir(workspace::root().join("host-tests/no-panic"));
     Ok(cargo)
 }

@@ -1,6 +1,7 @@
 //! Other programs.
 
 use std::env;
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::Result;
@@ -83,9 +84,7 @@ pub(crate) fn replace_ourselves(command: &mut Command) -> Result {
 
 /// The command as one would type it.
 pub(crate) fn shown(command: &Command) -> String {
-    let words = [command.get_program()].into_iter().chain(command.get_args());
-    words
-        .map(|word| word.to_string_lossy().into_owned())
-        .collect::<Vec<_>>()
-        .join(" ")
+    let program = Path::new(command.get_program());
+    let words = program.file_name().into_iter().chain(command.get_args());
+    words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
 }
