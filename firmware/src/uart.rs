@@ -11,6 +11,7 @@ use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering}
 use armwire::Micros;
 use armwire_bridge::{LineCoding, Parity, StopBits, UartErrors, Wake};
 use embassy_futures::select::select;
+use embassy_futures::yield_now;
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
 use embassy_stm32::mode::Blocking;
@@ -82,7 +83,6 @@ impl Handler<RxInterrupt> for RingHandler {
         let untaken = (tail() + SIZE - HEAD.load(Ordering::Relaxed)) % SIZE;
         if untaken > SIZE / 2 - MARGIN {
             RING_OVERRUN.store(true, Ordering::Relaxed);
-            RESTART.store(true, Ordering::Relaxed);
         }
         EVENT.signal(());
     }
@@ -137,19 +137,21 @@ impl Receiver {
         options.half_transfer_ir = true;
         // SAFETY: the source is the UART's data register, whose stream this is; the target is made of atomics, for good.
         let transfer = unsafe { dma.read_raw(RX_REQUEST, UART.dr().as_ptr().cast::<u8>(), ring, options) };
-        UART.cr1().modify(|w| {
-            w.set_idleie(true);
-            w.set_peie(w.pce());
-        });
         UART.cr3().modify(|w| {
             w.set_eie(true);
             w.set_dmar(true);
+        });
+        UART.cr1().modify(|w| {
+            w.set_idleie(true);
+            w.set_peie(w.pce());
         });
         transfer
     }
 
     /// Takes bytes as the bridge asks for them, until the receive path must be started anew.
     async fn serve(&mut self) {
+        // On a line that brings nothing but errors, the other tasks get their turn here.
+        yield_now().await;
         while !RESTART.swap(false, Ordering::Relaxed) {
             self.look();
             match self.adapter.with(|bridge| bridge.wake()) {
@@ -167,15 +169,8 @@ impl Receiver {
         }
     }
 
-    /// Stops the stream and takes what it had received, unless that was overwritten.
+    /// Takes what has arrived, stops the stream and takes the rest.
     fn stop(&mut self, mut transfer: Transfer<'_>) {
-        transfer.request_pause();
-        while transfer.is_running() {}
-        if RING_OVERRUN.swap(false, Ordering::Relaxed) {
-            self.adapter.with(|bridge| bridge.uart_ring_overrun());
-        } else {
-            self.look();
-        }
         let errors = UartErrors {
             framing: FRAMING.swap(0, Ordering::Relaxed),
             parity: PARITY.swap(0, Ordering::Relaxed),
@@ -183,10 +178,30 @@ impl Receiver {
             overrun: OVERRUN.swap(0, Ordering::Relaxed),
         };
         self.adapter.with(|bridge| bridge.uart_errors(errors));
+        self.look();
+        // The interrupt handler leaves a byte in the data register to the DMA, which will not come for it now.
+        UART.cr1().modify(|w| {
+            w.set_rxneie(false);
+            w.set_idleie(false);
+            w.set_peie(false);
+        });
+        UART.cr3().modify(|w| {
+            w.set_eie(false);
+            w.set_dmar(false);
+        });
+        transfer.request_pause();
+        while transfer.is_running() {}
+        self.look();
     }
 
     /// Passes what has arrived to the bridge.
     fn look(&mut self) {
+        if RING_OVERRUN.swap(false, Ordering::Relaxed) {
+            // What the ring holds is of two turns: none of it can be told apart.
+            HEAD.store(tail(), Ordering::Relaxed);
+            IDLE.store(NOWHERE, Ordering::Relaxed);
+            self.adapter.with(|bridge| bridge.uart_ring_overrun());
+        }
         let now = now();
         // At once, or the line could go idle in between, short of the tail.
         let (idle, tail) = critical_section::with(|_| (IDLE.swap(NOWHERE, Ordering::Relaxed), tail()));

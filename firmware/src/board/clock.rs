@@ -1,6 +1,7 @@
 //! The clock tree: 168 MHz core, 42 MHz APB1, 84 MHz APB2, 48 MHz USB, from the crystal.
 
 use embassy_stm32::Config;
+use embassy_stm32::pac;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource, Sysclk, mux,
 };
@@ -36,4 +37,13 @@ pub(crate) fn config() -> Config {
     rcc.apb2_pre = APBPrescaler::DIV2;
     rcc.mux.clk48sel = mux::Clk48sel::PLL1_Q;
     config
+}
+
+/// Switches on the flash prefetch and caches (RM0090 3.5.2), which hide most of the five wait states of 168 MHz.
+pub(crate) fn accelerate_flash() {
+    pac::FLASH.acr().modify(|w| {
+        w.set_prften(true);
+        w.set_icen(true);
+        w.set_dcen(true);
+    });
 }

@@ -71,6 +71,7 @@ pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
 /// Starts the clocks and takes the pins.
 pub(crate) fn init() -> Board {
     let p = embassy_stm32::init(clock::config());
+    clock::accelerate_flash();
 
     let mut line = usart::Config::default();
     line.baudrate = 1_000_000;
