@@ -235,7 +235,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     /// The host raised or lowered DTR: it opened or closed the port.
     ///
-    /// Whoever opens the port does not get what was said before.
+    /// Whoever opens the port does not get what was said before. Returns whether it was opened or closed by this: a
+    /// packet on its way is then for nobody.
     ///
     /// ```
     /// use armwire::Micros;
@@ -253,17 +254,19 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// assert_eq!(&packet[..3], b"new");
     /// assert_eq!(bridge.counters().unheard_bytes, 3);
     /// ```
-    pub fn usb_dtr(&mut self, high: bool) {
+    pub fn usb_dtr(&mut self, high: bool) -> bool {
         let port = match (self.port, high) {
             (Port::Detached, _) => Port::Detached,
             (Port::Attached, false) => Port::Attached,
             (_, true) => Port::Open,
             (_, false) => Port::Closed,
         };
-        if port != self.port {
+        let changed = port != self.port;
+        if changed {
             self.forget();
             self.port = port;
         }
+        changed
     }
 
     /// Whether the next packet from the host may be taken. If not, leave it: USB holds the host back.

@@ -281,14 +281,14 @@ fn a_host_that_never_raises_dtr_gets_everything() {
 fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
     let mut bridge = open();
     bridge.uart_received(&[1, 2], NOW);
-    bridge.usb_dtr(false);
+    assert!(bridge.usb_dtr(false));
     bridge.uart_received(&[3; 100], NOW);
     bridge.uart_idle();
     assert_eq!(packet(&mut bridge), None);
-    bridge.usb_dtr(true);
+    assert!(bridge.usb_dtr(true));
     bridge.uart_received(&[4], NOW);
     bridge.uart_idle();
-    bridge.usb_dtr(true); // says nothing new
+    assert!(!bridge.usb_dtr(true)); // says nothing new
     assert_eq!(packets(&mut bridge), [[4]]);
     assert_eq!(bridge.counters().unheard_bytes, 102);
 }

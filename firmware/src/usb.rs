@@ -97,8 +97,9 @@ impl Handler for Control {
             }
             SET_CONTROL_LINE_STATE => {
                 let dtr = request.value & 1 != 0;
-                self.adapter.with(|bridge| bridge.usb_dtr(dtr));
-                self.adapter.session.signal(());
+                if self.adapter.with(|bridge| bridge.usb_dtr(dtr)) {
+                    self.adapter.session.signal(());
+                }
                 Some(OutResponse::Accepted)
             }
             _ => None,
