@@ -1,10 +1,11 @@
-//! The arm's UART: circular DMA in, DMA out, one interrupt.
+//! The arm's UART: in by circular DMA, out by DMA.
 //!
 //! The HAL's ring-buffered receiver is not used. It reads the data register each time it is asked for bytes, which on
 //! this UART takes a byte from the DMA when one arrives in that moment; it reports one error where the status register
 //! has several; and after an error it enables the DMA stream again without setting it up, so its count of the ring no
 //! longer holds. Here the interrupt handler alone touches the data register, only when a flag needs clearing, and each
-//! start of the receive path sets up the stream from nothing.
+//! start of the receive path sets up the stream from nothing, so that it does not matter whether a stream that is enabled
+//! again starts over or carries on.
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
