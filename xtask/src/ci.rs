@@ -4,22 +4,21 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use crate::Result;
-use crate::image::{self, Options};
-use crate::process::{cargo, run as run_command, shown};
+use crate::image::{self, Options, TARGET};
+use crate::process::{self, shown};
 use crate::toolchain::Toolchain;
 use crate::workspace;
 use crate::{licences, no_panic, vendor};
 
-/// Where the crates without `std` must build.
-const NO_STD_TARGETS: [&str; 3] = [
-    "thumbv6m-none-eabi",
-    "thumbv7em-none-eabihf",
-    "riscv32imc-unknown-none-elf",
-];
+/// Everything but the firmware. The emulator asks for a newer compiler than it needs.
+const HOST: &str = "--ignore-rust-version --workspace --exclude armwire-firmware";
 /// The features of `armwire`, to be built and tested one by one.
 const FEATURES: [&str; 5] = ["", "async", "defmt", "crc-table", "crc-table16"];
-/// Everything but the firmware.
-const HOST: [&str; 4] = ["--ignore-rust-version", "--workspace", "--exclude", "armwire-firmware"];
+/// Where the crates without `std` must build.
+const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
+const NO_STD: &str = "--package armwire --package armwire-bridge";
+/// The link test is no member of the workspace.
+const LINK_TEST: &str = "--manifest-path host-tests/no-panic/Cargo.toml";
 
 /// Runs every check.
 ///
@@ -28,51 +27,38 @@ const HOST: [&str; 4] = ["--ignore-rust-version", "--workspace", "--exclude", "a
 /// The first check that fails.
 pub(crate) fn run() -> Result {
     let mut ci = Ci::default();
-    ci.step("formatting", || check(cargo().args(["fmt", "--all", "--check"])))?;
-    ci.step("formatting of the link test", || {
-        check(cargo().args(["fmt", "--check", "--manifest-path", "host-tests/no-panic/Cargo.toml"]))
+    ci.step("dependencies as locked", || {
+        check(&mut cargo("fetch --locked"))?;
+        check(&mut cargo(&format!("fetch --locked {LINK_TEST}")))
     })?;
     ci.step("licences of dependencies", licences::run)?;
+    ci.step("formatting", || {
+        check(&mut cargo("fmt --all --check"))?;
+        check(&mut cargo(&format!("fmt --check {LINK_TEST}")))
+    })?;
     ci.step("clippy", || {
-        check(
-            cargo()
-                .arg("clippy")
-                .args(HOST)
-                .args(["--all-targets", "--all-features", "--", "-D", "warnings"]),
-        )
+        check(&mut cargo(&format!(
+            "clippy {HOST} --all-targets --all-features -- -D warnings"
+        )))
     })?;
     ci.step("documentation", || {
-        let mut doc = cargo();
-        doc.arg("doc").args(HOST).args(["--no-deps", "--all-features"]);
-        check(doc.env("RUSTDOCFLAGS", "-D warnings"))
+        check(cargo(&format!("doc {HOST} --no-deps --all-features")).env("RUSTDOCFLAGS", "-D warnings"))
     })?;
-    ci.step("tests", || check(cargo().arg("test")))?;
+    ci.step("tests", || check(&mut cargo("test")))?;
     ci.step("features of armwire", features)?;
     ci.step("crates without std", no_std)?;
     ci.step("clippy for the microcontroller", clippy_thumb)?;
     ci.step("no path to a panic", no_panic::run)?;
+    ci.step("firmware image with every option", || {
+        image::build(&Options::ALL).map(drop)
+    })?;
     let image = ci.step("firmware image", || image::build(&Options::default()))?;
     println!("{image}");
-    ci.step("firmware image with every option", || {
-        image::build(&Options {
-            crystal_12mhz: true,
-            defmt: true,
-        })
-        .map(drop)
-    })?;
     ci.step("virtual board", || {
-        check(cargo().args(["test", "--ignore-rust-version", "--package", "armwire-virtual-board"]))
+        check(&mut cargo("test --ignore-rust-version --package armwire-virtual-board"))
     })?;
     ci.step("firmware image on the virtual board", || {
-        let mut test = cargo();
-        test.args([
-            "test",
-            "--ignore-rust-version",
-            "--package",
-            "armwire-host-tests",
-            "--features",
-            "image",
-        ]);
+        let mut test = cargo("test --ignore-rust-version --package armwire-host-tests --features image");
         check(test.env("ARMWIRE_IMAGE", &image.path))
     })?;
     ci.step("vendor's SDK", vendor::run)?;
@@ -104,73 +90,61 @@ impl Ci {
     }
 }
 
-/// Each feature of `armwire` alone, and all of them: compiled in every way, and tested.
+/// Each feature of `armwire` alone, and all of them, compiled and tested.
 fn features() -> Result {
     let all = FEATURES[1..].join(",");
     for features in FEATURES.into_iter().chain([&*all]) {
-        let select = [
-            "--package",
-            "armwire",
-            "--no-default-features",
-            &format!("--features={features}"),
-        ];
-        check(cargo().args(["check", "--all-targets"]).args(select))?;
+        let select = format!("--package armwire --no-default-features --features={features}");
+        check(&mut cargo(&format!("check --all-targets {select}")))?;
         // With defmt, tests need a logger to link.
         if !features.contains("defmt") {
-            check(cargo().args(["test", "--quiet", "--lib", "--tests"]).args(select))?;
+            check(&mut cargo(&format!("test --quiet --lib --tests {select}")))?;
         }
     }
-    check(cargo().args([
-        "check",
-        "--all-targets",
-        "--package",
-        "armwire-bridge",
-        "--features",
-        "defmt",
-    ]))
+    check(&mut cargo(
+        "check --all-targets --package armwire-bridge --features=defmt",
+    ))
 }
 
 /// The crates that must build without `std` do, without features and with all.
 fn no_std() -> Result {
     let toolchain = Toolchain::find(&NO_STD_TARGETS)?;
     for target in NO_STD_TARGETS {
-        let build = || -> Result<Command> {
-            let mut build = toolchain.cargo("build", target)?;
-            build.args(["--package", "armwire", "--package", "armwire-bridge"]);
-            Ok(build)
-        };
-        check(&mut build()?)?;
-        check(build()?.arg("--all-features"))?;
+        check(toolchain.cargo("build", target)?.args(NO_STD.split(' ')))?;
+        check(
+            toolchain
+                .cargo("build", target)?
+                .args(NO_STD.split(' '))
+                .arg("--all-features"),
+        )?;
     }
     Ok(())
 }
 
-/// Clippy as the firmware's compiler sees the code.
+/// Clippy as the microcontroller's compiler sees the code.
 fn clippy_thumb() -> Result {
-    let toolchain = Toolchain::find(&[image::TARGET])?;
+    let toolchain = Toolchain::find(&[TARGET])?;
     if toolchain == Toolchain::Debian {
-        println!(
-            "skipped: Debian's compiler comes without clippy; `rustup target add {}` helps",
-            image::TARGET
-        );
+        println!("skipped: Debian's compiler comes without clippy; `rustup target add {TARGET}` helps");
         return Ok(());
     }
-    for package in ["armwire", "armwire-bridge", "armwire-firmware"] {
-        let mut clippy = toolchain.cargo("clippy", image::TARGET)?;
-        check(clippy.args(["--package", package, "--all-features", "--", "-D", "warnings"]))?;
+    let firmware = format!("{NO_STD} --package armwire-firmware --all-features");
+    for select in [&*firmware, LINK_TEST] {
+        let mut clippy = toolchain.cargo("clippy", TARGET)?;
+        check(clippy.args(select.split(' ')).args(["--", "-D", "warnings"]))?;
     }
-    let mut clippy = toolchain.cargo("clippy", image::TARGET)?;
-    check(clippy.args([
-        "--manifest-path",
-        "host-tests/no-panic/Cargo.toml",
-        "--",
-        "-D",
-        "warnings",
-    ]))
+    Ok(())
+}
+
+/// Cargo with these arguments.
+fn cargo(args: &str) -> Command {
+    let mut cargo = process::cargo();
+    cargo.args(args.split(' '));
+    cargo
 }
 
 /// Runs a check that is one command, and says which.
 fn check(command: &mut Command) -> Result {
     println!("running `{}`", shown(command));
-    run_command(command.current_dir(workspace::root()))
+    process::run(command.current_dir(workspace::root()))
 }

@@ -28,6 +28,12 @@ pub(crate) struct Options {
 }
 
 impl Options {
+    /// All of them.
+    pub(crate) const ALL: Self = Self {
+        crystal_12mhz: true,
+        defmt: true,
+    };
+
     /// From the command line.
     ///
     /// # Errors
