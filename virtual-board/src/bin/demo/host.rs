@@ -1,0 +1,112 @@
+//! The program at the USB serial port: a client, in virtual time.
+
+use std::error::Error;
+
+use armwire::ling::{Ling, MAX_FRAME, Request, Response};
+use armwire::{Client, Config, Event, Input, Micros};
+use armwire_sim::ling::LingArm;
+use armwire_virtual_board::line::Direction;
+use armwire_virtual_board::usb::cdc::LineCoding;
+use armwire_virtual_board::{Nanos, VirtualBoard, usb};
+
+use crate::figures::{BYTE, Figures};
+
+/// The program, and the board it talks to.
+pub(crate) struct Host {
+    pub(crate) board: VirtualBoard<LingArm>,
+    pub(crate) figures: Figures,
+    client: Client<Ling, MAX_FRAME>,
+}
+
+impl Host {
+    pub(crate) fn new(board: VirtualBoard<LingArm>) -> Self {
+        Self {
+            board,
+            figures: Figures::default(),
+            client: Client::new(Config::DEFAULT),
+        }
+    }
+
+    /// Plugs the adapter in and opens its serial port.
+    pub(crate) fn open(&mut self) -> Result<(), Box<dyn Error>> {
+        let mut usb = self.board.usb();
+        usb.attach();
+        usb.open(0, LineCoding::new(1_000_000))?;
+        Ok(())
+    }
+
+    /// Makes one call and returns the answer, if the request gets one, and how long it took.
+    pub(crate) fn call(&mut self, request: Request) -> Result<(Option<Response>, Nanos), Box<dyn Error>> {
+        self.board.uart().forget_bytes();
+        self.board.usb().forget_packets();
+        let start = self.board.now();
+        self.client.submit(request)?;
+        loop {
+            while let Some(bytes) = self.client.poll_transmit(start.micros()) {
+                let n = bytes.len();
+                self.board.usb().write(bytes)?;
+                self.client.transmitted(self.now(), n);
+            }
+            let bytes = self.listen()?;
+            let mut input = Input::Bytes(&bytes);
+            while let Some(event) = self.client.handle(self.board.now().micros(), &mut input) {
+                match event {
+                    Event::Answer(response) => {
+                        let took = self.board.now().since(start);
+                        self.measure(start, took);
+                        return Ok((Some(response), took));
+                    }
+                    Event::Sent => {
+                        // Sent is with the adapter; wait until it is with the arm.
+                        self.board
+                            .run_until(Micros::from_millis(10), |board| board.usb().unsent() == 0)?;
+                        self.board.run_for(BYTE)?;
+                        return Ok((None, self.board.now().since(start)));
+                    }
+                    Event::TimedOut { sends } => {
+                        return Err(format!("the arm did not answer {request:?}, asked {sends} times").into());
+                    }
+                    other => return Err(format!("while waiting for the answer to {request:?}: {other:?}").into()),
+                }
+            }
+        }
+    }
+
+    /// Runs until there are bytes from the adapter, or the client has waited long enough.
+    fn listen(&mut self) -> Result<Vec<u8>, Box<dyn Error>> {
+        if let Some(due) = self.client.poll_timeout() {
+            let limit = due.since(self.now());
+            match self.board.run_until(limit, |board| board.usb().unread() > 0) {
+                Ok(_) | Err(armwire_virtual_board::Error::TimedOut { .. }) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(self.board.usb().read())
+    }
+
+    fn now(&self) -> Micros {
+        self.board.now().micros()
+    }
+
+    /// Notes what the adapter added to a call.
+    fn measure(&mut self, start: Nanos, took: Nanos) {
+        let bytes = self.board.uart().bytes();
+        let first_out = bytes.iter().find(|byte| byte.direction == Direction::ToArm);
+        let last_in = bytes.iter().rfind(|byte| byte.direction == Direction::ToBoard);
+        let packets = self.board.usb().packets();
+        let packet = packets
+            .iter()
+            .rfind(|packet| packet.direction == usb::Direction::In && !packet.data.is_empty());
+        let asked = packets.iter().find(|packet| packet.direction == usb::Direction::Out);
+        if let (Some(asked), Some(first_out), Some(last_in), Some(packet)) = (asked, first_out, last_in, packet) {
+            let start_bit = first_out.at.since(BYTE.into());
+            self.figures.calls.add(took);
+            self.figures.to_usb.add(asked.end.since(start));
+            self.figures.to_uart.add(start_bit.since(asked.end));
+            if let Some(armed) = packet.armed {
+                self.figures.armed.add(armed.since(last_in.at));
+            }
+            self.figures.to_host.add(packet.end.since(last_in.at));
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! What a user would do with an arm, and what it showed.
+
+use std::error::Error;
+
+use armwire::Micros;
+use armwire::ling::{
+    GripperSpeed, JointState, Kind, Move, Opening, PerServo, Position, Request, Response, Speed, Torque,
+};
+use armwire_bridge::Counters;
+use armwire_sim::ling::LingArm;
+use armwire_virtual_board::{Nanos, VirtualBoard, usb};
+
+use crate::host::Host;
+
+/// Where the joints go, in degrees.
+const TARGET: [f32; 6] = [30.0, -20.0, 45.0, 0.0, 60.0, -90.0];
+
+/// How many times the joints are read for the figures.
+const READS: u32 = 500;
+
+/// The adapter's vendor request for its counters: type and number.
+const READ_COUNTERS: (u8, u8) = (0xC0, 0x01);
+
+/// How often a move is looked at.
+const GLANCE: Micros = Micros::from_millis(200);
+
+pub(crate) fn run(board: VirtualBoard<LingArm>) -> Result<(), Box<dyn Error>> {
+    let mut host = Host::new(board);
+    plug_in(&mut host)?;
+    let kind = identify(&mut host)?;
+    show_joints(&mut host)?;
+    gripper_type(&mut host)?;
+    travel(&mut host)?;
+    temperatures(&mut host)?;
+    self_check(&mut host, kind)?;
+    torque_off(&mut host)?;
+    measure(&mut host)?;
+    account(&mut host)
+}
+
+fn say(what: &str, took: Nanos, text: impl std::fmt::Display) {
+    println!("{what:<12} {:>9.2} us  {text}", took.0 as f64 / 1_000.0);
+}
+
+fn plug_in(host: &mut Host) -> Result<(), Box<dyn Error>> {
+    println!("A Ling follower arm on the UART of a virtual STM32F405RG, which runs the firmware image as it ships.");
+    host.open()?;
+    let at = host.board.now();
+    let usb = host.board.usb();
+    let device = usb.device().ok_or("the adapter is gone")?;
+    println!(
+        "usb          {:04x}:{:04x} {}, serial number {}; open at 1 Mbaud {:.1} ms after power-on",
+        device.device.vendor,
+        device.device.product,
+        device.product.as_deref().unwrap_or("without a name"),
+        device.serial.as_deref().unwrap_or("none"),
+        at.0 as f64 / 1e6
+    );
+    Ok(())
+}
+
+fn identify(host: &mut Host) -> Result<Kind, Box<dyn Error>> {
+    let (answer, took) = host.call(Request::ReadInfo)?;
+    let Some(Response::Info(info)) = answer else {
+        return Err(unexpected(answer));
+    };
+    let kind = info.serial.kind().ok_or("an arm of unknown kind")?;
+    say(
+        "identify",
+        took,
+        format_args!(
+            "{} ({kind:?}), hardware {}, firmware {}",
+            info.serial, info.hardware, info.firmware
+        ),
+    );
+    Ok(kind)
+}
+
+fn read_joints(host: &mut Host) -> Result<(JointState, Nanos), Box<dyn Error>> {
+    match host.call(Request::ReadJoints)? {
+        (Some(Response::Joints(state)), took) => Ok((state, took)),
+        (answer, _) => Err(unexpected(answer)),
+    }
+}
+
+fn show_joints(host: &mut Host) -> Result<(), Box<dyn Error>> {
+    let (state, took) = read_joints(host)?;
+    say("joints", took, pose(&state)?);
+    Ok(())
+}
+
+/// The joints in degrees, the gripper in percent, and the status.
+fn pose(state: &JointState) -> Result<String, Box<dyn Error>> {
+    let joints: Vec<String> = state
+        .positions()?
+        .iter()
+        .map(|position| format!("{:+7.2}", position.radians().to_degrees()))
+        .collect();
+    let gripper = state.opening()?.fraction() * 100.0;
+    Ok(format!(
+        "{} deg, gripper {gripper:3.0} %, {}",
+        joints.join(" "),
+        state.status
+    ))
+}
+
+fn gripper_type(host: &mut Host) -> Result<(), Box<dyn Error>> {
+    let (answer, took) = host.call(Request::ReadStroke)?;
+    let Some(Response::Stroke(stroke)) = answer else {
+        return Err(unexpected(answer));
+    };
+    say("gripper", took, format_args!("{} mm stroke", stroke.millimetres()));
+    Ok(())
+}
+
+/// Moves the joints and opens the gripper, and looks on.
+fn travel(host: &mut Host) -> Result<(), Box<dyn Error>> {
+    let mut joints = [(Position::CENTRE, Speed::new(700)?); 6];
+    for (joint, degrees) in joints.iter_mut().zip(TARGET) {
+        joint.0 = Position::from_radians(degrees.to_radians())?;
+    }
+    let target = Move {
+        joints,
+        gripper: (Opening::OPEN, GripperSpeed(700)),
+    };
+    let (_, took) = host.call(Request::SetTorque(Torque::On))?;
+    say("torque on", took, "not answered, sent");
+    let (_, took) = host.call(Request::Move(target))?;
+    say("move", took, "not answered, sent");
+
+    let start = host.board.now();
+    loop {
+        let (state, took) = read_joints(host)?;
+        let seconds = host.board.now().since(start).0 as f64 / 1e9;
+        say("", took, format_args!("{seconds:4.1} s {}", pose(&state)?));
+        let joints = target.joints.map(|(position, _)| position.ticks());
+        if state.joints == joints && state.gripper == target.gripper.0.per_mille() {
+            return Ok(());
+        }
+        if seconds > 10.0 {
+            return Err("the arm did not arrive".into());
+        }
+        host.board.run_for(GLANCE)?;
+    }
+}
+
+fn temperatures(host: &mut Host) -> Result<(), Box<dyn Error>> {
+    let (answer, took) = host.call(Request::ReadTemperatures)?;
+    let Some(Response::Temperatures(celsius)) = answer else {
+        return Err(unexpected(answer));
+    };
+    say("temperature", took, format_args!("{} deg C", list(&celsius)));
+    let (answer, took) = host.call(Request::ReadVelocities)?;
+    let Some(Response::Velocities(ticks)) = answer else {
+        return Err(unexpected(answer));
+    };
+    say("velocity", took, format_args!("{} ticks/s", list(&ticks)));
+    Ok(())
+}
+
+fn list<T: ToString>(readings: &PerServo<T>) -> String {
+    let readings: Vec<String> = readings.as_slice().iter().map(T::to_string).collect();
+    readings.join(" ")
+}
+
+fn self_check(host: &mut Host, kind: Kind) -> Result<(), Box<dyn Error>> {
+    let (answer, took) = host.call(Request::SelfCheck)?;
+    let Some(Response::SelfCheck(check)) = answer else {
+        return Err(unexpected(answer));
+    };
+    if !check.all_normal(kind) {
+        return Err(format!("faulty servos: {:?}", check.faulty(kind).collect::<Vec<_>>()).into());
+    }
+    say("self-check", took, format_args!("all {} servos normal", kind.servos()));
+    Ok(())
+}
+
+fn torque_off(host: &mut Host) -> Result<(), Box<dyn Error>> {
+    let (_, took) = host.call(Request::SetTorque(Torque::Off))?;
+    say("torque off", took, "not answered, sent");
+    Ok(())
+}
+
+/// Reads the joints again and again, at every phase of the USB frame.
+fn measure(host: &mut Host) -> Result<(), Box<dyn Error>> {
+    host.figures = Default::default();
+    for nth in 0..READS {
+        host.board.run_for(Micros(u64::from(nth % 7)))?;
+        read_joints(host)?;
+    }
+    println!();
+    println!("{}", host.figures);
+    Ok(())
+}
+
+/// What was counted on the way, and whether the firmware did anything it should not.
+fn account(host: &mut Host) -> Result<(), Box<dyn Error>> {
+    let counters = host.board.usb().control(usb::host::Request::read(
+        READ_COUNTERS.0,
+        READ_COUNTERS.1,
+        0,
+        0,
+        Counters::LEN as u16,
+    ))?;
+    let counters = counters.first_chunk().ok_or("the adapter's counters are too short")?;
+    let counters = Counters::from_bytes(counters);
+    let seen: Vec<String> = Counters::NAMES
+        .into_iter()
+        .zip(counters.to_array())
+        .filter(|&(_, count)| count > 0)
+        .map(|(name, count)| format!("{name} {count}"))
+        .collect();
+    let arm = host.board.with_arm(|arm| arm.counters());
+    println!();
+    println!("the adapter counted {}", seen.join(", "));
+    println!(
+        "the arm heard {} bytes, {} requests; {} unknown, {} bytes of noise",
+        arm.bytes, arm.requests, arm.unknown, arm.noise_bytes
+    );
+    host.board.check()?;
+    println!(
+        "the firmware touched nothing that is not modelled; {:.3} s of virtual time, trace {:016x}",
+        host.board.now().0 as f64 / 1e9,
+        host.board.trace_hash()
+    );
+    Ok(())
+}
+
+fn unexpected(answer: Option<Response>) -> Box<dyn Error> {
+    format!("an answer to something else: {answer:?}").into()
+}

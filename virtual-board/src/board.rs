@@ -1,0 +1,698 @@
+//! The board as a program uses it.
+
+use std::io::{self, Read};
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::num::NonZeroU32;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle};
+
+use rigless::image::Image;
+
+use crate::line::{Arm, Fault, FaultRates, Line, LineByte};
+use crate::machine::{self, Bench, Command, Reply, Run};
+use crate::report::{Crash, Report, Violation, Violations};
+use crate::stm32f405::port::{Shared, lock};
+use crate::stm32f405::{Reenabled, Stm32f405};
+use crate::time::Nanos;
+use crate::trace::Trace;
+use crate::usb::cdc::{LineCoding, Port};
+use crate::usb::enumerate::{self, EnumerateError, Enumerated};
+use crate::usb::host::{Host, Packet, Request, TransferError};
+use crate::usb::{Direction, descriptor};
+
+/// How long a control transfer may take: a device that needs longer is broken (USB 2.0, 9.2.6.1).
+const CONTROL_LIMIT: Nanos = Nanos::from_millis(5_000);
+
+/// How long a device may take from power to its pull-up.
+const CONNECT_LIMIT: Nanos = Nanos::from_millis(2_000);
+
+/// How often a waiting program looks even if nothing happens on the USB wire.
+const GLANCE: Nanos = Nanos::from_millis(1);
+
+/// The address that the host gives the device.
+const ADDRESS: u8 = 1;
+
+/// What a virtual board is made of.
+#[derive(Clone, Debug)]
+pub struct Config<A> {
+    /// The firmware: an ELF file.
+    pub image: PathBuf,
+    /// The arm on the UART.
+    pub arm: A,
+    /// The rate of the arm's own UART, in bits per second.
+    pub arm_baud: u32,
+    /// The crystal, in hertz.
+    pub crystal_hz: u32,
+    /// The part's unique id.
+    pub unique_id: [u8; 12],
+    /// Which bytes meet faults, where rates say how many do.
+    pub seed: u64,
+    /// What a DMA stream does that is enabled again.
+    pub reenabled: Reenabled,
+    /// The virtual time that an instruction takes, in percent of a cycle at 168 MHz. A real core takes more than a cycle
+    /// for some, and waits for its flash: sweep this to see how much a latency depends on it.
+    pub instruction_cost: NonZeroU32,
+    /// The TCP port on which gdb may attach, on this machine only.
+    pub gdb: Option<u16>,
+}
+
+impl<A> Config<A> {
+    /// A board with an 8 MHz crystal and a 1 Mbaud arm.
+    pub fn new(image: impl Into<PathBuf>, arm: A) -> Self {
+        Self {
+            image: image.into(),
+            arm,
+            arm_baud: 1_000_000,
+            crystal_hz: 8_000_000,
+            unique_id: *b"\x20\x00\x41\x00\x0B51P\x35V03",
+            seed: 0,
+            reenabled: Reenabled::default(),
+            instruction_cost: NonZeroU32::new(100).expect("not zero"),
+            gdb: None,
+        }
+    }
+}
+
+/// Why a board does not do what was asked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The image cannot be run.
+    #[error(transparent)]
+    Image(#[from] rigless::image::Error),
+    /// The model of the part contradicts itself.
+    #[error("the model of the part: {0}")]
+    Part(#[from] rigless::soc::Error),
+    /// A port for gdb or for the firmware's log cannot be had.
+    #[error("cannot listen on {address}: {error}")]
+    Listen {
+        /// Where.
+        address: String,
+        /// Why not.
+        error: io::Error,
+    },
+    /// The run ended by itself.
+    #[error("the virtual board stopped: {0}")]
+    Ended(String),
+    /// The firmware is broken.
+    #[error("the firmware crashed at {at}: {crash}")]
+    Crashed {
+        /// How.
+        crash: Crash,
+        /// When.
+        at: Nanos,
+    },
+    /// What the program waited for did not happen in time.
+    #[error("it did not happen within {limit}")]
+    TimedOut {
+        /// How long the program wanted to wait.
+        limit: Nanos,
+    },
+    /// No device pulled D+ up.
+    #[error("no USB device appeared within {limit}")]
+    NoDevice {
+        /// How long the host waited.
+        limit: Nanos,
+    },
+    /// The device could not be enumerated.
+    #[error("USB enumeration: {0}")]
+    Enumerate(#[from] EnumerateError),
+    /// A request failed.
+    #[error("USB request: {0}")]
+    Transfer(#[from] TransferError),
+    /// The device has no such serial port.
+    #[error("the device has {count} serial ports, not number {nth}")]
+    NoPort {
+        /// Which was asked for, from 0.
+        nth: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// The serial port is not open.
+    #[error("the serial port is not open")]
+    NotOpen,
+    /// The run did what it should not.
+    #[error(transparent)]
+    Violations(#[from] Violations),
+}
+
+/// A board that runs a firmware image in virtual time, which passes only while a call runs it.
+///
+/// Everything is deterministic: the same calls on the same image give the same bytes at the same nanoseconds.
+#[derive(Debug)]
+pub struct VirtualBoard<A: Arm> {
+    line: Shared<A>,
+    host: Arc<Mutex<Host>>,
+    commands: Option<Sender<Command>>,
+    replies: Receiver<Reply>,
+    interrupt: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    log: TcpStream,
+    now: Nanos,
+    trace: Trace,
+    crashes: Vec<Violation>,
+    device: Option<Enumerated>,
+    port: Option<Port>,
+}
+
+impl<A: Arm> VirtualBoard<A> {
+    /// Powers the board up: the image is in its flash, and nothing has run yet. The USB cable is not in.
+    ///
+    /// # Errors
+    ///
+    /// When the image cannot be run, or a TCP port cannot be had.
+    pub fn start(config: Config<A>) -> Result<Self, Error> {
+        let image = Image::read(&config.image, None)?;
+        let starve = Arc::new(AtomicBool::new(false));
+        let line = Arc::new(Mutex::new(Line::new(
+            config.arm,
+            config.arm_baud,
+            config.seed,
+            starve.clone(),
+        )));
+        let host = Arc::new(Mutex::new(Host::default()));
+        let part = Stm32f405::new(config.crystal_hz, line.clone(), starve, config.reenabled, host.clone())?;
+        let bench = Bench {
+            part,
+            unique_id: config.unique_id,
+            instruction_cost: config.instruction_cost,
+        };
+
+        let gdb = config.gdb.map(listen).transpose()?;
+        let rtt = listen(0)?;
+        let log = rtt.local_addr().and_then(TcpStream::connect).and_then(|log| {
+            log.set_nonblocking(true)?;
+            Ok(log)
+        });
+        let log = log.map_err(|error| Error::Listen {
+            address: "the firmware's log".to_owned(),
+            error,
+        })?;
+
+        let (commands, command) = channel();
+        let (reply, replies) = channel();
+        let interrupt = Arc::new(AtomicBool::new(false));
+        let run = Run {
+            image,
+            gdb,
+            rtt,
+            interrupt: interrupt.clone(),
+            host: host.clone(),
+            commands: command,
+            replies: reply,
+        };
+        let thread = thread::Builder::new()
+            .name("virtual-board".to_owned())
+            .spawn(move || machine::run(bench, run))
+            .map_err(|error| Error::Ended(error.to_string()))?;
+
+        let mut board = Self {
+            line,
+            host,
+            commands: Some(commands),
+            replies,
+            interrupt,
+            thread: Some(thread),
+            log,
+            now: Nanos(0),
+            trace: Trace::default(),
+            crashes: Vec::new(),
+            device: None,
+            port: None,
+        };
+        board.stopped()?;
+        Ok(board)
+    }
+
+    /// How much virtual time has passed since power-on.
+    pub fn now(&self) -> Nanos {
+        self.now
+    }
+
+    /// Runs for `span`.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Crashed`] if the firmware crashes meanwhile, at that instant; it can be run on.
+    pub fn run_for(&mut self, span: impl Into<Nanos>) -> Result<(), Error> {
+        let until = self.now + span.into();
+        while self.now < until {
+            self.run(until, false)?;
+        }
+        Ok(())
+    }
+
+    /// Runs until `done` says so, and returns how long that took. It is asked at once, after every packet, connection and
+    /// reset on the USB wire, and every millisecond.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::TimedOut`] if it does not come to that within `limit`, [`Error::Crashed`] as for
+    /// [`run_for`](Self::run_for).
+    pub fn run_until(
+        &mut self,
+        limit: impl Into<Nanos>,
+        mut done: impl FnMut(&mut Self) -> bool,
+    ) -> Result<Nanos, Error> {
+        let (start, limit) = (self.now, limit.into());
+        while !done(self) {
+            let left = (start + limit).since(self.now);
+            if left == Nanos(0) {
+                return Err(Error::TimedOut { limit });
+            }
+            self.run(self.now + left.min(GLANCE), true)?;
+        }
+        Ok(self.now.since(start))
+    }
+
+    fn run(&mut self, until: Nanos, watchful: bool) -> Result<(), Error> {
+        self.send(Command::Run { until, watchful })?;
+        self.stopped()
+    }
+
+    fn send(&mut self, command: Command) -> Result<(), Error> {
+        let sent = self
+            .commands
+            .as_ref()
+            .is_some_and(|commands| commands.send(command).is_ok());
+        if sent { Ok(()) } else { Err(self.ended()) }
+    }
+
+    /// Waits for the emulator to stand still.
+    fn stopped(&mut self) -> Result<(), Error> {
+        match self.replies.recv() {
+            Ok(Reply::Stopped { at, trace, crash }) => {
+                self.now = at;
+                self.trace = trace;
+                match crash {
+                    Some(crash) => {
+                        self.crashes.push(Violation::Crashed { crash, at });
+                        Err(Error::Crashed { crash, at })
+                    }
+                    None => Ok(()),
+                }
+            }
+            Ok(Reply::Ended(why)) => Err(Error::Ended(why)),
+            Ok(Reply::Report(_)) | Err(_) => Err(self.ended()),
+        }
+    }
+
+    fn ended(&mut self) -> Error {
+        match self.replies.try_recv() {
+            Ok(Reply::Ended(why)) => Error::Ended(why),
+            _ => Error::Ended("the emulator is gone".to_owned()),
+        }
+    }
+
+    /// Gives the arm to `use_it`, while time stands still.
+    pub fn with_arm<R>(&mut self, use_it: impl FnOnce(&mut A) -> R) -> R {
+        use_it(lock(&self.line).arm_mut())
+    }
+
+    /// The UART line to the arm.
+    pub fn uart(&self) -> Uart<'_, A> {
+        Uart { line: &self.line }
+    }
+
+    /// The USB host.
+    pub fn usb(&mut self) -> Usb<'_, A> {
+        Usb { board: self }
+    }
+
+    /// What the firmware logged over RTT since this was last asked, for an image that has it.
+    pub fn log(&mut self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        // It ends with an error when there is no more for now.
+        let _ = self.log.read_to_end(&mut bytes);
+        bytes
+    }
+
+    /// What the run has met so far.
+    ///
+    /// # Errors
+    ///
+    /// When the emulator is gone.
+    pub fn report(&mut self) -> Result<Report, Error> {
+        self.send(Command::Report)?;
+        match self.replies.recv() {
+            Ok(Reply::Report(mut report)) => {
+                report.violations.extend(self.crashes.iter().cloned());
+                Ok(*report)
+            }
+            Ok(Reply::Ended(why)) => Err(Error::Ended(why)),
+            _ => Err(Error::Ended("the emulator is gone".to_owned())),
+        }
+    }
+
+    /// Fails if the firmware did anything that is not modelled and not on the [allow-list](crate::report::ALLOWED), or
+    /// crashed.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Violations`] with all of it.
+    pub fn check(&mut self) -> Result<(), Error> {
+        Ok(self.report()?.check()?)
+    }
+
+    /// A digest of every access to a peripheral, every stop of the emulator, and every byte on the wires, with their
+    /// instants. Two runs with equal digests were the same.
+    pub fn trace_hash(&self) -> u64 {
+        let mut trace = self.trace;
+        for byte in lock(&self.line).bytes() {
+            trace.add(byte.at.0);
+            trace.bytes(&[byte.sent, byte.direction as u8]);
+        }
+        for packet in lock(&self.host).packets() {
+            trace.add(packet.end.0);
+            trace.bytes(&[packet.endpoint, packet.direction as u8]);
+            trace.bytes(&packet.data);
+        }
+        trace.value()
+    }
+}
+
+impl<A: Arm> Drop for VirtualBoard<A> {
+    fn drop(&mut self) {
+        // Without anyone to command it, the emulator ends its run; a debugger that holds it must not keep it.
+        self.commands = None;
+        self.interrupt.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // What it died of, it has said in its last reply.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn listen(port: u16) -> Result<TcpListener, Error> {
+    TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(|error| Error::Listen {
+        address: format!("TCP port {port}"),
+        error,
+    })
+}
+
+/// The UART line to the arm.
+#[derive(Debug)]
+pub struct Uart<'a, A> {
+    line: &'a Shared<A>,
+}
+
+impl<A: Arm> Uart<'_, A> {
+    /// Every byte since the beginning, in the order in which they ended.
+    pub fn bytes(&self) -> Vec<LineByte> {
+        lock(self.line).bytes().to_vec()
+    }
+
+    /// Forgets the bytes so far.
+    pub fn forget_bytes(&self) {
+        lock(self.line).forget_bytes();
+    }
+
+    /// The rate at which the board's UART runs, in bits per second.
+    pub fn baud(&self) -> Option<u64> {
+        lock(self.line).board_baud()
+    }
+
+    /// Sets the rate of the arm's own UART, in bits per second. An arm that is more than 5 % off is not understood.
+    pub fn set_arm_baud(&self, baud: u32) {
+        lock(self.line).set_arm_baud(baud);
+    }
+
+    /// Sets how often bytes from the arm meet faults.
+    pub fn set_fault_rates(&self, rates: FaultRates) {
+        lock(self.line).set_fault_rates(rates);
+    }
+
+    /// Lets the byte that the arm sends after `after` others meet a fault.
+    pub fn plan_fault(&self, after: u64, fault: Fault) {
+        lock(self.line).plan_fault(after, fault);
+    }
+}
+
+/// The USB host and the serial port that it has open.
+#[derive(Debug)]
+pub struct Usb<'a, A: Arm> {
+    board: &'a mut VirtualBoard<A>,
+}
+
+impl<A: Arm> Usb<'_, A> {
+    /// Puts the cable in.
+    pub fn attach(&mut self) {
+        self.host(|host| host.set_cable(true));
+    }
+
+    /// Pulls the cable out. The serial port closes.
+    pub fn detach(&mut self) {
+        self.host(|host| host.set_cable(false));
+        self.board.device = None;
+        self.board.port = None;
+    }
+
+    /// Whether a device is there.
+    pub fn connected(&self) -> bool {
+        self.host(|host| host.connected())
+    }
+
+    /// Waits for a device and brings it to its first configuration: bus reset, descriptors, address.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NoDevice`], or as the device fails to answer.
+    pub fn enumerate(&mut self) -> Result<&Enumerated, Error> {
+        self.board.port = None;
+        let appeared = self
+            .board
+            .run_until(CONNECT_LIMIT, |board| lock(&board.host).connected());
+        appeared.map_err(|error| match error {
+            Error::TimedOut { limit } => Error::NoDevice { limit },
+            other => other,
+        })?;
+        let mut bus = Wire {
+            board: self.board,
+            failed: None,
+        };
+        let device = enumerate::enumerate(&mut bus, ADDRESS);
+        if let Some(error) = bus.failed {
+            return Err(error);
+        }
+        Ok(self.board.device.insert(device?))
+    }
+
+    /// Opens the device's serial port number `nth`, from 0, as a program does: at `coding`, with DTR and RTS on. The
+    /// device is enumerated first if it was not yet.
+    ///
+    /// # Errors
+    ///
+    /// As for [`enumerate`](Self::enumerate), and when there is no such port.
+    pub fn open(&mut self, nth: usize, coding: LineCoding) -> Result<(), Error> {
+        let device = match self.board.device.take() {
+            Some(device) => device,
+            None => self.enumerate()?.clone(),
+        };
+        let ports = Port::find(&device.configuration);
+        self.board.device = Some(device);
+        let port = *ports.get(nth).ok_or(Error::NoPort {
+            nth,
+            count: ports.len(),
+        })?;
+        self.host(|host| {
+            for endpoint in [Some(port.output), Some(port.input), port.notify].into_iter().flatten() {
+                if !host.is_open(endpoint.number, endpoint.direction) {
+                    host.open(ADDRESS, endpoint);
+                }
+            }
+        });
+        self.board.port = Some(port);
+        self.set_line_coding(coding)?;
+        self.set_control_lines(true, true)
+    }
+
+    /// The device, once it was enumerated.
+    pub fn device(&self) -> Option<&Enumerated> {
+        self.board.device.as_ref()
+    }
+
+    /// Runs one control transfer with the device, on endpoint 0.
+    ///
+    /// # Errors
+    ///
+    /// As the transfer ends.
+    pub fn control(&mut self, request: Request) -> Result<Vec<u8>, Error> {
+        let packet = self.board.device.as_ref().map_or(64, |device| device.device.packet);
+        Ok(self.board.control(ADDRESS, packet, request)??)
+    }
+
+    /// Sets the line coding of the open port.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or as the request ends.
+    pub fn set_line_coding(&mut self, coding: LineCoding) -> Result<(), Error> {
+        let request = self.port()?.set_line_coding(coding);
+        self.control(request).map(|_| ())
+    }
+
+    /// Asks the open port for its line coding, `None` if it answers with something else.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or as the request ends.
+    pub fn line_coding(&mut self) -> Result<Option<LineCoding>, Error> {
+        let request = self.port()?.get_line_coding();
+        Ok(LineCoding::decode(&self.control(request)?))
+    }
+
+    /// Drives DTR and RTS of the open port.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or as the request ends.
+    pub fn set_control_lines(&mut self, dtr: bool, rts: bool) -> Result<(), Error> {
+        let request = self.port()?.set_control_lines(dtr, rts);
+        self.control(request).map(|_| ())
+    }
+
+    /// Queues bytes for the open port, in packets as large as it takes. They go while the board runs.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`].
+    pub fn write(&mut self, bytes: &[u8]) -> Result<(), Error> {
+        let endpoint = self.port()?.output.number;
+        let open = self.host(|host| host.write(endpoint, bytes));
+        if open { Ok(()) } else { Err(Error::NotOpen) }
+    }
+
+    /// How many bytes are queued and have not gone yet.
+    pub fn unsent(&self) -> usize {
+        self.board
+            .port
+            .map_or(0, |port| self.host(|host| host.unsent(port.output.number)))
+    }
+
+    /// Takes the bytes that came from the open port.
+    pub fn read(&mut self) -> Vec<u8> {
+        self.board
+            .port
+            .map_or_else(Vec::new, |port| self.host(|host| host.read(port.input.number)))
+    }
+
+    /// How many bytes came from the open port and were not read yet.
+    pub fn unread(&self) -> usize {
+        self.board
+            .port
+            .map_or(0, |port| self.host(|host| host.unread(port.input.number)))
+    }
+
+    /// Whether the host asks the open port for bytes. It stops when a program does not read for long.
+    pub fn set_reading(&mut self, reading: bool) {
+        if let Some(port) = self.board.port {
+            self.host(|host| host.set_reading(port.input.number, reading));
+        }
+    }
+
+    /// Lets the next `count` data transactions with the open port end in a NAK, whatever the device would say.
+    pub fn inject_naks(&mut self, direction: Direction, count: u32) {
+        if let Some(port) = self.board.port {
+            let endpoint: descriptor::Endpoint = match direction {
+                Direction::Out => port.output,
+                Direction::In => port.input,
+            };
+            self.host(|host| host.inject_naks(endpoint.number, direction, count));
+        }
+    }
+
+    /// Resets the bus, as a host does that lost its way. The serial port closes.
+    pub fn reset_bus(&mut self) {
+        self.host(Host::reset);
+        self.board.device = None;
+        self.board.port = None;
+    }
+
+    /// Suspends the bus.
+    pub fn suspend(&mut self) {
+        self.host(Host::suspend);
+    }
+
+    /// Wakes the bus.
+    pub fn resume(&mut self) {
+        self.host(Host::resume);
+    }
+
+    /// Sets how often an endpoint that has nothing to say is asked again, [`Host::poll_interval`].
+    pub fn set_poll_interval(&mut self, interval: impl Into<Nanos>) {
+        self.host(|host| host.poll_interval = interval.into());
+    }
+
+    /// Every data packet since the beginning, on any endpoint but 0, in order.
+    pub fn packets(&self) -> Vec<Packet> {
+        self.host(|host| host.packets().to_vec())
+    }
+
+    /// Forgets the packets so far.
+    pub fn forget_packets(&mut self) {
+        self.host(Host::forget_packets);
+    }
+
+    fn port(&self) -> Result<Port, Error> {
+        self.board.port.ok_or(Error::NotOpen)
+    }
+
+    fn host<R>(&self, use_it: impl FnOnce(&mut Host) -> R) -> R {
+        use_it(&mut lock(&self.board.host))
+    }
+}
+
+impl<A: Arm> VirtualBoard<A> {
+    fn control(&mut self, address: u8, packet: u8, request: Request) -> Result<Result<Vec<u8>, TransferError>, Error> {
+        lock(&self.host).start_control(address, packet, request);
+        let mut result = None;
+        let ended = self.run_until(CONTROL_LIMIT, |board| {
+            result = lock(&board.host).take_control();
+            result.is_some()
+        });
+        match (ended, result) {
+            (_, Some(result)) => Ok(result),
+            (Err(Error::TimedOut { .. }) | Ok(_), None) => {
+                lock(&self.host).abandon_control();
+                Ok(Err(TransferError::TimedOut))
+            }
+            (Err(error), None) => Err(error),
+        }
+    }
+}
+
+/// The wire as enumeration wants it. If the run fails, so does every transfer from then on.
+struct Wire<'a, A: Arm> {
+    board: &'a mut VirtualBoard<A>,
+    failed: Option<Error>,
+}
+
+impl<A: Arm> enumerate::Bus for Wire<'_, A> {
+    fn wait(&mut self, span: Nanos) {
+        if self.failed.is_none() {
+            self.failed = self.board.run_for(span).err();
+        }
+    }
+
+    fn reset(&mut self) {
+        if self.failed.is_none() {
+            lock(&self.board.host).reset();
+            // The reset lasts, then frames pass.
+            let over = self.board.run_until(CONTROL_LIMIT, |board| lock(&board.host).running());
+            self.failed = over.err();
+        }
+    }
+
+    fn control(&mut self, address: u8, packet: u8, request: Request) -> Result<Vec<u8>, TransferError> {
+        if self.failed.is_some() {
+            return Err(TransferError::Disconnected);
+        }
+        self.board.control(address, packet, request).unwrap_or_else(|error| {
+            self.failed = Some(error);
+            Err(TransferError::Disconnected)
+        })
+    }
+}

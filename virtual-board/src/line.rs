@@ -1,0 +1,478 @@
+//! The serial line between the board's UART and the arm: time, faults, and a record of every byte.
+//!
+//! The board's side of a byte is timed by the board's UART. This is the wire and the arm's own UART: when the two run at
+//! different rates, each samples the other's bits where it believes them to be, and gets what a real one would get.
+
+use std::collections::BTreeMap;
+use std::fmt::Debug;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use armwire_sim::serial::SerialDevice;
+use rigless::edge::draw;
+
+use crate::time::Nanos;
+
+/// An arm that can hang on a board's UART: any serial device that can go to the emulator's thread.
+pub trait Arm: SerialDevice + Send + Debug + 'static {}
+
+impl<A: SerialDevice + Send + Debug + 'static> Arm for A {}
+
+/// What is wrong with a byte on the way from the arm to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// No stop bit where one belongs, and wrong data.
+    Framing,
+    /// The board's samples of a bit disagree; the majority is right.
+    Noise,
+    /// The line is low for the whole byte.
+    Break,
+    /// The board's DMA comes too late for the byte before it, if that ended just now: this one is lost.
+    Overrun,
+}
+
+/// How often bytes meet each fault, in parts per million, on the way from the arm to the board.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FaultRates {
+    /// [`Fault::Framing`].
+    pub framing: u32,
+    /// [`Fault::Noise`].
+    pub noise: u32,
+    /// [`Fault::Break`].
+    pub line_break: u32,
+    /// [`Fault::Overrun`].
+    pub overrun: u32,
+}
+
+/// Which way a byte went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// From the board to the arm.
+    ToArm,
+    /// From the arm to the board.
+    ToBoard,
+}
+
+/// What became of a byte.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// It arrived as it was sent.
+    Arrived,
+    /// It met a fault.
+    Faulty(Fault),
+    /// The two ends run at different rates: something else arrived.
+    Garbled,
+    /// The receiver was off, or busy with an earlier byte.
+    Lost,
+}
+
+/// A byte that crossed the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LineByte {
+    /// When its stop bit ended.
+    pub at: Nanos,
+    /// Which way it went.
+    pub direction: Direction,
+    /// What was sent.
+    pub sent: u8,
+    /// What became of it.
+    pub outcome: Outcome,
+}
+
+/// How a byte arrives at the board's UART.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Arrival {
+    pub(crate) value: u8,
+    pub(crate) framing: bool,
+    pub(crate) noise: bool,
+}
+
+/// A byte on its way to the board.
+#[derive(Clone, Copy, Debug)]
+struct Flight {
+    sent: u8,
+    ends: Nanos,
+    outcome: Outcome,
+}
+
+/// The line, and the arm at the end of it.
+#[derive(Debug)]
+pub(crate) struct Line<A> {
+    arm: A,
+    /// One bit at the arm's own rate and at the board's, in picoseconds. The board's is 0 while its UART has none.
+    arm_bit: u64,
+    board_bit: u64,
+    /// From when on the arm may send.
+    free: Nanos,
+    flight: Option<Flight>,
+    rates: FaultRates,
+    seed: u64,
+    /// How many bytes the arm has sent.
+    count: u64,
+    /// Faults for single bytes, by their place in `count`.
+    planned: BTreeMap<u64, Fault>,
+    /// Keeps the board's DMA from serving its UART.
+    starve: Arc<AtomicBool>,
+    bytes: Vec<LineByte>,
+}
+
+impl<A: SerialDevice> Line<A> {
+    pub(crate) fn new(arm: A, baud: u32, seed: u64, starve: Arc<AtomicBool>) -> Self {
+        Self {
+            arm,
+            arm_bit: bit(baud.into()),
+            board_bit: 0,
+            free: Nanos(0),
+            flight: None,
+            rates: FaultRates::default(),
+            seed,
+            count: 0,
+            planned: BTreeMap::new(),
+            starve,
+            bytes: Vec::new(),
+        }
+    }
+
+    pub(crate) fn arm_mut(&mut self) -> &mut A {
+        &mut self.arm
+    }
+
+    pub(crate) fn bytes(&self) -> &[LineByte] {
+        &self.bytes
+    }
+
+    pub(crate) fn forget_bytes(&mut self) {
+        self.bytes.clear();
+    }
+
+    pub(crate) fn set_arm_baud(&mut self, baud: u32) {
+        self.arm_bit = bit(baud.into());
+    }
+
+    /// Sets what one bit of the board's UART lasts, in picoseconds; 0 while it does not run.
+    pub(crate) fn set_board_bit(&mut self, picoseconds: u64) {
+        self.board_bit = picoseconds;
+    }
+
+    /// The rate of the board's UART, in bits per second, if it runs.
+    pub(crate) fn board_baud(&self) -> Option<u64> {
+        (self.board_bit > 0).then(|| (SECOND + self.board_bit / 2) / self.board_bit)
+    }
+
+    pub(crate) fn set_fault_rates(&mut self, rates: FaultRates) {
+        self.rates = rates;
+    }
+
+    /// Plans a fault for the byte that the arm sends after `after` others.
+    pub(crate) fn plan_fault(&mut self, after: u64, fault: Fault) {
+        self.planned.insert(self.count + after, fault);
+    }
+
+    /// When the arm next wants to send, if it knows.
+    pub(crate) fn due(&self) -> Option<Nanos> {
+        Some(Nanos::from(self.arm.poll_timeout()?).max(self.free))
+    }
+
+    /// The board sent a byte; its stop bit ended at `now`.
+    pub(crate) fn to_arm(&mut self, now: Nanos, sent: u8) {
+        let (value, framing) = sample(sent, self.board_bit, self.arm_bit);
+        let outcome = if framing || value != sent {
+            Outcome::Garbled
+        } else {
+            Outcome::Arrived
+        };
+        self.bytes.push(LineByte {
+            at: now,
+            direction: Direction::ToArm,
+            sent,
+            outcome,
+        });
+        self.arm.receive(now.micros(), value);
+    }
+
+    /// The board's receiver is free: what was on its way has arrived, and the next byte may start.
+    pub(crate) fn to_board(&mut self, now: Nanos) -> Option<Arrival> {
+        self.land(now);
+        let starved = self.starve.swap(false, Ordering::Relaxed);
+        if now < self.free {
+            return None;
+        }
+        let sent = self.arm.transmit(now.micros())?;
+        let mut outcome = Outcome::Arrived;
+        let (value, framing) = sample(sent, self.arm_bit, self.board_bit);
+        let mut arrival = Arrival {
+            value,
+            framing,
+            noise: false,
+        };
+        if framing || value != sent {
+            outcome = Outcome::Garbled;
+        } else if let Some(fault) = self
+            .fault(self.count)
+            .filter(|&fault| fault != Fault::Overrun || starved)
+        {
+            outcome = Outcome::Faulty(fault);
+            arrival = Arrival {
+                value: match fault {
+                    Fault::Framing => !sent,
+                    Fault::Break => 0,
+                    Fault::Noise | Fault::Overrun => sent,
+                },
+                framing: matches!(fault, Fault::Framing | Fault::Break),
+                noise: fault == Fault::Noise,
+            };
+        }
+        self.count += 1;
+        // The byte before one that is to be lost to an overrun has to wait in the UART.
+        let starve =
+            starved && outcome == Outcome::Faulty(Fault::Overrun) || self.fault(self.count) == Some(Fault::Overrun);
+        self.starve.store(starve, Ordering::Relaxed);
+
+        let ends = now + Nanos(10 * self.board_bit / 1_000);
+        self.flight = Some(Flight { sent, ends, outcome });
+        if outcome == Outcome::Garbled {
+            // What a faster arm sends meanwhile, the receiver takes for part of the same byte.
+            self.free = now + Nanos(10 * self.arm_bit / 1_000);
+            while self.free < ends && self.lose(self.free) {}
+        }
+        Some(arrival)
+    }
+
+    /// The board's receiver is off: what the arm sends goes nowhere.
+    pub(crate) fn to_nobody(&mut self, now: Nanos) {
+        self.starve.store(false, Ordering::Relaxed);
+        if let Some(flight) = self.flight.take() {
+            self.record(flight.ends, flight.sent, Outcome::Lost);
+            self.free = self.free.max(flight.ends);
+        }
+        if self.free <= now {
+            self.lose(now);
+        }
+    }
+
+    /// Sends one byte to nobody at `at`. Returns whether there was one.
+    fn lose(&mut self, at: Nanos) -> bool {
+        let Some(sent) = self.arm.transmit(at.micros()) else {
+            return false;
+        };
+        self.count += 1;
+        self.free = at + Nanos(10 * self.arm_bit / 1_000);
+        self.record(self.free, sent, Outcome::Lost);
+        true
+    }
+
+    /// Records the byte that was on its way.
+    fn land(&mut self, now: Nanos) {
+        if let Some(flight) = self.flight.take() {
+            // The UART ends the byte by its own clock; the reckoning here is off by rounding only.
+            let on_time = now.0.abs_diff(flight.ends.0) <= 2;
+            let (at, outcome) = if on_time {
+                (now, flight.outcome)
+            } else {
+                (flight.ends, Outcome::Lost)
+            };
+            self.record(at, flight.sent, outcome);
+        }
+    }
+
+    fn record(&mut self, at: Nanos, sent: u8, outcome: Outcome) {
+        self.bytes.push(LineByte {
+            at,
+            direction: Direction::ToBoard,
+            sent,
+            outcome,
+        });
+    }
+
+    /// The fault that the `nth` byte from the arm meets.
+    fn fault(&self, nth: u64) -> Option<Fault> {
+        let drawn = |(name, rate, fault): (&str, u32, Fault)| {
+            (draw(self.seed, name, nth) % 1_000_000 < rate.into()).then_some(fault)
+        };
+        self.planned.get(&nth).copied().or_else(|| {
+            [
+                ("framing", self.rates.framing, Fault::Framing),
+                ("noise", self.rates.noise, Fault::Noise),
+                ("break", self.rates.line_break, Fault::Break),
+                ("overrun", self.rates.overrun, Fault::Overrun),
+            ]
+            .into_iter()
+            .find_map(drawn)
+        })
+    }
+}
+
+/// Picoseconds in a second.
+pub(crate) const SECOND: u64 = 1_000_000_000_000;
+
+/// One bit at `baud`, in picoseconds.
+fn bit(baud: u64) -> u64 {
+    SECOND / baud.max(1)
+}
+
+/// What a receiver with bits of `receiver` picoseconds makes of a byte whose bits are `sender` picoseconds long: the
+/// byte, and whether the stop bit is missing.
+///
+/// It samples the middle of each bit, counted from the falling edge of the start bit; after its last bit the line is
+/// high.
+fn sample(byte: u8, sender: u64, receiver: u64) -> (u8, bool) {
+    if receiver == 0 || sender == 0 {
+        return (byte, false);
+    }
+    let frame = u64::from(byte) << 1 | 1 << 9;
+    let level = |nth: u64| {
+        let at = ((2 * nth + 1) * receiver / 2) / sender;
+        at > 9 || frame >> at & 1 != 0
+    };
+    let value = (0..8).fold(0, |value, nth| value | u8::from(level(nth + 1)) << nth);
+    (value, !level(9))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use armwire::Micros;
+
+    use super::*;
+
+    /// Sends what it is given, at once, and keeps what it hears.
+    #[derive(Debug, Default)]
+    struct Talker {
+        says: VecDeque<u8>,
+        heard: Vec<u8>,
+    }
+
+    impl SerialDevice for Talker {
+        fn receive(&mut self, _: Micros, byte: u8) {
+            self.heard.push(byte);
+        }
+
+        fn transmit(&mut self, _: Micros) -> Option<u8> {
+            self.says.pop_front()
+        }
+
+        fn poll_timeout(&self) -> Option<Micros> {
+            (!self.says.is_empty()).then_some(Micros(0))
+        }
+    }
+
+    const MEGABAUD_BIT: u64 = 1_000_000;
+
+    fn line(says: &[u8]) -> Line<Talker> {
+        let talker = Talker {
+            says: says.iter().copied().collect(),
+            heard: Vec::new(),
+        };
+        let mut line = Line::new(talker, 1_000_000, 7, Arc::default());
+        line.set_board_bit(MEGABAUD_BIT);
+        line
+    }
+
+    /// Lets the board's receiver take bytes as fast as it can.
+    fn receive_all(line: &mut Line<Talker>) -> Vec<Arrival> {
+        (0..)
+            .map_while(|nth| line.to_board(Nanos(nth * 10 * line.board_bit / 1_000)))
+            .collect()
+    }
+
+    fn outcomes(line: &Line<Talker>) -> Vec<Outcome> {
+        line.bytes().iter().map(|byte| byte.outcome).collect()
+    }
+
+    #[test]
+    fn bytes_cross_unchanged_when_the_rates_agree() {
+        for baud in [970_000, 1_000_000, 1_030_000] {
+            let mut line = line(&[0x00, 0x55, 0xFF]);
+            line.set_arm_baud(baud);
+            let values: Vec<u8> = receive_all(&mut line).iter().map(|arrival| arrival.value).collect();
+            assert_eq!(values, [0x00, 0x55, 0xFF], "{baud} baud");
+            assert_eq!(line.bytes().last().unwrap().at, Nanos(30_000));
+        }
+    }
+
+    #[test]
+    fn a_wrong_rate_garbles_both_ways() {
+        let mut line = line(&[0xAA; 20]);
+        line.set_arm_baud(115_200);
+        let first = line.to_board(Nanos(0)).unwrap();
+        assert_eq!(
+            (first.value, first.framing),
+            (0x00, true),
+            "the start bit alone lasts 8.7 of the board's bits"
+        );
+        line.to_arm(Nanos(0), 0xAA);
+        assert_ne!(line.arm_mut().heard, [0xAA]);
+    }
+
+    #[test]
+    fn bytes_of_a_faster_arm_are_lost_within_a_slow_receivers_byte() {
+        let mut line = line(&[0x00; 20]);
+        line.set_board_bit(bit(115_200));
+        let arrival = line.to_board(Nanos(0)).unwrap();
+        assert_ne!(arrival.value, 0x00);
+        assert_eq!(line.arm.says.len(), 20 - 9, "87 us of a megabaud");
+    }
+
+    #[test]
+    fn planned_faults_hit_the_byte_they_are_for() {
+        let mut line = line(&[1, 2, 3, 4]);
+        line.plan_fault(1, Fault::Framing);
+        line.plan_fault(2, Fault::Noise);
+        line.plan_fault(3, Fault::Break);
+        let arrivals = receive_all(&mut line);
+        assert_eq!((arrivals[0].value, arrivals[0].framing), (1, false));
+        assert_eq!((arrivals[1].value, arrivals[1].framing), (!2, true));
+        assert_eq!((arrivals[2].value, arrivals[2].noise), (3, true));
+        assert_eq!((arrivals[3].value, arrivals[3].framing), (0, true));
+    }
+
+    #[test]
+    fn an_overrun_keeps_the_dma_from_the_byte_before() {
+        let mut line = line(&[1, 2, 3]);
+        line.plan_fault(1, Fault::Overrun);
+        let starve = line.starve.clone();
+        let mut starving = Vec::new();
+        for nth in 0..4 {
+            line.to_board(Nanos(nth * 10_000));
+            starving.push(starve.load(Ordering::Relaxed));
+        }
+        assert_eq!(starving, [true, true, false, false]);
+        assert_eq!(
+            outcomes(&line),
+            [Outcome::Arrived, Outcome::Faulty(Fault::Overrun), Outcome::Arrived]
+        );
+    }
+
+    #[test]
+    fn a_seed_repeats_its_faults() {
+        let run = |seed| {
+            let mut line = line(&[0; 1000]);
+            line.seed = seed;
+            line.set_fault_rates(FaultRates {
+                framing: 50_000,
+                ..FaultRates::default()
+            });
+            receive_all(&mut line);
+            outcomes(&line)
+        };
+        assert_eq!(run(1), run(1));
+        assert_ne!(run(1), run(2));
+        let faulty = run(1)
+            .iter()
+            .filter(|&&outcome| outcome == Outcome::Faulty(Fault::Framing))
+            .count();
+        assert!((25..100).contains(&faulty), "{faulty} of 1000 at 5 %");
+    }
+
+    #[test]
+    fn a_receiver_that_is_off_loses_bytes_at_the_arms_own_pace() {
+        let mut line = line(&[1, 2]);
+        line.to_nobody(Nanos(0));
+        line.to_nobody(Nanos(5_000));
+        assert_eq!(outcomes(&line), [Outcome::Lost]);
+        assert_eq!(line.due(), Some(Nanos(10_000)));
+        line.to_nobody(Nanos(10_000));
+        assert_eq!(outcomes(&line), [Outcome::Lost; 2]);
+    }
+}

@@ -1,0 +1,253 @@
+//! The board as the emulator runs it, on a thread of its own, in lock step with the program that owns it.
+//!
+//! The program says how far to run and waits; the emulator runs there, says so and waits. Only one of the two ever runs,
+//! so nothing depends on how threads are scheduled.
+
+use std::collections::BTreeMap;
+use std::net::TcpListener;
+use std::num::{NonZeroU32, NonZeroU64};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::{Receiver, Sender};
+use std::sync::{Arc, Mutex};
+
+use object::{Object, ObjectSymbol};
+use rigless::cpu::armv7m::windows;
+use rigless::emulator::{self, CoreSpec, Driver, HitKind, Settled, Start, Stop, Watch};
+use rigless::image::Image;
+use rigless::machine::armv7m::{self, Fpu, MpuRegions};
+use rigless::machine::{Board, Target};
+use rigless::mcu::Mcu;
+use rigless::session::Session;
+use rigless::snapshot::Store;
+use rigless::time::VirtualNanos;
+
+use crate::line::Arm;
+use crate::report::{Crash, Report};
+use crate::stm32f405::Stm32f405;
+use crate::stm32f405::map::{FLASH_KIB, FLASH_SIZE, UNIQUE_ID};
+use crate::stm32f405::port::lock;
+use crate::time::Nanos;
+use crate::trace::Trace;
+use crate::usb::host::Host;
+
+/// The processor's clock once the firmware has set it up (RM0090, 7.2).
+const CORE_HZ: NonZeroU64 = NonZeroU64::new(168_000_000).expect("not zero");
+
+/// Priority bits of the interrupt controller (12.1), and what divides the clock of the system timer (12.1.2).
+const PRIORITY_BITS: u8 = 4;
+const SYSTICK_DIVIDER: NonZeroU32 = NonZeroU32::new(8).expect("not zero");
+
+/// Functions that run only when the firmware is broken, by what their names contain.
+const CRASHES: [(&str, Crash); 3] = [
+    ("rust_begin_unwind", Crash::Panic),
+    ("HardFault", Crash::HardFault),
+    ("DefaultHandler", Crash::UnexpectedException),
+];
+
+/// The symbol of the firmware's log, if it has one.
+const RTT: &str = "_SEGGER_RTT";
+
+/// A board as the library wants it: the part, and what its maker programmed into it.
+#[derive(Debug)]
+pub(crate) struct Bench<A: Arm> {
+    pub(crate) part: Stm32f405<A>,
+    pub(crate) unique_id: [u8; 12],
+    /// The virtual time of an instruction, in percent of a cycle.
+    pub(crate) instruction_cost: NonZeroU32,
+}
+
+/// Snapshots are not supported.
+impl<A: Arm> Store for Bench<A> {}
+
+impl<A: Arm> Bench<A> {
+    fn core(&self) -> CoreSpec {
+        let rate = CORE_HZ.get() * 100 / u64::from(self.instruction_cost.get());
+        let mut spec = armv7m::Core {
+            variant: armv7m::Variant::M4,
+            clock_hz: CORE_HZ,
+            interrupt_lines: NonZeroU32::new(self.part.bus().cpu().interrupt_lines.into()).expect("the part has some"),
+            priority_bits: PRIORITY_BITS,
+            refclk_divider: SYSTICK_DIVIDER,
+            instructions_per_second: NonZeroU64::new(rate).unwrap_or(NonZeroU64::MIN),
+            boot: "flash",
+        }
+        .spec_with_parts(&windows(self.part.bus()), Fpu::FpV4Sp, MpuRegions::Eight);
+        let factory = |name: &str, bytes: &[u8], at| {
+            Image::new(Path::new(name), bytes.to_vec(), Some(at)).expect("plain bytes with an address")
+        };
+        spec.factory_images = vec![
+            factory("unique id", &self.unique_id, UNIQUE_ID),
+            factory("flash size", &FLASH_KIB.to_le_bytes(), FLASH_SIZE),
+        ];
+        spec
+    }
+}
+
+impl<A: Arm> Board for Bench<A> {
+    fn name(&self) -> &'static str {
+        "virtual-board"
+    }
+
+    fn target_names(&self) -> Vec<&'static str> {
+        vec!["stm32f405rg"]
+    }
+
+    fn mcu(&mut self, target: usize) -> Option<&mut dyn Mcu> {
+        (target == 0).then_some(&mut self.part)
+    }
+
+    fn targets(&mut self) -> Vec<Target<'_>> {
+        let core = self.core();
+        vec![Target::new("stm32f405rg", &mut self.part, core)]
+    }
+}
+
+/// What the program asks of the emulator.
+#[derive(Debug)]
+pub(crate) enum Command {
+    /// Run until this instant; if `watchful`, stop early whenever something happens on the USB wire.
+    Run { until: Nanos, watchful: bool },
+    /// Say what the run has met.
+    Report,
+}
+
+/// What the emulator answers.
+#[derive(Debug)]
+pub(crate) enum Reply {
+    /// It stands at this instant, after this trace; the firmware may just have crashed.
+    Stopped {
+        at: Nanos,
+        trace: Trace,
+        crash: Option<Crash>,
+    },
+    /// What the run has met.
+    Report(Box<Report>),
+    /// The run is over and will not go on.
+    Ended(String),
+}
+
+/// Everything a run needs that is not the board.
+pub(crate) struct Run {
+    pub(crate) image: Image,
+    pub(crate) gdb: Option<TcpListener>,
+    pub(crate) rtt: TcpListener,
+    pub(crate) interrupt: Arc<AtomicBool>,
+    pub(crate) host: Arc<Mutex<Host>>,
+    pub(crate) commands: Receiver<Command>,
+    pub(crate) replies: Sender<Reply>,
+}
+
+/// Runs the image until the program goes away.
+pub(crate) fn run<A: Arm>(bench: Bench<A>, run: Run) {
+    let replies = run.replies.clone();
+    let ended = match attempt(bench, run) {
+        Ok(()) => "the run was ended".to_owned(),
+        Err(error) => error.to_string(),
+    };
+    // The program may be gone already.
+    let _ = replies.send(Reply::Ended(ended));
+}
+
+fn attempt<A: Arm>(bench: Bench<A>, run: Run) -> Result<(), emulator::Error> {
+    let mut session = Session::new(Box::new(bench), 0, VirtualNanos(0))?;
+    let symbols = symbols(&run.image);
+    let mut crashes = BTreeMap::new();
+    for (name, address) in &symbols {
+        if let Some((_, crash)) = CRASHES.iter().find(|(part, _)| name.contains(part)) {
+            crashes.insert(*address, *crash);
+            session.watch(Watch::Instruction(*address));
+        }
+    }
+    let images = [run.image];
+    let mut start = Start::new(&images);
+    start.debugger = run.gdb.as_ref();
+    start.rtt = symbols.contains_key(RTT).then_some(&run.rtt);
+    start.interrupt = Some(&run.interrupt);
+    let driver = Lockstep {
+        commands: run.commands,
+        replies: run.replies,
+        host: run.host,
+        watchful: false,
+        trace: Trace::default(),
+        crashes,
+        crash: None,
+    };
+    emulator::run(session, &start, driver).map(|_| ())
+}
+
+/// The image's symbols, each function's with the address of its first instruction.
+fn symbols(image: &Image) -> BTreeMap<String, u64> {
+    // An image that the emulator takes and this does not has no symbols worth having.
+    let Ok(file) = object::File::parse(image.bytes()) else {
+        return BTreeMap::new();
+    };
+    file.symbols()
+        .filter(|symbol| symbol.is_definition())
+        .filter_map(|symbol| Some((symbol.name().ok()?.to_owned(), symbol.address() & !1)))
+        .collect()
+}
+
+/// Keeps the emulator in step with the program.
+#[derive(Debug)]
+struct Lockstep {
+    commands: Receiver<Command>,
+    replies: Sender<Reply>,
+    host: Arc<Mutex<Host>>,
+    watchful: bool,
+    trace: Trace,
+    crashes: BTreeMap<u64, Crash>,
+    crash: Option<Crash>,
+}
+
+impl<A: Arm> Driver<Bench<A>> for Lockstep {
+    fn on_settled(&mut self, session: &mut Session<Bench<A>>, _: &mut dyn emulator::Host, settled: Settled) {
+        let now = match settled {
+            Settled::Access { access, value } => {
+                for part in [access.address, value, access.instruction_count, access.virtual_time.0] {
+                    self.trace.add(part);
+                }
+                access.virtual_time
+            }
+            Settled::Stop(stop) => {
+                self.trace.add(stop.at.0);
+                self.trace.add(stop.instruction_count);
+                stop.at
+            }
+            Settled::Hit(hit) => {
+                if hit.kind == HitKind::Instruction {
+                    self.crash = self.crashes.get(&hit.address).copied();
+                    session.run_until(hit.at);
+                }
+                return;
+            }
+            _ => return,
+        };
+        if self.watchful && lock(&self.host).take_progress() {
+            session.run_until(now);
+        }
+    }
+
+    fn on_stop(
+        &mut self,
+        session: &mut Session<Bench<A>>,
+        stop: Stop,
+        _: &mut dyn emulator::Host,
+    ) -> Option<VirtualNanos> {
+        let stopped = Reply::Stopped {
+            at: stop.at.into(),
+            trace: self.trace,
+            crash: self.crash.take(),
+        };
+        self.replies.send(stopped).ok()?;
+        loop {
+            match self.commands.recv().ok()? {
+                Command::Run { until, watchful } => {
+                    self.watchful = watchful;
+                    return Some(until.into());
+                }
+                Command::Report => self.replies.send(Reply::Report(Box::new(Report::of(session)))).ok()?,
+            }
+        }
+    }
+}

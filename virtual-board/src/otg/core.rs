@@ -1,0 +1,718 @@
+//! The device controller (RM0090, chapter 34, in device and slave mode): what its registers do, and what the wire sees.
+//!
+//! | Behaviour | Section |
+//! |---|---|
+//! | Pull-up: transceiver on, session valid, no soft disconnect | 34.4.2, 34.16.2 GCCFG, 34.16.4 DCTL |
+//! | Session: VBUS sensed, or taken for granted with NOVBUSSENS; SRQINT and SEDET | 34.4.2, 34.16.2 |
+//! | Reset, enumeration done, start of frame, suspend, wake-up | 34.4.2, 34.17.3 |
+//! | One receive FIFO for all OUT endpoints: a status word, then the data; popped through GRXSTSP | 34.11.1, 34.17.5 |
+//! | A transmit FIFO for each IN endpoint; TXFE, space left | 34.11.2, 34.16.4 |
+//! | SETUP: always taken, sets both NAKs of endpoint 0, clears its STALLs, done at the next token | 34.17.5 |
+//! | OUT: NAK without room, packet count, or with NAKSTS; NAKSTS after the transfer; XFRC as its status is popped | 34.17.5 |
+//! | IN: sent once enabled, no NAK, and the FIFO holds the packet; XFRC at the host's ACK | 34.17.6 |
+//! | Data toggles, STALL, NAK set and cleared, endpoint disable, global NAKs | 34.16.4 |
+//! | FIFO flushes and core soft reset, at once | 34.16.2 GRSTCTL |
+//!
+//! Left out: host mode, isochronous endpoints, the periodic end-of-frame interrupt (EOPF), remote wake-up, and the
+//! wake-up line to the EXTI. An interrupt that is left out is never raised.
+//!
+//! Where the part does not do what the manual says, the part is followed: the manual lets the core clear EPENA of an OUT
+//! endpoint when its transfer is over (34.17.5), yet drivers that re-arm with CNAK alone work on the part. Here EPENA of
+//! an OUT endpoint stays.
+
+use std::collections::VecDeque;
+
+use super::registers::*;
+use crate::time::Nanos;
+use crate::usb::{Direction, Function, Handshake, Reply};
+
+/// The core's identification (34.16.2 CID).
+const CORE_ID: u32 = 0x0000_1200;
+
+/// One IN endpoint.
+#[derive(Debug, Default)]
+struct InEndpoint {
+    control: u32,
+    interrupts: u32,
+    size: u32,
+    fifo: VecDeque<u32>,
+    /// Depth in words and start, as DIEPTXFx holds them.
+    allocation: u32,
+    /// When the packet that would now be sent was ready to be sent.
+    armed: Option<Nanos>,
+}
+
+/// One OUT endpoint.
+#[derive(Debug, Default)]
+struct OutEndpoint {
+    control: u32,
+    interrupts: u32,
+    size: u32,
+}
+
+/// What the receive FIFO holds.
+#[derive(Debug)]
+struct Entry {
+    status: u32,
+    data: Vec<u32>,
+}
+
+/// The controller.
+#[derive(Debug)]
+pub(super) struct Core {
+    /// The instant of what happens now.
+    pub(super) now: Nanos,
+    /// The PHY has its 48 MHz (34.3).
+    pub(super) clocked: bool,
+    vbus: bool,
+    gotgint: u32,
+    gahbcfg: u32,
+    gusbcfg: u32,
+    grstctl: u32,
+    latched: u32,
+    gintmsk: u32,
+    grxfsiz: u32,
+    gccfg: u32,
+    dcfg: u32,
+    /// The address before DCFG was written: the status stage of SET_ADDRESS still uses it.
+    old_address: u8,
+    dctl: u32,
+    suspended: bool,
+    enumerated: bool,
+    frame: u16,
+    diepmsk: u32,
+    doepmsk: u32,
+    daintmsk: u32,
+    diepempmsk: u32,
+    pcgcctl: u32,
+    input: [InEndpoint; ENDPOINTS],
+    output: [OutEndpoint; ENDPOINTS],
+    received: VecDeque<Entry>,
+    /// Data words of entries whose status was popped.
+    popped: VecDeque<u32>,
+    /// A SETUP came and the token that ends its phase did not yet.
+    setup_open: bool,
+}
+
+impl Default for Core {
+    /// The controller out of reset.
+    fn default() -> Self {
+        let mut core = Self {
+            now: Nanos(0),
+            clocked: false,
+            vbus: false,
+            gotgint: 0,
+            gahbcfg: 0,
+            gusbcfg: 0x0000_0A00,
+            grstctl: grstctl::AHBIDL,
+            latched: 0,
+            gintmsk: 0,
+            grxfsiz: 0x0000_0200,
+            gccfg: 0,
+            dcfg: 0x0220_0000,
+            old_address: 0,
+            dctl: 0,
+            suspended: false,
+            enumerated: false,
+            frame: 0,
+            diepmsk: 0,
+            doepmsk: 0,
+            daintmsk: 0,
+            diepempmsk: 0,
+            pcgcctl: 0,
+            input: Default::default(),
+            output: Default::default(),
+            received: VecDeque::new(),
+            popped: VecDeque::new(),
+            setup_open: false,
+        };
+        core.input[0].control = epctl::USBAEP;
+        core.output[0].control = epctl::USBAEP;
+        core.input[0].allocation = 0x0200_0200;
+        for (endpoint, start) in core.input.iter_mut().skip(1).zip([0x400, 0x600, 0x800]) {
+            endpoint.allocation = 0x0200_0000 | start;
+        }
+        core
+    }
+}
+
+/// What the processor sees.
+impl Core {
+    /// The controller after a reset of the part or of the peripheral: the cable stays as it was.
+    pub(super) fn restarted(&self) -> Self {
+        Self {
+            now: self.now,
+            vbus: self.vbus,
+            ..Self::default()
+        }
+    }
+
+    /// What a read of `offset` answers, without what it does.
+    pub(super) fn peek(&self, offset: u32) -> u32 {
+        if let Some((direction, endpoint, register)) = endpoint_register(offset) {
+            let (input, output) = (&self.input[endpoint], &self.output[endpoint]);
+            return match (direction, register) {
+                (Direction::In, CTL) => input.control,
+                (Direction::In, INT) => self.in_interrupts(endpoint),
+                (Direction::In, TSIZ) => input.size,
+                (Direction::In, TXFSTS) => (input.depth().saturating_sub(input.fifo.len())) as u32,
+                (Direction::Out, CTL) => output.control,
+                (Direction::Out, INT) => output.interrupts,
+                (Direction::Out, TSIZ) => output.size,
+                _ => 0,
+            };
+        }
+        match offset {
+            GOTGCTL => gotg::CIDSTS | if self.session() { gotg::BSVLD } else { 0 },
+            GOTGINT => self.gotgint,
+            GAHBCFG => self.gahbcfg,
+            GUSBCFG => self.gusbcfg,
+            GRSTCTL => self.grstctl,
+            GINTSTS => self.status(),
+            GINTMSK => self.gintmsk,
+            GRXSTSR | GRXSTSP => self.received.front().map_or(0, |entry| entry.status),
+            GRXFSIZ => self.grxfsiz,
+            DIEPTXF0 => self.input[0].allocation,
+            DIEPTXF1..=DIEPTXF3 => self.input[fifo_of(offset)].allocation,
+            GCCFG => self.gccfg,
+            CID => CORE_ID,
+            DCFG => self.dcfg,
+            DCTL => self.dctl,
+            DSTS => {
+                u32::from(self.suspended) * device::SUSPSTS
+                    | if self.enumerated { device::ENUMSPD_FULL } else { 0 }
+                    | u32::from(self.frame) << device::FNSOF_AT
+            }
+            DIEPMSK => self.diepmsk,
+            DOEPMSK => self.doepmsk,
+            DAINT => self.all_endpoints(),
+            DAINTMSK => self.daintmsk,
+            DIEPEMPMSK => self.diepempmsk,
+            PCGCCTL => self.pcgcctl,
+            // Every window reads the one receive FIFO (34.11.1).
+            FIFO.. => self.popped.front().copied().unwrap_or(0),
+            _ => 0,
+        }
+    }
+
+    pub(super) fn read(&mut self, offset: u32) -> u32 {
+        let value = self.peek(offset);
+        match offset {
+            GRXSTSP => self.pop(),
+            FIFO.. => {
+                self.popped.pop_front();
+            }
+            _ => {}
+        }
+        value
+    }
+
+    /// The status word at the front leaves the FIFO; its data is next to be read.
+    fn pop(&mut self) {
+        let Some(entry) = self.received.pop_front() else {
+            return;
+        };
+        self.popped.extend(entry.data);
+        let output = &mut self.output[(entry.status & 0xF) as usize % ENDPOINTS];
+        match entry.status >> grxsts::PKTSTS_AT & 0xF {
+            grxsts::OUT_DONE => output.interrupts |= epint::XFRC,
+            grxsts::SETUP_DONE => output.interrupts |= epint::STUP,
+            _ => {}
+        }
+    }
+
+    pub(super) fn write(&mut self, offset: u32, value: u32) {
+        if let Some((direction, endpoint, register)) = endpoint_register(offset) {
+            match (direction, register) {
+                (Direction::In, CTL) => self.write_in_control(endpoint, value),
+                (Direction::In, INT) => self.input[endpoint].interrupts &= !value,
+                (Direction::In, TSIZ) => self.input[endpoint].size = value,
+                (Direction::Out, CTL) => {
+                    let output = &mut self.output[endpoint];
+                    let disabled = value & epctl::EPDIS != 0 && output.control & epctl::EPENA != 0;
+                    output.control = control(endpoint, output.control, value);
+                    if disabled {
+                        output.interrupts |= epint::EPDISD;
+                    }
+                }
+                (Direction::Out, INT) => self.output[endpoint].interrupts &= !value,
+                (Direction::Out, TSIZ) => self.output[endpoint].size = value,
+                _ => {}
+            }
+            self.arm();
+            return;
+        }
+        match offset {
+            GOTGINT => self.gotgint &= !value,
+            GAHBCFG => self.gahbcfg = value,
+            GUSBCFG => self.gusbcfg = value,
+            GRSTCTL => self.write_reset(value),
+            GINTSTS => self.latched &= !(value & gint::LATCHED),
+            GINTMSK => self.gintmsk = value,
+            GRXFSIZ => self.grxfsiz = value & 0xFFFF,
+            DIEPTXF0 => self.input[0].allocation = value,
+            DIEPTXF1..=DIEPTXF3 => self.input[fifo_of(offset)].allocation = value,
+            GCCFG => self.gccfg = value,
+            DCFG => {
+                self.old_address = self.address();
+                self.dcfg = value;
+            }
+            DCTL => self.write_device_control(value),
+            DIEPMSK => self.diepmsk = value,
+            DOEPMSK => self.doepmsk = value,
+            DAINTMSK => self.daintmsk = value,
+            DIEPEMPMSK => self.diepempmsk = value,
+            PCGCCTL => self.pcgcctl = value,
+            FIFO.. => {
+                let endpoint = ((offset - FIFO) / FIFO_SPAN) as usize % ENDPOINTS;
+                self.input[endpoint].fifo.push_back(value);
+            }
+            _ => {}
+        }
+        self.arm();
+    }
+
+    fn write_in_control(&mut self, endpoint: usize, value: u32) {
+        let input = &mut self.input[endpoint];
+        if value & epctl::EPDIS != 0 && input.control & epctl::EPENA != 0 {
+            input.interrupts |= epint::EPDISD;
+        }
+        if value & epctl::SNAK != 0 {
+            input.interrupts |= epint::INEPNE;
+        }
+        input.control = control(endpoint, input.control, value);
+    }
+
+    fn write_reset(&mut self, value: u32) {
+        if value & grstctl::CSRST != 0 {
+            // 34.16.2: all registers but some of PCGCCTL and DCFG's speed.
+            *self = Self {
+                clocked: self.clocked,
+                dcfg: Self::default().dcfg | self.dcfg & device::DSPD,
+                pcgcctl: self.pcgcctl,
+                ..self.restarted()
+            };
+            return;
+        }
+        if value & grstctl::RXFFLSH != 0 {
+            self.received.clear();
+            self.popped.clear();
+        }
+        if value & grstctl::TXFFLSH != 0 {
+            let number = (value & grstctl::TXFNUM) >> grstctl::TXFNUM_AT;
+            for (each, input) in self.input.iter_mut().enumerate() {
+                if number == grstctl::ALL || number as usize == each {
+                    input.fifo.clear();
+                }
+            }
+        }
+        self.grstctl = grstctl::AHBIDL | value & grstctl::TXFNUM;
+    }
+
+    fn write_device_control(&mut self, value: u32) {
+        let mut status = self.dctl & (device::GINSTS | device::GONSTS);
+        for (bit, set, clear) in [
+            (device::GINSTS, device::SGINAK, device::CGINAK),
+            (device::GONSTS, device::SGONAK, device::CGONAK),
+        ] {
+            if value & set != 0 {
+                status |= bit;
+            }
+            if value & clear != 0 {
+                status &= !bit;
+            }
+        }
+        let commands = device::SGINAK | device::CGINAK | device::SGONAK | device::CGONAK;
+        self.dctl = value & !(commands | device::GINSTS | device::GONSTS) | status;
+    }
+
+    /// Whether the core drives its interrupt line (34.15).
+    pub(super) fn interrupt(&self) -> bool {
+        self.gahbcfg & gahbcfg::GINTMSK != 0 && self.status() & self.gintmsk != 0
+    }
+
+    /// GINTSTS. The current mode, bit 0, is always device.
+    fn status(&self) -> u32 {
+        let mut status = self.latched | gint::NPTXFE | gint::PTXFE;
+        let endpoints = self.all_endpoints() & self.daintmsk;
+        for (bit, is) in [
+            (gint::OTGINT, self.gotgint != 0),
+            (gint::RXFLVL, !self.received.is_empty()),
+            (gint::GINAKEFF, self.dctl & device::GINSTS != 0),
+            (gint::GONAKEFF, self.dctl & device::GONSTS != 0),
+            (gint::IEPINT, endpoints & 0xFFFF != 0),
+            (gint::OEPINT, endpoints >> 16 != 0),
+        ] {
+            if is {
+                status |= bit;
+            }
+        }
+        status
+    }
+
+    /// DAINT: which endpoints want attention.
+    fn all_endpoints(&self) -> u32 {
+        let mut all = 0;
+        for endpoint in 0..ENDPOINTS {
+            let input = self.in_interrupts(endpoint);
+            let empty = input & epint::TXFE != 0 && self.diepempmsk >> endpoint & 1 != 0;
+            if empty || input & !epint::TXFE & self.diepmsk != 0 {
+                all |= 1 << endpoint;
+            }
+            if self.output[endpoint].interrupts & self.doepmsk != 0 {
+                all |= 1 << (16 + endpoint);
+            }
+        }
+        all
+    }
+
+    fn in_interrupts(&self, endpoint: usize) -> u32 {
+        let input = &self.input[endpoint];
+        let empty = if self.gahbcfg & gahbcfg::TXFELVL != 0 {
+            input.fifo.is_empty()
+        } else {
+            2 * input.fifo.len() <= input.depth()
+        };
+        input.interrupts | if empty { epint::TXFE } else { 0 }
+    }
+
+    /// Notes when a packet becomes ready to be sent.
+    fn arm(&mut self) {
+        for (endpoint, input) in self.input.iter_mut().enumerate() {
+            if !input.loaded(endpoint) {
+                input.armed = None;
+            } else if input.armed.is_none() {
+                input.armed = Some(self.now);
+            }
+        }
+    }
+}
+
+/// What the wire does.
+impl Core {
+    /// The bus voltage is there, as far as the core knows (34.16.2 GCCFG).
+    fn session(&self) -> bool {
+        self.gccfg & gccfg::NOVBUSSENS != 0 || self.gccfg & gccfg::VBUSBSEN != 0 && self.vbus
+    }
+
+    fn address(&self) -> u8 {
+        ((self.dcfg & device::DAD) >> device::DAD_AT) as u8
+    }
+
+    /// Whether a token with `address` is for this device. Once the new address was used, the old one is over.
+    fn addressed(&mut self, address: u8) -> bool {
+        if address == self.address() {
+            self.old_address = address;
+        }
+        self.clocked && address == self.old_address
+    }
+
+    /// A token after SETUP ends its phase: the core says so in the receive FIFO (34.17.5).
+    fn end_setup(&mut self) {
+        if std::mem::take(&mut self.setup_open) {
+            self.receive(0, grxsts::SETUP_DONE, false, &[]);
+        }
+    }
+
+    fn receive(&mut self, endpoint: usize, status: u32, toggle: bool, data: &[u8]) {
+        let words = data.chunks(4).map(|bytes| {
+            let mut word = [0; 4];
+            word[..bytes.len()].copy_from_slice(bytes);
+            u32::from_le_bytes(word)
+        });
+        self.received.push_back(Entry {
+            status: endpoint as u32
+                | (data.len() as u32) << grxsts::BCNT_AT
+                | (if toggle { 2 } else { 0 }) << grxsts::DPID_AT
+                | status << grxsts::PKTSTS_AT,
+            data: words.collect(),
+        });
+    }
+
+    /// Whether the receive FIFO has room for a packet and the two status words that come with it (34.11.1).
+    fn room(&self, length: usize) -> bool {
+        let used: usize = self.received.iter().map(|entry| 1 + entry.data.len()).sum();
+        used + self.popped.len() + 2 + length.div_ceil(4) <= self.grxfsiz as usize
+    }
+
+    /// What an OUT packet of `length` bytes would get.
+    fn takes(&self, endpoint: usize, length: usize) -> Handshake {
+        let output = &self.output[endpoint];
+        if output.control & epctl::USBAEP == 0 {
+            return Handshake::Silence;
+        }
+        if output.control & epctl::STALL != 0 {
+            return Handshake::Stall;
+        }
+        // Drivers leave EPENA and the packet count of endpoint 0 alone; there NAKSTS decides.
+        let enabled = endpoint == 0 || output.control & epctl::EPENA != 0 && output.size & eptsiz::PKTCNT != 0;
+        let nak = output.control & epctl::NAKSTS != 0 || self.dctl & device::GONSTS != 0;
+        if enabled && !nak && self.room(length) {
+            Handshake::Ack
+        } else {
+            Handshake::Nak
+        }
+    }
+
+    /// What an IN token would get.
+    fn gives(&self, endpoint: usize) -> Handshake {
+        let input = &self.input[endpoint];
+        if input.control & epctl::USBAEP == 0 {
+            Handshake::Silence
+        } else if input.control & epctl::STALL != 0 {
+            Handshake::Stall
+        } else if input.loaded(endpoint) && self.dctl & device::GINSTS == 0 {
+            Handshake::Ack
+        } else {
+            Handshake::Nak
+        }
+    }
+}
+
+impl Function for Core {
+    fn pulls_up(&self) -> bool {
+        self.clocked && self.session() && self.gccfg & gccfg::PWRDWN != 0 && self.dctl & device::SDIS == 0
+    }
+
+    fn power(&mut self, vbus: bool) {
+        self.vbus = vbus;
+        if self.gccfg & gccfg::VBUSBSEN != 0 && self.gccfg & gccfg::NOVBUSSENS == 0 {
+            if vbus {
+                self.latched |= gint::SRQINT;
+            } else {
+                self.gotgint |= gotg::SEDET;
+            }
+        }
+    }
+
+    fn reset(&mut self) {
+        self.suspended = false;
+        self.enumerated = false;
+        self.setup_open = false;
+        self.latched |= gint::USBRST;
+        // Endpoints but 0 leave the bus, and nothing is armed any more (34.16.4, USBAEP; 34.17.3).
+        for (endpoint, input) in self.input.iter_mut().enumerate() {
+            input.control = after_reset(endpoint, input.control);
+        }
+        for (endpoint, output) in self.output.iter_mut().enumerate() {
+            output.control = after_reset(endpoint, output.control);
+        }
+        self.arm();
+    }
+
+    fn reset_done(&mut self) {
+        self.enumerated = true;
+        self.latched |= gint::ENUMDNE;
+    }
+
+    fn start_of_frame(&mut self, number: u16) {
+        self.frame = number;
+        self.latched |= gint::SOF;
+    }
+
+    fn suspend(&mut self) {
+        if self.pulls_up() {
+            self.suspended = true;
+            self.latched |= gint::ESUSP | gint::USBSUSP;
+        }
+    }
+
+    fn resume(&mut self) {
+        if std::mem::take(&mut self.suspended) {
+            self.latched |= gint::WKUPINT;
+        }
+    }
+
+    fn ready(&self, endpoint: u8, direction: Direction) -> bool {
+        let endpoint = usize::from(endpoint);
+        if endpoint >= ENDPOINTS || endpoint == 0 && self.setup_open {
+            return true;
+        }
+        let answer = match direction {
+            Direction::In => self.gives(endpoint),
+            Direction::Out => self.takes(endpoint, (self.output[endpoint].control & epctl::MPSIZ) as usize),
+        };
+        answer != Handshake::Nak
+    }
+
+    fn setup(&mut self, address: u8, request: [u8; 8]) -> bool {
+        if !self.addressed(address) {
+            return false;
+        }
+        self.setup_open = true;
+        self.receive(0, grxsts::SETUP_DATA, false, &request);
+        for control in [&mut self.input[0].control, &mut self.output[0].control] {
+            *control = *control & !epctl::STALL | epctl::NAKSTS | epctl::DPID;
+        }
+        self.arm();
+        true
+    }
+
+    fn output(&mut self, address: u8, endpoint: u8, toggle: bool, data: &[u8]) -> Handshake {
+        let endpoint = usize::from(endpoint);
+        if !self.addressed(address) || endpoint >= ENDPOINTS {
+            return Handshake::Silence;
+        }
+        if endpoint == 0 {
+            self.end_setup();
+        }
+        let answer = self.takes(endpoint, data.len());
+        let output = &mut self.output[endpoint];
+        match answer {
+            Handshake::Nak if endpoint != 0 && output.control & epctl::EPENA == 0 => {
+                output.interrupts |= epint::OTEPDIS;
+            }
+            Handshake::Ack if toggle == (output.control & epctl::DPID != 0) => {
+                output.control ^= epctl::DPID;
+                let packets = ((output.size & eptsiz::PKTCNT) >> eptsiz::PKTCNT_AT).saturating_sub(1);
+                let bytes = (output.size & eptsiz::XFRSIZ).saturating_sub(data.len() as u32);
+                output.size = output.size & !(eptsiz::PKTCNT | eptsiz::XFRSIZ) | packets << eptsiz::PKTCNT_AT | bytes;
+                let done = packets == 0 || data.len() < output.packet(endpoint);
+                if done {
+                    output.control |= epctl::NAKSTS;
+                }
+                self.receive(endpoint, grxsts::OUT_DATA, toggle, data);
+                if done {
+                    self.receive(endpoint, grxsts::OUT_DONE, false, &[]);
+                }
+            }
+            // A packet that was received already is acknowledged and dropped (USB 2.0, 8.6.4).
+            _ => {}
+        }
+        answer
+    }
+
+    fn input(&mut self, address: u8, endpoint: u8) -> Reply {
+        let endpoint = usize::from(endpoint);
+        if !self.addressed(address) || endpoint >= ENDPOINTS {
+            return Reply::Silence;
+        }
+        if endpoint == 0 {
+            self.end_setup();
+        }
+        let answer = self.gives(endpoint);
+        let input = &mut self.input[endpoint];
+        match answer {
+            Handshake::Silence => Reply::Silence,
+            Handshake::Stall => Reply::Stall,
+            Handshake::Nak => {
+                if input.fifo.is_empty() {
+                    input.interrupts |= epint::ITTXFE;
+                }
+                Reply::Nak
+            }
+            Handshake::Ack => {
+                let length = input.next(endpoint);
+                let mut bytes: Vec<u8> = input
+                    .fifo
+                    .iter()
+                    .flat_map(|word| word.to_le_bytes())
+                    .take(length)
+                    .collect();
+                bytes.truncate(length);
+                Reply::Data {
+                    toggle: input.control & epctl::DPID != 0,
+                    bytes,
+                    armed: input.armed.unwrap_or(self.now),
+                }
+            }
+        }
+    }
+
+    fn acknowledged(&mut self, endpoint: u8) {
+        let endpoint = usize::from(endpoint);
+        let Some(input) = self.input.get_mut(endpoint) else {
+            return;
+        };
+        let length = input.next(endpoint);
+        input.fifo.drain(..length.div_ceil(4).min(input.fifo.len()));
+        input.control ^= epctl::DPID;
+        input.armed = None;
+        let packets = ((input.size & eptsiz::PKTCNT) >> eptsiz::PKTCNT_AT).saturating_sub(1);
+        let bytes = (input.size & eptsiz::XFRSIZ).saturating_sub(length as u32);
+        input.size = input.size & !(eptsiz::PKTCNT | eptsiz::XFRSIZ) | packets << eptsiz::PKTCNT_AT | bytes;
+        if packets == 0 {
+            input.control &= !epctl::EPENA;
+            input.interrupts |= epint::XFRC;
+        }
+        self.arm();
+    }
+}
+
+impl InEndpoint {
+    /// Its FIFO's depth in words.
+    fn depth(&self) -> usize {
+        (self.allocation >> 16) as usize
+    }
+
+    /// The length of the packet it would send next, in bytes.
+    fn next(&self, endpoint: usize) -> usize {
+        ((self.size & eptsiz::XFRSIZ) as usize).min(packet(endpoint, self.control))
+    }
+
+    /// Whether it would send now.
+    fn loaded(&self, endpoint: usize) -> bool {
+        self.control & epctl::EPENA != 0
+            && self.control & epctl::NAKSTS == 0
+            && 4 * self.fifo.len() >= self.next(endpoint)
+    }
+}
+
+impl OutEndpoint {
+    fn packet(&self, endpoint: usize) -> usize {
+        packet(endpoint, self.control)
+    }
+}
+
+/// An endpoint's largest packet (34.16.4): endpoint 0 codes it.
+fn packet(endpoint: usize, control: u32) -> usize {
+    if endpoint == 0 {
+        64 >> (control & 3)
+    } else {
+        (control & epctl::MPSIZ) as usize
+    }
+}
+
+/// What an endpoint's control register holds after a write.
+fn control(endpoint: usize, old: u32, written: u32) -> u32 {
+    let commands = epctl::CNAK | epctl::SNAK | epctl::SD0PID | epctl::SD1PID | epctl::EPDIS;
+    let hardware = epctl::NAKSTS | epctl::DPID | epctl::EPENA;
+    let mut new = written & !(commands | hardware) | old & hardware;
+    if endpoint == 0 {
+        new |= epctl::USBAEP;
+    }
+    for (command, set, clear) in [
+        (epctl::CNAK, 0, epctl::NAKSTS),
+        (epctl::SNAK, epctl::NAKSTS, 0),
+        (epctl::SD0PID, 0, epctl::DPID),
+        (epctl::SD1PID, epctl::DPID, 0),
+        (epctl::EPENA, epctl::EPENA, 0),
+        (epctl::EPDIS, 0, epctl::EPENA),
+    ] {
+        if written & command != 0 {
+            new = new & !clear | set;
+        }
+    }
+    new
+}
+
+/// What a bus reset leaves of an endpoint's control register.
+fn after_reset(endpoint: usize, control: u32) -> u32 {
+    let active = if endpoint == 0 { 0 } else { epctl::USBAEP };
+    control & !(active | epctl::EPENA | epctl::STALL) | epctl::NAKSTS
+}
+
+/// Which endpoint's register is at `offset`, and which one it is.
+fn endpoint_register(offset: u32) -> Option<(Direction, usize, u32)> {
+    [(DIEP, Direction::In), (DOEP, Direction::Out)]
+        .into_iter()
+        .find_map(|(base, direction)| {
+            let within = offset.checked_sub(base)?;
+            let endpoint = (within / ENDPOINT_SPAN) as usize;
+            (endpoint < ENDPOINTS).then_some((direction, endpoint, within % ENDPOINT_SPAN))
+        })
+}
+
+fn fifo_of(offset: u32) -> usize {
+    1 + ((offset - DIEPTXF1) / 4) as usize
+}

@@ -1,0 +1,291 @@
+//! The registers of OTG_FS in device mode (RM0090, 34.16): where they are, and their bits.
+//!
+//! Only what a device needs is here. The host registers are left out on purpose: an access to one is an access to
+//! nothing, which fails the run.
+
+use rigless::soc::{Access, Layout, ReadAction, RegisterSpec, Width, WriteModify};
+
+/// How many endpoints the core has in each direction, endpoint 0 included (34.1).
+pub(super) const ENDPOINTS: usize = 4;
+
+// Global registers (34.16.2).
+pub(super) const GOTGCTL: u32 = 0x000;
+pub(super) const GOTGINT: u32 = 0x004;
+pub(super) const GAHBCFG: u32 = 0x008;
+pub(super) const GUSBCFG: u32 = 0x00C;
+pub(super) const GRSTCTL: u32 = 0x010;
+pub(super) const GINTSTS: u32 = 0x014;
+pub(super) const GINTMSK: u32 = 0x018;
+pub(super) const GRXSTSR: u32 = 0x01C;
+pub(super) const GRXSTSP: u32 = 0x020;
+pub(super) const GRXFSIZ: u32 = 0x024;
+pub(super) const DIEPTXF0: u32 = 0x028;
+pub(super) const GCCFG: u32 = 0x038;
+pub(super) const CID: u32 = 0x03C;
+/// Not in the manual. Drivers for this core, whoever built it in, read the width of the PHY's interface here, which
+/// means nothing for the PHY inside this part. It reads zero.
+pub(super) const GHWCFG4: u32 = 0x050;
+pub(super) const DIEPTXF1: u32 = 0x104;
+pub(super) const DIEPTXF2: u32 = 0x108;
+pub(super) const DIEPTXF3: u32 = 0x10C;
+
+// Device registers (34.16.4).
+pub(super) const DCFG: u32 = 0x800;
+pub(super) const DCTL: u32 = 0x804;
+pub(super) const DSTS: u32 = 0x808;
+pub(super) const DIEPMSK: u32 = 0x810;
+pub(super) const DOEPMSK: u32 = 0x814;
+pub(super) const DAINT: u32 = 0x818;
+pub(super) const DAINTMSK: u32 = 0x81C;
+pub(super) const DIEPEMPMSK: u32 = 0x834;
+/// Each endpoint has [`ENDPOINT_SPAN`] bytes of registers from here, IN and OUT.
+pub(super) const DIEP: u32 = 0x900;
+pub(super) const DOEP: u32 = 0xB00;
+pub(super) const ENDPOINT_SPAN: u32 = 0x20;
+// Within an endpoint's registers.
+pub(super) const CTL: u32 = 0x00;
+pub(super) const INT: u32 = 0x08;
+pub(super) const TSIZ: u32 = 0x10;
+pub(super) const TXFSTS: u32 = 0x18;
+
+/// Power and clock gating (34.16.5).
+pub(super) const PCGCCTL: u32 = 0xE00;
+
+/// The FIFO windows, 4 KiB for each endpoint (34.16.1).
+pub(super) const FIFO: u32 = 0x1000;
+pub(super) const FIFO_SPAN: u32 = 0x1000;
+
+/// Bits of GAHBCFG.
+pub(super) mod gahbcfg {
+    pub(in super::super) const GINTMSK: u32 = 1 << 0;
+    pub(in super::super) const TXFELVL: u32 = 1 << 7;
+}
+
+/// Bits of GOTGCTL and GOTGINT.
+pub(super) mod gotg {
+    /// GOTGCTL: the connector's ID pin says B-device.
+    pub(in super::super) const CIDSTS: u32 = 1 << 16;
+    /// GOTGCTL: the bus voltage is there.
+    pub(in super::super) const BSVLD: u32 = 1 << 19;
+    /// GOTGINT: it went away.
+    pub(in super::super) const SEDET: u32 = 1 << 2;
+}
+
+/// Bits of GRSTCTL.
+pub(super) mod grstctl {
+    pub(in super::super) const CSRST: u32 = 1 << 0;
+    pub(in super::super) const RXFFLSH: u32 = 1 << 4;
+    pub(in super::super) const TXFFLSH: u32 = 1 << 5;
+    pub(in super::super) const TXFNUM_AT: u32 = 6;
+    pub(in super::super) const TXFNUM: u32 = 0x1F << TXFNUM_AT;
+    /// TXFNUM that stands for every transmit FIFO.
+    pub(in super::super) const ALL: u32 = 0x10;
+    pub(in super::super) const AHBIDL: u32 = 1 << 31;
+}
+
+/// Bits of GINTSTS and GINTMSK.
+pub(super) mod gint {
+    pub(in super::super) const OTGINT: u32 = 1 << 2;
+    pub(in super::super) const SOF: u32 = 1 << 3;
+    pub(in super::super) const RXFLVL: u32 = 1 << 4;
+    pub(in super::super) const NPTXFE: u32 = 1 << 5;
+    pub(in super::super) const GINAKEFF: u32 = 1 << 6;
+    pub(in super::super) const GONAKEFF: u32 = 1 << 7;
+    pub(in super::super) const ESUSP: u32 = 1 << 10;
+    pub(in super::super) const USBSUSP: u32 = 1 << 11;
+    pub(in super::super) const USBRST: u32 = 1 << 12;
+    pub(in super::super) const ENUMDNE: u32 = 1 << 13;
+    pub(in super::super) const IEPINT: u32 = 1 << 18;
+    pub(in super::super) const OEPINT: u32 = 1 << 19;
+    pub(in super::super) const PTXFE: u32 = 1 << 26;
+    pub(in super::super) const SRQINT: u32 = 1 << 30;
+    pub(in super::super) const WKUPINT: u32 = 1 << 31;
+
+    /// What the core sets once and a written one clears.
+    pub(in super::super) const LATCHED: u32 = SOF | ESUSP | USBSUSP | USBRST | ENUMDNE | SRQINT | WKUPINT;
+}
+
+/// Fields of GRXSTSR and GRXSTSP, and what PKTSTS says in device mode.
+pub(super) mod grxsts {
+    pub(in super::super) const BCNT_AT: u32 = 4;
+    pub(in super::super) const DPID_AT: u32 = 15;
+    pub(in super::super) const PKTSTS_AT: u32 = 17;
+    pub(in super::super) const OUT_DATA: u32 = 2;
+    pub(in super::super) const OUT_DONE: u32 = 3;
+    pub(in super::super) const SETUP_DONE: u32 = 4;
+    pub(in super::super) const SETUP_DATA: u32 = 6;
+}
+
+/// Bits of GCCFG.
+pub(super) mod gccfg {
+    /// Set, the transceiver is on.
+    pub(in super::super) const PWRDWN: u32 = 1 << 16;
+    pub(in super::super) const VBUSBSEN: u32 = 1 << 19;
+    pub(in super::super) const NOVBUSSENS: u32 = 1 << 21;
+}
+
+/// Fields of DCFG, DCTL and DSTS.
+pub(super) mod device {
+    /// DCFG: the device's address.
+    pub(in super::super) const DAD_AT: u32 = 4;
+    pub(in super::super) const DAD: u32 = 0x7F << DAD_AT;
+    /// DCFG: the speed that is asked for; a core reset keeps it.
+    pub(in super::super) const DSPD: u32 = 3;
+    /// DCTL: soft disconnect.
+    pub(in super::super) const SDIS: u32 = 1 << 1;
+    /// DCTL: global NAK in force, for IN and for OUT.
+    pub(in super::super) const GINSTS: u32 = 1 << 2;
+    pub(in super::super) const GONSTS: u32 = 1 << 3;
+    /// DCTL: set and clear them.
+    pub(in super::super) const SGINAK: u32 = 1 << 7;
+    pub(in super::super) const CGINAK: u32 = 1 << 8;
+    pub(in super::super) const SGONAK: u32 = 1 << 9;
+    pub(in super::super) const CGONAK: u32 = 1 << 10;
+    /// DSTS: suspended.
+    pub(in super::super) const SUSPSTS: u32 = 1 << 0;
+    /// DSTS: full speed, with the PHY at 48 MHz.
+    pub(in super::super) const ENUMSPD_FULL: u32 = 3 << 1;
+    /// DSTS: the number of the last frame.
+    pub(in super::super) const FNSOF_AT: u32 = 8;
+}
+
+/// Bits of DIEPCTLx and DOEPCTLx.
+pub(super) mod epctl {
+    pub(in super::super) const MPSIZ: u32 = 0x7FF;
+    pub(in super::super) const USBAEP: u32 = 1 << 15;
+    /// Which data PID is next: DATA1 when set.
+    pub(in super::super) const DPID: u32 = 1 << 16;
+    pub(in super::super) const NAKSTS: u32 = 1 << 17;
+    pub(in super::super) const STALL: u32 = 1 << 21;
+    pub(in super::super) const CNAK: u32 = 1 << 26;
+    pub(in super::super) const SNAK: u32 = 1 << 27;
+    pub(in super::super) const SD0PID: u32 = 1 << 28;
+    pub(in super::super) const SD1PID: u32 = 1 << 29;
+    pub(in super::super) const EPDIS: u32 = 1 << 30;
+    pub(in super::super) const EPENA: u32 = 1 << 31;
+}
+
+/// Bits of DIEPINTx and DOEPINTx.
+pub(super) mod epint {
+    pub(in super::super) const XFRC: u32 = 1 << 0;
+    pub(in super::super) const EPDISD: u32 = 1 << 1;
+    /// OUT: a SETUP phase is over.
+    pub(in super::super) const STUP: u32 = 1 << 3;
+    /// IN: a token came and the FIFO did not hold a packet.
+    pub(in super::super) const ITTXFE: u32 = 1 << 4;
+    /// OUT: a token came and the endpoint was not enabled.
+    pub(in super::super) const OTEPDIS: u32 = 1 << 4;
+    /// IN: a NAK that was set is in force.
+    pub(in super::super) const INEPNE: u32 = 1 << 6;
+    /// IN: the FIFO is empty, or half so; it cannot be cleared.
+    pub(in super::super) const TXFE: u32 = 1 << 7;
+}
+
+/// Fields of DIEPTSIZx and DOEPTSIZx. Endpoint 0 has fewer bits of each.
+pub(super) mod eptsiz {
+    pub(in super::super) const XFRSIZ: u32 = 0x7_FFFF;
+    pub(in super::super) const PKTCNT_AT: u32 = 19;
+    pub(in super::super) const PKTCNT: u32 = 0x3FF << PKTCNT_AT;
+}
+
+/// A register by its row in [`TABLE`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Row(usize);
+
+impl Row {
+    /// Its offset in the core's address space.
+    pub(super) const fn offset(self) -> u32 {
+        TABLE[self.0].offset
+    }
+}
+
+impl Layout for Row {
+    const REGISTERS: &'static [RegisterSpec] = &TABLE;
+
+    fn from_index(index: usize) -> Option<Self> {
+        (index < TABLE.len()).then_some(Self(index))
+    }
+
+    fn index(self) -> usize {
+        self.0
+    }
+}
+
+const GLOBAL: [(&str, u32); 26] = [
+    ("GOTGCTL", GOTGCTL),
+    ("GOTGINT", GOTGINT),
+    ("GAHBCFG", GAHBCFG),
+    ("GUSBCFG", GUSBCFG),
+    ("GRSTCTL", GRSTCTL),
+    ("GINTSTS", GINTSTS),
+    ("GINTMSK", GINTMSK),
+    ("GRXSTSR", GRXSTSR),
+    ("GRXSTSP", GRXSTSP),
+    ("GRXFSIZ", GRXFSIZ),
+    ("DIEPTXF0", DIEPTXF0),
+    ("GCCFG", GCCFG),
+    ("CID", CID),
+    ("GHWCFG4", GHWCFG4),
+    ("DIEPTXF1", DIEPTXF1),
+    ("DIEPTXF2", DIEPTXF2),
+    ("DIEPTXF3", DIEPTXF3),
+    ("DCFG", DCFG),
+    ("DCTL", DCTL),
+    ("DSTS", DSTS),
+    ("DIEPMSK", DIEPMSK),
+    ("DOEPMSK", DOEPMSK),
+    ("DAINT", DAINT),
+    ("DAINTMSK", DAINTMSK),
+    ("DIEPEMPMSK", DIEPEMPMSK),
+    ("PCGCCTL", PCGCCTL),
+];
+
+/// What each endpoint has. The offset tells which endpoint; the name does not.
+const PER_ENDPOINT: [(&str, u32); 7] = [
+    ("DIEPCTL", DIEP + CTL),
+    ("DIEPINT", DIEP + INT),
+    ("DIEPTSIZ", DIEP + TSIZ),
+    ("DTXFSTS", DIEP + TXFSTS),
+    ("DOEPCTL", DOEP + CTL),
+    ("DOEPINT", DOEP + INT),
+    ("DOEPTSIZ", DOEP + TSIZ),
+];
+
+const ROWS: usize = GLOBAL.len() + (PER_ENDPOINT.len() + 1) * ENDPOINTS;
+
+/// Every register and FIFO window. The model holds their contents; the bus only needs to know where they are.
+pub(crate) static TABLE: [RegisterSpec; ROWS] = {
+    let mut table = [word("", 0); ROWS];
+    let mut at = 0;
+    while at < GLOBAL.len() {
+        table[at] = word(GLOBAL[at].0, GLOBAL[at].1);
+        at += 1;
+    }
+    let mut endpoint = 0;
+    while endpoint < ENDPOINTS {
+        let mut each = 0;
+        while each < PER_ENDPOINT.len() {
+            let (name, offset) = PER_ENDPOINT[each];
+            table[at] = word(name, offset + endpoint as u32 * ENDPOINT_SPAN);
+            at += 1;
+            each += 1;
+        }
+        table[at] = word("FIFO", FIFO + endpoint as u32 * FIFO_SPAN);
+        at += 1;
+        endpoint += 1;
+    }
+    table
+};
+
+const fn word(name: &'static str, offset: u32) -> RegisterSpec {
+    RegisterSpec {
+        name,
+        offset,
+        width: Width::W32,
+        reset: 0,
+        access: Access::ReadWrite,
+        read: ReadAction::None,
+        write: WriteModify::None,
+        fields: &[],
+    }
+}

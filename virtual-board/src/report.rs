@@ -1,0 +1,245 @@
+//! What a run has met that it should not have: accesses to what is not modelled, crashes, resets.
+
+use std::fmt;
+
+use rigless::device::ResetCause;
+use rigless::machine::Board;
+use rigless::session::Session;
+
+use crate::time::Nanos;
+
+/// How the firmware showed that it is broken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Crash {
+    /// A panic.
+    Panic,
+    /// A hard fault.
+    HardFault,
+    /// An exception or interrupt that the firmware has no handler for.
+    UnexpectedException,
+}
+
+impl fmt::Display for Crash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Panic => "panic",
+            Self::HardFault => "hard fault",
+            Self::UnexpectedException => "unexpected exception",
+        })
+    }
+}
+
+/// Something that should not have happened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Violation {
+    /// An access to an address where there is nothing.
+    Unmapped {
+        /// The address.
+        address: u64,
+        /// The instruction that made the first such access.
+        program_counter: u64,
+    },
+    /// An access to a register whose peripheral has no model: it kept what was written, and did nothing.
+    Unimplemented {
+        /// The peripheral.
+        instance: &'static str,
+        /// The register.
+        register: &'static str,
+        /// The instruction that made the first such access.
+        program_counter: u64,
+        /// How often it was read.
+        reads: u64,
+        /// How often it was written.
+        writes: u64,
+    },
+    /// An access that a peripheral refused, as one whose clock is off does.
+    Refused {
+        /// The address.
+        address: u64,
+        /// Why.
+        reason: String,
+    },
+    /// An interrupt that the core has no line for.
+    Unrouted {
+        /// The peripheral.
+        instance: &'static str,
+        /// The line's number.
+        line: u16,
+    },
+    /// A state of a peripheral that the manual forbids.
+    Forbidden {
+        /// The peripheral.
+        instance: &'static str,
+        /// The register.
+        register: &'static str,
+        /// What is forbidden, and where the manual says so.
+        reason: &'static str,
+    },
+    /// The firmware crashed.
+    Crashed {
+        /// How.
+        crash: Crash,
+        /// When.
+        at: Nanos,
+    },
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unmapped {
+                address,
+                program_counter,
+            } => {
+                write!(
+                    f,
+                    "access to {address:#010x}, where nothing is, by the instruction at {program_counter:#010x}"
+                )
+            }
+            Self::Unimplemented {
+                instance,
+                register,
+                program_counter,
+                reads,
+                writes,
+            } => write!(
+                f,
+                "{instance}.{register} has no model: {reads} reads, {writes} writes, first at {program_counter:#010x}"
+            ),
+            Self::Refused { address, reason } => write!(f, "access to {address:#010x} refused: {reason}"),
+            Self::Unrouted { instance, line } => write!(f, "interrupt {line} of {instance} goes nowhere"),
+            Self::Forbidden {
+                instance,
+                register,
+                reason,
+            } => write!(f, "{instance}.{register}: {reason}"),
+            Self::Crashed { crash, at } => write!(f, "{crash} at {at}"),
+        }
+    }
+}
+
+/// What makes a run fail: everything that is not on the [allow-list](ALLOWED).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Violations(pub Vec<Violation>);
+
+impl fmt::Display for Violations {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the firmware did what the virtual board does not model")?;
+        self.0.iter().try_for_each(|violation| write!(f, "\n  {violation}"))
+    }
+}
+
+impl std::error::Error for Violations {}
+
+/// Why the part started over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// The firmware asked for it.
+    Software,
+    /// The independent watchdog was not fed.
+    Watchdog,
+    /// Anything else.
+    Other,
+}
+
+/// A restart of the part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Restart {
+    /// When.
+    pub at: Nanos,
+    /// Why.
+    pub cause: Cause,
+}
+
+/// What a run has met.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Report {
+    /// Everything that is not modelled or not allowed, the [allow-list](ALLOWED) not yet taken away.
+    pub violations: Vec<Violation>,
+    /// Every restart of the part, in order.
+    pub restarts: Vec<Restart>,
+}
+
+impl Report {
+    pub(crate) fn of<B: Board>(session: &Session<B>) -> Self {
+        let unmapped = session.unmapped().into_iter().map(|found| Violation::Unmapped {
+            address: found.address,
+            program_counter: found.program_counter,
+        });
+        let unimplemented = session.unimplemented().values().map(|found| Violation::Unimplemented {
+            instance: found.instance,
+            register: found.register,
+            program_counter: found.program_counter,
+            reads: found.reads,
+            writes: found.writes,
+        });
+        let refused = session.refused().iter().map(|(&address, fault)| Violation::Refused {
+            address,
+            reason: fault.to_string(),
+        });
+        let unrouted = session
+            .unrouted()
+            .iter()
+            .map(|&(instance, line)| Violation::Unrouted { instance, line });
+        let told = session.told().map(|told| Violation::Forbidden {
+            instance: told.instance,
+            register: told.register,
+            reason: told.reason,
+        });
+        let restarts = session.resets().iter().map(|reset| Restart {
+            at: reset.at.into(),
+            cause: match reset.cause {
+                ResetCause::Core => Cause::Software,
+                ResetCause::Model("IWDG") => Cause::Watchdog,
+                _ => Cause::Other,
+            },
+        });
+        Self {
+            violations: unmapped
+                .chain(unimplemented)
+                .chain(refused)
+                .chain(unrouted)
+                .chain(told)
+                .collect(),
+            restarts: restarts.collect(),
+        }
+    }
+
+    /// What is not on the allow-list.
+    ///
+    /// # Errors
+    ///
+    /// When there is anything.
+    pub fn check(&self) -> Result<(), Violations> {
+        let bad: Vec<Violation> = self
+            .violations
+            .iter()
+            .filter(|found| !allowed(found))
+            .cloned()
+            .collect();
+        if bad.is_empty() { Ok(()) } else { Err(Violations(bad)) }
+    }
+}
+
+fn allowed(found: &Violation) -> bool {
+    match found {
+        Violation::Unimplemented { instance, register, .. } => ALLOWED
+            .iter()
+            .any(|allowed| allowed.instance == *instance && allowed.register == *register),
+        _ => false,
+    }
+}
+
+/// A register that has no model and that the firmware may use all the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Allowed {
+    /// The peripheral.
+    pub instance: &'static str,
+    /// The register.
+    pub register: &'static str,
+    /// Why nothing is lost.
+    pub reason: &'static str,
+}
+
+/// The allow-list. Everything else that has no model fails a run.
+pub const ALLOWED: [Allowed; 0] = [];

@@ -1,0 +1,187 @@
+//! The STM32F405: the library's models of what it shares with the STM32F427, on its own bus, with what the library
+//! lacks.
+//!
+//! [`map`] says what there is. To add a model: give it a field here, hand it out in [`Mcu::split`], and let
+//! [`Stm32f405::new`] know its slot; if something outside it speaks to it, add the slot to those that are polled.
+
+mod dma;
+pub(crate) mod map;
+pub(crate) mod port;
+
+use std::num::NonZeroU32;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
+
+use rigless::device::{Device, ErasedDevice, ResetCause};
+use rigless::mcu::{Mcu, Operate};
+use rigless::soc::stm32f427::Stm32f427;
+use rigless::soc::stm32f427::generated::{pwr, rcc};
+use rigless::soc::stm32f427::peripherals::dma::Dma;
+use rigless::soc::{Bus, Error};
+use rigless::time::VirtualNanos;
+
+use self::dma::Dma1;
+pub use self::dma::Reenabled;
+use self::map::{ARM_PORT, PWR, RCC, Row};
+use self::port::{Port, Shared};
+use crate::line::Arm;
+use crate::otg::Otg;
+use crate::usb::host::Host;
+
+/// The board's rail, in millivolts.
+const SUPPLY_MV: NonZeroU32 = NonZeroU32::new(3300).expect("not zero");
+
+/// Where our models are on the bus.
+#[derive(Clone, Copy, Debug)]
+struct Slots {
+    port: usize,
+    otg: usize,
+    dma1: usize,
+    dma2: usize,
+    rcc: usize,
+    pwr: usize,
+    rtc: usize,
+    dbg: usize,
+}
+
+/// The microcontroller, with an arm and a USB host at its pins.
+#[derive(Debug)]
+pub(crate) struct Stm32f405<A: Arm> {
+    bus: Bus,
+    slots: Slots,
+    /// The models that the part shares with the F427. Its own bus is not used, but for what a reset keeps.
+    shared: Stm32f427,
+    /// The slot that each of our slots has on the F427's bus.
+    twins: Vec<Option<usize>>,
+    port: Port<A>,
+    otg: Otg,
+    dma1: Dma1,
+    dma2: Dma,
+}
+
+impl<A: Arm> Stm32f405<A> {
+    /// A part with a crystal of `crystal_hz`.
+    ///
+    /// # Errors
+    ///
+    /// Only if its description contradicts itself.
+    pub(crate) fn new(
+        crystal_hz: u32,
+        line: Shared<A>,
+        starve: Arc<AtomicBool>,
+        reenabled: Reenabled,
+        host: Arc<Mutex<Host>>,
+    ) -> Result<Self, Error> {
+        let bus = map::bus()?;
+        let mut shared = Stm32f427::new()?;
+        shared.rcc.attach_crystals(crystal_hz.into(), 0);
+        let twins = bus
+            .slots()
+            .iter()
+            .map(|slot| shared.bus().slot_of(slot.peripheral().name))
+            .collect();
+        let slots = Slots {
+            port: bus.slot(ARM_PORT)?,
+            otg: bus.slot(crate::otg::PERIPHERAL.name)?,
+            dma1: bus.slot("DMA1")?,
+            dma2: bus.slot("DMA2")?,
+            rcc: bus.slot(RCC)?,
+            pwr: bus.slot(PWR)?,
+            rtc: bus.slot("RTC")?,
+            dbg: bus.slot("DBG")?,
+        };
+        let mut part = Self {
+            bus,
+            slots,
+            shared,
+            twins,
+            port: Port::new(line),
+            otg: Otg::new(host),
+            dma1: Dma1::new(reenabled, starve),
+            dma2: dma::controller(1),
+        };
+        part.supply();
+        part.check()?;
+        Ok(part)
+    }
+
+    /// The rail is there (5.1).
+    fn supply(&mut self) {
+        let registers = self.bus.slot_mut(self.slots.pwr).registers_mut();
+        self.shared.pwr.set_supply(SUPPLY_MV.get(), registers);
+        self.shared.flash.set_supply(SUPPLY_MV);
+    }
+}
+
+impl<A: Arm> Mcu for Stm32f405<A> {
+    fn bus(&self) -> &Bus {
+        &self.bus
+    }
+
+    fn bus_mut(&mut self) -> &mut Bus {
+        &mut self.bus
+    }
+
+    /// A system reset (7.1.1): everything starts over but the reset flags, the backup domain (7.1.3) and what a debugger
+    /// set up (38.16.3).
+    fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        let registers = |slot: usize| self.bus.slots()[slot].registers();
+        let csr = registers(self.slots.rcc).get(rcc::Register::Csr);
+        let bdcr = registers(self.slots.rcc).get(rcc::Register::Bdcr);
+        let regulator = registers(self.slots.pwr).get(pwr::Register::Csr);
+        let kept = [self.slots.rtc, self.slots.dbg].map(|slot| (slot, registers(slot).clone()));
+
+        let (crystal, lse) = self.shared.rcc.crystals();
+        self.shared = Stm32f427::new().expect("it was made once");
+        self.shared.rcc.attach_crystals(crystal, lse);
+        self.bus.reset();
+
+        let registers = self.bus.slot_mut(self.slots.rcc).registers_mut();
+        registers.set(rcc::Register::Bdcr, bdcr);
+        self.shared.rcc.restarted(cause, csr, registers);
+        let registers = self.bus.slot_mut(self.slots.pwr).registers_mut();
+        self.shared.pwr.keep_backup_regulator(regulator, registers);
+        for (slot, old) in kept {
+            let slot = self.bus.slot_mut(slot);
+            for row in 0..slot.peripheral().registers.len() {
+                slot.registers_mut().set(Row(row), old.get(Row(row)));
+            }
+        }
+        self.supply();
+
+        Device::reset(&mut self.dma1);
+        Device::reset(&mut self.port);
+        Device::reset(&mut self.otg);
+        self.dma2 = dma::controller(1);
+        let (registers, mut context) = self.bus.drive(at, self.slots.port);
+        self.port.restarted(registers, &mut context);
+        let (_, mut context) = self.bus.drive(at, self.slots.otg);
+        self.otg.restarted(&mut context);
+    }
+
+    /// What is outside the part speaks to these.
+    fn poll(&mut self, now: VirtualNanos) {
+        let (registers, mut context) = self.bus.drive(now, self.slots.port);
+        Device::poll(&mut self.port, registers, &mut context);
+        let (registers, mut context) = self.bus.drive(now, self.slots.otg);
+        Device::poll(&mut self.otg, registers, &mut context);
+        let (registers, mut context) = self.bus.drive(now, self.slots.dma1);
+        Device::poll(&mut self.dma1, registers, &mut context);
+    }
+
+    fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        let slots = self.slots;
+        let model: Option<&mut dyn ErasedDevice> = if slot == slots.port {
+            Some(&mut self.port)
+        } else if slot == slots.otg {
+            Some(&mut self.otg)
+        } else if slot == slots.dma1 {
+            Some(&mut self.dma1)
+        } else if slot == slots.dma2 {
+            Some(&mut self.dma2)
+        } else {
+            self.twins[slot].and_then(|twin| self.shared.split(twin).1)
+        };
+        (&mut self.bus, model)
+    }
+}

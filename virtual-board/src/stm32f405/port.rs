@@ -1,0 +1,249 @@
+//! The UART that the arm hangs on: the library's USART (RM0090, chapter 30), with the [line](crate::line) at its pins.
+//!
+//! The USART is the library's; this adds what lies between it and the arm: the rate it really runs at, how a byte
+//! arrives, and what happens to bytes while its receiver is off.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use rigless::chip::Timeline;
+use rigless::chip::uart::{Errors, Peer, Rate};
+use rigless::device::{Device, DeviceContext, RegisterFile, RequestChange};
+use rigless::snapshot::Store;
+use rigless::soc::RegisterSpec;
+use rigless::soc::stm32f427::generated::usart6::{Register, brr, cr1};
+use rigless::soc::stm32f427::peripherals::usart::{Kind, Usart};
+use rigless::time::{EventId, VirtualNanos};
+
+use crate::line::{Arm, Arrival, Line, SECOND};
+use crate::time::Nanos;
+
+/// What the USART's clock is until the firmware sets the clock tree up: the internal oscillator (RM0090, 7.2.2).
+const RESET_HZ: u64 = 16_000_000;
+
+/// A serial port with an arm at the other end.
+#[derive(Debug)]
+pub(super) struct Port<A: Arm> {
+    usart: Usart,
+    clock_hz: u64,
+    line: Shared<A>,
+    /// When the arm next wants to send, and the event that says so.
+    wake: Option<(Nanos, EventId)>,
+}
+
+/// The line, as the port and whoever runs the board share it.
+pub(crate) type Shared<A> = Arc<Mutex<Line<A>>>;
+
+pub(crate) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl<A: Arm> Port<A> {
+    pub(super) fn new(line: Shared<A>) -> Self {
+        let mut usart = Usart::with_clock(Kind::Usart, RESET_HZ);
+        usart.attach(End {
+            line: line.clone(),
+            arriving: None,
+            flips: Flips::default(),
+        });
+        Self {
+            usart,
+            clock_hz: RESET_HZ,
+            line,
+            wake: None,
+        }
+    }
+
+    /// The part restarted at the instant of `context`; the arm did not.
+    pub(super) fn restarted(&mut self, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
+        self.settle(registers, context);
+    }
+
+    fn end(&mut self) -> &mut End<A> {
+        self.usart.chip_mut().expect("attached when it was made")
+    }
+
+    /// Readies the USART for the byte that is on its way, and the line's end for the next one.
+    ///
+    /// The library draws from a rate, when a byte has arrived, whether and how it is wrong. Rates of all or nothing, and
+    /// the flips it will draw known in advance, let the line decide instead.
+    fn prepare(&mut self) {
+        let arriving = self.end().arriving;
+        let errors = self.usart.errors_mut();
+        errors.framing = rate("framing", arriving.is_some_and(|arrival| arrival.framing));
+        errors.noise = rate("noise", arriving.is_some_and(|arrival| arrival.noise));
+        let mut ahead = *errors;
+        if arriving.is_some() {
+            ahead.next(DATA_BITS);
+        }
+        let flips = Flips {
+            framing: flips(ahead, true, false),
+            noise: flips(ahead, false, true),
+        };
+        self.end().flips = flips;
+    }
+
+    /// Tells the line what changed, and schedules what the arm wants to say.
+    fn settle(&mut self, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
+        let now = Nanos::from(context.now());
+        let control = registers.get(Register::Cr1);
+        let listens = cr1::UE.is_set(control) && cr1::RE.is_set(control) && self.clock_hz > 0;
+        let mut line = lock(&self.line);
+        line.set_board_bit(bit(registers, self.clock_hz));
+        if !listens {
+            line.to_nobody(now);
+        }
+        let due = line.due();
+        drop(line);
+        if !listens {
+            self.end().arriving = None;
+        }
+        match (due, &self.wake) {
+            (Some(due), Some((at, _))) if due == *at => {}
+            (Some(due), _) if due > now => self.wake = Some((due, context.schedule(VirtualNanos::from(due)))),
+            _ => self.wake = None,
+        }
+    }
+}
+
+/// One bit in picoseconds, 0 while nothing divides the clock (RM0090, 30.3.4).
+fn bit(registers: &RegisterFile, clock_hz: u64) -> u64 {
+    let divisor = registers.get(Register::Brr);
+    let (mantissa, fraction) = (brr::DIV_MANTISSA.get(divisor), brr::DIV_FRACTION.get(divisor));
+    let cycles = if cr1::OVER8.is_set(registers.get(Register::Cr1)) {
+        mantissa << 3 | fraction & 7
+    } else {
+        mantissa << 4 | fraction
+    };
+    (cycles * SECOND).checked_div(clock_hz).unwrap_or(0)
+}
+
+/// Data bits of a byte.
+const DATA_BITS: u32 = 8;
+
+fn rate(name: &'static str, always: bool) -> Rate {
+    Rate {
+        name,
+        per_million: if always { Rate::EVERY_WORD } else { 0 },
+    }
+}
+
+/// The bits that the library will flip in the next byte, if that has these errors.
+fn flips(mut errors: Errors, framing: bool, noise: bool) -> u16 {
+    errors.framing = rate("framing", framing);
+    errors.noise = rate("noise", noise);
+    errors.next(DATA_BITS).flipped
+}
+
+/// The bits that the library will flip in the byte after the one that is on its way.
+#[derive(Clone, Copy, Debug, Default)]
+struct Flips {
+    framing: u16,
+    noise: u16,
+}
+
+/// The line's end at the USART.
+struct End<A> {
+    line: Shared<A>,
+    arriving: Option<Arrival>,
+    flips: Flips,
+}
+
+impl<A> std::fmt::Debug for End<A> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("End")
+            .field("arriving", &self.arriving)
+            .finish_non_exhaustive()
+    }
+}
+
+impl<A> Store for End<A> {}
+
+impl<A: Arm> Peer for End<A> {
+    fn receive(&mut self, word: u16, timeline: &mut Timeline<'_, '_>) {
+        lock(&self.line).to_arm(timeline.now().into(), word as u8);
+    }
+
+    fn transmit(&mut self, now: VirtualNanos) -> Option<u16> {
+        self.arriving = lock(&self.line).to_board(now.into());
+        let arrival = self.arriving?;
+        // What the library will flip is flipped already: it arrives as the line has it.
+        let flips = match (arrival.framing, arrival.noise) {
+            (true, _) => self.flips.framing,
+            (_, true) => self.flips.noise,
+            _ => 0,
+        };
+        Some(u16::from(arrival.value) ^ flips)
+    }
+}
+
+impl<A: Arm> Device for Port<A> {
+    type Register = Register;
+
+    fn layout(&self) -> &'static [RegisterSpec] {
+        self.usart.layout()
+    }
+
+    fn read(
+        &mut self,
+        register: Register,
+        registers: &mut RegisterFile,
+        context: &mut DeviceContext<'_>,
+    ) -> Option<u64> {
+        self.prepare();
+        let value = self.usart.read(register, registers, context);
+        self.settle(registers, context);
+        value
+    }
+
+    fn peek(&self, register: Register, registers: &RegisterFile, now: VirtualNanos) -> Option<u64> {
+        self.usart.peek(register, registers, now)
+    }
+
+    fn write(&mut self, register: Register, value: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        // The line must know a new rate before a byte starts at it.
+        lock(&self.line).set_board_bit(bit(registers, self.clock_hz));
+        self.prepare();
+        self.usart.write(register, value, registers, context);
+        self.settle(registers, context);
+    }
+
+    fn on_event(&mut self, event: EventId, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        self.prepare();
+        if self.wake.is_some_and(|(_, wake)| wake == event) {
+            self.wake = None;
+        }
+        self.usart.on_event(event, registers, context);
+        self.prepare();
+        self.usart.poll(registers, context);
+        self.settle(registers, context);
+    }
+
+    fn on_request(&mut self, change: RequestChange, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        self.usart.on_request(change, registers, context);
+    }
+
+    fn on_clock(&mut self, hz: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        self.clock_hz = hz;
+        self.usart.on_clock(hz, registers, context);
+        self.settle(registers, context);
+    }
+
+    fn poll(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        self.prepare();
+        self.usart.poll(registers, context);
+        self.settle(registers, context);
+    }
+
+    fn reset(&mut self) {
+        // A fresh USART, with the same line at its pins.
+        *self = Self::new(self.line.clone());
+    }
+
+    fn reset_line(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        let clock_hz = self.clock_hz;
+        self.usart.reset_line(registers, context);
+        self.clock_hz = clock_hz;
+        self.wake = None;
+        self.settle(registers, context);
+    }
+}

@@ -1,0 +1,61 @@
+//! Virtual time, to the nanosecond.
+
+use std::fmt;
+use std::ops::Add;
+
+use armwire::Micros;
+use rigless::time::VirtualNanos;
+
+/// Nanoseconds of virtual time: an instant since power-on, or a span between two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Nanos(pub u64);
+
+impl Nanos {
+    /// The span of `millis` milliseconds.
+    pub const fn from_millis(millis: u64) -> Self {
+        Self(millis * 1_000_000)
+    }
+
+    /// Whole microseconds, rounded down.
+    pub const fn micros(self) -> Micros {
+        Micros(self.0 / 1_000)
+    }
+
+    /// The span from `earlier` to `self`, or zero if `earlier` is later.
+    pub const fn since(self, earlier: Self) -> Self {
+        Self(self.0.saturating_sub(earlier.0))
+    }
+}
+
+impl Add for Nanos {
+    type Output = Self;
+
+    fn add(self, span: Self) -> Self {
+        Self(self.0.saturating_add(span.0))
+    }
+}
+
+impl From<Micros> for Nanos {
+    fn from(micros: Micros) -> Self {
+        Self(micros.0.saturating_mul(1_000))
+    }
+}
+
+impl From<VirtualNanos> for Nanos {
+    fn from(at: VirtualNanos) -> Self {
+        Self(at.0)
+    }
+}
+
+impl From<Nanos> for VirtualNanos {
+    fn from(at: Nanos) -> Self {
+        Self(at.0)
+    }
+}
+
+/// In microseconds, with the nanoseconds as decimals.
+impl fmt::Display for Nanos {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{:03} us", self.0 / 1_000, self.0 % 1_000)
+    }
+}

@@ -1,0 +1,807 @@
+//! The host controller: frames, transactions and transfers on the wire (USB 2.0, chapters 5, 8 and 11).
+//!
+//! It keeps no clock. [`Host::poll`] does what is due and says when it wants to be called again; whoever owns the
+//! device calls it then, and after every change in the device too.
+//!
+//! A host asks an endpoint that has nothing to say again and again. Sending each of these tokens would cost more than
+//! all the rest, and their NAKs change nothing. So the host sends a token only once the endpoint is
+//! [`ready`](Function::ready), at the instant at which its polling, every [`Host::poll_interval`] since the wire was
+//! last used, would have hit it.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use super::descriptor::{Endpoint, Transfer};
+use super::timing::{self, GUARD, HANDSHAKE, RESET, RESUME, SUSPEND, TIMEOUT, TOKEN, TURNAROUND};
+use super::{Direction, Function, Handshake, Reply};
+use crate::time::Nanos;
+
+/// How often a transaction that nothing answers is tried (USB 2.0, 10.2.6).
+const ATTEMPTS: u8 = 3;
+
+/// A control transfer: the setup packet, and the data it takes along.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Request {
+    setup: [u8; 8],
+    data: Vec<u8>,
+}
+
+impl Request {
+    /// A request that sends `data`, which may be empty. At most 65535 bytes go.
+    pub fn write(kind: u8, request: u8, value: u16, index: u16, mut data: Vec<u8>) -> Self {
+        data.truncate(usize::from(u16::MAX));
+        let length = u16::try_from(data.len()).unwrap_or(u16::MAX);
+        Self::new(kind, request, value, index, length, data)
+    }
+
+    /// A request that reads at most `length` bytes.
+    pub fn read(kind: u8, request: u8, value: u16, index: u16, length: u16) -> Self {
+        Self::new(kind, request, value, index, length, Vec::new())
+    }
+
+    fn new(kind: u8, request: u8, value: u16, index: u16, length: u16, data: Vec<u8>) -> Self {
+        let [value0, value1] = value.to_le_bytes();
+        let [index0, index1] = index.to_le_bytes();
+        let [length0, length1] = length.to_le_bytes();
+        Self {
+            setup: [kind, request, value0, value1, index0, index1, length0, length1],
+            data,
+        }
+    }
+
+    /// The setup packet (USB 2.0, 9.3).
+    pub const fn setup(&self) -> [u8; 8] {
+        self.setup
+    }
+
+    fn reads(&self) -> bool {
+        self.setup[0] & 0x80 != 0
+    }
+
+    fn length(&self) -> usize {
+        usize::from(u16::from_le_bytes([self.setup[6], self.setup[7]]))
+    }
+}
+
+/// How a transfer failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TransferError {
+    /// The device refused it.
+    #[error("the device stalled")]
+    Stalled,
+    /// Nothing answered, three times.
+    #[error("the device did not answer")]
+    NoResponse,
+    /// The device is not there, or the bus was reset meanwhile.
+    #[error("the device is gone")]
+    Disconnected,
+    /// It was not over in the time that the caller gave.
+    #[error("the device answered NAK for too long")]
+    TimedOut,
+}
+
+/// A data packet that crossed the wire and was acknowledged, on any endpoint but 0.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Packet {
+    /// The endpoint's number.
+    pub endpoint: u8,
+    /// Which way it went.
+    pub direction: Direction,
+    /// When its token began.
+    pub start: Nanos,
+    /// When its handshake ended.
+    pub end: Nanos,
+    /// When the firmware had made it ready to be sent. `None` for a packet to the device.
+    pub armed: Option<Nanos>,
+    /// What it carried.
+    pub data: Vec<u8>,
+}
+
+/// The state of the wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Link {
+    /// Nothing moves: no cable, no reset yet, or suspended.
+    Quiet { since: Nanos, suspended: bool },
+    /// The host holds the bus in reset.
+    Reset { ends: Nanos },
+    /// The host drives resume.
+    Resume { ends: Nanos },
+    /// A start of frame every millisecond.
+    Running { next_frame: Nanos },
+}
+
+/// What the program wants done to the wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Wish {
+    Reset,
+    Suspend,
+    Resume,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Setup,
+    Data,
+    Status,
+}
+
+/// The control transfer under way.
+#[derive(Debug)]
+struct Control {
+    address: u8,
+    packet: usize,
+    request: Request,
+    stage: Stage,
+    sent: usize,
+    received: Vec<u8>,
+    toggle: bool,
+    attempts: u8,
+}
+
+impl Control {
+    /// The direction of the stage it is in.
+    fn direction(&self) -> Direction {
+        let reads = match self.stage {
+            Stage::Setup => false,
+            Stage::Data => self.request.reads(),
+            // The status goes the other way; with no data stage, from the device (8.5.3).
+            Stage::Status => !self.request.reads() || self.request.length() == 0,
+        };
+        if reads { Direction::In } else { Direction::Out }
+    }
+
+    /// The data of its next OUT packet.
+    fn output(&self) -> Vec<u8> {
+        match self.stage {
+            Stage::Data => self.request.data[self.sent..]
+                .iter()
+                .copied()
+                .take(self.packet)
+                .collect(),
+            Stage::Setup | Stage::Status => Vec::new(),
+        }
+    }
+}
+
+/// One direction of an endpoint that is in use.
+#[derive(Debug)]
+struct Pipe {
+    address: u8,
+    packet: usize,
+    toggle: bool,
+    /// Frames between two polls, for an interrupt endpoint.
+    interval: Option<u16>,
+    /// An interrupt endpoint had something to say when it was polled in this frame.
+    due: bool,
+    /// Packets to send.
+    outbox: VecDeque<Vec<u8>>,
+    /// Whether IN tokens are sent.
+    reading: bool,
+    /// What came and was not read yet.
+    inbox: VecDeque<u8>,
+    /// How many more transactions end in a NAK, whatever the device would say.
+    naks: u32,
+    attempts: u8,
+    failed: Option<TransferError>,
+}
+
+/// What a transaction is part of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Job {
+    Control,
+    Pipe(u8, Direction),
+}
+
+/// What the device said.
+#[derive(Debug)]
+enum Answer {
+    Done,
+    Data { toggle: bool, bytes: Vec<u8>, armed: Nanos },
+    Nak,
+    Stall,
+    Silence,
+}
+
+/// A transaction on the wire.
+#[derive(Debug)]
+struct Transaction {
+    job: Job,
+    start: Nanos,
+    phase: Phase,
+}
+
+#[derive(Debug)]
+enum Phase {
+    /// The device answers at this instant.
+    Answer(Nanos),
+    /// The wire is free again at this instant.
+    Close(Nanos, Answer),
+}
+
+/// The host and its one root port.
+#[derive(Debug)]
+pub struct Host {
+    /// How long after the wire was used, and after every poll, an endpoint that has nothing to say is asked again.
+    ///
+    /// A host controller with nothing else to do comes back almost at once: a NAKed IN takes 5.1 us of wire.
+    pub poll_interval: Nanos,
+    cable: bool,
+    powered: bool,
+    connected: bool,
+    wish: Option<Wish>,
+    link: Link,
+    frame: u16,
+    /// From when on the wire is free.
+    free: Nanos,
+    transaction: Option<Transaction>,
+    control: Option<Control>,
+    result: Option<Result<Vec<u8>, TransferError>>,
+    pipes: BTreeMap<(u8, Direction), Pipe>,
+    /// Who had the wire last, so that pipes take turns.
+    last: (u8, Direction),
+    packets: Vec<Packet>,
+    progress: bool,
+}
+
+impl Default for Host {
+    fn default() -> Self {
+        Self {
+            poll_interval: Nanos(8_000),
+            cable: false,
+            powered: false,
+            connected: false,
+            wish: None,
+            link: Link::Quiet {
+                since: Nanos(0),
+                suspended: true,
+            },
+            frame: 0,
+            free: Nanos(0),
+            transaction: None,
+            control: None,
+            result: None,
+            pipes: BTreeMap::new(),
+            last: (0, Direction::Out),
+            packets: Vec::new(),
+            progress: false,
+        }
+    }
+}
+
+/// What a program does with a host. It takes effect at the next [`poll`](Host::poll).
+impl Host {
+    /// Puts the cable in, or pulls it out.
+    pub fn set_cable(&mut self, plugged: bool) {
+        self.cable = plugged;
+    }
+
+    /// Whether a device is there: the cable is in and something pulls D+ up.
+    pub fn connected(&self) -> bool {
+        self.connected
+    }
+
+    /// Whether frames pass on the wire.
+    pub fn running(&self) -> bool {
+        matches!(self.link, Link::Running { .. })
+    }
+
+    /// Resets the bus. Every pipe closes.
+    pub fn reset(&mut self) {
+        self.wish = Some(Wish::Reset);
+    }
+
+    /// Stops the frames: the device suspends after 3 ms.
+    pub fn suspend(&mut self) {
+        self.wish = Some(Wish::Suspend);
+    }
+
+    /// Wakes a suspended bus.
+    pub fn resume(&mut self) {
+        self.wish = Some(Wish::Resume);
+    }
+
+    /// Starts a control transfer with the device at `address`, whose endpoint 0 takes `packet` bytes. One that is
+    /// under way is abandoned.
+    pub fn start_control(&mut self, address: u8, packet: u8, request: Request) {
+        self.result = None;
+        self.control = Some(Control {
+            address,
+            packet: usize::from(packet.max(8)),
+            request,
+            stage: Stage::Setup,
+            sent: 0,
+            received: Vec::new(),
+            toggle: true,
+            attempts: 0,
+        });
+    }
+
+    /// Gives up the control transfer that is under way.
+    pub fn abandon_control(&mut self) {
+        self.control = None;
+    }
+
+    /// How the last control transfer ended, once: the bytes that the device sent.
+    pub fn take_control(&mut self) -> Option<Result<Vec<u8>, TransferError>> {
+        self.result.take()
+    }
+
+    /// Uses `endpoint` of the device at `address`. An IN endpoint is polled from now on.
+    pub fn open(&mut self, address: u8, endpoint: Endpoint) {
+        let interrupt = endpoint.transfer == Transfer::Interrupt;
+        self.pipes.insert(
+            (endpoint.number, endpoint.direction),
+            Pipe {
+                address,
+                packet: usize::from(endpoint.packet.max(1)),
+                toggle: false,
+                interval: interrupt.then(|| u16::from(endpoint.interval.max(1))),
+                due: false,
+                outbox: VecDeque::new(),
+                reading: true,
+                inbox: VecDeque::new(),
+                naks: 0,
+                attempts: 0,
+                failed: None,
+            },
+        );
+    }
+
+    /// Whether OUT `endpoint` is in use: opened, and no reset or disconnect since.
+    pub fn is_open(&self, endpoint: u8, direction: Direction) -> bool {
+        self.pipes.contains_key(&(endpoint, direction))
+    }
+
+    /// Queues `bytes` for OUT `endpoint`, in packets as large as it takes. Returns whether it is open.
+    pub fn write(&mut self, endpoint: u8, bytes: &[u8]) -> bool {
+        let Some(pipe) = self.pipes.get_mut(&(endpoint, Direction::Out)) else {
+            return false;
+        };
+        pipe.outbox.extend(bytes.chunks(pipe.packet).map(<[u8]>::to_vec));
+        true
+    }
+
+    /// Queues one packet, which may be empty, for OUT `endpoint`. Returns whether it is open and the packet fits.
+    pub fn write_packet(&mut self, endpoint: u8, bytes: &[u8]) -> bool {
+        match self.pipes.get_mut(&(endpoint, Direction::Out)) {
+            Some(pipe) if bytes.len() <= pipe.packet => {
+                pipe.outbox.push_back(bytes.to_vec());
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// How many bytes wait to go to OUT `endpoint`.
+    pub fn unsent(&self, endpoint: u8) -> usize {
+        let pipe = self.pipes.get(&(endpoint, Direction::Out));
+        pipe.map_or(0, |pipe| pipe.outbox.iter().map(Vec::len).sum())
+    }
+
+    /// Takes what came from IN `endpoint`.
+    pub fn read(&mut self, endpoint: u8) -> Vec<u8> {
+        let pipe = self.pipes.get_mut(&(endpoint, Direction::In));
+        pipe.map_or_else(Vec::new, |pipe| pipe.inbox.drain(..).collect())
+    }
+
+    /// How many bytes came from IN `endpoint` and were not read yet.
+    pub fn unread(&self, endpoint: u8) -> usize {
+        self.pipes
+            .get(&(endpoint, Direction::In))
+            .map_or(0, |pipe| pipe.inbox.len())
+    }
+
+    /// Whether IN tokens go to `endpoint`: a program that does not read stops its host from asking.
+    pub fn set_reading(&mut self, endpoint: u8, reading: bool) {
+        if let Some(pipe) = self.pipes.get_mut(&(endpoint, Direction::In)) {
+            pipe.reading = reading;
+        }
+    }
+
+    /// Lets the next `count` transactions with an endpoint end in a NAK, whatever the device would say.
+    pub fn inject_naks(&mut self, endpoint: u8, direction: Direction, count: u32) {
+        if let Some(pipe) = self.pipes.get_mut(&(endpoint, direction)) {
+            pipe.naks += count;
+        }
+    }
+
+    /// Why an endpoint is no longer served, if it is not.
+    pub fn failure(&self, endpoint: u8, direction: Direction) -> Option<TransferError> {
+        self.pipes.get(&(endpoint, direction)).and_then(|pipe| pipe.failed)
+    }
+
+    /// Every packet since the beginning, in order.
+    pub fn packets(&self) -> &[Packet] {
+        &self.packets
+    }
+
+    /// Forgets the packets so far.
+    pub fn forget_packets(&mut self) {
+        self.packets.clear();
+    }
+
+    /// Whether anything happened since this was last asked that a program may wait for: a transfer ended, a packet
+    /// crossed, the device came or went, a reset or a resume is over.
+    pub fn take_progress(&mut self) -> bool {
+        std::mem::take(&mut self.progress)
+    }
+}
+
+/// What happens on the wire.
+impl Host {
+    /// Does what is due by `now`. Returns when it wants to be called again at the latest.
+    pub fn poll(&mut self, now: Nanos, device: &mut dyn Function) -> Option<Nanos> {
+        self.sense(now, device);
+        loop {
+            let due = self.due(now, device)?;
+            if due > now {
+                return Some(due);
+            }
+            self.step(now, device);
+        }
+    }
+
+    /// Cable, pull-up and the program's wishes.
+    fn sense(&mut self, now: Nanos, device: &mut dyn Function) {
+        if self.cable != self.powered {
+            self.powered = self.cable;
+            device.power(self.powered);
+        }
+        let connected = self.powered && device.pulls_up();
+        if connected != self.connected {
+            self.connected = connected;
+            self.close(TransferError::Disconnected);
+            self.quiet(now);
+            self.progress = true;
+        }
+        match self.wish.take() {
+            Some(Wish::Reset) if connected => {
+                self.close(TransferError::Disconnected);
+                device.reset();
+                self.link = Link::Reset { ends: now + RESET };
+            }
+            Some(Wish::Suspend) if self.running() => self.quiet(now),
+            Some(Wish::Resume) if connected => {
+                device.resume();
+                self.link = Link::Resume { ends: now + RESUME };
+            }
+            _ => {}
+        }
+    }
+
+    fn quiet(&mut self, since: Nanos) {
+        self.transaction = None;
+        self.link = Link::Quiet {
+            since,
+            suspended: false,
+        };
+    }
+
+    /// Ends every transfer and forgets every endpoint.
+    fn close(&mut self, error: TransferError) {
+        self.transaction = None;
+        self.pipes.clear();
+        if self.control.take().is_some() {
+            self.result = Some(Err(error));
+        }
+    }
+
+    /// When something happens next.
+    fn due(&self, now: Nanos, device: &dyn Function) -> Option<Nanos> {
+        match self.link {
+            Link::Quiet { since, suspended } => (!suspended).then(|| since + SUSPEND),
+            Link::Reset { ends } | Link::Resume { ends } => Some(ends),
+            Link::Running { next_frame } => {
+                let wire = match &self.transaction {
+                    Some(transaction) => match transaction.phase {
+                        Phase::Answer(at) | Phase::Close(at, _) => Some(at),
+                    },
+                    None => self.pick(now, next_frame, device).map(|(start, _)| start),
+                };
+                Some(wire.map_or(next_frame, |at| at.min(next_frame)))
+            }
+        }
+    }
+
+    fn step(&mut self, now: Nanos, device: &mut dyn Function) {
+        match self.link {
+            Link::Quiet { since, .. } => {
+                self.link = Link::Quiet { since, suspended: true };
+                device.suspend();
+            }
+            Link::Reset { ends } => {
+                device.reset_done();
+                self.link = Link::Running { next_frame: ends };
+                self.progress = true;
+            }
+            Link::Resume { ends } => {
+                self.link = Link::Running { next_frame: ends };
+                self.progress = true;
+            }
+            Link::Running { next_frame } => match self.transaction.take() {
+                Some(transaction) => self.carry_on(transaction, device),
+                None => match self.pick(now, next_frame, device) {
+                    Some((start, job)) if start < next_frame => self.begin(start, job),
+                    _ => self.begin_frame(next_frame, device),
+                },
+            },
+        }
+    }
+
+    fn begin_frame(&mut self, at: Nanos, device: &mut dyn Function) {
+        self.frame = (self.frame + 1) & 0x7FF;
+        self.free = at + TOKEN + TURNAROUND;
+        self.link = Link::Running {
+            next_frame: at + timing::FRAME,
+        };
+        device.start_of_frame(self.frame);
+        for (&(endpoint, direction), pipe) in &mut self.pipes {
+            if let Some(interval) = pipe.interval {
+                pipe.due = self.frame.is_multiple_of(interval) && device.ready(endpoint, direction);
+            }
+        }
+    }
+
+    /// The next transaction, and when its token begins.
+    fn pick(&self, now: Nanos, next_frame: Nanos, device: &dyn Function) -> Option<(Nanos, Job)> {
+        let job = self.pick_job(device)?;
+        let polled = !matches!(&self.control, Some(control) if job == Job::Control && control.stage == Stage::Setup);
+        // A token that is on its way when the endpoint becomes ready still finds it so.
+        let late = now.since(self.free + TOKEN).0;
+        let start = if polled {
+            self.free + Nanos(late.div_ceil(self.poll_interval.0.max(1)) * self.poll_interval.0.max(1))
+        } else {
+            self.free.max(now)
+        };
+        let fits = start + self.longest(job) + GUARD <= next_frame;
+        Some(if fits {
+            (start, job)
+        } else {
+            (next_frame + TOKEN + TURNAROUND, job)
+        })
+    }
+
+    fn pick_job(&self, device: &dyn Function) -> Option<Job> {
+        if let Some(control) = &self.control
+            && (control.stage == Stage::Setup || device.ready(0, control.direction()))
+        {
+            return Some(Job::Control);
+        }
+        let wants = |(&(endpoint, direction), pipe): (&(u8, Direction), &Pipe)| {
+            let busy = match direction {
+                Direction::Out => !pipe.outbox.is_empty(),
+                Direction::In => pipe.reading,
+            };
+            let turn = pipe.interval.is_none() || pipe.due;
+            (pipe.failed.is_none() && busy && turn && device.ready(endpoint, direction))
+                .then_some(Job::Pipe(endpoint, direction))
+        };
+        let (after, before) = (
+            self.pipes
+                .range((std::ops::Bound::Excluded(self.last), std::ops::Bound::Unbounded)),
+            self.pipes.range(..=self.last),
+        );
+        after.chain(before).find_map(wants)
+    }
+
+    /// The longest that a transaction of `job` can take.
+    fn longest(&self, job: Job) -> Nanos {
+        let packet = match job {
+            Job::Control => self.control.as_ref().map_or(0, |control| control.packet),
+            Job::Pipe(endpoint, direction) => self.pipes.get(&(endpoint, direction)).map_or(0, |pipe| pipe.packet),
+        };
+        TOKEN + TURNAROUND + timing::data(packet) + TURNAROUND + HANDSHAKE
+    }
+
+    fn begin(&mut self, start: Nanos, job: Job) {
+        let sent = match job {
+            Job::Control => self.control.as_ref().and_then(|control| match control.direction() {
+                Direction::Out if control.stage == Stage::Setup => Some(control.request.setup.len()),
+                Direction::Out => Some(control.output().len()),
+                Direction::In => None,
+            }),
+            Job::Pipe(endpoint, direction) => {
+                self.last = (endpoint, direction);
+                let pipe = self
+                    .pipes
+                    .get(&(endpoint, Direction::Out))
+                    .filter(|_| direction == Direction::Out);
+                pipe.and_then(|pipe| pipe.outbox.front()).map(Vec::len)
+            }
+        };
+        let answer = start + TOKEN + TURNAROUND + sent.map_or(Nanos(0), timing::data);
+        self.transaction = Some(Transaction {
+            job,
+            start,
+            phase: Phase::Answer(answer),
+        });
+    }
+
+    fn carry_on(&mut self, transaction: Transaction, device: &mut dyn Function) {
+        let Transaction { job, start, phase } = transaction;
+        match phase {
+            Phase::Answer(at) => {
+                let answer = match job {
+                    Job::Control => self.ask_control(device),
+                    Job::Pipe(endpoint, direction) => self.ask_pipe(endpoint, direction, device),
+                };
+                let Some((direction, answer)) = answer else {
+                    // Nobody waits for the answer any more.
+                    self.free = at;
+                    return;
+                };
+                let tail = match (direction, &answer) {
+                    (_, Answer::Silence) => TIMEOUT,
+                    (Direction::Out, _) => TURNAROUND + HANDSHAKE,
+                    (Direction::In, Answer::Data { bytes, .. }) => timing::data(bytes.len()) + TURNAROUND + HANDSHAKE,
+                    (Direction::In, _) => HANDSHAKE,
+                };
+                self.transaction = Some(Transaction {
+                    job,
+                    start,
+                    phase: Phase::Close(at + tail, answer),
+                });
+            }
+            Phase::Close(at, answer) => {
+                self.free = at + TURNAROUND;
+                match job {
+                    Job::Control => self.close_control(answer, device),
+                    Job::Pipe(endpoint, direction) => {
+                        self.close_pipe((endpoint, direction), (start, at), answer, device);
+                    }
+                }
+            }
+        }
+    }
+
+    fn ask_control(&mut self, device: &mut dyn Function) -> Option<(Direction, Answer)> {
+        let control = self.control.as_ref()?;
+        let direction = control.direction();
+        let answer = match (control.stage, direction) {
+            (Stage::Setup, _) => {
+                if device.setup(control.address, control.request.setup) {
+                    Answer::Done
+                } else {
+                    Answer::Silence
+                }
+            }
+            (_, Direction::Out) => output(device, control.address, 0, control.toggle, &control.output()),
+            (_, Direction::In) => input(device, control.address, 0),
+        };
+        Some((direction, answer))
+    }
+
+    fn close_control(&mut self, answer: Answer, device: &mut dyn Function) {
+        let Some(mut control) = self.control.take() else {
+            return;
+        };
+        match answer {
+            Answer::Nak => {}
+            Answer::Stall => return self.finish_control(Err(TransferError::Stalled)),
+            Answer::Silence => {
+                control.attempts += 1;
+                if control.attempts == ATTEMPTS {
+                    return self.finish_control(Err(TransferError::NoResponse));
+                }
+            }
+            Answer::Done | Answer::Data { .. } => {
+                control.attempts = 0;
+                let mut last = false;
+                if let Answer::Data { toggle, bytes, .. } = answer {
+                    device.acknowledged(0);
+                    if toggle == control.toggle {
+                        last = bytes.len() < control.packet;
+                        control.received.extend(bytes);
+                        control.toggle = !control.toggle;
+                    }
+                } else if control.stage == Stage::Data {
+                    control.sent += control.output().len();
+                    control.toggle = !control.toggle;
+                }
+                let length = control.request.length();
+                control.stage = match control.stage {
+                    Stage::Setup if length == 0 => Stage::Status,
+                    Stage::Setup => Stage::Data,
+                    Stage::Data if last || control.sent.max(control.received.len()) >= length => {
+                        control.toggle = true;
+                        Stage::Status
+                    }
+                    Stage::Data => Stage::Data,
+                    Stage::Status => return self.finish_control(Ok(control.received)),
+                };
+            }
+        }
+        self.control = Some(control);
+    }
+
+    fn finish_control(&mut self, result: Result<Vec<u8>, TransferError>) {
+        self.result = Some(result);
+        self.progress = true;
+    }
+
+    fn ask_pipe(
+        &mut self,
+        endpoint: u8,
+        direction: Direction,
+        device: &mut dyn Function,
+    ) -> Option<(Direction, Answer)> {
+        let pipe = self.pipes.get_mut(&(endpoint, direction))?;
+        pipe.due = false;
+        if pipe.naks > 0 {
+            pipe.naks -= 1;
+            return Some((direction, Answer::Nak));
+        }
+        let answer = match direction {
+            Direction::Out => output(device, pipe.address, endpoint, pipe.toggle, pipe.outbox.front()?),
+            Direction::In => input(device, pipe.address, endpoint),
+        };
+        Some((direction, answer))
+    }
+
+    fn close_pipe(
+        &mut self,
+        key: (u8, Direction),
+        (start, end): (Nanos, Nanos),
+        answer: Answer,
+        device: &mut dyn Function,
+    ) {
+        let Some(pipe) = self.pipes.get_mut(&key) else {
+            return;
+        };
+        let (endpoint, direction) = key;
+        let (armed, data) = match answer {
+            Answer::Nak => return,
+            Answer::Stall => {
+                pipe.failed = Some(TransferError::Stalled);
+                self.progress = true;
+                return;
+            }
+            Answer::Silence => {
+                pipe.attempts += 1;
+                if pipe.attempts == ATTEMPTS {
+                    pipe.failed = Some(TransferError::NoResponse);
+                    self.progress = true;
+                }
+                return;
+            }
+            Answer::Done => (None, pipe.outbox.pop_front().unwrap_or_default()),
+            Answer::Data { toggle, bytes, armed } => {
+                device.acknowledged(endpoint);
+                if toggle != pipe.toggle {
+                    // A packet that was received already: its acknowledgement was lost (8.6.4).
+                    return;
+                }
+                pipe.inbox.extend(&bytes);
+                (Some(armed), bytes)
+            }
+        };
+        pipe.toggle = !pipe.toggle;
+        pipe.attempts = 0;
+        self.progress = true;
+        self.packets.push(Packet {
+            endpoint,
+            direction,
+            start,
+            end,
+            armed,
+            data,
+        });
+    }
+}
+
+fn output(device: &mut dyn Function, address: u8, endpoint: u8, toggle: bool, data: &[u8]) -> Answer {
+    match device.output(address, endpoint, toggle, data) {
+        Handshake::Ack => Answer::Done,
+        Handshake::Nak => Answer::Nak,
+        Handshake::Stall => Answer::Stall,
+        Handshake::Silence => Answer::Silence,
+    }
+}
+
+fn input(device: &mut dyn Function, address: u8, endpoint: u8) -> Answer {
+    match device.input(address, endpoint) {
+        Reply::Data { toggle, bytes, armed } => Answer::Data { toggle, bytes, armed },
+        Reply::Nak => Answer::Nak,
+        Reply::Stall => Answer::Stall,
+        Reply::Silence => Answer::Silence,
+    }
+}
