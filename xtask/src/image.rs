@@ -15,7 +15,7 @@ use crate::process::run;
 use crate::toolchain::Toolchain;
 use crate::workspace;
 
-/// What the image is compiled for. Hard-float: no larger than soft-float, and embassy's timer arithmetic is the same.
+/// What the image is compiled for.
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// Which image.
