@@ -35,6 +35,8 @@ pub(crate) fn run() -> Result {
     run_command(&mut demo::command("build"))?;
 
     let port = dir.join("arm");
+    // A link left behind by a board that was killed may lead to somebody's terminal by now.
+    let _ = fs::remove_file(&port);
     let mut board = Process::start(
         demo::command("run")
             .args(["--quiet", "--", "--image"])
