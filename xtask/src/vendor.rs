@@ -37,21 +37,23 @@ pub(crate) fn run() -> Result {
     let port = dir.join("arm");
     // A link left behind by a board that was killed may lead to somebody's terminal by now.
     let _ = fs::remove_file(&port);
-    let mut board = Process::start(
-        demo::command("run")
-            .args(["--quiet", "--", "--image"])
-            .arg(image.path)
-            .arg("--serve")
-            .arg(&port),
-    )?;
+    let mut serve = demo::command("run");
+    serve
+        .args(["--quiet", "--", "--image"])
+        .arg(image.path)
+        .arg("--serve")
+        .arg(&port);
+    let mut board = Process::start(&mut serve)?;
     board.wait_for_file(&port)?;
-    // The SDK writes its log to the folder it runs in.
-    let mut sdk = Process::start(
-        Command::new(python)
-            .arg(scripts.join("drive.py"))
-            .arg(&port)
-            .current_dir(&dir),
-    )?;
+
+    // The SDK writes its log to the folder it runs in; Python is to write nothing beside the script.
+    let mut drive = Command::new(python);
+    drive
+        .arg("-B")
+        .arg(scripts.join("drive.py"))
+        .arg(&port)
+        .current_dir(&dir);
+    let mut sdk = Process::start(&mut drive)?;
     let driven = sdk.succeed_within(DRIVE);
     board.interrupt()?;
     driven.and(board.succeed_within(END))
