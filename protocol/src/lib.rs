@@ -10,7 +10,7 @@
 //! | [`Decoder`] | bytes received, in any chunks, with noise between frames |
 //! | [`Protocol`] | what frames mean, and which answers which |
 //! | [`Client`], [`Device`] | the host's and the arm's side of a conversation |
-//! | [`driver`] (feature `async`) | a client over `embedded-io-async` |
+//! | `driver` (feature `async`) | a client over `embedded-io-async` |
 //!
 //! The protocols are [`ling`] (Ling / Alicia-D).
 //!
