@@ -134,6 +134,9 @@ pub enum Error {
     /// The serial port is not open.
     #[error("the serial port is not open")]
     NotOpen,
+    /// The pty that stands in for the serial port fails.
+    #[error("pty: {0}")]
+    Serve(io::Error),
     /// The run did what it should not.
     #[error(transparent)]
     Violations(#[from] Violations),
@@ -154,7 +157,8 @@ pub struct VirtualBoard<A: Arm> {
     now: Nanos,
     trace: Trace,
     crashes: Vec<Violation>,
-    device: Option<Enumerated>,
+    /// The device, as long as the host's [`epoch`](Host::epoch) is this.
+    device: Option<(u64, Enumerated)>,
     port: Option<Port>,
 }
 
@@ -477,7 +481,8 @@ impl<A: Arm> Usb<'_, A> {
         if let Some(error) = bus.failed {
             return Err(error);
         }
-        Ok(self.board.device.insert(device?))
+        let epoch = self.host(|host| host.epoch());
+        Ok(&self.board.device.insert((epoch, device?)).1)
     }
 
     /// Opens the device's serial port number `nth`, from 0, as a program does: at `coding`, with DTR and RTS on. The
@@ -487,12 +492,10 @@ impl<A: Arm> Usb<'_, A> {
     ///
     /// As for [`enumerate`](Self::enumerate), and when there is no such port.
     pub fn open(&mut self, nth: usize, coding: LineCoding) -> Result<(), Error> {
-        let device = match self.board.device.take() {
-            Some(device) => device,
-            None => self.enumerate()?.clone(),
-        };
-        let ports = Port::find(&device.configuration);
-        self.board.device = Some(device);
+        if self.device().is_none() {
+            self.enumerate()?;
+        }
+        let ports = self.device().map_or_else(Vec::new, |device| Port::find(&device.configuration));
         let port = *ports.get(nth).ok_or(Error::NoPort {
             nth,
             count: ports.len(),
@@ -509,9 +512,17 @@ impl<A: Arm> Usb<'_, A> {
         self.set_control_lines(true, true)
     }
 
-    /// The device, once it was enumerated.
+    /// The device, once it was enumerated and while it stays connected.
     pub fn device(&self) -> Option<&Enumerated> {
-        self.board.device.as_ref()
+        let epoch = self.host(|host| host.epoch());
+        let (enumerated, device) = self.board.device.as_ref()?;
+        (*enumerated == epoch).then_some(device)
+    }
+
+    /// Whether a serial port is open: the device has not gone since.
+    pub fn is_open(&self) -> bool {
+        let port = self.board.port;
+        port.is_some_and(|port| self.host(|host| host.is_open(port.output.number, Direction::Out)))
     }
 
     /// Runs one control transfer with the device, on endpoint 0.
@@ -520,7 +531,7 @@ impl<A: Arm> Usb<'_, A> {
     ///
     /// As the transfer ends.
     pub fn control(&mut self, request: Request) -> Result<Vec<u8>, Error> {
-        let packet = self.board.device.as_ref().map_or(64, |device| device.device.packet);
+        let packet = self.device().map_or(64, |device| device.device.packet);
         Ok(self.board.control(ADDRESS, packet, request)??)
     }
 

@@ -2,10 +2,13 @@
 #![forbid(unsafe_code)]
 
 mod board;
+pub mod latency;
 pub mod line;
 mod machine;
 mod otg;
 pub mod report;
+#[cfg(unix)]
+pub mod serve;
 mod stm32f405;
 mod time;
 mod trace;

@@ -239,6 +239,7 @@ pub struct Host {
     /// Who had the wire last, so that pipes take turns.
     last: (u8, Direction),
     packets: Vec<Packet>,
+    epoch: u64,
     progress: bool,
 }
 
@@ -262,6 +263,7 @@ impl Default for Host {
             pipes: BTreeMap::new(),
             last: (0, Direction::Out),
             packets: Vec::new(),
+            epoch: 0,
             progress: false,
         }
     }
@@ -282,6 +284,11 @@ impl Host {
     /// Whether frames pass on the wire.
     pub fn running(&self) -> bool {
         matches!(self.link, Link::Running { .. })
+    }
+
+    /// A number that changes whenever a device comes, goes or is reset: what was known of it is void.
+    pub fn epoch(&self) -> u64 {
+        self.epoch
     }
 
     /// Resets the bus. Every pipe closes.
@@ -346,7 +353,7 @@ impl Host {
         );
     }
 
-    /// Whether OUT `endpoint` is in use: opened, and no reset or disconnect since.
+    /// Whether a direction of `endpoint` is in use: opened, and no reset or disconnect since.
     pub fn is_open(&self, endpoint: u8, direction: Direction) -> bool {
         self.pipes.contains_key(&(endpoint, direction))
     }
@@ -478,6 +485,7 @@ impl Host {
 
     /// Ends every transfer and forgets every endpoint.
     fn close(&mut self, error: TransferError) {
+        self.epoch += 1;
         self.transaction = None;
         self.pipes.clear();
         if self.control.take().is_some() {
