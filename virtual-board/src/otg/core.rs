@@ -716,3 +716,6 @@ fn endpoint_register(offset: u32) -> Option<(Direction, usize, u32)> {
 fn fifo_of(offset: u32) -> usize {
     1 + ((offset - DIEPTXF1) / 4) as usize
 }
+
+#[cfg(test)]
+mod tests;
