@@ -40,14 +40,14 @@ pub fn serve<A: Arm>(mut board: VirtualBoard<A>, link: Option<&Path>) -> Result<
         .map_err(|error| Error::Serve(std::io::Error::other(error)))?;
     let pty = Pty::open(link).map_err(Error::Serve)?;
     board.usb().attach();
-    board.usb().open(0, LineCoding::new(pty.baud().map_err(Error::Serve)?))?;
+    let baud = pty.baud().map_err(Error::Serve)?;
+    board.usb().open(0, LineCoding::new(baud))?;
     println!("serving on {}; Ctrl-C ends it", pty.path().display());
-    pump(&mut board, &pty, &stop)
+    pump(&mut board, &pty, baud, &stop)
 }
 
-/// Passes bytes and time until told to stop.
-fn pump<A: Arm>(board: &mut VirtualBoard<A>, pty: &Pty, stop: &AtomicBool) -> Result<(), Error> {
-    let mut baud = pty.baud().map_err(Error::Serve)?;
+/// Passes bytes and time until told to stop. `baud` is the rate that the firmware was told of.
+fn pump<A: Arm>(board: &mut VirtualBoard<A>, pty: &Pty, mut baud: u32, stop: &AtomicBool) -> Result<(), Error> {
     let mut buffer = [0; BACKLOG];
     let mut to_program: VecDeque<u8> = VecDeque::new();
     let (mut wall, mut virtual_time) = (Instant::now(), board.now());

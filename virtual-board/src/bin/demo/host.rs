@@ -11,6 +11,9 @@ use armwire_virtual_board::{Nanos, VirtualBoard, usb};
 
 use crate::figures::{BYTE, Figures};
 
+/// The longest request, 34 bytes, on the arm's line.
+const MOVE_ON_WIRE: Micros = Micros(34 * BYTE.0);
+
 /// The program, and the board it talks to.
 pub(crate) struct Host {
     pub(crate) board: VirtualBoard<LingArm>,
@@ -42,32 +45,32 @@ impl Host {
         let start = self.board.now();
         self.client.submit(request)?;
         loop {
-            while let Some(bytes) = self.client.poll_transmit(start.micros()) {
+            while let Some(bytes) = self.client.poll_transmit(self.board.now().micros()) {
                 let n = bytes.len();
                 self.board.usb().write(bytes)?;
                 self.client.transmitted(self.now(), n);
             }
             let bytes = self.listen()?;
+            let now = self.now();
             let mut input = Input::Bytes(&bytes);
-            while let Some(event) = self.client.handle(self.board.now().micros(), &mut input) {
-                match event {
-                    Event::Answer(response) => {
-                        let took = self.board.now().since(start);
-                        self.measure(start, took);
-                        return Ok((Some(response), took));
-                    }
-                    Event::Sent => {
-                        // Sent is with the adapter; wait until it is with the arm.
-                        self.board
-                            .run_until(Micros::from_millis(10), |board| board.usb().unsent() == 0)?;
-                        self.board.run_for(BYTE)?;
-                        return Ok((None, self.board.now().since(start)));
-                    }
-                    Event::TimedOut { sends } => {
-                        return Err(format!("the arm did not answer {request:?}, asked {sends} times").into());
-                    }
-                    other => return Err(format!("while waiting for the answer to {request:?}: {other:?}").into()),
+            match self.client.handle(now, &mut input) {
+                Some(Event::Answer(response)) => {
+                    let took = self.board.now().since(start);
+                    self.measure(start, took);
+                    return Ok((Some(response), took));
                 }
+                Some(Event::Sent) => {
+                    // It is queued for the adapter; wait until it is with the arm.
+                    self.board
+                        .run_until(Micros::from_millis(10), |board| board.usb().unsent() == 0)?;
+                    self.board.run_for(MOVE_ON_WIRE)?;
+                    return Ok((None, self.board.now().since(start)));
+                }
+                Some(Event::TimedOut { sends }) => {
+                    return Err(format!("the arm did not answer {request:?}, asked {sends} times").into());
+                }
+                Some(other) => return Err(format!("while waiting for the answer to {request:?}: {other:?}").into()),
+                None => {}
             }
         }
     }

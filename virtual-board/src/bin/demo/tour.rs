@@ -124,9 +124,9 @@ fn travel(host: &mut Host) -> Result<(), Box<dyn Error>> {
         gripper: (Opening::OPEN, GripperSpeed(700)),
     };
     let (_, took) = host.call(Request::SetTorque(Torque::On))?;
-    say("torque on", took, "not answered, sent");
+    say("torque on", took, "with the arm, which does not answer this");
     let (_, took) = host.call(Request::Move(target))?;
-    say("move", took, "not answered, sent");
+    say("move", took, "with the arm, which does not answer this");
 
     let start = host.board.now();
     loop {
@@ -177,7 +177,7 @@ fn self_check(host: &mut Host, kind: Kind) -> Result<(), Box<dyn Error>> {
 
 fn torque_off(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let (_, took) = host.call(Request::SetTorque(Torque::Off))?;
-    say("torque off", took, "not answered, sent");
+    say("torque off", took, "with the arm, which does not answer this");
     Ok(())
 }
 
