@@ -1,4 +1,8 @@
-//! Tests that cross crates.
+//! Tests that cross crates, and what they share.
+#![forbid(unsafe_code)]
+
+#[cfg(feature = "image")]
+pub mod image;
 
 /// The example in the README compiles.
 #[cfg(doctest)]

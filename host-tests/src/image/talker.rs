@@ -1,0 +1,50 @@
+//! An arm that says what it is told.
+
+use std::collections::VecDeque;
+use std::mem;
+
+use armwire::Micros;
+use armwire_sim::serial::SerialDevice;
+
+/// Says what it is told, without a pause, and keeps what it hears.
+#[derive(Debug, Default)]
+pub struct Talker {
+    says: VecDeque<u8>,
+    heard: Vec<u8>,
+}
+
+impl Talker {
+    /// Says `bytes` after what it has still to say.
+    pub fn say(&mut self, bytes: &[u8]) {
+        self.says.extend(bytes);
+    }
+
+    /// How many bytes it has still to say.
+    pub fn unsaid(&self) -> usize {
+        self.says.len()
+    }
+
+    /// How many bytes it has heard since they were last taken.
+    pub fn heard(&self) -> usize {
+        self.heard.len()
+    }
+
+    /// What it has heard since this was last asked.
+    pub fn take_heard(&mut self) -> Vec<u8> {
+        mem::take(&mut self.heard)
+    }
+}
+
+impl SerialDevice for Talker {
+    fn receive(&mut self, _: Micros, byte: u8) {
+        self.heard.push(byte);
+    }
+
+    fn transmit(&mut self, _: Micros) -> Option<u8> {
+        self.says.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        (!self.says.is_empty()).then_some(Micros(0))
+    }
+}

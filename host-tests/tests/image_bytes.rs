@@ -1,0 +1,113 @@
+//! Bytes pass the firmware image untouched: as many as the line carries, in chunks of any size, both ways at once.
+
+use std::time::Instant;
+
+use armwire_host_tests::image::{
+    MEGABAUD, Talker, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in, same_bytes,
+};
+use armwire_virtual_board::usb::Direction;
+use armwire_virtual_board::{Config, Nanos};
+
+/// Chunks around every size that means something: a byte, a packet, two, ten, the queues, the receive ring.
+const SIZES: [usize; 23] = [
+    1, 2, 3, 7, 62, 63, 64, 65, 66, 127, 128, 129, 191, 192, 193, 255, 256, 257, 511, 512, 640, 1024, 1025,
+];
+
+/// Exchanges `count` bytes both ways at once and says how fast that was.
+fn saturate(baud: u32, count: usize) {
+    let mut config = Config::new(path(), Talker::default());
+    config.arm_baud = baud;
+    on_board_with(config, |board| {
+        plug_in(board, baud);
+        let start = Instant::now();
+        let before = board.now();
+        exchange(board, &noise(1, count), &noise(2, count));
+
+        let line = board.uart().bytes();
+        let ended = line.last().unwrap().at;
+        let virtually = ended.since(before).0 as f64 / 1e9;
+        println!(
+            "{count} bytes each way at {baud} baud: {virtually:.3} s of virtual time, {:.1} s of ours",
+            start.elapsed().as_secs_f64()
+        );
+        // Full rate: no gaps to speak of on the line either way.
+        let least = byte_time(baud).0 as f64 / 1e9 * count as f64;
+        assert!(
+            virtually < least * 1.02 + 0.002,
+            "{virtually} s for what takes {least} s on a busy line"
+        );
+
+        let counters = counters(board);
+        assert_eq!(counters.arm_to_host_bytes, count as u32);
+        assert_eq!(counters.host_to_arm_bytes, count as u32);
+        assert_eq!(
+            (counters.dropped_bytes, counters.unheard_bytes, counters.refused_bytes),
+            (0, 0, 0)
+        );
+        assert_eq!((counters.overrun_errors, counters.ring_overruns), (0, 0));
+    });
+}
+
+#[test]
+fn a_million_bytes_each_way_at_once_at_a_megabaud() {
+    saturate(MEGABAUD, 1_000_000);
+}
+
+#[test]
+fn a_hundred_thousand_bytes_each_way_at_once_at_two_megabaud() {
+    saturate(2_000_000, 100_000);
+}
+
+#[test]
+fn a_hundred_thousand_bytes_each_way_at_once_at_115200_baud() {
+    saturate(115_200, 100_000);
+}
+
+#[test]
+fn chunks_of_any_size_pass_both_ways() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for (nth, size) in SIZES.into_iter().enumerate() {
+            exchange(board, &noise(nth as u64, size), &noise(1_000 + nth as u64, size));
+        }
+    });
+}
+
+#[test]
+fn packets_of_any_size_from_the_host_pass_in_order() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let chunks = noise(5, 20_000);
+        let mut left = &chunks[..];
+        for size in SIZES.iter().cycle() {
+            let (chunk, rest) = left.split_at((*size).min(left.len()));
+            board.usb().write(chunk).unwrap();
+            left = rest;
+            if left.is_empty() {
+                break;
+            }
+        }
+        board.run_for(Nanos::from_millis(250)).unwrap();
+        same_bytes("the arm", &board.with_arm(Talker::take_heard), &chunks);
+    });
+}
+
+#[test]
+fn full_packets_with_nothing_after_them_are_completed_by_an_empty_one() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for packets in [1, 2, 3, 10] {
+            board.usb().forget_packets();
+            exchange(board, &[], &noise(packets, 64 * packets as usize));
+            let lengths: Vec<usize> = board
+                .usb()
+                .packets()
+                .iter()
+                .filter(|packet| packet.direction == Direction::In)
+                .map(|packet| packet.data.len())
+                .collect();
+            assert_eq!(lengths.iter().sum::<usize>(), 64 * packets as usize);
+            assert!(lengths.last().is_some_and(|&last| last < 64), "{lengths:?}");
+        }
+    });
+}

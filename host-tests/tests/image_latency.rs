@@ -1,0 +1,139 @@
+//! What the firmware image adds to the time of a call.
+//!
+//! The virtual board takes a cycle for every instruction; a real core takes longer for some. So it is measured at one and
+//! a half and at two cycles as well.
+
+use std::num::NonZeroU32;
+
+use armwire::ling::Request;
+use armwire::{Micros, Protocol};
+use armwire_host_tests::image::{
+    MEGABAUD, Program, Spread, Talker, byte_time, counters, on_board_with, path, plug_in, read_all,
+};
+use armwire_sim::ling::LingArm;
+use armwire_virtual_board::line::{Arm, Direction};
+use armwire_virtual_board::{Config, Nanos, VirtualBoard, usb};
+
+/// The time that an instruction takes, in percent of a cycle.
+const COSTS: [u32; 3] = [100, 150, 200];
+
+/// How often each is measured.
+const TIMES: u64 = 1_000;
+
+/// The goal for the end of an answer: after this a packet is ready for the host.
+const GOAL: Nanos = Nanos(21_000);
+
+/// What an adapter that waits for an idle line would take at least, at 1 Mbaud.
+const IDLE_WAIT: Nanos = Nanos(10_000);
+
+fn on_board_at<A: Arm>(cost: u32, arm: A, test: impl FnOnce(&mut VirtualBoard<A>)) {
+    let mut config = Config::new(path(), arm);
+    config.instruction_cost = NonZeroU32::new(cost).unwrap();
+    on_board_with(config, |board| {
+        plug_in(board, MEGABAUD);
+        test(board);
+    });
+}
+
+/// A pause that brings the next measurement to another phase of the USB frame, of the byte, and of what the firmware does
+/// from time to time.
+fn pause(nth: u64) -> Nanos {
+    Nanos((nth * 618_034) % 1_000_000 + (nth * 977) % 10_000)
+}
+
+/// From the arm's last stop bit until the packet with that byte was ready.
+fn until_armed<A: Arm>(board: &mut VirtualBoard<A>) -> Nanos {
+    let line = board.uart().bytes();
+    let last = line.iter().rfind(|byte| byte.direction == Direction::ToBoard).unwrap();
+    let packets = board.usb().packets();
+    let packet = packets
+        .iter()
+        .rfind(|packet| packet.direction == usb::Direction::In && !packet.data.is_empty());
+    let packet = packet.unwrap();
+    assert_eq!(packet.data.last(), Some(&last.sent));
+    packet.armed.unwrap().since(last.at)
+}
+
+fn forget<A: Arm>(board: &mut VirtualBoard<A>) {
+    board.uart().forget_bytes();
+    board.usb().forget_packets();
+}
+
+#[test]
+fn the_answer_to_read_joints_is_ready_for_the_host_sooner_than_an_idle_line_would_show() {
+    for cost in COSTS {
+        let arm = LingArm::new(armwire_sim::ling::Config::follower());
+        on_board_at(cost, arm, |board| {
+            let mut program = Program::default();
+            let (mut to_uart, mut armed) = (Spread::default(), Spread::default());
+            for nth in 0..TIMES {
+                board.run_for(pause(nth)).unwrap();
+                forget(board);
+                program.call(board, Request::ReadJoints).unwrap();
+                armed.add(until_armed(board));
+                to_uart.add(until_start_bit(board));
+            }
+            println!("instructions of {cost} % of a cycle, an answer's last stop bit -> USB packet armed: {armed}");
+            println!("instructions of {cost} % of a cycle, USB packet from the host -> first start bit: {to_uart}");
+            assert!(armed.worst() <= GOAL || cost > 100, "{armed}");
+            assert!(armed.worst() < IDLE_WAIT || cost > 100, "{armed}");
+        });
+    }
+}
+
+/// From the end of the request's packet to the first start bit that the arm sees.
+fn until_start_bit<A: Arm>(board: &mut VirtualBoard<A>) -> Nanos {
+    let line = board.uart().bytes();
+    let first = line.iter().find(|byte| byte.direction == Direction::ToArm).unwrap();
+    let packets = board.usb().packets();
+    let request = packets
+        .iter()
+        .find(|packet| packet.direction == usb::Direction::Out)
+        .unwrap();
+    first.at.since(request.end + byte_time(MEGABAUD))
+}
+
+#[test]
+fn bytes_of_no_known_frame_are_ready_for_the_host_once_the_line_is_idle() {
+    for cost in COSTS {
+        on_board_at(cost, Talker::default(), |board| {
+            let mut armed = Spread::default();
+            for nth in 0..TIMES {
+                board.run_for(pause(nth)).unwrap();
+                forget(board);
+                let length = 1 + nth as usize % 40;
+                board.with_arm(|arm| arm.say(&vec![0x55; length]));
+                assert_eq!(read_all(board).len(), length);
+                armed.add(until_armed(board));
+            }
+            println!("instructions of {cost} % of a cycle, last stop bit of noise -> USB packet armed: {armed}");
+            assert!(armed.worst() <= GOAL || cost > 100, "{armed}");
+        });
+    }
+}
+
+#[test]
+fn an_answer_is_in_time_while_the_host_sends_without_a_pause() {
+    on_board_at(100, Talker::default(), |board| {
+        let mut frame = [0; 8];
+        let n = armwire::ling::Ling::encode_response(
+            &armwire::ling::Response::Stroke(armwire::ling::Stroke::Mm50),
+            &mut frame,
+        )
+        .unwrap();
+        board.usb().write(&vec![0x55; 60_000]).unwrap();
+        let mut armed = Spread::default();
+        while board.usb().unsent() > 1_000 {
+            board.run_for(pause(armed.count() as u64)).unwrap();
+            forget(board);
+            board.with_arm(|arm| arm.say(&frame[..n]));
+            board.run_for(Micros(500)).unwrap();
+            assert_eq!(board.usb().read(), frame[..n]);
+            armed.add(until_armed(board));
+        }
+        println!("the host sends without a pause, an answer's last stop bit -> USB packet armed: {armed}");
+        assert!(armed.count() > 300);
+        assert!(armed.worst() <= GOAL, "{armed}");
+        assert_eq!(counters(board).frames as usize, armed.count());
+    });
+}

@@ -1,0 +1,233 @@
+//! What may happen on the arm's line: errors, and other rates.
+
+use armwire::Micros;
+use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
+use armwire::{Decoder, Protocol};
+use armwire_bridge::Counters;
+use armwire_host_tests::image::{
+    MEGABAUD, Talker, as_received, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
+    read_all, same_bytes,
+};
+use armwire_virtual_board::line::{Fault, FaultRates};
+use armwire_virtual_board::usb::cdc::LineCoding;
+use armwire_virtual_board::{Config, Nanos, Reenabled, VirtualBoard};
+
+/// Runs `test` with a DMA that restarts and with one that resumes.
+fn with_either_dma(test: impl Fn(&mut VirtualBoard<Talker>)) {
+    for reenabled in [Reenabled::Restarts, Reenabled::Resumes] {
+        println!("a stream that is enabled again: {reenabled:?}");
+        let mut config = Config::new(path(), Talker::default());
+        config.reenabled = reenabled;
+        config.seed = 7;
+        on_board_with(config, |board| {
+            plug_in(board, MEGABAUD);
+            test(board);
+        });
+    }
+}
+
+/// The joints answer that carries `nth`.
+fn frame(nth: u16) -> Vec<u8> {
+    let state = JointState {
+        joints: [nth % 4_096; JOINTS],
+        gripper: nth / 4_096,
+        status: MotionStatus::Idle,
+    };
+    let mut bytes = [0; MAX_FRAME];
+    let n = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
+    bytes[..n].to_vec()
+}
+
+/// The numbers of the frames in `bytes`.
+fn frames(bytes: &[u8]) -> Vec<u16> {
+    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+    let mut numbers = Vec::new();
+    let mut rest = bytes;
+    loop {
+        rest = decoder.push(rest);
+        while let Some(next) = decoder.next(()) {
+            if let Ok(Ok(Response::Joints(state))) = next.map(Ling::parse_response) {
+                numbers.push(state.joints[0] + 4_096 * state.gripper);
+            }
+        }
+        if rest.is_empty() {
+            return numbers;
+        }
+    }
+}
+
+/// Lets the arm say numbered frames, with `fault` in each place of the second one. Everything but the faulty byte must come,
+/// so every frame but the second, and the error must be counted once.
+fn one_fault(board: &mut VirtualBoard<Talker>, fault: Fault, counted: fn(&Counters) -> u32) {
+    const FRAMES: u16 = 4;
+    const BAD: u16 = 1;
+    let length = frame(0).len() as u64;
+    // With a pause after each frame, and without.
+    for pause in [Micros(0), Micros(300)] {
+        // A byte is lost to an overrun only right after another.
+        let first = u64::from(fault == Fault::Overrun && pause > Micros(0));
+        for place in first..length {
+            board.uart().forget_bytes();
+            let before = counted(&counters(board));
+            board.uart().plan_fault(length * u64::from(BAD) + place, fault);
+            for nth in 0..FRAMES {
+                board.with_arm(|arm| arm.say(&frame(nth)));
+                board.run_for(pause).unwrap();
+            }
+            let received = read_all(board);
+            same_bytes("the host", &received, &as_received(&board.uart().bytes()));
+            let mut numbers = frames(&received);
+            numbers.retain(|&nth| nth != BAD);
+            assert_eq!(numbers, [0, 2, 3], "byte {place}, {pause:?} after a frame");
+            let errors = counted(&counters(board)) - before;
+            assert_eq!(errors, 1, "byte {place}, {pause:?} after a frame");
+        }
+    }
+}
+
+#[test]
+fn after_a_framing_error_the_next_frame_arrives_and_the_error_is_counted() {
+    with_either_dma(|board| one_fault(board, Fault::Framing, |c| c.framing_errors));
+}
+
+#[test]
+fn after_noise_every_frame_arrives_and_the_noise_is_counted() {
+    with_either_dma(|board| one_fault(board, Fault::Noise, |c| c.noise_errors));
+}
+
+#[test]
+fn after_a_break_the_next_frame_arrives_and_the_error_is_counted() {
+    with_either_dma(|board| one_fault(board, Fault::Break, |c| c.framing_errors));
+}
+
+#[test]
+fn after_an_overrun_the_next_frame_arrives_and_the_overrun_is_counted() {
+    with_either_dma(|board| one_fault(board, Fault::Overrun, |c| c.overrun_errors));
+}
+
+#[test]
+fn a_line_with_errors_all_the_time_loses_only_what_they_hit() {
+    with_either_dma(|board| {
+        board.uart().set_fault_rates(FaultRates {
+            framing: 3_000,
+            noise: 3_000,
+            line_break: 3_000,
+            overrun: 3_000,
+        });
+        let (up, down) = (noise(1, 50_000), noise(2, 50_000));
+        board.with_arm(|arm| arm.say(&up));
+        board.usb().write(&down).unwrap();
+        let received = read_all(board);
+        same_bytes("the host", &received, &as_received(&board.uart().bytes()));
+        same_bytes("the arm", &board.with_arm(Talker::take_heard), &down);
+
+        let counters = counters(board);
+        println!(
+            "{} framing errors, {} noise, {} overruns counted in 50000 bytes",
+            counters.framing_errors, counters.noise_errors, counters.overrun_errors
+        );
+        assert!(counters.framing_errors > 150 && counters.noise_errors > 100 && counters.overrun_errors > 100);
+        assert_eq!(counters.ring_overruns, 0);
+
+        board.uart().set_fault_rates(FaultRates::default());
+        exchange(board, &noise(3, 5_000), &noise(4, 5_000));
+    });
+}
+
+#[test]
+fn a_line_of_nothing_but_breaks_does_not_stop_the_host_side() {
+    with_either_dma(|board| {
+        board.uart().set_fault_rates(FaultRates {
+            line_break: 1_000_000,
+            ..FaultRates::default()
+        });
+        let down = noise(1, 5_000);
+        board.with_arm(|arm| arm.say(&[0; 20_000]));
+        board.usb().write(&down).unwrap();
+        read_all(board);
+        same_bytes("the arm", &board.with_arm(Talker::take_heard), &down);
+        board.uart().set_fault_rates(FaultRates::default());
+        exchange(board, &noise(2, 5_000), &noise(3, 5_000));
+    });
+}
+
+/// Changes the rate of the port, and of the arm's line as soon as the adapter has.
+fn change_rate(board: &mut VirtualBoard<Talker>, baud: u32) {
+    board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
+    follow_rate(board, baud);
+}
+
+fn follow_rate(board: &mut VirtualBoard<Talker>, baud: u32) {
+    for _ in 0..100_000 {
+        let actual = board.uart().baud().unwrap();
+        if actual.abs_diff(baud.into()) * 100 < u64::from(baud) {
+            board.uart().set_arm_baud(baud);
+            return;
+        }
+        board.run_for(Micros(5)).unwrap();
+    }
+    panic!(
+        "the UART did not come to {baud} baud, it runs at {:?}",
+        board.uart().baud()
+    );
+}
+
+#[test]
+fn the_rate_changes_between_any_two_and_bytes_of_the_new_one_arrive_both_ways() {
+    const RATES: [u32; 7] = [115_200, MEGABAUD, 2_000_000, MEGABAUD, 115_200, 2_000_000, 115_200];
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for (nth, baud) in RATES.into_iter().enumerate() {
+            change_rate(board, baud);
+            exchange(board, &noise(nth as u64, 3_000), &noise(100 + nth as u64, 3_000));
+        }
+        assert_eq!(counters(board).framing_errors, 0);
+    });
+}
+
+#[test]
+fn what_the_host_wrote_before_it_changed_the_rate_goes_out_at_the_old_one() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let mut old = MEGABAUD;
+        for (nth, baud) in [115_200, 2_000_000, MEGABAUD, 115_200].into_iter().enumerate() {
+            let before = noise(nth as u64, 300);
+            board.usb().write(&before).unwrap();
+            board
+                .run_until(Micros::from_millis(50), |board| board.usb().unsent() == 0)
+                .unwrap();
+            board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
+            follow_rate(board, baud);
+            same_bytes("the arm", &board.with_arm(Talker::take_heard), &before);
+            println!("{old} -> {baud} baud");
+            exchange(board, &noise(10 + nth as u64, 1_000), &noise(20 + nth as u64, 1_000));
+            old = baud;
+        }
+    });
+}
+
+#[test]
+fn the_rate_changes_while_the_arm_talks_and_the_rest_of_what_it_says_arrives() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for (nth, baud) in [2_000_000, 115_200, MEGABAUD, 115_200, 2_000_000]
+            .into_iter()
+            .enumerate()
+        {
+            board.with_arm(|arm| arm.say(&noise(nth as u64, 3_000)));
+            board.run_for(Micros(3_000)).unwrap();
+            change_rate(board, baud);
+            // What the adapter received while the two rates differed may be anything, up to a full packet of it waits.
+            board.run_for(Nanos(100 * byte_time(baud).0)).unwrap();
+            board.usb().read();
+            let received = read_all(board);
+            let line = board.uart().bytes();
+            let rest: Vec<u8> = line[line.len() - received.len()..]
+                .iter()
+                .map(|byte| byte.sent)
+                .collect();
+            same_bytes("the host", &received, &rest);
+            exchange(board, &noise(10 + nth as u64, 1_000), &noise(20 + nth as u64, 1_000));
+        }
+    });
+}

@@ -1,0 +1,31 @@
+//! A run of the firmware image repeats to the nanosecond.
+
+use armwire_host_tests::image::{MEGABAUD, Talker, noise, on_board_with, path, plug_in, read_all};
+use armwire_virtual_board::Config;
+use armwire_virtual_board::line::FaultRates;
+
+/// The trace of a run with faults drawn from `seed`.
+fn trace(seed: u64) -> u64 {
+    let mut config = Config::new(path(), Talker::default());
+    config.seed = seed;
+    on_board_with(config, |board| {
+        plug_in(board, MEGABAUD);
+        board.uart().set_fault_rates(FaultRates {
+            framing: 2_000,
+            noise: 2_000,
+            line_break: 2_000,
+            overrun: 2_000,
+        });
+        board.with_arm(|arm| arm.say(&noise(1, 5_000)));
+        board.usb().write(&noise(2, 5_000)).unwrap();
+        read_all(board);
+        board.trace_hash()
+    })
+}
+
+#[test]
+fn one_seed_gives_one_trace_and_another_seed_another() {
+    let first = trace(1);
+    assert_eq!(trace(1), first);
+    assert_ne!(trace(2), first);
+}

@@ -1,0 +1,323 @@
+//! What a USB host may do to the adapter: find it, stop reading, let it wait, reset it, suspend it, pull it out.
+
+use armwire::Micros;
+use armwire::ling::{Request, Response};
+use armwire_host_tests::image::{
+    MEGABAUD, Program, Talker, counters, exchange, noise, on_board, on_board_with, open, path, plug_in, read_all,
+    same_bytes,
+};
+use armwire_sim::ling::LingArm;
+use armwire_virtual_board::line::Direction as Way;
+use armwire_virtual_board::usb::Direction;
+use armwire_virtual_board::usb::cdc::LineCoding;
+use armwire_virtual_board::{Config, Nanos, VirtualBoard};
+
+/// Exchanges enough to wrap every queue of the adapter.
+fn exchange_some(board: &mut VirtualBoard<Talker>, seed: u64) {
+    exchange(board, &noise(seed, 5_000), &noise(seed + 1_000, 5_000));
+}
+
+fn serial_number(unique_id: [u8; 12]) -> String {
+    let mut config = Config::new(path(), Talker::default());
+    config.unique_id = unique_id;
+    on_board_with(config, |board| {
+        board.usb().attach();
+        board.usb().enumerate().unwrap().serial.clone().unwrap()
+    })
+}
+
+#[test]
+fn the_serial_number_is_the_chips_unique_id() {
+    assert_eq!(
+        serial_number(*b"\x20\x00\x41\x00\x0B51P\x35V03"),
+        "200041000B35315035563033"
+    );
+    assert_eq!(serial_number([0xFF; 12]), "FFFFFFFFFFFFFFFFFFFFFFFF");
+}
+
+#[test]
+fn the_line_coding_that_was_set_is_read_back() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for baud in [1_200, 115_200, 2_000_000, MEGABAUD] {
+            board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
+            assert_eq!(board.usb().line_coding().unwrap(), Some(LineCoding::new(baud)));
+        }
+    });
+}
+
+#[test]
+fn a_line_coding_that_the_uart_cannot_do_is_refused_and_the_port_works_on() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let seven_bits = LineCoding {
+            bits: 7,
+            ..LineCoding::new(MEGABAUD)
+        };
+        for coding in [LineCoding::new(3_000_000), LineCoding::new(0), seven_bits] {
+            assert!(board.usb().set_line_coding(coding).is_err(), "{coding:?}");
+        }
+        assert_eq!(board.usb().line_coding().unwrap(), Some(LineCoding::new(MEGABAUD)));
+        assert_eq!(counters(board).refused_line_codings, 3);
+        exchange_some(board, 0);
+    });
+}
+
+#[test]
+fn a_host_that_stops_reading_does_not_block_the_arm() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        exchange_some(board, 0);
+        let before = counters(board);
+
+        // The host's program hangs; the arm talks on, and is talked to.
+        board.usb().set_reading(false);
+        let (said, asked) = (noise(1, 50_000), noise(2, 50_000));
+        board.with_arm(|arm| arm.say(&said));
+        board.usb().write(&asked).unwrap();
+        board.run_for(Nanos::from_millis(600)).unwrap();
+        same_bytes("the arm", &board.with_arm(Talker::take_heard), &asked);
+
+        // It comes back, and gets what fitted, from the beginning.
+        board.usb().set_reading(true);
+        let received = read_all(board);
+        let dropped = (counters(board).dropped_bytes - before.dropped_bytes) as usize;
+        assert!(received.len() >= 2_048, "{} bytes were kept", received.len());
+        same_bytes("the host", &received, &said[..received.len()]);
+        assert_eq!(received.len() + dropped, said.len());
+
+        exchange_some(board, 3);
+        assert_eq!(counters(board).dropped_bytes as usize, dropped);
+    });
+}
+
+#[test]
+fn what_a_host_misses_while_the_arm_talks_on_is_counted_and_the_rest_comes_in_order() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let said = noise(1, 100_000);
+        board.with_arm(|arm| arm.say(&said));
+        for _ in 0..4 {
+            board.run_for(Nanos::from_millis(100)).unwrap();
+            board.usb().set_reading(false);
+            board.run_for(Nanos::from_millis(100)).unwrap();
+            board.usb().set_reading(true);
+        }
+        let received = read_all(board);
+        let missed = missing(&said, &received);
+        assert!(missed.len() == 4, "{missed:?}: one gap for each time");
+        let dropped = counters(board).dropped_bytes as usize;
+        assert_eq!(missed.iter().sum::<usize>(), dropped);
+        assert_eq!(received.len() + dropped, said.len());
+        exchange_some(board, 2);
+    });
+}
+
+/// The lengths of what is missing from `sent` in `received`, which must be in order and have nothing else.
+fn missing(sent: &[u8], received: &[u8]) -> Vec<usize> {
+    const ENOUGH: usize = 8;
+    let mut gaps = Vec::new();
+    let mut at = 0;
+    for (nth, &byte) in received.iter().enumerate() {
+        if sent.get(at) != Some(&byte) {
+            let next = &received[nth..received.len().min(nth + ENOUGH)];
+            let gap = sent[at..].windows(next.len()).position(|window| window == next);
+            let gap = gap.unwrap_or_else(|| panic!("byte {nth} was never sent, or out of order"));
+            gaps.push(gap);
+            at += gap;
+        }
+        at += 1;
+    }
+    if at < sent.len() {
+        gaps.push(sent.len() - at);
+    }
+    gaps
+}
+
+#[test]
+fn a_host_that_never_reads_does_not_make_the_adapter_start_again() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        board.usb().set_reading(false);
+        for second in 0..5 {
+            board.with_arm(|arm| arm.say(&noise(second, 5_000)));
+            board.run_for(Nanos::from_millis(1_000)).unwrap();
+        }
+        board.usb().set_reading(true);
+        read_all(board);
+        exchange_some(board, 9);
+    });
+}
+
+#[test]
+fn an_adapter_that_no_host_finds_waits() {
+    on_board(Talker::default(), |board| {
+        // Before its UART runs, it hears nothing.
+        board.run_for(Nanos::from_millis(10)).unwrap();
+        board.with_arm(|arm| arm.say(&noise(1, 3_000)));
+        board.run_for(Nanos::from_millis(5_000)).unwrap();
+        plug_in(board, MEGABAUD);
+        assert_eq!(read_all(board), [], "nobody had the port open when that came");
+        assert_eq!(counters(board).unheard_bytes, 3_000);
+        exchange_some(board, 2);
+    });
+}
+
+#[test]
+fn transactions_that_end_in_a_nak_cost_no_byte() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let (down, up) = (noise(1, 20_000), noise(2, 20_000));
+        board.with_arm(|arm| arm.say(&up));
+        board.usb().write(&down).unwrap();
+        let mut received = Vec::new();
+        for nth in 0..100 {
+            board.usb().inject_naks(Direction::In, nth % 7);
+            board.usb().inject_naks(Direction::Out, nth % 5);
+            board.run_for(Nanos::from_millis(2)).unwrap();
+            received.extend(board.usb().read());
+        }
+        received.extend(read_all(board));
+        same_bytes("the host", &received, &up);
+        same_bytes("the arm", &board.with_arm(Talker::take_heard), &down);
+    });
+}
+
+#[test]
+fn the_port_works_again_after_it_was_unplugged() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for nth in 0..4 {
+            exchange_some(board, nth);
+            board.usb().detach();
+            board.with_arm(|arm| arm.say(b"nobody hears this"));
+            board.run_for(Micros::from_millis(20 + nth)).unwrap();
+            assert!(!board.usb().connected());
+            plug_in(board, MEGABAUD);
+            assert_eq!(read_all(board), []);
+        }
+        exchange_some(board, 9);
+    });
+}
+
+#[test]
+fn an_adapter_that_is_pulled_out_in_full_flow_works_again() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for nth in 0..8 {
+            board.with_arm(|arm| arm.say(&noise(nth, 10_000)));
+            board.usb().write(&noise(nth, 10_000)).unwrap();
+            board.run_for(Micros(20_000 + 137 * nth)).unwrap();
+            board.usb().detach();
+            board.run_for(Nanos::from_millis(200)).unwrap();
+            plug_in(board, MEGABAUD);
+            assert_eq!(read_all(board), [], "what was said to the host that was");
+            exchange_some(board, nth);
+        }
+    });
+}
+
+#[test]
+fn the_port_works_again_after_a_bus_reset_in_full_flow() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for nth in 0..8 {
+            board.with_arm(|arm| arm.say(&noise(nth, 10_000)));
+            board.usb().write(&noise(nth, 10_000)).unwrap();
+            board.run_for(Micros(20_000 + 137 * nth)).unwrap();
+            board.usb().reset_bus();
+            board.run_for(Nanos::from_millis(200)).unwrap();
+            open(board, MEGABAUD);
+            assert_eq!(read_all(board), [], "what was said to the host that was");
+            exchange_some(board, nth);
+        }
+        assert!(counters(board).usb_resets >= 8);
+    });
+}
+
+#[test]
+fn a_suspended_port_goes_on_where_it_was() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        exchange_some(board, 0);
+        let before = counters(board).usb_suspends;
+        board.usb().suspend();
+        board.run_for(Nanos::from_millis(3_000)).unwrap();
+        let said = noise(1, 500);
+        board.with_arm(|arm| arm.say(&said));
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        assert_eq!(board.usb().read(), []);
+        board.usb().resume();
+        board.run_for(Nanos::from_millis(30)).unwrap();
+        same_bytes("the host", &read_all(board), &said);
+        exchange_some(board, 2);
+        assert_eq!(counters(board).usb_suspends - before, 1);
+    });
+}
+
+#[test]
+fn a_port_suspended_in_full_flow_counts_what_it_could_not_keep() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let (said, asked) = (noise(1, 20_000), noise(2, 20_000));
+        board.with_arm(|arm| arm.say(&said));
+        board.usb().write(&asked).unwrap();
+        board.run_for(Micros(50_123)).unwrap();
+        board.usb().suspend();
+        board.run_for(Nanos::from_millis(50)).unwrap();
+        board.usb().resume();
+        board.run_for(Nanos::from_millis(300)).unwrap();
+        let received = read_all(board);
+        let missed = missing(&said, &received);
+        assert_eq!(missed.iter().sum::<usize>(), counters(board).dropped_bytes as usize);
+        same_bytes("the arm", &board.with_arm(Talker::take_heard), &asked);
+        exchange_some(board, 3);
+    });
+}
+
+#[test]
+fn a_program_that_closes_the_port_and_opens_it_again_gets_only_what_comes_then() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        exchange_some(board, 0);
+        board.usb().set_control_lines(false, false).unwrap();
+        board.with_arm(|arm| arm.say(b"nobody hears this"));
+        board.run_for(Nanos::from_millis(50)).unwrap();
+        board.usb().set_control_lines(true, true).unwrap();
+        assert_eq!(read_all(board), []);
+        assert_eq!(counters(board).unheard_bytes, 17);
+        exchange_some(board, 1);
+    });
+}
+
+#[test]
+fn an_arm_is_read_again_after_each_thing_that_can_happen_to_the_cable() {
+    on_board(LingArm::new(armwire_sim::ling::Config::follower()), |board| {
+        let mut program = Program::default();
+        plug_in(board, MEGABAUD);
+        let mut read = |board: &mut VirtualBoard<LingArm>| {
+            let answer = program.call(board, Request::ReadJoints);
+            assert!(matches!(answer, Some(Response::Joints(_))), "{answer:?}");
+        };
+        read(board);
+        board.usb().detach();
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        plug_in(board, MEGABAUD);
+        read(board);
+        board.usb().reset_bus();
+        open(board, MEGABAUD);
+        read(board);
+        board.usb().suspend();
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        board.usb().resume();
+        board.run_for(Nanos::from_millis(30)).unwrap();
+        read(board);
+        let asked = board
+            .uart()
+            .bytes()
+            .iter()
+            .filter(|byte| byte.direction == Way::ToArm)
+            .count();
+        assert_eq!(asked, 4 * 7, "each was asked once");
+    });
+}
