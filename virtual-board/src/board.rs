@@ -170,6 +170,10 @@ impl<A: Arm> VirtualBoard<A> {
     /// When the image cannot be run, or a TCP port cannot be had.
     pub fn start(config: Config<A>) -> Result<Self, Error> {
         let image = Image::read(&config.image, None)?;
+        Self::start_image(image, config)
+    }
+
+    fn start_image(image: Image, config: Config<A>) -> Result<Self, Error> {
         let starve = Arc::new(AtomicBool::new(false));
         let line = Arc::new(Mutex::new(Line::new(
             config.arm,
@@ -495,7 +499,9 @@ impl<A: Arm> Usb<'_, A> {
         if self.device().is_none() {
             self.enumerate()?;
         }
-        let ports = self.device().map_or_else(Vec::new, |device| Port::find(&device.configuration));
+        let ports = self
+            .device()
+            .map_or_else(Vec::new, |device| Port::find(&device.configuration));
         let port = *ports.get(nth).ok_or(Error::NoPort {
             nth,
             count: ports.len(),
@@ -707,3 +713,6 @@ impl<A: Arm> enumerate::Bus for Wire<'_, A> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests;

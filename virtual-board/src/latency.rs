@@ -115,8 +115,14 @@ mod tests {
         let [first, second] = bursts[..] else {
             panic!("two bursts: {bursts:?}");
         };
-        assert_eq!((first.bytes, first.to_armed(), first.to_arrival()), (2, Nanos(5), Nanos(20)));
-        assert_eq!((second.bytes, second.to_armed(), second.to_arrival()), (1, Nanos(5), Nanos(9)));
+        assert_eq!(
+            (first.bytes, first.to_armed(), first.to_arrival()),
+            (2, Nanos(5), Nanos(20))
+        );
+        assert_eq!(
+            (second.bytes, second.to_armed(), second.to_arrival()),
+            (1, Nanos(5), Nanos(9))
+        );
     }
 
     #[test]

@@ -174,7 +174,7 @@ impl<A: SerialDevice> Line<A> {
     }
 
     /// The board sent a byte; its stop bit ended at `now`.
-    pub(crate) fn to_arm(&mut self, now: Nanos, sent: u8) {
+    pub(crate) fn board_sent(&mut self, now: Nanos, sent: u8) {
         let (value, framing) = sample(sent, self.board_bit, self.arm_bit);
         let outcome = if framing || value != sent {
             Outcome::Garbled
@@ -191,9 +191,9 @@ impl<A: SerialDevice> Line<A> {
     }
 
     /// The board's receiver is free: what was on its way has arrived, and the next byte may start.
-    pub(crate) fn to_board(&mut self, now: Nanos) -> Option<Arrival> {
-        self.land(now);
-        let starved = self.starve.swap(false, Ordering::Relaxed);
+    pub(crate) fn board_receives(&mut self, now: Nanos) -> Option<Arrival> {
+        let follows = self.land(now);
+        self.starve.store(false, Ordering::Relaxed);
         if now < self.free {
             return None;
         }
@@ -209,9 +209,11 @@ impl<A: SerialDevice> Line<A> {
             outcome = Outcome::Garbled;
         } else if let Some(fault) = self
             .fault(self.count)
-            .filter(|&fault| fault != Fault::Overrun || starved)
+            .filter(|&fault| fault != Fault::Overrun || follows)
         {
             outcome = Outcome::Faulty(fault);
+            // The byte before this one waits in the UART until this one is in, too.
+            self.starve.store(fault == Fault::Overrun, Ordering::Relaxed);
             arrival = Arrival {
                 value: match fault {
                     Fault::Framing => !sent,
@@ -223,11 +225,6 @@ impl<A: SerialDevice> Line<A> {
             };
         }
         self.count += 1;
-        // The byte before one that is to be lost to an overrun has to wait in the UART.
-        let starve =
-            starved && outcome == Outcome::Faulty(Fault::Overrun) || self.fault(self.count) == Some(Fault::Overrun);
-        self.starve.store(starve, Ordering::Relaxed);
-
         let ends = now + Nanos(10 * self.board_bit / 1_000);
         self.flight = Some(Flight { sent, ends, outcome });
         if outcome == Outcome::Garbled {
@@ -239,7 +236,7 @@ impl<A: SerialDevice> Line<A> {
     }
 
     /// The board's receiver is off: what the arm sends goes nowhere.
-    pub(crate) fn to_nobody(&mut self, now: Nanos) {
+    pub(crate) fn nobody_receives(&mut self, now: Nanos) {
         self.starve.store(false, Ordering::Relaxed);
         if let Some(flight) = self.flight.take() {
             self.record(flight.ends, flight.sent, Outcome::Lost);
@@ -261,18 +258,20 @@ impl<A: SerialDevice> Line<A> {
         true
     }
 
-    /// Records the byte that was on its way.
-    fn land(&mut self, now: Nanos) {
-        if let Some(flight) = self.flight.take() {
-            // The UART ends the byte by its own clock; the reckoning here is off by rounding only.
-            let on_time = now.0.abs_diff(flight.ends.0) <= 2;
-            let (at, outcome) = if on_time {
-                (now, flight.outcome)
-            } else {
-                (flight.ends, Outcome::Lost)
-            };
-            self.record(at, flight.sent, outcome);
-        }
+    /// Records the byte that was on its way. Returns whether it arrived just now.
+    fn land(&mut self, now: Nanos) -> bool {
+        let Some(flight) = self.flight.take() else {
+            return false;
+        };
+        // The UART ends the byte by its own clock; the reckoning here is off by rounding only.
+        let on_time = now.0.abs_diff(flight.ends.0) <= 2;
+        let (at, outcome) = if on_time {
+            (now, flight.outcome)
+        } else {
+            (flight.ends, Outcome::Lost)
+        };
+        self.record(at, flight.sent, outcome);
+        on_time
     }
 
     fn record(&mut self, at: Nanos, sent: u8, outcome: Outcome) {
@@ -372,7 +371,7 @@ mod tests {
     /// Lets the board's receiver take bytes as fast as it can.
     fn receive_all(line: &mut Line<Talker>) -> Vec<Arrival> {
         (0..)
-            .map_while(|nth| line.to_board(Nanos(nth * 10 * line.board_bit / 1_000)))
+            .map_while(|nth| line.board_receives(Nanos(nth * 10 * line.board_bit / 1_000)))
             .collect()
     }
 
@@ -395,13 +394,13 @@ mod tests {
     fn a_wrong_rate_garbles_both_ways() {
         let mut line = line(&[0xAA; 20]);
         line.set_arm_baud(115_200);
-        let first = line.to_board(Nanos(0)).unwrap();
+        let first = line.board_receives(Nanos(0)).unwrap();
         assert_eq!(
             (first.value, first.framing),
             (0x00, true),
             "the start bit alone lasts 8.7 of the board's bits"
         );
-        line.to_arm(Nanos(0), 0xAA);
+        line.board_sent(Nanos(0), 0xAA);
         assert_ne!(line.arm_mut().heard, [0xAA]);
     }
 
@@ -409,7 +408,7 @@ mod tests {
     fn bytes_of_a_faster_arm_are_lost_within_a_slow_receivers_byte() {
         let mut line = line(&[0x00; 20]);
         line.set_board_bit(bit(115_200));
-        let arrival = line.to_board(Nanos(0)).unwrap();
+        let arrival = line.board_receives(Nanos(0)).unwrap();
         assert_ne!(arrival.value, 0x00);
         assert_eq!(line.arm.says.len(), 20 - 9, "87 us of a megabaud");
     }
@@ -434,10 +433,10 @@ mod tests {
         let starve = line.starve.clone();
         let mut starving = Vec::new();
         for nth in 0..4 {
-            line.to_board(Nanos(nth * 10_000));
+            line.board_receives(Nanos(nth * 10_000));
             starving.push(starve.load(Ordering::Relaxed));
         }
-        assert_eq!(starving, [true, true, false, false]);
+        assert_eq!(starving, [false, true, false, false]);
         assert_eq!(
             outcomes(&line),
             [Outcome::Arrived, Outcome::Faulty(Fault::Overrun), Outcome::Arrived]
@@ -468,11 +467,11 @@ mod tests {
     #[test]
     fn a_receiver_that_is_off_loses_bytes_at_the_arms_own_pace() {
         let mut line = line(&[1, 2]);
-        line.to_nobody(Nanos(0));
-        line.to_nobody(Nanos(5_000));
+        line.nobody_receives(Nanos(0));
+        line.nobody_receives(Nanos(5_000));
         assert_eq!(outcomes(&line), [Outcome::Lost]);
         assert_eq!(line.due(), Some(Nanos(10_000)));
-        line.to_nobody(Nanos(10_000));
+        line.nobody_receives(Nanos(10_000));
         assert_eq!(outcomes(&line), [Outcome::Lost; 2]);
     }
 }

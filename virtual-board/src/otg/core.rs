@@ -179,9 +179,14 @@ impl Core {
             DCFG => self.dcfg,
             DCTL => self.dctl,
             DSTS => {
-                u32::from(self.suspended) * device::SUSPSTS
-                    | if self.enumerated { device::ENUMSPD_FULL } else { 0 }
-                    | u32::from(self.frame) << device::FNSOF_AT
+                let mut status = u32::from(self.frame) << device::FNSOF_AT;
+                if self.suspended {
+                    status |= device::SUSPSTS;
+                }
+                if self.enumerated {
+                    status |= device::ENUMSPD_FULL;
+                }
+                status
             }
             DIEPMSK => self.diepmsk,
             DOEPMSK => self.doepmsk,

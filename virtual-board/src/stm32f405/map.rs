@@ -218,9 +218,9 @@ fn corrected_resets<'a>(
         .map(|(register, value)| (register.name, value))
 }
 
-/// Any table's register by its number.
+/// Any table's register by its number, to read it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Row(pub(super) usize);
+struct Row(usize);
 
 impl Layout for Row {
     const REGISTERS: &'static [RegisterSpec] = &[];

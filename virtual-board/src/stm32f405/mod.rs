@@ -15,14 +15,14 @@ use std::sync::{Arc, Mutex};
 use rigless::device::{Device, ErasedDevice, ResetCause};
 use rigless::mcu::{Mcu, Operate};
 use rigless::soc::stm32f427::Stm32f427;
-use rigless::soc::stm32f427::generated::{pwr, rcc};
+use rigless::soc::stm32f427::generated::{dbg, pwr, rcc, rtc};
 use rigless::soc::stm32f427::peripherals::dma::Dma;
 use rigless::soc::{Bus, Error};
 use rigless::time::VirtualNanos;
 
 use self::dma::Dma1;
 pub use self::dma::Reenabled;
-use self::map::{ARM_PORT, PWR, RCC, Row};
+use self::map::{ARM_PORT, PWR, RCC};
 use self::port::{Port, Shared};
 use crate::line::Arm;
 use crate::otg::Otg;
@@ -129,7 +129,8 @@ impl<A: Arm> Mcu for Stm32f405<A> {
         let csr = registers(self.slots.rcc).get(rcc::Register::Csr);
         let bdcr = registers(self.slots.rcc).get(rcc::Register::Bdcr);
         let regulator = registers(self.slots.pwr).get(pwr::Register::Csr);
-        let kept = [self.slots.rtc, self.slots.dbg].map(|slot| (slot, registers(slot).clone()));
+        let calendar = registers(self.slots.rtc).clone();
+        let debug = registers(self.slots.dbg).clone();
 
         let (crystal, lse) = self.shared.rcc.crystals();
         self.shared = Stm32f427::new().expect("it was made once");
@@ -141,11 +142,13 @@ impl<A: Arm> Mcu for Stm32f405<A> {
         self.shared.rcc.restarted(cause, csr, registers);
         let registers = self.bus.slot_mut(self.slots.pwr).registers_mut();
         self.shared.pwr.keep_backup_regulator(regulator, registers);
-        for (slot, old) in kept {
-            let slot = self.bus.slot_mut(slot);
-            for row in 0..slot.peripheral().registers.len() {
-                slot.registers_mut().set(Row(row), old.get(Row(row)));
-            }
+        let registers = self.bus.slot_mut(self.slots.rtc).registers_mut();
+        for register in rtc::Register::ALL {
+            registers.set(register, calendar.get(register));
+        }
+        let registers = self.bus.slot_mut(self.slots.dbg).registers_mut();
+        for register in dbg::Register::ALL {
+            registers.set(register, debug.get(register));
         }
         self.supply();
 
@@ -185,3 +188,6 @@ impl<A: Arm> Mcu for Stm32f405<A> {
         (&mut self.bus, model)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -90,7 +90,7 @@ impl<A: Arm> Port<A> {
         let mut line = lock(&self.line);
         line.set_board_bit(bit(registers, self.clock_hz));
         if !listens {
-            line.to_nobody(now);
+            line.nobody_receives(now);
         }
         let due = line.due();
         drop(line);
@@ -160,11 +160,11 @@ impl<A> Store for End<A> {}
 
 impl<A: Arm> Peer for End<A> {
     fn receive(&mut self, word: u16, timeline: &mut Timeline<'_, '_>) {
-        lock(&self.line).to_arm(timeline.now().into(), word as u8);
+        lock(&self.line).board_sent(timeline.now().into(), word as u8);
     }
 
     fn transmit(&mut self, now: VirtualNanos) -> Option<u16> {
-        self.arriving = lock(&self.line).to_board(now.into());
+        self.arriving = lock(&self.line).board_receives(now.into());
         let arrival = self.arriving?;
         // What the library will flip is flipped already: it arrives as the line has it.
         let flips = match (arrival.framing, arrival.noise) {

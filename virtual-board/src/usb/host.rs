@@ -813,3 +813,6 @@ fn input(device: &mut dyn Function, address: u8, endpoint: u8) -> Answer {
         Reply::Silence => Answer::Silence,
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -26,7 +26,10 @@ fn connected() -> Core {
 /// The same with bulk endpoint 1 in both directions, ready to receive.
 fn with_bulk() -> Core {
     let mut core = connected();
-    core.write(DIEP + ENDPOINT_SPAN + CTL, epctl::USBAEP | epctl::SD0PID | epctl::SNAK | 64);
+    core.write(
+        DIEP + ENDPOINT_SPAN + CTL,
+        epctl::USBAEP | epctl::SD0PID | epctl::SNAK | 64,
+    );
     core.write(DOEP + ENDPOINT_SPAN + TSIZ, 1 << eptsiz::PKTCNT_AT | 64);
     core.write(DOEP + ENDPOINT_SPAN + CTL, ACTIVE_OUT | epctl::CNAK | epctl::EPENA);
     core
@@ -117,9 +120,16 @@ fn a_setup_is_always_taken_and_ends_with_the_next_token() {
         core.write(control + CTL, epctl::STALL);
     }
     assert!(core.setup(0, [1, 2, 3, 4, 5, 6, 7, 8]));
-    assert_eq!(core.read(DIEP + CTL) & epctl::STALL, 0, "a SETUP clears a protocol stall");
+    assert_eq!(
+        core.read(DIEP + CTL) & epctl::STALL,
+        0,
+        "a SETUP clears a protocol stall"
+    );
     let status = core.read(GRXSTSP);
-    assert_eq!((kind(status), status >> grxsts::BCNT_AT & 0x7FF), (grxsts::SETUP_DATA, 8));
+    assert_eq!(
+        (kind(status), status >> grxsts::BCNT_AT & 0x7FF),
+        (grxsts::SETUP_DATA, 8)
+    );
     assert_eq!([core.read(FIFO), core.read(FIFO)], [0x0403_0201, 0x0807_0605]);
     assert_eq!(core.read(GINTSTS) & gint::RXFLVL, 0, "the phase is not over yet");
 
@@ -158,7 +168,11 @@ fn an_out_endpoint_naks_until_it_is_armed_again() {
 fn an_out_packet_without_room_in_the_receive_fifo_is_refused() {
     let mut core = with_bulk();
     core.write(GRXFSIZ, 17);
-    assert_eq!(core.output(0, 1, false, &[0; 64]), Handshake::Nak, "16 words and two of status");
+    assert_eq!(
+        core.output(0, 1, false, &[0; 64]),
+        Handshake::Nak,
+        "16 words and two of status"
+    );
     core.write(GRXFSIZ, 18);
     assert_eq!(core.output(0, 1, false, &[0; 64]), Handshake::Ack);
 }
@@ -290,7 +304,10 @@ fn a_global_nak_holds_every_endpoint() {
     let mut core = with_bulk();
     send(&mut core, b"x");
     core.write(DCTL, device::SGINAK | device::SGONAK);
-    assert_eq!(core.read(GINTSTS) & (gint::GINAKEFF | gint::GONAKEFF), gint::GINAKEFF | gint::GONAKEFF);
+    assert_eq!(
+        core.read(GINTSTS) & (gint::GINAKEFF | gint::GONAKEFF),
+        gint::GINAKEFF | gint::GONAKEFF
+    );
     assert_eq!(core.input(0, 1), Reply::Nak);
     assert_eq!(core.output(0, 1, false, &[1]), Handshake::Nak);
     core.write(DCTL, device::CGINAK | device::CGONAK);

@@ -1,0 +1,208 @@
+//! The board with programs of a few instructions. The real image is tested elsewhere.
+
+use std::path::Path;
+
+use armwire::Micros;
+use rigless::image::Image;
+
+use super::*;
+use crate::report::{Cause, Restart};
+
+/// Nobody on the UART.
+#[derive(Debug, Default)]
+struct Nobody;
+
+impl armwire_sim::serial::SerialDevice for Nobody {
+    fn receive(&mut self, _: Micros, _: u8) {}
+
+    fn transmit(&mut self, _: Micros) -> Option<u8> {
+        None
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        None
+    }
+}
+
+/// ldr r`register`, the literal `words` after the program counter, which is two instructions ahead, rounded down to a word
+const fn ldr(register: u16, words: u16) -> u16 {
+    0x4800 | register << 8 | words
+}
+/// str r`from`, [r`to`]
+const fn str(from: u16, to: u16) -> u16 {
+    0x6000 | to << 3 | from
+}
+/// ldr r`to`, [r`from`]
+const fn load(to: u16, from: u16) -> u16 {
+    0x6800 | from << 3 | to
+}
+/// b .
+const HANG: u16 = 0xE7FE;
+const NOP: u16 = 0xBF00;
+
+/// A board whose flash holds a vector table, `code` and `literals`.
+///
+/// The code starts at 0x0800_0008; the literals follow it, aligned to words.
+fn board(code: &[u16], literals: &[u32]) -> VirtualBoard<Nobody> {
+    board_with(code, literals, |config| config)
+}
+
+fn board_with(
+    code: &[u16],
+    literals: &[u32],
+    change: impl FnOnce(Config<Nobody>) -> Config<Nobody>,
+) -> VirtualBoard<Nobody> {
+    assert!(code.len().is_multiple_of(2), "literals are aligned");
+    let mut flash = Vec::new();
+    flash.extend(0x2000_1000u32.to_le_bytes());
+    flash.extend(0x0800_0009u32.to_le_bytes());
+    flash.extend(code.iter().flat_map(|half| half.to_le_bytes()));
+    flash.extend(literals.iter().flat_map(|word| word.to_le_bytes()));
+    let image = Image::new(Path::new("test"), flash, Some(0x0800_0000)).unwrap();
+    VirtualBoard::start_image(image, change(Config::new("test", Nobody))).unwrap()
+}
+
+#[test]
+fn nothing_runs_before_it_is_told_to() {
+    let board = board(&[HANG, NOP], &[]);
+    assert_eq!(board.now(), Nanos(0));
+}
+
+#[test]
+fn time_passes_as_far_as_asked() {
+    let mut board = board(&[HANG, NOP], &[]);
+    board.run_for(Micros(1_234)).unwrap();
+    assert!(board.now().since(Nanos(1_234_000)) < Nanos(10), "{}", board.now());
+    board.check().unwrap();
+}
+
+#[test]
+fn waiting_for_what_does_not_happen_ends_in_time() {
+    let mut board = board(&[HANG, NOP], &[]);
+    let error = board.run_until(Micros(2_500), |_| false).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            Error::TimedOut {
+                limit: Nanos(2_500_000)
+            }
+        ),
+        "{error}"
+    );
+    assert_eq!(board.now().micros(), Micros(2_500));
+}
+
+#[test]
+fn a_watchdog_that_is_not_fed_restarts_the_part() {
+    // ldr r0, =IWDG_KR; ldr r1, =start; str r1, [r0]; b .
+    let mut board = board(&[ldr(0, 1), ldr(1, 2), str(1, 0), HANG], &[0x4000_3000, 0xCCCC]);
+    board.run_for(Nanos::from_millis(600)).unwrap();
+    let [Restart { at, cause }] = board.report().unwrap().restarts[..] else {
+        panic!("one restart: {:?}", board.report());
+    };
+    assert_eq!(cause, Cause::Watchdog);
+    // RM0090 table 107: 512 ms at the shortest prescaler and the longest reload, from the 32 kHz LSI.
+    assert!((512_000..513_000).contains(&at.micros().0), "{at}");
+}
+
+#[test]
+fn an_access_to_nothing_fails_the_check() {
+    // UART7 is the F427's.
+    let mut board = board(&[ldr(0, 1), load(1, 0), HANG, NOP], &[0x4000_7800]);
+    board.run_for(Micros(10)).unwrap();
+    let Err(Error::Violations(Violations(found))) = board.check() else {
+        panic!("unmapped");
+    };
+    assert!(
+        matches!(
+            found[..],
+            [Violation::Unmapped {
+                address: 0x4000_7800,
+                program_counter: 0x0800_000A
+            }]
+        ),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn a_peripheral_without_its_clock_refuses_and_one_without_a_model_is_named() {
+    // USART2's clock is off; CAN1 has no model.
+    let mut board = board(
+        &[ldr(0, 2), load(1, 0), ldr(0, 2), load(1, 0), HANG, NOP],
+        &[0x4000_4400, 0x4000_6400],
+    );
+    board.run_for(Micros(10)).unwrap();
+    let found = board.report().unwrap().violations;
+    let named = |violation: &Violation| match violation {
+        Violation::Refused { address, .. } => *address == 0x4000_4400,
+        Violation::Unimplemented { instance, .. } => *instance == "CAN1",
+        _ => false,
+    };
+    assert!(found.len() == 2 && found.iter().all(named), "{found:?}");
+}
+
+#[test]
+fn the_unique_id_and_the_flash_size_are_where_the_manual_says() {
+    let id = |address, unique_id: [u8; 12]| {
+        // The word becomes an address that is read, which the report names.
+        let code = [ldr(0, 2), load(1, 0), load(1, 1), HANG, NOP, NOP];
+        let mut board = board_with(&code, &[address], |config| Config { unique_id, ..config });
+        board.run_for(Micros(10)).unwrap();
+        match board.report().unwrap().violations[..] {
+            [Violation::Unmapped { address, .. }] => address,
+            ref other => panic!("{other:?}"),
+        }
+    };
+    let unique_id = [0, 0, 0, 0x60, 4, 0, 0, 0x60, 8, 0, 0, 0x60];
+    assert_eq!(id(0x1FFF_7A10, unique_id), 0x6000_0000);
+    assert_eq!(id(0x1FFF_7A14, unique_id), 0x6000_0004);
+    assert_eq!(id(0x1FFF_7A18, unique_id), 0x6000_0008);
+    // The half word at 0x1FFF_7A22 is the upper half of this one: 1024 KiB.
+    assert_eq!(id(0x1FFF_7A20, unique_id), 0x0400_0000);
+}
+
+#[test]
+fn two_runs_leave_the_same_trace_and_another_program_leaves_another() {
+    let run = |address| {
+        let mut board = board(&[ldr(0, 1), load(1, 0), HANG, NOP], &[address]);
+        board.run_for(Micros(100)).unwrap();
+        board.trace_hash()
+    };
+    assert_eq!(run(0x4002_3800), run(0x4002_3800));
+    assert_ne!(run(0x4002_3800), run(0x4002_3804));
+}
+
+#[test]
+fn instructions_take_as_long_as_they_are_made_to_cost() {
+    let asleep_after = |percent| {
+        // Forty-two cycles at 168 MHz are 250 ns; then an access whose instant is in the trace.
+        let mut code = vec![NOP; 40];
+        code.extend([ldr(0, 1), load(1, 0), HANG, NOP]);
+        let mut board = board_with(&code, &[0x4000_7800], |config| Config {
+            instruction_cost: NonZeroU32::new(percent).unwrap(),
+            ..config
+        });
+        board.run_for(Nanos(300)).unwrap();
+        board.report().unwrap().violations.len()
+    };
+    assert_eq!(asleep_after(100), 1);
+    assert_eq!(asleep_after(200), 0);
+}
+
+#[test]
+fn no_usb_device_is_an_error_and_not_a_hang() {
+    let mut board = board(&[HANG, NOP], &[]);
+    board.usb().attach();
+    assert!(matches!(board.usb().enumerate(), Err(Error::NoDevice { .. })));
+    assert!(matches!(board.usb().write(b"x"), Err(Error::NotOpen)));
+    assert!(board.usb().read().is_empty());
+}
+
+#[test]
+fn an_image_that_is_not_there_or_not_for_this_core_is_refused() {
+    let missing = VirtualBoard::start(Config::new("/nowhere/at/all", Nobody)).unwrap_err();
+    assert!(missing.to_string().contains("/nowhere/at/all"), "{missing}");
+    let native = std::env::current_exe().unwrap();
+    assert!(VirtualBoard::start(Config::new(native, Nobody)).is_err());
+}

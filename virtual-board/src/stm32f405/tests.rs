@@ -1,0 +1,303 @@
+//! The part without a core: its registers written by hand, its bytes in a memory of the test's own.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use armwire::Micros;
+use armwire_sim::serial::SerialDevice;
+use rigless::emulator::{Error as EmulatorError, Memory};
+use rigless::soc::Width;
+
+use super::*;
+use crate::line::{Fault, Line, Outcome};
+use crate::time::Nanos;
+
+const RCC_AHB1ENR: u64 = 0x4002_3830;
+const RCC_APB1ENR: u64 = 0x4002_3840;
+const USART_SR: u64 = 0x4000_4400;
+const USART_DR: u64 = 0x4000_4404;
+const USART_BRR: u64 = 0x4000_4408;
+const USART_CR1: u64 = 0x4000_440C;
+const USART_CR3: u64 = 0x4000_4414;
+/// DMA1's stream 5, which serves USART2's receiver on channel 4.
+const STREAM_CR: u64 = 0x4002_6088;
+const STREAM_NDTR: u64 = 0x4002_608C;
+const STREAM_PAR: u64 = 0x4002_6090;
+const STREAM_M0AR: u64 = 0x4002_6094;
+
+const ORE: u64 = 1 << 3;
+const FE: u64 = 1 << 1;
+const NF: u64 = 1 << 2;
+const RXNE: u64 = 1 << 5;
+
+/// Channel 4, from the peripheral to memory, circular, memory pointer counting up.
+const RECEIVE: u64 = 4 << 25 | 1 << 10 | 1 << 8;
+const EN: u64 = 1;
+
+/// Where the DMA puts bytes, and how many before it starts again.
+const RING: u64 = 0x2000_0000;
+const RING_SIZE: u64 = 16;
+
+/// An arm that says what it is given when it is due.
+#[derive(Debug, Default)]
+struct Arm {
+    says: VecDeque<(Micros, u8)>,
+    heard: Vec<(Micros, u8)>,
+}
+
+impl SerialDevice for Arm {
+    fn receive(&mut self, now: Micros, byte: u8) {
+        self.heard.push((now, byte));
+    }
+
+    fn transmit(&mut self, now: Micros) -> Option<u8> {
+        self.says.pop_front_if(|&mut (due, _)| due <= now).map(|(_, byte)| byte)
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        self.says.front().map(|&(due, _)| due)
+    }
+}
+
+/// The part, its line, and its RAM.
+struct Bench {
+    part: Stm32f405<Arm>,
+    line: Shared<Arm>,
+    ram: Ram,
+    now: Nanos,
+}
+
+#[derive(Default)]
+struct Ram(BTreeMap<u64, u8>);
+
+impl Memory for Ram {
+    fn read(&mut self, address: u64, _: Width) -> Result<u64, EmulatorError> {
+        Ok(self.0.get(&address).copied().unwrap_or(0).into())
+    }
+
+    fn write(&mut self, address: u64, _: Width, value: u64) -> Result<(), EmulatorError> {
+        self.0.insert(address, value as u8);
+        Ok(())
+    }
+}
+
+impl Bench {
+    /// USART2 runs at 1 Mbaud from the 16 MHz that the part starts with, and its DMA fills a ring.
+    fn new(reenabled: Reenabled) -> Self {
+        let starve = Arc::new(AtomicBool::new(false));
+        let line = Arc::new(Mutex::new(Line::new(Arm::default(), 1_000_000, 0, starve.clone())));
+        let part = Stm32f405::new(8_000_000, line.clone(), starve, reenabled, Arc::default()).unwrap();
+        let mut bench = Self {
+            part,
+            line,
+            ram: Ram::default(),
+            now: Nanos(0),
+        };
+        for (address, value) in [
+            (RCC_AHB1ENR, 1 << 21),
+            (RCC_APB1ENR, 1 << 17),
+            (STREAM_PAR, USART_DR),
+            (STREAM_M0AR, RING),
+            (STREAM_NDTR, RING_SIZE),
+            (STREAM_CR, RECEIVE | EN),
+            (USART_BRR, 16),
+            (USART_CR3, 1 << 6),
+            (USART_CR1, 1 << 13 | 1 << 3 | 1 << 2),
+        ] {
+            bench.write(address, value);
+        }
+        bench
+    }
+
+    fn settle(&mut self) {
+        self.part.settle(&mut self.ram).unwrap();
+    }
+
+    fn write(&mut self, address: u64, value: u64) {
+        self.part.write(self.now.into(), address, Width::W32, value).unwrap();
+        self.settle();
+    }
+
+    fn read(&mut self, address: u64) -> u64 {
+        let value = self.part.read(self.now.into(), address, Width::W32).unwrap();
+        self.settle();
+        value
+    }
+
+    /// What a session does: each event at its instant, then a look outside.
+    fn run_until(&mut self, until: Nanos) {
+        loop {
+            let next = self.part.next_event().map_or(until, Nanos::from).min(until);
+            self.now = next;
+            self.part.advance_to(next.into());
+            self.part.poll(next.into());
+            self.settle();
+            if next == until && self.part.next_event().is_none_or(|event| Nanos::from(event) > until) {
+                return;
+            }
+        }
+    }
+
+    fn say(&mut self, bytes: &[u8]) {
+        let due = self.now.micros();
+        port::lock(&self.line)
+            .arm_mut()
+            .says
+            .extend(bytes.iter().map(|&byte| (due, byte)));
+        self.part.poll(self.now.into());
+        self.settle();
+    }
+
+    fn ring(&self, count: u64) -> Vec<u8> {
+        (0..count)
+            .map(|at| self.ram.0.get(&(RING + at)).copied().unwrap_or(0xEE))
+            .collect()
+    }
+}
+
+#[test]
+fn bytes_from_the_arm_land_in_memory_ten_bit_times_apart() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.say(&[1, 2, 3]);
+    bench.run_until(Nanos(20_000));
+    assert_eq!(bench.ring(3), [1, 2, 0xEE]);
+    bench.run_until(Nanos(30_000));
+    assert_eq!(bench.ring(3), [1, 2, 3]);
+    let ends: Vec<u64> = port::lock(&bench.line).bytes().iter().map(|byte| byte.at.0).collect();
+    assert_eq!(ends, [10_000, 20_000, 30_000]);
+}
+
+#[test]
+fn bytes_to_the_arm_take_ten_bit_times_at_the_rate_that_the_firmware_set() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.run_until(Nanos(50_000));
+    bench.write(USART_DR, 0x55);
+    bench.run_until(Nanos(100_000));
+    let heard = port::lock(&bench.line).arm_mut().heard.clone();
+    assert_eq!(heard, [(Micros(60), 0x55)]);
+    assert_eq!(port::lock(&bench.line).board_baud(), Some(1_000_000));
+}
+
+#[test]
+fn a_framing_error_and_noise_are_flagged_with_the_byte() {
+    for (fault, flag, value) in [
+        (Fault::Framing, FE, !0x42),
+        (Fault::Noise, NF, 0x42),
+        (Fault::Break, FE, 0),
+    ] {
+        let mut bench = Bench::new(Reenabled::Restarts);
+        bench.write(USART_CR3, 0);
+        port::lock(&bench.line).plan_fault(0, fault);
+        bench.say(&[0x42]);
+        bench.run_until(Nanos(10_000));
+        assert_eq!(bench.read(USART_SR) & (FE | NF | ORE | RXNE), flag | RXNE, "{fault:?}");
+        assert_eq!(bench.read(USART_DR) as u8, value, "{fault:?}");
+    }
+}
+
+#[test]
+fn a_late_dma_loses_the_byte_after_the_one_that_waits() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    port::lock(&bench.line).plan_fault(2, Fault::Overrun);
+    bench.say(&[1, 2, 3, 4]);
+    bench.run_until(Nanos(20_000));
+    assert_eq!(bench.ring(2), [1, 0xEE], "the second waits in the UART");
+    bench.run_until(Nanos(30_000));
+    assert_eq!(bench.ring(2), [1, 2]);
+    assert_eq!(bench.read(USART_SR) & ORE, ORE);
+    bench.run_until(Nanos(40_000));
+    assert_eq!(bench.ring(4), [1, 2, 4, 0xEE]);
+    let lost = port::lock(&bench.line).bytes()[2];
+    assert_eq!((lost.sent, lost.outcome), (3, Outcome::Faulty(Fault::Overrun)));
+}
+
+#[test]
+fn a_stream_that_is_enabled_again_restarts_or_resumes() {
+    for (reenabled, ring) in [
+        (Reenabled::Restarts, [3, 4, 0xEE, 0xEE]),
+        (Reenabled::Resumes, [1, 2, 3, 4]),
+    ] {
+        let mut bench = Bench::new(reenabled);
+        bench.say(&[1, 2]);
+        bench.run_until(Nanos(30_000));
+        bench.write(STREAM_CR, RECEIVE);
+        assert_eq!(bench.read(STREAM_CR) & EN, 0);
+        assert_eq!(bench.read(STREAM_NDTR), RING_SIZE - 2, "{reenabled:?}");
+        bench.write(STREAM_CR, RECEIVE | EN);
+        bench.say(&[3, 4]);
+        bench.run_until(Nanos(60_000));
+        assert_eq!(bench.ring(4), ring, "{reenabled:?}");
+    }
+}
+
+#[test]
+fn a_stream_that_is_stopped_moves_nothing() {
+    for reenabled in [Reenabled::Restarts, Reenabled::Resumes] {
+        let mut bench = Bench::new(reenabled);
+        bench.write(STREAM_CR, RECEIVE);
+        bench.say(&[1]);
+        bench.run_until(Nanos(30_000));
+        assert_eq!(bench.ring(1), [0xEE], "{reenabled:?}");
+        bench.write(STREAM_CR, RECEIVE | EN);
+        assert_eq!(bench.ring(1), [1], "{reenabled:?}: the byte waited in the UART");
+    }
+}
+
+#[test]
+fn a_stream_that_is_set_up_anew_starts_over_even_if_it_could_resume() {
+    let mut bench = Bench::new(Reenabled::Resumes);
+    bench.say(&[1, 2]);
+    bench.run_until(Nanos(30_000));
+    bench.write(STREAM_CR, RECEIVE);
+    bench.write(STREAM_NDTR, RING_SIZE);
+    bench.write(STREAM_M0AR, RING);
+    bench.write(STREAM_CR, RECEIVE | EN);
+    bench.say(&[3]);
+    bench.run_until(Nanos(60_000));
+    assert_eq!(bench.ring(2), [3, 2]);
+    assert_eq!(bench.read(STREAM_NDTR), RING_SIZE - 1);
+}
+
+#[test]
+fn the_dma_does_not_reach_core_coupled_memory() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(STREAM_CR, RECEIVE);
+    bench.write(STREAM_M0AR, map::CCM.base);
+    bench.write(STREAM_CR, RECEIVE | EN);
+    bench.say(&[1]);
+    bench.run_until(Nanos(30_000));
+    assert_eq!(bench.ram.0.get(&map::CCM.base), None);
+    assert_eq!(bench.read(STREAM_CR) & EN, 0, "a transfer error stops it");
+}
+
+#[test]
+fn an_arm_outlives_a_reset_of_the_part() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.say(&[1]);
+    port::lock(&bench.line).arm_mut().says.push_back((Micros(500), 2));
+    bench.run_until(Nanos(50_000));
+    bench.part.reset(bench.now.into(), ResetCause::Core);
+    assert_eq!(
+        bench.part.read(bench.now.into(), USART_CR1, Width::W32).ok(),
+        None,
+        "its clock is off"
+    );
+    bench.run_until(Nanos(600_000));
+    let line = port::lock(&bench.line);
+    let last = line.bytes().last().unwrap();
+    assert_eq!(
+        (last.sent, last.outcome),
+        (2, Outcome::Lost),
+        "it spoke when it was due, to nobody"
+    );
+}
+
+#[test]
+fn an_access_to_what_the_f405_lacks_is_an_access_to_nothing() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    let uart7 = 0x4000_7800;
+    assert!(bench.part.read(VirtualNanos(0), uart7, Width::W32).is_err());
+    let otg_host_channel = 0x5000_0500;
+    bench.write(0x4002_3834, 1 << 7);
+    assert!(bench.part.read(VirtualNanos(0), otg_host_channel, Width::W32).is_err());
+    assert_eq!(bench.read(0x5000_003C), 0x1200, "the USB core's identification");
+}
