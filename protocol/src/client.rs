@@ -6,6 +6,7 @@ use crate::{Decoder, Micros, Noise, Protocol};
 
 /// What happened outside.
 #[derive(Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Input<'a> {
     /// Bytes arrived. They are taken from the front; what is left was not looked at yet.
     Bytes(&'a [u8]),
@@ -21,7 +22,7 @@ pub enum Input<'a> {
 /// use armwire::{Config, Micros};
 ///
 /// // Bluetooth serial: slow, and late at times.
-/// let config = Config { baud: 115_200, latency: Micros::from_millis(200), ..Config::default() };
+/// let config = Config { baud: 115_200, latency: Micros::from_millis(150), ..Config::default() };
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -33,7 +34,8 @@ pub struct Config {
     /// How often a request that may be repeated is sent again after silence.
     pub repeats: u8,
     /// How long after a request was given up its answer may still arrive. So long the next request that wants an answer
-    /// is held back, for an arm's answers do not say what they answer.
+    /// is held back, for an arm's answers do not say what they answer. It is the price of a damaged answer too: whether
+    /// it was lost or is late cannot be told.
     pub lateness: Micros,
 }
 
@@ -44,12 +46,12 @@ impl Default for Config {
 }
 
 impl Config {
-    /// 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 200 ms late.
+    /// 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late.
     pub const DEFAULT: Self = Self {
         baud: 1_000_000,
         latency: Micros::from_millis(10),
         repeats: 2,
-        lateness: Micros::from_millis(200),
+        lateness: Micros::from_millis(100),
     };
 
     /// The time that `len` bytes take on the line, ten bits a byte.
@@ -92,6 +94,27 @@ impl<P: Protocol> fmt::Debug for Event<P> {
             Self::Echo(request) => f.debug_tuple("Echo").field(request).finish(),
             Self::Unknown(error) => f.debug_tuple("Unknown").field(error).finish(),
             Self::Noise(noise) => f.debug_tuple("Noise").field(noise).finish(),
+        }
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl<P: Protocol> defmt::Format for Event<P>
+where
+    P::Request: defmt::Format,
+    P::Response: defmt::Format,
+    P::Error: defmt::Format,
+{
+    fn format(&self, f: defmt::Formatter<'_>) {
+        match self {
+            Self::Answer(response) => defmt::write!(f, "Answer({})", response),
+            Self::Sent => defmt::write!(f, "Sent"),
+            Self::TimedOut { sends } => defmt::write!(f, "TimedOut {{ sends: {} }}", sends),
+            Self::Late(response) => defmt::write!(f, "Late({})", response),
+            Self::Unsolicited(response) => defmt::write!(f, "Unsolicited({})", response),
+            Self::Echo(request) => defmt::write!(f, "Echo({})", request),
+            Self::Unknown(error) => defmt::write!(f, "Unknown({})", error),
+            Self::Noise(noise) => defmt::write!(f, "Noise({})", noise),
         }
     }
 }
@@ -139,6 +162,8 @@ struct Flight<P: Protocol> {
     state: State,
     /// How often all of it was sent.
     sends: u8,
+    /// How often it may be sent again.
+    repeats: u8,
 }
 
 impl<P: Protocol> Flight<P> {
@@ -154,8 +179,8 @@ enum State {
     Ready,
     /// Its bytes are being taken from the transmit buffer.
     Writing,
-    /// All sent; an answer is expected by then.
-    Waiting(Micros),
+    /// All sent; an answer is expected by `due`, or a little later if it has begun.
+    Waiting { due: Micros, extended: bool },
     /// All sent; no answer is expected.
     Sent,
 }
@@ -165,6 +190,8 @@ struct Owed<P: Protocol> {
     request: P::Request,
     answers: u8,
     until: Micros,
+    /// The last of these requests is still being sent.
+    sending: bool,
 }
 
 /// A host-side state machine with buffers of `N` bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
@@ -175,7 +202,9 @@ struct Owed<P: Protocol> {
 ///
 /// A late answer never satisfies the next request: when answers to an earlier one may still come (it timed out, was
 /// repeated, or was cancelled), the next request that wants an answer is held back until they came or
-/// [`Config::lateness`] is over. Requests without an answer, such as torque off, are never held back.
+/// [`Config::lateness`] is over. Requests without an answer, such as torque off, are never held back. For this to hold,
+/// hand in what has arrived before you ask for bytes to transmit: bytes that waited in a port's buffer are as old as they
+/// are, whenever they are read.
 ///
 /// ```
 /// use armwire::ling::{self, JointState, Ling, MotionStatus, Request, Response};
@@ -237,6 +266,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             request,
             state: State::Ready,
             sends: 0,
+            repeats: self.config.repeats,
         });
         Ok(())
     }
@@ -263,7 +293,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             self.tx_end = 0;
             flight.state = State::Ready;
         }
-        self.owe(now, &flight.request, flight.answers());
+        self.owe(now, &flight, flight.answers());
     }
 
     /// Whether no request is in flight.
@@ -283,6 +313,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// Bytes to transmit now, if there are any. Say with [`transmitted`](Self::transmitted) how many the line took.
     pub fn poll_transmit(&mut self, now: Micros) -> Option<&[u8]> {
         if self.tx_start == self.tx_end {
+            let _ = self.owed.take_if(|owed| owed.until <= now);
             let held = self.held_until(now).is_some();
             let flight = self.flight.as_mut()?;
             if held || !matches!(flight.state, State::Ready) {
@@ -298,6 +329,9 @@ impl<P: Protocol, const N: usize> Client<P, N> {
 
     /// The line took the first `n` bytes of what [`poll_transmit`](Self::poll_transmit) gave.
     pub fn transmitted(&mut self, now: Micros, n: usize) {
+        if self.tx_start == self.tx_end {
+            return;
+        }
         self.tx_start = self.tx_start.saturating_add(n).min(self.tx_end);
         if self.tx_start < self.tx_end {
             return;
@@ -306,22 +340,27 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             Some(flight) if matches!(flight.state, State::Writing) => {
                 flight.sends = flight.sends.saturating_add(1);
                 flight.state = match patience::<P>(&self.config, &flight.request, self.tx_end) {
-                    Some(patience) => State::Waiting(now + patience),
+                    Some(patience) => State::Waiting {
+                        due: now + patience,
+                        extended: false,
+                    },
                     None => State::Sent,
                 };
             }
-            // The end of a cancelled request: only now can its answer come.
+            // The end of a request that is in flight no more: only now can its answer come.
             _ => {
-                if let Some(owed) = &mut self.owed {
+                if let Some(owed) = self.owed.as_mut().filter(|owed| owed.sending) {
+                    owed.sending = false;
                     owed.until = now + self.config.lateness;
                 }
             }
         }
     }
 
-    /// When to call [`handle`](Self::handle) and [`poll_transmit`](Self::poll_transmit) again if nothing happens before.
+    /// When to call [`handle`](Self::handle) and then [`poll_transmit`](Self::poll_transmit) again if nothing happens
+    /// before. A time that is past, as zero is, means at once.
     ///
-    /// `None` while there are bytes to transmit: their going out is what happens next.
+    /// `None` when there is nothing to wait for: the client is idle, or has bytes to transmit.
     ///
     /// ```
     /// # use armwire::ling::{self, Ling, Request};
@@ -339,9 +378,10 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             return None;
         }
         match self.flight.as_ref()?.state {
-            State::Waiting(due) => Some(due),
-            State::Ready => self.owed.as_ref().map(|owed| owed.until),
-            State::Writing | State::Sent => None,
+            State::Waiting { due, .. } => Some(due),
+            State::Ready => Some(self.owed.as_ref().map_or(Micros(0), |owed| owed.until)),
+            State::Sent => Some(Micros(0)),
+            State::Writing => None,
         }
     }
 
@@ -394,7 +434,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         match self.flight.take() {
             // Not only while it waits: a repeat may be on its way when the first answer comes after all.
             Some(flight) if flight.sends > 0 && P::answers(&flight.request, &response) => {
-                self.owe(now, &flight.request, flight.answers().saturating_sub(1));
+                self.owe(now, &flight, flight.answers().saturating_sub(1));
                 Event::Answer(response)
             }
             other => {
@@ -407,33 +447,45 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// What is due by `now`.
     fn expire(&mut self, now: Micros, expect: P::Expect) -> Option<Event<P>> {
         let flight = self.flight.as_mut()?;
-        let State::Waiting(due) = flight.state else {
+        let State::Waiting { due, extended } = flight.state else {
             return None;
         };
         if now < due {
             return None;
         }
+        let silence = self.heard + self.config.latency;
+        if self.decoder.pending() > 0 && now < silence && !extended {
+            // An answer may have begun. Its end gets the time that one more packet takes, once.
+            flight.state = State::Waiting {
+                due: silence,
+                extended: true,
+            };
+            return None;
+        }
         // A false header may be holding the answer back. After so long a silence it is not a frame.
-        if self.heard + self.config.latency <= now
+        if silence <= now
             && let Some(noise) = self.decoder.idle(expect)
         {
             return Some(Event::Noise(noise));
         }
-        if flight.sends <= self.config.repeats && P::repeatable(&flight.request) {
+        if flight.repeats > 0 && P::repeatable(&flight.request) {
+            flight.repeats -= 1;
             flight.state = State::Ready;
             return None;
         }
-        let Flight { request, sends, .. } = self.flight.take()?;
-        self.owe(now, &request, sends);
-        Some(Event::TimedOut { sends })
+        let flight = self.flight.take()?;
+        self.owe(now, &flight, flight.sends);
+        Some(Event::TimedOut { sends: flight.sends })
     }
 
-    fn owe(&mut self, now: Micros, request: &P::Request, answers: u8) {
-        if answers > 0 && P::reply(request).is_some() {
+    /// Notes that this many answers to a request that is in flight no more may still come.
+    fn owe(&mut self, now: Micros, flight: &Flight<P>, answers: u8) {
+        if answers > 0 && P::reply(&flight.request).is_some() {
             self.owed = Some(Owed {
-                request: *request,
+                request: flight.request,
                 answers,
                 until: now + self.config.lateness,
+                sending: matches!(flight.state, State::Writing),
             });
         }
     }
@@ -717,5 +769,75 @@ mod tests {
         let mut input = Input::Idle;
         let events: Vec<_> = core::iter::from_fn(|| client.handle(Micros(310), &mut input)).collect();
         assert_eq!(events.last(), Some(&Event::Answer(JOINTS)));
+    }
+
+    #[test]
+    fn whoever_follows_poll_timeout_completes_every_request() {
+        for request in [Request::SetTorque(Torque::Off), Request::ReadJoints] {
+            let mut client = Lings::new(Config::DEFAULT);
+            assert_eq!(client.poll_timeout(), None, "idle");
+            client.submit(request).unwrap();
+            let mut now = Micros(7);
+            let done = loop {
+                now = now.max(client.poll_timeout().expect("something to wait for"));
+                if let Some(event) = client.handle(now, &mut Input::Tick) {
+                    break event;
+                }
+                transmit(&mut client, now);
+            };
+            assert!(matches!(done, Event::Sent | Event::TimedOut { sends: 3 }), "{done:?}");
+        }
+    }
+
+    #[test]
+    fn transmitting_nothing_changes_nothing() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        let (now, _) = time_out(&mut client, Micros(0));
+        client.submit(Request::ReadJoints).unwrap();
+        let due = client.poll_timeout();
+        client.transmitted(now + Micros(50), 0);
+        assert_eq!(client.poll_timeout(), due);
+    }
+
+    #[test]
+    fn an_answer_that_has_begun_gets_the_time_to_end() {
+        let answer = bytes(JOINTS);
+        for received in 1..answer.len() {
+            let mut client = Lings::new(Config::DEFAULT);
+            client.submit(Request::ReadJoints).unwrap();
+            transmit(&mut client, Micros(0));
+            let due = client.poll_timeout().unwrap();
+            let (first, second) = answer.split_at(received);
+            assert_eq!(hear(&mut client, Micros(due.0 - 1), first), []);
+            assert_eq!(hear(&mut client, due, second), [Event::Answer(JOINTS)]);
+        }
+    }
+
+    #[test]
+    fn bytes_without_end_do_not_put_off_the_time_out_for_ever() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let due = client.poll_timeout().unwrap();
+        let mut now = Micros(0);
+        while !hear(&mut client, now, &[0xAA, 0, 0, 60]).contains(&Event::TimedOut { sends: 1 }) {
+            now = now + Micros(1_000);
+            assert!(now < due + Config::DEFAULT.latency + Micros(1_000));
+        }
+    }
+
+    #[test]
+    fn as_many_repeats_as_can_be_asked_for_end() {
+        let mut client = Lings::new(Config {
+            repeats: u8::MAX,
+            ..Config::DEFAULT
+        });
+        assert_eq!(time_out(&mut client, Micros(0)).1, u8::MAX);
     }
 }

@@ -125,6 +125,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         match self.scan(expect) {
             None => 1,
             Some(Scan::Need(n)) => n.max(1),
+            // Where a run of stray bytes ends is not known yet.
+            Some(Scan::Skip(n, Reason::Stray)) if n >= self.pending() => 1,
             Some(_) => 0,
         }
     }
@@ -147,7 +149,9 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     pub fn idle(&mut self, expect: F::Expect) -> Option<Noise> {
         match self.scan(expect) {
             None => self.take_stray(),
-            Some(Scan::Need(missing)) => Some(self.skip(1, Reason::Truncated { missing })),
+            Some(Scan::Need(missing)) => self
+                .take_stray()
+                .or_else(|| Some(self.skip(1, Reason::Truncated { missing }))),
             Some(Scan::Frame(_) | Scan::Skip(..)) => None,
         }
     }
@@ -273,6 +277,19 @@ mod tests {
         }
         assert_eq!(dropped, 200);
         assert_eq!((decoder.offset, decoder.pending()), (50 * 11, 0));
+    }
+
+    #[test]
+    fn stray_bytes_before_a_frame_that_never_ends_are_reported_in_order() {
+        let mut decoder = Lings::new();
+        decoder.push(&[0x11]);
+        assert_eq!(decoder.need(()), 1);
+        assert!(decoder.next(()).is_none());
+        decoder.push(&[0xAA]);
+        let noise: Vec<_> = core::iter::from_fn(|| decoder.idle(()))
+            .map(|noise| noise.offset)
+            .collect();
+        assert_eq!(noise, [0, 1]);
     }
 
     #[test]

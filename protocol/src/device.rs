@@ -24,6 +24,21 @@ impl<P: Protocol> fmt::Debug for Heard<P> {
     }
 }
 
+#[cfg(feature = "defmt")]
+impl<P: Protocol> defmt::Format for Heard<P>
+where
+    P::Request: defmt::Format,
+    P::Error: defmt::Format,
+{
+    fn format(&self, f: defmt::Formatter<'_>) {
+        match self {
+            Self::Request(request) => defmt::write!(f, "Request({})", request),
+            Self::Unknown(error) => defmt::write!(f, "Unknown({})", error),
+            Self::Noise(noise) => defmt::write!(f, "Noise({})", noise),
+        }
+    }
+}
+
 impl<P: Protocol> Clone for Heard<P> {
     fn clone(&self) -> Self {
         *self

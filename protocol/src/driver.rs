@@ -52,22 +52,30 @@ pub enum CallError<E> {
     },
 }
 
-impl<E: fmt::Debug> fmt::Display for CallError<E> {
+impl<E: fmt::Display> fmt::Display for CallError<E> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Io(error) => write!(f, "the port failed: {error:?}"),
+            Self::Io(error) => write!(f, "the port failed: {error}"),
             Self::Closed => f.write_str("the port is closed"),
+            Self::TimedOut { sends: 1 } => f.write_str("the arm did not answer"),
             Self::TimedOut { sends } => write!(f, "the arm did not answer, asked {sends} times"),
         }
     }
 }
 
-impl<E: fmt::Debug> core::error::Error for CallError<E> {}
+impl<E: core::error::Error + 'static> core::error::Error for CallError<E> {
+    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
+        match self {
+            Self::Io(error) => Some(error),
+            Self::Closed | Self::TimedOut { .. } => None,
+        }
+    }
+}
 
 /// Counts of what was heard besides answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Heard {
+pub struct Counters {
     /// Bytes that were not part of a frame.
     pub noise_bytes: u32,
     /// Good frames that are no message of the protocol.
@@ -84,14 +92,18 @@ pub struct Heard {
 ///
 /// `N` is the size of its buffers in bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
 ///
-/// **Dropping a call** before it is done is allowed if the port's own reads and writes may be dropped. A request that
-/// was not begun is then never sent. One that was half written is finished by the next call, before its own, so the arm
+/// **The port** must keep what arrives between reads, and a read that is dropped must lose nothing: every time-out drops
+/// one. A UART with a receive buffer does so. A port that takes no bytes stalls a call for as long: put a time-out
+/// around the call where that may be.
+///
+/// **Dropping a call** before it is done is allowed if the port's writes may be dropped too. A request that was not begun
+/// is then never sent. One that was half written is finished by the next call, before its own, so the arm
 /// is never left with half a frame. Its answer, should it come, satisfies nothing (see [`Client`]).
 pub struct Driver<P: Protocol, Port, C, const N: usize> {
     port: Port,
     clock: C,
     client: Client<P, N>,
-    heard: Heard,
+    counters: Counters,
 }
 
 impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, C, N> {
@@ -101,7 +113,7 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
             port,
             clock,
             client: Client::new(config),
-            heard: Heard {
+            counters: Counters {
                 noise_bytes: 0,
                 unknown: 0,
                 late: 0,
@@ -122,17 +134,16 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
         // So this cannot be refused.
         let _ = self.client.submit(request);
         loop {
-            self.write().await?;
             let mut buf = [0; N];
-            let mut input = match self.client.poll_timeout() {
+            // With nothing to wait for this takes what has arrived, so that no old answer is taken for a new one.
+            let due = self.client.poll_timeout().unwrap_or_default();
+            let mut input = match first(self.port.read(&mut buf), self.clock.wait_until(due)).await {
                 None => Input::Tick,
-                Some(due) => match first(self.port.read(&mut buf), self.clock.wait_until(due)).await {
-                    None => Input::Tick,
-                    Some(Err(error)) => return Err(CallError::Io(error)),
-                    Some(Ok(0)) => return Err(CallError::Closed),
-                    Some(Ok(n)) => Input::Bytes(buf.get(..n).unwrap_or_default()),
-                },
+                Some(Err(error)) => return Err(CallError::Io(error)),
+                Some(Ok(0)) => return Err(CallError::Closed),
+                Some(Ok(n)) => Input::Bytes(buf.get(..n).unwrap_or_default()),
             };
+            let drained = matches!(input, Input::Tick);
             while let Some(event) = self.client.handle(self.clock.now(), &mut input) {
                 match event {
                     Event::Answer(response) => return Ok(Some(response)),
@@ -141,12 +152,16 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
                     other => self.count(&other),
                 }
             }
+            // Torque off does not wait for an arm that never stops talking.
+            if drained || P::reply(&request).is_none() {
+                self.write().await?;
+            }
         }
     }
 
     /// What was heard besides answers, since the driver was made.
-    pub const fn heard(&self) -> Heard {
-        self.heard
+    pub const fn counters(&self) -> Counters {
+        self.counters
     }
 
     /// The port and the clock.
@@ -172,11 +187,11 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
 
     fn count(&mut self, event: &Event<P>) {
         let (count, n) = match event {
-            Event::Noise(noise) => (&mut self.heard.noise_bytes, noise.len as u32),
-            Event::Unknown(_) => (&mut self.heard.unknown, 1),
-            Event::Late(_) => (&mut self.heard.late, 1),
-            Event::Unsolicited(_) => (&mut self.heard.unsolicited, 1),
-            Event::Echo(_) => (&mut self.heard.echoes, 1),
+            Event::Noise(noise) => (&mut self.counters.noise_bytes, noise.len as u32),
+            Event::Unknown(_) => (&mut self.counters.unknown, 1),
+            Event::Late(_) => (&mut self.counters.late, 1),
+            Event::Unsolicited(_) => (&mut self.counters.unsolicited, 1),
+            Event::Echo(_) => (&mut self.counters.echoes, 1),
             Event::Answer(_) | Event::Sent | Event::TimedOut { .. } => return,
         };
         *count = count.wrapping_add(n);
@@ -187,7 +202,7 @@ impl<P: Protocol, Port, C, const N: usize> fmt::Debug for Driver<P, Port, C, N> 
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Driver")
             .field("client", &self.client)
-            .field("heard", &self.heard)
+            .field("counters", &self.counters)
             .finish_non_exhaustive()
     }
 }

@@ -24,30 +24,45 @@ impl fmt::Display for BufferTooShort {
 
 impl core::error::Error for BufferTooShort {}
 
-/// A value outside what the protocol can say.
+/// A value outside what the protocol can say: a count as it is on the wire, or a quantity in SI units (`f32`).
 ///
 /// ```
 /// use armwire::ling::Position;
 ///
 /// let error = Position::new(4096).unwrap_err();
 /// assert_eq!(error.to_string(), "joint position is 4096 ticks, must be 0..=4095");
+/// let error = Position::from_radians(-4.0).unwrap_err();
+/// assert_eq!(error.to_string(), "joint angle is -4 rad, must be -3.1415927..=3.1400588");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct OutOfRange {
+pub struct OutOfRange<T = u16> {
     /// What the value is of.
     pub what: &'static str,
     /// Its unit, or an empty string.
     pub unit: &'static str,
     /// The value.
-    pub got: f32,
+    pub got: T,
     /// The least it may be.
-    pub min: f32,
+    pub min: T,
     /// The most it may be.
-    pub max: f32,
+    pub max: T,
 }
 
-impl fmt::Display for OutOfRange {
+/// A count is a quantity too, so that one `?` takes both.
+impl From<OutOfRange> for OutOfRange<f32> {
+    fn from(count: OutOfRange) -> Self {
+        Self {
+            what: count.what,
+            unit: count.unit,
+            got: count.got.into(),
+            min: count.min.into(),
+            max: count.max.into(),
+        }
+    }
+}
+
+impl<T: fmt::Display> fmt::Display for OutOfRange<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let space = if self.unit.is_empty() { "" } else { " " };
         write!(
@@ -58,4 +73,4 @@ impl fmt::Display for OutOfRange {
     }
 }
 
-impl core::error::Error for OutOfRange {}
+impl<T: fmt::Display + fmt::Debug> core::error::Error for OutOfRange<T> {}

@@ -7,10 +7,10 @@ use std::future::{Future, poll_fn};
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
-use armwire::driver::{CallError, Clock, Heard};
+use armwire::driver::{CallError, Clock, Counters};
 use armwire::ling::*;
 use armwire::{Config, Device, Input, Micros, Protocol};
-use embedded_io_async::{ErrorType, Read, Write};
+use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 /// The line and the arm. Whoever waits says until when, and `run` moves the time there.
 struct World {
@@ -237,10 +237,10 @@ fn the_answer_to_a_dropped_call_satisfies_no_other() {
     let state = run(&world, arm.read_joints()).unwrap();
     assert_eq!(state.joints, [2002; 6], "the answer to the second request");
     assert_eq!(
-        arm.heard(),
-        Heard {
+        arm.counters(),
+        Counters {
             late: 1,
-            ..Heard::default()
+            ..Counters::default()
         }
     );
 }
@@ -252,5 +252,72 @@ fn a_slow_arm_is_repeated_to_and_its_second_answer_is_not_mistaken() {
     world.borrow_mut().turnaround = Micros::from_millis(61);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2001; 6]);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2003; 6]);
-    assert_eq!(arm.heard().late, 1);
+    assert_eq!(arm.counters().late, 1);
+}
+
+/// Lets time pass in which nobody reads.
+fn rest(world: &Shared, span: Micros) {
+    let now = world.borrow().now;
+    world.borrow_mut().now = now + span;
+}
+
+#[test]
+fn an_answer_that_waited_in_the_port_is_not_taken_for_a_new_one() {
+    let world = world();
+    let mut arm = arm(&world);
+    // Too late for its request, and read by nobody until long after.
+    world.borrow_mut().turnaround = Micros::from_millis(61);
+    assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2001; 6]);
+    world.borrow_mut().turnaround = Micros(100);
+    for expected in 2003..2010 {
+        rest(&world, Micros::from_millis(500));
+        assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [expected; 6]);
+    }
+    assert_eq!(arm.counters().unsolicited + arm.counters().late, 1);
+}
+
+#[test]
+fn answers_after_a_time_out_are_not_taken_for_new_ones_however_long_nobody_reads() {
+    let world = world();
+    let mut arm = arm(&world);
+    world.borrow_mut().turnaround = Micros::from_millis(1_000);
+    assert!(run(&world, arm.read_joints()).is_err());
+    rest(&world, Micros::from_millis(5_000));
+    world.borrow_mut().turnaround = Micros(100);
+    assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2004; 6]);
+}
+
+#[test]
+fn a_port_that_closes_or_fails_is_an_error_that_says_so() {
+    struct Broken(Result<usize, ErrorKind>);
+
+    impl ErrorType for Broken {
+        type Error = ErrorKind;
+    }
+
+    impl Read for Broken {
+        async fn read(&mut self, _: &mut [u8]) -> Result<usize, ErrorKind> {
+            self.0
+        }
+    }
+
+    impl Write for Broken {
+        async fn write(&mut self, _: &[u8]) -> Result<usize, ErrorKind> {
+            self.0
+        }
+
+        async fn flush(&mut self) -> Result<(), ErrorKind> {
+            Ok(())
+        }
+    }
+
+    let world = world();
+    let call = |port| {
+        let mut arm = Arm::new(port, VirtualClock(&world), Config::DEFAULT);
+        run(&world, arm.read_joints()).unwrap_err()
+    };
+    assert_eq!(call(Broken(Ok(0))), CallError::Closed);
+    let error = call(Broken(Err(ErrorKind::BrokenPipe)));
+    assert_eq!(error, CallError::Io(ErrorKind::BrokenPipe));
+    assert!(std::error::Error::source(&error).is_some());
 }

@@ -16,19 +16,13 @@ use crate::driver::{CallError, Clock, Driver};
 /// # use armwire::driver::{CallError, Clock};
 /// # use embedded_io_async::{Read, Write};
 /// use armwire::Config;
-/// use armwire::ling::{Arm, GripperSpeed, MotionStatus, Move, Opening, Position, Speed, Torque};
+/// use armwire::ling::Arm;
 ///
-/// async fn wave<P: Read + Write>(port: P, clock: impl Clock) -> Result<(), CallError<P::Error>> {
+/// async fn is_sound<P: Read + Write>(port: P, clock: impl Clock) -> Result<bool, CallError<P::Error>> {
 ///     let mut arm = Arm::new(port, clock, Config::default());
-///     let before = arm.read_joints().await?;
-///     arm.set_torque(Torque::On).await?;
-///     arm.move_to(Move {
-///         joints: [(Position::CENTRE, Speed::MAX); 6],
-///         gripper: (Opening::OPEN, GripperSpeed(1000)),
-///     })
-///     .await?;
-///     while arm.read_joints().await?.joints != [2048; 6] {}
-///     Ok(())
+///     let celsius = arm.read_temperatures().await?;
+///     let check = arm.self_check().await?;
+///     Ok(check.all_normal(celsius.kind()) && celsius.as_slice().iter().all(|&celsius| celsius < 60))
 /// }
 /// ```
 pub type Arm<Port, C> = Driver<Ling, Port, C, MAX_FRAME>;

@@ -14,13 +14,15 @@
 //! recognised as that one sequence of bytes and nothing else has such slack. No other frame can start like it: with
 //! length 0 its fifth byte would be the checksum, C8.
 
+use core::fmt;
+
 use super::Ling;
 use crate::{BufferTooShort, Framing, Reason, Scan};
 
 /// The most data bytes a frame may have.
 ///
 /// The document's longest message has 28. The length field could say 255, but every false header would then hold back
-/// up to 255 bytes of good frames; 64 leaves room to grow and bounds that.
+/// up to 257 bytes of good frames; 64 leaves room to grow, and holds back 66 at most.
 pub const MAX_DATA: usize = 64;
 
 /// Bytes of a frame that are not data.
@@ -70,26 +72,32 @@ impl Frame<'_> {
     ///
     /// # Errors
     ///
-    /// [`BufferTooShort`] when `out`, or what the length field can say, is shorter than the frame.
+    /// [`EncodeError`] when `out` is shorter than the frame, or the data longer than [`MAX_DATA`].
     ///
     /// ```
     /// use armwire::ling::Frame;
     ///
-    /// let mut out = [0; 8];
+    /// let mut out = [0; 100];
     /// let frame = Frame { command: 0x05, function: 0x00, data: &[1] };
     /// assert_eq!(frame.encode(&mut out), Ok(7));
     /// assert_eq!(out[..7], [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF]);
-    /// assert_eq!(frame.encode(&mut out[..6]).unwrap_err().needed, 7);
+    ///
+    /// let error = frame.encode(&mut out[..6]).unwrap_err();
+    /// assert_eq!(error.to_string(), "the message takes 7 bytes, the buffer has 6");
+    /// let error = Frame { data: &[0; 65], ..frame }.encode(&mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "a frame has at most 64 data bytes, not 65");
     /// ```
-    pub fn encode(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let needed = self.data.len() + OVERHEAD;
-        let too_short = BufferTooShort {
-            needed,
-            got: out.len().min(MAX_FRAME),
-        };
-        if needed > MAX_FRAME {
-            return Err(too_short);
+    pub fn encode(&self, out: &mut [u8]) -> Result<usize, EncodeError> {
+        match self.data.len() {
+            0..=MAX_DATA => self.put(out).map_err(EncodeError::BufferTooShort),
+            got => Err(EncodeError::DataTooLong { max: MAX_DATA, got }),
         }
+    }
+
+    /// Writes a frame whose data is known not to be too long.
+    pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let needed = self.data.len() + OVERHEAD;
+        let too_short = BufferTooShort { needed, got: out.len() };
         let Some([header, body @ .., check, tail]) = out.get_mut(..needed) else {
             return Err(too_short);
         };
@@ -104,6 +112,32 @@ impl Frame<'_> {
         Ok(needed)
     }
 }
+
+/// Why a frame cannot be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum EncodeError {
+    /// The buffer is too short.
+    BufferTooShort(BufferTooShort),
+    /// The data is too long.
+    DataTooLong {
+        /// The most bytes of data a frame may have.
+        max: usize,
+        /// How many it has.
+        got: usize,
+    },
+}
+
+impl fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::BufferTooShort(error) => error.fmt(f),
+            Self::DataTooLong { max, got } => write!(f, "a frame has at most {max} data bytes, not {got}"),
+        }
+    }
+}
+
+impl core::error::Error for EncodeError {}
 
 impl Framing for Ling {
     const MAX_FRAME: usize = MAX_FRAME;

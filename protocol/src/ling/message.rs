@@ -82,7 +82,7 @@ pub enum Torque {
 ///     joints: [(Position::CENTRE, Speed::new(1000)?); 6],
 ///     gripper: (Opening::from_fraction(0.5)?, GripperSpeed(1000)),
 /// };
-/// # Ok::<(), armwire::OutOfRange>(())
+/// # Ok::<(), armwire::OutOfRange<f32>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -146,7 +146,7 @@ pub struct Info {
 /// };
 /// assert_eq!(state.positions()?[0].ticks(), 2050);
 /// assert!(state.opening().is_err());
-/// # Ok::<(), armwire::OutOfRange>(())
+/// # Ok::<(), armwire::OutOfRange<f32>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -193,7 +193,7 @@ impl JointState {
 /// assert_eq!(error.cause, Cause::Length { expected: &[15], got: 3 });
 /// assert_eq!(error.to_string(), "command 06 function 00: 3 data bytes, expected 15");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ParseError {
     /// The frame's command.
@@ -205,7 +205,7 @@ pub struct ParseError {
 }
 
 /// What is wrong with a frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Cause {
@@ -217,6 +217,15 @@ pub enum Cause {
         expected: &'static [usize],
         /// The length it has, in bytes.
         got: usize,
+    },
+    /// A byte that must have one value has another.
+    Byte {
+        /// Where it is, in bytes from the start of the data.
+        offset: usize,
+        /// What it must be.
+        expected: u8,
+        /// What it is.
+        got: u8,
     },
     /// A value is out of its range.
     Value {
@@ -239,6 +248,9 @@ impl fmt::Display for ParseError {
                 }
                 Ok(())
             }
+            Cause::Byte { offset, expected, got } => {
+                write!(f, "data byte {offset} is {got:02X}, must be {expected:02X}")
+            }
             Cause::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
         }
     }
@@ -256,15 +268,10 @@ fn sized<const N: usize>(data: &[u8], expected: &'static [usize]) -> Result<[u8;
 fn asked(data: &[u8]) -> Result<(), Cause> {
     match sized(data, &[1])? {
         [ASK] => Ok(()),
-        [got] => Err(Cause::Value {
+        [got] => Err(Cause::Byte {
             offset: 0,
-            error: OutOfRange {
-                what: "request data",
-                unit: "",
-                got: f32::from(got),
-                min: f32::from(ASK),
-                max: f32::from(ASK),
-            },
+            expected: ASK,
+            got,
         }),
     }
 }
@@ -337,9 +344,9 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
                 error: OutOfRange {
                     what: "torque switch",
                     unit: "",
-                    got: f32::from(got),
-                    min: 0.0,
-                    max: 1.0,
+                    got: got.into(),
+                    min: 0,
+                    max: 1,
                 },
             }),
         },
@@ -419,7 +426,7 @@ impl Protocol for Ling {
                 function,
                 data,
             }
-            .encode(out)
+            .put(out)
         };
         match *request {
             Request::ReadInfo => encode(command::INFO, 0, &[ASK]),
@@ -451,7 +458,7 @@ impl Protocol for Ling {
                 function,
                 data,
             }
-            .encode(out)
+            .put(out)
         };
         match response {
             Response::Info(info) => {
@@ -517,7 +524,7 @@ impl Protocol for Ling {
             | Request::ReadJoints
             | Request::ReadTemperatures
             | Request::ReadVelocities => Micros::from_millis(50),
-            // It asks every servo in turn.
+            // Each servo may be asked in turn.
             Request::SelfCheck => Micros::from_millis(500),
             Request::SetZero
             | Request::SetStroke(_)

@@ -22,7 +22,7 @@ mod value;
 
 #[cfg(feature = "async")]
 pub use driver::Arm;
-pub use frame::{Frame, MAX_DATA, MAX_FRAME, OVERHEAD, SELF_CHECK, checksum};
+pub use frame::{EncodeError, Frame, MAX_DATA, MAX_FRAME, OVERHEAD, SELF_CHECK, checksum};
 pub use message::{Cause, GripperSpeed, Info, JointState, Move, ParseError, Request, Response, Torque};
 pub use value::{
     JOINTS, Kind, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TICKS_PER_TURN,
@@ -32,4 +32,5 @@ pub use value::{
 /// The Ling protocol: a name for [`Decoder`](crate::Decoder), [`Client`](crate::Client) and
 /// [`Device`](crate::Device).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Ling {}

@@ -15,14 +15,18 @@ pub const TICKS_PER_TURN: u16 = 4096;
 const CENTRE: f32 = TICKS_PER_TURN as f32 / 2.0;
 const TICKS_PER_RADIAN: f32 = TICKS_PER_TURN as f32 / TAU;
 
-/// The whole number nearest to `value`, or an error unless that is in `0..=max`.
-fn to_count(value: f32, max: u16, error: OutOfRange) -> Result<u16, OutOfRange> {
-    // A cast to an integer truncates and takes NaN for 0: look first.
-    if (-0.5..f32::from(max) + 0.5).contains(&value) {
-        Ok((value + 0.5) as u16)
+/// A quantity if it is in range; NaN is in none.
+fn in_range(quantity: OutOfRange<f32>) -> Result<f32, OutOfRange<f32>> {
+    if (quantity.min..=quantity.max).contains(&quantity.got) {
+        Ok(quantity.got)
     } else {
-        Err(error)
+        Err(quantity)
     }
+}
+
+/// The whole number nearest to `value`, which is not negative.
+fn nearest(value: f32) -> u16 {
+    (value + 0.5) as u16
 }
 
 /// A joint position: `0..=4095` ticks, 2048 at 0 rad, 4096 ticks per turn.
@@ -36,7 +40,7 @@ fn to_count(value: f32, max: u16, error: OutOfRange) -> Result<u16, OutOfRange> 
 /// assert_eq!(Position::from_radians(0.0)?.ticks(), 2048);
 /// assert_eq!(Position::new(1024)?.radians(), -core::f32::consts::FRAC_PI_2);
 /// assert!(Position::from_radians(core::f32::consts::PI).is_err());
-/// # Ok::<(), armwire::OutOfRange>(())
+/// # Ok::<(), armwire::OutOfRange<f32>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -60,9 +64,9 @@ impl Position {
         Err(OutOfRange {
             what: "joint position",
             unit: "ticks",
-            got: ticks as f32,
-            min: 0.0,
-            max: Self::MAX.0 as f32,
+            got: ticks,
+            min: 0,
+            max: Self::MAX.0,
         })
     }
 
@@ -70,16 +74,16 @@ impl Position {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] unless the nearest tick is in `-π..π`.
-    pub fn from_radians(angle: f32) -> Result<Self, OutOfRange> {
-        let error = OutOfRange {
+    /// [`OutOfRange`] unless the angle is in `-π..=π` less one tick.
+    pub fn from_radians(angle: f32) -> Result<Self, OutOfRange<f32>> {
+        let angle = in_range(OutOfRange {
             what: "joint angle",
             unit: "rad",
             got: angle,
             min: Self(0).radians(),
             max: Self::MAX.radians(),
-        };
-        to_count(angle * TICKS_PER_RADIAN + CENTRE, Self::MAX.0, error).map(Self)
+        })?;
+        Ok(Self(nearest(angle * TICKS_PER_RADIAN + CENTRE)))
     }
 
     /// Ticks, `0..=4095`.
@@ -95,6 +99,8 @@ impl Position {
 
 /// The speed of a joint: `0..=5000` ticks per second (section 2.5), which is 0 to 7.67 rad/s.
 ///
+/// The vendor's software sends no less than 50. What an arm makes of 0 is not documented.
+///
 /// ```
 /// use armwire::ling::Speed;
 ///
@@ -102,7 +108,7 @@ impl Position {
 /// assert_eq!(speed.ticks_per_second(), 652);
 /// assert!((speed.radians_per_second() - 1.0).abs() < 0.001);
 /// assert!(Speed::new(5001).is_err());
-/// # Ok::<(), armwire::OutOfRange>(())
+/// # Ok::<(), armwire::OutOfRange<f32>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -124,9 +130,9 @@ impl Speed {
         Err(OutOfRange {
             what: "joint speed",
             unit: "ticks/s",
-            got: ticks_per_second as f32,
-            min: 0.0,
-            max: Self::MAX.0 as f32,
+            got: ticks_per_second,
+            min: 0,
+            max: Self::MAX.0,
         })
     }
 
@@ -135,15 +141,15 @@ impl Speed {
     /// # Errors
     ///
     /// [`OutOfRange`] under 0 and over 5000 ticks/s.
-    pub fn from_radians_per_second(speed: f32) -> Result<Self, OutOfRange> {
-        let error = OutOfRange {
+    pub fn from_radians_per_second(speed: f32) -> Result<Self, OutOfRange<f32>> {
+        let speed = in_range(OutOfRange {
             what: "joint speed",
             unit: "rad/s",
             got: speed,
             min: 0.0,
             max: Self::MAX.radians_per_second(),
-        };
-        to_count(speed * TICKS_PER_RADIAN, Self::MAX.0, error).map(Self)
+        })?;
+        Ok(Self(nearest(speed * TICKS_PER_RADIAN)))
     }
 
     /// Ticks per second, `0..=5000`.
@@ -167,7 +173,7 @@ impl Speed {
 /// assert_eq!(half.millimetres(Stroke::Mm100), 50.0);
 /// assert_eq!(Opening::from_millimetres(25.0, Stroke::Mm50)?, half);
 /// assert!(Opening::new(1001).is_err());
-/// # Ok::<(), armwire::OutOfRange>(())
+/// # Ok::<(), armwire::OutOfRange<f32>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -191,9 +197,9 @@ impl Opening {
         Err(OutOfRange {
             what: "gripper opening",
             unit: "‰",
-            got: per_mille as f32,
-            min: 0.0,
-            max: Self::OPEN.0 as f32,
+            got: per_mille,
+            min: 0,
+            max: Self::OPEN.0,
         })
     }
 
@@ -202,15 +208,15 @@ impl Opening {
     /// # Errors
     ///
     /// [`OutOfRange`] unless it is in `0.0..=1.0`.
-    pub fn from_fraction(fraction: f32) -> Result<Self, OutOfRange> {
-        let error = OutOfRange {
-            what: "gripper opening",
-            unit: "of the stroke",
+    pub fn from_fraction(fraction: f32) -> Result<Self, OutOfRange<f32>> {
+        let fraction = in_range(OutOfRange {
+            what: "gripper opening as a fraction",
+            unit: "",
             got: fraction,
             min: 0.0,
             max: 1.0,
-        };
-        to_count(fraction * f32::from(Self::OPEN.0), Self::OPEN.0, error).map(Self)
+        })?;
+        Ok(Self(nearest(fraction * f32::from(Self::OPEN.0))))
     }
 
     /// The opening nearest to a distance in millimetres, for a gripper of this stroke.
@@ -218,16 +224,16 @@ impl Opening {
     /// # Errors
     ///
     /// [`OutOfRange`] under 0 and over the stroke.
-    pub fn from_millimetres(distance: f32, stroke: Stroke) -> Result<Self, OutOfRange> {
+    pub fn from_millimetres(distance: f32, stroke: Stroke) -> Result<Self, OutOfRange<f32>> {
         let full = f32::from(stroke.millimetres());
-        let error = OutOfRange {
+        let distance = in_range(OutOfRange {
             what: "gripper opening",
             unit: "mm",
             got: distance,
             min: 0.0,
             max: full,
-        };
-        to_count(distance / full * f32::from(Self::OPEN.0), Self::OPEN.0, error).map(Self)
+        })?;
+        Ok(Self(nearest(distance / full * f32::from(Self::OPEN.0))))
     }
 
     /// Thousandths of the stroke, `0..=1000`.
@@ -281,9 +287,9 @@ impl Stroke {
             _ => Err(OutOfRange {
                 what: "gripper stroke type",
                 unit: "",
-                got: code as f32,
-                min: 0.0,
-                max: 2.0,
+                got: code as u16,
+                min: 0,
+                max: 2,
             }),
         }
     }
@@ -291,7 +297,7 @@ impl Stroke {
 
 /// The temperature at which the arm protects itself, `0..=253` °C; 85 °C from the factory (section 2.5).
 ///
-/// 254 cannot be said: on the wire it asks for the temperatures.
+/// 254 cannot be said: on the wire it asks for the temperatures. 255 is left out with it: no servo gets there.
 ///
 /// ```
 /// use armwire::ling::TemperatureLimit;
@@ -299,7 +305,7 @@ impl Stroke {
 /// assert_eq!(TemperatureLimit::new(100)?.celsius(), 100);
 /// assert_eq!(TemperatureLimit::FACTORY.celsius(), 85);
 /// assert!(TemperatureLimit::new(254).is_err());
-/// # Ok::<(), armwire::OutOfRange>(())
+/// # Ok::<(), armwire::OutOfRange<f32>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -321,9 +327,9 @@ impl TemperatureLimit {
         Err(OutOfRange {
             what: "temperature limit",
             unit: "°C",
-            got: celsius as f32,
-            min: 0.0,
-            max: 253.0,
+            got: celsius as u16,
+            min: 0,
+            max: 253,
         })
     }
 
@@ -433,10 +439,16 @@ impl fmt::Display for Version {
 pub struct SerialNumber(pub [u8; 16]);
 
 impl SerialNumber {
-    /// The characters up to the first NUL, or `None` if they are not UTF-8.
+    /// The characters up to the first NUL, or `None` if one of them is not a printable ASCII character.
     pub fn as_str(&self) -> Option<&str> {
-        let end = self.0.iter().position(|&byte| byte == 0).unwrap_or(self.0.len());
-        str::from_utf8(self.0.get(..end)?).ok()
+        let text = self.text();
+        let printable = text.iter().all(u8::is_ascii_graphic);
+        str::from_utf8(text).ok().filter(|_| printable)
+    }
+
+    /// The bytes up to the first NUL.
+    fn text(&self) -> &[u8] {
+        self.0.split(|&byte| byte == 0).next().unwrap_or_default()
     }
 
     /// What the product identifier says the arm is; `None` if it is not one that the vendor's software knows.
@@ -449,12 +461,10 @@ impl SerialNumber {
     }
 }
 
+/// What is not printable is escaped: it came from outside.
 impl fmt::Display for SerialNumber {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.as_str() {
-            Some(serial) => f.write_str(serial),
-            None => write!(f, "{}", self.0.escape_ascii()),
-        }
+        write!(f, "{}", self.text().escape_ascii())
     }
 }
 
@@ -583,11 +593,20 @@ mod tests {
             let error = Position::from_radians(angle).unwrap_err();
             assert!(error.got.is_nan() == angle.is_nan() && error.max < core::f32::consts::PI);
         }
-        assert!(Speed::from_radians_per_second(-0.1).is_err());
+        assert!(Speed::from_radians_per_second(-0.0001).is_err());
         assert!(Speed::from_radians_per_second(f32::NAN).is_err());
-        assert!(Opening::from_fraction(1.01).is_err());
-        assert!(Opening::from_millimetres(51.0, Stroke::Mm50).is_err());
+        assert!(Opening::from_fraction(1.0001).is_err());
+        assert!(Opening::from_fraction(-0.0001).is_err());
+        assert!(Opening::from_millimetres(50.01, Stroke::Mm50).is_err());
         assert!(TemperatureLimit::new(255).is_err());
+    }
+
+    #[test]
+    fn a_serial_number_cannot_steer_a_terminal() {
+        extern crate std;
+        let serial = SerialNumber(*b"AD\x1b[31m\x07\0\0\0\0\0\0\0\0");
+        assert_eq!(serial.as_str(), None);
+        assert_eq!(std::format!("{serial}"), "AD\\x1b[31m\\x07");
     }
 
     #[test]
