@@ -33,9 +33,9 @@ pub struct Config {
     pub latency: Micros,
     /// How often a request that may be repeated is sent again after silence.
     pub repeats: u8,
-    /// How long after a request was given up its answer may still arrive. So long the next request that wants an answer
-    /// is held back, for an arm's answers do not say what they answer. It is the price of a damaged answer too: whether
-    /// it was lost or is late cannot be told.
+    /// How long after it was due an answer may still arrive. So long the next request that wants an answer is held back
+    /// when an answer is missing, for an arm's answers do not say what they answer. It is the price of a damaged answer
+    /// too: whether it was lost or is late cannot be told.
     pub lateness: Micros,
 }
 
@@ -350,8 +350,9 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             // The end of a request that is in flight no more: only now can its answer come.
             _ => {
                 if let Some(owed) = self.owed.as_mut().filter(|owed| owed.sending) {
+                    let patience = patience::<P>(&self.config, &owed.request, self.tx_end).unwrap_or_default();
                     owed.sending = false;
-                    owed.until = now + self.config.lateness;
+                    owed.until = now + patience + self.config.lateness;
                 }
             }
         }
@@ -481,10 +482,14 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// Notes that this many answers to a request that is in flight no more may still come.
     fn owe(&mut self, now: Micros, flight: &Flight<P>, answers: u8) {
         if answers > 0 && P::reply(&flight.request).is_some() {
+            let due = match flight.state {
+                State::Waiting { due, .. } => due.max(now),
+                State::Ready | State::Writing | State::Sent => now,
+            };
             self.owed = Some(Owed {
                 request: flight.request,
                 answers,
-                until: now + self.config.lateness,
+                until: due + self.config.lateness,
                 sending: matches!(flight.state, State::Writing),
             });
         }
