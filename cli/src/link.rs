@@ -1,12 +1,18 @@
 //! A blocking call at a time over a serial port: the one place with a clock.
 
-use std::io::{ErrorKind, Read, Write};
+use std::io::{self, ErrorKind};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire::ling::{Ling, MAX_FRAME, Request, Response};
 use armwire::{Client, Config, Event, Input, Micros, Protocol, Reason};
-use serialport::{ClearBuffer, SerialPort};
+#[cfg(unix)]
+use rustix::fs::{FlockOperation, flock};
+#[cfg(unix)]
+use rustix::termios::{ControlModes, InputModes, ioctl_tiocexcl, ioctl_tiocnxcl};
+#[cfg(unix)]
+use serial2::Settings;
+use serial2::{KeepSettings, SerialPort};
 
 use crate::Port;
 use crate::problem::{Heard, Problem};
@@ -18,7 +24,7 @@ const KEPT: usize = 256;
 pub(crate) struct Link {
     name: String,
     config: Config,
-    port: Box<dyn SerialPort>,
+    port: SerialPort,
     client: Client<Ling, MAX_FRAME>,
     start: Instant,
     dropped: usize,
@@ -26,13 +32,10 @@ pub(crate) struct Link {
 
 impl Link {
     pub(crate) fn open(port: &Port) -> Result<Self, Problem> {
-        let fail = |error| Problem::Open {
+        let open = open(&port.port, port.baud).map_err(|error| Problem::Open {
             port: port.port.clone(),
             error,
-        };
-        let open = serialport::new(&port.port, port.baud).open().map_err(fail)?;
-        // What an earlier program did not read is not for us.
-        open.clear(ClearBuffer::Input).map_err(fail)?;
+        })?;
         let config = Config {
             baud: port.baud,
             // The system may be busy, and nobody waits for us but a person.
@@ -123,17 +126,20 @@ impl Link {
             .client
             .poll_timeout()
             .map_or(Micros(0), |due| due.since(self.now()));
+        // The library counts in milliseconds; rounded down, the last one would be spent without a pause.
         self.port
-            .set_timeout(Duration::from_micros(wait.0))
-            .map_err(|error| self.lost(error.into()))?;
+            .set_read_timeout(Duration::from_millis(wait.0.div_ceil(1_000)))
+            .map_err(|error| self.lost(error))?;
         match self.port.read(buf) {
+            // Silence is a timeout, so this is the end.
+            Ok(0) => Err(self.lost(ErrorKind::BrokenPipe.into())),
             Ok(n) => Ok(n),
             Err(error) if is_nothing_yet(&error) => Ok(0),
             Err(error) => Err(self.lost(error)),
         }
     }
 
-    fn lost(&self, error: std::io::Error) -> Problem {
+    fn lost(&self, error: io::Error) -> Problem {
         Problem::Lost {
             port: self.name.clone(),
             error,
@@ -141,7 +147,43 @@ impl Link {
     }
 }
 
-fn is_nothing_yet(error: &std::io::Error) -> bool {
+#[cfg(unix)]
+impl Drop for Link {
+    fn drop(&mut self) {
+        // A terminal that somebody else has open too, such as the server of a pty, would refuse all who come after us.
+        let _ = ioctl_tiocnxcl(&self.port);
+    }
+}
+
+/// Opens a port for us alone, with nothing in it to read.
+fn open(name: &str, baud: u32) -> io::Result<SerialPort> {
+    // The settings of a port that another program uses are not ours to change.
+    let mut port = SerialPort::open(name, KeepSettings)?;
+    #[cfg(unix)]
+    flock(&port, FlockOperation::NonBlockingLockExclusive)?;
+    let mut settings = port.get_configuration()?;
+    settings.set_raw();
+    settings.set_baud_rate(baud)?;
+    #[cfg(unix)]
+    hear_all(&mut settings);
+    port.set_configuration(&settings)?;
+    // What an earlier program did not read is not for us.
+    port.discard_input_buffer()?;
+    // This keeps out those who do not ask for the lock.
+    #[cfg(unix)]
+    ioctl_tiocexcl(&port)?;
+    Ok(port)
+}
+
+/// Turns the receiver on, whatever the modem lines say, and takes a break for a byte: a wrong baud rate may show as one.
+#[cfg(unix)]
+fn hear_all(settings: &mut Settings) {
+    let termios = settings.as_termios_mut();
+    termios.c_cflag |= (ControlModes::CREAD | ControlModes::CLOCAL).bits();
+    termios.c_iflag &= !InputModes::IGNBRK.bits();
+}
+
+fn is_nothing_yet(error: &io::Error) -> bool {
     matches!(
         error.kind(),
         ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted

@@ -1,9 +1,12 @@
 //! What can go wrong, each in one line that says what to do.
 
 use std::fmt;
-use std::io;
+use std::io::{self, ErrorKind};
 
 use armwire::OutOfRange;
+#[cfg(unix)]
+use rustix::io::Errno;
+use serial2::SerialPort;
 
 use crate::describe::hex;
 
@@ -11,7 +14,7 @@ use crate::describe::hex;
 #[derive(Debug)]
 pub(crate) enum Problem {
     /// The port cannot be opened.
-    Open { port: String, error: serialport::Error },
+    Open { port: String, error: io::Error },
     /// The port failed while it was open.
     Lost { port: String, error: io::Error },
     /// The arm did not answer.
@@ -140,28 +143,29 @@ impl fmt::Display for Problem {
     }
 }
 
-fn fmt_open(f: &mut fmt::Formatter<'_>, port: &str, error: &serialport::Error) -> fmt::Result {
-    use serialport::ErrorKind;
-
+fn fmt_open(f: &mut fmt::Formatter<'_>, port: &str, error: &io::Error) -> fmt::Result {
     match error.kind() {
-        // On Unix the library says so of a port that another program has locked, elsewhere of one that is not there.
-        ErrorKind::NoDevice if cfg!(unix) => write!(
+        // Another program has locked the port, or keeps all others from opening it.
+        ErrorKind::WouldBlock | ErrorKind::ResourceBusy if cfg!(unix) => write!(
             f,
             "in use by another program: close that one first ('fuser -v {port}' names it)"
         ),
-        ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound) => {
-            let ports = serialport::available_ports().unwrap_or_default();
-            let names: Vec<_> = ports.into_iter().map(|port| port.port_name).collect();
+        ErrorKind::NotFound => {
+            let ports = SerialPort::available_ports().unwrap_or_default();
+            let names: Vec<_> = ports.iter().map(|port| port.to_string_lossy()).collect();
             match names.as_slice() {
                 [] => write!(f, "no such port, nor any other: is the adapter plugged in?"),
                 names => write!(f, "no such port; there are: {}", names.join(", ")),
             }
         }
-        ErrorKind::Io(io::ErrorKind::PermissionDenied) if cfg!(unix) => write!(
+        ErrorKind::PermissionDenied if cfg!(unix) => write!(
             f,
             "permission denied: add yourself to the group 'dialout' ('sudo usermod -aG dialout $USER') and log in again"
         ),
-        _ if error.description.contains("typewriter") => f.write_str("not a serial port"),
+        // What Windows says of a port that is open already.
+        ErrorKind::PermissionDenied => f.write_str("in use by another program: close that one first"),
+        #[cfg(unix)]
+        _ if Errno::from_io_error(error) == Some(Errno::NOTTY) => f.write_str("not a serial port"),
         _ => write!(f, "cannot be opened: {error}"),
     }
 }

@@ -6,8 +6,8 @@ use spdx::{Expression, Licensee, ParseMode};
 use crate::Result;
 use crate::workspace;
 
-/// Licences that ask for no more than a notice, or, in the case of the MPL, only about changes to the package itself.
-const ALLOWED: [&str; 10] = [
+/// Licences that ask for no more than a notice.
+const ALLOWED: [&str; 9] = [
     "0BSD",
     "Apache-2.0",
     "Apache-2.0 WITH LLVM-exception",
@@ -15,7 +15,6 @@ const ALLOWED: [&str; 10] = [
     "BSD-3-Clause",
     "ISC",
     "MIT",
-    "MPL-2.0",
     "Unicode-3.0",
     "Zlib",
 ];
