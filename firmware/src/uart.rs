@@ -65,6 +65,9 @@ impl Handler<UartInterrupt> for InterruptHandler {
             ] {
                 counter.fetch_add(flag.into(), Ordering::Relaxed);
             }
+            // With RXNE set the flags stay until the DMA reads DR; until then this would be called again and again.
+            // Whoever restarts the receive path asks for errors again.
+            UART.cr3().modify(|w| w.set_eie(false));
             RESTART.store(true, Ordering::Relaxed);
         }
         if status.idle() {

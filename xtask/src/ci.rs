@@ -59,7 +59,8 @@ pub(crate) fn run() -> Result {
     })?;
     ci.step("firmware image on the virtual board", || {
         let mut test = cargo("test --ignore-rust-version --package armwire-host-tests --features image");
-        check(test.env("ARMWIRE_IMAGE", &image.path))
+        // What they measured is worth seeing.
+        check(test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path))
     })?;
     ci.step("vendor's SDK", vendor::run)?;
     println!("\nall {} steps passed in {:.0?}", ci.steps, ci.time);
