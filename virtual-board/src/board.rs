@@ -315,6 +315,11 @@ impl<A: Arm> VirtualBoard<A> {
         }
     }
 
+    /// A flag that ends the run once it is set, even while a debugger holds the processor.
+    pub(crate) fn interrupt(&self) -> Arc<AtomicBool> {
+        self.interrupt.clone()
+    }
+
     /// Gives the arm to `use_it`, while time stands still.
     pub fn with_arm<R>(&mut self, use_it: impl FnOnce(&mut A) -> R) -> R {
         use_it(lock(&self.line).arm_mut())

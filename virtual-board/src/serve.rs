@@ -5,7 +5,6 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -34,7 +33,8 @@ const BACKLOG: usize = 4096;
 ///
 /// When there is no pty or the link cannot be made, and when the board fails.
 pub fn serve<A: Arm>(mut board: VirtualBoard<A>, link: Option<&Path>) -> Result<(), Error> {
-    let stop = Arc::new(AtomicBool::new(false));
+    // It ends the emulator too: a debugger may hold that, and us with it.
+    let stop = board.interrupt();
     let stopped = stop.clone();
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed))
         .map_err(|error| Error::Serve(std::io::Error::other(error)))?;
@@ -43,7 +43,10 @@ pub fn serve<A: Arm>(mut board: VirtualBoard<A>, link: Option<&Path>) -> Result<
     let baud = pty.baud().map_err(Error::Serve)?;
     board.usb().open(0, LineCoding::new(baud))?;
     println!("serving on {}; Ctrl-C ends it", pty.path().display());
-    pump(&mut board, &pty, baud, &stop)
+    match pump(&mut board, &pty, baud, &stop) {
+        Err(_) if stop.load(Ordering::Relaxed) => Ok(()),
+        result => result,
+    }
 }
 
 /// Passes bytes and time until told to stop. `baud` is the rate that the firmware was told of.
