@@ -55,8 +55,9 @@ impl Pty {
     ///
     /// # Errors
     ///
-    /// When the system has no pty to give, or the link cannot be made. A symbolic link that is there already is
-    /// replaced; [`io::ErrorKind::AlreadyExists`] when there is anything else.
+    /// When the system has no pty to give, or the link cannot be made. A symbolic link that an earlier server left behind,
+    /// so that it points to nothing, is replaced; [`io::ErrorKind::AlreadyExists`] when there is anything else, also
+    /// the link of a server that runs.
     pub fn open(link: Option<&Path>) -> io::Result<Self> {
         let controller = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
         // A program that we start must not keep the pty alive.
@@ -162,22 +163,47 @@ fn none_if_blocked(result: rustix::io::Result<usize>) -> io::Result<usize> {
 }
 
 fn place_link(device: &Path, link: &Path) -> io::Result<()> {
+    let in_the_way = |what: String| {
+        let text = format!("{} {what}", link.display());
+        Err(io::Error::new(io::ErrorKind::AlreadyExists, text))
+    };
     match fs::symlink_metadata(link) {
-        Ok(there) if there.file_type().is_symlink() => fs::remove_file(link)?,
-        Ok(_) => {
-            return Err(io::Error::new(
-                io::ErrorKind::AlreadyExists,
-                format!(
-                    "{} exists and is not a symbolic link; choose another path",
-                    link.display()
-                ),
-            ));
+        Ok(there) if there.file_type().is_symlink() => {
+            let target = fs::read_link(link)?;
+            let dangles = fs::metadata(link).is_err_and(|error| error.kind() == io::ErrorKind::NotFound);
+            if dangles || is_pty(&target) && is_hung_up(&target) {
+                fs::remove_file(link)?;
+            } else if is_pty(&target) {
+                return in_the_way(format!(
+                    "points to {}, which is in use: end the server there, remove the link, or choose another path",
+                    target.display()
+                ));
+            } else {
+                return in_the_way(format!(
+                    "is a symbolic link to {}, which is no pseudo-terminal; choose another path",
+                    target.display()
+                ));
+            }
         }
+        Ok(_) => return in_the_way("exists and is not a symbolic link; choose another path".to_owned()),
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}
         Err(error) => return Err(error),
     }
     symlink(device, link)
         .map_err(|error| io::Error::new(error.kind(), format!("cannot link {}: {error}", link.display())))
+}
+
+/// Whether this is where the system keeps ptys: `/dev/pts/3`, or `/dev/ttys003` on macOS.
+fn is_pty(device: &Path) -> bool {
+    let name = device.as_os_str().as_bytes();
+    name.starts_with(b"/dev/pts/") || name.starts_with(b"/dev/ttys")
+}
+
+/// Whether nobody serves this pty any more. On Linux its name is gone then; on macOS it may stay.
+fn is_hung_up(device: &Path) -> bool {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let opened = rustix::fs::open(device, flags, Mode::empty());
+    matches!(opened, Err(Errno::NOENT | Errno::NXIO | Errno::IO))
 }
 
 #[cfg(test)]
@@ -247,11 +273,37 @@ mod tests {
     #[test]
     fn a_stale_link_is_replaced_and_a_successors_link_is_left_alone() {
         let link = free_path("stale");
-        symlink("/nowhere", &link).unwrap();
+        for stale in ["/nowhere", "/dev/pts/no-more"] {
+            symlink(stale, &link).unwrap();
+            let first = Pty::open(Some(&link)).unwrap();
+            fs::remove_file(&link).unwrap();
+            let second = Pty::open(Some(&link)).unwrap();
+            drop(first);
+            assert_eq!(fs::read_link(&link).unwrap(), second.device);
+        }
+    }
+
+    #[test]
+    fn the_link_of_a_server_that_runs_is_not_replaced() {
+        let link = free_path("running");
         let first = Pty::open(Some(&link)).unwrap();
-        let second = Pty::open(Some(&link)).unwrap();
-        drop(first);
-        assert_eq!(fs::read_link(&link).unwrap(), second.device);
+        let error = Pty::open(Some(&link)).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
+        assert!(error.to_string().contains("which is in use"), "{error}");
+        assert_eq!(fs::read_link(&link).unwrap(), first.device);
+    }
+
+    #[test]
+    fn a_link_to_anything_else_is_not_replaced() {
+        let link = free_path("else");
+        for target in ["/dev/null", "/tmp"] {
+            symlink(target, &link).unwrap();
+            let error = Pty::open(Some(&link)).unwrap_err();
+            assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
+            assert!(error.to_string().contains("no pseudo-terminal"), "{error}");
+            assert_eq!(fs::read_link(&link).unwrap(), Path::new(target));
+            fs::remove_file(&link).unwrap();
+        }
     }
 
     #[test]

@@ -15,7 +15,10 @@ pub struct Silence {
 
 impl fmt::Display for Silence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "no answer, asked {} times", self.sends)
+        match self.sends {
+            1 => f.write_str("no answer, asked once"),
+            sends => write!(f, "no answer, asked {sends} times"),
+        }
     }
 }
 

@@ -7,6 +7,7 @@
 //! * A follower is switched on holding, a leader limp. There is no status for motion: *locked* says that the torque is
 //!   on, *idle* that it is off. It never follows a leader, so it is never *syncing*.
 //! * The gripper's servo turns one tick for each thousandth of the stroke, whatever the stroke.
+//! * Speed 0 does not move: an axis told so stays where it is.
 //! * Each servo is a first-order thermal model with a time constant of [`TIME_CONSTANT`]. It settles at ambient,
 //!   10 °C above while it holds (35 °C, as in the document's example), and another 16 °C above for each 1000 ticks/s.
 //! * At the limit the arm reports overheating and goes on. 5 °C above it protects itself: it stops, switches its torque
