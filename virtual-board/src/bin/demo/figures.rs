@@ -45,6 +45,10 @@ impl fmt::Display for Spread {
 pub(crate) struct Figures {
     /// The whole call.
     pub(crate) calls: Spread,
+    /// From the request's first start bit to the answer's last stop bit: the arm and its line.
+    pub(crate) line: Spread,
+    /// The rest, which USB and the adapter add.
+    pub(crate) added: Spread,
     /// From the program's write to the request's packet in the adapter.
     pub(crate) to_usb: Spread,
     /// From there to the first start bit on the arm's line.
@@ -57,12 +61,14 @@ pub(crate) struct Figures {
 
 impl fmt::Display for Figures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "virtual time per call, us                 least      mean      most")?;
+        writeln!(f, "virtual time, us                          least      mean      most")?;
         writeln!(
             f,
             "  call to answer, {:4} calls          {}",
             self.calls.count, self.calls
         )?;
+        writeln!(f, "  of which the arm and its line       {}", self.line)?;
+        writeln!(f, "  added by USB and the adapter        {}", self.added)?;
         writeln!(f, "  write -> request in the adapter     {}", self.to_usb)?;
         writeln!(f, "  there -> first start bit to the arm {}", self.to_uart)?;
         writeln!(f, "  last stop bit -> USB packet ready   {}", self.armed)?;

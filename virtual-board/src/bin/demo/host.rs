@@ -103,7 +103,10 @@ impl Host {
         let asked = packets.iter().find(|packet| packet.direction == usb::Direction::Out);
         if let (Some(asked), Some(first_out), Some(last_in), Some(packet)) = (asked, first_out, last_in, packet) {
             let start_bit = first_out.at.since(BYTE.into());
+            let line = last_in.at.since(start_bit);
             self.figures.calls.add(took);
+            self.figures.line.add(line);
+            self.figures.added.add(took.since(line));
             self.figures.to_usb.add(asked.end.since(start));
             self.figures.to_uart.add(start_bit.since(asked.end));
             if let Some(armed) = packet.armed {
