@@ -5,11 +5,16 @@ use std::io::{Read, Write, stdin, stdout};
 use std::path::PathBuf;
 
 use armwire::ling::{Frame, Ling, MAX_FRAME, OVERHEAD};
-use armwire::{Decoder, Noise, Protocol};
+use armwire::{Decoder, Noise, Protocol, Reason};
 use clap::Args;
 
 use crate::describe::{self, hex};
 use crate::problem::Problem;
+
+/// Where a frame says how many data bytes it has.
+const LENGTH: usize = 3;
+/// What some editors begin UTF-8 text with.
+const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 
 /// The arguments of `armwire decode`.
 #[derive(Args)]
@@ -23,10 +28,9 @@ impl Decode {
     pub(crate) fn run(&self) -> Result<(), Problem> {
         let (name, input) = self.read()?;
         // A recording of a line is never all ASCII, for every frame begins with AA.
-        let bytes = if input.is_ascii() {
-            parse_hex(&name, &input)?
-        } else {
-            input
+        let bytes = match input.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&input) {
+            text if text.is_ascii() => parse_hex(&name, text)?,
+            _ => input,
         };
         let mut out = stdout().lock();
         for line in lines(&bytes) {
@@ -78,6 +82,8 @@ fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Problem> {
 fn lines(bytes: &[u8]) -> Vec<String> {
     let mut lines = Vec::new();
     let (mut frames, mut noise_bytes, mut offset) = (0, 0, 0);
+    // The end of the last damaged frame: its bytes are not shown again as noise.
+    let mut damaged = 0;
     let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
     let mut rest = bytes;
     loop {
@@ -105,10 +111,22 @@ fn lines(bytes: &[u8]) -> Vec<String> {
             },
         };
         let Noise { len, reason, .. } = noise;
-        lines.push(format!(
-            "{offset:8}  {}\n          noise: {reason}",
-            hex(&bytes[offset..offset + len])
-        ));
+        let (mut start, mut end) = (offset, offset + len);
+        match reason {
+            // All of it is shown, though the decoder drops but its header and looks for a frame inside.
+            Reason::Checksum { .. } => {
+                end = bytes.len().min(offset + usize::from(bytes[offset + LENGTH]) + OVERHEAD);
+                damaged = damaged.max(end);
+            }
+            Reason::Stray => start = start.max(damaged),
+            _ => {}
+        }
+        if start < end {
+            lines.push(format!(
+                "{start:8}  {}\n          noise: {reason}",
+                hex(&bytes[start..end])
+            ));
+        }
         noise_bytes += len;
         offset += len;
     }
@@ -149,6 +167,24 @@ mod tests {
                 .any(|line| line.ends_with("from the arm: gripper stroke 75 mm"))
         );
         assert_eq!(lines.last().unwrap(), "bytes: 19, frames: 2, noise bytes: 5");
+    }
+
+    #[test]
+    fn a_damaged_frame_is_shown_whole_and_once_and_a_frame_inside_it_too() {
+        let damaged = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF];
+        assert_eq!(
+            lines(&[&damaged[..], &[0x11]].concat()),
+            [
+                "       0  AA 06 00 01 FE 9B FF\n          noise: checksum 0x9b, expected 0x9a",
+                "       7  11\n          noise: no frame starts here",
+                "bytes: 8, frames: 0, noise bytes: 8"
+            ]
+        );
+        let good = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+        let lines = lines(&[&[0xAA, 0x06, 0x00, 0x05], &good[..]].concat());
+        assert!(lines[0].starts_with("       0  AA 06 00 05 AA 06 00 01 FE 9A FF\n"));
+        assert!(lines[1].starts_with("       4  AA 06 00 01 FE 9A FF\n"));
+        assert_eq!(lines[2], "bytes: 11, frames: 1, noise bytes: 4");
     }
 
     #[test]
