@@ -21,7 +21,8 @@ use rustix::termios::{OptionalActions, Termios, ioctl_tiocnxcl, tcgetattr, tcset
 /// A pty in raw mode, both ends of it, with our end non-blocking.
 ///
 /// Clients may open and close it at will, which shows on our side only by what they write; what one leaves unread, the
-/// next one reads unless it empties its input buffer first, as serial libraries can. The pty is gone, and so is its symbolic link, when this is dropped.
+/// next one reads unless it empties its input buffer first, as serial libraries can. The pty is gone, and so is its
+/// symbolic link, when this is dropped.
 ///
 /// ```
 /// use std::io::{Read, Write};
