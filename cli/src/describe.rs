@@ -2,7 +2,7 @@
 
 use std::f32::consts::PI;
 
-use armwire::ling::{JointState, Move, PerServo, Position, Request, Response, Torque};
+use armwire::ling::{JointState, Move, Opening, PerServo, Position, Request, Response, Torque};
 
 /// Bytes as `AA 06 00`.
 pub(crate) fn hex(bytes: &[u8]) -> String {
@@ -10,10 +10,20 @@ pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.join(" ")
 }
 
-/// An angle as `+0.7854 rad  +45.00°`.
-pub(crate) fn angle(position: Position) -> String {
-    let radians = position.radians();
-    format!("{radians:+.4} rad {:+7.2}°", radians * 180.0 / PI)
+/// A raw joint position as `+0.7854 rad  +45.00°`, if it is one.
+pub(crate) fn joint(ticks: u16) -> String {
+    match Position::new(ticks).map(Position::radians) {
+        Ok(radians) => format!("{radians:+.4} rad {:+7.2}°", radians * 180.0 / PI),
+        Err(_) => format!("{ticks} ticks (out of range)"),
+    }
+}
+
+/// A raw gripper opening as `25.0 % open`, if it is one.
+pub(crate) fn gripper(per_mille: u16) -> String {
+    match Opening::new(per_mille) {
+        Ok(opening) => format!("{:.1} % open", 100.0 * opening.fraction()),
+        Err(_) => format!("{per_mille} ‰ (out of range)"),
+    }
 }
 
 /// A raw joint position as an angle in degrees, if it is one.

@@ -2,10 +2,10 @@
 
 use std::io::{Write, stdout};
 
-use armwire::ling::{Kind, Position, Request, Response};
+use armwire::ling::{Kind, Request, Response};
 
 use crate::Port;
-use crate::describe::{angle, list};
+use crate::describe::{gripper, joint, list};
 use crate::link::Link;
 use crate::problem::Problem;
 
@@ -21,12 +21,12 @@ pub(crate) fn run(port: &Port) -> Result<(), Problem> {
         Request::ReadVelocities,
         Request::SelfCheck,
     ];
-    let mut kind = None;
+    // Until the temperatures tell: there is one for each servo.
+    let mut kind = Kind::Follower;
     for request in requests {
         match link.call(request)? {
             Some(Response::Info(info)) => {
-                kind = info.serial.kind();
-                let arm = match kind {
+                let arm = match info.serial.kind() {
                     Some(Kind::Leader) => "Ling leader",
                     Some(Kind::Follower) => "Ling follower",
                     None => "Ling, of a kind that the serial number does not tell",
@@ -39,22 +39,17 @@ pub(crate) fn run(port: &Port) -> Result<(), Problem> {
             Some(Response::Joints(state)) => {
                 show("status", state.status.to_string())?;
                 for (i, ticks) in state.joints.into_iter().enumerate() {
-                    let position = Position::new(ticks).map(angle);
-                    show(
-                        &format!("joint {}", i + 1),
-                        position.unwrap_or_else(|error| error.to_string()),
-                    )?;
+                    show(&format!("joint {}", i + 1), joint(ticks))?;
                 }
-                let opening = state
-                    .opening()
-                    .map(|opening| format!("{:.1} % open", 100.0 * opening.fraction()));
-                show("gripper", opening.unwrap_or_else(|error| error.to_string()))?;
+                show("gripper", gripper(state.gripper))?;
             }
             Some(Response::Stroke(stroke)) => show("stroke", format!("{} mm", stroke.millimetres()))?,
-            Some(Response::Temperatures(celsius)) => show("temperatures", format!("{} °C", list(&celsius)))?,
+            Some(Response::Temperatures(celsius)) => {
+                kind = celsius.kind();
+                show("temperatures", format!("{} °C", list(&celsius)))?;
+            }
             Some(Response::Velocities(speeds)) => show("velocities", format!("{} ticks/s", list(&speeds)))?,
             Some(Response::SelfCheck(check)) => {
-                let kind = kind.unwrap_or(Kind::Follower);
                 let faulty: Vec<_> = check.faulty(kind).map(|id| id.to_string()).collect();
                 let verdict = match faulty.as_slice() {
                     [] => format!("all {} servos normal", kind.servos()),

@@ -19,6 +19,10 @@ use crate::problem::{Heard, Problem};
 
 /// Bytes kept of what was heard instead of an answer.
 const KEPT: usize = 256;
+/// More bytes than a port keeps for its reader: whoever has read so many reads what is being said now.
+const BUFFERED: usize = 65_536;
+/// How long a port may take no bytes. The longest request takes less than 40 ms on a line of 9600 baud.
+const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// An open port with a client on it.
 pub(crate) struct Link {
@@ -56,11 +60,12 @@ impl Link {
     pub(crate) fn call(&mut self, request: Request) -> Result<Option<Response>, Problem> {
         // Every call runs to its end, so none is in flight.
         let _ = self.client.submit(request);
+        let has_answer = Ling::reply(&request).is_some();
         let begun = self.now();
         let mut heard = Heard::default();
         let mut buf = [0; 256];
         loop {
-            self.transmit()?;
+            // Before it transmits this takes what has arrived, so that no old answer is taken for a new one.
             let n = self.receive(&mut buf)?;
             let bytes = &buf[..n];
             heard.count += n;
@@ -80,16 +85,20 @@ impl Link {
                         return Err(Problem::NoAnswer {
                             port: self.name.clone(),
                             baud: self.config.baud,
-                            heard,
+                            heard: Box::new(heard),
                         });
                     }
-                    Event::Late(_) | Event::Unsolicited(_) | Event::Unknown(_) => heard.frames += 1,
+                    Event::Late(_) | Event::Unsolicited(_) => heard.frames += 1,
+                    Event::Unknown(error) => heard.unknown = heard.unknown.or(Some(error)),
                     Event::Echo(_) => heard.echoes += 1,
                     Event::Noise(noise) => {
                         self.dropped += noise.len;
                         heard.checksums += usize::from(matches!(noise.reason, Reason::Checksum { .. }));
                     }
                 }
+            }
+            if n == 0 || heard.count > BUFFERED || !has_answer {
+                self.transmit()?;
             }
         }
     }
@@ -109,27 +118,30 @@ impl Link {
     }
 
     fn transmit(&mut self) -> Result<(), Problem> {
-        let now = self.now();
-        while let Some(bytes) = self.client.poll_transmit(now) {
+        loop {
+            let now = self.now();
+            let Some(bytes) = self.client.poll_transmit(now) else {
+                return Ok(());
+            };
             match self.port.write(bytes) {
-                Ok(n) => self.client.transmitted(now, n),
-                Err(error) if is_nothing_yet(&error) => return Ok(()),
-                Err(error) => return Err(self.lost(error)),
+                Ok(n) if n > 0 => self.client.transmitted(self.now(), n),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if !is_nothing_yet(&error) => return Err(self.lost(error)),
+                Ok(_) | Err(_) => {
+                    return Err(Problem::Stuck {
+                        port: self.name.clone(),
+                    });
+                }
             }
         }
-        Ok(())
     }
 
     /// What has arrived, waiting for it until the client has something to do.
     fn receive(&mut self, buf: &mut [u8]) -> Result<usize, Problem> {
-        let wait = self
-            .client
-            .poll_timeout()
-            .map_or(Micros(0), |due| due.since(self.now()));
+        let due = self.client.poll_timeout().unwrap_or_default();
         // The library counts in milliseconds; rounded down, the last one would be spent without a pause.
-        self.port
-            .set_read_timeout(Duration::from_millis(wait.0.div_ceil(1_000)))
-            .map_err(|error| self.lost(error))?;
+        let wait = Duration::from_millis(due.since(self.now()).0.div_ceil(1_000));
+        self.port.set_read_timeout(wait).map_err(|error| self.lost(error))?;
         match self.port.read(buf) {
             // Silence is a timeout, so this is the end.
             Ok(0) => Err(self.lost(ErrorKind::BrokenPipe.into())),
@@ -169,6 +181,7 @@ fn open(name: &str, baud: u32) -> io::Result<SerialPort> {
     port.set_configuration(&settings)?;
     // What an earlier program did not read is not for us.
     port.discard_input_buffer()?;
+    port.set_write_timeout(WRITE_TIMEOUT)?;
     // This keeps out those who do not ask for the lock.
     #[cfg(unix)]
     ioctl_tiocexcl(&port)?;

@@ -8,7 +8,7 @@ use armwire::ling::{JointState, Request, Response};
 use clap::Args;
 
 use crate::Port;
-use crate::describe::angle;
+use crate::describe::{gripper, joint};
 use crate::link::Link;
 use crate::problem::Problem;
 
@@ -35,16 +35,17 @@ impl Monitor {
             if stop.load(Ordering::Relaxed) {
                 break;
             }
-            if let Some(Response::Joints(state)) = link.call(Request::ReadJoints)? {
+            let answer = match link.call(Request::ReadJoints) {
+                // Who has asked us to end does not ask why there is no answer.
+                Err(_) if stop.load(Ordering::Relaxed) => break,
+                answer => answer?,
+            };
+            if let Some(Response::Joints(state)) = answer {
                 let text = if terminal {
                     block(&state, reading > 0)
                 } else {
                     line(link.now(), &state)
                 };
-                let text = text.map_err(|error| Problem::Value {
-                    port: self.port.port.clone(),
-                    error,
-                })?;
                 out.write_all(text.as_bytes())
                     .and_then(|()| out.flush())
                     .map_err(Problem::Output)?;
@@ -58,30 +59,26 @@ impl Monitor {
 }
 
 /// One reading on several lines, in the place of the one before.
-fn block(state: &JointState, again: bool) -> Result<String, armwire::OutOfRange> {
+fn block(state: &JointState, again: bool) -> String {
     let mut text = String::new();
     if again {
         text += &format!("\x1b[{}A", state.joints.len() + 2);
     }
-    for (i, position) in state.positions()?.into_iter().enumerate() {
-        text += &format!("joint {}  {}\x1b[K\n", i + 1, angle(position));
+    for (i, ticks) in state.joints.into_iter().enumerate() {
+        text += &format!("joint {}  {}\x1b[K\n", i + 1, joint(ticks));
     }
-    text += &format!(
-        "gripper  {:.1} % open\x1b[K\n",
-        100.0 * f32::from(state.gripper) / 1000.0
-    );
+    text += &format!("gripper  {}\x1b[K\n", gripper(state.gripper));
     text += &format!("status   {}\x1b[K\n", state.status);
-    Ok(text)
+    text
 }
 
 /// One reading on one line.
-fn line(now: Micros, state: &JointState) -> Result<String, armwire::OutOfRange> {
-    let joints = state.positions()?.map(angle);
-    Ok(format!(
-        "{:9.3} s  {}  gripper {:.1} %  {}\n",
+fn line(now: Micros, state: &JointState) -> String {
+    format!(
+        "{:9.3} s  {}  gripper {}  {}\n",
         now.0 as f64 / 1e6,
-        joints.join("  "),
-        100.0 * f32::from(state.gripper) / 1000.0,
+        state.joints.map(joint).join("  "),
+        gripper(state.gripper),
         state.status
-    ))
+    )
 }

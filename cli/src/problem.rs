@@ -1,9 +1,13 @@
 //! What can go wrong, each in one line that says what to do.
 
 use std::fmt;
+#[cfg(unix)]
+use std::fs;
 use std::io::{self, ErrorKind};
+#[cfg(unix)]
+use std::os::unix::fs::MetadataExt;
 
-use armwire::OutOfRange;
+use armwire::ling::ParseError;
 #[cfg(unix)]
 use rustix::io::Errno;
 use serial2::SerialPort;
@@ -17,10 +21,10 @@ pub(crate) enum Problem {
     Open { port: String, error: io::Error },
     /// The port failed while it was open.
     Lost { port: String, error: io::Error },
+    /// The port takes no bytes.
+    Stuck { port: String },
     /// The arm did not answer.
-    NoAnswer { port: String, baud: u32, heard: Heard },
-    /// The arm said what no arm should.
-    Value { port: String, error: OutOfRange },
+    NoAnswer { port: String, baud: u32, heard: Box<Heard> },
     /// A virtual arm could not be served.
     #[cfg(unix)]
     Serve(io::Error),
@@ -47,6 +51,8 @@ pub(crate) struct Heard {
     pub(crate) count: usize,
     /// Good frames from an arm, though not the answer.
     pub(crate) frames: usize,
+    /// The first good frame that is no message of the protocol.
+    pub(crate) unknown: Option<ParseError>,
     /// Requests of our own that came back.
     pub(crate) echoes: usize,
     /// Frames with a wrong checksum.
@@ -77,10 +83,14 @@ impl Heard {
             checksums,
             ..
         } = self;
+        let times = match sends {
+            1 => "once".to_owned(),
+            sends => format!("{sends} times"),
+        };
         if count == 0 {
             return write!(
                 f,
-                "no answer in {millis} ms, asked {sends} times: is the arm powered, is it on this port, \
+                "no answer in {millis} ms, asked {times}: is the arm powered, is it on this port, \
                  and does it talk at {baud} baud?"
             );
         }
@@ -89,6 +99,15 @@ impl Heard {
                 f,
                 "this is a Ling arm with firmware of the older generation (frames without a function byte), \
                  which is not supported: update the arm's firmware"
+            );
+        }
+        // A frame whose checksum happens to be good proves nothing where others are damaged.
+        if let Some(error) = self.unknown
+            && checksums == 0
+        {
+            return write!(
+                f,
+                "the arm answers with {error}: does its firmware refuse the request, or not know it?"
             );
         }
         if checksums > 0 || self.begun {
@@ -100,7 +119,7 @@ impl Heard {
         if self.frames > 0 {
             return write!(
                 f,
-                "frames arrive, but not the answer asked for {sends} times: does another program talk to the arm?"
+                "frames arrive, but not the answer, asked for {times}: does another program talk to the arm?"
             );
         }
         let first = hex(&self.bytes[..self.bytes.len().min(16)]);
@@ -126,11 +145,11 @@ impl fmt::Display for Problem {
                 fmt_open(f, port, error)
             }
             Self::Lost { port, error } => write!(f, "{port}: the port is gone ({error}): was it unplugged?"),
+            Self::Stuck { port } => write!(f, "{port}: the port takes no bytes: is the adapter stuck?"),
             Self::NoAnswer { port, baud, heard } => {
                 write!(f, "{port}: ")?;
                 heard.fmt_cause(f, *baud)
             }
-            Self::Value { port, error } => write!(f, "{port}: the arm reports what cannot be: {error}"),
             #[cfg(unix)]
             Self::Serve(error) => write!(f, "cannot serve a virtual arm: {error}"),
             Self::Input { name, error } => write!(f, "{name}: {error}"),
@@ -158,11 +177,18 @@ fn fmt_open(f: &mut fmt::Formatter<'_>, port: &str, error: &io::Error) -> fmt::R
                 names => write!(f, "no such port; there are: {}", names.join(", ")),
             }
         }
-        ErrorKind::PermissionDenied if cfg!(unix) => write!(
-            f,
-            "permission denied: add yourself to the group 'dialout' ('sudo usermod -aG dialout $USER') and log in again"
-        ),
+        #[cfg(unix)]
+        ErrorKind::PermissionDenied => match group(port) {
+            Some(group) => write!(
+                f,
+                "permission denied: add yourself to the group '{group}' ('sudo usermod -aG {group} $USER') and log in again"
+            ),
+            None => f.write_str(
+                "permission denied: add yourself to the group that owns it (often dialout or uucp) and log in again",
+            ),
+        },
         // What Windows says of a port that is open already.
+        #[cfg(not(unix))]
         ErrorKind::PermissionDenied => f.write_str("in use by another program: close that one first"),
         #[cfg(unix)]
         _ if Errno::from_io_error(error) == Some(Errno::NOTTY) => f.write_str("not a serial port"),
@@ -170,8 +196,21 @@ fn fmt_open(f: &mut fmt::Formatter<'_>, port: &str, error: &io::Error) -> fmt::R
     }
 }
 
+/// The group that owns a port, if that is one for users.
+#[cfg(unix)]
+fn group(port: &str) -> Option<String> {
+    let gid = fs::metadata(port).ok()?.gid();
+    let groups = fs::read_to_string("/etc/group").ok()?;
+    // Each line is `name:password:id:members`.
+    let mut fields = groups.lines().map(|line| line.split(':').collect::<Vec<_>>());
+    let owner = fields.find(|fields| fields.get(2).is_some_and(|id| id.parse() == Ok(gid)))?;
+    (gid != 0).then(|| owner[0].to_owned())
+}
+
 #[cfg(test)]
 mod tests {
+    use armwire::ling::Cause;
+
     use super::*;
 
     fn heard(bytes: &[u8]) -> Heard {
@@ -183,7 +222,7 @@ mod tests {
     }
 
     fn line(heard: Heard) -> String {
-        let (port, baud) = ("COM3".to_owned(), 1_000_000);
+        let (port, baud, heard) = ("COM3".to_owned(), 1_000_000, Box::new(heard));
         Problem::NoAnswer { port, baud, heard }.to_string()
     }
 
@@ -195,12 +234,27 @@ mod tests {
     }
 
     #[test]
+    fn an_arm_that_was_asked_once_was_not_asked_1_times() {
+        let asked = |sends| line(Heard { sends, ..heard(&[]) });
+        assert!(asked(1).contains("asked once:") && asked(3).contains("asked 3 times:"));
+    }
+
+    #[test]
     fn every_cause_is_one_line() {
         let causes = [
             heard(&[]),
             heard(&[1; 500]),
             Heard {
                 checksums: 1,
+                ..heard(&[1])
+            },
+            Heard {
+                unknown: Some(ParseError {
+                    command: 0xEE,
+                    function: 0x00,
+                    cause: Cause::Unknown,
+                }),
+                begun: true,
                 ..heard(&[1])
             },
             Heard {

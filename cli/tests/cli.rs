@@ -2,17 +2,19 @@
 #![cfg(unix)]
 #![forbid(unsafe_code)]
 
-use std::fs::{self, Permissions};
-use std::io::{BufRead, BufReader, Read, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::fs::{self, OpenOptions, Permissions};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::os::unix::fs::{OpenOptionsExt, PermissionsExt, chown};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use armwire::Protocol;
+use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire_sim::pty::Pty;
+use rustix::fs::OFlags;
 use rustix::process::{Pid, Signal, geteuid, kill_process};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_armwire");
@@ -111,24 +113,40 @@ impl Drop for Arm {
     }
 }
 
+/// Starts a program with a pty as its last argument, and lets `arm` act on the pty whenever something was written there,
+/// until the program ends.
+fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8])) -> Output {
+    let pty = Pty::open(None).unwrap();
+    let mut child = start(Command::new(PROGRAM).args(args).arg(pty.path()));
+    let deadline = Instant::now() + PATIENCE;
+    while child.try_wait().unwrap().is_none() && Instant::now() < deadline {
+        let mut request = [0; 64];
+        pty.wait(Some(Duration::from_millis(10))).unwrap();
+        let n = pty.read(&mut request).unwrap();
+        if n > 0 {
+            arm(&child, &pty, &request[..n]);
+        }
+    }
+    finish(child)
+}
+
 /// Runs `armwire info` on a pty where `answer` is written for every request.
 fn info_on_a_port_that_says(answer: &[u8]) -> Output {
-    let pty = Pty::open(None).unwrap();
-    let done = AtomicBool::new(false);
-    thread::scope(|scope| {
-        scope.spawn(|| {
-            let mut request = [0; 64];
-            while !done.load(Ordering::Relaxed) {
-                pty.wait(Some(Duration::from_millis(10))).unwrap();
-                if pty.read(&mut request).unwrap() > 0 {
-                    pty.write(answer).unwrap();
-                }
-            }
-        });
-        let output = run(&["info", pty.path().to_str().unwrap()]);
-        done.store(true, Ordering::Relaxed);
-        output
+    run_against(&["info"], |_, pty, _| {
+        assert_eq!(pty.write(answer).unwrap(), answer.len())
     })
+}
+
+/// The answer of an arm with these raw positions.
+fn joints(joint: u16, gripper: u16) -> Vec<u8> {
+    let response = Response::Joints(JointState {
+        joints: [joint; 6],
+        gripper,
+        status: MotionStatus::Idle,
+    });
+    let mut out = [0; MAX_FRAME];
+    let n = Ling::encode_response(&response, &mut out).unwrap();
+    out[..n].to_vec()
 }
 
 #[test]
@@ -163,6 +181,13 @@ fn info_knows_a_leader_and_copes_with_an_echo_and_a_slow_arm() {
 }
 
 #[test]
+fn the_number_of_servos_is_that_of_the_temperatures_whatever_the_serial_number() {
+    let arm = Arm::start("serial", &["--leader", "--serial", "ADFS990101000001"]);
+    let out = success(&["info", &arm.port]);
+    assert!(out.contains("all 6 servos normal"), "{out}");
+}
+
+#[test]
 fn info_asks_again_when_an_answer_is_damaged_and_tells_of_it() {
     let arm = Arm::start("damaged", &["--faults", "corrupt=5000", "--seed", "3"]);
     let out = success(&["info", &arm.port]);
@@ -176,8 +201,78 @@ fn monitor_prints_as_many_readings_as_asked_for() {
     assert_eq!(out.lines().count(), 5);
     assert!(
         out.lines()
-            .all(|line| line.contains("+0.0000 rad   +0.00°") && line.ends_with("gripper 0.0 %  locked"))
+            .all(|line| line.contains("+0.0000 rad   +0.00°") && line.ends_with("gripper 0.0 % open  locked"))
     );
+}
+
+#[test]
+fn monitor_never_shows_a_reading_that_waited_in_the_port() {
+    let mut requests = 0;
+    let output = run_against(&["monitor", "--rate", "2", "--count", "5"], |_, pty, bytes| {
+        // The first answer comes after the request is repeated, so that the second comes when nobody waits for it.
+        if requests == 0 {
+            thread::sleep(Duration::from_millis(150));
+        }
+        for _ in bytes.chunks(7) {
+            requests += 1;
+            pty.write(&joints(2048 + requests, 0)).unwrap();
+        }
+    });
+    let out = String::from_utf8(output.stdout).unwrap();
+    let angles: Vec<f64> = out
+        .lines()
+        .map(|line| line.split_whitespace().nth(2).unwrap().parse().unwrap())
+        .collect();
+    assert_eq!(angles.len(), 5, "{out}");
+    assert!(
+        angles[1] > angles[0] + 0.003,
+        "the answer between was a late one\n{out}"
+    );
+    let newest = f64::from(requests) * std::f64::consts::TAU / 4096.0;
+    assert!((angles[4] - newest).abs() < 0.0001, "not {newest}\n{out}");
+}
+
+#[test]
+fn monitor_goes_on_after_an_odd_reading() {
+    let mut readings = [joints(4100, 2051), joints(2048, 1000)].into_iter().cycle();
+    let output = run_against(&["monitor", "--rate", "100", "--count", "2"], |_, pty, _| {
+        pty.write(&readings.next().unwrap()).unwrap();
+    });
+    let out = String::from_utf8(output.stdout).unwrap();
+    let lines: Vec<_> = out.lines().collect();
+    assert!(
+        lines[0].contains("4100 ticks (out of range)  gripper 2051 ‰ (out of range)"),
+        "{out}"
+    );
+    assert!(lines[1].contains("+0.0000 rad   +0.00°  gripper 100.0 % open"), "{out}");
+}
+
+#[test]
+fn monitor_ends_cleanly_on_ctrl_c_while_the_arm_is_silent() {
+    let output = run_against(&["monitor"], |monitor, _, _| {
+        kill_process(Pid::from_child(monitor), Signal::INT).unwrap();
+    });
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+}
+
+#[test]
+fn a_port_that_takes_no_bytes_is_stuck() {
+    let pty = Pty::open(None).unwrap();
+    let mut client = OpenOptions::new()
+        .write(true)
+        .custom_flags(OFlags::NONBLOCK.bits() as i32)
+        .open(pty.path())
+        .unwrap();
+    let full = loop {
+        if let Err(error) = client.write(&[0]) {
+            break error;
+        }
+    };
+    assert_eq!(full.kind(), ErrorKind::WouldBlock);
+    for command in ["info", "monitor"] {
+        let line = failure(&run(&[command, pty.path().to_str().unwrap()]));
+        assert!(line.ends_with("takes no bytes: is the adapter stuck?"), "{line}");
+    }
 }
 
 #[test]
@@ -245,10 +340,17 @@ fn a_port_that_another_program_has_open_is_busy() {
 fn a_port_without_permission_says_which_group_to_join() {
     let pty = Pty::open(None).unwrap();
     let mut command;
+    let mut group = "the group ".to_owned();
     let copy = free_path("copy");
     if geteuid().is_root() {
         // Root may open anything, so somebody else must try.
         fs::set_permissions(pty.path(), Permissions::from_mode(0o600)).unwrap();
+        // A group that is not root's. Each line is `name:password:id:members`.
+        let groups = fs::read_to_string("/etc/group").unwrap();
+        let other = groups.lines().find(|line| !line.contains(":0:")).unwrap();
+        let fields: Vec<_> = other.split(':').collect();
+        chown(pty.path(), None, Some(fields[2].parse().unwrap())).unwrap();
+        group = format!("the group '{}'", fields[0]);
         fs::copy(PROGRAM, &copy).unwrap();
         fs::set_permissions(&copy, Permissions::from_mode(0o755)).unwrap();
         command = Command::new(&copy);
@@ -260,7 +362,8 @@ fn a_port_without_permission_says_which_group_to_join() {
     let output = finish(start(command.arg("info").arg(pty.path())));
     let _ = fs::remove_file(&copy);
     let line = failure(&output);
-    assert!(line.contains("permission denied") && line.contains("dialout"), "{line}");
+    let advice = format!("permission denied: add yourself to {group}");
+    assert!(line.contains(&advice), "{line}");
 }
 
 #[test]
@@ -298,6 +401,24 @@ fn bytes_that_are_no_frames_are_shown() {
 }
 
 #[test]
+fn a_frame_that_the_protocol_does_not_know_is_named() {
+    let mut out = [0; MAX_FRAME];
+    let (command, function, data) = (0xEE, 0x00, &[0x01][..]);
+    let n = Frame {
+        command,
+        function,
+        data,
+    }
+    .encode(&mut out)
+    .unwrap();
+    let line = failure(&info_on_a_port_that_says(&out[..n]));
+    assert!(
+        line.contains("the arm answers with command EE function 00: unknown"),
+        "{line}"
+    );
+}
+
+#[test]
 fn requests_that_only_come_back_are_told_from_answers() {
     let line = failure(&info_on_a_port_that_says(&[0xAA, 0x01, 0x00, 0x01, 0xFE, 0x23, 0xFF]));
     assert!(line.contains("only our own requests come back"), "{line}");
@@ -327,6 +448,8 @@ fn decode_reads_bytes_and_hexadecimal_text_from_a_file_or_standard_input() {
     );
     fs::write(&path, "AA 05 00 01 01 F9 FF\n").unwrap();
     assert_eq!(decode(&path), of_bytes);
+    fs::write(&path, "\u{FEFF}AA 05 00 01 01 F9 FF\r\n").unwrap();
+    assert_eq!(decode(&path), of_bytes, "a byte order mark is no byte of the line");
     fs::write(&path, "AA 05\nAB CG\n").unwrap();
     let line = failure(&run(&["decode", path.to_str().unwrap()]));
     assert!(
