@@ -553,8 +553,13 @@ impl Host {
     fn pick(&self, now: Nanos, next_frame: Nanos, device: &dyn Function) -> Option<(Nanos, Job)> {
         let job = self.pick_job(device)?;
         let polled = !matches!(&self.control, Some(control) if job == Job::Control && control.stage == Stage::Setup);
-        // A token that is on its way when the endpoint becomes ready still finds it so.
-        let late = now.since(self.free + TOKEN).0;
+        // A token that is on its way when the endpoint becomes ready still finds it so; but no host sends the token for
+        // bytes that it was not given yet.
+        let underway = match job {
+            Job::Pipe(_, Direction::Out) => Nanos(0),
+            Job::Pipe(_, Direction::In) | Job::Control => TOKEN,
+        };
+        let late = now.since(self.free + underway).0;
         let start = if polled {
             self.free + Nanos(late.div_ceil(self.poll_interval.0.max(1)) * self.poll_interval.0.max(1))
         } else {

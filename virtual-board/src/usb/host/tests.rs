@@ -371,3 +371,20 @@ fn an_endpoint_that_becomes_ready_is_hit_on_the_polling_grid() {
         "since the start of the frame at {frame_start}"
     );
 }
+
+#[test]
+fn no_token_goes_out_for_bytes_that_were_not_there_yet() {
+    let (mut wire, port) = open();
+    for nth in 0..50 {
+        wire.advance(Nanos(700_000 + nth * 311));
+        let written = wire.now;
+        assert!(wire.host.write(port.output.number, &[1]));
+        wire.advance(Nanos::from_millis(1));
+        let packets = wire.host.packets();
+        let packet = packets
+            .iter()
+            .rfind(|packet| packet.direction == Direction::Out)
+            .unwrap();
+        assert!(packet.start >= written, "{} before {written}", packet.start);
+    }
+}
