@@ -144,13 +144,18 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
                 Some(Ok(n)) => Input::Bytes(buf.get(..n).unwrap_or_default()),
             };
             let drained = matches!(input, Input::Tick);
+            let mut outcome = None;
+            // To the end, even once the answer is there: what follows it in the same read would be lost.
             while let Some(event) = self.client.handle(self.clock.now(), &mut input) {
                 match event {
-                    Event::Answer(response) => return Ok(Some(response)),
-                    Event::Sent => return Ok(None),
-                    Event::TimedOut { sends } => return Err(CallError::TimedOut { sends }),
+                    Event::Answer(response) => outcome = Some(Ok(Some(response))),
+                    Event::Sent => outcome = Some(Ok(None)),
+                    Event::TimedOut { sends } => outcome = Some(Err(CallError::TimedOut { sends })),
                     other => self.count(&other),
                 }
+            }
+            if let Some(outcome) = outcome {
+                return outcome;
             }
             // Torque off does not wait for an arm that never stops talking.
             if drained || P::reply(&request).is_none() {

@@ -23,6 +23,10 @@ struct World {
     replies: VecDeque<(Micros, Vec<u8>)>,
     /// Bytes that the port takes before it stalls.
     room: usize,
+    /// The most bytes that one read gives.
+    chunk: usize,
+    /// What the arm says right after each answer.
+    after: Vec<u8>,
     /// How long the arm thinks.
     turnaround: Micros,
     joint: u16,
@@ -38,6 +42,8 @@ fn world() -> Shared {
         requests: Vec::new(),
         replies: VecDeque::new(),
         room: usize::MAX,
+        chunk: 8,
+        after: Vec::new(),
         turnaround: Micros(100),
         joint: 2000,
     })
@@ -84,10 +90,10 @@ impl Read for Port<'_> {
     async fn read(&mut self, buf: &mut [u8]) -> Result<usize, Infallible> {
         poll_fn(|_| {
             let mut world = self.0.borrow_mut();
-            let now = world.now;
+            let (now, chunk) = (world.now, world.chunk);
             match world.replies.front_mut() {
                 Some((at, bytes)) if *at <= now => {
-                    let n = bytes.len().min(buf.len()).min(8);
+                    let n = bytes.len().min(buf.len()).min(chunk);
                     buf[..n].copy_from_slice(&bytes[..n]);
                     bytes.drain(..n);
                     if bytes.is_empty() {
@@ -320,4 +326,21 @@ fn a_port_that_closes_or_fails_is_an_error_that_says_so() {
     let error = call(Broken(Err(ErrorKind::BrokenPipe)));
     assert_eq!(error, CallError::Io(ErrorKind::BrokenPipe));
     assert!(std::error::Error::source(&error).is_some());
+}
+
+#[test]
+fn what_follows_an_answer_in_the_same_read_is_heard() {
+    let world = world();
+    let mut out = [0; MAX_FRAME];
+    let n = Ling::encode_response(&Response::Stroke(Stroke::Mm75), &mut out).unwrap();
+    // The decoder holds what looked like a header, so it has no room for all of a read of a whole buffer.
+    world
+        .borrow_mut()
+        .replies
+        .push_back((Micros(0), vec![0xAA, 0x06, 0x00, 0x01]));
+    world.borrow_mut().chunk = MAX_FRAME;
+    world.borrow_mut().after = [&[0x11; MAX_FRAME - 14][..], &out[..n]].concat();
+    let mut arm = arm(&world);
+    assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
+    assert_eq!(arm.counters().unsolicited, 1);
 }
