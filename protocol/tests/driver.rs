@@ -75,7 +75,8 @@ impl World {
             };
             let mut out = [0; MAX_FRAME];
             let n = Ling::encode_response(&response, &mut out).unwrap();
-            self.replies.push_back((self.now + self.turnaround, out[..n].to_vec()));
+            let reply = [&out[..n], &self.after].concat();
+            self.replies.push_back((self.now + self.turnaround, reply));
         }
     }
 }
