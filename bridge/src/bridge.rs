@@ -36,6 +36,8 @@ pub struct Bridge<const UP: usize, const DOWN: usize> {
     coding: LineCoding,
     /// The line coding the host asked for, and how many bytes for the arm go out before it takes effect.
     wanted: Option<(LineCoding, usize)>,
+    /// The one after that, and how many bytes go out between the two.
+    wanted_next: Option<(LineCoding, usize)>,
     /// When the UART was last looked at.
     looked: Micros,
     /// Nothing has arrived since the last frame ended or the line went idle, so there is nothing to time the next look
@@ -99,6 +101,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             port: Port::Detached,
             coding: LineCoding::LING,
             wanted: None,
+            wanted_next: None,
             looked: Micros(0),
             quiet: true,
             counters: Counters::default(),
@@ -270,8 +273,10 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     }
 
     /// Whether the next packet from the host may be taken. If not, leave it: USB holds the host back.
+    ///
+    /// Not while a line coding waits to take effect: what comes then is for the new one.
     pub fn usb_room(&self) -> bool {
-        self.down.room() >= PACKET
+        self.wanted.is_none() && self.down.room() >= PACKET
     }
 
     /// The host sent a packet. Ask [`usb_room`](Self::usb_room) before.
@@ -351,8 +356,15 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         if self.down.is_empty() {
             self.down_moved = now;
         }
-        let before = self.wanted.map_or(self.down.len(), |(_, before)| before);
-        self.wanted = (coding != self.coding).then_some((coding, before));
+        // No packet is taken while one waits, but one may have been on its way: so there can be two, and no more.
+        match (self.wanted, self.wanted_next) {
+            (None, _) => self.wanted = (coding != self.coding).then_some((coding, self.down.len())),
+            (Some((_, before)), None) if before == self.down.len() => {
+                self.wanted = (coding != self.coding).then_some((coding, before));
+            }
+            (Some((_, before)), None) => self.wanted_next = Some((coding, self.down.len().saturating_sub(before))),
+            (Some(_), Some((_, between))) => self.wanted_next = Some((coding, between)),
+        }
         Ok(())
     }
 
@@ -365,13 +377,17 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     pub fn line_coding_changed(&mut self, coding: LineCoding) {
         self.uart_idle();
         self.coding = coding;
-        self.wanted = self.wanted.filter(|&(wanted, _)| wanted != coding);
+        if self.wanted.is_none_or(|(wanted, _)| wanted == coding) {
+            self.wanted = self.wanted_next.take();
+        }
         count(&mut self.counters.line_codings, 1);
     }
 
     /// The line coding the host may count on: the one it last asked for successfully.
     pub fn line_coding(&self) -> LineCoding {
-        self.wanted.map_or(self.coding, |(wanted, _)| wanted)
+        self.wanted_next
+            .or(self.wanted)
+            .map_or(self.coding, |(wanted, _)| wanted)
     }
 
     // ---- Health ----

@@ -203,6 +203,37 @@ fn a_line_coding_takes_effect_between_the_bytes_before_and_after_it() {
 }
 
 #[test]
+fn bytes_between_two_line_codings_go_out_at_the_first() {
+    const BAUD_2M: [u8; 7] = [0x80, 0x84, 0x1E, 0, 0, 0, 8];
+    for last in [BAUD_2M, LineCoding::LING.to_cdc()] {
+        let mut bridge = open();
+        bridge.usb_received(b"AAA", NOW);
+        bridge.request_line_coding(BAUD_115200, NOW).unwrap();
+        assert!(!bridge.usb_room(), "the next packet waits");
+        // One may have been on its way all the same.
+        bridge.usb_received(b"BBB", NOW);
+        bridge.request_line_coding(last, NOW).unwrap();
+        let last = LineCoding::from_cdc(last).unwrap();
+        assert_eq!(bridge.line_coding(), last);
+
+        let mut sent = Vec::new();
+        let mut buf = [0; 64];
+        let mut baud = LineCoding::LING.baud;
+        for _ in 0..4 {
+            let n = bridge.uart_transmit(&mut buf, NOW);
+            sent.extend(buf[..n].iter().map(|&byte| (byte, baud)));
+            if let Some(coding) = bridge.line_coding_change() {
+                baud = coding.baud;
+                bridge.line_coding_changed(coding);
+            }
+        }
+        assert_eq!(sent, [[(b'A', 1_000_000); 3], [(b'B', 115_200); 3]].concat());
+        assert_eq!((baud, bridge.counters().line_codings), (last.baud, 2));
+        assert!(bridge.usb_room());
+    }
+}
+
+#[test]
 fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
     let mut bridge = open();
     bridge.request_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();

@@ -24,7 +24,7 @@ use embassy_time::{Instant, Timer};
 use crate::adapter::{Adapter, now};
 use crate::board::{RX_REQUEST, RX_STREAM, RxInterrupt, TX_REQUEST, UART, UartInterrupt};
 
-/// Bytes the receive ring holds: 5 ms at 2 Mbaud.
+/// Bytes the receive ring holds. Half of them may wait to be taken: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
 
 /// The receive ring, which the DMA writes.
@@ -65,7 +65,8 @@ impl Handler<UartInterrupt> for InterruptHandler {
             ] {
                 counter.fetch_add(flag.into(), Ordering::Relaxed);
             }
-            // With RXNE set the flags stay until the DMA reads DR; until then this would be called again and again.
+            // With RXNE set the flags stay until the DMA reads DR; until then this would be called again and again, for
+            // parity errors too (below).
             // Whoever restarts the receive path asks for errors again.
             UART.cr3().modify(|w| w.set_eie(false));
             RESTART.store(true, Ordering::Relaxed);
@@ -73,7 +74,10 @@ impl Handler<UartInterrupt> for InterruptHandler {
         if status.idle() {
             IDLE.store(tail(), Ordering::Relaxed);
         }
-        UART.cr1().modify(|w| w.set_rxneie(false));
+        UART.cr1().modify(|w| {
+            w.set_rxneie(false);
+            w.set_peie(w.peie() && !error);
+        });
         EVENT.signal(());
     }
 }
@@ -246,6 +250,7 @@ impl Receiver {
 #[embassy_executor::task]
 pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, Blocking>, mut dma: Channel<'static>) {
     UART.cr3().modify(|w| w.set_dmat(true));
+    let mut current = LineCoding::LING;
     let mut chunk = [0; 64];
     loop {
         let n = adapter.with(|bridge| bridge.uart_transmit(&mut chunk, now()));
@@ -253,7 +258,8 @@ pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, 
             adapter.room.signal(());
             send(&mut dma, &chunk[..n]).await;
         } else if let Some(coding) = adapter.with(|bridge| bridge.line_coding_change()) {
-            change(&mut uart, coding).await;
+            change(&mut uart, current, coding).await;
+            current = coding;
             adapter.with(|bridge| bridge.line_coding_changed(coding));
             adapter.room.signal(());
             RESTART.store(true, Ordering::Relaxed);
@@ -275,11 +281,14 @@ async fn send(dma: &mut Channel<'static>, bytes: &[u8]) {
     unsafe { dma.write(TX_REQUEST, bytes, UART.dr().as_ptr().cast::<u8>(), Default::default()) }.await;
 }
 
-/// Waits for the last bit to leave and changes the line coding.
-async fn change(uart: &mut Uart<'static, Blocking>, coding: LineCoding) {
+/// Waits for the last bit to leave at the current line coding, and changes it.
+async fn change(uart: &mut Uart<'static, Blocking>, current: LineCoding, coding: LineCoding) {
     while !UART.sr().read().tc() {
         Timer::after_micros(10).await;
     }
+    // TC may be that of the byte before the last transfer, if it ended between the clearing of TC and the first byte. Then
+    // two bytes are left: one in the shift register, one behind it.
+    Timer::after_micros(current.micros(2)).await;
     let mut config = usart::Config::default();
     config.baudrate = coding.baud;
     config.parity = match coding.parity {

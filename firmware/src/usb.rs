@@ -126,7 +126,9 @@ fn is_for_the_port(request: &Request) -> bool {
 }
 
 fn is_for_the_adapter(request: &Request) -> bool {
-    request.request_type == RequestType::Vendor && request.recipient == Recipient::Device
+    request.request_type == RequestType::Vendor
+        && request.recipient == Recipient::Device
+        && (request.value, request.index) == (0, 0)
 }
 
 fn answer<'a>(buf: &'a mut [u8], bytes: &[u8]) -> Option<InResponse<'a>> {
