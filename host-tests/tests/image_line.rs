@@ -162,6 +162,8 @@ fn follow_rate(board: &mut VirtualBoard<Talker>, baud: u32) {
         let actual = board.uart().baud().unwrap();
         if actual.abs_diff(baud.into()) * 100 < u64::from(baud) {
             board.uart().set_arm_baud(baud);
+            // The new rate takes the UART off the line for some microseconds. No arm speaks just then: it was not asked.
+            board.run_for(Micros(50)).unwrap();
             return;
         }
         board.run_for(Micros(5)).unwrap();

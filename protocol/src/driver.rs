@@ -36,6 +36,16 @@ pub trait Clock {
     fn wait_until(&self, instant: Micros) -> impl Future<Output = ()>;
 }
 
+impl<C: Clock> Clock for &C {
+    fn now(&self) -> Micros {
+        C::now(self)
+    }
+
+    fn wait_until(&self, instant: Micros) -> impl Future<Output = ()> {
+        C::wait_until(self, instant)
+    }
+}
+
 /// Why a call failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -701,10 +701,11 @@ fn control(endpoint: usize, old: u32, written: u32) -> u32 {
     new
 }
 
-/// What a bus reset leaves of an endpoint's control register.
+/// What a bus reset leaves of an endpoint's control register. An endpoint that was enabled stays so: the list of what
+/// clears EPENA has no reset (34.16.4).
 fn after_reset(endpoint: usize, control: u32) -> u32 {
     let active = if endpoint == 0 { 0 } else { epctl::USBAEP };
-    control & !(active | epctl::EPENA | epctl::STALL) | epctl::NAKSTS
+    control & !(active | epctl::STALL) | epctl::NAKSTS
 }
 
 /// Which endpoint's register is at `offset`, and which one it is.
