@@ -8,7 +8,7 @@ use armwire_host_tests::image::{
     MEGABAUD, Talker, as_received, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
     read_all, same_bytes,
 };
-use armwire_virtual_board::line::{Fault, FaultRates};
+use armwire_virtual_board::line::{Fault, FaultRates, LineByte, Outcome};
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::{Config, Nanos, Reenabled, VirtualBoard};
 
@@ -121,12 +121,25 @@ fn a_line_with_errors_all_the_time_loses_only_what_they_hit() {
         same_bytes("the host", &received, &as_received(&board.uart().bytes()));
         same_bytes("the arm", &board.with_arm(Talker::take_heard), &down);
 
+        let line = board.uart().bytes();
+        let injected = |faults: &[Fault]| {
+            let hit = |byte: &&LineByte| faults.iter().any(|&fault| byte.outcome == Outcome::Faulty(fault));
+            line.iter().filter(hit).count()
+        };
         let counters = counters(board);
-        println!(
-            "{} framing errors, {} noise, {} overruns counted in 50000 bytes",
-            counters.framing_errors, counters.noise_errors, counters.overrun_errors
-        );
-        assert!(counters.framing_errors > 150 && counters.noise_errors > 100 && counters.overrun_errors > 100);
+        for (what, counted, injected) in [
+            (
+                "framing errors",
+                counters.framing_errors,
+                injected(&[Fault::Framing, Fault::Break]),
+            ),
+            ("noise", counters.noise_errors, injected(&[Fault::Noise])),
+            ("overruns", counters.overrun_errors, injected(&[Fault::Overrun])),
+        ] {
+            println!("{counted} {what} counted of {injected} in 50000 bytes");
+            // An error in the middle of a restart may be seen twice, or together with its neighbour.
+            assert!((counted as usize).abs_diff(injected) * 20 <= injected, "{what}");
+        }
         assert_eq!(counters.ring_overruns, 0);
 
         board.uart().set_fault_rates(FaultRates::default());
