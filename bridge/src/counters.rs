@@ -39,7 +39,8 @@ pub struct Counters {
     pub noise_errors: u32,
     /// Overruns the UART reported: a byte arrived before the last one was taken.
     pub overrun_errors: u32,
-    /// Times the receive ring was overwritten before it was read. How many bytes were lost is not known.
+    /// Times the receive ring was overwritten before it was read, or nearly: what was in it is dropped. How many bytes were
+    /// lost is not known.
     pub ring_overruns: u32,
     /// USB bus resets.
     pub usb_resets: u32,

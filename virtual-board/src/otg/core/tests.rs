@@ -85,7 +85,7 @@ fn a_device_that_senses_vbus_hears_the_cable_come_and_go() {
 }
 
 #[test]
-fn a_bus_reset_silences_every_endpoint_but_the_first() {
+fn a_bus_reset_silences_endpoints_and_enumeration_tells_the_speed() {
     let mut core = with_bulk();
     core.reset();
     assert_ne!(core.read(GINTSTS) & gint::USBRST, 0);
