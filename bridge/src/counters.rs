@@ -63,6 +63,10 @@ impl Counters {
     /// How many bytes they take, each four, little-endian.
     pub const LEN: usize = 4 * Self::COUNT;
 
+    /// The USB control request that reads them: type 0xC0 (vendor, from the device) and its number. Value and index are 0,
+    /// the answer is [`to_bytes`](Self::to_bytes).
+    pub const READ_REQUEST: (u8, u8) = (0xC0, 0x01);
+
     /// What each is called, in the order in which they are declared, which is that of the bytes too.
     pub const NAMES: [&str; Self::COUNT] = [
         "arm_to_host_bytes",

@@ -18,10 +18,6 @@ const SET_LINE_CODING: u8 = 0x20;
 const GET_LINE_CODING: u8 = 0x21;
 const SET_CONTROL_LINE_STATE: u8 = 0x22;
 
-/// The vendor request that reads the counters: 0xC0, 0x01, value 0, index 0. The answer is
-/// [`Counters::to_bytes`].
-const READ_COUNTERS: u8 = 0x01;
-
 /// The interface that the requests go to: the first, the only function's.
 const CONTROL_INTERFACE: u16 = 0;
 
@@ -110,7 +106,7 @@ impl Handler for Control {
         if is_for_the_port(&request) && request.request == GET_LINE_CODING {
             let coding = self.adapter.with(|bridge| bridge.line_coding()).to_cdc();
             answer(buf, &coding)
-        } else if is_for_the_adapter(&request) && request.request == READ_COUNTERS {
+        } else if is_for_the_adapter(&request) && request.request == Counters::READ_REQUEST.1 {
             let counters = self.adapter.with(|bridge| bridge.counters()).to_bytes();
             answer(buf, &counters)
         } else {

@@ -24,9 +24,6 @@ pub use talker::Talker;
 /// The rate of the Ling arm's line, in bits per second.
 pub const MEGABAUD: u32 = 1_000_000;
 
-/// The vendor request that reads the adapter's counters, from the device.
-const READ_COUNTERS: (u8, u8) = (0xC0, 0x01);
-
 /// Longer than anything waits in the adapter, at 115200 baud and above.
 const SETTLING: Micros = Micros::from_millis(10);
 
@@ -94,7 +91,7 @@ pub fn open<A: Arm>(board: &mut VirtualBoard<A>, baud: u32) {
 ///
 /// If it does not say.
 pub fn counters<A: Arm>(board: &mut VirtualBoard<A>) -> Counters {
-    let (kind, request) = READ_COUNTERS;
+    let (kind, request) = Counters::READ_REQUEST;
     let answer = board
         .usb()
         .control(Request::read(kind, request, 0, 0, Counters::LEN as u16));

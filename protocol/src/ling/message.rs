@@ -292,6 +292,16 @@ fn put_words(data: &mut [u8], words: &[u16]) {
     }
 }
 
+/// Writes a frame.
+fn encode(out: &mut [u8], command: u8, function: u8, data: &[u8]) -> Result<usize, BufferTooShort> {
+    let frame = Frame {
+        command,
+        function,
+        data,
+    };
+    frame.put(out)
+}
+
 impl Move {
     const LEN: usize = (JOINTS + 1) * 4;
 
@@ -420,14 +430,7 @@ impl Protocol for Ling {
     type Error = ParseError;
 
     fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let mut encode = |command, function, data: &[u8]| {
-            Frame {
-                command,
-                function,
-                data,
-            }
-            .put(out)
-        };
+        let mut encode = |command, function, data: &[u8]| encode(out, command, function, data);
         match *request {
             Request::ReadInfo => encode(command::INFO, 0, &[ASK]),
             Request::SetZero => encode(command::ZERO, 0, &[ASK]),
@@ -452,14 +455,7 @@ impl Protocol for Ling {
     }
 
     fn encode_response(response: &Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let mut encode = |command, function, data: &[u8]| {
-            Frame {
-                command,
-                function,
-                data,
-            }
-            .put(out)
-        };
+        let mut encode = |command, function, data: &[u8]| encode(out, command, function, data);
         match response {
             Response::Info(info) => {
                 let mut data = [0; 24];

@@ -5,6 +5,7 @@ use std::error::Error;
 use armwire::ling::{Ling, MAX_FRAME, Request, Response};
 use armwire::{Client, Config, Event, Input, Micros};
 use armwire_sim::ling::LingArm;
+use armwire_virtual_board::latency::{self, Mismatch};
 use armwire_virtual_board::line::Direction;
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::{Nanos, VirtualBoard, usb};
@@ -13,6 +14,9 @@ use crate::figures::{BYTE, Figures};
 
 /// The longest request, 34 bytes, on the arm's line.
 const MOVE_ON_WIRE: Micros = Micros(34 * BYTE.0);
+
+/// Longer than any pause within an answer.
+const ANSWER_PAUSE: Nanos = Nanos::from_millis(1);
 
 /// The program, and the board it talks to.
 pub(crate) struct Host {
@@ -56,7 +60,7 @@ impl Host {
             match self.client.handle(now, &mut input) {
                 Some(Event::Answer(response)) => {
                     let took = self.board.now().since(start);
-                    self.measure(start, took);
+                    self.measure(start, took)?;
                     return Ok((Some(response), took));
                 }
                 Some(Event::Sent) => {
@@ -92,27 +96,23 @@ impl Host {
     }
 
     /// Notes what the adapter added to a call.
-    fn measure(&mut self, start: Nanos, took: Nanos) {
+    fn measure(&mut self, start: Nanos, took: Nanos) -> Result<(), Mismatch> {
         let bytes = self.board.uart().bytes();
-        let first_out = bytes.iter().find(|byte| byte.direction == Direction::ToArm);
-        let last_in = bytes.iter().rfind(|byte| byte.direction == Direction::ToBoard);
         let packets = self.board.usb().packets();
-        let packet = packets
-            .iter()
-            .rfind(|packet| packet.direction == usb::Direction::In && !packet.data.is_empty());
+        let answer = latency::bursts(&bytes, &packets, ANSWER_PAUSE)?.pop();
+        let first_out = bytes.iter().find(|byte| byte.direction == Direction::ToArm);
         let asked = packets.iter().find(|packet| packet.direction == usb::Direction::Out);
-        if let (Some(asked), Some(first_out), Some(last_in), Some(packet)) = (asked, first_out, last_in, packet) {
+        if let (Some(asked), Some(first_out), Some(answer)) = (asked, first_out, answer) {
             let start_bit = first_out.at.since(BYTE.into());
-            let line = last_in.at.since(start_bit);
+            let line = answer.last_stop.since(start_bit);
             self.figures.calls.add(took);
             self.figures.line.add(line);
             self.figures.added.add(took.since(line));
             self.figures.to_usb.add(asked.end.since(start));
             self.figures.to_uart.add(start_bit.since(asked.end));
-            if let Some(armed) = packet.armed {
-                self.figures.armed.add(armed.since(last_in.at));
-            }
-            self.figures.to_host.add(packet.end.since(last_in.at));
+            self.figures.armed.add(answer.to_armed());
+            self.figures.to_host.add(answer.to_arrival());
         }
+        Ok(())
     }
 }

@@ -18,9 +18,6 @@ const TARGET: [f32; 6] = [30.0, -20.0, 45.0, 0.0, 60.0, -90.0];
 /// How many times the joints are read for the figures.
 const READS: u32 = 500;
 
-/// The adapter's vendor request for its counters: type and number.
-const READ_COUNTERS: (u8, u8) = (0xC0, 0x01);
-
 /// How often a move is looked at.
 const GLANCE: Micros = Micros::from_millis(200);
 
@@ -195,13 +192,9 @@ fn measure(host: &mut Host) -> Result<(), Box<dyn Error>> {
 
 /// What was counted on the way, and whether the firmware did anything it should not.
 fn account(host: &mut Host) -> Result<(), Box<dyn Error>> {
-    let counters = host.board.usb().control(usb::host::Request::read(
-        READ_COUNTERS.0,
-        READ_COUNTERS.1,
-        0,
-        0,
-        Counters::LEN as u16,
-    ))?;
+    let (kind, request) = Counters::READ_REQUEST;
+    let request = usb::host::Request::read(kind, request, 0, 0, Counters::LEN as u16);
+    let counters = host.board.usb().control(request)?;
     let counters = counters.first_chunk().ok_or("the adapter's counters are too short")?;
     let counters = Counters::from_bytes(counters);
     let seen: Vec<String> = Counters::NAMES
