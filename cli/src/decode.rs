@@ -138,7 +138,7 @@ fn lines(bytes: &[u8]) -> Vec<String> {
 }
 
 fn meaning(frame: Frame<'_>) -> String {
-    match (Ling::parse_request(frame), Ling::parse_response(frame)) {
+    match (Ling::parse_request(frame), Ling::parse_response(frame, ())) {
         (Ok(request), _) => format!("to the arm: {}", describe::request(&request)),
         (_, Ok(response)) => format!("from the arm: {}", describe::response(&response)),
         (Err(request), Err(response)) => format!("no message: as a request, {request}; as an answer, {response}"),

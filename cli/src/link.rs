@@ -91,7 +91,7 @@ impl Link {
                     Event::Late(_) | Event::Unsolicited(_) => heard.frames += 1,
                     Event::Unknown(error) => heard.unknown = heard.unknown.or(Some(error)),
                     Event::Echo(_) => heard.echoes += 1,
-                    Event::Noise(noise) => {
+                    Event::Noise(noise) | Event::Broken(noise) => {
                         self.dropped += noise.len;
                         heard.checksums += usize::from(matches!(noise.reason, Reason::Checksum { .. }));
                     }

@@ -46,7 +46,7 @@ fn frames(bytes: &[u8]) -> Vec<u16> {
     loop {
         rest = decoder.push(rest);
         while let Some(next) = decoder.next(()) {
-            if let Ok(Ok(Response::Joints(state))) = next.map(Ling::parse_response) {
+            if let Ok(Ok(Response::Joints(state))) = next.map(|frame| Ling::parse_response(frame, ())) {
                 numbers.push(state.joints[0] + 4_096 * state.gripper);
             }
         }

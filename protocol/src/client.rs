@@ -27,7 +27,7 @@ pub enum Input<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    /// Baud rate of the line, which says how long messages take on it.
+    /// Baud rate of the line, which says how long messages take on it; `u32::MAX` where there is none.
     pub baud: u32,
     /// The most that the way to the line and back may add to an answer: USB and operating system, or nothing.
     pub latency: Micros,
@@ -52,6 +52,15 @@ impl Config {
         latency: Micros::from_millis(10),
         repeats: 2,
         lateness: Micros::from_millis(100),
+    };
+
+    /// A TCP connection in a local network: an answer takes 100 ms at most besides the arm's own time, and nothing is
+    /// repeated, for TCP does so.
+    pub const TCP: Self = Self {
+        baud: u32::MAX,
+        latency: Micros::from_millis(100),
+        repeats: 0,
+        lateness: Micros::from_millis(0),
     };
 
     /// The time that `len` bytes take on the line, ten bits a byte.
@@ -81,6 +90,9 @@ pub enum Event<P: Protocol> {
     Unknown(P::Error),
     /// Bytes that are not part of a frame.
     Noise(Noise),
+    /// The same on a [`RELIABLE`](crate::Framing::RELIABLE) line: nothing after them can be read, the request in flight
+    /// if any is given up, and so is every later one. Close the connection.
+    Broken(Noise),
 }
 
 impl<P: Protocol> fmt::Debug for Event<P> {
@@ -94,6 +106,7 @@ impl<P: Protocol> fmt::Debug for Event<P> {
             Self::Echo(request) => f.debug_tuple("Echo").field(request).finish(),
             Self::Unknown(error) => f.debug_tuple("Unknown").field(error).finish(),
             Self::Noise(noise) => f.debug_tuple("Noise").field(noise).finish(),
+            Self::Broken(noise) => f.debug_tuple("Broken").field(noise).finish(),
         }
     }
 }
@@ -115,6 +128,7 @@ where
             Self::Echo(request) => defmt::write!(f, "Echo({})", request),
             Self::Unknown(error) => defmt::write!(f, "Unknown({})", error),
             Self::Noise(noise) => defmt::write!(f, "Noise({})", noise),
+            Self::Broken(noise) => defmt::write!(f, "Broken({})", noise),
         }
     }
 }
@@ -137,7 +151,7 @@ impl<P: Protocol> PartialEq for Event<P> {
             (Self::TimedOut { sends: a }, Self::TimedOut { sends: b }) => a == b,
             (Self::Echo(a), Self::Echo(b)) => a == b,
             (Self::Unknown(a), Self::Unknown(b)) => a == b,
-            (Self::Noise(a), Self::Noise(b)) => a == b,
+            (Self::Noise(a), Self::Noise(b)) | (Self::Broken(a), Self::Broken(b)) => a == b,
             _ => false,
         }
     }
@@ -202,7 +216,8 @@ struct Owed<P: Protocol> {
 ///
 /// A late answer never satisfies the next request: when answers to an earlier one may still come (it timed out, was
 /// repeated, or was cancelled), the next request that wants an answer is held back until they came or
-/// [`Config::lateness`] is over. Requests without an answer, such as torque off, are never held back. For this to hold,
+/// [`Config::lateness`] is over. Requests without an answer, such as torque off, are never held back, and none is where
+/// answers say which request they answer ([`Protocol::IDENTIFIED`]). For this to hold,
 /// hand in what has arrived before you ask for bytes to transmit: bytes that waited in a port's buffer are as old as they
 /// are, whenever they are read.
 ///
@@ -314,7 +329,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     pub fn poll_transmit(&mut self, now: Micros) -> Option<&[u8]> {
         if self.tx_start == self.tx_end {
             let _ = self.owed.take_if(|owed| owed.until <= now);
-            let held = self.held_until(now).is_some();
+            let held = self.is_held(now) || self.decoder.broken().is_some();
             let flight = self.flight.as_mut()?;
             if held || !matches!(flight.state, State::Ready) {
                 return None;
@@ -380,6 +395,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         }
         match self.flight.as_ref()?.state {
             State::Waiting { due, .. } => Some(due),
+            State::Ready if P::IDENTIFIED => Some(Micros(0)),
             State::Ready => Some(self.owed.as_ref().map_or(Micros(0), |owed| owed.until)),
             State::Sent => Some(Micros(0)),
             State::Writing => None,
@@ -392,15 +408,19 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             self.flight = None;
             return Some(Event::Sent);
         }
-        let expect = P::expect(self.flight.as_ref().map(|flight| &flight.request));
+        let expect = self.expect();
         loop {
             match self.decoder.next(expect) {
                 Some(Ok(frame)) => {
-                    let event = match P::parse_response(frame) {
+                    let event = match P::parse_response(frame, expect) {
                         Ok(response) => return Some(self.place(now, response)),
                         Err(error) => P::parse_request(frame).map_or(Event::Unknown(error), Event::Echo),
                     };
                     return Some(event);
+                }
+                Some(Err(noise)) if P::RELIABLE => {
+                    self.flight = None;
+                    return Some(Event::Broken(noise));
                 }
                 Some(Err(noise)) => return Some(Event::Noise(noise)),
                 None => {}
@@ -417,7 +437,18 @@ impl<P: Protocol, const N: usize> Client<P, N> {
                 Input::Bytes(_) | Input::Tick => break,
             }
         }
+        if let Some(noise) = self.decoder.broken() {
+            return self.flight.take().map(|_| Event::Broken(noise));
+        }
         self.expire(now, expect)
+    }
+
+    /// What the next frame may be: the answer to the request in flight or, until that is sent, one that is owed.
+    fn expect(&self) -> P::Expect {
+        let begun = |flight: &&Flight<P>| flight.answers() > 0;
+        let flight = self.flight.as_ref().filter(begun).map(|flight| &flight.request);
+        let owed = self.owed.as_ref().map(|owed| &owed.request);
+        P::expect(flight.or(owed))
     }
 
     /// What a response is to the request in flight.
@@ -495,11 +526,14 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         }
     }
 
-    /// Until when the request in flight must not be sent.
-    fn held_until(&self, now: Micros) -> Option<Micros> {
-        let owed = self.owed.as_ref()?;
-        let waits = P::reply(&self.flight.as_ref()?.request).is_some();
-        (waits && now < owed.until).then_some(owed.until)
+    /// Whether the request in flight must not be sent yet.
+    fn is_held(&self, now: Micros) -> bool {
+        let owes = self.owed.as_ref().is_some_and(|owed| now < owed.until);
+        let waits = self
+            .flight
+            .as_ref()
+            .is_some_and(|flight| P::reply(&flight.request).is_some());
+        owes && waits && !P::IDENTIFIED
     }
 }
 
@@ -519,7 +553,7 @@ impl<P: Protocol, const N: usize> fmt::Debug for Client<P, N> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "ling"))]
 mod tests {
     extern crate std;
 

@@ -11,6 +11,9 @@ use crate::{Framing, Noise, Reason, Scan};
 /// out to be none, scanning resumes at its second byte, so a false header never costs a good frame. A run of stray
 /// bytes is reported whole, once its end is known.
 ///
+/// On a [`RELIABLE`](Framing::RELIABLE) line the first noise is the last: it is given once by [`next`](Self::next), kept
+/// in [`broken`](Self::broken), and nothing that follows is read.
+///
 /// ```
 /// use armwire::Decoder;
 /// use armwire::ling::{self, Ling};
@@ -34,6 +37,8 @@ pub struct Decoder<F: Framing, const N: usize> {
     offset: u64,
     /// Stray bytes just before the window that were not reported yet.
     stray: usize,
+    /// What broke the stream.
+    broken: Option<Noise>,
     framing: PhantomData<F>,
 }
 
@@ -47,6 +52,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             tail: 0,
             offset: 0,
             stray: 0,
+            broken: None,
             framing: PhantomData,
         }
     }
@@ -66,6 +72,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Accepts the first `n` bytes of [`space`](Self::space), or all of it if `n` is more.
     pub fn commit(&mut self, n: usize) {
         self.tail = self.tail.saturating_add(n).min(N);
+        self.discard_if_broken();
     }
 
     /// Copies in as much of `bytes` as there is room for and returns the rest.
@@ -86,7 +93,12 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     pub fn next(&mut self, expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
         let verdict = loop {
             match self.scan(expect)? {
-                Scan::Skip(n, Reason::Stray) => self.stray = self.stray.saturating_add(self.advance(n)),
+                Scan::Skip(n, Reason::Stray) if !F::RELIABLE => {
+                    self.stray = self.stray.saturating_add(self.advance(n));
+                }
+                Scan::Fill(n) if self.stray == 0 => {
+                    self.advance(n);
+                }
                 verdict => break verdict,
             }
         };
@@ -94,8 +106,15 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             return Some(Err(noise));
         }
         match verdict {
-            Scan::Need(_) => None,
-            Scan::Skip(n, reason) => Some(Err(self.skip(n, reason))),
+            Scan::Need(_) | Scan::Fill(_) => None,
+            Scan::Skip(n, reason) => {
+                let noise = self.skip(n, reason);
+                if F::RELIABLE {
+                    self.broken = Some(noise);
+                    self.discard_if_broken();
+                }
+                Some(Err(noise))
+            }
             Scan::Frame(n) => {
                 let start = self.head;
                 let len = self.advance(n);
@@ -125,8 +144,9 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         match self.scan(expect) {
             None => 1,
             Some(Scan::Need(n)) => n.max(1),
-            // Where a run of stray bytes ends is not known yet.
+            // Where a run of stray bytes ends is not known yet; filling is nothing to say.
             Some(Scan::Skip(n, Reason::Stray)) if n >= self.pending() => 1,
+            Some(Scan::Fill(n)) if n >= self.pending() && self.stray == 0 => 1,
             Some(_) => 0,
         }
     }
@@ -135,7 +155,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     ///
     /// Call it on an idle line that the UART reports, never on a gap between USB packets. Call it and
     /// [`next`](Self::next) in turn until both return `None`: each call gives up one false header, and what follows it
-    /// is scanned again.
+    /// is scanned again. On a [`RELIABLE`](Framing::RELIABLE) line it does nothing.
     ///
     /// ```
     /// use armwire::{Decoder, Reason};
@@ -147,12 +167,15 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// assert_eq!(decoder.idle(()).unwrap().reason, Reason::Truncated { missing: 16 });
     /// ```
     pub fn idle(&mut self, expect: F::Expect) -> Option<Noise> {
+        if F::RELIABLE {
+            return None;
+        }
         match self.scan(expect) {
             None => self.take_stray(),
             Some(Scan::Need(missing)) => self
                 .take_stray()
                 .or_else(|| Some(self.skip(1, Reason::Truncated { missing }))),
-            Some(Scan::Frame(_) | Scan::Skip(..)) => None,
+            Some(Scan::Frame(_) | Scan::Skip(..) | Scan::Fill(_)) => None,
         }
     }
 
@@ -166,6 +189,19 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// ```
     pub const fn pending(&self) -> usize {
         self.tail.saturating_sub(self.head)
+    }
+
+    /// What broke the stream, on a [`RELIABLE`](Framing::RELIABLE) line: close the connection and make a new decoder.
+    ///
+    /// `None` while all is well, and always on other lines.
+    pub const fn broken(&self) -> Option<Noise> {
+        self.broken
+    }
+
+    fn discard_if_broken(&mut self) {
+        if self.broken.is_some() {
+            self.advance(self.pending());
+        }
     }
 
     fn scan(&self, expect: F::Expect) -> Option<Scan> {
@@ -212,7 +248,7 @@ impl<F: Framing, const N: usize> fmt::Debug for Decoder<F, N> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "ling"))]
 mod tests {
     extern crate std;
 

@@ -12,6 +12,8 @@ pub enum Heard<P: Protocol> {
     Unknown(P::Error),
     /// Bytes that are not part of a frame.
     Noise(Noise),
+    /// The same on a [`RELIABLE`](crate::Framing::RELIABLE) line: nothing after them can be read. Close the connection.
+    Broken(Noise),
 }
 
 impl<P: Protocol> fmt::Debug for Heard<P> {
@@ -20,6 +22,7 @@ impl<P: Protocol> fmt::Debug for Heard<P> {
             Self::Request(request) => f.debug_tuple("Request").field(request).finish(),
             Self::Unknown(error) => f.debug_tuple("Unknown").field(error).finish(),
             Self::Noise(noise) => f.debug_tuple("Noise").field(noise).finish(),
+            Self::Broken(noise) => f.debug_tuple("Broken").field(noise).finish(),
         }
     }
 }
@@ -35,6 +38,7 @@ where
             Self::Request(request) => defmt::write!(f, "Request({})", request),
             Self::Unknown(error) => defmt::write!(f, "Unknown({})", error),
             Self::Noise(noise) => defmt::write!(f, "Noise({})", noise),
+            Self::Broken(noise) => defmt::write!(f, "Broken({})", noise),
         }
     }
 }
@@ -52,7 +56,7 @@ impl<P: Protocol> PartialEq for Heard<P> {
         match (self, other) {
             (Self::Request(a), Self::Request(b)) => a == b,
             (Self::Unknown(a), Self::Unknown(b)) => a == b,
-            (Self::Noise(a), Self::Noise(b)) => a == b,
+            (Self::Noise(a), Self::Noise(b)) | (Self::Broken(a), Self::Broken(b)) => a == b,
             _ => false,
         }
     }
@@ -99,6 +103,7 @@ impl<P: Protocol, const N: usize> Device<P, N> {
                         Err(error) => Heard::Unknown(error),
                     });
                 }
+                Some(Err(noise)) if P::RELIABLE => return Some(Heard::Broken(noise)),
                 Some(Err(noise)) => return Some(Heard::Noise(noise)),
                 None => {}
             }

@@ -7,7 +7,7 @@ use core::task::Poll;
 
 use embedded_io_async::{Read, Write};
 
-use crate::{Client, Config, Event, Input, Micros, Protocol};
+use crate::{Client, Config, Event, Input, Micros, Noise, Protocol};
 
 /// A monotonic clock that can also wait: the driver's only need of a runtime.
 ///
@@ -55,6 +55,8 @@ pub enum CallError<E> {
     Io(E),
     /// The port took or gave no bytes where it must: it is closed.
     Closed,
+    /// What arrived cannot be read, nor can anything after it: the connection must be closed.
+    Broken(Noise),
     /// The arm did not answer.
     TimedOut {
         /// How often the request was sent.
@@ -67,6 +69,7 @@ impl<E: fmt::Display> fmt::Display for CallError<E> {
         match self {
             Self::Io(error) => write!(f, "the port failed: {error}"),
             Self::Closed => f.write_str("the port is closed"),
+            Self::Broken(noise) => write!(f, "the connection is broken: {noise}"),
             Self::TimedOut { sends: 1 } => f.write_str("the arm did not answer"),
             Self::TimedOut { sends } => write!(f, "the arm did not answer, asked {sends} times"),
         }
@@ -77,6 +80,7 @@ impl<E: core::error::Error + 'static> core::error::Error for CallError<E> {
     fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
         match self {
             Self::Io(error) => Some(error),
+            Self::Broken(noise) => Some(noise),
             Self::Closed | Self::TimedOut { .. } => None,
         }
     }
@@ -161,6 +165,7 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
                     Event::Answer(response) => outcome = Some(Ok(Some(response))),
                     Event::Sent => outcome = Some(Ok(None)),
                     Event::TimedOut { sends } => outcome = Some(Err(CallError::TimedOut { sends })),
+                    Event::Broken(noise) => outcome = Some(outcome.unwrap_or(Err(CallError::Broken(noise)))),
                     other => self.count(&other),
                 }
             }
@@ -170,6 +175,21 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
             // Torque off does not wait for an arm that never stops talking.
             if drained || P::reply(&request).is_none() {
                 self.write().await?;
+            }
+        }
+    }
+
+    /// Makes a call that has an answer. `take` must take every answer the request may get.
+    #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
+    pub(crate) async fn read<T>(
+        &mut self,
+        request: P::Request,
+        take: fn(P::Response) -> Option<T>,
+    ) -> Result<T, CallError<Port::Error>> {
+        loop {
+            // The client lets only answers to this request through, so the first one is it.
+            if let Some(answer) = self.call(request).await?.and_then(take) {
+                return Ok(answer);
             }
         }
     }
@@ -207,7 +227,7 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
             Event::Late(_) => (&mut self.counters.late, 1),
             Event::Unsolicited(_) => (&mut self.counters.unsolicited, 1),
             Event::Echo(_) => (&mut self.counters.echoes, 1),
-            Event::Answer(_) | Event::Sent | Event::TimedOut { .. } => return,
+            Event::Answer(_) | Event::Sent | Event::TimedOut { .. } | Event::Broken(_) => return,
         };
         *count = count.wrapping_add(n);
     }

@@ -12,6 +12,9 @@ pub enum Scan {
     Frame(usize),
     /// The first `n` bytes (at least one) belong to no frame.
     Skip(usize, Reason),
+    /// The first `n` bytes (at least one) fill the room between frames, as zeros fill a USB HID report. They are no
+    /// error and are dropped without a word.
+    Fill(usize),
 }
 
 /// Why bytes were not part of a frame.
@@ -21,13 +24,26 @@ pub enum Scan {
 pub enum Reason {
     /// No frame starts here.
     Stray,
-    /// A frame seemed to start here, but no message of this protocol is so long.
+    /// A frame seemed to start here, but no message of this protocol has such a length.
     Length {
-        /// The most data bytes a message may have.
+        /// The least that the length field of a message may say.
+        min: usize,
+        /// The most that the length field of a message may say.
         max: usize,
-        /// What the length field said.
+        /// What it said.
         got: usize,
     },
+    /// A frame seemed to start here, but a byte that may have few values has another.
+    Byte {
+        /// Where it is, in bytes from the start of the frame.
+        offset: usize,
+        /// What it may be.
+        expected: &'static [u8],
+        /// What it is.
+        got: u8,
+    },
+    /// A good frame, but of another protocol, which this names.
+    Foreign(&'static str),
     /// A frame seemed to start here, but its checksum does not match.
     Checksum {
         /// The checksum of the bytes that arrived.
@@ -53,7 +69,15 @@ impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Stray => write!(f, "no frame starts here"),
-            Self::Length { max, got } => write!(f, "length field says {got}, no message has over {max}"),
+            Self::Length { min, max, got } => write!(f, "length field says {got}, must be {min}..={max}"),
+            Self::Byte { offset, expected, got } => {
+                write!(f, "byte {offset} is {got:#04x}, expected ")?;
+                for (i, byte) in expected.iter().enumerate() {
+                    write!(f, "{}{byte:#04x}", if i == 0 { "" } else { " or " })?;
+                }
+                Ok(())
+            }
+            Self::Foreign(protocol) => write!(f, "a frame of {protocol}"),
             Self::Checksum { expected, got } => write!(f, "checksum {got:#04x}, expected {expected:#04x}"),
             Self::Tail { expected, got } => write!(f, "end mark {got:#04x}, expected {expected:#04x}"),
             Self::Truncated { missing } => write!(f, "line went idle with {missing} bytes missing"),
@@ -88,6 +112,10 @@ impl core::error::Error for Noise {}
 pub trait Framing {
     /// The longest frame, in bytes. A decoder's buffer must hold one.
     const MAX_FRAME: usize;
+
+    /// Whether the line gives every byte, in order, as TCP does. Then there is no noise to look past: bytes that are no
+    /// frame break the stream for good, and a pause means nothing.
+    const RELIABLE: bool;
 
     /// What the reader knows about the next frame, for protocols whose frames do not carry their own end. `()` where
     /// framing stands alone.

@@ -12,13 +12,14 @@
 //! | [`Client`], [`Device`] | the host's and the arm's side of a conversation |
 //! | `driver` (feature `async`) | a client over `embedded-io-async` |
 //!
-//! The protocols are [`ling`] (Ling / Alicia-D).
+//! The protocols are [`ling`] (Ling / Alicia-D), [`xarm`] (UFACTORY xArm) and [`alpha1`] (UBTECH Alpha1).
 //!
 //! # Features
 //!
+//! * `ling`, `xarm`, `alpha1`: the protocols, all on by default. One that is off costs nothing.
 //! * `async`: the driver.
 //! * `defmt`: `defmt::Format` for every public type.
-//! * `crc-table`, `crc-table16`: the checksum by 1 or 16 KiB of tables instead of bit by bit.
+//! * `crc-table`, `crc-table16`: Ling's checksum by 1 or 16 KiB of tables instead of bit by bit.
 //!
 //! # Panics
 //!
@@ -29,6 +30,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "alpha1")]
+pub mod alpha1;
 mod client;
 mod decoder;
 mod device;
@@ -36,9 +39,12 @@ mod device;
 pub mod driver;
 mod error;
 mod framing;
+#[cfg(feature = "ling")]
 pub mod ling;
 mod protocol;
 mod time;
+#[cfg(feature = "xarm")]
+pub mod xarm;
 
 pub use client::{Busy, Client, Config, Event, Input};
 pub use decoder::Decoder;

@@ -22,6 +22,10 @@ pub trait Protocol: Framing {
     /// What the arm may expect of the next frame: any request.
     const REQUESTS: Self::Expect;
 
+    /// Whether an answer says which request it answers, as one with a transaction id does. Where it does not, an answer
+    /// that is missing must be waited for, or given up, before the next request may go out.
+    const IDENTIFIED: bool;
+
     /// What the host says.
     type Request: Copy + PartialEq + Debug;
 
@@ -52,12 +56,13 @@ pub trait Protocol: Framing {
     /// When it is no request of this protocol: what is wrong, and where.
     fn parse_request(frame: Self::Frame<'_>) -> Result<Self::Request, Self::Error>;
 
-    /// What a frame from the arm means.
+    /// What a frame from the arm means, where `expect` is what it was expected to be: some answers do not say what they
+    /// answer.
     ///
     /// # Errors
     ///
     /// When it is no response of this protocol: what is wrong, and where.
-    fn parse_response(frame: Self::Frame<'_>) -> Result<Self::Response, Self::Error>;
+    fn parse_response(frame: Self::Frame<'_>, expect: Self::Expect) -> Result<Self::Response, Self::Error>;
 
     /// What the host may expect of the next frame while `request`, or none, is in flight.
     fn expect(request: Option<&Self::Request>) -> Self::Expect;

@@ -124,7 +124,7 @@ proptest! {
     #[test]
     fn every_response_survives_the_wire(response in response()) {
         let bytes = bytes_of(&response);
-        prop_assert_eq!(Ling::parse_response(Ling::view(&bytes).unwrap()), Ok(response));
+        prop_assert_eq!(Ling::parse_response(Ling::view(&bytes).unwrap(), ()), Ok(response));
         let mut out = vec![0; bytes.len() - 1];
         prop_assert_eq!(Ling::encode_response(&response, &mut out).unwrap_err().needed, bytes.len());
     }
@@ -259,6 +259,13 @@ fn the_checksum_misses_single_bit_errors_only_in_long_frames() {
 fn a_length_no_message_has_is_named() {
     assert_eq!(
         Ling::scan(&[0xAA, 0x06, 0x00, 0xFF], ()),
-        Scan::Skip(1, Reason::Length { max: 64, got: 255 })
+        Scan::Skip(
+            1,
+            Reason::Length {
+                min: 0,
+                max: 64,
+                got: 255
+            }
+        )
     );
 }

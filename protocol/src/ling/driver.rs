@@ -106,17 +106,4 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     pub async fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), CallError<Port::Error>> {
         self.call(Request::SetTemperatureLimit(limit)).await.map(drop)
     }
-
-    async fn read<T>(
-        &mut self,
-        request: Request,
-        answer: fn(Response) -> Option<T>,
-    ) -> Result<T, CallError<Port::Error>> {
-        loop {
-            // The client lets only the answer to this request through, so the first one is it.
-            if let Some(answer) = self.call(request).await?.and_then(answer) {
-                return Ok(answer);
-            }
-        }
-    }
 }

@@ -141,6 +141,7 @@ impl core::error::Error for EncodeError {}
 
 impl Framing for Ling {
     const MAX_FRAME: usize = MAX_FRAME;
+    const RELIABLE: bool = false;
     type Expect = ();
     type Frame<'a> = Frame<'a>;
 
@@ -157,6 +158,7 @@ impl Framing for Ling {
             return Scan::Skip(
                 1,
                 Reason::Length {
+                    min: 0,
                     max: MAX_DATA,
                     got: len,
                 },

@@ -189,7 +189,7 @@ impl JointState {
 /// use armwire::Protocol;
 /// use armwire::ling::{Cause, Frame, Ling};
 ///
-/// let error = Ling::parse_response(Frame { command: 0x06, function: 0x00, data: &[0; 3] }).unwrap_err();
+/// let error = Ling::parse_response(Frame { command: 0x06, function: 0x00, data: &[0; 3] }, ()).unwrap_err();
 /// assert_eq!(error.cause, Cause::Length { expected: &[15], got: 3 });
 /// assert_eq!(error.to_string(), "command 06 function 00: 3 data bytes, expected 15");
 /// ```
@@ -425,6 +425,7 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
 
 impl Protocol for Ling {
     const REQUESTS: () = ();
+    const IDENTIFIED: bool = false;
     type Request = Request;
     type Response = Response;
     type Error = ParseError;
@@ -501,7 +502,7 @@ impl Protocol for Ling {
         })
     }
 
-    fn parse_response(frame: Frame<'_>) -> Result<Response, ParseError> {
+    fn parse_response(frame: Frame<'_>, (): ()) -> Result<Response, ParseError> {
         let Frame { command, function, .. } = frame;
         parse_response(frame).map_err(|cause| ParseError {
             command,

@@ -162,7 +162,7 @@ fn every_response_of_the_document_holds_in_both_directions() {
         let mut out = [0; MAX_FRAME];
         let n = Ling::encode_response(&response, &mut out).unwrap();
         assert_eq!(out[..n], bytes, "{section}");
-        assert_eq!(Ling::parse_response(frame_of(&bytes)), Ok(response), "{section}");
+        assert_eq!(Ling::parse_response(frame_of(&bytes), ()), Ok(response), "{section}");
     }
 }
 
@@ -214,7 +214,7 @@ fn leader_arms_send_six_readings() {
     ] {
         let mut out = [0; MAX_FRAME];
         let n = Ling::encode_response(&response, &mut out).unwrap();
-        assert_eq!(Ling::parse_response(frame_of(&out[..n])), Ok(response));
+        assert_eq!(Ling::parse_response(frame_of(&out[..n]), ()), Ok(response));
     }
 }
 
@@ -225,7 +225,7 @@ fn a_reply_of_the_wrong_length_names_the_lengths_it_may_have() {
         function: 0x01,
         data: &[35; 7],
     };
-    let error = Ling::parse_response(frame).unwrap_err();
+    let error = Ling::parse_response(frame, ()).unwrap_err();
     assert_eq!(
         std::format!("{error}"),
         "command 06 function 01: 7 data bytes, expected 6 or 10"
@@ -263,7 +263,7 @@ fn the_gripper_may_be_told_speeds_that_joints_may_not() {
 #[test]
 fn no_request_can_be_mistaken_for_a_response() {
     for (section, bytes, request) in requests() {
-        assert!(Ling::parse_response(frame_of(&bytes)).is_err(), "{section}");
+        assert!(Ling::parse_response(frame_of(&bytes), ()).is_err(), "{section}");
         let mut client = Client::<Ling, MAX_FRAME>::new(Config::DEFAULT);
         let event = client.handle(Micros(0), &mut Input::Bytes(&bytes));
         assert_eq!(event, Some(Event::Echo(request)), "{section}");

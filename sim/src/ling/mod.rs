@@ -238,7 +238,7 @@ impl LingArm {
                     }
                 }
                 Heard::Unknown(_) => self.counters.unknown += 1,
-                Heard::Noise(noise) => self.counters.noise_bytes += noise.len as u64,
+                Heard::Noise(noise) | Heard::Broken(noise) => self.counters.noise_bytes += noise.len as u64,
             }
         }
     }

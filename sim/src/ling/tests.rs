@@ -481,7 +481,7 @@ proptest! {
         while !rest.is_empty() {
             rest = decoder.push(rest);
             while let Some(frame) = decoder.next(()) {
-                prop_assert!(frame.is_ok_and(|frame| Ling::parse_response(frame).is_ok()), "{:02X?}", said);
+                prop_assert!(frame.is_ok_and(|frame| Ling::parse_response(frame, ()).is_ok()), "{:02X?}", said);
                 answers += 1;
             }
         }

@@ -1,0 +1,1 @@
+//! UFACTORY xArm: up to seven joints, on TCP port 502.
