@@ -126,8 +126,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         let mut rest = bytes;
         while !rest.is_empty() {
             let later = self.tap.push(rest);
-            let (taken, _) = rest.split_at(rest.len() - later.len());
-            self.enqueue(taken);
+            let taken = rest.len().saturating_sub(later.len());
+            self.enqueue(rest.get(..taken).unwrap_or(rest));
             if self.take_frames() {
                 // What the decoder still holds may begin the next frame.
                 let begun = self.tap.pending();

@@ -13,7 +13,7 @@ use crate::{licences, no_panic, vendor};
 /// Everything but the firmware. The emulator asks for a newer compiler than it needs.
 const HOST: &str = "--ignore-rust-version --workspace --exclude armwire-firmware";
 /// The features of `armwire`, to be built and tested one by one.
-const FEATURES: [&str; 5] = ["", "async", "defmt", "crc-table", "crc-table16"];
+const FEATURES: [&str; 8] = ["", "ling", "xarm", "alpha1", "async", "defmt", "crc-table", "crc-table16"];
 /// Where the crates without `std` must build.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";

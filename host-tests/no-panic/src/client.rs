@@ -2,18 +2,17 @@
 
 use core::hint::black_box;
 
-use armwire::ling::{Ling, MAX_FRAME, Request};
 use armwire::{Client, Config, Input, Micros, Protocol};
 
 use crate::bytes;
 
-pub(crate) fn call_all() {
-    let request = black_box(Request::SelfCheck);
+pub(crate) fn call_all<P: Protocol, const N: usize>(request: P::Request, response: P::Response) {
+    let request = black_box(request);
     let now = black_box(Micros(0));
 
-    let mut client = Client::<Ling, MAX_FRAME>::new(black_box(Config::DEFAULT));
+    let mut client = Client::<P, N>::new(black_box(Config::DEFAULT));
     let client = black_box(&mut client);
-    let _ = black_box(client.submit(request));
+    black_box(client.submit(request).is_ok());
     black_box(black_box(&mut *client).poll_transmit(now));
     black_box(&mut *client).transmitted(now, black_box(0));
     black_box(black_box(&*client).poll_timeout());
@@ -27,7 +26,9 @@ pub(crate) fn call_all() {
     }
     black_box(&mut *client).cancel(now);
 
-    let _ = black_box(Ling::encode_request(&request, bytes(&mut [0; 300])));
-    black_box(Ling::reply(&request));
-    black_box(Ling::repeatable(&request));
+    black_box(P::encode_request(&request, bytes(&mut [0; 300])).is_ok());
+    black_box(P::expect(Some(&request)));
+    black_box(P::reply(&request));
+    black_box(P::answers(&request, &black_box(response)));
+    black_box(P::repeatable(&request));
 }

@@ -2,13 +2,14 @@
 
 use core::hint::black_box;
 
-use armwire::ling::{Ling, MAX_FRAME, Response};
 use armwire::{Device, Input, Protocol};
 
 use crate::bytes;
 
-pub(crate) fn call_all() {
-    let mut device = Device::<Ling, MAX_FRAME>::new();
+pub(crate) fn call_all<P: Protocol, const N: usize>(response: P::Response) {
+    let response = black_box(response);
+
+    let mut device = Device::<P, N>::new();
     let device = black_box(&mut device);
     let mut received = [0; 300];
     let inputs = [Input::Bytes(bytes(&mut received)), Input::Idle, Input::Tick];
@@ -17,7 +18,6 @@ pub(crate) fn call_all() {
             black_box(heard);
         }
     }
-    let response = black_box(Response::Stroke(armwire::ling::Stroke::Mm50));
-    let _ = black_box(device.respond(&response, bytes(&mut [0; 300])));
-    let _ = black_box(Ling::encode_response(&response, bytes(&mut [0; 300])));
+    black_box(device.respond(&response, bytes(&mut [0; 300])).is_ok());
+    black_box(P::encode_response(&response, bytes(&mut [0; 300])).is_ok());
 }
