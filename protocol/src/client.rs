@@ -60,7 +60,7 @@ impl Config {
         baud: u32::MAX,
         latency: Micros::from_millis(100),
         repeats: 0,
-        lateness: Micros::from_millis(0),
+        lateness: Micros::from_millis(1_000),
     };
 
     /// The time that `len` bytes take on the line, ten bits a byte.
