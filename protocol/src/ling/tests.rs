@@ -167,6 +167,32 @@ fn every_response_of_the_document_holds_in_both_directions() {
 }
 
 #[test]
+fn every_frame_of_the_document_means_the_same_however_it_is_cut() {
+    let requests = requests().into_iter().map(|(_, bytes, _)| bytes);
+    let responses = responses().into_iter().map(|(_, bytes, _)| bytes);
+    for bytes in requests.chain(responses) {
+        for first in 0..=bytes.len() {
+            for second in first..=bytes.len() {
+                let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+                let mut frames = 0;
+                for chunk in [&bytes[..first], &bytes[first..second], &bytes[second..]] {
+                    assert!(decoder.push(chunk).is_empty());
+                    while let Some(frame) = decoder.next(()) {
+                        assert_eq!(frame, Ok(frame_of(&bytes)));
+                        frames += 1;
+                    }
+                }
+                assert_eq!(
+                    (frames, decoder.pending()),
+                    (1, 0),
+                    "{bytes:02X?} cut at {first}, {second}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn the_two_frames_printed_with_a_wrong_checksum_are_rejected_and_say_so() {
     // Section 2.3 prints the checksum of "set 100 mm" in the query and in its answer.
     for (printed, expected) in [("AA 04 0E 01 FE 7F FF", 0x1B), ("AA 04 0E 01 01 7F FF", 0x96)] {
