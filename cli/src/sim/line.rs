@@ -1,0 +1,118 @@
+//! A virtual device on a pseudo-terminal, behind a line with faults.
+
+use std::fmt::Display;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::atomic::AtomicBool;
+
+use armwire_sim::faults::{Line, Rates};
+use armwire_sim::pty::Pty;
+use armwire_sim::serial::SerialDevice;
+use armwire_sim::serve::{Served, serve};
+use clap::{Args, ValueEnum};
+
+use super::say;
+use crate::problem::Problem;
+
+/// Where a device is, and what its line does to bytes: the arguments that all devices on a serial line have.
+#[derive(Args)]
+pub(super) struct LineArgs {
+    /// Where programs find it: a symbolic link that is made, and removed at the end. Without it the system picks a name.
+    #[arg(long, value_name = "PATH")]
+    pty: Option<PathBuf>,
+    /// Faults on the line, in bytes per million: one number for every kind, or such as 'drop=100,corrupt=5000'; kinds
+    /// are drop, corrupt, duplicate, delay, noise.
+    #[arg(long, value_name = "FAULTS", default_value = "0")]
+    faults: FaultRates,
+    /// Which bytes meet them.
+    #[arg(long, value_enum, default_value_t = FaultsOn::Both)]
+    faults_on: FaultsOn,
+    /// The same seed makes the same faults.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FaultsOn {
+    Both,
+    Requests,
+    Answers,
+}
+
+#[derive(Clone, Copy)]
+struct FaultRates(Rates);
+
+impl FromStr for FaultRates {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let ppm = |text: &str| match text.parse() {
+            Ok(ppm @ 0..=1_000_000) => Ok(ppm),
+            _ => Err(format!("'{text}' is not a number from 0 to 1000000")),
+        };
+        if !text.contains('=') {
+            return ppm(text).map(|ppm| Self(Rates::each(ppm)));
+        }
+        let mut rates = Rates::NONE;
+        for part in text.split(',') {
+            let (kind, rate) = part
+                .split_once('=')
+                .ok_or(format!("'{part}' is not such as drop=100"))?;
+            let field = match kind {
+                "drop" => &mut rates.drop,
+                "corrupt" => &mut rates.corrupt,
+                "duplicate" => &mut rates.duplicate,
+                "delay" => &mut rates.delay,
+                "noise" => &mut rates.noise,
+                _ => return Err(format!("'{kind}' is none of drop, corrupt, duplicate, delay, noise")),
+            };
+            *field = ppm(rate)?;
+        }
+        Ok(Self(rates))
+    }
+}
+
+impl LineArgs {
+    /// Serves a device until `stop` is set, and says where it is; gives it back with what went over the line.
+    pub(super) fn serve<D: SerialDevice>(
+        &self,
+        name: impl Display,
+        device: D,
+        stop: &AtomicBool,
+    ) -> Result<(Line<D>, Served), Problem> {
+        let rates = |without| {
+            if self.faults_on == without {
+                Rates::NONE
+            } else {
+                self.faults.0
+            }
+        };
+        let (to_device, from_device) = (rates(FaultsOn::Answers), rates(FaultsOn::Requests));
+        let mut line = Line::new(device, to_device, from_device, self.seed);
+
+        let pty = Pty::open(self.pty.as_deref()).map_err(Problem::Serve)?;
+        say(format_args!("{name} is at {}; Ctrl-C ends it.", pty.path().display()))?;
+        let served = serve(&mut line, &pty, stop).map_err(Problem::Serve)?;
+        Ok((line, served))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_rates_are_one_number_or_named() {
+        let rates = |text: &str| text.parse::<FaultRates>().map(|rates| rates.0);
+        assert_eq!(rates("100"), Ok(Rates::each(100)));
+        let named = Rates {
+            drop: 1,
+            noise: 2,
+            ..Rates::NONE
+        };
+        assert_eq!(rates("drop=1,noise=2"), Ok(named));
+        for wrong in ["", "x", "-1", "1000001", "drop", "drop=", "gremlins=1", "drop=1,2"] {
+            assert!(rates(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! `armwire sim ling`: a virtual Ling arm on a pseudo-terminal.
+
+use std::sync::atomic::AtomicBool;
+
+use armwire::Micros;
+use armwire::ling::{Kind, SerialNumber, Stroke};
+use armwire_sim::ling::{Config, LingArm};
+use clap::Args;
+
+use super::line::LineArgs;
+use super::say;
+use crate::problem::Problem;
+
+/// The arguments of `armwire sim ling`.
+#[derive(Args)]
+pub(crate) struct LingSim {
+    #[command(flatten)]
+    line: LineArgs,
+    /// A leader arm: six servos, moved by hand. Without it a follower: ten servos.
+    #[arg(long)]
+    leader: bool,
+    /// Serial number, 16 characters.
+    #[arg(long, value_parser = parse_serial)]
+    serial: Option<SerialNumber>,
+    /// Gripper stroke in millimetres: 50, 75 or 100.
+    #[arg(long, default_value = "50", value_parser = parse_stroke)]
+    stroke: Stroke,
+    /// From the end of a request to the start of its answer, in microseconds.
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    turnaround_us: u64,
+    /// Give every byte back at once, as a half-duplex adapter does.
+    #[arg(long)]
+    echo: bool,
+}
+
+fn parse_serial(text: &str) -> Result<SerialNumber, String> {
+    let bytes = text.as_bytes().try_into();
+    bytes
+        .map(SerialNumber)
+        .map_err(|_| format!("it has {} bytes, not 16", text.len()))
+}
+
+fn parse_stroke(text: &str) -> Result<Stroke, String> {
+    match text {
+        "50" => Ok(Stroke::Mm50),
+        "75" => Ok(Stroke::Mm75),
+        "100" => Ok(Stroke::Mm100),
+        _ => Err("there are 50, 75 and 100".to_owned()),
+    }
+}
+
+impl LingSim {
+    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+        let base = if self.leader {
+            Config::leader()
+        } else {
+            Config::follower()
+        };
+        let config = Config {
+            serial: self.serial.unwrap_or(base.serial),
+            stroke: self.stroke,
+            turnaround: Micros(self.turnaround_us),
+            echo: self.echo,
+            ..base
+        };
+        let kind = match config.kind {
+            Kind::Leader => "leader",
+            Kind::Follower => "follower",
+        };
+        let name = format!("Ling {kind} {}", config.serial);
+        let (line, served) = self.line.serve(name, LingArm::new(config), stop)?;
+
+        let heard = line.device().counters();
+        say(format_args!(
+            "{} bytes in, {} out, {} not read; {} requests ({} answered, {} refused), {} unknown frames, {} noise bytes.",
+            served.received,
+            served.sent,
+            served.lost,
+            heard.requests,
+            heard.answered,
+            heard.refused,
+            heard.unknown,
+            heard.noise_bytes
+        ))
+    }
+}

@@ -1,0 +1,33 @@
+//! `armwire sim`: a virtual arm that any program can open.
+
+mod line;
+mod ling;
+
+use std::io::{Write, stdout};
+use std::sync::atomic::AtomicBool;
+
+use clap::Subcommand;
+
+use crate::problem::Problem;
+
+/// The arms there are.
+#[derive(Subcommand)]
+pub(crate) enum Sim {
+    /// A Ling (Alicia-D) arm.
+    Ling(ling::LingSim),
+}
+
+impl Sim {
+    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+        match self {
+            Self::Ling(sim) => sim.run(stop),
+        }
+    }
+}
+
+fn say(text: std::fmt::Arguments<'_>) -> Result<(), Problem> {
+    let mut out = stdout().lock();
+    writeln!(out, "{text}")
+        .and_then(|()| out.flush())
+        .map_err(Problem::Output)
+}
