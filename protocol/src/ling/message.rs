@@ -238,20 +238,29 @@ pub enum Cause {
 
 impl fmt::Display for ParseError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "command {:02X} function {:02X}: ", self.command, self.function)?;
-        match self.cause {
-            Cause::Unknown => f.write_str("unknown"),
-            Cause::Length { expected, got } => {
+        write!(
+            f,
+            "command {:02X} function {:02X}: {}",
+            self.command, self.function, self.cause
+        )
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Unknown => f.write_str("unknown"),
+            Self::Length { expected, got } => {
                 write!(f, "{got} data bytes, expected ")?;
                 for (i, length) in expected.iter().enumerate() {
                     write!(f, "{}{length}", if i == 0 { "" } else { " or " })?;
                 }
                 Ok(())
             }
-            Cause::Byte { offset, expected, got } => {
+            Self::Byte { offset, expected, got } => {
                 write!(f, "data byte {offset} is {got:02X}, must be {expected:02X}")
             }
-            Cause::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
+            Self::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
         }
     }
 }
@@ -259,7 +268,7 @@ impl fmt::Display for ParseError {
 impl core::error::Error for ParseError {}
 
 /// Data of a known length, or the error that says which it should have.
-fn sized<const N: usize>(data: &[u8], expected: &'static [usize]) -> Result<[u8; N], Cause> {
+pub(super) fn sized<const N: usize>(data: &[u8], expected: &'static [usize]) -> Result<[u8; N], Cause> {
     let got = data.len();
     data.try_into().map_err(|_| Cause::Length { expected, got })
 }
@@ -277,7 +286,7 @@ fn asked(data: &[u8]) -> Result<(), Cause> {
 }
 
 /// Little-endian words of a known number.
-fn words<const N: usize>(data: &[u8]) -> [u16; N] {
+pub(super) fn words<const N: usize>(data: &[u8]) -> [u16; N] {
     let mut words = [0; N];
     for (word, bytes) in words.iter_mut().zip(data.as_chunks().0) {
         *word = u16::from_le_bytes(*bytes);
@@ -286,7 +295,7 @@ fn words<const N: usize>(data: &[u8]) -> [u16; N] {
 }
 
 /// Writes words little-endian.
-fn put_words(data: &mut [u8], words: &[u16]) {
+pub(super) fn put_words(data: &mut [u8], words: &[u16]) {
     for (bytes, word) in data.as_chunks_mut().0.iter_mut().zip(words) {
         *bytes = word.to_le_bytes();
     }

@@ -15,6 +15,7 @@
 #[cfg(feature = "async")]
 mod driver;
 mod frame;
+pub mod legacy;
 mod message;
 #[cfg(test)]
 mod tests;

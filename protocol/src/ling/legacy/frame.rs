@@ -1,0 +1,133 @@
+//! The bytes of a frame of the older generation.
+//!
+//! ```text
+//!   0     1         2      3 .. 3+n    3+n      4+n
+//! +----+---------+------+-----------+--------+------+
+//! | AA | command | n    | data      | parity | FF   |
+//! +----+---------+------+-----------+--------+------+
+//! ```
+//!
+//! The parity is the sum of the data bytes modulo 2: 00 or 01. It is no checksum to trust. It depends on the lowest bit of
+//! each data byte alone, so of the single-bit errors in the data it misses seven in eight, and command and length are not
+//! covered. What arrives is good for a look, not for a control loop.
+
+use super::Legacy;
+use crate::{BufferTooShort, Framing, Reason, Scan};
+
+/// The most data bytes a frame may have.
+///
+/// The longest frame known has 21. The vendor's ROS drivers take frames of up to 64 bytes, and so do we.
+pub const MAX_DATA: usize = 59;
+
+/// Bytes of a frame that are not data.
+pub const OVERHEAD: usize = 5;
+
+/// The longest frame, in bytes.
+pub const MAX_FRAME: usize = MAX_DATA + OVERHEAD;
+
+const HEADER: u8 = 0xAA;
+const TAIL: u8 = 0xFF;
+
+/// The sum of the data bytes modulo 2: 0 or 1.
+///
+/// ```
+/// assert_eq!(armwire::ling::legacy::parity(&[0x01, 0x03, 0x08]), 0);
+/// assert_eq!(armwire::ling::legacy::parity(&[]), 0);
+/// ```
+pub fn parity(data: &[u8]) -> u8 {
+    data.iter().fold(0, |sum, byte| sum ^ byte) & 1
+}
+
+/// A frame whose header, length, parity and end mark are good.
+///
+/// It cannot be written by itself: there is nothing to say to such an arm. What a virtual one says goes by
+/// [`Device::respond`](crate::Device::respond).
+///
+/// ```
+/// use armwire::Decoder;
+/// use armwire::ling::legacy::{Legacy, MAX_FRAME};
+///
+/// let mut decoder = Decoder::<Legacy, MAX_FRAME>::new();
+/// decoder.push(&[0xAA, 0x0A, 0x03, 0x05, 0x04, 0x13, 0x00, 0xFF]);
+/// let frame = decoder.next(()).unwrap().unwrap();
+/// assert_eq!((frame.command, frame.data), (0x0A, &[5, 4, 19][..]));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Frame<'a> {
+    /// Command.
+    pub command: u8,
+    /// The data, 0 to [`MAX_DATA`] bytes.
+    pub data: &'a [u8],
+}
+
+impl Frame<'_> {
+    /// Writes a frame whose data is known not to be too long.
+    pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let needed = self.data.len() + OVERHEAD;
+        let too_short = BufferTooShort { needed, got: out.len() };
+        let Some([header, command, len, data @ .., check, tail]) = out.get_mut(..needed) else {
+            return Err(too_short);
+        };
+        (*header, *command, *len) = (HEADER, self.command, self.data.len() as u8);
+        for (to, from) in data.iter_mut().zip(self.data) {
+            *to = *from;
+        }
+        (*check, *tail) = (parity(self.data), TAIL);
+        Ok(needed)
+    }
+}
+
+impl Framing for Legacy {
+    const MAX_FRAME: usize = MAX_FRAME;
+    const RELIABLE: bool = false;
+    type Expect = ();
+    type Frame<'a> = Frame<'a>;
+
+    fn scan(window: &[u8], (): ()) -> Scan {
+        if window.first() != Some(&HEADER) {
+            let stray = window.iter().position(|&byte| byte == HEADER);
+            return Scan::Skip(stray.unwrap_or(window.len()), Reason::Stray);
+        }
+        let &[_, _, len, ..] = window else {
+            return Scan::Need(3 - window.len());
+        };
+        let len = usize::from(len);
+        if len > MAX_DATA {
+            return Scan::Skip(
+                1,
+                Reason::Length {
+                    min: 0,
+                    max: MAX_DATA,
+                    got: len,
+                },
+            );
+        }
+        let total = len + OVERHEAD;
+        match window.get(3..total) {
+            None => Scan::Need(total - window.len()),
+            Some([data @ .., got, TAIL]) => match parity(data) {
+                expected if expected == *got => Scan::Frame(total),
+                expected => Scan::Skip(1, Reason::Checksum { expected, got: *got }),
+            },
+            Some([.., got]) => Scan::Skip(
+                1,
+                Reason::Tail {
+                    expected: TAIL,
+                    got: *got,
+                },
+            ),
+            Some([]) => Scan::Need(1),
+        }
+    }
+
+    fn view(bytes: &[u8]) -> Option<Frame<'_>> {
+        match bytes {
+            [HEADER, command, _, data @ .., _, TAIL] => Some(Frame {
+                command: *command,
+                data,
+            }),
+            _ => None,
+        }
+    }
+}

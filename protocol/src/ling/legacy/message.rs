@@ -1,0 +1,264 @@
+//! What an arm of the older generation says, and the bytes it travels as.
+
+use core::fmt;
+
+use super::super::message::{put_words, sized, words};
+use super::super::{Cause, JOINTS, Position};
+use super::{Frame, Legacy};
+use crate::{BufferTooShort, OutOfRange, Protocol, Reply};
+
+/// Servos in a joint frame: two on each of joints 1 to 3, one on each of joints 4 to 6.
+pub const SERVOS: usize = 9;
+
+/// What the host says: nothing. No value of this type can be made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Request {}
+
+/// What the arm says, unasked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum Response {
+    /// Where the joints are.
+    Joints(JointState),
+    /// Where the gripper is, and the buttons.
+    Gripper(GripperState),
+}
+
+/// Which firmware a frame is from, as its command tells. The data is the same.
+///
+/// The vendor's package 5.6 goes by the version that the arm reports. Others call the arms that send 14 and 12 "v5" too.
+///
+/// ```
+/// use armwire::ling::legacy::Firmware;
+///
+/// assert_eq!((Firmware::V5.joints_command(), Firmware::V5.gripper_command()), (0x04, 0x02));
+/// assert_eq!((Firmware::V6_0.joints_command(), Firmware::V6_0.gripper_command()), (0x14, 0x12));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Firmware {
+    /// 5: commands 04 and 02.
+    V5,
+    /// 6.0: commands 14 and 12.
+    V6_0,
+}
+
+impl Firmware {
+    /// The command of a joint frame.
+    pub const fn joints_command(self) -> u8 {
+        match self {
+            Self::V5 => 0x04,
+            Self::V6_0 => 0x14,
+        }
+    }
+
+    /// The command of a gripper frame.
+    pub const fn gripper_command(self) -> u8 {
+        match self {
+            Self::V5 => 0x02,
+            Self::V6_0 => 0x12,
+        }
+    }
+}
+
+/// Where the joints are: nine servo positions in raw counts as the arm sent them.
+///
+/// A servo has 4096 ticks a turn, 2048 at 0 rad: the scale of the current generation. The vendor's ROS 2 driver alone divides
+/// by 4095.
+///
+/// ```
+/// use armwire::ling::legacy::{Firmware, JointState};
+///
+/// let state = JointState {
+///     firmware: Firmware::V6_0,
+///     servos: [2048, 2048, 3072, 1024, 2048, 2048, 2048, 2048, 4096],
+/// };
+/// assert_eq!(state.joints(), [2048, 3072, 2048, 2048, 2048, 4096]);
+/// let error = state.positions().unwrap_err();
+/// assert_eq!(error.to_string(), "joint position is 4096 ticks, must be 0..=4095");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct JointState {
+    /// Which firmware sent it.
+    pub firmware: Firmware,
+    /// Positions of servos 1 to 9, in ticks. Servo 2 moves with servo 1, servos 4 and 6 against servos 3 and 5.
+    pub servos: [u16; SERVOS],
+}
+
+impl JointState {
+    const LEN: usize = 2 * SERVOS;
+
+    /// Positions of joints 1 to 6 in ticks, as sent: those of servos 1, 3, 5, 7, 8 and 9.
+    pub const fn joints(&self) -> [u16; JOINTS] {
+        let [joint1, _, joint2, _, joint3, _, joint4, joint5, joint6] = self.servos;
+        [joint1, joint2, joint3, joint4, joint5, joint6]
+    }
+
+    /// The joint positions.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] for the first joint that is over 4095 ticks.
+    pub fn positions(&self) -> Result<[Position; JOINTS], OutOfRange> {
+        let mut positions = [Position::CENTRE; JOINTS];
+        for (position, ticks) in positions.iter_mut().zip(self.joints()) {
+            *position = Position::new(ticks)?;
+        }
+        Ok(positions)
+    }
+}
+
+/// Where the gripper is, and the buttons, in raw counts as the arm sent them.
+///
+/// What the counts mean is not settled, so there is no typed opening. 2048 is one end; the vendor's packages say at first
+/// that it is closed, later that it is open, and put the other end at 2900, 3290, 3600 or 3930, as the gripper may be.
+///
+/// ```
+/// use armwire::ling::legacy::{Firmware, GripperState};
+///
+/// let state = GripperState {
+///     firmware: Firmware::V5,
+///     id: 1,
+///     servo: 2051,
+///     potentiometer: 2300,
+///     sync_button: 0,
+///     attitude_button: 1,
+/// };
+/// assert!(state.servo >= 2048);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct GripperState {
+    /// Which firmware sent it.
+    pub firmware: Firmware,
+    /// Which gripper: 1 in all that was seen.
+    pub id: u8,
+    /// Where the gripper's servo is, or was told to be.
+    pub servo: u16,
+    /// Where the handle is that a leader arm has in a gripper's place.
+    pub potentiometer: u16,
+    /// The button that makes the follower follow: 0 released, 1 pressed.
+    pub sync_button: u8,
+    /// The other button, named after the arm's attitude: 0 released, 1 pressed.
+    pub attitude_button: u8,
+}
+
+impl GripperState {
+    const LEN: usize = 7;
+}
+
+/// A good frame that is no message known.
+///
+/// ```
+/// use armwire::Protocol;
+/// use armwire::ling::Cause;
+/// use armwire::ling::legacy::{Frame, Legacy};
+///
+/// let error = Legacy::parse_response(Frame { command: 0x14, data: &[0; 12] }, ()).unwrap_err();
+/// assert_eq!(error.cause, Cause::Length { expected: &[18], got: 12 });
+/// assert_eq!(error.to_string(), "command 14: 12 data bytes, expected 18");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ParseError {
+    /// The frame's command.
+    pub command: u8,
+    /// What is wrong with it.
+    pub cause: Cause,
+}
+
+impl fmt::Display for ParseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "command {:02X}: {}", self.command, self.cause)
+    }
+}
+
+impl core::error::Error for ParseError {}
+
+fn parse_joints(firmware: Firmware, data: &[u8]) -> Result<Response, Cause> {
+    let data: [u8; JointState::LEN] = sized(data, &[JointState::LEN])?;
+    Ok(Response::Joints(JointState {
+        firmware,
+        servos: words(&data),
+    }))
+}
+
+fn parse_gripper(firmware: Firmware, data: &[u8]) -> Result<Response, Cause> {
+    let data: [u8; GripperState::LEN] = sized(data, &[GripperState::LEN])?;
+    let [id, s0, s1, p0, p1, sync_button, attitude_button] = data;
+    Ok(Response::Gripper(GripperState {
+        firmware,
+        id,
+        servo: u16::from_le_bytes([s0, s1]),
+        potentiometer: u16::from_le_bytes([p0, p1]),
+        sync_button,
+        attitude_button,
+    }))
+}
+
+impl Protocol for Legacy {
+    const REQUESTS: () = ();
+    const IDENTIFIED: bool = false;
+    type Request = Request;
+    type Response = Response;
+    type Error = ParseError;
+
+    fn encode_request(request: &Request, _out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        match *request {}
+    }
+
+    fn encode_response(response: &Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        match *response {
+            Response::Joints(JointState { firmware, servos }) => {
+                let mut data = [0; JointState::LEN];
+                put_words(&mut data, &servos);
+                let command = firmware.joints_command();
+                Frame { command, data: &data }.put(out)
+            }
+            Response::Gripper(state) => {
+                let [s0, s1] = state.servo.to_le_bytes();
+                let [p0, p1] = state.potentiometer.to_le_bytes();
+                let data = [state.id, s0, s1, p0, p1, state.sync_button, state.attitude_button];
+                let command = state.firmware.gripper_command();
+                Frame { command, data: &data }.put(out)
+            }
+        }
+    }
+
+    /// No frame is a request: to such an arm, every one is unknown.
+    fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
+        Err(ParseError {
+            command: frame.command,
+            cause: Cause::Unknown,
+        })
+    }
+
+    fn parse_response(frame: Frame<'_>, (): ()) -> Result<Response, ParseError> {
+        let Frame { command, data } = frame;
+        let parsed = match command {
+            0x04 => parse_joints(Firmware::V5, data),
+            0x14 => parse_joints(Firmware::V6_0, data),
+            0x02 => parse_gripper(Firmware::V5, data),
+            0x12 => parse_gripper(Firmware::V6_0, data),
+            _ => Err(Cause::Unknown),
+        };
+        parsed.map_err(|cause| ParseError { command, cause })
+    }
+
+    fn expect(_request: Option<&Request>) {}
+
+    fn reply(request: &Request) -> Option<Reply> {
+        match *request {}
+    }
+
+    fn answers(request: &Request, _response: &Response) -> bool {
+        match *request {}
+    }
+
+    fn repeatable(request: &Request) -> bool {
+        match *request {}
+    }
+}

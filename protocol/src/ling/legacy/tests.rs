@@ -1,0 +1,233 @@
+//! Frames that arms of the older generation have sent, and what must come of such an arm.
+
+extern crate std;
+
+use std::string::ToString;
+use std::vec::Vec;
+
+use super::*;
+use crate::ling::{Cause, Ling};
+use crate::{Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan};
+
+/// A frame written in hex.
+fn hex(text: &str) -> Vec<u8> {
+    text.split_whitespace()
+        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
+        .collect()
+}
+
+/// Where it is from, frame, meaning. Two were published by users, in the issues of the vendor's package (numbers 12 and
+/// 11); the others are computed.
+fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
+    let gripper = GripperState {
+        firmware: Firmware::V6_0,
+        id: 1,
+        servo: 2051,
+        potentiometer: 2303,
+        sync_button: 0,
+        attitude_button: 1,
+    };
+    let joints = JointState {
+        firmware: Firmware::V6_0,
+        servos: [1961, 1961, 3302, 793, 1645, 2450, 1839, 1261, 2177],
+    };
+    Vec::from([
+        (
+            "issue 12",
+            hex("AA 14 12 A9 07 A9 07 E6 0C 19 03 6D 06 92 09 2F 07 ED 04 81 08 00 FF"),
+            Response::Joints(joints),
+        ),
+        (
+            "issue 11",
+            hex("AA 14 12 18 0C 13 0C B0 0C 4E 03 8F 06 6A 09 92 07 58 05 49 06 01 FF"),
+            Response::Joints(JointState {
+                servos: [3096, 3091, 3248, 846, 1679, 2410, 1938, 1368, 1609],
+                ..joints
+            }),
+        ),
+        (
+            "joints of firmware 5, computed",
+            hex("AA 04 12 A9 07 A9 07 E6 0C 19 03 6D 06 92 09 2F 07 ED 04 81 08 00 FF"),
+            Response::Joints(JointState {
+                firmware: Firmware::V5,
+                ..joints
+            }),
+        ),
+        (
+            "gripper, computed",
+            hex("AA 12 07 01 03 08 FF 08 00 01 00 FF"),
+            Response::Gripper(gripper),
+        ),
+        (
+            "gripper of firmware 5, computed",
+            hex("AA 02 07 01 03 08 FF 08 00 01 00 FF"),
+            Response::Gripper(GripperState {
+                firmware: Firmware::V5,
+                ..gripper
+            }),
+        ),
+    ])
+}
+
+#[test]
+fn every_frame_holds_in_both_directions() {
+    for (source, bytes, response) in responses() {
+        let mut out = [0; MAX_FRAME];
+        let n = Legacy::encode_response(&response, &mut out).unwrap();
+        assert_eq!(out[..n], bytes, "{source}");
+        assert_eq!(Legacy::scan(&bytes, ()), Scan::Frame(n), "{source}");
+        let frame = Legacy::view(&bytes).unwrap();
+        assert_eq!(Legacy::parse_response(frame, ()), Ok(response), "{source}");
+    }
+}
+
+#[test]
+fn the_two_servos_of_a_joint_agree_in_what_arms_have_sent() {
+    for (source, _, response) in responses() {
+        if let Response::Joints(state) = response {
+            let [a1, a2, b1, b2, c1, c2, ..] = state.servos;
+            for (one, other) in [(a1, a2), (b1, 4096 - b2), (c1, 4096 - c2)] {
+                assert!(one.abs_diff(other) < 8, "{source}: {one} and {other}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_wrong_parity_and_a_missing_end_are_named_with_what_they_should_be() {
+    let (_, good, _) = responses().remove(0);
+    let n = good.len();
+    for (at, byte, reason) in [
+        (3, 0xA8, Reason::Checksum { expected: 1, got: 0 }),
+        (n - 2, 0x02, Reason::Checksum { expected: 0, got: 2 }),
+        (n - 1, 0x00, Reason::Tail { expected: 0xFF, got: 0 }),
+        (
+            2,
+            60,
+            Reason::Length {
+                min: 0,
+                max: 59,
+                got: 60,
+            },
+        ),
+    ] {
+        let mut bytes = good.clone();
+        bytes[at] = byte;
+        assert_eq!(Legacy::scan(&bytes, ()), Scan::Skip(1, reason));
+    }
+}
+
+#[test]
+fn the_parity_misses_what_it_must_miss() {
+    let (_, good, response) = responses().remove(0);
+    let missed = (8 * 3..8 * 21).filter(|bit| {
+        let mut bytes = good.clone();
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        let frame = matches!(Legacy::scan(&bytes, ()), Scan::Frame(_)).then(|| Legacy::view(&bytes).unwrap());
+        frame.is_some_and(|frame| Legacy::parse_response(frame, ()) != Ok(response))
+    });
+    assert_eq!(missed.count(), 18 * 7, "seven bits in eight are not covered");
+}
+
+#[test]
+fn a_good_frame_that_is_no_message_is_told_from_one() {
+    let parse = |text: &str| Legacy::parse_response(Legacy::view(&hex(text)).unwrap(), ()).unwrap_err();
+    assert_eq!(parse("AA 0A 03 05 04 13 00 FF").to_string(), "command 0A: unknown");
+    let error = parse("AA 12 03 05 04 13 00 FF");
+    assert_eq!(error.cause, Cause::Length { expected: &[7], got: 3 });
+}
+
+#[test]
+fn to_such_an_arm_every_frame_is_unknown() {
+    let mut device = Device::<Legacy, MAX_FRAME>::new();
+    let torque_off = hex("AA 13 01 00 00 FF");
+    let heard = device.handle(&mut Input::Bytes(&torque_off));
+    let cause = Cause::Unknown;
+    assert_eq!(heard, Some(Heard::Unknown(ParseError { command: 0x13, cause })));
+}
+
+#[test]
+fn a_client_reads_and_never_has_a_byte_to_send() {
+    let mut client = Client::<Legacy, MAX_FRAME>::new(Config::DEFAULT);
+    for (i, (source, bytes, response)) in responses().into_iter().enumerate() {
+        let now = Micros::from_millis(25 * i as u64);
+        let event = client.handle(now, &mut Input::Bytes(&bytes));
+        assert_eq!(event, Some(Event::Unsolicited(response)), "{source}");
+        assert_eq!(client.poll_transmit(now), None);
+        assert_eq!(client.poll_timeout(), None);
+    }
+}
+
+#[test]
+fn the_decoder_of_current_frames_finds_none_in_what_such_an_arm_says() {
+    let line = responses()
+        .into_iter()
+        .flat_map(|(_, bytes, _)| bytes)
+        .collect::<Vec<_>>();
+    let mut decoder = Decoder::<Ling, { crate::ling::MAX_FRAME }>::new();
+    let (mut rest, mut noise) = (&line[..], 0);
+    while !rest.is_empty() || decoder.pending() > 0 {
+        rest = decoder.push(rest);
+        while let Some(next) = decoder.next(()) {
+            noise += next.unwrap_err().len;
+        }
+        if rest.is_empty() {
+            noise += decoder.idle(()).map_or(0, |dropped| dropped.len);
+        }
+    }
+    assert_eq!(noise, line.len());
+}
+
+#[test]
+fn a_detector_tells_at_the_end_of_the_third_frame_and_for_good() {
+    let line: Vec<u8> = responses()
+        .into_iter()
+        .take(3)
+        .flat_map(|(_, bytes, _)| bytes)
+        .collect();
+    let mut detector = Detector::new();
+    assert_eq!(detector.hear(&line[..line.len() - 1]), None);
+    assert_eq!(detector.hear(&line[line.len() - 1..]), Some(OlderGeneration));
+    assert_eq!(detector.hear(&hex("AA 06 00 01 FE 9A FF")), Some(OlderGeneration));
+    assert_eq!(detector.hear(&[]), Some(OlderGeneration));
+}
+
+#[test]
+fn frames_that_are_not_in_succession_are_not_enough() {
+    let (_, joints, _) = responses().remove(0);
+    for between in ["00", "AA", "AA 06 00 01 FE 9A FF", "AA 14 12"] {
+        let mut detector = Detector::new();
+        for _ in 0..20 {
+            assert_eq!(detector.hear(&[&joints[..], &joints[..]].concat()), None, "{between}");
+            assert_eq!(detector.hear(&hex(between)), None, "{between}");
+        }
+    }
+}
+
+#[test]
+fn other_frames_of_the_older_generation_neither_count_nor_break_the_succession() {
+    let (_, joints, _) = responses().remove(0);
+    let version = hex("AA 0A 03 05 04 13 00 FF");
+    let mut detector = Detector::new();
+    for _ in 0..20 {
+        assert_eq!(detector.hear(&version), None);
+    }
+    assert_eq!(detector.hear(&[&joints[..], &version[..], &joints[..]].concat()), None);
+    assert_eq!(detector.hear(&joints), Some(OlderGeneration));
+}
+
+#[test]
+fn the_message_says_what_it_is_what_armwire_does_and_what_to_do() {
+    let text = OlderGeneration.to_string();
+    for part in [
+        "older generation",
+        "late 2025",
+        "function byte",
+        "reads its joints but sends it nothing",
+        "ask the vendor for a firmware update",
+        "1000000 or 921600 baud",
+    ] {
+        assert!(text.contains(part), "{part} is not in: {text}");
+    }
+    assert!(!text.contains('\n'));
+}

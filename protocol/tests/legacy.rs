@@ -1,0 +1,312 @@
+//! What holds of every frame of Ling's older generation, and of every stream that a detector hears.
+
+use armwire::ling::legacy::{
+    Detector, Firmware, GripperState, JointState, Legacy, MAX_FRAME, OVERHEAD, OlderGeneration, Response,
+};
+use armwire::ling::{self, Ling, MotionStatus, PerServo};
+use armwire::{Decoder, Framing, Noise, Protocol, Scan};
+use proptest::array::{uniform6, uniform9, uniform10};
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+fn response() -> impl Strategy<Value = Response> {
+    let firmware = || prop_oneof![Just(Firmware::V5), Just(Firmware::V6_0)];
+    prop_oneof![
+        (firmware(), uniform9(any::<u16>())).prop_map(|(firmware, servos)| {
+            let state = JointState { firmware, servos };
+            Response::Joints(state)
+        }),
+        (firmware(), any::<(u8, u16, u16, u8, u8)>()).prop_map(|(firmware, fields)| {
+            let (id, servo, potentiometer, sync_button, attitude_button) = fields;
+            Response::Gripper(GripperState {
+                firmware,
+                id,
+                servo,
+                potentiometer,
+                sync_button,
+                attitude_button,
+            })
+        }),
+    ]
+}
+
+fn bytes_of(response: &Response) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let n = Legacy::encode_response(response, &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+/// A frame of the current generation, as an arm sends them.
+fn current() -> impl Strategy<Value = Vec<u8>> {
+    let response = prop_oneof![
+        (uniform6(any::<u16>()), any::<u16>(), any::<u8>()).prop_map(|(joints, gripper, status)| {
+            ling::Response::Joints(ling::JointState {
+                joints,
+                gripper,
+                status: MotionStatus::from(status),
+            })
+        }),
+        uniform10(any::<u8>()).prop_map(|celsius| ling::Response::Temperatures(PerServo::Follower(celsius))),
+        uniform10(any::<u16>()).prop_map(|ticks| ling::Response::Velocities(PerServo::Follower(ticks))),
+        any::<u16>().prop_map(|mask| ling::Response::SelfCheck(ling::SelfCheck(mask))),
+    ];
+    response.prop_map(|response| {
+        let mut out = [0; ling::MAX_FRAME];
+        let n = Ling::encode_response(&response, &mut out).unwrap();
+        out[..n].to_vec()
+    })
+}
+
+/// Noise that looks like frames more often than chance would have it.
+fn noise() -> impl Strategy<Value = Vec<u8>> {
+    let byte = prop_oneof![
+        4 => any::<u8>(),
+        2 => Just(0xAA),
+        1 => Just(0xFF),
+        1 => prop_oneof![Just(0x14), Just(0x12), Just(0x07)],
+        1 => 0..2_u8,
+    ];
+    vec(byte, 0..24)
+}
+
+/// Cuts a stream into chunks of these lengths, the rest being the last.
+fn cut<'s>(stream: &'s [u8], lengths: &[usize]) -> Vec<&'s [u8]> {
+    let mut rest = stream;
+    let mut chunks = Vec::new();
+    for &length in lengths {
+        let (chunk, later) = rest.split_at(length.min(rest.len()));
+        chunks.push(chunk);
+        rest = later;
+    }
+    chunks.push(rest);
+    chunks
+}
+
+/// A frame that came out of the decoder (its place in the stream), or noise.
+#[derive(Clone, Debug, PartialEq)]
+enum Out {
+    Frame(core::ops::Range<u64>),
+    Noise(Noise),
+}
+
+type Legacies = Decoder<Legacy, MAX_FRAME>;
+
+/// Appends what the decoder has to say, `at` being where in the stream it is.
+fn drain(decoder: &mut Legacies, at: &mut u64, out: &mut Vec<Out>) {
+    while let Some(next) = decoder.next(()) {
+        let start = *at;
+        match next {
+            Ok(frame) => {
+                *at += (frame.data.len() + OVERHEAD) as u64;
+                out.push(Out::Frame(start..*at));
+            }
+            Err(noise) => {
+                assert_eq!(noise.offset, start);
+                *at += noise.len as u64;
+                out.push(Out::Noise(noise));
+            }
+        }
+    }
+}
+
+/// All that comes out of a stream that arrives in chunks and then goes idle.
+fn decode<'c>(chunks: impl IntoIterator<Item = &'c [u8]>) -> Vec<Out> {
+    let (mut decoder, mut at, mut out) = (Legacies::new(), 0, Vec::new());
+    for mut rest in chunks {
+        while !rest.is_empty() {
+            rest = decoder.push(rest);
+            drain(&mut decoder, &mut at, &mut out);
+        }
+    }
+    while let Some(noise) = decoder.idle(()) {
+        at += noise.len as u64;
+        out.push(Out::Noise(noise));
+        drain(&mut decoder, &mut at, &mut out);
+    }
+    out
+}
+
+/// After how many bytes of the stream a detector tells, if it does.
+fn told_after(stream: &[u8]) -> Option<usize> {
+    let mut detector = Detector::new();
+    let position = stream.iter().position(|&byte| detector.hear(&[byte]).is_some());
+    position.map(|position| position + 1)
+}
+
+proptest! {
+    #[test]
+    fn every_response_survives_the_wire(response in response()) {
+        let bytes = bytes_of(&response);
+        prop_assert_eq!(Legacy::scan(&bytes, ()), Scan::Frame(bytes.len()));
+        prop_assert_eq!(Legacy::parse_response(Legacy::view(&bytes).unwrap(), ()), Ok(response));
+        let mut out = vec![0; bytes.len() - 1];
+        let error = Legacy::encode_response(&response, &mut out).unwrap_err();
+        prop_assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
+    }
+
+    #[test]
+    fn positions_are_those_of_the_counts_or_an_error_that_names_one(servos in uniform9(0..5000_u16)) {
+        let state = JointState { firmware: Firmware::V6_0, servos };
+        match state.positions() {
+            Ok(positions) => prop_assert_eq!(positions.map(|position| position.ticks()), state.joints()),
+            Err(error) => {
+                prop_assert_eq!(Some(error.got), state.joints().into_iter().find(|&ticks| ticks > 4095));
+            }
+        }
+    }
+
+    #[test]
+    fn a_prefix_of_a_frame_is_never_given_a_verdict(response in response()) {
+        let bytes = bytes_of(&response);
+        for n in 1..bytes.len() {
+            let Scan::Need(more) = Legacy::scan(&bytes[..n], ()) else {
+                panic!("a verdict on {n} of {} bytes", bytes.len());
+            };
+            prop_assert!((1..=bytes.len() - n).contains(&more));
+        }
+    }
+
+    #[test]
+    fn what_comes_out_does_not_depend_on_the_chunks(
+        parts in vec((noise(), response()), 1..6),
+        lengths in vec(1..40_usize, 1..60),
+    ) {
+        let stream: Vec<u8> = parts.iter().flat_map(|(noise, response)| [noise.clone(), bytes_of(response)].concat()).collect();
+        prop_assert_eq!(decode(cut(&stream, &lengths)), decode([&stream[..]]));
+        prop_assert_eq!(decode(stream.chunks(1)), decode([&stream[..]]));
+    }
+
+    #[test]
+    fn no_intact_frame_is_lost_to_noise(parts in vec((noise(), response()), 1..12)) {
+        let mut stream = Vec::new();
+        let mut intact = Vec::new();
+        for (noise, response) in &parts {
+            stream.extend(noise);
+            let start = stream.len() as u64;
+            stream.extend(bytes_of(response));
+            intact.push(start..stream.len() as u64);
+        }
+        let out = decode([&stream[..]]);
+        let frames: Vec<_> = out.iter().filter_map(|out| match out {
+            Out::Frame(range) => Some(range.clone()),
+            Out::Noise(_) => None,
+        }).collect();
+        for frame in intact {
+            // Noise that is a good frame by chance may overlap: that one is a frame too, and came first. With one bit of
+            // parity this is commoner than in the current generation.
+            let overlapped = frames.iter().any(|f| *f != frame && f.start < frame.start && f.end > frame.start);
+            prop_assert!(frames.contains(&frame) || overlapped, "lost {frame:?} of {out:?}");
+        }
+    }
+
+    #[test]
+    fn every_byte_is_in_a_frame_or_in_noise(stream in vec(noise(), 0..20)) {
+        let stream = stream.concat();
+        let bytes: u64 = decode([&stream[..]]).iter().map(|out| match out {
+            Out::Frame(range) => range.end - range.start,
+            Out::Noise(noise) => noise.len as u64,
+        }).sum();
+        prop_assert_eq!(bytes, stream.len() as u64);
+    }
+
+    #[test]
+    fn three_frames_in_succession_are_recognised_whatever_came_before(
+        before in vec(any::<u8>(), 0..200),
+        frames in vec(response(), 3..8),
+    ) {
+        let frames: Vec<u8> = frames.iter().flat_map(bytes_of).collect();
+        // What came before may seem to begin a frame: then that is found to be none within the longest frame.
+        let line = [&before[..], &frames[..], &frames[..], &frames[..], &[0; MAX_FRAME][..]].concat();
+        prop_assert!(told_after(&line).is_some());
+    }
+
+    #[test]
+    fn any_chunks_give_the_verdict_at_the_same_byte(
+        parts in vec((noise(), vec(response(), 0..4)), 1..8),
+        lengths in vec(1..40_usize, 1..60),
+    ) {
+        let stream: Vec<u8> = parts
+            .iter()
+            .flat_map(|(noise, responses)| [noise.clone(), responses.iter().flat_map(bytes_of).collect()].concat())
+            .collect();
+        let told_after = told_after(&stream);
+        let (mut detector, mut heard) = (Detector::new(), 0);
+        for chunk in cut(&stream, &lengths) {
+            heard += chunk.len();
+            let told = told_after.is_some_and(|n| n <= heard);
+            prop_assert_eq!(detector.hear(chunk), told.then_some(OlderGeneration));
+        }
+    }
+
+    #[test]
+    fn current_frames_are_never_taken_for_the_older_generation(
+        parts in vec((noise(), current()), 0..40),
+        broken in any::<bool>(),
+    ) {
+        let mut detector = Detector::new();
+        for (noise, frame) in parts {
+            if broken {
+                prop_assert_eq!(detector.hear(&noise), None);
+            }
+            prop_assert_eq!(detector.hear(&frame), None);
+        }
+    }
+
+    #[test]
+    fn two_older_frames_between_current_ones_are_not_enough(
+        parts in vec((current(), response(), response()), 1..20),
+    ) {
+        let mut detector = Detector::new();
+        for (current, one, other) in parts {
+            let line = [current, bytes_of(&one), bytes_of(&other)].concat();
+            prop_assert_eq!(detector.hear(&line), None);
+        }
+    }
+}
+
+/// Bytes that look random, the same in every run (splitmix64).
+fn random(seed: u64) -> impl Iterator<Item = u8> {
+    let mut state = seed;
+    core::iter::repeat_with(move || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (z ^ (z >> 31)).to_le_bytes()
+    })
+    .flatten()
+}
+
+#[test]
+fn ten_million_random_bytes_are_not_recognised() {
+    let bytes: Vec<u8> = random(1).take(10_000_000).collect();
+    assert_eq!(Detector::new().hear(&bytes), None);
+}
+
+/// The hardest noise: nothing but the bytes that such frames have at their beginning and end.
+#[test]
+fn noise_made_of_the_frames_own_marks_is_not_recognised() {
+    let marks = [0xAA, 0x14, 0x12, 0x04, 0x02, 0x07, 0x00, 0xFF];
+    let bytes: Vec<u8> = random(2)
+        .take(4_000_000)
+        .map(|byte| marks[usize::from(byte % 8)])
+        .collect();
+    let mut frames = 0;
+    let mut messages = 0;
+    let mut decoder = Legacies::new();
+    let mut rest = &bytes[..];
+    while !rest.is_empty() {
+        rest = decoder.push(rest);
+        while let Some(next) = decoder.next(()) {
+            if let Ok(frame) = next {
+                frames += 1;
+                messages += usize::from(Legacy::parse_response(frame, ()).is_ok());
+            }
+        }
+    }
+    assert!(
+        frames > 1_000 && messages > 10,
+        "this noise holds frames: {frames}, of them messages: {messages}"
+    );
+    assert_eq!(Detector::new().hear(&bytes), None);
+}
