@@ -4,15 +4,14 @@ use std::fs;
 use std::io::{Read, Write, stdin, stdout};
 use std::path::PathBuf;
 
-use armwire::ling::{Frame, Ling, MAX_FRAME, OVERHEAD};
-use armwire::{Decoder, Noise, Protocol, Reason};
-use clap::Args;
+use armwire::ling::Ling;
+use armwire::{Noise, Reason, Scan};
+use clap::{Args, ValueEnum};
 
-use crate::describe::{self, hex};
+use crate::ArmKind;
+use crate::describe::{Arm, hex};
 use crate::problem::Problem;
 
-/// Where a frame says how many data bytes it has.
-const LENGTH: usize = 3;
 /// What some editors begin UTF-8 text with.
 const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 
@@ -22,21 +21,48 @@ pub(crate) struct Decode {
     /// A file with the bytes as they are, or as hexadecimal text such as 'AA 06 00 01 FE 9A FF'; - is standard input.
     #[arg(default_value = "-")]
     file: PathBuf,
+    /// Which arm it is.
+    #[arg(long, value_enum, default_value_t)]
+    arm: ArmKind,
+    /// Whose bytes they are. Frames of xarm and alpha1 do not tell: they are the arm's unless you say otherwise. Frames
+    /// of ling tell, so a recording of it may have both.
+    #[arg(long, value_enum, value_name = "WHO")]
+    from: Option<Speaker>,
+}
+
+/// Who says something.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Speaker {
+    Host,
+    Arm,
+}
+
+/// What is in a recording.
+struct Decoded {
+    /// One line for each frame and each run of noise, and one for the sum.
+    lines: Vec<String>,
+    /// What broke the stream, on a line that loses nothing.
+    broken: Option<Noise>,
 }
 
 impl Decode {
     pub(crate) fn run(&self) -> Result<(), Problem> {
         let (name, input) = self.read()?;
-        // A recording of a line is never all ASCII, for every frame begins with AA.
         let bytes = match input.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&input) {
-            text if text.is_ascii() => parse_hex(&name, text)?,
+            text if may_be_text(text) => parse_hex(&name, text)?,
             _ => input,
         };
+        let decoded = match self.arm {
+            ArmKind::Ling => decode::<Ling>(&bytes, self.from),
+        };
         let mut out = stdout().lock();
-        for line in lines(&bytes) {
+        for line in decoded.lines {
             writeln!(out, "{line}").map_err(Problem::Output)?;
         }
-        Ok(())
+        match decoded.broken {
+            Some(noise) => Err(Problem::Undecodable { name, noise }),
+            None => Ok(()),
+        }
     }
 
     fn read(&self) -> Result<(String, Vec<u8>), Problem> {
@@ -52,6 +78,12 @@ impl Decode {
             Err(error) => Err(Problem::Input { name, error }),
         }
     }
+}
+
+/// Whether it may be hexadecimal text. No recording is taken for it, for every frame has a byte that no such text has: AA
+/// in those of ling, ED of alpha1, 00 of xarm.
+fn may_be_text(input: &[u8]) -> bool {
+    input.is_ascii() && !input.contains(&0)
 }
 
 /// The bytes that hexadecimal text means: pairs of digits, with or without white space, commas, colons and 0x.
@@ -78,76 +110,108 @@ fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Problem> {
     Ok(bytes)
 }
 
-/// One line for each frame and each run of noise, and one for the sum.
-fn lines(bytes: &[u8]) -> Vec<String> {
+/// The frames of a recording, and what is between them.
+fn decode<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
+    let expect = match from {
+        Some(Speaker::Host) => P::REQUESTS,
+        Some(Speaker::Arm) | None => P::expect(None),
+    };
     let mut lines = Vec::new();
-    let (mut frames, mut noise_bytes, mut offset) = (0, 0, 0);
+    let mut broken = None;
+    let (mut frames, mut noise_bytes, mut filling, mut offset) = (0, 0, 0, 0);
     // The end of the last damaged frame: its bytes are not shown again as noise.
     let mut damaged = 0;
-    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
-    let mut rest = bytes;
-    loop {
-        let noise = match decoder.next(()) {
-            Some(Ok(frame)) => {
-                let len = frame.data.len() + OVERHEAD;
-                lines.push(format!(
-                    "{offset:8}  {}\n          {}",
-                    hex(&bytes[offset..offset + len]),
-                    meaning(frame)
-                ));
+    while offset < bytes.len() && broken.is_none() {
+        let rest = &bytes[offset..];
+        let (len, reason) = match P::scan(rest, expect) {
+            Scan::Frame(len) => {
+                let meaning = P::view(&rest[..len]).map(|frame| meaning::<P>(frame, expect, from));
+                lines.push(entry(offset, &rest[..len], &meaning.unwrap_or_default()));
                 frames += 1;
                 offset += len;
                 continue;
             }
-            Some(Err(noise)) => noise,
-            None if !rest.is_empty() => {
-                rest = decoder.push(rest);
+            Scan::Fill(len) => {
+                filling += len;
+                offset += len;
                 continue;
             }
+            Scan::Skip(_, Reason::Stray) => (stray::<P>(rest, expect), Reason::Stray),
+            Scan::Skip(len, reason) => (len, reason),
+            Scan::Need(missing) if P::RELIABLE => (rest.len(), Reason::Truncated { missing }),
             // The end of the recording is as good as an idle line.
-            None => match decoder.idle(()) {
-                Some(noise) => noise,
-                None => break,
-            },
+            Scan::Need(missing) => (1, Reason::Truncated { missing }),
         };
-        let Noise { len, reason, .. } = noise;
         let (mut start, mut end) = (offset, offset + len);
         match reason {
-            // All of it is shown, though the decoder drops but its header and looks for a frame inside.
+            // All of it is shown, though but its first byte is given up: what follows may be a frame.
             Reason::Checksum { .. } => {
-                end = bytes.len().min(offset + usize::from(bytes[offset + LENGTH]) + OVERHEAD);
+                end = offset + verdict::<P>(rest, expect);
                 damaged = damaged.max(end);
             }
             Reason::Stray => start = start.max(damaged),
             _ => {}
         }
         if start < end {
-            lines.push(format!(
-                "{start:8}  {}\n          noise: {reason}",
-                hex(&bytes[start..end])
-            ));
+            lines.push(entry(start, &bytes[start..end], &format!("noise: {reason}")));
+        }
+        if P::RELIABLE && !matches!(reason, Reason::Truncated { .. }) {
+            let offset = offset as u64;
+            broken = Some(Noise { offset, len, reason });
         }
         noise_bytes += len;
         offset += len;
     }
-    lines.push(format!(
-        "bytes: {}, frames: {frames}, noise bytes: {noise_bytes}",
-        bytes.len()
-    ));
-    lines
+    let mut sum = format!("bytes: {}, frames: {frames}, noise bytes: {noise_bytes}", bytes.len());
+    if filling > 0 {
+        sum += &format!(", filling: {filling}");
+    }
+    if broken.is_some() {
+        sum += &format!(", not read: {}", bytes.len() - offset);
+    }
+    lines.push(sum);
+    Decoded { lines, broken }
 }
 
-fn meaning(frame: Frame<'_>) -> String {
-    match (Ling::parse_request(frame), Ling::parse_response(frame, ())) {
-        (Ok(request), _) => format!("to the arm: {}", describe::request(&request)),
-        (_, Ok(response)) => format!("from the arm: {}", describe::response(&response)),
-        (Err(request), Err(response)) => format!("no message: as a request, {request}; as an answer, {response}"),
+fn entry(offset: usize, bytes: &[u8], text: &str) -> String {
+    format!("{offset:8}  {}\n          {text}", hex(bytes))
+}
+
+/// How many bytes at the front are stray.
+fn stray<P: Arm>(bytes: &[u8], expect: P::Expect) -> usize {
+    let mut len = 0;
+    while len < bytes.len()
+        && let Scan::Skip(n, Reason::Stray) = P::scan(&bytes[len..], expect)
+    {
+        len += n;
+    }
+    len
+}
+
+/// How many bytes it took to say what the front is: all of a frame that is damaged.
+fn verdict<P: Arm>(bytes: &[u8], expect: P::Expect) -> usize {
+    let undecided = |&len: &usize| matches!(P::scan(&bytes[..len], expect), Scan::Need(_));
+    (1..bytes.len()).take_while(undecided).count() + 1
+}
+
+fn meaning<P: Arm>(frame: P::Frame<'_>, expect: P::Expect, from: Option<Speaker>) -> String {
+    let request = P::parse_request(frame).map(|request| format!("to the arm: {}", P::request(&request)));
+    let response = P::parse_response(frame, expect).map(|response| format!("from the arm: {}", P::response(&response)));
+    match (from, request, response) {
+        (Some(Speaker::Host), Ok(text), _) | (Some(Speaker::Arm), _, Ok(text)) => text,
+        (Some(Speaker::Host), Err(error), _) | (Some(Speaker::Arm), _, Err(error)) => format!("no message: {error}"),
+        (None, Ok(text), _) | (None, _, Ok(text)) => text,
+        (None, Err(request), Err(response)) => format!("no message: as a request, {request}; as an answer, {response}"),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn lines(bytes: &[u8]) -> Vec<String> {
+        decode::<Ling>(bytes, None).lines
+    }
 
     #[test]
     fn frames_and_noise_are_told_with_their_offsets() {

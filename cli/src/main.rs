@@ -1,19 +1,22 @@
 //! `armwire`: virtual arms, and a look at real ones, from the command line.
 #![forbid(unsafe_code)]
 
+mod call;
 mod decode;
 mod describe;
 mod info;
 mod link;
 mod monitor;
 mod problem;
+mod serial;
 #[cfg(unix)]
 mod sim;
 
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use clap::{Args, Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 
 use problem::Problem;
 
@@ -32,21 +35,42 @@ enum Command {
     #[command(subcommand)]
     Sim(sim::Sim),
     /// Tell what arm is on a port, and how it is.
-    Info(Port),
+    Info(Place),
     /// Watch an arm's joints, gripper and status.
     Monitor(monitor::Monitor),
+    /// Make one request and print the answer.
+    #[command(subcommand)]
+    Call(call::Call),
     /// Tell the frames in a recording of a line, what they mean, and what is between them.
     Decode(decode::Decode),
 }
 
-/// The port an arm is on.
+/// Where an arm is, and which it is.
 #[derive(Args)]
-struct Port {
-    /// The serial port, such as /dev/ttyACM0 or COM3.
+struct Place {
+    /// The serial port, such as /dev/ttyACM0 or COM3; for xarm the host, such as 192.168.1.10 or 192.168.1.10:502.
     port: String,
-    /// Its baud rate.
-    #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..))]
-    baud: u32,
+    /// Which arm it is.
+    #[arg(long, value_enum, default_value_t)]
+    arm: ArmKind,
+    #[command(flatten)]
+    baud: Baud,
+}
+
+/// The baud rate of a serial port.
+#[derive(Args)]
+struct Baud {
+    /// Baud rate of the serial port; 1000000 for ling and 115200 for alpha1 unless you say otherwise.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    baud: Option<u32>,
+}
+
+/// The arms there are.
+#[derive(Clone, Copy, Default, ValueEnum)]
+enum ArmKind {
+    /// Ling / Alicia-D, on a serial port.
+    #[default]
+    Ling,
 }
 
 fn main() -> ExitCode {
@@ -54,6 +78,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         // Who no longer reads what we print has had enough.
         Err(Problem::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        Err(Problem::Usage(text)) => Cli::command().error(ErrorKind::ArgumentConflict, text).exit(),
         Err(problem) => {
             eprintln!("armwire: {problem}");
             ExitCode::FAILURE
@@ -65,8 +90,9 @@ fn run(command: &Command) -> Result<(), Problem> {
     match command {
         #[cfg(unix)]
         Command::Sim(sim) => sim.run(stop_on_ctrl_c()?),
-        Command::Info(port) => info::run(port),
+        Command::Info(place) => info::run(place),
         Command::Monitor(monitor) => monitor.run(stop_on_ctrl_c()?),
+        Command::Call(call) => call.run(),
         Command::Decode(decode) => decode.run(),
     }
 }

@@ -7,7 +7,7 @@ use std::io::{self, ErrorKind};
 #[cfg(unix)]
 use std::os::unix::fs::MetadataExt;
 
-use armwire::ling::ParseError;
+use armwire::Noise;
 #[cfg(unix)]
 use rustix::io::Errno;
 use serial2::SerialPort;
@@ -17,14 +17,43 @@ use crate::describe::hex;
 /// Why a command fails.
 #[derive(Debug)]
 pub(crate) enum Problem {
+    /// The arguments do not go together.
+    Usage(String),
     /// The port cannot be opened.
     Open { port: String, error: io::Error },
     /// The port failed while it was open.
     Lost { port: String, error: io::Error },
     /// The port takes no bytes.
     Stuck { port: String },
+    /// The host's name says nothing to the system.
+    Resolve { name: String, error: io::Error },
+    /// The host cannot be connected to.
+    Connect { name: String, error: io::Error },
+    /// The arm closed the connection.
+    Closed { name: String },
+    /// The connection failed while it was open.
+    Disconnected { name: String, error: io::Error },
+    /// What arrives on the connection cannot be read, nor can anything after it.
+    Broken {
+        name: String,
+        arm: &'static str,
+        noise: Noise,
+    },
     /// The arm did not answer.
-    NoAnswer { port: String, baud: u32, heard: Box<Heard> },
+    NoAnswer {
+        name: String,
+        /// What it should be, with its article.
+        arm: &'static str,
+        /// `u32::MAX` where there is no baud rate.
+        baud: u32,
+        /// What was heard comes from something else: what that is, and what to do about it.
+        stranger: Option<&'static str>,
+        heard: Box<Heard>,
+    },
+    /// The arm answered that it did not do what it was asked.
+    Refused { name: String, what: String },
+    /// What was decoded up to here cannot be read any further.
+    Undecodable { name: String, noise: Noise },
     /// A virtual arm could not be served.
     #[cfg(unix)]
     Serve(io::Error),
@@ -52,7 +81,7 @@ pub(crate) struct Heard {
     /// Good frames from an arm, though not the answer.
     pub(crate) frames: usize,
     /// The first good frame that is no message of the protocol.
-    pub(crate) unknown: Option<ParseError>,
+    pub(crate) unknown: Option<String>,
     /// Requests of our own that came back.
     pub(crate) echoes: usize,
     /// Frames with a wrong checksum.
@@ -62,20 +91,7 @@ pub(crate) struct Heard {
 }
 
 impl Heard {
-    /// Whether a frame of the older generation of Ling arms was among it: `AA command length data parity FF`, the parity
-    /// that of the data's sum.
-    fn is_older_ling(&self) -> bool {
-        (0..self.bytes.len()).any(|start| match &self.bytes[start..] {
-            &[0xAA, _, len, ref rest @ ..] if len > 0 => {
-                let (data, end) = rest.split_at(rest.len().min(usize::from(len)));
-                let parity = data.iter().fold(0, |sum, byte| sum ^ byte) & 1;
-                matches!(end, [check, 0xFF, ..] if *check == parity)
-            }
-            _ => false,
-        })
-    }
-
-    fn fmt_cause(&self, f: &mut fmt::Formatter<'_>, baud: u32) -> fmt::Result {
+    fn fmt_cause(&self, f: &mut fmt::Formatter<'_>, arm: &str, baud: u32, stranger: Option<&str>) -> fmt::Result {
         let &Self {
             sends,
             millis,
@@ -83,26 +99,26 @@ impl Heard {
             checksums,
             ..
         } = self;
+        let has_baud = baud != u32::MAX;
         let times = match sends {
             1 => "once".to_owned(),
             sends => format!("{sends} times"),
         };
         if count == 0 {
-            return write!(
-                f,
-                "no answer in {millis} ms, asked {times}: is the arm powered, is it on this port, \
-                 and does it talk at {baud} baud?"
-            );
+            write!(f, "no answer in {millis} ms, asked {times}: ")?;
+            return match has_baud {
+                true => write!(
+                    f,
+                    "is the arm powered, is it on this port, and does it talk at {baud} baud?"
+                ),
+                false => write!(f, "is it {arm} that listens there, and on its control port?"),
+            };
         }
-        if self.is_older_ling() {
-            return write!(
-                f,
-                "this is a Ling arm with firmware of the older generation (frames without a function byte), \
-                 which is not supported: update the arm's firmware"
-            );
+        if let Some(stranger) = stranger {
+            return f.write_str(stranger);
         }
         // A frame whose checksum happens to be good proves nothing where others are damaged.
-        if let Some(error) = self.unknown
+        if let Some(error) = &self.unknown
             && checksums == 0
         {
             return write!(
@@ -129,27 +145,59 @@ impl Heard {
                 "only our own requests come back: is the arm powered, and are RX and TX not joined? (first bytes: {first})"
             );
         }
-        write!(
-            f,
-            "{count} bytes arrive, but no frame of a Ling arm: is {baud} the baud rate, and is it this arm? \
-             (first bytes: {first})"
-        )
+        write!(f, "{count} bytes arrive, but no frame of {arm}: ")?;
+        match has_baud {
+            true => write!(f, "is {baud} the baud rate, and is it this arm? (first bytes: {first})"),
+            false => write!(f, "is it this arm, and its control port? (first bytes: {first})"),
+        }
     }
 }
 
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Usage(text) => f.write_str(text),
             Self::Open { port, error } => {
                 write!(f, "{port}: ")?;
                 fmt_open(f, port, error)
             }
             Self::Lost { port, error } => write!(f, "{port}: the port is gone ({error}): was it unplugged?"),
             Self::Stuck { port } => write!(f, "{port}: the port takes no bytes: is the adapter stuck?"),
-            Self::NoAnswer { port, baud, heard } => {
-                write!(f, "{port}: ")?;
-                heard.fmt_cause(f, *baud)
+            Self::Resolve { name, error } => write!(f, "{name}: no such host ({error}): give its address instead?"),
+            Self::Connect { name, error } => {
+                write!(f, "{name}: ")?;
+                fmt_connect(f, error)
             }
+            Self::Closed { name } => write!(
+                f,
+                "{name}: the connection was closed from there: was the arm switched off, or does it take no more programs?"
+            ),
+            Self::Disconnected { name, error } => match error.kind() {
+                ErrorKind::WouldBlock | ErrorKind::TimedOut => {
+                    write!(f, "{name}: the connection takes no bytes: is the arm still there?")
+                }
+                _ => write!(f, "{name}: the connection is gone ({error}): was the arm switched off?"),
+            },
+            Self::Broken { name, arm, noise } => write!(
+                f,
+                "{name}: what arrives there is no message of {arm} ({noise}): is it this arm, and its control port?"
+            ),
+            Self::NoAnswer {
+                name,
+                arm,
+                baud,
+                stranger,
+                heard,
+            } => {
+                write!(f, "{name}: ")?;
+                heard.fmt_cause(f, arm, *baud, *stranger)
+            }
+            Self::Refused { name, what } => write!(f, "{name}: {what}"),
+            Self::Undecodable { name, noise } => write!(
+                f,
+                "{name}: the stream is broken at byte {}: {}: is it one direction of one connection, from its start?",
+                noise.offset, noise.reason
+            ),
             #[cfg(unix)]
             Self::Serve(error) => write!(f, "cannot serve a virtual arm: {error}"),
             Self::Input { name, error } => write!(f, "{name}: {error}"),
@@ -159,6 +207,19 @@ impl fmt::Display for Problem {
             Self::Output(error) => write!(f, "cannot write the output: {error}"),
             Self::Signals(error) => write!(f, "cannot catch Ctrl-C: {error}"),
         }
+    }
+}
+
+fn fmt_connect(f: &mut fmt::Formatter<'_>, error: &io::Error) -> fmt::Result {
+    match error.kind() {
+        ErrorKind::ConnectionRefused => {
+            f.write_str("nothing listens there: is it the arm's address, and has the arm started?")
+        }
+        ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable => write!(
+            f,
+            "cannot be reached ({error}): is it the arm's address, is the arm on, and is this computer in its network?"
+        ),
+        _ => write!(f, "cannot be connected to: {error}"),
     }
 }
 
@@ -209,8 +270,6 @@ fn group(port: &str) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use armwire::ling::Cause;
-
     use super::*;
 
     fn heard(bytes: &[u8]) -> Heard {
@@ -222,15 +281,14 @@ mod tests {
     }
 
     fn line(heard: Heard) -> String {
-        let (port, baud, heard) = ("COM3".to_owned(), 1_000_000, Box::new(heard));
-        Problem::NoAnswer { port, baud, heard }.to_string()
-    }
-
-    #[test]
-    fn an_arm_of_the_older_generation_is_told_by_its_frames() {
-        assert!(line(heard(&[0x00, 0xAA, 0x12, 0x03, 1, 2, 4, 1, 0xFF, 0xAA])).contains("older generation"));
-        assert!(line(heard(&[0xAA, 0x12, 0x03, 1, 2, 4, 0, 0xFF])).contains("no frame of a Ling arm"));
-        assert!(line(heard(&[0xAA, 0x12, 0xFF, 1, 2])).contains("first bytes: AA 12 FF 01 02"));
+        let problem = Problem::NoAnswer {
+            name: "COM3".to_owned(),
+            arm: "a Ling arm",
+            baud: 1_000_000,
+            stranger: None,
+            heard: Box::new(heard),
+        };
+        problem.to_string()
     }
 
     #[test]
@@ -249,11 +307,7 @@ mod tests {
                 ..heard(&[1])
             },
             Heard {
-                unknown: Some(ParseError {
-                    command: 0xEE,
-                    function: 0x00,
-                    cause: Cause::Unknown,
-                }),
+                unknown: Some("command EE function 00: unknown".to_owned()),
                 begun: true,
                 ..heard(&[1])
             },

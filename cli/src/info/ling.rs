@@ -1,18 +1,13 @@
-//! `armwire info`: what arm is on a port, and how it is.
+//! The Ling arm.
 
-use std::io::{Write, stdout};
+use armwire::ling::{Kind, Ling, Request, Response};
 
-use armwire::ling::{Kind, Request, Response};
-
-use crate::Port;
+use super::show;
 use crate::describe::{gripper, joint, list};
-use crate::link::Link;
+use crate::link::{Line, Link};
 use crate::problem::Problem;
 
-pub(crate) fn run(port: &Port) -> Result<(), Problem> {
-    let mut link = Link::open(port)?;
-    let mut out = stdout().lock();
-    let mut show = |name: &str, value: String| writeln!(out, "{name:<13}{value}").map_err(Problem::Output);
+pub(super) fn run(link: &mut Link<Ling, impl Line>) -> Result<(), Problem> {
     let requests = [
         Request::ReadInfo,
         Request::ReadJoints,
@@ -60,9 +55,5 @@ pub(crate) fn run(port: &Port) -> Result<(), Problem> {
             _ => {}
         }
     }
-    let line = match link.dropped() {
-        0 => "clean".to_owned(),
-        dropped => format!("{dropped} bytes were no part of a frame"),
-    };
-    show("line", line)
+    Ok(())
 }

@@ -1,22 +1,23 @@
-//! `armwire monitor`: an arm's joints, gripper and status as they change.
+//! `armwire monitor`: how an arm is, as it changes.
+
+mod ling;
 
 use std::io::{IsTerminal, Write, stdout};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use armwire::Micros;
-use armwire::ling::{JointState, Request, Response};
 use clap::Args;
 
-use crate::Port;
-use crate::describe::{gripper, joint};
-use crate::link::Link;
+use crate::describe::Arm;
+use crate::link::{Line, Link};
 use crate::problem::Problem;
+use crate::{ArmKind, Place};
 
 /// The arguments of `armwire monitor`.
 #[derive(Args)]
 pub(crate) struct Monitor {
     #[command(flatten)]
-    port: Port,
+    place: Place,
     /// Readings per second.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rate: u32,
@@ -25,26 +26,45 @@ pub(crate) struct Monitor {
     count: Option<u64>,
 }
 
+/// What an arm is at one moment.
+struct Reading {
+    /// On several lines.
+    rows: Vec<String>,
+    /// The same on one line.
+    line: String,
+}
+
 impl Monitor {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
-        let mut link = Link::open(&self.port)?;
+        let Place { port, arm, baud } = &self.place;
+        match arm {
+            ArmKind::Ling => self.watch(Link::open(port, baud.baud)?, ling::read, stop),
+        }
+    }
+
+    fn watch<P: Arm, L: Line>(
+        &self,
+        mut link: Link<P, L>,
+        mut read: impl FnMut(&mut Link<P, L>) -> Result<Option<Reading>, Problem>,
+        stop: &AtomicBool,
+    ) -> Result<(), Problem> {
         let mut out = stdout().lock();
         let terminal = out.is_terminal();
         let period = 1_000_000 / u64::from(self.rate);
-        for reading in 0..self.count.unwrap_or(u64::MAX) {
+        for count in 0..self.count.unwrap_or(u64::MAX) {
             if stop.load(Ordering::Relaxed) {
                 break;
             }
-            let answer = match link.call(Request::ReadJoints) {
+            let reading = match read(&mut link) {
                 // Who has asked us to end does not ask why there is no answer.
                 Err(_) if stop.load(Ordering::Relaxed) => break,
-                answer => answer?,
+                reading => reading?,
             };
-            if let Some(Response::Joints(state)) = answer {
+            if let Some(reading) = reading {
                 let text = if terminal {
-                    block(&state, reading > 0)
+                    block(&reading, count > 0)
                 } else {
-                    line(link.now(), &state)
+                    format!("{:9.3} s  {}\n", link.now().0 as f64 / 1e6, reading.line)
                 };
                 out.write_all(text.as_bytes())
                     .and_then(|()| out.flush())
@@ -58,27 +78,14 @@ impl Monitor {
     }
 }
 
-/// One reading on several lines, in the place of the one before.
-fn block(state: &JointState, again: bool) -> String {
+/// One reading on several lines, in the place of the one before, which had as many.
+fn block(reading: &Reading, again: bool) -> String {
     let mut text = String::new();
     if again {
-        text += &format!("\x1b[{}A", state.joints.len() + 2);
+        text += &format!("\x1b[{}A", reading.rows.len());
     }
-    for (i, ticks) in state.joints.into_iter().enumerate() {
-        text += &format!("joint {}  {}\x1b[K\n", i + 1, joint(ticks));
+    for row in &reading.rows {
+        text += &format!("{row}\x1b[K\n");
     }
-    text += &format!("gripper  {}\x1b[K\n", gripper(state.gripper));
-    text += &format!("status   {}\x1b[K\n", state.status);
     text
-}
-
-/// One reading on one line.
-fn line(now: Micros, state: &JointState) -> String {
-    format!(
-        "{:9.3} s  {}  gripper {}  {}\n",
-        now.0 as f64 / 1e6,
-        state.joints.map(joint).join("  "),
-        gripper(state.gripper),
-        state.status
-    )
 }

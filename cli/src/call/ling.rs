@@ -1,0 +1,187 @@
+//! The requests of a Ling arm.
+
+use std::f32::consts::PI;
+
+use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque};
+use clap::{Args, Subcommand, ValueEnum};
+
+use super::{number, scaled};
+
+/// One request.
+#[derive(Subcommand)]
+pub(crate) enum Ask {
+    /// Read serial number and versions.
+    ReadInfo,
+    /// Make the present pose the zero position. The arm switches its torque off: hold it.
+    SetZero,
+    /// Tell the arm which gripper it has.
+    SetStroke {
+        /// The gripper's stroke in millimetres.
+        stroke: Millimetres,
+    },
+    /// Read which gripper the arm thinks it has.
+    ReadStroke,
+    /// Switch the torque. Without it the arm falls: hold it.
+    SetTorque {
+        /// Whether the arm holds its position.
+        torque: Switch,
+    },
+    /// Read joint positions, gripper and status.
+    ReadJoints,
+    /// Read the servos' temperatures.
+    ReadTemperatures,
+    /// Set the temperature at which the arm protects itself.
+    SetTemperatureLimit {
+        /// In °C, 0 to 253; 85 from the factory.
+        #[arg(value_name = "CELSIUS", value_parser = limit)]
+        limit: TemperatureLimit,
+    },
+    /// Read the servos' velocities.
+    ReadVelocities,
+    /// Move the joints and the gripper.
+    Move(Target),
+    /// Check every servo.
+    SelfCheck,
+}
+
+/// Where to move, and how fast.
+#[derive(Args)]
+pub(crate) struct Target {
+    /// Where joints 1 to 6 go, in degrees, such as 0,10,-20,0,0,45.
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = positions)]
+    joints: [Position; JOINTS],
+    /// How fast, in degrees per second: one number for all joints, or six.
+    #[arg(long, value_name = "DEGREES/S", allow_hyphen_values = true, value_parser = speeds)]
+    speed: [Speed; JOINTS],
+    /// How far the gripper opens, in percent of its stroke.
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = opening)]
+    gripper: Opening,
+    /// How fast the gripper opens or closes, in ticks per second.
+    #[arg(long, value_name = "TICKS/S", default_value_t = 1000)]
+    gripper_speed: u16,
+}
+
+/// The strokes there are.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Millimetres {
+    #[value(name = "50")]
+    Mm50,
+    #[value(name = "75")]
+    Mm75,
+    #[value(name = "100")]
+    Mm100,
+}
+
+/// On or off.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Switch {
+    On,
+    Off,
+}
+
+impl Ask {
+    pub(super) fn request(&self) -> Request {
+        match self {
+            Self::ReadInfo => Request::ReadInfo,
+            Self::SetZero => Request::SetZero,
+            Self::SetStroke { stroke } => Request::SetStroke(match stroke {
+                Millimetres::Mm50 => Stroke::Mm50,
+                Millimetres::Mm75 => Stroke::Mm75,
+                Millimetres::Mm100 => Stroke::Mm100,
+            }),
+            Self::ReadStroke => Request::ReadStroke,
+            Self::SetTorque { torque } => Request::SetTorque(match torque {
+                Switch::On => Torque::On,
+                Switch::Off => Torque::Off,
+            }),
+            Self::ReadJoints => Request::ReadJoints,
+            Self::ReadTemperatures => Request::ReadTemperatures,
+            Self::SetTemperatureLimit { limit } => Request::SetTemperatureLimit(*limit),
+            Self::ReadVelocities => Request::ReadVelocities,
+            Self::Move(target) => Request::Move(target.to_move()),
+            Self::SelfCheck => Request::SelfCheck,
+        }
+    }
+}
+
+impl Target {
+    fn to_move(&self) -> Move {
+        let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
+        for (joint, target) in joints.iter_mut().zip(self.joints.into_iter().zip(self.speed)) {
+            *joint = target;
+        }
+        Move {
+            joints,
+            gripper: (self.gripper, GripperSpeed(self.gripper_speed)),
+        }
+    }
+}
+
+/// A value for each joint, with commas between.
+fn each<T>(text: &str, one: impl Fn(&str) -> Result<T, String>) -> Result<[T; JOINTS], String> {
+    let values: Vec<T> = text.split(',').map(one).collect::<Result<_, _>>()?;
+    let got = values.len();
+    values
+        .try_into()
+        .map_err(|_| format!("there are {JOINTS} joints, not {got}"))
+}
+
+fn positions(text: &str) -> Result<[Position; JOINTS], String> {
+    each(text, |degrees| {
+        scaled(number(degrees)?, "°", PI / 180.0, Position::from_radians)
+    })
+}
+
+fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
+    let one = |text: &str| scaled(number(text)?, "°/s", PI / 180.0, Speed::from_radians_per_second);
+    match text.contains(',') {
+        true => each(text, one),
+        false => one(text).map(|speed| [speed; JOINTS]),
+    }
+}
+
+fn opening(text: &str) -> Result<Opening, String> {
+    scaled(number(text)?, "%", 0.01, Opening::from_fraction)
+}
+
+fn limit(text: &str) -> Result<TemperatureLimit, String> {
+    let celsius = text
+        .parse()
+        .map_err(|_| format!("'{text}' is not a number from 0 to 253"))?;
+    TemperatureLimit::new(celsius).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn degrees_and_percent_become_counts() {
+        let ticks = positions("0,90,-90,-180,0.1,179.9").unwrap().map(Position::ticks);
+        assert_eq!(ticks, [2048, 3072, 1024, 0, 2049, 4095]);
+        assert_eq!(speeds("20").unwrap().map(Speed::ticks_per_second), [228; 6]);
+        assert_eq!(speeds("0,1,2,3,4,5").unwrap()[5].ticks_per_second(), 57);
+        assert_eq!(opening("50").unwrap().per_mille(), 500);
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_told_in_the_unit_in_which_it_was_typed() {
+        assert_eq!(
+            positions("0,0,0,0,0,200").unwrap_err(),
+            "joint angle is 200 °, must be -180..=179.91211"
+        );
+        assert!(
+            speeds("-1")
+                .unwrap_err()
+                .starts_with("joint speed is -1 °/s, must be 0..=")
+        );
+        assert!(opening("101").unwrap_err().ends_with("is 101 %, must be 0..=100"));
+        assert_eq!(
+            limit("254").unwrap_err(),
+            "temperature limit is 254 °C, must be 0..=253"
+        );
+        assert_eq!(positions("0,0").unwrap_err(), "there are 6 joints, not 2");
+        assert_eq!(positions("0,x").unwrap_err(), "'x' is not a number");
+        assert!(positions("nan,0,0,0,0,0").is_err());
+    }
+}

@@ -1,0 +1,80 @@
+//! `armwire call`: any one request, and what the arm answers.
+
+mod ling;
+
+use std::io::{Write, stdout};
+
+use armwire::OutOfRange;
+use armwire::ling::Ling;
+use clap::{Args, Subcommand};
+
+use crate::Baud;
+use crate::describe::Arm;
+use crate::link::{Line, Link};
+use crate::problem::Problem;
+
+/// The arms there are.
+#[derive(Subcommand)]
+pub(crate) enum Call {
+    /// Ask a Ling / Alicia-D arm.
+    Ling(OnPort<ling::Ask>),
+}
+
+/// A request, and the serial port it goes to.
+#[derive(Args)]
+pub(crate) struct OnPort<Ask: Subcommand> {
+    /// The serial port, such as /dev/ttyACM0 or COM3.
+    port: String,
+    #[command(flatten)]
+    baud: Baud,
+    #[command(subcommand)]
+    ask: Ask,
+}
+
+impl Call {
+    pub(crate) fn run(&self) -> Result<(), Problem> {
+        match self {
+            Self::Ling(OnPort { port, baud, ask }) => call::<Ling>(Link::open(port, baud.baud)?, ask.request()),
+        }
+    }
+}
+
+/// Sends the request and prints the answer.
+fn call<P: Arm>(mut link: Link<P, impl Line>, request: P::Request) -> Result<(), Problem> {
+    let text = match link.call(request)? {
+        None => format!("{}: sent, the arm does not answer it", P::request(&request)),
+        Some(answer) => match P::refusal(&answer) {
+            None => P::response(&answer),
+            Some(what) => {
+                let name = link.name().to_owned();
+                return Err(Problem::Refused { name, what });
+            }
+        },
+    };
+    writeln!(stdout(), "{text}").map_err(Problem::Output)
+}
+
+/// A number from the command line.
+fn number(text: &str) -> Result<f32, String> {
+    text.trim().parse().map_err(|_| format!("'{text}' is not a number"))
+}
+
+/// A value that was typed in another unit than the protocol's, with the errors in the unit in which it was typed.
+fn scaled<T>(
+    typed: f32,
+    unit: &'static str,
+    scale: f32,
+    make: impl Fn(f32) -> Result<T, OutOfRange<f32>>,
+) -> Result<T, String> {
+    make(typed * scale).map_err(|error| {
+        let (min, max) = (error.min / scale, error.max / scale);
+        let error = OutOfRange {
+            unit,
+            got: typed,
+            min,
+            max,
+            ..error
+        };
+        error.to_string()
+    })
+}

@@ -1,0 +1,37 @@
+//! Arms and their messages in words: one file for each protocol.
+
+mod ling;
+
+use armwire::{Config, Protocol};
+
+pub(crate) use ling::{gripper, joint, list};
+
+/// A protocol, and what the command line says of it.
+pub(crate) trait Arm: Protocol {
+    /// What the arm is called, with its article.
+    const NAME: &'static str;
+
+    /// How its line is treated unless the user says otherwise.
+    const CONFIG: Config;
+
+    /// With how many bytes of its request an answer begins.
+    const HEADER: usize;
+
+    /// A request in words.
+    fn request(request: &Self::Request) -> String;
+
+    /// A response in words.
+    fn response(response: &Self::Response) -> String;
+
+    /// Why the arm did not do what it was asked, if that is what the response says.
+    fn refusal(response: &Self::Response) -> Option<String>;
+
+    /// What bytes without an answer come from instead, and what to do about it, if they tell.
+    fn stranger(bytes: &[u8]) -> Option<&'static str>;
+}
+
+/// Bytes as `AA 06 00`.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    let bytes: Vec<_> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
+    bytes.join(" ")
+}

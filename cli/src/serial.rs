@@ -1,0 +1,128 @@
+//! A serial port as a line.
+
+use std::io::{self, ErrorKind};
+use std::time::Duration;
+
+use armwire::Config;
+#[cfg(unix)]
+use rustix::fs::{FlockOperation, flock};
+#[cfg(unix)]
+use rustix::termios::{ControlModes, InputModes, ioctl_tiocexcl, ioctl_tiocnxcl};
+#[cfg(unix)]
+use serial2::Settings;
+use serial2::{KeepSettings, SerialPort};
+
+use crate::describe::Arm;
+use crate::link::{Line, Link};
+use crate::problem::Problem;
+
+/// How long a port may take no bytes. The longest request takes less than 40 ms on a line of 9600 baud.
+const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// An open port.
+pub(crate) struct Serial {
+    name: String,
+    port: SerialPort,
+}
+
+impl<P: Arm> Link<P, Serial> {
+    /// Opens a port, at the arm's usual baud rate unless told otherwise.
+    pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Self, Problem> {
+        let baud = baud.unwrap_or(P::CONFIG.baud);
+        let port = open(name, baud).map_err(|error| Problem::Open {
+            port: name.to_owned(),
+            error,
+        })?;
+        let name = name.to_owned();
+        Ok(Self::new(Serial { name, port }, Config { baud, ..P::CONFIG }))
+    }
+}
+
+impl Line for Serial {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+        // The library counts in milliseconds; rounded down, the last one would be spent without a pause.
+        let millis = wait.as_micros().div_ceil(1_000).try_into().unwrap_or(u64::MAX);
+        self.port
+            .set_read_timeout(Duration::from_millis(millis))
+            .map_err(|error| self.lost(error))?;
+        match self.port.read(buf) {
+            // Silence is a timeout, so this is the end.
+            Ok(0) => Err(self.lost(ErrorKind::BrokenPipe.into())),
+            Ok(n) => Ok(n),
+            Err(error) if is_nothing_yet(&error) => Ok(0),
+            Err(error) => Err(self.lost(error)),
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+        loop {
+            match self.port.write(bytes) {
+                Ok(n) if n > 0 => return Ok(n),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if !is_nothing_yet(&error) => return Err(self.lost(error)),
+                Ok(_) | Err(_) => {
+                    return Err(Problem::Stuck {
+                        port: self.name.clone(),
+                    });
+                }
+            }
+        }
+    }
+}
+
+impl Serial {
+    fn lost(&self, error: io::Error) -> Problem {
+        Problem::Lost {
+            port: self.name.clone(),
+            error,
+        }
+    }
+}
+
+#[cfg(unix)]
+impl Drop for Serial {
+    fn drop(&mut self) {
+        // A terminal that somebody else has open too, such as the server of a pty, would refuse all who come after us.
+        let _ = ioctl_tiocnxcl(&self.port);
+    }
+}
+
+/// Opens a port for us alone, with nothing in it to read.
+fn open(name: &str, baud: u32) -> io::Result<SerialPort> {
+    // The settings of a port that another program uses are not ours to change.
+    let mut port = SerialPort::open(name, KeepSettings)?;
+    #[cfg(unix)]
+    flock(&port, FlockOperation::NonBlockingLockExclusive)?;
+    let mut settings = port.get_configuration()?;
+    settings.set_raw();
+    settings.set_baud_rate(baud)?;
+    #[cfg(unix)]
+    hear_all(&mut settings);
+    port.set_configuration(&settings)?;
+    // What an earlier program did not read is not for us.
+    port.discard_input_buffer()?;
+    port.set_write_timeout(WRITE_TIMEOUT)?;
+    // This keeps out those who do not ask for the lock.
+    #[cfg(unix)]
+    ioctl_tiocexcl(&port)?;
+    Ok(port)
+}
+
+/// Turns the receiver on, whatever the modem lines say, and takes a break for a byte: a wrong baud rate may show as one.
+#[cfg(unix)]
+fn hear_all(settings: &mut Settings) {
+    let termios = settings.as_termios_mut();
+    termios.c_cflag |= (ControlModes::CREAD | ControlModes::CLOCAL).bits();
+    termios.c_iflag &= !InputModes::IGNBRK.bits();
+}
+
+fn is_nothing_yet(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
+    )
+}

@@ -1,0 +1,160 @@
+//! A TCP connection as a line.
+
+use std::fmt;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::str::FromStr;
+use std::time::Duration;
+
+use crate::describe::Arm;
+use crate::link::{Line, Link};
+use crate::problem::Problem;
+
+/// The control port of an xArm (document section 1).
+const PORT: u16 = 502;
+/// How long to wait for a connection, on each address that a name has.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
+/// How long a connection may take no bytes.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(2);
+/// The least that can be waited for: none at all would mean forever.
+const LEAST: Duration = Duration::from_millis(1);
+
+/// A host and a port on it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Host {
+    host: String,
+    port: u16,
+}
+
+impl FromStr for Host {
+    type Err = String;
+
+    /// Such as `192.168.1.10`, `arm.local:502`, `::1` or `[::1]:502`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (host, port) = match text.rsplit_once(':') {
+            Some((host, port)) if !host.contains(':') || host.ends_with(']') => (host, port.parse().ok()),
+            _ => (text, Some(PORT)),
+        };
+        let bare = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+        match (bare.unwrap_or(host), port) {
+            ("", _) => Err(format!("'{text}' names no host")),
+            (_, None) => Err(format!("what follows the colon of '{text}' is not a port, 1 to 65535")),
+            (_, Some(0)) => Err("there is no port 0".to_owned()),
+            (host, Some(port)) => Ok(Self {
+                host: host.to_owned(),
+                port,
+            }),
+        }
+    }
+}
+
+impl fmt::Display for Host {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.host.contains(':') {
+            true => write!(f, "[{}]:{}", self.host, self.port),
+            false => write!(f, "{}:{}", self.host, self.port),
+        }
+    }
+}
+
+/// An open connection.
+pub(crate) struct Tcp {
+    name: String,
+    stream: TcpStream,
+}
+
+impl<P: Arm> Link<P, Tcp> {
+    /// Connects.
+    pub(crate) fn connect(host: &Host) -> Result<Self, Problem> {
+        let name = host.to_string();
+        let addresses = match (host.host.as_str(), host.port).to_socket_addrs() {
+            Ok(addresses) => addresses,
+            Err(error) => return Err(Problem::Resolve { name, error }),
+        };
+        let mut refused = io::Error::from(ErrorKind::AddrNotAvailable);
+        for address in addresses {
+            let stream = TcpStream::connect_timeout(&address, CONNECT_TIMEOUT).and_then(|stream| {
+                stream.set_nodelay(true)?;
+                stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
+                Ok(stream)
+            });
+            match stream {
+                Ok(stream) => return Ok(Self::new(Tcp { name, stream }, P::CONFIG)),
+                Err(error) => refused = error,
+            }
+        }
+        Err(Problem::Connect { name, error: refused })
+    }
+}
+
+impl Line for Tcp {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+        self.stream
+            .set_read_timeout(Some(wait.max(LEAST)))
+            .map_err(|error| self.lost(error))?;
+        match self.stream.read(buf) {
+            Ok(0) => Err(Problem::Closed {
+                name: self.name.clone(),
+            }),
+            Ok(n) => Ok(n),
+            Err(error) if is_nothing_yet(&error) => Ok(0),
+            Err(error) => Err(self.lost(error)),
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+        loop {
+            match self.stream.write(bytes) {
+                Ok(0) => return Err(self.lost(ErrorKind::WriteZero.into())),
+                Ok(n) => return Ok(n),
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(self.lost(error)),
+            }
+        }
+    }
+}
+
+impl Tcp {
+    fn lost(&self, error: io::Error) -> Problem {
+        Problem::Disconnected {
+            name: self.name.clone(),
+            error,
+        }
+    }
+}
+
+fn is_nothing_yet(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_host_may_have_a_port_and_be_an_address() {
+        for (text, shown) in [
+            ("192.168.1.10", "192.168.1.10:502"),
+            ("arm.local:15020", "arm.local:15020"),
+            ("::1", "[::1]:502"),
+            ("[::1]", "[::1]:502"),
+            ("[fe80::2]:1502", "[fe80::2]:1502"),
+        ] {
+            assert_eq!(text.parse::<Host>().unwrap().to_string(), shown);
+        }
+    }
+
+    #[test]
+    fn what_is_no_host_and_port_is_told() {
+        for text in ["", ":502", "arm:", "arm:x", "arm:65536", "arm:0", "[]:1"] {
+            assert!(text.parse::<Host>().is_err(), "{text}");
+        }
+    }
+}
