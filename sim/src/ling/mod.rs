@@ -1,10 +1,11 @@
 //! A virtual Ling arm.
 //!
 //! [`LingArm`] is the electronics: it hears requests, obeys, and answers what the real arm answers. How its joints move
-//! and its servos warm up is in `body.rs`.
+//! and its servos warm up is in `body.rs`. An arm of the older generation, which only talks, is in [`legacy`].
 
 mod axis;
 mod body;
+pub mod legacy;
 #[cfg(test)]
 mod tests;
 

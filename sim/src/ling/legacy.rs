@@ -1,0 +1,252 @@
+//! A virtual Ling arm of the older generation: it talks unasked, and obeys nothing.
+
+use std::collections::VecDeque;
+
+use armwire::ling::legacy::{Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS};
+use armwire::ling::{JOINTS, Position, TICKS_PER_TURN};
+use armwire::{Device, Heard, Input, Micros};
+
+use crate::serial::SerialDevice;
+
+/// What a virtual arm of the older generation says, and how often.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire::ling::legacy::Firmware;
+/// use armwire_sim::ling::legacy::Config;
+///
+/// let config = Config { firmware: Firmware::V5, ..Config::default() };
+/// assert_eq!(config.period, Micros::from_millis(25));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Config {
+    /// Which commands its frames have.
+    pub firmware: Firmware,
+    /// From one joint frame to the next; a gripper frame follows each at once. No less than 1 µs.
+    pub period: Micros,
+}
+
+impl Default for Config {
+    /// Firmware 6.0, forty times a second: the one rate that the vendor's examples mention.
+    fn default() -> Self {
+        Self {
+            firmware: Firmware::V6_0,
+            period: Micros::from_millis(25),
+        }
+    }
+}
+
+/// What an arm of the older generation has heard and said, since it was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Bytes it was sent. It should be sent none.
+    pub bytes: u64,
+    /// Good frames among them, all of which it ignores.
+    pub frames: u64,
+    /// Joint frames it has begun to say.
+    pub said: u64,
+}
+
+/// A virtual arm of the older generation, switched on at time zero, which begins to talk one period later.
+///
+/// Its joints stay where they are put. When the line is taken at the end of a period, that reading is left out.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire_sim::ling::legacy::{Config, LegacyArm};
+/// use armwire_sim::serial::SerialDevice;
+///
+/// let mut arm = LegacyArm::new(Config::default());
+/// assert_eq!(arm.transmit(Micros(24_999)), None);
+/// let said: Vec<u8> = std::iter::from_fn(|| arm.transmit(Micros(25_000))).collect();
+/// assert_eq!(said[..3], [0xAA, 0x14, 0x12]);
+/// assert_eq!(said[23..26], [0xAA, 0x12, 0x07]);
+/// ```
+#[derive(Debug)]
+pub struct LegacyArm {
+    config: Config,
+    joints: JointState,
+    gripper: GripperState,
+    device: Device<Legacy, MAX_FRAME>,
+    line: VecDeque<u8>,
+    /// When the next joint frame is due.
+    due: Micros,
+    counters: Counters,
+}
+
+impl LegacyArm {
+    /// An arm at its zero position.
+    pub fn new(config: Config) -> Self {
+        let firmware = config.firmware;
+        Self {
+            config,
+            joints: JointState {
+                firmware,
+                servos: [Position::CENTRE.ticks(); SERVOS],
+            },
+            gripper: GripperState {
+                firmware,
+                id: 1,
+                servo: 2048,
+                potentiometer: 2048,
+                sync_button: 0,
+                attitude_button: 0,
+            },
+            device: Device::new(),
+            line: VecDeque::new(),
+            due: config.period,
+            counters: Counters::default(),
+        }
+    }
+
+    /// Puts the joints somewhere. Of the two servos that a joint has, the second follows the first: as it is in joint 1,
+    /// mirrored in joints 2 and 3.
+    pub fn set_joints(&mut self, joints: [Position; JOINTS]) {
+        let mirrored = |ticks: u16| (TICKS_PER_TURN - ticks).min(Position::MAX.ticks());
+        let [j1, j2, j3, j4, j5, j6] = joints.map(Position::ticks);
+        self.joints.servos = [j1, j1, j2, mirrored(j2), j3, mirrored(j3), j4, j5, j6];
+    }
+
+    /// What it has heard and said.
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    fn say(&mut self, response: &Response) {
+        let mut out = [0; MAX_FRAME];
+        // Every response fits.
+        let n = self.device.respond(response, &mut out).unwrap_or(0);
+        self.line.extend(&out[..n]);
+    }
+}
+
+impl SerialDevice for LegacyArm {
+    fn receive(&mut self, _now: Micros, byte: u8) {
+        self.counters.bytes += 1;
+        let mut input = Input::Bytes(&[byte]);
+        while let Some(heard) = self.device.handle(&mut input) {
+            match heard {
+                Heard::Request(request) => match request {},
+                Heard::Unknown(_) => self.counters.frames += 1,
+                Heard::Noise(_) | Heard::Broken(_) => {}
+            }
+        }
+    }
+
+    fn transmit(&mut self, now: Micros) -> Option<u8> {
+        if self.due <= now {
+            if self.line.is_empty() {
+                self.counters.said += 1;
+                self.say(&Response::Joints(self.joints));
+                self.say(&Response::Gripper(self.gripper));
+            }
+            let period = self.config.period.0.max(1);
+            self.due = Micros((now.0 / period + 1) * period);
+        }
+        self.line.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        Some(if self.line.is_empty() { self.due } else { Micros(0) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire::Event;
+    use armwire::ling::legacy::{Detector, OlderGeneration};
+
+    use super::*;
+    use crate::faults::{Line, Rates};
+    use crate::wire::Wire;
+
+    fn host<D: SerialDevice>(baud: u32, arm: D) -> Wire<Legacy, D, MAX_FRAME> {
+        let config = armwire::Config {
+            baud,
+            ..armwire::Config::default()
+        };
+        Wire::new(config, arm)
+    }
+
+    fn positions() -> [Position; JOINTS] {
+        [0, 1, 2048, 4095, 1000, 3000].map(|ticks| Position::new(ticks).unwrap())
+    }
+
+    #[test]
+    fn it_says_where_its_joints_are_at_its_rate() {
+        for firmware in [Firmware::V5, Firmware::V6_0] {
+            let config = Config {
+                firmware,
+                ..Config::default()
+            };
+            let mut arm = LegacyArm::new(config);
+            arm.set_joints(positions());
+            let mut host = host(921_600, arm);
+            host.wait(Micros::from_millis(1_010));
+
+            let (mut joints, mut grippers) = (0, 0);
+            for event in host.take_events() {
+                match event {
+                    Event::Unsolicited(Response::Joints(state)) => {
+                        assert_eq!((state.firmware, state.positions()), (firmware, Ok(positions())));
+                        joints += 1;
+                    }
+                    Event::Unsolicited(Response::Gripper(state)) => {
+                        assert_eq!((state.firmware, state.id), (firmware, 1));
+                        grippers += 1;
+                    }
+                    other => panic!("{other:?}"),
+                }
+            }
+            assert_eq!((joints, grippers), (40, 40));
+            assert_eq!(host.device().counters().bytes, 0, "nothing was sent to it");
+        }
+    }
+
+    #[test]
+    fn it_ignores_and_counts_what_it_is_sent() {
+        let mut arm = LegacyArm::new(Config::default());
+        for byte in [0x11, 0xAA, 0x13, 0x01, 0x00, 0x00, 0xFF] {
+            arm.receive(Micros(0), byte);
+        }
+        assert_eq!((arm.counters().bytes, arm.counters().frames), (7, 1));
+        assert_eq!(arm.poll_timeout(), Some(Micros::from_millis(25)));
+    }
+
+    #[test]
+    fn a_line_too_slow_for_its_rate_leaves_readings_out_and_frames_whole() {
+        let mut host = host(9_600, LegacyArm::new(Config::default()));
+        host.wait(Micros::from_millis(10_000));
+        let events = host.take_events();
+        assert!(events.iter().all(|event| matches!(event, Event::Unsolicited(_))));
+        assert!((200..270).contains(&host.device().counters().said));
+    }
+
+    #[test]
+    fn it_is_recognised_within_two_of_its_periods_and_on_a_bad_line_too() {
+        let mut arm = LegacyArm::new(Config::default());
+        let mut detector = Detector::new();
+        let mut recognised = None;
+        for micros in (0..1_000_000).step_by(10).map(Micros) {
+            if let Some(byte) = arm.transmit(micros)
+                && detector.hear(&[byte]).is_some()
+            {
+                recognised.get_or_insert(micros);
+            }
+        }
+        assert!(recognised.unwrap() <= Micros::from_millis(51), "{recognised:?}");
+
+        let faults = Rates {
+            max_delay: Micros(100),
+            ..Rates::each(3_000)
+        };
+        let mut line = Line::new(LegacyArm::new(Config::default()), Rates::NONE, faults, 1);
+        let mut detector = Detector::new();
+        let told = (0..1_000_000).step_by(10).find_map(|micros| {
+            let byte = line.transmit(Micros(micros))?;
+            detector.hear(&[byte])
+        });
+        assert_eq!(told, Some(OlderGeneration));
+        assert!(line.injected_from_device().dropped + line.injected_from_device().corrupted > 0);
+    }
+}
