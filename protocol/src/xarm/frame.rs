@@ -1,0 +1,218 @@
+//! The bytes of an xArm frame.
+//!
+//! ```text
+//!   0      1      2      3      4      5      6        6 .. 6+n
+//! +------+------+------+------+------+------+----------------------------------+
+//! | transaction | protocol id | n           | register, [state], parameters    |
+//! +------+------+------+------+------+------+----------------------------------+
+//! ```
+//!
+//! The three numbers are big-endian. `n` counts all that follows it. Only responses have a state.
+//!
+//! | Protocol id | Body |
+//! |---|---|
+//! | 0 | that of standard Modbus TCP, which has the same header: unit, function, … |
+//! | 1 | two zero bytes, transaction 0: a heartbeat ([`HEARTBEAT`]) |
+//! | 2, 3 | register, [state], parameters |
+//!
+//! TCP neither loses nor invents bytes. So there is nothing to look past: bytes that cannot start a frame mean that
+//! both ends disagree, and the connection is broken.
+
+use core::fmt;
+
+use super::{MAX_PARAMS, XArm};
+use crate::{BufferTooShort, Framing, OutOfRange, Reason, Scan};
+
+/// Bytes before the body.
+pub const HEADER: usize = 6;
+
+/// The longest body, in bytes: register, state and parameters.
+pub const MAX_BODY: usize = MAX_PARAMS + 2;
+
+/// The longest frame, in bytes.
+pub const MAX_FRAME: usize = HEADER + MAX_BODY;
+
+/// The heartbeat, the same in both directions. Nothing else has protocol id 1.
+pub const HEARTBEAT: [u8; 8] = [0, 0, 0, 1, 0, 2, 0, 0];
+
+/// The protocol id of [`HEARTBEAT`].
+pub(super) const HEARTBEAT_ID: u16 = 1;
+
+/// The protocol id of standard Modbus TCP.
+pub(super) const MODBUS_ID: u16 = 0;
+
+/// Who sends the frame: a response is at least a byte longer than a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Direction {
+    /// The host.
+    Requests,
+    /// The arm.
+    Responses,
+}
+
+/// A frame whose header is good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Frame<'a> {
+    /// Transaction id, which a response has from its request.
+    pub transaction: u16,
+    /// Protocol id, `0..=3`.
+    pub protocol: u16,
+    /// Register, state in responses, and parameters.
+    pub body: &'a [u8],
+}
+
+impl Frame<'_> {
+    /// Writes the frame at the front of `out` and returns its length in bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`EncodeError`] when `out` is shorter than the frame, or the frame is none that [`scan`](Framing::scan) takes.
+    ///
+    /// ```
+    /// use armwire::xarm::{Direction, Frame};
+    ///
+    /// let mut out = [0; 200];
+    /// let frame = Frame { transaction: 1, protocol: 2, body: &[0x06, 0x06] };
+    /// assert_eq!(frame.encode(Direction::Requests, &mut out), Ok(8));
+    /// assert_eq!(out[..8], [0x00, 0x01, 0x00, 0x02, 0x00, 0x02, 0x06, 0x06]);
+    ///
+    /// let error = Frame { protocol: 4, ..frame }.encode(Direction::Requests, &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "protocol id is 4, must be 0..=3");
+    /// let error = Frame { body: &[6], ..frame }.encode(Direction::Responses, &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "body is 1 bytes, must be 2..=122");
+    /// ```
+    pub fn encode(&self, direction: Direction, out: &mut [u8]) -> Result<usize, EncodeError> {
+        let range = |what, unit, got, min, max| {
+            EncodeError::OutOfRange(OutOfRange {
+                what,
+                unit,
+                got,
+                min,
+                max,
+            })
+        };
+        if self.protocol > LAST_ID {
+            return Err(range("protocol id", "", self.protocol, 0, LAST_ID));
+        }
+        let (min, max) = lengths(self.protocol, direction);
+        let got = self.body.len();
+        if !(min..=max).contains(&got) {
+            let got = u16::try_from(got).unwrap_or(u16::MAX);
+            return Err(range("body", "bytes", got, min as u16, max as u16));
+        }
+        put(out, self.transaction, self.protocol, self.body, &[]).map_err(EncodeError::BufferTooShort)
+    }
+}
+
+/// Writes a frame whose body, in two parts, is known not to be too long.
+pub(super) fn put(
+    out: &mut [u8],
+    transaction: u16,
+    protocol: u16,
+    start: &[u8],
+    params: &[u8],
+) -> Result<usize, BufferTooShort> {
+    let len = start.len() + params.len();
+    let needed = len + HEADER;
+    let got = out.len();
+    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
+    let header = [transaction, protocol, len as u16]
+        .into_iter()
+        .flat_map(u16::to_be_bytes);
+    for (to, from) in out.iter_mut().zip(header.chain(start.iter().chain(params).copied())) {
+        *to = from;
+    }
+    Ok(needed)
+}
+
+/// Why a frame cannot be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum EncodeError {
+    /// The buffer is too short.
+    BufferTooShort(BufferTooShort),
+    /// The protocol id, or the length of the body, is one that no frame has.
+    OutOfRange(OutOfRange),
+}
+
+impl fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::BufferTooShort(error) => error.fmt(f),
+            Self::OutOfRange(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for EncodeError {}
+
+const LAST_ID: u16 = 3;
+
+/// The least and the most that a frame's length field may say.
+const fn lengths(protocol: u16, direction: Direction) -> (usize, usize) {
+    match (protocol, direction) {
+        (HEARTBEAT_ID, _) => (2, 2),
+        (MODBUS_ID, _) | (_, Direction::Responses) => (2, MAX_BODY),
+        (_, Direction::Requests) => (1, MAX_PARAMS + 1),
+    }
+}
+
+/// A byte that breaks the stream: the bytes up to it, `seen` of them, are no frame.
+const fn broken(seen: usize, offset: usize, expected: &'static [u8], got: u8) -> Scan {
+    Scan::Skip(seen, Reason::Byte { offset, expected, got })
+}
+
+impl Framing for XArm {
+    const MAX_FRAME: usize = MAX_FRAME;
+    const RELIABLE: bool = true;
+    type Expect = Direction;
+    type Frame<'a> = Frame<'a>;
+
+    fn scan(window: &[u8], direction: Direction) -> Scan {
+        let Some((&[_, _, high], rest)) = window.split_first_chunk() else {
+            return Scan::Need(3 - window.len());
+        };
+        if high != 0 {
+            return broken(3, 2, &[0], high);
+        }
+        let Some((&low, rest)) = rest.split_first() else {
+            return Scan::Need(1);
+        };
+        if u16::from(low) > LAST_ID {
+            return broken(4, 3, &[0, 1, 2, 3], low);
+        }
+        let Some((&length, body)) = rest.split_first_chunk() else {
+            return Scan::Need(2 - rest.len());
+        };
+        let protocol = u16::from(low);
+        let (min, max) = lengths(protocol, direction);
+        let got = usize::from(u16::from_be_bytes(length));
+        if !(min..=max).contains(&got) {
+            return Scan::Skip(HEADER, Reason::Length { min, max, got });
+        }
+        if let Some(missing @ 1..) = got.checked_sub(body.len()) {
+            return Scan::Need(missing);
+        }
+        match wrong_in_heartbeat(window) {
+            Some((offset, got)) if protocol == HEARTBEAT_ID => broken(HEARTBEAT.len(), offset, &[0], got),
+            _ => Scan::Frame(HEADER + got),
+        }
+    }
+
+    fn view(bytes: &[u8]) -> Option<Frame<'_>> {
+        let (&[t1, t0, p1, p0, _, _], body) = bytes.split_first_chunk()?;
+        (!body.is_empty()).then_some(Frame {
+            transaction: u16::from_be_bytes([t1, t0]),
+            protocol: u16::from_be_bytes([p1, p0]),
+            body,
+        })
+    }
+}
+
+/// The first byte that is not the [`HEARTBEAT`]'s, and where it is.
+fn wrong_in_heartbeat(window: &[u8]) -> Option<(usize, u8)> {
+    let mut pairs = window.iter().zip(HEARTBEAT).enumerate();
+    pairs.find_map(|(offset, (&got, expected))| (got != expected).then_some((offset, got)))
+}

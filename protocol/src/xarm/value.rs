@@ -1,0 +1,630 @@
+//! The values in xArm messages: what they are on the wire, and what they mean.
+
+use core::fmt;
+use core::ops::BitOr;
+use core::str;
+
+use crate::OutOfRange;
+
+/// The most parameters of a message, in bytes.
+///
+/// The longest known have 113. More would make every message, and every buffer, longer.
+pub const MAX_PARAMS: usize = 120;
+
+/// How many axes an arm has at most.
+pub const MAX_JOINTS: u8 = 7;
+
+/// Bytes of a text parameter (registers 1 and 2).
+pub const TEXT: usize = 40;
+
+/// Which of the arm's two dialects a message is in. A response is in that of its request.
+///
+/// The document knows only the first. The vendor's package changes to the second when the arm's firmware is 1.8.6 or
+/// later; the arm may then close a connection on which nothing is said.
+///
+/// ```
+/// assert_eq!(armwire::xarm::ProtocolId::Supervised as u16, 3);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ProtocolId {
+    /// 2: the private protocol.
+    Private = 2,
+    /// 3: the same, on a connection that is watched for silence.
+    Supervised = 3,
+}
+
+/// The registers of the document, each of which has its own types.
+///
+/// ```
+/// use armwire::xarm::Register;
+///
+/// assert_eq!(Register::from_code(10), Some(Register::SystemControl));
+/// assert_eq!(Register::SystemControl as u8, 10);
+/// assert_eq!(Register::from_code(3), None);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Register {
+    /// 1: versions.
+    Version = 1,
+    /// 2: serial numbers.
+    Serials = 2,
+    /// 4: reloads the friction parameters.
+    ReloadDynamics = 4,
+    /// 5: what is reported as torque.
+    TorqueSource = 5,
+    /// 6: the radius of rotation of a joint.
+    RotationRadius = 6,
+    /// 10: shuts down or reboots.
+    SystemControl = 10,
+}
+
+impl Register {
+    /// The register with this number, if the document has it.
+    pub const fn from_code(code: u8) -> Option<Self> {
+        match code {
+            1 => Some(Self::Version),
+            2 => Some(Self::Serials),
+            4 => Some(Self::ReloadDynamics),
+            5 => Some(Self::TorqueSource),
+            6 => Some(Self::RotationRadius),
+            10 => Some(Self::SystemControl),
+            _ => None,
+        }
+    }
+}
+
+/// How the arm is, and what it made of the request: the second byte of every response's body.
+///
+/// The document gives the byte but not its bits: three are the vendor's later page's, `INVALID` is the vendor package's.
+/// The others are kept.
+///
+/// ```
+/// use armwire::xarm::State;
+///
+/// let state = State(0x31);
+/// assert!(state.contains(State::NOT_READY | State::WARNING) && !state.contains(State::ERROR));
+/// assert_eq!(state.to_string(), "not ready to move, warning, other bits 0x01");
+/// assert_eq!(State::OK.to_string(), "ok");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct State(pub u8);
+
+impl State {
+    /// No bit is set.
+    pub const OK: Self = Self(0);
+    /// Bit 3: the request was refused or failed.
+    pub const INVALID: Self = Self(0x08);
+    /// Bit 4: the arm cannot move now.
+    pub const NOT_READY: Self = Self(0x10);
+    /// Bit 5: the arm has a warning.
+    pub const WARNING: Self = Self(0x20);
+    /// Bit 6: the arm has an error.
+    pub const ERROR: Self = Self(0x40);
+
+    /// Whether all bits of `other` are set.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+impl BitOr for State {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = [
+            (Self::INVALID, "invalid"),
+            (Self::NOT_READY, "not ready to move"),
+            (Self::WARNING, "warning"),
+            (Self::ERROR, "error"),
+        ];
+        let mut separator = "";
+        let mut others = self.0;
+        for (bit, name) in names {
+            others &= !bit.0;
+            if self.contains(bit) {
+                write!(f, "{separator}{name}")?;
+                separator = ", ";
+            }
+        }
+        match others {
+            0 if separator.is_empty() => f.write_str("ok"),
+            0 => Ok(()),
+            _ => write!(f, "{separator}other bits {others:#04x}"),
+        }
+    }
+}
+
+/// A joint, `1..=7`.
+///
+/// ```
+/// use armwire::xarm::Joint;
+///
+/// assert_eq!(Joint::new(6)?.number(), 6);
+/// assert_eq!(Joint::new(0).unwrap_err().to_string(), "joint is 0, must be 1..=7");
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Joint(u8);
+
+impl Joint {
+    /// The joint with this number.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] unless it is in `1..=7`.
+    pub const fn new(number: u8) -> Result<Self, OutOfRange> {
+        match number {
+            1..=MAX_JOINTS => Ok(Self(number)),
+            _ => Err(OutOfRange {
+                what: "joint",
+                unit: "",
+                got: number as u16,
+                min: 1,
+                max: MAX_JOINTS as u16,
+            }),
+        }
+    }
+
+    /// Its number, `1..=7`.
+    pub const fn number(self) -> u8 {
+        self.0
+    }
+}
+
+/// What the arm reports as the torque of its joints (register 5).
+///
+/// ```
+/// assert_eq!(armwire::xarm::TorqueSource::Current as u8, 1);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TorqueSource {
+    /// 0: the torque of the joint, computed.
+    Torque = 0,
+    /// 1: the current of the servo, measured.
+    Current = 1,
+}
+
+impl TorqueSource {
+    pub(super) const fn from_code(code: u8) -> Result<Self, OutOfRange> {
+        match code {
+            0 => Ok(Self::Torque),
+            1 => Ok(Self::Current),
+            _ => Err(OutOfRange {
+                what: "torque source",
+                unit: "",
+                got: code as u16,
+                min: 0,
+                max: 1,
+            }),
+        }
+    }
+}
+
+/// The radius of rotation of a joint relative to the tool (register 6), as the arm sends it.
+///
+/// Two are equal when they are the same bytes on the wire, NaN included.
+///
+/// ```
+/// use armwire::xarm::RotationRadius;
+///
+/// assert_eq!(RotationRadius::from_metres(0.25)?.millimetres, 250.0);
+/// assert_eq!(RotationRadius { millimetres: 76.0 }.metres()?, 0.076);
+/// let error = RotationRadius { millimetres: f32::NAN }.metres().unwrap_err();
+/// assert_eq!(error.to_string(), "rotation radius is NaN m, must be 0..=100");
+/// # Ok::<(), armwire::OutOfRange<f32>>(())
+/// ```
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RotationRadius {
+    /// Millimetres: any number at all, for this is what arrived.
+    pub millimetres: f32,
+}
+
+impl RotationRadius {
+    /// The longest, in metres. The document has no limit; this is far beyond any arm.
+    pub const MAX_METRES: f32 = 100.0;
+
+    /// A radius in metres.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] unless it is in `0..=100` m.
+    pub fn from_metres(metres: f32) -> Result<Self, OutOfRange<f32>> {
+        Ok(Self {
+            millimetres: radius_in_range(metres)? * 1000.0,
+        })
+    }
+
+    /// The radius in metres.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] unless it is in `0..=100` m.
+    pub fn metres(self) -> Result<f32, OutOfRange<f32>> {
+        radius_in_range(self.millimetres / 1000.0)
+    }
+}
+
+/// A radius if it is in range; NaN is not.
+fn radius_in_range(metres: f32) -> Result<f32, OutOfRange<f32>> {
+    if (0.0..=RotationRadius::MAX_METRES).contains(&metres) {
+        return Ok(metres);
+    }
+    Err(OutOfRange {
+        what: "rotation radius",
+        unit: "m",
+        got: metres,
+        min: 0.0,
+        max: RotationRadius::MAX_METRES,
+    })
+}
+
+impl PartialEq for RotationRadius {
+    fn eq(&self, other: &Self) -> bool {
+        self.millimetres.to_bits() == other.millimetres.to_bits()
+    }
+}
+
+impl Eq for RotationRadius {}
+
+/// What kind of arm it is and what runs on it, as the arm sends it (register 1): text, filled up with NUL.
+///
+/// ```
+/// use armwire::xarm::VersionText;
+///
+/// let text = VersionText::new("6,6,XI1202,AC1302,v1.12.10")?;
+/// let version = text.version().unwrap();
+/// assert_eq!((version.axes, version.kind), (6, 6));
+/// assert_eq!((version.arm, version.control_box), ("XI1202", "AC1302"));
+/// assert_eq!(version.firmware_numbers(), Some([1, 12, 10]));
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct VersionText(pub [u8; TEXT]);
+
+impl VersionText {
+    /// What an arm sends for this text.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when it has more than 39 characters, for the vendor's package needs a NUL after it, or when one of
+    /// them is not printable ASCII.
+    pub fn new(text: &str) -> Result<Self, OutOfRange> {
+        check_len("version text", text.len(), TEXT - 1)?;
+        check_characters("character of a version", text, b' ')?;
+        let mut bytes = [0; TEXT];
+        put(&mut bytes, text.bytes());
+        Ok(Self(bytes))
+    }
+
+    /// The text up to the first NUL, or `None` if one of its bytes is not printable ASCII.
+    pub fn as_str(&self) -> Option<&str> {
+        printable(self.text())
+    }
+
+    /// The parts of the text: axes, type, arm, control box and firmware, separated by commas.
+    ///
+    /// The document's words have the type before the axes; its example cannot tell, for both are 6. Axes first is how the
+    /// vendor's package reads it.
+    ///
+    /// # Errors
+    ///
+    /// [`VersionError`] when the text is another. Old firmware sends its own version and nothing else.
+    pub fn version(&self) -> Result<Version<'_>, VersionError> {
+        let text = self.as_str().ok_or(VersionError::NotText)?;
+        let mut fields = text.split(',');
+        let mut five = [""; 5];
+        for (field, text) in five.iter_mut().zip(&mut fields) {
+            *field = text;
+        }
+        let [axes, kind, arm, control_box, firmware] = five;
+        if fields.next().is_some() || firmware.is_empty() {
+            return Err(VersionError::Fields {
+                got: text.split(',').count(),
+            });
+        }
+        Ok(Version {
+            axes: axes.parse().map_err(|_| VersionError::Number("number of axes"))?,
+            kind: kind.parse().map_err(|_| VersionError::Number("type"))?,
+            arm,
+            control_box,
+            firmware,
+        })
+    }
+
+    fn text(&self) -> &[u8] {
+        self.0.split(|&byte| byte == 0).next().unwrap_or_default()
+    }
+}
+
+/// What is not printable is escaped: it came from outside.
+impl fmt::Display for VersionText {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.text().escape_ascii())
+    }
+}
+
+/// The parts of a [`VersionText`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Version<'a> {
+    /// How many axes the arm has, 5 to 7.
+    pub axes: u8,
+    /// The type of the arm, a number of the vendor's.
+    pub kind: u8,
+    /// The arm's hardware, such as XI1202.
+    pub arm: &'a str,
+    /// The control box's hardware, such as AC1302.
+    pub control_box: &'a str,
+    /// The firmware, such as v1.12.10.
+    pub firmware: &'a str,
+}
+
+impl Version<'_> {
+    /// The firmware as three numbers, which compare as versions do; `None` if it is not `v` and three numbers.
+    pub fn firmware_numbers(&self) -> Option<[u16; 3]> {
+        let mut texts = self.firmware.strip_prefix(['v', 'V'])?.split('.');
+        let mut numbers = [0; 3];
+        for number in &mut numbers {
+            *number = texts.next()?.parse().ok()?;
+        }
+        texts.next().is_none().then_some(numbers)
+    }
+}
+
+/// Why a text is no version.
+///
+/// ```
+/// use armwire::xarm::VersionText;
+///
+/// let error = VersionText(*b"v1.0.2\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0").version().unwrap_err();
+/// assert_eq!(error.to_string(), "the version has 1 fields, expected axes,type,arm,control box,firmware");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum VersionError {
+    /// A byte is not printable ASCII.
+    NotText,
+    /// There are not five fields, or the last is empty.
+    Fields {
+        /// How many there are.
+        got: usize,
+    },
+    /// This field is not a number up to 255.
+    Number(&'static str),
+}
+
+impl fmt::Display for VersionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotText => f.write_str("the version is not printable ASCII"),
+            Self::Fields { got } => write!(
+                f,
+                "the version has {got} fields, expected axes,type,arm,control box,firmware"
+            ),
+            Self::Number(field) => write!(f, "the {field} in the version is not a number up to 255"),
+        }
+    }
+}
+
+impl core::error::Error for VersionError {}
+
+/// The serial numbers of the arm and of its control box, as the arm sends them (register 2): the first, NUL, the second,
+/// a line feed, filled up with NUL.
+///
+/// ```
+/// use armwire::xarm::SerialsText;
+///
+/// let serials = SerialsText::new("XI120204201B02", "AC130202B02L02")?;
+/// assert_eq!(serials.arm(), Some("XI120204201B02"));
+/// assert_eq!(serials.control_box(), Some("AC130202B02L02"));
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SerialsText(pub [u8; TEXT]);
+
+impl SerialsText {
+    /// What an arm sends for these serial numbers.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when the two have more than 37 characters together, or when one of them is not ASCII that can be
+    /// seen.
+    pub fn new(arm: &str, control_box: &str) -> Result<Self, OutOfRange> {
+        check_len("serial numbers", arm.len().saturating_add(control_box.len()), TEXT - 3)?;
+        check_characters("character of a serial number", arm, b'!')?;
+        check_characters("character of a serial number", control_box, b'!')?;
+        let mut bytes = [0; TEXT];
+        let text = arm.bytes().chain([0]).chain(control_box.bytes()).chain([b'\n']);
+        put(&mut bytes, text);
+        Ok(Self(bytes))
+    }
+
+    /// The arm's, or `None` if it is not printable ASCII.
+    pub fn arm(&self) -> Option<&str> {
+        printable(self.part(0))
+    }
+
+    /// The control box's, or `None` if it is not printable ASCII.
+    pub fn control_box(&self) -> Option<&str> {
+        printable(self.part(1))
+    }
+
+    /// What stands between two NULs, without the line feed at its end.
+    fn part(&self, n: usize) -> &[u8] {
+        let part = self.0.split(|&byte| byte == 0).nth(n).unwrap_or_default();
+        part.strip_suffix(b"\n").unwrap_or(part)
+    }
+}
+
+/// What is not printable is escaped: it came from outside.
+impl fmt::Display for SerialsText {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (arm, control_box) = (self.part(0).escape_ascii(), self.part(1).escape_ascii());
+        write!(f, "{arm}, control box {control_box}")
+    }
+}
+
+/// The text if all of it is printable ASCII.
+fn printable(text: &[u8]) -> Option<&str> {
+    let printable = text.iter().all(|byte| (b' '..=b'~').contains(byte));
+    str::from_utf8(text).ok().filter(|_| printable)
+}
+
+fn check_len(what: &'static str, len: usize, max: usize) -> Result<(), OutOfRange> {
+    if len <= max {
+        return Ok(());
+    }
+    Err(OutOfRange {
+        what,
+        unit: "characters",
+        got: u16::try_from(len).unwrap_or(u16::MAX),
+        min: 0,
+        max: max as u16,
+    })
+}
+
+fn check_characters(what: &'static str, text: &str, min: u8) -> Result<(), OutOfRange> {
+    match text.bytes().find(|byte| !(min..=b'~').contains(byte)) {
+        None => Ok(()),
+        Some(got) => Err(OutOfRange {
+            what,
+            unit: "",
+            got: got.into(),
+            min: min.into(),
+            max: b'~'.into(),
+        }),
+    }
+}
+
+fn put(bytes: &mut [u8], text: impl Iterator<Item = u8>) {
+    for (byte, character) in bytes.iter_mut().zip(text) {
+        *byte = character;
+    }
+}
+
+/// A register that the document does not have, and its parameters as they are on the wire.
+///
+/// In parameters, 16-bit numbers are big-endian; 32-bit integers and floating-point numbers are little-endian.
+///
+/// ```
+/// use armwire::xarm::{Raw, Register, RawError};
+///
+/// let mode = Raw::new(19, &[1])?;
+/// assert_eq!((mode.register(), mode.params()), (19, &[1][..]));
+/// assert_eq!(Raw::new(10, &[1]), Err(RawError::Typed(Register::SystemControl)));
+/// assert_eq!(
+///     Raw::new(19, &[0; 121]).unwrap_err().to_string(),
+///     "a message has at most 120 bytes of parameters, not 121"
+/// );
+/// # Ok::<(), RawError>(())
+/// ```
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Raw {
+    register: u8,
+    len: u8,
+    /// Zero from `len` on.
+    params: [u8; MAX_PARAMS],
+}
+
+impl Raw {
+    /// A register and its parameters.
+    ///
+    /// # Errors
+    ///
+    /// [`RawError`] when the register has types of its own, or there are more than [`MAX_PARAMS`] bytes of parameters.
+    pub fn new(register: u8, params: &[u8]) -> Result<Self, RawError> {
+        if let Some(register) = Register::from_code(register) {
+            return Err(RawError::Typed(register));
+        }
+        let len = params.len();
+        if len > MAX_PARAMS {
+            return Err(RawError::TooLong {
+                max: MAX_PARAMS,
+                got: len,
+            });
+        }
+        let mut raw = Self::empty(register);
+        raw.len = len as u8;
+        put(&mut raw.params, params.iter().copied());
+        Ok(raw)
+    }
+
+    /// A register, which must not be one of [`Register`], without parameters.
+    pub(super) const fn empty(register: u8) -> Self {
+        Self {
+            register,
+            len: 0,
+            params: [0; MAX_PARAMS],
+        }
+    }
+
+    /// The register.
+    pub const fn register(&self) -> u8 {
+        self.register
+    }
+
+    /// The parameters.
+    pub fn params(&self) -> &[u8] {
+        self.params.get(..usize::from(self.len)).unwrap_or_default()
+    }
+}
+
+impl fmt::Debug for Raw {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Raw")
+            .field("register", &self.register)
+            .field("params", &self.params())
+            .finish()
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Raw {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "Raw {{ register: {}, params: {} }}", self.register, self.params());
+    }
+}
+
+/// Why there is no such [`Raw`] message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum RawError {
+    /// The register has types of its own.
+    Typed(Register),
+    /// There are too many parameters.
+    TooLong {
+        /// The most bytes of parameters a message may have.
+        max: usize,
+        /// How many there are.
+        got: usize,
+    },
+}
+
+impl fmt::Display for RawError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Typed(register) => write!(f, "register {} has types of its own", *register as u8),
+            Self::TooLong { max, got } => {
+                write!(f, "a message has at most {max} bytes of parameters, not {got}")
+            }
+        }
+    }
+}
+
+impl core::error::Error for RawError {}
