@@ -1,0 +1,201 @@
+//! The calls of an Alpha1 and of its servos, each with the answer it gets.
+
+use embedded_io_async::{Read, Write};
+
+use super::{
+    Action, Address, Alpha1, Angle, FirmwareVersion, Interval, Led, MAX_FRAME, MoveTime, Offset, OffsetTool, Outcome,
+    Request, Response, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
+};
+use crate::driver::{CallError, Clock, Driver};
+
+/// An Alpha1, or a bus of its servos, at the other end of a port.
+///
+/// Every call fails with [`CallError`]; those that read repeat themselves after silence, but for
+/// [`read_servo_angles`](Self::read_servo_angles). What is told to all servos is answered by none, so such a call is done
+/// once it is written. See [`Driver`](crate::driver::Driver) on dropping a call.
+///
+/// The servo bus is a line of 115 200 baud: say so in the [`Config`](crate::Config).
+///
+/// ```
+/// # use armwire::driver::{CallError, Clock};
+/// # use embedded_io_async::{Read, Write};
+/// use armwire::Config;
+/// use armwire::alpha1::{Arm, Outcome, Text};
+///
+/// async fn play<P: Read + Write>(port: P, clock: impl Clock, name: Text) -> Result<Outcome, CallError<P::Error>> {
+///     let mut arm = Arm::new(port, clock, Config { baud: 115_200, ..Config::DEFAULT });
+///     let _ = arm.stop().await?;
+///     arm.play(name).await
+/// }
+/// ```
+pub type Arm<Port, C> = Driver<Alpha1, Port, C, MAX_FRAME>;
+
+impl<Port: Read + Write, C: Clock> Arm<Port, C> {
+    /// The robot's hardware version.
+    pub async fn read_hardware_version(&mut self) -> Result<Text, CallError<Port::Error>> {
+        self.read(Request::ReadHardwareVersion, |response| match response {
+            Response::HardwareVersion(version) => Some(version),
+            _ => None,
+        })
+        .await
+    }
+
+    /// The robot's firmware version.
+    pub async fn read_firmware_version(&mut self) -> Result<FirmwareVersion, CallError<Port::Error>> {
+        self.read(Request::ReadFirmwareVersion, |response| match response {
+            Response::FirmwareVersion(version) => Some(version),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Which servos run.
+    pub async fn read_servo_states(&mut self) -> Result<ServoStates, CallError<Port::Error>> {
+        self.read(Request::ReadServoStates, |response| match response {
+            Response::ServoStates(states) => Some(states),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Moves all servos.
+    pub async fn act(&mut self, action: Action) -> Result<Outcome, CallError<Port::Error>> {
+        self.read(Request::Act(action), |response| match response {
+            Response::Acted(outcome) => Some(outcome),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Plays the action of this name.
+    pub async fn play(&mut self, name: Text) -> Result<Outcome, CallError<Port::Error>> {
+        self.read(Request::Play(name), |response| match response {
+            Response::Playing(outcome) => Some(outcome),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Stops the action that is played.
+    pub async fn stop(&mut self) -> Result<Outcome, CallError<Port::Error>> {
+        self.read(Request::Stop, |response| match response {
+            Response::Stopped(outcome) => Some(outcome),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Connects or disconnects the servo offset tool.
+    pub async fn set_offset_tool(&mut self, tool: OffsetTool) -> Result<Outcome, CallError<Port::Error>> {
+        self.read(Request::SetOffsetTool(tool), |response| match response {
+            Response::OffsetTool(outcome) => Some(outcome),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Says what the robot is on USB from now on. The port may close over it.
+    pub async fn set_usb_type(&mut self, usb: UsbType) -> Result<Outcome, CallError<Port::Error>> {
+        self.read(Request::SetUsbType(usb), |response| match response {
+            Response::UsbType(outcome) => Some(outcome),
+            _ => None,
+        })
+        .await
+    }
+
+    /// Moves a servo, or all of them to the same angle.
+    pub async fn move_servo(
+        &mut self,
+        to: Address,
+        angle: Angle,
+        time: MoveTime,
+        lock: Interval,
+    ) -> Result<(), CallError<Port::Error>> {
+        self.tell(ServoRequest::Move { to, angle, time, lock }).await
+    }
+
+    /// Switches the motor of a servo, or of all, off: **what it holds up falls.**
+    pub async fn release_servo(&mut self, to: Address) -> Result<(), CallError<Port::Error>> {
+        self.tell(ServoRequest::Release(to)).await
+    }
+
+    /// Switches the light of a servo, or of all.
+    pub async fn set_servo_led(&mut self, to: Address, led: Led) -> Result<(), CallError<Port::Error>> {
+        self.tell(ServoRequest::SetLed { to, led }).await
+    }
+
+    /// The target and the actual angle of a servo, in degrees. **It switches its motor off to answer: what it holds up
+    /// falls.**
+    pub async fn read_servo_angles(&mut self, servo: ServoId) -> Result<(Outcome, u16, u16), CallError<Port::Error>> {
+        self.read(
+            Request::Servo(ServoRequest::ReadAngles(servo)),
+            |response| match response {
+                Response::Servo(ServoResponse::Angles {
+                    outcome,
+                    target,
+                    actual,
+                    ..
+                }) => Some((outcome, target, actual)),
+                _ => None,
+            },
+        )
+        .await
+    }
+
+    /// Gives a servo another id.
+    pub async fn change_servo_id(&mut self, from: ServoId, to: ServoId) -> Result<Outcome, CallError<Port::Error>> {
+        self.read(
+            Request::Servo(ServoRequest::ChangeId { from, to }),
+            |response| match response {
+                Response::Servo(ServoResponse::IdChanged { outcome, .. }) => Some(outcome),
+                _ => None,
+            },
+        )
+        .await
+    }
+
+    /// Puts the zero of a servo off.
+    pub async fn set_servo_offset(
+        &mut self,
+        servo: ServoId,
+        offset: Offset,
+    ) -> Result<Outcome, CallError<Port::Error>> {
+        self.read(
+            Request::Servo(ServoRequest::SetOffset(servo, offset)),
+            |response| match response {
+                Response::Servo(ServoResponse::OffsetSet { outcome, .. }) => Some(outcome),
+                _ => None,
+            },
+        )
+        .await
+    }
+
+    /// How far the zero of a servo is put off, in thirds of a degree.
+    pub async fn read_servo_offset(&mut self, servo: ServoId) -> Result<(Outcome, i16), CallError<Port::Error>> {
+        self.read(
+            Request::Servo(ServoRequest::ReadOffset(servo)),
+            |response| match response {
+                Response::Servo(ServoResponse::Offset { outcome, thirds, .. }) => Some((outcome, thirds)),
+                _ => None,
+            },
+        )
+        .await
+    }
+
+    /// The version of a servo's firmware.
+    pub async fn read_servo_version(&mut self, servo: ServoId) -> Result<(Outcome, [u8; 4]), CallError<Port::Error>> {
+        self.read(
+            Request::Servo(ServoRequest::ReadVersion(servo)),
+            |response| match response {
+                Response::Servo(ServoResponse::Version { outcome, version, .. }) => Some((outcome, version)),
+                _ => None,
+            },
+        )
+        .await
+    }
+
+    /// A call that a single servo acknowledges, and all do not.
+    async fn tell(&mut self, request: ServoRequest) -> Result<(), CallError<Port::Error>> {
+        self.call(Request::Servo(request)).await.map(drop)
+    }
+}

@@ -1,0 +1,315 @@
+//! The bytes of an Alpha1 frame.
+//!
+//! ```text
+//!   0     1    2 .. 2+n    2+n     3+n
+//! +----+----+-----------+-------+------+
+//! | H  | H' | DATA      | CHECK | ED   |
+//! +----+----+-----------+-------+------+
+//! ```
+//!
+//! `H'` is `H` with its nibbles swapped. CHECK is the low byte of the sum of DATA; some answers have none. Nothing says
+//! how long DATA is: that follows from the direction and the header, as the table `layout` has it. So the end mark ED is
+//! verified, never searched for: DATA and CHECK may be ED too.
+//!
+//! The servos' own frames, FA AF and FC CF, look just like it. To some commands a servo answers with a single byte, which
+//! is its id plus AA. That is no frame at all, and is read only where it is expected.
+//!
+//! The robot's Bluetooth frames have the header FB BF too, and then their length where this protocol has 01:
+//!
+//! ```text
+//!   0     1     2      3     4 .. n-1   n-1     n
+//! +----+----+-------+-----+---------+-------+------+
+//! | FB | BF | n ≥ 6 | CMD | params  | CHECK | ED   |
+//! +----+----+-------+-----+---------+-------+------+
+//! ```
+
+use core::ops::RangeInclusive;
+use core::slice;
+
+use super::{Alpha1, ServoId};
+use crate::{BufferTooShort, Framing, Reason, Scan};
+
+/// The longest frame, in bytes: what one report on USB HID holds.
+///
+/// The length byte of a text could say 255, but every false header would then hold back up to 258 bytes of good frames.
+pub const MAX_FRAME: usize = 64;
+
+/// The most bytes that a version or a name has: [`MAX_FRAME`] less header, count, CHECK and end mark.
+pub const MAX_TEXT: usize = MAX_FRAME - 5;
+
+const TAIL: u8 = 0xED;
+
+/// What follows FB BF, in both directions (row FB).
+pub(super) const ACT: u8 = 0x01;
+
+/// What the count of a text may say; it counts itself.
+const COUNT: RangeInclusive<usize> = 1..=MAX_TEXT + 1;
+
+/// What the length of a Bluetooth frame may say; it counts itself, one header byte and all that follows. No longer one
+/// than fits the decoder's buffer can be recognised.
+const BLUETOOTH: RangeInclusive<usize> = 6..=MAX_FRAME - 1;
+
+/// The first bytes of the headers.
+pub(super) mod header {
+    pub(crate) const HARDWARE_VERSION: u8 = 0xF1;
+    pub(crate) const SERVO_STATES: u8 = 0xEF;
+    pub(crate) const STOP: u8 = 0xF2;
+    pub(crate) const FIRMWARE_VERSION: u8 = 0xF5;
+    pub(crate) const ACT: u8 = 0xFB;
+    pub(crate) const OFFSET_TOOL: u8 = 0xF4;
+    pub(crate) const USB_TYPE: u8 = 0xF9;
+    pub(crate) const PLAY: u8 = 0xF3;
+    pub(crate) const SERVO: u8 = 0xFA;
+    pub(crate) const SERVO_VERSION: u8 = 0xFC;
+}
+
+/// What follows a header.
+enum Layout {
+    /// So many bytes of DATA, CHECK, ED.
+    Data(usize),
+    /// A byte that counts itself and the text that follows it, CHECK, ED.
+    Counted,
+    /// AA or EE, ED: no CHECK.
+    Status,
+}
+
+/// Where each frame ends: the whole table.
+const fn layout(first: u8, expect: Expect) -> Option<Layout> {
+    Some(match (expect, first) {
+        (Expect::Requests, header::HARDWARE_VERSION) => Layout::Data(6),
+        (Expect::Requests, header::SERVO_STATES) => Layout::Data(6),
+        (Expect::Requests, header::STOP) => Layout::Data(6),
+        (Expect::Requests, header::FIRMWARE_VERSION) => Layout::Data(6),
+        (Expect::Requests, header::ACT) => Layout::Data(29),
+        (Expect::Requests, header::OFFSET_TOOL) => Layout::Data(6),
+        (Expect::Requests, header::USB_TYPE) => Layout::Data(6),
+        (Expect::Requests, header::PLAY) => Layout::Counted,
+
+        (Expect::Responses(_), header::HARDWARE_VERSION) => Layout::Counted,
+        (Expect::Responses(_), header::SERVO_STATES) => Layout::Data(4),
+        (Expect::Responses(_), header::STOP) => Layout::Status,
+        (Expect::Responses(_), header::FIRMWARE_VERSION) => Layout::Data(11),
+        (Expect::Responses(_), header::ACT) => Layout::Data(6),
+        (Expect::Responses(_), header::OFFSET_TOOL) => Layout::Status,
+        (Expect::Responses(_), header::USB_TYPE) => Layout::Status,
+        (Expect::Responses(_), header::PLAY) => Layout::Status,
+
+        (_, header::SERVO | header::SERVO_VERSION) => Layout::Data(6),
+        _ => return None,
+    })
+}
+
+/// What a reader knows about the next frame.
+///
+/// ```
+/// use armwire::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
+/// use armwire::{Framing, Scan};
+///
+/// let line = [0xAB];
+/// let answer = ServoAnswer::Acknowledgement(ServoId::new(1)?);
+/// assert_eq!(Alpha1::scan(&line, Expect::Responses(Some(answer))), Scan::Frame(1));
+/// assert!(matches!(Alpha1::scan(&line, Expect::Responses(None)), Scan::Skip(1, _)));
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Expect {
+    /// Frames from the host.
+    Requests,
+    /// Frames from the robot or a servo, and which of a servo's answers, if one.
+    Responses(Option<ServoAnswer>),
+}
+
+impl Expect {
+    /// The byte that is an answer all by itself.
+    const fn byte(self) -> Option<u8> {
+        match self {
+            Self::Responses(Some(ServoAnswer::Acknowledgement(servo))) => Some(acknowledgement(servo)),
+            _ => None,
+        }
+    }
+}
+
+/// Which answer of a servo is expected: they do not say it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ServoAnswer {
+    /// The single byte of this servo.
+    Acknowledgement(ServoId),
+    /// Its target and actual angle.
+    Angles,
+    /// Its new id.
+    IdChanged,
+    /// That its offset is set.
+    OffsetSet,
+    /// Its offset.
+    Offset,
+    /// Its version.
+    Version,
+}
+
+/// The single byte by which a servo says that it understood.
+pub(super) const fn acknowledgement(servo: ServoId) -> u8 {
+    servo.get().wrapping_add(0xAA)
+}
+
+/// The checksum of `data`: the low byte of its sum.
+///
+/// ```
+/// assert_eq!(armwire::alpha1::checksum(b"\x06dance"), 0x01); // row F3
+/// ```
+pub fn checksum(data: &[u8]) -> u8 {
+    data.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
+}
+
+/// A frame whose header, length, checksum and end mark are good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Frame<'a> {
+    /// One with a header.
+    Message {
+        /// The first byte of the header, which names the row of the document.
+        command: u8,
+        /// DATA, with the byte that counts a text.
+        data: &'a [u8],
+    },
+    /// The single byte of a servo.
+    Byte(u8),
+}
+
+/// Whether a frame has a checksum.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Check {
+    Present,
+    Absent,
+}
+
+/// Writes a frame at the front of `out` and returns its length in bytes.
+pub(super) fn put(out: &mut [u8], command: u8, data: &[u8], check: Check) -> Result<usize, BufferTooShort> {
+    let check = (check == Check::Present).then(|| checksum(data));
+    let header = [command, command.rotate_left(4)];
+    put_bytes(
+        out,
+        header
+            .into_iter()
+            .chain(data.iter().copied())
+            .chain(check)
+            .chain([TAIL]),
+    )
+}
+
+/// Writes bytes at the front of `out` and returns how many.
+pub(super) fn put_bytes(out: &mut [u8], bytes: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
+    let needed = bytes.clone().count();
+    let got = out.len();
+    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
+    for (to, from) in out.iter_mut().zip(bytes) {
+        *to = from;
+    }
+    Ok(needed)
+}
+
+/// The verdict on a window that starts with a header.
+fn scan_frame(window: &[u8], expect: Expect) -> Scan {
+    let &[first, _, third, ..] = window else {
+        return Scan::Need(1);
+    };
+    let len = usize::from(third);
+    let foreign = first == header::ACT && third != ACT;
+    let total = match layout(first, expect) {
+        _ if foreign && !BLUETOOTH.contains(&len) => {
+            return Scan::Skip(
+                1,
+                Reason::Byte {
+                    offset: 2,
+                    expected: &[ACT],
+                    got: third,
+                },
+            );
+        }
+        _ if foreign => len + 1,
+        Some(Layout::Data(len)) => len + 4,
+        Some(Layout::Counted) if !COUNT.contains(&len) => {
+            let (min, max) = COUNT.into_inner();
+            return Scan::Skip(1, Reason::Length { min, max, got: len });
+        }
+        Some(Layout::Counted) => len + 4,
+        Some(Layout::Status) => return scan_status(window),
+        None => return Scan::Skip(1, Reason::Stray),
+    };
+    let Some(frame) = window.get(..total) else {
+        return Scan::Need(total.saturating_sub(window.len()));
+    };
+    match *frame {
+        [_, _, ref body @ .., got, TAIL] => match checksum(body) {
+            expected if expected != got => Scan::Skip(1, Reason::Checksum { expected, got }),
+            _ if foreign => Scan::Skip(total, Reason::Foreign("Alpha1's Bluetooth protocol")),
+            _ => Scan::Frame(total),
+        },
+        [.., got] => Scan::Skip(1, Reason::Tail { expected: TAIL, got }),
+        [] => Scan::Need(1),
+    }
+}
+
+/// The verdict on an answer without a checksum. Its status must be one of two, or half the frame would be unguarded.
+fn scan_status(window: &[u8]) -> Scan {
+    match *window {
+        [_, _, 0xAA | 0xEE, TAIL, ..] => Scan::Frame(4),
+        [_, _, 0xAA | 0xEE, got, ..] => Scan::Skip(1, Reason::Tail { expected: TAIL, got }),
+        [_, _, got, _, ..] => Scan::Skip(
+            1,
+            Reason::Byte {
+                offset: 2,
+                expected: &[0xAA, 0xEE],
+                got,
+            },
+        ),
+        _ => Scan::Need(4_usize.saturating_sub(window.len())),
+    }
+}
+
+impl Framing for Alpha1 {
+    const MAX_FRAME: usize = MAX_FRAME;
+    const RELIABLE: bool = false;
+    type Expect = Expect;
+    type Frame<'a> = Frame<'a>;
+
+    fn scan(window: &[u8], expect: Expect) -> Scan {
+        let byte = expect.byte();
+        match *window {
+            [] => Scan::Need(1),
+            // The answers of servos 80 and 82 are FA and FC. They must not be read out of an echo, so they wait for the
+            // byte that follows.
+            [first, ..] if Some(first) == byte && !matches!(first, header::SERVO | header::SERVO_VERSION) => {
+                Scan::Frame(1)
+            }
+            [0, ref rest @ ..] => Scan::Fill(1 + rest.iter().take_while(|&&byte| byte == 0).count()),
+            [first] if layout(first, expect).is_some() => Scan::Need(1),
+            [first, second, ..] if second == first.rotate_left(4) && layout(first, expect).is_some() => {
+                scan_frame(window, expect)
+            }
+            [first, ..] if Some(first) == byte => Scan::Frame(1),
+            [_, ref rest @ ..] => {
+                let starts = |&next: &u8| next == 0 || Some(next) == byte || layout(next, expect).is_some();
+                let stray = rest.iter().position(starts).unwrap_or(rest.len());
+                Scan::Skip(1 + stray, Reason::Stray)
+            }
+        }
+    }
+
+    fn view(bytes: &[u8]) -> Option<Frame<'_>> {
+        match bytes {
+            [byte] => Some(Frame::Byte(*byte)),
+            [first, second, ..] if *second != first.rotate_left(4) => None,
+            [command, _, status, TAIL] => Some(Frame::Message {
+                command: *command,
+                data: slice::from_ref(status),
+            }),
+            [command, _, data @ .., _, TAIL] => Some(Frame::Message {
+                command: *command,
+                data,
+            }),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! Every row of the document, and the frames it should have printed.

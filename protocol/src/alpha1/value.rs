@@ -1,0 +1,490 @@
+//! The values in Alpha1 messages: raw bytes on the wire, degrees and durations in the program.
+
+use core::fmt;
+use core::str;
+use core::time::Duration;
+
+use super::MAX_TEXT;
+use crate::OutOfRange;
+
+/// Servos that an action has room for (row FB). An Alpha1 has 16.
+pub const SERVOS: usize = 20;
+
+/// The oldest firmware that speaks this protocol, as [`FirmwareVersion`](super::FirmwareVersion) spells it.
+///
+/// The English print of the document says 201512159, a digit short.
+pub const OLDEST_FIRMWARE: [u8; 10] = *b"2015121519";
+
+/// The unit of all durations on the wire, in milliseconds.
+const UNIT_MILLIS: u64 = 20;
+
+/// The angle of a servo: `0..=240` whole degrees.
+///
+/// The document gives no range; 240° is what the servo can do, and an Alpha1 stays within 180°. From the wire any byte is
+/// taken but FF, which is no angle: 241 to 254 are kept, and have no [`degrees`](Self::degrees).
+///
+/// ```
+/// use armwire::alpha1::Angle;
+///
+/// assert_eq!(Angle::new(90)?.degrees(), Some(90));
+/// let error = Angle::new(241).unwrap_err();
+/// assert_eq!(error.to_string(), "servo angle is 241 degrees, must be 0..=240");
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Angle(u8);
+
+impl Angle {
+    /// The most a servo can do.
+    pub const MAX: Self = Self(240);
+
+    /// An angle in degrees.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] over 240.
+    pub const fn new(degrees: u8) -> Result<Self, OutOfRange> {
+        if degrees <= Self::MAX.0 {
+            return Ok(Self(degrees));
+        }
+        Err(OutOfRange {
+            what: "servo angle",
+            unit: "degrees",
+            got: degrees as u16,
+            min: 0,
+            max: Self::MAX.0 as u16,
+        })
+    }
+
+    /// The angle in degrees; `None` if it came from the wire and is over 240.
+    pub const fn degrees(self) -> Option<u8> {
+        if self.0 <= Self::MAX.0 { Some(self.0) } else { None }
+    }
+
+    /// The byte on the wire, never FF.
+    pub const fn raw(self) -> u8 {
+        self.0
+    }
+
+    /// FF is no angle: an action leaves that servo as it is, a move releases it.
+    pub(super) const fn from_wire(byte: u8) -> Option<Self> {
+        if byte == u8::MAX { None } else { Some(Self(byte)) }
+    }
+}
+
+/// How long a servo takes to get where it is sent: 0 to 5.1 s in steps of 20 ms.
+///
+/// ```
+/// use core::time::Duration;
+/// use armwire::alpha1::MoveTime;
+///
+/// let time = MoveTime::from_duration(Duration::from_millis(509))?; // to the nearest step
+/// assert_eq!((time.units(), time.duration()), (25, Duration::from_millis(500)));
+/// let error = MoveTime::from_duration(Duration::from_secs(6)).unwrap_err();
+/// assert_eq!(error.to_string(), "move time is 6 s, must be 0..=5.1");
+/// # Ok::<(), armwire::OutOfRange<f32>>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct MoveTime(u8);
+
+impl MoveTime {
+    /// 5.1 s.
+    pub const MAX: Self = Self(u8::MAX);
+
+    /// A time in units of 20 ms.
+    pub const fn new(units: u8) -> Self {
+        Self(units)
+    }
+
+    /// The time nearest to a duration.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`], in seconds, over 5.1 s.
+    pub fn from_duration(duration: Duration) -> Result<Self, OutOfRange<f32>> {
+        nearest("move time", duration, Self::MAX.duration()).map(|units| Self(units as u8))
+    }
+
+    /// Units of 20 ms.
+    pub const fn units(self) -> u8 {
+        self.0
+    }
+
+    /// The time as a duration.
+    pub const fn duration(self) -> Duration {
+        Duration::from_millis(self.0 as u64 * UNIT_MILLIS)
+    }
+}
+
+/// How long a servo holds still after a move, or the robot waits for the next: 0 to 1310.7 s in steps of 20 ms.
+///
+/// ```
+/// use core::time::Duration;
+/// use armwire::alpha1::Interval;
+///
+/// let interval = Interval::from_duration(Duration::from_secs(60))?;
+/// assert_eq!(interval.units(), 3000);
+/// let error = Interval::from_duration(Duration::from_secs(3600)).unwrap_err();
+/// assert_eq!(error.to_string(), "interval is 3600 s, must be 0..=1310.7");
+/// # Ok::<(), armwire::OutOfRange<f32>>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Interval(u16);
+
+impl Interval {
+    /// 1310.7 s.
+    pub const MAX: Self = Self(u16::MAX);
+
+    /// An interval in units of 20 ms.
+    pub const fn new(units: u16) -> Self {
+        Self(units)
+    }
+
+    /// The interval nearest to a duration.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`], in seconds, over 1310.7 s.
+    pub fn from_duration(duration: Duration) -> Result<Self, OutOfRange<f32>> {
+        nearest("interval", duration, Self::MAX.duration()).map(Self)
+    }
+
+    /// Units of 20 ms.
+    pub const fn units(self) -> u16 {
+        self.0
+    }
+
+    /// The interval as a duration.
+    pub const fn duration(self) -> Duration {
+        Duration::from_millis(self.0 as u64 * UNIT_MILLIS)
+    }
+}
+
+/// The number of units nearest to a duration that is not over `max`, which is at most 65535 units.
+fn nearest(what: &'static str, duration: Duration, max: Duration) -> Result<u16, OutOfRange<f32>> {
+    if duration > max {
+        return Err(OutOfRange {
+            what,
+            unit: "s",
+            got: duration.as_secs_f32(),
+            min: 0.0,
+            max: max.as_secs_f32(),
+        });
+    }
+    let unit = UNIT_MILLIS * 1_000;
+    let micros = duration.as_secs() * 1_000_000 + u64::from(duration.subsec_micros());
+    Ok(((micros + unit / 2) / unit) as u16)
+}
+
+/// The id of a servo on the bus, `1..=240`.
+///
+/// ```
+/// use armwire::alpha1::ServoId;
+///
+/// assert_eq!(ServoId::new(16)?.get(), 16);
+/// let error = ServoId::new(0).unwrap_err();
+/// assert_eq!(error.to_string(), "servo id is 0, must be 1..=240");
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ServoId(u8);
+
+impl ServoId {
+    /// The highest id.
+    pub const MAX: Self = Self(240);
+
+    /// A servo's id.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] for 0 and over 240.
+    pub const fn new(id: u8) -> Result<Self, OutOfRange> {
+        if 1 <= id && id <= Self::MAX.0 {
+            return Ok(Self(id));
+        }
+        Err(OutOfRange {
+            what: "servo id",
+            unit: "",
+            got: id as u16,
+            min: 1,
+            max: Self::MAX.0 as u16,
+        })
+    }
+
+    /// The number.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+}
+
+/// Who is meant: a servo, or all of them. Nobody answers what all are told.
+///
+/// ```
+/// use armwire::alpha1::{Address, ServoId};
+///
+/// assert_eq!(Address::One(ServoId::new(3)?).id(), 3);
+/// assert_eq!(Address::All.id(), 0);
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Address {
+    /// Every servo on the bus.
+    All,
+    /// One servo.
+    One(ServoId),
+}
+
+impl Address {
+    /// The id on the wire, 0 for all.
+    pub const fn id(self) -> u8 {
+        match self {
+            Self::All => 0,
+            Self::One(servo) => servo.get(),
+        }
+    }
+
+    pub(super) fn from_wire(id: u8) -> Result<Self, OutOfRange> {
+        match id {
+            0 => Ok(Self::All),
+            _ => ServoId::new(id).map(Self::One),
+        }
+    }
+}
+
+/// How far a servo's zero is put off: `-90..=90` thirds of a degree, -30° to 30°.
+///
+/// ```
+/// use armwire::alpha1::Offset;
+///
+/// assert_eq!(Offset::new(-9)?.degrees(), -3.0);
+/// let error = Offset::new(91).unwrap_err();
+/// assert_eq!(error.to_string(), "servo offset is 91 thirds of a degree, must be -90..=90");
+/// # Ok::<(), armwire::OutOfRange<i16>>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Offset(i16);
+
+impl Offset {
+    /// -30°.
+    pub const MIN: Self = Self(-90);
+    /// 30°.
+    pub const MAX: Self = Self(90);
+
+    /// An offset in thirds of a degree.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] under -90 and over 90.
+    pub const fn new(thirds: i16) -> Result<Self, OutOfRange<i16>> {
+        if Self::MIN.0 <= thirds && thirds <= Self::MAX.0 {
+            return Ok(Self(thirds));
+        }
+        Err(OutOfRange {
+            what: "servo offset",
+            unit: "thirds of a degree",
+            got: thirds,
+            min: Self::MIN.0,
+            max: Self::MAX.0,
+        })
+    }
+
+    /// Thirds of a degree, `-90..=90`.
+    pub const fn thirds(self) -> i16 {
+        self.0
+    }
+
+    /// Degrees, `-30.0..=30.0`.
+    pub const fn degrees(self) -> f32 {
+        self.0 as f32 / 3.0
+    }
+}
+
+/// What the light of a servo is told, as the byte on the wire.
+///
+/// The sources contradict each other, so nothing is guessed: the servos' manual says 0 is off and 1 blinks; public
+/// programs for the same servos send 0 for on and 1 for off.
+///
+/// ```
+/// assert_eq!(armwire::alpha1::Led(1).0, 1);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Led(pub u8);
+
+/// A version or the name of an action: 0 to 59 bytes. Their alphabet is not documented; names may be GBK.
+///
+/// The length byte could say 254, but a report on USB HID has 64 bytes and the frame around a text takes 5, so 59 is the
+/// most that fits one. It also bounds how much a false header can hold back.
+///
+/// ```
+/// use armwire::alpha1::Text;
+///
+/// let name = Text::new(b"dance")?;
+/// assert_eq!((name.as_bytes(), name.as_str()), (&b"dance"[..], Some("dance")));
+/// assert_eq!(Text::new(b"\x1b[2J")?.to_string(), "\\x1b[2J");
+/// let error = Text::new(&[b'a'; 60]).unwrap_err();
+/// assert_eq!(error.to_string(), "text length is 60 bytes, must be 0..=59");
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Text {
+    len: u8,
+    /// The text, then zeros.
+    bytes: [u8; MAX_TEXT],
+}
+
+impl Text {
+    /// A text of these bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] over 59 bytes.
+    pub fn new(text: &[u8]) -> Result<Self, OutOfRange> {
+        if text.len() > MAX_TEXT {
+            return Err(OutOfRange {
+                what: "text length",
+                unit: "bytes",
+                got: u16::try_from(text.len()).unwrap_or(u16::MAX),
+                min: 0,
+                max: MAX_TEXT as u16,
+            });
+        }
+        let mut bytes = [0; MAX_TEXT];
+        for (to, from) in bytes.iter_mut().zip(text) {
+            *to = *from;
+        }
+        let len = text.len() as u8;
+        Ok(Self { len, bytes })
+    }
+
+    /// The bytes.
+    pub fn as_bytes(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.len)).unwrap_or_default()
+    }
+
+    /// The text, or `None` if one of its bytes is no printable ASCII character.
+    pub fn as_str(&self) -> Option<&str> {
+        let text = self.as_bytes();
+        let printable = text.iter().all(|byte| matches!(byte, b' '..=b'~'));
+        str::from_utf8(text).ok().filter(|_| printable)
+    }
+}
+
+/// What is not printable is escaped: it came from outside.
+impl fmt::Display for Text {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.as_bytes().escape_ascii())
+    }
+}
+
+/// Which servos run, as the four bytes on the wire (row EF). One that does not run is powered off and can be turned by
+/// hand.
+///
+/// The document says that the least significant bit is servo 1, not in which order the bytes come. Every other number of
+/// this family has its high byte first, so that is what the methods take: servo 1 is bit 0 of the last byte.
+///
+/// ```
+/// use armwire::alpha1::ServoStates;
+///
+/// let states = ServoStates([0x00, 0x00, 0x80, 0x05]);
+/// assert!(states.running().eq([1, 3, 16]));
+/// assert_eq!(states.is_running(2), Some(false));
+/// assert_eq!(states.is_running(33), None);
+/// assert_eq!(ServoStates::from_bits(0x8005), states);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ServoStates(pub [u8; 4]);
+
+impl ServoStates {
+    /// From a mask, servo 1 lowest.
+    pub const fn from_bits(bits: u32) -> Self {
+        Self(bits.to_be_bytes())
+    }
+
+    /// The mask, servo 1 lowest.
+    pub const fn bits(self) -> u32 {
+        u32::from_be_bytes(self.0)
+    }
+
+    /// Whether a servo runs; `None` unless its number is in `1..=32`.
+    pub fn is_running(self, servo: u8) -> Option<bool> {
+        (1..=32)
+            .contains(&servo)
+            .then(|| self.running().any(|running| running == servo))
+    }
+
+    /// The numbers, from 1, of the servos that run.
+    pub fn running(self) -> impl Iterator<Item = u8> {
+        (1..=32).filter(move |servo| self.bits() >> (servo - 1) & 1 == 1)
+    }
+}
+
+/// Whether the robot or a servo did as it was told.
+///
+/// ```
+/// assert!(armwire::alpha1::Outcome::Success.is_success());
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[must_use]
+pub enum Outcome {
+    /// AA: it did.
+    Success = 0xAA,
+    /// EE: it did not. Why is not said.
+    Failure = 0xEE,
+}
+
+impl Outcome {
+    /// Whether it did.
+    pub const fn is_success(self) -> bool {
+        matches!(self, Self::Success)
+    }
+
+    pub(super) const fn from_wire(byte: u8) -> Option<Self> {
+        match byte {
+            0xAA => Some(Self::Success),
+            0xEE => Some(Self::Failure),
+            _ => None,
+        }
+    }
+}
+
+/// What the servo offset tool does (row F4).
+///
+/// ```
+/// # use armwire::alpha1::{OffsetTool, Request};
+/// let request = Request::SetOffsetTool(OffsetTool::Connect);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum OffsetTool {
+    /// Bluetooth may be used.
+    Disconnect = 0x00,
+    /// Bluetooth may not be used.
+    Connect = 0x01,
+}
+
+/// What the robot is on USB (row F9). The vendor recommends HID for this protocol.
+///
+/// ```
+/// # use armwire::alpha1::{Request, UsbType};
+/// let request = Request::SetUsbType(UsbType::Hid);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum UsbType {
+    /// A disk: **it no longer speaks this protocol.**
+    Disk = 0x01,
+    /// A virtual serial port.
+    SerialPort = 0x02,
+    /// A HID device with reports of 64 bytes.
+    Hid = 0x03,
+}
