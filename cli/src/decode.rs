@@ -4,12 +4,15 @@ use std::fs;
 use std::io::{Read, Write, stdin, stdout};
 use std::path::PathBuf;
 
+use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
+use armwire::xarm::XArm;
 use armwire::{Noise, Reason, Scan};
 use clap::{Args, ValueEnum};
 
 use crate::ArmKind;
-use crate::describe::{Arm, hex};
+use crate::describe::Arm;
+use crate::hex;
 use crate::problem::Problem;
 
 /// What some editors begin UTF-8 text with.
@@ -54,6 +57,8 @@ impl Decode {
         };
         let decoded = match self.arm {
             ArmKind::Ling => decode::<Ling>(&bytes, self.from),
+            ArmKind::Xarm => decode::<XArm>(&bytes, self.from.or(Some(Speaker::Arm))),
+            ArmKind::Alpha1 => decode::<Alpha1>(&bytes, self.from.or(Some(Speaker::Arm))),
         };
         let mut out = stdout().lock();
         for line in decoded.lines {
@@ -86,26 +91,16 @@ fn may_be_text(input: &[u8]) -> bool {
     input.is_ascii() && !input.contains(&0)
 }
 
-/// The bytes that hexadecimal text means: pairs of digits, with or without white space, commas, colons and 0x.
+/// The bytes that hexadecimal text means.
 fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Problem> {
     let text = String::from_utf8_lossy(text);
     let mut bytes = Vec::new();
     for (i, line) in text.lines().enumerate() {
-        for word in line.split([' ', '\t', ',', ':']).filter(|word| !word.is_empty()) {
-            let digits = word.strip_prefix("0x").or(word.strip_prefix("0X")).unwrap_or(word);
-            let pair = |pair: &[u8]| u8::from_str_radix(str::from_utf8(pair).ok()?, 16).ok();
-            let word_bytes: Option<Vec<u8>> = match digits.as_bytes().as_chunks::<2>() {
-                (pairs, []) if digits.bytes().all(|digit| digit.is_ascii_hexdigit()) => {
-                    pairs.iter().map(|digits| pair(digits)).collect()
-                }
-                _ => None,
-            };
-            bytes.extend(word_bytes.ok_or_else(|| Problem::Text {
-                name: name.to_owned(),
-                line: i + 1,
-                word: word.to_owned(),
-            })?);
-        }
+        bytes.extend(hex::parse(line).map_err(|word| Problem::Text {
+            name: name.to_owned(),
+            line: i + 1,
+            word: word.to_owned(),
+        })?);
     }
     Ok(bytes)
 }
@@ -174,7 +169,7 @@ fn decode<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
 }
 
 fn entry(offset: usize, bytes: &[u8], text: &str) -> String {
-    format!("{offset:8}  {}\n          {text}", hex(bytes))
+    format!("{offset:8}  {}\n          {text}", hex::show(bytes))
 }
 
 /// How many bytes at the front are stray.

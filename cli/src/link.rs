@@ -151,11 +151,12 @@ impl<P: Arm, L: Line> Link<P, L> {
     }
 }
 
-/// Whether an answer to the request begins somewhere in the bytes: with the request's header, and then otherwise.
+/// Whether an answer to the request begins somewhere in the bytes, with the request's header and then otherwise, where
+/// its end may have been lost.
 fn is_begun<P: Arm>(request: &P::Request, bytes: &[u8]) -> bool {
     let mut out = [0; BUFFER];
     let sent = P::encode_request(request, &mut out).unwrap_or(0);
     let (header, next) = (&out[..P::HEADER], out[P::HEADER]);
     let answered = |window: &[u8]| window.starts_with(header) && window[P::HEADER] != next;
-    sent > P::HEADER && bytes.windows(P::HEADER + 1).any(answered)
+    !P::RELIABLE && sent > P::HEADER && bytes.windows(P::HEADER + 1).any(answered)
 }

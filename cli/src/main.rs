@@ -4,6 +4,7 @@
 mod call;
 mod decode;
 mod describe;
+mod hex;
 mod info;
 mod link;
 mod monitor;
@@ -11,6 +12,7 @@ mod problem;
 mod serial;
 #[cfg(unix)]
 mod sim;
+mod tcp;
 
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,6 +21,7 @@ use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 
 use problem::Problem;
+use tcp::Host;
 
 /// Virtual robot arms, and a look at real ones.
 #[derive(Parser)]
@@ -57,6 +60,16 @@ struct Place {
     baud: Baud,
 }
 
+impl Place {
+    /// The host that an xArm is on.
+    fn host(&self) -> Result<Host, Problem> {
+        match self.baud.baud {
+            None => self.port.parse().map_err(Problem::Usage),
+            Some(_) => Err(Problem::Usage("an xarm is on a host, which has no --baud".to_owned())),
+        }
+    }
+}
+
 /// The baud rate of a serial port.
 #[derive(Args)]
 struct Baud {
@@ -71,6 +84,10 @@ enum ArmKind {
     /// Ling / Alicia-D, on a serial port.
     #[default]
     Ling,
+    /// UFACTORY xArm, on TCP.
+    Xarm,
+    /// UBTECH Alpha1, on a serial port.
+    Alpha1,
 }
 
 fn main() -> ExitCode {
@@ -78,7 +95,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         // Who no longer reads what we print has had enough.
         Err(Problem::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
-        Err(Problem::Usage(text)) => Cli::command().error(ErrorKind::ArgumentConflict, text).exit(),
+        Err(Problem::Usage(text)) => Cli::command().error(ErrorKind::ValueValidation, text).exit(),
         Err(problem) => {
             eprintln!("armwire: {problem}");
             ExitCode::FAILURE

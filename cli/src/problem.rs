@@ -12,7 +12,7 @@ use armwire::Noise;
 use rustix::io::Errno;
 use serial2::SerialPort;
 
-use crate::describe::hex;
+use crate::hex;
 
 /// Why a command fails.
 #[derive(Debug)]
@@ -138,7 +138,7 @@ impl Heard {
                 "frames arrive, but not the answer, asked for {times}: does another program talk to the arm?"
             );
         }
-        let first = hex(&self.bytes[..self.bytes.len().min(16)]);
+        let first = hex::show(&self.bytes[..self.bytes.len().min(16)]);
         if self.echoes > 0 {
             return write!(
                 f,

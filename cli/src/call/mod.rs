@@ -1,11 +1,15 @@
 //! `armwire call`: any one request, and what the arm answers.
 
+mod alpha1;
 mod ling;
+mod xarm;
 
 use std::io::{Write, stdout};
 
 use armwire::OutOfRange;
+use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
+use armwire::xarm::XArm;
 use clap::{Args, Subcommand};
 
 use crate::Baud;
@@ -13,11 +17,17 @@ use crate::describe::Arm;
 use crate::link::{Line, Link};
 use crate::problem::Problem;
 
+pub(crate) use xarm::ask;
+
 /// The arms there are.
 #[derive(Subcommand)]
 pub(crate) enum Call {
     /// Ask a Ling / Alicia-D arm.
     Ling(OnPort<ling::Ask>),
+    /// Ask a UFACTORY xArm.
+    Xarm(xarm::OnHost),
+    /// Ask a UBTECH Alpha1, or its servos.
+    Alpha1(OnPort<alpha1::Ask>),
 }
 
 /// A request, and the serial port it goes to.
@@ -35,6 +45,12 @@ impl Call {
     pub(crate) fn run(&self) -> Result<(), Problem> {
         match self {
             Self::Ling(OnPort { port, baud, ask }) => call::<Ling>(Link::open(port, baud.baud)?, ask.request()),
+            Self::Alpha1(OnPort { port, baud, ask }) => call::<Alpha1>(Link::open(port, baud.baud)?, ask.request()),
+            Self::Xarm(xarm) => {
+                // Before there is a connection, for the request may be none.
+                let request = xarm.request().map_err(Problem::Usage)?;
+                call::<XArm>(Link::connect(xarm.host())?, request)
+            }
         }
     }
 }

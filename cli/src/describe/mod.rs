@@ -1,10 +1,14 @@
 //! Arms and their messages in words: one file for each protocol.
 
+mod alpha1;
 mod ling;
+mod xarm;
 
 use armwire::{Config, Protocol};
 
+pub(crate) use alpha1::running;
 pub(crate) use ling::{gripper, joint, list};
+pub(crate) use xarm::torque_source;
 
 /// A protocol, and what the command line says of it.
 pub(crate) trait Arm: Protocol {
@@ -28,10 +32,4 @@ pub(crate) trait Arm: Protocol {
 
     /// What bytes without an answer come from instead, and what to do about it, if they tell.
     fn stranger(bytes: &[u8]) -> Option<&'static str>;
-}
-
-/// Bytes as `AA 06 00`.
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    let bytes: Vec<_> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
-    bytes.join(" ")
 }

@@ -1,6 +1,8 @@
 //! `armwire info`: what arm is on a port, and how it is.
 
+mod alpha1;
 mod ling;
+mod xarm;
 
 use std::fmt::Display;
 use std::io::{Write, stdout};
@@ -14,6 +16,13 @@ pub(crate) fn run(place: &Place) -> Result<(), Problem> {
         ArmKind::Ling => {
             let mut link = Link::open(&place.port, place.baud.baud)?;
             ling::run(&mut link)?;
+            link.dropped()
+        }
+        // Here a byte that is part of no frame ends it.
+        ArmKind::Xarm => return xarm::run(&mut Link::connect(&place.host()?)?),
+        ArmKind::Alpha1 => {
+            let mut link = Link::open(&place.port, place.baud.baud)?;
+            alpha1::run(&mut link)?;
             link.dropped()
         }
     };

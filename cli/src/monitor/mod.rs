@@ -1,6 +1,8 @@
 //! `armwire monitor`: how an arm is, as it changes.
 
+mod alpha1;
 mod ling;
+mod xarm;
 
 use std::io::{IsTerminal, Write, stdout};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -39,6 +41,11 @@ impl Monitor {
         let Place { port, arm, baud } = &self.place;
         match arm {
             ArmKind::Ling => self.watch(Link::open(port, baud.baud)?, ling::read, stop),
+            ArmKind::Alpha1 => self.watch(Link::open(port, baud.baud)?, alpha1::read, stop),
+            ArmKind::Xarm => {
+                let mut watch = xarm::Watch::default();
+                self.watch(Link::connect(&self.place.host()?)?, |link| watch.read(link), stop)
+            }
         }
     }
 

@@ -1,0 +1,246 @@
+//! The requests of an Alpha1 and of its servos.
+
+use std::time::Duration;
+
+use armwire::alpha1::{
+    Action, Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, SERVOS, ServoId, ServoRequest, Text,
+    UsbType,
+};
+use clap::{Args, Subcommand, ValueEnum};
+
+use super::number;
+
+/// One request.
+#[derive(Subcommand)]
+pub(crate) enum Ask {
+    /// Read the robot's hardware version.
+    HardwareVersion,
+    /// Read which servos run.
+    ServoStates,
+    /// Stop the action that is played.
+    Stop,
+    /// Read the robot's firmware version.
+    FirmwareVersion,
+    /// Move all servos.
+    Act(Act),
+    /// Connect or disconnect the servo offset tool. While it is connected, Bluetooth may not be used.
+    OffsetTool {
+        /// What the tool does.
+        tool: Tool,
+    },
+    /// Say what the robot is on USB from now on.
+    UsbType {
+        /// What it is.
+        kind: Usb,
+    },
+    /// Play an action.
+    Play {
+        /// Its name, 59 bytes at most.
+        #[arg(value_parser = text)]
+        name: Text,
+    },
+    /// Ask a single servo, through the robot or on the servos' own bus.
+    #[command(subcommand)]
+    Servo(Servo),
+}
+
+/// One frame of an action.
+#[derive(Args)]
+pub(crate) struct Act {
+    /// Where servos 1 to 20 go, in degrees from 0 to 240, such as 90,90,-,45: the third, and those after the fourth, are
+    /// left as they are.
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = angles)]
+    angles: Angles,
+    /// In how many seconds they get there, 0 to 5.1.
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
+    time: MoveTime,
+    /// After how many seconds the robot takes the next frame, 0 to 1310.7.
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = interval)]
+    interval: Interval,
+}
+
+/// A target for each servo, or none.
+type Angles = [Option<Angle>; SERVOS];
+
+/// What the servo offset tool does.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Tool {
+    Connect,
+    Disconnect,
+}
+
+/// What the robot is on USB.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Usb {
+    /// A disk; the robot no longer speaks this protocol then.
+    Disk,
+    /// A serial port.
+    Vcp,
+    /// A HID device.
+    Hid,
+}
+
+/// One request to a servo.
+#[derive(Subcommand)]
+pub(crate) enum Servo {
+    /// Move.
+    Move {
+        /// Its id, 1 to 240, or all.
+        #[arg(value_name = "ID", value_parser = address)]
+        to: Address,
+        /// Where to, in degrees from 0 to 240.
+        #[arg(value_name = "DEGREES", value_parser = angle)]
+        angle: Angle,
+        /// In how many seconds it gets there, 0 to 5.1.
+        #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
+        time: MoveTime,
+        /// After how many seconds the servo takes the next command, 0 to 1310.7.
+        #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = interval)]
+        lock: Interval,
+    },
+    /// Switch the motor off. What it holds up falls.
+    Release {
+        /// Its id, 1 to 240, or all.
+        #[arg(value_name = "ID", value_parser = address)]
+        to: Address,
+    },
+    /// Switch the light.
+    Led {
+        /// Its id, 1 to 240, or all.
+        #[arg(value_name = "ID", value_parser = address)]
+        to: Address,
+        /// As on the wire, 0 to 255: whether 0 or 1 is on, the sources disagree.
+        value: u8,
+    },
+    /// Read target and actual angle. The servo switches its motor off to answer: what it holds up falls.
+    ReadAngles {
+        /// Its id, 1 to 240.
+        #[arg(value_parser = id)]
+        id: ServoId,
+    },
+    /// Give a servo another id.
+    ChangeId {
+        /// The id it has, 1 to 240.
+        #[arg(value_parser = id)]
+        from: ServoId,
+        /// The id it gets, 1 to 240.
+        #[arg(value_parser = id)]
+        to: ServoId,
+    },
+    /// Put the zero off.
+    SetOffset {
+        /// Its id, 1 to 240.
+        #[arg(value_parser = id)]
+        id: ServoId,
+        /// In thirds of a degree, -90 to 90.
+        #[arg(value_name = "THIRDS", allow_hyphen_values = true, value_parser = offset)]
+        offset: Offset,
+    },
+    /// Read how far the zero is put off.
+    ReadOffset {
+        /// Its id, 1 to 240.
+        #[arg(value_parser = id)]
+        id: ServoId,
+    },
+    /// Read the version of the servo's firmware.
+    Version {
+        /// Its id, 1 to 240.
+        #[arg(value_parser = id)]
+        id: ServoId,
+    },
+}
+
+impl Ask {
+    pub(super) fn request(&self) -> Request {
+        match self {
+            Self::HardwareVersion => Request::ReadHardwareVersion,
+            Self::ServoStates => Request::ReadServoStates,
+            Self::Stop => Request::Stop,
+            Self::FirmwareVersion => Request::ReadFirmwareVersion,
+            &Self::Act(Act { angles, time, interval }) => Request::Act(Action { angles, time, interval }),
+            Self::OffsetTool { tool } => Request::SetOffsetTool(match tool {
+                Tool::Connect => OffsetTool::Connect,
+                Tool::Disconnect => OffsetTool::Disconnect,
+            }),
+            Self::UsbType { kind } => Request::SetUsbType(match kind {
+                Usb::Disk => UsbType::Disk,
+                Usb::Vcp => UsbType::SerialPort,
+                Usb::Hid => UsbType::Hid,
+            }),
+            Self::Play { name } => Request::Play(*name),
+            Self::Servo(servo) => Request::Servo(servo.request()),
+        }
+    }
+}
+
+impl Servo {
+    fn request(&self) -> ServoRequest {
+        match *self {
+            Self::Move { to, angle, time, lock } => ServoRequest::Move { to, angle, time, lock },
+            Self::Release { to } => ServoRequest::Release(to),
+            Self::Led { to, value } => ServoRequest::SetLed { to, led: Led(value) },
+            Self::ReadAngles { id } => ServoRequest::ReadAngles(id),
+            Self::ChangeId { from, to } => ServoRequest::ChangeId { from, to },
+            Self::SetOffset { id, offset } => ServoRequest::SetOffset(id, offset),
+            Self::ReadOffset { id } => ServoRequest::ReadOffset(id),
+            Self::Version { id } => ServoRequest::ReadVersion(id),
+        }
+    }
+}
+
+fn byte(text: &str) -> Result<u8, String> {
+    text.trim()
+        .parse()
+        .map_err(|_| format!("'{text}' is not a number from 0 to 255"))
+}
+
+fn angle(text: &str) -> Result<Angle, String> {
+    Angle::new(byte(text)?).map_err(|error| error.to_string())
+}
+
+fn angles(text: &str) -> Result<Angles, String> {
+    let mut angles = [None; SERVOS];
+    let texts: Vec<_> = text.split(',').collect();
+    if texts.len() > SERVOS {
+        return Err(format!("there are at most {SERVOS} servos, not {}", texts.len()));
+    }
+    for (target, text) in angles.iter_mut().zip(texts) {
+        if text.trim() != "-" {
+            *target = Some(angle(text)?);
+        }
+    }
+    Ok(angles)
+}
+
+fn duration(text: &str) -> Result<Duration, String> {
+    let seconds = number(text)?;
+    Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is no time that can be waited"))
+}
+
+fn time(text: &str) -> Result<MoveTime, String> {
+    MoveTime::from_duration(duration(text)?).map_err(|error| error.to_string())
+}
+
+fn interval(text: &str) -> Result<Interval, String> {
+    Interval::from_duration(duration(text)?).map_err(|error| error.to_string())
+}
+
+fn text(text: &str) -> Result<Text, String> {
+    Text::new(text.as_bytes()).map_err(|error| error.to_string())
+}
+
+fn id(text: &str) -> Result<ServoId, String> {
+    ServoId::new(byte(text)?).map_err(|error| error.to_string())
+}
+
+fn address(text: &str) -> Result<Address, String> {
+    match text {
+        "all" => Ok(Address::All),
+        text => id(text).map(Address::One),
+    }
+}
+
+fn offset(text: &str) -> Result<Offset, String> {
+    let thirds = text.parse().map_err(|_| format!("'{text}' is not a whole number"))?;
+    Offset::new(thirds).map_err(|error| error.to_string())
+}

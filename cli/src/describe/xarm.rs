@@ -1,0 +1,118 @@
+//! The xArm.
+
+use armwire::xarm::{Command, Raw, Reply, Request, Response, State, TorqueSource, VersionText, XArm};
+use armwire::{Config, Micros};
+
+use super::Arm;
+use crate::hex;
+
+impl Arm for XArm {
+    const NAME: &'static str = "an xArm";
+
+    const CONFIG: Config = Config {
+        // As long as the vendor's package waits.
+        latency: Micros::from_millis(2_000),
+        ..Config::TCP
+    };
+
+    /// Transaction and protocol id.
+    const HEADER: usize = 4;
+
+    fn request(request: &Request) -> String {
+        match request {
+            Request::Heartbeat => "heartbeat".to_owned(),
+            Request::Call { header, command } => {
+                let (transaction, protocol) = (header.transaction, header.protocol as u16);
+                format!("{} (transaction {transaction}, protocol id {protocol})", call(command))
+            }
+            other => format!("{other:?}"),
+        }
+    }
+
+    fn response(response: &Response) -> String {
+        match response {
+            Response::Heartbeat => "heartbeat".to_owned(),
+            Response::Reply { header, state, reply } => {
+                let (transaction, protocol) = (header.transaction, header.protocol as u16);
+                let reply = self::reply(reply);
+                format!("{reply}, state {state} (transaction {transaction}, protocol id {protocol})")
+            }
+            Response::ModbusRefused {
+                transaction,
+                unit,
+                function,
+            } => format!("refused: no standard Modbus function {function}, unit {unit} (transaction {transaction})"),
+            other => format!("{other:?}"),
+        }
+    }
+
+    fn refusal(response: &Response) -> Option<String> {
+        match response {
+            Response::Reply { state, reply, .. } if state.contains(State::INVALID) => Some(format!(
+                "the arm refused register {}, or failed at it (state {state})",
+                reply.register()
+            )),
+            _ => None,
+        }
+    }
+
+    fn stranger(_: &[u8]) -> Option<&'static str> {
+        None
+    }
+}
+
+fn call(command: &Command) -> String {
+    match command {
+        Command::ReadVersion => "read version".to_owned(),
+        Command::ReadSerials => "read serial numbers".to_owned(),
+        Command::ReloadDynamics => "reload dynamics".to_owned(),
+        Command::ReadTorqueSource => "read torque source".to_owned(),
+        Command::ReadRotationRadius(joint) => format!("read rotation radius of joint {}", joint.number()),
+        Command::Shutdown => "shut down".to_owned(),
+        Command::Reboot => "reboot".to_owned(),
+        Command::Raw(raw) => self::raw(raw),
+        other => format!("{other:?}"),
+    }
+}
+
+fn reply(reply: &Reply) -> String {
+    match reply {
+        Reply::Empty(register) => format!("register {}, no value", *register as u8),
+        Reply::Version(text) => version(text),
+        Reply::Serials(serials) => format!("serial number {serials}"),
+        Reply::TorqueSource(source) => format!("torque is {}", torque_source(*source)),
+        Reply::RotationRadius(radius) => match radius.metres() {
+            Ok(metres) => format!("rotation radius {metres} m"),
+            Err(error) => error.to_string(),
+        },
+        Reply::SystemControl(value) => format!("register 10, value {value}"),
+        Reply::Raw(raw) => self::raw(raw),
+        other => format!("{other:?}"),
+    }
+}
+
+fn raw(raw: &Raw) -> String {
+    match raw.params() {
+        [] => format!("register {}, no value", raw.register()),
+        params => format!("register {}, {}", raw.register(), hex::show(params)),
+    }
+}
+
+/// A version in words, or as it is if it does not say what a version says.
+fn version(text: &VersionText) -> String {
+    match text.version() {
+        Ok(version) => format!(
+            "{} axes, type {}, arm {}, control box {}, firmware {}",
+            version.axes, version.kind, version.arm, version.control_box, version.firmware
+        ),
+        Err(_) => format!("version {text}"),
+    }
+}
+
+/// What is reported as torque.
+pub(crate) const fn torque_source(source: TorqueSource) -> &'static str {
+    match source {
+        TorqueSource::Torque => "the joints' torque, computed",
+        TorqueSource::Current => "the servos' current, measured",
+    }
+}

@@ -1,0 +1,36 @@
+//! The Alpha1.
+
+use armwire::alpha1::{Alpha1, OLDEST_FIRMWARE, Request, Response};
+
+use super::show;
+use crate::describe::running;
+use crate::link::{Line, Link};
+use crate::problem::Problem;
+
+pub(super) fn run(link: &mut Link<Alpha1, impl Line>) -> Result<(), Problem> {
+    show("arm", "Alpha1")?;
+    for request in [
+        Request::ReadHardwareVersion,
+        Request::ReadFirmwareVersion,
+        Request::ReadServoStates,
+    ] {
+        match link.call(request)? {
+            Some(Response::HardwareVersion(version)) => show("hardware", version)?,
+            Some(Response::FirmwareVersion(version)) => {
+                let text = version.text.escape_ascii();
+                let oldest = OLDEST_FIRMWARE.escape_ascii();
+                match version.outcome.is_success() {
+                    true if version.text < OLDEST_FIRMWARE => show(
+                        "firmware",
+                        format_args!("{text}, before {oldest}, the first for this protocol"),
+                    )?,
+                    true => show("firmware", text)?,
+                    false => show("firmware", "not told, the robot failed to")?,
+                }
+            }
+            Some(Response::ServoStates(states)) => show("running", format_args!("servos {}", running(states)))?,
+            _ => {}
+        }
+    }
+    Ok(())
+}
