@@ -4,11 +4,14 @@
 //! |---|---|
 //! | [`serial`] | the seam: a device at the far end of a serial line |
 //! | [`ling`] | a Ling arm |
+//! | [`alpha1`] | an Alpha1 robot, and its servos on a bus of their own |
+//! | [`xarm`] | an xArm, and its server on TCP ports (Unix) |
 //! | [`faults`] | a line that drops, corrupts, repeats, delays and makes up bytes |
 //! | [`wire`] | a host and a device on a line in virtual time |
 //! | `pty`, `serve` | a device on a pseudo-terminal in real time (Unix) |
 #![forbid(unsafe_code)]
 
+pub mod alpha1;
 pub mod faults;
 pub mod ling;
 #[cfg(unix)]
@@ -17,3 +20,4 @@ pub mod serial;
 #[cfg(unix)]
 pub mod serve;
 pub mod wire;
+pub mod xarm;

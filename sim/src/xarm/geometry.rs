@@ -1,0 +1,320 @@
+//! Where a joint position puts the flange.
+//!
+//! The modified Denavit-Hartenberg parameters, in millimetres, and the joint limits are the vendor's (xArm user manual,
+//! appendix on kinematics; limits as in its Python SDK). There is no tool: the tool centre point is the flange.
+
+use std::f32::consts;
+use std::f64::consts::{PI, TAU};
+
+/// The most joints there are.
+pub(super) const MAX_JOINTS: usize = 7;
+
+type Vector = [f64; 3];
+/// Three columns.
+type Matrix = [Vector; 3];
+
+/// Which xArm it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    /// xArm 5: five joints.
+    XArm5,
+    /// xArm 6: six joints.
+    XArm6,
+    /// xArm 7: seven joints.
+    XArm7,
+}
+
+impl Model {
+    /// How many joints it has. Its device type is the same number.
+    pub const fn joints(self) -> usize {
+        match self {
+            Self::XArm5 => 5,
+            Self::XArm6 => 6,
+            Self::XArm7 => 7,
+        }
+    }
+
+    /// The least and the greatest angle of each joint, in radians.
+    pub const fn limits(self) -> &'static [(f32, f32)] {
+        const TURN: (f32, f32) = (-consts::TAU, consts::TAU);
+        const SHOULDER: (f32, f32) = (-2.059_488, 2.094_395);
+        const ELBOW: (f32, f32) = (-3.926_99, 0.191_986);
+        const WRIST: (f32, f32) = (-1.692_969, consts::PI);
+        match self {
+            Self::XArm5 => &[TURN, SHOULDER, ELBOW, WRIST, TURN],
+            Self::XArm6 => &[TURN, SHOULDER, ELBOW, TURN, WRIST, TURN],
+            Self::XArm7 => &[TURN, SHOULDER, TURN, (-ELBOW.1, -ELBOW.0), TURN, WRIST, TURN],
+        }
+    }
+
+    fn links(self) -> Vec<Link> {
+        let link = |twist, a, d, offset| Link { twist, a, d, offset };
+        let base = link(0, 0.0, 267.0, 0.0);
+        // The upper arm leans, as does the forearm of an xArm 5.
+        let (upper, lean) = (284.5_f64.hypot(53.5), 284.5_f64.atan2(53.5));
+        let (fore, fore_lean) = (342.5_f64.hypot(77.5), 342.5_f64.atan2(77.5));
+        match self {
+            Self::XArm5 => vec![
+                base,
+                link(-1, 0.0, 0.0, -lean),
+                link(0, upper, 0.0, lean + fore_lean),
+                link(0, fore, 0.0, -fore_lean),
+                link(-1, 76.0, 97.0, 0.0),
+            ],
+            Self::XArm6 => vec![
+                base,
+                link(-1, 0.0, 0.0, -lean),
+                link(0, upper, 0.0, lean),
+                link(-1, 77.5, 342.5, 0.0),
+                link(1, 0.0, 0.0, 0.0),
+                link(-1, 76.0, 97.0, 0.0),
+            ],
+            Self::XArm7 => vec![
+                base,
+                link(-1, 0.0, 0.0, 0.0),
+                link(1, 0.0, 293.0, 0.0),
+                link(1, 52.5, 0.0, 0.0),
+                link(1, 77.5, 342.5, 0.0),
+                link(1, 0.0, 0.0, 0.0),
+                link(-1, 76.0, 97.0, 0.0),
+            ],
+        }
+    }
+
+    /// Where each joint and the flange are when the joints are at these angles, in radians.
+    pub(super) fn place(self, joints: &[f64; MAX_JOINTS]) -> Placed {
+        let mut frame = Frame {
+            position: [0.0; 3],
+            columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        };
+        let mut axes = Vec::new();
+        for (link, angle) in self.links().iter().zip(joints) {
+            frame = frame.along_x(link.twist, link.a);
+            axes.push(frame);
+            frame = frame.along_z(angle + link.offset, link.d);
+        }
+        Placed { axes, flange: frame }
+    }
+}
+
+/// From one joint's axis to the next.
+struct Link {
+    /// About x, in quarter turns: -1, 0 or 1.
+    twist: i8,
+    /// Along x.
+    a: f64,
+    /// Along the joint's axis.
+    d: f64,
+    /// The angle about it when the joint says zero.
+    offset: f64,
+}
+
+/// Where something is and how it is turned, seen from the base.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame {
+    /// In millimetres.
+    pub(super) position: Vector,
+    /// Its x, y and z axis.
+    columns: Matrix,
+}
+
+impl Frame {
+    fn along_x(self, quarters: i8, way: f64) -> Self {
+        let [x, y, z] = self.columns;
+        let sin = f64::from(quarters);
+        let cos = if quarters == 0 { 1.0 } else { 0.0 };
+        Self {
+            position: sum(self.position, scaled(x, way)),
+            columns: [
+                x,
+                sum(scaled(y, cos), scaled(z, sin)),
+                sum(scaled(z, cos), scaled(y, -sin)),
+            ],
+        }
+    }
+
+    fn along_z(self, angle: f64, way: f64) -> Self {
+        let [x, y, z] = self.columns;
+        let (sin, cos) = angle.sin_cos();
+        Self {
+            position: sum(self.position, scaled(z, way)),
+            columns: [
+                sum(scaled(x, cos), scaled(y, sin)),
+                sum(scaled(y, cos), scaled(x, -sin)),
+                z,
+            ],
+        }
+    }
+
+    /// Roll, pitch and yaw, in radians: the turns about the fixed x, then y, then z axis.
+    pub(super) fn roll_pitch_yaw(&self) -> Vector {
+        let [[xx, xy, xz], [yx, yy, yz], [.., zz]] = self.columns;
+        let level = xx.hypot(xy);
+        let pitch = (-xz).atan2(level);
+        if level < 1e-9 {
+            // Straight up or down, roll and yaw are the same turn.
+            return [0.0, pitch, upright((-yx).atan2(yy))];
+        }
+        [upright(yz.atan2(zz)), pitch, upright(xy.atan2(xx))]
+    }
+
+    /// The turn as a vector along its axis, as long as its angle in radians.
+    pub(super) fn rotation_vector(&self) -> Vector {
+        let m = &self.columns;
+        let twice_sin = [m[1][2] - m[2][1], m[2][0] - m[0][2], m[0][1] - m[1][0]];
+        let twice_cos = m[0][0] + m[1][1] + m[2][2] - 1.0;
+        let angle = length(twice_sin).atan2(twice_cos);
+        if angle < 1e-9 {
+            return [0.0; 3];
+        }
+        if angle < PI - 1e-6 {
+            return scaled(twice_sin, angle / length(twice_sin));
+        }
+        // Half a turn: the axis is in the matrix itself, up to its sign, which means nothing.
+        let widest = (0..3).max_by(|&i, &j| m[i][i].total_cmp(&m[j][j])).unwrap_or(0);
+        let mut axis = m[widest];
+        axis[widest] += 1.0;
+        scaled(axis, angle / length(axis))
+    }
+}
+
+/// Joints and flange, seen from the base.
+pub(super) struct Placed {
+    /// The z axis of each is the axis that the joint turns about.
+    axes: Vec<Frame>,
+    pub(super) flange: Frame,
+}
+
+impl Placed {
+    /// How far the flange is from the axis of a joint, counted from zero, in millimetres: the radius of the circle that it
+    /// describes when only this joint turns. `None` if there is no such joint.
+    pub(super) fn radius(&self, joint: usize) -> Option<f64> {
+        let axis = self.axes.get(joint)?;
+        let arm = sum(self.flange.position, scaled(axis.position, -1.0));
+        Some(length(cross(axis.columns[2], arm)))
+    }
+
+    /// How fast the flange moves when the joints turn this fast, in millimetres and radians per second.
+    pub(super) fn speed(&self, velocities: &[f64; MAX_JOINTS]) -> f64 {
+        let moved = self
+            .axes
+            .iter()
+            .zip(velocities)
+            .fold([0.0; 3], |moved, (axis, &velocity)| {
+                let arm = sum(self.flange.position, scaled(axis.position, -1.0));
+                sum(moved, scaled(cross(axis.columns[2], arm), velocity))
+            });
+        length(moved)
+    }
+}
+
+/// Half a turn is half a turn, whichever way rounding made it.
+fn upright(angle: f64) -> f64 {
+    if angle < 1e-9 - PI { angle + TAU } else { angle }
+}
+
+fn sum([a, b, c]: Vector, [x, y, z]: Vector) -> Vector {
+    [a + x, b + y, c + z]
+}
+
+fn scaled(vector: Vector, factor: f64) -> Vector {
+    vector.map(|v| v * factor)
+}
+
+fn cross([a, b, c]: Vector, [x, y, z]: Vector) -> Vector {
+    [b * z - c * y, c * x - a * z, a * y - b * x]
+}
+
+fn length([a, b, c]: Vector) -> f64 {
+    a.hypot(b).hypot(c)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use proptest::array::uniform7;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const MODELS: [Model; 3] = [Model::XArm5, Model::XArm6, Model::XArm7];
+
+    fn assert_near(got: Vector, expected: Vector) {
+        let near = got.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(near, "{got:?}, expected {expected:?}");
+    }
+
+    #[test]
+    fn at_zero_the_flange_is_where_the_vendor_says_and_looks_down() {
+        let homes = [[207.0, 0.0, 112.0], [207.0, 0.0, 112.0], [206.0, 0.0, 120.5]];
+        for (model, home) in MODELS.into_iter().zip(homes) {
+            let flange = model.place(&[0.0; 7]).flange;
+            assert_near(flange.position, home);
+            assert_near(flange.roll_pitch_yaw(), [PI, 0.0, 0.0]);
+            assert_near(flange.rotation_vector(), [PI, 0.0, 0.0]);
+        }
+    }
+
+    #[test]
+    fn the_base_joint_turns_everything() {
+        for model in MODELS {
+            let flange = model.place(&[FRAC_PI_2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]).flange;
+            let [x, _, z] = model.place(&[0.0; 7]).flange.position;
+            assert_near(flange.position, [0.0, x, z]);
+            assert_near(flange.roll_pitch_yaw(), [PI, 0.0, FRAC_PI_2]);
+        }
+    }
+
+    #[test]
+    fn the_flange_turns_on_the_last_joints_axis() {
+        for model in MODELS {
+            let placed = model.place(&[0.3; 7]);
+            assert!(placed.radius(model.joints() - 1).unwrap() < 1e-9);
+            assert_eq!(placed.radius(model.joints()), None);
+        }
+    }
+
+    /// A rotation vector as a matrix, by Rodrigues' formula.
+    fn turned(vector: Vector, by: Vector) -> Vector {
+        let angle = length(by);
+        if angle == 0.0 {
+            return vector;
+        }
+        let axis = scaled(by, 1.0 / angle);
+        let along: f64 = axis.iter().zip(vector).map(|(a, v)| a * v).sum();
+        let across = sum(scaled(vector, angle.cos()), scaled(cross(axis, vector), angle.sin()));
+        sum(across, scaled(axis, along * (1.0 - angle.cos())))
+    }
+
+    proptest! {
+        #[test]
+        fn radius_and_speed_agree_with_what_a_small_turn_does(joints in uniform7(-TAU..TAU), joint in 0_usize..5) {
+            for model in MODELS {
+                let placed = model.place(&joints);
+                let mut further = joints;
+                further[joint] += 1e-6;
+                let [from, to] = [joints, further].map(|joints| model.place(&joints).flange.position);
+                let moved = length(sum(to, scaled(from, -1.0))) / 1e-6;
+                let mut velocities = [0.0; 7];
+                velocities[joint] = 1.0;
+                prop_assert!((placed.radius(joint).unwrap() - moved).abs() < 1e-2);
+                prop_assert!((placed.speed(&velocities) - moved).abs() < 1e-2);
+            }
+        }
+
+        #[test]
+        fn both_forms_of_an_orientation_turn_the_base_into_the_flange(joints in uniform7(-TAU..TAU)) {
+            let flange = Model::XArm6.place(&joints).flange;
+            let [roll, pitch, yaw] = flange.roll_pitch_yaw();
+            let about = flange.rotation_vector();
+            for (i, column) in flange.columns.into_iter().enumerate() {
+                let mut axis = [0.0; 3];
+                axis[i] = 1.0;
+                assert_near(turned(axis, about), column);
+                let rolled = turned(axis, [roll, 0.0, 0.0]);
+                assert_near(turned(turned(rolled, [0.0, pitch, 0.0]), [0.0, 0.0, yaw]), column);
+            }
+        }
+    }
+}

@@ -1,0 +1,329 @@
+//! A virtual xArm.
+//!
+//! [`VirtualXArm`] is the control box: it answers requests, as many clients as there are, and says how it is in reports.
+//! What its joints do is in `body.rs`. [`Server`] puts it on TCP ports.
+//!
+//! Besides the registers of the document it has those that the vendor's Python SDK needs to connect, to stay connected and
+//! to move joints:
+//!
+//! | Register | Request | Answer |
+//! |---|---|---|
+//! | 3 | | 0: verified |
+//! | 7, 66 | 66: 0 or 1 | 7: whether motion may be approximate; changes nothing here |
+//! | 11 | joint from 1, or 8 for all; 0 or 1 | switches motors |
+//! | 12 | 0 ready, 3 paused, 4 stopped | |
+//! | 13 | | 1 moving, 2 at rest, 3 paused, 4 stopped, 5 stopped by a setting |
+//! | 14 | | moves that wait or are under way, `u16` |
+//! | 15 | | error, warning |
+//! | 16, 17 | | clear the error, the warning |
+//! | 19 | mode, and perhaps 0 or 1 | |
+//! | 23 | ten `f32`: seven joints in rad, speed in rad/s, acceleration in rad/s², a time that is ignored | |
+//! | 41 | | six `f32`: x, y, z in mm; roll, pitch, yaw in rad |
+//! | 42 | perhaps 1, 2 or 3 | seven `f32`: joints in rad; from 2 also rad/s; with 3 also torques |
+//! | 55 | | seven `f32`: torques |
+//! | 70 | 0 or 1 | what is reported as torque, which register 5 tells |
+//!
+//! To all others, and to parameters that these do not have, it answers that the state is invalid, and nothing else happens.
+
+mod body;
+mod geometry;
+mod profile;
+mod report;
+#[cfg(unix)]
+mod server;
+#[cfg(test)]
+mod tests;
+
+use armwire::Micros;
+use armwire::xarm::{
+    Command, ParseError, Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TorqueSource, VersionText,
+};
+
+use body::{Body, Refused, Target};
+pub use geometry::Model;
+pub use report::REPORT;
+#[cfg(unix)]
+pub use server::{BindError, Notice, Port, Served, Server};
+
+/// The registers that the document does not have.
+mod register {
+    pub(super) const READ_VERIFICATION: u8 = 3;
+    pub(super) const READ_APPROXIMATION: u8 = 7;
+    pub(super) const SET_MOTOR: u8 = 11;
+    pub(super) const SET_STATE: u8 = 12;
+    pub(super) const READ_STATE: u8 = 13;
+    pub(super) const READ_MOVES: u8 = 14;
+    pub(super) const READ_CODES: u8 = 15;
+    pub(super) const CLEAR_ERROR: u8 = 16;
+    pub(super) const CLEAR_WARNING: u8 = 17;
+    pub(super) const SET_MODE: u8 = 19;
+    pub(super) const MOVE_JOINTS: u8 = 23;
+    pub(super) const READ_POSE: u8 = 41;
+    pub(super) const READ_JOINTS: u8 = 42;
+    pub(super) const READ_TORQUES: u8 = 55;
+    pub(super) const SET_APPROXIMATION: u8 = 66;
+    pub(super) const SET_TORQUE_SOURCE: u8 = 70;
+}
+
+/// What a virtual arm is.
+///
+/// ```
+/// use armwire::xarm::SerialsText;
+/// use armwire_sim::xarm::{Config, Model};
+///
+/// let config = Config {
+///     serials: SerialsText::new("XS130000000B00", "AC130000000L00")?,
+///     ..Config::new(Model::XArm7)
+/// };
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Config {
+    /// Which xArm it is.
+    pub model: Model,
+    /// Its versions; axes and type should say the same as `model`. The SDK does more with later firmware than this arm has
+    /// registers for.
+    pub version: VersionText,
+    /// Serial numbers of arm and control box.
+    pub serials: SerialsText,
+}
+
+impl Config {
+    /// An arm with the versions and serial numbers of the document's examples, which are an xArm 6's.
+    ///
+    /// # Panics
+    ///
+    /// Never: the texts fit.
+    pub fn new(model: Model) -> Self {
+        // The second letter of hardware and serial number is the vendor's for the model.
+        let (kind, letter) = match model {
+            Model::XArm5 => (5, 'F'),
+            Model::XArm6 => (6, 'I'),
+            Model::XArm7 => (7, 'S'),
+        };
+        let version = format!("{kind},{kind},X{letter}1202,AC1302,v1.12.10");
+        let serial = format!("X{letter}120204201B02");
+        Self {
+            model,
+            version: VersionText::new(&version).expect("it fits"),
+            serials: SerialsText::new(&serial, "AC130202B02L02").expect("they fit"),
+        }
+    }
+}
+
+/// A virtual xArm, switched on at time zero, its joints at zero and its motors off.
+///
+/// It is deterministic: what it does depends on the requests it gets and when, and not on how often it is asked.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire::xarm::{Command, Header, ProtocolId, Reply, Request, Response, State, TorqueSource};
+/// use armwire_sim::xarm::{Config, Model, VirtualXArm};
+///
+/// let mut arm = VirtualXArm::new(Config::new(Model::XArm6));
+/// let header = Header { transaction: 1, protocol: ProtocolId::Private };
+/// let request = Request::Call { header, command: Command::ReadTorqueSource };
+/// let reply = Reply::TorqueSource(TorqueSource::Torque);
+/// let answer = Response::Reply { header, state: State::NOT_READY, reply };
+/// assert_eq!(arm.answer(Micros(0), &request), Some(answer));
+/// ```
+#[derive(Clone, Debug)]
+pub struct VirtualXArm {
+    config: Config,
+    body: Body,
+    torque_source: TorqueSource,
+    /// Whether motion may be approximate.
+    approximates: bool,
+}
+
+impl VirtualXArm {
+    /// An arm that was just switched on.
+    pub fn new(config: Config) -> Self {
+        Self {
+            config,
+            body: Body::new(config.model),
+            torque_source: TorqueSource::Torque,
+            approximates: false,
+        }
+    }
+
+    /// Lets time pass, as [`answer`](Self::answer) and [`report`](Self::report) do: what the methods below tell is the
+    /// state at the last time given.
+    pub fn advance(&mut self, now: Micros) {
+        self.body.advance(now);
+    }
+
+    /// Joint angles, in radians; those it does not have are 0.
+    pub fn joints(&self) -> [f64; 7] {
+        *self.body.joints()
+    }
+
+    /// How fast the joints turn, in radians per second.
+    pub fn velocities(&self) -> [f64; 7] {
+        *self.body.velocities()
+    }
+
+    /// What every answer says of it.
+    pub fn state(&self) -> State {
+        let bit = |set, bit| if set { bit } else { State::OK };
+        bit(!self.body.can_move(), State::NOT_READY)
+            | bit(self.body.warning() != 0, State::WARNING)
+            | bit(self.body.error() != 0, State::ERROR)
+    }
+
+    /// Raises an error by its number in the vendor's list, which stops the arm; 0 clears it.
+    pub fn set_error(&mut self, code: u8) {
+        self.body.set_error(code);
+    }
+
+    /// Raises a warning by its number in the vendor's list; 0 clears it.
+    pub fn set_warning(&mut self, code: u8) {
+        self.body.set_warning(code);
+    }
+
+    /// Does what is asked and returns the answer, if there is one.
+    ///
+    /// Shutdown and reboot leave it switched off and on again, with its joints where they are and everything else as when
+    /// it was made. What becomes of connections is up to the one who serves it.
+    pub fn answer(&mut self, now: Micros, request: &Request) -> Option<Response> {
+        self.advance(now);
+        let &Request::Call { header, command } = request else {
+            return None; // A heartbeat.
+        };
+        let done = match command {
+            Command::ReadVersion => Ok(Reply::Version(self.config.version)),
+            Command::ReadSerials => Ok(Reply::Serials(self.config.serials)),
+            Command::ReadTorqueSource => Ok(Reply::TorqueSource(self.torque_source)),
+            Command::ReadRotationRadius(joint) => self.radius(joint.number()),
+            Command::ReloadDynamics => Ok(Reply::empty(command.register())),
+            Command::Shutdown | Command::Reboot => {
+                // It answers as the arm it still is.
+                let state = self.state();
+                self.restart();
+                return Some(Response::Reply {
+                    header,
+                    state,
+                    reply: Reply::empty(command.register()),
+                });
+            }
+            Command::Raw(raw) => self.obey(&raw),
+            // A command of a later version of the document.
+            _ => Err(Refused),
+        };
+        Some(Response::Reply {
+            header,
+            state: match done {
+                Ok(_) => self.state(),
+                Err(Refused) => self.state() | State::INVALID,
+            },
+            reply: done.unwrap_or(Reply::empty(command.register())),
+        })
+    }
+
+    /// The answer to a good frame that is no request.
+    pub fn refuse(&mut self, now: Micros, error: &ParseError) -> Response {
+        self.advance(now);
+        match error.refusal() {
+            Response::Reply { header, state, reply } => Response::Reply {
+                header,
+                state: state | self.state(),
+                reply,
+            },
+            other => other,
+        }
+    }
+
+    /// How it is, as it says five times a second: [`REPORT`] bytes.
+    pub fn report(&mut self, now: Micros) -> Vec<u8> {
+        self.advance(now);
+        report::report(self)
+    }
+
+    fn restart(&mut self) {
+        let mut body = self.body.clone();
+        body.restart();
+        *self = Self {
+            body,
+            ..Self::new(self.config)
+        };
+    }
+
+    /// How far the flange is from the axis of a joint, from 1.
+    ///
+    /// The document does not define the radius. This is what the words say, and it is 0 for joint 6, as in its example.
+    fn radius(&self, joint: u8) -> Result<Reply, Refused> {
+        let joint = usize::from(joint) - 1;
+        let millimetres = self.body.placed().radius(joint).ok_or(Refused)? as f32;
+        Ok(Reply::RotationRadius(RotationRadius { millimetres }))
+    }
+
+    /// Does what the document does not have.
+    fn obey(&mut self, raw: &Raw) -> Result<Reply, Refused> {
+        let body = &mut self.body;
+        let done = Vec::new();
+        let params = match (raw.register(), raw.params()) {
+            (register::READ_VERIFICATION, []) => vec![0],
+            (register::READ_APPROXIMATION, []) => vec![self.approximates.into()],
+            (register::READ_STATE, []) => vec![body.state()],
+            (register::READ_MOVES, []) => (body.moves() as u16).to_be_bytes().to_vec(),
+            (register::READ_CODES, []) => vec![body.error(), body.warning()],
+            (register::READ_POSE, []) => {
+                let flange = body.placed().flange;
+                [floats(&flange.position), floats(&flange.roll_pitch_yaw())].concat()
+            }
+            (register::READ_JOINTS, [] | [1]) => floats(body.joints()),
+            (register::READ_JOINTS, [2]) => [floats(body.joints()), floats(body.velocities())].concat(),
+            (register::READ_JOINTS, [3]) => {
+                [floats(body.joints()), floats(body.velocities()), floats(&[0.0; 7])].concat()
+            }
+            (register::READ_TORQUES, []) => floats(&[0.0; 7]),
+            (register::SET_MOTOR, &[joint, on @ (0 | 1)]) => body.set_motor(joint, on == 1).map(|()| done)?,
+            (register::SET_STATE, &[state]) => body.set_state(state).map(|()| done)?,
+            (register::SET_MODE, &[mode] | &[mode, 0 | 1]) => body.set_mode(mode).map(|()| done)?,
+            (register::MOVE_JOINTS, params) => body.go(target(params).ok_or(Refused)?).map(|()| done)?,
+            (register::CLEAR_ERROR, []) => {
+                body.set_error(0);
+                done
+            }
+            (register::CLEAR_WARNING, []) => {
+                body.set_warning(0);
+                done
+            }
+            (register::SET_APPROXIMATION, &[on @ (0 | 1)]) => {
+                self.approximates = on == 1;
+                done
+            }
+            (register::SET_TORQUE_SOURCE, &[source @ (0 | 1)]) => {
+                self.torque_source = match source {
+                    0 => TorqueSource::Torque,
+                    _ => TorqueSource::Current,
+                };
+                done
+            }
+            _ => return Err(Refused),
+        };
+        Raw::new(raw.register(), &params).map(Reply::Raw).map_err(|_| Refused)
+    }
+}
+
+/// The parameters of a move: joints, speed, acceleration, and a time that is ignored.
+fn target(params: &[u8]) -> Option<Target> {
+    let (values, rest) = params.as_chunks();
+    let values = values
+        .iter()
+        .map(|&bytes| f32::from_le_bytes(bytes))
+        .collect::<Vec<_>>();
+    match (&values[..], rest) {
+        (&[ref joints @ .., speed, acceleration, _time], []) => Some(Target {
+            joints: joints.try_into().ok()?,
+            speed,
+            acceleration,
+        }),
+        _ => None,
+    }
+}
+
+/// Values as they are on the wire.
+fn floats(values: &[f64]) -> Vec<u8> {
+    values.iter().flat_map(|&value| (value as f32).to_le_bytes()).collect()
+}

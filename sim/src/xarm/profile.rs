@@ -1,0 +1,109 @@
+//! How far along its way something is that speeds up, cruises and slows down.
+
+use armwire::Micros;
+
+/// Rest to rest over a way, at a given acceleration and at no more than a given speed.
+///
+/// It is a formula of time: where it is does not depend on how often it is asked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Profile {
+    way: f64,
+    /// The greatest speed that it comes to.
+    peak: f64,
+    acceleration: f64,
+}
+
+impl Profile {
+    /// All positive and finite; the way may be zero.
+    pub(super) fn new(way: f64, speed: f64, acceleration: f64) -> Self {
+        Self {
+            way,
+            peak: speed.min((way * acceleration).sqrt()),
+            acceleration,
+        }
+    }
+
+    /// How long it takes.
+    pub(super) fn duration(&self) -> Micros {
+        if self.peak > 0.0 {
+            Micros((self.seconds() * 1e6).ceil() as u64)
+        } else {
+            Micros(0)
+        }
+    }
+
+    fn seconds(&self) -> f64 {
+        self.way / self.peak + self.peak / self.acceleration
+    }
+
+    /// How far it has come, as a fraction of the way, and how fast that grows, per second.
+    pub(super) fn at(&self, time: Micros) -> (f64, f64) {
+        if time >= self.duration() {
+            return (1.0, 0.0);
+        }
+        let time = time.0 as f64 / 1e6;
+        let left = (self.seconds() - time).max(0.0);
+        let ramp = self.peak / self.acceleration;
+        let (gone, speed) = if time < ramp {
+            (self.acceleration * time * time / 2.0, self.acceleration * time)
+        } else if left < ramp {
+            (
+                self.way - self.acceleration * left * left / 2.0,
+                self.acceleration * left,
+            )
+        } else {
+            (self.peak * (time - ramp / 2.0), self.peak)
+        };
+        (gone / self.way, speed / self.way)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn a_long_way_has_a_cruise_and_a_short_one_has_none() {
+        // 1 s up, 9 s at 1/s, 1 s down.
+        let long = Profile::new(10.0, 1.0, 1.0);
+        assert_eq!(long.duration(), Micros::from_millis(11_000));
+        assert_eq!(long.at(Micros::from_millis(500)), (0.0125, 0.05));
+        assert_eq!(long.at(Micros::from_millis(5_500)), (0.5, 0.1));
+        assert_eq!(long.at(Micros::from_millis(10_500)), (0.9875, 0.05));
+
+        // 1 s up, 1 s down.
+        let short = Profile::new(1.0, 5.0, 1.0);
+        assert_eq!(short.duration(), Micros::from_millis(2_000));
+        assert_eq!(short.at(Micros::from_millis(1_000)), (0.5, 1.0));
+    }
+
+    #[test]
+    fn no_way_takes_no_time() {
+        let none = Profile::new(0.0, 1.0, 1.0);
+        assert_eq!(none.duration(), Micros(0));
+        assert_eq!(none.at(Micros(0)), (1.0, 0.0));
+    }
+
+    proptest! {
+        #[test]
+        fn it_keeps_to_speed_and_acceleration_and_ends_at_the_end(
+            way in 1e-3..10.0, speed in 1e-3..4.0, acceleration in 1e-2..20.0,
+        ) {
+            let profile = Profile::new(way, speed, acceleration);
+            let steps = 1_000;
+            let step = (profile.duration().0 / steps).max(1);
+            let mut before = (0.0, 0.0);
+            for i in 1..=steps {
+                let (gone, rate) = profile.at(Micros(i * step));
+                prop_assert!(gone >= before.0 && gone <= 1.0 + 1e-9);
+                prop_assert!(rate * way <= speed * (1.0 + 1e-9));
+                let change = (rate - before.1).abs() * way;
+                prop_assert!(change <= acceleration * step as f64 / 1e6 * (1.0 + 1e-6) + acceleration * 2e-6);
+                before = (gone, rate);
+            }
+            prop_assert!(profile.at(profile.duration()) == (1.0, 0.0));
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! What the arm says unasked, five times a second, to whoever connects to its report port (30002, "rich").
+//!
+//! The document does not have it: the fields are those that the vendor's Python SDK reads. A real arm's report has 233 to
+//! 587 bytes, by its firmware, and the SDK knows from the length what is in it. This one ends with the byte that says what
+//! is reported as torque.
+//!
+//! Zero by design is what a virtual arm does not have: torques, currents, voltages, temperatures; tool, load and offsets;
+//! inputs and outputs; a force sensor; sensitivity to collisions; limits on jerk and on motion in space; ids and error
+//! codes of its servos.
+
+use armwire::xarm::TorqueSource;
+
+use super::body::{MAX_ACCELERATION, MAX_SPEED};
+use super::{VirtualXArm, floats};
+
+/// How long a report is, in bytes. The SDK closes a connection on which the length changes.
+pub const REPORT: usize = 495;
+
+/// The report of how the arm is at the last time it was told.
+pub(super) fn report(arm: &VirtualXArm) -> Vec<u8> {
+    let body = &arm.body;
+    let placed = body.placed();
+    let flange = &placed.flange;
+    let kind = arm.config.model.joints() as u8;
+
+    let mut out = Fields(Vec::with_capacity(REPORT));
+    out.bytes(&(REPORT as u32).to_be_bytes());
+    out.bytes(&[body.mode() << 4 | body.state()]);
+    out.bytes(&(body.moves() as u16).to_be_bytes());
+    out.floats(body.joints());
+    out.floats(&flange.position);
+    out.floats(&flange.roll_pitch_yaw());
+    out.zeros(7 * 4); // torques
+    // A motor that is on has its brake off, which is 1.
+    out.bytes(&[body.motors(), body.motors(), body.error(), body.warning()]);
+    out.zeros(6 * 4 + 4 * 4); // tool and load
+    out.zeros(2); // sensitivity to collisions and to guiding hands
+    out.floats(&[0.0, 0.0, -1.0]); // gravity
+    out.bytes(&[kind, kind, 0, 0, 0, 0]); // type, axes, ids
+    out.bytes(&arm.config.version.0[..29]);
+    out.zeros(1);
+    out.zeros(5 * 4); // motion in space: jerk, accelerations, speeds
+    out.floats(&[0.0, 0.0, MAX_ACCELERATION.into(), 0.0, MAX_SPEED.into()]); // the same of joints
+    out.zeros(2 * 4); // rotation in space: jerk, acceleration
+    out.zeros(7 * 2 + 2); // status and error code of each servo and of the flange's electronics
+    out.zeros(7); // temperatures
+    out.floats(&[placed.speed(body.velocities())]);
+    out.floats(body.velocities());
+    out.zeros(4); // a counter
+    out.zeros(6 * 4); // base offset
+    out.zeros(2); // resetting of outputs
+    out.zeros(3 + 6 * 4); // simulation, collisions with itself, shape of the tool
+    out.zeros(7 * 2 + 7 * 4); // voltages, currents
+    out.zeros(2 + 8 * 2 + 4 * 8); // inputs and outputs
+    out.zeros(2 * 6 * 4); // force sensor
+    out.zeros(1); // identification
+    out.floats(&flange.rotation_vector());
+    let current = u8::from(arm.torque_source == TorqueSource::Current);
+    out.bytes(&[current << 2 | u8::from(arm.approximates) << 3]);
+    out.0
+}
+
+/// Fields, one after the other.
+struct Fields(Vec<u8>);
+
+impl Fields {
+    fn bytes(&mut self, bytes: &[u8]) {
+        self.0.extend_from_slice(bytes);
+    }
+
+    fn floats(&mut self, values: &[f64]) {
+        self.0.extend(floats(values));
+    }
+
+    fn zeros(&mut self, n: usize) {
+        self.0.resize(self.0.len() + n, 0);
+    }
+}

@@ -1,0 +1,473 @@
+//! A virtual xArm on TCP ports, in real time: one thread, any clients, none of which can hold up the others.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::io::{self, ErrorKind, Read, Write};
+use std::mem;
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use armwire::xarm::{Command, MAX_FRAME, Request, Response, XArm};
+use armwire::{Device, Heard, Input, Micros, Noise, Protocol};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+
+use super::VirtualXArm;
+use super::report::REPORT;
+
+/// How long it takes at most to notice the stop flag.
+const NOTICE: Duration = Duration::from_millis(100);
+/// From one report to the next.
+const REPORT_PERIOD: Duration = Duration::from_millis(200);
+/// How many clients there may be. Further ones are sent away at once.
+const MAX_CLIENTS: usize = 64;
+/// With this many bytes of answers waiting for a client, its requests wait too.
+const MAX_ANSWERS: usize = 16 * 1024;
+/// With this many bytes of reports waiting for a client, further ones are left out.
+const MAX_REPORTS: usize = 8 * REPORT;
+/// How many bytes are read from one client before it is the others' turn.
+const READ: usize = 4 * 1024;
+/// How long a client that is to go has to take what it is still to get.
+const LINGER: Duration = Duration::from_secs(1);
+
+/// The ports of a virtual arm, bound and ready for [`serve`](Self::serve).
+///
+/// There is no authentication, as a real arm has none: whoever reaches the control port moves the arm. Bind it to a
+/// loopback address unless that is meant.
+#[derive(Debug)]
+pub struct Server {
+    control: TcpListener,
+    report: Option<TcpListener>,
+    addresses: (SocketAddr, Option<SocketAddr>),
+}
+
+/// A port that could not be bound.
+#[derive(Debug)]
+pub struct BindError {
+    /// Which it was to be.
+    pub address: SocketAddr,
+    /// Why not.
+    pub error: io::Error,
+}
+
+impl fmt::Display for BindError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "cannot listen on {}: {}", self.address, self.error)
+    }
+}
+
+impl std::error::Error for BindError {}
+
+/// What a client has connected to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Port {
+    /// Requests and answers; a real arm's is 502.
+    Control,
+    /// Reports; a real arm's is 30002.
+    Report,
+}
+
+/// What happens to a server's clients, as it happens.
+#[derive(Debug)]
+pub enum Notice {
+    /// A client connected.
+    Connected(SocketAddr, Port),
+    /// There are too many clients, so another was sent away.
+    TooMany(SocketAddr),
+    /// A client went away.
+    Gone(SocketAddr),
+    /// A client sent what cannot be a frame, so its connection is closed.
+    Broken(SocketAddr, Noise),
+    /// A connection failed.
+    Lost(SocketAddr, io::Error),
+    /// A client had the arm rebooted, so all connections are closed, and new ones are welcome.
+    Rebooted(SocketAddr),
+    /// A client had the arm shut down, so all connections are closed, and serving ends.
+    ShutDown(SocketAddr),
+}
+
+impl fmt::Display for Notice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Connected(peer, Port::Control) => write!(f, "{peer}: connected"),
+            Self::Connected(peer, Port::Report) => write!(f, "{peer}: connected for reports"),
+            Self::TooMany(peer) => write!(f, "{peer}: sent away, there are {MAX_CLIENTS} clients already"),
+            Self::Gone(peer) => write!(f, "{peer}: gone"),
+            Self::Broken(peer, noise) => write!(f, "{peer}: connection closed, not an xArm frame: {noise}"),
+            Self::Lost(peer, error) => write!(f, "{peer}: connection lost: {error}"),
+            Self::Rebooted(peer) => write!(f, "{peer}: reboots the arm, all connections closed"),
+            Self::ShutDown(peer) => write!(f, "{peer}: shuts the arm down, all connections closed"),
+        }
+    }
+}
+
+/// What was served.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Served {
+    /// Clients that connected, to either port.
+    pub clients: u64,
+    /// Requests, heartbeats included.
+    pub requests: u64,
+    /// Good frames that were no request: standard Modbus, and parameters that a register does not have.
+    pub unknown: u64,
+    /// Connections that were closed because what came could not be a frame.
+    pub broken: u64,
+    /// Reports sent, one for each client.
+    pub reports: u64,
+    /// Reports left out because a client did not read.
+    pub lost: u64,
+}
+
+impl Server {
+    /// Binds the control port and, if there are to be reports, the report port. Port 0 is any that is free.
+    ///
+    /// # Errors
+    ///
+    /// [`BindError`] when a port is taken or not allowed.
+    pub fn bind(control: SocketAddr, report: Option<SocketAddr>) -> Result<Self, BindError> {
+        let bind = |address| -> Result<(TcpListener, SocketAddr), BindError> {
+            let bound = TcpListener::bind(address).and_then(|listener| {
+                listener.set_nonblocking(true)?;
+                let address = listener.local_addr()?;
+                Ok((listener, address))
+            });
+            bound.map_err(|error| BindError { address, error })
+        };
+        let (control, control_address) = bind(control)?;
+        let (report, report_address) = report.map(bind).transpose()?.unzip();
+        Ok(Self {
+            control,
+            report,
+            addresses: (control_address, report_address),
+        })
+    }
+
+    /// Where the control port is.
+    pub fn control_address(&self) -> SocketAddr {
+        self.addresses.0
+    }
+
+    /// Where the report port is, if there is one.
+    pub fn report_address(&self) -> Option<SocketAddr> {
+        self.addresses.1
+    }
+
+    /// Serves an arm, whose time zero is now, until `stop` is set, which it notices within 100 ms, or a client shuts the
+    /// arm down. Says what happens as it happens.
+    ///
+    /// A request that a client sends while it does not read its answers waits; a report that it does not read in time is
+    /// left out. What cannot be a frame ends that client's connection and no other.
+    ///
+    /// # Errors
+    ///
+    /// When the system refuses to accept or to wait: never for what a client does.
+    pub fn serve(self, arm: &mut VirtualXArm, stop: &AtomicBool, notice: &mut dyn FnMut(Notice)) -> io::Result<Served> {
+        let mut service = Service {
+            arm,
+            notice,
+            start: Instant::now(),
+            clients: Vec::new(),
+            served: Served::default(),
+        };
+        let mut next_report = service.start;
+        while !stop.load(Ordering::Relaxed) {
+            service.accept(&self.control, Port::Control)?;
+            if let Some(report) = &self.report {
+                service.accept(report, Port::Report)?;
+            }
+            if next_report <= Instant::now() {
+                next_report = Instant::now() + REPORT_PERIOD;
+                service.report();
+            }
+            let until_report = next_report.saturating_duration_since(Instant::now());
+            match service.converse() {
+                Power::On => service.wait(&[Some(&self.control), self.report.as_ref()], until_report)?,
+                Power::Off => break,
+            }
+        }
+        // Who still lingers gets what was to be said.
+        while service.leaving() {
+            service.converse();
+            service.wait(&[], NOTICE)?;
+        }
+        Ok(service.served)
+    }
+}
+
+/// What becomes of the arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Power {
+    On,
+    Off,
+}
+
+/// An arm and who talks to it.
+struct Service<'a> {
+    arm: &'a mut VirtualXArm,
+    notice: &'a mut dyn FnMut(Notice),
+    start: Instant,
+    clients: Vec<Client>,
+    served: Served,
+}
+
+impl Service<'_> {
+    fn now(&self) -> Micros {
+        Micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
+    }
+
+    fn accept(&mut self, listener: &TcpListener, port: Port) -> io::Result<()> {
+        loop {
+            let (stream, peer) = match listener.accept() {
+                Ok(accepted) => accepted,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
+                // It went before we came.
+                Err(error) if matches!(error.kind(), ErrorKind::ConnectionAborted | ErrorKind::Interrupted) => continue,
+                Err(error) => return Err(error),
+            };
+            if self.clients.len() == MAX_CLIENTS {
+                (self.notice)(Notice::TooMany(peer));
+                continue;
+            }
+            match stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true)) {
+                Ok(()) => {
+                    self.served.clients += 1;
+                    (self.notice)(Notice::Connected(peer, port));
+                    self.clients.push(Client::new(stream, peer, port));
+                }
+                Err(error) => (self.notice)(Notice::Lost(peer, error)),
+            }
+        }
+    }
+
+    /// Queues a report for everyone who is there for reports.
+    fn report(&mut self) {
+        let report = self.arm.report(self.now());
+        let there = |client: &&mut Client| client.device.is_none() && client.leaves.is_none();
+        for client in self.clients.iter_mut().filter(there) {
+            if client.out.len() < MAX_REPORTS {
+                client.out.extend(&report);
+                self.served.reports += 1;
+            } else {
+                self.served.lost += 1;
+            }
+        }
+    }
+
+    /// Hears and answers everyone once.
+    fn converse(&mut self) -> Power {
+        let mut clients = mem::take(&mut self.clients);
+        let mut cut = None;
+        clients.retain_mut(|client| {
+            if cut.is_some() {
+                return true;
+            }
+            let heard = self.hear(client);
+            cut = heard.as_ref().ok().and_then(|&cut| Some((client.peer, cut?)));
+            self.keep(client, heard.map(drop))
+        });
+        if cut.is_some() {
+            clients.iter_mut().for_each(Client::dismiss);
+        }
+        clients.retain_mut(|client| {
+            let flushed = client.flush();
+            self.keep(client, flushed)
+        });
+        self.clients = clients;
+        match cut {
+            None => Power::On,
+            Some((peer, Cut::Reboot)) => {
+                (self.notice)(Notice::Rebooted(peer));
+                Power::On
+            }
+            Some((peer, Cut::Shutdown)) => {
+                (self.notice)(Notice::ShutDown(peer));
+                Power::Off
+            }
+        }
+    }
+
+    /// Takes what a client says and queues the answers, up to one that cuts the power.
+    fn hear(&mut self, client: &mut Client) -> io::Result<Option<Cut>> {
+        let mut bytes = [0; READ];
+        let mut input = Input::Bytes(client.read(&mut bytes)?);
+        if client.ended && client.leaves.is_none() {
+            (self.notice)(Notice::Gone(client.peer));
+            client.dismiss();
+        }
+        let now = self.now();
+        while let Some(heard) = client.device.as_mut().and_then(|device| device.handle(&mut input)) {
+            match heard {
+                Heard::Request(request) => {
+                    self.served.requests += 1;
+                    if let Some(answer) = self.arm.answer(now, &request) {
+                        client.tell(&answer);
+                    }
+                    if let Some(cut) = Cut::by(&request) {
+                        return Ok(Some(cut));
+                    }
+                }
+                Heard::Unknown(error) => {
+                    self.served.unknown += 1;
+                    client.tell(&self.arm.refuse(now, &error));
+                }
+                Heard::Noise(noise) | Heard::Broken(noise) => {
+                    self.served.broken += 1;
+                    (self.notice)(Notice::Broken(client.peer, noise));
+                    client.dismiss();
+                    break;
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether a client stays, and why not if that is news.
+    fn keep(&mut self, client: &Client, outcome: io::Result<()>) -> bool {
+        match outcome {
+            Ok(()) => !client.is_done(),
+            Err(error) => {
+                if client.leaves.is_none() {
+                    (self.notice)(Notice::Lost(client.peer, error));
+                }
+                false
+            }
+        }
+    }
+
+    fn leaving(&self) -> bool {
+        self.clients.iter().any(|client| client.leaves.is_some())
+    }
+
+    /// Waits until somebody connects, says something or can be told something, at most this long.
+    fn wait(&self, listeners: &[Option<&TcpListener>], timeout: Duration) -> io::Result<()> {
+        let timeout = Timespec::try_from(timeout.min(NOTICE)).map_err(|_| ErrorKind::InvalidInput)?;
+        let listeners = listeners
+            .iter()
+            .flatten()
+            .map(|&listener| PollFd::new(listener, PollFlags::IN));
+        let clients = self
+            .clients
+            .iter()
+            .map(|client| PollFd::new(&client.stream, client.interest()));
+        let mut fds = listeners.chain(clients).collect::<Vec<_>>();
+        match poll(&mut fds, Some(&timeout)) {
+            // A signal may have set the stop flag.
+            Ok(_) | Err(Errno::INTR) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+/// What ends all connections.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Cut {
+    Reboot,
+    Shutdown,
+}
+
+impl Cut {
+    fn by(request: &Request) -> Option<Self> {
+        match request {
+            Request::Call { command, .. } => match command {
+                Command::Reboot => Some(Self::Reboot),
+                Command::Shutdown => Some(Self::Shutdown),
+                _ => None,
+            },
+            _ => None,
+        }
+    }
+}
+
+/// A connection.
+struct Client {
+    stream: TcpStream,
+    peer: SocketAddr,
+    /// What hears its requests; `None` if it is there for reports.
+    device: Option<Device<XArm, MAX_FRAME>>,
+    /// What it is still to get.
+    out: VecDeque<u8>,
+    /// Nothing more comes from it.
+    ended: bool,
+    /// It is to go: when it has got everything and has gone itself, or at this time. To close a connection on which bytes
+    /// wait to be read would lose what is still on the way to the other end.
+    leaves: Option<Instant>,
+}
+
+impl Client {
+    fn new(stream: TcpStream, peer: SocketAddr, port: Port) -> Self {
+        Self {
+            stream,
+            peer,
+            device: (port == Port::Control).then(Device::new),
+            out: VecDeque::new(),
+            ended: false,
+            leaves: None,
+        }
+    }
+
+    fn is_attended(&self) -> bool {
+        self.leaves.is_some() || self.out.len() < MAX_ANSWERS
+    }
+
+    /// What it says now, if it is heard.
+    fn read<'b>(&mut self, bytes: &'b mut [u8]) -> io::Result<&'b [u8]> {
+        if self.ended || !self.is_attended() {
+            return Ok(&[]);
+        }
+        let n = match self.stream.read(bytes) {
+            Ok(0) => {
+                self.ended = true;
+                0
+            }
+            Err(error) if is_nothing_yet(&error) => 0,
+            other => other?,
+        };
+        // What comes from one that is to go is read, but not heard.
+        Ok(if self.leaves.is_none() { &bytes[..n] } else { &[] })
+    }
+
+    fn tell(&mut self, response: &Response) {
+        let mut out = [0; MAX_FRAME];
+        // The buffer has room for any frame.
+        let n = XArm::encode_response(response, &mut out).unwrap_or(0);
+        self.out.extend(&out[..n]);
+    }
+
+    /// Lets it go once it has got everything.
+    fn dismiss(&mut self) {
+        self.leaves.get_or_insert(Instant::now() + LINGER);
+    }
+
+    /// Sends what it takes now.
+    fn flush(&mut self) -> io::Result<()> {
+        while !self.out.is_empty() {
+            match self.stream.write(self.out.as_slices().0) {
+                Ok(n) => drop(self.out.drain(..n)),
+                Err(error) if is_nothing_yet(&error) => return Ok(()),
+                Err(error) => return Err(error),
+            }
+        }
+        if self.leaves.is_some() && !self.ended {
+            self.stream.shutdown(Shutdown::Write)?;
+        }
+        Ok(())
+    }
+
+    fn is_done(&self) -> bool {
+        let Some(leaves) = self.leaves else { return false };
+        (self.ended && self.out.is_empty()) || leaves <= Instant::now()
+    }
+
+    /// What to wait for.
+    fn interest(&self) -> PollFlags {
+        let mut interest = PollFlags::empty();
+        interest.set(PollFlags::IN, !self.ended && self.is_attended());
+        interest.set(PollFlags::OUT, !self.out.is_empty());
+        interest
+    }
+}
+
+fn is_nothing_yet(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}
