@@ -4,8 +4,8 @@
 //! |---|---|
 //! | [`serial`] | the seam: a device at the far end of a serial line |
 //! | [`ling`] | a Ling arm |
-//! | [`alpha1`] | an Alpha1 robot, and its servos on a bus of their own |
 //! | [`xarm`] | an xArm, and its server on TCP ports (Unix) |
+//! | [`alpha1`] | an Alpha1 robot, and its servos on a bus of their own |
 //! | [`faults`] | a line that drops, corrupts, repeats, delays and makes up bytes |
 //! | [`wire`] | a host and a device on a line in virtual time |
 //! | `pty`, `serve` | a device on a pseudo-terminal in real time (Unix) |

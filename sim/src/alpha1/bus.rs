@@ -1,0 +1,131 @@
+//! Virtual servos on a bus of their own, without a robot around them.
+
+use armwire::alpha1::{Request, ServoId};
+use armwire::{Input, Micros};
+
+use super::SERVOS;
+use super::chain::Chain;
+use super::port::{Counters, Kind, Port};
+use super::servo::Servo;
+use crate::serial::SerialDevice;
+
+/// Which servos there are, and how they answer.
+///
+/// ```
+/// use armwire::alpha1::ServoId;
+/// use armwire_sim::alpha1::BusConfig;
+///
+/// let config = BusConfig { ids: vec![ServoId::new(1)?, ServoId::new(7)?], echo: true, ..BusConfig::default() };
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BusConfig {
+    /// The id of each servo. Servos that have the same one answer at once, and what arrives is what both say, bit by bit.
+    pub ids: Vec<ServoId>,
+    /// From the last stop bit of a request to the first start bit of its answer. A real servo answers within 400 µs.
+    pub turnaround: Micros,
+    /// How long the line must be silent for a frame that waits for its end to be given up. The real servo's patience is
+    /// not known.
+    pub idle: Micros,
+    /// Whether every byte received comes back at once, as it does to a host on the same wire.
+    pub echo: bool,
+}
+
+impl Default for BusConfig {
+    /// Servos 1 to 16, 200 µs of turnaround, 5 ms until the line is idle, no echo.
+    fn default() -> Self {
+        Self {
+            ids: (1..=SERVOS as u8).filter_map(|id| ServoId::new(id).ok()).collect(),
+            turnaround: Micros(200),
+            idle: Micros::from_millis(5),
+            echo: false,
+        }
+    }
+}
+
+/// Virtual servos on a single wire, switched on at time zero, released, in the middle.
+///
+/// They hear nothing while one of them is talking, and know no requests but those to servos.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire_sim::alpha1::{BusConfig, ServoBus};
+/// use armwire_sim::serial::SerialDevice;
+///
+/// let mut bus = ServoBus::new(BusConfig::default());
+/// for byte in [0xFA, 0xAF, 0x01, 0x01, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED] {
+///     bus.receive(Micros(0), byte); // servo 1 to 90° in 1 s
+/// }
+/// assert_eq!(bus.transmit(Micros(199)), None);
+/// assert_eq!(bus.transmit(Micros(200)), Some(0xAB));
+/// ```
+#[derive(Debug)]
+pub struct ServoBus {
+    port: Port,
+    chain: Chain,
+}
+
+impl ServoBus {
+    /// Released servos.
+    pub fn new(config: BusConfig) -> Self {
+        let kind = Kind::SingleWire { echo: config.echo };
+        Self {
+            port: Port::new(kind, config.turnaround, config.idle),
+            chain: Chain::new(config.ids),
+        }
+    }
+
+    /// The servos. Their order does not change, whatever ids they are given.
+    pub fn servos(&self) -> &[Servo] {
+        self.chain.servos()
+    }
+
+    /// The servos, to turn by hand.
+    pub fn servos_mut(&mut self) -> &mut [Servo] {
+        self.chain.servos_mut()
+    }
+
+    /// What they have heard.
+    pub fn counters(&self) -> Counters {
+        self.port.counters
+    }
+
+    fn hear(&mut self, now: Micros, input: &mut Input<'_>) {
+        while let Some(request) = self.port.hear(input) {
+            let answer = match request {
+                Request::Servo(request) => self.chain.obey(now, &request, &mut self.port.counters),
+                _ => {
+                    self.port.counters.refused += 1;
+                    None
+                }
+            };
+            if let Some(answer) = answer {
+                self.port.reply(now, answer);
+            }
+        }
+    }
+
+    fn advance(&mut self, now: Micros) {
+        if let Some(idle_at) = self.port.take_idle(now) {
+            self.hear(idle_at, &mut Input::Idle);
+        }
+    }
+}
+
+impl SerialDevice for ServoBus {
+    fn receive(&mut self, now: Micros, byte: u8) {
+        self.advance(now);
+        if self.port.notice(now, byte) {
+            self.hear(now, &mut Input::Bytes(&[byte]));
+        }
+    }
+
+    fn transmit(&mut self, now: Micros) -> Option<u8> {
+        self.advance(now);
+        self.port.transmit(now)
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        self.port.poll_timeout()
+    }
+}

@@ -1,0 +1,171 @@
+//! What stands between a device and its line: frames out of bytes, and answers that wait for their time.
+
+use std::collections::VecDeque;
+
+use armwire::alpha1::{Alpha1, MAX_FRAME, Outcome, Request};
+use armwire::{Device, Heard, Input, Micros};
+
+/// Answers that wait for the line at most. A host that asks faster than answers fit on the line loses the rest.
+pub(super) const MAX_REPLIES: usize = 8;
+
+/// The size of a USB HID report, in bytes.
+pub(super) const REPORT: usize = 64;
+
+/// What kind of line it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Bytes, both ways at once.
+    Serial,
+    /// The same, but each answer is a USB HID report: filled up with zeros to 64 bytes.
+    Reports,
+    /// One wire for both ways, on which a host may hear itself.
+    SingleWire { echo: bool },
+}
+
+/// What a device has heard, since it was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Bytes.
+    pub bytes: u64,
+    /// Requests, obeyed or not.
+    pub requests: u64,
+    /// Requests that were answered.
+    pub answered: u64,
+    /// Requests that were not obeyed: answered by a failure, or by nothing where servos are asked.
+    pub refused: u64,
+    /// Answers given up because too many were waiting for the line.
+    pub overrun: u64,
+    /// Good frames that are no request, or one with a value out of range. They are not answered.
+    pub unknown: u64,
+    /// Bytes that were not part of a frame.
+    pub noise_bytes: u64,
+    /// Bytes that came while the device was talking on the same wire, and were lost.
+    pub collided: u64,
+}
+
+/// An answer that waits for the line or is on it.
+#[derive(Debug)]
+struct Reply {
+    due: Micros,
+    bytes: Vec<u8>,
+    sent: usize,
+}
+
+#[derive(Debug)]
+pub(super) struct Port {
+    kind: Kind,
+    turnaround: Micros,
+    /// How long the line must be silent for a frame that waits for its end to be given up.
+    idle: Micros,
+    device: Device<Alpha1, MAX_FRAME>,
+    /// When the line counts as idle, if it is not known to be.
+    idle_at: Option<Micros>,
+    echo: VecDeque<u8>,
+    replies: VecDeque<Reply>,
+    pub(super) counters: Counters,
+}
+
+impl Port {
+    pub(super) fn new(kind: Kind, turnaround: Micros, idle: Micros) -> Self {
+        Self {
+            kind,
+            turnaround,
+            idle,
+            device: Device::new(),
+            idle_at: None,
+            echo: VecDeque::new(),
+            replies: VecDeque::new(),
+            counters: Counters::default(),
+        }
+    }
+
+    /// Takes note of a byte, and returns whether it can be heard: on a single wire not while an answer is on it.
+    pub(super) fn notice(&mut self, now: Micros, byte: u8) -> bool {
+        self.counters.bytes += 1;
+        if let Kind::SingleWire { echo } = self.kind {
+            if self.is_talking() {
+                self.counters.collided += 1;
+                return false;
+            }
+            if echo {
+                self.echo.push_back(byte);
+            }
+        }
+        self.idle_at = Some(now + self.idle);
+        true
+    }
+
+    /// The time at which the line became idle, if it has by now; once.
+    pub(super) fn take_idle(&mut self, now: Micros) -> Option<Micros> {
+        self.idle_at.take_if(|idle_at| *idle_at <= now)
+    }
+
+    /// The next request in the input. Call again with the same input until it returns `None`.
+    pub(super) fn hear(&mut self, input: &mut Input<'_>) -> Option<Request> {
+        loop {
+            match self.device.handle(input)? {
+                Heard::Request(request) => {
+                    self.counters.requests += 1;
+                    return Some(request);
+                }
+                Heard::Unknown(_) => self.counters.unknown += 1,
+                Heard::Noise(noise) | Heard::Broken(noise) => self.counters.noise_bytes += noise.len as u64,
+            }
+        }
+    }
+
+    /// What to answer, and takes note of it.
+    pub(super) fn outcome(&mut self, obeyed: bool) -> Outcome {
+        self.counters.refused += u64::from(!obeyed);
+        if obeyed { Outcome::Success } else { Outcome::Failure }
+    }
+
+    /// Queues an answer to what was heard at `now`.
+    pub(super) fn reply(&mut self, now: Micros, mut bytes: Vec<u8>) {
+        if self.replies.len() == MAX_REPLIES {
+            self.counters.overrun += 1;
+            return;
+        }
+        self.counters.answered += 1;
+        if self.kind == Kind::Reports {
+            bytes.resize(bytes.len().next_multiple_of(REPORT), 0);
+        }
+        self.replies.push_back(Reply {
+            due: now + self.turnaround,
+            bytes,
+            sent: 0,
+        });
+    }
+
+    /// The next byte to put on the line, if one may start at `now`.
+    pub(super) fn transmit(&mut self, now: Micros) -> Option<u8> {
+        // An echo waits for the end of an answer that is on the line.
+        if !self.is_talking()
+            && let Some(byte) = self.echo.pop_front()
+        {
+            return Some(byte);
+        }
+        let reply = self.replies.front_mut().filter(|reply| reply.due <= now)?;
+        let byte = reply.bytes[reply.sent];
+        reply.sent += 1;
+        if reply.sent == reply.bytes.len() {
+            self.replies.pop_front();
+            // It does one thing at a time.
+            if let Some(next) = self.replies.front_mut() {
+                next.due = next.due.max(now + self.turnaround);
+            }
+        }
+        Some(byte)
+    }
+
+    pub(super) fn poll_timeout(&self) -> Option<Micros> {
+        let echo = (!self.echo.is_empty()).then_some(Micros(0));
+        let reply = self.replies.front().map(|reply| reply.due);
+        [echo, reply, self.idle_at].into_iter().flatten().min()
+    }
+
+    /// Whether an answer is on the line.
+    fn is_talking(&self) -> bool {
+        self.replies.front().is_some_and(|reply| reply.sent > 0)
+    }
+}

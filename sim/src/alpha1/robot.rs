@@ -1,0 +1,288 @@
+//! A virtual Alpha1 robot: the controller between USB or Bluetooth and the servos.
+//!
+//! The document says what can be asked, not what the robot then does. What is chosen here:
+//!
+//! * It is switched on standing: all servos hold in the middle.
+//! * The last command wins. A debug action or another action ends the one that plays; what a servo is told by a frame of
+//!   its own lasts until the next pose.
+//! * A debug action that comes before the interval of the one before is over is refused, and so is one with an angle for
+//!   one of its servos that no servo can go to. Then nothing moves. Angles for servos that it does not have are ignored.
+//!   The interval counts from the end of one frame to the end of the next.
+//! * To stop ends an action and an interval, and lets every servo hold where it is. It succeeds also if nothing plays.
+//! * An action that it does not know is refused, and the one that plays goes on.
+//! * The offset tool's connection and the USB type are kept and can be seen; they change nothing on this line.
+
+use std::slice;
+
+use armwire::alpha1::{
+    Action, FirmwareVersion, OLDEST_FIRMWARE, OffsetTool, Outcome, Request, Response, ServoId, ServoStates, Text,
+    UsbType,
+};
+use armwire::{Input, Micros};
+
+use super::SERVOS;
+use super::action::{NamedAction, Pose, STANDING};
+use super::chain::{Chain, encode};
+use super::port::{Counters, Kind, Port};
+use super::servo::{Servo, micros};
+use crate::serial::SerialDevice;
+
+/// What a virtual robot is, and how it answers.
+///
+/// ```
+/// use armwire::alpha1::Text;
+/// use armwire_sim::alpha1::RobotConfig;
+///
+/// let config = RobotConfig { hardware: Text::new(b"Alpha1_V1.0")?, hid: true, ..RobotConfig::default() };
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RobotConfig {
+    /// Hardware version.
+    pub hardware: Text,
+    /// Firmware version, ten digits: the oldest that speaks this protocol is [`OLDEST_FIRMWARE`].
+    pub firmware: [u8; 10],
+    /// From the last stop bit of a request, or the last byte of the answer before, to the first start bit of its answer.
+    pub turnaround: Micros,
+    /// How long the line must be silent for a frame that waits for its end to be given up. The real robot's patience is
+    /// not known.
+    pub idle: Micros,
+    /// Whether each answer is a USB HID report, filled up with zeros to 64 bytes. Requests may be so in any case.
+    pub hid: bool,
+}
+
+impl Default for RobotConfig {
+    /// Hardware `Alpha1_V2.0`, the oldest firmware, 1 ms of turnaround, 5 ms until a line is idle, no reports.
+    fn default() -> Self {
+        Self {
+            // 11 of at most 59 bytes.
+            hardware: Text::new(b"Alpha1_V2.0").expect("a short text"),
+            firmware: OLDEST_FIRMWARE,
+            turnaround: Micros::from_millis(1),
+            idle: Micros::from_millis(5),
+            hid: false,
+        }
+    }
+}
+
+/// An action that plays.
+#[derive(Debug)]
+struct Playing {
+    name: &'static str,
+    /// The poses to come.
+    poses: slice::Iter<'static, Pose>,
+    /// When the next one is due, or the action is over.
+    due: Micros,
+}
+
+/// A virtual Alpha1, switched on at time zero.
+///
+/// It is deterministic: what it does depends on the bytes it receives and when, and not on how often it is polled.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
+/// use armwire_sim::serial::SerialDevice;
+///
+/// let mut robot = Alpha1Robot::new(RobotConfig::default());
+/// for byte in [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED] {
+///     robot.receive(Micros(0), byte); // stop playing
+/// }
+/// assert_eq!(robot.transmit(Micros(999)), None);
+/// let answer: Vec<_> = std::iter::from_fn(|| robot.transmit(Micros(1_000))).collect();
+/// assert_eq!(answer, [0xF2, 0x2F, 0xAA, 0xED]);
+/// ```
+#[derive(Debug)]
+pub struct Alpha1Robot {
+    config: RobotConfig,
+    port: Port,
+    chain: Chain,
+    playing: Option<Playing>,
+    /// Until then no debug action is taken.
+    taken_from: Micros,
+    offset_tool: OffsetTool,
+    usb: UsbType,
+}
+
+impl Alpha1Robot {
+    /// A standing robot.
+    pub fn new(config: RobotConfig) -> Self {
+        let kind = if config.hid { Kind::Reports } else { Kind::Serial };
+        let ids = (1..=SERVOS as u8).filter_map(|id| ServoId::new(id).ok());
+        let mut robot = Self {
+            port: Port::new(kind, config.turnaround, config.idle),
+            chain: Chain::new(ids),
+            playing: None,
+            taken_from: Micros(0),
+            offset_tool: OffsetTool::Disconnect,
+            usb: if config.hid { UsbType::Hid } else { UsbType::SerialPort },
+            config,
+        };
+        for (servo, angle) in robot.chain.servos_mut().iter_mut().zip(STANDING) {
+            servo.go(Micros(0), angle, Micros(0), Micros(0));
+        }
+        robot
+    }
+
+    /// Lets time pass, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do: what the
+    /// methods below tell is the state at the last time given.
+    pub fn advance(&mut self, now: Micros) {
+        if let Some(idle_at) = self.port.take_idle(now) {
+            self.hear(idle_at, &mut Input::Idle);
+        }
+        self.play(now);
+    }
+
+    /// Its servos. Their order does not change, whatever ids they are given.
+    pub fn servos(&self) -> &[Servo] {
+        self.chain.servos()
+    }
+
+    /// Its servos, to turn by hand.
+    pub fn servos_mut(&mut self) -> &mut [Servo] {
+        self.chain.servos_mut()
+    }
+
+    /// The name of the action that plays.
+    pub fn playing(&self) -> Option<&'static str> {
+        self.playing.as_ref().map(|playing| playing.name)
+    }
+
+    /// Whether the servo offset tool is connected.
+    pub fn offset_tool(&self) -> OffsetTool {
+        self.offset_tool
+    }
+
+    /// What it was last told to be on USB.
+    pub fn usb(&self) -> UsbType {
+        self.usb
+    }
+
+    /// What it has heard.
+    pub fn counters(&self) -> Counters {
+        self.port.counters
+    }
+
+    fn hear(&mut self, now: Micros, input: &mut Input<'_>) {
+        self.play(now);
+        while let Some(request) = self.port.hear(input) {
+            if let Some(answer) = self.obey(now, &request) {
+                self.port.reply(now, answer);
+            }
+        }
+    }
+
+    /// Does what is asked and returns the answer, if there is one.
+    fn obey(&mut self, now: Micros, request: &Request) -> Option<Vec<u8>> {
+        let response = match *request {
+            Request::ReadHardwareVersion => Response::HardwareVersion(self.config.hardware),
+            Request::ReadServoStates => Response::ServoStates(self.states()),
+            Request::ReadFirmwareVersion => Response::FirmwareVersion(FirmwareVersion {
+                outcome: Outcome::Success,
+                text: self.config.firmware,
+            }),
+            Request::Stop => {
+                self.stop(now);
+                Response::Stopped(Outcome::Success)
+            }
+            Request::Act(action) => {
+                let obeyed = self.act(now, &action);
+                Response::Acted(self.port.outcome(obeyed))
+            }
+            Request::Play(name) => {
+                let obeyed = self.start(now, &name);
+                Response::Playing(self.port.outcome(obeyed))
+            }
+            Request::SetOffsetTool(offset_tool) => {
+                self.offset_tool = offset_tool;
+                Response::OffsetTool(Outcome::Success)
+            }
+            Request::SetUsbType(usb) => {
+                self.usb = usb;
+                Response::UsbType(Outcome::Success)
+            }
+            Request::Servo(ref request) => return self.chain.obey(now, request, &mut self.port.counters),
+            // A request of a later protocol version.
+            _ => return None,
+        };
+        Some(encode(&response))
+    }
+
+    fn states(&self) -> ServoStates {
+        let bit = |(i, servo): (usize, &Servo)| u32::from(servo.is_running()) << i;
+        ServoStates::from_bits(self.servos().iter().enumerate().map(bit).sum())
+    }
+
+    /// Starts the debug action, if it may and can. Returns whether it does.
+    fn act(&mut self, now: Micros, action: &Action) -> bool {
+        let mut moves = self.servos().iter().zip(action.angles);
+        if now < self.taken_from || !moves.all(|(servo, angle)| angle.is_none_or(|angle| servo.can_go(angle))) {
+            return false;
+        }
+        self.playing = None;
+        let (span, interval) = (micros(action.time.duration()), micros(action.interval.duration()));
+        self.taken_from = now + interval;
+        for (servo, angle) in self.chain.servos_mut().iter_mut().zip(action.angles) {
+            if let Some(angle) = angle {
+                servo.go(now, angle, span, interval);
+            }
+        }
+        true
+    }
+
+    fn stop(&mut self, now: Micros) {
+        self.playing = None;
+        self.taken_from = now;
+        for servo in self.chain.servos_mut() {
+            servo.stop(now);
+        }
+    }
+
+    /// Starts an action, if there is one of this name. Returns whether there is.
+    fn start(&mut self, now: Micros, name: &Text) -> bool {
+        let Some(action) = NamedAction::find(name.as_bytes()) else {
+            return false;
+        };
+        self.playing = Some(Playing {
+            name: action.name,
+            poses: action.poses.iter(),
+            due: now,
+        });
+        self.play(now);
+        true
+    }
+
+    /// Takes all poses that are due, each at its time.
+    fn play(&mut self, now: Micros) {
+        while let Some(playing) = self.playing.as_mut().filter(|playing| playing.due <= now) {
+            let start = playing.due;
+            let Some(pose) = playing.poses.next() else {
+                self.playing = None;
+                return;
+            };
+            playing.due = start + pose.interval;
+            for (servo, angle) in self.chain.servos_mut().iter_mut().zip(pose.angles) {
+                // A faulty servo does not go; the others do.
+                servo.go(start, angle, pose.duration, pose.interval);
+            }
+        }
+    }
+}
+
+impl SerialDevice for Alpha1Robot {
+    fn receive(&mut self, now: Micros, byte: u8) {
+        self.advance(now);
+        if self.port.notice(now, byte) {
+            self.hear(now, &mut Input::Bytes(&[byte]));
+        }
+    }
+
+    fn transmit(&mut self, now: Micros) -> Option<u8> {
+        self.advance(now);
+        self.port.transmit(now)
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        self.port.poll_timeout()
+    }
+}

@@ -1,0 +1,270 @@
+//! A virtual UBT-12HB servo.
+//!
+//! What the manual leaves open, and what is chosen here:
+//!
+//! * It is switched on released, its offset 0.
+//! * A turn is at constant speed, from where the servo is; in no time if no time is given.
+//! * The lock time counts from the request. It can be seen ([`Servo::is_busy`]), but a servo that is told to move before
+//!   it is over obeys all the same, so that angles can be streamed.
+//! * To read the angle releases the servo, as the manual says. It stays where it is and can be turned by hand.
+//! * The offset turns the scale against the housing. A servo that holds turns its horn with it, at once; one that is
+//!   released stays where it is and tells another angle.
+//! * A servo that is sent where it cannot go stays as it is and does not answer: the answer to a move cannot say no.
+//! * A faulty servo does nothing, and says so where its answer has room for it.
+
+use std::time::Duration;
+
+use armwire::Micros;
+use armwire::alpha1::{Address, Angle, Led, Offset, Outcome, ServoId, ServoRequest, ServoResponse};
+
+/// Angles are in millionths of a third of a degree: offsets are in thirds, so nothing but a turn's place is ever rounded.
+const THIRD: i64 = 1_000_000;
+const DEGREE: i64 = 3 * THIRD;
+const MAX: i64 = 240 * DEGREE;
+
+/// A turn at constant speed. Where it is depends on the time alone, not on how often it is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Turn {
+    from: i64,
+    to: i64,
+    start: Micros,
+    /// 5.1 s at most.
+    span: Micros,
+}
+
+impl Turn {
+    fn rest(at: i64) -> Self {
+        Self {
+            from: at,
+            to: at,
+            start: Micros(0),
+            span: Micros(0),
+        }
+    }
+
+    fn at(&self, now: Micros) -> i64 {
+        let elapsed = now.since(self.start);
+        if elapsed >= self.span {
+            return self.to;
+        }
+        self.from + (self.to - self.from) * elapsed.0 as i64 / self.span.0 as i64
+    }
+
+    fn end(&self) -> Micros {
+        self.start + self.span
+    }
+}
+
+/// A servo: where it is, and what it was told.
+///
+/// It knows no line. What is asked of it at a time comes in as a typed request; what it tells of itself is as of the
+/// time given, which is not before that of the last request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Servo {
+    id: ServoId,
+    version: [u8; 4],
+    offset: Offset,
+    led: Led,
+    running: bool,
+    faulty: bool,
+    turn: Turn,
+    /// When it is done with what it was last told.
+    done: Micros,
+}
+
+impl Servo {
+    /// A released servo at an angle.
+    pub(super) fn new(id: ServoId, version: [u8; 4], angle: u8) -> Self {
+        Self {
+            id,
+            version,
+            // Zero is in range.
+            offset: Offset::new(0).expect("no offset"),
+            led: Led(0),
+            running: false,
+            faulty: false,
+            turn: Turn::rest(i64::from(angle) * DEGREE),
+            done: Micros(0),
+        }
+    }
+
+    /// Its id.
+    pub fn id(&self) -> ServoId {
+        self.id
+    }
+
+    /// Its angle, in degrees.
+    pub fn angle(&self, now: Micros) -> f64 {
+        self.turn.at(now) as f64 / DEGREE as f64
+    }
+
+    /// Where its horn is against the housing, in degrees: its angle and its offset.
+    pub fn horn(&self, now: Micros) -> f64 {
+        self.angle(now) + f64::from(self.offset.thirds()) / 3.0
+    }
+
+    /// Where it goes or holds; where it is, if it is released. In degrees.
+    pub fn target(&self) -> f64 {
+        self.turn.to as f64 / DEGREE as f64
+    }
+
+    /// Whether it holds or moves. One that does not can be turned by hand.
+    pub fn is_running(&self) -> bool {
+        self.running
+    }
+
+    /// Whether it moves.
+    pub fn is_moving(&self, now: Micros) -> bool {
+        now < self.turn.end()
+    }
+
+    /// Whether it moves, or the lock time of its last move is not over.
+    pub fn is_busy(&self, now: Micros) -> bool {
+        now < self.done
+    }
+
+    /// What its light was told.
+    pub fn led(&self) -> Led {
+        self.led
+    }
+
+    /// Its offset.
+    pub fn offset(&self) -> Offset {
+        self.offset
+    }
+
+    /// Turns it by hand. Returns whether it gave way: it does when it is released.
+    pub fn turn_by_hand(&mut self, angle: Angle) -> bool {
+        match angle.degrees() {
+            Some(degrees) if !self.running => {
+                self.turn = Turn::rest(i64::from(degrees) * DEGREE);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Makes it faulty, or sound again.
+    pub fn set_faulty(&mut self, faulty: bool) {
+        self.faulty = faulty;
+    }
+
+    /// Whether it would go there.
+    pub(super) fn can_go(&self, angle: Angle) -> bool {
+        !self.faulty && angle.degrees().is_some()
+    }
+
+    /// Goes to an angle and holds it. Returns whether it obeys.
+    pub(super) fn go(&mut self, now: Micros, angle: Angle, span: Micros, lock: Micros) -> bool {
+        let Some(degrees) = angle.degrees().filter(|_| !self.faulty) else {
+            return false;
+        };
+        self.turn = Turn {
+            from: self.turn.at(now),
+            to: i64::from(degrees) * DEGREE,
+            start: now,
+            span,
+        };
+        self.done = now + span.max(lock);
+        self.running = true;
+        true
+    }
+
+    /// Stays where it is. If it holds, it goes on holding.
+    pub(super) fn stop(&mut self, now: Micros) {
+        self.turn = Turn::rest(self.turn.at(now));
+        self.done = now;
+    }
+
+    /// Does what is asked and returns its answer: `None` if another is meant, or all are, or it cannot say no.
+    pub(super) fn obey(&mut self, now: Micros, request: &ServoRequest) -> Option<ServoResponse> {
+        match *request {
+            ServoRequest::Move { to, angle, time, lock } => self.acknowledge(to, |servo| {
+                servo.go(now, angle, micros(time.duration()), micros(lock.duration()))
+            }),
+            ServoRequest::Release(to) => self.acknowledge(to, |servo| {
+                servo.release(now);
+                true
+            }),
+            ServoRequest::SetLed { to, led } => self.acknowledge(to, |servo| {
+                servo.led = led;
+                true
+            }),
+            ServoRequest::ReadAngles(id) if id == self.id => {
+                let degrees = |angle: i64| ((angle + DEGREE / 2) / DEGREE) as u16;
+                let (target, actual) = (degrees(self.turn.to), degrees(self.turn.at(now)));
+                self.release(now);
+                Some(ServoResponse::Angles {
+                    servo: self.id,
+                    outcome: self.outcome(),
+                    target,
+                    actual,
+                })
+            }
+            ServoRequest::ChangeId { from, to } if from == self.id => {
+                if !self.faulty {
+                    self.id = to;
+                }
+                Some(ServoResponse::IdChanged {
+                    servo: self.id,
+                    outcome: self.outcome(),
+                    was: from.get(),
+                })
+            }
+            ServoRequest::SetOffset(id, offset) if id == self.id => {
+                if !self.faulty {
+                    self.set_offset(now, offset);
+                }
+                Some(ServoResponse::OffsetSet {
+                    servo: self.id,
+                    outcome: self.outcome(),
+                })
+            }
+            ServoRequest::ReadOffset(id) if id == self.id => Some(ServoResponse::Offset {
+                servo: self.id,
+                outcome: self.outcome(),
+                thirds: self.offset.thirds(),
+            }),
+            ServoRequest::ReadVersion(id) if id == self.id => Some(ServoResponse::Version {
+                servo: self.id,
+                outcome: self.outcome(),
+                version: self.version,
+            }),
+            // It is for another, or a request of a later protocol version.
+            _ => None,
+        }
+    }
+
+    /// Does what it is told if it is meant, and says so if it alone is meant and obeys.
+    fn acknowledge(&mut self, to: Address, act: impl FnOnce(&mut Self) -> bool) -> Option<ServoResponse> {
+        let meant = to == Address::All || to == Address::One(self.id);
+        let obeyed = meant && !self.faulty && act(self);
+        (obeyed && to != Address::All).then_some(ServoResponse::Acknowledged(self.id))
+    }
+
+    fn outcome(&self) -> Outcome {
+        if self.faulty {
+            Outcome::Failure
+        } else {
+            Outcome::Success
+        }
+    }
+
+    fn release(&mut self, now: Micros) {
+        self.stop(now);
+        self.running = false;
+    }
+
+    fn set_offset(&mut self, now: Micros, offset: Offset) {
+        if !self.running {
+            let shift = i64::from(self.offset.thirds() - offset.thirds()) * THIRD;
+            self.turn = Turn::rest((self.turn.at(now) + shift).clamp(0, MAX));
+        }
+        self.offset = offset;
+    }
+}
+
+/// A duration of the wire, which is at most 1310.7 s, in microseconds.
+pub(super) fn micros(duration: Duration) -> Micros {
+    Micros(duration.as_micros() as u64)
+}
