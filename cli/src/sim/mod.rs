@@ -1,7 +1,9 @@
 //! `armwire sim`: a virtual arm that any program can open.
 
+mod alpha1;
 mod line;
 mod ling;
+mod xarm;
 
 use std::io::{Write, stdout};
 use std::sync::atomic::AtomicBool;
@@ -15,12 +17,18 @@ use crate::problem::Problem;
 pub(crate) enum Sim {
     /// A Ling (Alicia-D) arm.
     Ling(ling::LingSim),
+    /// A UFACTORY xArm, on TCP ports.
+    #[command(name = "xarm")]
+    XArm(xarm::XArmSim),
 }
 
 impl Sim {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
         match self {
             Self::Ling(sim) => sim.run(stop),
+            Self::Alpha1(sim) => sim.run(stop),
+            Self::Alpha1Servo(sim) => sim.run(stop),
+            Self::XArm(sim) => sim.run(stop),
         }
     }
 }

@@ -1,0 +1,154 @@
+//! `armwire sim xarm`: a virtual xArm on TCP ports.
+
+use std::io::{self, ErrorKind, Write, stderr};
+use std::net::{IpAddr, SocketAddr};
+use std::sync::atomic::AtomicBool;
+
+use armwire::xarm::SerialsText;
+use armwire_sim::xarm::{BindError, Config, Model, Server, VirtualXArm};
+use clap::Args;
+
+use super::say;
+use crate::problem::Problem;
+
+/// The report port of an arm.
+const REPORT_PORT: u16 = 30002;
+
+/// The arguments of `armwire sim xarm`.
+#[derive(Args)]
+pub(crate) struct XArmSim {
+    /// Where it takes requests. Port 0 is any that is free.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:502")]
+    listen: SocketAddr,
+    /// Where it sends reports, five a second. Without it: port 30002 beside the other.
+    #[arg(long, value_name = "ADDRESS")]
+    report_listen: Option<SocketAddr>,
+    /// Send no reports.
+    #[arg(long, conflicts_with = "report_listen")]
+    no_report: bool,
+    /// Take addresses that others than this machine can reach. The protocol knows no password: whoever reaches the arm moves
+    /// it, reboots it and shuts it down.
+    #[arg(long)]
+    allow_remote: bool,
+    /// How many joints it has: 5, 6 or 7.
+    #[arg(long, value_name = "N", default_value = "6", value_parser = parse_model)]
+    axes: Model,
+    /// Serial number of the arm.
+    #[arg(long, value_name = "TEXT")]
+    serial: Option<String>,
+    /// Serial number of its control box.
+    #[arg(long, value_name = "TEXT")]
+    box_serial: Option<String>,
+    /// An error to start with, by its number in the vendor's list.
+    #[arg(long, value_name = "CODE", default_value_t = 0)]
+    error: u8,
+    /// A warning to start with, by its number in the vendor's list.
+    #[arg(long, value_name = "CODE", default_value_t = 0)]
+    warning: u8,
+}
+
+fn parse_model(text: &str) -> Result<Model, String> {
+    match text {
+        "5" => Ok(Model::XArm5),
+        "6" => Ok(Model::XArm6),
+        "7" => Ok(Model::XArm7),
+        _ => Err("there are 5, 6 and 7".to_owned()),
+    }
+}
+
+impl XArmSim {
+    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+        let report = (!self.no_report).then(|| {
+            let beside = SocketAddr::new(self.listen.ip(), REPORT_PORT);
+            self.report_listen.unwrap_or(beside)
+        });
+        for address in [Some(self.listen), report].into_iter().flatten() {
+            if !self.allow_remote && !is_loopback(address.ip()) {
+                return Err(Problem::Usage(format!(
+                    "others could reach {address}, and whoever reaches the arm moves it: use 127.0.0.1, or say --allow-remote"
+                )));
+            }
+        }
+        let config = self.config()?;
+        let mut arm = VirtualXArm::new(config);
+        arm.set_error(self.error);
+        arm.set_warning(self.warning);
+
+        let server = Server::bind(self.listen, report).map_err(|error| Problem::Serve(advice(&error)))?;
+        let axes = config.model.joints();
+        let reports = match server.report_address() {
+            Some(address) => format!("its reports at {address}"),
+            None => "without reports".to_owned(),
+        };
+        say(format_args!(
+            "xArm {axes} {} is at {}, {reports}; Ctrl-C ends it.",
+            config.serials,
+            server.control_address()
+        ))?;
+
+        let mut notice = |notice| {
+            // Nobody need read it.
+            let _ = writeln!(stderr(), "{notice}");
+        };
+        let served = server.serve(&mut arm, stop, &mut notice).map_err(Problem::Serve)?;
+        say(format_args!(
+            "{} connections, {} broken; {} requests, {} frames that were none; {} reports, {} not read in time.",
+            served.clients, served.broken, served.requests, served.unknown, served.reports, served.lost
+        ))
+    }
+
+    fn config(&self) -> Result<Config, Problem> {
+        let config = Config::new(self.axes);
+        let arm = self.serial.as_deref().or(config.serials.arm());
+        let control_box = self.box_serial.as_deref().or(config.serials.control_box());
+        let serials = SerialsText::new(arm.unwrap_or_default(), control_box.unwrap_or_default());
+        let serials = serials.map_err(|error| Problem::Usage(error.to_string()))?;
+        Ok(Config { serials, ..config })
+    }
+}
+
+fn is_loopback(ip: IpAddr) -> bool {
+    ip.to_canonical().is_loopback()
+}
+
+/// What to do about a port that cannot be bound.
+fn advice(problem: &BindError) -> io::Error {
+    let BindError { address, error } = problem;
+    let port = address.port();
+    let text = match error.kind() {
+        ErrorKind::PermissionDenied => format!(
+            "{address}: permission denied, as ports below 1024 are the administrator's: choose another \
+             (--listen {}:15020), or allow all programs this one ('sudo sysctl net.ipv4.ip_unprivileged_port_start={port}')",
+            address.ip()
+        ),
+        ErrorKind::AddrInUse => format!("{address}: in use by another program: close that one, or choose another port"),
+        ErrorKind::AddrNotAvailable => format!("{address}: this machine has no such address"),
+        _ => format!("{address}: {error}"),
+    };
+    io::Error::new(error.kind(), text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_this_machine_is_loopback() {
+        for ours in ["127.0.0.1", "127.1.2.3", "::1", "::ffff:127.0.0.1"] {
+            assert!(is_loopback(ours.parse().unwrap()), "{ours}");
+        }
+        for others in ["0.0.0.0", "::", "192.168.1.1", "::ffff:10.0.0.1"] {
+            assert!(!is_loopback(others.parse().unwrap()), "{others}");
+        }
+    }
+
+    #[test]
+    fn a_port_that_cannot_be_bound_comes_with_advice() {
+        let advice = |kind| {
+            let address = "127.0.0.1:502".parse().unwrap();
+            advice(&BindError { address, error: kind }).to_string()
+        };
+        assert!(advice(ErrorKind::PermissionDenied.into()).contains("--listen 127.0.0.1:15020"));
+        assert!(advice(ErrorKind::AddrInUse.into()).contains("in use"));
+    }
+}
