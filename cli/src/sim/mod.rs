@@ -20,15 +20,19 @@ pub(crate) enum Sim {
     /// A UFACTORY xArm, on TCP ports.
     #[command(name = "xarm")]
     XArm(xarm::XArmSim),
+    /// A UBTECH Alpha1 robot.
+    Alpha1(alpha1::Alpha1Sim),
+    /// Servos of an Alpha1 on a bus of their own.
+    Alpha1Servo(alpha1::Alpha1ServoSim),
 }
 
 impl Sim {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
         match self {
             Self::Ling(sim) => sim.run(stop),
+            Self::XArm(sim) => sim.run(stop),
             Self::Alpha1(sim) => sim.run(stop),
             Self::Alpha1Servo(sim) => sim.run(stop),
-            Self::XArm(sim) => sim.run(stop),
         }
     }
 }

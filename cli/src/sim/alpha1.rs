@@ -1,0 +1,151 @@
+//! `armwire sim alpha1` and `armwire sim alpha1-servo`: a virtual Alpha1, or its servos alone, on a pseudo-terminal.
+
+use std::str::FromStr;
+use std::sync::atomic::AtomicBool;
+
+use armwire::Micros;
+use armwire::alpha1::{ServoId, Text};
+use armwire_sim::alpha1::{Alpha1Robot, BusConfig, Counters, RobotConfig, ServoBus};
+use armwire_sim::serve::Served;
+use clap::Args;
+
+use super::line::LineArgs;
+use super::say;
+use crate::problem::Problem;
+
+/// The arguments of `armwire sim alpha1`.
+#[derive(Args)]
+pub(crate) struct Alpha1Sim {
+    #[command(flatten)]
+    line: LineArgs,
+    /// Hardware version, at most 59 characters.
+    #[arg(long, value_name = "TEXT", value_parser = parse_text)]
+    hardware: Option<Text>,
+    /// Firmware version, 10 characters.
+    #[arg(long, value_name = "TEXT", value_parser = parse_firmware)]
+    firmware: Option<[u8; 10]>,
+    /// From the end of a request to the start of its answer, in microseconds.
+    #[arg(long, value_name = "N", default_value_t = 1_000)]
+    turnaround_us: u64,
+    /// Fill each answer up with zeros to 64 bytes, a USB HID report. Requests may be filled up in any case.
+    #[arg(long)]
+    hid: bool,
+}
+
+/// The arguments of `armwire sim alpha1-servo`.
+#[derive(Args)]
+pub(crate) struct Alpha1ServoSim {
+    #[command(flatten)]
+    line: LineArgs,
+    /// The ids of the servos, 1 to 240, such as '1-16' or '1,2,7'.
+    #[arg(long, default_value = "1-16")]
+    ids: Ids,
+    /// From the end of a request to the start of its answer, in microseconds.
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    turnaround_us: u64,
+    /// Give every byte back at once, as a single wire does.
+    #[arg(long)]
+    echo: bool,
+}
+
+#[derive(Clone, Debug)]
+struct Ids(Vec<ServoId>);
+
+impl FromStr for Ids {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let id = |text: &str| match text.parse().map(ServoId::new) {
+            Ok(Ok(id)) => Ok(id),
+            Ok(Err(error)) => Err(error.to_string()),
+            Err(_) => Err(format!("'{text}' is not an id from 1 to 240")),
+        };
+        let mut ids = Vec::new();
+        for part in text.split(',') {
+            let (first, last) = part.split_once('-').unwrap_or((part, part));
+            let (first, last) = (id(first)?, id(last)?);
+            if first > last {
+                return Err(format!("'{part}' goes backwards"));
+            }
+            ids.extend((first.get()..=last.get()).filter_map(|id| ServoId::new(id).ok()));
+        }
+        Ok(Self(ids))
+    }
+}
+
+fn parse_text(text: &str) -> Result<Text, String> {
+    Text::new(text.as_bytes()).map_err(|error| error.to_string())
+}
+
+fn parse_firmware(text: &str) -> Result<[u8; 10], String> {
+    text.as_bytes()
+        .try_into()
+        .map_err(|_| format!("it has {} bytes, not 10", text.len()))
+}
+
+impl Alpha1Sim {
+    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+        let base = RobotConfig::default();
+        let config = RobotConfig {
+            hardware: self.hardware.unwrap_or(base.hardware),
+            firmware: self.firmware.unwrap_or(base.firmware),
+            turnaround: Micros(self.turnaround_us),
+            hid: self.hid,
+            ..base
+        };
+        let name = format!("Alpha1 {}", config.hardware);
+        let (line, served) = self.line.serve(name, Alpha1Robot::new(config), stop)?;
+        say_last(served, line.device().counters())
+    }
+}
+
+impl Alpha1ServoSim {
+    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+        let config = BusConfig {
+            ids: self.ids.0.clone(),
+            turnaround: Micros(self.turnaround_us),
+            echo: self.echo,
+            ..BusConfig::default()
+        };
+        let name = match config.ids.len() {
+            1 => "Alpha1 servo bus with 1 servo".to_owned(),
+            servos => format!("Alpha1 servo bus with {servos} servos"),
+        };
+        let (line, served) = self.line.serve(name, ServoBus::new(config), stop)?;
+        say_last(served, line.device().counters())
+    }
+}
+
+fn say_last(served: Served, heard: Counters) -> Result<(), Problem> {
+    say(format_args!(
+        "{} bytes in, {} out, {} not read; {} requests ({} answered, {} refused), {} unknown frames, {} noise bytes.",
+        served.received,
+        served.sent,
+        served.lost,
+        heard.requests,
+        heard.answered,
+        heard.refused,
+        heard.unknown,
+        heard.noise_bytes
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_are_numbers_and_ranges() {
+        let ids = |text: &str| {
+            let ids = text.parse::<Ids>();
+            ids.map(|ids| ids.0.into_iter().map(ServoId::get).collect::<Vec<_>>())
+        };
+        assert_eq!(ids("7"), Ok(vec![7]));
+        assert_eq!(ids("1,3-5,240"), Ok(vec![1, 3, 4, 5, 240]));
+        for wrong in ["", "0", "241", "256", "1-", "-1", "5-3", "1,,2", "x"] {
+            assert!(ids(wrong).is_err(), "{wrong}");
+        }
+        let error = ids("0").unwrap_err();
+        assert_eq!(error, "servo id is 0, must be 1..=240");
+    }
+}
