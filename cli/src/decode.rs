@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
+use armwire::ling::legacy::{Detector, Legacy};
 use armwire::xarm::XArm;
 use armwire::{Noise, Reason, Scan};
 use clap::{Args, ValueEnum};
@@ -56,7 +57,7 @@ impl Decode {
             _ => input,
         };
         let decoded = match self.arm {
-            ArmKind::Ling => decode::<Ling>(&bytes, self.from),
+            ArmKind::Ling => decode_ling(&bytes, self.from),
             ArmKind::Xarm => decode::<XArm>(&bytes, self.from.or(Some(Speaker::Arm))),
             ArmKind::Alpha1 => decode::<Alpha1>(&bytes, self.from.or(Some(Speaker::Arm))),
         };
@@ -103,6 +104,16 @@ fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Problem> {
         })?);
     }
     Ok(bytes)
+}
+
+/// The frames of a recording of a Ling arm, which may be of the older generation.
+fn decode_ling(bytes: &[u8], from: Option<Speaker>) -> Decoded {
+    let Some(older) = Detector::new().hear(bytes) else {
+        return decode::<Ling>(bytes, from);
+    };
+    let mut decoded = decode::<Legacy>(bytes, from);
+    decoded.lines.insert(0, format!("This is {older}"));
+    decoded
 }
 
 /// The frames of a recording, and what is between them.

@@ -105,6 +105,23 @@ impl<P: Arm, L: Line> Link<P, L> {
         }
     }
 
+    /// What the arm says unasked, waiting so long for the first byte; nothing when none came.
+    pub(crate) fn hear(&mut self, wait: Duration) -> Result<Option<Vec<P::Response>>, Problem> {
+        let mut buf = [0; 256];
+        let n = self.line.read(&mut buf, wait)?;
+        let now = self.now();
+        let mut input = Input::Bytes(&buf[..n]);
+        let mut heard = Vec::new();
+        while let Some(event) = self.client.handle(now, &mut input) {
+            match event {
+                Event::Unsolicited(response) => heard.push(response),
+                Event::Noise(noise) => self.dropped += noise.len,
+                _ => {}
+            }
+        }
+        Ok((n > 0).then_some(heard))
+    }
+
     /// Bytes that belonged to no frame, so far.
     pub(crate) fn dropped(&self) -> usize {
         self.dropped

@@ -8,6 +8,7 @@ mod hex;
 mod info;
 mod link;
 mod monitor;
+mod older;
 mod problem;
 mod serial;
 #[cfg(unix)]
@@ -73,7 +74,8 @@ impl Place {
 /// The baud rate of a serial port.
 #[derive(Args)]
 struct Baud {
-    /// Baud rate of the serial port; 1000000 for ling and 115200 for alpha1 unless you say otherwise.
+    /// Baud rate of the serial port; 1000000 for ling and 115200 for alpha1 unless you say otherwise; a ling arm of the
+    /// older generation may need 921600.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     baud: Option<u32>,
 }

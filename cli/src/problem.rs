@@ -8,6 +8,7 @@ use std::io::{self, ErrorKind};
 use std::os::unix::fs::MetadataExt;
 
 use armwire::Noise;
+use armwire::ling::legacy::OlderGeneration;
 #[cfg(unix)]
 use rustix::io::Errno;
 use serial2::SerialPort;
@@ -25,6 +26,10 @@ pub(crate) enum Problem {
     Lost { port: String, error: io::Error },
     /// The port takes no bytes.
     Stuck { port: String },
+    /// The arm is one that is sent nothing.
+    Older { port: String, older: OlderGeneration },
+    /// The arm, which talks unasked, has stopped.
+    Silent { port: String },
     /// The host's name says nothing to the system.
     Resolve { name: String, error: io::Error },
     /// The host cannot be connected to.
@@ -163,6 +168,8 @@ impl fmt::Display for Problem {
             }
             Self::Lost { port, error } => write!(f, "{port}: the port is gone ({error}): was it unplugged?"),
             Self::Stuck { port } => write!(f, "{port}: the port takes no bytes: is the adapter stuck?"),
+            Self::Older { port, older } => write!(f, "{port}: this is {older}"),
+            Self::Silent { port } => write!(f, "{port}: the arm has stopped talking: is it still powered?"),
             Self::Resolve { name, error } => write!(f, "{name}: no such host ({error}): give its address instead?"),
             Self::Connect { name, error } => {
                 write!(f, "{name}: ")?;

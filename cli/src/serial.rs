@@ -28,13 +28,8 @@ pub(crate) struct Serial {
 impl<P: Arm> Link<P, Serial> {
     /// Opens a port, at the arm's usual baud rate unless told otherwise.
     pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Self, Problem> {
-        let baud = baud.unwrap_or(P::CONFIG.baud);
-        let port = open(name, baud).map_err(|error| Problem::Open {
-            port: name.to_owned(),
-            error,
-        })?;
-        let name = name.to_owned();
-        Ok(Self::new(Serial { name, port }, Config { baud, ..P::CONFIG }))
+        let (line, config) = Serial::open::<P>(name, baud)?;
+        Ok(Self::new(line, config))
     }
 }
 
@@ -75,6 +70,17 @@ impl Line for Serial {
 }
 
 impl Serial {
+    /// Opens a port, at the arm's usual baud rate unless told otherwise, and says how its line is to be treated.
+    pub(crate) fn open<P: Arm>(name: &str, baud: Option<u32>) -> Result<(Self, Config), Problem> {
+        let baud = baud.unwrap_or(P::CONFIG.baud);
+        let port = open(name, baud).map_err(|error| Problem::Open {
+            port: name.to_owned(),
+            error,
+        })?;
+        let name = name.to_owned();
+        Ok((Self { name, port }, Config { baud, ..P::CONFIG }))
+    }
+
     fn lost(&self, error: io::Error) -> Problem {
         Problem::Lost {
             port: self.name.clone(),

@@ -385,12 +385,6 @@ fn answers_that_are_all_damaged_are_told_as_such() {
 }
 
 #[test]
-fn an_arm_of_the_older_generation_is_named() {
-    let line = failure(&info_on_a_port_that_says(&[0xAA, 0x12, 0x03, 1, 2, 4, 1, 0xFF]));
-    assert!(line.contains("older generation"), "{line}");
-}
-
-#[test]
 fn bytes_that_are_no_frames_are_shown() {
     let line = failure(&info_on_a_port_that_says(&[0x55, 0x0D, 0x0A, 0xAA]));
     assert!(

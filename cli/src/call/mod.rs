@@ -12,10 +12,10 @@ use armwire::ling::Ling;
 use armwire::xarm::XArm;
 use clap::{Args, Subcommand};
 
-use crate::Baud;
 use crate::describe::Arm;
 use crate::link::{Line, Link};
 use crate::problem::Problem;
+use crate::{Baud, older};
 
 pub(crate) use xarm::ask;
 
@@ -44,7 +44,7 @@ pub(crate) struct OnPort<Ask: Subcommand> {
 impl Call {
     pub(crate) fn run(&self) -> Result<(), Problem> {
         match self {
-            Self::Ling(OnPort { port, baud, ask }) => call::<Ling>(Link::open(port, baud.baud)?, ask.request()),
+            Self::Ling(OnPort { port, baud, ask }) => call::<Ling>(older::open(port, baud.baud)?, ask.request()),
             Self::Alpha1(OnPort { port, baud, ask }) => call::<Alpha1>(Link::open(port, baud.baud)?, ask.request()),
             Self::Xarm(xarm) => {
                 // Before there is a connection, for the request may be none.

@@ -56,25 +56,10 @@ impl Arm for Ling {
         None
     }
 
-    fn stranger(bytes: &[u8]) -> Option<&'static str> {
-        is_older(bytes).then_some(
-            "this is a Ling arm with firmware of the older generation (frames without a function byte), \
-             which is not supported: update the arm's firmware",
-        )
+    /// An arm of the older generation is recognised before it is asked.
+    fn stranger(_: &[u8]) -> Option<&'static str> {
+        None
     }
-}
-
-/// Whether a frame of the older generation of Ling arms is among the bytes: `AA command length data parity FF`, the
-/// parity that of the data's sum.
-fn is_older(bytes: &[u8]) -> bool {
-    (0..bytes.len()).any(|start| match &bytes[start..] {
-        &[0xAA, _, len, ref rest @ ..] if len > 0 => {
-            let (data, end) = rest.split_at(rest.len().min(usize::from(len)));
-            let parity = data.iter().fold(0, |sum, byte| sum ^ byte) & 1;
-            matches!(end, [check, 0xFF, ..] if *check == parity)
-        }
-        _ => false,
-    })
 }
 
 /// A raw joint position as `+0.7854 rad  +45.00°`, if it is one.
@@ -94,7 +79,7 @@ pub(crate) fn gripper(per_mille: u16) -> String {
 }
 
 /// A raw joint position as an angle in degrees, if it is one.
-fn degrees(ticks: u16) -> String {
+pub(super) fn degrees(ticks: u16) -> String {
     match Position::new(ticks) {
         Ok(position) => format!("{:+.2}°", position.radians() * 180.0 / PI),
         Err(_) => format!("{ticks} (out of range)"),
@@ -130,16 +115,4 @@ fn joints(state: &JointState) -> String {
         "joints {}, gripper {gripper} ‰, {status}",
         joints.map(degrees).join(" ")
     )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_arm_of_the_older_generation_is_told_by_its_frames() {
-        assert!(is_older(&[0x00, 0xAA, 0x12, 0x03, 1, 2, 4, 1, 0xFF, 0xAA]));
-        assert!(!is_older(&[0xAA, 0x12, 0x03, 1, 2, 4, 0, 0xFF]));
-        assert!(!is_older(&[0xAA, 0x12, 0xFF, 1, 2]));
-    }
 }

@@ -1,6 +1,7 @@
 //! Arms and their messages in words: one file for each protocol.
 
 mod alpha1;
+pub(crate) mod legacy;
 mod ling;
 mod xarm;
 

@@ -9,12 +9,12 @@ use std::io::{Write, stdout};
 
 use crate::link::Link;
 use crate::problem::Problem;
-use crate::{ArmKind, Place};
+use crate::{ArmKind, Place, older};
 
 pub(crate) fn run(place: &Place) -> Result<(), Problem> {
     let dropped = match place.arm {
         ArmKind::Ling => {
-            let mut link = Link::open(&place.port, place.baud.baud)?;
+            let mut link = older::open(&place.port, place.baud.baud)?;
             ling::run(&mut link)?;
             link.dropped()
         }

@@ -1,6 +1,7 @@
 //! `armwire monitor`: how an arm is, as it changes.
 
 mod alpha1;
+mod legacy;
 mod ling;
 mod xarm;
 
@@ -8,12 +9,14 @@ use std::io::{IsTerminal, Write, stdout};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use armwire::Micros;
+use armwire::ling::legacy::Legacy;
 use clap::Args;
 
 use crate::describe::Arm;
 use crate::link::{Line, Link};
 use crate::problem::Problem;
-use crate::{ArmKind, Place};
+use crate::serial::Serial;
+use crate::{ArmKind, Place, older};
 
 /// The arguments of `armwire monitor`.
 #[derive(Args)]
@@ -40,7 +43,16 @@ impl Monitor {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
         let Place { port, arm, baud } = &self.place;
         match arm {
-            ArmKind::Ling => self.watch(Link::open(port, baud.baud)?, ling::read, stop),
+            ArmKind::Ling => {
+                let watched = older::open(port, baud.baud).and_then(|link| self.watch(link, ling::read, stop));
+                let Err(problem @ Problem::Older { .. }) = watched else {
+                    return watched;
+                };
+                eprintln!("armwire: {problem}");
+                let mut gripper = None;
+                let link = Link::<Legacy, Serial>::open(port, baud.baud)?;
+                self.watch(link, |link| legacy::read(link, &mut gripper), stop)
+            }
             ArmKind::Alpha1 => self.watch(Link::open(port, baud.baud)?, alpha1::read, stop),
             ArmKind::Xarm => {
                 let mut watch = xarm::Watch::default();

@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use armwire::Micros;
 use armwire::ling::{Kind, SerialNumber, Stroke};
+use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{Config, LingArm};
 use clap::Args;
 
@@ -31,6 +32,9 @@ pub(crate) struct LingSim {
     /// Give every byte back at once, as a half-duplex adapter does.
     #[arg(long)]
     echo: bool,
+    /// An arm of the older generation instead: it talks forty times a second, and obeys nothing.
+    #[arg(long, conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo"])]
+    older: bool,
 }
 
 fn parse_serial(text: &str) -> Result<SerialNumber, String> {
@@ -51,6 +55,9 @@ fn parse_stroke(text: &str) -> Result<Stroke, String> {
 
 impl LingSim {
     pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+        if self.older {
+            return self.run_older(stop);
+        }
         let base = if self.leader {
             Config::leader()
         } else {
@@ -81,6 +88,19 @@ impl LingSim {
             heard.refused,
             heard.unknown,
             heard.noise_bytes
+        ))
+    }
+
+    fn run_older(&self, stop: &AtomicBool) -> Result<(), Problem> {
+        let arm = LegacyArm::new(legacy::Config::default());
+        let (line, served) = self.line.serve("Ling arm of the older generation", arm, stop)?;
+        say(format_args!(
+            "{} bytes in, {} out, {} not read; {} joint frames, {} frames ignored.",
+            served.received,
+            served.sent,
+            served.lost,
+            line.device().counters().said,
+            line.device().counters().frames
         ))
     }
 }
