@@ -628,3 +628,111 @@ impl fmt::Display for RawError {
 }
 
 impl core::error::Error for RawError {}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+
+    #[test]
+    fn a_value_that_cannot_be_said_is_an_error_not_a_clamp() {
+        for metres in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.001, 100.01] {
+            assert!(RotationRadius::from_metres(metres).is_err(), "{metres}");
+            let millimetres = metres * 1000.0;
+            assert!(RotationRadius { millimetres }.metres().is_err(), "{metres}");
+        }
+        for number in [0, 8, 255] {
+            let error = Joint::new(number).unwrap_err();
+            assert_eq!((error.got, error.min, error.max), (number.into(), 1, 7));
+        }
+    }
+
+    #[test]
+    fn every_radius_in_millimetres_survives_the_way_through_metres() {
+        for millimetres in 0..=100_000_u32 {
+            let millimetres = millimetres as f32;
+            let metres = RotationRadius { millimetres }.metres().unwrap();
+            let back = RotationRadius::from_metres(metres).unwrap().millimetres;
+            assert!(
+                (back - millimetres).abs() <= millimetres * f32::EPSILON,
+                "{millimetres}"
+            );
+        }
+    }
+
+    #[test]
+    fn every_state_names_each_of_its_bits() {
+        for bits in 0..=u8::MAX {
+            let text = std::format!("{}", State(bits));
+            for (bit, name) in [(8, "invalid"), (16, "not ready"), (32, "warning"), (64, "error")] {
+                assert_eq!(text.contains(name), bits & bit != 0, "{bits:#04x}: {text}");
+            }
+            assert_eq!(text.contains("other bits"), bits & 0x87 != 0, "{bits:#04x}: {text}");
+            assert_eq!(text == "ok", bits == 0, "{bits:#04x}: {text}");
+        }
+    }
+
+    #[test]
+    fn a_version_is_five_fields_the_first_two_numbers() {
+        let version = |text| VersionText::new(text).unwrap().version().map(|version| version.axes);
+        assert_eq!(version("7,12,XI1300,AC1300,v2.5.0"), Ok(7));
+        assert_eq!(version("v1.0.2"), Err(VersionError::Fields { got: 1 }));
+        assert_eq!(
+            version("6,6,XI1202,AC1302,v1.12.10,x"),
+            Err(VersionError::Fields { got: 6 })
+        );
+        assert_eq!(version("6,6,XI1202,AC1302,"), Err(VersionError::Fields { got: 5 }));
+        assert_eq!(version("six,6,a,b,v1.1.1"), Err(VersionError::Number("number of axes")));
+        assert_eq!(version("6,256,a,b,v1.1.1"), Err(VersionError::Number("type")));
+        assert_eq!(VersionText([0xFF; TEXT]).version(), Err(VersionError::NotText));
+    }
+
+    #[test]
+    fn firmware_versions_compare_as_numbers() {
+        let firmware = |firmware| {
+            let version = Version {
+                axes: 6,
+                kind: 6,
+                arm: "",
+                control_box: "",
+                firmware,
+            };
+            version.firmware_numbers()
+        };
+        assert!(firmware("v1.12.10") > firmware("v1.8.103"));
+        for bad in ["1.12.10", "v1.12", "v1.12.10.1", "v1.12.x", "v1.12.65536", "v"] {
+            assert_eq!(firmware(bad), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn texts_without_a_nul_are_read_to_their_end() {
+        let mut text = [b'7'; TEXT];
+        assert_eq!(VersionText(text).as_str().map(str::len), Some(TEXT));
+        text[20] = 0;
+        assert_eq!(SerialsText(text).arm().map(str::len), Some(20));
+        assert_eq!(SerialsText(text).control_box().map(str::len), Some(19));
+        assert_eq!(SerialsText([0; TEXT]).control_box(), Some(""));
+    }
+
+    #[test]
+    fn a_text_that_does_not_fit_or_cannot_be_shown_is_refused() {
+        let long = "0123456789012345678901234567890123456789";
+        let error = VersionText::new(long).unwrap_err();
+        assert_eq!(std::format!("{error}"), "version text is 40 characters, must be 0..=39");
+        assert!(VersionText::new(&long[..39]).is_ok_and(|text| text.0[39] == 0));
+        assert!(SerialsText::new(&long[..20], &long[..18]).is_err());
+        assert!(SerialsText::new(&long[..20], &long[..17]).is_ok_and(|text| text.0[39] == 0));
+        assert!(SerialsText::new("A B", "C").is_err() && SerialsText::new("A", "B\n").is_err());
+    }
+
+    #[test]
+    fn what_an_arm_sends_cannot_steer_a_terminal() {
+        let mut text = [0; TEXT];
+        put(&mut text, b"AD\x1b[31m\0\x07\n".iter().copied());
+        assert_eq!(SerialsText(text).arm(), None);
+        assert_eq!(std::format!("{}", SerialsText(text)), "AD\\x1b[31m, control box \\x07");
+        assert_eq!(std::format!("{}", VersionText(text)), "AD\\x1b[31m");
+    }
+}

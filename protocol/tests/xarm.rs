@@ -1,0 +1,604 @@
+//! What holds of every xArm message, every stream of bytes, and every call.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::future::{Future, poll_fn};
+use std::pin::pin;
+use std::task::{Context, Poll, Waker};
+
+use armwire::driver::{CallError, Clock};
+use armwire::xarm::*;
+use armwire::{Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Noise, Protocol, Reason, Scan};
+use embedded_io_async::{ErrorType, Read, Write};
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+fn header() -> impl Strategy<Value = Header> {
+    let protocol = prop_oneof![Just(ProtocolId::Private), Just(ProtocolId::Supervised)];
+    (any::<u16>(), protocol).prop_map(|(transaction, protocol)| Header { transaction, protocol })
+}
+
+fn raw() -> impl Strategy<Value = Raw> {
+    let params = prop_oneof![vec(any::<u8>(), 0..8), vec(any::<u8>(), 0..=MAX_PARAMS)];
+    let register = any::<u8>().prop_filter("typed", |&register| Register::from_code(register).is_none());
+    (register, params).prop_map(|(register, params)| Raw::new(register, &params).unwrap())
+}
+
+fn command() -> impl Strategy<Value = Command> {
+    prop_oneof![
+        Just(Command::ReadVersion),
+        Just(Command::ReadSerials),
+        Just(Command::ReloadDynamics),
+        Just(Command::ReadTorqueSource),
+        (1..=7_u8).prop_map(|joint| Command::ReadRotationRadius(Joint::new(joint).unwrap())),
+        Just(Command::Shutdown),
+        Just(Command::Reboot),
+        raw().prop_map(Command::Raw),
+    ]
+}
+
+fn request() -> impl Strategy<Value = Request> {
+    let call = (header(), command()).prop_map(|(header, command)| Request::Call { header, command });
+    prop_oneof![1 => Just(Request::Heartbeat), 9 => call]
+}
+
+fn reply() -> impl Strategy<Value = Reply> {
+    let text = || vec(any::<u8>(), TEXT).prop_map(|text| <[u8; TEXT]>::try_from(text).unwrap());
+    prop_oneof![
+        any::<u8>().prop_map(Reply::empty),
+        text().prop_map(|text| Reply::Version(VersionText(text))),
+        text().prop_map(|text| Reply::Serials(SerialsText(text))),
+        Just(Reply::TorqueSource(TorqueSource::Torque)),
+        Just(Reply::TorqueSource(TorqueSource::Current)),
+        // Every bit pattern: NaN, the infinities and negative numbers too.
+        any::<u32>().prop_map(|bits| Reply::RotationRadius(RotationRadius {
+            millimetres: f32::from_bits(bits)
+        })),
+        any::<u16>().prop_map(Reply::SystemControl),
+        raw().prop_map(Reply::Raw),
+    ]
+}
+
+fn response() -> impl Strategy<Value = Response> {
+    let reply = (header(), any::<u8>(), reply()).prop_map(|(header, state, reply)| Response::Reply {
+        header,
+        state: State(state),
+        reply,
+    });
+    let refused =
+        (any::<u16>(), any::<u8>(), 0..=127_u8).prop_map(|(transaction, unit, function)| Response::ModbusRefused {
+            transaction,
+            unit,
+            function,
+        });
+    prop_oneof![1 => Just(Response::Heartbeat), 1 => refused, 8 => reply]
+}
+
+/// The start of a frame that breaks the stream, how much of it is dropped, and why.
+fn breach() -> impl Strategy<Value = (Vec<u8>, usize, Reason)> {
+    let id = any::<[u8; 2]>();
+    let high = (id, 1..=255_u8).prop_map(|([a, b], got)| {
+        let reason = Reason::Byte {
+            offset: 2,
+            expected: &[0],
+            got,
+        };
+        (vec![a, b, got], 3, reason)
+    });
+    let low = (id, 4..=255_u8).prop_map(|([a, b], got)| {
+        let reason = Reason::Byte {
+            offset: 3,
+            expected: &[0, 1, 2, 3],
+            got,
+        };
+        (vec![a, b, 0, got], 4, reason)
+    });
+    let lengths = prop_oneof![0..=1_u16, MAX_BODY as u16 + 1..=u16::MAX];
+    let length = (id, 2..=3_u8, lengths).prop_map(|([a, b], protocol, got)| {
+        let reason = Reason::Length {
+            min: 2,
+            max: MAX_BODY,
+            got: got.into(),
+        };
+        let [high, low] = got.to_be_bytes();
+        (vec![a, b, 0, protocol, high, low], HEADER, reason)
+    });
+    let heartbeat = (6..8_usize, 1..=255_u8).prop_map(|(offset, got)| {
+        let mut bytes = HEARTBEAT;
+        bytes[offset] = got;
+        let reason = Reason::Byte {
+            offset,
+            expected: &[0],
+            got,
+        };
+        (bytes.to_vec(), bytes.len(), reason)
+    });
+    prop_oneof![high, low, length, heartbeat]
+}
+
+fn bytes_of_request(request: &Request) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let n = XArm::encode_request(request, &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+fn bytes_of(response: &Response) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let n = XArm::encode_response(response, &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+/// The stream in pieces of these lengths, and the rest of it.
+fn cut<'s>(stream: &'s [u8], cuts: &[usize]) -> Vec<&'s [u8]> {
+    let mut chunks = Vec::new();
+    let mut rest = stream;
+    for &cut in cuts {
+        let (chunk, later) = rest.split_at(cut.min(rest.len()));
+        chunks.push(chunk);
+        rest = later;
+    }
+    chunks.push(rest);
+    chunks
+}
+
+/// All frames of a stream, and what broke it; checks that nothing is said after that.
+fn decode<'c>(chunks: impl IntoIterator<Item = &'c [u8]>, direction: Direction) -> (Vec<Vec<u8>>, Option<Noise>) {
+    let mut decoder = Decoder::<XArm, MAX_FRAME>::new();
+    let (mut frames, mut broken) = (Vec::new(), None);
+    for mut rest in chunks {
+        while !rest.is_empty() {
+            rest = decoder.push(rest);
+            while let Some(next) = decoder.next(direction) {
+                assert_eq!(broken, None, "{next:?} after the end");
+                match next {
+                    Ok(frame) => frames.push([&frame.transaction.to_be_bytes()[..], frame.body].concat()),
+                    Err(noise) => broken = Some(noise),
+                }
+            }
+            assert_eq!(decoder.idle(direction), None);
+            assert_eq!(decoder.broken(), broken);
+        }
+    }
+    (frames, broken)
+}
+
+/// Checks that bytes which are a frame get a verdict when they are complete, and not before.
+fn check_prefixes(bytes: &[u8], direction: Direction) {
+    for n in 0..bytes.len() {
+        let Scan::Need(more) = XArm::scan(&bytes[..n], direction) else {
+            panic!("a verdict on {n} of {} bytes", bytes.len());
+        };
+        assert!((1..=bytes.len() - n).contains(&more));
+    }
+    assert_eq!(XArm::scan(bytes, direction), Scan::Frame(bytes.len()));
+    assert_eq!(
+        XArm::scan(&[bytes, &[0xFF]].concat(), direction),
+        Scan::Frame(bytes.len())
+    );
+}
+
+fn hear(client: &mut Client<XArm, MAX_FRAME>, now: Micros, bytes: &[u8]) -> Vec<Event<XArm>> {
+    let mut input = Input::Bytes(bytes);
+    std::iter::from_fn(|| client.handle(now, &mut input)).collect()
+}
+
+fn transmit(client: &mut Client<XArm, MAX_FRAME>, now: Micros) -> usize {
+    let n = client.poll_transmit(now).map_or(0, <[u8]>::len);
+    client.transmitted(now, n);
+    n
+}
+
+proptest! {
+    #[test]
+    fn every_request_survives_the_wire(request in request()) {
+        let bytes = bytes_of_request(&request);
+        check_prefixes(&bytes, Direction::Requests);
+        prop_assert_eq!(XArm::parse_request(XArm::view(&bytes).unwrap()), Ok(request));
+        let mut out = vec![0; bytes.len() - 1];
+        let error = XArm::encode_request(&request, &mut out).unwrap_err();
+        prop_assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
+    }
+
+    #[test]
+    fn every_response_survives_the_wire(response in response()) {
+        let bytes = bytes_of(&response);
+        check_prefixes(&bytes, Direction::Responses);
+        let frame = XArm::view(&bytes).unwrap();
+        prop_assert_eq!(XArm::parse_response(frame, Direction::Responses), Ok(response));
+        let mut out = vec![0; bytes.len() - 1];
+        prop_assert_eq!(XArm::encode_response(&response, &mut out).unwrap_err().needed, bytes.len());
+    }
+
+    #[test]
+    fn what_comes_out_does_not_depend_on_the_chunks(
+        requests in vec(request(), 1..8),
+        responses in vec(response(), 1..8),
+        cuts in vec(1..40_usize, 1..60),
+    ) {
+        for (frames, direction) in [
+            (requests.iter().map(bytes_of_request).collect::<Vec<_>>(), Direction::Requests),
+            (responses.iter().map(bytes_of).collect(), Direction::Responses),
+        ] {
+            let stream = frames.concat();
+            let whole = decode([&stream[..]], direction);
+            prop_assert_eq!((whole.0.len(), whole.1), (frames.len(), None));
+            prop_assert_eq!(&decode(cut(&stream, &cuts), direction), &whole);
+            prop_assert_eq!(&decode(stream.chunks(1), direction), &whole);
+        }
+    }
+
+    #[test]
+    fn a_framing_error_is_told_once_where_it_is_and_nothing_is_read_after_it(
+        before in vec(response(), 0..5),
+        (breach, len, reason) in breach(),
+        garbage in vec(any::<u8>(), 0..300),
+        after in vec(response(), 0..5),
+        cuts in vec(1..40_usize, 0..60),
+    ) {
+        let good: Vec<u8> = before.iter().flat_map(bytes_of).collect();
+        let after: Vec<u8> = after.iter().flat_map(bytes_of).collect();
+        let stream = [&good, &breach, &garbage, &after].map(|part| &part[..]).concat();
+        let noise = Noise { offset: good.len() as u64, len, reason };
+        for chunks in [vec![&stream[..]], cut(&stream, &cuts), stream.chunks(1).collect()] {
+            let (frames, broken) = decode(chunks, Direction::Responses);
+            prop_assert_eq!(frames.len(), before.len());
+            prop_assert_eq!(broken, Some(noise));
+        }
+    }
+
+    #[test]
+    fn only_a_reply_with_the_same_header_and_register_is_an_answer(
+        header in header(), command in command(), response in response(), same in any::<bool>(),
+    ) {
+        let response = match response {
+            Response::Reply { state, reply, .. } if same => Response::Reply { header, state, reply },
+            other => other,
+        };
+        let answers = matches!(response, Response::Reply { header: theirs, reply, .. }
+            if theirs == header && reply.register() == command.register());
+        let mut client = Client::<XArm, MAX_FRAME>::new(Config::TCP);
+        client.submit(Request::Call { header, command }).unwrap();
+        transmit(&mut client, Micros(0));
+        let event = if answers { Event::Answer(response) } else { Event::Unsolicited(response) };
+        prop_assert_eq!(hear(&mut client, Micros(1), &bytes_of(&response)), [event]);
+        prop_assert_eq!(client.is_idle(), answers);
+    }
+
+    #[test]
+    fn an_answer_belongs_to_the_call_that_gets_it(
+        // How many calls later each answer comes, if it does; 0 is in time.
+        delays in vec(prop_oneof![3 => Just(Some(0)), 3 => (0..4_usize).prop_map(Some), 1 => Just(None)], 1..40),
+        twice in vec(any::<bool>(), 40),
+        skipped in 65_500..65_535_u32,
+        repeats in 0..3_u8,
+    ) {
+        let mut transactions = Transactions::new();
+        for _ in 0..skipped {
+            transactions.next_id();
+        }
+        let mut client = Client::<XArm, MAX_FRAME>::new(Config { repeats, ..Config::TCP });
+        let mut now = Micros(0);
+        let mut answers: Vec<(usize, Response)> = Vec::new();
+        for (call, (delay, twice)) in delays.into_iter().zip(twice).enumerate() {
+            let header = Header { transaction: transactions.next_id(), protocol: ProtocolId::Private };
+            prop_assert_ne!(header.transaction, 0);
+            client.submit(Request::Call { header, command: Command::ReadTorqueSource }).unwrap();
+            prop_assert!(transmit(&mut client, now) > 0, "held back");
+            let answer = Response::Reply {
+                header,
+                state: State::OK,
+                reply: Reply::TorqueSource(TorqueSource::Torque),
+            };
+            for _ in 0..=u8::from(twice) {
+                answers.extend(delay.map(|delay| (call + delay, answer)));
+            }
+            let mut done = Vec::new();
+            for (_, response) in answers.extract_if(.., |(due, _)| *due == call) {
+                now = now + Micros(1);
+                done.extend(hear(&mut client, now, &bytes_of(&response)));
+            }
+            while let Some(due) = client.poll_timeout() {
+                now = now.max(due);
+                done.extend(client.handle(now, &mut Input::Tick));
+                transmit(&mut client, now);
+            }
+            let expected = match delay {
+                Some(0) => Event::Answer(answer),
+                _ => Event::TimedOut { sends: repeats + 1 },
+            };
+            let outcomes: Vec<_> = done.into_iter()
+                .filter(|event| !matches!(event, Event::Late(_) | Event::Unsolicited(_)))
+                .collect();
+            prop_assert_eq!(outcomes, [expected]);
+        }
+    }
+
+    #[test]
+    fn the_client_takes_any_bytes_at_any_time(
+        steps in vec((vec(prop_oneof![2 => any::<u8>(), 8 => 0..4_u8], 0..24), 0..500_000_u64, any::<bool>()), 0..40),
+        request in request(),
+    ) {
+        let mut client = Client::<XArm, MAX_FRAME>::new(Config::TCP);
+        let mut now = Micros(0);
+        let mut broken = None;
+        for (bytes, wait, idle) in steps {
+            let _ = client.submit(request);
+            transmit(&mut client, now);
+            now = now + Micros(wait);
+            for mut input in [Input::Bytes(&bytes), if idle { Input::Idle } else { Input::Tick }] {
+                while let Some(event) = client.handle(now, &mut input) {
+                    match event {
+                        Event::Broken(noise) => prop_assert_eq!(*broken.get_or_insert(noise), noise),
+                        Event::Noise(_) => prop_assert!(false, "{event:?}"),
+                        // Said of a heartbeat that was with the line before.
+                        Event::Sent => {}
+                        _ => prop_assert_eq!(broken, None, "{:?}", event),
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_device_takes_any_bytes(stream in vec(prop_oneof![2 => any::<u8>(), 8 => 0..4_u8], 0..600), chunk in 1..40_usize) {
+        let mut device = Device::<XArm, MAX_FRAME>::new();
+        let mut heard = Vec::new();
+        for bytes in stream.chunks(chunk) {
+            let mut input = Input::Bytes(bytes);
+            heard.extend(std::iter::from_fn(|| device.handle(&mut input)));
+        }
+        let broken = heard.iter().position(|heard| matches!(heard, Heard::Broken(_)));
+        prop_assert!(broken.is_none_or(|i| i + 1 == heard.len()), "{heard:?}");
+        // Whatever a good frame says, there is an answer to it that can be sent.
+        for heard in heard {
+            if let Heard::Unknown(error) = heard {
+                let refusal = bytes_of(&error.refusal());
+                prop_assert_eq!(XArm::scan(&refusal, Direction::Responses), Scan::Frame(refusal.len()));
+            }
+        }
+    }
+}
+
+/// A connection in virtual time, with an arm at its end that answers at once what it is told to.
+struct World {
+    now: Micros,
+    wake: Option<Micros>,
+    arm: Device<XArm, MAX_FRAME>,
+    requests: Vec<Request>,
+    /// What the arm answers, in turn; after that nothing.
+    script: VecDeque<(State, Reply)>,
+    line: VecDeque<u8>,
+}
+
+type Shared = RefCell<World>;
+
+fn world(script: impl IntoIterator<Item = (State, Reply)>) -> Shared {
+    RefCell::new(World {
+        now: Micros(0),
+        wake: None,
+        arm: Device::new(),
+        requests: Vec::new(),
+        script: script.into_iter().collect(),
+        line: VecDeque::new(),
+    })
+}
+
+struct Port<'w>(&'w Shared);
+
+impl ErrorType for Port<'_> {
+    type Error = Infallible;
+}
+
+impl Read for Port<'_> {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, Infallible> {
+        poll_fn(|_| {
+            let line = &mut self.0.borrow_mut().line;
+            let n = line.len().min(buf.len());
+            for (to, from) in buf.iter_mut().zip(line.drain(..n)) {
+                *to = from;
+            }
+            if n > 0 { Poll::Ready(Ok(n)) } else { Poll::Pending }
+        })
+        .await
+    }
+}
+
+impl Write for Port<'_> {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, Infallible> {
+        let world = &mut *self.0.borrow_mut();
+        let mut input = Input::Bytes(buf);
+        while let Some(heard) = world.arm.handle(&mut input) {
+            let Heard::Request(request) = heard else {
+                panic!("the arm heard {heard:?}");
+            };
+            world.requests.push(request);
+            if let Request::Call { header, .. } = request
+                && let Some((state, reply)) = world.script.pop_front()
+            {
+                world.line.extend(bytes_of(&Response::Reply { header, state, reply }));
+            }
+        }
+        Ok(buf.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+struct VirtualClock<'w>(&'w Shared);
+
+impl Clock for VirtualClock<'_> {
+    fn now(&self) -> Micros {
+        self.0.borrow().now
+    }
+
+    async fn wait_until(&self, instant: Micros) {
+        poll_fn(|_| {
+            let mut world = self.0.borrow_mut();
+            if instant <= world.now {
+                return Poll::Ready(());
+            }
+            world.wake = Some(world.wake.map_or(instant, |wake| wake.min(instant)));
+            Poll::Pending
+        })
+        .await;
+    }
+}
+
+fn run<F: Future>(world: &Shared, future: F) -> F::Output {
+    let mut future = pin!(future);
+    loop {
+        if let Poll::Ready(output) = future.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
+            return output;
+        }
+        let mut world = world.borrow_mut();
+        world.now = world.wake.take().expect("something to wait for");
+    }
+}
+
+fn arm(world: &Shared) -> Arm<Port<'_>, VirtualClock<'_>> {
+    Arm::new(Port(world), VirtualClock(world), Config::TCP)
+}
+
+#[test]
+fn every_call_asks_its_own_register_with_an_id_of_its_own_and_gives_the_answer_with_the_state() {
+    let text = VersionText::new("6,6,XI1202,AC1302,v1.12.10").unwrap();
+    let serials = SerialsText::new("XI120204201B02", "AC130202B02L02").unwrap();
+    let radius = RotationRadius::from_metres(0.3).unwrap();
+    let joint = Joint::new(6).unwrap();
+    let raw = Raw::new(13, &[2]).unwrap();
+    let states = [0x00, 0x10, 0x20, 0x40, 0x70, 0x87, 0x01, 0x00].map(State);
+    let replies = [
+        Reply::Version(text),
+        Reply::Serials(serials),
+        Reply::Empty(Register::ReloadDynamics),
+        Reply::TorqueSource(TorqueSource::Current),
+        Reply::RotationRadius(radius),
+        Reply::Empty(Register::SystemControl),
+        Reply::SystemControl(1),
+        Reply::Raw(raw),
+    ];
+    let world = world(states.into_iter().zip(replies));
+    let mut arm = arm(&world);
+    run(&world, async {
+        let [s1, s2, s3, s4, s5, s6, s7, s8] = states;
+        assert_eq!(arm.read_version().await, Ok(Answer { value: text, state: s1 }));
+        assert_eq!(
+            arm.read_serials().await,
+            Ok(Answer {
+                value: serials,
+                state: s2
+            })
+        );
+        assert_eq!(arm.reload_dynamics().await, Ok(Answer { value: (), state: s3 }));
+        let source = TorqueSource::Current;
+        assert_eq!(
+            arm.read_torque_source().await,
+            Ok(Answer {
+                value: source,
+                state: s4
+            })
+        );
+        assert_eq!(
+            arm.read_rotation_radius(joint).await,
+            Ok(Answer {
+                value: radius,
+                state: s5
+            })
+        );
+        assert_eq!(arm.shut_down().await, Ok(Answer { value: (), state: s6 }));
+        assert_eq!(arm.reboot().await, Ok(Answer { value: (), state: s7 }));
+        arm.set_protocol(ProtocolId::Supervised);
+        let ask = Raw::new(13, &[]).unwrap();
+        assert_eq!(arm.raw(ask).await, Ok(Answer { value: raw, state: s8 }));
+        assert_eq!(arm.heartbeat().await, Ok(()));
+    });
+    let commands = [
+        Command::ReadVersion,
+        Command::ReadSerials,
+        Command::ReloadDynamics,
+        Command::ReadTorqueSource,
+        Command::ReadRotationRadius(joint),
+        Command::Shutdown,
+        Command::Reboot,
+        Command::Raw(Raw::new(13, &[]).unwrap()),
+    ];
+    let calls = (1..).zip(commands).map(|(transaction, command)| {
+        let protocol = if transaction < 8 {
+            ProtocolId::Private
+        } else {
+            ProtocolId::Supervised
+        };
+        Request::Call {
+            header: Header { transaction, protocol },
+            command,
+        }
+    });
+    let expected: Vec<_> = calls.chain([Request::Heartbeat]).collect();
+    assert_eq!(world.borrow().requests, expected);
+    assert_eq!(arm.counters(), Default::default());
+}
+
+#[test]
+fn a_refusal_or_an_answer_without_what_was_asked_for_is_an_error_with_the_state() {
+    let invalid = State::INVALID | State::ERROR;
+    let text = VersionText::new("6,6,XI1202,AC1302,v1.12.10").unwrap();
+    let world = world([
+        (invalid, Reply::Empty(Register::Version)),
+        (invalid, Reply::Version(text)),
+        (State::ERROR, Reply::Empty(Register::Version)),
+        (State::INVALID, Reply::Empty(Register::SystemControl)),
+        (State::INVALID, Reply::empty(77)),
+    ]);
+    let mut arm = arm(&world);
+    run(&world, async {
+        for state in [invalid, invalid, State::ERROR] {
+            assert_eq!(arm.read_version().await, Err(ArmError::Refused(state)));
+        }
+        let refused = ArmError::Refused(State::INVALID);
+        assert_eq!(arm.shut_down().await, Err(refused));
+        assert_eq!(arm.raw(Raw::new(77, &[]).unwrap()).await, Err(refused));
+        assert_eq!(refused.to_string(), "the arm refused, its state: invalid");
+    });
+}
+
+#[test]
+fn an_arm_that_is_silent_is_waited_for_as_the_vendor_s_package_does_and_asked_once() {
+    let world = world([]);
+    let mut arm = arm(&world);
+    let silence = Err(ArmError::Call(CallError::TimedOut { sends: 1 }));
+    assert_eq!(run(&world, arm.read_version()), silence);
+    let waited = world.borrow().now;
+    assert!(
+        (Micros::from_millis(2_000)..Micros::from_millis(2_200)).contains(&waited),
+        "{waited:?}"
+    );
+    assert_eq!(world.borrow().requests.len(), 1);
+}
+
+#[test]
+fn a_broken_connection_ends_this_call_and_every_later_one_with_where_it_broke() {
+    let text = VersionText::new("6,6,XI1202,AC1302,v1.12.10").unwrap();
+    let world = world([(State::OK, Reply::Version(text))]);
+    let mut arm = arm(&world);
+    world.borrow_mut().line.extend([0, 1, 0, 9]);
+    let reason = Reason::Byte {
+        offset: 3,
+        expected: &[0, 1, 2, 3],
+        got: 9,
+    };
+    let broken = ArmError::Call(CallError::Broken(Noise {
+        offset: 0,
+        len: 4,
+        reason,
+    }));
+    for _ in 0..3 {
+        assert_eq!(run(&world, arm.read_version()), Err(broken));
+    }
+    assert_eq!(
+        broken.to_string(),
+        "the connection is broken: 4 bytes at 0: byte 3 is 0x09, expected 0x00 or 0x01 or 0x02 or 0x03"
+    );
+}
