@@ -1,1 +1,757 @@
-//! Every row of the document, and the frames it should have printed.
+//! Every row of the document and every command of the servos' manual, and what must not be taken for one.
+
+extern crate std;
+
+use core::time::Duration;
+use std::vec::Vec;
+
+use super::*;
+use crate::{Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan};
+
+/// A frame written in hex.
+fn hex(text: &str) -> Vec<u8> {
+    text.split_whitespace()
+        .map(|byte| u8::from_str_radix(byte, 16).unwrap())
+        .collect()
+}
+
+fn id(id: u8) -> ServoId {
+    ServoId::new(id).unwrap()
+}
+
+fn angle(degrees: u8) -> Angle {
+    Angle::new(degrees).unwrap()
+}
+
+fn name(text: &str) -> Text {
+    Text::new(text.as_bytes()).unwrap()
+}
+
+/// The example of the servos' manual: 90° in a second, and a second of rest.
+fn moving(to: Address) -> ServoRequest {
+    ServoRequest::Move {
+        to,
+        angle: angle(90),
+        time: MoveTime::from_duration(Duration::from_secs(1)).unwrap(),
+        lock: Interval::from_duration(Duration::from_secs(1)).unwrap(),
+    }
+}
+
+/// Sixteen servos to 90° within 500 ms, the next frame 600 ms later.
+fn acting() -> Request {
+    let mut angles = [None; SERVOS];
+    angles[..16].fill(Some(angle(90)));
+    Request::Act(Action {
+        angles,
+        time: MoveTime::from_duration(Duration::from_millis(500)).unwrap(),
+        interval: Interval::from_duration(Duration::from_millis(600)).unwrap(),
+    })
+}
+
+/// Row or command, frame, meaning. The document prints no whole frame: those of its rows are computed from its columns.
+/// Those of the servos' manual are printed there, but for the ones marked *computed*.
+fn requests() -> Vec<(&'static str, Vec<u8>, Request)> {
+    let servo = Request::Servo;
+    let sixteen = "5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A";
+    Vec::from([
+        (
+            "F1 hardware version",
+            hex("F1 1F 00 00 00 00 00 00 00 ED"),
+            Request::ReadHardwareVersion,
+        ),
+        (
+            "EF servo states",
+            hex("EF FE 00 00 00 00 00 00 00 ED"),
+            Request::ReadServoStates,
+        ),
+        ("F2 stop", hex("F2 2F 00 00 00 00 00 00 00 ED"), Request::Stop),
+        (
+            "F5 firmware version",
+            hex("F5 5F 01 00 00 00 00 00 01 ED"),
+            Request::ReadFirmwareVersion,
+        ),
+        (
+            "FB act",
+            hex(&std::format!(
+                "FB BF 01 00 00 00 00 00 {sixteen} FF FF FF FF 19 00 1E D4 ED"
+            )),
+            acting(),
+        ),
+        (
+            "F4 connect",
+            hex("F4 4F 01 01 00 00 00 00 02 ED"),
+            Request::SetOffsetTool(OffsetTool::Connect),
+        ),
+        (
+            "F4 disconnect",
+            hex("F4 4F 01 00 00 00 00 00 01 ED"),
+            Request::SetOffsetTool(OffsetTool::Disconnect),
+        ),
+        (
+            "F9 disk",
+            hex("F9 9F 01 00 00 00 00 00 01 ED"),
+            Request::SetUsbType(UsbType::Disk),
+        ),
+        (
+            "F9 serial port",
+            hex("F9 9F 02 00 00 00 00 00 02 ED"),
+            Request::SetUsbType(UsbType::SerialPort),
+        ),
+        (
+            "F9 HID",
+            hex("F9 9F 03 00 00 00 00 00 03 ED"),
+            Request::SetUsbType(UsbType::Hid),
+        ),
+        (
+            "F3 play",
+            hex("F3 3F 06 64 61 6E 63 65 01 ED"),
+            Request::Play(name("dance")),
+        ),
+        ("F3 play nothing", hex("F3 3F 01 01 ED"), Request::Play(name(""))),
+        (
+            "FA 01 move",
+            hex("FA AF 01 01 5A 32 00 32 C0 ED"),
+            servo(moving(Address::One(id(1)))),
+        ),
+        (
+            "FA 01 move all, computed",
+            hex("FA AF 00 01 5A 32 00 32 BF ED"),
+            servo(moving(Address::All)),
+        ),
+        (
+            "FA 01 release, computed",
+            hex("FA AF 01 01 FF 00 00 00 01 ED"),
+            servo(ServoRequest::Release(Address::One(id(1)))),
+        ),
+        (
+            "FA 04 LED 1, computed",
+            hex("FA AF 01 04 01 00 00 00 06 ED"),
+            servo(ServoRequest::SetLed {
+                to: Address::One(id(1)),
+                led: Led(1),
+            }),
+        ),
+        (
+            "FA 04 LED 0, computed",
+            hex("FA AF 01 04 00 00 00 00 05 ED"),
+            servo(ServoRequest::SetLed {
+                to: Address::One(id(1)),
+                led: Led(0),
+            }),
+        ),
+        (
+            "FA 02 read angles",
+            hex("FA AF 01 02 00 00 00 00 03 ED"),
+            servo(ServoRequest::ReadAngles(id(1))),
+        ),
+        (
+            "FA CD change id",
+            hex("FA AF 01 CD 00 02 00 00 D0 ED"),
+            servo(ServoRequest::ChangeId { from: id(1), to: id(2) }),
+        ),
+        (
+            "FA D2 set offset, computed",
+            hex("FA AF 01 D2 00 00 FF A6 78 ED"),
+            servo(ServoRequest::SetOffset(id(1), Offset::MIN)),
+        ),
+        (
+            "FA D4 read offset, computed",
+            hex("FA AF 01 D4 00 00 00 00 D5 ED"),
+            servo(ServoRequest::ReadOffset(id(1))),
+        ),
+        (
+            "FC 01 version",
+            hex("FC CF 01 01 00 00 00 00 02 ED"),
+            servo(ServoRequest::ReadVersion(id(1))),
+        ),
+    ])
+}
+
+/// Row or command, frame, what is expected, meaning.
+fn responses() -> Vec<(&'static str, Vec<u8>, Option<ServoAnswer>, Response)> {
+    let (yes, no) = (Outcome::Success, Outcome::Failure);
+    let robot = |row, bytes, response| (row, hex(bytes), None, response);
+    let servo = |row, bytes, answer, response| (row, hex(bytes), Some(answer), Response::Servo(response));
+    let (one, two) = (id(1), id(2));
+    let firmware = |outcome, text: &[u8; 10]| Response::FirmwareVersion(FirmwareVersion { outcome, text: *text });
+    let longest = std::format!("F1 1F 3C {}6E ED", "76 ".repeat(59));
+    Vec::from([
+        robot(
+            "F1 hardware version",
+            "F1 1F 0C 41 6C 70 68 61 31 5F 56 32 2E 30 68 ED",
+            Response::HardwareVersion(name("Alpha1_V2.0")),
+        ),
+        robot("F1 empty", "F1 1F 01 01 ED", Response::HardwareVersion(name(""))),
+        robot("F1 longest", &longest, Response::HardwareVersion(name(&"v".repeat(59)))),
+        robot(
+            "EF servos 1, 3 and 16",
+            "EF FE 00 00 80 05 85 ED",
+            Response::ServoStates(ServoStates::from_bits(0x8005)),
+        ),
+        robot(
+            "EF data and CHECK like an end mark",
+            "EF FE 00 00 00 ED ED ED",
+            Response::ServoStates(ServoStates([0, 0, 0, 0xED])),
+        ),
+        robot("F2 stopped", "F2 2F AA ED", Response::Stopped(yes)),
+        robot("F2 not stopped", "F2 2F EE ED", Response::Stopped(no)),
+        robot(
+            "F5 firmware version",
+            "F5 5F AA 32 30 31 35 31 32 31 35 31 39 A5 ED",
+            firmware(yes, &OLDEST_FIRMWARE),
+        ),
+        robot(
+            "F5 failure",
+            "F5 5F EE 00 00 00 00 00 00 00 00 00 00 EE ED",
+            firmware(no, &[0; 10]),
+        ),
+        robot("FB acted", "FB BF 01 AA 00 00 00 00 AB ED", Response::Acted(yes)),
+        robot("FB failure", "FB BF 01 EE 00 00 00 00 EF ED", Response::Acted(no)),
+        robot("F4 done", "F4 4F AA ED", Response::OffsetTool(yes)),
+        robot("F4 failure", "F4 4F EE ED", Response::OffsetTool(no)),
+        robot("F9 done", "F9 9F AA ED", Response::UsbType(yes)),
+        robot("F9 failure", "F9 9F EE ED", Response::UsbType(no)),
+        robot("F3 playing", "F3 3F AA ED", Response::Playing(yes)),
+        robot("F3 failure", "F3 3F EE ED", Response::Playing(no)),
+        servo(
+            "FA 01 moved",
+            "AB",
+            ServoAnswer::Acknowledgement(one),
+            ServoResponse::Acknowledged(one),
+        ),
+        servo(
+            "FA 02 angles",
+            "FA AF 01 AA 00 5A 00 5A 5F ED",
+            ServoAnswer::Angles,
+            ServoResponse::Angles {
+                servo: one,
+                outcome: yes,
+                target: 90,
+                actual: 90,
+            },
+        ),
+        servo(
+            "FA CD id changed",
+            "FA AF 02 AA 00 01 00 00 AD ED",
+            ServoAnswer::IdChanged,
+            ServoResponse::IdChanged {
+                servo: two,
+                outcome: yes,
+                was: 1,
+            },
+        ),
+        servo(
+            "FA D2 offset set, computed",
+            "FA AF 01 AA 00 00 00 00 AB ED",
+            ServoAnswer::OffsetSet,
+            ServoResponse::OffsetSet {
+                servo: one,
+                outcome: yes,
+            },
+        ),
+        servo(
+            "FA D2 failure, computed",
+            "FA AF 01 EE 00 00 00 00 EF ED",
+            ServoAnswer::OffsetSet,
+            ServoResponse::OffsetSet {
+                servo: one,
+                outcome: no,
+            },
+        ),
+        servo(
+            "FA D4 offset, computed",
+            "FA AF 01 AA 00 00 FF A6 50 ED",
+            ServoAnswer::Offset,
+            ServoResponse::Offset {
+                servo: one,
+                outcome: yes,
+                thirds: -90,
+            },
+        ),
+        servo(
+            "FC 01 version",
+            "FC CF 01 AA 41 16 51 01 54 ED",
+            ServoAnswer::Version,
+            ServoResponse::Version {
+                servo: one,
+                outcome: yes,
+                version: [0x41, 0x16, 0x51, 0x01],
+            },
+        ),
+    ])
+}
+
+/// The one frame that `bytes` are.
+fn frame_of(bytes: &[u8], expect: Expect) -> Frame<'_> {
+    assert_eq!(Alpha1::scan(bytes, expect), Scan::Frame(bytes.len()), "{bytes:02X?}");
+    Alpha1::view(bytes).unwrap()
+}
+
+/// The first thing said of bytes that are no frame, by the time the line is idle.
+fn noise(bytes: &[u8], expect: Expect) -> Reason {
+    let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
+    assert!(decoder.push(bytes).is_empty());
+    match decoder.next(expect) {
+        Some(next) => next.unwrap_err().reason,
+        None => decoder.idle(expect).unwrap().reason,
+    }
+}
+
+/// All that a client has to say of bytes while `request` is in flight, at one instant.
+fn hear(request: Request, bytes: &[u8]) -> Vec<Event<Alpha1>> {
+    let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
+    client.submit(request).unwrap();
+    let n = client.poll_transmit(Micros(0)).unwrap().len();
+    client.transmitted(Micros(0), n);
+    let mut input = Input::Bytes(bytes);
+    core::iter::from_fn(|| client.handle(Micros(1), &mut input)).collect()
+}
+
+/// A 64-byte report of USB HID.
+fn report(frame: &[u8]) -> [u8; 64] {
+    let mut report = [0; 64];
+    report[..frame.len()].copy_from_slice(frame);
+    report
+}
+
+#[test]
+fn every_request_of_the_documents_holds_in_both_directions() {
+    for (row, bytes, request) in requests() {
+        let mut out = [0; MAX_FRAME];
+        let n = Alpha1::encode_request(&request, &mut out).unwrap();
+        assert_eq!(out[..n], bytes, "{row}");
+        let frame = frame_of(&bytes, Expect::Requests);
+        assert_eq!(Alpha1::parse_request(frame), Ok(request), "{row}");
+    }
+}
+
+#[test]
+fn every_response_of_the_documents_holds_in_both_directions() {
+    for (row, bytes, answer, response) in responses() {
+        let mut out = [0; MAX_FRAME];
+        let n = Alpha1::encode_response(&response, &mut out).unwrap();
+        assert_eq!(out[..n], bytes, "{row}");
+        let expect = Expect::Responses(answer);
+        let frame = frame_of(&bytes, expect);
+        assert_eq!(Alpha1::parse_response(frame, expect), Ok(response), "{row}");
+    }
+}
+
+#[test]
+fn every_request_has_a_response_of_the_documents_unless_it_is_for_all() {
+    for (row, _, request) in requests() {
+        let answered = responses()
+            .iter()
+            .any(|(_, _, _, response)| Alpha1::answers(&request, response));
+        assert_eq!(answered, Alpha1::reply(&request).is_some(), "{row}");
+        assert_eq!(row.contains("all"), !answered, "{row}");
+    }
+}
+
+#[test]
+fn what_a_damaged_print_seems_to_say_is_rejected_and_the_error_names_it() {
+    let requests = Expect::Requests;
+    let responses = Expect::Responses(None);
+    let tail = |got| Reason::Tail { expected: 0xED, got };
+    let status = |got| Reason::Byte {
+        offset: 2,
+        expected: &[0xAA, 0xEE],
+        got,
+    };
+    for (print, bytes, expect, reason) in [
+        // The column CHECK of the answers has a star for F1, EF, F5 and FB, and is empty for F2, F4, F9 and F3. The
+        // extracted text moves stars about.
+        ("F2, a star", "F2 2F AA AA ED", responses, tail(0xAA)),
+        ("F4, a star", "F4 4F AA AA ED", responses, tail(0xAA)),
+        ("F9, a star", "F9 9F EE EE ED", responses, tail(0xEE)),
+        ("F3, a star", "F3 3F AA AA ED", responses, tail(0xAA)),
+        (
+            "EF, no star",
+            "EF FE 00 00 80 05 ED",
+            responses,
+            Reason::Truncated { missing: 1 },
+        ),
+        (
+            "FB, no star",
+            "FB BF 01 AA 00 00 00 00 ED",
+            responses,
+            Reason::Truncated { missing: 1 },
+        ),
+        (
+            "F5, no star, then the next frame",
+            "F5 5F AA 32 30 31 35 31 32 31 35 31 39 ED F2 2F AA ED",
+            responses,
+            tail(0xF2),
+        ),
+        (
+            "F1, no star",
+            "F1 1F 03 56 31 ED",
+            responses,
+            Reason::Truncated { missing: 1 },
+        ),
+        // "9F Success" and "0XEF 0XFE" have slipped into the cells of DATA.
+        ("F9, 9F twice", "F9 9F 9F AA ED", responses, status(0x9F)),
+        ("F2, a state of 01", "F2 2F 01 ED", responses, status(0x01)),
+        // The cell with six zeros belongs to F1 and F2 too, and every request has CHECK.
+        ("F1, no data", "F1 1F 00 ED", requests, Reason::Truncated { missing: 6 }),
+        (
+            "F2, no CHECK",
+            "F2 2F 00 00 00 00 00 00 ED",
+            requests,
+            Reason::Truncated { missing: 1 },
+        ),
+        // The length of a text counts itself.
+        (
+            "F3, a length of 5",
+            "F3 3F 05 64 61 6E 63 65 00 ED",
+            requests,
+            tail(0x00),
+        ),
+        // CHECK covers DATA only.
+        (
+            "F5, header in CHECK",
+            "F5 5F 01 00 00 00 00 00 55 ED",
+            requests,
+            Reason::Checksum {
+                expected: 0x01,
+                got: 0x55,
+            },
+        ),
+        // "Two bytes that can switch places" are nibbles of the second byte.
+        ("F1, switched", "1F F1 00 00 00 00 00 00 00 ED", requests, Reason::Stray),
+        // A checksum that public pages about the servos print.
+        (
+            "FA 01, 32 EA",
+            "FA AF 01 01 5A 32 00 32 EA ED",
+            requests,
+            Reason::Checksum {
+                expected: 0xC0,
+                got: 0xEA,
+            },
+        ),
+    ] {
+        assert_eq!(noise(&hex(bytes), expect), reason, "{print}");
+    }
+}
+
+#[test]
+fn a_text_counts_itself_and_fits_one_report() {
+    for (count, got) in [(0x00, 0), (0x3D, 61), (0xFF, 255)] {
+        let reason = Reason::Length { min: 1, max: 60, got };
+        assert_eq!(noise(&[0xF3, 0x3F, count], Expect::Requests), reason);
+        assert_eq!(noise(&[0xF1, 0x1F, count], Expect::Responses(None)), reason);
+    }
+}
+
+/// All that a decoder makes of a line that arrives in pieces: how long each frame is, and the noise.
+fn decode(pieces: &[&[u8]], expect: Expect) -> Vec<Result<usize, crate::Noise>> {
+    let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
+    let (mut pushed, mut out) = (0, Vec::new());
+    for piece in pieces {
+        let mut rest = *piece;
+        while !rest.is_empty() {
+            let later = decoder.push(rest);
+            pushed += rest.len() - later.len();
+            rest = later;
+            while let Some(next) = decoder.next(expect) {
+                let next = next.map(drop);
+                out.push(next.map(|()| pushed - decoder.pending()));
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn what_comes_of_every_vector_does_not_depend_on_the_pieces_it_comes_in() {
+    let requests = requests()
+        .into_iter()
+        .map(|(row, bytes, _)| (row, bytes, Expect::Requests));
+    let responses = responses().into_iter();
+    let responses = responses.map(|(row, bytes, answer, _)| (row, bytes, Expect::Responses(answer)));
+    for (row, bytes, expect) in requests.chain(responses) {
+        // A stray byte, the frame, the filling of a report, the frame again.
+        let line = [&[0x11], &bytes[..], &[0, 0], &bytes].concat();
+        let whole = decode(&[&line], expect);
+        assert_eq!(whole.len(), 3, "{row}");
+        assert_eq!(whole[1..], [Ok(bytes.len() + 1), Ok(line.len())], "{row}");
+        for first in 0..=line.len() {
+            for second in first..=line.len() {
+                let pieces = [&line[..first], &line[first..second], &line[second..]];
+                assert_eq!(decode(&pieces, expect), whole, "{row}, cut at {first} and {second}");
+            }
+        }
+        let bytes: Vec<_> = line.chunks(1).collect();
+        assert_eq!(decode(&bytes, expect), whole, "{row}, byte by byte");
+    }
+}
+
+#[test]
+fn filling_of_a_report_is_neither_noise_nor_data() {
+    for (row, bytes, answer, response) in responses() {
+        let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
+        let expect = Expect::Responses(answer);
+        for _ in 0..3 {
+            assert!(decoder.push(&report(&bytes)).is_empty());
+            let frame = decoder.next(expect).unwrap().expect(row);
+            assert_eq!(Alpha1::parse_response(frame, expect), Ok(response), "{row}");
+            assert!(decoder.next(expect).is_none(), "{row}");
+            assert_eq!(decoder.pending(), 0, "{row}");
+        }
+    }
+    for (row, bytes, request) in requests() {
+        let mut device = Device::<Alpha1, MAX_FRAME>::new();
+        let report = report(&bytes);
+        let mut input = Input::Bytes(&report);
+        assert_eq!(device.handle(&mut input), Some(Heard::Request(request)), "{row}");
+        assert_eq!(device.handle(&mut input), None, "{row}");
+    }
+}
+
+#[test]
+fn a_bluetooth_frame_is_named_and_passed_over_whole_whoever_sends_it() {
+    const BLUETOOTH: Reason = Reason::Foreign("Alpha1's Bluetooth protocol");
+    // A handshake, the question for the battery, its answer, and one whose parameters look like an answer.
+    for bytes in [
+        "FB BF 06 01 00 07 ED",
+        "FB BF 06 18 00 1E ED",
+        "FB BF 09 18 22 DD 01 50 71 ED",
+        "FB BF 09 18 F2 2F AA ED D9 ED",
+    ] {
+        let bytes = hex(bytes);
+        for expect in [Expect::Requests, Expect::Responses(None)] {
+            let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
+            decoder.push(&report(&bytes));
+            let noise = decoder.next(expect).unwrap().unwrap_err();
+            assert_eq!((noise.len, noise.reason), (bytes.len(), BLUETOOTH));
+            assert!(decoder.next(expect).is_none());
+        }
+        let events = hear(Request::Stop, &[bytes, hex("F2 2F AA ED")].concat());
+        assert!(matches!(events[0], Event::Noise(noise) if noise.reason == BLUETOOTH));
+        assert_eq!(events[1..], [Event::Answer(Response::Stopped(Outcome::Success))]);
+    }
+}
+
+#[test]
+fn a_bluetooth_frame_is_verified_and_its_length_bounded() {
+    let requests = Expect::Requests;
+    let bad_sum = hex("FB BF 06 01 00 08 ED");
+    let (expected, got) = (0x07, 0x08);
+    assert_eq!(noise(&bad_sum, requests), Reason::Checksum { expected, got });
+    for third in [0x00, 0x02, 0x05, 0x40, 0xFF] {
+        assert_eq!(
+            noise(&[0xFB, 0xBF, third], requests),
+            Reason::Byte {
+                offset: 2,
+                expected: &[0x01],
+                got: third
+            }
+        );
+    }
+}
+
+#[test]
+fn the_echo_of_a_servo_request_is_no_answer_and_hides_none() {
+    for (row, bytes, request) in requests() {
+        let Request::Servo(_) = request else { continue };
+        for (_, answer, _, response) in responses() {
+            let echo = Event::Echo(request);
+            if Alpha1::answers(&request, &response) {
+                let line = [bytes.clone(), answer].concat();
+                assert_eq!(hear(request, &line), [echo, Event::Answer(response)], "{row}");
+            }
+        }
+        let mut events = hear(request, &bytes);
+        events.retain(|event| *event != Event::Sent);
+        assert_eq!(events, [Event::Echo(request)], "{row}");
+    }
+}
+
+#[test]
+fn every_servo_is_heard_with_an_echo_before_it() {
+    for n in 1..=240 {
+        let request = Request::Servo(moving(Address::One(id(n))));
+        let response = Response::Servo(ServoResponse::Acknowledged(id(n)));
+        let mut line = [0; MAX_FRAME + 1];
+        let len = Alpha1::encode_request(&request, &mut line).unwrap();
+        line[len] = 0xAA_u8.wrapping_add(n);
+        let events = hear(request, &line[..=len]);
+        match n {
+            // FA and FC: known only by what follows.
+            80 | 82 => assert_eq!(events, [Event::Echo(request)]),
+            _ => assert_eq!(events, [Event::Echo(request), Event::Answer(response)]),
+        }
+    }
+}
+
+#[test]
+fn another_servos_byte_is_no_answer() {
+    let request = Request::Servo(moving(Address::One(id(2))));
+    let answer = Response::Servo(ServoResponse::Acknowledged(id(2)));
+    let events = hear(request, &[0xAB, 0xAD, 0xAC]);
+    assert!(matches!(events[0], Event::Noise(noise) if (noise.offset, noise.len) == (0, 2)));
+    assert_eq!(events[1..], [Event::Answer(answer)]);
+    // Nor is it one where a frame is expected, or nothing.
+    let events = hear(Request::Servo(ServoRequest::ReadOffset(id(1))), &[0xAB, 0x00]);
+    assert!(matches!(events[..], [Event::Noise(noise)] if noise.len == 1));
+}
+
+#[test]
+fn a_zero_is_the_answer_of_servo_86_and_filling_after_it() {
+    let request = Request::Servo(moving(Address::One(id(86))));
+    let answer = Response::Servo(ServoResponse::Acknowledged(id(86)));
+    assert_eq!(hear(request, &report(&[0x00])), [Event::Answer(answer)]);
+    // Where another is expected, zeros are filling.
+    let request = Request::Servo(moving(Address::One(id(1))));
+    let answer = Response::Servo(ServoResponse::Acknowledged(id(1)));
+    assert_eq!(hear(request, &[0x00, 0x00, 0xAB, 0x00]), [Event::Answer(answer)]);
+}
+
+#[test]
+fn an_answer_of_another_servo_is_no_answer() {
+    let (_, bytes, _, response) = responses().into_iter().last().unwrap();
+    let request = Request::Servo(ServoRequest::ReadVersion(id(2)));
+    assert_eq!(hear(request, &bytes), [Event::Unsolicited(response)]);
+}
+
+#[test]
+fn a_servos_frame_that_nothing_asked_for_is_said_to_be_one() {
+    let events = hear(Request::Stop, &hex("FA AF 01 AA 00 5A 00 5A 5F ED"));
+    let error = ParseError {
+        command: 0xFA,
+        cause: Cause::Unexpected,
+    };
+    assert_eq!(events, [Event::Unknown(error)]);
+    assert_eq!(
+        std::format!("{error}"),
+        "command FA: an answer of a servo, but none is expected"
+    );
+}
+
+#[test]
+fn a_good_frame_that_is_no_request_says_why() {
+    for (bytes, message) in [
+        (
+            "FC CF 01 02 00 00 00 00 03 ED",
+            "command FC: it would start a servo's boot loader, which is not offered",
+        ),
+        (
+            "FC CF 00 01 00 00 00 00 01 ED",
+            "command FC: servo id is 0, must be 1..=240 (data byte 0)",
+        ),
+        (
+            "FA AF 00 02 00 00 00 00 02 ED",
+            "command FA: servo id is 0, must be 1..=240 (data byte 0)",
+        ),
+        (
+            "FA AF F1 01 5A 32 00 32 B0 ED",
+            "command FA: servo id is 241, must be 1..=240 (data byte 0)",
+        ),
+        (
+            "FA AF 01 CD 00 F1 00 00 BF ED",
+            "command FA: servo id is 241, must be 1..=240 (data byte 3)",
+        ),
+        (
+            "FA AF 01 D2 00 00 00 5B 2E ED",
+            "command FA: servo offset is 91 thirds of a degree, must be -90..=90",
+        ),
+        (
+            "FA AF 01 AA 00 00 00 00 AB ED",
+            "command FA: data byte 1 is AA, must be 01 or 02 or 04 or CD or D2 or D4",
+        ),
+        (
+            "F4 4F 01 02 00 00 00 00 03 ED",
+            "command F4: data byte 1 is 02, must be 00 or 01",
+        ),
+        (
+            "F9 9F 00 00 00 00 00 00 00 ED",
+            "command F9: data byte 0 is 00, must be 01 or 02 or 03",
+        ),
+        (
+            "F1 1F 00 00 00 00 00 07 07 ED",
+            "command F1: data byte 5 is 07, must be 00",
+        ),
+        (
+            "F5 5F 00 00 00 00 00 00 00 ED",
+            "command F5: data byte 0 is 00, must be 01",
+        ),
+    ] {
+        let bytes = hex(bytes);
+        let error = Alpha1::parse_request(frame_of(&bytes, Expect::Requests)).unwrap_err();
+        assert_eq!(std::format!("{error}"), message);
+    }
+}
+
+#[test]
+fn a_firmware_version_without_a_status_is_an_error_that_says_where() {
+    let mut bytes = hex("F5 5F AA 32 30 31 35 31 32 31 35 31 39 A5 ED");
+    (bytes[2], bytes[13]) = (0xAB, 0xA6);
+    let expect = Expect::Responses(None);
+    let error = Alpha1::parse_response(frame_of(&bytes, expect), expect).unwrap_err();
+    assert_eq!(
+        std::format!("{error}"),
+        "command F5: data byte 0 is AB, must be AA or EE"
+    );
+}
+
+#[test]
+fn every_byte_of_an_action_but_ff_is_an_angle_and_is_kept() {
+    let Request::Act(action) = acting() else { unreachable!() };
+    let mut out = [0; MAX_FRAME];
+    let n = Alpha1::encode_request(&Request::Act(action), &mut out).unwrap();
+    for byte in 0..=u8::MAX {
+        out[8] = byte;
+        out[n - 2] = checksum(&out[2..n - 2]);
+        let parsed = Alpha1::parse_request(frame_of(&out[..n], Expect::Requests)).unwrap();
+        let Request::Act(action) = parsed else { unreachable!() };
+        assert_eq!(action.angles[0].map(Angle::raw), (byte != 0xFF).then_some(byte));
+        let degrees = action.angles[0].and_then(Angle::degrees);
+        assert_eq!(degrees, (byte <= 240).then_some(byte));
+    }
+}
+
+#[test]
+fn only_reads_that_move_nothing_are_repeated() {
+    for (row, _, request) in requests() {
+        let read = ["version", "states", "read offset"]
+            .iter()
+            .any(|word| row.contains(word));
+        assert_eq!(Alpha1::repeatable(&request), read, "{row}");
+    }
+}
+
+#[test]
+fn a_servo_answers_within_400_microseconds() {
+    let request = Request::Servo(moving(Address::One(id(1))));
+    let reply = Alpha1::reply(&request).unwrap();
+    assert_eq!((reply.len, reply.turnaround), (1, Micros(400)));
+    let mut client = Client::<Alpha1, MAX_FRAME>::new(Config {
+        baud: 115_200,
+        latency: Micros(0),
+        ..Config::DEFAULT
+    });
+    client.submit(request).unwrap();
+    let n = client.poll_transmit(Micros(0)).unwrap().len();
+    client.transmitted(Micros(0), n);
+    // Eleven bytes on the wire, and the servo's time.
+    assert_eq!(client.poll_timeout(), Some(Micros(955 + 400)));
+    let timed_out = Some(Event::TimedOut { sends: 1 });
+    assert_eq!(client.handle(Micros(1355), &mut Input::Tick), timed_out);
+}
+
+#[test]
+fn no_duration_is_cut_short_or_rounded_away() {
+    let ms = Duration::from_millis;
+    for (duration, units) in [(0, 0), (9, 0), (10, 1), (29, 1), (30, 2), (5_090, 255), (5_100, 255)] {
+        assert_eq!(MoveTime::from_duration(ms(duration)).unwrap().units(), units);
+    }
+    assert!(MoveTime::from_duration(ms(5_101)).is_err());
+    assert_eq!(Interval::from_duration(ms(1_310_700)), Ok(Interval::MAX));
+    for duration in [ms(1_310_701), Duration::MAX] {
+        assert!(Interval::from_duration(duration).is_err());
+    }
+    for units in 0..=u16::MAX {
+        let interval = Interval::new(units);
+        assert_eq!(Interval::from_duration(interval.duration()), Ok(interval));
+    }
+}
