@@ -880,3 +880,149 @@ mod tests {
         assert_eq!(time_out(&mut client, Micros(0)).1, u8::MAX);
     }
 }
+
+#[cfg(all(test, feature = "xarm"))]
+mod identified_tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::xarm::{self, Command, Header, ProtocolId, Register, Request, Response, State, XArm};
+    use crate::{Protocol, Reason};
+
+    type Arms = Client<XArm, { xarm::MAX_FRAME }>;
+
+    const fn header(transaction: u16) -> Header {
+        Header {
+            transaction,
+            protocol: ProtocolId::Private,
+        }
+    }
+
+    const fn request(transaction: u16) -> Request {
+        Request::Call {
+            header: header(transaction),
+            command: Command::ReloadDynamics,
+        }
+    }
+
+    const fn answer(transaction: u16) -> Response {
+        Response::Reply {
+            header: header(transaction),
+            state: State::OK,
+            reply: xarm::Reply::Empty(Register::ReloadDynamics),
+        }
+    }
+
+    fn transmit(client: &mut Arms, now: Micros) -> usize {
+        let n = client.poll_transmit(now).map_or(0, <[u8]>::len);
+        client.transmitted(now, n);
+        n
+    }
+
+    fn hear(client: &mut Arms, now: Micros, bytes: &[u8]) -> Vec<Event<XArm>> {
+        let mut input = Input::Bytes(bytes);
+        core::iter::from_fn(|| client.handle(now, &mut input)).collect()
+    }
+
+    fn hear_answer(client: &mut Arms, now: Micros, transaction: u16) -> Vec<Event<XArm>> {
+        let mut out = [0; xarm::MAX_FRAME];
+        let n = XArm::encode_response(&answer(transaction), &mut out).unwrap();
+        hear(client, now, &out[..n])
+    }
+
+    /// Runs a request to its time-out and returns when that was.
+    fn time_out(client: &mut Arms, now: Micros, transaction: u16) -> Micros {
+        client.submit(request(transaction)).unwrap();
+        assert_eq!(transmit(client, now), 7);
+        let due = client.poll_timeout().unwrap();
+        let event = client.handle(due, &mut Input::Tick);
+        assert_eq!(event, Some(Event::TimedOut { sends: 1 }));
+        due
+    }
+
+    #[test]
+    fn after_a_missing_answer_the_next_request_goes_out_at_once_and_only_its_own_answer_counts() {
+        let mut client = Arms::new(Config::TCP);
+        let now = time_out(&mut client, Micros(0), 1);
+        client.submit(request(2)).unwrap();
+        assert_eq!(client.poll_timeout(), Some(Micros(0)));
+        assert_eq!(transmit(&mut client, now), 7);
+        let late = hear_answer(&mut client, now + Micros(1), 1);
+        assert_eq!(late, [Event::Late(answer(1))]);
+        let events = hear_answer(&mut client, now + Micros(2), 2);
+        assert_eq!(events, [Event::Answer(answer(2))]);
+    }
+
+    #[test]
+    fn an_answer_later_than_late_still_satisfies_nothing() {
+        let mut client = Arms::new(Config::TCP);
+        let now = time_out(&mut client, Micros(0), 1) + Config::TCP.lateness;
+        client.submit(request(2)).unwrap();
+        transmit(&mut client, now);
+        let events = hear_answer(&mut client, now, 1);
+        assert_eq!(events, [Event::Unsolicited(answer(1))]);
+        assert!(!client.is_idle());
+    }
+
+    #[test]
+    fn the_answer_to_a_cancelled_request_is_late_and_holds_nothing_back() {
+        let mut client = Arms::new(Config::TCP);
+        client.submit(request(1)).unwrap();
+        transmit(&mut client, Micros(0));
+        client.cancel(Micros(1));
+        client.submit(request(2)).unwrap();
+        assert_eq!(transmit(&mut client, Micros(2)), 7);
+        assert_eq!(hear_answer(&mut client, Micros(3), 2), [Event::Answer(answer(2))]);
+        assert_eq!(hear_answer(&mut client, Micros(4), 1), [Event::Late(answer(1))]);
+    }
+
+    #[test]
+    fn the_end_of_an_answer_that_comes_after_the_time_out_is_late() {
+        let mut client = Arms::new(Config::TCP);
+        client.submit(request(1)).unwrap();
+        transmit(&mut client, Micros(0));
+        let due = client.poll_timeout().unwrap();
+        assert_eq!(hear(&mut client, Micros(9), &[0, 1, 0, 2]), []);
+        let timed_out = client.handle(due, &mut Input::Tick);
+        assert_eq!(timed_out, Some(Event::TimedOut { sends: 1 }));
+        assert_eq!(hear(&mut client, due, &[0, 2, 4, 0]), [Event::Late(answer(1))]);
+    }
+
+    #[test]
+    fn a_broken_connection_ends_the_request_in_flight_and_every_later_one() {
+        let mut client = Arms::new(Config::TCP);
+        client.submit(request(1)).unwrap();
+        transmit(&mut client, Micros(0));
+        let broken = Event::Broken(Noise {
+            offset: 0,
+            len: 4,
+            reason: Reason::Byte {
+                offset: 3,
+                expected: &[0, 1, 2, 3],
+                got: 9,
+            },
+        });
+        assert_eq!(hear(&mut client, Micros(1), &[0, 1, 0, 9, 0, 2]), [broken]);
+        assert!(client.is_idle());
+        for transaction in 2..5 {
+            assert_eq!(hear_answer(&mut client, Micros(2), transaction), [], "nothing is read");
+            client.submit(request(transaction)).unwrap();
+            assert_eq!(transmit(&mut client, Micros(2)), 0, "nothing is sent");
+            assert_eq!(client.poll_timeout(), Some(Micros(0)));
+            assert_eq!(client.handle(Micros(2), &mut Input::Tick), Some(broken));
+            assert!(client.is_idle());
+        }
+        assert_eq!(client.handle(Micros(3), &mut Input::Idle), None);
+    }
+
+    #[test]
+    fn an_answer_before_the_break_in_the_same_bytes_still_counts() {
+        let mut client = Arms::new(Config::TCP);
+        client.submit(request(1)).unwrap();
+        transmit(&mut client, Micros(0));
+        let events = hear(&mut client, Micros(1), &[0, 1, 0, 2, 0, 2, 4, 0, 0, 0, 1]);
+        assert!(matches!(events[..], [Event::Answer(_), Event::Broken(_)]), "{events:?}");
+    }
+}

@@ -347,3 +347,158 @@ mod tests {
         assert_eq!(decoder.pending(), ling::MAX_FRAME);
     }
 }
+
+#[cfg(all(test, feature = "xarm"))]
+mod reliable_tests {
+    use super::*;
+    use crate::xarm::{self, Direction, HEARTBEAT, XArm};
+
+    type Arms = Decoder<XArm, { xarm::MAX_FRAME }>;
+
+    const REPLIES: Direction = Direction::Responses;
+
+    /// A frame, the bytes that break the stream, and a frame.
+    const STREAM: [u8; 20] = [0, 0, 0, 1, 0, 2, 0, 0, 0, 1, 0, 4, 0, 0, 0, 1, 0, 2, 0, 0];
+
+    fn broken() -> Arms {
+        let mut decoder = Arms::new();
+        assert!(decoder.push(&STREAM).is_empty());
+        assert!(decoder.next(REPLIES).is_some_and(|next| next.is_ok()));
+        assert_eq!(decoder.broken(), None);
+        assert!(decoder.next(REPLIES).is_some_and(|next| next.is_err()));
+        decoder
+    }
+
+    #[test]
+    fn the_first_noise_on_a_reliable_line_is_given_once_and_kept() {
+        let mut decoder = Arms::new();
+        decoder.push(&STREAM);
+        assert!(decoder.next(REPLIES).unwrap().is_ok());
+        let noise = decoder.next(REPLIES).unwrap().unwrap_err();
+        let reason = Reason::Byte {
+            offset: 3,
+            expected: &[0, 1, 2, 3],
+            got: 4,
+        };
+        assert_eq!((noise.offset, noise.len, noise.reason), (8, 4, reason));
+        assert_eq!(decoder.broken(), Some(noise));
+        assert!(decoder.next(REPLIES).is_none());
+        assert_eq!(decoder.broken(), Some(noise));
+    }
+
+    #[test]
+    fn nothing_is_read_once_a_reliable_line_is_broken_and_there_is_room_for_it_all() {
+        let mut decoder = broken();
+        for _ in 0..100 {
+            assert!(decoder.push(&HEARTBEAT).is_empty());
+            assert!(decoder.next(REPLIES).is_none());
+            let room = decoder.space();
+            assert_eq!(room.len(), xarm::MAX_FRAME);
+            room.fill(0);
+            decoder.commit(8);
+            assert!(decoder.next(REPLIES).is_none());
+            assert_eq!(decoder.pending(), 0);
+        }
+    }
+
+    #[test]
+    fn a_pause_on_a_reliable_line_means_nothing() {
+        let (start, end) = HEARTBEAT.split_at(5);
+        let mut decoder = Arms::new();
+        decoder.push(start);
+        assert!(decoder.next(REPLIES).is_none());
+        assert_eq!((decoder.idle(REPLIES), decoder.pending()), (None, 5));
+        decoder.push(end);
+        assert!(decoder.next(REPLIES).is_some_and(|next| next.is_ok()));
+        assert_eq!(broken().idle(REPLIES), None);
+    }
+}
+
+#[cfg(test)]
+mod fill_tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+
+    /// A frame is 7E and one byte; zeros fill the room between frames.
+    enum Reports {}
+
+    impl Framing for Reports {
+        const MAX_FRAME: usize = 2;
+        const RELIABLE: bool = false;
+        type Expect = ();
+        type Frame<'a> = u8;
+
+        fn scan(window: &[u8], (): ()) -> Scan {
+            let run = |of: fn(&u8) -> bool| window.iter().take_while(|byte| of(byte)).count();
+            match window {
+                [0x7E] => Scan::Need(1),
+                [0x7E, ..] => Scan::Frame(2),
+                [0, ..] => Scan::Fill(run(|&byte| byte == 0)),
+                _ => Scan::Skip(run(|&byte| byte != 0 && byte != 0x7E), Reason::Stray),
+            }
+        }
+
+        fn view(bytes: &[u8]) -> Option<u8> {
+            bytes.last().copied()
+        }
+    }
+
+    /// All that comes out: frames, and where noise is and how long.
+    fn decode(stream: &[u8], chunk: usize) -> (Vec<u8>, Vec<(u64, usize)>) {
+        let mut decoder = Decoder::<Reports, 4>::new();
+        let (mut frames, mut noise) = (Vec::new(), Vec::new());
+        let mut take = |decoder: &mut Decoder<Reports, 4>| {
+            while let Some(next) = decoder.next(()) {
+                match next {
+                    Ok(frame) => frames.push(frame),
+                    Err(dropped) => noise.push((dropped.offset, dropped.len)),
+                }
+            }
+        };
+        for mut rest in stream.chunks(chunk) {
+            while !rest.is_empty() {
+                rest = decoder.push(rest);
+                take(&mut decoder);
+            }
+        }
+        noise.extend(decoder.idle(()).map(|dropped| (dropped.offset, dropped.len)));
+        assert_eq!(decoder.pending(), 0);
+        (frames, noise)
+    }
+
+    #[test]
+    fn filling_is_dropped_without_a_word_and_costs_no_frame() {
+        let stream = [0, 0, 0, 0x7E, 1, 0, 0, 0, 0, 0, 0, 0, 0x7E, 0, 0x7E, 2, 0];
+        for chunk in 1..=stream.len() {
+            assert_eq!(decode(&stream, chunk), (Vec::from([1, 0, 2]), Vec::new()), "by {chunk}");
+        }
+    }
+
+    #[test]
+    fn stray_bytes_before_filling_are_told_and_end_there() {
+        let stream = [5, 6, 0, 0, 7, 0x7E, 1, 0, 8];
+        for chunk in 1..=stream.len() {
+            let noise = Vec::from([(0, 2), (4, 1), (8, 1)]);
+            assert_eq!(decode(&stream, chunk), (Vec::from([1]), noise), "by {chunk}");
+        }
+    }
+
+    #[test]
+    fn filling_is_nothing_to_say() {
+        let mut decoder = Decoder::<Reports, 4>::new();
+        decoder.push(&[0, 0]);
+        assert_eq!(decoder.need(()), 1);
+        assert_eq!(decoder.idle(()), None);
+        assert!(decoder.next(()).is_none());
+        assert_eq!(decoder.pending(), 0);
+        // But where it ends a run of stray bytes, that run is.
+        decoder.push(&[5]);
+        assert!(decoder.next(()).is_none());
+        decoder.push(&[0]);
+        assert_eq!(decoder.need(()), 0);
+        assert!(decoder.next(()).is_some_and(|next| next.is_err()));
+    }
+}

@@ -136,3 +136,35 @@ impl<P: Protocol, const N: usize> fmt::Debug for Device<P, N> {
         f.debug_struct("Device").field("decoder", &self.decoder).finish()
     }
 }
+
+#[cfg(all(test, feature = "xarm"))]
+mod tests {
+    use super::*;
+    use crate::Reason;
+    use crate::xarm::{self, HEARTBEAT, Request, XArm};
+
+    #[test]
+    fn a_broken_connection_is_told_once_and_nothing_is_heard_after_it() {
+        let mut device = Device::<XArm, { xarm::MAX_FRAME }>::new();
+        let broken = Heard::Broken(Noise {
+            offset: 8,
+            len: 3,
+            reason: Reason::Byte {
+                offset: 2,
+                expected: &[0],
+                got: 1,
+            },
+        });
+        for (bytes, expected) in [
+            (&HEARTBEAT[..], Some(Heard::Request(Request::Heartbeat))),
+            (&[0, 1, 1], Some(broken)),
+            (&HEARTBEAT, None),
+        ] {
+            let mut input = Input::Bytes(bytes);
+            assert_eq!(device.handle(&mut input), expected);
+            assert_eq!(device.handle(&mut input), None);
+            assert!(matches!(input, Input::Bytes([])), "all of it is taken");
+            assert_eq!(device.handle(&mut Input::Idle), None);
+        }
+    }
+}
