@@ -324,20 +324,20 @@ impl VersionText {
     /// [`VersionError`] when the text is another. Old firmware sends its own version and nothing else.
     pub fn version(&self) -> Result<Version<'_>, VersionError> {
         let text = self.as_str().ok_or(VersionError::NotText)?;
-        let mut fields = text.split(',');
-        let mut five = [""; 5];
-        for (field, text) in five.iter_mut().zip(&mut fields) {
-            *field = text;
-        }
-        let [axes, kind, arm, control_box, firmware] = five;
-        if fields.next().is_some() || firmware.is_empty() {
-            return Err(VersionError::Fields {
-                got: text.split(',').count(),
-            });
-        }
+        // Not `str::split`: in `core` it has a path to a panic.
+        let mut fields = text.as_bytes().split(|&byte| byte == b',');
+        let got = fields.clone().count();
+        let mut next = || fields.next();
+        let (Some(axes), Some(kind), Some(arm), Some(control_box), Some(firmware), None) =
+            (next(), next(), next(), next(), next(), next())
+        else {
+            return Err(VersionError::Fields { got });
+        };
+        let [arm, control_box, firmware] =
+            [arm, control_box, firmware].map(|field| str::from_utf8(field).unwrap_or_default());
         Ok(Version {
-            axes: axes.parse().map_err(|_| VersionError::Number("number of axes"))?,
-            kind: kind.parse().map_err(|_| VersionError::Number("type"))?,
+            axes: number(axes).ok_or(VersionError::Number("number of axes"))?,
+            kind: number(kind).ok_or(VersionError::Number("type"))?,
             arm,
             control_box,
             firmware,
@@ -375,13 +375,23 @@ pub struct Version<'a> {
 impl Version<'_> {
     /// The firmware as three numbers, which compare as versions do; `None` if it is not `v` and three numbers.
     pub fn firmware_numbers(&self) -> Option<[u16; 3]> {
-        let mut texts = self.firmware.strip_prefix(['v', 'V'])?.split('.');
+        let [b'v' | b'V', numbers @ ..] = self.firmware.as_bytes() else {
+            return None;
+        };
+        let mut fields = numbers.split(|&byte| byte == b'.');
         let mut numbers = [0; 3];
-        for number in &mut numbers {
-            *number = texts.next()?.parse().ok()?;
+        for n in &mut numbers {
+            *n = number(fields.next()?)?;
         }
-        texts.next().is_none().then_some(numbers)
+        fields.next().is_none().then_some(numbers)
     }
+}
+
+/// The number that these digits are, if they are digits and it fits.
+fn number<T: str::FromStr>(digits: &[u8]) -> Option<T> {
+    let only_digits = digits.iter().all(u8::is_ascii_digit);
+    let digits = str::from_utf8(digits).ok().filter(|_| only_digits)?;
+    digits.parse().ok()
 }
 
 /// Why a text is no version.
@@ -398,7 +408,7 @@ impl Version<'_> {
 pub enum VersionError {
     /// A byte is not printable ASCII.
     NotText,
-    /// There are not five fields, or the last is empty.
+    /// There are not five fields.
     Fields {
         /// How many there are.
         got: usize,
@@ -682,7 +692,7 @@ mod tests {
             version("6,6,XI1202,AC1302,v1.12.10,x"),
             Err(VersionError::Fields { got: 6 })
         );
-        assert_eq!(version("6,6,XI1202,AC1302,"), Err(VersionError::Fields { got: 5 }));
+        assert_eq!(version("+6,6,a,b,v1.1.1"), Err(VersionError::Number("number of axes")));
         assert_eq!(version("six,6,a,b,v1.1.1"), Err(VersionError::Number("number of axes")));
         assert_eq!(version("6,256,a,b,v1.1.1"), Err(VersionError::Number("type")));
         assert_eq!(VersionText([0xFF; TEXT]).version(), Err(VersionError::NotText));
@@ -701,7 +711,7 @@ mod tests {
             version.firmware_numbers()
         };
         assert!(firmware("v1.12.10") > firmware("v1.8.103"));
-        for bad in ["1.12.10", "v1.12", "v1.12.10.1", "v1.12.x", "v1.12.65536", "v"] {
+        for bad in ["1.12.10", "v1.12", "v1.12.10.1", "v1.12.x", "v1.12.65536", "v", ""] {
             assert_eq!(firmware(bad), None, "{bad}");
         }
     }
