@@ -13,6 +13,7 @@ mod bridge;
 mod client;
 mod decoder;
 mod device;
+mod legacy;
 mod ling;
 
 use core::hint::black_box;
@@ -34,6 +35,7 @@ fn panic(_: &PanicInfo<'_>) -> ! {
 #[unsafe(no_mangle)]
 extern "C" fn _start() {
     ling::call_all();
+    legacy::call_all();
     bridge::call_all();
     black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));
     black_box(black_box(Micros(0)).since(black_box(Micros(0))));
