@@ -1,1 +1,966 @@
+//! How a virtual Alpha1 and its servos behave, seen through their line.
 
+use std::time::Duration;
+
+use armwire::alpha1::{
+    Action, Address, Alpha1, Angle, Expect, FirmwareVersion, Interval, Led, MAX_FRAME, MoveTime, OLDEST_FIRMWARE,
+    Offset, OffsetTool, Outcome, Request, Response, ServoAnswer, ServoId, ServoRequest, ServoResponse, ServoStates,
+    Text, UsbType,
+};
+use armwire::{Config, Decoder, Event, Micros, Protocol};
+use oorandom::Rand32;
+use proptest::prelude::*;
+
+use super::port::{MAX_REPLIES, REPORT};
+use super::*;
+use crate::faults::{Line, Rates};
+use crate::serial::SerialDevice;
+use crate::wire::{Silence, Wire};
+
+type Host<D> = Wire<Alpha1, D, MAX_FRAME>;
+
+/// The baud rate of the servo bus; a robot's may be so too.
+const LINE: Config = Config {
+    baud: 115_200,
+    ..Config::DEFAULT
+};
+
+fn host<D: SerialDevice>(device: D) -> Host<D> {
+    Wire::new(LINE, device)
+}
+
+fn robot() -> Alpha1Robot {
+    Alpha1Robot::new(RobotConfig::default())
+}
+
+fn bus() -> ServoBus {
+    ServoBus::new(BusConfig::default())
+}
+
+fn id(id: u8) -> ServoId {
+    ServoId::new(id).unwrap()
+}
+
+fn one(servo: u8) -> Address {
+    Address::One(id(servo))
+}
+
+fn angle(degrees: u8) -> Angle {
+    Angle::new(degrees).unwrap()
+}
+
+fn name(name: &str) -> Text {
+    Text::new(name.as_bytes()).unwrap()
+}
+
+fn millis(millis: u64) -> Micros {
+    Micros::from_millis(millis)
+}
+
+/// All 20 servos to one angle.
+fn act(degrees: u8, time: u64, interval: u64) -> Request {
+    Request::Act(Action {
+        angles: [Some(angle(degrees)); 20],
+        time: MoveTime::from_duration(Duration::from_millis(time)).unwrap(),
+        interval: Interval::from_duration(Duration::from_millis(interval)).unwrap(),
+    })
+}
+
+fn go(to: Address, degrees: u8, time: u64, lock: u64) -> Request {
+    Request::Servo(ServoRequest::Move {
+        to,
+        angle: angle(degrees),
+        time: MoveTime::from_duration(Duration::from_millis(time)).unwrap(),
+        lock: Interval::from_duration(Duration::from_millis(lock)).unwrap(),
+    })
+}
+
+fn acknowledged(servo: u8) -> Result<Option<Response>, Silence> {
+    Ok(Some(Response::Servo(ServoResponse::Acknowledged(id(servo)))))
+}
+
+fn acted(outcome: Outcome) -> Result<Option<Response>, Silence> {
+    Ok(Some(Response::Acted(outcome)))
+}
+
+fn played(outcome: Outcome) -> Result<Option<Response>, Silence> {
+    Ok(Some(Response::Playing(outcome)))
+}
+
+fn angles(servos: &[Servo], now: Micros) -> Vec<f64> {
+    servos.iter().map(|servo| servo.angle(now)).collect()
+}
+
+fn hear(device: &mut impl SerialDevice, now: &mut Micros, bytes: &[u8]) {
+    for &byte in bytes {
+        *now = *now + Micros(87);
+        device.receive(*now, byte);
+    }
+}
+
+/// Everything the device says until it has no more to say, and the time then.
+fn listen(device: &mut impl SerialDevice, now: &mut Micros) -> Vec<u8> {
+    let mut said = Vec::new();
+    loop {
+        match (device.transmit(*now), device.poll_timeout()) {
+            (Some(byte), _) => said.push(byte),
+            (None, Some(due)) => *now = due.max(*now),
+            (None, None) => return said,
+        }
+    }
+}
+
+fn ask(device: &mut impl SerialDevice, now: &mut Micros, request: &[u8]) -> Vec<u8> {
+    hear(device, now, request);
+    listen(device, now)
+}
+
+fn bytes(request: &Request) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let n = Alpha1::encode_request(request, &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+/// A frame with its CHECK.
+fn frame(header: [u8; 2], data: &[u8]) -> Vec<u8> {
+    let check = data.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
+    [&header[..], data, &[check, 0xED]].concat()
+}
+
+#[test]
+fn every_row_of_the_document_gets_its_answer() {
+    let (mut robot, mut now) = (robot(), Micros(0));
+    let action = [&[1, 0, 0, 0, 0, 0][..], &[90; 20], &[25, 0, 0]].concat();
+    let rows = [
+        (frame([0xF1, 0x1F], &[0; 6]), &b"\xF1\x1F\x0CAlpha1_V2.0\x68\xED"[..]),
+        (
+            frame([0xEF, 0xFE], &[0; 6]),
+            &[0xEF, 0xFE, 0x00, 0x00, 0xFF, 0xFF, 0xFE, 0xED],
+        ),
+        (frame([0xF2, 0x2F], &[0; 6]), &[0xF2, 0x2F, 0xAA, 0xED]),
+        (
+            frame([0xF5, 0x5F], &[1, 0, 0, 0, 0, 0]),
+            b"\xF5\x5F\xAA2015121519\xA5\xED",
+        ),
+        (
+            frame([0xFB, 0xBF], &action),
+            &[0xFB, 0xBF, 0x01, 0xAA, 0, 0, 0, 0, 0xAB, 0xED],
+        ),
+        (frame([0xF4, 0x4F], &[1, 1, 0, 0, 0, 0]), &[0xF4, 0x4F, 0xAA, 0xED]),
+        (frame([0xF4, 0x4F], &[1, 0, 0, 0, 0, 0]), &[0xF4, 0x4F, 0xAA, 0xED]),
+        (frame([0xF9, 0x9F], &[1, 0, 0, 0, 0, 0]), &[0xF9, 0x9F, 0xAA, 0xED]),
+        (frame([0xF3, 0x3F], b"\x06dance"), &[0xF3, 0x3F, 0xAA, 0xED]),
+        (frame([0xF3, 0x3F], b"\x06sleep"), &[0xF3, 0x3F, 0xEE, 0xED]),
+        (frame([0xF3, 0x3F], b"\x01"), &[0xF3, 0x3F, 0xEE, 0xED]),
+    ];
+    for (request, answer) in rows {
+        assert_eq!(ask(&mut robot, &mut now, &request), answer, "{request:02X?}");
+    }
+    assert_eq!((robot.counters().answered, robot.counters().refused), (11, 2));
+}
+
+#[test]
+fn servos_answer_the_manuals_frames_on_their_bus_and_through_the_robot() {
+    fn check(mut device: impl SerialDevice) {
+        let mut now = Micros(0);
+        let frames = [
+            // Move to 90° in 1 s.
+            (&[0xFA, 0xAF, 1, 1, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED][..], &[0xAB][..]),
+            (
+                &[0xFA, 0xAF, 1, 2, 0, 0, 0, 0, 0x03, 0xED],
+                &[0xFA, 0xAF, 1, 0xAA, 0x00, 0x5A, 0x00, 0x5A, 0x5F, 0xED],
+            ),
+            // Release, light.
+            (&[0xFA, 0xAF, 16, 1, 0xFF, 0, 0, 0, 0x10, 0xED], &[0xBA]),
+            (&[0xFA, 0xAF, 2, 4, 1, 0, 0, 0, 0x07, 0xED], &[0xAC]),
+            // Offset: set -1°, read.
+            (
+                &[0xFA, 0xAF, 1, 0xD2, 0, 0, 0xFF, 0xFD, 0xCF, 0xED],
+                &[0xFA, 0xAF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED],
+            ),
+            (
+                &[0xFA, 0xAF, 1, 0xD4, 0, 0, 0, 0, 0xD5, 0xED],
+                &[0xFA, 0xAF, 1, 0xAA, 0, 0, 0xFF, 0xFD, 0xA7, 0xED],
+            ),
+            // Version.
+            (
+                &[0xFC, 0xCF, 1, 1, 0, 0, 0, 0, 0x02, 0xED],
+                &[0xFC, 0xCF, 1, 0xAA, 0x41, 0x16, 0x51, 0x01, 0x54, 0xED],
+            ),
+            // Id 1 becomes 200.
+            (
+                &[0xFA, 0xAF, 1, 0xCD, 0, 200, 0, 0, 0x96, 0xED],
+                &[0xFA, 0xAF, 200, 0xAA, 0, 1, 0, 0, 0x73, 0xED],
+            ),
+            (&[0xFA, 0xAF, 200, 4, 0, 0, 0, 0, 0xCC, 0xED], &[0x72]),
+            // Nobody has id 1 now, and nobody answers what all are told.
+            (&[0xFA, 0xAF, 1, 4, 0, 0, 0, 0, 0x05, 0xED], &[]),
+            (&[0xFA, 0xAF, 0, 4, 0, 0, 0, 0, 0x04, 0xED], &[]),
+        ];
+        for (request, answer) in frames {
+            assert_eq!(ask(&mut device, &mut now, request), answer, "{request:02X?}");
+        }
+    }
+    check(bus());
+    check(robot());
+}
+
+#[test]
+fn versions_are_those_it_is_given() {
+    let config = RobotConfig {
+        hardware: name("x"),
+        firmware: *b"2016010100",
+        ..RobotConfig::default()
+    };
+    let mut host = host(Alpha1Robot::new(config));
+    assert_eq!(
+        host.call(Request::ReadHardwareVersion),
+        Ok(Some(Response::HardwareVersion(name("x"))))
+    );
+    let firmware = FirmwareVersion {
+        outcome: Outcome::Success,
+        text: *b"2016010100",
+    };
+    assert!(firmware.text >= OLDEST_FIRMWARE);
+    assert_eq!(
+        host.call(Request::ReadFirmwareVersion),
+        Ok(Some(Response::FirmwareVersion(firmware)))
+    );
+}
+
+#[test]
+fn a_debug_action_moves_the_servos_evenly_in_the_given_time() {
+    let (mut robot, mut start) = (robot(), Micros(0));
+    let Request::Act(mut action) = act(180, 2_000, 0) else {
+        unreachable!()
+    };
+    action.angles[0] = None;
+    action.angles[1] = Some(angle(0));
+    hear(&mut robot, &mut start, &bytes(&Request::Act(action)));
+
+    for (after, degrees) in [
+        (0, 0.0),
+        (500, 22.5),
+        (1_000, 45.0),
+        (1_996, 89.82),
+        (2_000, 90.0),
+        (60_000, 90.0),
+    ] {
+        let angles = angles(robot.servos(), start + millis(after));
+        assert_eq!(angles[0], 90.0);
+        assert!((angles[1] - (90.0 - degrees)).abs() < 1e-6, "{angles:?}");
+        assert!(
+            angles[2..].iter().all(|angle| (angle - (90.0 + degrees)).abs() < 1e-6),
+            "{angles:?}"
+        );
+    }
+    assert!(robot.servos()[15].is_moving(start + Micros(1_999_999)));
+    assert!(!robot.servos()[15].is_moving(start + millis(2_000)));
+    assert!(!robot.servos()[0].is_moving(start));
+}
+
+#[test]
+fn a_debug_action_without_duration_is_there_at_once() {
+    let mut host = host(robot());
+    assert_eq!(host.call(act(0, 0, 0)), acted(Outcome::Success));
+    assert_eq!(angles(host.device().servos(), host.elapsed()), [0.0; 16]);
+}
+
+#[test]
+fn a_new_move_starts_where_the_servo_is() {
+    let (mut robot, mut now) = (robot(), Micros(0));
+    hear(&mut robot, &mut now, &bytes(&act(190, 1_000, 0)));
+    let mut now = Micros(now.0 + 500_000 - 33 * 87); // the end of the second frame
+    hear(&mut robot, &mut now, &bytes(&act(40, 1_000, 0)));
+    assert_eq!(robot.servos()[3].angle(now), 140.0);
+    assert_eq!(robot.servos()[3].angle(now + millis(100)), 130.0);
+    assert_eq!(robot.servos()[3].target(), 40.0);
+}
+
+#[test]
+fn a_debug_action_before_the_interval_is_over_is_refused_and_moves_nothing() {
+    let (mut robot, mut now) = (robot(), Micros(0));
+    hear(&mut robot, &mut now, &bytes(&act(100, 200, 1_000)));
+    let end = now;
+    let second = bytes(&act(50, 0, 0));
+
+    let mut early = Micros(end.0 + 1_000_000 - 33 * 87 - 1);
+    hear(&mut robot, &mut early, &second);
+    assert_eq!(listen(&mut robot, &mut early)[10..14], [0xFB, 0xBF, 0x01, 0xEE]);
+    assert_eq!(robot.servos()[0].angle(early), 100.0);
+    assert_eq!(robot.counters().refused, 1);
+
+    let answer = ask(&mut robot, &mut early, &second);
+    assert_eq!(answer[2..4], [0x01, 0xAA]);
+    assert_eq!(robot.servos()[0].angle(early), 50.0);
+}
+
+#[test]
+fn to_stop_ends_the_interval() {
+    let mut host = host(robot());
+    assert_eq!(host.call(act(100, 200, 60_000)), acted(Outcome::Success));
+    assert_eq!(host.call(act(50, 200, 0)), acted(Outcome::Failure));
+    host.call(Request::Stop).unwrap();
+    assert_eq!(host.call(act(50, 200, 0)), acted(Outcome::Success));
+}
+
+#[test]
+fn an_angle_that_no_servo_can_go_to_is_refused_if_the_robot_has_that_servo() {
+    let (mut robot, mut now) = (robot(), Micros(0));
+    for (servo, raw, outcome) in [(16, 241, 0xEE), (1, 254, 0xEE), (17, 241, 0xAA), (16, 240, 0xAA)] {
+        let mut angles = [100; 20];
+        angles[servo - 1] = raw;
+        let data = [&[1, 0, 0, 0, 0, 0][..], &angles, &[0, 0, 0]].concat();
+        let before = robot.servos()[2].angle(now);
+        assert_eq!(ask(&mut robot, &mut now, &frame([0xFB, 0xBF], &data))[3], outcome);
+        let moved = robot.servos()[2].angle(now) != before;
+        assert_eq!(moved, outcome == 0xAA && servo == 17, "servo {servo} to {raw}");
+    }
+    assert_eq!(robot.servos()[15].angle(now), 240.0);
+}
+
+#[test]
+fn an_action_plays_its_poses_at_their_times_and_ends() {
+    let (mut robot, mut start) = (robot(), Micros(0));
+    hear(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
+
+    assert_eq!(robot.servos()[0].angle(start + millis(300)), 135.0);
+    robot.advance(start + millis(600));
+    assert_eq!(robot.servos()[0].angle(start + millis(600)), 180.0);
+    assert_eq!(robot.servos()[1].target(), 120.0, "the second pose has begun");
+    assert_eq!(robot.servos()[1].angle(start + millis(750)), 105.0);
+
+    robot.advance(start + Micros(2_299_999));
+    assert_eq!(robot.playing(), Some("wave"));
+    robot.advance(start + millis(2_300));
+    assert_eq!(robot.playing(), None);
+    assert_eq!(angles(robot.servos(), start + millis(2_300)), [90.0; 16]);
+}
+
+#[test]
+fn to_stop_halts_the_action_and_the_servos_hold_where_they_are() {
+    let mut host = host(robot());
+    host.call(Request::Play(name("wave"))).unwrap();
+    host.wait(millis(300));
+    assert_eq!(host.call(Request::Stop), Ok(Some(Response::Stopped(Outcome::Success))));
+    let stopped = angles(host.device().servos(), host.elapsed());
+    assert!(stopped[0] > 100.0 && stopped[0] < 180.0);
+    host.wait(millis(10_000));
+    assert_eq!(angles(host.device().servos(), host.elapsed()), stopped);
+    assert!(host.device().playing().is_none());
+    assert!(host.device().servos().iter().all(Servo::is_running));
+}
+
+#[test]
+fn the_last_command_wins() {
+    let mut host = host(robot());
+    host.call(Request::Play(name("dance"))).unwrap();
+    assert_eq!(host.call(Request::Play(name("sleep"))), played(Outcome::Failure));
+    assert_eq!(host.device().playing(), Some("dance"), "what is unknown ends nothing");
+    host.call(Request::Play(name("wave"))).unwrap();
+    assert_eq!(host.device().playing(), Some("wave"));
+    host.call(act(100, 0, 0)).unwrap();
+    assert_eq!(host.device().playing(), None);
+    host.wait(millis(10_000));
+    assert_eq!(angles(host.device().servos(), host.elapsed()), [100.0; 16]);
+}
+
+#[test]
+fn what_is_released_is_told_so_gives_way_and_runs_again_when_it_is_moved() {
+    let mut host = host(robot());
+    let states = |bits| Ok(Some(Response::ServoStates(ServoStates::from_bits(bits))));
+    assert!(!host.device_mut().servos_mut()[2].turn_by_hand(angle(10)));
+    assert_eq!(host.call(Request::ReadServoStates), states(0xFFFF));
+
+    host.call(Request::Servo(ServoRequest::ReadAngles(id(3)))).unwrap();
+    host.call(Request::Servo(ServoRequest::Release(one(16)))).unwrap();
+    assert_eq!(host.call(Request::ReadServoStates), states(0x7FFB));
+
+    assert!(host.device_mut().servos_mut()[2].turn_by_hand(angle(10)));
+    let read = host.call(Request::Servo(ServoRequest::ReadAngles(id(3))));
+    let expected = ServoResponse::Angles {
+        servo: id(3),
+        outcome: Outcome::Success,
+        target: 10,
+        actual: 10,
+    };
+    assert_eq!(read, Ok(Some(Response::Servo(expected))));
+
+    host.call(act(90, 500, 0)).unwrap();
+    assert_eq!(host.call(Request::ReadServoStates), states(0xFFFF));
+    host.call(Request::Servo(ServoRequest::Release(Address::All))).unwrap();
+    assert_eq!(host.call(Request::ReadServoStates), states(0));
+}
+
+#[test]
+fn reading_the_angle_of_a_servo_that_moves_tells_where_it_goes_and_stops_it_there() {
+    let mut host = host(bus());
+    host.device_mut().servos_mut()[0].turn_by_hand(angle(0));
+    assert_eq!(host.call(go(one(1), 240, 4_800, 0)), acknowledged(1));
+    host.wait(millis(2_000));
+    let read = host.call(Request::Servo(ServoRequest::ReadAngles(id(1))));
+    let expected = ServoResponse::Angles {
+        servo: id(1),
+        outcome: Outcome::Success,
+        target: 240,
+        actual: 100, // 50° a second; a millisecond on the line is a twentieth of a degree
+    };
+    assert_eq!(read, Ok(Some(Response::Servo(expected))));
+    host.wait(millis(5_000));
+    let stopped = host.device().servos()[0].angle(host.elapsed());
+    assert!((99.9..100.2).contains(&stopped), "{stopped}");
+}
+
+#[test]
+fn a_servo_is_busy_until_its_lock_time_is_over_but_obeys() {
+    let mut host = host(bus());
+    assert_eq!(host.call(go(one(5), 120, 200, 1_000)), acknowledged(5));
+    let servo = |host: &Host<ServoBus>| {
+        let servo = &host.device().servos()[4];
+        (servo.is_moving(host.elapsed()), servo.is_busy(host.elapsed()))
+    };
+    assert_eq!(servo(&host), (true, true));
+    host.wait(millis(500));
+    assert_eq!(servo(&host), (false, true));
+    assert_eq!(host.call(go(one(5), 60, 0, 0)), acknowledged(5));
+    assert_eq!(servo(&host), (false, false));
+    assert_eq!(host.device().servos()[4].angle(host.elapsed()), 60.0);
+}
+
+#[test]
+fn all_servos_obey_what_all_are_told_and_none_answers() {
+    let mut host = host(bus());
+    assert_eq!(host.call(go(Address::All, 30, 0, 0)), Ok(None));
+    host.call(Request::Servo(ServoRequest::SetLed {
+        to: Address::All,
+        led: Led(1),
+    }))
+    .unwrap();
+    host.wait(millis(100));
+    assert_eq!(host.take_events(), []);
+    let servos = host.device().servos();
+    assert_eq!(angles(servos, host.elapsed()), [30.0; 16]);
+    assert!(servos.iter().all(|servo| servo.led() == Led(1)));
+    assert_eq!(
+        (host.device().counters().answered, host.device().counters().refused),
+        (0, 0)
+    );
+}
+
+#[test]
+fn an_offset_turns_the_horn_of_a_servo_that_holds_and_the_scale_of_one_that_does_not() {
+    let mut host = host(bus());
+    let set = |servo, thirds| Request::Servo(ServoRequest::SetOffset(id(servo), Offset::new(thirds).unwrap()));
+    host.call(go(one(1), 100, 0, 0)).unwrap();
+    host.call(set(1, -9)).unwrap();
+    host.call(set(2, 30)).unwrap();
+    let now = host.elapsed();
+    let servos = host.device().servos();
+    assert_eq!((servos[0].angle(now), servos[0].horn(now)), (100.0, 97.0));
+    assert_eq!((servos[1].angle(now), servos[1].horn(now)), (80.0, 90.0));
+    let read = host.call(Request::Servo(ServoRequest::ReadOffset(id(1))));
+    let expected = ServoResponse::Offset {
+        servo: id(1),
+        outcome: Outcome::Success,
+        thirds: -9,
+    };
+    assert_eq!(read, Ok(Some(Response::Servo(expected))));
+    assert_eq!(host.device().servos()[0].offset(), Offset::new(-9).unwrap());
+}
+
+#[test]
+fn a_servo_that_was_given_an_id_answers_to_that_alone() {
+    let mut host = host(bus());
+    let change = |from, to| {
+        Request::Servo(ServoRequest::ChangeId {
+            from: id(from),
+            to: id(to),
+        })
+    };
+    for (from, to) in [(16, 240), (240, 82), (82, 80), (80, 86)] {
+        let changed = ServoResponse::IdChanged {
+            servo: id(to),
+            outcome: Outcome::Success,
+            was: from,
+        };
+        assert_eq!(host.call(change(from, to)), Ok(Some(Response::Servo(changed))));
+        assert_eq!(
+            host.call(go(one(to), 90, 0, 0)),
+            acknowledged(to),
+            "also where its byte is a header or zero"
+        );
+    }
+    assert_eq!(host.device().servos()[15].id(), id(86));
+    assert_eq!(host.call(go(one(16), 90, 0, 0)), Err(Silence { sends: 1 }));
+    assert_eq!(host.device().counters().refused, 1);
+}
+
+#[test]
+fn servos_with_one_id_answer_at_once_and_what_they_say_mixes() {
+    let mut bus = ServoBus::new(BusConfig {
+        ids: vec![id(1), id(1)],
+        ..BusConfig::default()
+    });
+    assert!(bus.servos_mut()[0].turn_by_hand(angle(0x0F)));
+    assert!(bus.servos_mut()[1].turn_by_hand(angle(0x3C)));
+    let mut now = Micros(0);
+    let same = ask(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
+    assert_eq!(same, [0xAB], "both say the same");
+
+    for (servo, degrees) in [(0, 0x0F), (1, 0x3C)] {
+        bus.servos_mut()[servo].go(now, angle(degrees), Micros(0), Micros(0));
+    }
+    let mixed = ask(
+        &mut bus,
+        &mut now,
+        &bytes(&Request::Servo(ServoRequest::ReadAngles(id(1)))),
+    );
+    assert_eq!(mixed[..8], [0xFA, 0xAF, 0x01, 0xAA, 0x00, 0x0C, 0x00, 0x0C]);
+    // C9 & 23: no checksum of what arrived.
+    assert_eq!(mixed[8], 0xC9 & 0x23);
+}
+
+#[test]
+fn a_faulty_servo_does_nothing_and_says_so_where_it_can() {
+    let mut host = host(robot());
+    host.device_mut().servos_mut()[6].set_faulty(true);
+    let failed = |request| match host.call(Request::Servo(request)) {
+        Ok(Some(Response::Servo(
+            ServoResponse::Angles { outcome, .. }
+            | ServoResponse::IdChanged { outcome, .. }
+            | ServoResponse::OffsetSet { outcome, .. }
+            | ServoResponse::Offset { outcome, .. }
+            | ServoResponse::Version { outcome, .. },
+        ))) => outcome == Outcome::Failure,
+        other => panic!("{other:?}"),
+    };
+    let requests = [
+        ServoRequest::ReadAngles(id(7)),
+        ServoRequest::ChangeId { from: id(7), to: id(8) },
+        ServoRequest::SetOffset(id(7), Offset::MAX),
+        ServoRequest::ReadOffset(id(7)),
+        ServoRequest::ReadVersion(id(7)),
+    ];
+    assert!(requests.into_iter().all(failed));
+    assert_eq!(host.device().servos()[6].id(), id(7));
+    assert_eq!(host.device().servos()[6].offset().thirds(), 0);
+    assert_eq!(host.call(go(one(7), 10, 0, 0)), Err(Silence { sends: 1 }));
+    assert_eq!(host.call(act(10, 0, 0)), acted(Outcome::Failure));
+    host.wait(millis(200));
+    assert_eq!(angles(host.device().servos(), host.elapsed()), [90.0; 16]);
+
+    host.call(Request::Play(name("dance"))).unwrap();
+    host.wait(millis(300));
+    let servos = host.device().servos();
+    assert!(!servos[6].is_moving(host.elapsed()) && servos[0].is_moving(host.elapsed()));
+}
+
+#[test]
+fn what_it_is_told_of_usb_and_the_offset_tool_is_kept() {
+    let mut host = host(robot());
+    assert_eq!(
+        (host.device().usb(), host.device().offset_tool()),
+        (UsbType::SerialPort, OffsetTool::Disconnect)
+    );
+    host.call(Request::SetUsbType(UsbType::Hid)).unwrap();
+    host.call(Request::SetOffsetTool(OffsetTool::Connect)).unwrap();
+    assert_eq!(
+        (host.device().usb(), host.device().offset_tool()),
+        (UsbType::Hid, OffsetTool::Connect)
+    );
+}
+
+#[test]
+fn a_bus_answers_within_400_us_and_only_servo_frames() {
+    let (mut bus, mut now) = (bus(), Micros(0));
+    hear(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
+    assert_eq!(bus.transmit(now + Micros(199)), None);
+    assert_eq!(bus.transmit(now + Micros(400)), Some(0xAB));
+    now = now + millis(10);
+
+    for request in [
+        Request::ReadHardwareVersion,
+        Request::ReadServoStates,
+        Request::Stop,
+        Request::ReadFirmwareVersion,
+        act(10, 0, 0),
+        Request::SetOffsetTool(OffsetTool::Connect),
+        Request::SetUsbType(UsbType::Hid),
+        Request::Play(name("wave")),
+    ] {
+        assert_eq!(ask(&mut bus, &mut now, &bytes(&request)), [], "{request:?}");
+    }
+    assert_eq!((bus.counters().answered, bus.counters().refused), (1, 8));
+    assert_eq!(angles(bus.servos(), now), [90.0; 16]);
+}
+
+#[test]
+fn a_host_on_the_same_wire_hears_itself_and_calls_still_work() {
+    let mut host = host(ServoBus::new(BusConfig {
+        echo: true,
+        ..BusConfig::default()
+    }));
+    let release = Request::Servo(ServoRequest::Release(one(1)));
+    let read = Request::Servo(ServoRequest::ReadVersion(id(2)));
+    assert_eq!(host.call(release), acknowledged(1));
+    assert!(matches!(
+        host.call(read),
+        Ok(Some(Response::Servo(ServoResponse::Version { .. })))
+    ));
+    assert_eq!(host.call(go(Address::All, 1, 0, 0)), Ok(None));
+    host.wait(millis(10));
+    let echoes = [release, read, go(Address::All, 1, 0, 0)].map(Event::Echo);
+    assert_eq!(host.take_events(), echoes);
+}
+
+#[test]
+fn a_servo_that_talks_is_deaf_and_so_are_the_others() {
+    let (mut bus, mut now) = (bus(), Micros(0));
+    hear(
+        &mut bus,
+        &mut now,
+        &bytes(&Request::Servo(ServoRequest::ReadVersion(id(1)))),
+    );
+    now = now + Micros(200);
+    assert_eq!(bus.transmit(now), Some(0xFC));
+    hear(&mut bus, &mut now, &bytes(&go(one(2), 10, 0, 0)));
+    let rest = listen(&mut bus, &mut now);
+    assert_eq!((rest.len(), rest[0]), (9, 0xCF));
+    assert_eq!((bus.counters().collided, bus.counters().requests), (10, 1));
+}
+
+#[test]
+fn requests_and_answers_may_be_filled_up_to_reports() {
+    for hid in [false, true] {
+        let (mut robot, mut now) = (
+            Alpha1Robot::new(RobotConfig {
+                hid,
+                ..RobotConfig::default()
+            }),
+            Micros(0),
+        );
+        for (request, answer) in [
+            (Request::Stop, 4),
+            (Request::ReadHardwareVersion, 16),
+            (go(one(1), 10, 0, 0), 1),
+        ] {
+            let mut report = bytes(&request);
+            report.resize(REPORT, 0);
+            let said = ask(&mut robot, &mut now, &report);
+            assert_eq!(said.len(), if hid { REPORT } else { answer });
+            assert!(said[answer - 1] != 0 && said[answer..].iter().all(|&byte| byte == 0));
+        }
+        assert_eq!((robot.counters().noise_bytes, robot.counters().unknown), (0, 0));
+    }
+}
+
+#[test]
+fn the_filling_of_reports_says_nothing_to_a_client() {
+    let mut host = host(Alpha1Robot::new(RobotConfig {
+        hid: true,
+        ..RobotConfig::default()
+    }));
+    assert_eq!(host.device().usb(), UsbType::Hid);
+    for _ in 0..3 {
+        assert!(host.call(Request::ReadHardwareVersion).is_ok());
+        assert_eq!(host.call(act(100, 100, 0)), acted(Outcome::Success));
+        assert_eq!(host.call(go(one(9), 10, 0, 0)), acknowledged(9));
+        host.wait(millis(10));
+    }
+    assert_eq!(host.take_events(), []);
+}
+
+#[test]
+fn what_is_no_request_is_counted_and_not_answered() {
+    let (mut robot, mut now) = (robot(), Micros(0));
+    let wrong_values = [
+        frame([0xF9, 0x9F], &[4, 0, 0, 0, 0, 0]),     // no such USB type
+        frame([0xF4, 0x4F], &[1, 2, 0, 0, 0, 0]),     // neither connected nor not
+        frame([0xFA, 0xAF], &[241, 1, 90, 0, 0, 0]),  // no such id
+        frame([0xFA, 0xAF], &[1, 0xD2, 0, 0, 0, 91]), // offset out of range
+        frame([0xFC, 0xCF], &[1, 2, 0, 0, 0, 0]),     // the boot loader
+    ];
+    for (i, frame) in wrong_values.iter().enumerate() {
+        assert_eq!(ask(&mut robot, &mut now, frame), [], "{frame:02X?}");
+        assert_eq!(robot.counters().unknown, i as u64 + 1);
+    }
+
+    let bluetooth = frame([0xFB, 0xBF], &[0x06, 0x18, 0x00]);
+    let mut damaged = frame([0xF2, 0x2F], &[0; 6]);
+    damaged[9] = 0xEE;
+    for frame in [bluetooth, damaged, vec![0x55; 3]] {
+        let before = robot.counters().noise_bytes;
+        assert_eq!(ask(&mut robot, &mut now, &frame), [], "{frame:02X?}");
+        assert!(robot.counters().noise_bytes > before);
+    }
+    assert_eq!((robot.counters().requests, robot.counters().answered), (0, 0));
+    assert_eq!(angles(robot.servos(), now), [90.0; 16]);
+}
+
+#[test]
+fn an_idle_line_frees_the_request_behind_a_false_header() {
+    let (mut robot, mut now) = (robot(), Micros(0));
+    hear(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
+    hear(&mut robot, &mut now, &bytes(&Request::Stop));
+    assert_eq!(robot.transmit(now + Micros(5_999)), None);
+    assert_eq!(robot.transmit(now + Micros(6_000)), Some(0xF2)); // idle 5 ms, turnaround 1 ms
+}
+
+#[test]
+fn the_requests_of_two_hosts_in_one_burst_however_cut_get_all_their_answers() {
+    let requests = [
+        Request::ReadHardwareVersion,
+        Request::Servo(ServoRequest::ReadVersion(id(1))),
+        Request::Stop,
+        Request::ReadFirmwareVersion,
+    ];
+    let burst = requests.map(|request| bytes(&request)).concat();
+    let (mut robot, mut now) = (robot(), Micros(0));
+    let whole = ask(&mut robot, &mut now, &burst);
+    assert_eq!(whole.len(), 16 + 10 + 4 + 15);
+    for cut in 0..burst.len() {
+        let (first, second) = burst.split_at(cut);
+        hear(&mut robot, &mut now, first);
+        now = now + millis(4); // less than the line's idle time
+        let mut said: Vec<_> = std::iter::from_fn(|| robot.transmit(now)).collect();
+        hear(&mut robot, &mut now, second);
+        said.extend(listen(&mut robot, &mut now));
+        assert_eq!(said, whole, "cut at {cut}");
+    }
+    assert_eq!((robot.counters().noise_bytes, robot.counters().unknown), (0, 0));
+}
+
+#[test]
+fn answers_wait_for_each_other_and_too_many_are_counted() {
+    let (mut robot, mut now) = (robot(), Micros(0));
+    for _ in 0..MAX_REPLIES + 2 {
+        for byte in bytes(&Request::Stop) {
+            robot.receive(now, byte);
+        }
+    }
+    assert_eq!(robot.counters().overrun, 2);
+    now = now + millis(1);
+    let first: Vec<_> = std::iter::from_fn(|| robot.transmit(now)).collect();
+    assert_eq!(first.len(), 4, "one answer at a time");
+    assert_eq!(listen(&mut robot, &mut now).len(), 4 * (MAX_REPLIES - 1));
+}
+
+#[test]
+fn every_intact_request_is_answered_whatever_noise_stands_before_it() {
+    let mut random = Rand32::new(7);
+    let (mut robot, mut now) = (robot(), Micros(0));
+    let request = bytes(&Request::ReadFirmwareVersion);
+    let mut swallowed = 0;
+    for _ in 0..20_000 {
+        let len = random.rand_range(0..80);
+        // Much of it header-like, so that false headers are common.
+        let noise: Vec<u8> = (0..len)
+            .flat_map(|_| match random.rand_range(0..4) {
+                0 => {
+                    let headers = [0xF1, 0xEF, 0xF2, 0xF5, 0xFB, 0xF4, 0xF9, 0xF3, 0xFA, 0xFC_u8];
+                    let header = headers[random.rand_range(0..10) as usize];
+                    vec![header, header.rotate_left(4)]
+                }
+                1 => vec![random.rand_range(0..64) as u8],
+                _ => vec![random.rand_u32() as u8],
+            })
+            .collect();
+        let before = robot.counters();
+        hear(&mut robot, &mut now, &noise);
+        hear(&mut robot, &mut now, &request);
+        let said = listen(&mut robot, &mut now);
+        let answers = robot.counters().answered - before.answered;
+        // CHECK is one byte: now and then noise and the request make up another good frame together.
+        if !said.ends_with(b"\xF5\x5F\xAA2015121519\xA5\xED") {
+            let counters = robot.counters();
+            assert!(answers > 0 || counters.unknown > before.unknown, "after {noise:02X?}");
+            swallowed += 1;
+        }
+    }
+    assert!(swallowed < 20_000 / 256, "{swallowed}");
+}
+
+fn any_angle() -> impl Strategy<Value = Angle> {
+    (0..=240_u8).prop_map(angle)
+}
+
+fn any_id() -> impl Strategy<Value = ServoId> {
+    // Mostly one that is there.
+    prop_oneof![4 => 1..=16_u8, 1 => 1..=240_u8].prop_map(id)
+}
+
+fn any_address() -> impl Strategy<Value = Address> {
+    prop_oneof![4 => any_id().prop_map(Address::One), 1 => Just(Address::All)]
+}
+
+fn any_servo_request() -> impl Strategy<Value = ServoRequest> {
+    prop_oneof![
+        (any_address(), any_angle(), any::<u8>(), any::<u16>()).prop_map(|(to, angle, time, lock)| {
+            ServoRequest::Move {
+                to,
+                angle,
+                time: MoveTime::new(time),
+                lock: Interval::new(lock),
+            }
+        }),
+        any_address().prop_map(ServoRequest::Release),
+        (any_address(), any::<u8>()).prop_map(|(to, led)| ServoRequest::SetLed { to, led: Led(led) }),
+        any_id().prop_map(ServoRequest::ReadAngles),
+        (any_id(), any_id()).prop_map(|(from, to)| ServoRequest::ChangeId { from, to }),
+        (any_id(), -90..=90_i16)
+            .prop_map(|(servo, thirds)| { ServoRequest::SetOffset(servo, Offset::new(thirds).unwrap()) }),
+        any_id().prop_map(ServoRequest::ReadOffset),
+        any_id().prop_map(ServoRequest::ReadVersion),
+    ]
+}
+
+fn any_request() -> impl Strategy<Value = Request> {
+    prop_oneof![
+        Just(Request::ReadHardwareVersion),
+        Just(Request::ReadServoStates),
+        Just(Request::Stop),
+        Just(Request::ReadFirmwareVersion),
+        (
+            proptest::array::uniform20(proptest::option::of(any_angle())),
+            any::<u8>(),
+            0..100_u16
+        )
+            .prop_map(|(angles, time, interval)| Request::Act(Action {
+                angles,
+                time: MoveTime::new(time),
+                interval: Interval::new(interval),
+            })),
+        Just(Request::SetOffsetTool(OffsetTool::Connect)),
+        Just(Request::SetUsbType(UsbType::Hid)),
+        Just(Request::Play(name("wave"))),
+        Just(Request::Play(name("dance"))),
+        Just(Request::Play(name("sleep"))),
+        any_servo_request().prop_map(Request::Servo),
+    ]
+}
+
+fn any_rates() -> impl Strategy<Value = Rates> {
+    // Mostly such that some frames pass and some do not.
+    prop_oneof![
+        1 => Just(0),
+        8 => 0..20_000_u32,
+        1 => 0..1_000_000_u32,
+        1 => Just(1_000_000),
+    ]
+    .prop_map(Rates::each)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn a_robot_survives_any_faults_and_answers_when_they_are_over(
+        requests in proptest::collection::vec(any_request(), 0..20),
+        hid: bool,
+        to_robot in any_rates(),
+        from_robot in any_rates(),
+        seed: u64,
+    ) {
+        let robot = Alpha1Robot::new(RobotConfig { hid, ..RobotConfig::default() });
+        let mut host = host(Line::new(robot, to_robot, from_robot, seed));
+        for request in requests {
+            let _ = host.call(request);
+        }
+        host.device_mut().set_rates(Rates::NONE, Rates::NONE);
+        host.wait(millis(1_000)); // delayed bytes and late answers
+        prop_assert!(matches!(host.call(Request::ReadServoStates), Ok(Some(Response::ServoStates(_)))));
+        prop_assert!(matches!(host.call(Request::ReadFirmwareVersion), Ok(Some(Response::FirmwareVersion(_)))));
+    }
+
+    #[test]
+    fn every_request_to_a_robot_gets_its_answer(requests in proptest::collection::vec(any_request(), 1..20), hid: bool) {
+        let mut host = host(Alpha1Robot::new(RobotConfig { hid, ..RobotConfig::default() }));
+        for request in requests {
+            let refused = host.device().counters().refused;
+            let answer = host.call(request);
+            match request {
+                // Nobody is there, or several with one id are.
+                Request::Servo(request) => {
+                    let wanted = Alpha1::reply(&Request::Servo(request)).is_some();
+                    prop_assert!(answer.is_ok() || wanted);
+                    prop_assert!(!wanted || answer != Ok(None));
+                    prop_assert!(host.device().counters().refused - refused <= 3);
+                }
+                _ => prop_assert!(matches!(answer, Ok(Some(_))), "{:?}: {:?}", request, answer),
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_robot_does_does_not_depend_on_how_often_it_is_polled(
+        script in proptest::collection::vec((any_request(), 0..5_000_000_u64), 1..12),
+        mut polls in proptest::collection::vec(0..50_000_000_u64, 0..200),
+    ) {
+        let (mut rarely, mut often) = (robot(), robot());
+        polls.sort_unstable();
+        let mut polls = polls.into_iter().map(Micros).peekable();
+        let mut now = Micros(0);
+        for (request, pause) in script {
+            hear(&mut rarely, &mut now.clone(), &bytes(&request));
+            hear(&mut often, &mut now, &bytes(&request));
+            let begin = now;
+            now = now + Micros(pause);
+            while let Some(poll) = polls.next_if(|&poll| poll <= now) {
+                // A poll in the past is none: time never runs backwards.
+                often.advance(poll.max(begin));
+            }
+            rarely.advance(now);
+            often.advance(now);
+            prop_assert_eq!(rarely.servos(), often.servos());
+            prop_assert_eq!(rarely.playing(), often.playing());
+        }
+    }
+
+    #[test]
+    fn noise_and_requests_make_a_robot_say_nothing_but_answers(
+        noise in proptest::collection::vec(
+            prop_oneof![
+                20 => any::<u8>().prop_map(|byte| vec![byte]),
+                1 => any_request().prop_filter("ids stay apart", keeps_ids).prop_map(|request| bytes(&request)),
+            ],
+            0..300,
+        ),
+    ) {
+        let noise = noise.concat();
+        let (mut robot, mut now) = (robot(), Micros(0));
+        hear(&mut robot, &mut now, &noise);
+        let said = listen(&mut robot, &mut now);
+        // What a frame of a servo answers does not matter here; what is no frame is the byte by which one acknowledges.
+        let expect = Expect::Responses(Some(ServoAnswer::Angles));
+        let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
+        let (mut rest, mut frames, mut frame_bytes) = (&said[..], 0, 0);
+        while !rest.is_empty() {
+            rest = decoder.push(rest);
+            while let Some(next) = decoder.next(expect) {
+                if let Ok(frame) = next {
+                    let response = Alpha1::parse_response(frame, expect).unwrap();
+                    frames += 1;
+                    frame_bytes += Alpha1::encode_response(&response, &mut [0; MAX_FRAME]).unwrap();
+                }
+            }
+        }
+        prop_assert_eq!(robot.counters().answered, (frames + said.len() - frame_bytes) as u64, "{:02X?}", said);
+        prop_assert_eq!(robot.counters().bytes, noise.len() as u64);
+    }
+}
+
+fn keeps_ids(request: &Request) -> bool {
+    !matches!(request, Request::Servo(ServoRequest::ChangeId { .. }))
+}
+
+#[test]
+fn a_clock_that_starts_late_or_ends_never_is_no_trouble() {
+    let mut robot = robot();
+    let mut now = Micros(1_700_000_000_000_000);
+    hear(&mut robot, &mut now, &bytes(&Request::Play(name("dance"))));
+    robot.advance(now + millis(60_000));
+    assert_eq!(angles(robot.servos(), now + millis(60_000)), [90.0; 16]);
+    robot.advance(Micros(u64::MAX));
+    hear(&mut robot, &mut Micros(u64::MAX), &bytes(&act(100, 5_000, 5_000)));
+    assert_eq!(robot.servos()[0].angle(Micros(u64::MAX)), 90.0);
+}
