@@ -158,9 +158,10 @@ impl Body {
     /// Queues a move. While it cannot move it does nothing, now or later.
     pub(super) fn go(&mut self, target: Target) -> Result<(), Refused> {
         let in_range = |value: f32, max: f32| value > 0.0 && value <= max;
-        if !(in_range(target.speed, MAX_SPEED) && in_range(target.acceleration, MAX_ACCELERATION))
-            || !target.joints.iter().all(|angle| angle.is_finite())
-        {
+        let makes_sense = in_range(target.speed, MAX_SPEED)
+            && in_range(target.acceleration, MAX_ACCELERATION)
+            && target.joints.iter().all(|angle| angle.is_finite());
+        if !makes_sense {
             return Err(Refused);
         }
         if !self.can_move() {

@@ -150,7 +150,7 @@ impl Frame {
     pub(super) fn roll_pitch_yaw(&self) -> Vector {
         let [[xx, xy, xz], [yx, yy, yz], [.., zz]] = self.columns;
         let level = xx.hypot(xy);
-        let pitch = (-xz).atan2(level);
+        let pitch = (0.0 - xz).atan2(level);
         if level < 1e-9 {
             // Straight up or down, roll and yaw are the same turn.
             return [0.0, pitch, upright((-yx).atan2(yy))];

@@ -18,7 +18,7 @@
 //! | 16, 17 | | clear the error, the warning |
 //! | 19 | mode, and perhaps 0 or 1 | |
 //! | 23 | ten `f32`: seven joints in rad, speed in rad/s, acceleration in rad/s², a time that is ignored | |
-//! | 41 | | six `f32`: x, y, z in mm; roll, pitch, yaw in rad |
+//! | 41, 91 | | six `f32`: x, y, z in mm; 41: roll, pitch, yaw in rad; 91: the same turn as a vector along its axis |
 //! | 42 | perhaps 1, 2 or 3 | seven `f32`: joints in rad; from 2 also rad/s; with 3 also torques |
 //! | 55 | | seven `f32`: torques |
 //! | 70 | 0 or 1 | what is reported as torque, which register 5 tells |
@@ -40,6 +40,7 @@ use armwire::xarm::{
 };
 
 use body::{Body, Refused, Target};
+use geometry::Frame;
 pub use geometry::Model;
 pub use report::REPORT;
 #[cfg(unix)]
@@ -63,6 +64,7 @@ mod register {
     pub(super) const READ_TORQUES: u8 = 55;
     pub(super) const SET_APPROXIMATION: u8 = 66;
     pub(super) const SET_TORQUE_SOURCE: u8 = 70;
+    pub(super) const READ_POSE_VECTOR: u8 = 91;
 }
 
 /// What a virtual arm is.
@@ -267,10 +269,8 @@ impl VirtualXArm {
             (register::READ_STATE, []) => vec![body.state()],
             (register::READ_MOVES, []) => (body.moves() as u16).to_be_bytes().to_vec(),
             (register::READ_CODES, []) => vec![body.error(), body.warning()],
-            (register::READ_POSE, []) => {
-                let flange = body.placed().flange;
-                [floats(&flange.position), floats(&flange.roll_pitch_yaw())].concat()
-            }
+            (register::READ_POSE, []) => pose(body, Frame::roll_pitch_yaw),
+            (register::READ_POSE_VECTOR, []) => pose(body, Frame::rotation_vector),
             (register::READ_JOINTS, [] | [1]) => floats(body.joints()),
             (register::READ_JOINTS, [2]) => [floats(body.joints()), floats(body.velocities())].concat(),
             (register::READ_JOINTS, [3]) => {
@@ -321,6 +321,12 @@ fn target(params: &[u8]) -> Option<Target> {
         }),
         _ => None,
     }
+}
+
+/// Where the flange is and how it is turned.
+fn pose(body: &Body, turn: impl Fn(&Frame) -> [f64; 3]) -> Vec<u8> {
+    let flange = body.placed().flange;
+    [floats(&flange.position), floats(&turn(&flange))].concat()
 }
 
 /// Values as they are on the wire.
