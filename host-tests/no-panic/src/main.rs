@@ -9,12 +9,14 @@
 #![no_std]
 #![no_main]
 
+mod alpha1;
 mod bridge;
 mod client;
 mod decoder;
 mod device;
 mod legacy;
 mod ling;
+mod xarm;
 
 use core::hint::black_box;
 use core::panic::PanicInfo;
@@ -35,6 +37,8 @@ fn panic(_: &PanicInfo<'_>) -> ! {
 #[unsafe(no_mangle)]
 extern "C" fn _start() {
     ling::call_all();
+    xarm::call_all();
+    alpha1::call_all();
     legacy::call_all();
     bridge::call_all();
     black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));

@@ -1,0 +1,43 @@
+//! Alpha1, and what is in its messages.
+
+use core::hint::black_box;
+use core::time::Duration;
+
+use armwire::alpha1::{
+    Action, Address, Alpha1, Angle, Expect, Interval, MAX_FRAME, MoveTime, Offset, Outcome, Request, Response,
+    ServoAnswer, ServoId, ServoStates, Text, checksum,
+};
+
+use crate::{bytes, client, decoder, device};
+
+pub(crate) fn call_all() {
+    let mut text = [0; 300];
+    let text = bytes(&mut text);
+    let action = Action {
+        angles: [None; 20],
+        time: MoveTime::new(0),
+        interval: Interval::new(0),
+    };
+    for expect in [Expect::Requests, Expect::Responses(Some(ServoAnswer::Angles))] {
+        decoder::call_all::<Alpha1, MAX_FRAME>(black_box(expect));
+    }
+    client::call_all::<Alpha1, MAX_FRAME>(Request::Act(action), Response::Playing(Outcome::Success));
+    device::call_all::<Alpha1, MAX_FRAME>(Response::Acted(Outcome::Failure));
+    black_box(checksum(text));
+
+    let duration = black_box(Duration::ZERO);
+    black_box(MoveTime::from_duration(duration).is_ok_and(|time| time.duration() == duration));
+    black_box(black_box(MoveTime::new(black_box(0))).units());
+    black_box(Interval::from_duration(duration).is_ok_and(|interval| interval.duration() == duration));
+    black_box(black_box(Interval::new(black_box(0))).units());
+    black_box(Angle::new(black_box(0)).is_ok_and(|angle| angle.degrees() == black_box(None)));
+    black_box(ServoId::new(black_box(0)).is_ok_and(|servo| Address::One(servo).id() == black_box(0)));
+    black_box(Offset::new(black_box(0)).is_ok_and(|offset| offset.degrees() == offset.thirds().into()));
+    black_box(Text::new(text).is_ok_and(|text| black_box(text).as_str().is_some() || text.as_bytes().is_empty()));
+    black_box(black_box(Outcome::Success).is_success());
+
+    let states = black_box(ServoStates::from_bits(black_box(0)));
+    black_box(states.bits());
+    black_box(states.is_running(black_box(0)));
+    black_box(states.running().map(u32::from).fold(0, u32::wrapping_add));
+}
