@@ -8,7 +8,8 @@ use crate::OutOfRange;
 
 /// The most parameters of a message, in bytes.
 ///
-/// The longest known have 113. More would make every message, and every buffer, longer.
+/// The longest of the vendor's package has 113, but for what it passes through to a serial line at the tool. More would
+/// make every message, and every buffer, longer.
 pub const MAX_PARAMS: usize = 120;
 
 /// How many axes an arm has at most.
