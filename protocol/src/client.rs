@@ -410,20 +410,8 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         }
         let expect = self.expect();
         loop {
-            match self.decoder.next(expect) {
-                Some(Ok(frame)) => {
-                    let event = match P::parse_response(frame, expect) {
-                        Ok(response) => return Some(self.place(now, response)),
-                        Err(error) => P::parse_request(frame).map_or(Event::Unknown(error), Event::Echo),
-                    };
-                    return Some(event);
-                }
-                Some(Err(noise)) if P::RELIABLE => {
-                    self.flight = None;
-                    return Some(Event::Broken(noise));
-                }
-                Some(Err(noise)) => return Some(Event::Noise(noise)),
-                None => {}
+            if let Some(event) = self.read(now, expect) {
+                return Some(event);
             }
             match input {
                 Input::Bytes(bytes) if !bytes.is_empty() => {
@@ -432,6 +420,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
                 }
                 Input::Idle => match self.decoder.idle(expect) {
                     Some(noise) => return Some(Event::Noise(noise)),
+                    None if self.decoder.need(expect) == 0 => {}
                     None => break,
                 },
                 Input::Bytes(_) | Input::Tick => break,
@@ -441,6 +430,22 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             return self.flight.take().map(|_| Event::Broken(noise));
         }
         self.expire(now, expect)
+    }
+
+    /// What the decoder has to say.
+    fn read(&mut self, now: Micros, expect: P::Expect) -> Option<Event<P>> {
+        let event = match self.decoder.next(expect)? {
+            Ok(frame) => match P::parse_response(frame, expect) {
+                Ok(response) => self.place(now, response),
+                Err(error) => P::parse_request(frame).map_or(Event::Unknown(error), Event::Echo),
+            },
+            Err(noise) if P::RELIABLE => {
+                self.flight = None;
+                Event::Broken(noise)
+            }
+            Err(noise) => Event::Noise(noise),
+        };
+        Some(event)
     }
 
     /// What the next frame may be: the answer to the request in flight or, until that is sent, one that is owed.
@@ -494,12 +499,17 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             };
             return None;
         }
-        // A false header may be holding the answer back. After so long a silence it is not a frame.
-        if silence <= now
-            && let Some(noise) = self.decoder.idle(expect)
-        {
-            return Some(Event::Noise(noise));
+        if silence <= now {
+            // A false header may be holding the answer back. After so long a silence it is not a frame.
+            if let Some(noise) = self.decoder.idle(expect) {
+                return Some(Event::Noise(noise));
+            }
+            // Or it is an answer whose end only silence can tell.
+            if let Some(event) = self.read(now, expect) {
+                return Some(event);
+            }
         }
+        let flight = self.flight.as_mut()?;
         if flight.repeats > 0 && P::repeatable(&flight.request) {
             flight.repeats -= 1;
             flight.state = State::Ready;

@@ -38,6 +38,8 @@ pub struct Decoder<F: Framing, const N: usize> {
     offset: u64,
     /// Stray bytes just before the window that were not reported yet.
     stray: usize,
+    /// Nothing came since the line went idle.
+    idle: bool,
     /// What broke the stream.
     broken: Option<Noise>,
     framing: PhantomData<F>,
@@ -53,6 +55,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             tail: 0,
             offset: 0,
             stray: 0,
+            idle: false,
             broken: None,
             framing: PhantomData,
         }
@@ -77,6 +80,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Accepts the first `n` bytes of [`space`](Self::space), or all of it if `n` is more.
     pub fn commit(&mut self, n: usize) {
         self.tail = self.tail.saturating_add(n).min(N);
+        self.idle &= n == 0;
         self.discard_if_broken();
     }
 
@@ -104,6 +108,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
                 Scan::Fill(n) if self.stray == 0 => {
                     self.advance(n);
                 }
+                // The stray bytes may go on here.
+                Scan::Need(_) => return None,
                 verdict => break verdict,
             }
         };
@@ -160,7 +166,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     ///
     /// Call it on an idle line that the UART reports, never on a gap between USB packets. Call it and
     /// [`next`](Self::next) in turn until both return `None`: each call gives up one false header, and what follows it
-    /// is scanned again. On a [`RELIABLE`](Framing::RELIABLE) line it does nothing.
+    /// is scanned again. Until more bytes come the line stays idle, so that what only its silence tells to be a frame is one
+    /// too ([`Framing::scan_idle`]). On a [`RELIABLE`](Framing::RELIABLE) line it does nothing.
     ///
     /// ```
     /// use armwire::{Decoder, Reason};
@@ -175,12 +182,13 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         if F::RELIABLE {
             return None;
         }
+        self.idle = true;
         match self.scan(expect) {
             None => self.take_stray(),
-            Some(Scan::Need(missing)) => self
-                .take_stray()
-                .or_else(|| Some(self.skip(1, Reason::Truncated { missing }))),
-            Some(Scan::Frame(_) | Scan::Skip(..) | Scan::Fill(_)) => None,
+            Some(Scan::Skip(n, reason @ Reason::Truncated { .. })) => {
+                self.take_stray().or_else(|| Some(self.skip(n, reason)))
+            }
+            Some(Scan::Need(_) | Scan::Frame(_) | Scan::Skip(..) | Scan::Fill(_)) => None,
         }
     }
 
@@ -211,7 +219,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 
     fn scan(&self, expect: F::Expect) -> Option<Scan> {
         let window = self.buf.get(self.head..self.tail)?;
-        (!window.is_empty()).then(|| F::scan(window, expect))
+        let scan = if self.idle { F::scan_idle } else { F::scan };
+        (!window.is_empty()).then(|| scan(window, expect))
     }
 
     fn skip(&mut self, n: usize, reason: Reason) -> Noise {

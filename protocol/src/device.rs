@@ -109,7 +109,11 @@ impl<P: Protocol, const N: usize> Device<P, N> {
             }
             match input {
                 Input::Bytes(bytes) if !bytes.is_empty() => *bytes = self.decoder.push(bytes),
-                Input::Idle => return self.decoder.idle(P::REQUESTS).map(Heard::Noise),
+                Input::Idle => match self.decoder.idle(P::REQUESTS) {
+                    Some(noise) => return Some(Heard::Noise(noise)),
+                    None if self.decoder.need(P::REQUESTS) == 0 => {}
+                    None => return None,
+                },
                 Input::Bytes(_) | Input::Tick => return None,
             }
         }

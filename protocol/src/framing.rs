@@ -128,6 +128,15 @@ pub trait Framing {
     /// [`Scan::Need`].
     fn scan(window: &[u8], expect: Self::Expect) -> Scan;
 
+    /// What the front of `window` is on a line that went idle, so that no more bytes follow. Where [`scan`](Self::scan)
+    /// would wait for the end of a frame, that is a false header, unless a protocol knows better.
+    fn scan_idle(window: &[u8], expect: Self::Expect) -> Scan {
+        match Self::scan(window, expect) {
+            Scan::Need(missing) => Scan::Skip(1, Reason::Truncated { missing }),
+            verdict => verdict,
+        }
+    }
+
     /// Views bytes for which [`scan`](Self::scan) said [`Scan::Frame`]; `None` for any others.
     fn view(bytes: &[u8]) -> Option<Self::Frame<'_>>;
 }
