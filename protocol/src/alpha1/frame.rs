@@ -278,11 +278,9 @@ impl Framing for Alpha1 {
         let byte = expect.byte();
         match *window {
             [] => Scan::Need(1),
-            // The answers of servos 80 and 82 are FA and FC. They must not be read out of an echo, so they wait for the
-            // byte that follows.
-            [first, ..] if Some(first) == byte && !matches!(first, header::SERVO | header::SERVO_VERSION) => {
-                Scan::Frame(1)
-            }
+            // The bytes of ten servos could begin a frame, such as the echo of what was sent. Those wait for what
+            // follows, be it silence.
+            [first, ..] if Some(first) == byte && layout(first, expect).is_none() => Scan::Frame(1),
             [0, ref rest @ ..] => Scan::Fill(1 + rest.iter().take_while(|&&byte| byte == 0).count()),
             [first] if layout(first, expect).is_some() => Scan::Need(1),
             [first, second, ..] if second == first.rotate_left(4) && layout(first, expect).is_some() => {
@@ -294,6 +292,14 @@ impl Framing for Alpha1 {
                 let stray = rest.iter().position(starts).unwrap_or(rest.len());
                 Scan::Skip(1 + stray, Reason::Stray)
             }
+        }
+    }
+
+    fn scan_idle(window: &[u8], expect: Expect) -> Scan {
+        match (Self::scan(window, expect), window) {
+            (Scan::Need(_), [byte]) if Some(*byte) == expect.byte() => Scan::Frame(1),
+            (Scan::Need(missing), _) => Scan::Skip(1, Reason::Truncated { missing }),
+            (verdict, _) => verdict,
         }
     }
 

@@ -568,20 +568,48 @@ fn the_echo_of_a_servo_request_is_no_answer_and_hides_none() {
 }
 
 #[test]
-fn every_servo_is_heard_with_an_echo_before_it() {
+fn every_servo_is_heard_with_and_without_an_echo_before_it() {
     for n in 1..=240 {
         let request = Request::Servo(moving(Address::One(id(n))));
-        let response = Response::Servo(ServoResponse::Acknowledged(id(n)));
-        let mut line = [0; MAX_FRAME + 1];
+        let answer = Event::Answer(Response::Servo(ServoResponse::Acknowledged(id(n))));
+        let mut line = [0; MAX_FRAME];
         let len = Alpha1::encode_request(&request, &mut line).unwrap();
         line[len] = 0xAA_u8.wrapping_add(n);
-        let events = hear(request, &line[..=len]);
-        match n {
-            // FA and FC: known only by what follows.
-            80 | 82 => assert_eq!(events, [Event::Echo(request)]),
-            _ => assert_eq!(events, [Event::Echo(request), Event::Answer(response)]),
+        for (from, heard) in [(0, &[Event::Echo(request), answer][..]), (len, &[answer])] {
+            let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
+            client.submit(request).unwrap();
+            let sent = client.poll_transmit(Micros(0)).unwrap().len();
+            client.transmitted(Micros(0), sent);
+            let mut input = Input::Bytes(&line[from..=len]);
+            let mut events: Vec<_> = core::iter::from_fn(|| client.handle(Micros(900), &mut input)).collect();
+            // Some could begin a frame, until the line goes idle or no answer is due any more.
+            let header = [69, 71, 72, 73, 74, 75, 79, 80, 81, 82].contains(&n);
+            assert_eq!(events == heard, !header, "servo {n}");
+            let mut timed = client.poll_timeout();
+            while let Some(due) = timed {
+                events.extend(core::iter::from_fn(|| client.handle(due, &mut Input::Tick)));
+                timed = client.poll_timeout();
+            }
+            assert_eq!(events, heard, "servo {n}");
         }
     }
+}
+
+#[test]
+fn an_idle_line_tells_the_byte_of_servo_80_from_an_echo_at_once() {
+    let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(80))));
+    let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
+    decoder.push(&[0xFA]);
+    assert!(decoder.next(expect).is_none());
+    assert_eq!(decoder.need(expect), 1);
+    assert_eq!(decoder.idle(expect), None);
+    assert_eq!(decoder.need(expect), 0);
+    assert_eq!(decoder.next(expect), Some(Ok(Frame::Byte(0xFA))));
+    // An echo that breaks off is still none.
+    decoder.push(&[0xFA, 0xAF]);
+    assert!(decoder.next(expect).is_none());
+    let noise = decoder.idle(expect).unwrap();
+    assert_eq!((noise.offset, noise.reason), (1, Reason::Truncated { missing: 1 }));
 }
 
 #[test]
