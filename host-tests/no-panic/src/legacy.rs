@@ -5,9 +5,9 @@ use core::hint::black_box;
 use armwire::ling::legacy::{
     Detector, Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS, parity,
 };
-use armwire::{Client, Config, Input, Micros};
+use armwire::{Client, Config, Micros};
 
-use crate::{bytes, decoder, device};
+use crate::{bytes, client, decoder, device};
 
 pub(crate) fn call_all() {
     let firmware = black_box(Firmware::V6_0);
@@ -38,11 +38,7 @@ pub(crate) fn call_all() {
 
     let mut client = Client::<Legacy, MAX_FRAME>::new(black_box(Config::DEFAULT));
     let client = black_box(&mut client);
-    for mut input in black_box([Input::Bytes(received), Input::Idle, Input::Tick]) {
-        while let Some(event) = black_box(&mut *client).handle(black_box(Micros(0)), &mut input) {
-            black_box(event);
-        }
-    }
+    client::hear(client);
     black_box(black_box(&mut *client).poll_transmit(black_box(Micros(0))));
     black_box(black_box(&*client).poll_timeout());
 }

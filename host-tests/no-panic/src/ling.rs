@@ -2,13 +2,10 @@
 
 use core::hint::black_box;
 
-use armwire::ling::legacy::{self, Detector, Firmware, GripperState, Legacy};
 use armwire::ling::{
     Frame, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response, SelfCheck,
     SerialNumber, Speed, Stroke, TemperatureLimit, checksum,
 };
-
-use armwire::{Client, Config};
 
 use crate::{bytes, client, decoder, device};
 
@@ -61,32 +58,4 @@ pub(crate) fn call_all() {
     let check = black_box(SelfCheck(0));
     black_box(check.all_normal(kind));
     black_box(check.faulty(kind).map(u32::from).fold(0, u32::wrapping_add));
-
-    call_legacy();
-}
-
-/// The older generation: there is no request, so there is no client's way to send one.
-fn call_legacy() {
-    let response = legacy::Response::Gripper(GripperState {
-        firmware: Firmware::V6_0,
-        id: 1,
-        servo: 0,
-        potentiometer: 0,
-        sync_button: 0,
-        attitude_button: 0,
-    });
-    decoder::call_all::<Legacy, { legacy::MAX_FRAME }>(());
-    client::hear::<Legacy, { legacy::MAX_FRAME }>(&mut Client::new(black_box(Config::DEFAULT)));
-    device::call_all::<Legacy, { legacy::MAX_FRAME }>(response);
-
-    let state = black_box(legacy::JointState {
-        firmware: Firmware::V5,
-        servos: [0; legacy::SERVOS],
-    });
-    black_box(state.joints());
-    black_box(state.positions().is_ok());
-
-    let mut heard = [0; 300];
-    black_box(legacy::parity(bytes(&mut heard)));
-    black_box(black_box(&mut Detector::new()).hear(bytes(&mut heard)));
 }
