@@ -93,7 +93,7 @@ impl Alpha1Sim {
             hid: self.hid,
             ..base
         };
-        let name = format!("Alpha1 {}", config.hardware);
+        let name = format!("Alpha1 with hardware {}", config.hardware);
         let (line, served) = self.line.serve(name, Alpha1Robot::new(config), stop)?;
         say_last(served, line.device().counters())
     }
