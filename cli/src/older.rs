@@ -10,7 +10,7 @@ use crate::problem::Problem;
 use crate::serial::Serial;
 
 /// How long a line is listened to before the first byte is sent. Such an arm talks forty times a second, two frames each
-/// time: here are three frames twice over. A current arm keeps silent until it is asked.
+/// time, and is recognised by three: in 50 ms. A current arm keeps silent until it is asked.
 const LISTEN: Duration = Duration::from_millis(100);
 /// How long, if something is said in that time.
 const LISTEN_ON: Duration = Duration::from_millis(500);

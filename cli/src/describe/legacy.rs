@@ -38,7 +38,7 @@ fn joints(state: &JointState) -> String {
     format!("joints {}", state.joints().map(degrees).join(" "))
 }
 
-/// Raw counts, for their scale is not known.
+/// Raw counts, for their scale depends on the gripper.
 pub(crate) fn gripper(state: &GripperState) -> String {
     format!(
         "gripper {}, potentiometer {}, buttons {} {}",

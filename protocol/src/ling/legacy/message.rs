@@ -2,10 +2,18 @@
 
 use core::fmt;
 
-use super::super::message::{put_words, sized, words};
-use super::super::{Cause, JOINTS, Position};
 use super::{Frame, Legacy};
+use crate::ling::message::{put_words, sized, words};
+use crate::ling::{Cause, JOINTS, Position};
 use crate::{BufferTooShort, OutOfRange, Protocol, Reply};
+
+/// Commands.
+mod command {
+    pub(super) const GRIPPER_V5: u8 = 0x02;
+    pub(super) const JOINTS_V5: u8 = 0x04;
+    pub(super) const GRIPPER_V6_0: u8 = 0x12;
+    pub(super) const JOINTS_V6_0: u8 = 0x14;
+}
 
 /// Servos in a joint frame: two on each of joints 1 to 3, one on each of joints 4 to 6.
 pub const SERVOS: usize = 9;
@@ -49,16 +57,16 @@ impl Firmware {
     /// The command of a joint frame.
     pub const fn joints_command(self) -> u8 {
         match self {
-            Self::V5 => 0x04,
-            Self::V6_0 => 0x14,
+            Self::V5 => command::JOINTS_V5,
+            Self::V6_0 => command::JOINTS_V6_0,
         }
     }
 
     /// The command of a gripper frame.
     pub const fn gripper_command(self) -> u8 {
         match self {
-            Self::V5 => 0x02,
-            Self::V6_0 => 0x12,
+            Self::V5 => command::GRIPPER_V5,
+            Self::V6_0 => command::GRIPPER_V6_0,
         }
     }
 }
@@ -113,8 +121,8 @@ impl JointState {
 
 /// Where the gripper is, and the buttons, in raw counts as the arm sent them.
 ///
-/// What the counts mean is not settled, so there is no typed opening. 2048 is one end; the vendor's packages say at first
-/// that it is closed, later that it is open, and put the other end at 2900, 3290, 3600 or 3930, as the gripper may be.
+/// There is no typed opening, for the frame does not say which gripper it is. 2048 is open; where it is closed the vendor's
+/// software puts at 2900, 3290, 3600 or 3930.
 ///
 /// ```
 /// use armwire::ling::legacy::{Firmware, GripperState};
@@ -239,10 +247,10 @@ impl Protocol for Legacy {
     fn parse_response(frame: Frame<'_>, (): ()) -> Result<Response, ParseError> {
         let Frame { command, data } = frame;
         let parsed = match command {
-            0x04 => parse_joints(Firmware::V5, data),
-            0x14 => parse_joints(Firmware::V6_0, data),
-            0x02 => parse_gripper(Firmware::V5, data),
-            0x12 => parse_gripper(Firmware::V6_0, data),
+            command::JOINTS_V5 => parse_joints(Firmware::V5, data),
+            command::JOINTS_V6_0 => parse_joints(Firmware::V6_0, data),
+            command::GRIPPER_V5 => parse_gripper(Firmware::V5, data),
+            command::GRIPPER_V6_0 => parse_gripper(Firmware::V6_0, data),
             _ => Err(Cause::Unknown),
         };
         parsed.map_err(|cause| ParseError { command, cause })
