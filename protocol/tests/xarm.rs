@@ -170,6 +170,7 @@ fn check_prefixes(bytes: &[u8], direction: Direction) {
             panic!("a verdict on {n} of {} bytes", bytes.len());
         };
         assert!((1..=bytes.len() - n).contains(&more));
+        assert_eq!(XArm::view(&bytes[..n]), None);
     }
     assert_eq!(XArm::scan(bytes, direction), Scan::Frame(bytes.len()));
     assert_eq!(

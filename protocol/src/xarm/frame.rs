@@ -202,8 +202,9 @@ impl Framing for XArm {
     }
 
     fn view(bytes: &[u8]) -> Option<Frame<'_>> {
-        let (&[t1, t0, p1, p0, _, _], body) = bytes.split_first_chunk()?;
-        (!body.is_empty()).then_some(Frame {
+        let (&[t1, t0, p1, p0, n1, n0], body) = bytes.split_first_chunk()?;
+        let n = usize::from(u16::from_be_bytes([n1, n0]));
+        (n > 0 && n == body.len()).then_some(Frame {
             transaction: u16::from_be_bytes([t1, t0]),
             protocol: u16::from_be_bytes([p1, p0]),
             body,

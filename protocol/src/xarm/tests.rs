@@ -506,6 +506,63 @@ fn frames_that_the_framing_would_not_let_through_are_errors_too() {
 }
 
 #[test]
+fn a_radius_of_any_bits_is_taken_and_given_back_as_it_is() {
+    for bits in [
+        0x7FC0_0001,
+        0xFFC0_0000,
+        0x7F80_0000,
+        0xFF80_0000,
+        0x8000_0000,
+        0xC280_0000_u32,
+    ] {
+        let mut bytes = hex("00 01 00 02 00 06 06 00");
+        bytes.extend(bits.to_le_bytes());
+        let millimetres = f32::from_bits(bits);
+        let response = reply(State::OK, Reply::RotationRadius(RotationRadius { millimetres }));
+        let frame = frame_of(&bytes, Direction::Responses);
+        assert_eq!(
+            XArm::parse_response(frame, Direction::Responses),
+            Ok(response),
+            "{bits:#x}"
+        );
+        let mut out = [0; MAX_FRAME];
+        let n = XArm::encode_response(&response, &mut out).unwrap();
+        assert_eq!(out[..n], bytes, "{bits:#x}");
+    }
+}
+
+#[test]
+fn only_readings_are_sent_again_after_silence() {
+    for (register, _, request) in requests() {
+        let mut client = Client::<XArm, MAX_FRAME>::new(Config {
+            repeats: 2,
+            ..Config::TCP
+        });
+        client.submit(request).unwrap();
+        let (mut now, mut sends) = (Micros(0), 0);
+        while !client.is_idle() {
+            if let Some(n) = client.poll_transmit(now).map(<[u8]>::len) {
+                sends += 1;
+                client.transmitted(now, n);
+            }
+            now = client.poll_timeout().unwrap_or(now);
+            client.handle(now, &mut Input::Tick);
+        }
+        let reading = matches!(
+            request,
+            Request::Call {
+                command: Command::ReadVersion
+                    | Command::ReadSerials
+                    | Command::ReadTorqueSource
+                    | Command::ReadRotationRadius(_),
+                ..
+            }
+        );
+        assert_eq!(sends, if reading { 3 } else { 1 }, "register {register}");
+    }
+}
+
+#[test]
 fn transaction_ids_wrap_past_zero() {
     let mut transactions = Transactions::new();
     let ids: Vec<_> = (0..65536).map(|_| transactions.next_id()).collect();
