@@ -1,10 +1,16 @@
 //! What holds of every frame of Ling's older generation, and of every stream that a detector hears.
 
+// What it says of requests is not used: there are none.
+#[allow(dead_code)]
+mod common;
+
 use armwire::ling::legacy::{
-    Detector, Firmware, GripperState, JointState, Legacy, MAX_FRAME, OVERHEAD, OlderGeneration, Response,
+    Detector, Firmware, Frame, GripperState, JointState, Legacy, MAX_FRAME, OVERHEAD, OlderGeneration, Request,
+    Response,
 };
 use armwire::ling::{self, Ling, MotionStatus, PerServo};
-use armwire::{Decoder, Framing, Noise, Protocol, Scan};
+use armwire::{Decoder, Protocol};
+use common::Subject;
 use proptest::array::{uniform6, uniform9, uniform10};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -31,9 +37,47 @@ fn response() -> impl Strategy<Value = Response> {
 }
 
 fn bytes_of(response: &Response) -> Vec<u8> {
-    let mut out = [0; MAX_FRAME];
-    let n = Legacy::encode_response(response, &mut out).unwrap();
-    out[..n].to_vec()
+    common::response_bytes::<Legacy, MAX_FRAME>(response)
+}
+
+impl Subject for Legacy {
+    const MIN_FRAME: usize = OVERHEAD;
+    const FILL: Option<u8> = None;
+
+    fn any_request() -> BoxedStrategy<Request> {
+        Just(()).prop_filter_map("there are none", |()| None).boxed()
+    }
+
+    fn any_response() -> BoxedStrategy<(Response, ())> {
+        (response(), Just(())).boxed()
+    }
+
+    fn any_expect() -> BoxedStrategy<()> {
+        Just(()).boxed()
+    }
+
+    fn any_frame((): ()) -> BoxedStrategy<Vec<u8>> {
+        response().prop_map(|response| bytes_of(&response)).boxed()
+    }
+
+    fn any_noise() -> BoxedStrategy<u8> {
+        prop_oneof![
+            4 => any::<u8>(),
+            2 => Just(0xAA),
+            1 => Just(0xFF),
+            1 => prop_oneof![Just(0x14), Just(0x12), Just(0x07)],
+            1 => 0..2_u8,
+        ]
+        .boxed()
+    }
+
+    fn wire_len(frame: Frame<'_>) -> usize {
+        frame.data.len() + OVERHEAD
+    }
+}
+
+fn noise() -> impl Strategy<Value = Vec<u8>> {
+    vec(Legacy::any_noise(), 0..24)
 }
 
 /// A frame of the current generation, as an arm sends them.
@@ -50,23 +94,7 @@ fn current() -> impl Strategy<Value = Vec<u8>> {
         uniform10(any::<u16>()).prop_map(|ticks| ling::Response::Velocities(PerServo::Follower(ticks))),
         any::<u16>().prop_map(|mask| ling::Response::SelfCheck(ling::SelfCheck(mask))),
     ];
-    response.prop_map(|response| {
-        let mut out = [0; ling::MAX_FRAME];
-        let n = Ling::encode_response(&response, &mut out).unwrap();
-        out[..n].to_vec()
-    })
-}
-
-/// Noise that looks like frames more often than chance would have it.
-fn noise() -> impl Strategy<Value = Vec<u8>> {
-    let byte = prop_oneof![
-        4 => any::<u8>(),
-        2 => Just(0xAA),
-        1 => Just(0xFF),
-        1 => prop_oneof![Just(0x14), Just(0x12), Just(0x07)],
-        1 => 0..2_u8,
-    ];
-    vec(byte, 0..24)
+    response.prop_map(|response| common::response_bytes::<Ling, { ling::MAX_FRAME }>(&response))
 }
 
 /// Cuts a stream into chunks of these lengths, the rest being the last.
@@ -82,50 +110,6 @@ fn cut<'s>(stream: &'s [u8], lengths: &[usize]) -> Vec<&'s [u8]> {
     chunks
 }
 
-/// A frame that came out of the decoder (its place in the stream), or noise.
-#[derive(Clone, Debug, PartialEq)]
-enum Out {
-    Frame(core::ops::Range<u64>),
-    Noise(Noise),
-}
-
-type Legacies = Decoder<Legacy, MAX_FRAME>;
-
-/// Appends what the decoder has to say, `at` being where in the stream it is.
-fn drain(decoder: &mut Legacies, at: &mut u64, out: &mut Vec<Out>) {
-    while let Some(next) = decoder.next(()) {
-        let start = *at;
-        match next {
-            Ok(frame) => {
-                *at += (frame.data.len() + OVERHEAD) as u64;
-                out.push(Out::Frame(start..*at));
-            }
-            Err(noise) => {
-                assert_eq!(noise.offset, start);
-                *at += noise.len as u64;
-                out.push(Out::Noise(noise));
-            }
-        }
-    }
-}
-
-/// All that comes out of a stream that arrives in chunks and then goes idle.
-fn decode<'c>(chunks: impl IntoIterator<Item = &'c [u8]>) -> Vec<Out> {
-    let (mut decoder, mut at, mut out) = (Legacies::new(), 0, Vec::new());
-    for mut rest in chunks {
-        while !rest.is_empty() {
-            rest = decoder.push(rest);
-            drain(&mut decoder, &mut at, &mut out);
-        }
-    }
-    while let Some(noise) = decoder.idle(()) {
-        at += noise.len as u64;
-        out.push(Out::Noise(noise));
-        drain(&mut decoder, &mut at, &mut out);
-    }
-    out
-}
-
 /// After how many bytes of the stream a detector tells, if it does.
 fn told_after(stream: &[u8]) -> Option<usize> {
     let mut detector = Detector::new();
@@ -135,13 +119,24 @@ fn told_after(stream: &[u8]) -> Option<usize> {
 
 proptest! {
     #[test]
-    fn every_response_survives_the_wire(response in response()) {
-        let bytes = bytes_of(&response);
-        prop_assert_eq!(Legacy::scan(&bytes, ()), Scan::Frame(bytes.len()));
-        prop_assert_eq!(Legacy::parse_response(Legacy::view(&bytes).unwrap(), ()), Ok(response));
-        let mut out = vec![0; bytes.len() - 1];
-        let error = Legacy::encode_response(&response, &mut out).unwrap_err();
-        prop_assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
+    fn every_response_survives_the_wire(response in Legacy::any_response()) {
+        common::a_response_survives_the_wire::<Legacy, MAX_FRAME>(response)?;
+    }
+
+    #[test]
+    fn a_prefix_of_a_frame_is_never_given_a_verdict(frame in Legacy::any_frame(())) {
+        common::a_prefix_of_a_frame_is_given_no_verdict::<Legacy>(&frame, ())?;
+    }
+
+    #[test]
+    fn what_comes_out_does_not_depend_on_the_chunks(line in common::line::<Legacy>(), cuts in common::cuts()) {
+        common::chunks_do_not_matter::<Legacy, MAX_FRAME>(line, &cuts)?;
+    }
+
+    /// With one bit of parity, noise is a good frame by chance oftener than in the current generation.
+    #[test]
+    fn no_intact_frame_and_no_byte_is_lost(line in common::line::<Legacy>()) {
+        common::nothing_is_lost_to_noise::<Legacy, MAX_FRAME>(line)?;
     }
 
     #[test]
@@ -153,60 +148,6 @@ proptest! {
                 prop_assert_eq!(Some(error.got), state.joints().into_iter().find(|&ticks| ticks > 4095));
             }
         }
-    }
-
-    #[test]
-    fn a_prefix_of_a_frame_is_never_given_a_verdict(response in response()) {
-        let bytes = bytes_of(&response);
-        for n in 1..bytes.len() {
-            let Scan::Need(more) = Legacy::scan(&bytes[..n], ()) else {
-                panic!("a verdict on {n} of {} bytes", bytes.len());
-            };
-            prop_assert!((1..=bytes.len() - n).contains(&more));
-        }
-    }
-
-    #[test]
-    fn what_comes_out_does_not_depend_on_the_chunks(
-        parts in vec((noise(), response()), 1..6),
-        lengths in vec(1..40_usize, 1..60),
-    ) {
-        let stream: Vec<u8> = parts.iter().flat_map(|(noise, response)| [noise.clone(), bytes_of(response)].concat()).collect();
-        prop_assert_eq!(decode(cut(&stream, &lengths)), decode([&stream[..]]));
-        prop_assert_eq!(decode(stream.chunks(1)), decode([&stream[..]]));
-    }
-
-    #[test]
-    fn no_intact_frame_is_lost_to_noise(parts in vec((noise(), response()), 1..12)) {
-        let mut stream = Vec::new();
-        let mut intact = Vec::new();
-        for (noise, response) in &parts {
-            stream.extend(noise);
-            let start = stream.len() as u64;
-            stream.extend(bytes_of(response));
-            intact.push(start..stream.len() as u64);
-        }
-        let out = decode([&stream[..]]);
-        let frames: Vec<_> = out.iter().filter_map(|out| match out {
-            Out::Frame(range) => Some(range.clone()),
-            Out::Noise(_) => None,
-        }).collect();
-        for frame in intact {
-            // Noise that is a good frame by chance may overlap: that one is a frame too, and came first. With one bit of
-            // parity this is commoner than in the current generation.
-            let overlapped = frames.iter().any(|f| *f != frame && f.start < frame.start && f.end > frame.start);
-            prop_assert!(frames.contains(&frame) || overlapped, "lost {frame:?} of {out:?}");
-        }
-    }
-
-    #[test]
-    fn every_byte_is_in_a_frame_or_in_noise(stream in vec(noise(), 0..20)) {
-        let stream = stream.concat();
-        let bytes: u64 = decode([&stream[..]]).iter().map(|out| match out {
-            Out::Frame(range) => range.end - range.start,
-            Out::Noise(noise) => noise.len as u64,
-        }).sum();
-        prop_assert_eq!(bytes, stream.len() as u64);
     }
 
     #[test]
@@ -223,7 +164,7 @@ proptest! {
     #[test]
     fn any_chunks_give_the_verdict_at_the_same_byte(
         parts in vec((noise(), vec(response(), 0..4)), 1..8),
-        lengths in vec(1..40_usize, 1..60),
+        lengths in common::cuts(),
     ) {
         let stream: Vec<u8> = parts
             .iter()
@@ -293,7 +234,7 @@ fn noise_made_of_the_frames_own_marks_is_not_recognised() {
         .collect();
     let mut frames = 0;
     let mut messages = 0;
-    let mut decoder = Legacies::new();
+    let mut decoder = Decoder::<Legacy, MAX_FRAME>::new();
     let mut rest = &bytes[..];
     while !rest.is_empty() {
         rest = decoder.push(rest);
