@@ -1,0 +1,165 @@
+//! What holds of every Ling message and every line of bytes.
+
+mod common;
+
+use armwire::ling::{self, *};
+use armwire::{Framing, Reason, Scan};
+use common::Subject;
+use proptest::array::{uniform6, uniform10, uniform16};
+use proptest::prelude::*;
+
+fn request() -> impl Strategy<Value = Request> {
+    let stroke = prop_oneof![Just(Stroke::Mm50), Just(Stroke::Mm75), Just(Stroke::Mm100)];
+    let joint = (0..=4095_u16, 0..=5000_u16)
+        .prop_map(|(position, speed)| (Position::new(position).unwrap(), Speed::new(speed).unwrap()));
+    let gripper =
+        (0..=1000_u16, any::<u16>()).prop_map(|(opening, speed)| (Opening::new(opening).unwrap(), GripperSpeed(speed)));
+    prop_oneof![
+        Just(Request::ReadInfo),
+        Just(Request::SetZero),
+        stroke.prop_map(Request::SetStroke),
+        Just(Request::ReadStroke),
+        Just(Request::SetTorque(Torque::Off)),
+        Just(Request::SetTorque(Torque::On)),
+        Just(Request::ReadJoints),
+        Just(Request::ReadTemperatures),
+        (0..=253_u8).prop_map(|celsius| Request::SetTemperatureLimit(TemperatureLimit::new(celsius).unwrap())),
+        Just(Request::ReadVelocities),
+        (uniform6(joint), gripper).prop_map(|(joints, gripper)| Request::Move(Move { joints, gripper })),
+        Just(Request::SelfCheck),
+    ]
+}
+
+fn response() -> impl Strategy<Value = Response> {
+    prop_oneof![
+        (uniform16(any::<u8>()), any::<u32>(), any::<u32>()).prop_map(|(serial, hardware, firmware)| {
+            Response::Info(Info {
+                serial: SerialNumber(serial),
+                hardware: Version(hardware),
+                firmware: Version(firmware),
+            })
+        }),
+        prop_oneof![Just(Stroke::Mm50), Just(Stroke::Mm75), Just(Stroke::Mm100)].prop_map(Response::Stroke),
+        (uniform6(any::<u16>()), any::<u16>(), any::<u8>()).prop_map(|(joints, gripper, status)| {
+            Response::Joints(JointState {
+                joints,
+                gripper,
+                status: status.into(),
+            })
+        }),
+        uniform6(any::<u8>()).prop_map(|celsius| Response::Temperatures(PerServo::Leader(celsius))),
+        uniform10(any::<u8>()).prop_map(|celsius| Response::Temperatures(PerServo::Follower(celsius))),
+        uniform6(any::<u16>()).prop_map(|ticks| Response::Velocities(PerServo::Leader(ticks))),
+        uniform10(any::<u16>()).prop_map(|ticks| Response::Velocities(PerServo::Follower(ticks))),
+        any::<u16>().prop_map(|mask| Response::SelfCheck(SelfCheck(mask))),
+    ]
+}
+
+/// Headers, end marks and small lengths, and what is none of them.
+fn noise() -> impl Strategy<Value = u8> {
+    prop_oneof![4 => any::<u8>(), 2 => Just(0xAA), 1 => Just(0xFF), 1 => 0..32_u8]
+}
+
+impl Subject for Ling {
+    const MIN_FRAME: usize = OVERHEAD;
+    const FILL: Option<u8> = None;
+
+    fn any_request() -> BoxedStrategy<Request> {
+        request().boxed()
+    }
+
+    fn any_response() -> BoxedStrategy<(Response, ())> {
+        response().prop_map(|response| (response, ())).boxed()
+    }
+
+    fn any_expect() -> BoxedStrategy<()> {
+        Just(()).boxed()
+    }
+
+    fn any_frame((): ()) -> BoxedStrategy<Vec<u8>> {
+        let request = request().prop_map(|request| common::request_bytes::<Ling, MAX_FRAME>(&request));
+        let response = response().prop_map(|response| common::response_bytes::<Ling, MAX_FRAME>(&response));
+        prop_oneof![request, response].boxed()
+    }
+
+    fn any_noise() -> BoxedStrategy<u8> {
+        noise().boxed()
+    }
+
+    fn wire_len(frame: Frame<'_>) -> usize {
+        frame.data.len() + OVERHEAD
+    }
+}
+
+proptest! {
+    #[test]
+    fn every_request_survives_the_wire(request in Ling::any_request()) {
+        common::a_request_survives_the_wire::<Ling, MAX_FRAME>(request)?;
+    }
+
+    #[test]
+    fn every_response_survives_the_wire(response in Ling::any_response()) {
+        common::a_response_survives_the_wire::<Ling, MAX_FRAME>(response)?;
+    }
+
+    #[test]
+    fn a_prefix_of_a_frame_is_never_given_a_verdict(frame in Ling::any_frame(())) {
+        common::a_prefix_of_a_frame_is_given_no_verdict::<Ling>(&frame, ())?;
+    }
+
+    #[test]
+    fn what_comes_out_does_not_depend_on_the_chunks(line in common::line::<Ling>(), cuts in common::cuts()) {
+        common::chunks_do_not_matter::<Ling, MAX_FRAME>(line, &cuts)?;
+    }
+
+    #[test]
+    fn no_intact_frame_and_no_byte_is_lost(line in common::line::<Ling>()) {
+        common::nothing_is_lost_to_noise::<Ling, MAX_FRAME>(line)?;
+    }
+
+    #[test]
+    fn the_client_takes_any_bytes_at_any_time(steps in common::steps::<Ling>(), request in Ling::any_request()) {
+        common::a_client_takes_anything::<Ling, MAX_FRAME>(steps, request)?;
+    }
+}
+
+/// How many of the single-bit errors in a body of `len` bytes its checksum misses. The checksum is linear, so this is
+/// the same for every body of that length.
+fn missed_single_bit_errors(len: usize) -> usize {
+    let mut body = vec![0; len];
+    let good = ling::checksum(&body);
+    (0..len * 8)
+        .filter(|bit| {
+            body[bit / 8] ^= 1 << (bit % 8);
+            let missed = ling::checksum(&body) == good;
+            body[bit / 8] ^= 1 << (bit % 8);
+            missed
+        })
+        .count()
+}
+
+#[test]
+fn the_checksum_misses_single_bit_errors_only_in_long_frames() {
+    // Eight bits of CRC-32 are no CRC-8. Hence values are range-checked too, and lengths must fit the function.
+    for len in 3..=21 {
+        assert_eq!(missed_single_bit_errors(len), 0, "{len} bytes");
+    }
+    for (len, frame) in [(23, "velocities"), (27, "information"), (31, "move")] {
+        assert_eq!(missed_single_bit_errors(len), 2, "{frame}");
+    }
+}
+
+#[test]
+fn a_length_no_message_has_is_named() {
+    assert_eq!(
+        Ling::scan(&[0xAA, 0x06, 0x00, 0xFF], ()),
+        Scan::Skip(
+            1,
+            Reason::Length {
+                min: 0,
+                max: 64,
+                got: 255
+            }
+        )
+    );
+}
