@@ -93,15 +93,10 @@ impl ServoBus {
     fn hear(&mut self, now: Micros, input: &mut Input<'_>) {
         while let Some(request) = self.port.hear(input) {
             let answer = match request {
-                Request::Servo(request) => self.chain.obey(now, &request, &mut self.port.counters),
-                _ => {
-                    self.port.counters.refused += 1;
-                    None
-                }
+                Request::Servo(request) => self.chain.obey(now, &request),
+                _ => None,
             };
-            if let Some(answer) = answer {
-                self.port.reply(now, answer);
-            }
+            self.port.reply(now, &request, answer);
         }
     }
 

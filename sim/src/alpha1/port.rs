@@ -3,13 +3,10 @@
 use std::collections::VecDeque;
 
 use armwire::alpha1::{Alpha1, MAX_FRAME, Outcome, Request};
-use armwire::{Device, Heard, Input, Micros};
+use armwire::{Device, Heard, Input, Micros, Protocol};
 
 /// Answers that wait for the line at most. A host that asks faster than answers fit on the line loses the rest.
 pub(super) const MAX_REPLIES: usize = 8;
-
-/// The size of a USB HID report, in bytes.
-pub(super) const REPORT: usize = 64;
 
 /// What kind of line it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +28,7 @@ pub struct Counters {
     pub requests: u64,
     /// Requests that were answered.
     pub answered: u64,
-    /// Requests that were not obeyed: answered by a failure, or by nothing where servos are asked.
+    /// Requests that were not obeyed: answered by a failure or, by servos, not at all.
     pub refused: u64,
     /// Answers given up because too many were waiting for the line.
     pub overrun: u64,
@@ -120,15 +117,20 @@ impl Port {
         if obeyed { Outcome::Success } else { Outcome::Failure }
     }
 
-    /// Queues an answer to what was heard at `now`.
-    pub(super) fn reply(&mut self, now: Micros, mut bytes: Vec<u8>) {
+    /// Queues the answer to a request that was heard at `now`, if there is one.
+    pub(super) fn reply(&mut self, now: Micros, request: &Request, answer: Option<Vec<u8>>) {
+        let Some(mut bytes) = answer else {
+            self.counters.refused += u64::from(Alpha1::reply(request).is_some());
+            return;
+        };
         if self.replies.len() == MAX_REPLIES {
             self.counters.overrun += 1;
             return;
         }
         self.counters.answered += 1;
         if self.kind == Kind::Reports {
-            bytes.resize(bytes.len().next_multiple_of(REPORT), 0);
+            // The longest frame is as long as a report.
+            bytes.resize(MAX_FRAME, 0);
         }
         self.replies.push_back(Reply {
             due: now + self.turnaround,

@@ -98,7 +98,7 @@ pub struct Alpha1Robot {
     port: Port,
     chain: Chain,
     playing: Option<Playing>,
-    /// Until then no debug action is taken.
+    /// Before this no debug action is taken.
     taken_from: Micros,
     offset_tool: OffsetTool,
     usb: UsbType,
@@ -166,9 +166,8 @@ impl Alpha1Robot {
     fn hear(&mut self, now: Micros, input: &mut Input<'_>) {
         self.play(now);
         while let Some(request) = self.port.hear(input) {
-            if let Some(answer) = self.obey(now, &request) {
-                self.port.reply(now, answer);
-            }
+            let answer = self.obey(now, &request);
+            self.port.reply(now, &request, answer);
         }
     }
 
@@ -201,7 +200,7 @@ impl Alpha1Robot {
                 self.usb = usb;
                 Response::UsbType(Outcome::Success)
             }
-            Request::Servo(ref request) => return self.chain.obey(now, request, &mut self.port.counters),
+            Request::Servo(ref request) => return self.chain.obey(now, request),
             // A request of a later protocol version.
             _ => return None,
         };
@@ -216,7 +215,8 @@ impl Alpha1Robot {
     /// Starts the debug action, if it may and can. Returns whether it does.
     fn act(&mut self, now: Micros, action: &Action) -> bool {
         let mut moves = self.servos().iter().zip(action.angles);
-        if now < self.taken_from || !moves.all(|(servo, angle)| angle.is_none_or(|angle| servo.can_go(angle))) {
+        let can = moves.all(|(servo, angle)| angle.is_none_or(|angle| servo.can_go(angle)));
+        if !can || now < self.taken_from {
             return false;
         }
         self.playing = None;

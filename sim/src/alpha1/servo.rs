@@ -17,6 +17,9 @@ use std::time::Duration;
 use armwire::Micros;
 use armwire::alpha1::{Address, Angle, Led, Offset, Outcome, ServoId, ServoRequest, ServoResponse};
 
+/// The version that a servo tells, as in the manual's example.
+const VERSION: [u8; 4] = [0x41, 0x16, 0x51, 0x01];
+
 /// Angles are in millionths of a third of a degree: offsets are in thirds, so nothing but a turn's place is ever rounded.
 const THIRD: i64 = 1_000_000;
 const DEGREE: i64 = 3 * THIRD;
@@ -57,12 +60,10 @@ impl Turn {
 
 /// A servo: where it is, and what it was told.
 ///
-/// It knows no line. What is asked of it at a time comes in as a typed request; what it tells of itself is as of the
-/// time given, which is not before that of the last request.
+/// It knows no line. What it tells is as of the time given, which is not before that of the last request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Servo {
     id: ServoId,
-    version: [u8; 4],
     offset: Offset,
     led: Led,
     running: bool,
@@ -73,17 +74,16 @@ pub struct Servo {
 }
 
 impl Servo {
-    /// A released servo at an angle.
-    pub(super) fn new(id: ServoId, version: [u8; 4], angle: u8) -> Self {
+    /// A released servo in the middle of the range that it has in an Alpha1.
+    pub(super) fn new(id: ServoId) -> Self {
         Self {
             id,
-            version,
             // Zero is in range.
             offset: Offset::new(0).expect("no offset"),
             led: Led(0),
             running: false,
             faulty: false,
-            turn: Turn::rest(i64::from(angle) * DEGREE),
+            turn: Turn::rest(90 * DEGREE),
             done: Micros(0),
         }
     }
@@ -193,7 +193,9 @@ impl Servo {
             ServoRequest::ReadAngles(id) if id == self.id => {
                 let degrees = |angle: i64| ((angle + DEGREE / 2) / DEGREE) as u16;
                 let (target, actual) = (degrees(self.turn.to), degrees(self.turn.at(now)));
-                self.release(now);
+                if !self.faulty {
+                    self.release(now);
+                }
                 Some(ServoResponse::Angles {
                     servo: self.id,
                     outcome: self.outcome(),
@@ -228,7 +230,7 @@ impl Servo {
             ServoRequest::ReadVersion(id) if id == self.id => Some(ServoResponse::Version {
                 servo: self.id,
                 outcome: self.outcome(),
-                version: self.version,
+                version: VERSION,
             }),
             // It is for another, or a request of a later protocol version.
             _ => None,

@@ -11,7 +11,7 @@ use armwire::{Config, Decoder, Event, Micros, Protocol};
 use oorandom::Rand32;
 use proptest::prelude::*;
 
-use super::port::{MAX_REPLIES, REPORT};
+use super::port::MAX_REPLIES;
 use super::*;
 use crate::faults::{Line, Rates};
 use crate::serial::SerialDevice;
@@ -543,6 +543,7 @@ fn a_faulty_servo_does_nothing_and_says_so_where_it_can() {
     ];
     assert!(requests.into_iter().all(failed));
     assert_eq!(host.device().servos()[6].id(), id(7));
+    assert!(host.device().servos()[6].is_running());
     assert_eq!(host.device().servos()[6].offset().thirds(), 0);
     assert_eq!(host.call(go(one(7), 10, 0, 0)), Err(Silence { sends: 1 }));
     assert_eq!(host.call(act(10, 0, 0)), acted(Outcome::Failure));
@@ -645,9 +646,9 @@ fn requests_and_answers_may_be_filled_up_to_reports() {
             (go(one(1), 10, 0, 0), 1),
         ] {
             let mut report = bytes(&request);
-            report.resize(REPORT, 0);
+            report.resize(64, 0);
             let said = ask(&mut robot, &mut now, &report);
-            assert_eq!(said.len(), if hid { REPORT } else { answer });
+            assert_eq!(said.len(), if hid { 64 } else { answer });
             assert!(said[answer - 1] != 0 && said[answer..].iter().all(|&byte| byte == 0));
         }
         assert_eq!((robot.counters().noise_bytes, robot.counters().unknown), (0, 0));
