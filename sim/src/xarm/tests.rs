@@ -1,1 +1,510 @@
+//! How a virtual arm behaves, seen through its registers.
 
+use std::f64::consts::FRAC_PI_2;
+
+use armwire::Protocol;
+use armwire::xarm::{Frame, Header, Joint, ProtocolId, Register, XArm};
+use proptest::prelude::*;
+
+use super::*;
+
+const MODELS: [Model; 3] = [Model::XArm5, Model::XArm6, Model::XArm7];
+const HEADER: Header = Header {
+    transaction: 0x1234,
+    protocol: ProtocolId::Private,
+};
+
+fn arm() -> VirtualXArm {
+    VirtualXArm::new(Config::new(Model::XArm6))
+}
+
+fn seconds(seconds: f64) -> Micros {
+    Micros((seconds * 1e6) as u64)
+}
+
+/// Asks, and expects an answer with the same header.
+fn ask(arm: &mut VirtualXArm, now: Micros, command: Command) -> (State, Reply) {
+    let request = Request::Call {
+        header: HEADER,
+        command,
+    };
+    match arm.answer(now, &request) {
+        Some(Response::Reply { header, state, reply }) => {
+            assert_eq!((header, reply.register()), (HEADER, command.register()));
+            (state, reply)
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Asks a register that the document does not have.
+fn raw(arm: &mut VirtualXArm, now: Micros, register: u8, params: &[u8]) -> (State, Vec<u8>) {
+    match ask(arm, now, Command::Raw(Raw::new(register, params).unwrap())) {
+        (state, Reply::Raw(raw)) => (state, raw.params().to_vec()),
+        other => panic!("{other:?}"),
+    }
+}
+
+fn read(arm: &mut VirtualXArm, now: Micros, register: u8) -> Vec<u8> {
+    let (state, params) = raw(arm, now, register, &[]);
+    assert!(!state.contains(State::INVALID), "register {register}");
+    params
+}
+
+fn values(params: &[u8]) -> Vec<f32> {
+    let (values, rest) = params.as_chunks();
+    assert!(rest.is_empty());
+    values.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect()
+}
+
+/// The parameters of a move to the same angle of every joint.
+fn move_to(angle: f32, speed: f32, acceleration: f32) -> Vec<u8> {
+    let values = [[angle; 7].as_slice(), &[speed, acceleration, 0.0]].concat();
+    values.into_iter().flat_map(f32::to_le_bytes).collect()
+}
+
+/// Switches motors on, chooses position mode and sets state 0.
+fn get_ready(arm: &mut VirtualXArm, now: Micros) {
+    for (register, params) in [(11, &[8, 1][..]), (19, &[0]), (12, &[0])] {
+        assert!(!raw(arm, now, register, params).0.contains(State::INVALID));
+    }
+    assert_eq!(arm.state(), State::OK);
+}
+
+fn ready() -> VirtualXArm {
+    let mut arm = arm();
+    get_ready(&mut arm, Micros(0));
+    arm
+}
+
+#[test]
+fn the_registers_of_the_document_are_answered_as_in_its_examples() {
+    // Requests and responses as printed, but for the state: ours is not ready to move; and for register 10, whose
+    // response is printed with two bytes that its length does not count.
+    let vectors: [(&[u8], &[u8]); 6] = [
+        (&[1], b"\x01\x106,6,XI1202,AC1302,v1.12.10\0\0\0\0\0\0\0\0\0\0\0\0\0\0"),
+        (&[2], b"\x02\x10XI120204201B02\0AC130202B02L02\n\0\0\0\0\0\0\0\0\0\0"),
+        (&[4], b"\x04\x10"),
+        (&[5], b"\x05\x10\x00"),
+        (&[6, 6], b"\x06\x10\x00\x00\x00\x00"),
+        (&[10, 1], b"\x0A\x10"),
+    ];
+    for protocol in [2, 3] {
+        for (body, expected) in vectors {
+            let mut arm = arm();
+            let frame = Frame {
+                transaction: 1,
+                protocol,
+                body,
+            };
+            let response = arm.answer(Micros(0), &XArm::parse_request(frame).unwrap()).unwrap();
+            let mut out = [0; armwire::xarm::MAX_FRAME];
+            let n = XArm::encode_response(&response, &mut out).unwrap();
+            let header = [0, 1, 0, protocol as u8, 0, expected.len() as u8];
+            // Joint 6 turns about the flange: all but exactly 0.
+            if body[0] == 6 {
+                let radius = f32::from_le_bytes(out[8..12].try_into().unwrap());
+                assert!(radius < 1e-3, "{radius}");
+                out[8..12].fill(0);
+            }
+            assert_eq!(out[..n], [&header[..], expected].concat());
+        }
+    }
+}
+
+#[test]
+fn a_heartbeat_is_not_answered() {
+    assert_eq!(arm().answer(Micros(0), &Request::Heartbeat), None);
+}
+
+#[test]
+fn what_it_does_not_have_is_invalid_and_changes_nothing() {
+    let mut arm = ready();
+    let before = arm.report(Micros(0));
+    let nan = move_to(f32::NAN, 1.0, 1.0);
+    let (fast, slow, still) = (move_to(0.1, 3.2, 1.0), move_to(0.1, -1.0, 1.0), move_to(0.1, 1.0, 0.0));
+    let wrong: [(u8, &[u8]); 22] = [
+        (0, &[]),
+        (8, &[]),
+        (255, &[1, 2, 3]),
+        (3, &[0]),
+        (11, &[]),
+        (11, &[0, 1]),
+        (11, &[7, 1]), // it has six joints
+        (11, &[9, 1]),
+        (11, &[1, 2]),
+        (12, &[1]),
+        (12, &[]),
+        (13, &[0]),
+        (19, &[8]),
+        (19, &[0, 2]),
+        (42, &[0]),
+        (42, &[4]),
+        (70, &[2]),
+        (23, &nan),
+        (23, &fast),
+        (23, &slow),
+        (23, &still),
+        (23, &[0; 39]),
+    ];
+    for (register, params) in wrong {
+        assert_eq!(
+            raw(&mut arm, Micros(0), register, params),
+            (State::INVALID, vec![]),
+            "{register}"
+        );
+    }
+    let seventh = Command::ReadRotationRadius(Joint::new(7).unwrap());
+    let refused = (State::INVALID, Reply::Empty(Register::RotationRadius));
+    assert_eq!(ask(&mut arm, Micros(0), seventh), refused);
+    assert_eq!(arm.report(Micros(0)), before);
+}
+
+#[test]
+fn parameters_that_a_register_does_not_have_are_invalid_besides_what_else_it_is() {
+    let mut arm = arm();
+    for (body, register) in [
+        (&[6, 8][..], Register::RotationRadius),
+        (&[10, 3], Register::SystemControl),
+    ] {
+        let frame = Frame {
+            transaction: 0x1234,
+            protocol: 2,
+            body,
+        };
+        let error = XArm::parse_request(frame).unwrap_err();
+        let expected = Response::Reply {
+            header: HEADER,
+            state: State::INVALID | State::NOT_READY,
+            reply: Reply::Empty(register),
+        };
+        assert_eq!(arm.refuse(Micros(0), &error), expected);
+    }
+}
+
+#[test]
+fn standard_modbus_is_refused_in_its_own_words() {
+    let frame = Frame {
+        transaction: 7,
+        protocol: 0,
+        body: &[1, 3, 0, 0, 0, 2],
+    };
+    let error = XArm::parse_request(frame).unwrap_err();
+    let expected = Response::ModbusRefused {
+        transaction: 7,
+        unit: 1,
+        function: 3,
+    };
+    assert_eq!(arm().refuse(Micros(0), &error), expected);
+}
+
+#[test]
+fn it_is_ready_when_motors_mode_and_state_are() {
+    let mut arm = arm();
+    let now = Micros(0);
+    assert_eq!((arm.state(), read(&mut arm, now, 13)), (State::NOT_READY, vec![4]));
+    // One motor after the other: the last makes it ready.
+    raw(&mut arm, now, 12, &[0]);
+    for joint in 1..=6 {
+        assert_eq!(arm.state(), State::NOT_READY);
+        raw(&mut arm, now, 11, &[joint, 1]);
+    }
+    assert_eq!((arm.state(), read(&mut arm, now, 13)), (State::OK, vec![2]));
+    // Another mode stops it, and it does not move in it.
+    assert_eq!(raw(&mut arm, now, 19, &[1, 0]).0, State::NOT_READY);
+    assert_eq!(read(&mut arm, now, 13), [5]);
+    assert_eq!(raw(&mut arm, now, 12, &[0]).0, State::NOT_READY);
+    assert_eq!(raw(&mut arm, now, 19, &[0]).0, State::NOT_READY);
+    assert_eq!(raw(&mut arm, now, 12, &[0]).0, State::OK);
+    // So does a motor that is switched off.
+    assert_eq!(raw(&mut arm, now, 11, &[3, 0]).0, State::NOT_READY);
+    assert_eq!(read(&mut arm, now, 13), [4]);
+}
+
+#[test]
+fn a_move_keeps_to_speed_and_acceleration_and_ends_at_the_target() {
+    let mut arm = ready();
+    // 1 s to gain speed, 1 s at speed, 1 s to lose it.
+    assert_eq!(
+        raw(&mut arm, Micros(0), 23, &move_to(-1.0, 0.5, 0.5)),
+        (State::OK, vec![])
+    );
+    for (time, angle, velocity) in [
+        (0.0, 0.0, 0.0),
+        (0.5, -0.0625, -0.25),
+        (1.0, -0.25, -0.5),
+        (1.5, -0.5, -0.5),
+        (2.5, -0.9375, -0.25),
+    ] {
+        let now = seconds(time);
+        assert_eq!(
+            (read(&mut arm, now, 13), read(&mut arm, now, 14)),
+            (vec![1], vec![0, 1]),
+            "{time}"
+        );
+        let (_, params) = raw(&mut arm, now, 42, &[3]);
+        let joint = [angle, angle, angle, angle, angle, angle, 0.0];
+        let turning = [velocity, velocity, velocity, velocity, velocity, velocity, 0.0];
+        assert_eq!(values(&params), [joint, turning, [0.0; 7]].concat(), "{time}");
+    }
+    let now = seconds(3.0);
+    assert_eq!(
+        (read(&mut arm, now, 13), read(&mut arm, now, 14)),
+        (vec![2], vec![0, 0])
+    );
+    assert_eq!(values(&read(&mut arm, now, 42))[..6], [-1.0; 6]);
+}
+
+#[test]
+fn joints_with_different_ways_arrive_together() {
+    let mut arm = ready();
+    let values = [1.0, -0.5, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 10.0, 0.0_f32];
+    let params = values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<_>>();
+    raw(&mut arm, Micros(0), 23, &params);
+    for time in [0.05, 0.4, 0.8, 1.05] {
+        arm.advance(seconds(time));
+        let [a, b, c, d, ..] = arm.joints();
+        assert!(a > 0.0 && a < 1.0, "{a}");
+        assert!((b + a / 2.0).abs() < 1e-9 && (c - a / 10.0).abs() < 1e-8 && d == 0.0);
+    }
+    arm.advance(seconds(1.1));
+    assert_eq!(arm.joints().map(|angle| angle as f32), values[..7]);
+}
+
+#[test]
+fn moves_wait_for_each_other_and_so_long_as_there_is_room() {
+    let mut arm = ready();
+    let full = body::MAX_MOVES as u16;
+    for i in 0..full {
+        let angle = if i % 2 == 0 { 0.1 } else { 0.0 };
+        assert_eq!(raw(&mut arm, Micros(0), 23, &move_to(angle, 1.0, 20.0)).0, State::OK);
+    }
+    assert_eq!(raw(&mut arm, Micros(0), 23, &move_to(0.0, 1.0, 20.0)).0, State::INVALID);
+    assert_eq!(read(&mut arm, Micros(0), 14), full.to_be_bytes());
+    // Each takes 0.15 s; at 10 s the 67th is under way.
+    assert_eq!(read(&mut arm, seconds(10.0), 14), (full - 66).to_be_bytes());
+    assert_eq!(read(&mut arm, seconds(1e3), 14), [0, 0]);
+    assert_eq!(arm.joints(), [0.0; 7]);
+}
+
+#[test]
+fn a_pause_keeps_moves_and_a_stop_drops_them() {
+    let mut arm = ready();
+    raw(&mut arm, Micros(0), 23, &move_to(-1.0, 0.5, 0.5));
+    raw(&mut arm, Micros(0), 23, &move_to(0.0, 0.5, 0.5));
+    assert_eq!(raw(&mut arm, seconds(1.5), 12, &[3]).0, State::OK);
+    assert_eq!(read(&mut arm, seconds(2.0), 13), [3]);
+    assert_eq!(read(&mut arm, seconds(2.0), 14), [0, 2]);
+    assert_eq!((arm.joints()[0], arm.velocities()), (-0.5, [0.0; 7]));
+    // While it is paused, further moves join the queue.
+    raw(&mut arm, seconds(2.0), 23, &move_to(0.0, 0.5, 0.5));
+    raw(&mut arm, seconds(2.0), 12, &[0]);
+    // From rest: 0.5 rad take 2 s.
+    assert_eq!(read(&mut arm, seconds(3.9), 14), [0, 3]);
+    assert_eq!(read(&mut arm, seconds(4.0), 14), [0, 2]);
+    assert_eq!(arm.joints()[0], -1.0);
+
+    assert_eq!(raw(&mut arm, seconds(4.5), 12, &[4]).0, State::NOT_READY);
+    let stopped = arm.joints();
+    assert!(stopped[0] > -1.0);
+    assert_eq!(
+        (read(&mut arm, seconds(5.0), 13), read(&mut arm, seconds(5.0), 14)),
+        (vec![4], vec![0, 0])
+    );
+    // What it is told while it is stopped it does not do, now or later.
+    assert_eq!(
+        raw(&mut arm, seconds(5.0), 23, &move_to(0.0, 1.0, 1.0)).0,
+        State::NOT_READY
+    );
+    raw(&mut arm, seconds(5.0), 12, &[0]);
+    arm.advance(seconds(10.0));
+    assert_eq!(arm.joints(), stopped);
+}
+
+#[test]
+fn a_joint_beyond_its_limit_is_an_error_until_it_is_cleared() {
+    for (model, angle) in [(Model::XArm5, -1.7), (Model::XArm6, 0.2), (Model::XArm7, -0.2)] {
+        let mut arm = VirtualXArm::new(Config::new(model));
+        get_ready(&mut arm, Micros(0));
+        let now = Micros(0);
+        let stuck = State::ERROR | State::NOT_READY;
+        assert_eq!(raw(&mut arm, now, 23, &move_to(angle, 1.0, 1.0)).0, stuck);
+        assert_eq!(
+            (read(&mut arm, now, 15), read(&mut arm, now, 13)),
+            (vec![23, 0], vec![4])
+        );
+        assert_eq!(raw(&mut arm, now, 12, &[0]).0, stuck);
+        assert_eq!(raw(&mut arm, now, 23, &move_to(0.0, 1.0, 1.0)).0, stuck);
+        assert_eq!(raw(&mut arm, now, 16, &[]).0, State::NOT_READY);
+        assert_eq!(raw(&mut arm, now, 12, &[0]).0, State::OK);
+        arm.advance(seconds(5.0));
+        assert_eq!(arm.joints(), [0.0; 7]);
+    }
+}
+
+#[test]
+fn every_joint_moves_to_both_of_its_limits() {
+    for model in MODELS {
+        for (joint, &(min, max)) in model.limits().iter().enumerate() {
+            for angle in [min, max] {
+                let mut arm = VirtualXArm::new(Config::new(model));
+                get_ready(&mut arm, Micros(0));
+                let mut values = [0.0; 10];
+                values[joint] = angle;
+                values[7..9].fill(3.0);
+                let params = values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<_>>();
+                assert_eq!(raw(&mut arm, Micros(0), 23, &params).0, State::OK);
+                arm.advance(seconds(10.0));
+                assert_eq!(arm.joints()[joint] as f32, angle);
+            }
+        }
+    }
+}
+
+#[test]
+fn warnings_show_and_stop_nothing() {
+    let mut arm = ready();
+    arm.set_warning(13);
+    assert_eq!(raw(&mut arm, Micros(0), 23, &move_to(0.1, 1.0, 1.0)).0, State::WARNING);
+    assert_eq!(read(&mut arm, Micros(0), 15), [0, 13]);
+    assert_eq!(read(&mut arm, Micros(0), 13), [1]);
+    assert_eq!(raw(&mut arm, Micros(0), 17, &[]).0, State::OK);
+    assert_eq!(read(&mut arm, Micros(0), 15), [0, 0]);
+}
+
+#[test]
+fn what_is_reported_as_torque_can_be_chosen() {
+    let mut arm = arm();
+    for source in [TorqueSource::Current, TorqueSource::Torque] {
+        raw(&mut arm, Micros(0), 70, &[source as u8]);
+        let told = ask(&mut arm, Micros(0), Command::ReadTorqueSource).1;
+        assert_eq!(told, Reply::TorqueSource(source));
+        assert_eq!(arm.report(Micros(0))[494], (source as u8) << 2);
+    }
+    assert_eq!(values(&read(&mut arm, Micros(0), 55)), [0.0; 7]);
+    assert_eq!(read(&mut arm, Micros(0), 3), [0]);
+}
+
+#[test]
+fn a_reboot_leaves_the_joints_and_nothing_else() {
+    for command in [Command::Reboot, Command::Shutdown] {
+        let mut arm = ready();
+        raw(&mut arm, Micros(0), 23, &move_to(0.1, 1.0, 1.0));
+        raw(&mut arm, seconds(5.0), 70, &[1]);
+        raw(&mut arm, seconds(5.0), 23, &move_to(0.0, 1.0, 1.0));
+        arm.set_warning(13);
+        let done = (State::WARNING, Reply::Empty(Register::SystemControl));
+        assert_eq!(ask(&mut arm, seconds(5.0), command), done);
+
+        let mut fresh = VirtualXArm::new(Config::new(Model::XArm6));
+        assert_eq!(read(&mut arm, seconds(6.0), 13), read(&mut fresh, Micros(0), 13));
+        assert_eq!(read(&mut arm, seconds(6.0), 14), [0, 0]);
+        let told = ask(&mut arm, seconds(6.0), Command::ReadTorqueSource);
+        assert_eq!(told, (State::NOT_READY, Reply::TorqueSource(TorqueSource::Torque)));
+        assert!((arm.joints()[0] - 0.1).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn the_flange_is_told_as_it_is() {
+    let mut arm = ready();
+    let values_to = [FRAC_PI_2 as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 3.0, 0.0];
+    let params = values_to.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<_>>();
+    raw(&mut arm, Micros(0), 23, &params);
+    let pose = values(&read(&mut arm, seconds(9.0), 41));
+    let expected = [0.0, 207.0, 112.0, 3.141_592_7, 0.0, FRAC_PI_2 as f32];
+    assert!(pose.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{pose:?}");
+    // Looking down, half a turn about the axis between x and y.
+    let pose = values(&read(&mut arm, seconds(9.0), 91));
+    let half = 3.141_592_7 * 0.5_f32.sqrt();
+    let expected = [0.0, 207.0, 112.0, half, half, 0.0];
+    assert!(pose.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{pose:?}");
+}
+
+#[test]
+fn a_report_tells_what_the_registers_tell() {
+    for model in MODELS {
+        let mut arm = VirtualXArm::new(Config::new(model));
+        let joints = model.joints();
+        get_ready(&mut arm, Micros(0));
+        arm.set_warning(13);
+        raw(&mut arm, Micros(0), 66, &[1]);
+        raw(&mut arm, Micros(0), 23, &move_to(0.15, 0.5, 0.5));
+        raw(&mut arm, Micros(0), 23, &move_to(0.0, 0.5, 0.5));
+        let now = seconds(0.5);
+        let report = arm.report(now);
+        assert_eq!(report.len(), REPORT);
+        assert_eq!(report[..4], 495_u32.to_be_bytes());
+        assert_eq!(report[4], 1);
+        assert_eq!(report[5..7], read(&mut arm, now, 14));
+        assert_eq!(report[7..35], read(&mut arm, now, 42));
+        assert_eq!(report[35..59], read(&mut arm, now, 41));
+        assert_eq!(report[59..87], read(&mut arm, now, 55));
+        let all = (1 << joints) - 1;
+        assert_eq!(report[87..91], [all, all, 0, 13]);
+        assert_eq!(values(&report[133..145]), [0.0, 0.0, -1.0]);
+        assert_eq!(report[145..147], [joints as u8; 2]);
+        let text = arm.config.version.as_str().unwrap().as_bytes();
+        assert_eq!(report[151..151 + text.len()], *text);
+        assert_eq!(report[151 + text.len()], 0);
+        let (_, all_joints) = raw(&mut arm, now, 42, &[2]);
+        assert_eq!(report[256..284], all_joints[28..]);
+        assert!(values(&report[252..256])[0] > 0.0);
+        assert_eq!(report[482..494], read(&mut arm, now, 91)[12..]);
+        assert_eq!(report[494], 1 << 3);
+    }
+}
+
+#[test]
+fn the_versions_agree_with_the_model() {
+    for model in MODELS {
+        let config = Config::new(model);
+        let version = config.version.version().unwrap();
+        assert_eq!(usize::from(version.axes), model.joints());
+        assert_eq!(usize::from(version.kind), model.joints());
+        assert_eq!(version.firmware_numbers(), Some([1, 12, 10]));
+        assert!(config.serials.arm().unwrap().starts_with(version.arm));
+    }
+}
+
+proptest! {
+    #[test]
+    fn it_makes_no_difference_how_often_time_is_told(
+        angles in prop::collection::vec(-0.5_f32..0.1, 1..5),
+        speed in 0.1_f32..3.0,
+        acceleration in 0.1_f32..20.0,
+        times in prop::collection::vec(0..20_000_000_u64, 0..20),
+    ) {
+        let mut often = ready();
+        for &angle in &angles {
+            raw(&mut often, Micros(0), 23, &move_to(angle, speed, acceleration));
+        }
+        let mut once = often.clone();
+        let mut times = times;
+        times.sort_unstable();
+        for time in times {
+            often.advance(Micros(time));
+        }
+        for end in [20_000_000, 1_000_000_000] {
+            prop_assert_eq!(often.report(Micros(end)), once.report(Micros(end)));
+        }
+    }
+
+    #[test]
+    fn no_request_makes_it_panic(
+        requests in prop::collection::vec((0..=255_u8, prop::collection::vec(any::<u8>(), 0..45), 0..1_000_000_u64), 0..30),
+    ) {
+        let mut arm = ready();
+        let mut now = Micros(0);
+        for (register, params, wait) in requests {
+            now = now + Micros(wait);
+            let body = [&[register], &params[..]].concat();
+            let frame = Frame { transaction: 1, protocol: 3, body: &body };
+            match XArm::parse_request(frame) {
+                Ok(request) => { arm.answer(now, &request); }
+                Err(error) => { arm.refuse(now, &error); }
+            }
+            prop_assert_eq!(arm.report(now).len(), REPORT);
+        }
+    }
+}
