@@ -28,7 +28,6 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 ///     Ok(version.value.version().is_ok() && version.state == State::OK)
 /// }
 /// ```
-#[derive(Debug)]
 pub struct Arm<Port, C> {
     driver: Driver<XArm, Port, C, MAX_FRAME>,
     transactions: Transactions,
@@ -194,6 +193,16 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
             Some(value) if !state.contains(State::INVALID) => Ok(Answer { value, state }),
             _ => Err(ArmError::Refused(state)),
         }
+    }
+}
+
+impl<Port, C> fmt::Debug for Arm<Port, C> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Arm")
+            .field("driver", &self.driver)
+            .field("transactions", &self.transactions)
+            .field("protocol", &self.protocol)
+            .finish()
     }
 }
 

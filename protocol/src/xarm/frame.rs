@@ -41,6 +41,9 @@ pub(super) const HEARTBEAT_ID: u16 = 1;
 /// The protocol id of standard Modbus TCP.
 pub(super) const MODBUS_ID: u16 = 0;
 
+/// The last protocol id there is.
+const LAST_ID: u16 = 3;
+
 /// Who sends the frame: a response is at least a byte longer than a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -148,8 +151,6 @@ impl fmt::Display for EncodeError {
 
 impl core::error::Error for EncodeError {}
 
-const LAST_ID: u16 = 3;
-
 /// The least and the most that a frame's length field may say.
 const fn lengths(protocol: u16, direction: Direction) -> (usize, usize) {
     match (protocol, direction) {
@@ -195,10 +196,12 @@ impl Framing for XArm {
         if let Some(missing @ 1..) = got.checked_sub(body.len()) {
             return Scan::Need(missing);
         }
-        match wrong_in_heartbeat(window) {
-            Some((offset, got)) if protocol == HEARTBEAT_ID => broken(HEARTBEAT.len(), offset, &[0], got),
-            _ => Scan::Frame(HEADER + got),
+        if protocol == HEARTBEAT_ID
+            && let Some((offset, got)) = wrong_in_heartbeat(window)
+        {
+            return broken(HEARTBEAT.len(), offset, &[0], got);
         }
+        Scan::Frame(HEADER + got)
     }
 
     fn view(bytes: &[u8]) -> Option<Frame<'_>> {
