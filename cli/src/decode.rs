@@ -144,7 +144,11 @@ fn decode<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
             }
             Scan::Skip(_, Reason::Stray) => (stray::<P>(rest, expect), Reason::Stray),
             Scan::Skip(len, reason) => (len, reason),
-            Scan::Need(missing) if P::RELIABLE => (rest.len(), Reason::Truncated { missing }),
+            Scan::Need(_) if P::RELIABLE => {
+                lines.push(entry(offset, rest, "the recording ends within a frame"));
+                noise_bytes += rest.len();
+                break;
+            }
             // The end of the recording is as good as an idle line.
             Scan::Need(missing) => (1, Reason::Truncated { missing }),
         };
@@ -161,7 +165,7 @@ fn decode<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
         if start < end {
             lines.push(entry(start, &bytes[start..end], &format!("noise: {reason}")));
         }
-        if P::RELIABLE && !matches!(reason, Reason::Truncated { .. }) {
+        if P::RELIABLE {
             let offset = offset as u64;
             broken = Some(Noise { offset, len, reason });
         }

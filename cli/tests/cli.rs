@@ -2,137 +2,27 @@
 #![cfg(unix)]
 #![forbid(unsafe_code)]
 
+mod common;
+
 use std::fs::{self, OpenOptions, Permissions};
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Write};
 use std::os::unix::fs::{OpenOptionsExt, PermissionsExt, chown};
 use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use armwire::Protocol;
 use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire_sim::pty::Pty;
+use common::{Arm, PROGRAM, failure, finish, free_path, run, run_against, start, success};
 use rustix::fs::OFlags;
 use rustix::process::{Pid, Signal, geteuid, kill_process};
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_armwire");
-/// No program here runs for so long unless it hangs.
-const PATIENCE: Duration = Duration::from_secs(30);
-
-/// Waits for a program to end, and kills it if it does not.
-fn finish(mut child: Child) -> Output {
-    let deadline = Instant::now() + PATIENCE;
-    while child.try_wait().unwrap().is_none() {
-        if Instant::now() > deadline {
-            child.kill().unwrap();
-            panic!("it hangs: {:?}", child.wait_with_output());
-        }
-        thread::sleep(Duration::from_millis(5));
-    }
-    child.wait_with_output().unwrap()
-}
-
-fn start(command: &mut Command) -> Child {
-    let command = command
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
-    command.spawn().unwrap()
-}
-
-fn run(args: &[&str]) -> Output {
-    finish(start(Command::new(PROGRAM).args(args)))
-}
-
-/// What a program that succeeds prints.
-fn success(args: &[&str]) -> String {
-    let output = run(args);
-    assert!(output.status.success(), "{output:?}");
-    String::from_utf8(output.stdout).unwrap()
-}
-
-/// The one line that a program which fails prints, without its name.
-fn failure(output: &Output) -> String {
-    assert_eq!(output.status.code(), Some(1), "{output:?}");
-    let stderr = String::from_utf8(output.stderr.clone()).unwrap();
-    assert_eq!(stderr.lines().count(), 1, "{stderr}");
-    stderr.strip_prefix("armwire: ").unwrap().trim_end().to_owned()
-}
-
-/// A path of one test's own where nothing is.
-fn free_path(name: &str) -> PathBuf {
-    let path = std::env::temp_dir().join(format!("armwire-cli-{name}-{}", std::process::id()));
-    let _ = fs::remove_file(&path);
-    path
-}
-
-/// A running `armwire sim ling`.
-struct Arm {
-    child: Child,
-    out: BufReader<ChildStdout>,
-    port: String,
-}
-
-impl Arm {
-    fn start(name: &str, args: &[&str]) -> Self {
-        let port = free_path(name).to_str().unwrap().to_owned();
-        let mut child = start(Command::new(PROGRAM).args(["sim", "ling", "--pty", &port]).args(args));
-        let mut out = BufReader::new(child.stdout.take().unwrap());
-        let mut line = String::new();
-        out.read_line(&mut line).unwrap();
-        assert!(line.contains(&port), "{line}");
-        Self { child, out, port }
-    }
-
-    /// Asks it to end, and returns the last it has to say.
-    fn stop(mut self, signal: Signal) -> String {
-        kill_process(Pid::from_child(&self.child), signal).unwrap();
-        let deadline = Instant::now() + PATIENCE;
-        let status = loop {
-            match self.child.try_wait().unwrap() {
-                Some(status) => break status,
-                None => assert!(Instant::now() < deadline, "it does not end"),
-            }
-            thread::sleep(Duration::from_millis(5));
-        };
-        assert!(status.success());
-        let mut rest = String::new();
-        self.out.read_to_string(&mut rest).unwrap();
-        rest
-    }
-}
-
-impl Drop for Arm {
-    fn drop(&mut self) {
-        // After stop there is nothing left to kill.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-        let _ = fs::remove_file(&self.port);
-    }
-}
-
-/// Starts a program with a pty as its last argument, and lets `arm` act on the pty whenever something was written there,
-/// until the program ends.
-fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8])) -> Output {
-    let pty = Pty::open(None).unwrap();
-    let mut child = start(Command::new(PROGRAM).args(args).arg(pty.path()));
-    let deadline = Instant::now() + PATIENCE;
-    while child.try_wait().unwrap().is_none() && Instant::now() < deadline {
-        let mut request = [0; 64];
-        pty.wait(Some(Duration::from_millis(10))).unwrap();
-        let n = pty.read(&mut request).unwrap();
-        if n > 0 {
-            arm(&child, &pty, &request[..n]);
-        }
-    }
-    finish(child)
-}
-
 /// Runs `armwire info` on a pty where `answer` is written for every request.
 fn info_on_a_port_that_says(answer: &[u8]) -> Output {
-    run_against(&["info"], |_, pty, _| {
+    run_against(&["info", "PORT"], |_, pty, _| {
         assert_eq!(pty.write(answer).unwrap(), answer.len())
     })
 }
@@ -151,7 +41,7 @@ fn joints(joint: u16, gripper: u16) -> Vec<u8> {
 
 #[test]
 fn info_tells_what_arm_it_is_and_how_it_is() {
-    let arm = Arm::start("info", &["--stroke", "100", "--serial", "ADFS990101000001"]);
+    let arm = Arm::start("ling", "info", &["--stroke", "100", "--serial", "ADFS990101000001"]);
     let out = success(&["info", &arm.port]);
     for line in [
         "arm          Ling follower",
@@ -172,7 +62,7 @@ fn info_tells_what_arm_it_is_and_how_it_is() {
 
 #[test]
 fn info_knows_a_leader_and_copes_with_an_echo_and_a_slow_arm() {
-    let arm = Arm::start("leader", &["--leader", "--echo", "--turnaround-us", "5000"]);
+    let arm = Arm::start("ling", "leader", &["--leader", "--echo", "--turnaround-us", "5000"]);
     let out = success(&["info", &arm.port]);
     assert!(
         out.contains("Ling leader") && out.contains("all 6 servos normal"),
@@ -182,21 +72,21 @@ fn info_knows_a_leader_and_copes_with_an_echo_and_a_slow_arm() {
 
 #[test]
 fn the_number_of_servos_is_that_of_the_temperatures_whatever_the_serial_number() {
-    let arm = Arm::start("serial", &["--leader", "--serial", "ADFS990101000001"]);
+    let arm = Arm::start("ling", "serial", &["--leader", "--serial", "ADFS990101000001"]);
     let out = success(&["info", &arm.port]);
     assert!(out.contains("all 6 servos normal"), "{out}");
 }
 
 #[test]
 fn info_asks_again_when_an_answer_is_damaged_and_tells_of_it() {
-    let arm = Arm::start("damaged", &["--faults", "corrupt=5000", "--seed", "3"]);
+    let arm = Arm::start("ling", "damaged", &["--faults", "corrupt=5000", "--seed", "3"]);
     let out = success(&["info", &arm.port]);
     assert!(out.contains("bytes were no part of a frame"), "{out}");
 }
 
 #[test]
 fn monitor_prints_as_many_readings_as_asked_for() {
-    let arm = Arm::start("monitor", &[]);
+    let arm = Arm::start("ling", "monitor", &[]);
     let out = success(&["monitor", &arm.port, "--rate", "200", "--count", "5"]);
     assert_eq!(out.lines().count(), 5);
     assert!(
@@ -208,7 +98,7 @@ fn monitor_prints_as_many_readings_as_asked_for() {
 #[test]
 fn monitor_never_shows_a_reading_that_waited_in_the_port() {
     let mut requests = 0;
-    let output = run_against(&["monitor", "--rate", "2", "--count", "5"], |_, pty, bytes| {
+    let output = run_against(&["monitor", "PORT", "--rate", "2", "--count", "5"], |_, pty, bytes| {
         // The first answer comes after the request is repeated, so that the second comes when nobody waits for it.
         if requests == 0 {
             thread::sleep(Duration::from_millis(150));
@@ -235,7 +125,7 @@ fn monitor_never_shows_a_reading_that_waited_in_the_port() {
 #[test]
 fn monitor_goes_on_after_an_odd_reading() {
     let mut readings = [joints(4100, 2051), joints(2048, 1000)].into_iter().cycle();
-    let output = run_against(&["monitor", "--rate", "100", "--count", "2"], |_, pty, _| {
+    let output = run_against(&["monitor", "PORT", "--rate", "100", "--count", "2"], |_, pty, _| {
         pty.write(&readings.next().unwrap()).unwrap();
     });
     let out = String::from_utf8(output.stdout).unwrap();
@@ -249,7 +139,7 @@ fn monitor_goes_on_after_an_odd_reading() {
 
 #[test]
 fn monitor_ends_cleanly_on_ctrl_c_while_the_arm_is_silent() {
-    let output = run_against(&["monitor"], |monitor, _, _| {
+    let output = run_against(&["monitor", "PORT"], |monitor, _, _| {
         kill_process(Pid::from_child(monitor), Signal::INT).unwrap();
     });
     assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
@@ -277,7 +167,7 @@ fn a_port_that_takes_no_bytes_is_stuck() {
 
 #[test]
 fn monitor_ends_cleanly_on_ctrl_c() {
-    let arm = Arm::start("watched", &[]);
+    let arm = Arm::start("ling", "watched", &[]);
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port]));
     BufReader::new(monitor.stdout.as_mut().unwrap())
         .read_line(&mut String::new())
@@ -290,7 +180,7 @@ fn monitor_ends_cleanly_on_ctrl_c() {
 #[test]
 fn a_virtual_arm_ends_cleanly_on_ctrl_c_and_on_terminate() {
     for signal in [Signal::INT, Signal::TERM] {
-        let arm = Arm::start("end", &[]);
+        let arm = Arm::start("ling", "end", &[]);
         success(&["info", &arm.port]);
         let port = arm.port.clone();
         let last = arm.stop(signal);
@@ -322,7 +212,7 @@ fn a_file_is_not_a_serial_port() {
 
 #[test]
 fn a_port_that_another_program_has_open_is_busy() {
-    let arm = Arm::start("busy", &[]);
+    let arm = Arm::start("ling", "busy", &[]);
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port]));
     // Its first reading says that it has the port.
     BufReader::new(monitor.stdout.as_mut().unwrap())
@@ -379,7 +269,11 @@ fn a_port_where_nobody_answers_is_silent() {
 
 #[test]
 fn answers_that_are_all_damaged_are_told_as_such() {
-    let arm = Arm::start("corrupt", &["--faults", "corrupt=100000", "--faults-on", "answers"]);
+    let arm = Arm::start(
+        "ling",
+        "corrupt",
+        &["--faults", "corrupt=100000", "--faults-on", "answers"],
+    );
     let line = failure(&run(&["info", &arm.port]));
     assert!(line.contains("the answers arrive damaged"), "{line}");
 }
@@ -420,7 +314,7 @@ fn requests_that_only_come_back_are_told_from_answers() {
 
 #[test]
 fn a_port_that_goes_away_is_gone() {
-    let arm = Arm::start("gone", &[]);
+    let arm = Arm::start("ling", "gone", &[]);
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", &arm.port]));
     BufReader::new(monitor.stdout.as_mut().unwrap())
         .read_line(&mut String::new())

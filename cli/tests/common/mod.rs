@@ -1,0 +1,135 @@
+//! Running the program, virtual arms, and others to talk to.
+// No test uses all of it.
+#![allow(dead_code)]
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::PathBuf;
+use std::process::{Child, ChildStdout, Command, Output, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire_sim::pty::Pty;
+use rustix::process::{Pid, Signal, kill_process};
+
+pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_armwire");
+/// No program here runs for so long unless it hangs.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Waits for a program to end, and kills it if it does not.
+pub(crate) fn finish(mut child: Child) -> Output {
+    let deadline = Instant::now() + PATIENCE;
+    while child.try_wait().unwrap().is_none() {
+        if Instant::now() > deadline {
+            child.kill().unwrap();
+            panic!("it hangs: {:?}", child.wait_with_output());
+        }
+        thread::sleep(Duration::from_millis(5));
+    }
+    child.wait_with_output().unwrap()
+}
+
+pub(crate) fn start(command: &mut Command) -> Child {
+    let command = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command.spawn().unwrap()
+}
+
+pub(crate) fn run(args: &[&str]) -> Output {
+    finish(start(Command::new(PROGRAM).args(args)))
+}
+
+/// What a program that succeeds prints.
+pub(crate) fn success(args: &[&str]) -> String {
+    let output = run(args);
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// The one line that a program which fails prints, without its name.
+pub(crate) fn failure(output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let stderr = String::from_utf8(output.stderr.clone()).unwrap();
+    assert_eq!(stderr.lines().count(), 1, "{stderr}");
+    stderr.strip_prefix("armwire: ").unwrap().trim_end().to_owned()
+}
+
+/// What a program prints that was called wrongly.
+pub(crate) fn usage(args: &[&str]) -> String {
+    let output = run(args);
+    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    String::from_utf8(output.stderr).unwrap()
+}
+
+/// A path of one test's own where nothing is.
+pub(crate) fn free_path(name: &str) -> PathBuf {
+    let path = std::env::temp_dir().join(format!("armwire-cli-{name}-{}", std::process::id()));
+    let _ = fs::remove_file(&path);
+    path
+}
+
+/// A running `armwire sim` on a pty.
+pub(crate) struct Arm {
+    child: Child,
+    out: BufReader<ChildStdout>,
+    pub(crate) port: String,
+}
+
+impl Arm {
+    pub(crate) fn start(kind: &str, name: &str, args: &[&str]) -> Self {
+        let port = free_path(name).to_str().unwrap().to_owned();
+        let mut child = start(Command::new(PROGRAM).args(["sim", kind, "--pty", &port]).args(args));
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        let mut line = String::new();
+        out.read_line(&mut line).unwrap();
+        assert!(line.contains(&port), "{line}");
+        Self { child, out, port }
+    }
+
+    /// Asks it to end, and returns the last it has to say.
+    pub(crate) fn stop(mut self, signal: Signal) -> String {
+        kill_process(Pid::from_child(&self.child), signal).unwrap();
+        let deadline = Instant::now() + PATIENCE;
+        let status = loop {
+            match self.child.try_wait().unwrap() {
+                Some(status) => break status,
+                None => assert!(Instant::now() < deadline, "it does not end"),
+            }
+            thread::sleep(Duration::from_millis(5));
+        };
+        assert!(status.success());
+        let mut rest = String::new();
+        self.out.read_to_string(&mut rest).unwrap();
+        rest
+    }
+}
+
+impl Drop for Arm {
+    fn drop(&mut self) {
+        // After stop there is nothing left to kill.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = fs::remove_file(&self.port);
+    }
+}
+
+/// Starts a program with a pty for its argument PORT, and lets `arm` act on the pty whenever something was written there,
+/// until the program ends.
+pub(crate) fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8])) -> Output {
+    let pty = Pty::open(None).unwrap();
+    let port = pty.path().to_str().unwrap();
+    let args = args.iter().map(|&arg| if arg == "PORT" { port } else { arg });
+    let mut child = start(Command::new(PROGRAM).args(args));
+    let deadline = Instant::now() + PATIENCE;
+    while child.try_wait().unwrap().is_none() && Instant::now() < deadline {
+        let mut request = [0; 64];
+        pty.wait(Some(Duration::from_millis(10))).unwrap();
+        let n = pty.read(&mut request).unwrap();
+        if n > 0 {
+            arm(&child, &pty, &request[..n]);
+        }
+    }
+    finish(child)
+}

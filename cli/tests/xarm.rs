@@ -1,0 +1,378 @@
+//! xArm from the command line: each request, each thing that can go wrong on TCP, and recordings.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod common;
+
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::process::{Command, Output};
+use std::thread;
+
+use armwire::xarm::{
+    Command as Ask, Direction, Frame, MAX_FRAME, Raw, Register, Reply, Request, Response, RotationRadius, SerialsText,
+    State, TorqueSource, VersionText, XArm,
+};
+use armwire::{Device, Heard, Input};
+use common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
+
+/// Runs a program with a port for its argument HOST, where `serve` gets the connection.
+fn run_against(args: &[&str], serve: impl FnOnce(TcpStream) + Send) -> Output {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let host = listener.local_addr().unwrap().to_string();
+    let args = args.iter().map(|&arg| if arg == "HOST" { host.as_str() } else { arg });
+    let child = start(Command::new(PROGRAM).args(args));
+    thread::scope(|scope| {
+        scope.spawn(move || serve(listener.accept().unwrap().0));
+        let output = finish(child);
+        // A program that never connected must not keep us waiting.
+        let _ = TcpStream::connect(&host);
+        output
+    })
+}
+
+/// Answers each request that comes, until the connection ends.
+fn answer(mut stream: TcpStream, mut answer: impl FnMut(Ask) -> Option<(State, Reply)>) {
+    let mut device = Device::<XArm, MAX_FRAME>::new();
+    let mut buf = [0; 256];
+    while let Ok(n @ 1..) = stream.read(&mut buf) {
+        let mut input = Input::Bytes(&buf[..n]);
+        while let Some(heard) = device.handle(&mut input) {
+            let Heard::Request(Request::Call { header, command }) = heard else {
+                continue;
+            };
+            if let Some((state, reply)) = answer(command) {
+                let mut out = [0; MAX_FRAME];
+                let n = device
+                    .respond(&Response::Reply { header, state, reply }, &mut out)
+                    .unwrap();
+                stream.write_all(&out[..n]).unwrap();
+            }
+        }
+    }
+}
+
+/// An arm with all six registers and one more.
+fn arm(ask: Ask) -> Option<(State, Reply)> {
+    let reply = match ask {
+        Ask::ReadVersion => Reply::Version(VersionText::new("6,9,XI1300,AC1300,v1.12.10").unwrap()),
+        Ask::ReadSerials => Reply::Serials(SerialsText::new("XI130004A1B2", "AC130004A1B2").unwrap()),
+        Ask::ReloadDynamics => Reply::Empty(Register::ReloadDynamics),
+        Ask::ReadTorqueSource => Reply::TorqueSource(TorqueSource::Current),
+        Ask::ReadRotationRadius(joint) => {
+            Reply::RotationRadius(RotationRadius::from_metres(f32::from(joint.number()) / 8.0).unwrap())
+        }
+        Ask::Shutdown | Ask::Reboot => Reply::Empty(Register::SystemControl),
+        Ask::Raw(raw) if raw.register() == 42 => {
+            let radians = [0.0, 0.5, -1.0, 3.0, 0.0, -0.25, 0.0_f32];
+            let params: Vec<u8> = radians.into_iter().flat_map(f32::to_le_bytes).collect();
+            Reply::Raw(Raw::new(42, &params).unwrap())
+        }
+        Ask::Raw(raw) => return Some((State::INVALID, Reply::empty(raw.register()))),
+        other => panic!("{other:?}"),
+    };
+    Some((State::NOT_READY | State::WARNING, reply))
+}
+
+fn with_arm(args: &[&str]) -> Output {
+    run_against(args, |stream| answer(stream, arm))
+}
+
+fn stdout(output: Output) -> String {
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn each_request_of_an_xarm_can_be_made() {
+    let state = ", state not ready to move, warning (transaction 1, protocol id 2)\n";
+    for (args, answer) in [
+        (
+            &["version"][..],
+            "6 axes, type 9, arm XI1300, control box AC1300, firmware v1.12.10",
+        ),
+        (&["serials"], "serial number XI130004A1B2, control box AC130004A1B2"),
+        (&["reload-dynamics"], "register 4, no value"),
+        (&["torque-source"], "torque is the servos' current, measured"),
+        (&["rotation-radius", "6"], "rotation radius 0.75 m"),
+        (&["shutdown"], "register 10, no value"),
+        (&["reboot"], "register 10, no value"),
+        (
+            &["raw", "42"],
+            "register 42, 00 00 00 00 00 00 00 3F 00 00 80 BF 00 00 40 40 00 00 00 00 00 00 80 BE 00 00 00 00",
+        ),
+    ] {
+        let printed = stdout(with_arm(&[&["call", "xarm", "HOST"], args].concat()));
+        assert_eq!(printed.strip_suffix(state), Some(answer), "{printed}");
+    }
+}
+
+#[test]
+fn requests_go_out_as_they_were_asked_for() {
+    for (args, bytes) in [
+        (&["version"][..], &[0, 1, 0, 2, 0, 1, 1][..]),
+        (&["--supervised", "version"], &[0, 1, 0, 3, 0, 1, 1]),
+        (&["shutdown"], &[0, 1, 0, 2, 0, 2, 10, 1]),
+        (&["reboot"], &[0, 1, 0, 2, 0, 2, 10, 2]),
+        (&["rotation-radius", "7"], &[0, 1, 0, 2, 0, 2, 6, 7]),
+        (&["raw", "19", "01"], &[0, 1, 0, 2, 0, 2, 19, 1]),
+        (
+            &["raw", "23", "DB 0F 49 40", "0x00,ff"],
+            &[0, 1, 0, 2, 0, 7, 23, 0xDB, 0x0F, 0x49, 0x40, 0, 0xFF],
+        ),
+        (&["heartbeat"], &[0, 0, 0, 1, 0, 2, 0, 0]),
+    ] {
+        let output = run_against(&[&["call", "xarm", "HOST"], args].concat(), |mut stream| {
+            let mut sent = vec![0; bytes.len()];
+            stream.read_exact(&mut sent).unwrap();
+            assert_eq!(sent, bytes, "{args:?}");
+        });
+        if args == ["heartbeat"] {
+            assert_eq!(stdout(output), "heartbeat: sent, the arm does not answer it\n");
+        }
+    }
+}
+
+#[test]
+fn a_request_that_there_is_not_never_leaves_the_command_line() {
+    let too_long = "00".repeat(121);
+    for (args, error) in [
+        (&["rotation-radius", "0"][..], "joint is 0, must be 1..=7"),
+        (&["rotation-radius", "8"], "joint is 8, must be 1..=7"),
+        (&["raw", "10", "01"], "register 10 has types of its own"),
+        (
+            &["raw", "19", &too_long],
+            "a message has at most 120 bytes of parameters, not 121",
+        ),
+        (&["raw", "19", "0G"], "'0G' is not a byte or bytes in hexadecimal"),
+        (&["raw", "256"], "256"),
+    ] {
+        let text = usage(&[&["call", "xarm", "no-such-host.invalid"], args].concat());
+        assert!(text.contains(error), "{text}");
+    }
+    assert!(usage(&["call", "xarm", "arm:0", "version"]).contains("there is no port 0"));
+    assert!(usage(&["info", "--arm", "xarm", "arm:x"]).contains("is not a port"));
+    assert!(usage(&["info", "--arm", "xarm", "arm", "--baud", "9600"]).contains("no --baud"));
+}
+
+#[test]
+fn info_tells_what_arm_it_is_and_how_it_is() {
+    let out = stdout(with_arm(&["info", "--arm", "xarm", "HOST"]));
+    assert_eq!(
+        out.lines().collect::<Vec<_>>(),
+        [
+            "arm          xArm, 6 axes, type 9",
+            "hardware     XI1300",
+            "control box  AC1300",
+            "firmware     v1.12.10",
+            "serial       XI130004A1B2, control box AC130004A1B2",
+            "torque       the servos' current, measured",
+            "state        not ready to move, warning",
+        ]
+    );
+}
+
+#[test]
+fn info_goes_on_where_an_arm_refuses_or_its_version_is_a_riddle() {
+    let output = run_against(&["info", "--arm", "xarm", "HOST"], |stream| {
+        answer(stream, |ask| match ask {
+            Ask::ReadVersion => {
+                let text = VersionText::new("v1.0.2").unwrap();
+                Some((State::OK, Reply::Version(text)))
+            }
+            ask => Some((State::INVALID, Reply::empty(ask.register()))),
+        });
+    });
+    let out = stdout(output);
+    assert!(out.contains("version      v1.0.2 (the version has 1 fields"), "{out}");
+    assert!(out.contains("serial       not told (state invalid)"), "{out}");
+}
+
+#[test]
+fn monitor_shows_as_many_joints_as_the_arm_has() {
+    let output = with_arm(&["monitor", "--arm", "xarm", "HOST", "--rate", "1000", "--count", "3"]);
+    let out = stdout(output);
+    assert_eq!(out.lines().count(), 3);
+    for line in out.lines() {
+        assert_eq!(line.matches("rad").count(), 6, "{line}");
+        assert!(
+            line.contains("+0.0000 rad   +0.00°  +0.5000 rad  +28.65°  -1.0000 rad  -57.30°"),
+            "{line}"
+        );
+        assert!(line.ends_with("  not ready to move, warning"), "{line}");
+    }
+}
+
+#[test]
+fn monitor_shows_what_it_does_not_understand_as_it_is() {
+    let output = run_against(&["monitor", "--arm", "xarm", "HOST", "--count", "1"], |stream| {
+        answer(stream, |ask| match ask {
+            Ask::Raw(_) => Some((State::OK, Reply::Raw(Raw::new(42, &[1, 2, 3]).unwrap()))),
+            ask => Some((State::INVALID, Reply::empty(ask.register()))),
+        });
+    });
+    let out = stdout(output);
+    assert!(out.ends_with(" s  register 42 01 02 03  ok\n"), "{out}");
+}
+
+#[test]
+fn an_arm_that_refuses_says_so() {
+    let line = failure(&with_arm(&["call", "xarm", "HOST", "raw", "19", "01"]));
+    assert!(
+        line.ends_with(": the arm refused register 19, or failed at it (state invalid)"),
+        "{line}"
+    );
+}
+
+#[test]
+fn an_answer_to_another_request_is_none() {
+    let output = run_against(&["call", "xarm", "HOST", "version"], |mut stream| {
+        stream.write_all(&[0, 9, 0, 2, 0, 2, 4, 0]).unwrap();
+        answer(stream, |_| None);
+    });
+    let line = failure(&output);
+    assert!(
+        line.contains("frames arrive, but not the answer, asked for once"),
+        "{line}"
+    );
+}
+
+#[test]
+fn an_arm_that_does_not_answer_is_silent() {
+    let line = failure(&run_against(&["call", "xarm", "HOST", "version"], |stream| {
+        answer(stream, |_| None);
+    }));
+    assert!(line.contains("no answer in") && line.contains("asked once"), "{line}");
+    assert!(
+        line.ends_with("is it an xArm that listens there, and on its control port?"),
+        "{line}"
+    );
+}
+
+#[test]
+fn a_stream_that_is_no_xarms_is_broken_and_says_where() {
+    let line = failure(&run_against(&["info", "--arm", "xarm", "HOST"], |mut stream| {
+        stream.write_all(b"SSH-2.0-OpenSSH\r\n").unwrap();
+        answer(stream, |_| None);
+    }));
+    assert!(
+        line.contains("what arrives there is no message of an xArm (3 bytes at 0: byte 2 is 0x48, expected 0x00)"),
+        "{line}"
+    );
+}
+
+#[test]
+fn a_length_that_no_answer_has_breaks_the_connection() {
+    let line = failure(&run_against(&["call", "xarm", "HOST", "version"], |mut stream| {
+        stream.write_all(&[0, 1, 0, 2, 0, 0]).unwrap();
+        answer(stream, |_| None);
+    }));
+    assert!(line.contains("length field says 0, must be 2..=122"), "{line}");
+}
+
+#[test]
+fn a_connection_that_is_closed_is_told() {
+    for args in [
+        &["info", "--arm", "xarm", "HOST"][..],
+        &["call", "xarm", "HOST", "version"],
+    ] {
+        let line = failure(&run_against(args, |mut stream| {
+            // All of the request, or closing would be a reset.
+            stream.read_exact(&mut [0; 7]).unwrap();
+        }));
+        assert!(line.contains("the connection was closed from there"), "{line}");
+    }
+}
+
+#[test]
+fn a_host_where_nothing_listens_refuses() {
+    let address = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let line = failure(&run(&["info", "--arm", "xarm", &address.to_string()]));
+    assert!(
+        line.starts_with(&format!("{address}: nothing listens there: ")),
+        "{line}"
+    );
+}
+
+#[test]
+fn a_name_that_does_not_resolve_is_told() {
+    let line = failure(&run(&["call", "xarm", "no-such-host.invalid", "version"]));
+    assert!(line.starts_with("no-such-host.invalid:502: no such host ("), "{line}");
+}
+
+#[test]
+fn decode_tells_a_stream_by_its_direction() {
+    let path = free_path("stream");
+    let decode = |bytes: &[u8], args: &[&str]| {
+        std::fs::write(&path, bytes).unwrap();
+        run(&[&["decode", "--arm", "xarm", path.to_str().unwrap()], args].concat())
+    };
+    // All of it is ASCII, but no text.
+    let requests = [0, 1, 0, 2, 0, 1, 1, 0, 2, 0, 2, 0, 2, 10, 1];
+    assert_eq!(
+        stdout(decode(&requests, &["--from", "host"])),
+        "       0  00 01 00 02 00 01 01
+          to the arm: read version (transaction 1, protocol id 2)
+       7  00 02 00 02 00 02 0A 01
+          to the arm: shut down (transaction 2, protocol id 2)
+bytes: 15, frames: 2, noise bytes: 0\n"
+    );
+    let answers = [
+        0, 1, 0, 3, 0, 3, 5, 0x50, 1, 0, 0, 0, 1, 0, 2, 0, 0, 0, 9, 0, 0, 0, 3, 1, 0x83, 1,
+    ];
+    assert_eq!(
+        stdout(decode(&answers, &[])),
+        "       0  00 01 00 03 00 03 05 50 01
+          from the arm: torque is the servos' current, measured, state not ready to move, error (transaction 1, protocol id 3)
+       9  00 00 00 01 00 02 00 00
+          from the arm: heartbeat
+      17  00 09 00 00 00 03 01 83 01
+          from the arm: refused: no standard Modbus function 3, unit 1 (transaction 9)
+bytes: 26, frames: 3, noise bytes: 0\n"
+    );
+    let cut = stdout(decode(&answers[..12], &[]));
+    assert!(
+        cut.ends_with("the recording ends within a frame\nbytes: 12, frames: 1, noise bytes: 3\n"),
+        "{cut}"
+    );
+    std::fs::remove_file(&path).unwrap();
+}
+
+#[test]
+fn decode_stops_where_a_stream_breaks() {
+    let path = free_path("broken");
+    // The document's answer of register 10 as printed: its length says 2, but 4 bytes follow.
+    let bytes = [0, 1, 0, 2, 0, 2, 10, 0, 0, 1, 0, 1, 0, 2, 0, 2, 4, 0];
+    std::fs::write(&path, bytes).unwrap();
+    let output = run(&["decode", "--arm", "xarm", path.to_str().unwrap()]);
+    std::fs::remove_file(&path).unwrap();
+    let line = failure(&output);
+    assert!(
+        line.contains("the stream is broken at byte 8: byte 1 is 0x01"),
+        "{line}"
+    );
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        out.lines().next().unwrap().ends_with("00 01 00 02 00 02 0A 00") && out.contains("not read:"),
+        "{out}"
+    );
+}
+
+#[test]
+fn each_frame_that_decode_shows_is_what_was_encoded() {
+    let mut out = [0; 200];
+    let frame = Frame {
+        transaction: 0xBEEF,
+        protocol: 2,
+        body: &[6, 0x10, 0, 0, 0x98, 0x42],
+    };
+    let n = frame.encode(Direction::Responses, &mut out).unwrap();
+    let path = free_path("frame");
+    std::fs::write(&path, &out[..n]).unwrap();
+    let printed = success(&["decode", "--arm", "xarm", "--from", "arm", path.to_str().unwrap()]);
+    std::fs::remove_file(&path).unwrap();
+    assert!(
+        printed.contains("rotation radius 0.076 m, state not ready to move (transaction 48879, protocol id 2)"),
+        "{printed}"
+    );
+}
