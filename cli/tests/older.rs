@@ -1,0 +1,134 @@
+//! The built program against Ling arms of the older generation: it names them, shows their joints, and sends them nothing.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod common;
+
+use std::fs;
+
+use armwire::Protocol;
+use armwire::ling::legacy::{Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS};
+use rustix::process::Signal;
+
+use common::{Arm, failure, free_path, run, run_against, success, usage};
+
+/// What an arm of the older generation says at one moment.
+fn older(joint: u16) -> Vec<u8> {
+    let firmware = Firmware::V5;
+    let servos = [joint; SERVOS];
+    let joints = Response::Joints(JointState { firmware, servos });
+    let gripper = Response::Gripper(GripperState {
+        firmware,
+        id: 1,
+        servo: 2051,
+        potentiometer: 2048,
+        sync_button: 0,
+        attitude_button: 1,
+    });
+    let mut bytes = Vec::new();
+    for response in [joints, gripper] {
+        let mut out = [0; MAX_FRAME];
+        let n = Legacy::encode_response(&response, &mut out).unwrap();
+        bytes.extend(&out[..n]);
+    }
+    bytes
+}
+
+#[test]
+fn an_arm_of_the_older_generation_is_named_and_sent_nothing() {
+    let arm = Arm::start("ling", "older", &["--older"]);
+    for args in [
+        &["info", &arm.port][..],
+        &["call", "ling", &arm.port, "set-torque", "off"],
+    ] {
+        let line = failure(&run(args));
+        let message = format!("{}: this is a Ling arm of the older generation:", arm.port);
+        assert!(line.starts_with(&message), "{line}");
+        assert!(
+            line.contains("sends it nothing; for all else, ask the vendor for a firmware update"),
+            "{line}"
+        );
+        assert!(line.contains("1000000 or 921600 baud"), "{line}");
+    }
+    let last = arm.stop(Signal::INT);
+    assert!(last.starts_with("0 bytes in"), "{last}");
+}
+
+#[test]
+fn monitor_shows_the_joints_of_an_arm_of_the_older_generation_and_sends_it_nothing() {
+    let arm = Arm::start("ling", "older-monitor", &["--older"]);
+    let output = run(&["monitor", &arm.port, "--rate", "100", "--count", "5"]);
+    assert!(output.status.success(), "{output:?}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        stderr.contains("older generation") && stderr.lines().count() == 1,
+        "{stderr}"
+    );
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(out.lines().count(), 5, "{out}");
+    for line in out.lines() {
+        assert!(
+            line.contains("+0.0000 rad   +0.00°") && line.contains("gripper 2048, potentiometer 2048"),
+            "{out}"
+        );
+    }
+    let last = arm.stop(Signal::INT);
+    assert!(last.starts_with("0 bytes in"), "{last}");
+}
+
+#[test]
+fn an_arm_of_the_older_generation_that_speaks_up_late_is_sent_no_more() {
+    let mut requests = 0;
+    let output = run_against(&["info", "PORT"], |_, pty, bytes| {
+        requests += bytes.len() / 7;
+        pty.write(&older(2048).repeat(2)).unwrap();
+    });
+    let line = failure(&output);
+    assert!(line.contains("older generation"), "{line}");
+    assert_eq!(requests, 1);
+}
+
+#[test]
+fn monitor_tells_when_an_arm_of_the_older_generation_falls_silent() {
+    let output = run_against(&["monitor", "PORT", "--rate", "1000"], |_, pty, _| {
+        pty.write(&older(2048).repeat(2)).unwrap();
+    });
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    let lines: Vec<_> = stderr.lines().collect();
+    assert!(
+        lines[0].contains("older generation") && lines[1].contains("has stopped talking"),
+        "{stderr}"
+    );
+    assert_eq!(output.status.code(), Some(1));
+}
+
+#[test]
+fn decode_names_a_recording_of_the_older_generation_and_reads_it() {
+    let path = free_path("older-recording");
+    fs::write(&path, [&[0x08, 0xFF][..], &older(3072), &older(1024)].concat()).unwrap();
+    let out = success(&["decode", path.to_str().unwrap()]);
+    let lines: Vec<_> = out.lines().collect();
+    assert!(
+        lines[0].starts_with("This is a Ling arm of the older generation"),
+        "{out}"
+    );
+    assert!(
+        out.contains("from the arm: joints +90.00° +90.00° +90.00° +90.00° +90.00° +90.00°"),
+        "{out}"
+    );
+    assert!(
+        out.contains("from the arm: gripper 2051, potentiometer 2048, buttons 0 1"),
+        "{out}"
+    );
+    assert!(!out.contains("checksum"), "{out}");
+    assert_eq!(lines.last(), Some(&"bytes: 72, frames: 4, noise bytes: 2"));
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn an_older_arm_has_none_of_the_settings_of_a_current_one() {
+    for setting in [&["--leader"][..], &["--stroke", "100"], &["--echo"]] {
+        let error = usage(&[&["sim", "ling", "--older"], setting].concat());
+        assert!(error.contains("cannot be used with"), "{error}");
+    }
+}
