@@ -543,8 +543,17 @@ fn a_faulty_servo_does_nothing_and_says_so_where_it_can() {
     ];
     assert!(requests.into_iter().all(failed));
     assert_eq!(host.device().servos()[6].id(), id(7));
-    assert!(host.device().servos()[6].is_running());
     assert_eq!(host.device().servos()[6].offset().thirds(), 0);
+    for told in [
+        ServoRequest::Release(one(7)),
+        ServoRequest::SetLed {
+            to: one(7),
+            led: Led(1),
+        },
+    ] {
+        assert_eq!(host.call(Request::Servo(told)), Err(Silence { sends: 1 }));
+    }
+    assert!(host.device().servos()[6].is_running() && host.device().servos()[6].led() == Led(0));
     assert_eq!(host.call(go(one(7), 10, 0, 0)), Err(Silence { sends: 1 }));
     assert_eq!(host.call(act(10, 0, 0)), acted(Outcome::Failure));
     host.wait(millis(200));
