@@ -16,6 +16,9 @@ use rustix::io::Errno;
 use super::VirtualXArm;
 use super::report::REPORT;
 
+#[cfg(test)]
+mod tests;
+
 /// How long it takes at most to notice the stop flag.
 const NOTICE: Duration = Duration::from_millis(100);
 /// From one report to the next.
