@@ -1,0 +1,318 @@
+//! The server over real sockets, on free ports of the loopback.
+
+use std::net::Ipv4Addr;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::thread;
+
+use super::*;
+use crate::xarm::{Config, Model};
+
+/// Longer than anything takes, unless it hangs.
+const PATIENCE: Duration = Duration::from_secs(30);
+const ANY: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
+
+/// "Version", by its transaction id.
+fn version(id: u16) -> Vec<u8> {
+    [&id.to_be_bytes(), &[0, 2, 0, 1, 1][..]].concat()
+}
+
+const VERSION: [u8; 7] = [0, 1, 0, 2, 0, 1, 1];
+const VERSION_ANSWER: &[u8; 48] = b"\0\x01\0\x02\0\x2A\x01\x106,6,XI1202,AC1302,v1.12.10\0\0\0\0\0\0\0\0\0\0\0\0\0\0";
+const STATE: [u8; 7] = [0, 9, 0, 3, 0, 1, 13];
+const STATE_ANSWER: [u8; 9] = [0, 9, 0, 3, 0, 3, 13, 0x10, 4];
+const REBOOT: [u8; 8] = [0, 2, 0, 2, 0, 2, 10, 2];
+const SHUTDOWN: [u8; 8] = [0, 2, 0, 2, 0, 2, 10, 1];
+const CONTROL_ANSWER: [u8; 8] = [0, 2, 0, 2, 0, 2, 10, 0x10];
+
+/// A server that runs.
+struct Running {
+    control: SocketAddr,
+    report: SocketAddr,
+    notices: Receiver<Notice>,
+}
+
+impl Running {
+    fn connect(&self) -> TcpStream {
+        let stream = connect_to(self.control);
+        self.wait_for("connected", |notice| {
+            matches!(notice, Notice::Connected(_, Port::Control))
+        });
+        stream
+    }
+
+    /// Waits for a notice and gives it.
+    fn wait_for(&self, what: &str, is: impl Fn(&Notice) -> bool) -> Notice {
+        loop {
+            match self.notices.recv_timeout(PATIENCE) {
+                Ok(notice) if is(&notice) => return notice,
+                Ok(_) => {}
+                Err(error) => panic!("no notice '{what}': {error}"),
+            }
+        }
+    }
+}
+
+/// Stops the server also when a test fails.
+struct StopAtEnd<'a>(&'a AtomicBool);
+
+impl Drop for StopAtEnd<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Serves an arm that was just switched on while `test` runs, and says what was served.
+fn serving(test: impl FnOnce(&Running)) -> Served {
+    let server = Server::bind(ANY, Some(ANY)).unwrap();
+    let (tell, notices) = mpsc::channel();
+    let running = Running {
+        control: server.control_address(),
+        report: server.report_address().unwrap(),
+        notices,
+    };
+    let stop = &AtomicBool::new(false);
+    thread::scope(|scope| {
+        let server = scope.spawn(move || {
+            let mut arm = VirtualXArm::new(Config::new(Model::XArm6));
+            server.serve(&mut arm, stop, &mut |notice| drop(tell.send(notice)))
+        });
+        {
+            let _stop = StopAtEnd(stop);
+            test(&running);
+        }
+        server.join().unwrap().unwrap()
+    })
+}
+
+fn connect_to(address: SocketAddr) -> TcpStream {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_nodelay(true).unwrap();
+    stream
+}
+
+fn read<const N: usize>(mut stream: &TcpStream) -> [u8; N] {
+    let mut bytes = [0; N];
+    stream.read_exact(&mut bytes).unwrap();
+    bytes
+}
+
+/// Reads to the end of the connection, which must come.
+fn read_to_end(mut stream: &TcpStream) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    stream.read_to_end(&mut bytes).unwrap();
+    bytes
+}
+
+fn write(mut stream: &TcpStream, bytes: &[u8]) {
+    stream.write_all(bytes).unwrap();
+}
+
+#[test]
+fn each_client_gets_its_own_answers_however_its_requests_are_cut() {
+    let served = serving(|server| {
+        let (a, b) = (server.connect(), server.connect());
+        for (i, byte) in VERSION.into_iter().enumerate() {
+            write(&a, &[byte]);
+            if i % 2 == 0 {
+                write(&b, &STATE);
+                assert_eq!(read(&b), STATE_ANSWER);
+            }
+        }
+        assert_eq!(read(&a), *VERSION_ANSWER);
+        write(&a, &[&VERSION[..], &STATE, &VERSION].concat());
+        let expected = [&VERSION_ANSWER[..], &STATE_ANSWER, VERSION_ANSWER].concat();
+        assert_eq!(read::<105>(&a)[..], expected);
+    });
+    assert_eq!((served.clients, served.requests), (2, 8));
+}
+
+#[test]
+fn heartbeats_are_taken_and_standard_modbus_is_refused_on_a_connection_that_stays() {
+    let served = serving(|server| {
+        let client = server.connect();
+        write(&client, &[0, 0, 0, 1, 0, 2, 0, 0]);
+        write(&client, &[0, 7, 0, 0, 0, 6, 1, 3, 0, 0, 0, 2]);
+        assert_eq!(read(&client), [0, 7, 0, 0, 0, 3, 1, 0x83, 1]);
+        write(&client, &[0, 8, 0, 3, 0, 2, 6, 9]);
+        assert_eq!(read(&client), [0, 8, 0, 3, 0, 2, 6, 0x18]);
+        write(&client, &STATE);
+        assert_eq!(read(&client), STATE_ANSWER);
+    });
+    assert_eq!((served.requests, served.unknown, served.broken), (2, 2, 0));
+}
+
+#[test]
+fn what_cannot_be_a_frame_ends_that_connection_and_no_other_and_says_why() {
+    let served = serving(|server| {
+        let other = server.connect();
+        for (wrong, why) in [
+            (&[0, 1, 0, 4][..], "byte 3 is 0x04"),
+            (&[0, 1, 0, 2, 0, 0], "length field says 0"),
+            (&[0, 1, 0, 2, 0xFF, 0xFF], "length field says 65535"),
+            (b"GET / HTTP/1.0\r\n\r\n", "byte 2 is 0x54"),
+        ] {
+            let client = server.connect();
+            // What came before is answered; what follows is not read as anything.
+            write(&client, &[&VERSION, wrong, &VERSION].concat());
+            assert_eq!(read_to_end(&client), VERSION_ANSWER);
+            let notice = server.wait_for("broken", |notice| matches!(notice, Notice::Broken(..)));
+            assert!(notice.to_string().contains(why), "{notice}");
+            write(&other, &STATE);
+            assert_eq!(read(&other), STATE_ANSWER);
+        }
+    });
+    assert_eq!((served.broken, served.requests), (4, 8));
+}
+
+#[test]
+fn a_client_that_does_not_read_waits_and_nobody_waits_for_it() {
+    serving(|server| {
+        let (greedy, other) = (server.connect(), server.connect());
+        // More than fits between here and there.
+        const MOST: usize = 64 << 20;
+        greedy.set_write_timeout(Some(Duration::from_millis(500))).unwrap();
+        let requests = (0..=u16::MAX).flat_map(version).collect::<Vec<_>>();
+        let mut sent = 0;
+        while let Ok(n) = (&greedy).write(&requests[sent % requests.len()..]) {
+            sent += n;
+            assert!(sent < MOST, "all is taken");
+        }
+        write(&other, &STATE);
+        assert_eq!(read(&other), STATE_ANSWER);
+        // When it reads, it gets everything, in order.
+        for i in 0..sent / 7 {
+            let answer = read::<48>(&greedy);
+            assert_eq!(answer[..2], (i as u16).to_be_bytes());
+            assert_eq!(answer[2..], VERSION_ANSWER[2..]);
+        }
+    });
+}
+
+#[test]
+fn clients_come_and_go() {
+    let served = serving(|server| {
+        for _ in 0..2 * MAX_CLIENTS {
+            let client = server.connect();
+            write(&client, &VERSION[..3]);
+            drop(client);
+            server.wait_for("gone", |notice| matches!(notice, Notice::Gone(_) | Notice::Lost(..)));
+        }
+        // Who has said everything still gets all answers.
+        let client = server.connect();
+        write(&client, &VERSION.repeat(100));
+        client.shutdown(Shutdown::Write).unwrap();
+        assert_eq!(read_to_end(&client), VERSION_ANSWER.repeat(100));
+    });
+    assert_eq!((served.requests, served.broken), (100, 0));
+}
+
+#[test]
+fn too_many_clients_are_sent_away_and_the_others_stay() {
+    serving(|server| {
+        let mut clients = (0..MAX_CLIENTS).map(|_| server.connect()).collect::<Vec<_>>();
+        let further = connect_to(server.control);
+        server.wait_for("too many", |notice| matches!(notice, Notice::TooMany(_)));
+        assert_eq!(read_to_end(&further), []);
+        clients.pop();
+        server.wait_for("gone", |notice| matches!(notice, Notice::Gone(_)));
+        clients.push(server.connect());
+        for client in &clients {
+            write(client, &STATE);
+            assert_eq!(read(client), STATE_ANSWER);
+        }
+    });
+}
+
+#[test]
+fn reports_follow_the_arm() {
+    let served = serving(|server| {
+        let (reports, control) = (connect_to(server.report), server.connect());
+        let first = read::<REPORT>(&reports);
+        assert_eq!((first[4], &first[7..35]), (4, &[0; 28][..]));
+        // What a client of reports says is nothing to the arm.
+        write(&reports, &[0xFF; 100]);
+
+        let floats = [0.05_f32, 0.05, 0.05, 0.05, 0.05, 0.05, 0.0, 1.0, 1.0, 0.0];
+        let target = floats.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<_>>();
+        write(&control, &[0, 1, 0, 2, 0, 3, 11, 8, 1]);
+        write(&control, &[0, 2, 0, 2, 0, 2, 12, 0]);
+        write(&control, &[&[0, 3, 0, 2, 0, 41, 23][..], &target].concat());
+        assert_eq!(read::<24>(&control)[23], 0, "it moves");
+        loop {
+            let report = read::<REPORT>(&reports);
+            assert_eq!(report[..4], first[..4]);
+            if report[4] == 2 {
+                assert_eq!(report[7..35], target[..28]);
+                break;
+            }
+        }
+    });
+    assert!(served.reports >= 2 && served.lost == 0);
+}
+
+#[test]
+fn reports_that_nobody_reads_are_left_out_whole() {
+    let listener = TcpListener::bind(ANY).unwrap();
+    let reader = connect_to(listener.local_addr().unwrap());
+    let (stream, peer) = listener.accept().unwrap();
+    let mut service = Service {
+        arm: &mut VirtualXArm::new(Config::new(Model::XArm6)),
+        notice: &mut |_| {},
+        start: Instant::now(),
+        clients: vec![Client::new(stream, peer, Port::Report)],
+        served: Served::default(),
+    };
+    for _ in 0..20 {
+        service.report();
+    }
+    assert_eq!((service.served.reports, service.served.lost), (8, 12));
+    service.clients[0].flush().unwrap();
+    drop(service);
+    assert_eq!(read_to_end(&reader).len(), 8 * REPORT);
+}
+
+#[test]
+fn a_reboot_is_answered_ends_all_connections_and_new_ones_are_welcome() {
+    serving(|server| {
+        let (one, other, reports) = (server.connect(), server.connect(), connect_to(server.report));
+        read::<REPORT>(&reports);
+        write(&other, &VERSION);
+        assert_eq!(read(&other), *VERSION_ANSWER);
+        // What follows it is lost, but not its answer.
+        write(&one, &[&REBOOT[..], &VERSION.repeat(1_000)].concat());
+        assert_eq!(read_to_end(&one), CONTROL_ANSWER);
+        assert_eq!(read_to_end(&other), []);
+        assert_eq!(read_to_end(&reports).len() % REPORT, 0);
+
+        let again = server.connect();
+        write(&again, &STATE);
+        assert_eq!(read(&again), STATE_ANSWER);
+    });
+}
+
+#[test]
+fn a_shutdown_is_answered_and_ends_the_serving() {
+    let mut control = None;
+    let served = serving(|server| {
+        control = Some(server.control);
+        let (one, other) = (server.connect(), server.connect());
+        write(&one, &SHUTDOWN);
+        assert_eq!(read_to_end(&one), CONTROL_ANSWER);
+        assert_eq!(read_to_end(&other), []);
+        server.wait_for("shutdown", |notice| matches!(notice, Notice::ShutDown(_)));
+        drop((one, other));
+        assert_eq!(server.notices.recv_timeout(PATIENCE).err(), Some(RecvTimeoutError::Disconnected));
+    });
+    assert_eq!(served.requests, 1);
+    assert!(TcpStream::connect(control.unwrap()).is_err());
+}
+
+#[test]
+fn a_port_that_is_taken_is_named() {
+    let taken = Server::bind(ANY, None).unwrap();
+    assert_eq!(taken.report_address(), None);
+    let address = taken.control_address();
+    let error = Server::bind(ANY, Some(address)).unwrap_err();
+    assert_eq!((error.address, error.error.kind()), (address, ErrorKind::AddrInUse));
+}
