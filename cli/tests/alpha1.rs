@@ -1,0 +1,212 @@
+//! `armwire sim alpha1` and `armwire sim alpha1-servo`: what a program on their ptys sees.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod common;
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{Read, Write};
+
+use common::{Arm, failure, free_path, run, success, usage};
+use rustix::process::Signal;
+
+const STOP: [u8; 10] = [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
+const STOPPED: [u8; 4] = [0xF2, 0x2F, 0xAA, 0xED];
+
+/// What `armwire call alpha1` prints. The words of `args` are separated by spaces.
+fn call(arm: &Arm, args: &str) -> String {
+    success(&call_args(arm, args))
+}
+
+fn call_args<'a>(arm: &'a Arm, args: &'a str) -> Vec<&'a str> {
+    ["call", "alpha1", &arm.port]
+        .into_iter()
+        .chain(args.split(' '))
+        .collect()
+}
+
+fn open(arm: &Arm) -> File {
+    OpenOptions::new().read(true).write(true).open(&arm.port).unwrap()
+}
+
+/// The next bytes that arrive; it waits for all of them.
+fn read<const N: usize>(port: &mut File) -> [u8; N] {
+    let mut bytes = [0; N];
+    port.read_exact(&mut bytes).unwrap();
+    bytes
+}
+
+#[test]
+fn a_virtual_robot_tells_what_it_is() {
+    let arm = Arm::start(
+        "alpha1",
+        "alpha1-info",
+        &["--hardware", "Alpha1_V9", "--firmware", "2016010100"],
+    );
+    assert_eq!(call(&arm, "hardware-version"), "hardware version Alpha1_V9\n");
+    assert_eq!(call(&arm, "firmware-version"), "firmware version 2016010100: done\n");
+    let info = success(&["info", "--arm", "alpha1", &arm.port]);
+    assert!(info.contains("Alpha1_V9") && info.contains("2016010100"), "{info}");
+}
+
+#[test]
+fn a_virtual_robot_does_what_it_is_asked() {
+    let arm = Arm::start("alpha1", "alpha1-call", &[]);
+    for (args, answer) in [
+        ("act --angles 10,240 --time 0 --interval 0", "act: done\n"),
+        ("servo read-angles 2", "servo 2: released, at 240°, sent to 240°\n"),
+        (
+            "servo-states",
+            "servos that run: 1 3 4 5 6 7 8 9 10 11 12 13 14 15 16\n",
+        ),
+        ("servo move 2 60 --time 0 --lock 0", "servo 2: understood\n"),
+        ("servo read-angles 2", "servo 2: released, at 60°, sent to 60°\n"),
+        ("servo set-offset 3 -90", "servo 3: offset set\n"),
+        ("servo read-offset 3", "servo 3: offset -30.00°\n"),
+        ("servo change-id 3 86", "servo 86: was 3\n"),
+        ("servo led 86 1", "servo 86: understood\n"),
+        ("play wave", "play: done\n"),
+        ("stop", "stop: done\n"),
+        ("offset-tool connect", "offset tool: done\n"),
+        ("usb-type hid", "USB type: done\n"),
+    ] {
+        assert_eq!(call(&arm, args), answer, "{args}");
+    }
+    let refused = |args| failure(&run(&call_args(&arm, args))).contains("failed");
+    assert!(refused("play sleep"));
+    assert_eq!(call(&arm, "act --angles 1 --time 0 --interval 1000"), "act: done\n");
+    assert!(
+        refused("act --angles 2 --time 0 --interval 0"),
+        "the interval is not over"
+    );
+    assert!(failure(&run(&call_args(&arm, "servo version 3"))).contains("no answer"));
+}
+
+#[test]
+fn frames_may_come_in_pieces_and_in_bursts_from_one_program_after_another() {
+    let arm = Arm::start("alpha1", "alpha1-pieces", &[]);
+    let firmware = [0xF5, 0x5F, 0x01, 0, 0, 0, 0, 0, 0x01, 0xED];
+    for cut in 1..STOP.len() {
+        let mut port = open(&arm);
+        port.write_all(&[&[0x55, 0xF1][..], &STOP, &STOP[..cut]].concat())
+            .unwrap();
+        assert_eq!(read(&mut port), STOPPED);
+        port.write_all(&[&STOP[cut..], &firmware].concat()).unwrap();
+        // If the system paused between the pieces, the line was idle and the request in pieces is none.
+        let mut answer: [u8; 4] = read(&mut port);
+        if answer == STOPPED {
+            answer = read(&mut port);
+        }
+        assert_eq!(answer, [0xF5, 0x5F, 0xAA, b'2'], "cut at {cut}");
+        assert_eq!(read(&mut port), *b"015121519\xA5\xED");
+    }
+}
+
+#[test]
+fn with_hid_answers_are_reports_of_64_bytes() {
+    let arm = Arm::start("alpha1", "alpha1-hid", &["--hid"]);
+    let mut port = open(&arm);
+    let mut report = [0; 64];
+    report[..10].copy_from_slice(&STOP);
+    for _ in 0..3 {
+        port.write_all(&report).unwrap();
+        let answer: [u8; 64] = read(&mut port);
+        assert_eq!(answer[..4], STOPPED);
+        assert_eq!(answer[4..], [0; 60]);
+    }
+    drop(port);
+    assert_eq!(call(&arm, "hardware-version"), "hardware version Alpha1_V2.0\n");
+    let last = arm.stop(Signal::INT);
+    assert!(
+        last.contains("4 requests (4 answered, 0 refused), 0 unknown frames, 0 noise bytes"),
+        "{last}"
+    );
+}
+
+#[test]
+fn a_virtual_servo_bus_has_the_servos_it_is_given_and_no_robot() {
+    let arm = Arm::start("alpha1-servo", "servo-ids", &["--ids", "3,7-9"]);
+    assert_eq!(call(&arm, "servo version 8"), "servo 8: version 41 16 51 01\n");
+    assert_eq!(
+        call(&arm, "servo move 3 240 --time 0 --lock 1"),
+        "servo 3: understood\n"
+    );
+    assert_eq!(
+        call(&arm, "servo read-angles 3"),
+        "servo 3: released, at 240°, sent to 240°\n"
+    );
+    assert!(call(&arm, "servo release all").contains("the arm does not answer it"));
+    assert!(failure(&run(&call_args(&arm, "servo version 1"))).contains("no answer"));
+    assert!(failure(&run(&call_args(&arm, "servo-states"))).contains("no answer"));
+}
+
+#[test]
+fn a_servo_bus_of_a_single_wire_gives_every_byte_back() {
+    let arm = Arm::start("alpha1-servo", "servo-echo", &["--echo", "--turnaround-us", "400"]);
+    let mut port = open(&arm);
+    let request = [0xFA, 0xAF, 0x01, 0x01, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED];
+    port.write_all(&request).unwrap();
+    assert_eq!(read(&mut port), request);
+    assert_eq!(read(&mut port), [0xAB]);
+    drop(port);
+    assert_eq!(call(&arm, "servo read-offset 16"), "servo 16: offset +0.00°\n");
+}
+
+#[test]
+fn damaged_answers_are_asked_for_again() {
+    let arm = Arm::start(
+        "alpha1",
+        "alpha1-faults",
+        &["--faults", "corrupt=10000", "--faults-on", "answers", "--seed", "3"],
+    );
+    for _ in 0..10 {
+        assert_eq!(call(&arm, "hardware-version"), "hardware version Alpha1_V2.0\n");
+    }
+    let last = arm.stop(Signal::INT);
+    assert!(!last.contains(" 10 requests"), "none was damaged: {last}");
+}
+
+#[test]
+fn they_end_cleanly_on_ctrl_c_and_on_terminate() {
+    for (kind, signal) in [("alpha1", Signal::INT), ("alpha1-servo", Signal::TERM)] {
+        let arm = Arm::start(kind, "alpha1-end", &[]);
+        call(&arm, "servo version 1");
+        let port = arm.port.clone();
+        let last = arm.stop(signal);
+        assert_eq!(
+            last,
+            "10 bytes in, 10 out, 0 not read; 1 requests (1 answered, 0 refused), 0 unknown frames, 0 noise bytes.\n"
+        );
+        assert!(fs::symlink_metadata(port).is_err(), "the link is left behind");
+    }
+}
+
+#[test]
+fn they_do_not_replace_a_file() {
+    let path = free_path("alpha1-file");
+    fs::write(&path, "precious").unwrap();
+    for kind in ["alpha1", "alpha1-servo"] {
+        let line = failure(&run(&["sim", kind, "--pty", path.to_str().unwrap()]));
+        assert!(line.contains("exists and is not a symbolic link"), "{line}");
+    }
+    assert_eq!(fs::read_to_string(&path).unwrap(), "precious");
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn wrong_values_are_refused_with_what_they_may_be() {
+    for (args, message) in [
+        (&["alpha1", "--firmware", "2016"][..], "it has 4 bytes, not 10"),
+        (
+            &["alpha1", "--hardware", &"x".repeat(60)],
+            "text length is 60 bytes, must be 0..=59",
+        ),
+        (&["alpha1-servo", "--ids", "0"], "servo id is 0, must be 1..=240"),
+        (&["alpha1-servo", "--ids", "1-241"], "servo id is 241, must be 1..=240"),
+        (&["alpha1-servo", "--ids", "5-3"], "'5-3' goes backwards"),
+    ] {
+        let args = [&["sim"], args].concat();
+        let printed = usage(&args);
+        assert!(printed.contains(message), "{printed}");
+    }
+}
