@@ -2,9 +2,18 @@
 
 mod common;
 
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::future::{Future, poll_fn};
+use std::pin::pin;
+use std::task::{Context, Poll, Waker};
+
 use armwire::alpha1::*;
-use armwire::{Client, Config, Event, Input, Micros};
+use armwire::driver::{CallError, Clock, Counters};
+use armwire::{Client, Config, Device, Event, Heard, Input, Micros};
 use common::Subject;
+use embedded_io_async::{ErrorType, Read, Write};
 use proptest::array::{uniform4, uniform10, uniform20};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -274,6 +283,230 @@ fn no_servos_late_byte_is_taken_for_another_servos() {
         for other in (1..=240_u8).filter(|other| *other != asked) {
             let events = events_of_a_move(asked, &[other.wrapping_add(0xAA)]);
             assert_eq!(events, [], "servo {asked} was asked, servo {other} was late");
+        }
+    }
+}
+
+/// A robot and its servos, which answer at once and give back what they hear, as a servo bus does.
+struct Robot {
+    now: Cell<Micros>,
+    wake: Cell<Option<Micros>>,
+    device: RefCell<Device<Alpha1, MAX_FRAME>>,
+    line: RefCell<VecDeque<u8>>,
+    echoes: bool,
+}
+
+impl Robot {
+    fn new(echoes: bool) -> Self {
+        Self {
+            now: Cell::new(Micros(0)),
+            wake: Cell::new(None),
+            device: RefCell::new(Device::new()),
+            line: RefCell::new(VecDeque::new()),
+            echoes,
+        }
+    }
+
+    fn arm(&self) -> Arm<&Self, &Self> {
+        Arm::new(self, self, Config::DEFAULT)
+    }
+
+    /// Runs a call in virtual time.
+    fn run<T>(&self, call: impl Future<Output = T>) -> T {
+        let mut call = pin!(call);
+        loop {
+            self.wake.set(None);
+            if let Poll::Ready(output) = call.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
+                return output;
+            }
+            self.now.set(self.wake.get().expect("it waits for something"));
+        }
+    }
+
+    fn hear(&self, bytes: &[u8]) {
+        let mut line = self.line.borrow_mut();
+        if self.echoes {
+            line.extend(bytes);
+        }
+        let mut input = Input::Bytes(bytes);
+        while let Some(heard) = self.device.borrow_mut().handle(&mut input) {
+            let Heard::Request(request) = heard else {
+                panic!("the robot heard {heard:?}");
+            };
+            if let Some(response) = answer_to(request) {
+                line.extend(common::response_bytes::<Alpha1, MAX_FRAME>(&response));
+            }
+        }
+    }
+}
+
+fn answer_to(request: Request) -> Option<Response> {
+    let outcome = Outcome::Success;
+    let text = *b"2015121519";
+    Some(match request {
+        Request::ReadHardwareVersion => Response::HardwareVersion(Text::new(b"V2.0").unwrap()),
+        Request::ReadServoStates => Response::ServoStates(ServoStates::from_bits(0xFFFF)),
+        Request::Stop => Response::Stopped(Outcome::Failure),
+        Request::ReadFirmwareVersion => Response::FirmwareVersion(FirmwareVersion { outcome, text }),
+        Request::Act(_) => Response::Acted(outcome),
+        Request::SetOffsetTool(_) => Response::OffsetTool(outcome),
+        Request::SetUsbType(_) => Response::UsbType(outcome),
+        Request::Play(_) => Response::Playing(outcome),
+        Request::Servo(request) => Response::Servo(match request {
+            ServoRequest::Move { to, .. } | ServoRequest::Release(to) | ServoRequest::SetLed { to, .. } => match to {
+                Address::All => return None,
+                Address::One(servo) => ServoResponse::Acknowledged(servo),
+            },
+            ServoRequest::ReadAngles(servo) => ServoResponse::Angles {
+                servo,
+                outcome,
+                target: 90,
+                actual: 89,
+            },
+            ServoRequest::ChangeId { from, to } => ServoResponse::IdChanged {
+                servo: to,
+                outcome,
+                was: from.get(),
+            },
+            ServoRequest::SetOffset(servo, _) => ServoResponse::OffsetSet { servo, outcome },
+            ServoRequest::ReadOffset(servo) => ServoResponse::Offset {
+                servo,
+                outcome,
+                thirds: -3,
+            },
+            // Servo 9 is not there.
+            ServoRequest::ReadVersion(servo) if servo.get() == 9 => return None,
+            ServoRequest::ReadVersion(servo) => ServoResponse::Version {
+                servo,
+                outcome,
+                version: [1, 2, 3, 4],
+            },
+            other => panic!("no answer to {other:?}"),
+        }),
+        other => panic!("no answer to {other:?}"),
+    })
+}
+
+impl ErrorType for &Robot {
+    type Error = Infallible;
+}
+
+impl Read for &Robot {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, Infallible> {
+        poll_fn(|_| {
+            let mut line = self.line.borrow_mut();
+            let n = line.len().min(buf.len());
+            for (to, from) in buf.iter_mut().zip(line.drain(..n)) {
+                *to = from;
+            }
+            if n == 0 { Poll::Pending } else { Poll::Ready(Ok(n)) }
+        })
+        .await
+    }
+}
+
+impl Write for &Robot {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, Infallible> {
+        self.hear(buf);
+        Ok(buf.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl Clock for Robot {
+    fn now(&self) -> Micros {
+        self.now.get()
+    }
+
+    async fn wait_until(&self, instant: Micros) {
+        poll_fn(|_| {
+            if instant <= self.now.get() {
+                return Poll::Ready(());
+            }
+            self.wake
+                .set(Some(self.wake.get().map_or(instant, |wake| wake.min(instant))));
+            Poll::Pending
+        })
+        .await;
+    }
+}
+
+#[test]
+fn every_call_to_the_robot_returns_its_answer() {
+    let robot = Robot::new(false);
+    let mut arm = robot.arm();
+    let (yes, no) = (Outcome::Success, Outcome::Failure);
+    let action = Action {
+        angles: [None; SERVOS],
+        time: MoveTime::MAX,
+        interval: Interval::MAX,
+    };
+    let dance = Text::new(b"dance").unwrap();
+    assert_eq!(robot.run(arm.read_hardware_version()).unwrap().as_str(), Some("V2.0"));
+    assert_eq!(robot.run(arm.read_firmware_version()).unwrap().text, OLDEST_FIRMWARE);
+    assert_eq!(robot.run(arm.read_servo_states()).unwrap().running().count(), 16);
+    assert_eq!(robot.run(arm.act(action)), Ok(yes));
+    assert_eq!(robot.run(arm.play(dance)), Ok(yes));
+    assert_eq!(robot.run(arm.stop()), Ok(no));
+    assert_eq!(robot.run(arm.set_offset_tool(OffsetTool::Connect)), Ok(yes));
+    assert_eq!(robot.run(arm.set_usb_type(UsbType::Hid)), Ok(yes));
+    assert_eq!(arm.counters(), Counters::default());
+    assert_eq!(robot.now.get(), Micros(0));
+}
+
+#[test]
+fn every_call_to_a_servo_returns_its_answer_with_and_without_an_echo() {
+    for echoes in [false, true] {
+        let robot = Robot::new(echoes);
+        let mut arm = robot.arm();
+        let servo = ServoId::new(1).unwrap();
+        let other = ServoId::new(2).unwrap();
+        let right_angle = Angle::new(90).unwrap();
+        for to in [Address::One(servo), Address::All] {
+            let moved = robot.run(arm.move_servo(to, right_angle, MoveTime::MAX, Interval::MAX));
+            assert_eq!(moved, Ok(()));
+            assert_eq!(robot.run(arm.set_servo_led(to, Led(1))), Ok(()));
+            assert_eq!(robot.run(arm.release_servo(to)), Ok(()));
+        }
+        let yes = Outcome::Success;
+        assert_eq!(robot.run(arm.read_servo_angles(servo)), Ok((yes, 90, 89)));
+        assert_eq!(robot.run(arm.change_servo_id(servo, other)), Ok(yes));
+        assert_eq!(robot.run(arm.set_servo_offset(servo, Offset::MAX)), Ok(yes));
+        assert_eq!(robot.run(arm.read_servo_offset(servo)), Ok((yes, -3)));
+        assert_eq!(robot.run(arm.read_servo_version(servo)), Ok((yes, [1, 2, 3, 4])));
+        assert_eq!(robot.now.get(), Micros(0));
+        let echoes = if echoes { 11 } else { 0 };
+        assert_eq!(
+            arm.counters(),
+            Counters {
+                echoes,
+                ..Counters::default()
+            }
+        );
+    }
+}
+
+#[test]
+fn a_servo_that_is_not_there_is_asked_again_and_then_given_up() {
+    let robot = Robot::new(true);
+    let mut arm = robot.arm();
+    let servo = ServoId::new(9).unwrap();
+    let error = robot.run(arm.read_servo_version(servo)).unwrap_err();
+    assert_eq!(error, CallError::TimedOut { sends: 3 });
+    assert_eq!(arm.counters().echoes, 3);
+}
+
+#[test]
+fn a_servo_whose_byte_is_a_header_is_heard_once_the_line_is_silent() {
+    for id in [80, 82] {
+        for echoes in [false, true] {
+            let robot = Robot::new(echoes);
+            let to = Address::One(ServoId::new(id).unwrap());
+            assert_eq!(robot.run(robot.arm().release_servo(to)), Ok(()));
+            assert!(Micros(0) < robot.now.get() && robot.now.get() < Micros::from_millis(30));
         }
     }
 }

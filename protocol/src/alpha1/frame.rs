@@ -26,7 +26,7 @@
 use core::ops::RangeInclusive;
 use core::slice;
 
-use super::{Alpha1, ServoId};
+use super::{Alpha1, Outcome, ServoId};
 use crate::{BufferTooShort, Framing, Reason, Scan};
 
 /// The longest frame, in bytes: what one report on USB HID holds.
@@ -38,6 +38,9 @@ pub const MAX_FRAME: usize = 64;
 pub const MAX_TEXT: usize = MAX_FRAME - 5;
 
 const TAIL: u8 = 0xED;
+
+/// What the status in an answer may be.
+const STATUS: &[u8] = &[Outcome::Success as u8, Outcome::Failure as u8];
 
 /// What follows FB BF, in both directions (row FB).
 pub(super) const ACT: u8 = 0x01;
@@ -214,57 +217,58 @@ fn scan_frame(window: &[u8], expect: Expect) -> Scan {
     let &[first, _, third, ..] = window else {
         return Scan::Need(1);
     };
-    let len = usize::from(third);
-    let foreign = first == header::ACT && third != ACT;
-    let total = match layout(first, expect) {
-        _ if foreign && !BLUETOOTH.contains(&len) => {
-            return Scan::Skip(
-                1,
-                Reason::Byte {
-                    offset: 2,
-                    expected: &[ACT],
-                    got: third,
-                },
-            );
-        }
-        _ if foreign => len + 1,
-        Some(Layout::Data(len)) => len + 4,
-        Some(Layout::Counted) if !COUNT.contains(&len) => {
+    let count = usize::from(third);
+    match layout(first, expect) {
+        _ if first == header::ACT && third != ACT => scan_bluetooth(window, count),
+        Some(Layout::Data(len)) => verify(window, len + 4),
+        Some(Layout::Counted) if COUNT.contains(&count) => verify(window, count + 4),
+        Some(Layout::Counted) => {
             let (min, max) = COUNT.into_inner();
-            return Scan::Skip(1, Reason::Length { min, max, got: len });
+            let got = count;
+            Scan::Skip(1, Reason::Length { min, max, got })
         }
-        Some(Layout::Counted) => len + 4,
-        Some(Layout::Status) => return scan_status(window),
-        None => return Scan::Skip(1, Reason::Stray),
-    };
-    let Some(frame) = window.get(..total) else {
-        return Scan::Need(total.saturating_sub(window.len()));
-    };
-    match *frame {
-        [_, _, ref body @ .., got, TAIL] => match checksum(body) {
-            expected if expected != got => Scan::Skip(1, Reason::Checksum { expected, got }),
-            _ if foreign => Scan::Skip(total, Reason::Foreign("Alpha1's Bluetooth protocol")),
-            _ => Scan::Frame(total),
-        },
-        [.., got] => Scan::Skip(1, Reason::Tail { expected: TAIL, got }),
-        [] => Scan::Need(1),
+        Some(Layout::Status) => scan_status(window),
+        None => Scan::Skip(1, Reason::Stray),
+    }
+}
+
+/// The verdict on FB BF where no row of the document is: the same frame, but for what it says of its length.
+fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
+    if !BLUETOOTH.contains(&len) {
+        let (offset, expected, got) = (2, &[ACT], len as u8);
+        return Scan::Skip(1, Reason::Byte { offset, expected, got });
+    }
+    match verify(window, len + 1) {
+        Scan::Frame(total) => Scan::Skip(total, Reason::Foreign("Alpha1's Bluetooth protocol")),
+        verdict => verdict,
     }
 }
 
 /// The verdict on an answer without a checksum. Its status must be one of two, or half the frame would be unguarded.
 fn scan_status(window: &[u8]) -> Scan {
     match *window {
-        [_, _, 0xAA | 0xEE, TAIL, ..] => Scan::Frame(4),
-        [_, _, 0xAA | 0xEE, got, ..] => Scan::Skip(1, Reason::Tail { expected: TAIL, got }),
-        [_, _, got, _, ..] => Scan::Skip(
-            1,
-            Reason::Byte {
-                offset: 2,
-                expected: &[0xAA, 0xEE],
-                got,
-            },
-        ),
+        [_, _, status, TAIL, ..] if STATUS.contains(&status) => Scan::Frame(4),
+        [_, _, status, got, ..] if STATUS.contains(&status) => Scan::Skip(1, Reason::Tail { expected: TAIL, got }),
+        [_, _, got, _, ..] => {
+            let (offset, expected) = (2, STATUS);
+            Scan::Skip(1, Reason::Byte { offset, expected, got })
+        }
         _ => Scan::Need(4_usize.saturating_sub(window.len())),
+    }
+}
+
+/// The verdict on a frame of `total` bytes with a checksum.
+fn verify(window: &[u8], total: usize) -> Scan {
+    let Some(frame) = window.get(..total) else {
+        return Scan::Need(total.saturating_sub(window.len()));
+    };
+    match *frame {
+        [_, _, ref data @ .., got, TAIL] => match checksum(data) {
+            expected if expected == got => Scan::Frame(total),
+            expected => Scan::Skip(1, Reason::Checksum { expected, got }),
+        },
+        [.., got] => Scan::Skip(1, Reason::Tail { expected: TAIL, got }),
+        [] => Scan::Need(1),
     }
 }
 

@@ -334,10 +334,19 @@ fn constant(offset: usize, data: &[u8], expected: &'static [u8]) -> Result<(), C
     Ok(())
 }
 
-/// The text after its count, which the framing checked.
+/// The text after its count, which counts itself.
 fn text(data: &[u8]) -> Result<Text, Cause> {
-    let text = data.get(1..).unwrap_or_default();
-    Text::new(text).map_err(|error| Cause::Value { offset: 1, error })
+    let got = data.len();
+    match data {
+        [count, text @ ..] if usize::from(*count) == got => {
+            Text::new(text).map_err(|error| Cause::Value { offset: 1, error })
+        }
+        [count, ..] => Err(Cause::Length {
+            expected: usize::from(*count),
+            got,
+        }),
+        [] => Err(Cause::Length { expected: 1, got }),
+    }
 }
 
 fn servo(offset: usize, id: u8) -> Result<ServoId, Cause> {

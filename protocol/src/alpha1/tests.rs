@@ -625,6 +625,31 @@ fn another_servos_byte_is_no_answer() {
 }
 
 #[test]
+fn a_byte_that_comes_late_is_late_and_no_answer_to_the_next_request() {
+    let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
+    let transmit = |client: &mut Client<Alpha1, MAX_FRAME>, now| {
+        let n = client.poll_transmit(now).map_or(0, <[u8]>::len);
+        client.transmitted(now, n);
+        n
+    };
+    let byte = |servo| Response::Servo(ServoResponse::Acknowledged(id(servo)));
+    client.submit(Request::Servo(moving(Address::One(id(1))))).unwrap();
+    transmit(&mut client, Micros(0));
+    let now = client.poll_timeout().unwrap();
+    let timed_out = Some(Event::TimedOut { sends: 1 });
+    assert_eq!(client.handle(now, &mut Input::Tick), timed_out);
+
+    // The same servo again: held back until the byte came, which would pass for its answer.
+    client.submit(Request::Servo(moving(Address::One(id(1))))).unwrap();
+    assert_eq!(transmit(&mut client, now), 0);
+    let late = client.handle(now, &mut Input::Bytes(&[0xAB]));
+    assert_eq!(late, Some(Event::Late(byte(1))));
+    assert_eq!(transmit(&mut client, now), 10);
+    let answer = client.handle(now, &mut Input::Bytes(&[0xAB]));
+    assert_eq!(answer, Some(Event::Answer(byte(1))));
+}
+
+#[test]
 fn a_zero_is_the_answer_of_servo_86_and_filling_after_it() {
     let request = Request::Servo(moving(Address::One(id(86))));
     let answer = Response::Servo(ServoResponse::Acknowledged(id(86)));
@@ -720,6 +745,18 @@ fn a_firmware_version_without_a_status_is_an_error_that_says_where() {
         std::format!("{error}"),
         "command F5: data byte 0 is AB, must be AA or EE"
     );
+}
+
+#[test]
+fn a_text_that_does_not_count_itself_is_an_error_that_says_so() {
+    for (data, message) in [
+        (&b"\x05dance"[..], "command F3: 6 data bytes, expected 5"),
+        (&[], "command F3: 0 data bytes, expected 1"),
+    ] {
+        let frame = Frame::Message { command: 0xF3, data };
+        let error = Alpha1::parse_request(frame).unwrap_err();
+        assert_eq!(std::format!("{error}"), message);
+    }
 }
 
 #[test]
