@@ -26,7 +26,7 @@ cargo fw [IMAGE]          build the firmware image
 cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
 cargo ci                  run every check there is
 
-cargo xtask vendor        drive the firmware image with the arm vendor's Python SDK
+cargo xtask vendor        drive virtual arms with the arm vendors' Python SDKs
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask licences      check the licences of all dependencies
 
