@@ -1,7 +1,7 @@
 //! The actions that a virtual Alpha1 knows by name.
 //!
-//! They are this simulation's own, not the real robot's. Servos 1 to 3 are one arm and 4 to 6 the other, 7 to 11 are one
-//! leg and 12 to 16 the other; standing, all are in the middle.
+//! They are this simulation's own, not the real robot's. Servos 1 to 3 are one arm and 4 to 6 the other, 7 to 11 are
+//! one leg and 12 to 16 the other; standing, all are in the middle.
 
 use armwire::Micros;
 use armwire::alpha1::Angle;

@@ -20,7 +20,8 @@ use crate::serial::SerialDevice;
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BusConfig {
-    /// The id of each servo. Servos that have the same one answer at once, and what arrives is what both say, bit by bit.
+    /// The id of each servo. Servos that have the same one answer at once, and what arrives is what both say, bit by
+    /// bit.
     pub ids: Vec<ServoId>,
     /// From the last stop bit of a request to the first start bit of its answer. A real servo answers within 400 µs.
     pub turnaround: Micros,

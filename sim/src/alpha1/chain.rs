@@ -24,8 +24,8 @@ impl Chain {
 
     /// Lets every servo that is meant obey, and returns what is then on the wire, if anything is.
     ///
-    /// Two servos with one id answer at once, and the wire is low whenever one of them pulls it low: what arrives is what
-    /// both say, bit by bit.
+    /// Two servos with one id answer at once, and the wire is low whenever one of them pulls it low: what arrives is
+    /// what both say, bit by bit.
     pub(super) fn obey(&mut self, now: Micros, request: &ServoRequest) -> Option<Vec<u8>> {
         let answers = self.0.iter_mut().filter_map(|servo| servo.obey(now, request));
         answers.map(|answer| encode(&Response::Servo(answer))).reduce(and)

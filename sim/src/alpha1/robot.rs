@@ -3,11 +3,11 @@
 //! The document says what can be asked, not what the robot then does. What is chosen here:
 //!
 //! * It is switched on standing: all servos hold in the middle.
-//! * The last command wins. A debug action or another action ends the one that plays; what a servo is told by a frame of
-//!   its own lasts until the next pose.
-//! * A debug action that comes before the interval of the one before is over is refused, and so is one with an angle for
-//!   one of its servos that no servo can go to. Then nothing moves. Angles for servos that it does not have are ignored.
-//!   The interval counts from the end of one frame to the end of the next.
+//! * The last command wins. A debug action or another action ends the one that plays; what a servo is told by a frame
+//!   of its own lasts until the next pose.
+//! * A debug action that comes before the interval of the one before is over is refused, and so is one for a faulty
+//!   servo, or with an angle that no servo can go to. Then nothing moves. Angles for servos that the robot does not
+//!   have are ignored. The interval counts from the end of one frame to the end of the next.
 //! * To stop ends an action and an interval, and lets every servo hold where it is. It succeeds also if nothing plays.
 //! * An action that it does not know is refused, and the one that plays goes on.
 //! * The offset tool's connection and the USB type are kept and can be seen; they change nothing on this line.
@@ -42,7 +42,8 @@ pub struct RobotConfig {
     pub hardware: Text,
     /// Firmware version, ten digits: the oldest that speaks this protocol is [`OLDEST_FIRMWARE`].
     pub firmware: [u8; 10],
-    /// From the last stop bit of a request, or the last byte of the answer before, to the first start bit of its answer.
+    /// From the last stop bit of a request, or the last byte of the answer before, to the first start bit of its
+    /// answer.
     pub turnaround: Micros,
     /// How long the line must be silent for a frame that waits for its end to be given up. The real robot's patience is
     /// not known.

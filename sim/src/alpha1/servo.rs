@@ -4,8 +4,8 @@
 //!
 //! * It is switched on released, its offset 0.
 //! * A turn is at constant speed, from where the servo is; in no time if no time is given.
-//! * The lock time counts from the request. It can be seen ([`Servo::is_busy`]), but a servo that is told to move before
-//!   it is over obeys all the same, so that angles can be streamed.
+//! * The lock time counts from the request. It can be seen ([`Servo::is_busy`]), but a servo that is told to move
+//!   before it is over obeys all the same, so that angles can be streamed.
 //! * To read the angle releases the servo, as the manual says. It stays where it is and can be turned by hand.
 //! * The offset turns the scale against the housing. A servo that holds turns its horn with it, at once; one that is
 //!   released stays where it is and tells another angle.
@@ -20,7 +20,7 @@ use armwire::alpha1::{Address, Angle, Led, Offset, Outcome, ServoId, ServoReques
 /// The version that a servo tells, as in the manual's example.
 const VERSION: [u8; 4] = [0x41, 0x16, 0x51, 0x01];
 
-/// Angles are in millionths of a third of a degree: offsets are in thirds, so nothing but a turn's place is ever rounded.
+/// Angles are in millionths of a third of a degree: offsets are in thirds, so nothing is rounded but where a turn is.
 const THIRD: i64 = 1_000_000;
 const DEGREE: i64 = 3 * THIRD;
 const MAX: i64 = 240 * DEGREE;
