@@ -349,6 +349,46 @@ fn every_request_has_a_response_of_the_documents_unless_it_is_for_all() {
 }
 
 #[test]
+fn no_response_of_the_documents_answers_another_servo() {
+    for (row, _, request) in requests() {
+        let Request::Servo(request) = request else { continue };
+        let other = match request {
+            ServoRequest::Move { angle, time, lock, .. } => ServoRequest::Move {
+                to: Address::One(id(3)),
+                angle,
+                time,
+                lock,
+            },
+            ServoRequest::Release(_) => ServoRequest::Release(Address::One(id(3))),
+            ServoRequest::SetLed { led, .. } => ServoRequest::SetLed {
+                to: Address::One(id(3)),
+                led,
+            },
+            ServoRequest::ReadAngles(_) => ServoRequest::ReadAngles(id(3)),
+            ServoRequest::ChangeId { to, .. } => ServoRequest::ChangeId { from: id(3), to },
+            ServoRequest::SetOffset(_, offset) => ServoRequest::SetOffset(id(3), offset),
+            ServoRequest::ReadOffset(_) => ServoRequest::ReadOffset(id(3)),
+            ServoRequest::ReadVersion(_) => ServoRequest::ReadVersion(id(3)),
+        };
+        for (_, _, _, response) in responses() {
+            assert!(
+                !Alpha1::answers(&Request::Servo(other), &response),
+                "{row}: {response:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_byte_is_read_only_as_the_answer_of_the_servo_that_was_asked() {
+    let answer = ServoAnswer::Acknowledgement(id(1));
+    for (byte, answer) in [(0xAC, Some(answer)), (0xAB, Some(ServoAnswer::Offset)), (0xAB, None)] {
+        let error = Alpha1::parse_response(Frame::Byte(byte), Expect::Responses(answer)).unwrap_err();
+        assert_eq!((error.command, error.cause), (byte, Cause::Unexpected));
+    }
+}
+
+#[test]
 fn what_a_damaged_print_seems_to_say_is_rejected_and_the_error_names_it() {
     let requests = Expect::Requests;
     let responses = Expect::Responses(None);
@@ -605,6 +645,15 @@ fn an_idle_line_tells_the_byte_of_servo_80_from_an_echo_at_once() {
     assert_eq!(decoder.idle(expect), None);
     assert_eq!(decoder.need(expect), 0);
     assert_eq!(decoder.next(expect), Some(Ok(Frame::Byte(0xFA))));
+    let request = Request::Servo(moving(Address::One(id(80))));
+    let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
+    client.submit(request).unwrap();
+    let n = client.poll_transmit(Micros(0)).unwrap().len();
+    client.transmitted(Micros(0), n);
+    assert_eq!(client.handle(Micros(900), &mut Input::Bytes(&[0xFA])), None);
+    let answer = Response::Servo(ServoResponse::Acknowledged(id(80)));
+    let idle = client.handle(Micros(950), &mut Input::Idle);
+    assert_eq!(idle, Some(Event::Answer(answer)));
     // An echo that breaks off is still none.
     decoder.push(&[0xFA, 0xAF]);
     assert!(decoder.next(expect).is_none());
@@ -719,6 +768,30 @@ fn a_good_frame_that_is_no_request_says_why() {
         (
             "F9 9F 00 00 00 00 00 00 00 ED",
             "command F9: data byte 0 is 00, must be 01 or 02 or 03",
+        ),
+        (
+            "F4 4F 01 01 00 00 00 05 07 ED",
+            "command F4: data byte 5 is 05, must be 00",
+        ),
+        (
+            "F4 4F 02 01 00 00 00 00 03 ED",
+            "command F4: data byte 0 is 02, must be 01",
+        ),
+        (
+            "F9 9F 01 00 09 00 00 00 0A ED",
+            "command F9: data byte 2 is 09, must be 00",
+        ),
+        (
+            "FA AF 01 04 01 00 00 02 08 ED",
+            "command FA: data byte 5 is 02, must be 00",
+        ),
+        (
+            "FA AF 01 02 01 00 00 00 04 ED",
+            "command FA: data byte 2 is 01, must be 00",
+        ),
+        (
+            "FC CF 01 01 00 00 01 00 03 ED",
+            "command FC: data byte 4 is 01, must be 00",
         ),
         (
             "F1 1F 00 00 00 00 00 07 07 ED",
