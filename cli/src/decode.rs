@@ -129,7 +129,12 @@ fn decode<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
     let mut damaged = 0;
     while offset < bytes.len() && broken.is_none() {
         let rest = &bytes[offset..];
-        let (len, reason) = match P::scan(rest, expect) {
+        let verdict = match P::scan(rest, expect) {
+            // The end of the recording is as good as an idle line.
+            Scan::Need(_) if !P::RELIABLE => P::scan_idle(rest, expect),
+            verdict => verdict,
+        };
+        let (len, reason) = match verdict {
             Scan::Frame(len) => {
                 let meaning = P::view(&rest[..len]).map(|frame| meaning::<P>(frame, expect, from));
                 lines.push(entry(offset, &rest[..len], &meaning.unwrap_or_default()));
@@ -144,19 +149,17 @@ fn decode<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
             }
             Scan::Skip(_, Reason::Stray) => (stray::<P>(rest, expect), Reason::Stray),
             Scan::Skip(len, reason) => (len, reason),
-            Scan::Need(_) if P::RELIABLE => {
+            Scan::Need(_) => {
                 lines.push(entry(offset, rest, "the recording ends within a frame"));
                 noise_bytes += rest.len();
                 break;
             }
-            // The end of the recording is as good as an idle line.
-            Scan::Need(missing) => (1, Reason::Truncated { missing }),
         };
         let (mut start, mut end) = (offset, offset + len);
         match reason {
             // All of it is shown, though but its first byte is given up: what follows may be a frame.
             Reason::Checksum { .. } => {
-                end = offset + verdict::<P>(rest, expect);
+                end = offset + decided::<P>(rest, expect);
                 damaged = damaged.max(end);
             }
             Reason::Stray => start = start.max(damaged),
@@ -199,7 +202,7 @@ fn stray<P: Arm>(bytes: &[u8], expect: P::Expect) -> usize {
 }
 
 /// How many bytes it took to say what the front is: all of a frame that is damaged.
-fn verdict<P: Arm>(bytes: &[u8], expect: P::Expect) -> usize {
+fn decided<P: Arm>(bytes: &[u8], expect: P::Expect) -> usize {
     let undecided = |&len: &usize| matches!(P::scan(&bytes[..len], expect), Scan::Need(_));
     (1..bytes.len()).take_while(undecided).count() + 1
 }

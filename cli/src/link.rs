@@ -51,18 +51,19 @@ impl<P: Arm, L: Line> Link<P, L> {
     pub(crate) fn call(&mut self, request: P::Request) -> Result<Option<P::Response>, Problem> {
         // Every call runs to its end, so none is in flight.
         let _ = self.client.submit(request);
-        if P::reply(&request).is_none() {
-            // Nothing is waited for, least of all an arm that never stops talking.
-            self.transmit()?;
-            let _sent = self.client.handle(self.now(), &mut Input::Tick);
-            return Ok(None);
-        }
+        let has_answer = P::reply(&request).is_some();
         let begun = self.now();
         let mut heard = Heard::default();
         let mut buf = [0; 256];
         loop {
-            // Before it transmits this takes what has arrived, so that no old answer is taken for a new one.
-            let n = self.receive(&mut buf)?;
+            let n = if has_answer {
+                // Before it transmits this takes what has arrived, so that no old answer is taken for a new one.
+                self.receive(&mut buf)?
+            } else {
+                // Torque off does not wait for an arm that never stops talking.
+                self.transmit()?;
+                0
+            };
             let bytes = &buf[..n];
             heard.count += n;
             let room = KEPT - heard.bytes.len();
@@ -167,7 +168,6 @@ impl<P: Arm, L: Line> Link<P, L> {
             name: self.line.name().to_owned(),
             arm: P::NAME,
             baud: self.config.baud,
-            stranger: P::stranger(&heard.bytes),
             heard: Box::new(Heard { begun, ..heard }),
         }
     }

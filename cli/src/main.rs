@@ -1,4 +1,4 @@
-//! `armwire`: virtual arms, and a look at real ones, from the command line.
+//! `armwire`: virtual arms, and real ones to look at and talk to, from the command line.
 #![forbid(unsafe_code)]
 
 mod call;
@@ -24,7 +24,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use problem::Problem;
 use tcp::Host;
 
-/// Virtual robot arms, and a look at real ones.
+/// Virtual robot arms, and real ones to look at and talk to.
 #[derive(Parser)]
 #[command(name = "armwire", version)]
 struct Cli {
@@ -34,7 +34,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Serve a virtual arm that any serial program can open.
+    /// Serve a virtual arm, for any program that talks to a real one.
     #[cfg(unix)]
     #[command(subcommand)]
     Sim(sim::Sim),

@@ -51,8 +51,6 @@ pub(crate) enum Problem {
         arm: &'static str,
         /// `u32::MAX` where there is no baud rate.
         baud: u32,
-        /// What was heard comes from something else: what that is, and what to do about it.
-        stranger: Option<&'static str>,
         heard: Box<Heard>,
     },
     /// The arm answered that it did not do what it was asked.
@@ -96,7 +94,7 @@ pub(crate) struct Heard {
 }
 
 impl Heard {
-    fn fmt_cause(&self, f: &mut fmt::Formatter<'_>, arm: &str, baud: u32, stranger: Option<&str>) -> fmt::Result {
+    fn fmt_cause(&self, f: &mut fmt::Formatter<'_>, arm: &str, baud: u32) -> fmt::Result {
         let &Self {
             sends,
             millis,
@@ -118,9 +116,6 @@ impl Heard {
                 ),
                 false => write!(f, "is it {arm} that listens there, and on its control port?"),
             };
-        }
-        if let Some(stranger) = stranger {
-            return f.write_str(stranger);
         }
         // A frame whose checksum happens to be good proves nothing where others are damaged.
         if let Some(error) = &self.unknown
@@ -189,15 +184,9 @@ impl fmt::Display for Problem {
                 f,
                 "{name}: what arrives there is no message of {arm} ({noise}): is it this arm, and its control port?"
             ),
-            Self::NoAnswer {
-                name,
-                arm,
-                baud,
-                stranger,
-                heard,
-            } => {
+            Self::NoAnswer { name, arm, baud, heard } => {
                 write!(f, "{name}: ")?;
-                heard.fmt_cause(f, arm, *baud, *stranger)
+                heard.fmt_cause(f, arm, *baud)
             }
             Self::Refused { name, what } => write!(f, "{name}: {what}"),
             Self::Undecodable { name, noise } => write!(
@@ -292,7 +281,6 @@ mod tests {
             name: "COM3".to_owned(),
             arm: "a Ling arm",
             baud: 1_000_000,
-            stranger: None,
             heard: Box::new(heard),
         };
         problem.to_string()

@@ -1,10 +1,10 @@
-//! `armwire call ling`: each request, and what a wrong one is answered.
+//! `armwire call` on serial ports: each request, what goes out for it, and what a wrong one is told.
 #![cfg(unix)]
 #![forbid(unsafe_code)]
 
 mod common;
 
-use common::{Arm, failure, run, success, usage};
+use common::{Arm, failure, run, run_against, success, usage};
 
 #[test]
 fn each_request_of_a_ling_arm_can_be_made() {
@@ -79,11 +79,11 @@ fn what_is_out_of_range_never_leaves_the_command_line() {
     for (args, error) in [
         (
             &["move", "--joints", "0,0,0,0,0,180", "--speed", "20", "--gripper", "50"][..],
-            "joint angle is 180 °, must be -180..=179.91211",
+            "joint angle is 180 degrees, must be -180..=179.91211",
         ),
         (
             &["move", "--joints", "0,0,0,0,0,0", "--speed", "500", "--gripper", "50"],
-            "joint speed is 500 °/s, must be 0..=439.45",
+            "joint speed is 500 degrees/s, must be 0..=439.45",
         ),
         (
             &["move", "--joints", "0,0,0,0,0,0", "--speed", "20", "--gripper", "-1"],
@@ -105,4 +105,211 @@ fn what_is_out_of_range_never_leaves_the_command_line() {
     }
     let line = failure(&run(&["call", "ling", "/dev/no-such-port", "self-check"]));
     assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
+}
+
+/// What `armwire call alpha1` sends for a request, and that it prints what `answer` means.
+fn sent_to_alpha1(args: &str, answer: &[u8], printed: &str) -> Vec<u8> {
+    let args: Vec<_> = ["call", "alpha1", "PORT"].into_iter().chain(args.split(' ')).collect();
+    let mut sent = Vec::new();
+    let output = run_against(&args, |_, pty, bytes| {
+        sent.extend_from_slice(bytes);
+        pty.write(answer).unwrap();
+    });
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(
+        out,
+        format!("{printed}\n"),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    sent
+}
+
+#[test]
+fn each_request_of_an_alpha1_can_be_made() {
+    for (args, request, answer, printed) in [
+        (
+            "hardware-version",
+            &[0xF1, 0x1F, 0, 0, 0, 0, 0, 0, 0, 0xED][..],
+            &b"\xF1\x1F\x0CAlpha1_V2.0\x68\xED"[..],
+            "hardware version Alpha1_V2.0",
+        ),
+        (
+            "servo-states",
+            &[0xEF, 0xFE, 0, 0, 0, 0, 0, 0, 0, 0xED],
+            &[0xEF, 0xFE, 0, 0, 0x80, 0x05, 0x85, 0xED],
+            "servos that run: 1 3 16",
+        ),
+        (
+            "stop",
+            &[0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED],
+            &[0xF2, 0x2F, 0xAA, 0xED],
+            "stop: done",
+        ),
+        (
+            "firmware-version",
+            &[0xF5, 0x5F, 1, 0, 0, 0, 0, 0, 1, 0xED],
+            b"\xF5\x5F\xAA2015121519\xA5\xED",
+            "firmware version 2015121519: done",
+        ),
+        (
+            "act --angles 90,-,0,240 --time 0.5 --interval 6",
+            &[
+                0xFB, 0xBF, 1, 0, 0, 0, 0, 0, 90, 0xFF, 0, 240, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF,
+                0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 25, 1, 44, 0x80, 0xED,
+            ],
+            &[0xFB, 0xBF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED],
+            "act: done",
+        ),
+        (
+            "offset-tool connect",
+            &[0xF4, 0x4F, 1, 1, 0, 0, 0, 0, 2, 0xED],
+            &[0xF4, 0x4F, 0xAA, 0xED],
+            "offset tool: done",
+        ),
+        (
+            "offset-tool disconnect",
+            &[0xF4, 0x4F, 1, 0, 0, 0, 0, 0, 1, 0xED],
+            &[0xF4, 0x4F, 0xAA, 0xED],
+            "offset tool: done",
+        ),
+        (
+            "usb-type vcp",
+            &[0xF9, 0x9F, 2, 0, 0, 0, 0, 0, 2, 0xED],
+            &[0xF9, 0x9F, 0xAA, 0xED],
+            "USB type: done",
+        ),
+        (
+            "play dance",
+            b"\xF3\x3F\x06dance\x01\xED",
+            &[0xF3, 0x3F, 0xAA, 0xED],
+            "play: done",
+        ),
+        (
+            "servo move 1 90 --time 1 --lock 1",
+            &[0xFA, 0xAF, 1, 1, 90, 50, 0, 50, 0xC0, 0xED],
+            &[0xAB],
+            "servo 1: understood",
+        ),
+        (
+            "servo release 1",
+            &[0xFA, 0xAF, 1, 1, 0xFF, 0, 0, 0, 1, 0xED],
+            &[0xAB],
+            "servo 1: understood",
+        ),
+        (
+            "servo led 1 1",
+            &[0xFA, 0xAF, 1, 4, 1, 0, 0, 0, 6, 0xED],
+            &[0xAB],
+            "servo 1: understood",
+        ),
+        (
+            "servo led all 0",
+            &[0xFA, 0xAF, 0, 4, 0, 0, 0, 0, 4, 0xED],
+            &[],
+            "light of all servos to 0: sent, the arm does not answer it",
+        ),
+        (
+            "servo read-angles 1",
+            &[0xFA, 0xAF, 1, 2, 0, 0, 0, 0, 3, 0xED],
+            &[0xFA, 0xAF, 1, 0xAA, 0, 90, 0, 91, 0x60, 0xED],
+            "servo 1: released, at 91°, sent to 90°",
+        ),
+        (
+            "servo change-id 1 2",
+            &[0xFA, 0xAF, 1, 0xCD, 0, 2, 0, 0, 0xD0, 0xED],
+            &[0xFA, 0xAF, 2, 0xAA, 0, 1, 0, 0, 0xAD, 0xED],
+            "servo 2: was 1",
+        ),
+        (
+            "servo set-offset 1 -90",
+            &[0xFA, 0xAF, 1, 0xD2, 0, 0, 0xFF, 0xA6, 0x78, 0xED],
+            &[0xFA, 0xAF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED],
+            "servo 1: offset set",
+        ),
+        (
+            "servo read-offset 1",
+            &[0xFA, 0xAF, 1, 0xD4, 0, 0, 0, 0, 0xD5, 0xED],
+            &[0xFA, 0xAF, 1, 0xAA, 0, 0, 0xFF, 0xF7, 0xA1, 0xED],
+            "servo 1: offset -3.00°",
+        ),
+        (
+            "servo version 1",
+            &[0xFC, 0xCF, 1, 1, 0, 0, 0, 0, 2, 0xED],
+            &[0xFC, 0xCF, 1, 0xAA, 0x41, 0x16, 0x51, 0x01, 0x54, 0xED],
+            "servo 1: version 41 16 51 01",
+        ),
+    ] {
+        assert_eq!(sent_to_alpha1(args, answer, printed), request, "{args}");
+    }
+}
+
+#[test]
+fn a_robot_or_a_servo_that_fails_says_so() {
+    for (args, answer, error) in [
+        (
+            &["play", "x"][..],
+            &[0xF3, 0x3F, 0xEE, 0xED][..],
+            "the robot answers that it failed, not why",
+        ),
+        (
+            &["servo", "read-offset", "7"],
+            &[0xFA, 0xAF, 7, 0xEE, 0, 0, 0, 0, 0xF5, 0xED],
+            "servo 7 answers that it failed, not why",
+        ),
+    ] {
+        let args = [&["call", "alpha1", "PORT"], args].concat();
+        let output = run_against(&args, |_, pty, _| {
+            pty.write(answer).unwrap();
+        });
+        let line = failure(&output);
+        assert!(line.ends_with(error), "{line}");
+    }
+}
+
+#[test]
+fn what_an_alpha1_cannot_be_told_never_leaves_the_command_line() {
+    let (name, angles) = ("x".repeat(60), ["90"; 21].join(","));
+    let act = |angles, time, interval| ["act", "--angles", angles, "--time", time, "--interval", interval];
+    for (args, error) in [
+        (&act("241", "1", "1")[..], "servo angle is 241 degrees, must be 0..=240"),
+        (&act(&angles, "1", "1"), "there are at most 20 servos, not 21"),
+        (&act("90", "5.2", "1"), "move time is 5.2 s, must be 0..=5.1"),
+        (&act("90", "1", "1311"), "interval is 1311 s, must be 0..=1310.7"),
+        (&act("90", "-1", "1"), "'-1' is no time"),
+        (&["play", &name], "text length is 60 bytes, must be 0..=59"),
+        (&["servo", "version", "0"], "servo id is 0, must be 1..=240"),
+        (&["servo", "change-id", "1", "241"], "servo id is 241, must be 1..=240"),
+        (
+            &["servo", "release", "everyone"],
+            "'everyone' is not a number from 0 to 255",
+        ),
+        (&["servo", "read-offset", "all"], "'all' is not a number"),
+        (
+            &["servo", "set-offset", "1", "91"],
+            "servo offset is 91 thirds of a degree, must be -90..=90",
+        ),
+        (&["usb-type", "floppy"], "[possible values: disk, vcp, hid]"),
+    ] {
+        let text = usage(&[&["call", "alpha1", "/dev/no-such-port"], args].concat());
+        assert!(text.contains(error), "{text}");
+    }
+}
+
+#[test]
+fn monitor_of_an_alpha1_asks_for_nothing_but_which_servos_run() {
+    let request = [0xEF, 0xFE, 0, 0, 0, 0, 0, 0, 0, 0xED];
+    let output = run_against(
+        &["monitor", "--arm", "alpha1", "PORT", "--rate", "100", "--count", "3"],
+        |_, pty, bytes| {
+            assert_eq!(bytes, request);
+            pty.write(&[0xEF, 0xFE, 0, 0, 0, 6, 6, 0xED]).unwrap();
+        },
+    );
+    let out = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(out.lines().count(), 3);
+    assert!(
+        out.lines().all(|line| line.ends_with(" s  servos that run: 2 3")),
+        "{out}"
+    );
 }

@@ -4,7 +4,7 @@
 
 mod common;
 
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Command, Output};
 use std::thread;
@@ -298,6 +298,33 @@ fn a_host_where_nothing_listens_refuses() {
 fn a_name_that_does_not_resolve_is_told() {
     let line = failure(&run(&["call", "xarm", "no-such-host.invalid", "version"]));
     assert!(line.starts_with("no-such-host.invalid:502: no such host ("), "{line}");
+}
+
+#[test]
+fn a_virtual_xarm_is_one_to_all_commands() {
+    let mut sim = start(Command::new(PROGRAM).args(["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"]));
+    let mut line = String::new();
+    BufReader::new(sim.stdout.as_mut().unwrap())
+        .read_line(&mut line)
+        .unwrap();
+    let host = line
+        .split([' ', ','])
+        .find(|word| word.starts_with("127.0.0.1:"))
+        .unwrap();
+    let info = success(&["info", "--arm", "xarm", host]);
+    let monitored = success(&["monitor", "--arm", "xarm", host, "--rate", "100", "--count", "2"]);
+    let radius = success(&["call", "xarm", host, "--supervised", "rotation-radius", "6"]);
+    let refused = failure(&run(&["call", "xarm", host, "raw", "250"]));
+    sim.kill().unwrap();
+    sim.wait().unwrap();
+
+    assert!(info.starts_with("arm          xArm, 6 axes, type 6\n"), "{info}");
+    assert!(
+        monitored.lines().all(|line| line.matches("rad").count() == 6),
+        "{monitored}"
+    );
+    assert!(radius.ends_with("(transaction 1, protocol id 3)\n"), "{radius}");
+    assert!(refused.contains("the arm refused register 250"), "{refused}");
 }
 
 #[test]

@@ -128,12 +128,12 @@ fn each<T>(text: &str, one: impl Fn(&str) -> Result<T, String>) -> Result<[T; JO
 
 fn positions(text: &str) -> Result<[Position; JOINTS], String> {
     each(text, |degrees| {
-        scaled(number(degrees)?, "°", PI / 180.0, Position::from_radians)
+        scaled(number(degrees)?, "degrees", PI / 180.0, Position::from_radians)
     })
 }
 
 fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
-    let one = |text: &str| scaled(number(text)?, "°/s", PI / 180.0, Speed::from_radians_per_second);
+    let one = |text: &str| scaled(number(text)?, "degrees/s", PI / 180.0, Speed::from_radians_per_second);
     match text.contains(',') {
         true => each(text, one),
         false => one(text).map(|speed| [speed; JOINTS]),
@@ -168,12 +168,12 @@ mod tests {
     fn what_is_out_of_range_is_told_in_the_unit_in_which_it_was_typed() {
         assert_eq!(
             positions("0,0,0,0,0,200").unwrap_err(),
-            "joint angle is 200 °, must be -180..=179.91211"
+            "joint angle is 200 degrees, must be -180..=179.91211"
         );
         assert!(
             speeds("-1")
                 .unwrap_err()
-                .starts_with("joint speed is -1 °/s, must be 0..=")
+                .starts_with("joint speed is -1 degrees/s, must be 0..=")
         );
         assert!(opening("101").unwrap_err().ends_with("is 101 %, must be 0..=100"));
         assert_eq!(

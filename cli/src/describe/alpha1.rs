@@ -77,10 +77,6 @@ impl Arm for Alpha1 {
         };
         (!outcome.is_success()).then(|| format!("{who} answers that it failed, not why"))
     }
-
-    fn stranger(_: &[u8]) -> Option<&'static str> {
-        None
-    }
 }
 
 const fn outcome(outcome: Outcome) -> &'static str {

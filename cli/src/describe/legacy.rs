@@ -28,10 +28,6 @@ impl Arm for Legacy {
     fn refusal(_: &Response) -> Option<String> {
         None
     }
-
-    fn stranger(_: &[u8]) -> Option<&'static str> {
-        None
-    }
 }
 
 fn joints(state: &JointState) -> String {

@@ -55,11 +55,6 @@ impl Arm for Ling {
     fn refusal(_: &Response) -> Option<String> {
         None
     }
-
-    /// An arm of the older generation is recognised before it is asked.
-    fn stranger(_: &[u8]) -> Option<&'static str> {
-        None
-    }
 }
 
 /// A raw joint position as `+0.7854 rad  +45.00°`, if it is one.

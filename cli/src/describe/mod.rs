@@ -30,7 +30,4 @@ pub(crate) trait Arm: Protocol {
 
     /// Why the arm did not do what it was asked, if that is what the response says.
     fn refusal(response: &Self::Response) -> Option<String>;
-
-    /// What bytes without an answer come from instead, and what to do about it, if they tell.
-    fn stranger(bytes: &[u8]) -> Option<&'static str>;
 }

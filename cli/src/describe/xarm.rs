@@ -55,10 +55,6 @@ impl Arm for XArm {
             _ => None,
         }
     }
-
-    fn stranger(_: &[u8]) -> Option<&'static str> {
-        None
-    }
 }
 
 fn call(command: &Command) -> String {
