@@ -29,7 +29,7 @@ pub const HEADER: usize = 6;
 /// The longest body, in bytes: register, state and parameters.
 pub const MAX_BODY: usize = MAX_PARAMS + 2;
 
-/// The longest frame, in bytes.
+/// The longest frame, in bytes: that of Modbus TCP, with which the connection is shared.
 pub const MAX_FRAME: usize = HEADER + MAX_BODY;
 
 /// The heartbeat, the same in both directions. Nothing else has protocol id 1.
@@ -76,7 +76,7 @@ impl Frame<'_> {
     /// ```
     /// use armwire::xarm::{Direction, Frame};
     ///
-    /// let mut out = [0; 200];
+    /// let mut out = [0; 300];
     /// let frame = Frame { transaction: 1, protocol: 2, body: &[0x06, 0x06] };
     /// assert_eq!(frame.encode(Direction::Requests, &mut out), Ok(8));
     /// assert_eq!(out[..8], [0x00, 0x01, 0x00, 0x02, 0x00, 0x02, 0x06, 0x06]);
@@ -84,7 +84,7 @@ impl Frame<'_> {
     /// let error = Frame { protocol: 4, ..frame }.encode(Direction::Requests, &mut out).unwrap_err();
     /// assert_eq!(error.to_string(), "protocol id is 4, must be 0..=3");
     /// let error = Frame { body: &[6], ..frame }.encode(Direction::Responses, &mut out).unwrap_err();
-    /// assert_eq!(error.to_string(), "body is 1 bytes, must be 2..=122");
+    /// assert_eq!(error.to_string(), "body is 1 bytes, must be 2..=254");
     /// ```
     pub fn encode(&self, direction: Direction, out: &mut [u8]) -> Result<usize, EncodeError> {
         let range = |what, unit, got, min, max| {

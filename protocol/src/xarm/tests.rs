@@ -355,13 +355,13 @@ fn after_the_printed_reply_of_register_10_no_call_is_answered_and_the_third_brea
 fn a_length_too_short_or_too_long_is_fatal_and_named() {
     let length = |min, max, got| Scan::Skip(HEADER, Reason::Length { min, max, got });
     let cases = [
-        ("00 01 00 02 00 00", Direction::Requests, length(1, 121, 0)),
-        ("00 01 00 02 00 7A", Direction::Requests, length(1, 121, 122)),
-        ("00 01 00 03 00 00", Direction::Responses, length(2, 122, 0)),
-        ("00 01 00 02 00 01", Direction::Responses, length(2, 122, 1)),
-        ("00 01 00 02 00 7B", Direction::Responses, length(2, 122, 123)),
-        ("00 01 00 02 FF FF", Direction::Responses, length(2, 122, 65535)),
-        ("00 01 00 00 00 01", Direction::Requests, length(2, 122, 1)),
+        ("00 01 00 02 00 00", Direction::Requests, length(1, 253, 0)),
+        ("00 01 00 02 00 FE", Direction::Requests, length(1, 253, 254)),
+        ("00 01 00 03 00 00", Direction::Responses, length(2, 254, 0)),
+        ("00 01 00 02 00 01", Direction::Responses, length(2, 254, 1)),
+        ("00 01 00 02 00 FF", Direction::Responses, length(2, 254, 255)),
+        ("00 01 00 02 FF FF", Direction::Responses, length(2, 254, 65535)),
+        ("00 01 00 00 00 01", Direction::Requests, length(2, 254, 1)),
         ("00 00 00 01 00 01", Direction::Requests, length(2, 2, 1)),
         ("00 00 00 01 00 03", Direction::Responses, length(2, 2, 3)),
     ];

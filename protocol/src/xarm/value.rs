@@ -8,9 +8,9 @@ use crate::OutOfRange;
 
 /// The most parameters of a message, in bytes.
 ///
-/// The longest of the vendor's package has 113, but for what it passes through to a serial line at the tool. More would
-/// make every message, and every buffer, longer.
-pub const MAX_PARAMS: usize = 120;
+/// With register and state they are as long as the longest body of Modbus TCP, with which the connection is shared. The
+/// longest of the vendor's package has 113, but for what it passes through to a serial line at the tool.
+pub const MAX_PARAMS: usize = 252;
 
 /// How many axes an arm has at most.
 pub const MAX_JOINTS: u8 = 7;
@@ -539,8 +539,8 @@ fn put(bytes: &mut [u8], text: impl Iterator<Item = u8>) {
 /// assert_eq!((mode.register(), mode.params()), (19, &[1][..]));
 /// assert_eq!(Raw::new(10, &[1]), Err(RawError::Typed(Register::SystemControl)));
 /// assert_eq!(
-///     Raw::new(19, &[0; 121]).unwrap_err().to_string(),
-///     "a message has at most 120 bytes of parameters, not 121"
+///     Raw::new(19, &[0; 253]).unwrap_err().to_string(),
+///     "a message has at most 252 bytes of parameters, not 253"
 /// );
 /// # Ok::<(), RawError>(())
 /// ```
