@@ -218,8 +218,10 @@ fn scan_frame(window: &[u8], expect: Expect) -> Scan {
         return Scan::Need(1);
     };
     let count = usize::from(third);
+    if first == header::ACT && third != ACT {
+        return scan_bluetooth(window, count);
+    }
     match layout(first, expect) {
-        _ if first == header::ACT && third != ACT => scan_bluetooth(window, count),
         Some(Layout::Data(len)) => verify(window, len + 4),
         Some(Layout::Counted) if COUNT.contains(&count) => verify(window, count + 4),
         Some(Layout::Counted) => {

@@ -101,7 +101,7 @@ pub enum ServoRequest {
         angle: Angle,
         /// How long it takes to get there.
         time: MoveTime,
-        /// How long until the next command may come.
+        /// The manual's completion time, which it also calls lock time.
         lock: Interval,
     },
     /// Switches the power of the motor off: **what it holds up falls.** Sent as a move to FF, which is not in the manual.

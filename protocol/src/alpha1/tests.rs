@@ -49,7 +49,7 @@ fn acting() -> Request {
 }
 
 /// Row or command, frame, meaning. The document prints no whole frame: those of its rows are computed from its columns.
-/// Those of the servos' manual are printed there, but for the ones marked *computed*.
+/// Those of the servos are published examples, but for the ones marked *computed*.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request)> {
     let servo = Request::Servo;
     let sixteen = "5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A";

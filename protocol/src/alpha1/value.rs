@@ -118,7 +118,8 @@ impl MoveTime {
     }
 }
 
-/// How long a servo holds still after a move, or the robot waits for the next: 0 to 1310.7 s in steps of 20 ms.
+/// The time from one frame of an action to the next, or the completion time of a servo's move: 0 to 1310.7 s in steps of
+/// 20 ms.
 ///
 /// ```
 /// use core::time::Duration;
