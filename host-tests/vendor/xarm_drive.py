@@ -28,6 +28,8 @@ LIMIT = 240.0
 CLOSE = 0.01
 TARGET = [10.0, -20.0, -30.0, 0.0, 45.0, -90.0]
 HOME = [0.0] * 6
+# How far the flange is from the axis of each joint at home, in millimetres: joint 1 from its x, joint 6 not at all.
+HOME_RADII = [207.0, 258.6, 465.535, 76.0, 123.227, 0.0]
 
 
 def main(armwire: str) -> None:
@@ -59,15 +61,15 @@ def default_connection(arm: VirtualArm) -> None:
     text = sdk._arm.report_data.version
     expect(f"version {text}, from the report", text == "6,6,XI1202,AC1302,v1.12.10")
     for _ in range(20):
-        registers(sdk)
+        registers(sdk, radii=HOME_RADII)
     refusals(sdk)
-    registers(sdk)
+    registers(sdk, radii=HOME_RADII)
     readiness(sdk)
     motion(sdk)
-    registers(sdk, radii=None)
+    registers(sdk)
     stopping(sdk)
     error(sdk)
-    registers(sdk, radii=None)
+    registers(sdk)
 
     last = sdk.core.last_comm_time
     wait_until("an idle SDK asks by itself how the arm is", lambda: sdk.core.last_comm_time > last)
@@ -77,10 +79,11 @@ def default_connection(arm: VirtualArm) -> None:
     sdk.disconnect()
 
 
-def registers(sdk: XArmAPI, code: int = OK, radii: list[float] | None = [207.0, 258.6, 465.535, 76.0, 123.227, 0.0]) -> None:
+def registers(sdk: XArmAPI, code: int = OK, radii: list[float] | None = None) -> None:
     """The registers of the document: 1, 2, 4, 5, 6 and 10 (which is refused what it does not have).
 
-    `code` is the one that the SDK makes of the arm's state, where it does not hide it; `radii` those at the zero position.
+    `code` is the one that the SDK makes of the arm's state, where it does not hide it; `radii` are those of the joints,
+    if they are known.
     """
     version = sdk.get_version()
     expect(f"register 1: {version}", version == (OK, "6,6,XI1202,AC1302,v1.12.10"))
@@ -167,9 +170,10 @@ def error(sdk: XArmAPI) -> None:
     # The SDK itself would refuse this.
     code = sdk.core.move_joint([7.0] * 7, 1, 1, 0)[0]
     expect(f"a joint beyond its limit: {code}", code == HAS_ERROR)
-    expect("is an error, and it stops", sdk.get_err_warn_code() == (OK, [JOINT_LIMIT, 0]) and sdk.get_state() == (OK, STOPPED))
+    expect("is an error", sdk.get_err_warn_code() == (OK, [JOINT_LIMIT, 0]))
+    expect("and it stops", sdk.get_state() == (OK, STOPPED))
     wait_until("the report has it", lambda: (sdk.error_code, sdk.state) == (JOINT_LIMIT, STOPPED))
-    registers(sdk, code=HAS_ERROR, radii=None)
+    registers(sdk, code=HAS_ERROR)
     expect("it does not get ready", sdk.set_state(0) == OK and sdk.get_state() == (OK, STOPPED))
     expect("the error is cleared", sdk.clean_error() == OK and sdk.get_err_warn_code() == (OK, [0, 0]))
     expect("it gets ready", sdk.set_state(0) == OK and sdk.get_state() == (OK, AT_REST))
@@ -217,7 +221,7 @@ def reboot(arm: VirtualArm) -> None:
     sdk = arm.connect()
     expect("it comes back, stopped", sdk.connected and sdk.get_state() == (OK, STOPPED))
     expect("where it was", near(angles(sdk), TARGET))
-    registers(sdk, radii=None)
+    registers(sdk)
     sdk.disconnect()
 
 
@@ -244,7 +248,6 @@ def no_report_port(armwire: str) -> None:
 
 def with_a_warning(armwire: str) -> None:
     with VirtualArm(armwire, "--warning", "13") as arm:
-        # With reports, the SDK looks at the version before it looks at a report.
         sdk = arm.connect()
         wait_until("the report has the warning", lambda: sdk.warn_code == 13)
         registers(sdk, code=HAS_WARNING)
@@ -267,12 +270,13 @@ def with_an_error(armwire: str) -> None:
 
 
 def other_model(armwire: str, axes: int) -> None:
-    with VirtualArm(armwire, "--axes", str(axes), "--serial", "XA", "--box-serial", "XB") as arm:
+    serials = ["--serial", "XA12345678", "--box-serial", "AB12345678"]
+    with VirtualArm(armwire, "--axes", str(axes), *serials) as arm:
         sdk = arm.connect()
         wait_until("it has a report", lambda: sdk._arm._first_report_over)
         expect(f"{sdk.axis} axes, type {sdk.device_type}", (sdk.axis, sdk.device_type) == (axes, axes))
         serial = (*sdk.get_robot_sn(), sdk.control_box_sn)
-        expect(f"serial numbers {serial}", serial == (OK, "XA", "XB"))
+        expect(f"serial numbers {serial}", serial == (OK, "XA12345678", "AB12345678"))
         expect("motors on", sdk.motion_enable(True) == OK and sdk.set_mode(0) == OK and sdk.set_state(0) == OK)
         target = [10.0] * axes
         code = sdk.set_servo_angle(angle=target, speed=90, wait=True)

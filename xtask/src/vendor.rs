@@ -1,5 +1,5 @@
-//! `cargo xtask vendor`: the arm vendors' Python SDKs drive virtual arms: a Ling arm through the firmware image, an xArm
-//! on TCP ports.
+//! `cargo xtask vendor`: the arm vendors' Python SDKs drive virtual arms: a Ling arm through the firmware image, an
+//! xArm on TCP ports.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -98,8 +98,8 @@ impl Sdk {
         Ok(Self { dir, python, scripts })
     }
 
-    /// A script, ready to run. The SDKs write logs to the folder they run in and to the home folder, and Python is to write
-    /// nothing beside the script.
+    /// A script, ready to run. The SDKs write logs to the folder they run in and to the home folder, and Python is to
+    /// write nothing beside the script.
     fn script(&self, name: &str) -> Command {
         let mut script = Command::new(&self.python);
         script.arg("-B").arg(self.scripts.join(name));

@@ -26,14 +26,14 @@ pub(crate) struct XArmSim {
     /// Send no reports.
     #[arg(long, conflicts_with = "report_listen")]
     no_report: bool,
-    /// Take addresses that others than this machine can reach. The protocol knows no password: whoever reaches the arm moves
-    /// it, reboots it and shuts it down.
+    /// Take addresses that others than this machine can reach. The protocol knows no password: whoever reaches the arm
+    /// moves it, reboots it and shuts it down.
     #[arg(long)]
     allow_remote: bool,
     /// How many joints it has: 5, 6 or 7.
     #[arg(long, value_name = "N", default_value = "6", value_parser = parse_model)]
     axes: Model,
-    /// Serial number of the arm.
+    /// Serial number of the arm, such as XI120204201B02. The vendor's SDK needs the four digits.
     #[arg(long, value_name = "TEXT")]
     serial: Option<String>,
     /// Serial number of its control box.
@@ -65,7 +65,8 @@ impl XArmSim {
         for address in [Some(self.listen), report].into_iter().flatten() {
             if !self.allow_remote && !is_loopback(address.ip()) {
                 return Err(Problem::Usage(format!(
-                    "others could reach {address}, and whoever reaches the arm moves it: use 127.0.0.1, or say --allow-remote"
+                    "others could reach {address}, and whoever reaches the arm moves it: use 127.0.0.1, \
+                     or say --allow-remote"
                 )));
             }
         }
@@ -118,7 +119,8 @@ fn advice(problem: &BindError) -> io::Error {
     let text = match error.kind() {
         ErrorKind::PermissionDenied => format!(
             "{address}: permission denied, as ports below 1024 are the administrator's: choose another \
-             (--listen {}:15020), or allow all programs this one ('sudo sysctl net.ipv4.ip_unprivileged_port_start={port}')",
+             (--listen {}:15020), or allow every program this one \
+             ('sudo sysctl net.ipv4.ip_unprivileged_port_start={port}')",
             address.ip()
         ),
         ErrorKind::AddrInUse => format!("{address}: in use by another program: close that one, or choose another port"),

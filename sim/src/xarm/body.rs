@@ -5,12 +5,12 @@
 //!
 //! * Switched on, it stands with its motors off and its brakes on, in state 4.
 //! * It can move when all its motors are on, no error stands, its mode is 0 and its state is below 4.
-//! * Moves are queued. Each goes from rest to rest, straight in joint space: the joint with the longest way keeps to speed
-//!   and acceleration, and the others arrive with it.
+//! * Moves are queued. Each goes from rest to rest, straight in joint space: the joint with the longest way keeps to
+//!   speed and acceleration, and the others arrive with it.
 //! * Pausing and stopping take no time. A pause keeps the moves, a stop drops them; so do a change of mode, after which
 //!   the state is 5, an error, and a motor switched off, after which it is 4.
-//! * A move beyond a joint's limits is error 23. An error keeps the arm stopped until it is cleared; whatever was asked of
-//!   it in the meantime must be asked again.
+//! * A move beyond a joint's limits is error 23. An error keeps the arm stopped until it is cleared; whatever was asked
+//!   of it in the meantime must be asked again.
 //! * Links have no mass, so torques and currents are zero.
 
 use std::array;

@@ -186,8 +186,8 @@ pub(super) struct Placed {
 }
 
 impl Placed {
-    /// How far the flange is from the axis of a joint, counted from zero, in millimetres: the radius of the circle that it
-    /// describes when only this joint turns. `None` if there is no such joint.
+    /// How far the flange is from the axis of a joint, counted from zero, in millimetres: the radius of the circle that
+    /// it describes when only this joint turns. `None` if there is no such joint.
     pub(super) fn radius(&self, joint: usize) -> Option<f64> {
         let axis = self.axes.get(joint)?;
         let arm = sum(self.flange.position, scaled(axis.position, -1.0));

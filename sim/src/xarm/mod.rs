@@ -1,10 +1,10 @@
 //! A virtual xArm.
 //!
-//! [`VirtualXArm`] is the control box: it answers requests, as many clients as there are, and says how it is in reports.
-//! What its joints do is in `body.rs`. [`Server`] puts it on TCP ports.
+//! [`VirtualXArm`] is the control box: it answers requests, as many clients as there are, and says how it is in
+//! reports. What its joints do is in `body.rs`. [`Server`] puts it on TCP ports.
 //!
-//! Besides the registers of the document it has those that the vendor's Python SDK needs to connect, to stay connected and
-//! to move joints:
+//! Besides the registers of the document it has those that the vendor's Python SDK needs to connect, to stay connected
+//! and to move joints:
 //!
 //! | Register | Request | Answer |
 //! |---|---|---|
@@ -23,7 +23,8 @@
 //! | 55 | | seven `f32`: torques |
 //! | 70 | 0 or 1 | what is reported as torque, which register 5 tells |
 //!
-//! To all others, and to parameters that these do not have, it answers that the state is invalid, and nothing else happens.
+//! To all others, and to parameters that these do not have, it answers that the state is invalid, and nothing else
+//! happens.
 
 mod body;
 mod geometry;
@@ -83,8 +84,8 @@ mod register {
 pub struct Config {
     /// Which xArm it is.
     pub model: Model,
-    /// Its versions; axes and type should say the same as `model`. The SDK does more with later firmware than this arm has
-    /// registers for.
+    /// Its versions; axes and type should say the same as `model`. The SDK does more with later firmware than this arm
+    /// has registers for.
     pub version: VersionText,
     /// Serial numbers of arm and control box.
     pub serials: SerialsText,
@@ -185,8 +186,8 @@ impl VirtualXArm {
 
     /// Does what is asked and returns the answer, if there is one.
     ///
-    /// Shutdown and reboot leave it switched off and on again, with its joints where they are and everything else as when
-    /// it was made. What becomes of connections is up to the one who serves it.
+    /// Shutdown and reboot leave it switched off and on again, with its joints where they are and everything else as
+    /// when it was made. What becomes of connections is up to the one who serves it.
     pub fn answer(&mut self, now: Micros, request: &Request) -> Option<Response> {
         self.advance(now);
         let &Request::Call { header, command } = request else {

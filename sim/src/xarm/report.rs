@@ -1,12 +1,12 @@
 //! What the arm says unasked, five times a second, to whoever connects to its report port (30002, "rich").
 //!
-//! The document does not have it: the fields are those that the vendor's Python SDK reads. A real arm's report has 233 to
-//! 587 bytes, by its firmware, and the SDK knows from the length what is in it. This one ends with the byte that says what
-//! is reported as torque.
+//! The document does not have it: the fields are those that the vendor's Python SDK reads. A real arm's report has 233
+//! to 587 bytes, by its firmware, and the SDK knows from the length what is in it. This one ends with the byte that
+//! says what is reported as torque.
 //!
-//! Zero by design is what a virtual arm does not have: torques, currents, voltages, temperatures; tool, load and offsets;
-//! inputs and outputs; a force sensor; sensitivity to collisions; limits on jerk and on motion in space; ids and error
-//! codes of its servos.
+//! Zero by design is what a virtual arm does not have: torques, currents, voltages, temperatures; tool, load and
+//! offsets; inputs and outputs; a force sensor; sensitivity to collisions; limits on jerk and on motion in space; ids
+//! and error codes of its servos.
 
 use armwire::xarm::TorqueSource;
 

@@ -156,11 +156,11 @@ impl Server {
         self.addresses.1
     }
 
-    /// Serves an arm, whose time zero is now, until `stop` is set, which it notices within 100 ms, or a client shuts the
-    /// arm down. Says what happens as it happens.
+    /// Serves an arm, whose time zero is now, until `stop` is set, which it notices within 100 ms, or a client shuts
+    /// the arm down. Says what happens as it happens.
     ///
-    /// A request that a client sends while it does not read its answers waits; a report that it does not read in time is
-    /// left out. What cannot be a frame ends that client's connection and no other.
+    /// A request that a client sends while it does not read its answers waits; a report that it does not read in time
+    /// is left out. What cannot be a frame ends that client's connection and no other.
     ///
     /// # Errors
     ///
@@ -392,8 +392,8 @@ struct Client {
     out: VecDeque<u8>,
     /// Nothing more comes from it.
     ended: bool,
-    /// It is to go: when it has got everything and has gone itself, or at this time. To close a connection on which bytes
-    /// wait to be read would lose what is still on the way to the other end.
+    /// It is to go: when it has got everything and has gone itself, or at this time. To close a connection on which
+    /// bytes wait to be read would lose what is still on the way to the other end.
     leaves: Option<Instant>,
 }
 

@@ -1,6 +1,6 @@
 //! How a virtual arm behaves, seen through its registers.
 
-use std::f64::consts::FRAC_PI_2;
+use std::f32::consts::{FRAC_PI_2, PI};
 
 use armwire::Protocol;
 use armwire::xarm::{Frame, Header, Joint, ProtocolId, Register, XArm};
@@ -408,15 +408,15 @@ fn a_reboot_leaves_the_joints_and_nothing_else() {
 #[test]
 fn the_flange_is_told_as_it_is() {
     let mut arm = ready();
-    let values_to = [FRAC_PI_2 as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 3.0, 0.0];
+    let values_to = [FRAC_PI_2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 3.0, 0.0];
     let params = values_to.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<_>>();
     raw(&mut arm, Micros(0), 23, &params);
     let pose = values(&read(&mut arm, seconds(9.0), 41));
-    let expected = [0.0, 207.0, 112.0, 3.141_592_7, 0.0, FRAC_PI_2 as f32];
+    let expected = [0.0, 207.0, 112.0, PI, 0.0, FRAC_PI_2];
     assert!(pose.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{pose:?}");
     // Looking down, half a turn about the axis between x and y.
     let pose = values(&read(&mut arm, seconds(9.0), 91));
-    let half = 3.141_592_7 * 0.5_f32.sqrt();
+    let half = PI * 0.5_f32.sqrt();
     let expected = [0.0, 207.0, 112.0, half, half, 0.0];
     assert!(pose.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{pose:?}");
 }
@@ -492,7 +492,10 @@ proptest! {
 
     #[test]
     fn no_request_makes_it_panic(
-        requests in prop::collection::vec((0..=255_u8, prop::collection::vec(any::<u8>(), 0..45), 0..1_000_000_u64), 0..30),
+        requests in prop::collection::vec(
+            (any::<u8>(), prop::collection::vec(any::<u8>(), 0..45), 0..1_000_000_u64),
+            0..30,
+        ),
     ) {
         let mut arm = ready();
         let mut now = Micros(0);

@@ -302,7 +302,10 @@ fn a_shutdown_is_answered_and_ends_the_serving() {
         assert_eq!(read_to_end(&other), []);
         server.wait_for("shutdown", |notice| matches!(notice, Notice::ShutDown(_)));
         drop((one, other));
-        assert_eq!(server.notices.recv_timeout(PATIENCE).err(), Some(RecvTimeoutError::Disconnected));
+        assert_eq!(
+            server.notices.recv_timeout(PATIENCE).err(),
+            Some(RecvTimeoutError::Disconnected)
+        );
     });
     assert_eq!(served.requests, 1);
     assert!(TcpStream::connect(control.unwrap()).is_err());
