@@ -1,7 +1,7 @@
 //! A virtual xArm.
 //!
 //! [`VirtualXArm`] is the control box: it answers requests, as many clients as there are, and says how it is in
-//! reports. What its joints do is in `body.rs`. [`Server`] puts it on TCP ports.
+//! reports. What its joints do is in `body.rs`. `Server` puts it on TCP ports, on Unix.
 //!
 //! Besides the registers of the document it has those that the vendor's Python SDK needs to connect, to stay connected
 //! and to move joints:

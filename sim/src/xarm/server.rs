@@ -12,6 +12,7 @@ use armwire::xarm::{Command, MAX_FRAME, Request, Response, XArm};
 use armwire::{Device, Heard, Input, Micros, Noise, Protocol};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
+use rustix::net::sockopt::{set_socket_keepalive, set_tcp_keepidle};
 
 use super::VirtualXArm;
 use super::report::REPORT;
@@ -31,6 +32,8 @@ const MAX_ANSWERS: usize = 16 * 1024;
 const MAX_REPORTS: usize = 8 * REPORT;
 /// How many bytes are read from one client before it is the others' turn.
 const READ: usize = 4 * 1024;
+/// How long a client is silent before the system asks whether it is still there.
+const VANISHED: Duration = Duration::from_secs(60);
 /// How long a client that is to go has to take what it is still to get.
 const LINGER: Duration = Duration::from_secs(1);
 
@@ -179,8 +182,9 @@ impl Server {
             if let Some(report) = &self.report {
                 service.accept(report, Port::Report)?;
             }
-            if next_report <= Instant::now() {
-                next_report = Instant::now() + REPORT_PERIOD;
+            let now = Instant::now();
+            if next_report <= now {
+                next_report = (next_report + REPORT_PERIOD).max(now);
                 service.report();
             }
             let until_report = next_report.saturating_duration_since(Instant::now());
@@ -232,7 +236,7 @@ impl Service<'_> {
                 (self.notice)(Notice::TooMany(peer));
                 continue;
             }
-            match stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true)) {
+            match prepare(&stream) {
                 Ok(()) => {
                     self.served.clients += 1;
                     (self.notice)(Notice::Connected(peer, port));
@@ -360,6 +364,15 @@ impl Service<'_> {
             Err(error) => Err(error.into()),
         }
     }
+}
+
+/// Makes a connection one that never waits, and that fails when the other end has vanished.
+fn prepare(stream: &TcpStream) -> io::Result<()> {
+    stream.set_nonblocking(true)?;
+    stream.set_nodelay(true)?;
+    set_socket_keepalive(stream, true)?;
+    set_tcp_keepidle(stream, VANISHED)?;
+    Ok(())
 }
 
 /// What ends all connections.
