@@ -19,6 +19,7 @@
 #[cfg(feature = "async")]
 mod driver;
 mod frame;
+#[expect(clippy::large_enum_variant, reason = "without allocation, raw parameters have nowhere else to be")]
 mod message;
 #[cfg(test)]
 mod tests;
