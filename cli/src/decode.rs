@@ -28,14 +28,14 @@ pub(crate) struct Decode {
     /// Which arm it is.
     #[arg(long, value_enum, default_value_t)]
     arm: ArmKind,
-    /// Whose bytes they are. Frames of xarm and alpha1 do not tell: they are the arm's unless you say otherwise. Frames
-    /// of ling tell, so a recording of it may have both.
+    /// Whose bytes they are. Frames of ling tell. Those of xarm and alpha1 do not: they are the arm's unless you say
+    /// otherwise; what a servo of alpha1 answers would take its request to tell, and is shown as it is.
     #[arg(long, value_enum, value_name = "WHO")]
     from: Option<Speaker>,
 }
 
 /// Who says something.
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, ValueEnum)]
 enum Speaker {
     Host,
     Arm,
@@ -262,6 +262,39 @@ mod tests {
         assert!(lines[0].starts_with("       0  AA 06 00 05 AA 06 00 01 FE 9A FF\n"));
         assert!(lines[1].starts_with("       4  AA 06 00 01 FE 9A FF\n"));
         assert_eq!(lines[2], "bytes: 11, frames: 1, noise bytes: 4");
+    }
+
+    #[test]
+    fn whose_bytes_they_are_decides_what_frames_are() {
+        let bytes = [0xF2, 0x2F, 0xAA, 0xED, 0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
+        let lines = |from| decode::<Alpha1>(&bytes, Some(from)).lines;
+        let of_arm = lines(Speaker::Arm);
+        assert_eq!(of_arm[0], "       0  F2 2F AA ED\n          from the arm: stop: done");
+        assert_eq!(
+            of_arm.last().unwrap(),
+            "bytes: 14, frames: 1, noise bytes: 3, filling: 7"
+        );
+        let of_host = lines(Speaker::Host);
+        assert!(of_host.contains(&"       4  F2 2F 00 00 00 00 00 00 00 ED\n          to the arm: stop".to_owned()));
+        assert_eq!(of_host.last().unwrap(), "bytes: 14, frames: 1, noise bytes: 4");
+    }
+
+    #[test]
+    fn what_a_servo_answers_is_not_guessed() {
+        let offset_or_what = [0xFA, 0xAF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED];
+        let lines = decode::<Alpha1>(&[&offset_or_what[..], &[0xAB]].concat(), Some(Speaker::Arm)).lines;
+        assert!(lines[0].ends_with("no message: command FA: an answer of a servo, but none is expected"));
+        assert_eq!(lines[1], "      10  AB\n          noise: no frame starts here");
+    }
+
+    #[test]
+    fn reports_on_usb_hid_are_filled_up_without_noise() {
+        let mut report = [0; 64];
+        report[..4].copy_from_slice(&[0xF3, 0x3F, 0xEE, 0xED]);
+        let lines = decode::<Alpha1>(&[report; 2].concat(), Some(Speaker::Arm)).lines;
+        assert!(lines[0].ends_with("from the arm: play: failed"));
+        assert!(lines[1].starts_with("      64  F3 3F EE ED\n"));
+        assert_eq!(lines[2], "bytes: 128, frames: 2, noise bytes: 0, filling: 120");
     }
 
     #[test]

@@ -1,15 +1,16 @@
 //! A blocking call at a time over a line: the one place with a clock.
 
+use std::io::{self, ErrorKind};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::{Client, Config, Event, Input, Micros, Reason};
+use armwire::{Client, Config, Event, Input, Micros, Reason, xarm};
 
 use crate::describe::Arm;
 use crate::problem::{Heard, Problem};
 
-/// The longest frame of every protocol fits.
-const BUFFER: usize = 128;
+/// The longest frame of every protocol fits: with a shorter buffer it does not compile.
+const BUFFER: usize = xarm::MAX_FRAME;
 /// Bytes kept of what was heard instead of an answer.
 const KEPT: usize = 256;
 /// More bytes than a port keeps for its reader: whoever has read so many reads what is being said now.
@@ -25,6 +26,14 @@ pub(crate) trait Line {
 
     /// Writes some of the bytes, at least one, and returns how many.
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem>;
+}
+
+/// Whether reading or writing failed only because it would have to wait.
+pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
+    )
 }
 
 /// An open line with a client on it.

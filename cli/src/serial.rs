@@ -13,7 +13,7 @@ use serial2::Settings;
 use serial2::{KeepSettings, SerialPort};
 
 use crate::describe::Arm;
-use crate::link::{Line, Link};
+use crate::link::{Line, Link, is_nothing_yet};
 use crate::problem::Problem;
 
 /// How long a port may take no bytes. The longest request takes less than 40 ms on a line of 9600 baud.
@@ -124,11 +124,4 @@ fn hear_all(settings: &mut Settings) {
     let termios = settings.as_termios_mut();
     termios.c_cflag |= (ControlModes::CREAD | ControlModes::CLOCAL).bits();
     termios.c_iflag &= !InputModes::IGNBRK.bits();
-}
-
-fn is_nothing_yet(error: &io::Error) -> bool {
-    matches!(
-        error.kind(),
-        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
-    )
 }

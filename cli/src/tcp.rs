@@ -7,10 +7,10 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use crate::describe::Arm;
-use crate::link::{Line, Link};
+use crate::link::{Line, Link, is_nothing_yet};
 use crate::problem::Problem;
 
-/// The control port of an xArm (document section 1).
+/// Where an xArm takes requests.
 const PORT: u16 = 502;
 /// How long to wait for a connection, on each address that a name has.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
@@ -125,13 +125,6 @@ impl Tcp {
             error,
         }
     }
-}
-
-fn is_nothing_yet(error: &io::Error) -> bool {
-    matches!(
-        error.kind(),
-        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
-    )
 }
 
 #[cfg(test)]

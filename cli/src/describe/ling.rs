@@ -1,11 +1,9 @@
 //! The Ling arm.
 
-use std::f32::consts::PI;
-
 use armwire::ling::{JointState, Ling, Move, Opening, PerServo, Position, Request, Response, Torque};
 use armwire::{Config, Micros};
 
-use super::Arm;
+use super::{Arm, angle};
 
 impl Arm for Ling {
     const NAME: &'static str = "a Ling arm";
@@ -60,7 +58,7 @@ impl Arm for Ling {
 /// A raw joint position as `+0.7854 rad  +45.00°`, if it is one.
 pub(crate) fn joint(ticks: u16) -> String {
     match Position::new(ticks).map(Position::radians) {
-        Ok(radians) => format!("{radians:+.4} rad {:+7.2}°", radians * 180.0 / PI),
+        Ok(radians) => angle(radians),
         Err(_) => format!("{ticks} ticks (out of range)"),
     }
 }
@@ -76,7 +74,7 @@ pub(crate) fn gripper(per_mille: u16) -> String {
 /// A raw joint position as an angle in degrees, if it is one.
 pub(super) fn degrees(ticks: u16) -> String {
     match Position::new(ticks) {
-        Ok(position) => format!("{:+.2}°", position.radians() * 180.0 / PI),
+        Ok(position) => format!("{:+.2}°", position.radians().to_degrees()),
         Err(_) => format!("{ticks} (out of range)"),
     }
 }

@@ -11,6 +11,11 @@ pub(crate) use alpha1::running;
 pub(crate) use ling::{gripper, joint, list};
 pub(crate) use xarm::torque_source;
 
+/// An angle as `+0.7854 rad  +45.00°`.
+pub(crate) fn angle(radians: f32) -> String {
+    format!("{radians:+.4} rad {:+7.2}°", radians.to_degrees())
+}
+
 /// A protocol, and what the command line says of it.
 pub(crate) trait Arm: Protocol {
     /// What the arm is called, with its article.

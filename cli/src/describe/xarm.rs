@@ -1,7 +1,7 @@
 //! The xArm.
 
+use armwire::Config;
 use armwire::xarm::{Command, Raw, Reply, Request, Response, State, TorqueSource, VersionText, XArm};
-use armwire::{Config, Micros};
 
 use super::Arm;
 use crate::hex;
@@ -9,11 +9,7 @@ use crate::hex;
 impl Arm for XArm {
     const NAME: &'static str = "an xArm";
 
-    const CONFIG: Config = Config {
-        // As long as the vendor's package waits.
-        latency: Micros::from_millis(2_000),
-        ..Config::TCP
-    };
+    const CONFIG: Config = Config::TCP;
 
     /// Transaction and protocol id.
     const HEADER: usize = 4;

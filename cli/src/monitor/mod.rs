@@ -70,7 +70,8 @@ impl Monitor {
         let mut out = stdout().lock();
         let terminal = out.is_terminal();
         let period = 1_000_000 / u64::from(self.rate);
-        for count in 0..self.count.unwrap_or(u64::MAX) {
+        let mut shown = 0;
+        for _ in 0..self.count.unwrap_or(u64::MAX) {
             if stop.load(Ordering::Relaxed) {
                 break;
             }
@@ -81,7 +82,7 @@ impl Monitor {
             };
             if let Some(reading) = reading {
                 let text = if terminal {
-                    block(&reading, count > 0)
+                    block(&reading, std::mem::replace(&mut shown, reading.rows.len()))
                 } else {
                     format!("{:9.3} s  {}\n", link.now().0 as f64 / 1e6, reading.line)
                 };
@@ -97,14 +98,29 @@ impl Monitor {
     }
 }
 
-/// One reading on several lines, in the place of the one before, which had as many.
-fn block(reading: &Reading, again: bool) -> String {
+/// One reading on several lines, in the place of the one before, which had `shown` lines.
+fn block(reading: &Reading, shown: usize) -> String {
     let mut text = String::new();
-    if again {
-        text += &format!("\x1b[{}A", reading.rows.len());
+    if shown > 0 {
+        text += &format!("\x1b[{shown}A");
     }
     for row in &reading.rows {
         text += &format!("{row}\x1b[K\n");
     }
-    text
+    text + "\x1b[J"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reading_takes_the_place_of_the_one_before_whatever_their_lengths() {
+        let reading = |rows: &[&str]| Reading {
+            rows: rows.iter().map(|&row| row.to_owned()).collect(),
+            line: String::new(),
+        };
+        assert_eq!(block(&reading(&["a", "b"]), 0), "a\x1b[K\nb\x1b[K\n\x1b[J");
+        assert_eq!(block(&reading(&["c"]), 2), "\x1b[2Ac\x1b[K\n\x1b[J");
+    }
 }

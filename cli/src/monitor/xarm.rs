@@ -8,6 +8,7 @@ use armwire::xarm::{Command, Raw, Reply, State, Transactions, XArm};
 
 use super::Reading;
 use crate::call::ask;
+use crate::describe::angle;
 use crate::hex;
 use crate::link::{Line, Link};
 use crate::problem::Problem;
@@ -55,7 +56,7 @@ fn reading(state: State, params: &[u8], axes: usize) -> Reading {
         (positions, []) if positions.len() == JOINTS => positions
             .iter()
             .take(axes)
-            .map(|&bytes| joint(f32::from_le_bytes(bytes)))
+            .map(|&bytes| angle(f32::from_le_bytes(bytes)))
             .collect(),
         _ => Vec::new(),
     };
@@ -76,8 +77,4 @@ fn reading(state: State, params: &[u8], axes: usize) -> Reading {
         line: format!("{line}  {state}"),
         rows,
     }
-}
-
-fn joint(radians: f32) -> String {
-    format!("{radians:+.4} rad {:+7.2}°", radians.to_degrees())
 }
