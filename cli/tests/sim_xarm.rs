@@ -1,0 +1,186 @@
+//! `armwire sim xarm`: what it says, who may reach it, and how it ends.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod common;
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::process::{Child, Command};
+
+use common::{PATIENCE, PROGRAM, failure, finish, run, start, success, usage};
+use rustix::process::{Pid, Signal, kill_process};
+
+/// A running `armwire sim xarm` on free ports.
+struct Arm {
+    /// There until it is waited for.
+    child: Option<Child>,
+    /// What it says first.
+    line: String,
+}
+
+impl Arm {
+    fn start(args: &[&str]) -> Self {
+        let listen = ["sim", "xarm", "--listen", "127.0.0.1:0"];
+        let mut child = start(Command::new(PROGRAM).args(listen).args(args));
+        let mut line = String::new();
+        // With room for no more than a byte, what follows the line stays where it is.
+        let mut out = BufReader::with_capacity(1, child.stdout.as_mut().unwrap());
+        out.read_line(&mut line).unwrap();
+        let child = Some(child);
+        Self { child, line }
+    }
+
+    /// The addresses in what it says first.
+    fn addresses(&self) -> Vec<&str> {
+        let words = self.line.split([' ', ',', ';']);
+        words.filter(|word| word.starts_with("127.0.0.1:")).collect()
+    }
+
+    /// Waits until it has ended well, and returns what it printed and what it said of its clients.
+    fn finish(mut self) -> (String, String) {
+        let output = finish(self.child.take().unwrap());
+        assert!(output.status.success(), "{output:?}");
+        (
+            String::from_utf8(output.stdout).unwrap(),
+            String::from_utf8(output.stderr).unwrap(),
+        )
+    }
+
+    fn interrupt(self) -> (String, String) {
+        kill_process(Pid::from_child(self.child.as_ref().unwrap()), Signal::INT).unwrap();
+        self.finish()
+    }
+}
+
+impl Drop for Arm {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+fn connect(address: &str) -> TcpStream {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream
+}
+
+#[test]
+fn it_says_what_it_is_and_where_what_happens_and_what_happened() {
+    let arm = Arm::start(&[
+        "--report-listen",
+        "127.0.0.1:0",
+        "--axes",
+        "7",
+        "--serial",
+        "XS12345678",
+    ]);
+    let [control, report] = arm.addresses()[..] else {
+        panic!("{}", arm.line)
+    };
+    assert_eq!(
+        arm.line,
+        format!(
+            "xArm 7 XS12345678, control box AC130202B02L02 is at {control}, its reports at {report}; Ctrl-C ends it.\n"
+        )
+    );
+    let mut first = [0; 495];
+    connect(report).read_exact(&mut first).unwrap();
+    assert_eq!(first[145..147], [7, 7]);
+
+    let mut client = connect(control);
+    client.write_all(&[0, 1, 0, 2, 0, 1, 5, 0, 0, 0, 9]).unwrap();
+    let mut answer = Vec::new();
+    client.read_to_end(&mut answer).unwrap();
+    assert_eq!(answer, [0, 1, 0, 2, 0, 3, 5, 0x10, 0]);
+
+    let (rest, notices) = arm.interrupt();
+    assert!(
+        rest.starts_with("2 connections, 1 broken; 1 requests, 0 frames that were none; "),
+        "{rest}"
+    );
+    let broken = format!(
+        "{}: connection closed, not an xArm frame: 4 bytes at 7: byte 3 is 0x09, expected 0x00 or 0x01 or 0x02 or 0x03",
+        client.local_addr().unwrap()
+    );
+    assert!(
+        notices.lines().any(|line| line == broken),
+        "{broken} is not in\n{notices}"
+    );
+}
+
+#[test]
+fn it_starts_with_the_error_and_the_warning_it_is_given() {
+    let arm = Arm::start(&["--no-report", "--error", "2", "--warning", "13"]);
+    assert!(arm.line.contains(", without reports;"), "{}", arm.line);
+    let mut client = connect(arm.addresses()[0]);
+    client.write_all(&[0, 1, 0, 2, 0, 1, 15]).unwrap();
+    let mut answer = [0; 10];
+    client.read_exact(&mut answer).unwrap();
+    assert_eq!(answer, [0, 1, 0, 2, 0, 4, 15, 0x70, 2, 13]);
+    arm.interrupt();
+}
+
+#[test]
+fn it_ends_when_a_client_shuts_it_down() {
+    let arm = Arm::start(&["--no-report"]);
+    let mut client = connect(arm.addresses()[0]);
+    client.write_all(&[0, 1, 0, 2, 0, 2, 10, 1]).unwrap();
+    let mut answer = Vec::new();
+    client.read_to_end(&mut answer).unwrap();
+    assert_eq!(answer, [0, 1, 0, 2, 0, 2, 10, 0x10]);
+    drop(client);
+    let (_, notices) = arm.finish();
+    assert!(notices.contains("shuts the arm down"), "{notices}");
+}
+
+#[test]
+fn others_reach_it_only_if_that_is_said() {
+    for open in [
+        ["--listen", "0.0.0.0:0"],
+        ["--listen", "[::]:0"],
+        ["--report-listen", "0.0.0.0:0"],
+    ] {
+        let args = [
+            &["sim", "xarm"][..],
+            if open[0] == "--listen" {
+                &[]
+            } else {
+                &["--listen", "127.0.0.1:0"]
+            },
+            &open,
+        ];
+        let said = usage(&args.concat());
+        assert!(said.contains("--allow-remote") && said.contains(open[1]), "{said}");
+    }
+    let arm = Arm::start(&["--report-listen", "0.0.0.0:0", "--allow-remote"]);
+    assert!(arm.line.contains("its reports at 0.0.0.0:"), "{}", arm.line);
+    arm.interrupt();
+    assert!(success(&["sim", "xarm", "--help"]).contains("whoever reaches the arm moves it"));
+}
+
+#[test]
+fn a_port_that_is_taken_is_told() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let output = run(&["sim", "xarm", "--listen", &address, "--no-report"]);
+    let expected = format!(
+        "cannot serve a virtual arm: {address}: in use by another program: close that one, or choose another port"
+    );
+    assert_eq!(failure(&output), expected);
+}
+
+#[test]
+fn an_arm_that_there_is_not_is_told() {
+    for (wrong, why) in [
+        (["--axes", "4"], "there are 5, 6 and 7"),
+        (["--serial", "a serial"], "character of a serial number is 32"),
+        (["--error", "256"], "256"),
+    ] {
+        let said = usage(&[&["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"][..], &wrong].concat());
+        assert!(said.contains(why), "{said}");
+    }
+}
