@@ -40,7 +40,7 @@ enum Command {
     Sim(sim::Sim),
     /// Tell what arm is on a port, and how it is.
     Info(Place),
-    /// Watch an arm's joints, gripper and status.
+    /// Watch an arm's joints and status; of an alpha1, which servos run.
     Monitor(monitor::Monitor),
     /// Make one request and print the answer.
     #[command(subcommand)]

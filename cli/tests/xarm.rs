@@ -187,6 +187,7 @@ fn info_goes_on_where_an_arm_refuses_or_its_version_is_a_riddle() {
     let out = stdout(output);
     assert!(out.contains("version      v1.0.2 (the version has 1 fields"), "{out}");
     assert!(out.contains("serial       not told (state invalid)"), "{out}");
+    assert!(out.ends_with("state        ok\n"), "{out}");
 }
 
 #[test]

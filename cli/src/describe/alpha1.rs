@@ -14,8 +14,8 @@ impl Arm for Alpha1 {
 
     const CONFIG: Config = Config {
         baud: 115_200,
-        // The system may be busy, and nobody waits for us but a person.
-        latency: Micros::from_millis(50),
+        // The system may be busy, or there is Bluetooth between, and what moves is not asked for twice.
+        latency: Micros::from_millis(250),
         ..Config::DEFAULT
     };
 

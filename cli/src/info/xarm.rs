@@ -19,7 +19,8 @@ pub(super) fn run(link: &mut Link<XArm, impl Line>) -> Result<(), Problem> {
         let Some((state, reply)) = ask(link, &mut transactions, command)? else {
             continue;
         };
-        last = state;
+        // Invalid is what was asked for, not the arm.
+        last = State(state.0 & !State::INVALID.0);
         match reply {
             Reply::Version(text) => match text.version() {
                 Ok(version) => {
