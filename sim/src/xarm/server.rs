@@ -188,10 +188,10 @@ impl Server {
                 service.report();
             }
             let until_report = next_report.saturating_duration_since(Instant::now());
-            match service.converse() {
-                Power::On => service.wait(&[Some(&self.control), self.report.as_ref()], until_report)?,
-                Power::Off => break,
+            if service.converse() == Some(Cut::Shutdown) {
+                break;
             }
+            service.wait(&[Some(&self.control), self.report.as_ref()], until_report)?;
         }
         // Who still lingers gets what was to be said.
         while service.leaving() {
@@ -200,13 +200,6 @@ impl Server {
         }
         Ok(service.served)
     }
-}
-
-/// What becomes of the arm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Power {
-    On,
-    Off,
 }
 
 /// An arm and who talks to it.
@@ -224,7 +217,8 @@ impl Service<'_> {
     }
 
     fn accept(&mut self, listener: &TcpListener, port: Port) -> io::Result<()> {
-        loop {
+        // Those who come without end do not hold up those who are there.
+        for _ in 0..MAX_CLIENTS {
             let (stream, peer) = match listener.accept() {
                 Ok(accepted) => accepted,
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
@@ -245,6 +239,7 @@ impl Service<'_> {
                 Err(error) => (self.notice)(Notice::Lost(peer, error)),
             }
         }
+        Ok(())
     }
 
     /// Queues a report for everyone who is there for reports.
@@ -261,8 +256,8 @@ impl Service<'_> {
         }
     }
 
-    /// Hears and answers everyone once.
-    fn converse(&mut self) -> Power {
+    /// Hears and answers everyone once, or until one cuts the power.
+    fn converse(&mut self) -> Option<Cut> {
         let mut clients = mem::take(&mut self.clients);
         let mut cut = None;
         clients.retain_mut(|client| {
@@ -273,7 +268,11 @@ impl Service<'_> {
             cut = heard.as_ref().ok().and_then(|&cut| Some((client.peer, cut?)));
             self.keep(client, heard.map(drop))
         });
-        if cut.is_some() {
+        if let Some((peer, cut)) = cut {
+            (self.notice)(match cut {
+                Cut::Reboot => Notice::Rebooted(peer),
+                Cut::Shutdown => Notice::ShutDown(peer),
+            });
             clients.iter_mut().for_each(Client::dismiss);
         }
         clients.retain_mut(|client| {
@@ -281,17 +280,7 @@ impl Service<'_> {
             self.keep(client, flushed)
         });
         self.clients = clients;
-        match cut {
-            None => Power::On,
-            Some((peer, Cut::Reboot)) => {
-                (self.notice)(Notice::Rebooted(peer));
-                Power::On
-            }
-            Some((peer, Cut::Shutdown)) => {
-                (self.notice)(Notice::ShutDown(peer));
-                Power::Off
-            }
-        }
+        cut.map(|(_, cut)| cut)
     }
 
     /// Takes what a client says and queues the answers, up to one that cuts the power.
