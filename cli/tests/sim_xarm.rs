@@ -99,7 +99,7 @@ fn it_says_what_it_is_and_where_what_happens_and_what_happened() {
 
     let (rest, notices) = arm.interrupt();
     assert!(
-        rest.starts_with("2 connections, 1 broken; 1 requests, 0 frames that were none; "),
+        rest.starts_with("2 connections, 1 broken; 1 requests, 0 unknown frames; "),
         "{rest}"
     );
     let broken = format!(

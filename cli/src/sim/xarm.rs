@@ -93,7 +93,7 @@ impl XArmSim {
         };
         let served = server.serve(&mut arm, stop, &mut notice).map_err(Problem::Serve)?;
         say(format_args!(
-            "{} connections, {} broken; {} requests, {} frames that were none; {} reports, {} not read in time.",
+            "{} connections, {} broken; {} requests, {} unknown frames; {} reports, {} not read in time.",
             served.clients, served.broken, served.requests, served.unknown, served.reports, served.lost
         ))
     }
