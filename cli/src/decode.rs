@@ -86,8 +86,8 @@ impl Decode {
     }
 }
 
-/// Whether it may be hexadecimal text. No recording is taken for it, for every frame has a byte that no such text has: AA
-/// in those of ling, ED of alpha1, 00 of xarm.
+/// Whether it may be hexadecimal text. No recording is taken for it, for every frame has a byte that no such text has:
+/// AA in those of ling, ED of alpha1, 00 of xarm.
 fn may_be_text(input: &[u8]) -> bool {
     input.is_ascii() && !input.contains(&0)
 }

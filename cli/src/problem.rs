@@ -172,7 +172,7 @@ impl fmt::Display for Problem {
             }
             Self::Closed { name } => write!(
                 f,
-                "{name}: the connection was closed from there: was the arm switched off, or does it take no more programs?"
+                "{name}: the connection was closed from there: was the arm switched off, or does it take no more?"
             ),
             Self::Disconnected { name, error } => match error.kind() {
                 ErrorKind::WouldBlock | ErrorKind::TimedOut => {

@@ -47,8 +47,8 @@ pub(crate) enum Ask {
 /// One frame of an action.
 #[derive(Args)]
 pub(crate) struct Act {
-    /// Where servos 1 to 20 go, in degrees from 0 to 240, such as 90,90,-,45: the third, and those after the fourth, are
-    /// left as they are.
+    /// Where servos 1 to 20 go, in degrees from 0 to 240, such as 90,90,-,45: the third, and those after the fourth,
+    /// are left as they are.
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true, value_parser = angles)]
     angles: Angles,
     /// In how many seconds they get there, 0 to 5.1.

@@ -1,7 +1,7 @@
 //! The xArm.
 
 use armwire::Config;
-use armwire::xarm::{Command, Raw, Reply, Request, Response, State, TorqueSource, VersionText, XArm};
+use armwire::xarm::{Command, Raw, Register, Reply, Request, Response, State, TorqueSource, VersionText, XArm};
 
 use super::Arm;
 use crate::hex;
@@ -30,7 +30,7 @@ impl Arm for XArm {
             Response::Heartbeat => "heartbeat".to_owned(),
             Response::Reply { header, state, reply } => {
                 let (transaction, protocol) = (header.transaction, header.protocol as u16);
-                let reply = self::reply(reply);
+                let reply = self::reply(reply, *state);
                 format!("{reply}, state {state} (transaction {transaction}, protocol id {protocol})")
             }
             Response::ModbusRefused {
@@ -67,9 +67,16 @@ fn call(command: &Command) -> String {
     }
 }
 
-fn reply(reply: &Reply) -> String {
+fn reply(reply: &Reply, state: State) -> String {
     match reply {
-        Reply::Empty(register) => format!("register {}, no value", *register as u8),
+        Reply::Empty(register) => {
+            let what = match register {
+                _ if state.contains(State::INVALID) => "refused or failed",
+                Register::ReloadDynamics | Register::SystemControl => "done",
+                _ => "no value",
+            };
+            format!("register {}, {what}", *register as u8)
+        }
         Reply::Version(text) => version(text),
         Reply::Serials(serials) => format!("serial number {serials}"),
         Reply::TorqueSource(source) => format!("torque is {}", torque_source(*source)),

@@ -115,8 +115,8 @@ impl Drop for Arm {
     }
 }
 
-/// Starts a program with a pty for its argument PORT, and lets `arm` act on the pty whenever something was written there,
-/// until the program ends.
+/// Starts a program with a pty for its argument PORT, and lets `arm` act on the pty whenever something was written
+/// there, until the program ends.
 pub(crate) fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8])) -> Output {
     let pty = Pty::open(None).unwrap();
     let port = pty.path().to_str().unwrap();
