@@ -13,7 +13,16 @@ use crate::{licences, no_panic, vendor};
 /// Everything but the firmware. The emulator asks for a newer compiler than it needs.
 const HOST: &str = "--ignore-rust-version --workspace --exclude armwire-firmware";
 /// The features of `armwire`, to be built and tested one by one.
-const FEATURES: [&str; 8] = ["", "ling", "xarm", "alpha1", "async", "defmt", "crc-table", "crc-table16"];
+const FEATURES: [&str; 8] = [
+    "",
+    "ling",
+    "xarm",
+    "alpha1",
+    "async",
+    "defmt",
+    "crc-table",
+    "crc-table16",
+];
 /// Where the crates without `std` must build.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";
@@ -62,7 +71,7 @@ pub(crate) fn run() -> Result {
         // What they measured is worth seeing.
         check(test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path))
     })?;
-    ci.step("vendor's SDK", vendor::run)?;
+    ci.step("vendors' SDKs", vendor::run)?;
     println!("\nall {} steps passed in {:.0?}", ci.steps, ci.time);
     Ok(())
 }
