@@ -19,7 +19,10 @@
 #[cfg(feature = "async")]
 mod driver;
 mod frame;
-#[expect(clippy::large_enum_variant, reason = "without allocation, raw parameters have nowhere else to be")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "without allocation, raw parameters have nowhere else to be"
+)]
 mod message;
 #[cfg(test)]
 mod tests;
