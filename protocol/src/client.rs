@@ -441,6 +441,8 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             },
             Err(noise) if P::RELIABLE => {
                 self.flight = None;
+                // Not even the rest of a request: the arm would do what was given up.
+                self.tx_end = self.tx_start;
                 Event::Broken(noise)
             }
             Err(noise) => Event::Noise(noise),
@@ -460,6 +462,8 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     fn place(&mut self, now: Micros, response: P::Response) -> Event<P> {
         if let Some(owed) = &mut self.owed
             && now < owed.until
+            // The one that is still being sent has no answer yet.
+            && owed.answers > u8::from(owed.sending)
             && P::answers(&owed.request, &response)
         {
             owed.answers = owed.answers.saturating_sub(1);
@@ -774,6 +778,24 @@ mod tests {
     }
 
     #[test]
+    fn what_comes_before_a_cancelled_request_is_sent_is_not_its_answer() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        client.poll_transmit(Micros(0)).unwrap();
+        client.transmitted(Micros(0), 2);
+        client.cancel(Micros(0));
+        assert_eq!(
+            hear(&mut client, Micros(1), &bytes(JOINTS)),
+            [Event::Unsolicited(JOINTS)]
+        );
+        assert_eq!(transmit(&mut client, Micros(5)), 5);
+
+        client.submit(Request::ReadJoints).unwrap();
+        assert_eq!(transmit(&mut client, Micros(6)), 0, "held back");
+        assert_eq!(hear(&mut client, Micros(400), &bytes(JOINTS)), [Event::Late(JOINTS)]);
+    }
+
+    #[test]
     fn another_kind_of_response_is_unsolicited() {
         let mut client = Lings::new(Config::DEFAULT);
         client.submit(Request::ReadJoints).unwrap();
@@ -1025,6 +1047,22 @@ mod identified_tests {
             assert!(client.is_idle());
         }
         assert_eq!(client.handle(Micros(3), &mut Input::Idle), None);
+    }
+
+    #[test]
+    fn nothing_of_a_request_is_sent_once_the_connection_is_broken() {
+        for sent in 0..7 {
+            let mut client = Arms::new(Config::TCP);
+            client.submit(request(1)).unwrap();
+            assert_eq!(client.poll_transmit(Micros(0)).map(<[u8]>::len), Some(7));
+            client.transmitted(Micros(0), sent);
+            let events = hear(&mut client, Micros(1), &[0, 1, 0, 9]);
+            assert!(matches!(events[..], [Event::Broken(_)]), "{events:?}");
+            assert_eq!(client.poll_transmit(Micros(2)), None, "after {sent} bytes");
+            client.submit(request(2)).unwrap();
+            assert_eq!(client.poll_transmit(Micros(3)), None, "after {sent} bytes");
+            assert_eq!(client.poll_timeout(), Some(Micros(0)));
+        }
     }
 
     #[test]
