@@ -105,6 +105,13 @@ impl Frame<'_> {
             let got = u16::try_from(got).unwrap_or(u16::MAX);
             return Err(range("body", "bytes", got, min as u16, max as u16));
         }
+        if self.protocol == HEARTBEAT_ID {
+            let id = self.transaction;
+            let bytes = self.body.iter().map(|&byte| u16::from(byte));
+            if let Some(got) = [id].into_iter().chain(bytes).find(|&got| got != 0) {
+                return Err(range("transaction id or byte of a heartbeat", "", got, 0, 0));
+            }
+        }
         put(out, self.transaction, self.protocol, self.body, &[]).map_err(EncodeError::BufferTooShort)
     }
 }
@@ -136,7 +143,7 @@ pub(super) fn put(
 pub enum EncodeError {
     /// The buffer is too short.
     BufferTooShort(BufferTooShort),
-    /// The protocol id, or the length of the body, is one that no frame has.
+    /// The protocol id, or the length of the body, is one that no frame has; or a heartbeat is not all zeros.
     OutOfRange(OutOfRange),
 }
 

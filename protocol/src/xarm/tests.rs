@@ -4,6 +4,7 @@ extern crate std;
 
 use std::vec::Vec;
 
+use super::frame::HEARTBEAT_ID;
 use super::*;
 use crate::{Client, Config, Device, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan};
 
@@ -397,6 +398,29 @@ fn nothing_but_the_heartbeat_has_protocol_id_1() {
             };
             assert_eq!(XArm::scan(&bytes[..7], direction), Scan::Need(1));
             assert_eq!(XArm::scan(&bytes, direction), Scan::Skip(8, reason));
+        }
+    }
+}
+
+#[test]
+fn a_frame_that_would_break_the_stream_is_not_written() {
+    let heartbeat = Frame {
+        transaction: 0,
+        protocol: HEARTBEAT_ID,
+        body: &[0, 0],
+    };
+    let mut out = [0; MAX_FRAME];
+    for direction in [Direction::Requests, Direction::Responses] {
+        assert_eq!(heartbeat.encode(direction, &mut out), Ok(8));
+        assert_eq!(out[..8], HEARTBEAT);
+        for (transaction, body) in [(1, &[0, 0]), (256, &[0, 0]), (0, &[1, 0]), (0, &[0, 1])] {
+            let frame = Frame {
+                transaction,
+                body,
+                ..heartbeat
+            };
+            let error = frame.encode(direction, &mut out).unwrap_err();
+            assert!(matches!(error, EncodeError::OutOfRange(_)), "{frame:?}");
         }
     }
 }
