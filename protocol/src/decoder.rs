@@ -141,7 +141,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 
     /// How many more bytes must arrive before [`next`](Self::next) can have something to say: a receive threshold.
     ///
-    /// Zero when it has something to say now.
+    /// Zero when it has something to say now, or has not yet dropped what it can. Never zero once it has returned `None`.
     ///
     /// ```
     /// use armwire::Decoder;

@@ -137,6 +137,7 @@ pub trait Framing {
         }
     }
 
-    /// Views bytes for which [`scan`](Self::scan) said [`Scan::Frame`]; `None` for any others.
+    /// Views bytes for which [`scan`](Self::scan) said [`Scan::Frame`]. What `scan` has verified is not verified again:
+    /// others may be `None` or a frame that is none.
     fn view(bytes: &[u8]) -> Option<Self::Frame<'_>>;
 }
