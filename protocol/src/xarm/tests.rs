@@ -556,6 +556,25 @@ fn a_radius_of_any_bits_is_taken_and_given_back_as_it_is() {
 }
 
 #[test]
+fn an_arm_is_waited_for_as_long_as_the_vendor_s_package_does() {
+    for (register, _, request) in requests() {
+        let turnaround = match request {
+            Request::Heartbeat => None,
+            Request::Call {
+                command: Command::Raw(_),
+                ..
+            } => Some(Micros::from_millis(10_000)),
+            Request::Call { .. } => Some(Micros::from_millis(2_000)),
+        };
+        let reply = turnaround.map(|turnaround| crate::Reply {
+            len: MAX_FRAME,
+            turnaround,
+        });
+        assert_eq!(XArm::reply(&request), reply, "register {register}");
+    }
+}
+
+#[test]
 fn only_readings_are_sent_again_after_silence() {
     for (register, _, request) in requests() {
         let mut client = Client::<XArm, MAX_FRAME>::new(Config {

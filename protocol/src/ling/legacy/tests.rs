@@ -130,6 +130,20 @@ fn the_parity_misses_what_it_must_miss() {
 }
 
 #[test]
+fn the_longest_frame_is_taken_from_a_buffer_that_just_holds_it() {
+    let data = [7; MAX_DATA];
+    let frame = Frame {
+        command: 6,
+        data: &data,
+    };
+    let mut bytes = [0; MAX_FRAME];
+    assert_eq!(frame.put(&mut bytes), Ok(MAX_FRAME));
+    let mut decoder = Decoder::<Legacy, MAX_FRAME>::new();
+    assert!(decoder.push(&bytes).is_empty());
+    assert_eq!(decoder.next(()), Some(Ok(frame)));
+}
+
+#[test]
 fn a_good_frame_that_is_no_message_is_told_from_one() {
     let parse = |text: &str| Legacy::parse_response(Legacy::view(&hex(text)).unwrap(), ()).unwrap_err();
     assert_eq!(parse("AA 0A 03 05 04 13 00 FF").to_string(), "command 0A: unknown");
