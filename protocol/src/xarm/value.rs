@@ -20,8 +20,9 @@ pub const TEXT: usize = 40;
 
 /// Which of the arm's two dialects a message is in. A response is in that of its request.
 ///
-/// The document knows only the first. The vendor's package changes to the second when the arm's firmware is 1.8.6 or
-/// later; the arm may then close a connection on which nothing is said.
+/// The document knows only the first. The vendor's package changes to the second when it reads reports and the arm's
+/// firmware is 1.8.6 or later. It then watches the connection for silence: it reads the state after 30 s, and gives up
+/// after 90 s. Whether the arm watches it too is not known.
 ///
 /// ```
 /// assert_eq!(armwire::xarm::ProtocolId::Supervised as u16, 3);
@@ -31,7 +32,7 @@ pub const TEXT: usize = 40;
 pub enum ProtocolId {
     /// 2: the private protocol.
     Private = 2,
-    /// 3: the same, on a connection that is watched for silence.
+    /// 3: the same, on a connection that the host watches for silence.
     Supervised = 3,
 }
 
@@ -712,6 +713,7 @@ mod tests {
             version.firmware_numbers()
         };
         assert!(firmware("v1.12.10") > firmware("v1.8.103"));
+        assert_eq!(firmware("V1.12.10"), Some([1, 12, 10]));
         for bad in ["1.12.10", "v1.12", "v1.12.10.1", "v1.12.x", "v1.12.65536", "v", ""] {
             assert_eq!(firmware(bad), None, "{bad}");
         }
@@ -745,5 +747,11 @@ mod tests {
         assert_eq!(SerialsText(text).arm(), None);
         assert_eq!(std::format!("{}", SerialsText(text)), "AD\\x1b[31m, control box \\x07");
         assert_eq!(std::format!("{}", VersionText(text)), "AD\\x1b[31m");
+        // UTF-8, and a terminal's control characters all the same: DEL and CSI.
+        for control in ["\u{7F}", "\u{9B}31m"] {
+            let mut text = [0; TEXT];
+            put(&mut text, control.bytes());
+            assert_eq!((VersionText(text).as_str(), SerialsText(text).arm()), (None, None));
+        }
     }
 }
