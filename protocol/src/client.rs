@@ -450,12 +450,13 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         Some(event)
     }
 
-    /// What the next frame may be: the answer to the request in flight or, until that is sent, one that is owed.
+    /// What the next frame may be: the answer that is owed or, if none is, that to the request in flight. Where both could
+    /// come, the request is held back, has no answer, or is named by its answer.
     fn expect(&self) -> P::Expect {
         let begun = |flight: &&Flight<P>| flight.answers() > 0;
         let flight = self.flight.as_ref().filter(begun).map(|flight| &flight.request);
         let owed = self.owed.as_ref().map(|owed| &owed.request);
-        P::expect(flight.or(owed))
+        P::expect(owed.or(flight))
     }
 
     /// What a response is to the request in flight.
@@ -1072,5 +1073,41 @@ mod identified_tests {
         transmit(&mut client, Micros(0));
         let events = hear(&mut client, Micros(1), &[0, 1, 0, 2, 0, 2, 4, 0, 0, 0, 1]);
         assert!(matches!(events[..], [Event::Answer(_), Event::Broken(_)]), "{events:?}");
+    }
+}
+
+#[cfg(all(test, feature = "alpha1"))]
+mod expected_tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::alpha1::{self, Address, Alpha1, Request, Response, ServoId, ServoRequest, ServoResponse};
+
+    type Servos = Client<Alpha1, { alpha1::MAX_FRAME }>;
+
+    fn hear(client: &mut Servos, now: Micros, bytes: &[u8]) -> Vec<Event<Alpha1>> {
+        let mut input = Input::Bytes(bytes);
+        core::iter::from_fn(|| client.handle(now, &mut input)).collect()
+    }
+
+    #[test]
+    fn a_late_byte_is_known_while_a_request_without_an_answer_is_being_sent() {
+        let servo = ServoId::new(1).unwrap();
+        let release = |who| Request::Servo(ServoRequest::Release(who));
+        let mut client = Servos::new(Config::DEFAULT);
+        client.submit(release(Address::One(servo))).unwrap();
+        let n = client.poll_transmit(Micros(0)).unwrap().len();
+        client.transmitted(Micros(0), n);
+        let due = client.poll_timeout().unwrap();
+        let timed_out = client.handle(due, &mut Input::Tick);
+        assert_eq!(timed_out, Some(Event::TimedOut { sends: 1 }));
+
+        client.submit(release(Address::All)).unwrap();
+        assert!(client.poll_transmit(due).is_some());
+        client.transmitted(due, 1);
+        let late = Event::Late(Response::Servo(ServoResponse::Acknowledged(servo)));
+        assert_eq!(hear(&mut client, due, &[0xAB]), [late]);
     }
 }

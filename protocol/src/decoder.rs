@@ -156,7 +156,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             None => 1,
             Some(Scan::Need(n)) => n.max(1),
             // Where a run of stray bytes ends is not known yet; filling is nothing to say.
-            Some(Scan::Skip(n, Reason::Stray)) if n >= self.pending() => 1,
+            Some(Scan::Skip(n, Reason::Stray)) if !F::RELIABLE && n >= self.pending() => 1,
             Some(Scan::Fill(n)) if n >= self.pending() && self.stray == 0 => 1,
             Some(_) => 0,
         }
@@ -413,6 +413,34 @@ mod reliable_tests {
             assert!(decoder.next(REPLIES).is_none());
             assert_eq!(decoder.pending(), 0);
         }
+    }
+
+    /// Knows no frames.
+    enum Deaf {}
+
+    impl Framing for Deaf {
+        const MAX_FRAME: usize = 1;
+        const RELIABLE: bool = true;
+        type Expect = ();
+        type Frame<'a> = ();
+
+        fn scan(window: &[u8], (): ()) -> Scan {
+            Scan::Skip(window.len(), Reason::Stray)
+        }
+
+        fn view(_bytes: &[u8]) -> Option<()> {
+            None
+        }
+    }
+
+    #[test]
+    fn stray_bytes_break_a_reliable_line_at_once() {
+        let mut decoder = Decoder::<Deaf, 4>::new();
+        decoder.push(&[1, 2]);
+        assert_eq!(decoder.need(()), 0);
+        let noise = decoder.next(()).unwrap().unwrap_err();
+        assert_eq!((noise.offset, noise.len, noise.reason), (0, 2, Reason::Stray));
+        assert_eq!(decoder.broken(), Some(noise));
     }
 
     #[test]

@@ -369,6 +369,8 @@ struct World {
     requests: Vec<Request>,
     /// What the arm answers, in turn; after that nothing.
     script: VecDeque<(State, Reply)>,
+    /// What comes right behind each answer.
+    behind: Vec<u8>,
     line: VecDeque<u8>,
 }
 
@@ -381,6 +383,7 @@ fn world(script: impl IntoIterator<Item = (State, Reply)>) -> Shared {
         arm: Device::new(),
         requests: Vec::new(),
         script: script.into_iter().collect(),
+        behind: Vec::new(),
         line: VecDeque::new(),
     })
 }
@@ -418,6 +421,7 @@ impl Write for Port<'_> {
                 && let Some((state, reply)) = world.script.pop_front()
             {
                 world.line.extend(bytes_of(&Response::Reply { header, state, reply }));
+                world.line.extend(&world.behind);
             }
         }
         Ok(buf.len())
@@ -602,4 +606,18 @@ fn a_broken_connection_ends_this_call_and_every_later_one_with_where_it_broke() 
         broken.to_string(),
         "the connection is broken: 4 bytes at 0: byte 3 is 0x09, expected 0x00 or 0x01 or 0x02 or 0x03"
     );
+}
+
+#[test]
+fn an_answer_that_comes_with_the_break_is_given_and_the_next_call_fails() {
+    let text = VersionText::new("6,6,XI1202,AC1302,v1.12.10").unwrap();
+    let state = State::OK;
+    let world = world([(state, Reply::Version(text))]);
+    world.borrow_mut().behind.extend([0, 2, 0, 9]);
+    let mut arm = arm(&world);
+    assert_eq!(run(&world, arm.read_version()), Ok(Answer { value: text, state }));
+    let error = run(&world, arm.read_version()).unwrap_err();
+    assert!(matches!(error, ArmError::Call(CallError::Broken(_))), "{error}");
+    let noise = std::error::Error::source(&error).and_then(|source| source.downcast_ref::<Noise>());
+    assert_eq!(noise.map(|noise| noise.offset), Some(48));
 }
