@@ -34,8 +34,8 @@ pub struct Config {
     /// How often a request that may be repeated is sent again after silence.
     pub repeats: u8,
     /// How long after it was due an answer may still arrive. So long the next request that wants an answer is held back
-    /// when an answer is missing, for an arm's answers do not say what they answer. It is the price of a damaged answer
-    /// too: whether it was lost or is late cannot be told.
+    /// when an answer is missing, unless answers say what they answer ([`Protocol::IDENTIFIED`]). It is the price of a
+    /// damaged answer too: whether it was lost or is late cannot be told.
     pub lateness: Micros,
 }
 

@@ -141,7 +141,7 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
     ///
     /// # Errors
     ///
-    /// [`CallError`] when the port fails or the arm does not answer.
+    /// [`CallError`] when the port fails, the connection is broken, or the arm does not answer.
     pub async fn call(&mut self, request: P::Request) -> Result<Option<P::Response>, CallError<Port::Error>> {
         // Whatever is in flight here belongs to a call that was dropped, or failed.
         self.client.cancel(self.clock.now());

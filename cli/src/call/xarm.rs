@@ -14,7 +14,7 @@ pub(crate) struct OnHost {
     /// The control box, such as 192.168.1.10 or 192.168.1.10:502.
     #[arg(value_name = "HOST[:PORT]")]
     host: Host,
-    /// Speak with protocol id 3, where the arm watches the connection for silence, instead of 2.
+    /// Speak with protocol id 3, as the vendor's package does to firmware 1.8.6 and later, instead of 2.
     #[arg(long)]
     supervised: bool,
     #[command(subcommand)]
