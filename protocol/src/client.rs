@@ -715,6 +715,47 @@ mod tests {
     }
 
     #[test]
+    fn lateness_counts_from_when_the_time_out_was_told() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let told = client.poll_timeout().unwrap() + Micros(70_000);
+        let event = client.handle(told, &mut Input::Tick);
+        assert_eq!(event, Some(Event::TimedOut { sends: 1 }));
+        client.submit(Request::ReadInfo).unwrap();
+        assert_eq!(client.poll_timeout(), Some(told + Config::DEFAULT.lateness));
+    }
+
+    #[test]
+    fn lateness_of_a_cancelled_request_counts_from_when_its_answer_is_due() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        client.poll_transmit(Micros(0)).unwrap();
+        client.transmitted(Micros(0), 2);
+        client.cancel(Micros(0));
+        let sent = Micros(500_000);
+        assert_eq!(transmit(&mut client, sent), 5);
+        client.submit(Request::ReadInfo).unwrap();
+        // As in `silence_repeats_a_read_and_then_gives_up`.
+        let due = sent + Micros(60_370);
+        assert_eq!(client.poll_timeout(), Some(due + Config::DEFAULT.lateness));
+    }
+
+    #[test]
+    fn an_answer_after_its_lateness_is_unsolicited() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        let (now, _) = time_out(&mut client, Micros(0));
+        let over = now + Config::DEFAULT.lateness;
+        assert_eq!(hear(&mut client, over, &bytes(JOINTS)), [Event::Unsolicited(JOINTS)]);
+    }
+
+    #[test]
     fn torque_off_is_never_held_back() {
         let mut client = Lings::new(Config::DEFAULT);
         let (now, _) = time_out(&mut client, Micros(0));

@@ -494,6 +494,10 @@ fn a_reply_with_bad_parameters_names_what_they_may_be() {
             "00 07 00 00 00 03 01 83 02",
             "protocol id 0, standard Modbus, expected 2 or 3 (unit 1, function 3)",
         ),
+        (
+            "00 07 00 00 00 03 01 03 01",
+            "protocol id 0, standard Modbus, expected 2 or 3 (unit 1, function 3)",
+        ),
     ] {
         let bytes = hex(bytes);
         // Nor is it taken for a request that came back.

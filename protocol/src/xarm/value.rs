@@ -738,6 +738,8 @@ mod tests {
         assert!(SerialsText::new(&long[..20], &long[..18]).is_err());
         assert!(SerialsText::new(&long[..20], &long[..17]).is_ok_and(|text| text.0[39] == 0));
         assert!(SerialsText::new("A B", "C").is_err() && SerialsText::new("A", "B\n").is_err());
+        assert!(SerialsText::new("\u{E9}", "C").is_err() && SerialsText::new("A", "\u{7F}").is_err());
+        assert!(VersionText::new("6,6\n").is_err() && VersionText::new("\u{E9}").is_err());
     }
 
     #[test]

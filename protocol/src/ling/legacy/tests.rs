@@ -82,6 +82,15 @@ fn every_frame_holds_in_both_directions() {
 }
 
 #[test]
+fn a_joint_is_the_first_servo_of_its_pair() {
+    let (_, _, response) = responses().swap_remove(1);
+    let Response::Joints(state) = response else {
+        panic!("{response:?}");
+    };
+    assert_eq!(state.joints(), [3096, 3248, 1679, 1938, 1368, 1609]);
+}
+
+#[test]
 fn the_two_servos_of_a_joint_agree_in_what_arms_have_sent() {
     for (source, _, response) in responses() {
         if let Response::Joints(state) = response {
