@@ -349,6 +349,29 @@ fn every_request_has_a_response_of_the_documents_unless_it_is_for_all() {
 }
 
 #[test]
+fn a_request_waits_for_its_longest_response() {
+    for (row, _, request) in requests() {
+        let responses = responses().into_iter();
+        let longest = responses.filter(|(_, _, _, response)| Alpha1::answers(&request, response));
+        let longest = longest.map(|(_, bytes, _, _)| bytes.len()).max();
+        assert_eq!(Alpha1::reply(&request).map(|reply| reply.len), longest, "{row}");
+    }
+}
+
+#[test]
+fn a_servo_that_keeps_its_id_may_answer_with_either() {
+    let request = Request::Servo(ServoRequest::ChangeId { from: id(1), to: id(2) });
+    for (servo, answers) in [(1, true), (2, true), (3, false)] {
+        let response = Response::Servo(ServoResponse::IdChanged {
+            servo: id(servo),
+            outcome: Outcome::Failure,
+            was: 0,
+        });
+        assert_eq!(Alpha1::answers(&request, &response), answers, "servo {servo}");
+    }
+}
+
+#[test]
 fn no_response_of_the_documents_answers_another_servo() {
     for (row, _, request) in requests() {
         let Request::Servo(request) = request else { continue };
@@ -382,7 +405,12 @@ fn no_response_of_the_documents_answers_another_servo() {
 #[test]
 fn a_byte_is_read_only_as_the_answer_of_the_servo_that_was_asked() {
     let answer = ServoAnswer::Acknowledgement(id(1));
-    for (byte, answer) in [(0xAC, Some(answer)), (0xAB, Some(ServoAnswer::Offset)), (0xAB, None)] {
+    for (byte, answer) in [
+        (0xAC, Some(answer)),
+        (0x00, Some(answer)),
+        (0xAB, Some(ServoAnswer::Offset)),
+        (0xAB, None),
+    ] {
         let error = Alpha1::parse_response(Frame::Byte(byte), Expect::Responses(answer)).unwrap_err();
         assert_eq!((error.command, error.cause), (byte, Cause::Unexpected));
     }
@@ -578,6 +606,8 @@ fn a_bluetooth_frame_is_verified_and_its_length_bounded() {
     let bad_sum = hex("FB BF 06 01 00 08 ED");
     let (expected, got) = (0x07, 0x08);
     assert_eq!(noise(&bad_sum, requests), Reason::Checksum { expected, got });
+    let longest = [hex("FB BF 3F"), [0; 59].into(), hex("3F ED")].concat();
+    assert!(matches!(noise(&longest, requests), Reason::Foreign(_)));
     for third in [0x00, 0x02, 0x05, 0x40, 0xFF] {
         assert_eq!(
             noise(&[0xFB, 0xBF, third], requests),
@@ -710,6 +740,16 @@ fn a_zero_is_the_answer_of_servo_86_and_filling_after_it() {
 }
 
 #[test]
+fn the_byte_of_every_servo_is_heard_in_a_report() {
+    for n in 1..=240 {
+        let request = Request::Servo(moving(Address::One(id(n))));
+        let answer = Response::Servo(ServoResponse::Acknowledged(id(n)));
+        let line = report(&[0xAA_u8.wrapping_add(n)]);
+        assert_eq!(hear(request, &line), [Event::Answer(answer)], "servo {n}");
+    }
+}
+
+#[test]
 fn an_answer_of_another_servo_is_no_answer() {
     let (_, bytes, _, response) = responses().into_iter().last().unwrap();
     let request = Request::Servo(ServoRequest::ReadVersion(id(2)));
@@ -718,12 +758,14 @@ fn an_answer_of_another_servo_is_no_answer() {
 
 #[test]
 fn a_servos_frame_that_nothing_asked_for_is_said_to_be_one() {
-    let events = hear(Request::Stop, &hex("FA AF 01 AA 00 5A 00 5A 5F ED"));
     let error = ParseError {
         command: 0xFA,
         cause: Cause::Unexpected,
     };
-    assert_eq!(events, [Event::Unknown(error)]);
+    for request in [Request::Stop, Request::Servo(moving(Address::One(id(1))))] {
+        let events = hear(request, &hex("FA AF 01 AA 00 5A 00 5A 5F ED"));
+        assert_eq!(events, [Event::Unknown(error)]);
+    }
     assert_eq!(
         std::format!("{error}"),
         "command FA: an answer of a servo, but none is expected"
@@ -752,6 +794,14 @@ fn a_good_frame_that_is_no_request_says_why() {
         (
             "FA AF 01 CD 00 F1 00 00 BF ED",
             "command FA: servo id is 241, must be 1..=240 (data byte 3)",
+        ),
+        (
+            "FA AF 01 CD 00 02 00 01 D1 ED",
+            "command FA: data byte 5 is 01, must be 00",
+        ),
+        (
+            "FA AF 01 CD 01 02 00 00 D1 ED",
+            "command FA: data byte 2 is 01, must be 00",
         ),
         (
             "FA AF 01 D2 00 00 00 5B 2E ED",
