@@ -94,7 +94,7 @@ pub(crate) enum Servo {
         /// In how many seconds it gets there, 0 to 5.1.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
         time: MoveTime,
-        /// After how many seconds the servo takes the next command, 0 to 1310.7.
+        /// The completion time, which the servos' manual also calls lock time, in seconds, 0 to 1310.7.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = interval)]
         lock: Interval,
     },

@@ -122,7 +122,7 @@ fn address(address: Address) -> String {
 fn servo_request(request: &ServoRequest) -> String {
     match request {
         ServoRequest::Move { to, angle, time, lock } => format!(
-            "move {} to {} in {:?}, locked for {:?}",
+            "move {} to {} in {:?}, completion time {:?}",
             address(*to),
             self::angle(*angle),
             time.duration(),

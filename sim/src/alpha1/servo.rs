@@ -4,7 +4,7 @@
 //!
 //! * It is switched on released, its offset 0.
 //! * A turn is at constant speed, from where the servo is; in no time if no time is given.
-//! * The lock time counts from the request. It can be seen ([`Servo::is_busy`]), but a servo that is told to move
+//! * The completion time counts from the request. It can be seen ([`Servo::is_busy`]), but a servo that is told to move
 //!   before it is over obeys all the same, so that angles can be streamed.
 //! * To read the angle releases the servo, as the manual says. It stays where it is and can be turned by hand.
 //! * The offset turns the scale against the housing. A servo that holds turns its horn with it, at once; one that is
@@ -118,7 +118,7 @@ impl Servo {
         now < self.turn.end()
     }
 
-    /// Whether it moves, or the lock time of its last move is not over.
+    /// Whether it moves, or the completion time of its last move is not over.
     pub fn is_busy(&self, now: Micros) -> bool {
         now < self.done
     }
