@@ -131,7 +131,7 @@ fn decode<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
         let rest = &bytes[offset..];
         let verdict = match P::scan(rest, expect) {
             // The end of the recording is as good as an idle line.
-            Scan::Need(_) if !P::RELIABLE => P::scan_idle(rest, expect),
+            Scan::Need(missing) if !P::RELIABLE => P::scan_idle(rest, expect, missing),
             verdict => verdict,
         };
         let (len, reason) = match verdict {

@@ -1,6 +1,5 @@
 //! Bytes in, frames and noise out.
 
-use core::cell::Cell;
 use core::fmt;
 use core::marker::PhantomData;
 
@@ -66,11 +65,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Never empty once [`next`](Self::next) has returned `None`.
     pub fn space(&mut self) -> &mut [u8] {
         if 0 < self.head && self.head <= self.tail && self.tail <= N {
-            // copy_within has a panic that is left when it is not inlined.
-            let cells = Cell::from_mut(&mut self.buf[..]).as_slice_of_cells();
-            for (to, from) in cells.iter().zip(cells.iter().take(self.tail).skip(self.head)) {
-                to.set(from.get());
-            }
+            self.buf.copy_within(self.head..self.tail, 0);
             self.tail -= self.head;
             self.head = 0;
         }
@@ -219,8 +214,11 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 
     fn scan(&self, expect: F::Expect) -> Option<Scan> {
         let window = self.buf.get(self.head..self.tail)?;
-        let scan = if self.idle { F::scan_idle } else { F::scan };
-        (!window.is_empty()).then(|| scan(window, expect))
+        let scan = || match F::scan(window, expect) {
+            Scan::Need(missing) if self.idle => F::scan_idle(window, expect, missing),
+            verdict => verdict,
+        };
+        (!window.is_empty()).then(scan)
     }
 
     fn skip(&mut self, n: usize, reason: Reason) -> Noise {

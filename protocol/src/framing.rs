@@ -128,13 +128,10 @@ pub trait Framing {
     /// [`Scan::Need`].
     fn scan(window: &[u8], expect: Self::Expect) -> Scan;
 
-    /// What the front of `window` is on a line that went idle, so that no more bytes follow. Where [`scan`](Self::scan)
-    /// would wait for the end of a frame, that is a false header, unless a protocol knows better.
-    fn scan_idle(window: &[u8], expect: Self::Expect) -> Scan {
-        match Self::scan(window, expect) {
-            Scan::Need(missing) => Scan::Skip(1, Reason::Truncated { missing }),
-            verdict => verdict,
-        }
+    /// What the front of `window`, for which [`scan`](Self::scan) waits for `missing` more bytes, is on a line that went
+    /// idle: a false header, unless a protocol knows better.
+    fn scan_idle(_window: &[u8], _expect: Self::Expect, missing: usize) -> Scan {
+        Scan::Skip(1, Reason::Truncated { missing })
     }
 
     /// Views bytes for which [`scan`](Self::scan) said [`Scan::Frame`]. What `scan` has verified is not verified again:

@@ -301,11 +301,10 @@ impl Framing for Alpha1 {
         }
     }
 
-    fn scan_idle(window: &[u8], expect: Expect) -> Scan {
-        match (Self::scan(window, expect), window) {
-            (Scan::Need(_), [byte]) if Some(*byte) == expect.byte() => Scan::Frame(1),
-            (Scan::Need(missing), _) => Scan::Skip(1, Reason::Truncated { missing }),
-            (verdict, _) => verdict,
+    fn scan_idle(window: &[u8], expect: Expect, missing: usize) -> Scan {
+        match *window {
+            [byte] if Some(byte) == expect.byte() => Scan::Frame(1),
+            _ => Scan::Skip(1, Reason::Truncated { missing }),
         }
     }
 
