@@ -101,7 +101,7 @@ pub enum ServoRequest {
         angle: Angle,
         /// How long it takes to get there.
         time: MoveTime,
-        /// The completion time, which the manual also calls lock time. What the servo does with it is not said.
+        /// The completion time, which the manual also calls lock time.
         lock: Interval,
     },
     /// Switches the power of the motor off: **what it holds up falls.** Sent as a move to FF, which is not in the manual.
