@@ -273,6 +273,15 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// # Errors
     ///
     /// [`Busy`] gives it back while another is in flight.
+    ///
+    /// ```
+    /// # use armwire::ling::{self, Ling, Request};
+    /// use armwire::{Busy, Client, Config};
+    ///
+    /// let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
+    /// assert_eq!(client.submit(Request::ReadJoints), Ok(()));
+    /// assert_eq!(client.submit(Request::ReadInfo), Err(Busy(Request::ReadInfo)));
+    /// ```
     pub fn submit(&mut self, request: P::Request) -> Result<(), Busy<P::Request>> {
         if self.flight.is_some() {
             return Err(Busy(request));

@@ -63,6 +63,17 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Room to read or DMA into; [`commit`](Self::commit) what arrived.
     ///
     /// Never empty once [`next`](Self::next) has returned `None`.
+    ///
+    /// ```
+    /// # use armwire::{Decoder, ling::{self, Ling}};
+    /// # use std::io::Read;
+    /// # let mut port = &[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF][..];
+    /// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
+    /// let n = port.read(decoder.space())?;
+    /// decoder.commit(n);
+    /// assert!(decoder.next(()).is_some_and(|frame| frame.is_ok()));
+    /// # Ok::<(), std::io::Error>(())
+    /// ```
     pub fn space(&mut self) -> &mut [u8] {
         if 0 < self.head && self.head <= self.tail && self.tail <= N {
             self.buf.copy_within(self.head..self.tail, 0);

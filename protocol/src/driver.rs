@@ -113,6 +113,24 @@ pub struct Counters {
 /// **Dropping a call** before it is done is allowed if the port's writes may be dropped too. A request that was not begun
 /// is then never sent. One that was half written is finished by the next call, before its own, so the arm
 /// is never left with half a frame. Its answer, should it come, satisfies nothing (see [`Client`]).
+///
+/// Each protocol has an `Arm` with a call for each request; this is what they are made of.
+///
+/// ```
+/// # use armwire::driver::Clock;
+/// # use embedded_io_async::{Read, Write};
+/// use armwire::driver::{CallError, Counters, Driver};
+/// use armwire::ling::{Ling, MAX_FRAME, Request, Response};
+/// use armwire::Config;
+///
+/// async fn listen<P: Read + Write>(port: P, clock: impl Clock) -> Result<(P, Counters), CallError<P::Error>> {
+///     let mut driver = Driver::<Ling, P, _, MAX_FRAME>::new(port, clock, Config::default());
+///     let answer: Option<Response> = driver.call(Request::ReadJoints).await?;
+///     let heard = driver.counters();
+///     let (port, _clock) = driver.into_parts();
+///     Ok((port, heard))
+/// }
+/// ```
 pub struct Driver<P: Protocol, Port, C, const N: usize> {
     port: Port,
     clock: C,

@@ -9,7 +9,10 @@ use core::ops::Add;
 /// ```
 /// use armwire::Micros;
 ///
-/// assert_eq!(Micros::from_millis(2) + Micros(50), Micros(2_050));
+/// let due = Micros::from_millis(2) + Micros(50);
+/// assert_eq!(due, Micros(2_050));
+/// assert_eq!(due.since(Micros(2_000)), Micros(50));
+/// assert_eq!(Micros(2_000).since(due), Micros(0));
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

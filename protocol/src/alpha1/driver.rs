@@ -11,8 +11,8 @@ use crate::driver::{CallError, Clock, Driver};
 /// An Alpha1, or a bus of its servos, at the other end of a port.
 ///
 /// Every call fails with [`CallError`]; those that read repeat themselves after silence, but for
-/// [`read_servo_angles`](Self::read_servo_angles). What is told to all servos is answered by none, so such a call is done
-/// once it is written. See [`Driver`](crate::driver::Driver) on dropping a call.
+/// [`read_servo_angles`](Self::read_servo_angles). What is told to all servos is answered by none, so such a call is
+/// done once it is written. See [`Driver`](crate::driver::Driver) on dropping a call.
 ///
 /// The servo bus is a line of 115 200 baud: say so in the [`Config`](crate::Config).
 ///

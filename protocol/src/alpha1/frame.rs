@@ -8,11 +8,11 @@
 //! ```
 //!
 //! `H'` is `H` with its nibbles swapped. CHECK is the low byte of the sum of DATA; some answers have none. Nothing says
-//! how long DATA is: that follows from the direction and the header, as the table `layout` has it. So the end mark ED is
-//! verified, never searched for: DATA and CHECK may be ED too.
+//! how long DATA is: that follows from the direction and the header, as the table `layout` has it. So the end mark ED
+//! is verified, never searched for: DATA and CHECK may be ED too.
 //!
-//! The servos' own frames, FA AF and FC CF, look just like it. To some commands a servo answers with a single byte, which
-//! is its id plus AA. That is no frame at all, and is read only where it is expected.
+//! The servos' own frames, FA AF and FC CF, look just like it. To some commands a servo answers with a single byte,
+//! which is its id plus AA. That is no frame at all, and is read only where it is expected.
 //!
 //! The robot's Bluetooth frames have the header FB BF too, and then their length where this protocol has 01:
 //!

@@ -75,9 +75,9 @@ pub enum Request {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Action {
-    /// Targets of servos 1 to 20. `None` leaves a servo as it is: it is FF on the wire, which is not in the document but
-    /// is what the public programs for this robot send. What the document wants for servos that a robot does not have
-    /// is not said.
+    /// Targets of servos 1 to 20. `None` leaves a servo as it is: it is FF on the wire, which is not in the document
+    /// but is what the public programs for this robot send. What the document wants for servos that a robot does not
+    /// have is not said.
     pub angles: [Option<Angle>; SERVOS],
     /// How long the servos take to get there.
     pub time: MoveTime,
@@ -104,7 +104,8 @@ pub enum ServoRequest {
         /// The completion time, which the manual also calls lock time.
         lock: Interval,
     },
-    /// Switches the power of the motor off: **what it holds up falls.** Sent as a move to FF, which is not in the manual.
+    /// Switches the power of the motor off: **what it holds up falls.** Sent as a move to FF, which is not in the
+    /// manual.
     Release(Address),
     /// Switches the light.
     SetLed {

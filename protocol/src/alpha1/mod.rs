@@ -1,7 +1,7 @@
 //! UBTECH Alpha1: a humanoid of 16 servos on USB, and the servos on their own bus.
 //!
-//! Rows are those of *Alpha1 Series PC Communication Protocol*, V20151215, named by the first byte of their header. What
-//! they leave to the servos' manual (*UBT-12HC User Manual*, V1.02) is here too. The robot's Bluetooth protocol is
+//! Rows are those of *Alpha1 Series PC Communication Protocol*, V20151215, named by the first byte of their header.
+//! What they leave to the servos' manual (*UBT-12HC User Manual*, V1.02) is here too. The robot's Bluetooth protocol is
 //! another one: its frames are recognised, and passed over.
 //!
 //! ```

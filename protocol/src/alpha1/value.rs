@@ -20,8 +20,8 @@ const UNIT_MILLIS: u64 = 20;
 
 /// The angle of a servo: `0..=240` whole degrees.
 ///
-/// The document gives no range; 240° is what the servo can do, and an Alpha1 stays within 180°. From the wire any byte is
-/// taken but FF, which is no angle: 241 to 254 are kept, and have no [`degrees`](Self::degrees).
+/// The document gives no range; 240° is what the servo can do, and an Alpha1 stays within 180°. From the wire any byte
+/// is taken but FF, which is no angle: 241 to 254 are kept, and have no [`degrees`](Self::degrees).
 ///
 /// ```
 /// use armwire::alpha1::Angle;
@@ -118,8 +118,8 @@ impl MoveTime {
     }
 }
 
-/// The time from one frame of an action to the next, or the completion time of a servo's move: 0 to 1310.7 s in steps of
-/// 20 ms.
+/// The time from one frame of an action to the next, or the completion time of a servo's move: 0 to 1310.7 s in steps
+/// of 20 ms.
 ///
 /// ```
 /// use core::time::Duration;
@@ -320,8 +320,8 @@ pub struct Led(pub u8);
 
 /// A version or the name of an action: 0 to 59 bytes. Their alphabet is not documented; names may be GBK.
 ///
-/// The length byte could say 254, but a report on USB HID has 64 bytes and the frame around a text takes 5, so 59 is the
-/// most that fits one. It also bounds how much a false header can hold back.
+/// The length byte could say 254, but a report on USB HID has 64 bytes and the frame around a text takes 5, so 59 is
+/// the most that fits one. It also bounds how much a false header can hold back.
 ///
 /// ```
 /// use armwire::alpha1::Text;
@@ -388,8 +388,8 @@ impl fmt::Display for Text {
 /// Which servos run, as the four bytes on the wire (row EF). One that does not run is powered off and can be turned by
 /// hand.
 ///
-/// The document says that the least significant bit is servo 1, not in which order the bytes come. Every other number of
-/// this family has its high byte first, so that is what the methods take: servo 1 is bit 0 of the last byte.
+/// The document says that the least significant bit is servo 1, not in which order the bytes come. Every other number
+/// of this family has its high byte first, so that is what the methods take: servo 1 is bit 0 of the last byte.
 ///
 /// ```
 /// use armwire::alpha1::ServoStates;

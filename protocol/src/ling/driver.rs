@@ -25,6 +25,28 @@ use crate::driver::{CallError, Clock, Driver};
 ///     Ok(check.all_normal(celsius.kind()) && celsius.as_slice().iter().all(|&celsius| celsius < 60))
 /// }
 /// ```
+///
+/// All the calls:
+///
+/// ```
+/// # use armwire::driver::{CallError, Clock};
+/// # use armwire::ling::{Arm, Move};
+/// # use embedded_io_async::{Read, Write};
+/// use armwire::ling::{Info, JOINTS, Stroke, TemperatureLimit, Torque};
+///
+/// async fn tour<P: Read + Write>(arm: &mut Arm<P, impl Clock>, target: Move) -> Result<(), CallError<P::Error>> {
+///     let Info { serial, hardware, firmware } = arm.read_info().await?;
+///     if arm.read_stroke().await? != Stroke::Mm50 {
+///         arm.set_stroke(Stroke::Mm50).await?;
+///     }
+///     arm.set_temperature_limit(TemperatureLimit::FACTORY).await?;
+///     arm.set_torque(Torque::On).await?;
+///     arm.move_to(target).await?;
+///     while arm.read_velocities().await?.as_slice()[..JOINTS] != [0; JOINTS] {}
+///     let [base, ..] = arm.read_joints().await?.joints;
+///     arm.set_zero().await // and the torque is off
+/// }
+/// ```
 pub type Arm<Port, C> = Driver<Ling, Port, C, MAX_FRAME>;
 
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {
