@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use crate::Reason;
+
 /// A buffer too short for what was to be written into it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -74,3 +76,58 @@ impl<T: fmt::Display> fmt::Display for OutOfRange<T> {
 }
 
 impl<T: fmt::Display + fmt::Debug> core::error::Error for OutOfRange<T> {}
+
+/// Why a frame cannot be written: what cannot be read back is not.
+///
+/// ```
+/// use armwire::ling::{Frame, MAX_DATA};
+/// use armwire::{EncodeError, OutOfRange};
+///
+/// let frame = Frame { command: 0x05, function: 0x00, data: &[0; MAX_DATA + 1] };
+/// let Err(EncodeError::OutOfRange(error)) = frame.encode(&mut [0; 100]) else {
+///     panic!("it was written");
+/// };
+/// assert_eq!((error.what, error.got, error.max), ("data", 65, 64));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum EncodeError {
+    /// The buffer is too short.
+    BufferTooShort(BufferTooShort),
+    /// A field, or the length of a part, is one that no frame has.
+    OutOfRange(OutOfRange),
+    /// A byte that may have few values has another.
+    Byte {
+        /// Where it is, in bytes from the start of the frame.
+        offset: usize,
+        /// What it may be.
+        expected: &'static [u8],
+        /// What it is.
+        got: u8,
+    },
+}
+
+impl From<BufferTooShort> for EncodeError {
+    fn from(error: BufferTooShort) -> Self {
+        Self::BufferTooShort(error)
+    }
+}
+
+impl From<OutOfRange> for EncodeError {
+    fn from(error: OutOfRange) -> Self {
+        Self::OutOfRange(error)
+    }
+}
+
+impl fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::BufferTooShort(error) => error.fmt(f),
+            Self::OutOfRange(error) => error.fmt(f),
+            Self::Byte { offset, expected, got } => Reason::Byte { offset, expected, got }.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for EncodeError {}

@@ -49,7 +49,7 @@ pub mod xarm;
 pub use client::{Busy, Client, Config, Event, Input};
 pub use decoder::Decoder;
 pub use device::{Device, Heard};
-pub use error::{BufferTooShort, OutOfRange};
+pub use error::{BufferTooShort, EncodeError, OutOfRange};
 pub use framing::{Framing, Noise, Reason, Scan};
 pub use protocol::{Protocol, Reply};
 pub use time::Micros;

@@ -11,7 +11,7 @@ use std::task::{Context, Poll, Waker};
 
 use armwire::alpha1::*;
 use armwire::driver::{CallError, Clock, Counters};
-use armwire::{Client, Config, Device, Event, Heard, Input, Micros};
+use armwire::{BufferTooShort, Client, Config, Device, EncodeError, Event, Framing, Heard, Input, Micros, Scan};
 use common::Subject;
 use embedded_io_async::{ErrorType, Read, Write};
 use proptest::array::{uniform4, uniform10, uniform20};
@@ -156,6 +156,19 @@ fn noise() -> impl Strategy<Value = u8> {
     ]
 }
 
+/// The data of frames, or nearly so.
+fn data() -> impl Strategy<Value = Vec<u8>> {
+    let counted = vec(noise(), 1..=MAX_TEXT + 3).prop_map(|mut data| {
+        data[0] = data.len() as u8;
+        data
+    });
+    prop_oneof![
+        1 => vec(noise(), 0..=MAX_TEXT + 3),
+        1 => counted,
+        3 => prop_oneof![Just(1), Just(4), Just(6), Just(11), Just(29)].prop_flat_map(|len| vec(noise(), len)),
+    ]
+}
+
 impl Subject for Alpha1 {
     const MIN_FRAME: usize = 1;
     const FILL: Option<u8> = Some(0);
@@ -250,6 +263,35 @@ proptest! {
     #[test]
     fn the_client_takes_any_bytes_at_any_time(steps in common::steps::<Alpha1>(), request in Alpha1::any_request()) {
         common::a_client_takes_anything::<Alpha1, MAX_FRAME>(steps, request)?;
+    }
+
+    #[test]
+    fn a_frame_is_written_only_if_its_reader_takes_it_as_it_was(
+        expect in Alpha1::any_expect(), command in noise(), data in data(),
+    ) {
+        let frame = Frame::Message { command, data: &data };
+        let mut out = [0; MAX_FRAME];
+        if let Ok(n) = frame.encode(expect, &mut out) {
+            prop_assert_eq!(Alpha1::scan(&out[..n], expect), Scan::Frame(n));
+            prop_assert_eq!(Alpha1::view(&out[..n]), Some(frame));
+            let needed = n;
+            let too_short = BufferTooShort { needed, got: n - 1 };
+            prop_assert_eq!(frame.encode(expect, &mut out[..n - 1]), Err(EncodeError::BufferTooShort(too_short)));
+        } else {
+            let header = [command, command.rotate_left(4)];
+            let bytes = [&header, &data[..], &[checksum(&data), 0xED]].concat();
+            prop_assert_ne!(Alpha1::scan(&bytes, expect), Scan::Frame(bytes.len()));
+        }
+    }
+
+    #[test]
+    fn a_frame_that_was_read_can_be_written_again(
+        (expect, bytes) in Alpha1::any_expect().prop_flat_map(|expect| (Just(expect), Alpha1::any_frame(expect))),
+    ) {
+        let mut out = [0; MAX_FRAME];
+        let n = Alpha1::view(&bytes).unwrap().encode(expect, &mut out);
+        prop_assert_eq!(n, Ok(bytes.len()));
+        prop_assert_eq!(&out[..bytes.len()], &bytes);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use core::hint::black_box;
 use core::time::Duration;
 
 use armwire::alpha1::{
-    Action, Address, Alpha1, Angle, Expect, Interval, MAX_FRAME, MoveTime, Offset, Outcome, Request, Response,
+    Action, Address, Alpha1, Angle, Expect, Frame, Interval, MAX_FRAME, MoveTime, Offset, Outcome, Request, Response,
     ServoAnswer, ServoId, ServoStates, Text, checksum,
 };
 
@@ -24,6 +24,14 @@ pub(crate) fn call_all() {
     client::call_all::<Alpha1, MAX_FRAME>(Request::Act(action), Response::Playing(Outcome::Success));
     device::call_all::<Alpha1, MAX_FRAME>(Response::Acted(Outcome::Failure));
     black_box(checksum(text));
+    let frame = Frame::Message {
+        command: black_box(0),
+        data: text,
+    };
+    for frame in [frame, Frame::Byte(black_box(0))] {
+        let encoded = black_box(frame).encode(black_box(Expect::Requests), bytes(&mut [0; 300]));
+        black_box(encoded.is_ok());
+    }
 
     let duration = black_box(Duration::ZERO);
     black_box(MoveTime::from_duration(duration).is_ok_and(|time| time.duration() == duration));

@@ -27,7 +27,7 @@ use core::ops::RangeInclusive;
 use core::slice;
 
 use super::{Alpha1, Outcome, ServoId};
-use crate::{BufferTooShort, Framing, Reason, Scan};
+use crate::{BufferTooShort, EncodeError, Framing, OutOfRange, Reason, Scan};
 
 /// The longest frame, in bytes: what one report on USB HID holds.
 ///
@@ -64,42 +64,27 @@ pub(super) mod header {
     pub(crate) const PLAY: u8 = 0xF3;
     pub(crate) const SERVO: u8 = 0xFA;
     pub(crate) const SERVO_VERSION: u8 = 0xFC;
+    pub(super) const ALL: &[u8] = &[
+        HARDWARE_VERSION,
+        SERVO_STATES,
+        STOP,
+        FIRMWARE_VERSION,
+        ACT,
+        OFFSET_TOOL,
+        USB_TYPE,
+        PLAY,
+        SERVO,
+        SERVO_VERSION,
+    ];
 }
 
-/// What follows a header.
-enum Layout {
-    /// So many bytes of DATA, CHECK, ED.
-    Data(usize),
-    /// A byte that counts itself and the text that follows it, CHECK, ED.
-    Counted,
-    /// AA or EE, ED: no CHECK.
-    Status,
-}
-
-/// Where each frame ends: the whole table.
-const fn layout(first: u8, expect: Expect) -> Option<Layout> {
-    Some(match (expect, first) {
-        (Expect::Requests, header::HARDWARE_VERSION) => Layout::Data(6),
-        (Expect::Requests, header::SERVO_STATES) => Layout::Data(6),
-        (Expect::Requests, header::STOP) => Layout::Data(6),
-        (Expect::Requests, header::FIRMWARE_VERSION) => Layout::Data(6),
-        (Expect::Requests, header::ACT) => Layout::Data(29),
-        (Expect::Requests, header::OFFSET_TOOL) => Layout::Data(6),
-        (Expect::Requests, header::USB_TYPE) => Layout::Data(6),
-        (Expect::Requests, header::PLAY) => Layout::Counted,
-
-        (Expect::Responses(_), header::HARDWARE_VERSION) => Layout::Counted,
-        (Expect::Responses(_), header::SERVO_STATES) => Layout::Data(4),
-        (Expect::Responses(_), header::STOP) => Layout::Status,
-        (Expect::Responses(_), header::FIRMWARE_VERSION) => Layout::Data(11),
-        (Expect::Responses(_), header::ACT) => Layout::Data(6),
-        (Expect::Responses(_), header::OFFSET_TOOL) => Layout::Status,
-        (Expect::Responses(_), header::USB_TYPE) => Layout::Status,
-        (Expect::Responses(_), header::PLAY) => Layout::Status,
-
-        (_, header::SERVO | header::SERVO_VERSION) => Layout::Data(6),
-        _ => return None,
-    })
+/// The checksum of `data`: the low byte of its sum.
+///
+/// ```
+/// assert_eq!(armwire::alpha1::checksum(b"\x06dance"), 0x01); // row F3
+/// ```
+pub fn checksum(data: &[u8]) -> u8 {
+    data.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
 }
 
 /// What a reader knows about the next frame.
@@ -156,13 +141,40 @@ pub(super) const fn acknowledgement(servo: ServoId) -> u8 {
     servo.get().wrapping_add(0xAA)
 }
 
-/// The checksum of `data`: the low byte of its sum.
-///
-/// ```
-/// assert_eq!(armwire::alpha1::checksum(b"\x06dance"), 0x01); // row F3
-/// ```
-pub fn checksum(data: &[u8]) -> u8 {
-    data.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
+/// What follows a header.
+enum Layout {
+    /// So many bytes of DATA, CHECK, ED.
+    Data(usize),
+    /// A byte that counts itself and the text that follows it, CHECK, ED.
+    Counted,
+    /// AA or EE, ED: no CHECK.
+    Status,
+}
+
+/// Where each frame ends: the whole table.
+const fn layout(first: u8, expect: Expect) -> Option<Layout> {
+    Some(match (expect, first) {
+        (Expect::Requests, header::HARDWARE_VERSION) => Layout::Data(6),
+        (Expect::Requests, header::SERVO_STATES) => Layout::Data(6),
+        (Expect::Requests, header::STOP) => Layout::Data(6),
+        (Expect::Requests, header::FIRMWARE_VERSION) => Layout::Data(6),
+        (Expect::Requests, header::ACT) => Layout::Data(29),
+        (Expect::Requests, header::OFFSET_TOOL) => Layout::Data(6),
+        (Expect::Requests, header::USB_TYPE) => Layout::Data(6),
+        (Expect::Requests, header::PLAY) => Layout::Counted,
+
+        (Expect::Responses(_), header::HARDWARE_VERSION) => Layout::Counted,
+        (Expect::Responses(_), header::SERVO_STATES) => Layout::Data(4),
+        (Expect::Responses(_), header::STOP) => Layout::Status,
+        (Expect::Responses(_), header::FIRMWARE_VERSION) => Layout::Data(11),
+        (Expect::Responses(_), header::ACT) => Layout::Data(6),
+        (Expect::Responses(_), header::OFFSET_TOOL) => Layout::Status,
+        (Expect::Responses(_), header::USB_TYPE) => Layout::Status,
+        (Expect::Responses(_), header::PLAY) => Layout::Status,
+
+        (_, header::SERVO | header::SERVO_VERSION) => Layout::Data(6),
+        _ => return None,
+    })
 }
 
 /// A frame whose header, length, checksum and end mark are good.
@@ -180,36 +192,117 @@ pub enum Frame<'a> {
     Byte(u8),
 }
 
-/// Whether a frame has a checksum.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Check {
-    Present,
-    Absent,
-}
+impl Frame<'_> {
+    /// Writes the frame at the front of `out` and returns its length in bytes. Whether it has a CHECK follows from its
+    /// row and from `expect`, which is what its reader expects.
+    ///
+    /// # Errors
+    ///
+    /// [`EncodeError`] when `out` is shorter than the frame, or the frame is none that [`scan`](Framing::scan) takes.
+    ///
+    /// ```
+    /// use armwire::alpha1::{Expect, Frame};
+    ///
+    /// let mut out = [0; 100];
+    /// let stop = Frame::Message { command: 0xF2, data: &[0; 6] };
+    /// assert_eq!(stop.encode(Expect::Requests, &mut out), Ok(10));
+    /// assert_eq!(out[..10], [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED]);
+    /// let stopped = Frame::Message { command: 0xF2, data: &[0xAA] };
+    /// assert_eq!(stopped.encode(Expect::Responses(None), &mut out), Ok(4));
+    /// assert_eq!(out[..4], [0xF2, 0x2F, 0xAA, 0xED]);
+    ///
+    /// let error = stopped.encode(Expect::Requests, &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "data is 1 bytes, must be 6..=6");
+    /// let playing = Frame::Message { command: 0xF3, data: &[1] };
+    /// let error = playing.encode(Expect::Responses(None), &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "byte 2 is 0x01, expected 0xaa or 0xee");
+    /// let play = Frame::Message { command: 0xF3, data: b"\x05dance" };
+    /// let error = play.encode(Expect::Requests, &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "count is 5, must be 6..=6");
+    /// ```
+    pub fn encode(&self, expect: Expect, out: &mut [u8]) -> Result<usize, EncodeError> {
+        match *self {
+            Self::Message { command, data } => check_message(command, data, expect)?,
+            Self::Byte(byte) => check_byte(byte, expect)?,
+        }
+        self.put(expect, out).map_err(EncodeError::BufferTooShort)
+    }
 
-/// Writes a frame at the front of `out` and returns its length in bytes.
-pub(super) fn put(out: &mut [u8], command: u8, data: &[u8], check: Check) -> Result<usize, BufferTooShort> {
-    let check = (check == Check::Present).then(|| checksum(data));
-    let header = [command, command.rotate_left(4)];
-    put_bytes(
-        out,
+    /// Writes a frame that is known to be one.
+    pub(super) fn put(&self, expect: Expect, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let needed = self.bytes(expect).count();
+        let got = out.len();
+        let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
+        for (to, from) in out.iter_mut().zip(self.bytes(expect)) {
+            *to = from;
+        }
+        Ok(needed)
+    }
+
+    /// All of it.
+    fn bytes(&self, expect: Expect) -> impl Iterator<Item = u8> {
+        let (header, data, check, tail) = match self {
+            Self::Message { command, data } => {
+                let check = !matches!(layout(*command, expect), Some(Layout::Status));
+                let header = [*command, command.rotate_left(4)];
+                (Some(header), *data, check.then(|| checksum(data)), Some(TAIL))
+            }
+            Self::Byte(byte) => (None, slice::from_ref(byte), None, None),
+        };
         header
             .into_iter()
+            .flatten()
             .chain(data.iter().copied())
             .chain(check)
-            .chain([TAIL]),
-    )
+            .chain(tail)
+    }
 }
 
-/// Writes bytes at the front of `out` and returns how many.
-pub(super) fn put_bytes(out: &mut [u8], bytes: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
-    let needed = bytes.clone().count();
-    let got = out.len();
-    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
-    for (to, from) in out.iter_mut().zip(bytes) {
-        *to = from;
+/// Whether a frame with a header is one that its reader takes.
+fn check_message(command: u8, data: &[u8], expect: Expect) -> Result<(), EncodeError> {
+    let byte = |offset, expected, got| Err(EncodeError::Byte { offset, expected, got });
+    let Some(layout) = layout(command, expect) else {
+        return byte(0, header::ALL, command);
+    };
+    let (min, max) = match layout {
+        Layout::Data(len) => (len, len),
+        Layout::Counted => COUNT.into_inner(),
+        Layout::Status => (1, 1),
+    };
+    let len = u16::try_from(data.len()).unwrap_or(u16::MAX);
+    check_range("data", "bytes", len, min as u16, max as u16)?;
+    match (layout, data) {
+        (Layout::Counted, [count, ..]) => check_range("count", "", u16::from(*count), len, len),
+        (Layout::Status, [status]) if !STATUS.contains(status) => byte(2, STATUS, *status),
+        (Layout::Data(_), [act, ..]) if command == header::ACT && *act != ACT => byte(2, &[ACT], *act),
+        _ => Ok(()),
     }
-    Ok(needed)
+}
+
+/// Whether a single byte is the one that is expected.
+fn check_byte(byte: u8, expect: Expect) -> Result<(), EncodeError> {
+    match expect.byte().map(u16::from) {
+        Some(expected) => check_range("acknowledgement", "", byte.into(), expected, expected),
+        None => Err(EncodeError::Byte {
+            offset: 0,
+            expected: header::ALL,
+            got: byte,
+        }),
+    }
+}
+
+/// Whether a count is in its range.
+fn check_range(what: &'static str, unit: &'static str, got: u16, min: u16, max: u16) -> Result<(), EncodeError> {
+    if (min..=max).contains(&got) {
+        return Ok(());
+    }
+    Err(EncodeError::OutOfRange(OutOfRange {
+        what,
+        unit,
+        got,
+        min,
+        max,
+    }))
 }
 
 /// The verdict on a window that starts with a header.

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::frame::{ACT, Check, acknowledgement, header, put, put_bytes};
+use super::frame::{ACT, acknowledgement, header};
 use super::value::{
     Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, SERVOS, ServoId, ServoStates, Text, UsbType,
 };
@@ -28,6 +28,9 @@ mod version_command {
 
 /// Where FF stands in place of an angle (see [`Action::angles`] and [`ServoRequest::Release`]).
 const NO_ANGLE: u8 = 0xFF;
+
+/// What the reader of a response expects, as far as it matters to the writer: not which answer of a servo it is.
+const RESPONSES: Expect = Expect::Responses(None);
 
 /// The longest a servo thinks (servo manual).
 const SERVO_TURNAROUND: Micros = Micros(400);
@@ -261,8 +264,8 @@ pub enum Cause {
     BootLoader,
     /// The data has the wrong length.
     Length {
-        /// The length it must have, in bytes.
-        expected: usize,
+        /// The lengths it may have, in bytes.
+        expected: &'static [usize],
         /// The length it has, in bytes.
         got: usize,
     },
@@ -293,7 +296,13 @@ impl fmt::Display for ParseError {
             Cause::Unknown => f.write_str("unknown"),
             Cause::Unexpected => f.write_str("an answer of a servo, but none is expected"),
             Cause::BootLoader => f.write_str("it would start a servo's boot loader, which is not offered"),
-            Cause::Length { expected, got } => write!(f, "{got} data bytes, expected {expected}"),
+            Cause::Length { expected, got } => {
+                write!(f, "{got} data bytes, expected ")?;
+                for (i, length) in expected.iter().enumerate() {
+                    write!(f, "{}{length}", if i == 0 { "" } else { " or " })?;
+                }
+                Ok(())
+            }
             Cause::Byte { offset, expected, got } => {
                 write!(f, "data byte {offset} is {got:02X}, must be ")?;
                 for (i, byte) in expected.iter().enumerate() {
@@ -309,20 +318,14 @@ impl fmt::Display for ParseError {
 
 impl core::error::Error for ParseError {}
 
-/// Data of a known length.
-fn sized<const N: usize>(data: &[u8]) -> Result<[u8; N], Cause> {
+/// Data of a known length, or the error that says which it should have.
+fn sized<const N: usize>(data: &[u8], expected: &'static [usize]) -> Result<[u8; N], Cause> {
     let got = data.len();
-    data.try_into().map_err(|_| Cause::Length { expected: N, got })
+    data.try_into().map_err(|_| Cause::Length { expected, got })
 }
 
 /// Checks data that always is the same, `offset` bytes from the start of all data.
-fn constant(offset: usize, data: &[u8], expected: &'static [u8]) -> Result<(), Cause> {
-    if data.len() != expected.len() {
-        return Err(Cause::Length {
-            expected: expected.len(),
-            got: data.len(),
-        });
-    }
+fn constant<const N: usize>(offset: usize, data: [u8; N], expected: &'static [u8; N]) -> Result<(), Cause> {
     for (i, (got, expected)) in data.iter().zip(expected.chunks(1)).enumerate() {
         if expected != [*got] {
             return Err(Cause::Byte {
@@ -337,17 +340,21 @@ fn constant(offset: usize, data: &[u8], expected: &'static [u8]) -> Result<(), C
 
 /// The text after its count, which counts itself.
 fn text(data: &[u8]) -> Result<Text, Cause> {
-    let got = data.len();
-    match data {
-        [count, text @ ..] if usize::from(*count) == got => {
-            Text::new(text).map_err(|error| Cause::Value { offset: 1, error })
-        }
-        [count, ..] => Err(Cause::Length {
-            expected: usize::from(*count),
+    let [count, text @ ..] = data else {
+        return Err(Cause::Length { expected: &[1], got: 0 });
+    };
+    let (got, len) = (u16::from(*count), u16::try_from(data.len()).unwrap_or(u16::MAX));
+    if got != len {
+        let error = OutOfRange {
+            what: "count",
+            unit: "",
             got,
-        }),
-        [] => Err(Cause::Length { expected: 1, got }),
+            min: len,
+            max: len,
+        };
+        return Err(Cause::Value { offset: 0, error });
     }
+    Text::new(text).map_err(|error| Cause::Value { offset: 1, error })
 }
 
 fn servo(offset: usize, id: u8) -> Result<ServoId, Cause> {
@@ -368,7 +375,7 @@ fn outcome(offset: usize, status: u8) -> Result<Outcome, Cause> {
 
 /// Data that is nothing but a status.
 fn status(data: &[u8]) -> Result<Outcome, Cause> {
-    let [status] = sized(data)?;
+    let [status] = sized(data, &[1])?;
     outcome(0, status)
 }
 
@@ -391,7 +398,7 @@ impl Action {
 
     fn from_data(data: [u8; Self::LEN]) -> Result<Self, Cause> {
         let [act, a, b, c, d, e, angles @ .., time, high, low] = data;
-        constant(0, &[act, a, b, c, d, e], &[ACT, 0, 0, 0, 0, 0])?;
+        constant(0, [act, a, b, c, d, e], &[ACT, 0, 0, 0, 0, 0])?;
         Ok(Self {
             angles: angles.map(Angle::from_wire),
             time: MoveTime::new(time),
@@ -437,21 +444,21 @@ impl ServoRequest {
                 }))
             }
             command::LED => {
-                constant(3, &[b, c, d], &[0; 3])?;
+                constant(3, [b, c, d], &[0; 3])?;
                 address(id).map(|to| Self::SetLed { to, led: Led(a) })
             }
             command::READ_ANGLES => {
-                constant(2, &[a, b, c, d], &[0; 4])?;
+                constant(2, [a, b, c, d], &[0; 4])?;
                 servo(0, id).map(Self::ReadAngles)
             }
             command::CHANGE_ID => {
-                constant(2, &[a], &[0])?;
-                constant(4, &[c, d], &[0; 2])?;
+                constant(2, [a], &[0])?;
+                constant(4, [c, d], &[0; 2])?;
                 let (from, to) = (servo(0, id)?, servo(3, b)?);
                 Ok(Self::ChangeId { from, to })
             }
             command::SET_OFFSET => {
-                constant(2, &[a, b], &[0; 2])?;
+                constant(2, [a, b], &[0; 2])?;
                 let offset = Offset::new(i16::from_be_bytes([c, d])).map_err(Cause::Offset)?;
                 Ok(Self::SetOffset(servo(0, id)?, offset))
             }
@@ -470,7 +477,7 @@ impl ServoRequest {
         let [id, command, rest @ ..] = data;
         match command {
             version_command::READ => {
-                constant(2, &rest, &[0; 4])?;
+                constant(2, rest, &[0; 4])?;
                 servo(0, id).map(Self::ReadVersion)
             }
             version_command::BOOT_LOADER => Err(Cause::BootLoader),
@@ -533,7 +540,7 @@ impl ServoResponse {
 
     fn encode(self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let (command, servo, outcome, [a, b, c, d]) = match self {
-            Self::Acknowledged(servo) => return put_bytes(out, [acknowledgement(servo)].into_iter()),
+            Self::Acknowledged(servo) => return Frame::Byte(acknowledgement(servo)).put(RESPONSES, out),
             Self::Angles {
                 servo,
                 outcome,
@@ -555,7 +562,7 @@ impl ServoResponse {
                 version,
             } => (header::SERVO_VERSION, servo, outcome, version),
         };
-        put(out, command, &[servo.get(), outcome as u8, a, b, c, d], Check::Present)
+        encode(out, RESPONSES, command, &[servo.get(), outcome as u8, a, b, c, d])
     }
 
     /// Whether it is the answer to `request`.
@@ -581,15 +588,17 @@ impl ServoResponse {
 
 fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
     match command {
-        header::HARDWARE_VERSION => constant(0, data, &[0; 6]).map(|()| Request::ReadHardwareVersion),
-        header::SERVO_STATES => constant(0, data, &[0; 6]).map(|()| Request::ReadServoStates),
-        header::STOP => constant(0, data, &[0; 6]).map(|()| Request::Stop),
-        header::FIRMWARE_VERSION => constant(0, data, &[1, 0, 0, 0, 0, 0]).map(|()| Request::ReadFirmwareVersion),
-        header::ACT => Action::from_data(sized(data)?).map(Request::Act),
+        header::HARDWARE_VERSION => constant(0, sized(data, &[6])?, &[0; 6]).map(|()| Request::ReadHardwareVersion),
+        header::SERVO_STATES => constant(0, sized(data, &[6])?, &[0; 6]).map(|()| Request::ReadServoStates),
+        header::STOP => constant(0, sized(data, &[6])?, &[0; 6]).map(|()| Request::Stop),
+        header::FIRMWARE_VERSION => {
+            constant(0, sized(data, &[6])?, &[1, 0, 0, 0, 0, 0]).map(|()| Request::ReadFirmwareVersion)
+        }
+        header::ACT => Action::from_data(sized(data, &[Action::LEN])?).map(Request::Act),
         header::OFFSET_TOOL => {
-            let [one, state, rest @ ..] = sized::<6>(data)?;
-            constant(0, &[one], &[1])?;
-            constant(2, &rest, &[0; 4])?;
+            let [one, state, rest @ ..] = sized::<6>(data, &[6])?;
+            constant(0, [one], &[1])?;
+            constant(2, rest, &[0; 4])?;
             match state {
                 0 => Ok(Request::SetOffsetTool(OffsetTool::Disconnect)),
                 1 => Ok(Request::SetOffsetTool(OffsetTool::Connect)),
@@ -601,8 +610,8 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
             }
         }
         header::USB_TYPE => {
-            let [usb, rest @ ..] = sized::<6>(data)?;
-            constant(1, &rest, &[0; 5])?;
+            let [usb, rest @ ..] = sized::<6>(data, &[6])?;
+            constant(1, rest, &[0; 5])?;
             match usb {
                 1 => Ok(Request::SetUsbType(UsbType::Disk)),
                 2 => Ok(Request::SetUsbType(UsbType::SerialPort)),
@@ -615,8 +624,8 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
             }
         }
         header::PLAY => text(data).map(Request::Play),
-        header::SERVO => ServoRequest::from_data(sized(data)?).map(Request::Servo),
-        header::SERVO_VERSION => ServoRequest::from_version_data(sized(data)?).map(Request::Servo),
+        header::SERVO => ServoRequest::from_data(sized(data, &[6])?).map(Request::Servo),
+        header::SERVO_VERSION => ServoRequest::from_version_data(sized(data, &[6])?).map(Request::Servo),
         _ => Err(Cause::Unknown),
     }
 }
@@ -624,37 +633,42 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
 fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<Response, Cause> {
     match command {
         header::HARDWARE_VERSION => text(data).map(Response::HardwareVersion),
-        header::SERVO_STATES => sized(data).map(ServoStates).map(Response::ServoStates),
+        header::SERVO_STATES => sized(data, &[4]).map(ServoStates).map(Response::ServoStates),
         header::STOP => status(data).map(Response::Stopped),
         header::FIRMWARE_VERSION => {
-            let [status, text @ ..] = sized::<11>(data)?;
+            let [status, text @ ..] = sized::<11>(data, &[11])?;
             let outcome = outcome(0, status)?;
             Ok(Response::FirmwareVersion(FirmwareVersion { outcome, text }))
         }
         header::ACT => {
-            let [one, status, rest @ ..] = sized::<6>(data)?;
-            constant(0, &[one], &[ACT])?;
-            constant(2, &rest, &[0; 4])?;
+            let [one, status, rest @ ..] = sized::<6>(data, &[6])?;
+            constant(0, [one], &[ACT])?;
+            constant(2, rest, &[0; 4])?;
             outcome(1, status).map(Response::Acted)
         }
         header::OFFSET_TOOL => status(data).map(Response::OffsetTool),
         header::USB_TYPE => status(data).map(Response::UsbType),
         header::PLAY => status(data).map(Response::Playing),
-        header::SERVO => ServoResponse::from_data(sized(data)?, answer).map(Response::Servo),
-        header::SERVO_VERSION => ServoResponse::from_version_data(sized(data)?).map(Response::Servo),
+        header::SERVO => ServoResponse::from_data(sized(data, &[6])?, answer).map(Response::Servo),
+        header::SERVO_VERSION => ServoResponse::from_version_data(sized(data, &[6])?).map(Response::Servo),
         _ => Err(Cause::Unknown),
     }
 }
 
+/// Writes a frame with a header.
+fn encode(out: &mut [u8], expect: Expect, command: u8, data: &[u8]) -> Result<usize, BufferTooShort> {
+    Frame::Message { command, data }.put(expect, out)
+}
+
 /// Writes a text with its count.
-fn put_text(out: &mut [u8], command: u8, text: &Text) -> Result<usize, BufferTooShort> {
+fn encode_text(out: &mut [u8], expect: Expect, command: u8, text: &Text) -> Result<usize, BufferTooShort> {
     let text = text.as_bytes();
     let mut data = [0; MAX_TEXT + 1];
     let count = text.len().saturating_add(1);
     for (to, from) in data.iter_mut().zip([count as u8].iter().chain(text)) {
         *to = *from;
     }
-    put(out, command, data.get(..count).unwrap_or_default(), Check::Present)
+    encode(out, expect, command, data.get(..count).unwrap_or_default())
 }
 
 impl Protocol for Alpha1 {
@@ -665,7 +679,7 @@ impl Protocol for Alpha1 {
     type Error = ParseError;
 
     fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let mut encode = |command, data: &[u8]| put(out, command, data, Check::Present);
+        let mut encode = |command, data: &[u8]| encode(out, Expect::Requests, command, data);
         match request {
             Request::ReadHardwareVersion => encode(header::HARDWARE_VERSION, &[0; 6]),
             Request::ReadServoStates => encode(header::SERVO_STATES, &[0; 6]),
@@ -674,7 +688,7 @@ impl Protocol for Alpha1 {
             Request::Act(action) => encode(header::ACT, &action.to_data()),
             Request::SetOffsetTool(tool) => encode(header::OFFSET_TOOL, &[1, *tool as u8, 0, 0, 0, 0]),
             Request::SetUsbType(usb) => encode(header::USB_TYPE, &[*usb as u8, 0, 0, 0, 0, 0]),
-            Request::Play(name) => put_text(out, header::PLAY, name),
+            Request::Play(name) => encode_text(out, Expect::Requests, header::PLAY, name),
             Request::Servo(request) => {
                 let (command, data) = request.to_data();
                 encode(command, &data)
@@ -683,19 +697,19 @@ impl Protocol for Alpha1 {
     }
 
     fn encode_response(response: &Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let mut encode = |command, data: &[u8]| encode(out, RESPONSES, command, data);
         match *response {
-            Response::HardwareVersion(version) => put_text(out, header::HARDWARE_VERSION, &version),
-            Response::ServoStates(states) => put(out, header::SERVO_STATES, &states.0, Check::Present),
-            Response::Stopped(outcome) => put(out, header::STOP, &[outcome as u8], Check::Absent),
+            Response::HardwareVersion(version) => encode_text(out, RESPONSES, header::HARDWARE_VERSION, &version),
+            Response::ServoStates(states) => encode(header::SERVO_STATES, &states.0),
+            Response::Stopped(outcome) => encode(header::STOP, &[outcome as u8]),
             Response::FirmwareVersion(FirmwareVersion { outcome, text }) => {
                 let [a, b, c, d, e, f, g, h, i, j] = text;
-                let data = [outcome as u8, a, b, c, d, e, f, g, h, i, j];
-                put(out, header::FIRMWARE_VERSION, &data, Check::Present)
+                encode(header::FIRMWARE_VERSION, &[outcome as u8, a, b, c, d, e, f, g, h, i, j])
             }
-            Response::Acted(outcome) => put(out, header::ACT, &[ACT, outcome as u8, 0, 0, 0, 0], Check::Present),
-            Response::OffsetTool(outcome) => put(out, header::OFFSET_TOOL, &[outcome as u8], Check::Absent),
-            Response::UsbType(outcome) => put(out, header::USB_TYPE, &[outcome as u8], Check::Absent),
-            Response::Playing(outcome) => put(out, header::PLAY, &[outcome as u8], Check::Absent),
+            Response::Acted(outcome) => encode(header::ACT, &[ACT, outcome as u8, 0, 0, 0, 0]),
+            Response::OffsetTool(outcome) => encode(header::OFFSET_TOOL, &[outcome as u8]),
+            Response::UsbType(outcome) => encode(header::USB_TYPE, &[outcome as u8]),
+            Response::Playing(outcome) => encode(header::PLAY, &[outcome as u8]),
             Response::Servo(response) => response.encode(out),
         }
     }

@@ -871,9 +871,52 @@ fn a_firmware_version_without_a_status_is_an_error_that_says_where() {
 }
 
 #[test]
+fn a_frame_that_its_reader_would_not_take_is_not_written_and_the_error_names_what_is_wrong() {
+    let answers = Expect::Responses(None);
+    let byte = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(1))));
+    let message = |command, data| Frame::Message { command, data };
+    let commands = "0xf1 or 0xef or 0xf2 or 0xf5 or 0xfb or 0xf4 or 0xf9 or 0xf3 or 0xfa or 0xfc";
+    for (frame, expect, expected) in [
+        (
+            message(0xF0, &[0; 6]),
+            answers,
+            &*std::format!("byte 0 is 0xf0, expected {commands}"),
+        ),
+        (
+            message(0xF1, &[0; 5]),
+            Expect::Requests,
+            "data is 5 bytes, must be 6..=6",
+        ),
+        (message(0xF1, &[]), answers, "data is 0 bytes, must be 1..=60"),
+        (message(0xF1, &[61; 61]), answers, "data is 61 bytes, must be 1..=60"),
+        (message(0xF3, &[3, 65]), Expect::Requests, "count is 3, must be 2..=2"),
+        (message(0xF3, &[0xAA, 0]), answers, "data is 2 bytes, must be 1..=1"),
+        (message(0xF2, &[0xAB]), answers, "byte 2 is 0xab, expected 0xaa or 0xee"),
+        (
+            message(0xFB, &[6; 29]),
+            Expect::Requests,
+            "byte 2 is 0x06, expected 0x01",
+        ),
+        (message(0xFB, &[6; 6]), answers, "byte 2 is 0x06, expected 0x01"),
+        (Frame::Byte(0xAC), byte, "acknowledgement is 172, must be 171..=171"),
+        (
+            Frame::Byte(0xAB),
+            answers,
+            &*std::format!("byte 0 is 0xab, expected {commands}"),
+        ),
+    ] {
+        let error = frame.encode(expect, &mut [0; 100]).unwrap_err();
+        assert_eq!(std::format!("{error}"), expected);
+    }
+    let mut out = [0; 1];
+    assert_eq!(Frame::Byte(0xAB).encode(byte, &mut out), Ok(1));
+    assert_eq!(out, [0xAB]);
+}
+
+#[test]
 fn a_text_that_does_not_count_itself_is_an_error_that_says_so() {
     for (data, message) in [
-        (&b"\x05dance"[..], "command F3: 6 data bytes, expected 5"),
+        (&b"\x05dance"[..], "command F3: count is 5, must be 6..=6 (data byte 0)"),
         (&[], "command F3: 0 data bytes, expected 1"),
     ] {
         let frame = Frame::Message { command: 0xF3, data };

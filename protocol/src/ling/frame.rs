@@ -14,10 +14,8 @@
 //! recognised as that one sequence of bytes and nothing else has such slack. No other frame can start like it: with
 //! length 0 its fifth byte would be the checksum, C8.
 
-use core::fmt;
-
 use super::Ling;
-use crate::{BufferTooShort, Framing, Reason, Scan};
+use crate::{BufferTooShort, EncodeError, Framing, OutOfRange, Reason, Scan};
 
 /// The most data bytes a frame may have.
 ///
@@ -85,13 +83,20 @@ impl Frame<'_> {
     /// let error = frame.encode(&mut out[..6]).unwrap_err();
     /// assert_eq!(error.to_string(), "the message takes 7 bytes, the buffer has 6");
     /// let error = Frame { data: &[0; 65], ..frame }.encode(&mut out).unwrap_err();
-    /// assert_eq!(error.to_string(), "a frame has at most 64 data bytes, not 65");
+    /// assert_eq!(error.to_string(), "data is 65 bytes, must be 0..=64");
     /// ```
     pub fn encode(&self, out: &mut [u8]) -> Result<usize, EncodeError> {
-        match self.data.len() {
-            0..=MAX_DATA => self.put(out).map_err(EncodeError::BufferTooShort),
-            got => Err(EncodeError::DataTooLong { max: MAX_DATA, got }),
+        let len = self.data.len();
+        if len > MAX_DATA {
+            return Err(EncodeError::OutOfRange(OutOfRange {
+                what: "data",
+                unit: "bytes",
+                got: u16::try_from(len).unwrap_or(u16::MAX),
+                min: 0,
+                max: MAX_DATA as u16,
+            }));
         }
+        self.put(out).map_err(EncodeError::BufferTooShort)
     }
 
     /// Writes a frame whose data is known not to be too long.
@@ -112,32 +117,6 @@ impl Frame<'_> {
         Ok(needed)
     }
 }
-
-/// Why a frame cannot be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum EncodeError {
-    /// The buffer is too short.
-    BufferTooShort(BufferTooShort),
-    /// The data is too long.
-    DataTooLong {
-        /// The most bytes of data a frame may have.
-        max: usize,
-        /// How many it has.
-        got: usize,
-    },
-}
-
-impl fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::BufferTooShort(error) => error.fmt(f),
-            Self::DataTooLong { max, got } => write!(f, "a frame has at most {max} data bytes, not {got}"),
-        }
-    }
-}
-
-impl core::error::Error for EncodeError {}
 
 impl Framing for Ling {
     const MAX_FRAME: usize = MAX_FRAME;

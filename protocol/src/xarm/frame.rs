@@ -18,13 +18,17 @@
 //! TCP neither loses nor invents bytes. So there is nothing to look past: bytes that cannot start a frame mean that
 //! both ends disagree, and the connection is broken.
 
-use core::fmt;
-
-use super::{MAX_PARAMS, XArm};
-use crate::{BufferTooShort, Framing, OutOfRange, Reason, Scan};
+use super::XArm;
+use crate::{BufferTooShort, EncodeError, Framing, OutOfRange, Reason, Scan};
 
 /// Bytes before the body.
 pub const HEADER: usize = 6;
+
+/// The most parameters of a message, in bytes.
+///
+/// With register and state they are as long as the longest body of Modbus TCP, with which the connection is shared. The
+/// longest of the vendor's package has 113, but for what it passes through to a serial line at the tool.
+pub const MAX_PARAMS: usize = 252;
 
 /// The longest body, in bytes: register, state and parameters.
 pub const MAX_BODY: usize = MAX_PARAMS + 2;
@@ -52,6 +56,15 @@ pub enum Direction {
     Requests,
     /// The arm.
     Responses,
+}
+
+/// The least and the most that a frame's length field may say.
+const fn lengths(protocol: u16, direction: Direction) -> (usize, usize) {
+    match (protocol, direction) {
+        (HEARTBEAT_ID, _) => (2, 2),
+        (MODBUS_ID, _) | (_, Direction::Responses) => (2, MAX_BODY),
+        (_, Direction::Requests) => (1, MAX_PARAMS + 1),
+    }
 }
 
 /// A frame whose header is good.
@@ -100,76 +113,49 @@ impl Frame<'_> {
             return Err(range("protocol id", "", self.protocol, 0, LAST_ID));
         }
         let (min, max) = lengths(self.protocol, direction);
-        let got = self.body.len();
-        if !(min..=max).contains(&got) {
-            let got = u16::try_from(got).unwrap_or(u16::MAX);
+        let len = self.body.len();
+        if !(min..=max).contains(&len) {
+            let got = u16::try_from(len).unwrap_or(u16::MAX);
             return Err(range("body", "bytes", got, min as u16, max as u16));
         }
-        if self.protocol == HEARTBEAT_ID {
-            let id = self.transaction;
-            let bytes = self.body.iter().map(|&byte| u16::from(byte));
-            if let Some(got) = [id].into_iter().chain(bytes).find(|&got| got != 0) {
-                return Err(range("transaction id or byte of a heartbeat", "", got, 0, 0));
-            }
+        if self.protocol == HEARTBEAT_ID
+            && let Some((offset, got)) = wrong_in_heartbeat(self.bytes())
+        {
+            let expected = &[0];
+            return Err(EncodeError::Byte { offset, expected, got });
         }
-        put(out, self.transaction, self.protocol, self.body, &[]).map_err(EncodeError::BufferTooShort)
+        self.put(out).map_err(EncodeError::BufferTooShort)
     }
-}
 
-/// Writes a frame whose body, in two parts, is known not to be too long.
-pub(super) fn put(
-    out: &mut [u8],
-    transaction: u16,
-    protocol: u16,
-    start: &[u8],
-    params: &[u8],
-) -> Result<usize, BufferTooShort> {
-    let len = start.len() + params.len();
-    let needed = len + HEADER;
-    let got = out.len();
-    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
-    let header = [transaction, protocol, len as u16]
-        .into_iter()
-        .flat_map(u16::to_be_bytes);
-    for (to, from) in out.iter_mut().zip(header.chain(start.iter().chain(params).copied())) {
-        *to = from;
-    }
-    Ok(needed)
-}
-
-/// Why a frame cannot be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum EncodeError {
-    /// The buffer is too short.
-    BufferTooShort(BufferTooShort),
-    /// The protocol id, or the length of the body, is one that no frame has; or a heartbeat is not all zeros.
-    OutOfRange(OutOfRange),
-}
-
-impl fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::BufferTooShort(error) => error.fmt(f),
-            Self::OutOfRange(error) => error.fmt(f),
+    /// Writes a frame that is known to be one.
+    pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let needed = self.body.len() + HEADER;
+        let got = out.len();
+        let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
+        for (to, from) in out.iter_mut().zip(self.bytes()) {
+            *to = from;
         }
+        Ok(needed)
     }
-}
 
-impl core::error::Error for EncodeError {}
-
-/// The least and the most that a frame's length field may say.
-const fn lengths(protocol: u16, direction: Direction) -> (usize, usize) {
-    match (protocol, direction) {
-        (HEARTBEAT_ID, _) => (2, 2),
-        (MODBUS_ID, _) | (_, Direction::Responses) => (2, MAX_BODY),
-        (_, Direction::Requests) => (1, MAX_PARAMS + 1),
+    /// All of it.
+    fn bytes(&self) -> impl Iterator<Item = u8> {
+        [self.transaction, self.protocol, self.body.len() as u16]
+            .into_iter()
+            .flat_map(u16::to_be_bytes)
+            .chain(self.body.iter().copied())
     }
 }
 
 /// A byte that breaks the stream: the bytes up to it, `seen` of them, are no frame.
 const fn broken(seen: usize, offset: usize, expected: &'static [u8], got: u8) -> Scan {
     Scan::Skip(seen, Reason::Byte { offset, expected, got })
+}
+
+/// The first byte of a frame that is not the [`HEARTBEAT`]'s, and where it is.
+fn wrong_in_heartbeat(frame: impl Iterator<Item = u8>) -> Option<(usize, u8)> {
+    let mut pairs = frame.zip(HEARTBEAT).enumerate();
+    pairs.find_map(|(offset, (got, expected))| (got != expected).then_some((offset, got)))
 }
 
 impl Framing for XArm {
@@ -204,7 +190,7 @@ impl Framing for XArm {
             return Scan::Need(missing);
         }
         if protocol == HEARTBEAT_ID
-            && let Some((offset, got)) = wrong_in_heartbeat(window)
+            && let Some((offset, got)) = wrong_in_heartbeat(window.iter().copied())
         {
             return broken(HEARTBEAT.len(), offset, &[0], got);
         }
@@ -220,10 +206,4 @@ impl Framing for XArm {
             body,
         })
     }
-}
-
-/// The first byte that is not the [`HEARTBEAT`]'s, and where it is.
-fn wrong_in_heartbeat(window: &[u8]) -> Option<(usize, u8)> {
-    let mut pairs = window.iter().zip(HEARTBEAT).enumerate();
-    pairs.find_map(|(offset, (&got, expected))| (got != expected).then_some((offset, got)))
 }

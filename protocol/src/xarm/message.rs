@@ -2,11 +2,11 @@
 
 use core::fmt;
 
-use super::frame::{self, HEARTBEAT, HEARTBEAT_ID, MODBUS_ID};
+use super::frame::{HEARTBEAT_ID, MODBUS_ID};
 use super::value::{
     Joint, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
 };
-use super::{Direction, Frame, MAX_FRAME, XArm};
+use super::{Direction, Frame, MAX_BODY, MAX_FRAME, XArm};
 use crate::{BufferTooShort, Micros, OutOfRange, Protocol};
 
 /// The parameter of register 10.
@@ -20,6 +20,13 @@ const MODBUS_REFUSED: u8 = 0x80;
 
 /// Modbus: the server has no such function.
 const ILLEGAL_FUNCTION: u8 = 0x01;
+
+/// [`HEARTBEAT`](super::HEARTBEAT) as a frame.
+const HEARTBEAT: Frame<'_> = Frame {
+    transaction: 0,
+    protocol: HEARTBEAT_ID,
+    body: &[0, 0],
+};
 
 /// What the host says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -462,15 +469,19 @@ fn parse_reply(body: &[u8]) -> Result<(State, Reply), Cause> {
     Ok((State(state), reply?))
 }
 
-/// Writes a message of the arm's own protocol.
+/// Writes a message of the arm's own protocol, whose body is in two parts.
 fn encode(out: &mut [u8], header: &Header, start: &[u8], params: &[u8]) -> Result<usize, BufferTooShort> {
-    frame::put(out, header.transaction, header.protocol as u16, start, params)
-}
-
-/// Writes a heartbeat.
-fn encode_heartbeat(out: &mut [u8]) -> Result<usize, BufferTooShort> {
-    let [.., b0, b1] = HEARTBEAT;
-    frame::put(out, 0, HEARTBEAT_ID, &[b0, b1], &[])
+    let mut body = [0; MAX_BODY];
+    for (to, from) in body.iter_mut().zip(start.iter().chain(params)) {
+        *to = *from;
+    }
+    let len = start.len().saturating_add(params.len());
+    let frame = Frame {
+        transaction: header.transaction,
+        protocol: header.protocol as u16,
+        body: body.get(..len).unwrap_or_default(),
+    };
+    frame.put(out)
 }
 
 impl Protocol for XArm {
@@ -482,7 +493,7 @@ impl Protocol for XArm {
 
     fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let Request::Call { header, command } = request else {
-            return encode_heartbeat(out);
+            return HEARTBEAT.put(out);
         };
         let mut encode = |params: &[u8]| encode(out, header, &[command.register()], params);
         match command {
@@ -499,14 +510,18 @@ impl Protocol for XArm {
     fn encode_response(response: &Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let (header, state, reply) = match response {
             Response::Reply { header, state, reply } => (header, state, reply),
-            Response::Heartbeat => return encode_heartbeat(out),
+            Response::Heartbeat => return HEARTBEAT.put(out),
             Response::ModbusRefused {
                 transaction,
                 unit,
                 function,
             } => {
-                let body = [*unit, function | MODBUS_REFUSED, ILLEGAL_FUNCTION];
-                return frame::put(out, *transaction, MODBUS_ID, &body, &[]);
+                let frame = Frame {
+                    transaction: *transaction,
+                    protocol: MODBUS_ID,
+                    body: &[*unit, function | MODBUS_REFUSED, ILLEGAL_FUNCTION],
+                };
+                return frame.put(out);
             }
         };
         let mut encode = |params: &[u8]| encode(out, header, &[reply.register(), state.0], params);

@@ -30,11 +30,11 @@ mod value;
 
 #[cfg(feature = "async")]
 pub use driver::{Answer, Arm, ArmError};
-pub use frame::{Direction, EncodeError, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME};
+pub use frame::{Direction, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME, MAX_PARAMS};
 pub use message::{Cause, Command, Header, ParseError, Reply, Request, Response, Transactions};
 pub use value::{
-    Joint, MAX_JOINTS, MAX_PARAMS, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText, State, TEXT,
-    TorqueSource, Version, VersionError, VersionText,
+    Joint, MAX_JOINTS, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText, State, TEXT, TorqueSource,
+    Version, VersionError, VersionText,
 };
 
 /// The xArm protocol: a name for [`Decoder`](crate::Decoder), [`Client`](crate::Client) and

@@ -6,7 +6,7 @@ use std::vec::Vec;
 
 use super::frame::HEARTBEAT_ID;
 use super::*;
-use crate::{Client, Config, Device, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan};
+use crate::{Client, Config, Device, EncodeError, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan};
 
 /// A frame written in hex.
 fn hex(text: &str) -> Vec<u8> {
@@ -413,14 +413,19 @@ fn a_frame_that_would_break_the_stream_is_not_written() {
     for direction in [Direction::Requests, Direction::Responses] {
         assert_eq!(heartbeat.encode(direction, &mut out), Ok(8));
         assert_eq!(out[..8], HEARTBEAT);
-        for (transaction, body) in [(1, &[0, 0]), (256, &[0, 0]), (0, &[1, 0]), (0, &[0, 1])] {
+        for (transaction, body, offset) in [(1, &[0, 0], 1), (256, &[0, 0], 0), (0, &[1, 0], 6), (0, &[0, 1], 7)] {
             let frame = Frame {
                 transaction,
                 body,
                 ..heartbeat
             };
             let error = frame.encode(direction, &mut out).unwrap_err();
-            assert!(matches!(error, EncodeError::OutOfRange(_)), "{frame:?}");
+            let byte = EncodeError::Byte {
+                offset,
+                expected: &[0],
+                got: 1,
+            };
+            assert_eq!(error, byte, "{frame:?}");
         }
     }
 }

@@ -4,13 +4,8 @@ use core::fmt;
 use core::ops::BitOr;
 use core::str;
 
+use super::MAX_PARAMS;
 use crate::OutOfRange;
-
-/// The most parameters of a message, in bytes.
-///
-/// With register and state they are as long as the longest body of Modbus TCP, with which the connection is shared. The
-/// longest of the vendor's package has 113, but for what it passes through to a serial line at the tool.
-pub const MAX_PARAMS: usize = 252;
 
 /// How many axes an arm has at most.
 pub const MAX_JOINTS: u8 = 7;
