@@ -97,19 +97,6 @@ fn current() -> impl Strategy<Value = Vec<u8>> {
     response.prop_map(|response| common::response_bytes::<Ling, { ling::MAX_FRAME }>(&response))
 }
 
-/// Cuts a stream into chunks of these lengths, the rest being the last.
-fn cut<'s>(stream: &'s [u8], lengths: &[usize]) -> Vec<&'s [u8]> {
-    let mut rest = stream;
-    let mut chunks = Vec::new();
-    for &length in lengths {
-        let (chunk, later) = rest.split_at(length.min(rest.len()));
-        chunks.push(chunk);
-        rest = later;
-    }
-    chunks.push(rest);
-    chunks
-}
-
 /// After how many bytes of the stream a detector tells, if it does.
 fn told_after(stream: &[u8]) -> Option<usize> {
     let mut detector = Detector::new();
@@ -172,7 +159,7 @@ proptest! {
             .collect();
         let told_after = told_after(&stream);
         let (mut detector, mut heard) = (Detector::new(), 0);
-        for chunk in cut(&stream, &lengths) {
+        for chunk in common::cut(&stream, &lengths) {
             heard += chunk.len();
             let told = told_after.is_some_and(|n| n <= heard);
             prop_assert_eq!(detector.hear(chunk), told.then_some(OlderGeneration));

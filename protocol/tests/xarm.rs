@@ -1,5 +1,9 @@
 //! What holds of every xArm message, every stream of bytes, and every call.
 
+// What a client makes of any bytes is said below: it differs where the first of them can be the last.
+#[allow(dead_code)]
+mod common;
+
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -9,7 +13,8 @@ use std::task::{Context, Poll, Waker};
 
 use armwire::driver::{CallError, Clock};
 use armwire::xarm::*;
-use armwire::{Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Noise, Protocol, Reason, Scan};
+use armwire::{Client, Config, Device, Event, Framing, Heard, Input, Micros, Noise, Reason, Scan};
+use common::{Out, Subject};
 use embedded_io_async::{ErrorType, Read, Write};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -117,66 +122,50 @@ fn breach() -> impl Strategy<Value = (Vec<u8>, usize, Reason)> {
     prop_oneof![high, low, length, heartbeat]
 }
 
-fn bytes_of_request(request: &Request) -> Vec<u8> {
-    let mut out = [0; MAX_FRAME];
-    let n = XArm::encode_request(request, &mut out).unwrap();
-    out[..n].to_vec()
-}
-
 fn bytes_of(response: &Response) -> Vec<u8> {
-    let mut out = [0; MAX_FRAME];
-    let n = XArm::encode_response(response, &mut out).unwrap();
-    out[..n].to_vec()
+    common::response_bytes::<XArm, MAX_FRAME>(response)
 }
 
-/// The stream in pieces of these lengths, and the rest of it.
-fn cut<'s>(stream: &'s [u8], cuts: &[usize]) -> Vec<&'s [u8]> {
-    let mut chunks = Vec::new();
-    let mut rest = stream;
-    for &cut in cuts {
-        let (chunk, later) = rest.split_at(cut.min(rest.len()));
-        chunks.push(chunk);
-        rest = later;
+impl Subject for XArm {
+    const MIN_FRAME: usize = HEADER + 1;
+    const FILL: Option<u8> = None;
+
+    fn any_request() -> BoxedStrategy<Request> {
+        request().boxed()
     }
-    chunks.push(rest);
-    chunks
-}
 
-/// All frames of a stream, and what broke it; checks that nothing is said after that.
-fn decode<'c>(chunks: impl IntoIterator<Item = &'c [u8]>, direction: Direction) -> (Vec<Vec<u8>>, Option<Noise>) {
-    let mut decoder = Decoder::<XArm, MAX_FRAME>::new();
-    let (mut frames, mut broken) = (Vec::new(), None);
-    for mut rest in chunks {
-        while !rest.is_empty() {
-            rest = decoder.push(rest);
-            while let Some(next) = decoder.next(direction) {
-                assert_eq!(broken, None, "{next:?} after the end");
-                match next {
-                    Ok(frame) => frames.push([&frame.transaction.to_be_bytes()[..], frame.body].concat()),
-                    Err(noise) => broken = Some(noise),
-                }
-            }
-            assert_eq!(decoder.idle(direction), None);
-            assert_eq!(decoder.broken(), broken);
+    fn any_response() -> BoxedStrategy<(Response, Direction)> {
+        (response(), Just(Direction::Responses)).boxed()
+    }
+
+    fn any_expect() -> BoxedStrategy<Direction> {
+        prop_oneof![Just(Direction::Requests), Just(Direction::Responses)].boxed()
+    }
+
+    fn any_frame(expect: Direction) -> BoxedStrategy<Vec<u8>> {
+        match expect {
+            Direction::Requests => request()
+                .prop_map(|request| common::request_bytes::<XArm, MAX_FRAME>(&request))
+                .boxed(),
+            Direction::Responses => response().prop_map(|response| bytes_of(&response)).boxed(),
         }
     }
-    (frames, broken)
+
+    fn any_noise() -> BoxedStrategy<u8> {
+        prop_oneof![2 => any::<u8>(), 8 => 0..4_u8].boxed()
+    }
+
+    fn wire_len(frame: Frame<'_>) -> usize {
+        frame.body.len() + HEADER
+    }
 }
 
-/// Checks that bytes which are a frame get a verdict when they are complete, and not before.
-fn check_prefixes(bytes: &[u8], direction: Direction) {
-    for n in 0..bytes.len() {
-        let Scan::Need(more) = XArm::scan(&bytes[..n], direction) else {
-            panic!("a verdict on {n} of {} bytes", bytes.len());
-        };
-        assert!((1..=bytes.len() - n).contains(&more));
-        assert_eq!(XArm::view(&bytes[..n]), None);
-    }
-    assert_eq!(XArm::scan(bytes, direction), Scan::Frame(bytes.len()));
-    assert_eq!(
-        XArm::scan(&[bytes, &[0xFF]].concat(), direction),
-        Scan::Frame(bytes.len())
-    );
+/// A line as TCP gives it: frames and nothing between them.
+fn sound_line() -> impl Strategy<Value = common::Line<XArm>> {
+    XArm::any_expect().prop_flat_map(|expect| {
+        let parts = vec((Just(Vec::new()), XArm::any_frame(expect)), 1..12);
+        (Just(expect), parts)
+    })
 }
 
 fn hear(client: &mut Client<XArm, MAX_FRAME>, now: Micros, bytes: &[u8]) -> Vec<Event<XArm>> {
@@ -192,41 +181,33 @@ fn transmit(client: &mut Client<XArm, MAX_FRAME>, now: Micros) -> usize {
 
 proptest! {
     #[test]
-    fn every_request_survives_the_wire(request in request()) {
-        let bytes = bytes_of_request(&request);
-        check_prefixes(&bytes, Direction::Requests);
-        prop_assert_eq!(XArm::parse_request(XArm::view(&bytes).unwrap()), Ok(request));
-        let mut out = vec![0; bytes.len() - 1];
-        let error = XArm::encode_request(&request, &mut out).unwrap_err();
-        prop_assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
+    fn every_request_survives_the_wire(request in XArm::any_request()) {
+        common::a_request_survives_the_wire::<XArm, MAX_FRAME>(request)?;
     }
 
     #[test]
-    fn every_response_survives_the_wire(response in response()) {
-        let bytes = bytes_of(&response);
-        check_prefixes(&bytes, Direction::Responses);
-        let frame = XArm::view(&bytes).unwrap();
-        prop_assert_eq!(XArm::parse_response(frame, Direction::Responses), Ok(response));
-        let mut out = vec![0; bytes.len() - 1];
-        prop_assert_eq!(XArm::encode_response(&response, &mut out).unwrap_err().needed, bytes.len());
+    fn every_response_survives_the_wire(response in XArm::any_response()) {
+        common::a_response_survives_the_wire::<XArm, MAX_FRAME>(response)?;
+    }
+
+    #[test]
+    fn a_prefix_of_a_frame_is_never_given_a_verdict(
+        (expect, frame) in XArm::any_expect().prop_flat_map(|expect| (Just(expect), XArm::any_frame(expect))),
+    ) {
+        common::a_prefix_of_a_frame_is_given_no_verdict::<XArm>(&frame, expect)?;
     }
 
     #[test]
     fn what_comes_out_does_not_depend_on_the_chunks(
-        requests in vec(request(), 1..8),
-        responses in vec(response(), 1..8),
-        cuts in vec(1..40_usize, 1..60),
+        line in prop_oneof![sound_line(), common::line::<XArm>()],
+        cuts in common::cuts(),
     ) {
-        for (frames, direction) in [
-            (requests.iter().map(bytes_of_request).collect::<Vec<_>>(), Direction::Requests),
-            (responses.iter().map(bytes_of).collect(), Direction::Responses),
-        ] {
-            let stream = frames.concat();
-            let whole = decode([&stream[..]], direction);
-            prop_assert_eq!((whole.0.len(), whole.1), (frames.len(), None));
-            prop_assert_eq!(&decode(cut(&stream, &cuts), direction), &whole);
-            prop_assert_eq!(&decode(stream.chunks(1), direction), &whole);
-        }
+        common::chunks_do_not_matter::<XArm, MAX_FRAME>(line, &cuts)?;
+    }
+
+    #[test]
+    fn no_frame_and_no_byte_of_a_sound_line_is_lost(line in sound_line()) {
+        common::nothing_is_lost_to_noise::<XArm, MAX_FRAME>(line)?;
     }
 
     #[test]
@@ -235,16 +216,19 @@ proptest! {
         (breach, len, reason) in breach(),
         garbage in vec(any::<u8>(), 0..300),
         after in vec(response(), 0..5),
-        cuts in vec(1..40_usize, 0..60),
+        cuts in common::cuts(),
     ) {
-        let good: Vec<u8> = before.iter().flat_map(bytes_of).collect();
+        let mut good = Vec::new();
+        let mut expected = Vec::new();
+        for bytes in before.iter().map(bytes_of) {
+            expected.push(Out::Frame(good.len()..good.len() + bytes.len()));
+            good.extend(bytes);
+        }
         let after: Vec<u8> = after.iter().flat_map(bytes_of).collect();
         let stream = [&good, &breach, &garbage, &after].map(|part| &part[..]).concat();
-        let noise = Noise { offset: good.len() as u64, len, reason };
-        for chunks in [vec![&stream[..]], cut(&stream, &cuts), stream.chunks(1).collect()] {
-            let (frames, broken) = decode(chunks, Direction::Responses);
-            prop_assert_eq!(frames.len(), before.len());
-            prop_assert_eq!(broken, Some(noise));
+        expected.push(Out::Noise(Noise { offset: good.len() as u64, len, reason }));
+        for chunks in [vec![&stream[..]], common::cut(&stream, &cuts), stream.chunks(1).collect()] {
+            prop_assert_eq!(&common::decode::<XArm, MAX_FRAME>(&chunks, Direction::Responses), &expected);
         }
     }
 
@@ -317,7 +301,7 @@ proptest! {
 
     #[test]
     fn the_client_takes_any_bytes_at_any_time(
-        steps in vec((vec(prop_oneof![2 => any::<u8>(), 8 => 0..4_u8], 0..24), 0..500_000_u64, any::<bool>()), 0..40),
+        steps in vec((vec(XArm::any_noise(), 0..24), 0..500_000_u64, any::<bool>()), 0..40),
         request in request(),
     ) {
         let mut client = Client::<XArm, MAX_FRAME>::new(Config::TCP);
@@ -342,7 +326,7 @@ proptest! {
     }
 
     #[test]
-    fn the_device_takes_any_bytes(stream in vec(prop_oneof![2 => any::<u8>(), 8 => 0..4_u8], 0..600), chunk in 1..40_usize) {
+    fn the_device_takes_any_bytes(stream in vec(XArm::any_noise(), 0..600), chunk in 1..40_usize) {
         let mut device = Device::<XArm, MAX_FRAME>::new();
         let mut heard = Vec::new();
         for bytes in stream.chunks(chunk) {
