@@ -369,6 +369,21 @@ mod tests {
     }
 
     #[test]
+    fn a_line_on_which_nothing_comes_stays_idle() {
+        let mut decoder = Lings::new();
+        decoder.push(&[0xAA, 0xAA]);
+        let truncated = Reason::Truncated { missing: 3 };
+        assert!(decoder.next(()).is_none());
+        assert!(decoder.idle(()).is_some());
+        decoder.commit(0);
+        assert!(decoder.push(&[]).is_empty());
+        assert!(matches!(decoder.next(()), Some(Err(noise)) if noise.reason == truncated));
+
+        decoder.push(&[0xAA]);
+        assert!(decoder.next(()).is_none(), "it is idle no more");
+    }
+
+    #[test]
     fn committing_more_than_the_room_takes_all_of_it() {
         let mut decoder = Lings::new();
         decoder.commit(usize::MAX);

@@ -172,3 +172,85 @@ mod tests {
         }
     }
 }
+
+#[cfg(test)]
+mod idle_tests {
+    use core::convert::Infallible;
+
+    use super::*;
+    use crate::{Framing, Reason, Reply, Scan};
+
+    /// A frame is 7E and one byte, or 7E and silence.
+    enum Terse {}
+
+    impl Framing for Terse {
+        const MAX_FRAME: usize = 2;
+        const RELIABLE: bool = false;
+        type Expect = ();
+        type Frame<'a> = Option<u8>;
+
+        fn scan(window: &[u8], (): ()) -> Scan {
+            match window {
+                [] | [0x7E] => Scan::Need(1),
+                [0x7E, ..] => Scan::Frame(2),
+                _ => Scan::Skip(1, Reason::Stray),
+            }
+        }
+
+        fn scan_idle(_window: &[u8], (): (), _missing: usize) -> Scan {
+            Scan::Frame(1)
+        }
+
+        fn view(bytes: &[u8]) -> Option<Option<u8>> {
+            Some(bytes.get(1).copied())
+        }
+    }
+
+    impl Protocol for Terse {
+        const REQUESTS: () = ();
+        const IDENTIFIED: bool = false;
+        type Request = Option<u8>;
+        type Response = ();
+        type Error = Infallible;
+
+        fn encode_request(_request: &Option<u8>, _out: &mut [u8]) -> Result<usize, BufferTooShort> {
+            Ok(0)
+        }
+
+        fn encode_response((): &(), _out: &mut [u8]) -> Result<usize, BufferTooShort> {
+            Ok(0)
+        }
+
+        fn parse_request(frame: Option<u8>) -> Result<Option<u8>, Infallible> {
+            Ok(frame)
+        }
+
+        fn parse_response(_frame: Option<u8>, (): ()) -> Result<(), Infallible> {
+            Ok(())
+        }
+
+        fn expect(_request: Option<&Option<u8>>) {}
+
+        fn reply(_request: &Option<u8>) -> Option<Reply> {
+            None
+        }
+
+        fn answers(_request: &Option<u8>, (): &()) -> bool {
+            false
+        }
+
+        fn repeatable(_request: &Option<u8>) -> bool {
+            false
+        }
+    }
+
+    #[test]
+    fn a_request_that_silence_ends_is_heard_when_the_line_goes_idle() {
+        let mut device = Device::<Terse, 2>::new();
+        assert_eq!(device.handle(&mut Input::Bytes(&[0x7E])), None);
+        assert_eq!(device.handle(&mut Input::Idle), Some(Heard::Request(None)));
+        assert_eq!(device.handle(&mut Input::Idle), None);
+        let mut input = Input::Bytes(&[0x7E, 5]);
+        assert_eq!(device.handle(&mut input), Some(Heard::Request(Some(5))));
+    }
+}

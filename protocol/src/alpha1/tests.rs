@@ -704,6 +704,16 @@ fn another_servos_byte_is_no_answer() {
 }
 
 #[test]
+fn a_byte_that_comes_before_its_request_was_begun_is_none() {
+    let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
+    client.submit(Request::Servo(moving(Address::One(id(1))))).unwrap();
+    assert_eq!(client.handle(Micros(0), &mut Input::Bytes(&[0xAB])), None);
+    let event = client.handle(Micros(50), &mut Input::Idle);
+    assert!(matches!(event, Some(Event::Noise(noise)) if noise.reason == Reason::Stray));
+    assert!(!client.is_idle());
+}
+
+#[test]
 fn a_byte_that_comes_late_is_late_and_no_answer_to_the_next_request() {
     let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
     let transmit = |client: &mut Client<Alpha1, MAX_FRAME>, now| {
