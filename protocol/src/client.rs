@@ -80,7 +80,8 @@ pub enum Event<P: Protocol> {
         /// How often it was sent.
         sends: u8,
     },
-    /// An answer to a request that was given up, cancelled, or answered before.
+    /// An answer to a request that was given up, cancelled, or answered before. Where nothing is held back
+    /// ([`Protocol::IDENTIFIED`]), only to the last of them: answers to those before it are [`Unsolicited`](Self::Unsolicited).
     Late(P::Response),
     /// A response that answers nothing.
     Unsolicited(P::Response),

@@ -106,7 +106,8 @@ fn features() -> Result {
     for features in FEATURES.into_iter().chain([&*all]) {
         let select = format!("--package armwire --no-default-features --features={features}");
         check(&mut cargo(&format!("check --all-targets {select}")))?;
-        // With defmt, tests need a logger to link.
+        // With defmt, tests need a logger to link. The examples in the documentation are not run here but with the
+        // tests before: those of what all protocols share are of Ling's, and need that feature.
         if !features.contains("defmt") {
             check(&mut cargo(&format!("test --quiet --lib --tests {select}")))?;
         }

@@ -16,6 +16,9 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 /// Every call fails with [`ArmError`]. What the arm says of its own state comes with every answer: a warning or an error
 /// of the arm does not make its answer wrong. See [`Driver`] on dropping a call.
 ///
+/// It is a type of its own, where those of the other protocols are names for [`Driver`], because it counts the
+/// transactions and gives the state with every answer.
+///
 /// ```
 /// # use armwire::driver::Clock;
 /// # use embedded_io_async::{Read, Write};
@@ -176,7 +179,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.call(Command::Reboot, done).await
     }
 
-    /// Asks any other register.
+    /// Asks any other register, and waits 10 s for the answer: see [`Command::Raw`] for registers that take longer.
     pub async fn raw(&mut self, request: Raw) -> Result<Answer<Raw>, ArmError<Port::Error>> {
         let reply = |reply| match reply {
             Reply::Raw(raw) => Some(raw),

@@ -56,7 +56,7 @@ pub enum Request {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Header {
-    /// Transaction id.
+    /// Transaction id. Hosts count `1..=65535` (see [`Transactions`]); an arm gives back whatever comes, 0 too.
     pub transaction: u16,
     /// Protocol id.
     pub protocol: ProtocolId,
@@ -111,6 +111,10 @@ pub enum Command {
     /// Register 10: restarts the arm's operating system. Answered by [`Reply::Empty`].
     Reboot,
     /// Any other register. Answered by [`Reply::Raw`].
+    ///
+    /// The answer is waited for 10 s, as the vendor's package does for a move. For identification that package waits 300
+    /// to 500 s: for such registers make a client with as much [`Config::latency`](crate::Config::latency). All its calls
+    /// then wait so much longer before they time out.
     Raw(Raw),
 }
 
