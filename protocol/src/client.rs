@@ -81,7 +81,8 @@ pub enum Event<P: Protocol> {
         sends: u8,
     },
     /// An answer to a request that was given up, cancelled, or answered before. Where nothing is held back
-    /// ([`Protocol::IDENTIFIED`]), only to the last of them: answers to those before it are [`Unsolicited`](Self::Unsolicited).
+    /// ([`Protocol::IDENTIFIED`]), only to the last of them: answers to those before it are
+    /// [`Unsolicited`](Self::Unsolicited).
     Late(P::Response),
     /// A response that answers nothing.
     Unsolicited(P::Response),
@@ -219,8 +220,8 @@ struct Owed<P: Protocol> {
 /// repeated, or was cancelled), the next request that wants an answer is held back until they came or
 /// [`Config::lateness`] is over. Requests without an answer, such as torque off, are never held back, and none is where
 /// answers say which request they answer ([`Protocol::IDENTIFIED`]). For this to hold,
-/// hand in what has arrived before you ask for bytes to transmit: bytes that waited in a port's buffer are as old as they
-/// are, whenever they are read.
+/// hand in what has arrived before you ask for bytes to transmit: bytes that waited in a port's buffer are as old as
+/// they are, whenever they are read.
 ///
 /// ```
 /// use armwire::ling::{self, JointState, Ling, MotionStatus, Request, Response};
@@ -460,8 +461,8 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         Some(event)
     }
 
-    /// What the next frame may be: the answer that is owed or, if none is, that to the request in flight. Where both could
-    /// come, the request is held back, has no answer, or is named by its answer.
+    /// What the next frame may be: the answer that is owed or, if none is, that to the request in flight. Where both
+    /// could come, the request is held back, has no answer, or is named by its answer.
     fn expect(&self) -> P::Expect {
         let begun = |flight: &&Flight<P>| flight.answers() > 0;
         let flight = self.flight.as_ref().filter(begun).map(|flight| &flight.request);

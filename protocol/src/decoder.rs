@@ -12,8 +12,8 @@ use crate::{Framing, Noise, Reason, Scan};
 /// out to be none, scanning resumes at its second byte, so a false header never costs a good frame. A run of stray
 /// bytes is reported whole, once its end is known.
 ///
-/// On a [`RELIABLE`](Framing::RELIABLE) line the first noise is the last: it is given once by [`next`](Self::next), kept
-/// in [`broken`](Self::broken), and nothing that follows is read.
+/// On a [`RELIABLE`](Framing::RELIABLE) line the first noise is the last: it is given once by [`next`](Self::next),
+/// kept in [`broken`](Self::broken), and nothing that follows is read.
 ///
 /// ```
 /// use armwire::Decoder;
@@ -152,7 +152,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 
     /// How many more bytes must arrive before [`next`](Self::next) can have something to say: a receive threshold.
     ///
-    /// Zero when it has something to say now, or has not yet dropped what it can. Never zero once it has returned `None`.
+    /// Zero when it has something to say now, or has not yet dropped what it can. Never zero once it has returned
+    /// `None`.
     ///
     /// ```
     /// use armwire::Decoder;
@@ -177,8 +178,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     ///
     /// Call it on an idle line that the UART reports, never on a gap between USB packets. Call it and
     /// [`next`](Self::next) in turn until both return `None`: each call gives up one false header, and what follows it
-    /// is scanned again. Until more bytes come the line stays idle, so that what only its silence tells to be a frame is one
-    /// too ([`Framing::scan_idle`]). On a [`RELIABLE`](Framing::RELIABLE) line it does nothing.
+    /// is scanned again. Until more bytes come the line stays idle, so that what only its silence tells to be a frame
+    /// is one too ([`Framing::scan_idle`]). On a [`RELIABLE`](Framing::RELIABLE) line it does nothing.
     ///
     /// ```
     /// use armwire::{Decoder, Reason};

@@ -106,13 +106,13 @@ pub struct Counters {
 ///
 /// `N` is the size of its buffers in bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
 ///
-/// **The port** must keep what arrives between reads, and a read that is dropped must lose nothing: every time-out drops
-/// one. A UART with a receive buffer does so. A port that takes no bytes stalls a call for as long: put a time-out
-/// around the call where that may be.
+/// **The port** must keep what arrives between reads, and a read that is dropped must lose nothing: every time-out
+/// drops one. A UART with a receive buffer does so. A port that takes no bytes stalls a call for as long: put a
+/// time-out around the call where that may be.
 ///
-/// **Dropping a call** before it is done is allowed if the port's writes may be dropped too. A request that was not begun
-/// is then never sent. One that was half written is finished by the next call, before its own, so the arm
-/// is never left with half a frame. Its answer, should it come, satisfies nothing (see [`Client`]).
+/// **Dropping a call** before it is done is allowed if the port's writes may be dropped too. A request that was not
+/// begun is then never sent. One that was half written is finished by the next call, before its own, so the arm is
+/// never left with half a frame. Its answer, should it come, satisfies nothing (see [`Client`]).
 ///
 /// Each protocol has an `Arm` with a call for each request; this is what they are made of.
 ///

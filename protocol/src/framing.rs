@@ -128,8 +128,8 @@ pub trait Framing {
     /// [`Scan::Need`].
     fn scan(window: &[u8], expect: Self::Expect) -> Scan;
 
-    /// What the front of `window`, for which [`scan`](Self::scan) waits for `missing` more bytes, is on a line that went
-    /// idle: a false header, unless a protocol knows better.
+    /// What the front of `window`, for which [`scan`](Self::scan) waits for `missing` more bytes, is on a line that
+    /// went idle: a false header, unless a protocol knows better.
     fn scan_idle(_window: &[u8], _expect: Self::Expect, missing: usize) -> Scan {
         Scan::Skip(1, Reason::Truncated { missing })
     }

@@ -1,8 +1,8 @@
 //! Exact, allocation-free robot-arm protocols.
 //!
 //! Bytes in → [`Decoder`] → frame → typed message → [`Client`] or [`Device`] → bytes out. No step does I/O, reads a
-//! clock, allocates, or panics on what it is given: the same code runs in an interrupt handler, in a task, on a desktop,
-//! and in a test in no time at all.
+//! clock, allocates, or panics on what it is given: the same code runs in an interrupt handler, in a task, on a
+//! desktop, and in a test in no time at all.
 //!
 //! | Layer | What it knows |
 //! |---|---|
@@ -23,10 +23,10 @@
 //!
 //! # Panics
 //!
-//! None, whatever arrives: a link test on Cortex-M4 proves that no path to a panic is left in decoder, client, device and
-//! messages. Three things are outside the proof: the futures of the driver, which the language makes panic when they are
-//! polled after they are done; formatting errors as text, where `core` has panics of its own; and `crc-table16`, where the
-//! `crc` crate keeps bounds checks.
+//! None, whatever arrives: a link test on Cortex-M4 proves that no path to a panic is left in decoder, client, device
+//! and messages. Three things are outside the proof: the futures of the driver, which the language makes panic when
+//! they are polled after they are done; formatting errors as text, where `core` has panics of its own; and
+//! `crc-table16`, where the `crc` crate keeps bounds checks.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -7,8 +7,8 @@
 //! +----+---------+----------+------+-----------+----------+------+
 //! ```
 //!
-//! The checksum is the low byte of CRC-32/ISO-HDLC over `command .. data`. The document's "command + function + length +
-//! data" means concatenation: its own examples hold only so.
+//! The checksum is the low byte of CRC-32/ISO-HDLC over `command .. data`. The document's "command + function +
+//! length + data" means concatenation: its own examples hold only so.
 //!
 //! One request is printed, and sent by the vendor's software, with length 0 and one data byte ([`SELF_CHECK`]). It is
 //! recognised as that one sequence of bytes and nothing else has such slack. No other frame can start like it: with

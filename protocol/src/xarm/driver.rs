@@ -13,8 +13,8 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 
 /// An xArm at the other end of a TCP connection.
 ///
-/// Every call fails with [`ArmError`]. What the arm says of its own state comes with every answer: a warning or an error
-/// of the arm does not make its answer wrong. See [`Driver`] on dropping a call.
+/// Every call fails with [`ArmError`]. What the arm says of its own state comes with every answer: a warning or an
+/// error of the arm does not make its answer wrong. See [`Driver`] on dropping a call.
 ///
 /// It is a type of its own, where those of the other protocols are names for [`Driver`], because it counts the
 /// transactions and gives the state with every answer.

@@ -112,9 +112,9 @@ pub enum Command {
     Reboot,
     /// Any other register. Answered by [`Reply::Raw`].
     ///
-    /// The answer is waited for 10 s, as the vendor's package does for a move. For identification that package waits 300
-    /// to 500 s: for such registers make a client with as much [`Config::latency`](crate::Config::latency). All its calls
-    /// then wait so much longer before they time out.
+    /// The answer is waited for 10 s, as the vendor's package does for a move. For identification that package waits
+    /// 300 to 500 s: for such registers make a client with as much [`Config::latency`](crate::Config::latency). All its
+    /// calls then wait so much longer before they time out.
     Raw(Raw),
 }
 
@@ -265,8 +265,8 @@ impl ParseError {
     /// What an arm answers to such a request: to one of its own that its state is invalid, to Modbus that it does not
     /// have the function.
     ///
-    /// Neither is documented. The vendor's package takes the first for what it is, and would wait 2 s for an answer that
-    /// does not come.
+    /// Neither is documented. The vendor's package takes the first for what it is, and would wait 2 s for an answer
+    /// that does not come.
     ///
     /// ```
     /// use armwire::Protocol;

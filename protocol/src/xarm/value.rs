@@ -74,8 +74,8 @@ impl Register {
 
 /// How the arm is, and what it made of the request: the second byte of every response's body.
 ///
-/// The document gives the byte but not its bits: three are the vendor's later page's, `INVALID` is the vendor package's.
-/// The others are kept.
+/// The document gives the byte but not its bits: three are the vendor's later page's, `INVALID` is the vendor
+/// package's. The others are kept.
 ///
 /// ```
 /// use armwire::xarm::State;
@@ -296,8 +296,8 @@ impl VersionText {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when it has more than 39 characters, for the vendor's package needs a NUL after it, or when one of
-    /// them is not printable ASCII.
+    /// [`OutOfRange`] when it has more than 39 characters, for the vendor's package needs a NUL after it, or when one
+    /// of them is not printable ASCII.
     pub fn new(text: &str) -> Result<Self, OutOfRange> {
         check_len("version text", text.len(), TEXT - 1)?;
         check_characters("character of a version", text, b' ')?;
@@ -313,8 +313,8 @@ impl VersionText {
 
     /// The parts of the text: axes, type, arm, control box and firmware, separated by commas.
     ///
-    /// The document's words have the type before the axes; its example cannot tell, for both are 6. Axes first is how the
-    /// vendor's package reads it.
+    /// The document's words have the type before the axes; its example cannot tell, for both are 6. Axes first is how
+    /// the vendor's package reads it.
     ///
     /// # Errors
     ///
@@ -396,7 +396,9 @@ fn number<T: str::FromStr>(digits: &[u8]) -> Option<T> {
 /// ```
 /// use armwire::xarm::VersionText;
 ///
-/// let error = VersionText(*b"v1.0.2\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0").version().unwrap_err();
+/// let mut text = [0; 40];
+/// text[..6].copy_from_slice(b"v1.0.2");
+/// let error = VersionText(text).version().unwrap_err();
 /// assert_eq!(error.to_string(), "the version has 1 fields, expected axes,type,arm,control box,firmware");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -429,8 +431,8 @@ impl fmt::Display for VersionError {
 
 impl core::error::Error for VersionError {}
 
-/// The serial numbers of the arm and of its control box, as the arm sends them (register 2): the first, NUL, the second,
-/// a line feed, filled up with NUL.
+/// The serial numbers of the arm and of its control box, as the arm sends them (register 2): the first, NUL, the
+/// second, a line feed, filled up with NUL.
 ///
 /// ```
 /// use armwire::xarm::SerialsText;

@@ -20,8 +20,8 @@ impl fmt::Display for OlderGeneration {
         let [one, other] = BAUD_RATES;
         write!(
             f,
-            "a Ling arm of the older generation: its firmware is from before late 2025, when frames got a function byte. \
-             armwire reads its joints but sends it nothing; for all else, ask the vendor for a firmware update. \
+            "a Ling arm of the older generation: its firmware is from before late 2025, when frames got a function \
+             byte. armwire reads its joints but sends it nothing; for all else, ask the vendor for a firmware update. \
              (Such arms talk at {one} or {other} baud.)"
         )
     }
@@ -32,8 +32,8 @@ impl core::error::Error for OlderGeneration {}
 /// Tells from what is heard on a line whether an arm of the older generation talks there.
 ///
 /// It takes three joint or gripper frames with nothing between them that is no frame. It knows where they lie in the
-/// stream, not when: chunks make no difference. Good frames of other kinds neither count nor break the succession; frames
-/// of the current generation break it.
+/// stream, not when: chunks make no difference. Good frames of other kinds neither count nor break the succession;
+/// frames of the current generation break it.
 ///
 /// Once it has told, it tells so for good.
 ///
@@ -41,8 +41,8 @@ impl core::error::Error for OlderGeneration {}
 /// use armwire::ling::legacy::{Detector, OlderGeneration};
 ///
 /// let joints = [
-///     0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED, 0x04,
-///     0x81, 0x08, 0x00, 0xFF,
+///     0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED,
+///     0x04, 0x81, 0x08, 0x00, 0xFF,
 /// ];
 /// let mut detector = Detector::new();
 /// assert_eq!(detector.hear(&joints), None);

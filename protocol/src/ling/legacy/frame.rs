@@ -7,9 +7,9 @@
 //! +----+---------+------+-----------+--------+------+
 //! ```
 //!
-//! The parity is the sum of the data bytes modulo 2: 00 or 01. It is no checksum to trust. It depends on the lowest bit of
-//! each data byte alone, so of the single-bit errors in the data it misses seven in eight, and command and length are not
-//! covered. What arrives is good for a look, not for a control loop.
+//! The parity is the sum of the data bytes modulo 2: 00 or 01. It is no checksum to trust. It depends on the lowest bit
+//! of each data byte alone, so of the single-bit errors in the data it misses seven in eight, and command and length
+//! are not covered. What arrives is good for a look, not for a control loop.
 
 use super::Legacy;
 use crate::{BufferTooShort, Framing, Reason, Scan};

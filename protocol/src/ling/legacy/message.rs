@@ -36,7 +36,8 @@ pub enum Response {
 
 /// Which firmware a frame is from, as its command tells. The data is the same.
 ///
-/// The vendor's package 5.6 goes by the version that the arm reports. Others call the arms that send 14 and 12 "v5" too.
+/// The vendor's package 5.6 goes by the version that the arm reports. Others call the arms that send 14 and 12 "v5"
+/// too.
 ///
 /// ```
 /// use armwire::ling::legacy::Firmware;
@@ -73,8 +74,8 @@ impl Firmware {
 
 /// Where the joints are: nine servo positions in raw counts as the arm sent them.
 ///
-/// A servo has 4096 ticks a turn, 2048 at 0 rad: the scale of the current generation. The vendor's ROS 2 driver alone divides
-/// by 4095.
+/// A servo has 4096 ticks a turn, 2048 at 0 rad: the scale of the current generation. The vendor's ROS 2 driver alone
+/// divides by 4095.
 ///
 /// ```
 /// use armwire::ling::legacy::{Firmware, JointState};
@@ -121,8 +122,8 @@ impl JointState {
 
 /// Where the gripper is, and the buttons, in raw counts as the arm sent them.
 ///
-/// There is no typed opening, for the frame does not say which gripper it is. 2048 is open; where it is closed the vendor's
-/// software puts at 2900, 3290, 3600 or 3930.
+/// There is no typed opening, for the frame does not say which gripper it is. 2048 is open; where it is closed the
+/// vendor's software puts at 2900, 3290, 3600 or 3930.
 ///
 /// ```
 /// use armwire::ling::legacy::{Firmware, GripperState};

@@ -1,12 +1,12 @@
 //! The older generation of Ling arms, with firmware from before the function byte (late 2025): read, never written.
 //!
-//! Such an arm talks unasked: where its joints are, where its gripper is, again and again, at 1 000 000 or 921 600 baud.
-//! There is no vendor document of it. What is here was learnt from the vendor's older Python packages (5.4 to 6.0), its
-//! ROS drivers, and frames that users of such arms have published; `docs/protocols/ling.md`, section "Older generation",
-//! says where they contradict each other and what was chosen.
+//! Such an arm talks unasked: where its joints are, where its gripper is, again and again, at 1 000 000 or 921 600
+//! baud. There is no vendor document of it. What is here was learnt from the vendor's older Python packages (5.4 to
+//! 6.0), its ROS drivers, and frames that users of such arms have published; `docs/protocols/ling.md`, section "Older
+//! generation", says where they contradict each other and what was chosen.
 //!
-//! [`Legacy`] has no requests: [`Request`] is an empty enum, so nothing can be sent with it. A [`Detector`] hears the same
-//! bytes as the decoder of current frames and tells when they are of this kind.
+//! [`Legacy`] has no requests: [`Request`] is an empty enum, so nothing can be sent with it. A [`Detector`] hears the
+//! same bytes as the decoder of current frames and tells when they are of this kind.
 //!
 //! ```
 //! use armwire::ling::Position;
@@ -15,8 +15,8 @@
 //!
 //! let mut client = Client::<Legacy, MAX_FRAME>::new(Config { baud: 921_600, ..Config::default() });
 //! let line = [
-//!     0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED, 0x04,
-//!     0x81, 0x08, 0x00, 0xFF,
+//!     0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED,
+//!     0x04, 0x81, 0x08, 0x00, 0xFF,
 //! ];
 //! let Some(Event::Unsolicited(Response::Joints(state))) = client.handle(Micros(0), &mut Input::Bytes(&line)) else {
 //!     panic!("no joint frame");
