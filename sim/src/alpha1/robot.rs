@@ -46,21 +46,22 @@ pub struct RobotConfig {
     /// answer.
     pub turnaround: Micros,
     /// How long the line must be silent for a frame that waits for its end to be given up. The real robot's patience is
-    /// not known.
+    /// not known. On USB a host that is held up pauses inside a request, so this is long: as long as a host waits for
+    /// what a robot has at hand.
     pub idle: Micros,
     /// Whether each answer is a USB HID report, filled up with zeros to 64 bytes. Requests may be so in any case.
     pub hid: bool,
 }
 
 impl Default for RobotConfig {
-    /// Hardware `Alpha1_V2.0`, the oldest firmware, 1 ms of turnaround, 5 ms until a line is idle, no reports.
+    /// Hardware `Alpha1_V2.0`, the oldest firmware, 1 ms of turnaround, 100 ms until a line is idle, no reports.
     fn default() -> Self {
         Self {
             // 11 of at most 59 bytes.
             hardware: Text::new(b"Alpha1_V2.0").expect("a short text"),
             firmware: OLDEST_FIRMWARE,
             turnaround: Micros::from_millis(1),
-            idle: Micros::from_millis(5),
+            idle: Micros::from_millis(100),
             hid: false,
         }
     }

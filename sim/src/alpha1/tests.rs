@@ -712,8 +712,37 @@ fn an_idle_line_frees_the_request_behind_a_false_header() {
     let (mut robot, mut now) = (robot(), Micros(0));
     hear(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
     hear(&mut robot, &mut now, &bytes(&Request::Stop));
-    assert_eq!(robot.transmit(now + Micros(5_999)), None);
-    assert_eq!(robot.transmit(now + Micros(6_000)), Some(0xF2)); // idle 5 ms, turnaround 1 ms
+    assert_eq!(robot.transmit(now + Micros(100_999)), None);
+    assert_eq!(robot.transmit(now + Micros(101_000)), Some(0xF2)); // idle 100 ms, turnaround 1 ms
+}
+
+#[test]
+fn a_pause_inside_a_request_is_borne_by_a_robot_and_ends_it_on_the_servo_bus() {
+    fn answer_after(mut device: impl SerialDevice, pause: Micros) -> Vec<u8> {
+        let mut now = Micros(0);
+        let request = bytes(&go(one(1), 10, 0, 0));
+        let (first, second) = request.split_at(5);
+        hear(&mut device, &mut now, first);
+        // The next byte comes 87 µs later.
+        now = now + pause;
+        ask(&mut device, &mut now, second)
+    }
+    assert_eq!(answer_after(robot(), millis(99)), [0xAB]);
+    assert_eq!(answer_after(robot(), millis(100)), []);
+    assert_eq!(answer_after(bus(), millis(4)), [0xAB]);
+    assert_eq!(answer_after(bus(), millis(5)), []);
+}
+
+#[test]
+fn a_pose_that_is_due_before_an_idle_line_frees_a_request_comes_before_it() {
+    let (mut robot, mut start) = (robot(), Micros(0));
+    hear(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
+    let mut now = start + millis(550);
+    hear(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
+    hear(&mut robot, &mut now, &bytes(&go(one(2), 10, 0, 0)));
+    // The second pose, at 600 ms, sends servo 2 to 120°; the line is idle at 651 ms.
+    robot.advance(start + millis(700));
+    assert_eq!(robot.servos()[1].target(), 10.0);
 }
 
 #[test]
@@ -731,7 +760,7 @@ fn the_requests_of_two_hosts_in_one_burst_however_cut_get_all_their_answers() {
     for cut in 0..burst.len() {
         let (first, second) = burst.split_at(cut);
         hear(&mut robot, &mut now, first);
-        now = now + millis(4); // less than the line's idle time
+        now = now + millis(99); // less than the line's idle time
         let mut said: Vec<_> = std::iter::from_fn(|| robot.transmit(now)).collect();
         hear(&mut robot, &mut now, second);
         said.extend(listen(&mut robot, &mut now));
