@@ -108,18 +108,6 @@ pub enum EncodeError {
     },
 }
 
-impl From<BufferTooShort> for EncodeError {
-    fn from(error: BufferTooShort) -> Self {
-        Self::BufferTooShort(error)
-    }
-}
-
-impl From<OutOfRange> for EncodeError {
-    fn from(error: OutOfRange) -> Self {
-        Self::OutOfRange(error)
-    }
-}
-
 impl fmt::Display for EncodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
