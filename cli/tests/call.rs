@@ -282,9 +282,17 @@ fn what_an_alpha1_cannot_be_told_never_leaves_the_command_line() {
         (&["servo", "change-id", "1", "241"], "servo id is 241, must be 1..=240"),
         (
             &["servo", "release", "everyone"],
-            "'everyone' is not a number from 0 to 255",
+            "'everyone' is not an id from 1 to 240",
         ),
-        (&["servo", "read-offset", "all"], "'all' is not a number"),
+        (&["servo", "version", "all"], "'all' is not an id from 1 to 240"),
+        (
+            &["servo", "move", "1", "300", "--time", "1", "--lock", "1"],
+            "'300' is not a whole number of degrees from 0 to 240",
+        ),
+        (
+            &["servo", "move", "1", "90", "--time", "1", "--lock", "1311"],
+            "completion time is 1311 s, must be 0..=1310.7",
+        ),
         (
             &["servo", "set-offset", "1", "91"],
             "servo offset is 91 thirds of a degree, must be -90..=90",

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use armwire::OutOfRange;
 use armwire::alpha1::{
     Action, Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, SERVOS, ServoId, ServoRequest, Text,
     UsbType,
@@ -95,7 +96,7 @@ pub(crate) enum Servo {
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
         time: MoveTime,
         /// The completion time, which the servos' manual also calls lock time, in seconds, 0 to 1310.7.
-        #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = interval)]
+        #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = completion_time)]
         lock: Interval,
     },
     /// Switch the motor off. What it holds up falls.
@@ -188,14 +189,10 @@ impl Servo {
     }
 }
 
-fn byte(text: &str) -> Result<u8, String> {
-    text.trim()
-        .parse()
-        .map_err(|_| format!("'{text}' is not a number from 0 to 255"))
-}
-
 fn angle(text: &str) -> Result<Angle, String> {
-    Angle::new(byte(text)?).map_err(|error| error.to_string())
+    let degrees = text.trim().parse();
+    let degrees = degrees.map_err(|_| format!("'{text}' is not a whole number of degrees from 0 to 240"))?;
+    Angle::new(degrees).map_err(|error| error.to_string())
 }
 
 fn angles(text: &str) -> Result<Angles, String> {
@@ -225,12 +222,21 @@ fn interval(text: &str) -> Result<Interval, String> {
     Interval::from_duration(duration(text)?).map_err(|error| error.to_string())
 }
 
+fn completion_time(text: &str) -> Result<Interval, String> {
+    Interval::from_duration(duration(text)?).map_err(|error| {
+        let what = "completion time";
+        OutOfRange { what, ..error }.to_string()
+    })
+}
+
 fn text(text: &str) -> Result<Text, String> {
     Text::new(text.as_bytes()).map_err(|error| error.to_string())
 }
 
 fn id(text: &str) -> Result<ServoId, String> {
-    ServoId::new(byte(text)?).map_err(|error| error.to_string())
+    let id = text.trim().parse();
+    let id = id.map_err(|_| format!("'{text}' is not an id from 1 to 240"))?;
+    ServoId::new(id).map_err(|error| error.to_string())
 }
 
 fn address(text: &str) -> Result<Address, String> {

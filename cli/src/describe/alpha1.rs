@@ -1,5 +1,7 @@
 //! The Alpha1.
 
+use std::time::Duration;
+
 use armwire::alpha1::{
     Action, Address, Alpha1, Angle, FirmwareVersion, OffsetTool, Outcome, Request, Response, ServoRequest,
     ServoResponse, ServoStates, UsbType,
@@ -102,13 +104,17 @@ fn angle(angle: Angle) -> String {
     }
 }
 
+fn seconds(duration: Duration) -> String {
+    format!("{} s", duration.as_secs_f64())
+}
+
 fn act(action: &Action) -> String {
     let angles = action.angles.map(|target| target.map_or("-".to_owned(), angle));
     format!(
-        "{} in {:?}, next after {:?}",
+        "{} in {}, next after {}",
         angles.join(" "),
-        action.time.duration(),
-        action.interval.duration()
+        seconds(action.time.duration()),
+        seconds(action.interval.duration())
     )
 }
 
@@ -122,11 +128,11 @@ fn address(address: Address) -> String {
 fn servo_request(request: &ServoRequest) -> String {
     match request {
         ServoRequest::Move { to, angle, time, lock } => format!(
-            "move {} to {} in {:?}, completion time {:?}",
+            "move {} to {} in {}, completion time {}",
             address(*to),
             self::angle(*angle),
-            time.duration(),
-            lock.duration()
+            seconds(time.duration()),
+            seconds(lock.duration())
         ),
         ServoRequest::Release(to) => format!("release {}", address(*to)),
         ServoRequest::SetLed { to, led } => format!("light of {} to {}", address(*to), led.0),
@@ -165,5 +171,17 @@ fn servo_response(response: &ServoResponse) -> String {
     match outcome {
         Outcome::Success => format!("servo {}: {what}", servo.get()),
         Outcome::Failure => format!("servo {}: failed", servo.get()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_in_seconds() {
+        for (millis, text) in [(0, "0 s"), (20, "0.02 s"), (1_000, "1 s"), (1_310_700, "1310.7 s")] {
+            assert_eq!(seconds(Duration::from_millis(millis)), text);
+        }
     }
 }

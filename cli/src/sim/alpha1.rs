@@ -27,6 +27,9 @@ pub(crate) struct Alpha1Sim {
     /// From the end of a request to the start of its answer, in microseconds.
     #[arg(long, value_name = "N", default_value_t = 1_000)]
     turnaround_us: u64,
+    /// How long a pause inside a request may be, in milliseconds: after it the half request is dropped.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    idle_ms: u32,
     /// Fill each answer up with zeros to 64 bytes, a USB HID report. Requests may be filled up in any case.
     #[arg(long)]
     hid: bool,
@@ -90,8 +93,8 @@ impl Alpha1Sim {
             hardware: self.hardware.unwrap_or(base.hardware),
             firmware: self.firmware.unwrap_or(base.firmware),
             turnaround: Micros(self.turnaround_us),
+            idle: Micros::from_millis(self.idle_ms.into()),
             hid: self.hid,
-            ..base
         };
         let name = format!("Alpha1 with hardware {}", config.hardware);
         let (line, served) = self.line.serve(name, Alpha1Robot::new(config), stop)?;
