@@ -138,3 +138,27 @@ pub trait Framing {
     /// others may be `None` or a frame that is none.
     fn view(bytes: &[u8]) -> Option<Self::Frame<'_>>;
 }
+
+/// The verdict on a window that starts with a header, if the frame has `total` bytes: it ends with a checksum over all but
+/// its first `uncovered` bytes, and an end mark.
+#[cfg(any(feature = "ling", feature = "alpha1"))]
+pub(crate) fn verify(
+    window: &[u8],
+    total: usize,
+    uncovered: usize,
+    checksum: impl Fn(&[u8]) -> u8,
+    end_mark: u8,
+) -> Scan {
+    let skip = |reason| Scan::Skip(1, reason);
+    match window.get(uncovered..total) {
+        Some(&[ref covered @ .., got, end]) if end == end_mark => match checksum(covered) {
+            expected if expected == got => Scan::Frame(total),
+            expected => skip(Reason::Checksum { expected, got }),
+        },
+        Some(&[.., got]) => skip(Reason::Tail {
+            expected: end_mark,
+            got,
+        }),
+        Some([]) | None => Scan::Need(total.saturating_sub(window.len()).max(1)),
+    }
+}

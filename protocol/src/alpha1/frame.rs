@@ -27,6 +27,7 @@ use core::ops::RangeInclusive;
 use core::slice;
 
 use super::{Alpha1, Outcome, ServoId};
+use crate::framing::verify;
 use crate::{BufferTooShort, EncodeError, Framing, OutOfRange, Reason, Scan};
 
 /// The longest frame, in bytes: what one report on USB HID holds.
@@ -315,8 +316,8 @@ fn scan_frame(window: &[u8], expect: Expect) -> Scan {
         return scan_bluetooth(window, count);
     }
     match layout(first, expect) {
-        Some(Layout::Data(len)) => verify(window, len + 4),
-        Some(Layout::Counted) if COUNT.contains(&count) => verify(window, count + 4),
+        Some(Layout::Data(len)) => verify(window, len + 4, 2, checksum, TAIL),
+        Some(Layout::Counted) if COUNT.contains(&count) => verify(window, count + 4, 2, checksum, TAIL),
         Some(Layout::Counted) => {
             let (min, max) = COUNT.into_inner();
             let got = count;
@@ -333,7 +334,7 @@ fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
         let (offset, expected, got) = (2, &[ACT], len as u8);
         return Scan::Skip(1, Reason::Byte { offset, expected, got });
     }
-    match verify(window, len + 1) {
+    match verify(window, len + 1, 2, checksum, TAIL) {
         Scan::Frame(total) => Scan::Skip(total, Reason::Foreign("Alpha1's Bluetooth protocol")),
         verdict => verdict,
     }
@@ -349,21 +350,6 @@ fn scan_status(window: &[u8]) -> Scan {
             Scan::Skip(1, Reason::Byte { offset, expected, got })
         }
         _ => Scan::Need(4_usize.saturating_sub(window.len())),
-    }
-}
-
-/// The verdict on a frame of `total` bytes with a checksum.
-fn verify(window: &[u8], total: usize) -> Scan {
-    let Some(frame) = window.get(..total) else {
-        return Scan::Need(total.saturating_sub(window.len()));
-    };
-    match *frame {
-        [_, _, ref data @ .., got, TAIL] => match checksum(data) {
-            expected if expected == got => Scan::Frame(total),
-            expected => Scan::Skip(1, Reason::Checksum { expected, got }),
-        },
-        [.., got] => Scan::Skip(1, Reason::Tail { expected: TAIL, got }),
-        [] => Scan::Need(1),
     }
 }
 

@@ -15,6 +15,7 @@
 //! length 0 its fifth byte would be the checksum, C8.
 
 use super::Ling;
+use crate::framing::verify;
 use crate::{BufferTooShort, EncodeError, Framing, OutOfRange, Reason, Scan};
 
 /// The most data bytes a frame may have.
@@ -147,21 +148,7 @@ impl Framing for Ling {
             Some(start) if SELF_CHECK.starts_with(start) => SELF_CHECK.len(),
             _ => len + OVERHEAD,
         };
-        match window.get(1..total) {
-            None => Scan::Need(total - window.len()),
-            Some([body @ .., got, TAIL]) => match checksum(body) {
-                expected if expected == *got => Scan::Frame(total),
-                expected => Scan::Skip(1, Reason::Checksum { expected, got: *got }),
-            },
-            Some([.., got]) => Scan::Skip(
-                1,
-                Reason::Tail {
-                    expected: TAIL,
-                    got: *got,
-                },
-            ),
-            Some([]) => Scan::Need(1),
-        }
+        verify(window, total, 1, checksum, TAIL)
     }
 
     fn view(bytes: &[u8]) -> Option<Frame<'_>> {

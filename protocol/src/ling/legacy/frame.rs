@@ -12,6 +12,7 @@
 //! are not covered. What arrives is good for a look, not for a control loop.
 
 use super::Legacy;
+use crate::framing::verify;
 use crate::{BufferTooShort, Framing, Reason, Scan};
 
 /// The most data bytes a frame may have.
@@ -103,22 +104,7 @@ impl Framing for Legacy {
                 },
             );
         }
-        let total = len + OVERHEAD;
-        match window.get(3..total) {
-            None => Scan::Need(total - window.len()),
-            Some([data @ .., got, TAIL]) => match parity(data) {
-                expected if expected == *got => Scan::Frame(total),
-                expected => Scan::Skip(1, Reason::Checksum { expected, got: *got }),
-            },
-            Some([.., got]) => Scan::Skip(
-                1,
-                Reason::Tail {
-                    expected: TAIL,
-                    got: *got,
-                },
-            ),
-            Some([]) => Scan::Need(1),
-        }
+        verify(window, len + OVERHEAD, 3, parity, TAIL)
     }
 
     fn view(bytes: &[u8]) -> Option<Frame<'_>> {
