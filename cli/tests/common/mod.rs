@@ -123,12 +123,17 @@ pub(crate) fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8]
     let args = args.iter().map(|&arg| if arg == "PORT" { port } else { arg });
     let mut child = start(Command::new(PROGRAM).args(args));
     let deadline = Instant::now() + PATIENCE;
-    while child.try_wait().unwrap().is_none() && Instant::now() < deadline {
+    loop {
+        // What it wrote last is still there when it has ended.
+        let ended = child.try_wait().unwrap().is_some() || Instant::now() > deadline;
         let mut request = [0; 64];
-        pty.wait(Some(Duration::from_millis(10))).unwrap();
-        let n = pty.read(&mut request).unwrap();
-        if n > 0 {
-            arm(&child, &pty, &request[..n]);
+        if !ended {
+            pty.wait(Some(Duration::from_millis(10))).unwrap();
+        }
+        match pty.read(&mut request).unwrap() {
+            0 if ended => break,
+            0 => {}
+            n => arm(&child, &pty, &request[..n]),
         }
     }
     finish(child)
