@@ -142,6 +142,8 @@ fn a_request_that_there_is_not_never_leaves_the_command_line() {
     );
     for (args, error) in [
         (&["rotation-radius", "0"][..], "joint is 0, must be 1..=7"),
+        (&["rotation-radius", "-1"], "'-1' is not a number from 1 to 7"),
+        (&["raw", "-1"], "-1 is not in 0..=255"),
         (&["rotation-radius", "8"], "joint is 8, must be 1..=7"),
         (&["raw", "10", "01"], "register 10 has types of its own"),
         (&["raw", "19", &too_long], &too_many),

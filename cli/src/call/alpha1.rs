@@ -87,10 +87,10 @@ pub(crate) enum Servo {
     /// Move.
     Move {
         /// Its id, 1 to 240, or all.
-        #[arg(value_name = "ID", value_parser = address)]
+        #[arg(value_name = "ID", allow_negative_numbers = true, value_parser = address)]
         to: Address,
         /// Where to, in degrees from 0 to 240.
-        #[arg(value_name = "DEGREES", value_parser = angle)]
+        #[arg(value_name = "DEGREES", allow_negative_numbers = true, value_parser = angle)]
         angle: Angle,
         /// In how many seconds it gets there, 0 to 5.1.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = time)]
@@ -102,36 +102,37 @@ pub(crate) enum Servo {
     /// Switch the motor off. What it holds up falls.
     Release {
         /// Its id, 1 to 240, or all.
-        #[arg(value_name = "ID", value_parser = address)]
+        #[arg(value_name = "ID", allow_negative_numbers = true, value_parser = address)]
         to: Address,
     },
     /// Switch the light.
     Led {
         /// Its id, 1 to 240, or all.
-        #[arg(value_name = "ID", value_parser = address)]
+        #[arg(value_name = "ID", allow_negative_numbers = true, value_parser = address)]
         to: Address,
         /// As on the wire, 0 to 255: whether 0 or 1 is on, the sources disagree.
+        #[arg(allow_negative_numbers = true)]
         value: u8,
     },
     /// Read target and actual angle. The servo switches its motor off to answer: what it holds up falls.
     ReadAngles {
         /// Its id, 1 to 240.
-        #[arg(value_parser = id)]
+        #[arg(allow_negative_numbers = true, value_parser = id)]
         id: ServoId,
     },
     /// Give a servo another id.
     ChangeId {
         /// The id it has, 1 to 240.
-        #[arg(value_parser = id)]
+        #[arg(allow_negative_numbers = true, value_parser = id)]
         from: ServoId,
         /// The id it gets, 1 to 240.
-        #[arg(value_parser = id)]
+        #[arg(allow_negative_numbers = true, value_parser = id)]
         to: ServoId,
     },
     /// Put the zero off.
     SetOffset {
         /// Its id, 1 to 240.
-        #[arg(value_parser = id)]
+        #[arg(allow_negative_numbers = true, value_parser = id)]
         id: ServoId,
         /// In thirds of a degree, -90 to 90.
         #[arg(value_name = "THIRDS", allow_hyphen_values = true, value_parser = offset)]
@@ -140,13 +141,13 @@ pub(crate) enum Servo {
     /// Read how far the zero is put off.
     ReadOffset {
         /// Its id, 1 to 240.
-        #[arg(value_parser = id)]
+        #[arg(allow_negative_numbers = true, value_parser = id)]
         id: ServoId,
     },
     /// Read the version of the servo's firmware.
     Version {
         /// Its id, 1 to 240.
-        #[arg(value_parser = id)]
+        #[arg(allow_negative_numbers = true, value_parser = id)]
         id: ServoId,
     },
 }

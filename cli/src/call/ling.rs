@@ -33,7 +33,7 @@ pub(crate) enum Ask {
     /// Set the temperature at which the arm protects itself.
     SetTemperatureLimit {
         /// In °C, 0 to 253; 85 from the factory.
-        #[arg(value_name = "CELSIUS", value_parser = limit)]
+        #[arg(value_name = "CELSIUS", allow_negative_numbers = true, value_parser = limit)]
         limit: TemperatureLimit,
     },
     /// Read the servos' velocities.

@@ -35,7 +35,7 @@ enum Ask {
     /// Read the radius of rotation of a joint relative to the tool.
     RotationRadius {
         /// The joint, 1 to 7.
-        #[arg(value_parser = joint)]
+        #[arg(allow_negative_numbers = true, value_parser = joint)]
         joint: Joint,
     },
     /// Shut the arm's control box down. It comes back when it is switched on by hand.
@@ -47,6 +47,7 @@ enum Ask {
     /// Ask any other register, whatever it does: 42, say, reads joint positions, and 23 moves.
     Raw {
         /// The register, 0 to 255.
+        #[arg(allow_negative_numbers = true)]
         register: u8,
         /// Its parameters, as hexadecimal text such as 'DB 0F 49 40'.
         #[arg(value_name = "HEX", value_parser = bytes)]
