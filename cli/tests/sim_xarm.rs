@@ -183,4 +183,8 @@ fn an_arm_that_there_is_not_is_told() {
         let said = usage(&[&["sim", "xarm", "--listen", "127.0.0.1:0", "--no-report"][..], &wrong].concat());
         assert!(said.contains(why), "{said}");
     }
+    for address in ["localhost:15020", "127.0.0.1", "15020"] {
+        let said = usage(&["sim", "xarm", "--listen", address]);
+        assert!(said.contains("such as 127.0.0.1:15020"), "{said}");
+    }
 }

@@ -18,10 +18,10 @@ const REPORT_PORT: u16 = 30002;
 #[derive(Args)]
 pub(crate) struct XArmSim {
     /// Where it takes requests. Port 0 is any that is free.
-    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:502")]
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:502", value_parser = parse_address)]
     listen: SocketAddr,
     /// Where it sends reports, five a second. Without it: port 30002 beside the other.
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = parse_address)]
     report_listen: Option<SocketAddr>,
     /// Send no reports.
     #[arg(long, conflicts_with = "report_listen")]
@@ -45,6 +45,11 @@ pub(crate) struct XArmSim {
     /// A warning to start with, by its number in the vendor's list.
     #[arg(long, value_name = "CODE", default_value_t = 0)]
     warning: u8,
+}
+
+fn parse_address(text: &str) -> Result<SocketAddr, String> {
+    text.parse()
+        .map_err(|_| format!("'{text}' is not an address and a port, such as 127.0.0.1:15020 or [::1]:15020"))
 }
 
 fn parse_model(text: &str) -> Result<Model, String> {
@@ -119,9 +124,9 @@ fn advice(problem: &BindError) -> io::Error {
     let text = match error.kind() {
         ErrorKind::PermissionDenied => format!(
             "{address}: permission denied, as ports below 1024 are the administrator's: choose another \
-             (--listen {}:15020), or allow every program this one \
+             (--listen {}), or allow every program this one \
              ('sudo sysctl net.ipv4.ip_unprivileged_port_start={port}')",
-            address.ip()
+            SocketAddr::new(address.ip(), 15020)
         ),
         ErrorKind::AddrInUse => format!("{address}: in use by another program: close that one, or choose another port"),
         ErrorKind::AddrNotAvailable => format!("{address}: this machine has no such address"),
@@ -146,11 +151,12 @@ mod tests {
 
     #[test]
     fn a_port_that_cannot_be_bound_comes_with_advice() {
-        let advice = |kind| {
-            let address = "127.0.0.1:502".parse().unwrap();
-            advice(&BindError { address, error: kind }).to_string()
+        let advice = |address: &str, kind: ErrorKind| {
+            let (address, error) = (address.parse().unwrap(), kind.into());
+            advice(&BindError { address, error }).to_string()
         };
-        assert!(advice(ErrorKind::PermissionDenied.into()).contains("--listen 127.0.0.1:15020"));
-        assert!(advice(ErrorKind::AddrInUse.into()).contains("in use"));
+        assert!(advice("127.0.0.1:502", ErrorKind::PermissionDenied).contains("(--listen 127.0.0.1:15020)"));
+        assert!(advice("[::1]:502", ErrorKind::PermissionDenied).contains("(--listen [::1]:15020)"));
+        assert!(advice("127.0.0.1:502", ErrorKind::AddrInUse).contains("in use"));
     }
 }
