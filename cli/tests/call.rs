@@ -97,6 +97,7 @@ fn what_is_out_of_range_never_leaves_the_command_line() {
             &["set-temperature-limit", "254"],
             "temperature limit is 254 °C, must be 0..=253",
         ),
+        (&["set-temperature-limit", "-1"], "'-1' is not a number from 0 to 253"),
         (&["set-stroke", "60"], "[possible values: 50, 75, 100]"),
         (&["move", "--joints", "0,0,0,0,0,0"], "--speed"),
     ] {
@@ -284,6 +285,13 @@ fn what_an_alpha1_cannot_be_told_never_leaves_the_command_line() {
             &["servo", "release", "everyone"],
             "'everyone' is not an id from 1 to 240",
         ),
+        (&["servo", "version", "-1"], "'-1' is not an id from 1 to 240"),
+        (&["servo", "release", "-1"], "'-1' is not an id from 1 to 240"),
+        (&["servo", "led", "1", "-1"], "-1 is not in 0..=255"),
+        (
+            &["servo", "move", "1", "-5", "--time", "1", "--lock", "1"],
+            "'-5' is not a whole number of degrees from 0 to 240",
+        ),
         (&["servo", "version", "all"], "'all' is not an id from 1 to 240"),
         (
             &["servo", "move", "1", "300", "--time", "1", "--lock", "1"],
@@ -302,6 +310,15 @@ fn what_an_alpha1_cannot_be_told_never_leaves_the_command_line() {
         let text = usage(&[&["call", "alpha1", "/dev/no-such-port"], args].concat());
         assert!(text.contains(error), "{text}");
     }
+}
+
+#[test]
+fn info_does_not_say_that_a_robot_is_there_before_it_answers() {
+    let output = run_against(&["info", "--arm", "alpha1", "PORT"], |_, _, _| {});
+    assert!(
+        failure(&output).contains("no answer in") && output.stdout.is_empty(),
+        "{output:?}"
+    );
 }
 
 #[test]

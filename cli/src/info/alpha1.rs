@@ -8,14 +8,16 @@ use crate::link::{Line, Link};
 use crate::problem::Problem;
 
 pub(super) fn run(link: &mut Link<Alpha1, impl Line>) -> Result<(), Problem> {
-    show("arm", "Alpha1")?;
     for request in [
         Request::ReadHardwareVersion,
         Request::ReadFirmwareVersion,
         Request::ReadServoStates,
     ] {
         match link.call(request)? {
-            Some(Response::HardwareVersion(version)) => show("hardware", version)?,
+            Some(Response::HardwareVersion(version)) => {
+                show("arm", "Alpha1")?;
+                show("hardware", version)?;
+            }
             Some(Response::FirmwareVersion(version)) => {
                 let text = version.text.escape_ascii();
                 let oldest = OLDEST_FIRMWARE.escape_ascii();
