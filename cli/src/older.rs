@@ -28,26 +28,27 @@ pub(crate) struct Listened<L> {
 /// [`Problem::Older`], now and from every later call, when the arm is one of the older generation.
 pub(crate) fn open(port: &str, baud: Option<u32>) -> Result<Link<Ling, Listened<Serial>>, Problem> {
     let (line, config) = Serial::open::<Ling>(port, baud)?;
-    let line = Listened::new(line)?;
+    let line = Listened::new(line, Instant::now())?;
     Ok(Link::new(line, config))
 }
 
 impl<L: Line> Listened<L> {
-    fn new(line: L) -> Result<Self, Problem> {
+    /// Listens, as from `begun`.
+    fn new(line: L, begun: Instant) -> Result<Self, Problem> {
         let mut listened = Self {
             line,
             detector: Detector::new(),
         };
-        let begun = Instant::now();
         let mut until = begun + LISTEN;
         let mut buf = [0; 256];
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                return Ok(listened);
-            }
+            // Also if the time is up: what was said while the system gave us none waits in the port.
             if listened.read(&mut buf, left)? > 0 {
                 until = begun + LISTEN_ON;
+            }
+            if until <= Instant::now() {
+                return Ok(listened);
             }
         }
     }
@@ -71,5 +72,70 @@ impl<L: Line> Line for Listened<L> {
 
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
         self.line.write(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use armwire::ling::Request;
+
+    use super::*;
+    use crate::describe::Arm;
+
+    /// What an arm of the older generation says of its joints.
+    const JOINTS: [u8; 23] = [
+        0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED,
+        0x04, 0x81, 0x08, 0x00, 0xFF,
+    ];
+
+    /// An arm that talks without end, once it was sent so many bytes.
+    struct Talker<'a> {
+        sent: &'a Cell<usize>,
+        silent_until: usize,
+    }
+
+    impl Line for Talker<'_> {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+            if self.sent.get() < self.silent_until {
+                std::thread::sleep(wait);
+                return Ok(0);
+            }
+            buf[..JOINTS.len()].copy_from_slice(&JOINTS);
+            Ok(JOINTS.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+            self.sent.set(self.sent.get() + bytes.len());
+            Ok(bytes.len())
+        }
+    }
+
+    #[test]
+    fn what_talks_as_the_older_generation_is_sent_nothing_however_late_it_is_listened_to() {
+        let now = Instant::now();
+        for begun in [now, now.checked_sub(LISTEN).unwrap()] {
+            let sent = &Cell::new(0);
+            let line = Talker { sent, silent_until: 0 };
+            assert!(matches!(Listened::new(line, begun), Err(Problem::Older { .. })));
+            assert_eq!(sent.get(), 0);
+        }
+    }
+
+    #[test]
+    fn what_talks_as_the_older_generation_after_the_first_request_is_sent_no_other() {
+        let sent = &Cell::new(0);
+        let line = Talker { sent, silent_until: 1 };
+        let line = Listened::new(line, Instant::now()).unwrap();
+        let mut link = Link::<Ling, _>::new(line, Ling::CONFIG);
+        for _ in 0..2 {
+            assert!(matches!(link.call(Request::ReadJoints), Err(Problem::Older { .. })));
+            assert_eq!(sent.get(), 7);
+        }
     }
 }
