@@ -191,3 +191,65 @@ fn is_begun<P: Arm>(request: &P::Request, bytes: &[u8]) -> bool {
     let answered = |window: &[u8]| window.starts_with(header) && window[P::HEADER] != next;
     !P::RELIABLE && sent > P::HEADER && bytes.windows(P::HEADER + 1).any(answered)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use armwire::Protocol;
+    use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
+
+    use super::*;
+
+    /// Joints at this position, as an arm tells it.
+    fn joints(ticks: u16) -> Vec<u8> {
+        let response = Response::Joints(JointState {
+            joints: [ticks; 6],
+            gripper: 0,
+            status: MotionStatus::Idle,
+        });
+        let mut out = [0; MAX_FRAME];
+        let n = Ling::encode_response(&response, &mut out).unwrap();
+        out[..n].to_vec()
+    }
+
+    /// An arm that says the next position to each request.
+    struct Counting {
+        said: VecDeque<Vec<u8>>,
+        ticks: u16,
+    }
+
+    impl Line for &mut Counting {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Problem> {
+            let said = self.said.pop_front().unwrap_or_default();
+            buf[..said.len()].copy_from_slice(&said);
+            Ok(said.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+            self.ticks += 1;
+            self.said.push_back(joints(self.ticks));
+            Ok(bytes.len())
+        }
+    }
+
+    #[test]
+    fn an_answer_that_waits_on_the_line_is_not_taken_for_that_to_the_next_request() {
+        let mut arm = Counting {
+            said: VecDeque::new(),
+            ticks: 0,
+        };
+        let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
+        for _ in 0..3 {
+            link.line.said.push_back(joints(4000));
+            let Ok(Some(Response::Joints(state))) = link.call(Request::ReadJoints) else {
+                panic!("no answer");
+            };
+            assert_eq!(state.joints, [link.line.ticks; 6]);
+        }
+    }
+}
