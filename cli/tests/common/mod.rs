@@ -44,7 +44,7 @@ pub(crate) fn run(args: &[&str]) -> Output {
 /// What is said of an arm that does not answer.
 pub(crate) const NO_ANSWER: &str = "no answer in";
 
-/// Runs it again while it complains of silence in these words: an arm that the system gives no time is silent.
+/// Runs it again while it complains in these words: an arm that the system gives no time is silent.
 pub(crate) fn again_while(complaint: &str, mut run: impl FnMut() -> Output) -> Output {
     let deadline = Instant::now() + PATIENCE;
     loop {
@@ -56,9 +56,10 @@ pub(crate) fn again_while(complaint: &str, mut run: impl FnMut() -> Output) -> O
     }
 }
 
-/// What a program that succeeds prints.
+/// What a program prints that succeeds, though perhaps not at once: an arm that the system gives no time is silent, or
+/// says what somebody before asked.
 pub(crate) fn success(args: &[&str]) -> String {
-    let output = again_while(NO_ANSWER, || run(args));
+    let output = again_while("armwire: ", || run(args));
     assert!(output.status.success(), "{output:?}");
     String::from_utf8(output.stdout).unwrap()
 }
