@@ -42,8 +42,6 @@ pub enum Reason {
         /// What it is.
         got: u8,
     },
-    /// A good frame, but of another protocol, which this names.
-    Foreign(&'static str),
     /// A frame seemed to start here, but its checksum does not match.
     Checksum {
         /// The checksum of the bytes that arrived.
@@ -77,7 +75,6 @@ impl fmt::Display for Reason {
                 }
                 Ok(())
             }
-            Self::Foreign(protocol) => write!(f, "a frame of {protocol}"),
             Self::Checksum { expected, got } => write!(f, "checksum {got:#04x}, expected {expected:#04x}"),
             Self::Tail { expected, got } => write!(f, "end mark {got:#04x}, expected {expected:#04x}"),
             Self::Truncated { missing } => write!(f, "line went idle with {missing} bytes missing"),

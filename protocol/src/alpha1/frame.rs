@@ -186,7 +186,8 @@ pub enum Frame<'a> {
     Message {
         /// The first byte of the header, which names the row of the document.
         command: u8,
-        /// DATA, with the byte that counts a text.
+        /// DATA, with the byte that counts a text. Where row FB has 01 first, a frame of the Bluetooth protocol has its
+        /// length.
         data: &'a [u8],
     },
     /// The single byte of a servo.
@@ -265,6 +266,11 @@ fn check_message(command: u8, data: &[u8], expect: Expect) -> Result<(), EncodeE
     let Some(layout) = layout(command, expect) else {
         return byte(0, header::ALL, command);
     };
+    if let (header::ACT, &[act, ..]) = (command, data)
+        && act != ACT
+    {
+        return byte(2, &[ACT], act);
+    }
     let (min, max) = match layout {
         Layout::Data(len) => (len, len),
         Layout::Counted => COUNT.into_inner(),
@@ -275,7 +281,6 @@ fn check_message(command: u8, data: &[u8], expect: Expect) -> Result<(), EncodeE
     match (layout, data) {
         (Layout::Counted, [count, ..]) => check_range("count", "", u16::from(*count), len, len),
         (Layout::Status, [status]) if !STATUS.contains(status) => byte(2, STATUS, *status),
-        (Layout::Data(_), [act, ..]) if command == header::ACT && *act != ACT => byte(2, &[ACT], *act),
         _ => Ok(()),
     }
 }
@@ -334,10 +339,7 @@ fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
         let (offset, expected, got) = (2, &[ACT], len as u8);
         return Scan::Skip(1, Reason::Byte { offset, expected, got });
     }
-    match verify(window, len + 1, 2, checksum, TAIL) {
-        Scan::Frame(total) => Scan::Skip(total, Reason::Foreign("Alpha1's Bluetooth protocol")),
-        verdict => verdict,
-    }
+    verify(window, len + 1, 2, checksum, TAIL)
 }
 
 /// The verdict on an answer without a checksum. Its status must be one of two, or half the frame would be unguarded.

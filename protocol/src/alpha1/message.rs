@@ -260,6 +260,8 @@ pub enum Cause {
     Unknown,
     /// An answer of a servo, or the shape of one, where none is expected: what it answers cannot be told.
     Unexpected,
+    /// A frame of the robot's Bluetooth protocol, which this is not.
+    Bluetooth,
     /// A command that starts the boot loader of a servo, which this crate does not offer.
     BootLoader,
     /// The data has the wrong length.
@@ -295,6 +297,7 @@ impl fmt::Display for ParseError {
         match self.cause {
             Cause::Unknown => f.write_str("unknown"),
             Cause::Unexpected => f.write_str("an answer of a servo, but none is expected"),
+            Cause::Bluetooth => f.write_str("a frame of the robot's Bluetooth protocol"),
             Cause::BootLoader => f.write_str("it would start a servo's boot loader, which is not offered"),
             Cause::Length { expected, got } => {
                 write!(f, "{got} data bytes, expected ")?;
@@ -594,6 +597,7 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
         header::FIRMWARE_VERSION => {
             constant(0, sized(data, &[6])?, &[1, 0, 0, 0, 0, 0]).map(|()| Request::ReadFirmwareVersion)
         }
+        header::ACT if data.first() != Some(&ACT) => Err(Cause::Bluetooth),
         header::ACT => Action::from_data(sized(data, &[Action::LEN])?).map(Request::Act),
         header::OFFSET_TOOL => {
             let [one, state, rest @ ..] = sized::<6>(data, &[6])?;
@@ -640,9 +644,9 @@ fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Resu
             let outcome = outcome(0, status)?;
             Ok(Response::FirmwareVersion(FirmwareVersion { outcome, text }))
         }
+        header::ACT if data.first() != Some(&ACT) => Err(Cause::Bluetooth),
         header::ACT => {
-            let [one, status, rest @ ..] = sized::<6>(data, &[6])?;
-            constant(0, [one], &[ACT])?;
+            let [_, status, rest @ ..] = sized::<6>(data, &[6])?;
             constant(2, rest, &[0; 4])?;
             outcome(1, status).map(Response::Acted)
         }

@@ -3,10 +3,13 @@
 extern crate std;
 
 use core::time::Duration;
+use std::string::ToString;
 use std::vec::Vec;
 
 use super::*;
-use crate::{Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan};
+use crate::{
+    Client, Config, Decoder, Device, EncodeError, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan,
+};
 
 /// A frame written in hex.
 fn hex(text: &str) -> Vec<u8> {
@@ -578,7 +581,14 @@ fn filling_of_a_report_is_neither_noise_nor_data() {
 
 #[test]
 fn a_bluetooth_frame_is_named_and_passed_over_whole_whoever_sends_it() {
-    const BLUETOOTH: Reason = Reason::Foreign("Alpha1's Bluetooth protocol");
+    let error = ParseError {
+        command: 0xFB,
+        cause: Cause::Bluetooth,
+    };
+    assert_eq!(
+        error.to_string(),
+        "command FB: a frame of the robot's Bluetooth protocol"
+    );
     // A handshake, the question for the battery, its answer, and one whose parameters look like an answer.
     for bytes in [
         "FB BF 06 01 00 07 ED",
@@ -590,13 +600,17 @@ fn a_bluetooth_frame_is_named_and_passed_over_whole_whoever_sends_it() {
         for expect in [Expect::Requests, Expect::Responses(None)] {
             let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
             decoder.push(&report(&bytes));
-            let noise = decoder.next(expect).unwrap().unwrap_err();
-            assert_eq!((noise.len, noise.reason), (bytes.len(), BLUETOOTH));
+            let frame = decoder.next(expect).unwrap().unwrap();
+            assert_eq!(Alpha1::parse_request(frame), Err(error));
+            assert_eq!(Alpha1::parse_response(frame, expect), Err(error));
+            let (offset, expected, got) = (2, &[0x01][..], bytes[2]);
+            let written = frame.encode(expect, &mut [0; MAX_FRAME]);
+            assert_eq!(written, Err(EncodeError::Byte { offset, expected, got }));
             assert!(decoder.next(expect).is_none());
         }
         let events = hear(Request::Stop, &[bytes, hex("F2 2F AA ED")].concat());
-        assert!(matches!(events[0], Event::Noise(noise) if noise.reason == BLUETOOTH));
-        assert_eq!(events[1..], [Event::Answer(Response::Stopped(Outcome::Success))]);
+        let answer = Event::Answer(Response::Stopped(Outcome::Success));
+        assert_eq!(events, [Event::Unknown(error), answer]);
     }
 }
 
@@ -607,7 +621,7 @@ fn a_bluetooth_frame_is_verified_and_its_length_bounded() {
     let (expected, got) = (0x07, 0x08);
     assert_eq!(noise(&bad_sum, requests), Reason::Checksum { expected, got });
     let longest = [hex("FB BF 3F"), [0; 59].into(), hex("3F ED")].concat();
-    assert!(matches!(noise(&longest, requests), Reason::Foreign(_)));
+    assert_eq!(Alpha1::scan(&longest, requests), Scan::Frame(MAX_FRAME));
     for third in [0x00, 0x02, 0x05, 0x40, 0xFF] {
         assert_eq!(
             noise(&[0xFB, 0xBF, third], requests),
