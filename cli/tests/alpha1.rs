@@ -6,8 +6,10 @@ mod common;
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
 
 use common::{Arm, failure, free_path, run, success, usage};
+use rustix::fs::OFlags;
 use rustix::process::Signal;
 
 const STOP: [u8; 10] = [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
@@ -26,7 +28,15 @@ fn call_args<'a>(arm: &'a Arm, args: &'a str) -> Vec<&'a str> {
 }
 
 fn open(arm: &Arm) -> File {
-    OpenOptions::new().read(true).write(true).open(&arm.port).unwrap()
+    // It must not become our terminal.
+    let flags = OFlags::NOCTTY.bits() as i32;
+    let mut options = OpenOptions::new();
+    options
+        .read(true)
+        .write(true)
+        .custom_flags(flags)
+        .open(&arm.port)
+        .unwrap()
 }
 
 /// The next bytes that arrive; it waits for all of them.
