@@ -119,3 +119,16 @@ impl fmt::Display for EncodeError {
 }
 
 impl core::error::Error for EncodeError {}
+
+/// Writes what may be instead of what is: `a or b or c`.
+pub(crate) fn write_either<T>(
+    f: &mut fmt::Formatter<'_>,
+    choices: &[T],
+    write: impl Fn(&mut fmt::Formatter<'_>, &T) -> fmt::Result,
+) -> fmt::Result {
+    for (i, choice) in choices.iter().enumerate() {
+        f.write_str(if i == 0 { "" } else { " or " })?;
+        write(f, choice)?;
+    }
+    Ok(())
+}

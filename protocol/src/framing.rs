@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use crate::error::write_either;
+
 /// What a [`Framing`] makes of the bytes at the front of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -70,10 +72,7 @@ impl fmt::Display for Reason {
             Self::Length { min, max, got } => write!(f, "length field says {got}, must be {min}..={max}"),
             Self::Byte { offset, expected, got } => {
                 write!(f, "byte {offset} is {got:#04x}, expected ")?;
-                for (i, byte) in expected.iter().enumerate() {
-                    write!(f, "{}{byte:#04x}", if i == 0 { "" } else { " or " })?;
-                }
-                Ok(())
+                write_either(f, expected, |f, byte| write!(f, "{byte:#04x}"))
             }
             Self::Checksum { expected, got } => write!(f, "checksum {got:#04x}, expected {expected:#04x}"),
             Self::Tail { expected, got } => write!(f, "end mark {got:#04x}, expected {expected:#04x}"),

@@ -7,6 +7,7 @@ use super::value::{
     Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, SERVOS, ServoId, ServoStates, Text, UsbType,
 };
 use super::{Alpha1, Expect, Frame, MAX_FRAME, MAX_TEXT, ServoAnswer};
+use crate::error::write_either;
 use crate::{BufferTooShort, Micros, OutOfRange, Protocol, Reply};
 
 /// Commands to a servo, in frames FA AF (servo manual).
@@ -301,17 +302,11 @@ impl fmt::Display for ParseError {
             Cause::BootLoader => f.write_str("it would start a servo's boot loader, which is not offered"),
             Cause::Length { expected, got } => {
                 write!(f, "{got} data bytes, expected ")?;
-                for (i, length) in expected.iter().enumerate() {
-                    write!(f, "{}{length}", if i == 0 { "" } else { " or " })?;
-                }
-                Ok(())
+                write_either(f, expected, |f, length| write!(f, "{length}"))
             }
             Cause::Byte { offset, expected, got } => {
                 write!(f, "data byte {offset} is {got:02X}, must be ")?;
-                for (i, byte) in expected.iter().enumerate() {
-                    write!(f, "{}{byte:02X}", if i == 0 { "" } else { " or " })?;
-                }
-                Ok(())
+                write_either(f, expected, |f, byte| write!(f, "{byte:02X}"))
             }
             Cause::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
             Cause::Offset(error) => write!(f, "{error}"),

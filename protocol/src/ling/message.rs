@@ -7,6 +7,7 @@ use super::value::{
     Version,
 };
 use super::{Frame, Ling, SELF_CHECK};
+use crate::error::write_either;
 use crate::{BufferTooShort, Micros, OutOfRange, Protocol, Reply};
 
 /// Commands (section 1.1).
@@ -252,10 +253,7 @@ impl fmt::Display for Cause {
             Self::Unknown => f.write_str("unknown"),
             Self::Length { expected, got } => {
                 write!(f, "{got} data bytes, expected ")?;
-                for (i, length) in expected.iter().enumerate() {
-                    write!(f, "{}{length}", if i == 0 { "" } else { " or " })?;
-                }
-                Ok(())
+                write_either(f, expected, |f, length| write!(f, "{length}"))
             }
             Self::Byte { offset, expected, got } => {
                 write!(f, "data byte {offset} is {got:02X}, must be {expected:02X}")

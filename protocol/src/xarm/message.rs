@@ -7,6 +7,7 @@ use super::value::{
     Joint, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
 };
 use super::{Direction, Frame, MAX_BODY, MAX_FRAME, XArm};
+use crate::error::write_either;
 use crate::{BufferTooShort, Micros, OutOfRange, Protocol};
 
 /// The parameter of register 10.
@@ -360,10 +361,7 @@ impl fmt::Display for Cause {
             Self::Raw(error) => error.fmt(f),
             Self::Length { expected, got } => {
                 write!(f, "{got} bytes of parameters, expected ")?;
-                for (i, length) in expected.iter().enumerate() {
-                    write!(f, "{}{length}", if i == 0 { "" } else { " or " })?;
-                }
-                Ok(())
+                write_either(f, expected, |f, length| write!(f, "{length}"))
             }
             Self::Value { offset, error } => write!(f, "{error} (parameter byte {offset})"),
         }
