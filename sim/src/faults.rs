@@ -6,6 +6,8 @@ use std::collections::VecDeque;
 
 use armwire::Micros;
 use oorandom::Rand32;
+#[cfg(test)]
+use proptest::prelude::*;
 
 use crate::serial::SerialDevice;
 
@@ -217,6 +219,18 @@ impl<D: SerialDevice> SerialDevice for Line<D> {
         let from = self.from_device.due().or_else(|| self.device.poll_timeout());
         [self.to_device.due(), from].into_iter().flatten().min()
     }
+}
+
+/// Rates of faults, mostly such that some frames pass and some do not.
+#[cfg(test)]
+pub(crate) fn any_rates() -> impl Strategy<Value = Rates> {
+    prop_oneof![
+        1 => Just(0),
+        8 => 0..20_000_u32,
+        1 => 0..1_000_000_u32,
+        1 => Just(1_000_000),
+    ]
+    .prop_map(Rates::each)
 }
 
 #[cfg(test)]

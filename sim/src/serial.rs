@@ -19,3 +19,24 @@ pub trait SerialDevice {
     /// give it something to say.
     fn poll_timeout(&self) -> Option<Micros>;
 }
+
+/// What a device has heard, since it was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Bytes.
+    pub bytes: u64,
+    /// Requests, obeyed or not.
+    pub requests: u64,
+    /// Requests that were answered.
+    pub answered: u64,
+    /// Requests that were not obeyed: answered by a failure, or not at all.
+    pub refused: u64,
+    /// Answers given up because too many were waiting for the line.
+    pub overrun: u64,
+    /// Good frames that are no request, or one with a value out of range. They are not answered.
+    pub unknown: u64,
+    /// Bytes that were not part of a frame.
+    pub noise_bytes: u64,
+    /// Bytes that came while the device was talking on the same wire, and were lost; none where each way has its own.
+    pub collided: u64,
+}

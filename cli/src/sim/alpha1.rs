@@ -5,12 +5,10 @@ use std::sync::atomic::AtomicBool;
 
 use armwire::Micros;
 use armwire::alpha1::{ServoId, Text};
-use armwire_sim::alpha1::{Alpha1Robot, BusConfig, Counters, RobotConfig, ServoBus};
-use armwire_sim::serve::Served;
+use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use clap::Args;
 
-use super::line::LineArgs;
-use super::say;
+use super::line::{LineArgs, say_last};
 use crate::problem::Problem;
 
 /// The arguments of `armwire sim alpha1`.
@@ -117,20 +115,6 @@ impl Alpha1ServoSim {
         let (line, served) = self.line.serve(name, ServoBus::new(config), stop)?;
         say_last(served, line.device().counters())
     }
-}
-
-fn say_last(served: Served, heard: Counters) -> Result<(), Problem> {
-    say(format_args!(
-        "{} bytes in, {} out, {} not read; {} requests ({} answered, {} refused), {} unknown frames, {} noise bytes.",
-        served.received,
-        served.sent,
-        served.lost,
-        heard.requests,
-        heard.answered,
-        heard.refused,
-        heard.unknown,
-        heard.noise_bytes
-    ))
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use armwire_sim::faults::{Line, Rates};
 use armwire_sim::pty::Pty;
-use armwire_sim::serial::SerialDevice;
+use armwire_sim::serial::{Counters, SerialDevice};
 use armwire_sim::serve::{Served, serve};
 use clap::{Args, ValueEnum};
 
@@ -96,6 +96,21 @@ impl LineArgs {
         let served = serve(&mut line, &pty, stop).map_err(Problem::Serve)?;
         Ok((line, served))
     }
+}
+
+/// Says what went over the line and what the device made of it.
+pub(super) fn say_last(served: Served, heard: Counters) -> Result<(), Problem> {
+    say(format_args!(
+        "{} bytes in, {} out, {} not read; {} requests ({} answered, {} refused), {} unknown frames, {} noise bytes.",
+        served.received,
+        served.sent,
+        served.lost,
+        heard.requests,
+        heard.answered,
+        heard.refused,
+        heard.unknown,
+        heard.noise_bytes
+    ))
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{Config, LingArm};
 use clap::Args;
 
-use super::line::LineArgs;
+use super::line::{LineArgs, say_last};
 use super::say;
 use crate::problem::Problem;
 
@@ -76,19 +76,7 @@ impl LingSim {
         };
         let name = format!("Ling {kind} {}", config.serial);
         let (line, served) = self.line.serve(name, LingArm::new(config), stop)?;
-
-        let heard = line.device().counters();
-        say(format_args!(
-            "{} bytes in, {} out, {} not read; {} requests ({} answered, {} refused), {} unknown frames, {} noise bytes.",
-            served.received,
-            served.sent,
-            served.lost,
-            heard.requests,
-            heard.answered,
-            heard.refused,
-            heard.unknown,
-            heard.noise_bytes
-        ))
+        say_last(served, line.device().counters())
     }
 
     fn run_older(&self, stop: &AtomicBool) -> Result<(), Problem> {

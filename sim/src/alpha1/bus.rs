@@ -5,9 +5,9 @@ use armwire::{Input, Micros};
 
 use super::SERVOS;
 use super::chain::Chain;
-use super::port::{Counters, Kind, Port};
+use super::port::{Kind, Port};
 use super::servo::Servo;
-use crate::serial::SerialDevice;
+use crate::serial::{Counters, SerialDevice};
 
 /// Which servos there are, and how they answer.
 ///

@@ -12,8 +12,8 @@ mod servo;
 #[cfg(test)]
 mod tests;
 
+pub use crate::serial::Counters;
 pub use bus::{BusConfig, ServoBus};
-pub use port::Counters;
 pub use robot::{Alpha1Robot, RobotConfig};
 pub use servo::Servo;
 

@@ -5,6 +5,8 @@ use std::collections::VecDeque;
 use armwire::alpha1::{Alpha1, MAX_FRAME, Outcome, Request};
 use armwire::{Device, Heard, Input, Micros, Protocol};
 
+use crate::serial::Counters;
+
 /// Answers that wait for the line at most. A host that asks faster than answers fit on the line loses the rest.
 pub(super) const MAX_REPLIES: usize = 8;
 
@@ -17,27 +19,6 @@ pub(super) enum Kind {
     Reports,
     /// One wire for both ways, on which a host may hear itself.
     SingleWire { echo: bool },
-}
-
-/// What a device has heard, since it was made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Bytes.
-    pub bytes: u64,
-    /// Requests, obeyed or not.
-    pub requests: u64,
-    /// Requests that were answered.
-    pub answered: u64,
-    /// Requests that were not obeyed: answered by a failure or, by servos, not at all.
-    pub refused: u64,
-    /// Answers given up because too many were waiting for the line.
-    pub overrun: u64,
-    /// Good frames that are no request, or one with a value out of range. They are not answered.
-    pub unknown: u64,
-    /// Bytes that were not part of a frame.
-    pub noise_bytes: u64,
-    /// Bytes that came while the device was talking on the same wire, and were lost.
-    pub collided: u64,
 }
 
 /// An answer that waits for the line or is on it.

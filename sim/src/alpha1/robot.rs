@@ -23,9 +23,9 @@ use armwire::{Input, Micros};
 use super::SERVOS;
 use super::action::{NamedAction, Pose, STANDING};
 use super::chain::{Chain, encode};
-use super::port::{Counters, Kind, Port};
+use super::port::{Kind, Port};
 use super::servo::{Servo, micros};
-use crate::serial::SerialDevice;
+use crate::serial::{Counters, SerialDevice};
 
 /// What a virtual robot is, and how it answers.
 ///

@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 use super::port::MAX_REPLIES;
 use super::*;
-use crate::faults::{Line, Rates};
+use crate::faults::{Line, Rates, any_rates};
 use crate::serial::SerialDevice;
 use crate::wire::{Silence, Wire};
 
@@ -876,17 +876,6 @@ fn any_request() -> impl Strategy<Value = Request> {
         Just(Request::Play(name("sleep"))),
         any_servo_request().prop_map(Request::Servo),
     ]
-}
-
-fn any_rates() -> impl Strategy<Value = Rates> {
-    // Mostly such that some frames pass and some do not.
-    prop_oneof![
-        1 => Just(0),
-        8 => 0..20_000_u32,
-        1 => 0..1_000_000_u32,
-        1 => Just(1_000_000),
-    ]
-    .prop_map(Rates::each)
 }
 
 proptest! {

@@ -18,6 +18,7 @@ use armwire::ling::{
 };
 use armwire::{Device, Heard, Input, Micros};
 
+pub use crate::serial::Counters;
 use crate::serial::SerialDevice;
 use body::Body;
 
@@ -82,25 +83,6 @@ impl Config {
             ..Self::follower()
         }
     }
-}
-
-/// What an arm has heard, since it was made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Bytes.
-    pub bytes: u64,
-    /// Requests, obeyed or not.
-    pub requests: u64,
-    /// Requests that were answered.
-    pub answered: u64,
-    /// Requests that were not obeyed: motion without torque or by a leader, torque on during overheat protection.
-    pub refused: u64,
-    /// Answers given up because too many were waiting for the line.
-    pub overrun: u64,
-    /// Good frames that are no request, or one with a value out of range. The arm ignores them.
-    pub unknown: u64,
-    /// Bytes that were not part of a frame.
-    pub noise_bytes: u64,
 }
 
 /// An answer that waits for the line or is on it.
@@ -206,7 +188,7 @@ impl LingArm {
         per_servo(self.config.kind, self.body.velocities())
     }
 
-    /// What it has heard.
+    /// What it has heard. It refuses motion without torque or of a leader, and torque during overheat protection.
     pub fn counters(&self) -> Counters {
         self.counters
     }

@@ -6,7 +6,7 @@ use oorandom::Rand32;
 use proptest::prelude::*;
 
 use super::*;
-use crate::faults::{Line, Rates};
+use crate::faults::{Line, Rates, any_rates};
 use crate::wire::Wire;
 
 type Host<D> = Wire<Ling, D, MAX_FRAME>;
@@ -408,17 +408,6 @@ fn any_request() -> impl Strategy<Value = Request> {
         (0..4096_u16, 0..=5000_u16, 0..=1000_u16).prop_map(|(ticks, speed, opening)| go(ticks, speed, opening)),
         Just(Request::SelfCheck),
     ]
-}
-
-fn any_rates() -> impl Strategy<Value = Rates> {
-    // Mostly such that some frames pass and some do not.
-    prop_oneof![
-        1 => Just(0),
-        8 => 0..20_000_u32,
-        1 => 0..1_000_000_u32,
-        1 => Just(1_000_000),
-    ]
-    .prop_map(Rates::each)
 }
 
 proptest! {
