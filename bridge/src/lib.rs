@@ -44,7 +44,9 @@
 #![forbid(unsafe_code)]
 
 mod bridge;
+pub mod can;
 mod counters;
+pub mod isotp;
 mod line;
 mod queue;
 

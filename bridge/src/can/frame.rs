@@ -1,0 +1,180 @@
+//! A data frame as a CAN controller sends and receives it (ISO 11898-1).
+
+use core::fmt;
+
+use armwire::OutOfRange;
+
+/// Bytes in a classic frame at most.
+pub const MAX_CLASSIC: usize = 8;
+
+/// Bytes in an FD frame at most.
+pub const MAX_FD: usize = 64;
+
+/// How many bytes an FD frame may have. The place in this list is the frame's DLC (ISO 11898-1, table 5).
+pub const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
+
+/// An identifier of 11 bits. The lower it is, the sooner its frame gets the bus.
+///
+/// ```
+/// use armwire_bridge::can::Id;
+///
+/// assert_eq!(Id::new(0x7FF).unwrap().get(), 0x7FF);
+/// assert_eq!(Id::new(0x123).unwrap().to_string(), "0x123");
+/// assert_eq!(Id::new(0x800).unwrap_err().to_string(), "CAN identifier is 2048, must be 0..=2047");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Id(pub(super) u16);
+
+impl Id {
+    /// The highest.
+    pub const MAX: Self = Self(0x7FF);
+
+    /// The identifier `id`, 0..=0x7FF.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when it has more than 11 bits.
+    pub const fn new(id: u16) -> Result<Self, OutOfRange> {
+        if id > Self::MAX.0 {
+            return Err(OutOfRange {
+                what: "CAN identifier",
+                unit: "",
+                got: id,
+                min: 0,
+                max: Self::MAX.0,
+            });
+        }
+        Ok(Self(id))
+    }
+
+    /// The 11 bits.
+    pub const fn get(self) -> u16 {
+        self.0
+    }
+}
+
+impl fmt::Display for Id {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "0x{:03X}", self.0)
+    }
+}
+
+/// A data frame with an 11-bit identifier: classic, 0 to 8 bytes, or FD, one of [`FD_LENGTHS`].
+///
+/// ```
+/// use armwire_bridge::can::{Frame, FrameError, Id};
+///
+/// let id = Id::new(0x123).unwrap();
+/// let frame = Frame::new(id, b"joints").unwrap();
+/// assert_eq!((frame.id(), frame.data(), frame.is_fd()), (id, &b"joints"[..], false));
+///
+/// assert!(Frame::new_fd(id, &[0; 12]).is_ok());
+/// let error = Frame::new_fd(id, &[0; 13]).unwrap_err();
+/// assert_eq!(error, FrameError { is_fd: true, got: 13 });
+/// assert_eq!(error.to_string(), "13 bytes, an FD frame has 0..=8, 12, 16, 20, 24, 32, 48 or 64");
+/// ```
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Frame {
+    id: Id,
+    is_fd: bool,
+    len: u8,
+    /// Zero after the first `len`.
+    bytes: [u8; MAX_FD],
+}
+
+impl Frame {
+    /// A classic frame.
+    ///
+    /// # Errors
+    ///
+    /// [`FrameError`] when there are more than 8 bytes.
+    pub fn new(id: Id, data: &[u8]) -> Result<Self, FrameError> {
+        match Self::filled(id, data) {
+            Some(frame) if data.len() <= MAX_CLASSIC => Ok(frame),
+            _ => Err(FrameError {
+                is_fd: false,
+                got: data.len(),
+            }),
+        }
+    }
+
+    /// An FD frame.
+    ///
+    /// # Errors
+    ///
+    /// [`FrameError`] when the number of bytes is none of [`FD_LENGTHS`].
+    pub fn new_fd(id: Id, data: &[u8]) -> Result<Self, FrameError> {
+        match Self::filled(id, data) {
+            Some(frame) if FD_LENGTHS.contains(&frame.len) => Ok(Self { is_fd: true, ..frame }),
+            _ => Err(FrameError {
+                is_fd: true,
+                got: data.len(),
+            }),
+        }
+    }
+
+    /// The identifier.
+    pub const fn id(&self) -> Id {
+        self.id
+    }
+
+    /// The bytes.
+    pub fn data(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.len)).unwrap_or_default()
+    }
+
+    /// Whether it is an FD frame, of whatever length.
+    pub const fn is_fd(&self) -> bool {
+        self.is_fd
+    }
+
+    /// A frame of any length that there is room for.
+    fn filled(id: Id, data: &[u8]) -> Option<Self> {
+        let mut bytes = [0; MAX_FD];
+        bytes.get_mut(..data.len())?.copy_from_slice(data);
+        Some(Self {
+            id,
+            is_fd: false,
+            len: data.len() as u8,
+            bytes,
+        })
+    }
+}
+
+impl fmt::Debug for Frame {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = if self.is_fd { " FD" } else { "" };
+        write!(f, "{}{kind} {:02X?}", self.id, self.data())
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Frame {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        let kind = if self.is_fd { " FD" } else { "" };
+        defmt::write!(f, "{=u16:#05X}{=str} {=[u8]:02X}", self.id.0, kind, self.data());
+    }
+}
+
+/// A number of bytes that no frame has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FrameError {
+    /// Whether it was to be an FD frame.
+    pub is_fd: bool,
+    /// How many bytes there were.
+    pub got: usize,
+}
+
+impl fmt::Display for FrameError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let expected = match self.is_fd {
+            false => "a classic frame has 0..=8",
+            true => "an FD frame has 0..=8, 12, 16, 20, 24, 32, 48 or 64",
+        };
+        write!(f, "{} bytes, {expected}", self.got)
+    }
+}
+
+impl core::error::Error for FrameError {}

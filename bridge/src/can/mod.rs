@@ -1,0 +1,7 @@
+//! The adapter on a CAN bus: frames, and which identifier means what.
+
+mod frame;
+mod ids;
+
+pub use frame::{FD_LENGTHS, Frame, FrameError, Id, MAX_CLASSIC, MAX_FD};
+pub use ids::{Function, Node};

@@ -1,0 +1,144 @@
+//! How an endpoint treats its bus.
+
+use armwire::{Micros, OutOfRange};
+
+use crate::can::Id;
+
+/// The frames an endpoint sends. It receives both kinds, of any length.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Link {
+    /// Classic frames, padded to 8 bytes.
+    Classic,
+    /// FD frames of up to 64 bytes, padded to 8 bytes or the next length there is.
+    Fd,
+}
+
+/// How an [`Endpoint`](super::Endpoint) sends, what it asks of those who send to it, and how long it waits for them.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire_bridge::can::Id;
+/// use armwire_bridge::isotp::{Config, Link, SeparationTime};
+///
+/// // A receiver with a FIFO of few frames.
+/// let config = Config {
+///     block_size: 8,
+///     st_min: SeparationTime::from_millis(1).unwrap(),
+///     ..Config::new(Link::Classic, Id::new(0x612).unwrap())
+/// };
+/// assert_eq!(config.n_cr, Micros::from_millis(1_000));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// Which frames it sends.
+    pub link: Link,
+    /// The identifier of all frames it sends, flow control included.
+    pub tx: Id,
+    /// BS, what it asks for: how many consecutive frames may come before it must be asked again, 0 for any number.
+    pub block_size: u8,
+    /// STmin, what it asks for: the least time between consecutive frames.
+    pub st_min: SeparationTime,
+    /// N_Bs: how long the other side may take for a flow control frame.
+    pub n_bs: Micros,
+    /// N_Cr: how long the other side may take for a consecutive frame.
+    pub n_cr: Micros,
+    /// N_WFTmax: how often in a row the other side may say that it is not ready. One that does so for ever would hold the
+    /// endpoint for ever.
+    pub max_waits: u8,
+}
+
+impl Config {
+    /// Anything may come at once; both time-outs are the 1000 ms of the standard (table 16), and 10 waits are too many.
+    pub const fn new(link: Link, tx: Id) -> Self {
+        Self {
+            link,
+            tx,
+            block_size: 0,
+            st_min: SeparationTime::ZERO,
+            n_bs: Micros::from_millis(1_000),
+            n_cr: Micros::from_millis(1_000),
+            max_waits: 9,
+        }
+    }
+}
+
+/// STmin, the least time between consecutive frames: 0 to 127 ms, or 100 to 900 µs.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire_bridge::isotp::SeparationTime;
+///
+/// assert_eq!(SeparationTime::from_millis(20).unwrap().micros(), Micros(20_000));
+/// assert_eq!(SeparationTime::from_hundreds_of_micros(9).unwrap().to_byte(), 0xF9);
+///
+/// // A value that the standard reserves counts as the longest there is.
+/// assert_eq!(SeparationTime::from_byte(0x80), SeparationTime::from_millis(127).unwrap());
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SeparationTime(u8);
+
+impl SeparationTime {
+    /// None: as fast as the bus allows.
+    pub const ZERO: Self = Self(0);
+
+    /// Milliseconds at most.
+    const MAX_MILLIS: u8 = 0x7F;
+
+    /// `millis` milliseconds, 0..=127.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when it is longer.
+    pub const fn from_millis(millis: u8) -> Result<Self, OutOfRange> {
+        if millis > Self::MAX_MILLIS {
+            return Err(out_of_range("ms", millis, 0, Self::MAX_MILLIS));
+        }
+        Ok(Self(millis))
+    }
+
+    /// `hundreds` times 100 µs, 1..=9.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when it is shorter or longer.
+    pub const fn from_hundreds_of_micros(hundreds: u8) -> Result<Self, OutOfRange> {
+        match hundreds {
+            1..=9 => Ok(Self(0xF0 | hundreds)),
+            _ => Err(out_of_range("times 100 µs", hundreds, 1, 9)),
+        }
+    }
+
+    /// What a flow control frame says. A reserved value is read as 127 ms.
+    pub const fn from_byte(byte: u8) -> Self {
+        match byte {
+            0..=Self::MAX_MILLIS | 0xF1..=0xF9 => Self(byte),
+            _ => Self(Self::MAX_MILLIS),
+        }
+    }
+
+    /// What a flow control frame says.
+    pub const fn to_byte(self) -> u8 {
+        self.0
+    }
+
+    /// How long it is.
+    pub const fn micros(self) -> Micros {
+        match self.0 {
+            millis @ 0..=Self::MAX_MILLIS => Micros::from_millis(millis as u64),
+            hundreds => Micros((hundreds & 0x0F) as u64 * 100),
+        }
+    }
+}
+
+const fn out_of_range(unit: &'static str, got: u8, min: u16, max: u8) -> OutOfRange {
+    OutOfRange {
+        what: "separation time",
+        unit,
+        got: got as u16,
+        min,
+        max: max as u16,
+    }
+}
