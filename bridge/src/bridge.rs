@@ -5,8 +5,11 @@ use core::fmt;
 use armwire::ling::{self, Ling};
 use armwire::{Decoder, Micros};
 
+use crate::can;
+use crate::config::{self, Config};
+use crate::control::Identity;
 use crate::queue::Queue;
-use crate::{Counters, LineCoding, Refused, UartErrors};
+use crate::{Counters, Line, LineCoding, Refused, UartErrors};
 
 /// Bytes in a full USB packet (full speed, bulk).
 pub const PACKET: usize = 64;
@@ -44,6 +47,8 @@ pub struct Bridge<const UP: usize, const DOWN: usize> {
     /// by.
     quiet: bool,
     counters: Counters,
+    identity: Identity,
+    config: Config,
 }
 
 /// The USB transfer towards the host. A host waits for more until a packet is short.
@@ -82,9 +87,53 @@ pub enum Wake {
     At(Micros),
 }
 
+/// Bytes for the arm that [`Bridge::uart_transmit`] gave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Burst {
+    /// How many, at least 1.
+    pub len: usize,
+    /// When the first is to start, [`LEAD`] away at most: wait for it, and send nothing in between. `None`: at once.
+    pub start: Option<Micros>,
+}
+
+/// How long before its slot a poll is handed over, so that nothing else that runs makes it late.
+pub const LEAD: Micros = Micros(25);
+
+/// What the CAN controller had to complain of since it was last asked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct CanErrors {
+    /// Errors on the bus.
+    pub bus: u32,
+    /// Times frames were lost because they were not taken in time.
+    pub overruns: u32,
+}
+
+/// What only firmware can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Action {
+    /// Write this configuration to flash, then call [`Bridge::saved`].
+    Save(Config),
+    /// Forget the configuration in flash, then call [`Bridge::saved`].
+    Reset,
+    /// Start again, once the reply is with the host: wait 100 ms.
+    Restart,
+    /// Start the chip's own boot loader, in the same way.
+    RestartIntoBootLoader,
+    /// Set up the CAN controller anew.
+    RestartCan(config::Can),
+}
+
 impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
-    /// An adapter at 1 Mbaud that no host has found yet. Does not compile when a queue is too short.
-    pub fn new() -> Self {
+    /// An adapter that no host has found yet, at 1 Mbaud until [`line_change`](Self::line_change) says otherwise. It is
+    /// configured as from the factory if it cannot be as `config` says. Does not compile when a queue is too short.
+    pub fn new(identity: Identity, config: Config) -> Self {
+        let config = match config.check() {
+            Ok(()) => config,
+            Err(_) => Config::default(),
+        };
         const {
             assert!(
                 UP >= 2 * PACKET && DOWN >= PACKET,
@@ -105,6 +154,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             looked: Micros(0),
             quiet: true,
             counters: Counters::default(),
+            identity,
+            config,
         }
     }
 
@@ -147,15 +198,16 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// use armwire::Micros;
     /// use armwire_bridge::{Bridge, PACKET, Wake};
     ///
-    /// let mut bridge = Bridge::<256, 128>::new();
+    /// let mut bridge = Bridge::<256, 128>::default();
     /// bridge.usb_configured(true);
     /// bridge.uart_received(b"what is this", Micros(0));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
-    /// bridge.uart_idle();
+    /// bridge.uart_idle(Micros(200));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));
     /// assert_eq!(bridge.wake(), Wake::Byte);
     /// ```
-    pub fn uart_idle(&mut self) {
+    pub fn uart_idle(&mut self, now: Micros) {
+        let _ = now;
         while let Some(noise) = self.tap.idle(()) {
             count(&mut self.counters.noise_bytes, noise.len);
             self.take_frames();
@@ -199,11 +251,17 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         }
     }
 
-    /// Moves bytes for the arm to the front of `out` and returns how many, 0 when there are none or the line coding has
-    /// to change first.
+    /// Whether [`uart_transmit`](Self::uart_transmit) has bytes or [`line_change`](Self::line_change) has something.
+    pub fn uart_due(&self, now: Micros) -> bool {
+        let _ = now;
+        !self.down.is_empty() || self.wanted.is_some()
+    }
+
+    /// Moves bytes for the arm to the front of `out`. `None` when there are none now, or when the line has to change
+    /// first.
     ///
-    /// Then ask [`usb_room`](Self::usb_room) and [`line_coding_change`](Self::line_coding_change).
-    pub fn uart_transmit(&mut self, out: &mut [u8], now: Micros) -> usize {
+    /// Give it room for a whole frame, [`MAX_FRAME`](crate::control::MAX_FRAME) bytes.
+    pub fn uart_transmit(&mut self, out: &mut [u8], now: Micros) -> Option<Burst> {
         let before = self.wanted.map_or(out.len(), |(_, before)| before.min(out.len()));
         let n = self.down.pop(out.get_mut(..before).unwrap_or_default());
         if let Some((_, before)) = &mut self.wanted {
@@ -211,7 +269,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         }
         self.down_moved = now;
         count(&mut self.counters.host_to_arm_bytes, n);
-        n
+        (n > 0).then_some(Burst { len: n, start: None })
     }
 
     // ---- The host's side ----
@@ -245,12 +303,12 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// use armwire::Micros;
     /// use armwire_bridge::{Bridge, PACKET};
     ///
-    /// let mut bridge = Bridge::<256, 128>::new();
+    /// let mut bridge = Bridge::<256, 128>::default();
     /// bridge.usb_configured(true);
     /// bridge.uart_received(b"old", Micros(0));
     /// bridge.usb_dtr(true);
     /// bridge.uart_received(b"new", Micros(100));
-    /// bridge.uart_idle();
+    /// bridge.uart_idle(Micros(200));
     ///
     /// let mut packet = [0; PACKET];
     /// assert_eq!(bridge.usb_transmit(&mut packet), Some(3));
@@ -340,15 +398,15 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// use armwire::Micros;
     /// use armwire_bridge::{Bridge, Refused};
     ///
-    /// let mut bridge = Bridge::<256, 128>::new();
+    /// let mut bridge = Bridge::<256, 128>::default();
     /// let refused = bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 1, 0, 8], Micros(0));
     /// assert_eq!(refused, Err(Refused::StopBits(1)));
     /// assert_eq!(bridge.line_coding().baud, 1_000_000);
     ///
     /// bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 0, 8], Micros(0)).unwrap();
-    /// let coding = bridge.line_coding_change().unwrap();
+    /// let line = bridge.line_change().unwrap();
     /// // Here firmware waits for the last bit to leave, and changes the UART.
-    /// bridge.line_coding_changed(coding);
+    /// bridge.line_changed(line);
     /// assert_eq!(bridge.line_coding().baud, 115_200);
     /// ```
     pub fn request_line_coding(&mut self, bytes: [u8; 7], now: Micros) -> Result<(), Refused> {
@@ -368,16 +426,20 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         Ok(())
     }
 
-    /// The line coding to change to, once every byte before it has been handed to the UART.
-    pub fn line_coding_change(&self) -> Option<LineCoding> {
-        self.wanted.filter(|&(_, before)| before == 0).map(|(coding, _)| coding)
+    /// What the line is to be, once every byte before that has been handed to the UART.
+    pub fn line_change(&self) -> Option<Line> {
+        let (coding, _) = self.wanted.filter(|&(_, before)| before == 0)?;
+        Some(Line {
+            coding,
+            half_duplex: false,
+        })
     }
 
-    /// The UART works with this line coding from here on. A frame that had begun will not end.
-    pub fn line_coding_changed(&mut self, coding: LineCoding) {
-        self.uart_idle();
-        self.coding = coding;
-        if self.wanted.is_none_or(|(wanted, _)| wanted == coding) {
+    /// The UART works like this from here on. A frame that had begun will not end.
+    pub fn line_changed(&mut self, line: Line) {
+        self.uart_idle(self.looked);
+        self.coding = line.coding;
+        if self.wanted.is_none_or(|(wanted, _)| wanted == line.coding) {
             self.wanted = self.wanted_next.take();
         }
         count(&mut self.counters.line_codings, 1);
@@ -390,12 +452,98 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             .map_or(self.coding, |(wanted, _)| wanted)
     }
 
+    // ---- The control interface on USB ----
+
+    /// Whether the next packet on the control interface may be taken.
+    pub fn control_room(&self) -> bool {
+        true
+    }
+
+    /// The host sent a packet on the control interface. Ask [`control_room`](Self::control_room) before.
+    pub fn control_received(&mut self, packet: &[u8], now: Micros) {
+        let _ = (packet, now, &self.identity);
+    }
+
+    /// Whether [`control_transmit`](Self::control_transmit) has a packet.
+    pub fn control_due(&self) -> bool {
+        false
+    }
+
+    /// Moves the next packet of the control interface into `packet` and returns its length. `None` when nothing is due.
+    pub fn control_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
+        let _ = packet;
+        None
+    }
+
+    // ---- The CAN bus ----
+
+    /// A frame came from the bus.
+    pub fn can_received(&mut self, frame: &can::Frame, now: Micros) {
+        let _ = (frame, now);
+    }
+
+    /// Whether [`can_transmit`](Self::can_transmit) has a frame.
+    pub fn can_due(&self, now: Micros) -> bool {
+        let _ = now;
+        false
+    }
+
+    /// The next frame for the bus, in the order of urgency. `None` when there is none now. Do not hold more than the
+    /// controller can: what waits here can still be overtaken.
+    pub fn can_transmit(&mut self, now: Micros) -> Option<can::Frame> {
+        let _ = now;
+        None
+    }
+
+    /// The CAN controller reported errors.
+    pub fn can_errors(&mut self, errors: CanErrors) {
+        let _ = errors;
+    }
+
+    /// The CAN controller left the bus (`off`), or is back on it.
+    pub fn can_bus_off(&mut self, off: bool, now: Micros) {
+        let _ = (off, now);
+    }
+
+    /// What the CAN controller is to be. It changes with an [`Action::RestartCan`].
+    pub fn can_config(&self) -> config::Can {
+        self.config.can
+    }
+
+    // ---- Time, and what only firmware can do ----
+
+    /// When [`tick`](Self::tick) has something to do, perhaps at a time that has passed. `None` when it will not unless
+    /// something happens before.
+    pub fn timeout(&self) -> Option<Micros> {
+        None
+    }
+
+    /// It is `now`.
+    pub fn tick(&mut self, now: Micros) {
+        let _ = now;
+    }
+
+    /// The next thing that only firmware can do, once.
+    pub fn action(&mut self) -> Option<Action> {
+        None
+    }
+
+    /// What became of [`Action::Save`] or [`Action::Reset`].
+    pub fn saved(&mut self, result: Result<(), ()>) {
+        let _ = result;
+    }
+
+    /// The configuration in force.
+    pub fn config(&self) -> Config {
+        self.config
+    }
+
     // ---- Health ----
 
     /// How often the firmware had to start again since power-on, for [`Counters`].
     ///
     /// ```
-    /// let mut bridge = armwire_bridge::Bridge::<256, 128>::new();
+    /// let mut bridge = armwire_bridge::Bridge::<256, 128>::default();
     /// bridge.started_after(1, 0);
     /// assert_eq!(bridge.counters().panics, 1);
     /// ```
@@ -410,7 +558,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// ```
     /// use armwire::Micros;
     ///
-    /// let mut bridge = armwire_bridge::Bridge::<256, 128>::new();
+    /// let mut bridge = armwire_bridge::Bridge::<256, 128>::default();
     /// bridge.uart_received(&[], Micros(0));
     /// assert!(!bridge.is_stuck(Micros::from_millis(900)));
     /// assert!(bridge.is_stuck(Micros::from_millis(1_100)));
@@ -463,9 +611,10 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     }
 }
 
+/// An adapter that does not say what it is, configured as from the factory.
 impl<const UP: usize, const DOWN: usize> Default for Bridge<UP, DOWN> {
     fn default() -> Self {
-        Self::new()
+        Self::new(Identity::default(), Config::default())
     }
 }
 

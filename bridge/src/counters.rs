@@ -1,12 +1,20 @@
 //! What the adapter has seen, lost and refused.
 
+use postcard::Error;
+use serde::{Deserialize, Serialize};
+
 /// Counts since the adapter started, and how often it did. Each wraps at 2³².
 ///
 /// ```
-/// let counters = armwire_bridge::Bridge::<256, 128>::new().counters();
-/// assert_eq!(counters, armwire_bridge::Counters::default());
+/// use armwire_bridge::Counters;
+///
+/// let mut counters = Counters::default();
+/// counters.panics = 2;
+/// let mut buf = [0; Counters::MAX_LEN];
+/// let bytes = counters.to_bytes(&mut buf).unwrap();
+/// assert_eq!(Counters::from_bytes(bytes), Ok(counters));
 /// ```
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub struct Counters {
@@ -54,149 +62,93 @@ pub struct Counters {
     pub panics: u32,
     /// Resets by the watchdog since power-on.
     pub watchdog_resets: u32,
+    /// Requests of the host on USB that went to the arm. Bytes that are no request are not counted here.
+    pub requests_usb: u32,
+    /// Requests of hosts on CAN that went to the arm.
+    pub requests_can: u32,
+    /// Polls of the adapter's own that went to the arm.
+    pub requests_poll: u32,
+    /// Cyclic commands on CAN that went to the arm.
+    pub requests_command: u32,
+    /// Requests of the adapter itself that went to the arm: see [`Asker::Adapter`](crate::control::Asker).
+    pub requests_adapter: u32,
+    /// Requests of all of these that the arm should have answered and did not in time.
+    pub unanswered_requests: u32,
+    /// Answers that came after that time. Nobody gets them for an answer.
+    pub late_answers: u32,
+    /// Frames of the arm that nobody had asked for.
+    pub unasked_frames: u32,
+    /// Polls that had to wait for another's exchange to end.
+    pub late_polls: u32,
+    /// Slots that passed without a poll, because the one before had not ended.
+    pub missed_polls: u32,
+    /// Requests from CAN refused because too many waited.
+    pub refused_can_requests: u32,
+    /// PDUs from CAN refused because they are no frame of this arm.
+    pub refused_can_frames: u32,
+    /// Frames of the arm for a host on CAN dropped because too many waited to go out.
+    pub dropped_can_answers: u32,
+    /// ISO-TP transfers that failed, either way: see [`isotp::Error`](crate::isotp::Error).
+    pub isotp_failures: u32,
+    /// CAN frames taken from the bus.
+    pub can_frames_received: u32,
+    /// CAN frames handed to the CAN controller.
+    pub can_frames_sent: u32,
+    /// Times the CAN controller lost frames because they were not taken in time.
+    pub can_receive_overruns: u32,
+    /// Errors that the CAN controller saw on the bus.
+    pub can_bus_errors: u32,
+    /// Times the CAN controller left the bus because of too many errors. It comes back by itself.
+    pub can_bus_offs: u32,
+    /// Commands whose other half did not come in time.
+    pub commands_incomplete: u32,
+    /// Commands whose sequence number was not a new one.
+    pub commands_stale: u32,
+    /// Commands with a value that the arm cannot have.
+    pub commands_out_of_range: u32,
+    /// Times a host that streamed motion fell silent.
+    pub host_silences: u32,
+    /// Bytes of such a host that were dropped because they had not gone out by then.
+    pub silenced_bytes: u32,
+    /// Messages from hosts on the control port.
+    pub control_requests: u32,
+    /// Those among them that this adapter does not know.
+    pub control_unsupported: u32,
+    /// Events that a subscriber was not told of because too many waited.
+    pub dropped_events: u32,
+    /// Times a configuration was written to flash.
+    pub config_saves: u32,
+    /// Times that failed.
+    pub config_failures: u32,
 }
 
 impl Counters {
     /// How many there are.
-    pub const COUNT: usize = 21;
+    pub const COUNT: usize = 50;
 
-    /// How many bytes they take, each four, little-endian.
-    pub const LEN: usize = 4 * Self::COUNT;
+    /// The most bytes they take on the control port.
+    pub const MAX_LEN: usize = 5 * Self::COUNT;
 
-    /// The USB control request that reads them: type 0xC0 (vendor, from the device) and its number. Value and index are 0,
-    /// the answer is [`to_bytes`](Self::to_bytes).
+    /// The USB control request that reads them without a port being open: type 0xC0 (vendor, from the device) and its
+    /// number. Value and index are 0, the answer is [`to_bytes`](Self::to_bytes).
     pub const READ_REQUEST: (u8, u8) = (0xC0, 0x01);
 
-    /// What each is called, in the order in which they are declared, which is that of the bytes too.
-    pub const NAMES: [&str; Self::COUNT] = [
-        "arm_to_host_bytes",
-        "host_to_arm_bytes",
-        "packets_to_host",
-        "empty_packets_to_host",
-        "packets_from_host",
-        "frames",
-        "noise_bytes",
-        "dropped_bytes",
-        "unheard_bytes",
-        "refused_bytes",
-        "framing_errors",
-        "parity_errors",
-        "noise_errors",
-        "overrun_errors",
-        "ring_overruns",
-        "usb_resets",
-        "usb_suspends",
-        "line_codings",
-        "refused_line_codings",
-        "panics",
-        "watchdog_resets",
-    ];
-
-    /// The counts, in the order of [`NAMES`](Self::NAMES).
+    /// The counts as the adapter sends them, in postcard format, at the front of `buf`.
     ///
-    /// ```
-    /// use armwire_bridge::Counters;
+    /// # Errors
     ///
-    /// let mut counters = Counters::default();
-    /// counters.frames = 7;
-    /// let named = Counters::NAMES.into_iter().zip(counters.to_array());
-    /// assert!(named.filter(|&(_, count)| count > 0).eq([("frames", 7)]));
-    /// ```
-    pub const fn to_array(&self) -> [u32; Self::COUNT] {
-        [
-            self.arm_to_host_bytes,
-            self.host_to_arm_bytes,
-            self.packets_to_host,
-            self.empty_packets_to_host,
-            self.packets_from_host,
-            self.frames,
-            self.noise_bytes,
-            self.dropped_bytes,
-            self.unheard_bytes,
-            self.refused_bytes,
-            self.framing_errors,
-            self.parity_errors,
-            self.noise_errors,
-            self.overrun_errors,
-            self.ring_overruns,
-            self.usb_resets,
-            self.usb_suspends,
-            self.line_codings,
-            self.refused_line_codings,
-            self.panics,
-            self.watchdog_resets,
-        ]
+    /// When `buf` is too short; never with [`MAX_LEN`](Self::MAX_LEN) bytes.
+    pub fn to_bytes<'a>(&self, buf: &'a mut [u8]) -> Result<&'a [u8], Error> {
+        postcard::to_slice(self, buf).map(|bytes| &*bytes)
     }
 
-    /// The counts as the adapter sends them.
+    /// The counts that an adapter of this version sent.
     ///
-    /// ```
-    /// use armwire_bridge::Counters;
+    /// # Errors
     ///
-    /// let mut counters = Counters::default();
-    /// counters.panics = 2;
-    /// assert_eq!(Counters::from_bytes(&counters.to_bytes()), counters);
-    /// ```
-    pub fn to_bytes(&self) -> [u8; Self::LEN] {
-        let mut bytes = [0; Self::LEN];
-        for (bytes, count) in bytes.as_chunks_mut().0.iter_mut().zip(self.to_array()) {
-            *bytes = count.to_le_bytes();
-        }
-        bytes
-    }
-
-    /// The counts that the adapter sent.
-    pub fn from_bytes(bytes: &[u8; Self::LEN]) -> Self {
-        let mut counts = [0; Self::COUNT];
-        for (count, bytes) in counts.iter_mut().zip(bytes.as_chunks().0) {
-            *count = u32::from_le_bytes(*bytes);
-        }
-        let [
-            arm_to_host_bytes,
-            host_to_arm_bytes,
-            packets_to_host,
-            empty_packets_to_host,
-            packets_from_host,
-            frames,
-            noise_bytes,
-            dropped_bytes,
-            unheard_bytes,
-            refused_bytes,
-            framing_errors,
-            parity_errors,
-            noise_errors,
-            overrun_errors,
-            ring_overruns,
-            usb_resets,
-            usb_suspends,
-            line_codings,
-            refused_line_codings,
-            panics,
-            watchdog_resets,
-        ] = counts;
-        Self {
-            arm_to_host_bytes,
-            host_to_arm_bytes,
-            packets_to_host,
-            empty_packets_to_host,
-            packets_from_host,
-            frames,
-            noise_bytes,
-            dropped_bytes,
-            unheard_bytes,
-            refused_bytes,
-            framing_errors,
-            parity_errors,
-            noise_errors,
-            overrun_errors,
-            ring_overruns,
-            usb_resets,
-            usb_suspends,
-            line_codings,
-            refused_line_codings,
-            panics,
-            watchdog_resets,
-        }
+    /// When they are another version's.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
+        postcard::from_bytes(bytes)
     }
 }
 
@@ -205,7 +157,7 @@ impl Counters {
 /// ```
 /// use armwire_bridge::{Bridge, UartErrors};
 ///
-/// let mut bridge = Bridge::<256, 128>::new();
+/// let mut bridge = Bridge::<256, 128>::default();
 /// bridge.uart_errors(UartErrors { framing: 1, noise: 1, ..UartErrors::default() });
 /// assert_eq!(bridge.counters().framing_errors, 1);
 /// ```
@@ -227,15 +179,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_count_has_its_own_place_in_the_bytes() {
-        for place in 0..Counters::COUNT {
-            let mut bytes = [0; Counters::LEN];
-            bytes[4 * place] = 9;
-            let counters = Counters::from_bytes(&bytes);
-            assert_eq!(counters.to_bytes(), bytes);
-            let mut expected = [0; Counters::COUNT];
-            expected[place] = 9;
-            assert_eq!(counters.to_array(), expected);
-        }
+    fn the_longest_counts_fit() {
+        // Every count at its largest takes five bytes; `from_bytes` takes them from that many of the same byte.
+        let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
+        let counters = Counters::from_bytes(most.as_flattened()).unwrap();
+        assert_eq!(counters.dropped_events, u32::MAX);
+        let mut buf = [0; Counters::MAX_LEN];
+        assert_eq!(counters.to_bytes(&mut buf).unwrap(), most.as_flattened());
+        assert!(counters.to_bytes(&mut [0; Counters::MAX_LEN - 1]).is_err());
     }
 }

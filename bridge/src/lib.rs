@@ -16,13 +16,13 @@
 //! use armwire::Micros;
 //! use armwire_bridge::{Bridge, PACKET, Wake};
 //!
-//! let mut bridge = Bridge::<2048, 512>::new();
+//! let mut bridge = Bridge::<2048, 512>::default();
 //! bridge.usb_configured(true);
 //!
 //! // The host asks for the joint positions …
 //! bridge.usb_received(&[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF], Micros(0));
 //! let mut buf = [0; 256];
-//! assert_eq!(bridge.uart_transmit(&mut buf, Micros(0)), 7);
+//! assert_eq!(bridge.uart_transmit(&mut buf, Micros(0)).unwrap().len, 7);
 //!
 //! // … and the arm answers. Before the end of the frame is in, nothing is sent; then all of it is, at once.
 //! let answer = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
@@ -45,6 +45,8 @@
 
 mod bridge;
 pub mod can;
+pub mod config;
+pub mod control;
 mod counters;
 pub mod isotp;
 mod line;
@@ -53,6 +55,6 @@ mod queue;
 #[cfg(test)]
 mod tests;
 
-pub use bridge::{Bridge, PACKET, Wake};
+pub use bridge::{Action, Bridge, Burst, CanErrors, LEAD, PACKET, Wake};
 pub use counters::{Counters, UartErrors};
-pub use line::{LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits};
+pub use line::{Line, LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits};

@@ -31,6 +31,24 @@ pub struct LineCoding {
     pub stop_bits: StopBits,
 }
 
+/// What the UART is to be: its line coding and its wiring.
+///
+/// ```
+/// use armwire_bridge::{Bridge, Line, LineCoding};
+///
+/// let bridge = Bridge::<256, 128>::default();
+/// assert_eq!(bridge.line_change(), None); // it starts as a Ling arm's
+/// assert_eq!(Line::default(), Line { coding: LineCoding::LING, half_duplex: false });
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Line {
+    /// Speed and shape of the bytes.
+    pub coding: LineCoding,
+    /// Whether both directions share one wire. What is sent must then not be received.
+    pub half_duplex: bool,
+}
+
 /// The parity bit after the data bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

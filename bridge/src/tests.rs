@@ -8,13 +8,13 @@ use armwire::Micros;
 use armwire::ling::{Frame, MAX_FRAME};
 use proptest::prelude::*;
 
-use crate::{Bridge, LineCoding, PACKET, Refused, UartErrors, Wake};
+use crate::{Bridge, Line, LineCoding, PACKET, Refused, UartErrors, Wake};
 
 type Adapter = Bridge<512, 128>;
 
 /// An adapter whose host has the port open.
 fn open() -> Adapter {
-    let mut bridge = Adapter::new();
+    let mut bridge = Adapter::default();
     bridge.usb_configured(true);
     bridge.usb_dtr(true);
     bridge
@@ -47,8 +47,21 @@ fn packets<const UP: usize, const DOWN: usize>(bridge: &mut Bridge<UP, DOWN>) ->
 /// All that the arm gets.
 fn sent(bridge: &mut Adapter) -> Vec<u8> {
     let mut out = [0; 1024];
-    let n = bridge.uart_transmit(&mut out, Micros(0));
+    let n = transmit(bridge, &mut out);
     out[..n].to_vec()
+}
+
+/// How many bytes the arm gets in one go.
+fn transmit<const UP: usize, const DOWN: usize>(bridge: &mut Bridge<UP, DOWN>, out: &mut [u8]) -> usize {
+    bridge.uart_transmit(out, NOW).map_or(0, |burst| burst.len)
+}
+
+fn line(coding: [u8; 7]) -> Line {
+    let coding = LineCoding::from_cdc(coding).unwrap();
+    Line {
+        coding,
+        half_duplex: false,
+    }
 }
 
 const NOW: Micros = Micros(0);
@@ -84,7 +97,7 @@ fn bytes_in_no_frame_go_out_when_the_line_is_idle() {
     let mut bridge = open();
     bridge.uart_received(&[1, 2, 0xAA, 3], NOW);
     assert_eq!(packet(&mut bridge), None);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert_eq!(packets(&mut bridge), [[1, 2, 0xAA, 3]]);
     assert_eq!((bridge.counters().noise_bytes, bridge.counters().frames), (4, 0));
     assert_eq!(bridge.wake(), Wake::Byte);
@@ -97,7 +110,7 @@ fn a_full_packet_waits_for_nothing() {
     assert_eq!(packet(&mut bridge), None);
     bridge.uart_received(&[7; 2], NOW);
     assert_eq!(packets(&mut bridge), [[7; PACKET]]);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert_eq!(packets(&mut bridge), [[7; 1]]);
 }
 
@@ -107,14 +120,14 @@ fn a_transfer_that_ends_with_a_full_packet_is_ended_by_an_empty_one() {
     bridge.uart_received(&[7; PACKET], NOW);
     assert_eq!(packet(&mut bridge).unwrap().len(), PACKET);
     assert_eq!(packet(&mut bridge), None); // more may be coming
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert_eq!(packets(&mut bridge), [[]; 1]);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert_eq!(packet(&mut bridge), None); // once is enough
 
     // The same when the line was idle before the packet was fetched, and when a frame ends there.
     bridge.uart_received(&[7; 2 * PACKET], NOW);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     let lengths: Vec<_> = packets(&mut bridge).iter().map(Vec::len).collect();
     assert_eq!(lengths, [PACKET, PACKET, 0]);
     bridge.uart_received(&frame(&[0; PACKET - 6]), NOW);
@@ -127,7 +140,7 @@ fn a_transfer_that_ends_with_a_full_packet_is_ended_by_an_empty_one() {
 fn a_short_packet_ends_a_transfer_by_itself() {
     let mut bridge = open();
     bridge.uart_received(&[7; PACKET + 1], NOW);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     let lengths: Vec<_> = packets(&mut bridge).iter().map(Vec::len).collect();
     assert_eq!(lengths, [PACKET, 1]);
 }
@@ -141,7 +154,7 @@ fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not
         bridge.usb_received(&[1; 10], NOW);
         assert_eq!(sent(&mut bridge), [1; 10]);
     }
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert_eq!(packets(&mut bridge).concat(), line[..512]);
     assert_eq!(bridge.counters().dropped_bytes, 4_000 - 512);
 
@@ -152,10 +165,10 @@ fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not
 
 #[test]
 fn bytes_that_were_dropped_hold_nothing_back() {
-    let mut bridge = Bridge::<200, 64>::new();
+    let mut bridge = Bridge::<200, 64>::default();
     bridge.usb_configured(true);
     bridge.uart_received(&[7; 200], NOW);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     let line = [frame(&[1]), frame(&[2, 3])].concat();
     bridge.uart_received(&line[..line.len() - 1], NOW);
     assert_eq!(packets(&mut bridge).concat(), [7; 200]);
@@ -175,10 +188,10 @@ fn the_host_is_held_back_until_its_packet_fits() {
     assert_eq!(bridge.counters().refused_bytes, 3);
 
     let mut out = [0; PACKET - 1];
-    assert_eq!(bridge.uart_transmit(&mut out, NOW), PACKET - 1);
+    assert_eq!(transmit(&mut bridge, &mut out), PACKET - 1);
     assert!(!bridge.usb_room());
     let mut last = [0; 1];
-    bridge.uart_transmit(&mut last, NOW);
+    transmit(&mut bridge, &mut last);
     assert!(bridge.usb_room());
     assert_eq!([&out[..], &last[..], &sent(&mut bridge)].concat(), expected);
     assert_eq!(bridge.counters().host_to_arm_bytes, 128);
@@ -191,13 +204,13 @@ fn a_line_coding_takes_effect_between_the_bytes_before_and_after_it() {
     bridge.request_line_coding(BAUD_115200, NOW).unwrap();
     bridge.usb_received(&[4, 5], NOW);
     assert_eq!(bridge.line_coding().baud, 115_200);
-    assert_eq!(bridge.line_coding_change(), None);
+    assert_eq!(bridge.line_change(), None);
 
     assert_eq!(sent(&mut bridge), [1, 2, 3]);
     assert_eq!(sent(&mut bridge), []);
-    let coding = bridge.line_coding_change().unwrap();
-    bridge.line_coding_changed(coding);
-    assert_eq!(bridge.line_coding_change(), None);
+    let line = bridge.line_change().unwrap();
+    bridge.line_changed(line);
+    assert_eq!(bridge.line_change(), None);
     assert_eq!(sent(&mut bridge), [4, 5]);
     assert_eq!(bridge.counters().line_codings, 1);
 }
@@ -220,11 +233,11 @@ fn bytes_between_two_line_codings_go_out_at_the_first() {
         let mut buf = [0; 64];
         let mut baud = LineCoding::LING.baud;
         for _ in 0..4 {
-            let n = bridge.uart_transmit(&mut buf, NOW);
+            let n = transmit(&mut bridge, &mut buf);
             sent.extend(buf[..n].iter().map(|&byte| (byte, baud)));
-            if let Some(coding) = bridge.line_coding_change() {
-                baud = coding.baud;
-                bridge.line_coding_changed(coding);
+            if let Some(line) = bridge.line_change() {
+                baud = line.coding.baud;
+                bridge.line_changed(line);
             }
         }
         assert_eq!(sent, [[(b'A', 1_000_000); 3], [(b'B', 115_200); 3]].concat());
@@ -237,10 +250,10 @@ fn bytes_between_two_line_codings_go_out_at_the_first() {
 fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
     let mut bridge = open();
     bridge.request_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
-    assert_eq!(bridge.line_coding_change(), None);
+    assert_eq!(bridge.line_change(), None);
     bridge.request_line_coding(BAUD_115200, NOW).unwrap();
     bridge.request_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
-    assert_eq!(bridge.line_coding_change(), None);
+    assert_eq!(bridge.line_change(), None);
     assert_eq!(bridge.line_coding(), LineCoding::LING);
 }
 
@@ -259,7 +272,7 @@ fn a_new_line_coding_ends_the_frame_that_had_begun() {
     let mut bridge = open();
     let frame = frame(&[1, 2, 3]);
     bridge.uart_received(&frame[..4], NOW);
-    bridge.line_coding_changed(LineCoding::from_cdc(BAUD_115200).unwrap());
+    bridge.line_changed(line(BAUD_115200));
     assert_eq!(packets(&mut bridge), [&frame[..4]]);
     bridge.uart_received(&frame, NOW);
     assert_eq!(packets(&mut bridge), [frame]);
@@ -275,7 +288,7 @@ fn a_bus_reset_drops_what_the_last_host_did_not_read_and_keeps_what_it_said() {
     bridge.usb_reset();
     assert!(!bridge.is_attached());
     bridge.uart_received(&[7; 20], NOW); // nobody is there
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert_eq!(packet(&mut bridge), None);
     assert_eq!(sent(&mut bridge), [1, 2]);
     assert_eq!(
@@ -300,11 +313,11 @@ fn a_packet_that_could_not_be_sent_is_counted() {
 
 #[test]
 fn a_host_that_never_raises_dtr_gets_everything() {
-    let mut bridge = Adapter::new();
+    let mut bridge = Adapter::default();
     bridge.usb_configured(true);
     bridge.usb_dtr(false);
     bridge.uart_received(&[1, 2], NOW);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert_eq!(packets(&mut bridge), [[1, 2]]);
 }
 
@@ -314,11 +327,11 @@ fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
     bridge.uart_received(&[1, 2], NOW);
     assert!(bridge.usb_dtr(false));
     bridge.uart_received(&[3; 100], NOW);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert_eq!(packet(&mut bridge), None);
     assert!(bridge.usb_dtr(true));
     bridge.uart_received(&[4], NOW);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert!(!bridge.usb_dtr(true)); // says nothing new
     assert_eq!(packets(&mut bridge), [[4]]);
     assert_eq!(bridge.counters().unheard_bytes, 102);
@@ -326,11 +339,11 @@ fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
 
 #[test]
 fn dtr_without_a_configuration_means_nothing() {
-    let mut bridge = Adapter::new();
+    let mut bridge = Adapter::default();
     bridge.usb_dtr(true);
     assert!(!bridge.is_attached());
     bridge.uart_received(&[1], NOW);
-    bridge.uart_idle();
+    bridge.uart_idle(NOW);
     assert_eq!(packet(&mut bridge), None);
 }
 
@@ -356,7 +369,7 @@ fn the_next_look_is_timed_to_the_last_byte_but_one() {
 #[test]
 fn the_next_look_follows_the_baud_rate_and_a_full_packet() {
     let mut bridge = open();
-    bridge.line_coding_changed(LineCoding::from_cdc(BAUD_115200).unwrap());
+    bridge.line_changed(line(BAUD_115200));
     bridge.uart_received(&[0x11; 62], Micros(0));
     assert_eq!((bridge.need(), bridge.wake()), (2, Wake::At(Micros(86))));
     bridge.uart_received(&[0x11; 3], Micros(200));
@@ -397,7 +410,7 @@ fn bytes_that_stop_moving_are_a_fault_and_a_host_that_does_not_read_is_none() {
     bridge.uart_received(&[], at(6_500));
     assert!(!bridge.is_stuck(at(6_500)));
     assert!(bridge.is_stuck(at(6_501)));
-    assert_eq!(bridge.uart_transmit(&mut [0; 3], at(6_501)), 3);
+    assert_eq!(bridge.uart_transmit(&mut [0; 3], at(6_501)).unwrap().len, 3);
     assert!(!bridge.is_stuck(at(6_502)));
     sent(&mut bridge);
     assert!(!bridge.is_stuck(at(7_500)));
@@ -445,7 +458,7 @@ proptest! {
         cuts in prop::collection::vec((1..100_usize, any::<bool>(), any::<bool>()), 1..40),
     ) {
         let says = says.concat();
-        let mut bridge = Bridge::<4096, 64>::new();
+        let mut bridge = Bridge::<4096, 64>::default();
         bridge.usb_configured(true);
         let mut host = Host::default();
 
@@ -458,7 +471,7 @@ proptest! {
             bridge.uart_received(now, NOW);
             prop_assert!(bridge.need() >= 1);
             if idle {
-                bridge.uart_idle();
+                bridge.uart_idle(NOW);
             }
             if read {
                 host.read(&mut bridge);
@@ -466,7 +479,7 @@ proptest! {
             }
             rest = later;
         }
-        bridge.uart_idle();
+        bridge.uart_idle(NOW);
         host.read(&mut bridge);
         prop_assert_eq!(&host.bytes, &says);
         prop_assert!(!host.open);
@@ -482,7 +495,7 @@ proptest! {
         data in prop::collection::vec(any::<u8>(), 0..60),
         cut in 1..70_usize,
     ) {
-        let mut bridge = Bridge::<4096, 64>::new();
+        let mut bridge = Bridge::<4096, 64>::default();
         bridge.usb_configured(true);
         let mut host = Host::default();
         let line = [before, frame(&data)].concat();
@@ -531,7 +544,7 @@ proptest! {
         let mut out = [0; 100];
         for packet in &packets {
             while !bridge.usb_room() {
-                let n = bridge.uart_transmit(&mut out[..*takes.next().unwrap()], NOW);
+                let n = transmit(&mut bridge, &mut out[..*takes.next().unwrap()]);
                 got.extend(&out[..n]);
             }
             bridge.usb_received(packet, NOW);

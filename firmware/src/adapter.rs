@@ -33,7 +33,7 @@ impl Adapter {
     /// An adapter that no host has found yet.
     pub(crate) fn new() -> Self {
         Self {
-            bridge: RefCell::new(Bridge::new()),
+            bridge: RefCell::new(Bridge::default()),
             packet: Signal::new(),
             session: Signal::new(),
             bytes: Signal::new(),

@@ -137,7 +137,7 @@ impl Receiver {
     fn start<'a>(&self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
         HEAD.store(0, Ordering::Relaxed);
         if IDLE.swap(NOWHERE, Ordering::Relaxed) != NOWHERE {
-            self.adapter.with(|bridge| bridge.uart_idle());
+            self.adapter.with(|bridge| bridge.uart_idle(now()));
         }
         let ring = core::ptr::slice_from_raw_parts_mut(RING.as_ptr().cast::<u8>().cast_mut(), SIZE);
         let mut options = TransferOptions::default();
@@ -216,7 +216,7 @@ impl Receiver {
         if idle != NOWHERE {
             // What came after the idle line belongs to the next frame.
             self.take(idle, now);
-            self.adapter.with(|bridge| bridge.uart_idle());
+            self.adapter.with(|bridge| bridge.uart_idle(now()));
         }
         self.take(tail, now);
         if self.adapter.with(|bridge| bridge.usb_due()) {
@@ -253,14 +253,13 @@ pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, 
     let mut current = LineCoding::LING;
     let mut chunk = [0; 64];
     loop {
-        let n = adapter.with(|bridge| bridge.uart_transmit(&mut chunk, now()));
-        if n > 0 {
+        if let Some(burst) = adapter.with(|bridge| bridge.uart_transmit(&mut chunk, now())) {
             adapter.room.signal(());
-            send(&mut dma, &chunk[..n]).await;
-        } else if let Some(coding) = adapter.with(|bridge| bridge.line_coding_change()) {
-            change(&mut uart, current, coding).await;
-            current = coding;
-            adapter.with(|bridge| bridge.line_coding_changed(coding));
+            send(&mut dma, &chunk[..burst.len]).await;
+        } else if let Some(line) = adapter.with(|bridge| bridge.line_change()) {
+            change(&mut uart, current, line.coding).await;
+            current = line.coding;
+            adapter.with(|bridge| bridge.line_changed(line));
             adapter.room.signal(());
             RESTART.store(true, Ordering::Relaxed);
             wake();

@@ -31,7 +31,7 @@ pub(crate) fn new(
     Receiver<'static, UsbDriver>,
 ) {
     static CONFIG_DESCRIPTOR: StaticCell<[u8; 128]> = StaticCell::new();
-    static CONTROL_BUFFER: StaticCell<[u8; Counters::LEN]> = StaticCell::new();
+    static CONTROL_BUFFER: StaticCell<[u8; Counters::MAX_LEN]> = StaticCell::new();
     static CONTROL: StaticCell<Control> = StaticCell::new();
     static STATE: StaticCell<State<'static>> = StaticCell::new();
 
@@ -48,7 +48,7 @@ pub(crate) fn new(
         CONFIG_DESCRIPTOR.init([0; 128]),
         &mut [],
         &mut [],
-        CONTROL_BUFFER.init([0; Counters::LEN]),
+        CONTROL_BUFFER.init([0; Counters::MAX_LEN]),
     );
     // Before the class, so that requests come here first.
     builder.handler(CONTROL.init(Control { adapter }));
@@ -107,8 +107,8 @@ impl Handler for Control {
             let coding = self.adapter.with(|bridge| bridge.line_coding()).to_cdc();
             answer(buf, &coding)
         } else if is_for_the_adapter(&request) && request.request == Counters::READ_REQUEST.1 {
-            let counters = self.adapter.with(|bridge| bridge.counters()).to_bytes();
-            answer(buf, &counters)
+            let counters = self.adapter.with(|bridge| bridge.counters());
+            counters.to_bytes(buf).ok().map(InResponse::Accepted)
         } else {
             None
         }

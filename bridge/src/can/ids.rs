@@ -1,6 +1,7 @@
 //! Which identifier means what, and for which adapter.
 
 use armwire::OutOfRange;
+use serde::{Deserialize, Serialize};
 
 use super::Id;
 
@@ -12,8 +13,9 @@ use super::Id;
 /// assert_eq!(Node::new(15).unwrap().get(), 15);
 /// assert_eq!(Node::new(16).unwrap_err().to_string(), "node id is 16, must be 0..=15");
 /// ```
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[serde(try_from = "u8", into = "u8")]
 pub struct Node(u8);
 
 impl Node {
@@ -41,6 +43,20 @@ impl Node {
     /// Its number.
     pub const fn get(self) -> u8 {
         self.0
+    }
+}
+
+impl TryFrom<u8> for Node {
+    type Error = OutOfRange;
+
+    fn try_from(node: u8) -> Result<Self, OutOfRange> {
+        Self::new(node)
+    }
+}
+
+impl From<Node> for u8 {
+    fn from(node: Node) -> Self {
+        node.get()
     }
 }
 

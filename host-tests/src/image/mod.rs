@@ -94,8 +94,8 @@ pub fn counters<A: Arm>(board: &mut VirtualBoard<A>) -> Counters {
     let (kind, request) = Counters::READ_REQUEST;
     let answer = board
         .usb()
-        .control(Request::read(kind, request, 0, 0, Counters::LEN as u16));
-    Counters::from_bytes(&answer.unwrap().try_into().unwrap())
+        .control(Request::read(kind, request, 0, 0, Counters::MAX_LEN as u16));
+    Counters::from_bytes(&answer.unwrap()).unwrap()
 }
 
 /// Runs until no more bytes come from the adapter, and returns those that did.

@@ -193,16 +193,11 @@ fn measure(host: &mut Host) -> Result<(), Box<dyn Error>> {
 /// What was counted on the way, and whether the firmware did anything it should not.
 fn account(host: &mut Host) -> Result<(), Box<dyn Error>> {
     let (kind, request) = Counters::READ_REQUEST;
-    let request = usb::host::Request::read(kind, request, 0, 0, Counters::LEN as u16);
-    let counters = host.board.usb().control(request)?;
-    let counters = counters.first_chunk().ok_or("the adapter's counters are too short")?;
-    let counters = Counters::from_bytes(counters);
-    let seen: Vec<String> = Counters::NAMES
-        .into_iter()
-        .zip(counters.to_array())
-        .filter(|&(_, count)| count > 0)
-        .map(|(name, count)| format!("{name} {count}"))
-        .collect();
+    let request = usb::host::Request::read(kind, request, 0, 0, Counters::MAX_LEN as u16);
+    let counters = Counters::from_bytes(&host.board.usb().control(request)?)?;
+    let counters = format!("{counters:#?}");
+    let counters = counters.lines().filter_map(|line| line.trim().strip_suffix(','));
+    let seen: Vec<_> = counters.filter(|count| !count.ends_with(": 0")).collect();
     let arm = host.board.with_arm(|arm| arm.counters());
     println!();
     println!("the adapter counted {}", seen.join(", "));

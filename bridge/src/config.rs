@@ -1,0 +1,282 @@
+//! What an adapter can be told to be, and what of that is possible.
+
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::can::Node;
+
+/// The fastest poll at a set rate, in hertz.
+pub const MAX_POLL_HZ: u16 = 1_000;
+
+/// The bit rates of a CAN bus, in bits per second: those that CiA 301 recommends and the bit timing of every board can do.
+pub const CAN_BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
+
+/// The bit rates of the data phase of a CAN FD bus, in bits per second.
+pub const CAN_DATA_BIT_RATES: [u32; 4] = [1_000_000, 2_000_000, 4_000_000, 5_000_000];
+
+/// The share of a CAN bus that cyclic telemetry may take, in percent: the rest is for exchanges and for others.
+pub const CAN_TELEMETRY_SHARE: u32 = 60;
+
+/// The frames that one telemetry sample takes, and the bits of a classic frame of eight bytes with the most stuff bits
+/// that there can be: 111, one more for every four of the 98 bits that are stuffed.
+const TELEMETRY_FRAMES: u32 = 3;
+const FRAME_BITS: u32 = 135;
+
+/// What an adapter keeps in flash, all of it settable over the control port.
+///
+/// ```
+/// use armwire_bridge::config::{ArmKind, Config, ConfigError, Poll};
+///
+/// let mut config = Config::default();
+/// config.poll = Poll::Hertz(200);
+/// assert_eq!(config.check(), Ok(()));
+/// config.poll = Poll::Hertz(1_001);
+/// assert_eq!(config.check(), Err(ConfigError::PollRate { max: 1_000, got: 1_001 }));
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    /// What hangs on the UART.
+    pub arm: ArmKind,
+    /// How often the adapter asks the arm by itself.
+    pub poll: Poll,
+    /// The CAN bus.
+    pub can: Can,
+    /// What happens when a host that streams motion falls silent.
+    pub silence: Silence,
+}
+
+/// What hangs on the UART: its baud rate, its framing and its wiring.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ArmKind {
+    /// Ling / Alicia-D: 1 Mbaud.
+    #[default]
+    Ling,
+    /// UBTECH Alpha1's PC protocol: 115 200 baud.
+    Alpha1,
+    /// The bus of Alpha1's servos: 115 200 baud on a single wire, half duplex.
+    Alpha1Servo,
+    /// Bytes that mean nothing to the adapter: 1 Mbaud until the host asks for another line coding.
+    Raw,
+}
+
+/// How often the adapter asks the arm by itself: a Ling arm for its joints, an Alpha1 for which servos run.
+///
+/// A bus of servos is not polled, for a servo that is asked for its angle switches its motor off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Poll {
+    /// Never.
+    #[default]
+    Off,
+    /// So many times a second, 1 to [`MAX_POLL_HZ`], each at its slot by the adapter's own clock.
+    Hertz(u16),
+    /// As fast as the wire allows: again as soon as the answer is in, when no host waits.
+    Fastest,
+}
+
+/// The CAN bus, and what the adapter does on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Can {
+    /// Which of the adapters on the bus this one is.
+    pub node: Node,
+    /// Bits per second, one of [`CAN_BIT_RATES`].
+    pub bit_rate: u32,
+    /// Bits per second of the data phase, one of [`CAN_DATA_BIT_RATES`]: CAN FD. `None` is classic CAN.
+    pub data_bit_rate: Option<u32>,
+    /// How often the newest state of the arm goes out as cyclic frames, in hertz, 0 for never, 1000 at most and within
+    /// [`CAN_TELEMETRY_SHARE`] of the bus. What has not changed since is not sent again.
+    pub telemetry_hz: u16,
+    /// Whether cyclic command frames move the arm.
+    pub commands: bool,
+    /// How long a command may take to be complete, and how long after the last one the stream counts as ended, in
+    /// milliseconds, 1 to 10 000.
+    pub command_timeout_ms: u16,
+    /// Whether what the arm says unasked goes out as ISO-TP too.
+    pub unsolicited: bool,
+}
+
+/// What happens when a host that streams motion falls silent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Silence {
+    /// After how long, in milliseconds, 0 for never.
+    pub after_ms: u16,
+    /// Whether the torque is switched off then. The arm may fall.
+    pub torque_off: bool,
+}
+
+/// Why a configuration is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ConfigError {
+    /// A poll rate of 0 or above the fastest, in hertz.
+    PollRate {
+        /// The fastest.
+        max: u16,
+        /// What was asked for.
+        got: u16,
+    },
+    /// This kind of arm is not polled.
+    NotPolled(ArmKind),
+    /// A bit rate that is none of [`CAN_BIT_RATES`].
+    BitRate(u32),
+    /// A bit rate of the data phase that is none of [`CAN_DATA_BIT_RATES`], or on a board without CAN FD.
+    DataBitRate(u32),
+    /// Telemetry would take more than its share of the bus.
+    Telemetry {
+        /// The fastest on this bus, in hertz.
+        max: u16,
+        /// What was asked for, in hertz.
+        got: u16,
+    },
+    /// This kind of arm takes no cyclic commands.
+    NotCommanded(ArmKind),
+    /// A time-out of commands outside 1 to 10 000 milliseconds.
+    CommandTimeout {
+        /// The longest, in milliseconds.
+        max: u16,
+        /// What was asked for, in milliseconds.
+        got: u16,
+    },
+}
+
+/// The longest time-out of commands, in milliseconds.
+const MAX_COMMAND_TIMEOUT_MS: u16 = 10_000;
+
+impl Config {
+    /// Whether an adapter can be that.
+    ///
+    /// # Errors
+    ///
+    /// The first thing that cannot be.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        match self.poll {
+            Poll::Hertz(got @ (0 | MAX_POLL_HZ..)) if got != MAX_POLL_HZ => {
+                return Err(ConfigError::PollRate { max: MAX_POLL_HZ, got });
+            }
+            Poll::Hertz(_) | Poll::Fastest if !self.arm.is_polled() => return Err(ConfigError::NotPolled(self.arm)),
+            _ => {}
+        }
+        self.can.check()?;
+        if self.can.commands && self.arm != ArmKind::Ling {
+            return Err(ConfigError::NotCommanded(self.arm));
+        }
+        Ok(())
+    }
+}
+
+impl ArmKind {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Ling, Self::Alpha1, Self::Alpha1Servo, Self::Raw];
+
+    /// What it is called.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ling => "ling",
+            Self::Alpha1 => "alpha1",
+            Self::Alpha1Servo => "alpha1-servo",
+            Self::Raw => "raw",
+        }
+    }
+
+    const fn is_polled(self) -> bool {
+        matches!(self, Self::Ling | Self::Alpha1)
+    }
+}
+
+impl Can {
+    fn check(&self) -> Result<(), ConfigError> {
+        if !CAN_BIT_RATES.contains(&self.bit_rate) {
+            return Err(ConfigError::BitRate(self.bit_rate));
+        }
+        match self.data_bit_rate {
+            Some(rate) if !CAN_DATA_BIT_RATES.contains(&rate) => return Err(ConfigError::DataBitRate(rate)),
+            _ => {}
+        }
+        let max = self.max_telemetry_hz();
+        if self.telemetry_hz > max {
+            return Err(ConfigError::Telemetry {
+                max,
+                got: self.telemetry_hz,
+            });
+        }
+        if !(1..=MAX_COMMAND_TIMEOUT_MS).contains(&self.command_timeout_ms) {
+            return Err(ConfigError::CommandTimeout {
+                max: MAX_COMMAND_TIMEOUT_MS,
+                got: self.command_timeout_ms,
+            });
+        }
+        Ok(())
+    }
+
+    /// The fastest cyclic telemetry on this bus, in hertz.
+    ///
+    /// ```
+    /// let can = armwire_bridge::config::Can { bit_rate: 125_000, ..Default::default() };
+    /// assert_eq!(can.max_telemetry_hz(), 185);
+    /// ```
+    pub const fn max_telemetry_hz(&self) -> u16 {
+        let hertz = self.bit_rate / 100 * CAN_TELEMETRY_SHARE / (TELEMETRY_FRAMES * FRAME_BITS);
+        if hertz < MAX_POLL_HZ as u32 {
+            hertz as u16
+        } else {
+            MAX_POLL_HZ
+        }
+    }
+}
+
+/// Node 0 on a classic bus at 1 Mbit/s, without telemetry and commands.
+impl Default for Can {
+    fn default() -> Self {
+        Self {
+            node: Node::default(),
+            bit_rate: 1_000_000,
+            data_bit_rate: None,
+            telemetry_hz: 0,
+            commands: false,
+            command_timeout_ms: 100,
+            unsolicited: false,
+        }
+    }
+}
+
+/// After half a second, and the torque stays on.
+impl Default for Silence {
+    fn default() -> Self {
+        Self {
+            after_ms: 500,
+            torque_off: false,
+        }
+    }
+}
+
+impl fmt::Display for ArmKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::PollRate { max, got } => write!(f, "a poll rate of {got} Hz, it is 1 to {max} Hz"),
+            Self::NotPolled(arm) => write!(f, "the adapter does not poll: the arm is {arm}"),
+            Self::BitRate(got) => write!(f, "{got} bit/s, a CAN bus here has one of {CAN_BIT_RATES:?}"),
+            Self::DataBitRate(got) => {
+                write!(
+                    f,
+                    "{got} bit/s of data, with CAN FD it is one of {CAN_DATA_BIT_RATES:?}"
+                )
+            }
+            Self::Telemetry { max, got } => write!(f, "telemetry at {got} Hz, on this bus it is {max} Hz at most"),
+            Self::NotCommanded(arm) => write!(f, "there are no cyclic commands: the arm is {arm}"),
+            Self::CommandTimeout { max, got } => write!(f, "a command time-out of {got} ms, it is 1 to {max} ms"),
+        }
+    }
+}
+
+impl core::error::Error for ConfigError {}

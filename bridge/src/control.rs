@@ -1,0 +1,310 @@
+//! The control port's messages: what an adapter is, how it is configured, what it has counted and seen.
+//!
+//! Both ends are made of the types in this file. A message is a struct in [postcard] format: from the host a
+//! [`FromHost`], from the adapter a [`FromAdapter`]. On USB each is COBS-encoded and ends with a zero byte; on CAN each is
+//! one ISO-TP PDU.
+//!
+//! Variants and fields are only ever added at the end, with a new [`VERSION`]. A request that an adapter does not know, or
+//! that it cannot read, gets [`Reply::Unsupported`], so a host that is newer than the adapter finds out at once.
+//!
+//! [postcard]: https://postcard.jamesmunns.com
+
+use core::fmt;
+
+use armwire::{Micros, alpha1, ling};
+use heapless::{String, Vec};
+use serde::{Deserialize, Serialize};
+
+use crate::Counters;
+use crate::config::{ArmKind, Config, ConfigError};
+
+/// The version of this schema.
+pub const VERSION: u16 = 1;
+
+/// The longest message in postcard format, in bytes.
+pub const MAX_MESSAGE: usize = 288;
+
+/// The longest message on USB, in bytes: COBS adds a byte in 254 and one, and the zero that ends it.
+pub const MAX_COBS: usize = MAX_MESSAGE + 4;
+
+/// The longest frame of any arm that the adapter knows, in bytes.
+pub const MAX_FRAME: usize = if ling::MAX_FRAME > alpha1::MAX_FRAME {
+    ling::MAX_FRAME
+} else {
+    alpha1::MAX_FRAME
+};
+
+/// A frame of an arm, in bytes as on the wire.
+pub type FrameBytes = Vec<u8, MAX_FRAME, u8>;
+
+/// A message from the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FromHost {
+    /// Chosen by the host, and in the reply to this request.
+    pub sequence: u8,
+    /// What it wants.
+    pub request: Request,
+}
+
+/// What a host may ask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Request {
+    /// What are you? Answered by [`Reply::Identity`].
+    Identify,
+    /// What arm is there? The adapter asks the arm. Answered by [`Reply::Arm`].
+    IdentifyArm,
+    /// Answered by [`Reply::Config`], the one in force.
+    GetConfig,
+    /// Be so from now on, until the next start. Answered by [`Reply::Done`] or [`Reply::BadConfig`].
+    SetConfig(Config),
+    /// Be so from the next start on, too. Answered by [`Reply::Done`] once it is in flash, or [`Reply::Failed`].
+    SaveConfig,
+    /// Forget what was saved, and be as from the factory. Answered as [`Request::SaveConfig`].
+    ResetConfig,
+    /// Answered by [`Reply::Counters`].
+    GetCounters,
+    /// Answered by [`Reply::Latencies`].
+    GetLatencies,
+    /// Tell me of these things as they happen, on the port that this came by. Answered by [`Reply::Done`].
+    Subscribe(Subscription),
+    /// Start again. Answered by [`Reply::Done`] before it happens.
+    Restart,
+    /// Start the chip's own boot loader, for an update. Answered by [`Reply::Done`] before it happens.
+    RestartIntoBootLoader,
+}
+
+/// What a host wants to be told of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Subscription {
+    /// Every frame the arm sends: [`Event::Frame`].
+    pub frames: bool,
+    /// What the adapter does by itself: every other [`Event`].
+    pub events: bool,
+}
+
+/// A message from the adapter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "one at a time, and no heap to put it on")]
+pub enum FromAdapter {
+    /// The answer to a request.
+    Reply {
+        /// The request's.
+        sequence: u8,
+        /// The answer.
+        reply: Reply,
+    },
+    /// What a host has subscribed to.
+    Event {
+        /// When it was, by the adapter's clock: for a frame, when its last byte was in. The clock counts from the start and
+        /// never goes back.
+        at: Stamp,
+        /// What happened.
+        event: Event,
+    },
+}
+
+/// An instant on the adapter's clock, in microseconds since it started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Stamp(pub u64);
+
+/// The adapter's answers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "one at a time, and no heap to put it on")]
+pub enum Reply {
+    /// It is done.
+    Done,
+    /// The request is not one that this adapter knows.
+    Unsupported {
+        /// The [`VERSION`] that it knows.
+        version: u16,
+    },
+    /// What the adapter is.
+    Identity(Identity),
+    /// What arm there is.
+    Arm(ArmIdentity),
+    /// The configuration in force.
+    Config(Config),
+    /// The adapter cannot be like that, and stays as it is.
+    BadConfig(ConfigError),
+    /// All counts since the start.
+    Counters(Counters),
+    /// How long things took.
+    Latencies(Latencies),
+    /// It could not be done.
+    Failed(Failure),
+}
+
+/// Why something could not be done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Failure {
+    /// The flash does not take the configuration.
+    Flash,
+    /// Another request of this kind is still being answered.
+    Busy,
+}
+
+/// What an adapter is.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    /// The [`VERSION`] of this schema.
+    pub version: u16,
+    /// The firmware's version, such as `0.1.0`.
+    pub firmware: String<16, u8>,
+    /// The commit it was built from, such as `1a2b3c4d5e6f`, with `+` behind it if files were changed; empty if not known.
+    pub commit: String<16, u8>,
+    /// The board, such as `stm32f405`.
+    pub board: String<16, u8>,
+    /// The chip's unique id: the serial number, in hexadecimal.
+    pub serial: String<24, u8>,
+    /// Whether the board's CAN is CAN FD.
+    pub can_fd: bool,
+}
+
+/// What arm there is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ArmIdentity {
+    /// What the adapter is configured for.
+    pub kind: ArmKind,
+    /// The arm's answer to the request that identifies it, as on the wire: `None` when it did not answer, or when there is
+    /// no such request.
+    pub answer: Option<FrameBytes>,
+}
+
+/// What an adapter tells of by itself.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Event {
+    /// The arm sent a frame.
+    Frame {
+        /// Who had asked for it, `None` if nobody.
+        asker: Option<Asker>,
+        /// The frame.
+        bytes: FrameBytes,
+    },
+    /// A host that streamed motion has fallen silent. What it had sent and was not on the line yet is dropped.
+    HostSilent {
+        /// Which.
+        asker: Asker,
+        /// Bytes dropped.
+        dropped: u16,
+        /// Whether the torque was switched off.
+        torque_off: bool,
+    },
+    /// Something was refused; the counter of that name says how often.
+    Refused {
+        /// Whose it was.
+        asker: Asker,
+        /// Why.
+        reason: Refusal,
+    },
+    /// The CAN controller left the bus, or is back on it.
+    BusOff {
+        /// Whether it is off.
+        off: bool,
+    },
+}
+
+/// Who uses the arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Asker {
+    /// The host on USB.
+    Usb,
+    /// A host on CAN, by ISO-TP.
+    Can,
+    /// The adapter's own poll.
+    Poll,
+    /// Cyclic command frames on CAN.
+    Command,
+    /// The adapter itself, for a request on the control port or the torque-off of a silent host.
+    Adapter,
+}
+
+/// Why something was refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// Too much waits already.
+    QueueFull,
+    /// It is no frame of this arm.
+    NotAFrame,
+    /// A command whose other half did not come in time, or never.
+    Incomplete,
+    /// A command whose sequence number is not a new one.
+    Stale,
+    /// A command with a value out of range.
+    OutOfRange,
+}
+
+/// How long things took, each as counts of how often it took how long.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Latencies {
+    /// From a request's last byte to its answer's last byte.
+    pub answer: Histogram,
+    /// From a request's arrival at the adapter to its first byte on the line.
+    pub turn: Histogram,
+    /// From a poll's slot to its first byte on the line.
+    pub poll: Histogram,
+}
+
+/// Durations by their magnitude.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Histogram {
+    /// How many were shorter than 2, 4, 8, … 32 768 µs and not shorter than half that; the last is of all longer ones.
+    pub counts: [u32; Histogram::BUCKETS],
+}
+
+impl Histogram {
+    /// How many magnitudes there are.
+    pub const BUCKETS: usize = 16;
+
+    /// Counts one duration.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::control::Histogram;
+    ///
+    /// let mut histogram = Histogram::default();
+    /// histogram.add(Micros(5));
+    /// assert_eq!(histogram.counts[2], 1);
+    /// assert_eq!(Histogram::limit(2), Some(Micros(8)));
+    /// ```
+    pub fn add(&mut self, duration: Micros) {
+        let magnitude = duration.0.checked_ilog2().unwrap_or(0) as usize;
+        if let Some(count) = self.counts.get_mut(magnitude.min(Self::BUCKETS - 1)) {
+            *count = count.wrapping_add(1);
+        }
+    }
+
+    /// The duration that those in this bucket are shorter than; `None` for the last.
+    pub const fn limit(bucket: usize) -> Option<Micros> {
+        if bucket < Self::BUCKETS - 1 {
+            Some(Micros(2 << bucket))
+        } else {
+            None
+        }
+    }
+}
+
+impl fmt::Display for Asker {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Usb => "usb",
+            Self::Can => "can",
+            Self::Poll => "poll",
+            Self::Command => "command",
+            Self::Adapter => "adapter",
+        })
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::QueueFull => "too much waits already",
+            Self::NotAFrame => "no frame of this arm",
+            Self::Incomplete => "half a command",
+            Self::Stale => "not a new command",
+            Self::OutOfRange => "a value out of range",
+        })
+    }
+}
