@@ -216,7 +216,7 @@ impl Receiver {
         if idle != NOWHERE {
             // What came after the idle line belongs to the next frame.
             self.take(idle, now);
-            self.adapter.with(|bridge| bridge.uart_idle(now()));
+            self.adapter.with(|bridge| bridge.uart_idle(now));
         }
         self.take(tail, now);
         if self.adapter.with(|bridge| bridge.usb_due()) {
