@@ -13,6 +13,9 @@ pub const MAX_FD: usize = 64;
 /// How many bytes an FD frame may have. The place in this list is the frame's DLC (ISO 11898-1, table 5).
 pub const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
 
+/// What fills a frame up: a pattern with few stuff bits, as ISO 15765-2 recommends.
+const PADDING: u8 = 0xCC;
+
 /// An identifier of 11 bits. The lower it is, the sooner its frame gets the bus.
 ///
 /// ```
@@ -127,6 +130,22 @@ impl Frame {
     /// Whether it is an FD frame, of whatever length.
     pub const fn is_fd(&self) -> bool {
         self.is_fd
+    }
+
+    /// A frame of `head` and as much of `body` as fits, padded to 8 bytes or the next length there is.
+    pub(crate) fn padded(id: Id, is_fd: bool, head: &[u8], body: &[u8]) -> Self {
+        let used = head.len().saturating_add(body.len());
+        let fits = |&len: &u8| usize::from(len) >= used.max(MAX_CLASSIC);
+        let len = match is_fd {
+            true => FD_LENGTHS.into_iter().find(fits).unwrap_or(MAX_FD as u8),
+            false => MAX_CLASSIC as u8,
+        };
+        let mut content = head.iter().chain(body);
+        let mut bytes = [0; MAX_FD];
+        for byte in bytes.iter_mut().take(usize::from(len)) {
+            *byte = content.next().copied().unwrap_or(PADDING);
+        }
+        Self { id, is_fd, len, bytes }
     }
 
     /// A frame of any length that there is room for.

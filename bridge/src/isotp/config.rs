@@ -50,7 +50,8 @@ pub struct Config {
 }
 
 impl Config {
-    /// Anything may come at once; both time-outs are the 1000 ms of the standard (table 16), and 10 waits are too many.
+    /// Anything may come at once; both time-outs are the 1000 ms of the standard (section 9.8), and the tenth wait
+    /// in a row is one too many.
     pub const fn new(link: Link, tx: Id) -> Self {
         Self {
             link,

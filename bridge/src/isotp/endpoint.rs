@@ -1,45 +1,98 @@
 //! Both directions of one connection.
 
+use core::fmt;
+
 use armwire::Micros;
 
-use super::{Config, Events, SendError};
+use super::pci::{self, Pci};
+use super::receiver::Receiver;
+use super::sender::Sender;
+use super::{Config, Event, Events, SendError};
 use crate::can::Frame;
 
-/// The longest PDU there is without the 32-bit length, in bytes.
-pub const MAX_PDU: usize = 4095;
+/// The longest PDU of an [`Endpoint`], in bytes.
+pub const MAX_PDU: usize = pci::MAX_SHORT_FIRST as usize;
 
-/// One end of a connection: it may receive a PDU while it sends another.
+/// One end of a connection: it may receive one PDU while it sends another.
 ///
 /// `RX` and `TX` are the longest PDUs it receives and sends, in bytes, 1 to [`MAX_PDU`].
+///
+/// Nobody has to poll: after each call, what may have become possible is said there.
 pub struct Endpoint<const RX: usize, const TX: usize> {
     config: Config,
+    receiver: Receiver,
+    sender: Sender,
+    /// Whose the last frame was that was handed over, until it has left.
+    handed: Option<Half>,
+    rx: [u8; RX],
+    tx: [u8; TX],
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Half {
+    Receiver,
+    Sender,
 }
 
 impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
-    /// An endpoint that neither receives nor sends. Does not compile when it could do neither a PDU of one byte nor more
-    /// than [`MAX_PDU`].
+    /// An endpoint that neither receives nor sends. Does not compile when `RX` or `TX` is not 1 to [`MAX_PDU`].
     pub const fn new(config: Config) -> Self {
-        Self { config }
+        const {
+            assert!(
+                RX >= 1 && RX <= MAX_PDU && TX >= 1 && TX <= MAX_PDU,
+                "the longest PDU is not 1 to 4095 bytes"
+            )
+        }
+        Self {
+            config,
+            receiver: Receiver::new(),
+            sender: Sender::new(),
+            handed: None,
+            rx: [0; RX],
+            tx: [0; TX],
+        }
     }
 
-    /// A frame came for this endpoint, with this data.
+    // ---- What comes in ----
+
+    /// A frame for this endpoint came, with this data.
     ///
     /// Then ask [`received`](Self::received), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
     pub fn receive(&mut self, data: &[u8], now: Micros) -> Events {
-        let _ = (data, now, self.config);
-        Events::default()
+        let config = &self.config;
+        let event = match pci::parse(data) {
+            Ok(Pci::Single(pdu)) => return self.receiver.single(&mut self.rx, pdu),
+            Ok(Pci::First { len, data: start }) => {
+                let frame = (data.len(), len, start);
+                return self.receiver.first(&mut self.rx, frame, config, now);
+            }
+            Ok(Pci::Consecutive { number, data }) => {
+                self.receiver.consecutive(&mut self.rx, (number, data), config, now)
+            }
+            Ok(Pci::FlowControl {
+                status,
+                block_size,
+                st_min,
+            }) => self.sender.flow_control((status, block_size, st_min), config, now),
+            Err(ignored) => Some(Event::Ignored(ignored)),
+        };
+        Events {
+            first: event,
+            second: None,
+        }
     }
 
-    /// It is `now`: what is late is given up.
-    pub fn tick(&mut self, now: Micros) -> Events {
-        let _ = now;
-        Events::default()
+    /// The PDU that was received. It stays until it is [released](Self::release), and no other is taken until then.
+    pub fn received(&self) -> Option<&[u8]> {
+        self.rx.get(..self.receiver.whole()?)
     }
 
-    /// When to call [`tick`](Self::tick), unless something happens before. `None` when nothing is waited for.
-    pub fn timeout(&self) -> Option<Micros> {
-        None
+    /// Makes room for the next PDU. Does nothing when none was received.
+    pub fn release(&mut self) {
+        self.receiver.release();
     }
+
+    // ---- What goes out ----
 
     /// Begins to send a PDU.
     ///
@@ -48,41 +101,135 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// # Errors
     ///
     /// [`SendError`] when it cannot be sent, or not now. Nothing is changed.
+    ///
+    /// ```
+    /// use armwire_bridge::can::Id;
+    /// use armwire_bridge::isotp::{Config, Endpoint, Link, SendError};
+    ///
+    /// let mut endpoint = Endpoint::<64, 64>::new(Config::new(Link::Fd, Id::new(0x610).unwrap()));
+    /// assert_eq!(endpoint.send(&[0; 65]), Err(SendError::TooLong { max: 64, got: 65 }));
+    /// assert_eq!(endpoint.send(&[1, 2]), Ok(()));
+    /// assert_eq!(endpoint.send(&[3, 4]), Err(SendError::Busy));
+    /// ```
     pub fn send(&mut self, pdu: &[u8]) -> Result<(), SendError> {
-        let _ = pdu;
-        Err(SendError::Busy)
+        if self.is_sending() {
+            return Err(SendError::Busy);
+        }
+        if pdu.is_empty() {
+            return Err(SendError::Empty);
+        }
+        let Some(room) = self.tx.get_mut(..pdu.len()) else {
+            return Err(SendError::TooLong {
+                max: TX,
+                got: pdu.len(),
+            });
+        };
+        room.copy_from_slice(pdu);
+        self.sender.begin(pdu.len());
+        Ok(())
     }
 
-    /// Whether a PDU is being sent. When it no longer is and nothing was said about it, it has been handed over whole.
+    /// Whether a PDU is being sent. When it no longer is, and no event said why, it was handed over whole.
     pub fn is_sending(&self) -> bool {
-        false
+        !self.sender.is_idle()
     }
 
-    /// When [`transmit`](Self::transmit) has a frame, perhaps at a time that has passed. `None` when it will have none
+    /// From when on [`transmit`](Self::transmit) has a frame, perhaps a time that has passed. `None` when it has none
     /// unless something happens before.
     pub fn transmit_at(&self) -> Option<Micros> {
-        None
+        if self.receiver.has_answer() {
+            return Some(Micros(0));
+        }
+        self.sender.transmit_at()
     }
 
     /// The next frame for the bus, if one is due: flow control before all else.
+    ///
+    /// Hand it over, say when it has [left](Self::transmitted), and only then ask again. Then ask
+    /// [`is_sending`](Self::is_sending), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
     pub fn transmit(&mut self, now: Micros) -> Option<Frame> {
-        let _ = now;
-        None
+        let answer = self.receiver.transmit(&self.config, now);
+        let (half, frame) = match answer {
+            Some(frame) => (Half::Receiver, frame),
+            None => (Half::Sender, self.sender.transmit(&self.tx, &self.config, now)?),
+        };
+        self.handed = Some(half);
+        Some(frame)
     }
 
-    /// The frame that [`transmit`](Self::transmit) gave last has left.
+    /// The frame that [`transmit`](Self::transmit) gave last has left: times that the standard measures from the end of
+    /// a frame begin now. Without this call they began when it was handed over, which on a busy bus makes the gaps
+    /// between frames shorter than the other side asked for.
+    ///
+    /// Then ask [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::can::Id;
+    /// use armwire_bridge::isotp::{Config, Endpoint, Link};
+    ///
+    /// let mut endpoint = Endpoint::<64, 64>::new(Config::new(Link::Classic, Id::new(0x610).unwrap()));
+    /// endpoint.send(&[0; 20]).unwrap();
+    /// assert!(endpoint.transmit(Micros(0)).is_some());
+    /// assert_eq!(endpoint.timeout(), Some(Micros(1_000_000)));
+    /// // Others had the bus for 300 µs.
+    /// endpoint.transmitted(Micros(430));
+    /// assert_eq!(endpoint.timeout(), Some(Micros(1_000_430)));
+    /// ```
     pub fn transmitted(&mut self, now: Micros) {
-        let _ = now;
+        match self.handed.take() {
+            Some(Half::Receiver) => self.receiver.transmitted(&self.config, now),
+            Some(Half::Sender) => self.sender.transmitted(&self.config, now),
+            None => {}
+        }
     }
 
-    /// The PDU that was received. It stays until it is [released](Self::release), and no other is taken until then.
-    pub fn received(&self) -> Option<&[u8]> {
-        None
+    // ---- Time ----
+
+    /// When to call [`tick`](Self::tick), unless something happens before. `None` when nobody is waited for.
+    pub fn timeout(&self) -> Option<Micros> {
+        [self.receiver.timeout(), self.sender.timeout()]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
-    /// Makes room for the next PDU. Does nothing when none was received.
-    pub fn release(&mut self) {}
+    /// It is `now`: a PDU whose next frame is late is given up.
+    ///
+    /// Call [`receive`](Self::receive) first with what came before. Then ask [`is_sending`](Self::is_sending).
+    pub fn tick(&mut self, now: Micros) -> Events {
+        Events {
+            first: self.receiver.tick(&self.config, now),
+            second: self.sender.tick(&self.config, now),
+        }
+    }
 
-    /// Gives up what is being received and sent, as after bus-off. A PDU that is whole stays.
-    pub fn abort(&mut self) {}
+    /// Gives up what is being received and sent, without an event, as after bus-off. A PDU that is whole stays.
+    ///
+    /// ```
+    /// # use armwire::Micros;
+    /// # use armwire_bridge::can::Id;
+    /// # use armwire_bridge::isotp::{Config, Endpoint, Link};
+    /// # let mut endpoint = Endpoint::<64, 64>::new(Config::new(Link::Classic, Id::new(0x610).unwrap()));
+    /// endpoint.send(&[1, 2]).unwrap();
+    /// endpoint.abort();
+    /// assert!(!endpoint.is_sending());
+    /// assert_eq!(endpoint.transmit(Micros(0)), None);
+    /// ```
+    pub fn abort(&mut self) {
+        self.receiver.abort();
+        self.sender.abort();
+        self.handed = None;
+    }
+}
+
+impl<const RX: usize, const TX: usize> fmt::Debug for Endpoint<RX, TX> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Endpoint")
+            .field("config", &self.config)
+            .field("received", &self.received())
+            .field("is_sending", &self.is_sending())
+            .field("timeout", &self.timeout())
+            .finish_non_exhaustive()
+    }
 }

@@ -195,6 +195,11 @@ pub enum Ignored {
         /// The length it announces.
         got: u32,
     },
+    /// A single frame of more than 8 bytes has a length in its first byte.
+    NotEscaped {
+        /// The length; 0 is expected.
+        got: u8,
+    },
     /// Neither single, first, consecutive nor flow control frame.
     UnknownType {
         /// Its type; 0, 1, 2 and 3 are expected.
@@ -218,6 +223,7 @@ impl fmt::Display for Ignored {
             Self::Short { expected, got } => write!(f, "a frame of {got} bytes, must have {expected} or more"),
             Self::Long { expected, got } => write!(f, "a frame of {got} bytes, must have {expected} or less"),
             Self::PduLength { min, max, got } => write!(f, "announces {got} bytes, must be {min}..={max}"),
+            Self::NotEscaped { got } => write!(f, "a length of {got} in the first of more than 8 bytes, must be 0"),
             Self::UnknownType { got } => write!(f, "a frame of type {got}, must be 0..=3"),
             Self::UnexpectedConsecutive { got } => write!(f, "consecutive frame {got}, none was expected"),
             Self::UnexpectedFlowControl { got } => write!(f, "flow control with status {got}, none was expected"),

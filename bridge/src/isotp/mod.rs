@@ -1,8 +1,56 @@
-//! ISO-TP: messages longer than a CAN frame (ISO 15765-2:2016, normal addressing, classic and FD).
+//! ISO-TP: messages of up to 4095 bytes in CAN frames (ISO 15765-2:2016), classic and FD, with normal addressing.
+//!
+//! An [`Endpoint`] does no I/O and reads no clock. It is told which frames came and what time it is, and asked for the
+//! next frame:
+//!
+//! ```
+//! use armwire::Micros;
+//! use armwire_bridge::can::{Function, Node};
+//! use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
+//!
+//! let node = Node::new(0).unwrap();
+//! let mut host = Endpoint::<300, 300>::new(Config::new(Link::Classic, Function::ArmRequest.id(node)));
+//! let mut adapter = Endpoint::<300, 300>::new(Config::new(Link::Classic, Function::ArmAnswer.id(node)));
+//! let now = Micros(0);
+//!
+//! // The first frame …
+//! host.send(b"longer than seven").unwrap();
+//! let first = host.transmit(now).unwrap();
+//! assert_eq!(first.data(), b"\x10\x11longer");
+//! assert_eq!(adapter.receive(first.data(), now).next(), None);
+//! // … is answered by flow control, until when the host waits …
+//! assert_eq!(host.transmit(now), None);
+//! let flow_control = adapter.transmit(now).unwrap();
+//! assert_eq!(flow_control.data(), [0x30, 0, 0, 0xCC, 0xCC, 0xCC, 0xCC, 0xCC]);
+//! assert_eq!(host.receive(flow_control.data(), now).next(), None);
+//! // … and the rest follows.
+//! assert_eq!(adapter.receive(host.transmit(now).unwrap().data(), now).next(), None);
+//! assert_eq!(adapter.receive(host.transmit(now).unwrap().data(), now).next(), Some(Event::Received));
+//! assert_eq!(adapter.received(), Some(&b"longer than seven"[..]));
+//! assert!(!host.is_sending());
+//! adapter.release();
+//! ```
+//!
+//! It is our own because a protocol here takes frames and the time as input and leaves the bus to its caller: can-iso-tp
+//! 0.2.0 owns its bus and its clock, and iso-tp is an alpha.
+//!
+//! What comes is read as the standard has it, and what it says is to be ignored changes nothing (sections 9.6 and 9.8.3),
+//! with one exception: a frame may have more padding than it needs. Real senders do that, and the length is beyond doubt.
+//! A sender may also wait for ever in the standard; here [`Config::max_waits`] ends it.
+//!
+//! # Panics
+//!
+//! None, whatever it is told.
 
 mod config;
 mod endpoint;
 mod event;
+mod pci;
+mod receiver;
+mod sender;
+
+#[cfg(test)]
+mod tests;
 
 pub use config::{Config, Link, SeparationTime};
 pub use endpoint::{Endpoint, MAX_PDU};

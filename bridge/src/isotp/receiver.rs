@@ -1,0 +1,241 @@
+//! The half of an endpoint that receives.
+
+use armwire::Micros;
+
+use super::pci::{CONTINUE, FLOW_CONTROL, OVERFLOW};
+use super::{Config, Error, Event, Events, Ignored, Link, Refused};
+use crate::can::Frame;
+
+/// Where it is in the PDU. The bytes themselves are the endpoint's, so that this is compiled once for all lengths.
+pub(super) struct Receiver {
+    state: State,
+    /// Bytes in the PDU, and how many of them came.
+    len: usize,
+    got: usize,
+    /// The length of the first frame, which all others have but the last.
+    frame_len: usize,
+    /// The sequence number of the next consecutive frame.
+    number: u8,
+    /// Consecutive frames until the sender must be told to go on.
+    left: u16,
+    /// What the sender must be told.
+    answer: Option<u8>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum State {
+    Idle,
+    /// A consecutive frame is next once the answer is out, and comes until the deadline.
+    Receiving {
+        deadline: Micros,
+    },
+    /// The PDU waits to be taken.
+    Whole,
+}
+
+impl Receiver {
+    pub(super) const fn new() -> Self {
+        Self {
+            state: State::Idle,
+            len: 0,
+            got: 0,
+            frame_len: 0,
+            number: 0,
+            left: 0,
+            answer: None,
+        }
+    }
+
+    /// The length of the PDU, if it is whole.
+    pub(super) fn whole(&self) -> Option<usize> {
+        (self.state == State::Whole).then_some(self.len)
+    }
+
+    pub(super) fn release(&mut self) {
+        if self.state == State::Whole {
+            self.state = State::Idle;
+        }
+    }
+
+    pub(super) fn abort(&mut self) {
+        self.answer = None;
+        if self.state != State::Whole {
+            self.state = State::Idle;
+        }
+    }
+
+    pub(super) fn timeout(&self) -> Option<Micros> {
+        match self.state {
+            State::Receiving { deadline } => Some(deadline),
+            _ => None,
+        }
+    }
+
+    pub(super) fn tick(&mut self, config: &Config, now: Micros) -> Option<Event> {
+        self.timeout().filter(|&deadline| deadline <= now)?;
+        self.abort();
+        Some(Event::Failed(Error::NoConsecutiveFrame {
+            waited: config.n_cr,
+            expected: self.len,
+            got: self.got,
+        }))
+    }
+
+    /// Whether there is a flow control frame to send.
+    pub(super) const fn has_answer(&self) -> bool {
+        self.answer.is_some()
+    }
+
+    /// The flow control frame to send, if there is one.
+    pub(super) fn transmit(&mut self, config: &Config, now: Micros) -> Option<Frame> {
+        let status = self.answer.take()?;
+        self.transmitted(config, now);
+        let head = [FLOW_CONTROL | status, config.block_size, config.st_min.to_byte()];
+        Some(Frame::padded(config.tx, config.link == Link::Fd, &head, &[]))
+    }
+
+    /// The flow control frame left the bus.
+    pub(super) fn transmitted(&mut self, config: &Config, now: Micros) {
+        if self.timeout().is_some() {
+            self.wait(config, now);
+        }
+    }
+
+    /// A single frame came.
+    pub(super) fn single(&mut self, buffer: &mut [u8], data: &[u8]) -> Events {
+        let interrupted = self.interrupt();
+        let event = match self.room(buffer, data.len() as u32) {
+            Ok(()) => {
+                self.len = data.len();
+                self.got = 0;
+                self.take(buffer, data);
+                self.answer = None;
+                self.state = State::Whole;
+                Event::Received
+            }
+            Err(refused) => Event::Refused(refused),
+        };
+        Events {
+            first: interrupted,
+            second: Some(event),
+        }
+    }
+
+    /// A first frame of `data` and two or six more bytes came, of a PDU of `len` bytes.
+    pub(super) fn first(
+        &mut self,
+        buffer: &mut [u8],
+        (frame_len, len, data): (usize, u32, &[u8]),
+        config: &Config,
+        now: Micros,
+    ) -> Events {
+        let interrupted = self.interrupt();
+        let event = match self.room(buffer, len) {
+            Ok(()) => {
+                self.len = len as usize;
+                self.got = 0;
+                self.take(buffer, data);
+                self.frame_len = frame_len;
+                self.number = 1;
+                self.go_on(config);
+                self.wait(config, now);
+                None
+            }
+            Err(refused) => {
+                self.answer = Some(OVERFLOW);
+                Some(Event::Refused(refused))
+            }
+        };
+        Events {
+            first: interrupted,
+            second: event,
+        }
+    }
+
+    /// A consecutive frame of `data` and one more byte came.
+    pub(super) fn consecutive(
+        &mut self,
+        buffer: &mut [u8],
+        (number, data): (u8, &[u8]),
+        config: &Config,
+        now: Micros,
+    ) -> Option<Event> {
+        if self.timeout().is_none() || self.answer.is_some() {
+            return Some(Event::Ignored(Ignored::UnexpectedConsecutive { got: number }));
+        }
+        let got = data.len().saturating_add(1);
+        let rest = self.len.saturating_sub(self.got).saturating_add(1);
+        let expected = rest.min(self.frame_len);
+        if got < expected {
+            return Some(Event::Ignored(Ignored::Short { expected, got }));
+        }
+        if got > self.frame_len {
+            let expected = self.frame_len;
+            return Some(Event::Ignored(Ignored::Long { expected, got }));
+        }
+        if number != self.number {
+            self.state = State::Idle;
+            return Some(Event::Failed(Error::WrongSequenceNumber {
+                expected: self.number,
+                got: number,
+            }));
+        }
+        self.wait(config, now);
+        self.number = (number + 1) & 0x0F;
+        self.take(buffer, data);
+        if self.got == self.len {
+            self.state = State::Whole;
+            return Some(Event::Received);
+        }
+        self.left = self.left.saturating_sub(1);
+        if self.left == 0 {
+            self.go_on(config);
+        }
+        None
+    }
+
+    /// What was being received is given up, for another PDU begins.
+    fn interrupt(&mut self) -> Option<Event> {
+        self.timeout()?;
+        self.abort();
+        Some(Event::Failed(Error::Interrupted {
+            expected: self.len,
+            got: self.got,
+        }))
+    }
+
+    fn room(&self, buffer: &[u8], got: u32) -> Result<(), Refused> {
+        let max = buffer.len();
+        match self.state {
+            State::Whole => Err(Refused::Occupied { got }),
+            _ if got as usize > max => Err(Refused::TooLong { max, got }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Appends `data`, as far as it belongs to the PDU.
+    fn take(&mut self, buffer: &mut [u8], data: &[u8]) {
+        let room = buffer.get_mut(self.got..self.len).unwrap_or_default();
+        for (to, from) in room.iter_mut().zip(data) {
+            *to = *from;
+        }
+        self.got = self.len.min(self.got.saturating_add(data.len()));
+    }
+
+    /// A consecutive frame has its full time from now.
+    fn wait(&mut self, config: &Config, now: Micros) {
+        self.state = State::Receiving {
+            deadline: now + config.n_cr,
+        };
+    }
+
+    /// The sender is to be told to go on.
+    fn go_on(&mut self, config: &Config) {
+        // No PDU has as many frames as a block without end.
+        self.left = match config.block_size {
+            0 => u16::MAX,
+            n => u16::from(n),
+        };
+        self.answer = Some(CONTINUE);
+    }
+}
