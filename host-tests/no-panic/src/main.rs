@@ -14,6 +14,7 @@ mod bridge;
 mod client;
 mod decoder;
 mod device;
+mod isotp;
 mod legacy;
 mod ling;
 mod xarm;
@@ -41,6 +42,7 @@ extern "C" fn _start() {
     alpha1::call_all();
     legacy::call_all();
     bridge::call_all();
+    isotp::call_all();
     black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));
     black_box(black_box(Micros(0)).since(black_box(Micros(0))));
     if cfg!(feature = "prove") {
