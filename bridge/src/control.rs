@@ -18,6 +18,8 @@ use serde::{Deserialize, Serialize};
 use crate::Counters;
 use crate::config::{ArmKind, Config, ConfigError};
 
+pub use crate::control_codec::{Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
+
 /// The version of this schema.
 pub const VERSION: u16 = 1;
 

@@ -47,6 +47,7 @@ mod bridge;
 pub mod can;
 pub mod config;
 pub mod control;
+mod control_codec;
 mod counters;
 pub mod isotp;
 mod line;

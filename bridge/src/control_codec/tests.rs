@@ -1,0 +1,421 @@
+//! What the control port's messages become on the wire, and what becomes of bytes that are none.
+
+extern crate std;
+
+use std::string::String;
+use std::vec;
+use std::vec::Vec;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::Counters;
+use crate::can::Node;
+use crate::config::{ArmKind, Can, Config, ConfigError, Poll, Silence};
+use crate::control::{
+    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, MAX_COBS, MAX_FRAME, Refusal,
+    Reply, Request, Stamp, Subscription,
+};
+
+fn arm() -> impl Strategy<Value = ArmKind> {
+    prop::sample::select(&ArmKind::ALL[..])
+}
+
+fn config() -> impl Strategy<Value = Config> {
+    let poll = prop_oneof![Just(Poll::Off), any::<u16>().prop_map(Poll::Hertz), Just(Poll::Fastest)];
+    let can = (
+        0..=Node::MAX.get(),
+        any::<u32>(),
+        any::<Option<u32>>(),
+        any::<u16>(),
+        any::<bool>(),
+        any::<u16>(),
+        any::<bool>(),
+    );
+    let can = can.prop_map(
+        |(node, bit_rate, data_bit_rate, telemetry_hz, commands, command_timeout_ms, unsolicited)| Can {
+            node: Node::new(node).unwrap(),
+            bit_rate,
+            data_bit_rate,
+            telemetry_hz,
+            commands,
+            command_timeout_ms,
+            unsolicited,
+        },
+    );
+    let silence = any::<(u16, bool)>().prop_map(|(after_ms, torque_off)| Silence { after_ms, torque_off });
+    (arm(), poll, can, silence).prop_map(|(arm, poll, can, silence)| Config {
+        arm,
+        poll,
+        can,
+        silence,
+    })
+}
+
+fn config_error() -> impl Strategy<Value = ConfigError> {
+    let pair = any::<(u16, u16)>;
+    prop_oneof![
+        pair().prop_map(|(max, got)| ConfigError::PollRate { max, got }),
+        arm().prop_map(ConfigError::NotPolled),
+        any::<u32>().prop_map(ConfigError::BitRate),
+        any::<u32>().prop_map(ConfigError::DataBitRate),
+        pair().prop_map(|(max, got)| ConfigError::Telemetry { max, got }),
+        arm().prop_map(ConfigError::NotCommanded),
+        pair().prop_map(|(max, got)| ConfigError::CommandTimeout { max, got }),
+    ]
+}
+
+fn from_host() -> impl Strategy<Value = FromHost> {
+    let request = prop_oneof![
+        Just(Request::Identify),
+        Just(Request::IdentifyArm),
+        Just(Request::GetConfig),
+        config().prop_map(Request::SetConfig),
+        Just(Request::SaveConfig),
+        Just(Request::ResetConfig),
+        Just(Request::GetCounters),
+        Just(Request::GetLatencies),
+        any::<(bool, bool)>().prop_map(|(frames, events)| Request::Subscribe(Subscription { frames, events })),
+        Just(Request::Restart),
+        Just(Request::RestartIntoBootLoader),
+    ];
+    (any::<u8>(), request).prop_map(|(sequence, request)| FromHost { sequence, request })
+}
+
+fn text<const N: usize>() -> impl Strategy<Value = heapless::String<N, u8>> {
+    any::<String>().prop_map(|text| {
+        let mut kept = heapless::String::new();
+        for char in text.chars() {
+            let _ = kept.push(char); // what fits
+        }
+        kept
+    })
+}
+
+fn identity() -> impl Strategy<Value = Identity> {
+    (any::<u16>(), text(), text(), text(), text(), any::<bool>()).prop_map(
+        |(version, firmware, commit, board, serial, can_fd)| Identity {
+            version,
+            firmware,
+            commit,
+            board,
+            serial,
+            can_fd,
+        },
+    )
+}
+
+fn frame_bytes() -> impl Strategy<Value = FrameBytes> {
+    prop::collection::vec(any::<u8>(), 0..=MAX_FRAME).prop_map(|bytes| FrameBytes::from_slice(&bytes).unwrap())
+}
+
+fn counters() -> impl Strategy<Value = Counters> {
+    prop::collection::vec(any::<u32>(), Counters::COUNT).prop_map(|counts| {
+        let mut bytes = Vec::new();
+        for count in counts {
+            bytes.extend_from_slice(postcard::to_slice(&count, &mut [0; 5]).unwrap());
+        }
+        Counters::from_bytes(&bytes).unwrap()
+    })
+}
+
+fn histogram() -> impl Strategy<Value = Histogram> {
+    any::<[u32; Histogram::BUCKETS]>().prop_map(|counts| Histogram { counts })
+}
+
+fn reply() -> impl Strategy<Value = Reply> {
+    let arm = (arm(), prop::option::of(frame_bytes())).prop_map(|(kind, answer)| ArmIdentity { kind, answer });
+    let latencies = (histogram(), histogram(), histogram()).prop_map(|(answer, turn, poll)| Latencies {
+        answer,
+        turn,
+        poll,
+    });
+    prop_oneof![
+        Just(Reply::Done),
+        any::<u16>().prop_map(|version| Reply::Unsupported { version }),
+        identity().prop_map(Reply::Identity),
+        arm.prop_map(Reply::Arm),
+        config().prop_map(Reply::Config),
+        config_error().prop_map(Reply::BadConfig),
+        counters().prop_map(Reply::Counters),
+        latencies.prop_map(Reply::Latencies),
+        prop::sample::select(vec![Failure::Flash, Failure::Busy]).prop_map(Reply::Failed),
+    ]
+}
+
+fn asker() -> impl Strategy<Value = Asker> {
+    prop::sample::select(vec![
+        Asker::Usb,
+        Asker::Can,
+        Asker::Poll,
+        Asker::Command,
+        Asker::Adapter,
+    ])
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let refusal = prop::sample::select(vec![
+        Refusal::QueueFull,
+        Refusal::NotAFrame,
+        Refusal::Incomplete,
+        Refusal::Stale,
+        Refusal::OutOfRange,
+    ]);
+    prop_oneof![
+        (prop::option::of(asker()), frame_bytes()).prop_map(|(asker, bytes)| Event::Frame { asker, bytes }),
+        (asker(), any::<u16>(), any::<bool>()).prop_map(|(asker, dropped, torque_off)| Event::HostSilent {
+            asker,
+            dropped,
+            torque_off
+        }),
+        (asker(), refusal).prop_map(|(asker, reason)| Event::Refused { asker, reason }),
+        any::<bool>().prop_map(|off| Event::BusOff { off }),
+    ]
+}
+
+fn from_adapter() -> impl Strategy<Value = FromAdapter> {
+    prop_oneof![
+        (any::<u8>(), reply()).prop_map(|(sequence, reply)| FromAdapter::Reply { sequence, reply }),
+        (any::<u64>(), event()).prop_map(|(at, event)| FromAdapter::Event { at: Stamp(at), event }),
+    ]
+}
+
+fn encoded<T: Message>(message: &T) -> Vec<u8> {
+    let mut out = [0; MAX_MESSAGE];
+    let len = encode(message, &mut out).unwrap();
+    out[..len].to_vec()
+}
+
+fn encoded_cobs<T: Message>(message: &T) -> Vec<u8> {
+    let mut out = [0; MAX_COBS];
+    let len = encode_cobs(message, &mut out).unwrap();
+    out[..len].to_vec()
+}
+
+/// All that a reader finds in these pieces of a stream.
+fn read<T: Message, const N: usize>(reader: &mut Reader<N>, pieces: &[&[u8]]) -> Vec<Result<T, Malformed>> {
+    let mut heard = Vec::new();
+    for piece in pieces {
+        let mut rest = *piece;
+        while !rest.is_empty() {
+            rest = reader.push(rest);
+            heard.extend(reader.next());
+        }
+    }
+    heard
+}
+
+/// `bytes` in pieces that end at these places.
+fn pieces<'a>(bytes: &'a [u8], cuts: &[prop::sample::Index]) -> Vec<&'a [u8]> {
+    let mut ends: Vec<usize> = cuts.iter().map(|cut| cut.index(bytes.len() + 1)).collect();
+    ends.push(bytes.len());
+    ends.sort();
+    let mut start = 0;
+    ends.into_iter()
+        .map(|end| &bytes[std::mem::replace(&mut start, end)..end])
+        .collect()
+}
+
+fn cuts() -> impl Strategy<Value = Vec<prop::sample::Index>> {
+    prop::collection::vec(any::<prop::sample::Index>(), 0..8)
+}
+
+proptest! {
+    #[test]
+    fn what_a_host_says_is_what_the_adapter_hears(messages in prop::collection::vec(from_host(), 0..8), cuts in cuts()) {
+        for message in &messages {
+            prop_assert_eq!(decode(&encoded(message)), Ok(*message));
+        }
+        let stream: Vec<u8> = messages.iter().flat_map(encoded_cobs).collect();
+        let heard = read(&mut Reader::<MAX_MESSAGE>::new(), &pieces(&stream, &cuts));
+        prop_assert_eq!(heard, messages.into_iter().map(Ok).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_the_adapter_says_is_what_a_host_hears(messages in prop::collection::vec(from_adapter(), 0..8), cuts in cuts()) {
+        for message in &messages {
+            prop_assert_eq!(decode(&encoded(message)), Ok(message.clone()));
+        }
+        let stream: Vec<u8> = messages.iter().flat_map(encoded_cobs).collect();
+        let heard = read(&mut Reader::<MAX_MESSAGE>::new(), &pieces(&stream, &cuts));
+        prop_assert_eq!(heard, messages.into_iter().map(Ok).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_message_on_usb_has_one_zero_at_its_end(message in from_adapter()) {
+        let bytes = encoded_cobs(&message);
+        prop_assert_eq!(bytes.iter().position(|&byte| byte == 0), Some(bytes.len() - 1));
+    }
+
+    #[test]
+    fn garbage_costs_no_message_behind_its_zero(
+        garbage in prop::collection::vec(any::<u8>(), 0..700),
+        message in from_adapter(),
+        cuts in cuts(),
+    ) {
+        let stream = [&garbage, &[0][..], &encoded_cobs(&message)].concat();
+        let mut reader = Reader::<MAX_MESSAGE>::new();
+        let heard = read(&mut reader, &pieces(&stream, &cuts));
+        prop_assert_eq!(heard.last(), Some(&Ok(message)));
+        prop_assert!(reader.next::<FromAdapter>().is_none());
+    }
+
+    #[test]
+    fn garbage_is_heard_of_once_for_each_of_its_parts(garbage in prop::collection::vec(any::<u8>(), 0..700), cuts in cuts()) {
+        let parts = garbage.split_inclusive(|&byte| byte == 0).filter(|part| part.len() > 1 && part.ends_with(&[0]));
+        let heard = read::<FromHost, 64>(&mut Reader::new(), &pieces(&garbage, &cuts));
+        prop_assert_eq!(heard.len(), parts.count());
+    }
+
+    #[test]
+    fn bytes_that_are_a_message_are_the_bytes_of_this_message(bytes in prop::collection::vec(0..4_u8, 0..40)) {
+        if let Ok(message) = decode::<FromHost>(&bytes) {
+            prop_assert_eq!(encoded(&message), bytes);
+        }
+    }
+
+    #[test]
+    fn the_sequence_number_is_heard_whatever_comes_behind_it(sequence: u8, rest in prop::collection::vec(any::<u8>(), 0..80)) {
+        let bytes = [&[sequence], &rest[..]].concat();
+        match decode::<FromHost>(&bytes) {
+            Ok(message) => prop_assert_eq!(message.sequence, sequence),
+            Err(malformed) => prop_assert_eq!(malformed.sequence, Some(sequence)),
+        }
+        let mut cobs = [0; 90];
+        let len = cobs::try_encode(&bytes, &mut cobs).unwrap();
+        match read::<FromHost, 16>(&mut Reader::new(), &[&cobs[..=len]])[..] {
+            [Ok(message)] => prop_assert_eq!(message.sequence, sequence),
+            [Err(malformed)] => prop_assert_eq!(malformed.sequence, Some(sequence)),
+            ref other => prop_assert!(false, "{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_message_cut_short_ends_early(message in from_host(), cut in any::<prop::sample::Index>()) {
+        let bytes = encoded(&message);
+        let cut = &bytes[..cut.index(bytes.len())];
+        let malformed = Malformed { sequence: cut.first().copied(), reason: Reason::EndsEarly };
+        prop_assert_eq!(decode::<FromHost>(cut), Err(malformed));
+    }
+
+    #[test]
+    fn a_message_with_more_behind_it_is_refused(message in from_host(), more in prop::collection::vec(any::<u8>(), 1..20)) {
+        let bytes = [encoded(&message), more.clone()].concat();
+        let malformed = Malformed { sequence: Some(message.sequence), reason: Reason::Surplus { bytes: more.len() } };
+        prop_assert_eq!(decode::<FromHost>(&bytes), Err(malformed));
+    }
+
+    #[test]
+    fn nothing_is_written_behind_the_room_there_is(message in from_adapter(), room in 0..MAX_COBS) {
+        let whole = encoded_cobs(&message);
+        let mut out = [0xEE; MAX_COBS];
+        let result = encode_cobs(&message, &mut out[..room]);
+        match room < whole.len() {
+            true => prop_assert_eq!(result, Err(NoRoom { room })),
+            false => prop_assert_eq!(result, Ok(whole.len())),
+        }
+        prop_assert!(out[room..].iter().all(|&byte| byte == 0xEE));
+    }
+}
+
+#[test]
+fn a_message_too_long_for_the_reader_is_refused_and_the_next_one_heard() {
+    let long = FromHost {
+        sequence: 9,
+        request: Request::SetConfig(Config::default()),
+    };
+    let short = FromHost {
+        sequence: 10,
+        request: Request::GetConfig,
+    };
+    let max = encoded(&long).len() - 1;
+    let stream = [encoded_cobs(&long), encoded_cobs(&short)].concat();
+    let malformed = Malformed {
+        sequence: Some(9),
+        reason: Reason::TooLong { max: 8 },
+    };
+    assert!(max >= 8);
+    assert_eq!(read(&mut Reader::<8>::new(), &[&stream]), [Err(malformed), Ok(short)]);
+}
+
+#[test]
+fn a_reader_takes_no_more_until_its_message_is_taken() {
+    let message = FromHost {
+        sequence: 1,
+        request: Request::Identify,
+    };
+    let bytes = encoded_cobs(&message);
+    let two = [&bytes[..], &bytes].concat();
+    let mut reader = Reader::<MAX_MESSAGE>::new();
+    assert_eq!(reader.push(&two), bytes);
+    assert_eq!(reader.push(&bytes), bytes);
+    assert_eq!(reader.next(), Some(Ok(message)));
+    assert_eq!(reader.next::<FromHost>(), None);
+    assert_eq!(reader.push(&bytes), []);
+    assert_eq!(reader.next(), Some(Ok(message)));
+}
+
+#[test]
+fn a_cleared_reader_has_forgotten_half_a_message() {
+    let message = FromHost {
+        sequence: 1,
+        request: Request::Identify,
+    };
+    let bytes = encoded_cobs(&message);
+    let mut reader = Reader::<MAX_MESSAGE>::new();
+    reader.push(&bytes[..2]);
+    reader.clear();
+    assert_eq!(read(&mut reader, &[&bytes]), [Ok(message)]);
+}
+
+#[test]
+fn a_request_that_is_not_known_says_whose_it_is() {
+    let malformed = Malformed {
+        sequence: Some(200),
+        reason: Reason::Unknown,
+    };
+    assert_eq!(decode::<FromHost>(&[200, 11]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 11, 1, 2, 3]), Err(malformed));
+}
+
+#[test]
+fn the_longest_messages_fit() {
+    let full = "\u{7F}".repeat(24);
+    let most = |n: usize| full[..n].try_into().unwrap();
+    let most_identity = Identity {
+        version: u16::MAX,
+        firmware: most(16),
+        commit: most(16),
+        board: most(16),
+        serial: full.as_str().try_into().unwrap(),
+        can_fd: true,
+    };
+    let counts = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
+    let most_counters = Counters::from_bytes(counts.as_flattened()).unwrap();
+    let most_counts = Histogram {
+        counts: [u32::MAX; Histogram::BUCKETS],
+    };
+    let most_latencies = Latencies {
+        answer: most_counts,
+        turn: most_counts,
+        poll: most_counts,
+    };
+    let replies = [
+        Reply::Identity(most_identity),
+        Reply::Counters(most_counters),
+        Reply::Latencies(most_latencies),
+    ];
+    for reply in replies {
+        encoded_cobs(&FromAdapter::Reply {
+            sequence: u8::MAX,
+            reply,
+        });
+    }
+    encoded_cobs(&FromAdapter::Event {
+        at: Stamp(u64::MAX),
+        event: Event::Frame {
+            asker: Some(Asker::Adapter),
+            bytes: FrameBytes::from_slice(&[0xFF; MAX_FRAME]).unwrap(),
+        },
+    });
+}
