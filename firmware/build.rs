@@ -3,12 +3,20 @@
 use std::path::Path;
 use std::{env, fs};
 
+/// The boards, as their features and memory files are called.
+const BOARDS: [&str; 2] = ["stm32f405", "stm32g431"];
+
 fn main() {
     let here = env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
     let out = env::var("OUT_DIR").expect("cargo sets OUT_DIR");
-    let memory = Path::new(&here).join("../memory.x");
+    let chosen = |board: &&str| env::var_os(format!("CARGO_FEATURE_BOARD_{}", board.to_uppercase())).is_some();
+    // Without a board, or with two, `src/board/mod.rs` says so.
+    let Some(board) = BOARDS.into_iter().find(chosen) else {
+        return;
+    };
+    let memory = Path::new(&here).join("memory").join(board).with_extension("x");
 
-    fs::copy(&memory, Path::new(&out).join("memory.x")).expect("memory.x stands in the workspace's root");
+    fs::copy(&memory, Path::new(&out).join("memory.x")).expect("each board has a memory file");
     println!("cargo:rerun-if-changed={}", memory.display());
     println!("cargo:rustc-link-search={out}");
     println!("cargo:rustc-link-arg-bins=--nmagic");

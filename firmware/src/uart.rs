@@ -1,11 +1,11 @@
 //! The arm's UART: in by circular DMA, out by DMA.
 //!
 //! The HAL's ring-buffered receiver is not used. It reads the data register each time it is asked for bytes, which on
-//! this UART takes a byte from the DMA when one arrives in that moment; it reports one error where the status register
+//! older UARTs takes a byte from the DMA when one arrives in that moment; it reports one error where the status register
 //! has several; and after an error it enables the DMA stream again without setting it up, so its count of the ring no
 //! longer holds. Here the interrupt handler alone touches the data register, only when a flag needs clearing, and each
 //! start of the receive path sets up the stream from nothing, so that it does not matter whether a stream that is enabled
-//! again starts over or carries on.
+//! again starts over or carries on. The registers themselves are the board's, in [`usart`](crate::board::usart).
 
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
@@ -16,13 +16,13 @@ use embassy_futures::yield_now;
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
 use embassy_stm32::mode::Blocking;
-use embassy_stm32::usart::{self, Uart};
+use embassy_stm32::usart::{self as hal, Uart};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 
 use crate::adapter::{Adapter, now};
-use crate::board::{RX_REQUEST, RX_STREAM, RxInterrupt, TX_REQUEST, UART, UartInterrupt};
+use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, usart};
 
 /// Bytes the receive ring holds. Half of them may wait to be taken: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
@@ -49,35 +49,25 @@ pub(crate) struct InterruptHandler;
 
 impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
-        let status = UART.sr().read();
-        let error = status.fe() || status.pe() || status.ne() || status.ore();
-        if (error || status.idle()) && !status.rxne() {
-            // RM0090 30.6.1: reading SR and then DR clears the flags. With RXNE set the DMA is about to do that read,
-            // and must: the byte is its.
-            UART.dr().read();
-        }
-        if error {
+        let status = usart::take_status();
+        if status.is_error() {
             for (flag, counter) in [
-                (status.fe(), &FRAMING),
-                (status.pe(), &PARITY),
-                (status.ne(), &NOISE),
-                (status.ore(), &OVERRUN),
+                (status.framing, &FRAMING),
+                (status.parity, &PARITY),
+                (status.noise, &NOISE),
+                (status.overrun, &OVERRUN),
             ] {
                 counter.fetch_add(flag.into(), Ordering::Relaxed);
             }
-            // With RXNE set the flags stay until the DMA reads DR; until then this would be called again and again, for
-            // parity errors too (below).
+            // Errors that wait for the DMA to fetch a byte would bring the handler here again and again until then.
             // Whoever restarts the receive path asks for errors again.
-            UART.cr3().modify(|w| w.set_eie(false));
+            usart::mute_errors();
             RESTART.store(true, Ordering::Relaxed);
         }
-        if status.idle() {
+        if status.idle {
             IDLE.store(tail(), Ordering::Relaxed);
         }
-        UART.cr1().modify(|w| {
-            w.set_rxneie(false);
-            w.set_peie(w.peie() && !error);
-        });
+        usart::set_byte_interrupt(false);
         EVENT.signal(());
     }
 }
@@ -101,8 +91,7 @@ const MARGIN: usize = 16;
 
 /// Where in the ring the DMA writes next.
 fn tail() -> usize {
-    let (dma, stream) = RX_STREAM;
-    (SIZE - dma.st(stream).ndtr().read().ndt() as usize) % SIZE
+    (SIZE - usart::rx_remaining()) % SIZE
 }
 
 /// Looks at the UART even though nothing happened, so that whoever asks sees the task is alive.
@@ -144,15 +133,8 @@ impl Receiver {
         options.circular = true;
         options.half_transfer_ir = true;
         // SAFETY: the source is the UART's data register, whose stream this is; the target is made of atomics, for good.
-        let transfer = unsafe { dma.read_raw(RX_REQUEST, UART.dr().as_ptr().cast::<u8>(), ring, options) };
-        UART.cr3().modify(|w| {
-            w.set_eie(true);
-            w.set_dmar(true);
-        });
-        UART.cr1().modify(|w| {
-            w.set_idleie(true);
-            w.set_peie(w.pce());
-        });
+        let transfer = unsafe { dma.read_raw(RX_REQUEST, usart::rx_data(), ring, options) };
+        usart::start_receiving();
         transfer
     }
 
@@ -164,7 +146,7 @@ impl Receiver {
             self.look();
             match self.adapter.with(|bridge| bridge.wake()) {
                 Wake::Byte => {
-                    UART.cr1().modify(|w| w.set_rxneie(true));
+                    usart::set_byte_interrupt(true);
                     // A byte that came before that gives no signal.
                     if tail() == HEAD.load(Ordering::Relaxed) {
                         EVENT.wait().await;
@@ -188,15 +170,7 @@ impl Receiver {
         self.adapter.with(|bridge| bridge.uart_errors(errors));
         self.look();
         // The interrupt handler leaves a byte in the data register to the DMA, which will not come for it now.
-        UART.cr1().modify(|w| {
-            w.set_rxneie(false);
-            w.set_idleie(false);
-            w.set_peie(false);
-        });
-        UART.cr3().modify(|w| {
-            w.set_eie(false);
-            w.set_dmar(false);
-        });
+        usart::stop_receiving();
         transfer.request_pause();
         while transfer.is_running() {}
         self.look();
@@ -249,7 +223,7 @@ impl Receiver {
 /// Sends what the bridge has for the arm, and changes the line coding between two bytes.
 #[embassy_executor::task]
 pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, Blocking>, mut dma: Channel<'static>) {
-    UART.cr3().modify(|w| w.set_dmat(true));
+    usart::start_transmitting();
     let mut current = LineCoding::LING;
     let mut chunk = [0; 64];
     loop {
@@ -271,33 +245,30 @@ pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, 
 
 /// Hands `bytes` to the UART. Returns when the last one waits behind the one on the line.
 async fn send(dma: &mut Channel<'static>, bytes: &[u8]) {
-    // TC is to tell when these bytes are out, not the ones before (RM0090 30.3.13). Writing 1 leaves other flags alone.
-    UART.sr().write(|w| {
-        w.0 = !0;
-        w.set_tc(false);
-    });
+    // To tell when these bytes are out, not the ones before.
+    usart::clear_transmitted();
     // SAFETY: the address is that of the UART's data register, and the stream is the one wired to it.
-    unsafe { dma.write(TX_REQUEST, bytes, UART.dr().as_ptr().cast::<u8>(), Default::default()) }.await;
+    unsafe { dma.write(TX_REQUEST, bytes, usart::tx_data(), Default::default()) }.await;
 }
 
 /// Waits for the last bit to leave at the current line coding, and changes it.
 async fn change(uart: &mut Uart<'static, Blocking>, current: LineCoding, coding: LineCoding) {
-    while !UART.sr().read().tc() {
+    while !usart::is_transmitted() {
         Timer::after_micros(10).await;
     }
-    // TC may be that of the byte before the last transfer, if it ended between the clearing of TC and the first byte. Then
-    // two bytes are left: one in the shift register, one behind it.
+    // That may be true of the byte before the last transfer, if it ended between the clearing and the first byte. Then two
+    // bytes are left: one in the shift register, one behind it.
     Timer::after_micros(current.micros(2)).await;
-    let mut config = usart::Config::default();
+    let mut config = hal::Config::default();
     config.baudrate = coding.baud;
     config.parity = match coding.parity {
-        Parity::None => usart::Parity::ParityNone,
-        Parity::Odd => usart::Parity::ParityOdd,
-        Parity::Even => usart::Parity::ParityEven,
+        Parity::None => hal::Parity::ParityNone,
+        Parity::Odd => hal::Parity::ParityOdd,
+        Parity::Even => hal::Parity::ParityEven,
     };
     config.stop_bits = match coding.stop_bits {
-        StopBits::One => usart::StopBits::STOP1,
-        StopBits::Two => usart::StopBits::STOP2,
+        StopBits::One => hal::StopBits::STOP1,
+        StopBits::Two => hal::StopBits::STOP2,
     };
     let (uart, _) = uart.split_ref();
     // The bridge lets through only what this UART can do.

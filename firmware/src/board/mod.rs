@@ -1,126 +1,54 @@
-//! The default board: an STM32F405RG with a crystal, USB on PA11/PA12 and the arm on PA2/PA3.
+//! The board: the one place that knows which chip, which pins and which clocks.
 //!
-//! Only this folder and `memory.x` know which chip and which pins. Another board brings the same items.
+//! A cargo feature chooses it, `board-stm32f405` or `board-stm32g431`. `docs/porting.md` says how to add one. Each brings
+//! the same items:
+//!
+//! | Item | What it is |
+//! |---|---|
+//! | `NAME` | what the board is called |
+//! | `init() -> Board` | starts the clocks and takes the pins; the fields of `Board` are below |
+//! | `serial_number()` | the chip's unique id |
+//! | `UsbDriver` | the driver of the USB peripheral |
+//! | `cancel_unfetched_packets()` | takes back what waits in an endpoint for a host that will not fetch it |
+//! | `Watchdog` | the independent watchdog |
+//! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
+//! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
+//! | `usart` | what differs in the UART's registers from chip to chip |
+//!
+//! | Field of `Board` | What it is |
+//! |---|---|
+//! | `led` | the status LED |
+//! | `uart`, `rx_dma`, `tx_dma` | the arm's UART with its pins, and the DMA for each way |
+//! | `usb` | USB full speed |
+//! | `reset_by_watchdog` | whether the watchdog reset the chip |
+//! | `watchdog` | the independent watchdog, not yet started |
 
-mod clock;
+#[cfg(feature = "board-stm32f405")]
+mod stm32f405;
 
-use embassy_stm32::dma::{self, Channel, Request};
-use embassy_stm32::gpio::{Level, Output, Pull, Speed};
-use embassy_stm32::mode::Blocking;
-use embassy_stm32::pac;
-use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, IWDG, USB_OTG_FS};
-use embassy_stm32::usart::{self, Uart};
-use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Peri, bind_interrupts, usb};
-use static_cell::StaticCell;
+#[cfg(feature = "board-stm32f405")]
+pub(crate) use stm32f405::*;
 
-use crate::uart;
+#[cfg(not(feature = "board-stm32f405"))]
+compile_error!("no board: enable `board-stm32f405`");
 
-bind_interrupts!(struct Irqs {
-    OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
-    USART2 => uart::InterruptHandler;
-    // Before the HAL's, which clears the flags.
-    DMA1_STREAM5 => uart::RingHandler, dma::InterruptHandler<DMA1_CH5>;
-    DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
-});
-
-/// The interrupt of the arm's UART.
-pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
-
-/// The interrupt of the DMA stream that serves it, receiving.
-pub(crate) type RxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_STREAM5;
-
-/// The registers of the arm's UART.
-pub(crate) const UART: pac::usart::Usart = pac::USART2;
-
-/// The registers of that stream, and its number.
-pub(crate) const RX_STREAM: (pac::dma::Dma, usize) = (pac::DMA1, 5);
-
-/// DMA1 stream 5 channel 4 is USART2_RX, stream 6 channel 4 USART2_TX (RM0090 table 42).
-pub(crate) const RX_REQUEST: Request = 4;
-/// See [`RX_REQUEST`].
-pub(crate) const TX_REQUEST: Request = 4;
-
-/// The endpoints of the USB peripheral, each way (RM0090 34.1).
-const USB_ENDPOINTS: usize = 4;
-
-/// The driver of the USB peripheral.
-pub(crate) type UsbDriver = usb::Driver<'static, USB_OTG_FS>;
-
-/// What the board gives the firmware.
-pub(crate) struct Board {
-    /// The status LED.
-    pub(crate) led: Output<'static>,
-    /// The arm's UART, with its pins. Its line coding is set later.
-    pub(crate) uart: Uart<'static, Blocking>,
-    /// The DMA stream for bytes from the arm.
-    pub(crate) rx_dma: Channel<'static>,
-    /// The DMA stream for bytes to the arm.
-    pub(crate) tx_dma: Channel<'static>,
-    /// USB full speed.
-    pub(crate) usb: UsbDriver,
-    /// Whether the watchdog reset the chip.
-    pub(crate) reset_by_watchdog: bool,
-    /// The independent watchdog, not yet started.
-    pub(crate) watchdog: Peri<'static, IWDG>,
+/// What the UART had to say since it was last asked.
+pub(crate) struct UartStatus {
+    /// A byte without its stop bit came.
+    pub(crate) framing: bool,
+    /// A byte with the wrong parity came.
+    pub(crate) parity: bool,
+    /// A byte with noise on it came.
+    pub(crate) noise: bool,
+    /// A byte was lost: nobody had fetched the one before.
+    pub(crate) overrun: bool,
+    /// The line went idle after a byte.
+    pub(crate) idle: bool,
 }
 
-/// The watchdog of this board.
-pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
-
-/// Starts the clocks and takes the pins.
-pub(crate) fn init() -> Board {
-    let p = embassy_stm32::init(clock::config());
-    clock::accelerate_flash();
-
-    let mut line = usart::Config::default();
-    line.baudrate = 1_000_000;
-    // An arm that is not plugged in shall look like an idle line.
-    line.rx_pull = Pull::Up;
-    let Ok(uart) = Uart::new_blocking(p.USART2, p.PA3, p.PA2, line) else {
-        unreachable!()
-    };
-
-    static OUT_PACKETS: StaticCell<[u8; 256]> = StaticCell::new();
-    let mut usb = usb::Config::default();
-    // VBUS is not wired to PA9 on most boards; without it the adapter counts as plugged in.
-    usb.vbus_detection = false;
-
-    Board {
-        led: Output::new(p.PB2, Level::Low, Speed::Low),
-        uart,
-        rx_dma: Channel::new(p.DMA1_CH5, Irqs),
-        tx_dma: Channel::new(p.DMA1_CH6, Irqs),
-        usb: UsbDriver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, OUT_PACKETS.init([0; 256]), usb),
-        reset_by_watchdog: reset_by_watchdog(),
-        watchdog: p.IWDG,
-    }
-}
-
-/// Reads why the chip was reset, and clears it for the next time (RM0090 7.3.21).
-fn reset_by_watchdog() -> bool {
-    let cause = pac::RCC.csr().read();
-    pac::RCC.csr().modify(|w| w.set_rmvf(true));
-    cause.wdgrstf()
-}
-
-/// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
-pub(crate) fn serial_number() -> &'static str {
-    embassy_stm32::uid::uid_hex()
-}
-
-/// Takes back what waits in an endpoint for a host that will not fetch it.
-///
-/// A bus reset leaves such an endpoint enabled, and the HAL would wait for ever for it to be done (RM0090 34.17.6, "IN
-/// endpoint disable").
-pub(crate) fn cancel_unfetched_packets() {
-    for endpoint in 1..USB_ENDPOINTS {
-        let control = pac::USB_OTG_FS.diepctl(endpoint);
-        if control.read().epena() {
-            control.modify(|w| {
-                w.set_snak(true);
-                w.set_epdis(true);
-            });
-        }
+impl UartStatus {
+    /// Whether something was wrong.
+    pub(crate) fn is_error(&self) -> bool {
+        self.framing || self.parity || self.noise || self.overrun
     }
 }

@@ -1,0 +1,128 @@
+//! The default board: an STM32F405RG with a crystal, USB on PA11/PA12 and the arm on PA2/PA3.
+//!
+//! Sections are those of RM0090.
+
+mod clock;
+pub(crate) mod usart;
+
+use embassy_stm32::dma::{self, Channel, Request};
+use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::pac;
+use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, IWDG, USB_OTG_FS};
+use embassy_stm32::usart::{Config as UartConfig, Uart};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peri, bind_interrupts, usb};
+use static_cell::StaticCell;
+
+use super::UartStatus;
+use crate::uart;
+
+/// What the board is called.
+pub(crate) const NAME: &str = "stm32f405";
+
+bind_interrupts!(struct Irqs {
+    OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
+    USART2 => uart::InterruptHandler;
+    // Before the HAL's, which clears the flags.
+    DMA1_STREAM5 => uart::RingHandler, dma::InterruptHandler<DMA1_CH5>;
+    DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
+});
+
+/// The interrupt of the arm's UART.
+pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
+
+/// The interrupt of the DMA stream that serves it, receiving.
+pub(crate) type RxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_STREAM5;
+
+/// The number of that stream, on DMA1.
+const RX_STREAM: usize = 5;
+
+/// DMA1 stream 5 channel 4 is USART2_RX, stream 6 channel 4 USART2_TX (RM0090 table 42).
+pub(crate) const RX_REQUEST: Request = 4;
+/// See [`RX_REQUEST`].
+pub(crate) const TX_REQUEST: Request = 4;
+
+/// The endpoints of the USB peripheral, each way (RM0090 34.1).
+const USB_ENDPOINTS: usize = 4;
+
+/// The driver of the USB peripheral.
+pub(crate) type UsbDriver = usb::Driver<'static, USB_OTG_FS>;
+
+/// What the board gives the firmware.
+pub(crate) struct Board {
+    /// The status LED.
+    pub(crate) led: Output<'static>,
+    /// The arm's UART, with its pins. Its line coding is set later.
+    pub(crate) uart: Uart<'static, Blocking>,
+    /// The DMA stream for bytes from the arm.
+    pub(crate) rx_dma: Channel<'static>,
+    /// The DMA stream for bytes to the arm.
+    pub(crate) tx_dma: Channel<'static>,
+    /// USB full speed.
+    pub(crate) usb: UsbDriver,
+    /// Whether the watchdog reset the chip.
+    pub(crate) reset_by_watchdog: bool,
+    /// The independent watchdog, not yet started.
+    pub(crate) watchdog: Peri<'static, IWDG>,
+}
+
+/// The watchdog of this board.
+pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
+
+/// Starts the clocks and takes the pins.
+pub(crate) fn init() -> Board {
+    let p = embassy_stm32::init(clock::config());
+    clock::accelerate_flash();
+
+    let mut line = UartConfig::default();
+    line.baudrate = 1_000_000;
+    // An arm that is not plugged in shall look like an idle line.
+    line.rx_pull = Pull::Up;
+    let Ok(uart) = Uart::new_blocking(p.USART2, p.PA3, p.PA2, line) else {
+        unreachable!()
+    };
+
+    static OUT_PACKETS: StaticCell<[u8; 256]> = StaticCell::new();
+    let mut usb = usb::Config::default();
+    // VBUS is not wired to PA9 on most boards; without it the adapter counts as plugged in.
+    usb.vbus_detection = false;
+
+    Board {
+        led: Output::new(p.PB2, Level::Low, Speed::Low),
+        uart,
+        rx_dma: Channel::new(p.DMA1_CH5, Irqs),
+        tx_dma: Channel::new(p.DMA1_CH6, Irqs),
+        usb: UsbDriver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, OUT_PACKETS.init([0; 256]), usb),
+        reset_by_watchdog: reset_by_watchdog(),
+        watchdog: p.IWDG,
+    }
+}
+
+/// Reads why the chip was reset, and clears it for the next time (RM0090 7.3.21).
+fn reset_by_watchdog() -> bool {
+    let cause = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    cause.wdgrstf()
+}
+
+/// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
+pub(crate) fn serial_number() -> &'static str {
+    embassy_stm32::uid::uid_hex()
+}
+
+/// Takes back what waits in an endpoint for a host that will not fetch it.
+///
+/// A bus reset leaves such an endpoint enabled, and the HAL would wait for ever for it to be done (RM0090 34.17.6, "IN
+/// endpoint disable").
+pub(crate) fn cancel_unfetched_packets() {
+    for endpoint in 1..USB_ENDPOINTS {
+        let control = pac::USB_OTG_FS.diepctl(endpoint);
+        if control.read().epena() {
+            control.modify(|w| {
+                w.set_snak(true);
+                w.set_epdis(true);
+            });
+        }
+    }
+}
