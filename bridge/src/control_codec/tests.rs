@@ -125,11 +125,8 @@ fn histogram() -> impl Strategy<Value = Histogram> {
 
 fn reply() -> impl Strategy<Value = Reply> {
     let arm = (arm(), prop::option::of(frame_bytes())).prop_map(|(kind, answer)| ArmIdentity { kind, answer });
-    let latencies = (histogram(), histogram(), histogram()).prop_map(|(answer, turn, poll)| Latencies {
-        answer,
-        turn,
-        poll,
-    });
+    let latencies =
+        (histogram(), histogram(), histogram()).prop_map(|(answer, turn, poll)| Latencies { answer, turn, poll });
     prop_oneof![
         Just(Reply::Done),
         any::<u16>().prop_map(|version| Reply::Unsupported { version }),

@@ -12,6 +12,7 @@
 mod alpha1;
 mod bridge;
 mod client;
+mod control;
 mod decoder;
 mod device;
 mod isotp;
@@ -42,6 +43,7 @@ extern "C" fn _start() {
     alpha1::call_all();
     legacy::call_all();
     bridge::call_all();
+    control::call_all();
     isotp::call_all();
     black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));
     black_box(black_box(Micros(0)).since(black_box(Micros(0))));
