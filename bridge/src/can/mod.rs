@@ -1,7 +1,9 @@
 //! The adapter on a CAN bus: frames, and which identifier means what.
 
+pub mod command;
 mod frame;
 mod ids;
+pub mod telemetry;
 
 pub use frame::{FD_LENGTHS, Frame, FrameError, Id, MAX_CLASSIC, MAX_FD};
 pub use ids::{Function, Node};

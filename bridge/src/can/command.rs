@@ -1,0 +1,569 @@
+//! Moving the arm by cyclic frames: what a PLC can do, made safe.
+//!
+//! A command is two frames, COMMAND_A and COMMAND_B, with the same sequence number. `docs/armwire.dbc` describes them.
+//! It takes effect when
+//!
+//! * both came within the time-out,
+//! * the stream it belongs to has started: by a command with sequence number 0, which moves nothing,
+//! * its sequence number is newer than that of the last command that took effect: 1 to 127 more, modulo 256,
+//! * and every value is in range.
+//!
+//! Otherwise all of it is refused, with the reason. A stream ends when no command took effect for the time-out. So a
+//! sender that repeats one command for ever, whichever it is, moves nothing: what starts a stream does not move, and what
+//! moves does not start one.
+
+use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
+use armwire::{Micros, OutOfRange};
+
+use super::{Frame, Function, Node, telemetry};
+use crate::control::Refusal;
+
+/// One step of a command's speed, in ticks per second.
+pub const SPEED_STEP: u8 = 20;
+
+/// One step of a command's gripper opening, in thousandths of the stroke.
+pub const GRIPPER_STEP: u8 = 4;
+
+/// The fastest, and the widest, in steps: 5000 ticks/s, and open.
+const MAX_STEPS: u8 = 250;
+
+/// A command as its frames carry it, whether or not the arm can do it.
+///
+/// | Frame | Word 0 | Word 1 | Word 2 | Word 3 |
+/// |---|---|---|---|---|
+/// | COMMAND_A | joint 1, ticks | joint 2 | joint 3 | sequence number, speed |
+/// | COMMAND_B | joint 4, ticks | joint 5 | joint 6 | sequence number, gripper |
+///
+/// ```
+/// use armwire_bridge::can::{Node, command::Command};
+///
+/// let command = Command { sequence: 1, joints: [2048; 6], speed: 25, gripper: 125 };
+/// let target = command.target().unwrap();
+/// assert_eq!(target.joints[0].1.ticks_per_second(), 500);
+/// assert_eq!(target.gripper.0.per_mille(), 500);
+///
+/// let [a, _] = command.to_frames(Node::new(0).unwrap());
+/// assert_eq!(a.data(), [0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 1, 25]);
+///
+/// let error = Command { speed: 0, ..command }.target().unwrap_err();
+/// assert_eq!(error.to_string(), "command speed is 0 times 20 ticks/s, must be 1..=250");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Command {
+    /// One more than in the command before, modulo 256; 0 to start.
+    pub sequence: u8,
+    /// Where joints 1 to 6 are to go, in ticks: 0 to 4095, 2048 is 0 rad.
+    pub joints: [u16; JOINTS],
+    /// How fast the joints and the gripper are to go, in steps of [`SPEED_STEP`]: 1 to 250.
+    pub speed: u8,
+    /// How far the gripper is to open, in steps of [`GRIPPER_STEP`]: 0, closed, to 250, open.
+    pub gripper: u8,
+}
+
+impl Command {
+    /// COMMAND_A and COMMAND_B.
+    pub fn to_frames(&self, node: Node) -> [Frame; 2] {
+        let [joint_1, joint_2, joint_3, joint_4, joint_5, joint_6] = self.joints;
+        let speed = u16::from_le_bytes([self.sequence, self.speed]);
+        let gripper = u16::from_le_bytes([self.sequence, self.gripper]);
+        [
+            telemetry::frame(Function::CommandA.id(node), [joint_1, joint_2, joint_3, speed]),
+            telemetry::frame(Function::CommandB.id(node), [joint_4, joint_5, joint_6, gripper]),
+        ]
+    }
+
+    /// What the arm is to be told.
+    ///
+    /// # Errors
+    ///
+    /// The first value that is out of range. A speed of 0 is one: what an arm makes of it is not known.
+    pub fn target(&self) -> Result<Move, OutOfRange> {
+        let steps = |what, unit, got, min| match got {
+            _ if (min..=MAX_STEPS).contains(&got) => Ok(u16::from(got)),
+            _ => Err(OutOfRange {
+                what,
+                unit,
+                got: got.into(),
+                min: min.into(),
+                max: MAX_STEPS.into(),
+            }),
+        };
+        let speed = steps("command speed", "times 20 ticks/s", self.speed, 1)? * u16::from(SPEED_STEP);
+        let opening = steps("command gripper", "times 4 ‰", self.gripper, 0)? * u16::from(GRIPPER_STEP);
+        let mut joints = [(Position::CENTRE, Speed::new(speed)?); JOINTS];
+        for ((position, _), ticks) in joints.iter_mut().zip(self.joints) {
+            *position = Position::new(ticks)?;
+        }
+        Ok(Move {
+            joints,
+            gripper: (Opening::new(opening)?, GripperSpeed(speed)),
+        })
+    }
+}
+
+/// Takes command frames, and says what moves the arm and what is refused.
+///
+/// ```
+/// use armwire::Micros;
+/// use armwire_bridge::can::{Node, command::{Command, Commands}};
+/// use armwire_bridge::control::Refusal;
+///
+/// let node = Node::new(0).unwrap();
+/// let mut commands = Commands::new(node, Micros::from_millis(100));
+/// let mut send = |sequence, at| {
+///     let [a, b] = Command { sequence, joints: [2048; 6], speed: 25, gripper: 0 }.to_frames(node);
+///     assert_eq!(commands.receive(&a, Micros::from_millis(at)), None);
+///     commands.receive(&b, Micros::from_millis(at))
+/// };
+/// assert_eq!(send(9, 0), Some(Err(Refusal::Stale))); // there is no stream
+/// assert_eq!(send(0, 10), None); // now there is
+/// assert!(send(1, 20).unwrap().is_ok());
+/// assert_eq!(send(1, 30), Some(Err(Refusal::Stale)));
+/// assert!(send(2, 40).unwrap().is_ok());
+/// assert_eq!(send(3, 140), Some(Err(Refusal::Stale))); // it has ended
+/// ```
+#[derive(Clone, Debug)]
+pub struct Commands {
+    node: Node,
+    timeout: Micros,
+    /// The frame whose other half has not come.
+    half: Option<Half>,
+    /// The last sequence number of the stream that started or moved, and when.
+    last: Option<(u8, Micros)>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Half {
+    function: Function,
+    words: [u16; 4],
+    at: Micros,
+}
+
+impl Half {
+    const fn sequence(&self) -> u8 {
+        let [.., last] = self.words;
+        last as u8
+    }
+
+    fn deadline(&self, timeout: Micros) -> Micros {
+        self.at + timeout
+    }
+}
+
+impl Commands {
+    /// For the commands to `node`, with this time-out.
+    pub const fn new(node: Node, timeout: Micros) -> Self {
+        Self {
+            node,
+            timeout,
+            half: None,
+            last: None,
+        }
+    }
+
+    /// A frame came. The answer is where the arm is to go, or why it is not: [`Refusal::Incomplete`] of the command before,
+    /// [`Refusal::Stale`] or [`Refusal::OutOfRange`] of this one, or [`Refusal::NotAFrame`] when it has not 8 bytes. `None`
+    /// when nothing is to be done: this is the first half, or starts a stream, or is no command to this node.
+    pub fn receive(&mut self, frame: &Frame, now: Micros) -> Option<Result<Move, Refusal>> {
+        let (function @ (Function::CommandA | Function::CommandB), node) = Function::of(frame.id())? else {
+            return None;
+        };
+        if node != self.node {
+            return None;
+        }
+        let Some((_, words)) = telemetry::words(frame, function) else {
+            return Some(Err(Refusal::NotAFrame));
+        };
+        let half = Half {
+            function,
+            words,
+            at: now,
+        };
+        let other = self.half.replace(half)?;
+        if other.sequence() != half.sequence() || now >= other.deadline(self.timeout) {
+            return Some(Err(Refusal::Incomplete));
+        }
+        let (a, b) = match (other.function, function) {
+            (Function::CommandA, Function::CommandB) => (other.words, words),
+            (Function::CommandB, Function::CommandA) => (words, other.words),
+            // The same half again. That gives the other no more time.
+            _ => {
+                self.half = Some(Half { at: other.at, ..half });
+                return None;
+            }
+        };
+        self.half = None;
+        self.judge(&joined(a, b), now)
+    }
+
+    /// It is `now`: [`Refusal::Incomplete`] when the other half of a command is late.
+    pub fn tick(&mut self, now: Micros) -> Option<Refusal> {
+        self.half.take_if(|half| now >= half.deadline(self.timeout))?;
+        Some(Refusal::Incomplete)
+    }
+
+    /// When to call [`tick`](Self::tick), unless the other half comes before. `None` when none is waited for.
+    pub fn timeout(&self) -> Option<Micros> {
+        self.half.map(|half| half.deadline(self.timeout))
+    }
+
+    /// Ends the stream: what comes next must start one.
+    pub fn stop(&mut self) {
+        self.last = None;
+    }
+
+    /// What becomes of a whole command.
+    fn judge(&mut self, command: &Command, now: Micros) -> Option<Result<Move, Refusal>> {
+        let running = self.last.filter(|&(_, at)| now < at + self.timeout);
+        match running.map(|(last, _)| last) {
+            None | Some(0) if command.sequence == 0 => {
+                self.last = Some((0, now));
+                None
+            }
+            Some(last) if (1..=127).contains(&command.sequence.wrapping_sub(last)) => {
+                let Ok(target) = command.target() else {
+                    return Some(Err(Refusal::OutOfRange));
+                };
+                self.last = Some((command.sequence, now));
+                Some(Ok(target))
+            }
+            _ => Some(Err(Refusal::Stale)),
+        }
+    }
+}
+
+/// What the words of both halves say.
+fn joined([joint_1, joint_2, joint_3, speed]: [u16; 4], [joint_4, joint_5, joint_6, gripper]: [u16; 4]) -> Command {
+    let [sequence, speed] = speed.to_le_bytes();
+    let [_, gripper] = gripper.to_le_bytes();
+    Command {
+        sequence,
+        joints: [joint_1, joint_2, joint_3, joint_4, joint_5, joint_6],
+        speed,
+        gripper,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const TIMEOUT: Micros = Micros::from_millis(100);
+
+    /// Commands to node 3, and the time.
+    #[derive(Clone)]
+    struct Bus {
+        commands: Commands,
+        node: Node,
+        now: Micros,
+    }
+
+    impl Bus {
+        fn new() -> Self {
+            let node = Node::new(3).unwrap();
+            Self {
+                commands: Commands::new(node, TIMEOUT),
+                node,
+                now: Micros(1_000_000),
+            }
+        }
+
+        /// A bus on which a stream has come to `sequence`.
+        fn running(sequence: u8) -> Self {
+            let mut bus = Self::new();
+            assert_eq!(bus.send(command(0)), None);
+            for sequence in 1..=sequence {
+                assert!(bus.send(command(sequence)).unwrap().is_ok());
+            }
+            bus
+        }
+
+        fn pass(&mut self, millis: u64) {
+            self.now = self.now + Micros::from_millis(millis);
+        }
+
+        fn receive(&mut self, frame: &Frame) -> Option<Result<Move, Refusal>> {
+            self.commands.receive(frame, self.now)
+        }
+
+        fn send(&mut self, command: Command) -> Option<Result<Move, Refusal>> {
+            let [a, b] = command.to_frames(self.node);
+            assert_eq!(self.receive(&a), None);
+            self.receive(&b)
+        }
+    }
+
+    fn command(sequence: u8) -> Command {
+        Command {
+            sequence,
+            joints: [2048, 1024, 3072, 0, 4095, 2049],
+            speed: 50,
+            gripper: 250,
+        }
+    }
+
+    #[test]
+    fn a_command_moves_what_it_says_as_fast_as_it_says() {
+        let target = Bus::running(7).send(command(8)).unwrap().unwrap();
+        assert_eq!(target.joints.map(|(position, _)| position.ticks()), command(8).joints);
+        assert!(target.joints.iter().all(|(_, speed)| speed.ticks_per_second() == 1000));
+        assert_eq!(target.gripper, (Opening::OPEN, GripperSpeed(1000)));
+    }
+
+    #[test]
+    fn every_value_in_range_is_said_exactly_and_every_other_is_refused() {
+        for steps in 0..=u8::MAX {
+            let target = Command {
+                speed: steps,
+                ..command(1)
+            }
+            .target();
+            match steps {
+                1..=250 => assert_eq!(target.unwrap().joints[5].1.ticks_per_second(), u16::from(steps) * 20),
+                _ => assert_eq!(target.unwrap_err().got, steps.into()),
+            }
+            let target = Command {
+                gripper: steps,
+                ..command(1)
+            }
+            .target();
+            match steps {
+                0..=250 => assert_eq!(target.unwrap().gripper.0.per_mille(), u16::from(steps) * 4),
+                _ => assert_eq!(target.unwrap_err().got, steps.into()),
+            }
+        }
+        for joint in 0..JOINTS {
+            for ticks in [0, 4095, 4096, u16::MAX] {
+                let mut command = command(1);
+                command.joints[joint] = ticks;
+                match ticks {
+                    0..=4095 => assert_eq!(command.target().unwrap().joints[joint].0.ticks(), ticks),
+                    _ => assert_eq!(command.target().unwrap_err().got, ticks),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn either_half_may_come_first() {
+        let mut bus = Bus::running(1);
+        let [a, b] = command(2).to_frames(bus.node);
+        assert_eq!(bus.receive(&b), None);
+        assert_eq!(bus.receive(&a), Some(Ok(command(2).target().unwrap())));
+    }
+
+    #[test]
+    fn a_value_out_of_range_refuses_all_and_neither_moves_on_nor_ends_the_stream() {
+        let mut bus = Bus::running(4);
+        for bad in [
+            Command {
+                joints: [4096, 0, 0, 0, 0, 0],
+                ..command(5)
+            },
+            Command { speed: 0, ..command(5) },
+            Command {
+                gripper: 251,
+                ..command(5)
+            },
+        ] {
+            assert_eq!(bus.send(bad), Some(Err(Refusal::OutOfRange)));
+        }
+        assert!(bus.send(command(5)).unwrap().is_ok());
+    }
+
+    #[test]
+    fn a_half_without_the_other_is_refused_when_its_time_is_up_however_often_it_comes() {
+        let mut bus = Bus::running(4);
+        let [a, b] = command(5).to_frames(bus.node);
+        assert_eq!(bus.commands.timeout(), None);
+        assert_eq!(bus.receive(&a), None);
+        let due = bus.now + TIMEOUT;
+        bus.pass(99);
+        assert_eq!(bus.receive(&a), None);
+        assert_eq!(bus.commands.timeout(), Some(due));
+        assert_eq!(bus.commands.tick(bus.now), None);
+        bus.pass(1);
+        assert_eq!(bus.commands.tick(bus.now), Some(Refusal::Incomplete));
+        assert_eq!((bus.commands.timeout(), bus.commands.tick(bus.now)), (None, None));
+        // What comes now is half a command again.
+        assert_eq!(bus.receive(&b), None);
+    }
+
+    #[test]
+    fn a_half_that_is_late_or_of_another_command_completes_nothing() {
+        let mut bus = Bus::running(4);
+        let [a, _] = command(5).to_frames(bus.node);
+        let [_, b] = command(6).to_frames(bus.node);
+        assert_eq!(bus.receive(&a), None);
+        assert_eq!(bus.receive(&b), Some(Err(Refusal::Incomplete)));
+        let [a, _] = command(6).to_frames(bus.node);
+        bus.pass(100);
+        assert_eq!(bus.receive(&a), Some(Err(Refusal::Incomplete)));
+    }
+
+    #[test]
+    fn a_stream_starts_with_0_and_ends_by_silence() {
+        let mut bus = Bus::new();
+        assert_eq!(bus.send(command(1)), Some(Err(Refusal::Stale)));
+        assert_eq!(bus.send(Command { speed: 0, ..command(0) }), None);
+        bus.pass(99);
+        assert!(bus.send(command(1)).unwrap().is_ok());
+        bus.pass(100);
+        assert_eq!(bus.send(command(2)), Some(Err(Refusal::Stale)));
+        // One who waits with 0 for as long as it takes starts anew.
+        for _ in 0..5 {
+            assert_eq!(bus.send(command(0)), None);
+            bus.pass(70);
+        }
+        assert!(bus.send(command(1)).unwrap().is_ok());
+    }
+
+    #[test]
+    fn a_stream_that_was_stopped_must_start() {
+        let mut bus = Bus::running(4);
+        bus.commands.stop();
+        assert_eq!(bus.send(command(5)), Some(Err(Refusal::Stale)));
+        assert_eq!(bus.send(command(0)), None);
+        assert!(bus.send(command(1)).unwrap().is_ok());
+    }
+
+    #[test]
+    fn a_running_stream_is_not_started_again_and_counts_on_through_0() {
+        let mut bus = Bus::running(200);
+        assert_eq!(bus.send(command(0)), Some(Ok(command(0).target().unwrap())));
+        assert!(bus.send(command(1)).unwrap().is_ok());
+        for sequence in 2..=100 {
+            assert!(bus.send(command(sequence)).unwrap().is_ok());
+        }
+        assert_eq!(bus.send(command(0)), Some(Err(Refusal::Stale)));
+    }
+
+    #[test]
+    fn newer_is_up_to_127_more() {
+        for last in 1..=u8::MAX {
+            let running = Bus::running(last);
+            for more in 0..=u8::MAX {
+                let mut bus = running.clone();
+                let sent = bus.send(command(last.wrapping_add(more))).unwrap();
+                match more {
+                    1..=127 => assert!(sent.is_ok()),
+                    _ => assert_eq!(sent, Err(Refusal::Stale)),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn frames_to_others_and_of_other_functions_are_none_of_its_business() {
+        let mut bus = Bus::running(4);
+        let [a, _] = command(5).to_frames(bus.node);
+        let [_, other] = command(6).to_frames(Node::default());
+        assert_eq!(bus.receive(&a), None);
+        assert_eq!(bus.receive(&other), None);
+        for function in Function::ALL {
+            if !matches!(function, Function::CommandA | Function::CommandB) {
+                assert_eq!(bus.receive(&telemetry::frame(function.id(bus.node), [5; 4])), None);
+            }
+        }
+        let [_, b] = command(5).to_frames(bus.node);
+        assert!(bus.receive(&b).unwrap().is_ok());
+    }
+
+    #[test]
+    fn a_frame_of_another_length_is_refused_and_changes_nothing() {
+        let mut bus = Bus::running(4);
+        let [a, b] = command(5).to_frames(bus.node);
+        assert_eq!(bus.receive(&a), None);
+        for frame in [
+            Frame::new(b.id(), &b.data()[..7]).unwrap(),
+            Frame::new_fd(b.id(), &[0; 12]).unwrap(),
+        ] {
+            assert_eq!(bus.receive(&frame), Some(Err(Refusal::NotAFrame)));
+        }
+        assert!(bus.receive(&b).unwrap().is_ok());
+    }
+
+    /// A half, what it says, and the time since the one before it. The joints say which command and which try it is of.
+    fn halves() -> impl Strategy<Value = (bool, u8, u64)> {
+        // Mostly what counts on, sometimes anything.
+        let millis = prop_oneof![8 => 0..20_u64, 1 => 90..210_u64];
+        (any::<bool>(), 0..6_u8, millis)
+    }
+
+    proptest! {
+        #[test]
+        fn a_command_survives_the_bus(
+            joints in any::<[u16; JOINTS]>(),
+            (sequence, speed, gripper) in any::<(u8, u8, u8)>(),
+        ) {
+            let command = Command { sequence, joints, speed, gripper };
+            let [a, b] = command.to_frames(Node::default());
+            let (_, a) = telemetry::words(&a, Function::CommandA).unwrap();
+            let (_, b) = telemetry::words(&b, Function::CommandB).unwrap();
+            prop_assert_eq!(joined(a, b), command);
+        }
+
+        #[test]
+        fn what_moves_the_arm_is_of_one_command_in_time_newer_and_of_a_stream_that_started(
+            halves in prop::collection::vec(halves(), 1..200),
+        ) {
+            let mut bus = Bus::new();
+            let mut sent: Vec<(bool, u8, u64)> = Vec::new();
+            let mut moved: Option<(u8, Micros)> = None;
+            for (is_a, sequence, millis) in halves {
+                bus.pass(millis);
+                sent.push((is_a, sequence, bus.now.0));
+                // Where the joints go says which frame they are from.
+                let command = Command { joints: [sent.len() as u16 - 1; JOINTS], ..command(sequence) };
+                let [a, b] = command.to_frames(bus.node);
+                let Some(Ok(target)) = bus.receive(if is_a { &a } else { &b }) else {
+                    continue;
+                };
+                let [a, .., b] = target.joints.map(|(position, _)| usize::from(position.ticks()));
+                let ((a_is_a, a_sequence, a_at), (b_is_a, b_sequence, b_at)) = (sent[a], sent[b]);
+                prop_assert!(a_is_a && !b_is_a);
+                prop_assert_eq!((a_sequence, b_sequence), (sequence, sequence));
+                prop_assert!(a_at.abs_diff(b_at) < TIMEOUT.0);
+                match moved {
+                    Some((last, at)) if bus.now.since(at) < TIMEOUT => {
+                        prop_assert!(sequence > last);
+                    }
+                    _ => {
+                        // Since the last move there was a whole command with 0.
+                        let since = moved.map_or(0, |(_, at)| at.0);
+                        let zero = |of_a| sent.iter().any(|&(is_a, sequence, at)| is_a == of_a && sequence == 0 && at >= since);
+                        prop_assert!(zero(true) && zero(false));
+                        prop_assert!(sequence != 0);
+                    }
+                }
+                moved = Some((sequence, bus.now));
+            }
+        }
+
+        #[test]
+        fn a_sender_that_repeats_itself_moves_nothing(
+            last in any::<u8>(),
+            frames in prop::collection::vec(any::<bool>(), 1..4),
+            sequence in any::<u8>(),
+            millis in 0..250_u64,
+        ) {
+            let mut bus = Bus::running(last);
+            // The stream before it is over.
+            bus.pass(100);
+            let [a, b] = command(sequence).to_frames(bus.node);
+            for is_a in frames.iter().cycle().take(300) {
+                bus.pass(millis);
+                let _ = bus.commands.tick(bus.now);
+                let moved = bus.receive(if *is_a { &a } else { &b });
+                prop_assert!(!matches!(moved, Some(Ok(_))), "{:?}", moved);
+            }
+        }
+    }
+}
