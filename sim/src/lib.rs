@@ -8,6 +8,7 @@
 //! | [`alpha1`] | an Alpha1 robot, and its servos on a bus of their own |
 //! | [`faults`] | a line that drops, corrupts, repeats, delays and makes up bytes |
 //! | [`wire`] | a host and a device on a line in virtual time |
+//! | [`slcan`] | a CAN adapter on a serial port, both ends of its protocol |
 //! | `pty`, `serve` | a device on a pseudo-terminal in real time (Unix) |
 #![forbid(unsafe_code)]
 
@@ -19,5 +20,6 @@ pub mod pty;
 pub mod serial;
 #[cfg(unix)]
 pub mod serve;
+pub mod slcan;
 pub mod wire;
 pub mod xarm;

@@ -1,0 +1,112 @@
+//! The adapter's end.
+
+use armwire::Micros;
+use armwire_bridge::can::Frame;
+
+use super::{BitRate, Command, Commands, MINUTE, Reply, Status};
+
+/// Bytes for a program that does not read. Frames that find no room are lost, and the [`Status`] tells.
+const MAX_OUTPUT: usize = 65_536;
+/// Version 1.0 of both.
+const VERSION: Reply = Reply::Version {
+    hardware: 0x10,
+    software: 0x10,
+};
+const SERIAL_NUMBER: Reply = Reply::SerialNumber(*b"ARMW");
+
+/// An SLCAN adapter without its CAN controller.
+///
+/// It obeys the state of its channel as LAWICEL's do: a bit rate before it opens, and frames only while it is open. What
+/// it has to say to the program waits in [`output`](Self::output).
+#[derive(Clone, Debug, Default)]
+pub struct Adapter {
+    commands: Commands,
+    bit_rate: Option<BitRate>,
+    channel: Channel,
+    time_stamps: bool,
+    /// Until the program has read it.
+    status: Status,
+    output: Vec<u8>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Channel {
+    #[default]
+    Closed,
+    Open,
+    Listening,
+}
+
+impl Adapter {
+    /// An adapter that is closed and has no bit rate.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The bit rate at which it takes part in the bus or listens, in bits per second. `None` while it is closed.
+    pub fn bit_rate(&self) -> Option<u32> {
+        match self.channel {
+            Channel::Closed => None,
+            Channel::Open | Channel::Listening => self.bit_rate.map(BitRate::bits_per_second),
+        }
+    }
+
+    /// The next byte from the program. A frame that it wants to send goes to `transmit`, which says whether there is
+    /// room for it.
+    pub fn receive(&mut self, byte: u8, transmit: impl FnOnce(Frame) -> bool) {
+        if let Some(command) = self.commands.push(byte) {
+            let reply = command.ok().and_then(|command| self.obey(command, transmit));
+            reply.unwrap_or(Reply::Refused).encode(&mut self.output);
+        }
+    }
+
+    /// Does it and says so; `None` when it cannot be done now.
+    fn obey(&mut self, command: Command, transmit: impl FnOnce(Frame) -> bool) -> Option<Reply> {
+        let is_closed = self.channel == Channel::Closed;
+        let can_open = is_closed && self.bit_rate.is_some();
+        match command {
+            Command::Nothing => {}
+            Command::BitRate(rate) if is_closed => self.bit_rate = Some(rate),
+            Command::TimeStamps(on) if is_closed => self.time_stamps = on,
+            Command::Open if can_open => self.channel = Channel::Open,
+            Command::Listen if can_open => self.channel = Channel::Listening,
+            Command::Close if !is_closed => self.channel = Channel::Closed,
+            Command::Transmit(frame) if self.channel == Channel::Open => {
+                if !transmit(frame) {
+                    self.report(Status::TRANSMIT_QUEUE_FULL);
+                    return None;
+                }
+                return Some(Reply::Sent);
+            }
+            Command::Status if !is_closed => return Some(Reply::Status(std::mem::take(&mut self.status))),
+            Command::Version => return Some(VERSION),
+            Command::SerialNumber => return Some(SERIAL_NUMBER),
+            _ => return None,
+        }
+        Some(Reply::Done)
+    }
+
+    /// A frame on the bus that others sent, at `now`. It is for the program, unless the channel is closed.
+    pub fn hear(&mut self, frame: &Frame, now: Micros) {
+        if self.channel == Channel::Closed {
+            return;
+        }
+        if self.output.len() >= MAX_OUTPUT {
+            self.report(Status::RECEIVE_QUEUE_FULL);
+            return;
+        }
+        let millis = (now.0 / 1_000 % u64::from(MINUTE)) as u16;
+        let millis = self.time_stamps.then_some(millis);
+        Reply::Frame { frame: *frame, millis }.encode(&mut self.output);
+    }
+
+    /// Something is wrong, until the program has asked for it.
+    pub fn report(&mut self, status: Status) {
+        self.status = self.status.and(status);
+    }
+
+    /// The bytes for the program: take away from the front what it was given.
+    pub fn output(&mut self) -> &mut Vec<u8> {
+        &mut self.output
+    }
+}

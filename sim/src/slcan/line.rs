@@ -1,0 +1,112 @@
+//! Lines: collected byte by byte, and read field by field.
+
+use armwire::OutOfRange;
+
+use super::{Cause, Malformed};
+
+/// The longest line that is kept: an FD frame of 64 bytes with a time stamp.
+const MAX_LINE: usize = 1 + 3 + 1 + 2 * 64 + 4;
+
+/// The line that is coming in.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Line {
+    /// As much of it as can mean something.
+    kept: Vec<u8>,
+    len: usize,
+}
+
+impl Line {
+    pub(super) fn push(&mut self, byte: u8) {
+        if self.kept.len() < MAX_LINE {
+            self.kept.push(byte);
+        }
+        self.len += 1;
+    }
+
+    /// Reads it, all of it, and begins the next.
+    pub(super) fn take<T>(&mut self, parse: impl Fn(&mut Field<'_>) -> Result<T, Cause>) -> Result<T, Malformed> {
+        let Self { kept, len } = std::mem::take(self);
+        let mut field = Field { line: &kept, at: 0 };
+        let malformed = |cause| Malformed {
+            command: kept.first().copied().unwrap_or(0),
+            cause,
+        };
+        let value = parse(&mut field).map_err(malformed)?;
+        match field.at == len {
+            true => Ok(value),
+            false => Err(malformed(Cause::Length {
+                expected: field.at,
+                got: len,
+            })),
+        }
+    }
+}
+
+/// What is left to read of a line.
+pub(super) struct Field<'a> {
+    line: &'a [u8],
+    at: usize,
+}
+
+impl Field<'_> {
+    /// The first character, if there is one.
+    pub(super) fn command(&mut self) -> Option<u8> {
+        let first = self.line.first().copied();
+        self.at = self.line.len().min(1);
+        first
+    }
+
+    pub(super) fn is_at_end(&self) -> bool {
+        self.at == self.line.len()
+    }
+
+    /// A hexadecimal number of so many digits, four at most.
+    pub(super) fn number(&mut self, digits: usize) -> Result<u16, Cause> {
+        let end = self.at + digits;
+        let mut number = 0;
+        while self.at < end {
+            let Some(&got) = self.line.get(self.at) else {
+                return Err(Cause::Length {
+                    expected: end,
+                    got: self.at,
+                });
+            };
+            let digit = char::from(got).to_digit(16);
+            let digit = digit.ok_or(Cause::Digit { at: self.at, got })?;
+            number = number << 4 | digit as u16;
+            self.at += 1;
+        }
+        Ok(number)
+    }
+
+    /// One hexadecimal digit, at most `max`.
+    pub(super) fn digit(&mut self, what: &'static str, max: u8) -> Result<u8, Cause> {
+        match self.number(1)? {
+            got if got > u16::from(max) => Err(Cause::OutOfRange(OutOfRange {
+                what,
+                unit: "",
+                got,
+                min: 0,
+                max: max.into(),
+            })),
+            digit => Ok(digit as u8),
+        }
+    }
+
+    /// Two hexadecimal digits.
+    pub(super) fn byte(&mut self) -> Result<u8, Cause> {
+        self.number(2).map(|byte| byte as u8)
+    }
+
+    /// Any characters.
+    pub(super) fn characters<const N: usize>(&mut self) -> Result<[u8; N], Cause> {
+        let Some(characters) = self.line[self.at..].first_chunk() else {
+            return Err(Cause::Length {
+                expected: self.at + N,
+                got: self.line.len(),
+            });
+        };
+        self.at += N;
+        Ok(*characters)
+    }
+}

@@ -1,0 +1,424 @@
+//! SLCAN: a CAN adapter on a serial port, by lines of ASCII (LAWICEL's manuals of CAN232 and CANUSB).
+//!
+//! A program sends [`Command`]s, the adapter [`Reply`]s, and both end with a carriage return; a refusal is a BELL. Each end
+//! reads the other's byte by byte, in whatever pieces they come. An [`Adapter`] is the adapter's end of it, without its
+//! CAN controller and without I/O.
+//!
+//! FD frames are as in the firmware of CANable 2, which python-can speaks too: `b`, and a length in one hexadecimal
+//! digit. Frames with 29-bit identifiers and remote frames are told from garbage, and not carried.
+//!
+//! ```
+//! use armwire::Micros;
+//! use armwire_bridge::can::{Frame, Id};
+//! use armwire_sim::slcan::{Adapter, BitRate, Command, Replies, Reply};
+//!
+//! let frame = Frame::new(Id::new(0x600).unwrap(), &[1, 2, 3]).unwrap();
+//! let mut program = Vec::new();
+//! for command in [
+//!     Command::BitRate(BitRate::new(1_000_000).unwrap()),
+//!     Command::Open,
+//!     Command::Transmit(frame),
+//! ] {
+//!     command.encode(&mut program);
+//! }
+//! assert_eq!(program, b"S8\rO\rt6003010203\r");
+//!
+//! let (mut adapter, mut bus) = (Adapter::new(), Vec::new());
+//! for byte in program {
+//!     adapter.receive(byte, |frame| {
+//!         bus.push(frame);
+//!         true
+//!     });
+//! }
+//! assert_eq!(bus, [frame]);
+//! adapter.hear(&frame, Micros(0));
+//!
+//! let mut replies = Replies::default();
+//! let heard: Vec<_> = adapter.output().drain(..).filter_map(|byte| replies.push(byte)).collect();
+//! let came = Reply::Frame { frame, millis: None };
+//! assert_eq!(heard, [Ok(Reply::Done), Ok(Reply::Done), Ok(Reply::Sent), Ok(came)]);
+//! ```
+//!
+//! It is our own because slcan 0.1.3, the crate there is, has the program's end only, owns its port, and reads what it
+//! cannot read as nothing.
+
+mod adapter;
+mod line;
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+
+use armwire::OutOfRange;
+use armwire_bridge::can::{FD_LENGTHS, Frame, Id, MAX_CLASSIC};
+
+pub use adapter::Adapter;
+use line::{Field, Line};
+
+/// The bit rates that a program can choose, in bits per second. The place in this list is the digit of the `S` command.
+pub const BIT_RATES: [u32; 9] = [
+    10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000,
+];
+
+/// The carriage return that ends every line.
+const CR: u8 = b'\r';
+/// What an adapter says in the place of a line when it refuses.
+const BELL: u8 = 0x07;
+/// Milliseconds at which the clock of time stamps starts again.
+const MINUTE: u16 = 60_000;
+
+/// One of [`BIT_RATES`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BitRate(u8);
+
+impl BitRate {
+    /// The rate of so many bits per second, if it is one of [`BIT_RATES`].
+    pub fn new(bits_per_second: u32) -> Option<Self> {
+        let digit = BIT_RATES.iter().position(|&rate| rate == bits_per_second)?;
+        Some(Self(digit as u8))
+    }
+
+    /// Bits per second.
+    pub fn bits_per_second(self) -> u32 {
+        BIT_RATES[usize::from(self.0)]
+    }
+}
+
+/// What a program wants of an adapter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// An empty line: it ends what an earlier program may have begun.
+    Nothing,
+    /// `S`: the bus has this bit rate. While the channel is closed.
+    BitRate(BitRate),
+    /// `O`: take part in the bus. Once it has a bit rate.
+    Open,
+    /// `L`: listen to the bus only. Once it has a bit rate.
+    Listen,
+    /// `C`: leave the bus.
+    Close,
+    /// `t`, or `b` for an FD frame: send it. While the channel is open.
+    Transmit(Frame),
+    /// `F`: tell the [`Status`]. While the channel is open or listening.
+    Status,
+    /// `V`: tell your versions.
+    Version,
+    /// `N`: tell your serial number.
+    SerialNumber,
+    /// `Z`: whether frames come with a time stamp. While the channel is closed.
+    TimeStamps(bool),
+}
+
+/// What an adapter says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reply {
+    /// An empty line: it is done.
+    Done,
+    /// BELL: it is not done.
+    Refused,
+    /// `z`, or `Z` for a 29-bit identifier: the frame goes out.
+    Sent,
+    /// `t`, or `b` for an FD frame: a frame from the bus.
+    Frame {
+        /// The frame.
+        frame: Frame,
+        /// When it came, in milliseconds of the minute, if time stamps are on.
+        millis: Option<u16>,
+    },
+    /// `F`.
+    Status(Status),
+    /// `V`: two digits each.
+    Version {
+        /// Of the hardware, as hexadecimal digits.
+        hardware: u8,
+        /// Of the software, as hexadecimal digits.
+        software: u8,
+    },
+    /// `N`: four characters.
+    SerialNumber([u8; 4]),
+}
+
+/// What is wrong at an adapter, as the bits of the `F` command: [`Status::NAMES`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Status(pub u8);
+
+impl Status {
+    /// More frames came than were fetched.
+    pub const RECEIVE_QUEUE_FULL: Self = Self(0x01);
+    /// More frames are to go out than there is room for.
+    pub const TRANSMIT_QUEUE_FULL: Self = Self(0x02);
+    /// Frames go wrong often.
+    pub const ERROR_WARNING: Self = Self(0x04);
+    /// Frames were lost in the controller.
+    pub const OVERRUN: Self = Self(0x08);
+    /// Frames go wrong so often that the controller may no longer disturb others.
+    pub const ERROR_PASSIVE: Self = Self(0x20);
+    /// Another sender had the bus first.
+    pub const ARBITRATION_LOST: Self = Self(0x40);
+    /// A frame went wrong on the bus.
+    pub const BUS_ERROR: Self = Self(0x80);
+
+    /// Each bit, and what it is called.
+    pub const NAMES: [(Self, &str); 7] = [
+        (Self::RECEIVE_QUEUE_FULL, "receive queue full"),
+        (Self::TRANSMIT_QUEUE_FULL, "transmit queue full"),
+        (Self::ERROR_WARNING, "error warning"),
+        (Self::OVERRUN, "data overrun"),
+        (Self::ERROR_PASSIVE, "error passive"),
+        (Self::ARBITRATION_LOST, "arbitration lost"),
+        (Self::BUS_ERROR, "bus error"),
+    ];
+
+    /// What is wrong in either.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+/// What is wrong, or `in order`.
+impl fmt::Display for Status {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let wrong = Self::NAMES.iter().filter(|(bit, _)| self.0 & bit.0 != 0);
+        let names: Vec<_> = wrong.map(|&(_, name)| name).collect();
+        match names.as_slice() {
+            [] => f.pad("in order"),
+            names => f.pad(&names.join(", ")),
+        }
+    }
+}
+
+/// Why a line means nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Malformed {
+    /// Its first character, 0 if it has none.
+    pub command: u8,
+    /// What is wrong with it.
+    pub cause: Cause,
+}
+
+/// What is wrong with a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// No line begins like that.
+    Unknown,
+    /// There is no digit, or none that is allowed.
+    Digit {
+        /// Where in the line, the first character being 0.
+        at: usize,
+        /// What is there.
+        got: u8,
+    },
+    /// It ends too early or too late.
+    Length {
+        /// How many characters such a line has.
+        expected: usize,
+        /// How many this one has.
+        got: usize,
+    },
+    /// A value that there is not.
+    OutOfRange(OutOfRange),
+    /// A frame with a 29-bit identifier, or a remote frame: nobody here carries them.
+    NotCarried,
+}
+
+impl fmt::Display for Malformed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "'{}': ", self.command.escape_ascii())?;
+        match self.cause {
+            Cause::Unknown => f.write_str("no line begins like that"),
+            Cause::Digit { at, got } => write!(f, "'{}' at {at} is not a digit that may be there", got.escape_ascii()),
+            Cause::Length { expected, got } => write!(f, "{got} characters, must be {expected}"),
+            Cause::OutOfRange(error) => error.fmt(f),
+            Cause::NotCarried => f.write_str("29-bit identifiers and remote frames are not carried"),
+        }
+    }
+}
+
+impl std::error::Error for Malformed {}
+
+/// Reads what a program sends.
+///
+/// ```
+/// use armwire_sim::slcan::{Command, Commands};
+///
+/// let mut commands = Commands::default();
+/// let mut read = b"t80011\rV\r".iter().filter_map(|&byte| commands.push(byte));
+/// let error = read.next().unwrap().unwrap_err();
+/// assert_eq!(error.to_string(), "'t': CAN identifier is 2048, must be 0..=2047");
+/// assert_eq!(read.next(), Some(Ok(Command::Version)));
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct Commands {
+    line: Line,
+}
+
+impl Commands {
+    /// The next byte from the program. At the end of a line, what it means.
+    pub fn push(&mut self, byte: u8) -> Option<Result<Command, Malformed>> {
+        if byte != CR {
+            self.line.push(byte);
+            return None;
+        }
+        Some(self.line.take(Self::parse))
+    }
+
+    fn parse(field: &mut Field<'_>) -> Result<Command, Cause> {
+        Ok(match field.command() {
+            None => Command::Nothing,
+            Some(b'S') => Command::BitRate(BitRate(field.digit("bit rate", 8)?)),
+            Some(b'O') => Command::Open,
+            Some(b'L') => Command::Listen,
+            Some(b'C') => Command::Close,
+            Some(kind @ (b't' | b'd' | b'b' | b'T' | b'D' | b'B' | b'r' | b'R')) => {
+                Command::Transmit(frame(kind, field)?)
+            }
+            Some(b'F') => Command::Status,
+            Some(b'V') => Command::Version,
+            Some(b'N') => Command::SerialNumber,
+            Some(b'Z') => Command::TimeStamps(field.digit("time stamps", 1)? == 1),
+            Some(_) => return Err(Cause::Unknown),
+        })
+    }
+}
+
+/// Reads what an adapter sends.
+///
+/// ```
+/// use armwire_sim::slcan::{Replies, Reply};
+///
+/// let mut replies = Replies::default();
+/// let read: Vec<_> = b"V1013\r\x07".iter().filter_map(|&byte| replies.push(byte)).collect();
+/// assert_eq!(read, [Ok(Reply::Version { hardware: 0x10, software: 0x13 }), Ok(Reply::Refused)]);
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct Replies {
+    line: Line,
+}
+
+impl Replies {
+    /// The next byte from the adapter. At the end of a line, what it means.
+    pub fn push(&mut self, byte: u8) -> Option<Result<Reply, Malformed>> {
+        match byte {
+            CR => Some(self.line.take(Self::parse)),
+            BELL => {
+                // A line that it cuts off says nothing any more.
+                self.line = Line::default();
+                Some(Ok(Reply::Refused))
+            }
+            _ => {
+                self.line.push(byte);
+                None
+            }
+        }
+    }
+
+    fn parse(field: &mut Field<'_>) -> Result<Reply, Cause> {
+        Ok(match field.command() {
+            None => Reply::Done,
+            Some(b'z' | b'Z') => Reply::Sent,
+            Some(kind @ (b't' | b'd' | b'b' | b'T' | b'D' | b'B' | b'r' | b'R')) => Reply::Frame {
+                frame: frame(kind, field)?,
+                millis: if field.is_at_end() { None } else { Some(millis(field)?) },
+            },
+            Some(b'F') => Reply::Status(Status(field.byte()?)),
+            Some(b'V') => Reply::Version {
+                hardware: field.byte()?,
+                software: field.byte()?,
+            },
+            Some(b'N') => Reply::SerialNumber(field.characters()?),
+            Some(_) => return Err(Cause::Unknown),
+        })
+    }
+}
+
+/// What follows the first character of a frame, but for a time stamp.
+fn frame(kind: u8, field: &mut Field<'_>) -> Result<Frame, Cause> {
+    let is_fd = match kind {
+        b't' => false,
+        b'd' | b'b' => true,
+        _ => return Err(Cause::NotCarried),
+    };
+    let id = Id::new(field.number(3)?).map_err(Cause::OutOfRange)?;
+    let max = if is_fd { FD_LENGTHS.len() - 1 } else { MAX_CLASSIC };
+    let len = usize::from(FD_LENGTHS[usize::from(field.digit("length of a frame", max as u8)?)]);
+    let mut data = [0; 64];
+    for byte in &mut data[..len] {
+        *byte = field.byte()?;
+    }
+    let made = match is_fd {
+        true => Frame::new_fd(id, &data[..len]),
+        false => Frame::new(id, &data[..len]),
+    };
+    Ok(made.expect("a length that its kind has"))
+}
+
+fn millis(field: &mut Field<'_>) -> Result<u16, Cause> {
+    match field.number(4)? {
+        got @ MINUTE.. => Err(Cause::OutOfRange(OutOfRange {
+            what: "time stamp",
+            unit: "ms",
+            got,
+            min: 0,
+            max: MINUTE - 1,
+        })),
+        millis => Ok(millis),
+    }
+}
+
+impl Command {
+    /// Appends its line.
+    pub fn encode(&self, out: &mut Vec<u8>) {
+        match self {
+            Self::Nothing => {}
+            Self::BitRate(BitRate(digit)) => out.extend([b'S', b'0' + digit]),
+            Self::Open => out.push(b'O'),
+            Self::Listen => out.push(b'L'),
+            Self::Close => out.push(b'C'),
+            Self::Transmit(frame) => encode_frame(frame, out),
+            Self::Status => out.push(b'F'),
+            Self::Version => out.push(b'V'),
+            Self::SerialNumber => out.push(b'N'),
+            Self::TimeStamps(on) => out.extend([b'Z', b'0' + u8::from(*on)]),
+        }
+        out.push(CR);
+    }
+}
+
+impl Reply {
+    /// Appends its line.
+    pub fn encode(&self, out: &mut Vec<u8>) {
+        match self {
+            Self::Done => {}
+            Self::Refused => {
+                out.push(BELL);
+                return;
+            }
+            Self::Sent => out.push(b'z'),
+            Self::Frame { frame, millis } => {
+                encode_frame(frame, out);
+                if let Some(millis) = millis {
+                    out.extend(format!("{millis:04X}").bytes());
+                }
+            }
+            Self::Status(status) => out.extend(format!("F{:02X}", status.0).bytes()),
+            Self::Version { hardware, software } => out.extend(format!("V{hardware:02X}{software:02X}").bytes()),
+            Self::SerialNumber(characters) => {
+                out.push(b'N');
+                out.extend(characters);
+            }
+        }
+        out.push(CR);
+    }
+}
+
+fn encode_frame(frame: &Frame, out: &mut Vec<u8>) {
+    let data = frame.data();
+    // The place of the length is its DLC, and of the short ones the length itself.
+    let dlc = FD_LENGTHS.iter().position(|&len| usize::from(len) == data.len());
+    let (kind, dlc) = (if frame.is_fd() { 'b' } else { 't' }, dlc.unwrap_or_default());
+    out.extend(format!("{kind}{:03X}{dlc:X}", frame.id().get()).bytes());
+    for byte in data {
+        out.extend(format!("{byte:02X}").bytes());
+    }
+}

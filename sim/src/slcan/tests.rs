@@ -1,0 +1,175 @@
+use armwire::Micros;
+use armwire_bridge::can::{FD_LENGTHS, Frame, Id};
+use proptest::prelude::*;
+
+use super::*;
+
+fn frames() -> impl Strategy<Value = Frame> {
+    let classic = (0..=0x7FF_u16, prop::collection::vec(any::<u8>(), 0..=8));
+    let fd = (0..=0x7FF_u16, 0..FD_LENGTHS.len(), any::<[u8; 64]>());
+    prop_oneof![
+        classic.prop_map(|(id, data)| Frame::new(Id::new(id).unwrap(), &data).unwrap()),
+        fd.prop_map(|(id, dlc, data)| {
+            let len = usize::from(FD_LENGTHS[dlc]);
+            Frame::new_fd(Id::new(id).unwrap(), &data[..len]).unwrap()
+        }),
+    ]
+}
+
+fn all_commands() -> impl Strategy<Value = Command> {
+    let rate = |digit: usize| Command::BitRate(BitRate::new(BIT_RATES[digit]).unwrap());
+    prop_oneof![
+        Just(Command::Nothing),
+        (0..BIT_RATES.len()).prop_map(rate),
+        Just(Command::Open),
+        Just(Command::Listen),
+        Just(Command::Close),
+        frames().prop_map(Command::Transmit),
+        Just(Command::Status),
+        Just(Command::Version),
+        Just(Command::SerialNumber),
+        any::<bool>().prop_map(Command::TimeStamps),
+    ]
+}
+
+fn all_replies() -> impl Strategy<Value = Reply> {
+    let frame = (frames(), prop::option::of(0..MINUTE));
+    prop_oneof![
+        Just(Reply::Done),
+        Just(Reply::Refused),
+        Just(Reply::Sent),
+        frame.prop_map(|(frame, millis)| Reply::Frame { frame, millis }),
+        any::<u8>().prop_map(|bits| Reply::Status(Status(bits))),
+        any::<(u8, u8)>().prop_map(|(hardware, software)| Reply::Version { hardware, software }),
+        "[A-Za-z0-9]{4}".prop_map(|text| Reply::SerialNumber(text.as_bytes().try_into().unwrap())),
+    ]
+}
+
+fn read_commands(bytes: &[u8]) -> Vec<Result<Command, Malformed>> {
+    let mut commands = Commands::default();
+    bytes.iter().filter_map(|&byte| commands.push(byte)).collect()
+}
+
+fn read_replies(bytes: &[u8]) -> Vec<Result<Reply, Malformed>> {
+    let mut replies = Replies::default();
+    bytes.iter().filter_map(|&byte| replies.push(byte)).collect()
+}
+
+proptest! {
+    #[test]
+    fn commands_are_read_as_they_were_written_after_whatever_line(
+        garbage in prop::collection::vec(any::<u8>(), 0..300),
+        written in prop::collection::vec(all_commands(), 0..5),
+    ) {
+        let mut bytes = garbage;
+        bytes.push(CR);
+        let before = bytes.iter().filter(|&&byte| byte == CR).count();
+        for command in &written {
+            command.encode(&mut bytes);
+        }
+        let written: Vec<_> = written.into_iter().map(Ok).collect();
+        prop_assert_eq!(&read_commands(&bytes)[before..], written);
+    }
+
+    #[test]
+    fn replies_are_read_as_they_were_written_after_whatever_line(
+        garbage in prop::collection::vec(any::<u8>(), 0..300),
+        written in prop::collection::vec(all_replies(), 0..5),
+    ) {
+        let mut bytes = garbage;
+        bytes.push(CR);
+        let before = bytes.iter().filter(|byte| [CR, BELL].contains(byte)).count();
+        for reply in &written {
+            reply.encode(&mut bytes);
+        }
+        let written: Vec<_> = written.into_iter().map(Ok).collect();
+        prop_assert_eq!(&read_replies(&bytes)[before..], written);
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_line_is_told() {
+    for (line, error) in [
+        ("X", "'X': no line begins like that"),
+        ("t12", "'t': 3 characters, must be 4"),
+        ("t1x0", "'t': 'x' at 2 is not a digit that may be there"),
+        ("t1239", "'t': length of a frame is 9, must be 0..=8"),
+        ("t123201", "'t': 7 characters, must be 9"),
+        ("t123001", "'t': 7 characters, must be 5"),
+        ("S9", "'S': bit rate is 9, must be 0..=8"),
+        ("Z2", "'Z': time stamps is 2, must be 0..=1"),
+        (
+            "T000000010",
+            "'T': 29-bit identifiers and remote frames are not carried",
+        ),
+        ("\u{7}", "'\\x07': no line begins like that"),
+    ] {
+        let read = read_commands(&[line.as_bytes(), b"\r"].concat());
+        let told: Vec<_> = read.into_iter().map(|read| read.unwrap_err().to_string()).collect();
+        assert_eq!(told, [error], "{line}");
+    }
+    let error = read_replies(b"t1230EA60\r")[0].unwrap_err();
+    assert_eq!(error.to_string(), "'t': time stamp is 60000 ms, must be 0..=59999");
+}
+
+/// An adapter, what it has to say, and what it sent.
+#[derive(Default)]
+struct Desk {
+    adapter: Adapter,
+    bus: Vec<Frame>,
+    is_full: bool,
+}
+
+impl Desk {
+    /// What the adapter says to these lines.
+    fn say(&mut self, bytes: &[u8]) -> Vec<u8> {
+        for &byte in bytes {
+            self.adapter.receive(byte, |frame| {
+                self.bus.push(frame);
+                !self.is_full
+            });
+        }
+        std::mem::take(self.adapter.output())
+    }
+}
+
+#[test]
+fn a_channel_opens_once_it_has_a_bit_rate_and_closes() {
+    let mut desk = Desk::default();
+    assert_eq!(desk.say(b"C\rO\rL\rF\rt1230\r"), [BELL; 5]);
+    assert_eq!(desk.say(b"S6\rZ1\rO\r"), b"\r\r\r");
+    assert_eq!(desk.adapter.bit_rate(), Some(500_000));
+    assert_eq!(desk.say(b"O\rS8\rZ0\r"), [BELL; 3]);
+    assert_eq!(desk.say(b"C\r"), b"\r");
+    assert_eq!((desk.adapter.bit_rate(), desk.bus.len()), (None, 0));
+    assert_eq!(desk.say(b"L\rt1230\r"), b"\r\x07");
+}
+
+#[test]
+fn frames_pass_while_it_is_open_and_are_stamped_if_that_is_wanted() {
+    let mut desk = Desk::default();
+    let frame = Frame::new(Id::new(0x612).unwrap(), &[0x30, 0, 0xA5]).unwrap();
+    desk.adapter.hear(&frame, Micros(0));
+    assert_eq!(desk.say(b"S8\rZ1\rO\rt61233000a5\r"), b"\r\r\rz\r");
+    assert_eq!(desk.bus, [frame]);
+    desk.adapter.hear(&frame, Micros::from_millis(60_000 + 0x1234));
+    assert_eq!(desk.say(b""), b"t61233000A51234\r");
+}
+
+#[test]
+fn what_was_refused_and_lost_shows_in_the_status_until_that_is_read() {
+    let mut desk = Desk {
+        is_full: true,
+        ..Desk::default()
+    };
+    assert_eq!(desk.say(b"S8\rO\rt1230\rF\rF\r"), b"\r\r\x07F02\rF00\r");
+    let frame = Frame::new(Id::new(0).unwrap(), &[0; 8]).unwrap();
+    for _ in 0..10_000 {
+        desk.adapter.hear(&frame, Micros(0));
+    }
+    let kept = desk.say(b"").len();
+    assert!((65_536..65_600).contains(&kept), "{kept}");
+    desk.adapter.report(Status::BUS_ERROR);
+    assert_eq!(desk.say(b"F\r"), b"F81\r");
+    assert_eq!(Status(0x81).to_string(), "receive queue full, bus error");
+}
