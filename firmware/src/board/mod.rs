@@ -5,7 +5,7 @@
 //!
 //! | Item | What it is |
 //! |---|---|
-//! | `NAME` | what the board is called |
+//! | `NAME`, `CAN_FD` | what the board is called, and whether its CAN is CAN FD |
 //! | `init() -> Board` | starts the clocks and takes the pins; the fields of `Board` are below |
 //! | `serial_number()` | the chip's unique id |
 //! | `UsbDriver` | the driver of the USB peripheral |
@@ -14,20 +14,28 @@
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
 //! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
 //! | `usart` | what differs in the UART's registers from chip to chip |
+//! | `Controller` | the registers of the CAN controller, behind [`Can`] |
+//! | `ConfigFlash`, `CONFIG_FLASH` | where the configuration is kept: a `NorFlash`, and which part of it |
+//! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 //!
 //! | Field of `Board` | What it is |
 //! |---|---|
 //! | `led` | the status LED |
 //! | `uart`, `rx_dma`, `tx_dma` | the arm's UART with its pins, and the DMA for each way |
 //! | `usb` | USB full speed |
+//! | `can` | the CAN bus, not yet started |
+//! | `flash` | the flash that has the configuration in it |
 //! | `reset_by_watchdog` | whether the watchdog reset the chip |
 //! | `watchdog` | the independent watchdog, not yet started |
 
+mod can;
 #[cfg(feature = "board-stm32f405")]
 mod stm32f405;
 
 #[cfg(feature = "board-stm32f405")]
 pub(crate) use stm32f405::*;
+
+pub(crate) use can::Can;
 
 #[cfg(not(feature = "board-stm32f405"))]
 compile_error!("no board: enable `board-stm32f405`");

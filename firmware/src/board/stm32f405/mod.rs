@@ -2,7 +2,10 @@
 //!
 //! Sections are those of RM0090.
 
+mod boot;
+mod can;
 mod clock;
+mod flash;
 pub(crate) mod usart;
 
 use embassy_stm32::dma::{self, Channel, Request};
@@ -15,11 +18,19 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, bind_interrupts, usb};
 use static_cell::StaticCell;
 
+use super::can::Can;
 use super::UartStatus;
 use crate::uart;
 
+pub(crate) use boot::enter_boot_loader;
+pub(crate) use can::Controller;
+pub(crate) use flash::{CONFIG_FLASH, ConfigFlash};
+
 /// What the board is called.
 pub(crate) const NAME: &str = "stm32f405";
+
+/// Whether its CAN is CAN FD.
+pub(crate) const CAN_FD: bool = false;
 
 bind_interrupts!(struct Irqs {
     OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
@@ -27,6 +38,9 @@ bind_interrupts!(struct Irqs {
     // Before the HAL's, which clears the flags.
     DMA1_STREAM5 => uart::RingHandler, dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
+    CAN1_TX => can::TransmitHandler;
+    CAN1_RX0 => can::ReceiveHandler;
+    CAN1_SCE => can::StatusHandler;
 });
 
 /// The interrupt of the arm's UART.
@@ -61,6 +75,10 @@ pub(crate) struct Board {
     pub(crate) tx_dma: Channel<'static>,
     /// USB full speed.
     pub(crate) usb: UsbDriver,
+    /// The CAN bus, not yet started.
+    pub(crate) can: Can,
+    /// Where the configuration is kept.
+    pub(crate) flash: ConfigFlash,
     /// Whether the watchdog reset the chip.
     pub(crate) reset_by_watchdog: bool,
     /// The independent watchdog, not yet started.
@@ -94,6 +112,8 @@ pub(crate) fn init() -> Board {
         rx_dma: Channel::new(p.DMA1_CH5, Irqs),
         tx_dma: Channel::new(p.DMA1_CH6, Irqs),
         usb: UsbDriver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, OUT_PACKETS.init([0; 256]), usb),
+        can: Can::new(Controller::new(p.CAN1, p.PB8, p.PB9)),
+        flash: flash::new(p.FLASH),
         reset_by_watchdog: reset_by_watchdog(),
         watchdog: p.IWDG,
     }

@@ -65,6 +65,18 @@ pub(crate) fn set_byte_interrupt(on: bool) {
     UART.cr1().modify(|w| w.set_rxneie(on));
 }
 
+/// Whether a byte waits for the DMA.
+pub(crate) fn is_byte_waiting() -> bool {
+    UART.sr().read().rxne()
+}
+
+/// Whether the DMA has gone through both halves of the receive ring since its interrupt handler last ran. To be asked
+/// there, before the flags are cleared.
+pub(crate) fn rx_went_round() -> bool {
+    let flags = pac::DMA1.isr(super::RX_STREAM / 4).read();
+    flags.htif(super::RX_STREAM % 4) && flags.tcif(super::RX_STREAM % 4)
+}
+
 /// Where the DMA fetches what came in.
 pub(crate) fn rx_data() -> *mut u8 {
     UART.dr().as_ptr().cast()
@@ -97,6 +109,11 @@ pub(crate) fn clear_transmitted() {
 /// Whether the last bit of what was sent is out.
 pub(crate) fn is_transmitted() -> bool {
     UART.sr().read().tc()
+}
+
+/// Whether there is to be an interrupt when the last bit of what was sent is out.
+pub(crate) fn set_transmitted_interrupt(on: bool) {
+    UART.cr1().modify(|w| w.set_tcie(on));
 }
 
 /// One wire for both ways, on PA2, or two (RM0090 30.3.10).

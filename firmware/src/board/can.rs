@@ -1,0 +1,116 @@
+//! The CAN controller, whatever the chip: what its interrupts bring waits here until somebody takes it.
+//!
+//! The HAL's drivers are not used. The one for bxCAN gives the same bus error again and again until a frame comes; the one
+//! for FDCAN leaves out the compensation of the transmitter's delay, without which no data phase above 1 Mbit/s works; and
+//! neither counts errors or starts anew with other bit rates. What is left is little: [`Controller`] has the registers.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use armwire_bridge::CanErrors;
+use armwire_bridge::can::{Frame, Function, Id, Node};
+use armwire_bridge::config;
+use embassy_futures::select::select;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_sync::signal::Signal;
+use embassy_time::Timer;
+
+use super::Controller;
+
+/// How many frames may wait to be taken, beside the controller's own three.
+const WAITING: usize = 8;
+
+/// Frames from the bus.
+static FRAMES: Channel<CriticalSectionRawMutex, Frame, WAITING> = Channel::new();
+/// What the interrupt handlers have to say.
+static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+static ERRORS: AtomicU32 = AtomicU32::new(0);
+static OVERRUNS: AtomicU32 = AtomicU32::new(0);
+
+/// How long nobody looks at the bus when nothing happens, in milliseconds. A controller that comes back from bus-off does
+/// not say so.
+const LOOK_MS: u64 = 5;
+
+/// The CAN bus.
+pub(crate) struct Can(Controller);
+
+impl Can {
+    /// A controller that is not on the bus yet.
+    pub(super) fn new(controller: Controller) -> Self {
+        Self(controller)
+    }
+
+    /// Puts the controller on the bus, anew if it is there. Frames that wait in it are forgotten.
+    pub(crate) fn start(&mut self, config: &config::Can) {
+        self.0.start(config);
+        FRAMES.clear();
+        EVENT.signal(());
+    }
+
+    /// Waits until something may have happened: a frame came or went out, or the bus was lost or is back.
+    pub(crate) async fn wait(&self) {
+        select(EVENT.wait(), Timer::after_millis(LOOK_MS)).await;
+    }
+
+    /// The next frame for this adapter.
+    pub(crate) fn receive(&mut self) -> Option<Frame> {
+        FRAMES.try_receive().ok()
+    }
+
+    /// Whether there is room for a frame to the bus.
+    pub(crate) fn has_room(&self) -> bool {
+        self.0.has_room()
+    }
+
+    /// Sends a frame as soon as the bus is free, after those before it. Only when there is room.
+    pub(crate) fn transmit(&mut self, frame: &Frame) {
+        self.0.transmit(frame);
+    }
+
+    /// What went wrong since this was last asked.
+    pub(crate) fn take_errors(&mut self) -> CanErrors {
+        CanErrors {
+            bus: ERRORS.swap(0, Ordering::Relaxed),
+            overruns: OVERRUNS.swap(0, Ordering::Relaxed),
+        }
+    }
+
+    /// Whether the controller has left the bus because of too many errors. It comes back by itself.
+    pub(crate) fn is_bus_off(&self) -> bool {
+        self.0.is_bus_off()
+    }
+}
+
+/// The identifiers of frames to the adapter. The controller lets no other pass.
+pub(super) fn heard(node: Node) -> [Id; 4] {
+    [
+        Function::CommandA,
+        Function::CommandB,
+        Function::ArmRequest,
+        Function::ControlRequest,
+    ]
+    .map(|function| function.id(node))
+}
+
+/// A frame came.
+pub(super) fn received(frame: Frame) {
+    if FRAMES.try_send(frame).is_err() {
+        overrun();
+    }
+    EVENT.signal(());
+}
+
+/// A frame was lost because the ones before it had not been taken.
+pub(super) fn overrun() {
+    OVERRUNS.fetch_add(1, Ordering::Relaxed);
+}
+
+/// The controller saw an error on the bus. A bus that brings nothing else does not wake anybody.
+pub(super) fn error() {
+    ERRORS.fetch_add(1, Ordering::Relaxed);
+}
+
+/// A frame went out, or the bus was lost.
+pub(super) fn changed() {
+    EVENT.signal(());
+}
