@@ -197,3 +197,60 @@ impl fmt::Display for FrameError {
 }
 
 impl core::error::Error for FrameError {}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::string::ToString;
+    use std::{format, vec};
+
+    use super::*;
+
+    const ID: Id = Id(0x123);
+
+    #[test]
+    fn a_frame_has_the_bytes_it_was_made_of() {
+        for len in 0..=70 {
+            let data = vec![0xA5; len];
+            let (classic, fd) = (Frame::new(ID, &data), Frame::new_fd(ID, &data));
+            assert_eq!(classic.is_ok(), len <= 8);
+            assert_eq!(fd.is_ok(), FD_LENGTHS.contains(&(len as u8)));
+            for (frame, is_fd) in [(classic, false), (fd, true)] {
+                match frame {
+                    Ok(frame) => assert_eq!((frame.data(), frame.is_fd()), (&data[..], is_fd)),
+                    Err(error) => assert_eq!(error, FrameError { is_fd, got: len }),
+                }
+            }
+        }
+        assert_ne!(Frame::new(ID, &[0]), Frame::new(ID, &[0, 0]));
+        assert_ne!(Frame::new(ID, &[0]), Frame::new_fd(ID, &[0]));
+    }
+
+    #[test]
+    fn a_padded_frame_takes_what_fits() {
+        for used in 1..=70 {
+            let (head, body) = ([7], vec![1; used - 1]);
+            for (is_fd, max) in [(false, MAX_CLASSIC), (true, MAX_FD)] {
+                let frame = Frame::padded(ID, is_fd, &head, &body);
+                let len = frame.data().len();
+                assert_eq!(frame.is_fd(), is_fd);
+                assert!(FD_LENGTHS.contains(&(len as u8)) && (8..=max).contains(&len));
+                let content = used.min(max);
+                let expected = [&head[..], &body[..content - 1], &vec![PADDING; len - content]].concat();
+                assert_eq!(frame.data(), expected);
+                // No shorter frame would do.
+                let shorter = FD_LENGTHS.into_iter().rfind(|&shorter| usize::from(shorter) < len);
+                assert!(len == 8 || usize::from(shorter.unwrap()) < content);
+            }
+        }
+    }
+
+    #[test]
+    fn a_frame_prints_as_identifier_kind_and_bytes() {
+        assert_eq!(format!("{:?}", Frame::new(ID, &[1, 0xAB]).unwrap()), "0x123 [01, AB]");
+        assert_eq!(format!("{:?}", Frame::new_fd(ID, &[]).unwrap()), "0x123 FD []");
+        let error = Frame::new(ID, &[0; 9]).unwrap_err();
+        assert_eq!(error.to_string(), "9 bytes, a classic frame has 0..=8");
+    }
+}

@@ -44,8 +44,8 @@ pub struct Config {
     pub n_bs: Micros,
     /// N_Cr: how long the other side may take for a consecutive frame.
     pub n_cr: Micros,
-    /// N_WFTmax: how often in a row the other side may say that it is not ready. One that does so for ever would hold the
-    /// endpoint for ever.
+    /// How often in a row the other side may say that it is not ready. The standard has it limit itself (N_WFTmax); one that
+    /// does not would hold the endpoint for ever.
     pub max_waits: u8,
 }
 
@@ -127,10 +127,11 @@ impl SeparationTime {
 
     /// How long it is.
     pub const fn micros(self) -> Micros {
-        match self.0 {
-            millis @ 0..=Self::MAX_MILLIS => Micros::from_millis(millis as u64),
-            hundreds => Micros((hundreds & 0x0F) as u64 * 100),
-        }
+        let micros = match self.0 {
+            millis @ 0..=Self::MAX_MILLIS => millis as u32 * 1_000,
+            hundreds => (hundreds & 0x0F) as u32 * 100,
+        };
+        Micros(micros as u64)
     }
 }
 

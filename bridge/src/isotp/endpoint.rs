@@ -7,7 +7,7 @@ use armwire::Micros;
 use super::pci::{self, Pci};
 use super::receiver::Receiver;
 use super::sender::Sender;
-use super::{Config, Event, Events, SendError};
+use super::{Config, Event, Events, NEVER, SendError};
 use crate::can::Frame;
 
 /// The longest PDU of an [`Endpoint`], in bytes.
@@ -140,7 +140,7 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
         if self.receiver.has_answer() {
             return Some(Micros(0));
         }
-        self.sender.transmit_at()
+        some(self.sender.transmit_at())
     }
 
     /// The next frame for the bus, if one is due: flow control before all else.
@@ -188,10 +188,7 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
 
     /// When to call [`tick`](Self::tick), unless something happens before. `None` when nobody is waited for.
     pub fn timeout(&self) -> Option<Micros> {
-        [self.receiver.timeout(), self.sender.timeout()]
-            .into_iter()
-            .flatten()
-            .min()
+        some(self.receiver.timeout().min(self.sender.timeout()))
     }
 
     /// It is `now`: a PDU whose next frame is late is given up.
@@ -221,6 +218,10 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
         self.sender.abort();
         self.handed = None;
     }
+}
+
+fn some(at: Micros) -> Option<Micros> {
+    (at != NEVER).then_some(at)
 }
 
 impl<const RX: usize, const TX: usize> fmt::Debug for Endpoint<RX, TX> {

@@ -35,8 +35,8 @@
 //! 0.2.0 owns its bus and its clock, and iso-tp is an alpha.
 //!
 //! What comes is read as the standard has it, and what it says is to be ignored changes nothing (sections 9.6 and 9.8.3),
-//! with one exception: a frame may have more padding than it needs. Real senders do that, and the length is beyond doubt.
-//! A sender may also wait for ever in the standard; here [`Config::max_waits`] ends it.
+//! with one exception: a single frame may have more padding than it needs. Real senders do that, and the length is beyond
+//! doubt.
 //!
 //! # Panics
 //!
@@ -52,6 +52,19 @@ mod sender;
 #[cfg(test)]
 mod tests;
 
+use armwire::Micros;
+
 pub use config::{Config, Link, SeparationTime};
 pub use endpoint::{Endpoint, MAX_PDU};
 pub use event::{Error, Event, Events, Ignored, Refused, SendError};
+
+/// No time at all: nothing is waited for.
+const NEVER: Micros = Micros(u64::MAX);
+
+/// How many consecutive frames a block has. No PDU has as many as one without end.
+const fn block(size: u8) -> u16 {
+    match size {
+        0 => u16::MAX,
+        n => n as u16,
+    }
+}

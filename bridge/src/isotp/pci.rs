@@ -52,6 +52,7 @@ pub(super) fn parse(frame: &[u8]) -> Result<Pci<'_>, Ignored> {
     };
     let low = type_and_low & 0x0F;
     match (type_and_low & 0xF0, rest) {
+        (0, []) => Err(short(2)),
         (0, _) => single(frame.len(), low, rest),
         (FIRST, &[low_byte, ref rest @ ..]) if frame.len() >= MAX_CLASSIC => {
             first(frame.len(), u16::from_be_bytes([low, low_byte]), rest)

@@ -3,12 +3,14 @@
 use armwire::Micros;
 
 use super::pci::{CONTINUE, FLOW_CONTROL, OVERFLOW};
-use super::{Config, Error, Event, Events, Ignored, Link, Refused};
+use super::{Config, Error, Event, Events, Ignored, Link, NEVER, Refused, block};
 use crate::can::Frame;
 
 /// Where it is in the PDU. The bytes themselves are the endpoint's, so that this is compiled once for all lengths.
 pub(super) struct Receiver {
     state: State,
+    /// When the next consecutive frame is late.
+    deadline: Micros,
     /// Bytes in the PDU, and how many of them came.
     len: usize,
     got: usize,
@@ -25,10 +27,8 @@ pub(super) struct Receiver {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
     Idle,
-    /// A consecutive frame is next once the answer is out, and comes until the deadline.
-    Receiving {
-        deadline: Micros,
-    },
+    /// A consecutive frame is next, once the answer is out.
+    Receiving,
     /// The PDU waits to be taken.
     Whole,
 }
@@ -37,6 +37,7 @@ impl Receiver {
     pub(super) const fn new() -> Self {
         Self {
             state: State::Idle,
+            deadline: Micros(0),
             len: 0,
             got: 0,
             frame_len: 0,
@@ -64,15 +65,17 @@ impl Receiver {
         }
     }
 
-    pub(super) fn timeout(&self) -> Option<Micros> {
+    pub(super) fn timeout(&self) -> Micros {
         match self.state {
-            State::Receiving { deadline } => Some(deadline),
-            _ => None,
+            State::Receiving => self.deadline,
+            _ => NEVER,
         }
     }
 
     pub(super) fn tick(&mut self, config: &Config, now: Micros) -> Option<Event> {
-        self.timeout().filter(|&deadline| deadline <= now)?;
+        if self.state != State::Receiving || now < self.deadline {
+            return None;
+        }
         self.abort();
         Some(Event::Failed(Error::NoConsecutiveFrame {
             waited: config.n_cr,
@@ -96,9 +99,7 @@ impl Receiver {
 
     /// The flow control frame left the bus.
     pub(super) fn transmitted(&mut self, config: &Config, now: Micros) {
-        if self.timeout().is_some() {
-            self.wait(config, now);
-        }
+        self.deadline = now + config.n_cr;
     }
 
     /// A single frame came.
@@ -138,7 +139,8 @@ impl Receiver {
                 self.frame_len = frame_len;
                 self.number = 1;
                 self.go_on(config);
-                self.wait(config, now);
+                self.state = State::Receiving;
+                self.deadline = now + config.n_cr;
                 None
             }
             Err(refused) => {
@@ -160,7 +162,7 @@ impl Receiver {
         config: &Config,
         now: Micros,
     ) -> Option<Event> {
-        if self.timeout().is_none() || self.answer.is_some() {
+        if self.state != State::Receiving || self.answer.is_some() {
             return Some(Event::Ignored(Ignored::UnexpectedConsecutive { got: number }));
         }
         let got = data.len().saturating_add(1);
@@ -180,7 +182,7 @@ impl Receiver {
                 got: number,
             }));
         }
-        self.wait(config, now);
+        self.deadline = now + config.n_cr;
         self.number = (number + 1) & 0x0F;
         self.take(buffer, data);
         if self.got == self.len {
@@ -196,7 +198,9 @@ impl Receiver {
 
     /// What was being received is given up, for another PDU begins.
     fn interrupt(&mut self) -> Option<Event> {
-        self.timeout()?;
+        if self.state != State::Receiving {
+            return None;
+        }
         self.abort();
         Some(Event::Failed(Error::Interrupted {
             expected: self.len,
@@ -222,20 +226,9 @@ impl Receiver {
         self.got = self.len.min(self.got.saturating_add(data.len()));
     }
 
-    /// A consecutive frame has its full time from now.
-    fn wait(&mut self, config: &Config, now: Micros) {
-        self.state = State::Receiving {
-            deadline: now + config.n_cr,
-        };
-    }
-
     /// The sender is to be told to go on.
     fn go_on(&mut self, config: &Config) {
-        // No PDU has as many frames as a block without end.
-        self.left = match config.block_size {
-            0 => u16::MAX,
-            n => u16::from(n),
-        };
+        self.left = block(config.block_size);
         self.answer = Some(CONTINUE);
     }
 }

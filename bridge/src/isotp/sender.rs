@@ -3,44 +3,48 @@
 use armwire::Micros;
 
 use super::pci::{self, CONSECUTIVE, CONTINUE, FIRST, WAIT};
-use super::{Config, Error, Event, Ignored, Link, SeparationTime};
+use super::{Config, Error, Event, Ignored, Link, NEVER, SeparationTime, block};
 use crate::can::{Frame, MAX_CLASSIC, MAX_FD};
 
 /// Where it is in the PDU. The bytes themselves are the endpoint's, so that this is compiled once for all lengths.
 pub(super) struct Sender {
     state: State,
+    /// When the next frame is due, or flow control is late.
+    at: Micros,
     /// Bytes in the PDU, and how many of them were handed over.
     len: usize,
     sent: usize,
     /// The sequence number of the next consecutive frame.
     number: u8,
+    /// Consecutive frames until flow control, and the least time between them.
+    left: u16,
+    gap: SeparationTime,
+    /// How often in a row the receiver has said that it is not ready.
+    waits: u8,
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
     Idle,
     /// A single or first frame is next.
     Begin,
-    /// Flow control is next, and comes until the deadline.
-    Wait {
-        deadline: Micros,
-        waits: u8,
-    },
-    /// A consecutive frame is next, not before it is due.
-    Go {
-        left: u16,
-        gap: SeparationTime,
-        due: Micros,
-    },
+    /// Flow control is next.
+    Wait,
+    /// A consecutive frame is next.
+    Go,
 }
 
 impl Sender {
     pub(super) const fn new() -> Self {
         Self {
             state: State::Idle,
+            at: Micros(0),
             len: 0,
             sent: 0,
             number: 0,
+            left: 0,
+            gap: SeparationTime::ZERO,
+            waits: 0,
         }
     }
 
@@ -61,69 +65,66 @@ impl Sender {
         self.state = State::Idle;
     }
 
-    pub(super) fn timeout(&self) -> Option<Micros> {
+    pub(super) fn timeout(&self) -> Micros {
         match self.state {
-            State::Wait { deadline, .. } => Some(deadline),
-            _ => None,
+            State::Wait => self.at,
+            _ => NEVER,
         }
     }
 
     pub(super) fn tick(&mut self, config: &Config, now: Micros) -> Option<Event> {
-        self.timeout().filter(|&deadline| deadline <= now)?;
+        if self.state != State::Wait || now < self.at {
+            return None;
+        }
         self.state = State::Idle;
         Some(Event::Failed(Error::NoFlowControl { waited: config.n_bs }))
     }
 
-    pub(super) fn transmit_at(&self) -> Option<Micros> {
+    pub(super) fn transmit_at(&self) -> Micros {
         match self.state {
-            State::Begin => Some(Micros(0)),
-            State::Go { due, .. } => Some(due),
-            State::Idle | State::Wait { .. } => None,
+            State::Begin | State::Go => self.at,
+            State::Idle | State::Wait => NEVER,
         }
     }
 
     /// The next frame of the PDU at the start of `buffer`, if one is due.
     pub(super) fn transmit(&mut self, buffer: &[u8], config: &Config, now: Micros) -> Option<Frame> {
-        self.transmit_at().filter(|&due| due <= now)?;
-        let wait = State::Wait {
-            deadline: now + config.n_bs,
-            waits: 0,
-        };
+        if !matches!(self.state, State::Begin | State::Go) || now < self.at {
+            return None;
+        }
         let (room, max_single) = match config.link {
             Link::Classic => (MAX_CLASSIC, pci::MAX_SHORT_SINGLE),
             Link::Fd => (MAX_FD, pci::MAX_FD_SINGLE),
         };
         let [high, low] = (self.len as u16).to_be_bytes();
-        let (head, next): (&[u8], _) = match self.state {
-            State::Go { left, gap, .. } => {
-                let next = match left {
-                    1 => wait,
-                    _ => State::Go {
-                        left: left.saturating_sub(1),
-                        gap,
-                        due: now + gap.micros(),
-                    },
-                };
-                (&[CONSECUTIVE | self.number], next)
-            }
-            _ if self.len <= pci::MAX_SHORT_SINGLE => (&[low], State::Idle),
-            _ if self.len <= max_single => (&[0, low], State::Idle),
-            _ => (&[FIRST | high, low], wait),
+        let head: &[u8] = match self.state {
+            State::Go => &[CONSECUTIVE | self.number],
+            _ if self.len <= pci::MAX_SHORT_SINGLE => &[low],
+            _ if self.len <= max_single => &[0, low],
+            _ => &[FIRST | high, low],
         };
         let rest = buffer.get(self.sent..self.len).unwrap_or_default();
         let frame = Frame::padded(config.tx, config.link == Link::Fd, head, rest);
 
         self.number = (self.number + 1) & 0x0F;
         self.sent = self.sent.saturating_add(room.saturating_sub(head.len()));
-        self.state = if self.sent < self.len { next } else { State::Idle };
+        if self.sent >= self.len {
+            self.state = State::Idle;
+        } else if self.state == State::Begin || self.left == 1 {
+            self.waits = 0;
+            self.wait(config, now);
+        } else {
+            self.left = self.left.saturating_sub(1);
+            self.at = now + self.gap.micros();
+        }
         Some(frame)
     }
 
     /// The last frame left the bus.
     pub(super) fn transmitted(&mut self, config: &Config, now: Micros) {
-        match &mut self.state {
-            State::Wait { deadline, .. } => *deadline = now + config.n_bs,
-            State::Go { due, gap, .. } => *due = now + gap.micros(),
+        match self.state {
+            State::Wait => self.wait(config, now),
+            State::Go => self.at = now + self.gap.micros(),
             State::Idle | State::Begin => {}
         }
     }
@@ -135,25 +136,20 @@ impl Sender {
         config: &Config,
         now: Micros,
     ) -> Option<Event> {
-        let State::Wait { waits, .. } = self.state else {
+        if self.state != State::Wait {
             return Some(Event::Ignored(Ignored::UnexpectedFlowControl { got: status }));
-        };
+        }
         let error = match status {
             CONTINUE => {
-                // No PDU has as many frames as a block without end.
-                let left = if block_size == 0 {
-                    u16::MAX
-                } else {
-                    u16::from(block_size)
-                };
-                self.state = State::Go { left, gap, due: now };
+                self.state = State::Go;
+                self.at = now;
+                self.left = block(block_size);
+                self.gap = gap;
                 return None;
             }
-            WAIT if waits < config.max_waits => {
-                self.state = State::Wait {
-                    deadline: now + config.n_bs,
-                    waits: waits + 1,
-                };
+            WAIT if self.waits < config.max_waits => {
+                self.waits += 1;
+                self.wait(config, now);
                 return None;
             }
             WAIT => Error::TooManyWaits { max: config.max_waits },
@@ -162,5 +158,10 @@ impl Sender {
         };
         self.state = State::Idle;
         Some(Event::Failed(error))
+    }
+    /// Flow control has its full time from now.
+    fn wait(&mut self, config: &Config, now: Micros) {
+        self.state = State::Wait;
+        self.at = now + config.n_bs;
     }
 }

@@ -645,7 +645,7 @@ fn malformed_frames_change_nothing() {
     let malformed = [
         (std::vec![], short(1, 0)),
         // Single frames: of no byte, of more bytes than the frame has, and escaped where they need not be.
-        (std::vec![0x00], length(1, 0, 0)),
+        (std::vec![0x00], short(2, 1)),
         (fd(&[0x00], 8), length(1, 7, 0)),
         (fd(&[0x08], 8), length(1, 7, 8)),
         (fd(&[0x03], 3), length(1, 2, 3)),
@@ -694,6 +694,22 @@ fn after_abort_both_halves_are_idle() {
     receiver.abort();
     assert_eq!(receiver.transmit(T0), None);
     is_usable(&mut receiver, T0);
+}
+
+#[test]
+fn the_end_of_time_is_a_time_like_any_other() {
+    let end = Micros(u64::MAX);
+    let mut both = endpoint(Link::Classic);
+    events([], both.tick(end));
+    assert_eq!(
+        (both.transmit(end), both.transmit_at(), both.timeout()),
+        (None, None, None)
+    );
+    both.send(&pdu(20)).unwrap();
+    assert_eq!(all(&mut both, end).len(), 1);
+    events([], both.receive(&[0x30, 0, 0x7F], end));
+    assert_eq!(all(&mut both, end).len(), 2);
+    is_usable(&mut both, end);
 }
 
 // ---- Two endpoints on a bus ----
