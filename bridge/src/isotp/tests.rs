@@ -451,6 +451,15 @@ fn receiving_ends_too_when_flow_control_never_gets_the_bus() {
 }
 
 #[test]
+fn the_sender_has_its_full_time_from_flow_control() {
+    let mut receiver = endpoint(Link::Classic);
+    events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
+    let handed = T0 + Micros(600_000);
+    assert_eq!(next(&mut receiver, handed)[0], 0x30);
+    assert_eq!(receiver.timeout(), Some(handed + SECOND));
+}
+
+#[test]
 fn both_time_outs_are_told_at_once() {
     let mut both = receiving();
     both.send(&pdu(20)).unwrap();
@@ -534,6 +543,21 @@ fn a_pdu_longer_than_the_room_is_refused_with_overflow() {
         small.receive(&[3, 1, 2, 3], T0),
     );
     assert_eq!(small.transmit(T0), None);
+}
+
+#[test]
+fn overflow_not_yet_out_is_not_sent_once_the_sender_has_gone_on() {
+    let mut receiver = Endpoint::<20, 1>::new(config(Link::Classic));
+    for next in [&[0x01, 9][..], &[0x10, 20, 0, 1, 2, 3, 4, 5]] {
+        events(
+            [Event::Refused(Refused::TooLong { max: 20, got: 21 })],
+            receiver.receive(&[0x10, 21, 0, 1, 2, 3, 4, 5], T0),
+        );
+        receiver.receive(next, T0).for_each(drop);
+        receiver.release();
+        let answer = receiver.transmit(T0).map(|frame| frame.data()[0]);
+        assert_eq!(answer, (next.len() == 8).then_some(0x30));
+    }
 }
 
 #[test]
@@ -687,6 +711,13 @@ fn after_abort_both_halves_are_idle() {
     both.abort();
     assert_eq!(both.transmit(T0), None);
     is_usable(&mut both, T0);
+
+    // A frame that leaves only now was of what is given up.
+    let mut receiver = receiving();
+    receiver.abort();
+    events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
+    receiver.transmitted(T0 + Micros(100));
+    assert_eq!(receiver.timeout(), Some(T0 + SECOND));
 
     // A flow control frame not yet out is not sent either.
     let mut receiver = endpoint(Link::Classic);
