@@ -52,6 +52,7 @@ mod counters;
 pub mod isotp;
 mod line;
 mod queue;
+pub mod store;
 
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,540 @@
+//! Old or new, whenever the power goes.
+
+extern crate std;
+
+use core::future::Future;
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
+use std::format;
+use std::vec;
+use std::vec::Vec;
+
+use embedded_storage_async::nor_flash::{ErrorType, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use proptest::prelude::*;
+
+use super::*;
+use crate::config::{ArmKind, Can, Poll as PollRate, Silence};
+
+/// The small sectors of an STM32F405 (RM0090 table 5), written by words.
+type F405 = Nor<4, 0x4000>;
+/// The same, written by bytes.
+type F405Bytes = Nor<1, 0x4000>;
+/// The pages of an STM32G431 (RM0440 section 3.3.1), written by double words.
+type G431 = Nor<8, 0x800>;
+/// Pages that are full soon.
+type Tiny = Nor<8, 0x100>;
+
+/// NOR flash: erasing sets all bits of a page, programming clears bits, and the power may go at any step of that.
+///
+/// Where a word has eight bytes it has a check sum that cannot be seen: it can only be programmed when it is erased, or
+/// to zero (RM0440 section 3.3.8, PROGERR).
+#[derive(Clone)]
+struct Nor<const WRITE: usize, const ERASE: usize> {
+    bytes: Vec<u8>,
+    /// How many steps there is power for, and what becomes of the one behind them. A step is the programming of a word or
+    /// the erasing of a page.
+    power: Option<(usize, Damage)>,
+    /// How many steps there were, those without power not counted.
+    steps: usize,
+    /// How often each page was erased.
+    erased: Vec<u32>,
+}
+
+/// How far a step has come when the power goes. The `u64` says which bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Damage {
+    /// Nothing was done yet.
+    None,
+    /// The bytes up to some place are as they will be.
+    Front(u64),
+    /// The bytes from some place on are as they will be.
+    Back(u64),
+    /// Some bits are as they will be.
+    Bits(u64),
+    /// Before a page is erased all of it is programmed to zero, and that has come to some place.
+    Zeros(u64),
+    /// All is zero but for some bits.
+    BitsOfZeros(u64),
+    /// All was done.
+    All,
+}
+
+impl Damage {
+    const KINDS: [fn(u64) -> Self; 7] = [
+        |_| Self::None,
+        Self::Front,
+        Self::Back,
+        Self::Bits,
+        Self::Zeros,
+        Self::BitsOfZeros,
+        |_| Self::All,
+    ];
+
+    /// `bytes` on their way to `after`.
+    fn apply(self, bytes: &mut [u8], after: &[u8], is_erase: bool) {
+        let (Self::Front(seed) | Self::Back(seed) | Self::Bits(seed) | Self::Zeros(seed) | Self::BitsOfZeros(seed)) =
+            self
+        else {
+            if self == Self::All {
+                bytes.copy_from_slice(after);
+            }
+            return;
+        };
+        let mut state = seed;
+        let place = random(&mut state) as usize % bytes.len();
+        match self {
+            Self::Front(_) => bytes[..place].copy_from_slice(&after[..place]),
+            Self::Back(_) => bytes[place..].copy_from_slice(&after[place..]),
+            Self::Zeros(_) if is_erase => bytes[..place].fill(0),
+            _ => {
+                if self == Self::BitsOfZeros(seed) && is_erase {
+                    bytes.fill(0);
+                }
+                for (byte, after) in bytes.iter_mut().zip(after) {
+                    let changed = (random(&mut state) >> 32) as u8;
+                    *byte = *byte & !changed | after & changed;
+                }
+            }
+        }
+    }
+}
+
+/// The next number of SplitMix64.
+fn random(state: &mut u64) -> u64 {
+    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let mut z = *state;
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fault {
+    NoPower,
+    NotErased,
+}
+
+impl NorFlashError for Fault {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
+    fn new(pages: usize) -> Self {
+        Self {
+            bytes: vec![0xFF; pages * ERASE],
+            power: None,
+            steps: 0,
+            erased: vec![0; pages],
+        }
+    }
+
+    fn range(&self) -> Range<u32> {
+        0..self.bytes.len() as u32
+    }
+
+    fn step(&mut self, place: Range<usize>, after: &[u8], is_erase: bool) -> Result<(), Fault> {
+        let bytes = &mut self.bytes[place];
+        match &mut self.power {
+            None => bytes.copy_from_slice(after),
+            Some((steps @ 1.., _)) => {
+                *steps -= 1;
+                bytes.copy_from_slice(after);
+            }
+            Some((0, damage)) => {
+                // What comes after it does nothing.
+                core::mem::replace(damage, Damage::None).apply(bytes, after, is_erase);
+                return Err(Fault::NoPower);
+            }
+        }
+        self.steps += 1;
+        Ok(())
+    }
+}
+
+impl<const WRITE: usize, const ERASE: usize> ErrorType for Nor<WRITE, ERASE> {
+    type Error = Fault;
+}
+
+impl<const WRITE: usize, const ERASE: usize> ReadNorFlash for Nor<WRITE, ERASE> {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Fault> {
+        bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl<const WRITE: usize, const ERASE: usize> NorFlash for Nor<WRITE, ERASE> {
+    const WRITE_SIZE: usize = WRITE;
+    const ERASE_SIZE: usize = ERASE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Fault> {
+        let (from, to) = (from as usize, to as usize);
+        assert!(from.is_multiple_of(ERASE) && to.is_multiple_of(ERASE) && from < to && to <= self.bytes.len());
+        for page in from / ERASE..to / ERASE {
+            self.step(page * ERASE..(page + 1) * ERASE, &[0xFF; ERASE], true)?;
+            self.erased[page] += 1;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Fault> {
+        let offset = offset as usize;
+        assert!(offset.is_multiple_of(WRITE) && bytes.len().is_multiple_of(WRITE));
+        for (place, word) in (offset..).step_by(WRITE).zip(bytes.chunks(WRITE)) {
+            let place = place..place + WRITE;
+            let before = &self.bytes[place.clone()];
+            if WRITE == 8 && before != [0xFF; WRITE] && word != [0; WRITE] {
+                return Err(Fault::NotErased);
+            }
+            let after: Vec<u8> = before.iter().zip(word).map(|(before, word)| before & word).collect();
+            self.step(place, &after, false)?;
+        }
+        Ok(())
+    }
+}
+
+/// The result of a future that waits for nothing.
+fn now<T>(future: impl Future<Output = T>) -> T {
+    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(result) => result,
+        Poll::Pending => panic!("it waits"),
+    }
+}
+
+fn load<F: NorFlash>(flash: &mut F) -> Saved {
+    let range = 0..flash.capacity() as u32;
+    now(Store::new(flash, range).unwrap().load()).unwrap()
+}
+
+fn save<F: NorFlash>(flash: &mut F, config: &Config) -> Result<(), Error<F::Error>> {
+    let range = 0..flash.capacity() as u32;
+    now(Store::new(flash, range).unwrap().save(config))
+}
+
+fn reset<F: NorFlash>(flash: &mut F) -> Result<(), Error<F::Error>> {
+    let range = 0..flash.capacity() as u32;
+    now(Store::new(flash, range).unwrap().reset())
+}
+
+fn append<F: NorFlash>(flash: &mut F, content: &[u8]) {
+    let range = 0..flash.capacity() as u32;
+    now(Store::new(flash, range).unwrap().append(content)).unwrap();
+}
+
+/// A configuration of that number.
+fn config(number: u16) -> Config {
+    Config {
+        poll: PollRate::Hertz(number % 1_000 + 1),
+        silence: Silence {
+            after_ms: number,
+            torque_off: false,
+        },
+        ..Config::default()
+    }
+}
+
+/// Flash with so many configurations saved, the last of that number.
+fn filled<const WRITE: usize, const ERASE: usize>(saves: u16) -> Nor<WRITE, ERASE> {
+    let mut flash = Nor::new(2);
+    for number in 1..=saves {
+        save(&mut flash, &config(number)).unwrap();
+    }
+    flash
+}
+
+/// How many saves fill a page.
+fn saves_a_page<const WRITE: usize, const ERASE: usize>() -> u16 {
+    let mut flash = Nor::<WRITE, ERASE>::new(2);
+    let saves = (1..).take_while(|&number| {
+        save(&mut flash, &config(number)).unwrap();
+        flash.erased == [0, 0]
+    });
+    saves.count() as u16
+}
+
+/// `flash` after the power has gone at each step of a save of `config`, in each way.
+fn cuts<const WRITE: usize, const ERASE: usize>(
+    flash: &Nor<WRITE, ERASE>,
+    config: &Config,
+) -> Vec<(usize, Damage, Nor<WRITE, ERASE>)> {
+    let mut whole = flash.clone();
+    save(&mut whole, config).unwrap();
+    let mut all = Vec::new();
+    for step in 0..whole.steps - flash.steps {
+        for (kind, damage) in Damage::KINDS.into_iter().enumerate() {
+            let damage = damage((step * Damage::KINDS.len() + kind) as u64);
+            let mut flash = flash.clone();
+            flash.power = Some((step, damage));
+            assert_ne!(save(&mut flash, config), Ok(()));
+            flash.power = None;
+            all.push((step, damage, flash));
+        }
+    }
+    all
+}
+
+/// Cuts the save that comes after so many, at each of its steps.
+fn cut_save<const WRITE: usize, const ERASE: usize>(flash: &Nor<WRITE, ERASE>, old: u16) {
+    let configs = [old, old + 1, old + 2].map(config);
+    let [old, new, next] = configs.map(Saved::Config);
+    for (step, damage, mut flash) in cuts(flash, &configs[1]) {
+        let loaded = load(&mut flash);
+        assert!(
+            loaded == old || loaded == new,
+            "{loaded:?} after {damage:?} in step {step} of {new:?}"
+        );
+        assert_eq!(load(&mut flash), loaded, "after {damage:?} in step {step} of {new:?}");
+        save(&mut flash, &configs[2])
+            .unwrap_or_else(|error| panic!("{error} after {damage:?} in step {step} of {new:?}"));
+        assert_eq!(load(&mut flash), next, "after {damage:?} in step {step} of {new:?}");
+    }
+}
+
+/// Cuts every save of three rounds through the pages.
+fn cut_every_save<const WRITE: usize, const ERASE: usize>() {
+    let mut flash = filled::<WRITE, ERASE>(1);
+    let mut number = 1;
+    while flash.erased != [3, 3] {
+        cut_save(&flash, number);
+        number += 1;
+        save(&mut flash, &config(number)).unwrap();
+    }
+}
+
+/// Cuts the saves about the first two ends of a page.
+fn cut_saves_about_page_ends<const WRITE: usize, const ERASE: usize>() {
+    let saves = saves_a_page::<WRITE, ERASE>();
+    for end in [saves, 2 * saves] {
+        let flash = filled::<WRITE, ERASE>(end - 1);
+        cut_save(&flash, end - 1);
+        let flash = filled::<WRITE, ERASE>(end);
+        cut_save(&flash, end);
+    }
+}
+
+#[test]
+fn every_save_cut_at_every_step_leaves_the_old_or_the_new_in_the_pages_of_a_g431() {
+    cut_every_save::<8, 0x800>();
+}
+
+#[test]
+fn every_save_cut_at_every_step_leaves_the_old_or_the_new_in_tiny_pages() {
+    cut_every_save::<8, 0x100>();
+    cut_every_save::<4, 0x100>();
+    cut_every_save::<1, 0x100>();
+}
+
+#[test]
+fn a_save_cut_at_every_step_leaves_the_old_or_the_new_in_the_sectors_of_an_f405() {
+    cut_saves_about_page_ends::<4, 0x4000>();
+    cut_saves_about_page_ends::<1, 0x4000>();
+}
+
+#[test]
+fn two_saves_cut_one_after_the_other_leave_the_oldest_or_one_of_them() {
+    fn cut_twice<const WRITE: usize>() {
+        let saves = saves_a_page::<WRITE, 0x100>();
+        for number in saves - 1..=3 * saves {
+            let flash = filled::<WRITE, 0x100>(number);
+            let configs = [number, number + 1, number + 2].map(config);
+            for (step, damage, flash) in cuts(&flash, &configs[1]) {
+                for (second_step, second_damage, mut flash) in cuts(&flash, &configs[2]) {
+                    let loaded = load(&mut flash);
+                    let cut = format!("{damage:?} in step {step}, {second_damage:?} in step {second_step}");
+                    assert!(configs.map(Saved::Config).contains(&loaded), "{loaded:?} after {cut}");
+                }
+            }
+        }
+    }
+    cut_twice::<4>();
+    cut_twice::<8>();
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+    #[test]
+    fn any_saves_and_resets_cut_anywhere_leave_the_old_or_the_new(
+        pages in 2..4_usize,
+        changes in prop::collection::vec((prop::option::of(1..2_000_u16), 0..30_usize, 0..Damage::KINDS.len(), any::<u64>()), 1..100),
+    ) {
+        let mut flash = Tiny::new(pages);
+        let mut old = Saved::Nothing;
+        for (number, step, kind, seed) in changes {
+            flash.power = Some((step, Damage::KINDS[kind](seed)));
+            let (new, result) = match number.map(config) {
+                Some(config) => (Saved::Config(config), save(&mut flash, &config)),
+                None => (Saved::Nothing, reset(&mut flash)),
+            };
+            // A load may finish an erase, and that is cut, too.
+            flash.power = Some((0, Damage::KINDS[kind](!seed)));
+            let _ = now(Store::new(&mut flash, 0..pages as u32 * 0x100).unwrap().load());
+            flash.power = None;
+            let loaded = load(&mut flash);
+            match result {
+                Ok(()) => prop_assert_eq!(loaded, new),
+                Err(error) => {
+                    prop_assert_eq!(error, Error::Flash(Fault::NoPower));
+                    prop_assert!(loaded == old || loaded == new, "{:?} is neither {:?} nor {:?}", loaded, old, new);
+                }
+            }
+            old = loaded;
+        }
+    }
+
+    #[test]
+    fn flash_full_of_anything_has_nothing_to_load_and_can_be_saved_to(seed: u64, front in prop::collection::vec(any::<u8>(), 0..40)) {
+        let mut flash = G431::new(2);
+        let mut state = seed;
+        for byte in &mut flash.bytes {
+            *byte = random(&mut state) as u8;
+        }
+        flash.bytes[..front.len()].copy_from_slice(&front);
+        prop_assert!(!matches!(load(&mut flash), Saved::Config(_)));
+        save(&mut flash, &config(1)).unwrap();
+        prop_assert_eq!(load(&mut flash), Saved::Config(config(1)));
+    }
+}
+
+#[test]
+fn what_is_saved_is_loaded_until_it_is_reset() {
+    let mut flash = F405Bytes::new(2);
+    assert_eq!(load(&mut flash), Saved::Nothing);
+    save(&mut flash, &config(1)).unwrap();
+    assert_eq!(load(&mut flash), Saved::Config(config(1)));
+    save(&mut flash, &config(2)).unwrap();
+    assert_eq!(load(&mut flash), Saved::Config(config(2)));
+    reset(&mut flash).unwrap();
+    assert_eq!(load(&mut flash), Saved::Nothing);
+    save(&mut flash, &config(2)).unwrap();
+    assert_eq!(load(&mut flash), Saved::Config(config(2)));
+}
+
+#[test]
+fn what_is_saved_already_is_not_written_again() {
+    let mut flash = filled::<4, 0x4000>(1);
+    let before = flash.steps;
+    save(&mut flash, &config(1)).unwrap();
+    assert_eq!(flash.steps, before);
+    reset(&mut flash).unwrap();
+    let before = flash.steps;
+    reset(&mut flash).unwrap();
+    assert_eq!(flash.steps, before);
+}
+
+#[test]
+fn all_pages_wear_alike() {
+    let mut flash = G431::new(3);
+    for number in 0..1_000 {
+        save(&mut flash, &config(number)).unwrap();
+    }
+    let (most, least) = (flash.erased.iter().max().unwrap(), flash.erased.iter().min().unwrap());
+    assert!(*least > 3 && most - least <= 1, "{:?}", flash.erased);
+}
+
+#[test]
+fn a_sector_of_an_f405_takes_hundreds_of_saves() {
+    let saves = saves_a_page::<4, 0x4000>();
+    assert!(saves > 300, "{saves}");
+    let mut flash = filled::<4, 0x4000>(saves);
+    assert_eq!(flash.erased, [0, 0]);
+    assert_eq!(load(&mut flash), Saved::Config(config(saves)));
+}
+
+#[test]
+fn a_configuration_of_another_layout_is_unreadable_and_stays_in_flash() {
+    let mut flash = F405::new(2);
+    save(&mut flash, &config(1)).unwrap();
+    let later = [LAYOUT + 1, 0xA5, 0x5A, 0x96, 0x69];
+    append(&mut flash, &later);
+    assert_eq!(load(&mut flash), Saved::Unreadable);
+    save(&mut flash, &config(2)).unwrap();
+    assert_eq!(load(&mut flash), Saved::Config(config(2)));
+    assert!(flash.bytes.windows(later.len()).any(|bytes| bytes == later));
+}
+
+#[test]
+fn a_configuration_with_more_or_less_in_it_is_unreadable() {
+    let mut flash = F405::new(2);
+    let mut content = [0; 100];
+    let len = postcard::to_slice(&(LAYOUT, config(1)), &mut content).unwrap().len();
+    append(&mut flash, &content[..len + 1]);
+    assert_eq!(load(&mut flash), Saved::Unreadable);
+    append(&mut flash, &content[..len - 1]);
+    assert_eq!(load(&mut flash), Saved::Unreadable);
+    append(&mut flash, &content[..len]);
+    assert_eq!(load(&mut flash), Saved::Config(config(1)));
+}
+
+#[test]
+fn a_configuration_that_no_adapter_can_have_is_neither_saved_nor_loaded() {
+    let mut bad = config(1);
+    bad.poll = PollRate::Hertz(1_001);
+    let error = bad.check().unwrap_err();
+    let mut flash = F405::new(2);
+    assert_eq!(save(&mut flash, &bad), Err(Error::Config(error)));
+    assert_eq!(flash.steps, 0);
+
+    let mut content = [0; 100];
+    append(&mut flash, postcard::to_slice(&(LAYOUT, bad), &mut content).unwrap());
+    assert_eq!(load(&mut flash), Saved::Unreadable);
+}
+
+#[test]
+fn the_longest_record_fits() {
+    let longest = Config {
+        arm: ArmKind::Ling,
+        poll: PollRate::Hertz(1_000),
+        can: Can {
+            data_bit_rate: Some(5_000_000),
+            telemetry_hz: 1_000,
+            commands: true,
+            command_timeout_ms: 10_000,
+            unsolicited: true,
+            ..Can::default()
+        },
+        silence: Silence {
+            after_ms: u16::MAX,
+            torque_off: true,
+        },
+    };
+    let mut flash = Tiny::new(2);
+    save(&mut flash, &longest).unwrap();
+    assert_eq!(load(&mut flash), Saved::Config(longest));
+    append(&mut flash, &[0xA5; MAX_RECORD - SEQUENCE]);
+    assert_eq!(load(&mut flash), Saved::Unreadable);
+    save(&mut flash, &config(1)).unwrap();
+    assert_eq!(load(&mut flash), Saved::Config(config(1)));
+}
+
+#[test]
+fn a_range_that_is_not_two_whole_pages_is_refused() {
+    let flash = G431::new(4);
+    for range in [0..0x800, 0..0xC00, 0x400..0x1400, 0..0] {
+        let result = Store::new(flash.clone(), range.clone());
+        assert_eq!(result.err(), Some(BadRange { range, page: 0x800 }));
+    }
+    assert!(Store::new(flash.clone(), flash.range()).is_ok());
+    let error = BadRange {
+        range: 0..0x800,
+        page: 0x800,
+    };
+    assert_eq!(
+        format!("{error}"),
+        "flash from 0x0 to 0x800 is not two pages of 2048 bytes or more"
+    );
+}
+
+#[test]
+fn a_flash_that_does_not_write_is_reported() {
+    let mut flash = filled::<4, 0x4000>(1);
+    flash.power = Some((0, Damage::None));
+    assert_eq!(save(&mut flash, &config(2)), Err(Error::Flash(Fault::NoPower)));
+    assert_eq!(load(&mut flash), Saved::Config(config(1)));
+}
