@@ -4,9 +4,10 @@
 //! and the newest record is never on a page that is being erased. The record with the highest sequence number counts.
 //!
 //! Each page is a queue of its own of `sequential_storage`, which finds the free place, skips what was cut off, and tells
-//! by a checksum whether a record is whole. Its map over all pages would not do: after a cut in an erase it takes the page
-//! for whole if both of its ends are still marked, and repairs from it, over the only good record. What a page has in it
-//! after such a cut is undefined (`embedded_storage_async::nor_flash::NorFlash::erase`).
+//! by a checksum whether a record is whole. Its map over all pages would not do: it moves the newest record from page to
+//! page, and marks at both ends of a page tell it whether an erase was cut. What a page has in it after a cut erase is
+//! undefined (`embedded_storage_async::nor_flash::NorFlash::erase`), the marks included, and a page half erased can be
+//! taken for the one to keep.
 
 use core::fmt;
 use core::ops::Range;
