@@ -48,7 +48,7 @@ impl Can {
     }
 
     /// Waits until something may have happened: a frame came or went out, or the bus was lost or is back.
-    pub(crate) async fn wait(&self) {
+    pub(crate) async fn event(&self) {
         select(EVENT.wait(), Timer::after_millis(LOOK_MS)).await;
     }
 
@@ -65,6 +65,11 @@ impl Can {
     /// Sends a frame as soon as the bus is free, after those before it. Only when there is room.
     pub(crate) fn transmit(&mut self, frame: &Frame) {
         self.0.transmit(frame);
+    }
+
+    /// Whether all frames have left.
+    pub(crate) fn is_idle(&self) -> bool {
+        self.0.is_idle()
     }
 
     /// What went wrong since this was last asked.

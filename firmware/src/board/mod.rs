@@ -13,7 +13,7 @@
 //! | `Watchdog` | the independent watchdog |
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
 //! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
-//! | `usart` | what differs in the UART's registers from chip to chip |
+//! | `UART`, `TX_PIN`, `uart` | the UART's registers, the pin it sends on, and what is the chip's own in them, behind [`usart`] |
 //! | `Controller` | the registers of the CAN controller, behind [`Can`] |
 //! | `ConfigFlash`, `CONFIG_FLASH` | where the configuration is kept: a `NorFlash`, and which part of it |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
@@ -31,32 +31,17 @@
 mod can;
 #[cfg(feature = "board-stm32f405")]
 mod stm32f405;
-
-#[cfg(feature = "board-stm32f405")]
-pub(crate) use stm32f405::*;
+#[cfg(feature = "board-stm32g431")]
+mod stm32g431;
+pub(crate) mod usart;
 
 pub(crate) use can::Can;
+#[cfg(feature = "board-stm32f405")]
+pub(crate) use stm32f405::*;
+#[cfg(feature = "board-stm32g431")]
+pub(crate) use stm32g431::*;
 
-#[cfg(not(feature = "board-stm32f405"))]
-compile_error!("no board: enable `board-stm32f405`");
-
-/// What the UART had to say since it was last asked.
-pub(crate) struct UartStatus {
-    /// A byte without its stop bit came.
-    pub(crate) framing: bool,
-    /// A byte with the wrong parity came.
-    pub(crate) parity: bool,
-    /// A byte with noise on it came.
-    pub(crate) noise: bool,
-    /// A byte was lost: nobody had fetched the one before.
-    pub(crate) overrun: bool,
-    /// The line went idle after a byte.
-    pub(crate) idle: bool,
-}
-
-impl UartStatus {
-    /// Whether something was wrong.
-    pub(crate) fn is_error(&self) -> bool {
-        self.framing || self.parity || self.noise || self.overrun
-    }
-}
+#[cfg(not(any(feature = "board-stm32f405", feature = "board-stm32g431")))]
+compile_error!("no board: enable `board-stm32f405` or `board-stm32g431`");
+#[cfg(all(feature = "board-stm32f405", feature = "board-stm32g431"))]
+compile_error!("two boards: `board-stm32g431` needs `--no-default-features`");

@@ -99,13 +99,21 @@ impl Controller {
             *byte = data;
         }
         let [a, b, c, d, e, f, g, h] = bytes;
-        mailbox.tdtr().write(|w| w.set_dlc(frame.data().len().min(bytes.len()) as u8));
+        mailbox
+            .tdtr()
+            .write(|w| w.set_dlc(frame.data().len().min(bytes.len()) as u8));
         mailbox.tdlr().write(|w| w.0 = u32::from_le_bytes([a, b, c, d]));
         mailbox.tdhr().write(|w| w.0 = u32::from_le_bytes([e, f, g, h]));
         mailbox.tir().write(|w| {
             w.set_stid(frame.id().get());
             w.set_txrq(true);
         });
+    }
+
+    /// Whether all mailboxes are empty.
+    pub(crate) fn is_idle(&self) -> bool {
+        let status = CAN.tsr().read();
+        (0..MAILBOXES).all(|mailbox| status.tme(mailbox))
     }
 
     /// Whether the controller has left the bus because of too many errors.
@@ -134,7 +142,8 @@ pub(crate) struct TransmitHandler;
 impl Handler<CAN1_TX> for TransmitHandler {
     unsafe fn on_interrupt() {
         // Writing 1 clears; the other bits of this register do nothing when 0 is written.
-        CAN.tsr().write(|w| (0..MAILBOXES).for_each(|mailbox| w.set_rqcp(mailbox, true)));
+        CAN.tsr()
+            .write(|w| (0..MAILBOXES).for_each(|mailbox| w.set_rqcp(mailbox, true)));
         changed();
     }
 }

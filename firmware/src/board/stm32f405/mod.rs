@@ -6,7 +6,7 @@ mod boot;
 mod can;
 mod clock;
 mod flash;
-pub(crate) mod usart;
+pub(super) mod uart;
 
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
@@ -19,8 +19,7 @@ use embassy_stm32::{Peri, bind_interrupts, usb};
 use static_cell::StaticCell;
 
 use super::can::Can;
-use super::UartStatus;
-use crate::uart;
+use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::Controller;
@@ -34,14 +33,20 @@ pub(crate) const CAN_FD: bool = false;
 
 bind_interrupts!(struct Irqs {
     OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
-    USART2 => uart::InterruptHandler;
+    USART2 => InterruptHandler;
     // Before the HAL's, which clears the flags.
-    DMA1_STREAM5 => uart::RingHandler, dma::InterruptHandler<DMA1_CH5>;
+    DMA1_STREAM5 => RingHandler, dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
     CAN1_TX => can::TransmitHandler;
     CAN1_RX0 => can::ReceiveHandler;
     CAN1_SCE => can::StatusHandler;
 });
+
+/// The registers of the arm's UART.
+pub(super) const UART: pac::usart::Usart = pac::USART2;
+
+/// The pin that it sends on, PA2.
+pub(super) const TX_PIN: (pac::gpio::Gpio, usize) = (pac::GPIOA, 2);
 
 /// The interrupt of the arm's UART.
 pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;

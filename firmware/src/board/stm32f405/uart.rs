@@ -1,0 +1,67 @@
+//! What is this chip's own in the registers of the arm's UART (RM0090 section 30.6) and of the DMA stream that serves it.
+
+use embassy_stm32::pac;
+
+use super::super::usart::Status;
+use super::{RX_STREAM, UART};
+
+/// Reads and clears what the UART has to say.
+///
+/// What is read while a byte waits stays set until the DMA has fetched that byte.
+pub(crate) fn take_status() -> Status {
+    let sr = UART.sr().read();
+    let status = Status {
+        framing: sr.fe(),
+        parity: sr.pe(),
+        noise: sr.ne(),
+        overrun: sr.ore(),
+        idle: sr.idle(),
+    };
+    if (status.is_error() || status.idle) && !sr.rxne() {
+        // RM0090 30.6.1: reading SR and then DR clears the flags. With RXNE set the DMA is about to do that read, and
+        // must: the byte is its.
+        UART.dr().read();
+    }
+    status
+}
+
+/// Whether a byte waits for the DMA.
+pub(crate) fn is_byte_waiting() -> bool {
+    UART.sr().read().rxne()
+}
+
+/// Where the DMA fetches what came in.
+pub(crate) fn rx_data() -> *mut u8 {
+    UART.dr().as_ptr().cast()
+}
+
+/// How many bytes the DMA has left in its round of the receive ring.
+pub(crate) fn rx_remaining() -> usize {
+    pac::DMA1.st(RX_STREAM).ndtr().read().ndt().into()
+}
+
+/// Whether the DMA has gone through both halves of the receive ring since its interrupt handler last ran. To be asked
+/// there, before the flags are cleared.
+pub(crate) fn rx_went_round() -> bool {
+    let flags = pac::DMA1.isr(RX_STREAM / 4).read();
+    flags.htif(RX_STREAM % 4) && flags.tcif(RX_STREAM % 4)
+}
+
+/// Where the DMA brings what goes out.
+pub(crate) fn tx_data() -> *mut u8 {
+    UART.dr().as_ptr().cast()
+}
+
+/// Lets [`is_transmitted`] speak of what is sent from now on (RM0090 30.3.13).
+pub(crate) fn clear_transmitted() {
+    // Writing 1 leaves the other flags alone.
+    UART.sr().write(|w| {
+        w.0 = !0;
+        w.set_tc(false);
+    });
+}
+
+/// Whether the last bit of what was sent is out.
+pub(crate) fn is_transmitted() -> bool {
+    UART.sr().read().tc()
+}

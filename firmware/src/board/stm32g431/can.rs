@@ -1,0 +1,246 @@
+//! The registers of FDCAN1 (RM0440 section 44.4) and its message RAM (44.3.3): CAN and CAN FD, on PB8 and PB9.
+
+use armwire_bridge::can::{FD_LENGTHS, Frame, Id, MAX_FD};
+use armwire_bridge::config;
+use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
+use embassy_stm32::interrupt::typelevel::{FDCAN1_IT0, Handler, Interrupt};
+use embassy_stm32::pac;
+use embassy_stm32::pac::can::vals::{Anfe, Anfs, Tfqm};
+use embassy_stm32::peripherals::{FDCAN1, PB8, PB9};
+use embassy_stm32::{Peri, rcc};
+
+use super::super::can::{changed, error, heard, overrun, received};
+
+const CAN: pac::can::Fdcan = pac::FDCAN1;
+const RAM: pac::fdcanram::Fdcanram = pac::FDCANRAM1;
+
+/// PLL1's output Q, which the controller divides.
+const CLOCK: u32 = 80_000_000;
+/// The most quanta of a bit in the arbitration phase. The fewer the controller divides its clock by, the better the two
+/// phases fit together.
+const MAX_QUANTA: u32 = 160;
+/// The most quanta of a bit in the data phase: 1, 32 before the sample point and 16 behind it.
+const MAX_DATA_QUANTA: u32 = 49;
+/// Above this bit rate the sample point comes before the transmitter hears its own bit from the transceiver.
+const DELAY_MATTERS: u32 = 1_000_000;
+
+/// PB8 and PB9 are FDCAN1 as alternate function 9 (datasheet, table 13).
+const ALTERNATE_FUNCTION: u8 = 9;
+
+/// The words of a received frame, or one to be sent: two of header, then the data (RM0440 44.3.3).
+const ELEMENT: usize = 2 + MAX_FD / 4;
+/// In an element's first word: an extended identifier, a remote frame, where the 11 bits of the identifier lie.
+const EXTENDED: u32 = 1 << 30;
+const REMOTE: u32 = 1 << 29;
+const ID_AT: u32 = 18;
+/// In an element's second word: CAN FD, the data phase at its own bit rate, where the DLC lies.
+const FD: u32 = 1 << 21;
+const RATE_SWITCH: u32 = 1 << 20;
+const DLC_AT: u32 = 16;
+/// In a filter: it lets two identifiers pass, to FIFO 0.
+const TWO_IDS: u32 = 0b01 << 30;
+const TO_FIFO_0: u32 = 0b001 << 27;
+
+/// The buffers that frames leave from.
+const BUFFERS: usize = 3;
+
+/// The controller.
+pub(crate) struct Controller {
+    _pins: [Flex<'static>; 2],
+}
+
+impl Controller {
+    /// A controller that is not on the bus yet.
+    pub(super) fn new(_controller: Peri<'static, FDCAN1>, rx: Peri<'static, PB8>, tx: Peri<'static, PB9>) -> Self {
+        let (mut rx, mut tx) = (Flex::new(rx), Flex::new(tx));
+        // Without a transceiver the bus looks idle.
+        rx.set_as_af_unchecked(ALTERNATE_FUNCTION, AfType::input(Pull::Up));
+        tx.set_as_af_unchecked(
+            ALTERNATE_FUNCTION,
+            AfType::output(OutputType::PushPull, Speed::VeryHigh),
+        );
+        rcc::enable_and_reset::<FDCAN1>();
+        Self { _pins: [rx, tx] }
+    }
+
+    /// Puts the controller on the bus, anew if it is there.
+    pub(crate) fn start(&mut self, config: &config::Can) {
+        rcc::enable_and_reset::<FDCAN1>();
+        CAN.cccr().modify(|w| w.set_init(true));
+        while !CAN.cccr().read().init() {}
+        CAN.cccr().modify(|w| w.set_cce(true));
+
+        let nominal = Timing::new(config.bit_rate, MAX_QUANTA, 8);
+        CAN.nbtp().write(|w| {
+            w.set_nbrp(nominal.prescaler - 1);
+            w.set_ntseg1(nominal.before - 1);
+            w.set_ntseg2(nominal.behind - 1);
+            w.set_nsjw(nominal.behind - 1);
+        });
+        if let Some(rate) = config.data_bit_rate {
+            set_data_phase(rate);
+        }
+        CAN.cccr().modify(|w| {
+            w.set_fdoe(config.data_bit_rate.is_some());
+            w.set_brse(config.data_bit_rate.is_some());
+        });
+        listen(heard(config.node));
+        // Frames leave in the order they came, or those of one ISO-TP PDU would not.
+        CAN.txbc().write(|w| w.set_tfqm(Tfqm::FIFO));
+        CAN.txbtie()
+            .write(|w| (0..BUFFERS).for_each(|buffer| w.set_tie(buffer, true)));
+        CAN.ie().write(|w| {
+            w.set_rfne(0, true);
+            w.set_rfle(0, true);
+            w.set_tce(true);
+            w.set_boe(true);
+            w.set_peae(true);
+            w.set_pede(true);
+        });
+        CAN.ile().write(|w| w.set_eint0(true));
+        // SAFETY: the handler needs nothing that is not there.
+        unsafe { FDCAN1_IT0::enable() };
+        // It is on the bus when that has been idle for 11 bits, which nobody waits for here.
+        CAN.cccr().modify(|w| w.set_init(false));
+    }
+
+    /// Whether a buffer is empty.
+    pub(crate) fn has_room(&self) -> bool {
+        !CAN.txfqs().read().tfqf()
+    }
+
+    /// Puts a frame in an empty buffer.
+    pub(crate) fn transmit(&mut self, frame: &Frame) {
+        let buffer = usize::from(CAN.txfqs().read().tfqpi());
+        let [id, kind, data @ ..] = &core::array::from_fn::<_, ELEMENT, _>(|word| RAM.txbuf(buffer * ELEMENT + word));
+        let dlc = FD_LENGTHS
+            .iter()
+            .position(|&len| usize::from(len) == frame.data().len());
+        let format = if frame.is_fd() { FD | RATE_SWITCH } else { 0 };
+        id.write_value(u32::from(frame.id().get()) << ID_AT);
+        kind.write_value(format | (dlc.unwrap_or_default() as u32) << DLC_AT);
+        for (word, bytes) in data.iter().zip(frame.data().chunks(4)) {
+            let mut whole = [0; 4];
+            whole[..bytes.len()].copy_from_slice(bytes);
+            word.write_value(u32::from_le_bytes(whole));
+        }
+        CAN.txbar().write(|w| w.set_ar(buffer, true));
+    }
+
+    /// Whether all buffers are empty.
+    pub(crate) fn is_idle(&self) -> bool {
+        CAN.txbrp().read().0 == 0
+    }
+
+    /// Whether the controller has left the bus because of too many errors.
+    pub(crate) fn is_bus_off(&self) -> bool {
+        CAN.psr().read().bo()
+    }
+}
+
+/// How a bit is divided: one quantum, those before the sample point and those behind it.
+struct Timing {
+    prescaler: u16,
+    before: u8,
+    behind: u8,
+}
+
+impl Timing {
+    /// A bit of at most `max_quanta`, of which one in `behind` comes behind the sample point. The bit rates there are
+    /// divide evenly.
+    fn new(bit_rate: u32, max_quanta: u32, behind: u32) -> Self {
+        let ticks = CLOCK / bit_rate;
+        let prescaler = ticks.div_ceil(max_quanta);
+        let quanta = ticks / prescaler;
+        let behind = quanta / behind;
+        Self {
+            prescaler: prescaler as u16,
+            before: (quanta - 1 - behind) as u8,
+            behind: behind as u8,
+        }
+    }
+}
+
+/// Sets the bit rate of the data phase.
+fn set_data_phase(bit_rate: u32) {
+    let timing = Timing::new(bit_rate, MAX_DATA_QUANTA, 4);
+    let compensate = bit_rate > DELAY_MATTERS;
+    CAN.dbtp().write(|w| {
+        w.set_dbrp(timing.prescaler as u8 - 1);
+        w.set_dtseg1(timing.before - 1);
+        w.set_dtseg2(timing.behind - 1);
+        w.set_dsjw(timing.behind - 1);
+        w.set_tdc(compensate);
+    });
+    // The second sample point is as far behind the bit's echo as the first is behind its start, in ticks of the clock
+    // (44.4.14). Where it matters the prescaler is 1, as the compensation needs it to be 1 or 2.
+    CAN.tdcr().write(|w| w.set_tdco(1 + timing.before));
+}
+
+/// Lets data frames with these identifiers into FIFO 0, and no others.
+fn listen([a, b, c, d]: [Id; 4]) {
+    let filter = |one: Id, other: Id| TWO_IDS | TO_FIFO_0 | u32::from(one.get()) << 16 | u32::from(other.get());
+    RAM.flssa(0).write_value(filter(a, b));
+    RAM.flssa(1).write_value(filter(c, d));
+    CAN.rxgfc().write(|w| {
+        w.set_lss(2);
+        w.set_anfs(Anfs::REJECT);
+        w.set_anfe(Anfe::REJECT);
+        w.set_rrfs(true);
+        w.set_rrfe(true);
+    });
+}
+
+/// Takes frames from FIFO 0, counts errors, and brings the controller back from bus-off.
+pub(crate) struct InterruptHandler;
+
+impl Handler<FDCAN1_IT0> for InterruptHandler {
+    unsafe fn on_interrupt() {
+        let flags = CAN.ir().read();
+        // Writing 1 clears.
+        CAN.ir().write_value(flags);
+        if flags.rfl(0) {
+            overrun();
+        }
+        while CAN.rxfs(0).read().ffl() > 0 {
+            let index = CAN.rxfs(0).read().fgi();
+            if let Some(frame) = frame(index.into()) {
+                received(frame);
+            }
+            CAN.rxfa(0).write(|w| w.set_fai(index));
+        }
+        let is_off = CAN.psr().read().bo();
+        // On the way back from bus-off each idle bus of 11 bits looks like an error (44.4.13).
+        if (flags.pea() || flags.ped()) && !is_off {
+            error();
+        }
+        if flags.bo() && is_off {
+            // INIT keeps it off the bus; without, it comes back as soon as the standard allows.
+            CAN.cccr().modify(|w| w.set_init(false));
+        }
+        if flags.tc() || flags.bo() {
+            changed();
+        }
+    }
+}
+
+/// The frame in that place of FIFO 0: `None` if it is none that the filter lets pass.
+fn frame(index: usize) -> Option<Frame> {
+    let word = |i| RAM.rxfifo0(index * ELEMENT + i).read();
+    let (header, kind) = (word(0), word(1));
+    if header & (EXTENDED | REMOTE) != 0 {
+        return None;
+    }
+    let id = Id::new((header >> ID_AT) as u16 & Id::MAX.get()).ok()?;
+    let len = usize::from(FD_LENGTHS[(kind >> DLC_AT & 0xF) as usize]);
+    let mut bytes = [0; MAX_FD];
+    for (i, bytes) in bytes.as_chunks_mut().0.iter_mut().enumerate().take(len.div_ceil(4)) {
+        *bytes = word(2 + i).to_le_bytes();
+    }
+    if kind & FD != 0 {
+        Frame::new_fd(id, &bytes[..len]).ok()
+    } else {
+        // A DLC above 8 means 8 in a classic frame (ISO 11898-1).
+        Frame::new(id, &bytes[..len.min(8)]).ok()
+    }
+}

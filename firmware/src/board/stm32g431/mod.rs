@@ -1,0 +1,131 @@
+//! A WeAct STM32G431 core board, or any with an STM32G431CB, an 8 MHz crystal, USB on PA11/PA12, the arm on PA2/PA3 and
+//! CAN FD on PB8/PB9. It has never been powered up: `docs/porting.md` says what to look at when it is.
+//!
+//! Sections are those of RM0440.
+
+mod boot;
+mod can;
+mod clock;
+mod flash;
+pub(super) mod uart;
+
+use embassy_stm32::dma::{self, Channel, Request};
+use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::pac;
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH2, IWDG, USB};
+use embassy_stm32::usart::{Config as UartConfig, Uart};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peri, bind_interrupts, usb};
+
+use super::can::Can;
+use crate::uart::{InterruptHandler, RingHandler};
+
+pub(crate) use boot::enter_boot_loader;
+pub(crate) use can::Controller;
+pub(crate) use flash::{CONFIG_FLASH, ConfigFlash};
+
+/// What the board is called.
+pub(crate) const NAME: &str = "stm32g431";
+
+/// Whether its CAN is CAN FD.
+pub(crate) const CAN_FD: bool = true;
+
+bind_interrupts!(struct Irqs {
+    USB_LP => usb::InterruptHandler<USB>;
+    USART2 => InterruptHandler;
+    // Before the HAL's, which clears the flags.
+    DMA1_CHANNEL1 => RingHandler, dma::InterruptHandler<DMA1_CH1>;
+    DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
+    FDCAN1_IT0 => can::InterruptHandler;
+});
+
+/// The registers of the arm's UART.
+pub(super) const UART: pac::usart::Usart = pac::USART2;
+
+/// The pin that it sends on, PA2.
+pub(super) const TX_PIN: (pac::gpio::Gpio, usize) = (pac::GPIOA, 2);
+
+/// The interrupt of the arm's UART.
+pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
+
+/// The interrupt of the DMA channel that serves it, receiving.
+pub(crate) type RxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_CHANNEL1;
+
+/// The number of that channel on DMA1, from 0.
+const RX_CHANNEL: usize = 0;
+
+/// The DMAMUX's input of USART2_RX, and below that of USART2_TX (RM0440 13.3.2, assignment of inputs to resources).
+pub(crate) const RX_REQUEST: Request = 26;
+/// See [`RX_REQUEST`].
+pub(crate) const TX_REQUEST: Request = 27;
+
+/// The driver of the USB peripheral.
+pub(crate) type UsbDriver = usb::Driver<'static, USB>;
+
+/// What the board gives the firmware.
+pub(crate) struct Board {
+    /// The status LED.
+    pub(crate) led: Output<'static>,
+    /// The arm's UART, with its pins. Its line coding is set later.
+    pub(crate) uart: Uart<'static, Blocking>,
+    /// The DMA channel for bytes from the arm.
+    pub(crate) rx_dma: Channel<'static>,
+    /// The DMA channel for bytes to the arm.
+    pub(crate) tx_dma: Channel<'static>,
+    /// USB full speed.
+    pub(crate) usb: UsbDriver,
+    /// The CAN bus, not yet started.
+    pub(crate) can: Can,
+    /// Where the configuration is kept.
+    pub(crate) flash: ConfigFlash,
+    /// Whether the watchdog reset the chip.
+    pub(crate) reset_by_watchdog: bool,
+    /// The independent watchdog, not yet started.
+    pub(crate) watchdog: Peri<'static, IWDG>,
+}
+
+/// The watchdog of this board.
+pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
+
+/// Starts the clocks and takes the pins.
+pub(crate) fn init() -> Board {
+    let p = embassy_stm32::init(clock::config());
+    clock::accelerate_flash();
+
+    let mut line = UartConfig::default();
+    line.baudrate = 1_000_000;
+    // An arm that is not plugged in shall look like an idle line.
+    line.rx_pull = Pull::Up;
+    let Ok(uart) = Uart::new_blocking(p.USART2, p.PA3, p.PA2, line) else {
+        unreachable!()
+    };
+
+    Board {
+        led: Output::new(p.PC6, Level::Low, Speed::Low),
+        uart,
+        rx_dma: Channel::new(p.DMA1_CH1, Irqs),
+        tx_dma: Channel::new(p.DMA1_CH2, Irqs),
+        usb: UsbDriver::new(p.USB, Irqs, p.PA12, p.PA11),
+        can: Can::new(Controller::new(p.FDCAN1, p.PB8, p.PB9)),
+        flash: flash::new(p.FLASH),
+        reset_by_watchdog: reset_by_watchdog(),
+        watchdog: p.IWDG,
+    }
+}
+
+/// Reads why the chip was reset, and clears it for the next time (RM0440 7.4, RCC_CSR).
+fn reset_by_watchdog() -> bool {
+    let cause = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    cause.iwdgrstf()
+}
+
+/// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
+pub(crate) fn serial_number() -> &'static str {
+    embassy_stm32::uid::uid_hex()
+}
+
+/// Takes back what waits in an endpoint for a host that will not fetch it: here the bus reset has done that, for it
+/// disables the endpoints.
+pub(crate) fn cancel_unfetched_packets() {}

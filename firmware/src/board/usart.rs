@@ -1,0 +1,99 @@
+//! The control registers of the arm's UART, which are the same in every STM32. What is not is the board's.
+
+use embassy_stm32::pac::gpio::vals::{Ot, Pupdr};
+
+use super::{TX_PIN, UART};
+
+pub(crate) use super::uart::{
+    clear_transmitted, is_byte_waiting, is_transmitted, rx_data, rx_remaining, rx_went_round, take_status, tx_data,
+};
+
+/// What the UART had to say since it was last asked.
+pub(crate) struct Status {
+    /// A byte without its stop bit came.
+    pub(crate) framing: bool,
+    /// A byte with the wrong parity came.
+    pub(crate) parity: bool,
+    /// A byte with noise on it came.
+    pub(crate) noise: bool,
+    /// A byte was lost: nobody had fetched the one before.
+    pub(crate) overrun: bool,
+    /// The line went idle after a byte.
+    pub(crate) idle: bool,
+}
+
+impl Status {
+    /// Whether something was wrong.
+    pub(crate) fn is_error(&self) -> bool {
+        self.framing || self.parity || self.noise || self.overrun
+    }
+}
+
+/// Lets the DMA fetch what comes in, and asks for interrupts when the line goes idle and on errors.
+pub(crate) fn start_receiving() {
+    UART.cr3().modify(|w| {
+        w.set_eie(true);
+        w.set_dmar(true);
+    });
+    UART.cr1().modify(|w| {
+        w.set_idleie(true);
+        w.set_peie(w.pce());
+    });
+}
+
+/// Takes back all that [`start_receiving`] and [`set_byte_interrupt`] asked for.
+pub(crate) fn stop_receiving() {
+    UART.cr1().modify(|w| {
+        w.set_rxneie(false);
+        w.set_idleie(false);
+        w.set_peie(false);
+    });
+    UART.cr3().modify(|w| {
+        w.set_eie(false);
+        w.set_dmar(false);
+    });
+}
+
+/// Asks for no more interrupts on errors until [`start_receiving`].
+pub(crate) fn mute_errors() {
+    UART.cr3().modify(|w| w.set_eie(false));
+    UART.cr1().modify(|w| w.set_peie(false));
+}
+
+/// Whether there is to be an interrupt when a byte comes.
+pub(crate) fn set_byte_interrupt(on: bool) {
+    UART.cr1().modify(|w| w.set_rxneie(on));
+}
+
+/// Lets the DMA bring what goes out.
+pub(crate) fn start_transmitting() {
+    UART.cr3().modify(|w| w.set_dmat(true));
+}
+
+/// Whether there is to be an interrupt when the last bit of what was sent is out.
+pub(crate) fn set_transmitted_interrupt(on: bool) {
+    UART.cr1().modify(|w| w.set_tcie(on));
+}
+
+/// One wire for both ways, on the pin that sends, or two. Only while nothing is on the line.
+///
+/// What goes out on one wire also comes in, unless the receiver is off meanwhile: [`set_receiver`].
+pub(crate) fn set_half_duplex(on: bool) {
+    // Nobody drives the wire between bytes: a pull-up keeps it high.
+    let (output, pull) = match on {
+        true => (Ot::OPEN_DRAIN, Pupdr::PULL_UP),
+        false => (Ot::PUSH_PULL, Pupdr::FLOATING),
+    };
+    let (port, pin) = TX_PIN;
+    port.otyper().modify(|w| w.set_ot(pin, output));
+    port.pupdr().modify(|w| w.set_pupdr(pin, pull));
+    // Newer UARTs keep HDSEL as it is while they are enabled.
+    UART.cr1().modify(|w| w.set_ue(false));
+    UART.cr3().modify(|w| w.set_hdsel(on));
+    UART.cr1().modify(|w| w.set_ue(true));
+}
+
+/// Switches the receiver on or off.
+pub(crate) fn set_receiver(on: bool) {
+    UART.cr1().modify(|w| w.set_re(on));
+}
