@@ -24,8 +24,37 @@ pub(crate) trait Line {
     /// Reads what has arrived, waiting so long for the first byte; no bytes when none came.
     fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem>;
 
-    /// Writes some of the bytes, at least one, and returns how many.
+    /// Writes some of the bytes, at least one, and returns how many. On a line that carries whole messages the bytes are
+    /// one.
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem>;
+
+    /// What to ask oneself about this line when nothing comes from the arm, or something that is none of its messages.
+    fn doubts(&mut self, came: Came, arm: &str) -> String;
+}
+
+/// What came instead of an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Came {
+    Nothing,
+    Garbage,
+}
+
+impl Line for Box<dyn Line> {
+    fn name(&self) -> &str {
+        self.as_ref().name()
+    }
+
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+        self.as_mut().read(buf, wait)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+        self.as_mut().write(bytes)
+    }
+
+    fn doubts(&mut self, came: Came, arm: &str) -> String {
+        self.as_mut().doubts(came, arm)
+    }
 }
 
 /// Whether reading or writing failed only because it would have to wait.
@@ -39,7 +68,6 @@ pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
 /// An open line with a client on it.
 pub(crate) struct Link<P: Arm, L> {
     line: L,
-    config: Config,
     client: Client<P, BUFFER>,
     start: Instant,
     dropped: usize,
@@ -49,7 +77,6 @@ impl<P: Arm, L: Line> Link<P, L> {
     pub(crate) fn new(line: L, config: Config) -> Self {
         Self {
             line,
-            config,
             client: Client::new(config),
             start: Instant::now(),
             dropped: 0,
@@ -171,12 +198,13 @@ impl<P: Arm, L: Line> Link<P, L> {
         self.line.read(buf, wait)
     }
 
-    fn no_answer(&self, request: &P::Request, heard: Heard) -> Problem {
+    fn no_answer(&mut self, request: &P::Request, heard: Heard) -> Problem {
         let begun = is_begun::<P>(request, &heard.bytes);
+        let came = if heard.count == 0 { Came::Nothing } else { Came::Garbage };
         Problem::NoAnswer {
             name: self.line.name().to_owned(),
             arm: P::NAME,
-            baud: self.config.baud,
+            doubts: self.line.doubts(came, P::NAME),
             heard: Box::new(Heard { begun, ..heard }),
         }
     }
@@ -234,6 +262,10 @@ mod tests {
             self.ticks += 1;
             self.said.push_back(joints(self.ticks));
             Ok(bytes.len())
+        }
+
+        fn doubts(&mut self, _: Came, _: &str) -> String {
+            unreachable!("it answers")
         }
     }
 

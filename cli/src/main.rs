@@ -2,6 +2,8 @@
 #![forbid(unsafe_code)]
 
 mod call;
+mod can;
+mod control;
 mod decode;
 mod describe;
 mod hex;
@@ -9,6 +11,7 @@ mod info;
 mod link;
 mod monitor;
 mod older;
+mod port;
 mod problem;
 mod serial;
 #[cfg(unix)]
@@ -21,6 +24,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 
+use port::{Connection, Port};
 use problem::Problem;
 use tcp::Host;
 
@@ -52,7 +56,9 @@ enum Command {
 /// Where an arm is, and which it is.
 #[derive(Args)]
 struct Place {
-    /// The serial port, such as /dev/ttyACM0 or COM3; for xarm the host, such as 192.168.1.10 or 192.168.1.10:502.
+    /// The serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or slcan:PORT@BITRATE/NODE, an
+    /// adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux. For xarm the host, such as
+    /// 192.168.1.10 or 192.168.1.10:502.
     port: String,
     /// Which arm it is.
     #[arg(long, value_enum, default_value_t)]
@@ -62,6 +68,12 @@ struct Place {
 }
 
 impl Place {
+    /// What any other arm is on.
+    fn connect(&self) -> Result<Connection, Problem> {
+        let port: Port = self.port.parse().map_err(Problem::Usage)?;
+        port.connect(self.baud.baud)
+    }
+
     /// The host that an xArm is on.
     fn host(&self) -> Result<Host, Problem> {
         match self.baud.baud {

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 use armwire::ling::Ling;
 use armwire::ling::legacy::Detector;
 
-use crate::link::{Line, Link};
+use crate::link::{Came, Line, Link};
+use crate::port::Connection;
 use crate::problem::Problem;
-use crate::serial::Serial;
 
 /// How long a line is listened to before the first byte is sent. Such an arm talks forty times a second, two frames each
 /// time, and is recognised by three: in 50 ms. A current arm keeps silent until it is asked.
@@ -21,13 +21,13 @@ pub(crate) struct Listened<L> {
     detector: Detector,
 }
 
-/// Opens the port of a Ling arm and listens. What is heard meanwhile, unasked, answers nothing and is left out.
+/// Opens the line of a Ling arm and listens. What is heard meanwhile, unasked, answers nothing and is left out.
 ///
 /// # Errors
 ///
 /// [`Problem::Older`], now and from every later call, when the arm is one of the older generation.
-pub(crate) fn open(port: &str, baud: Option<u32>) -> Result<Link<Ling, Listened<Serial>>, Problem> {
-    let (line, config) = Serial::open::<Ling>(port, baud)?;
+pub(crate) fn open(connection: &Connection) -> Result<Link<Ling, Listened<Box<dyn Line>>>, Problem> {
+    let (line, config) = connection.line::<Ling>()?;
     let line = Listened::new(line, Instant::now())?;
     Ok(Link::new(line, config))
 }
@@ -73,6 +73,10 @@ impl<L: Line> Line for Listened<L> {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
         self.line.write(bytes)
     }
+
+    fn doubts(&mut self, came: Came, arm: &str) -> String {
+        self.line.doubts(came, arm)
+    }
 }
 
 #[cfg(test)]
@@ -113,6 +117,10 @@ mod tests {
         fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
             self.sent.set(self.sent.get() + bytes.len());
             Ok(bytes.len())
+        }
+
+        fn doubts(&mut self, _: Came, _: &str) -> String {
+            unreachable!("it talks")
         }
     }
 

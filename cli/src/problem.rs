@@ -9,11 +9,14 @@ use std::os::unix::fs::MetadataExt;
 
 use armwire::Noise;
 use armwire::ling::legacy::OlderGeneration;
+use armwire_bridge::config::ConfigError;
+use armwire_bridge::control::{self, Failure, Malformed};
+use armwire_bridge::isotp;
 #[cfg(unix)]
 use rustix::io::Errno;
-use serial2::SerialPort;
 
-use crate::hex;
+use crate::control::usb;
+use crate::{hex, port};
 
 /// Why a command fails.
 #[derive(Debug)]
@@ -30,6 +33,36 @@ pub(crate) enum Problem {
     Older { port: String, older: OlderGeneration },
     /// The arm, which talks unasked, has stopped.
     Silent { port: String },
+    /// There is no such CAN interface, or it cannot be used.
+    CanInterface { name: String, error: io::Error },
+    /// What is on the port does not talk as an SLCAN adapter.
+    NoSlcan { name: String, baud: u32 },
+    /// The CAN adapter refused a command, or a frame.
+    CanRefused { name: String, what: String },
+    /// A message could not be carried on CAN.
+    IsoTp {
+        name: String,
+        error: isotp::Error,
+        doubts: String,
+    },
+    /// The adapter has more to say than it may.
+    TooLong { name: String, error: isotp::Refused },
+    /// There is no adapter with a control port there.
+    NoControl { name: String },
+    /// The control port is there, but cannot be used.
+    Usb { name: String, error: nusb::Error },
+    /// There are several adapters, and the port does not tell which.
+    Several { name: String, serials: Vec<String> },
+    /// The adapter did not answer a request.
+    NoReply { name: String, millis: u64, doubts: String },
+    /// What the adapter said cannot be read.
+    Malformed { name: String, error: Malformed },
+    /// The adapter does not know a request.
+    Unsupported { name: String, version: u16 },
+    /// The adapter cannot be as it was told to be.
+    BadConfig { name: String, error: ConfigError },
+    /// The adapter could not do what it was asked.
+    Failed { name: String, failure: Failure },
     /// The host's name says nothing to the system.
     Resolve { name: String, error: io::Error },
     /// The host cannot be connected to.
@@ -49,8 +82,8 @@ pub(crate) enum Problem {
         name: String,
         /// What it should be, with its article.
         arm: &'static str,
-        /// `u32::MAX` where there is no baud rate.
-        baud: u32,
+        /// What to ask oneself about the line.
+        doubts: String,
         heard: Box<Heard>,
     },
     /// The arm answered that it did not do what it was asked.
@@ -94,7 +127,7 @@ pub(crate) struct Heard {
 }
 
 impl Heard {
-    fn fmt_cause(&self, f: &mut fmt::Formatter<'_>, arm: &str, baud: u32) -> fmt::Result {
+    fn fmt_cause(&self, f: &mut fmt::Formatter<'_>, arm: &str, doubts: &str) -> fmt::Result {
         let &Self {
             sends,
             millis,
@@ -102,20 +135,12 @@ impl Heard {
             checksums,
             ..
         } = self;
-        let has_baud = baud != u32::MAX;
         let times = match sends {
             1 => "once".to_owned(),
             sends => format!("{sends} times"),
         };
         if count == 0 {
-            write!(f, "no answer in {millis} ms, asked {times}: ")?;
-            return match has_baud {
-                true => write!(
-                    f,
-                    "is the arm powered, is it on this port, and does it talk at {baud} baud?"
-                ),
-                false => write!(f, "is it {arm} that listens there, and on its control port?"),
-            };
+            return write!(f, "no answer in {millis} ms, asked {times}: {doubts}");
         }
         // A frame whose checksum happens to be good proves nothing where others are damaged.
         if let Some(error) = &self.unknown
@@ -145,11 +170,10 @@ impl Heard {
                 "only our own requests come back: is the arm powered, and are RX and TX not joined? (first bytes: {first})"
             );
         }
-        write!(f, "{count} bytes arrive, but no frame of {arm}: ")?;
-        match has_baud {
-            true => write!(f, "is {baud} the baud rate, and is it this arm? (first bytes: {first})"),
-            false => write!(f, "is it this arm, and its control port? (first bytes: {first})"),
-        }
+        write!(
+            f,
+            "{count} bytes arrive, but no frame of {arm}: {doubts} (first bytes: {first})"
+        )
     }
 }
 
@@ -165,6 +189,48 @@ impl fmt::Display for Problem {
             Self::Stuck { port } => write!(f, "{port}: the port takes no bytes: is the adapter stuck?"),
             Self::Older { port, older } => write!(f, "{port}: this is {older}"),
             Self::Silent { port } => write!(f, "{port}: the arm has stopped talking: is it still powered?"),
+            Self::CanInterface { name, error } => {
+                write!(f, "{name}: ")?;
+                fmt_can(f, name, error)
+            }
+            Self::NoSlcan { name, baud } => write!(
+                f,
+                "{name}: no answer to SLCAN: is it a CAN adapter that speaks it, and at {baud} baud?"
+            ),
+            Self::CanRefused { name, what } => write!(f, "{name}: the CAN adapter {what}"),
+            Self::IsoTp { name, error, doubts } => write!(f, "{name}: {error}: {doubts}"),
+            Self::TooLong { name, error } => write!(f, "{name}: {error}: does another program talk to the adapter?"),
+            Self::NoControl { name } => write!(
+                f,
+                "{name}: this is not the port of an armwire adapter, which has a control port beside it"
+            ),
+            Self::Usb { name, error } => {
+                write!(f, "{name}: ")?;
+                fmt_usb(f, error)
+            }
+            Self::Several { name, serials } => write!(
+                f,
+                "{name}: there are several adapters ({}), and this system does not tell whose port it is: unplug the others",
+                serials.join(", ")
+            ),
+            Self::NoReply { name, millis, doubts } => {
+                write!(f, "{name}: the adapter does not answer in {millis} ms: {doubts}")
+            }
+            Self::Malformed { name, error } => write!(
+                f,
+                "{name}: the adapter says what cannot be read ({error}): is its firmware newer than this program?"
+            ),
+            Self::Unsupported { name, version } => write!(
+                f,
+                "{name}: the adapter does not know this request: it speaks version {version} of the control port, this \
+                 program version {}",
+                control::VERSION
+            ),
+            Self::BadConfig { name, error } => write!(f, "{name}: the adapter cannot be like that: {error}"),
+            Self::Failed { name, failure } => match failure {
+                Failure::Flash => write!(f, "{name}: the adapter's flash does not take the configuration"),
+                Failure::Busy => write!(f, "{name}: the adapter is busy with another such request: try again"),
+            },
             Self::Resolve { name, error } => write!(f, "{name}: no such host ({error}): give its address instead?"),
             Self::Connect { name, error } => {
                 write!(f, "{name}: ")?;
@@ -184,9 +250,14 @@ impl fmt::Display for Problem {
                 f,
                 "{name}: what arrives there is no message of {arm} ({noise}): is it this arm, and its control port?"
             ),
-            Self::NoAnswer { name, arm, baud, heard } => {
+            Self::NoAnswer {
+                name,
+                arm,
+                doubts,
+                heard,
+            } => {
                 write!(f, "{name}: ")?;
-                heard.fmt_cause(f, arm, *baud)
+                heard.fmt_cause(f, arm, doubts)
             }
             Self::Refused { name, what } => write!(f, "{name}: {what}"),
             Self::Undecodable { name, noise } => write!(
@@ -226,14 +297,7 @@ fn fmt_open(f: &mut fmt::Formatter<'_>, port: &str, error: &io::Error) -> fmt::R
             f,
             "in use by another program: close that one first ('fuser -v {port}' names it)"
         ),
-        ErrorKind::NotFound => {
-            let ports = SerialPort::available_ports().unwrap_or_default();
-            let names: Vec<_> = ports.iter().map(|port| port.to_string_lossy()).collect();
-            match names.as_slice() {
-                [] => write!(f, "no such port, nor any other: is the adapter plugged in?"),
-                names => write!(f, "no such port; there are: {}", names.join(", ")),
-            }
-        }
+        ErrorKind::NotFound => fmt_no_such_port(f),
         #[cfg(unix)]
         ErrorKind::PermissionDenied => match group(port) {
             Some(group) => write!(
@@ -250,6 +314,51 @@ fn fmt_open(f: &mut fmt::Formatter<'_>, port: &str, error: &io::Error) -> fmt::R
         #[cfg(unix)]
         _ if Errno::from_io_error(error) == Some(Errno::NOTTY) => f.write_str("not a serial port"),
         _ => write!(f, "cannot be opened: {error}"),
+    }
+}
+
+fn fmt_no_such_port(f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    match port::available().as_slice() {
+        [] => write!(f, "no such port, nor any other: is the adapter plugged in?"),
+        names => write!(f, "no such port; there are: {}", names.join(", ")),
+    }
+}
+
+/// `name` is the port's, `can:` and the interface.
+fn fmt_can(f: &mut fmt::Formatter<'_>, name: &str, error: &io::Error) -> fmt::Result {
+    match error.kind() {
+        ErrorKind::NotFound => fmt_no_such_port(f),
+        ErrorKind::NetworkDown => {
+            let interface = name.strip_prefix("can:").unwrap_or(name);
+            let interface = interface.split('/').next().unwrap_or(interface);
+            write!(
+                f,
+                "the interface is down: 'sudo ip link set {interface} up type can bitrate 1000000' starts it"
+            )
+        }
+        // The kernel's queue is full for so long.
+        ErrorKind::StorageFull | ErrorKind::WouldBlock | ErrorKind::TimedOut => write!(
+            f,
+            "the bus takes no frames: is there another node on it, at the same bit rate, and are both ends terminated?"
+        ),
+        _ => write!(f, "the CAN interface fails: {error}"),
+    }
+}
+
+fn fmt_usb(f: &mut fmt::Formatter<'_>, error: &nusb::Error) -> fmt::Result {
+    match error.kind() {
+        nusb::ErrorKind::PermissionDenied if cfg!(target_os = "linux") => {
+            let (vendor, product) = usb::VENDOR_AND_PRODUCT;
+            write!(
+                f,
+                "permission denied for the control port: put 'SUBSYSTEM==\"usb\", ATTR{{idVendor}}==\"{vendor:04x}\", \
+                 ATTR{{idProduct}}==\"{product:04x}\", TAG+=\"uaccess\"' in /etc/udev/rules.d/70-armwire.rules, run \
+                 'sudo udevadm control --reload', and plug the adapter in again"
+            )
+        }
+        nusb::ErrorKind::Busy => f.write_str("the control port is in use by another program: close that one first"),
+        nusb::ErrorKind::Disconnected => f.write_str("the adapter is gone: was it unplugged?"),
+        _ => write!(f, "the control port cannot be opened: {error}"),
     }
 }
 
@@ -280,7 +389,7 @@ mod tests {
         let problem = Problem::NoAnswer {
             name: "COM3".to_owned(),
             arm: "a Ling arm",
-            baud: 1_000_000,
+            doubts: "is it on?".to_owned(),
             heard: Box::new(heard),
         };
         problem.to_string()

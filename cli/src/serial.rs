@@ -3,7 +3,6 @@
 use std::io::{self, ErrorKind};
 use std::time::Duration;
 
-use armwire::Config;
 #[cfg(unix)]
 use rustix::fs::{FlockOperation, flock};
 #[cfg(unix)]
@@ -12,8 +11,7 @@ use rustix::termios::{ControlModes, InputModes, ioctl_tiocexcl, ioctl_tiocnxcl};
 use serial2::Settings;
 use serial2::{KeepSettings, SerialPort};
 
-use crate::describe::Arm;
-use crate::link::{Line, Link, is_nothing_yet};
+use crate::link::{Came, Line, is_nothing_yet};
 use crate::problem::Problem;
 
 /// How long a port may take no bytes. The longest request takes less than 40 ms on a line of 9600 baud.
@@ -23,14 +21,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 pub(crate) struct Serial {
     name: String,
     port: SerialPort,
-}
-
-impl<P: Arm> Link<P, Serial> {
-    /// Opens a port, at the arm's usual baud rate unless told otherwise.
-    pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Self, Problem> {
-        let (line, config) = Serial::open::<P>(name, baud)?;
-        Ok(Self::new(line, config))
-    }
+    baud: u32,
 }
 
 impl Line for Serial {
@@ -67,18 +58,30 @@ impl Line for Serial {
             }
         }
     }
+
+    fn doubts(&mut self, came: Came, _: &str) -> String {
+        let baud = self.baud;
+        match came {
+            Came::Nothing => format!("is the arm powered, is it on this port, and does it talk at {baud} baud?"),
+            Came::Garbage => format!("is {baud} the baud rate, and is it this arm?"),
+        }
+    }
 }
 
 impl Serial {
-    /// Opens a port, at the arm's usual baud rate unless told otherwise, and says how its line is to be treated.
-    pub(crate) fn open<P: Arm>(name: &str, baud: Option<u32>) -> Result<(Self, Config), Problem> {
-        let baud = baud.unwrap_or(P::CONFIG.baud);
+    /// Opens a port.
+    pub(crate) fn open(name: &str, baud: u32) -> Result<Self, Problem> {
         let port = open(name, baud).map_err(|error| Problem::Open {
             port: name.to_owned(),
             error,
         })?;
         let name = name.to_owned();
-        Ok((Self { name, port }, Config { baud, ..P::CONFIG }))
+        Ok(Self { name, port, baud })
+    }
+
+    /// The baud rate.
+    pub(crate) fn baud(&self) -> u32 {
+        self.baud
     }
 
     fn lost(&self, error: io::Error) -> Problem {

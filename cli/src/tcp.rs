@@ -6,8 +6,10 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::str::FromStr;
 use std::time::Duration;
 
+use armwire::xarm::XArm;
+
 use crate::describe::Arm;
-use crate::link::{Line, Link, is_nothing_yet};
+use crate::link::{Came, Line, Link, is_nothing_yet};
 use crate::problem::Problem;
 
 /// Where an xArm takes requests.
@@ -31,9 +33,21 @@ impl FromStr for Host {
 
     /// Such as `192.168.1.10`, `arm.local:502`, `::1` or `[::1]:502`.
     fn from_str(text: &str) -> Result<Self, String> {
+        Self::parse(text, Some(PORT))
+    }
+}
+
+impl Host {
+    /// Such as `192.168.1.10:4000` or `[::1]:4000`.
+    pub(crate) fn with_port(text: &str) -> Result<Self, String> {
+        Self::parse(text, None)
+    }
+
+    fn parse(text: &str, usual_port: Option<u16>) -> Result<Self, String> {
         let (host, port) = match text.rsplit_once(':') {
             Some((host, port)) if !host.contains(':') || host.ends_with(']') => (host, port.parse().ok()),
-            _ => (text, Some(PORT)),
+            _ if usual_port.is_none() => return Err(format!("'{text}' has no port, such as {text}:4000")),
+            _ => (text, usual_port),
         };
         let bare = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
         match (bare.unwrap_or(host), port) {
@@ -61,11 +75,23 @@ impl fmt::Display for Host {
 pub(crate) struct Tcp {
     name: String,
     stream: TcpStream,
+    is_serial: bool,
 }
 
-impl<P: Arm> Link<P, Tcp> {
-    /// Connects.
+impl Link<XArm, Tcp> {
+    /// Connects to an xArm.
     pub(crate) fn connect(host: &Host) -> Result<Self, Problem> {
+        Ok(Self::new(Tcp::connect(host, false)?, XArm::CONFIG))
+    }
+}
+
+impl Tcp {
+    /// Connects to a server that has a serial port for an arm.
+    pub(crate) fn connect_serial(host: &Host) -> Result<Self, Problem> {
+        Self::connect(host, true)
+    }
+
+    fn connect(host: &Host, is_serial: bool) -> Result<Self, Problem> {
         let name = host.to_string();
         let addresses = match (host.host.as_str(), host.port).to_socket_addrs() {
             Ok(addresses) => addresses,
@@ -79,7 +105,13 @@ impl<P: Arm> Link<P, Tcp> {
                 Ok(stream)
             });
             match stream {
-                Ok(stream) => return Ok(Self::new(Tcp { name, stream }, P::CONFIG)),
+                Ok(stream) => {
+                    return Ok(Self {
+                        name,
+                        stream,
+                        is_serial,
+                    });
+                }
                 Err(error) => refused = error,
             }
         }
@@ -114,6 +146,17 @@ impl Line for Tcp {
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(self.lost(error)),
             }
+        }
+    }
+
+    fn doubts(&mut self, came: Came, arm: &str) -> String {
+        match (came, self.is_serial) {
+            (Came::Nothing, false) => format!("is it {arm} that listens there, and on its control port?"),
+            (Came::Garbage, false) => "is it this arm, and its control port?".to_owned(),
+            (Came::Nothing, true) => {
+                "is the arm powered, and is its serial port the one that is served there?".to_owned()
+            }
+            (Came::Garbage, true) => "has the serial port there the arm's baud rate, and is it this arm?".to_owned(),
         }
     }
 }

@@ -14,6 +14,7 @@ use clap::{Args, Subcommand};
 
 use crate::describe::Arm;
 use crate::link::{Line, Link};
+use crate::port::Port;
 use crate::problem::Problem;
 use crate::{Baud, older};
 
@@ -33,8 +34,9 @@ pub(crate) enum Call {
 /// A request, and the serial port it goes to.
 #[derive(Args)]
 pub(crate) struct OnPort<Ask: Subcommand> {
-    /// The serial port, such as /dev/ttyACM0 or COM3.
-    port: String,
+    /// The serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or slcan:PORT@BITRATE/NODE, an
+    /// adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux.
+    port: Port,
     #[command(flatten)]
     baud: Baud,
     #[command(subcommand)]
@@ -44,8 +46,10 @@ pub(crate) struct OnPort<Ask: Subcommand> {
 impl Call {
     pub(crate) fn run(&self) -> Result<(), Problem> {
         match self {
-            Self::Ling(OnPort { port, baud, ask }) => call::<Ling>(older::open(port, baud.baud)?, ask.request()),
-            Self::Alpha1(OnPort { port, baud, ask }) => call::<Alpha1>(Link::open(port, baud.baud)?, ask.request()),
+            Self::Ling(OnPort { port, baud, ask }) => {
+                call::<Ling>(older::open(&port.connect(baud.baud)?)?, ask.request())
+            }
+            Self::Alpha1(OnPort { port, baud, ask }) => call::<Alpha1>(port.connect(baud.baud)?.arm()?, ask.request()),
             Self::Xarm(xarm) => {
                 // Before there is a connection, for the request may be none.
                 let request = xarm.request().map_err(Problem::Usage)?;

@@ -1,5 +1,6 @@
-//! `armwire info`: what arm is on a port, and how it is.
+//! `armwire info`: what arm is on a port, and how it is, and of what adapter the port is.
 
+mod adapter;
 mod alpha1;
 mod ling;
 mod xarm;
@@ -12,17 +13,30 @@ use crate::problem::Problem;
 use crate::{ArmKind, Place, older};
 
 pub(crate) fn run(place: &Place) -> Result<(), Problem> {
+    if matches!(place.arm, ArmKind::Xarm) {
+        // Here a byte that is part of no frame ends it.
+        return xarm::run(&mut Link::connect(&place.host()?)?);
+    }
+    let connection = place.connect()?;
+    match connection.control() {
+        Ok(mut control) => adapter::run(&mut control)?,
+        // There may be no adapter, or an arm that can be asked without it.
+        Err(Problem::NoControl { .. }) => {}
+        Err(problem @ Problem::Usb { .. }) => show("adapter", format_args!("not told: {problem}"))?,
+        Err(problem) => return Err(problem),
+    }
+    if connection.is_control() {
+        return Ok(());
+    }
     let dropped = match place.arm {
-        ArmKind::Ling => {
-            let mut link = older::open(&place.port, place.baud.baud)?;
-            ling::run(&mut link)?;
+        ArmKind::Alpha1 => {
+            let mut link = connection.arm()?;
+            alpha1::run(&mut link)?;
             link.dropped()
         }
-        // Here a byte that is part of no frame ends it.
-        ArmKind::Xarm => return xarm::run(&mut Link::connect(&place.host()?)?),
-        ArmKind::Alpha1 => {
-            let mut link = Link::open(&place.port, place.baud.baud)?;
-            alpha1::run(&mut link)?;
+        ArmKind::Ling | ArmKind::Xarm => {
+            let mut link = older::open(&connection)?;
+            ling::run(&mut link)?;
             link.dropped()
         }
     };

@@ -15,7 +15,6 @@ use clap::Args;
 use crate::describe::Arm;
 use crate::link::{Line, Link};
 use crate::problem::Problem;
-use crate::serial::Serial;
 use crate::{ArmKind, Place, older};
 
 /// The arguments of `armwire monitor`.
@@ -41,19 +40,19 @@ struct Reading {
 
 impl Monitor {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
-        let Place { port, arm, baud } = &self.place;
-        match arm {
+        match self.place.arm {
             ArmKind::Ling => {
-                let watched = older::open(port, baud.baud).and_then(|link| self.watch(link, ling::read, stop));
+                let connection = self.place.connect()?;
+                let watched = older::open(&connection).and_then(|link| self.watch(link, ling::read, stop));
                 let Err(problem @ Problem::Older { .. }) = watched else {
                     return watched;
                 };
                 eprintln!("armwire: {problem}");
                 let mut gripper = None;
-                let link = Link::<Legacy, Serial>::open(port, baud.baud)?;
+                let link = connection.arm::<Legacy>()?;
                 self.watch(link, |link| legacy::read(link, &mut gripper), stop)
             }
-            ArmKind::Alpha1 => self.watch(Link::open(port, baud.baud)?, alpha1::read, stop),
+            ArmKind::Alpha1 => self.watch(self.place.connect()?.arm()?, alpha1::read, stop),
             ArmKind::Xarm => {
                 let mut watch = xarm::Watch::default();
                 self.watch(Link::connect(&self.place.host()?)?, |link| watch.read(link), stop)

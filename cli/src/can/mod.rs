@@ -1,0 +1,311 @@
+//! CAN: the bus of this computer, and the adapters on it, each message one ISO-TP PDU.
+
+mod slcan;
+#[cfg(target_os = "linux")]
+mod socket;
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+use armwire::Micros;
+use armwire_bridge::can::{Frame, Id, Node};
+use armwire_bridge::control::{MAX_FRAME, MAX_MESSAGE};
+use armwire_bridge::isotp::{self, Endpoint, Event};
+
+use crate::link::{Came, Line};
+use crate::problem::Problem;
+use crate::serial::Serial;
+
+/// The longest PDU: a message of the control port, for no frame of an arm is longer.
+const MAX_PDU: usize = MAX_MESSAGE;
+const _: () = assert!(MAX_FRAME <= MAX_PDU);
+
+/// What this computer has of a CAN bus.
+pub(crate) trait Bus {
+    /// What the user calls it.
+    fn name(&self) -> &str;
+
+    /// Hands a frame over to be sent.
+    fn send(&mut self, frame: &Frame) -> Result<(), Problem>;
+
+    /// The next frame, waiting so long for it; none when none came.
+    fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Problem>;
+
+    /// What the controller has to complain of, if anything.
+    fn trouble(&mut self) -> Option<String>;
+
+    /// What to ask oneself about its bit rate when nobody answers there.
+    fn doubt(&self) -> String;
+}
+
+/// The interfaces that Linux has for CAN, by name.
+pub(crate) fn interfaces() -> Vec<String> {
+    #[cfg(target_os = "linux")]
+    return socket::interfaces();
+    #[cfg(not(target_os = "linux"))]
+    Vec::new()
+}
+
+/// Opens an interface of Linux, `name` to the user, for one node.
+#[cfg(target_os = "linux")]
+pub(crate) fn open_interface(name: String, interface: &str, node: Node) -> Result<SharedBus, Problem> {
+    Ok(SharedBus::new(socket::SocketBus::open(name, interface, node)?))
+}
+
+/// Opens an interface of Linux, which this is not.
+#[cfg(not(target_os = "linux"))]
+pub(crate) fn open_interface(name: String, _: &str, _: Node) -> Result<SharedBus, Problem> {
+    Err(Problem::Usage(format!(
+        "{name}: only Linux has such CAN interfaces, use slcan: here"
+    )))
+}
+
+/// Opens the CAN adapter on a serial port.
+pub(crate) fn open_slcan(serial: Serial, bit_rate: u32) -> Result<SharedBus, Problem> {
+    Ok(SharedBus::new(slcan::SlcanBus::open(serial, bit_rate)?))
+}
+
+/// A bus with several channels on it: what one of them hears for another waits there.
+#[derive(Clone)]
+pub(crate) struct SharedBus(Rc<RefCell<Switch>>);
+
+struct Switch {
+    bus: Box<dyn Bus>,
+    inboxes: Vec<(Id, VecDeque<Frame>)>,
+}
+
+impl SharedBus {
+    fn new(bus: impl Bus + 'static) -> Self {
+        let bus = Box::new(bus);
+        let inboxes = Vec::new();
+        Self(Rc::new(RefCell::new(Switch { bus, inboxes })))
+    }
+
+    fn send(&self, frame: &Frame) -> Result<(), Problem> {
+        self.0.borrow_mut().bus.send(frame)
+    }
+
+    /// The next frame with this identifier, waiting so long for it.
+    fn receive(&self, id: Id, wait: Duration) -> Result<Option<Frame>, Problem> {
+        let Switch { bus, inboxes } = &mut *self.0.borrow_mut();
+        let until = Instant::now() + wait;
+        loop {
+            let inbox = inboxes.iter_mut().find(|(of, _)| *of == id);
+            if let Some(frame) = inbox.and_then(|(_, inbox)| inbox.pop_front()) {
+                return Ok(Some(frame));
+            }
+            // What has come already is heard even when the time is up.
+            let left = until.saturating_duration_since(Instant::now());
+            match bus.receive(left)? {
+                Some(frame) => {
+                    if let Some((_, inbox)) = inboxes.iter_mut().find(|(of, _)| *of == frame.id()) {
+                        inbox.push_back(frame);
+                    }
+                }
+                None if left.is_zero() => return Ok(None),
+                None => {}
+            }
+        }
+    }
+
+    /// What to ask oneself when an adapter does not answer, after `first`.
+    fn doubts(&self, first: &str, node: Node) -> String {
+        let bus = &mut self.0.borrow_mut().bus;
+        let trouble = bus.trouble();
+        let trouble = trouble.map_or_else(String::new, |trouble| format!("the CAN adapter tells of {trouble}: "));
+        let (node, doubt) = (node.get(), bus.doubt());
+        format!("{trouble}{first}is the adapter on this bus as node {node}, {doubt}, and are both its ends terminated?")
+    }
+}
+
+/// Whole messages to and from an adapter.
+pub(crate) struct Channel {
+    bus: SharedBus,
+    rx: Id,
+    endpoint: Endpoint<MAX_PDU, MAX_PDU>,
+    /// PDUs that came while another thing was waited for.
+    inbox: VecDeque<Vec<u8>>,
+    start: Instant,
+}
+
+/// Why a PDU did not get through.
+enum Lost {
+    Problem(Problem),
+    Error(isotp::Error),
+    Refused(isotp::Refused),
+}
+
+impl From<Problem> for Lost {
+    fn from(problem: Problem) -> Self {
+        Self::Problem(problem)
+    }
+}
+
+impl Lost {
+    fn problem(self, bus: &SharedBus, name: &str, node: Node) -> Problem {
+        let name = name.to_owned();
+        match self {
+            Self::Problem(problem) => problem,
+            Self::Error(error) => Problem::IsoTp {
+                name,
+                error,
+                doubts: bus.doubts("", node),
+            },
+            Self::Refused(error) => Problem::TooLong { name, error },
+        }
+    }
+}
+
+impl Channel {
+    /// A channel that sends on `tx` and hears on `rx`.
+    pub(crate) fn new(bus: &SharedBus, tx: Id, rx: Id) -> Self {
+        bus.0.borrow_mut().inboxes.push((rx, VecDeque::new()));
+        // An adapter with CAN FD takes classic frames too, and one without them takes no others.
+        let config = isotp::Config::new(isotp::Link::Classic, tx);
+        Self {
+            bus: bus.clone(),
+            rx,
+            endpoint: Endpoint::new(config),
+            inbox: VecDeque::new(),
+            start: Instant::now(),
+        }
+    }
+
+    /// Sends a PDU, which has taken its way to the last frame when this returns.
+    fn send(&mut self, pdu: &[u8]) -> Result<(), Lost> {
+        // Every PDU is sent to its end, and none is empty or too long.
+        let _ = self.endpoint.send(pdu);
+        self.transmit()?;
+        while self.endpoint.is_sending() {
+            self.step(Duration::from_secs(1))?;
+        }
+        Ok(())
+    }
+
+    /// The next PDU, waiting so long for its end; none when none came.
+    fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Lost> {
+        let until = Instant::now() + wait;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            self.step(left)?;
+            let pdu = self.inbox.pop_front();
+            if pdu.is_some() || left.is_zero() {
+                return Ok(pdu);
+            }
+        }
+    }
+
+    /// Waits for a frame, or until there is something else to do, but so long at most.
+    fn step(&mut self, wait: Duration) -> Result<(), Lost> {
+        let due = [self.endpoint.timeout(), self.endpoint.transmit_at()]
+            .into_iter()
+            .flatten()
+            .min();
+        let due = due.map(|due| Duration::from_micros(due.since(self.now()).0));
+        let wait = if self.inbox.is_empty() { wait } else { Duration::ZERO };
+        let frame = self.bus.receive(self.rx, due.unwrap_or(wait).min(wait))?;
+        let now = self.now();
+        if let Some(frame) = frame {
+            for event in self.endpoint.receive(frame.data(), now) {
+                note(event)?;
+            }
+        }
+        for event in self.endpoint.tick(now) {
+            note(event)?;
+        }
+        if let Some(pdu) = self.endpoint.received() {
+            self.inbox.push_back(pdu.to_vec());
+            self.endpoint.release();
+        }
+        Ok(self.transmit()?)
+    }
+
+    fn transmit(&mut self) -> Result<(), Problem> {
+        while let Some(frame) = self.endpoint.transmit(self.now()) {
+            self.bus.send(&frame)?;
+            self.endpoint.transmitted(self.now());
+        }
+        Ok(())
+    }
+
+    fn now(&self) -> Micros {
+        Micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
+    }
+}
+
+fn note(event: Event) -> Result<(), Lost> {
+    match event {
+        Event::Received | Event::Ignored(_) => Ok(()),
+        Event::Failed(error) => Err(Lost::Error(error)),
+        Event::Refused(refused) => Err(Lost::Refused(refused)),
+    }
+}
+
+/// A [`Channel`] to one node, under the name that the user gave it.
+pub(crate) struct CanLine {
+    name: String,
+    node: Node,
+    channel: Channel,
+    /// What is left of a PDU that was longer than its reader's buffer.
+    rest: VecDeque<u8>,
+}
+
+impl CanLine {
+    pub(crate) fn new(name: String, node: Node, channel: Channel) -> Self {
+        let rest = VecDeque::new();
+        Self {
+            name,
+            node,
+            channel,
+            rest,
+        }
+    }
+
+    /// Sends a message.
+    pub(crate) fn send(&mut self, pdu: &[u8]) -> Result<(), Problem> {
+        let sent = self.channel.send(pdu);
+        sent.map_err(|lost| lost.problem(&self.channel.bus, &self.name, self.node))
+    }
+
+    /// The next message, waiting so long for its end; none when none came.
+    pub(crate) fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Problem> {
+        let received = self.channel.receive(wait);
+        received.map_err(|lost| lost.problem(&self.channel.bus, &self.name, self.node))
+    }
+
+    /// What to ask oneself when the adapter does not answer.
+    pub(crate) fn adapter_doubts(&self) -> String {
+        self.channel.bus.doubts("", self.node)
+    }
+}
+
+impl Line for CanLine {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+        if self.rest.is_empty() {
+            self.rest = self.receive(wait)?.unwrap_or_default().into();
+        }
+        let n = self.rest.len().min(buf.len());
+        for (place, byte) in buf.iter_mut().zip(self.rest.drain(..n)) {
+            *place = byte;
+        }
+        Ok(n)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+        self.send(bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn doubts(&mut self, came: Came, _: &str) -> String {
+        match came {
+            Came::Nothing => self.channel.bus.doubts("is the arm powered, ", self.node),
+            Came::Garbage => "is the adapter configured for this arm?".to_owned(),
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! A CAN adapter on a serial port, which speaks SLCAN.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use armwire_bridge::can::Frame;
+use armwire_sim::slcan::{BIT_RATES, BitRate, Command, Malformed, Replies, Reply, Status};
+
+use super::Bus;
+use crate::link::Line;
+use crate::problem::Problem;
+use crate::serial::Serial;
+
+/// How long an adapter may take to answer. Some firmware answers only what asks for something.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// How long an adapter may take to acknowledge a command, if it does so at all.
+const ACKNOWLEDGE: Duration = Duration::from_millis(100);
+/// How long nothing comes from an adapter that has closed its channel.
+const QUIET: Duration = Duration::from_millis(50);
+
+/// An adapter with its channel open.
+pub(super) struct SlcanBus {
+    serial: Serial,
+    bit_rate: u32,
+    replies: Replies,
+    /// What it said and nobody has taken yet.
+    said: VecDeque<Result<Reply, Malformed>>,
+}
+
+impl SlcanBus {
+    /// Takes over whatever state an earlier program left the adapter in.
+    pub(super) fn open(serial: Serial, bit_rate: u32) -> Result<Self, Problem> {
+        let rate = BitRate::new(bit_rate).ok_or_else(|| {
+            let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
+            Problem::Usage(format!("a bit rate of {bit_rate}: SLCAN has {rates}"))
+        })?;
+        let baud = serial.baud();
+        let mut bus = Self {
+            serial,
+            bit_rate,
+            replies: Replies::default(),
+            said: VecDeque::new(),
+        };
+        for command in [Command::Nothing, Command::Nothing, Command::Close] {
+            bus.tell(command)?;
+        }
+        let until = Instant::now() + PATIENCE;
+        while bus.hear(QUIET)?.is_some() && Instant::now() < until {}
+        bus.replies = Replies::default();
+        bus.said.clear();
+
+        // Whatever the answer, it is one.
+        bus.tell(Command::Version)?;
+        if bus.hear(PATIENCE)?.is_none() {
+            let name = bus.name().to_owned();
+            return Err(Problem::NoSlcan { name, baud });
+        }
+        for (command, what) in [
+            (Command::BitRate(rate), format!("refuses {bit_rate} bit/s")),
+            (Command::Open, "does not open its channel".to_owned()),
+        ] {
+            bus.tell(command)?;
+            if bus.hear(ACKNOWLEDGE)? == Some(Ok(Reply::Refused)) {
+                return Err(bus.refused(what));
+            }
+        }
+        Ok(bus)
+    }
+
+    /// One command in one piece, for there is firmware that takes no other.
+    fn tell(&mut self, command: Command) -> Result<(), Problem> {
+        let mut line = Vec::new();
+        command.encode(&mut line);
+        let mut rest = &line[..];
+        while !rest.is_empty() {
+            let n = self.serial.write(rest)?;
+            rest = &rest[n..];
+        }
+        Ok(())
+    }
+
+    /// The next that it says, waiting so long.
+    fn hear(&mut self, wait: Duration) -> Result<Option<Result<Reply, Malformed>>, Problem> {
+        let until = Instant::now() + wait;
+        let mut buf = [0; 1024];
+        loop {
+            if let Some(reply) = self.said.pop_front() {
+                return Ok(Some(reply));
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            let n = self.serial.read(&mut buf, left)?;
+            self.said
+                .extend(buf[..n].iter().filter_map(|&byte| self.replies.push(byte)));
+            if n == 0 && left.is_zero() {
+                return Ok(None);
+            }
+        }
+    }
+
+    fn status(&mut self) -> Result<Option<Status>, Problem> {
+        let until = Instant::now() + ACKNOWLEDGE;
+        let mut others = VecDeque::new();
+        let mut status = None;
+        self.tell(Command::Status)?;
+        while status.is_none() && Instant::now() < until {
+            match self.hear(until.saturating_duration_since(Instant::now()))? {
+                Some(Ok(Reply::Status(told))) => status = Some(told),
+                Some(other) => others.push_back(other),
+                None => {}
+            }
+        }
+        others.append(&mut self.said);
+        self.said = others;
+        Ok(status)
+    }
+
+    fn refused(&self, what: String) -> Problem {
+        let name = self.name().to_owned();
+        Problem::CanRefused { name, what }
+    }
+}
+
+impl Bus for SlcanBus {
+    fn name(&self) -> &str {
+        self.serial.name()
+    }
+
+    fn send(&mut self, frame: &Frame) -> Result<(), Problem> {
+        self.tell(Command::Transmit(*frame))
+    }
+
+    fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Problem> {
+        let until = Instant::now() + wait;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            match self.hear(left)? {
+                Some(Ok(Reply::Frame { frame, .. })) => return Ok(Some(frame)),
+                // Nothing but a frame of ours can have been refused.
+                Some(Ok(Reply::Refused)) => {
+                    let trouble = self.trouble().unwrap_or_else(|| "it does not say why".to_owned());
+                    let doubt = self.doubt();
+                    return Err(self.refused(format!("refuses a frame ({trouble}): {doubt}, and another node?")));
+                }
+                Some(_) => {}
+                None => return Ok(None),
+            }
+        }
+    }
+
+    fn trouble(&mut self) -> Option<String> {
+        // What cannot be had tells nothing.
+        let status = self.status().ok().flatten()?;
+        (status != Status::default()).then(|| status.to_string())
+    }
+
+    fn doubt(&self) -> String {
+        format!("does the bus have {} bit/s", self.bit_rate)
+    }
+}
+
+impl Drop for SlcanBus {
+    fn drop(&mut self) {
+        // An open channel would fill the port for nobody.
+        let _ = self.tell(Command::Close);
+    }
+}

@@ -1,0 +1,232 @@
+//! An adapter's control port: requests and what comes unasked, over USB, CAN or a port of its own.
+
+pub(crate) mod usb;
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use armwire_bridge::can::Node;
+use armwire_bridge::control::{
+    self, Event, FromAdapter, FromHost, MAX_COBS, MAX_MESSAGE, Malformed, Reader, Reply, Request, Stamp, Subscription,
+};
+
+use crate::can::{CanLine, Channel};
+use crate::link::Line;
+use crate::problem::Problem;
+use crate::serial::Serial;
+
+/// How long an adapter may take for an answer: to write its flash, or to ask an arm that is silent.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// The baud rate of a port that has none.
+const BAUD: u32 = 115_200;
+
+/// The control port of one adapter.
+pub(crate) struct ControlLink {
+    way: Way,
+    sequence: u8,
+    /// Whether the adapter tells of anything.
+    is_subscribed: bool,
+    /// What came while an answer was waited for.
+    events: VecDeque<(Stamp, Event)>,
+}
+
+enum Way {
+    Stream(Box<Stream>),
+    /// Each message a PDU.
+    Can(Box<CanLine>),
+}
+
+/// Each message COBS-encoded, with a zero at its end.
+struct Stream {
+    line: Box<dyn Line>,
+    reader: Reader<MAX_MESSAGE>,
+    /// Bytes that have arrived and were not read yet.
+    rest: VecDeque<u8>,
+    /// Whether a message has ended: what comes before may be what is left of one.
+    is_in_step: bool,
+}
+
+impl ControlLink {
+    /// That of the adapter whose serial port this is.
+    pub(crate) fn on_usb(port: &str) -> Result<Self, Problem> {
+        Ok(Self::stream(Box::new(usb::UsbLine::open(port)?)))
+    }
+
+    /// A port of its own.
+    pub(crate) fn on_port(port: &str) -> Result<Self, Problem> {
+        Ok(Self::stream(Box::new(Serial::open(port, BAUD)?)))
+    }
+
+    /// On a CAN bus.
+    pub(crate) fn on_can(name: String, node: Node, channel: Channel) -> Self {
+        Self::new(Way::Can(Box::new(CanLine::new(name, node, channel))))
+    }
+
+    fn stream(line: Box<dyn Line>) -> Self {
+        Self::new(Way::Stream(Box::new(Stream {
+            line,
+            reader: Reader::new(),
+            rest: VecDeque::new(),
+            is_in_step: false,
+        })))
+    }
+
+    fn new(way: Way) -> Self {
+        Self {
+            way,
+            // An answer that a program before us did not wait for is not to be taken for ours.
+            sequence: std::process::id() as u8,
+            is_subscribed: false,
+            events: VecDeque::new(),
+        }
+    }
+
+    /// What the user calls it.
+    pub(crate) fn name(&self) -> &str {
+        match &self.way {
+            Way::Stream(stream) => stream.line.name(),
+            Way::Can(line) => line.name(),
+        }
+    }
+
+    /// Makes a request and returns the answer, which is none of those that say that it was not done.
+    pub(crate) fn call(&mut self, request: Request) -> Result<Reply, Problem> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let sequence = self.sequence;
+        self.way.send(&FromHost { sequence, request })?;
+        let until = Instant::now() + PATIENCE;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            match self.way.receive(left)? {
+                Some(Ok(FromAdapter::Reply { sequence: of, reply })) if of == sequence => {
+                    let reply = self.good(reply)?;
+                    if let Request::Subscribe(to) = request {
+                        self.is_subscribed = to != Subscription::default();
+                    }
+                    return Ok(reply);
+                }
+                // To a request that was given up.
+                Some(Ok(FromAdapter::Reply { .. })) => {}
+                Some(Ok(FromAdapter::Event { at, event })) => self.events.push_back((at, event)),
+                Some(Err(error)) => return Err(self.malformed(error)),
+                None if left.is_zero() => {
+                    let name = self.name().to_owned();
+                    let millis = PATIENCE.as_millis() as u64;
+                    let doubts = self.way.doubts();
+                    return Err(Problem::NoReply { name, millis, doubts });
+                }
+                None => {}
+            }
+        }
+    }
+
+    /// The next thing that the adapter tells of unasked, waiting so long for it. It has to be
+    /// [subscribed](Request::Subscribe) to.
+    #[allow(dead_code, reason = "the live monitor is next")]
+    pub(crate) fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Problem> {
+        let until = Instant::now() + wait;
+        loop {
+            if let Some(event) = self.events.pop_front() {
+                return Ok(Some(event));
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            match self.way.receive(left)? {
+                Some(Ok(FromAdapter::Event { at, event })) => return Ok(Some((at, event))),
+                Some(Ok(FromAdapter::Reply { .. })) => {}
+                Some(Err(error)) => return Err(self.malformed(error)),
+                None if left.is_zero() => return Ok(None),
+                None => {}
+            }
+        }
+    }
+
+    fn good(&self, reply: Reply) -> Result<Reply, Problem> {
+        let name = self.name().to_owned();
+        match reply {
+            Reply::Unsupported { version } => Err(Problem::Unsupported { name, version }),
+            Reply::BadConfig(error) => Err(Problem::BadConfig { name, error }),
+            Reply::Failed(failure) => Err(Problem::Failed { name, failure }),
+            reply => Ok(reply),
+        }
+    }
+
+    fn malformed(&self, error: Malformed) -> Problem {
+        let name = self.name().to_owned();
+        Problem::Malformed { name, error }
+    }
+}
+
+impl Drop for ControlLink {
+    fn drop(&mut self) {
+        if self.is_subscribed {
+            // Nobody is left to tell.
+            let _ = self.call(Request::Subscribe(Subscription::default()));
+        }
+    }
+}
+
+impl Way {
+    fn send(&mut self, message: &FromHost) -> Result<(), Problem> {
+        match self {
+            Self::Stream(stream) => stream.send(message),
+            Self::Can(line) => {
+                let mut pdu = [0; MAX_MESSAGE];
+                let n = control::encode(message, &mut pdu).expect("room for any message");
+                line.send(&pdu[..n])
+            }
+        }
+    }
+
+    /// The next message, waiting so long for it.
+    fn receive(&mut self, wait: Duration) -> Result<Option<Result<FromAdapter, Malformed>>, Problem> {
+        match self {
+            Self::Stream(stream) => stream.receive(wait),
+            Self::Can(line) => Ok(line.receive(wait)?.map(|pdu| control::decode(&pdu))),
+        }
+    }
+
+    /// What to ask oneself when the adapter does not answer.
+    fn doubts(&self) -> String {
+        match self {
+            Self::Stream(_) => "is it the control port of an armwire adapter?".to_owned(),
+            Self::Can(line) => line.adapter_doubts(),
+        }
+    }
+}
+
+impl Stream {
+    fn send(&mut self, message: &FromHost) -> Result<(), Problem> {
+        // The zero in front ends what an earlier program may have begun.
+        let mut out = [0; 1 + MAX_COBS];
+        let n = control::encode_cobs(message, &mut out[1..]).expect("room for any message");
+        let mut rest = &out[..1 + n];
+        while !rest.is_empty() {
+            let n = self.line.write(rest)?;
+            rest = &rest[n..];
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, wait: Duration) -> Result<Option<Result<FromAdapter, Malformed>>, Problem> {
+        let until = Instant::now() + wait;
+        loop {
+            let unread = self.reader.push(self.rest.make_contiguous()).len();
+            self.rest.drain(..self.rest.len() - unread);
+            let message = self.reader.next();
+            if let Some(message) = message {
+                let is_in_step = std::mem::replace(&mut self.is_in_step, true);
+                if is_in_step || message.is_ok() {
+                    return Ok(Some(message));
+                }
+                continue;
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            let mut buf = [0; 512];
+            let n = self.line.read(&mut buf, left)?;
+            self.rest.extend(&buf[..n]);
+            if n == 0 && left.is_zero() {
+                return Ok(None);
+            }
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! Where an arm or an adapter is: what a user types for it, and what is opened there.
+
+use std::fmt;
+use std::str::FromStr;
+
+use armwire::{Config, Micros};
+use armwire_bridge::can::{Function, Node};
+use serial2::SerialPort;
+
+use crate::can::{self, CanLine, Channel, SharedBus};
+use crate::control::ControlLink;
+use crate::describe::Arm;
+use crate::link::{Line, Link};
+use crate::problem::Problem;
+use crate::serial::Serial;
+use crate::tcp::{Host, Tcp};
+
+/// What a connection to a server adds to an answer at most, and how late an answer may still arrive.
+const TCP: Config = Config::TCP;
+/// What CAN adds to an answer at most: its frames at 125 kbit/s, and the wait for others who use the arm.
+const CAN_LATENCY: Micros = Micros::from_millis(100);
+/// The bit rate of a CAN bus unless it is given.
+const BIT_RATE: u32 = 1_000_000;
+/// The baud rate of an SLCAN adapter unless it is given. One on USB does not mind.
+const SLCAN_BAUD: u32 = 115_200;
+
+/// A port, as it is typed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Port {
+    /// A serial port of the system, such as `/dev/ttyACM0` or `COM3`, or a pty.
+    Serial(String),
+    /// `tcp:HOST:PORT`: a server of a serial port.
+    Tcp(Host),
+    /// `can:IFACE[/NODE]`: an adapter on a CAN bus of Linux.
+    Can { interface: String, node: Node },
+    /// `slcan:PORT[@BITRATE[/NODE]]`: an adapter on the bus of a CAN adapter that speaks SLCAN.
+    Slcan { port: String, bit_rate: u32, node: Node },
+    /// `control:PORT`: the control port alone, where it is a port of its own, as with the virtual board.
+    Control(String),
+}
+
+impl FromStr for Port {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let Some((kind, rest)) = text.split_once(':') else {
+            return Ok(Self::Serial(text.to_owned()));
+        };
+        Ok(match kind {
+            "tcp" => Self::Tcp(Host::with_port(rest)?),
+            "can" => {
+                let (interface, node) = split_node(rest)?;
+                let interface = named(interface, text)?;
+                Self::Can { interface, node }
+            }
+            "slcan" => {
+                let (port, bus) = rest.rsplit_once('@').unwrap_or((rest, ""));
+                let port = named(port, text)?;
+                let (rate, node) = split_node(bus)?;
+                let bit_rate = match rate {
+                    "" if bus.is_empty() => BIT_RATE,
+                    rate => rate
+                        .parse()
+                        .map_err(|_| format!("'{rate}' behind the @ of '{text}' is not a bit rate, such as 500000"))?,
+                };
+                Self::Slcan { port, bit_rate, node }
+            }
+            "control" => Self::Control(named(rest, text)?),
+            // A path may have colons, as those under /dev/serial/by-path.
+            _ => Self::Serial(text.to_owned()),
+        })
+    }
+}
+
+/// The name of what there is to open, of which `text` must have one.
+fn named(name: &str, text: &str) -> Result<String, String> {
+    match name {
+        "" => Err(format!("'{text}' names no port")),
+        name => Ok(name.to_owned()),
+    }
+}
+
+/// What is before the slash, and the node behind it: node 0 if there is none.
+fn split_node(text: &str) -> Result<(&str, Node), String> {
+    let Some((front, node)) = text.split_once('/') else {
+        return Ok((text, Node::default()));
+    };
+    let number: u8 = node
+        .parse()
+        .map_err(|_| format!("'{node}' behind the last slash is not a node, 0 to {}", Node::MAX.get()))?;
+    Ok((front, Node::new(number).map_err(|error| error.to_string())?))
+}
+
+/// As it was typed, with what was left out but for a node 0.
+impl fmt::Display for Port {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let node = match self {
+            Self::Serial(port) => return f.write_str(port),
+            Self::Tcp(host) => return write!(f, "tcp:{host}"),
+            Self::Control(port) => return write!(f, "control:{port}"),
+            Self::Can { interface, node } => {
+                write!(f, "can:{interface}")?;
+                node
+            }
+            Self::Slcan { port, bit_rate, node } => {
+                write!(f, "slcan:{port}@{bit_rate}")?;
+                node
+            }
+        };
+        match node.get() {
+            0 => Ok(()),
+            node => write!(f, "/{node}"),
+        }
+    }
+}
+
+/// The ports of this computer: serial ones, and CAN interfaces.
+pub(crate) fn available() -> Vec<String> {
+    let serial = SerialPort::available_ports().unwrap_or_default();
+    let serial = serial.iter().map(|port| port.to_string_lossy().into_owned());
+    let interfaces = can::interfaces().into_iter().map(|name| format!("can:{name}"));
+    serial.chain(interfaces).collect()
+}
+
+impl Port {
+    /// Reaches for what is there; a serial port is opened only when its arm is asked for. `baud` is that of the serial
+    /// port, of this computer's that is.
+    pub(crate) fn connect(&self, baud: Option<u32>) -> Result<Connection, Problem> {
+        if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
+            return Err(Problem::Usage(format!("{self} is no serial port, which has a --baud")));
+        }
+        let way = match self {
+            Self::Serial(port) => Way::Serial(port.clone(), baud),
+            Self::Tcp(host) => Way::Tcp(host.clone()),
+            Self::Control(port) => Way::Control(port.clone()),
+            Self::Can { interface, node } => Way::Can(can::open_interface(self.to_string(), interface, *node)?, *node),
+            Self::Slcan { port, bit_rate, node } => {
+                let serial = Serial::open(port, baud.unwrap_or(SLCAN_BAUD))?;
+                Way::Can(can::open_slcan(serial, *bit_rate)?, *node)
+            }
+        };
+        let name = self.to_string();
+        Ok(Connection { name, way })
+    }
+}
+
+/// A port that was reached.
+pub(crate) struct Connection {
+    name: String,
+    way: Way,
+}
+
+enum Way {
+    Serial(String, Option<u32>),
+    Tcp(Host),
+    Can(SharedBus, Node),
+    Control(String),
+}
+
+impl Connection {
+    /// Whether it is a control port alone, with no arm on it.
+    pub(crate) fn is_control(&self) -> bool {
+        matches!(self.way, Way::Control(_))
+    }
+
+    /// The arm there.
+    pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P, Box<dyn Line>>, Problem> {
+        let (line, config) = self.line::<P>()?;
+        Ok(Link::new(line, config))
+    }
+
+    /// The line of the arm there, and how it is to be treated.
+    pub(crate) fn line<P: Arm>(&self) -> Result<(Box<dyn Line>, Config), Problem> {
+        let usual = P::CONFIG;
+        Ok(match &self.way {
+            Way::Serial(port, baud) => {
+                let baud = baud.unwrap_or(usual.baud);
+                (Box::new(Serial::open(port, baud)?), Config { baud, ..usual })
+            }
+            Way::Tcp(host) => {
+                let config = Config {
+                    latency: usual.latency + TCP.latency,
+                    lateness: TCP.lateness,
+                    ..usual
+                };
+                (Box::new(Tcp::connect_serial(host)?), config)
+            }
+            Way::Can(bus, node) => {
+                let channel = Channel::new(bus, Function::ArmRequest.id(*node), Function::ArmAnswer.id(*node));
+                let line = CanLine::new(self.name.clone(), *node, channel);
+                let latency = usual.latency + CAN_LATENCY;
+                (Box::new(line), Config { latency, ..usual })
+            }
+            Way::Control(_) => {
+                return Err(Problem::Usage(format!(
+                    "{} is a control port: there is no arm on it",
+                    self.name
+                )));
+            }
+        })
+    }
+
+    /// The control port of the adapter there. On CAN it is on the same bus as the arm.
+    pub(crate) fn control(&self) -> Result<ControlLink, Problem> {
+        match &self.way {
+            Way::Serial(port, _) => ControlLink::on_usb(port),
+            Way::Control(port) => ControlLink::on_port(port),
+            Way::Can(bus, node) => {
+                let channel = Channel::new(
+                    bus,
+                    Function::ControlRequest.id(*node),
+                    Function::ControlAnswer.id(*node),
+                );
+                Ok(ControlLink::on_can(self.name.clone(), *node, channel))
+            }
+            Way::Tcp(_) => Err(Problem::NoControl {
+                name: self.name.clone(),
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_typed_is_read_and_told_again() {
+        for (typed, told) in [
+            ("/dev/ttyACM0", "/dev/ttyACM0"),
+            ("COM3", "COM3"),
+            (
+                "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1",
+                "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1",
+            ),
+            ("tcp:arm.local:4000", "tcp:arm.local:4000"),
+            ("tcp:[::1]:4000", "tcp:[::1]:4000"),
+            ("can:can0", "can:can0"),
+            ("can:can0/0", "can:can0"),
+            ("can:can0/15", "can:can0/15"),
+            ("slcan:/dev/pts/3", "slcan:/dev/pts/3@1000000"),
+            ("slcan:/dev/ttyACM1@500000/2", "slcan:/dev/ttyACM1@500000/2"),
+            ("slcan:COM3@250000", "slcan:COM3@250000"),
+            ("control:/tmp/control", "control:/tmp/control"),
+        ] {
+            let port: Port = typed.parse().unwrap();
+            assert_eq!(port.to_string(), told);
+            assert_eq!(told.parse(), Ok(port));
+        }
+    }
+
+    #[test]
+    fn what_is_no_port_is_told() {
+        for (typed, error) in [
+            ("tcp:arm.local", "'arm.local' has no port, such as arm.local:4000"),
+            ("can:can0/16", "node id is 16, must be 0..=15"),
+            ("can:can0/x", "'x' behind the last slash is not a node, 0 to 15"),
+            ("can:", "'can:' names no port"),
+            ("can:/3", "'can:/3' names no port"),
+            ("slcan:@500000", "'slcan:@500000' names no port"),
+            (
+                "slcan:COM3@fast",
+                "'fast' behind the @ of 'slcan:COM3@fast' is not a bit rate, such as 500000",
+            ),
+            (
+                "slcan:COM3@/3",
+                "'' behind the @ of 'slcan:COM3@/3' is not a bit rate, such as 500000",
+            ),
+        ] {
+            assert_eq!(typed.parse::<Port>(), Err(error.to_owned()));
+        }
+    }
+}
