@@ -20,7 +20,15 @@ const CLOCK: u32 = 42_000_000;
 const SEGMENTS: [u8; 2] = [11, 2];
 const QUANTA: u32 = 14;
 
-/// PB8 and PB9 are CAN1 as alternate function 9 (datasheet, table 9).
+const _: () = {
+    let mut i = 0;
+    while i < config::CAN_BIT_RATES.len() {
+        assert!(CLOCK.is_multiple_of(QUANTA * config::CAN_BIT_RATES[i]));
+        i += 1;
+    }
+};
+
+/// PB8 and PB9 are CAN1 as alternate function 9 (datasheet, "Alternate function mapping").
 const ALTERNATE_FUNCTION: u8 = 9;
 
 /// The mailboxes that frames leave from.

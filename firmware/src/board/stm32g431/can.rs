@@ -24,7 +24,7 @@ const MAX_DATA_QUANTA: u32 = 49;
 /// Above this bit rate the sample point comes before the transmitter hears its own bit from the transceiver.
 const DELAY_MATTERS: u32 = 1_000_000;
 
-/// PB8 and PB9 are FDCAN1 as alternate function 9 (datasheet, table 13).
+/// PB8 and PB9 are FDCAN1 as alternate function 9 (datasheet, "Alternate function").
 const ALTERNATE_FUNCTION: u8 = 9;
 
 /// The words of a received frame, or one to be sent: two of header, then the data (RM0440 44.3.3).
@@ -70,7 +70,7 @@ impl Controller {
         while !CAN.cccr().read().init() {}
         CAN.cccr().modify(|w| w.set_cce(true));
 
-        let nominal = Timing::new(config.bit_rate, MAX_QUANTA, 8);
+        let nominal = nominal(config.bit_rate);
         CAN.nbtp().write(|w| {
             w.set_nbrp(nominal.prescaler - 1);
             w.set_ntseg1(nominal.before - 1);
@@ -146,9 +146,8 @@ struct Timing {
 }
 
 impl Timing {
-    /// A bit of at most `max_quanta`, of which one in `behind` comes behind the sample point. The bit rates there are
-    /// divide evenly.
-    fn new(bit_rate: u32, max_quanta: u32, behind: u32) -> Self {
+    /// A bit of at most `max_quanta`, of which one in `behind` comes behind the sample point.
+    const fn new(bit_rate: u32, max_quanta: u32, behind: u32) -> Self {
         let ticks = CLOCK / bit_rate;
         let prescaler = ticks.div_ceil(max_quanta);
         let quanta = ticks / prescaler;
@@ -159,11 +158,41 @@ impl Timing {
             behind: behind as u8,
         }
     }
+
+    /// Whether it makes this bit rate exactly.
+    const fn makes(&self, bit_rate: u32) -> bool {
+        (1 + self.before as u32 + self.behind as u32) * self.prescaler as u32 * bit_rate == CLOCK
+    }
 }
+
+/// A bit of the arbitration phase: its sample point is at 87.5 %, as CiA 301 has it.
+const fn nominal(bit_rate: u32) -> Timing {
+    Timing::new(bit_rate, MAX_QUANTA, 8)
+}
+
+/// A bit of the data phase: its sample point is at 75 %.
+const fn data(bit_rate: u32) -> Timing {
+    Timing::new(bit_rate, MAX_DATA_QUANTA, 4)
+}
+
+const _: () = {
+    let mut i = 0;
+    while i < config::CAN_BIT_RATES.len() {
+        assert!(nominal(config::CAN_BIT_RATES[i]).makes(config::CAN_BIT_RATES[i]));
+        i += 1;
+    }
+    let mut i = 0;
+    while i < config::CAN_DATA_BIT_RATES.len() {
+        let timing = data(config::CAN_DATA_BIT_RATES[i]);
+        assert!(timing.makes(config::CAN_DATA_BIT_RATES[i]));
+        assert!(timing.before <= 32 && timing.behind <= 16);
+        i += 1;
+    }
+};
 
 /// Sets the bit rate of the data phase.
 fn set_data_phase(bit_rate: u32) {
-    let timing = Timing::new(bit_rate, MAX_DATA_QUANTA, 4);
+    let timing = data(bit_rate);
     let compensate = bit_rate > DELAY_MATTERS;
     CAN.dbtp().write(|w| {
         w.set_dbrp(timing.prescaler as u8 - 1);

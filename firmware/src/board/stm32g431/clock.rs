@@ -1,7 +1,7 @@
 //! The clock tree: 160 MHz core and buses and 80 MHz CAN from the crystal, 48 MHz USB from HSI48.
 //!
-//! 160 MHz and not the 170 MHz that the chip can do: from 80 MHz all bit rates of CAN and CAN FD divide evenly, from what
-//! 170 MHz gives some do not. USB's 48 MHz do not divide either, so they come from an oscillator of their own, which the
+//! 160 MHz and not the 170 MHz that the chip can do: all bit rates of CAN and CAN FD divide 80 MHz, but 4 Mbit/s does not
+//! divide 170 MHz or any part of it. USB's 48 MHz do not divide either, so they come from an oscillator of their own, which the
 //! clock recovery system trims to the host's start-of-frame packets. CAN needs the crystal (CiA 601-3).
 
 use embassy_stm32::Config;

@@ -1,6 +1,7 @@
 //! Where the configuration is kept: the last two pages of the flash, 2 kB each (RM0440 5.3.1).
 //!
-//! Erasing a page takes some 20 ms, in which the chip fetches no code and does nothing else.
+//! Erasing a page takes some 20 ms, in which the chip fetches no code and does nothing else: what comes in then may be
+//! lost and is counted.
 
 use core::ops::Range;
 
