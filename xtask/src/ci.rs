@@ -4,7 +4,8 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use crate::Result;
-use crate::image::{self, Options, TARGET};
+use crate::board::Board;
+use crate::image::{self, Image, Options, TARGET};
 use crate::process::{self, shown};
 use crate::toolchain::Toolchain;
 use crate::workspace;
@@ -58,11 +59,13 @@ pub(crate) fn run() -> Result {
     ci.step("crates without std", no_std)?;
     ci.step("clippy for the microcontroller", clippy_thumb)?;
     ci.step("no path to a panic", no_panic::run)?;
-    ci.step("firmware image with every option", || {
-        image::build(&Options::ALL).map(drop)
+    ci.step("firmware images with every option", || {
+        Board::ALL
+            .into_iter()
+            .try_for_each(|board| image::build(&Options::all(board)).map(drop))
     })?;
-    let image = ci.step("firmware image", || image::build(&Options::default()))?;
-    println!("{image}");
+    ci.step("firmware image for the STM32G431", || firmware_image(Board::Stm32g431))?;
+    let image = ci.step("firmware image for the STM32F405", || firmware_image(Board::Stm32f405))?;
     ci.step("virtual board", || {
         check(&mut cargo("test --ignore-rust-version --package armwire-virtual-board"))
     })?;
@@ -132,6 +135,14 @@ fn no_std() -> Result {
     Ok(())
 }
 
+/// The image that ships for this board, and that it is not too big.
+fn firmware_image(board: Board) -> Result<Image> {
+    let image = image::build(&Options::of(board))?;
+    println!("{image}");
+    image.check_size()?;
+    Ok(image)
+}
+
 /// Clippy as the microcontroller's compiler sees the code.
 fn clippy_thumb() -> Result {
     let toolchain = Toolchain::find(&[TARGET])?;
@@ -139,8 +150,12 @@ fn clippy_thumb() -> Result {
         println!("skipped: Debian's compiler comes without clippy; `rustup target add {TARGET}` helps");
         return Ok(());
     }
-    let firmware = format!("{NO_STD} --package armwire-firmware --all-features");
-    for select in [&*firmware, LINK_TEST] {
+    let firmware = Board::ALL.map(|board| {
+        let features = Options::all(board).features();
+        format!("--package armwire-firmware --no-default-features --features={features}")
+    });
+    let no_std = format!("{NO_STD} --all-features");
+    for select in firmware.iter().map(|select| &**select).chain([&*no_std, LINK_TEST]) {
         let mut clippy = toolchain.cargo("clippy", TARGET)?;
         check(clippy.args(select.split(' ')).args(["--", "-D", "warnings"]))?;
     }

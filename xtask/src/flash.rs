@@ -3,11 +3,9 @@
 use std::process::{Command, exit};
 
 use crate::Result;
+use crate::board::Board;
 use crate::image::{self, Options};
 use crate::process::{output, replace_ourselves};
-
-/// As probe-rs calls the microcontroller.
-const CHIP: &str = "STM32F405RGTx";
 
 /// Builds the image, flashes and starts it. With defmt it stays and prints what the image logs.
 pub(crate) fn run(options: &Options) -> Result {
@@ -18,18 +16,21 @@ pub(crate) fn run(options: &Options) -> Result {
     println!("{image}");
 
     if options.defmt {
-        return replace_ourselves(probe_rs("run").arg(&image.path));
+        return replace_ourselves(probe_rs("run", options.board).arg(&image.path));
     }
     // It says itself what is wrong, such as that there is no probe.
-    let flashed = probe_rs("download").arg("--verify").arg(&image.path).status()?;
+    let flashed = probe_rs("download", options.board)
+        .arg("--verify")
+        .arg(&image.path)
+        .status()?;
     if !flashed.success() {
         exit(flashed.code().unwrap_or(1));
     }
-    replace_ourselves(&mut probe_rs("reset"))
+    replace_ourselves(&mut probe_rs("reset", options.board))
 }
 
-fn probe_rs(subcommand: &str) -> Command {
+fn probe_rs(subcommand: &str, board: Board) -> Command {
     let mut command = Command::new("probe-rs");
-    command.args([subcommand, "--chip", CHIP]);
+    command.args([subcommand, "--chip", board.chip()]);
     command
 }

@@ -3,56 +3,92 @@
 use std::ffi::OsString;
 use std::fmt;
 use std::fs;
-use std::path::{Path, PathBuf};
-
-use object::Endianness;
-use object::elf::{FileHeader32, PT_LOAD};
-use object::read::elf::{FileHeader, ProgramHeader};
+use std::path::PathBuf;
 
 use crate::Result;
 use crate::USAGE;
+use crate::board::Board;
+use crate::dfu;
 use crate::process::run;
+use crate::program::Program;
 use crate::toolchain::Toolchain;
 use crate::workspace;
 
-/// What the image is compiled for.
+/// What the image is compiled for, whatever the board.
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// The most flash that the image that ships may take, in bytes.
+const MAX_FLASH: u64 = 48 * 1024;
+
+/// The most RAM that it may take, in bytes, without the stack.
+const MAX_RAM: u64 = 12 * 1024;
 
 /// Which image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Options {
-    /// For boards with a 12 MHz crystal instead of 8 MHz.
+    /// For which board.
+    pub(crate) board: Board,
+    /// For an STM32F405 with a 12 MHz crystal instead of 8 MHz.
     pub(crate) crystal_12mhz: bool,
     /// Log over RTT.
     pub(crate) defmt: bool,
 }
 
 impl Options {
-    /// All of them.
-    pub(crate) const ALL: Self = Self {
-        crystal_12mhz: true,
-        defmt: true,
-    };
+    /// The image for this board that ships.
+    pub(crate) fn of(board: Board) -> Self {
+        Self {
+            board,
+            ..Self::default()
+        }
+    }
+
+    /// All that this board has.
+    pub(crate) fn all(board: Board) -> Self {
+        Self {
+            board,
+            crystal_12mhz: board == Board::Stm32f405,
+            defmt: true,
+        }
+    }
 
     /// From the command line.
     ///
     /// # Errors
     ///
-    /// If there is an option that is none of these.
+    /// If there is an option that is none of these, or a board that is not there or has no such option.
     pub(crate) fn parse(args: &[OsString]) -> Result<Self> {
         let mut options = Self::default();
-        for arg in args {
+        let mut args = args.iter();
+        while let Some(arg) = args.next() {
             match arg.to_str() {
+                Some("--board") => {
+                    let name = args.next().ok_or("`--board` needs the name of a board")?;
+                    options.board = Board::parse(&name.to_string_lossy())?;
+                }
                 Some("--crystal-12mhz") => options.crystal_12mhz = true,
                 Some("--defmt") => options.defmt = true,
                 _ => return Err(format!("unknown option `{}`\n\n{USAGE}", arg.display()).into()),
             }
         }
+        if options.crystal_12mhz && options.board != Board::Stm32f405 {
+            return Err(format!("`--crystal-12mhz` is not for {}", options.board.name()).into());
+        }
         Ok(options)
     }
 
     /// The features of `armwire-firmware` that make this image.
-    fn features(self) -> Vec<&'static str> {
+    pub(crate) fn features(self) -> String {
+        [&[self.board.feature()][..], &self.extras()].concat().join(",")
+    }
+
+    /// What the image is called.
+    fn name(self) -> String {
+        [&["armwire", self.board.name()][..], &self.extras()].concat().join("-")
+    }
+
+    /// The features besides the board's.
+    fn extras(self) -> Vec<&'static str> {
         let all = [(self.crystal_12mhz, "crystal-12mhz"), (self.defmt, "defmt")];
         all.into_iter()
             .filter_map(|(wanted, feature)| wanted.then_some(feature))
@@ -60,7 +96,8 @@ impl Options {
     }
 }
 
-/// A firmware image, ready to be flashed or run.
+/// A firmware image, ready to be flashed or run. Beside the ELF file are two of the same name: `.bin`, flash from its
+/// start to the image's end, and `.dfu`, which leaves alone what the image does not use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Image {
     /// The ELF file.
@@ -71,11 +108,25 @@ pub(crate) struct Image {
     ram: u64,
 }
 
+impl Image {
+    /// Whether an image that ships may be so big.
+    ///
+    /// # Errors
+    ///
+    /// If not.
+    pub(crate) fn check_size(&self) -> Result {
+        if self.flash > MAX_FLASH || self.ram > MAX_RAM {
+            return Err(format!("{self}; allowed are {MAX_FLASH} and {MAX_RAM}").into());
+        }
+        Ok(())
+    }
+}
+
 impl fmt::Display for Image {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{}: {} bytes of flash, {} bytes of RAM and the stack",
+            "{} (and .bin, .dfu): {} bytes of flash, {} bytes of RAM and the stack",
             self.path.display(),
             self.flash,
             self.ram
@@ -86,11 +137,11 @@ impl fmt::Display for Image {
 /// Builds the image and puts it in the target directory under a name of its own.
 pub(crate) fn build(options: &Options) -> Result<Image> {
     let toolchain = Toolchain::find(&[TARGET])?;
-    println!("building the firmware image, one or two minutes the first time");
-    let features = options.features();
+    let board = options.board.name();
+    println!("building the firmware image for {board}, one or two minutes the first time");
     let mut cargo = toolchain.cargo("build", TARGET)?;
     cargo.args(["--package", "armwire-firmware", "--profile", "firmware"]);
-    cargo.arg(format!("--features={}", features.join(",")));
+    cargo.args(["--no-default-features", &format!("--features={}", options.features())]);
     run(cargo.current_dir(workspace::root()))?;
 
     let built = toolchain
@@ -98,29 +149,71 @@ pub(crate) fn build(options: &Options) -> Result<Image> {
         .join(TARGET)
         .join("firmware")
         .join("armwire-firmware");
-    let name = [&["armwire-f405"][..], &features].concat().join("-");
-    let path = workspace::target_dir()?.join(name + ".elf");
-    fs::copy(&built, &path).map_err(|error| format!("cannot copy {}: {error}", built.display()))?;
-    let (flash, ram) = size(&path)?;
-    Ok(Image { path, flash, ram })
+    let elf = fs::read(&built).map_err(|error| format!("cannot read {}: {error}", built.display()))?;
+    let program = Program::parse(&elf)?;
+    let path = workspace::target_dir()?.join(options.name() + ".elf");
+    let write = |extension, bytes: &[u8]| {
+        let path = path.with_extension(extension);
+        fs::write(&path, bytes).map_err(|error| format!("cannot write {}: {error}", path.display()))
+    };
+    write("elf", &elf)?;
+    write("bin", &program.bin())?;
+    write("dfu", &dfu::file(board, &program.segments))?;
+    Ok(Image {
+        path,
+        flash: program.flash(),
+        ram: program.ram,
+    })
 }
 
-/// The bytes of flash and RAM that an ELF file takes.
-fn size(path: &Path) -> Result<(u64, u64)> {
-    /// Where RAM begins on every Cortex-M.
-    const RAM: u64 = 0x2000_0000;
-    let bytes = fs::read(path)?;
-    let elf = FileHeader32::<Endianness>::parse(&*bytes)?;
-    let endian = elf.endian()?;
-    let (mut flash, mut ram) = (0, 0);
-    for segment in elf.program_headers(endian, &*bytes)? {
-        if segment.p_type(endian) != PT_LOAD {
-            continue;
-        }
-        flash += u64::from(segment.p_filesz(endian));
-        if u64::from(segment.p_vaddr(endian)) >= RAM {
-            ram += u64::from(segment.p_memsz(endian));
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(args: &str) -> Result<Options> {
+        let args: Vec<OsString> = args.split_whitespace().map(OsString::from).collect();
+        Options::parse(&args)
+    }
+
+    #[test]
+    fn options_say_which_image() {
+        assert_eq!(parse("").unwrap(), Options::of(Board::Stm32f405));
+        assert_eq!(
+            parse("--defmt --crystal-12mhz").unwrap(),
+            Options::all(Board::Stm32f405)
+        );
+        let options = parse("--board stm32g431 --defmt").unwrap();
+        assert_eq!(options, Options::all(Board::Stm32g431));
+        assert_eq!(options.features(), "board-stm32g431,defmt");
+        assert_eq!(options.name(), "armwire-stm32g431-defmt");
+    }
+
+    #[test]
+    fn options_that_cannot_be_are_refused() {
+        let refused = [
+            ("--board", "`--board` needs the name of a board"),
+            ("--board f405", "there is no board `f405`"),
+            (
+                "--board stm32g431 --crystal-12mhz",
+                "`--crystal-12mhz` is not for stm32g431",
+            ),
+            ("--release", "unknown option `--release`"),
+        ];
+        for (args, reason) in refused {
+            let error = parse(args).unwrap_err().to_string();
+            assert!(error.starts_with(reason), "{args}: {error}");
         }
     }
-    Ok((flash, ram))
+
+    #[test]
+    fn an_image_is_refused_when_it_is_bigger_than_allowed() {
+        let image = |flash, ram| Image {
+            path: "image.elf".into(),
+            flash,
+            ram,
+        };
+        assert!(image(MAX_FLASH, MAX_RAM).check_size().is_ok());
+        assert!(image(MAX_FLASH + 1, 0).check_size().is_err());
+        assert!(image(0, MAX_RAM + 1).check_size().is_err());
+    }
 }

@@ -1,12 +1,15 @@
 //! The project's commands, behind the aliases in `.cargo/config.toml`.
 
+mod board;
 mod ci;
 mod demo;
+mod dfu;
 mod flash;
 mod image;
 mod licences;
 mod no_panic;
 mod process;
+mod program;
 mod toolchain;
 mod vendor;
 mod workspace;
@@ -22,7 +25,7 @@ type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
 const USAGE: &str = "\
 cargo demo [-- OPTIONS]   run the firmware image on the virtual board and drive the virtual arm through it;
                           OPTIONS are the demo's own, see `cargo demo -- --help`
-cargo fw [IMAGE]          build the firmware image
+cargo fw [IMAGE]          build the firmware image, as .elf, .bin and .dfu
 cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
 cargo ci                  run every check there is
 
@@ -30,7 +33,8 @@ cargo xtask vendor        drive virtual arms with the arm vendors' Python SDKs
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask licences      check the licences of all dependencies
 
-IMAGE: --crystal-12mhz    for boards with a 12 MHz crystal instead of 8 MHz
+IMAGE: --board NAME       stm32f405, which it is without this option, or stm32g431
+       --crystal-12mhz    for an STM32F405 with a 12 MHz crystal instead of 8 MHz
        --defmt            log over RTT";
 
 fn main() -> ExitCode {

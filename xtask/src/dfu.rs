@@ -1,0 +1,91 @@
+//! Firmware files for ST's boot loader: DfuSe 1.1a (ST UM0391).
+
+use crc::{CRC_32_JAMCRC, Crc};
+
+use crate::program::Segment;
+
+/// The USB vendor and product of the boot loader in every STM32.
+const DEVICE: [u16; 2] = [0x0483, 0xDF11];
+
+/// The device release that the file is for: any.
+const ANY_RELEASE: u16 = 0xFFFF;
+
+/// The version of DFU with ST's extensions.
+const DFUSE: u16 = 0x011A;
+
+/// The length of a target's name, zeros at its end included.
+const NAME: usize = 255;
+
+/// The length of the suffix.
+const SUFFIX: u8 = 16;
+
+/// The file for one target, the flash, with each segment as an element. The boot loader erases the sectors that elements
+/// lie in, and no others.
+pub(crate) fn file(name: &str, segments: &[Segment]) -> Vec<u8> {
+    let mut elements = Vec::new();
+    for segment in segments {
+        elements.extend(segment.address.to_le_bytes());
+        elements.extend((segment.bytes.len() as u32).to_le_bytes());
+        elements.extend(&segment.bytes);
+    }
+
+    let mut target = b"Target".to_vec();
+    target.push(0); // the boot loader's alternate setting for flash
+    target.extend(1_u32.to_le_bytes()); // there is a name
+    let mut text = name.as_bytes().to_vec();
+    text.resize(NAME, 0);
+    target.extend(text);
+    target.extend((elements.len() as u32).to_le_bytes());
+    target.extend((segments.len() as u32).to_le_bytes());
+    target.extend(elements);
+
+    const PREFIX: usize = 11;
+    let mut file = b"DfuSe\x01".to_vec();
+    file.extend(((PREFIX + target.len()) as u32).to_le_bytes());
+    file.push(1); // one target
+    debug_assert_eq!(file.len(), PREFIX);
+    file.extend(target);
+
+    let [vendor, product] = DEVICE;
+    for number in [ANY_RELEASE, product, vendor, DFUSE] {
+        file.extend(number.to_le_bytes());
+    }
+    file.extend(b"UFD");
+    file.push(SUFFIX);
+    // As in Ethernet, but without the inversion at the end.
+    let crc = Crc::<u32>::new(&CRC_32_JAMCRC).checksum(&file);
+    file.extend(crc.to_le_bytes());
+    file
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_as_st_says_and_dfu_suffix_finds_it() {
+        let segments = [
+            Segment {
+                address: 0x0800_0000,
+                bytes: vec![1, 2, 3],
+            },
+            Segment {
+                address: 0x0800_C000,
+                bytes: vec![4, 5],
+            },
+        ];
+        let file = file("board", &segments);
+        let mut expected = Vec::new();
+        expected.extend(b"DfuSe\x01");
+        expected.extend([0x32, 0x01, 0, 0, 1]); // 306 bytes before the suffix, one target
+        expected.extend(b"Target\x00\x01\x00\x00\x00board");
+        expected.extend([0; 250]);
+        expected.extend([21, 0, 0, 0, 2, 0, 0, 0]); // 21 bytes in two elements
+        expected.extend([0, 0, 0, 8, 3, 0, 0, 0, 1, 2, 3]);
+        expected.extend([0, 0xC0, 0, 8, 2, 0, 0, 0, 4, 5]);
+        // What `dfu-suffix --add --vid 0x0483 --pid 0xdf11 --spec 0x011a` adds to that.
+        expected.extend(b"\xFF\xFF\x11\xDF\x83\x04\x1A\x01UFD\x10");
+        expected.extend([0x53, 0xD2, 0xA4, 0xB1]);
+        assert_eq!(file, expected);
+    }
+}

@@ -1,0 +1,162 @@
+//! What of an ELF file goes into a microcontroller.
+
+use object::Endianness;
+use object::elf::{FileHeader32, PT_LOAD};
+use object::read::elf::{FileHeader, ProgramHeader};
+
+use crate::Result;
+
+/// Where RAM begins on every Cortex-M.
+const RAM: u32 = 0x2000_0000;
+
+/// A gap in flash that is filled rather than left out, in bytes: alignment between parts of a program, which may lie in
+/// one sector. All sectors are longer.
+const SMALL_GAP: u32 = 1024;
+
+/// What erased flash reads as.
+const ERASED: u8 = 0xFF;
+
+/// A program: what is in flash, and how much RAM it has for itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Program {
+    /// By address. Between two there is a gap in which other things may be kept.
+    pub(crate) segments: Vec<Segment>,
+    /// RAM without the stack, in bytes.
+    pub(crate) ram: u64,
+}
+
+/// Bytes in flash.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Segment {
+    /// Where the first one is.
+    pub(crate) address: u32,
+    /// The bytes.
+    pub(crate) bytes: Vec<u8>,
+}
+
+impl Program {
+    /// The program in an ELF file.
+    ///
+    /// # Errors
+    ///
+    /// If it is no such file, or if nothing in it goes to flash.
+    pub(crate) fn parse(file: &[u8]) -> Result<Self> {
+        let elf = FileHeader32::<Endianness>::parse(file)?;
+        let endian = elf.endian()?;
+        let (mut segments, mut ram) = (Vec::new(), 0);
+        for header in elf.program_headers(endian, file)? {
+            if header.p_type(endian) != PT_LOAD {
+                continue;
+            }
+            let bytes = header
+                .data(endian, file)
+                .map_err(|()| "the ELF file ends in a segment")?;
+            if !bytes.is_empty() {
+                segments.push(Segment {
+                    address: header.p_paddr(endian),
+                    bytes: bytes.to_vec(),
+                });
+            }
+            if header.p_vaddr(endian) >= RAM {
+                ram += u64::from(header.p_memsz(endian));
+            }
+        }
+        segments.sort_by_key(|segment| segment.address);
+        let segments = joined(segments)?;
+        if segments.is_empty() {
+            return Err("nothing in the ELF file goes to flash".into());
+        }
+        Ok(Self { segments, ram })
+    }
+
+    /// Flash it takes, in bytes, without the gaps.
+    pub(crate) fn flash(&self) -> u64 {
+        self.segments.iter().map(|segment| segment.bytes.len() as u64).sum()
+    }
+
+    /// All of flash from the first segment's start to the last one's end, with the gaps as if erased.
+    pub(crate) fn bin(&self) -> Vec<u8> {
+        let mut bin = Vec::new();
+        for segment in &self.segments {
+            let start = segment.address - self.segments[0].address;
+            bin.resize(start as usize, ERASED);
+            bin.extend(&segment.bytes);
+        }
+        bin
+    }
+}
+
+impl Segment {
+    fn end(&self) -> u32 {
+        self.address + self.bytes.len() as u32
+    }
+}
+
+/// Joins segments, which are sorted by address, over small gaps.
+fn joined(segments: Vec<Segment>) -> Result<Vec<Segment>> {
+    let mut all: Vec<Segment> = Vec::new();
+    for segment in segments {
+        let Some(last) = all.last_mut() else {
+            all.push(segment);
+            continue;
+        };
+        let gap = segment.address.checked_sub(last.end());
+        match gap.ok_or_else(|| format!("two segments have address {:#x}", segment.address))? {
+            gap @ 0..SMALL_GAP => {
+                last.bytes.resize(last.bytes.len() + gap as usize, ERASED);
+                last.bytes.extend(segment.bytes);
+            }
+            _ => all.push(segment),
+        }
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn segment(address: u32, bytes: &[u8]) -> Segment {
+        Segment {
+            address,
+            bytes: bytes.to_vec(),
+        }
+    }
+
+    #[test]
+    fn segments_are_joined_over_small_gaps_only() {
+        let parts = [
+            segment(0x800_0000, &[1, 2, 3]),
+            segment(0x800_0004, &[4]),
+            segment(0x800_0005, &[5]),
+            segment(0x800_0006 + SMALL_GAP, &[6]),
+        ];
+        let expected = [
+            segment(0x800_0000, &[1, 2, 3, 0xFF, 4, 5]),
+            segment(0x800_0006 + SMALL_GAP, &[6]),
+        ];
+        assert_eq!(joined(parts.to_vec()).unwrap(), expected);
+    }
+
+    #[test]
+    fn segments_one_over_the_other_are_refused() {
+        let parts = [segment(0x800_0000, &[1, 2, 3]), segment(0x800_0002, &[4])];
+        let error = joined(parts.to_vec()).unwrap_err();
+        assert_eq!(error.to_string(), "two segments have address 0x8000002");
+    }
+
+    #[test]
+    fn a_bin_has_its_gaps_erased() {
+        let program = Program {
+            segments: vec![segment(0x800_0000, &[1, 2]), segment(0x800_0005, &[3])],
+            ram: 0,
+        };
+        assert_eq!(program.bin(), [1, 2, 0xFF, 0xFF, 0xFF, 3]);
+        assert_eq!(program.flash(), 3);
+    }
+
+    #[test]
+    fn what_is_no_elf_file_is_refused() {
+        assert!(Program::parse(b"not an ELF file").is_err());
+    }
+}
