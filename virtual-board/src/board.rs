@@ -9,8 +9,11 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 
+use armwire_bridge::can::Frame;
 use rigless::image::Image;
 
+use crate::can::bus::{Bus, Record};
+use crate::can::{self, BusFrame};
 use crate::line::{Arm, Fault, FaultRates, Line, LineByte};
 use crate::machine::{self, Bench, Command, Reply, Run};
 use crate::report::{Crash, Report, Violation, Violations};
@@ -134,6 +137,9 @@ pub enum Error {
     /// The serial port is not open.
     #[error("the serial port is not open")]
     NotOpen,
+    /// A classic CAN bus carries no FD frames.
+    #[error("an FD frame, the bus is a classic one")]
+    FdFrame,
     /// The pty that stands in for the serial port fails.
     #[error("pty: {0}")]
     Serve(io::Error),
@@ -149,6 +155,7 @@ pub enum Error {
 pub struct VirtualBoard<A: Arm> {
     line: Shared<A>,
     host: Arc<Mutex<Host>>,
+    can: Arc<Mutex<Bus>>,
     commands: Option<Sender<Command>>,
     replies: Receiver<Reply>,
     interrupt: Arc<AtomicBool>,
@@ -182,7 +189,15 @@ impl<A: Arm> VirtualBoard<A> {
             starve.clone(),
         )));
         let host = Arc::new(Mutex::new(Host::default()));
-        let part = Stm32f405::new(config.crystal_hz, line.clone(), starve, config.reenabled, host.clone())?;
+        let can = Arc::new(Mutex::new(Bus::default()));
+        let part = Stm32f405::new(
+            config.crystal_hz,
+            line.clone(),
+            starve,
+            config.reenabled,
+            host.clone(),
+            can.clone(),
+        )?;
         let bench = Bench {
             part,
             unique_id: config.unique_id,
@@ -209,6 +224,7 @@ impl<A: Arm> VirtualBoard<A> {
             rtt,
             interrupt: interrupt.clone(),
             host: host.clone(),
+            can: can.clone(),
             commands: command,
             replies: reply,
         };
@@ -220,6 +236,7 @@ impl<A: Arm> VirtualBoard<A> {
         let mut board = Self {
             line,
             host,
+            can,
             commands: Some(commands),
             replies,
             interrupt,
@@ -254,7 +271,7 @@ impl<A: Arm> VirtualBoard<A> {
     }
 
     /// Runs until `done` says so, and returns how long that took. It is asked at once, after every packet, connection and
-    /// reset on the USB wire, and every millisecond.
+    /// reset on the USB wire, after every frame on the CAN bus, and every millisecond.
     ///
     /// # Errors
     ///
@@ -330,6 +347,11 @@ impl<A: Arm> VirtualBoard<A> {
         Uart { line: &self.line }
     }
 
+    /// The CAN bus.
+    pub fn can(&self) -> Can<'_> {
+        Can { bus: &self.can }
+    }
+
     /// The USB host.
     pub fn usb(&mut self) -> Usb<'_, A> {
         Usb { board: self }
@@ -382,6 +404,11 @@ impl<A: Arm> VirtualBoard<A> {
             trace.add(packet.end.0);
             trace.bytes(&[packet.endpoint, packet.direction as u8]);
             trace.bytes(&packet.data);
+        }
+        for record in lock(&self.can).records() {
+            trace.add(record.start.0);
+            trace.add(record.end.0);
+            trace.bytes(format!("{record:?}").as_bytes());
         }
         trace.value()
     }
@@ -441,6 +468,118 @@ impl<A: Arm> Uart<'_, A> {
     /// Lets the byte that the arm sends after `after` others meet a fault.
     pub fn plan_fault(&self, after: u64, fault: Fault) {
         lock(self.line).plan_fault(after, fault);
+    }
+}
+
+/// The CAN bus and the other nodes on it.
+///
+/// Nobody is on it until nodes are [attached](Can::attach). What is changed here takes effect when the board next runs.
+#[derive(Debug)]
+pub struct Can<'a> {
+    bus: &'a Mutex<Bus>,
+}
+
+impl Can<'_> {
+    /// Puts nodes on the bus that run at `rate` bits per second and acknowledge what they understand.
+    pub fn attach(&self, rate: u32) {
+        lock(self.bus).attach(rate);
+    }
+
+    /// Takes the nodes off the bus: nobody acknowledges any more, and what they wanted to send is gone.
+    pub fn detach(&self) {
+        lock(self.bus).detach();
+    }
+
+    /// Whether there are nodes.
+    pub fn is_attached(&self) -> bool {
+        lock(self.bus).is_attached()
+    }
+
+    /// Queues a frame of node 0. It goes when the bus is free and no lower identifier wants it, and again until it got
+    /// through.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::FdFrame`] for one that a classic bus does not carry.
+    pub fn send(&self, frame: &Frame) -> Result<(), Error> {
+        self.send_from(0, frame)
+    }
+
+    /// Queues a frame of `node`. Each node has a queue of its own; the fronts of the queues arbitrate.
+    ///
+    /// # Errors
+    ///
+    /// As for [`send`](Self::send).
+    pub fn send_from(&self, node: u8, frame: &Frame) -> Result<(), Error> {
+        let frame = can::to_wire(frame).ok_or(Error::FdFrame)?;
+        lock(self.bus).send(node, frame);
+        Ok(())
+    }
+
+    /// How many frames of the nodes have not gone yet.
+    pub fn unsent(&self) -> usize {
+        lock(self.bus).unsent()
+    }
+
+    /// Takes the frames that the nodes received from the board, but remote frames and those with 29-bit identifiers.
+    pub fn read(&self) -> Vec<Frame> {
+        lock(self.bus).take_heard().iter().filter_map(can::from_wire).collect()
+    }
+
+    /// How many frames the nodes received from the board that were not read yet.
+    pub fn unread(&self) -> usize {
+        lock(self.bus).unread()
+    }
+
+    /// Every frame since the beginning, in the order in which they ended, once for each attempt.
+    pub fn frames(&self) -> Vec<BusFrame> {
+        let public = |record: &Record| BusFrame {
+            start: record.start,
+            end: record.end,
+            sender: record.sender,
+            frame: can::from_wire(&record.frame),
+            outcome: record.outcome,
+        };
+        lock(self.bus).records().iter().map(public).collect()
+    }
+
+    /// Forgets the frames so far.
+    pub fn forget_frames(&self) {
+        lock(self.bus).forget_records();
+    }
+
+    /// Lets a node destroy the next `count` frames of the board with an error flag, each attempt counted.
+    pub fn destroy_next(&self, count: u32) {
+        lock(self.bus).destroy(count);
+    }
+
+    /// Whether nodes acknowledge the board's frames. They do until told otherwise.
+    pub fn set_acknowledging(&self, acknowledging: bool) {
+        lock(self.bus).set_acknowledging(acknowledging);
+    }
+
+    /// Shorts the bus: it is recessive whoever sends, until [released](Self::release). A controller that sends goes to
+    /// bus-off.
+    pub fn short(&self) {
+        lock(self.bus).set_shorted(true);
+    }
+
+    /// Ends the short.
+    pub fn release(&self) {
+        lock(self.bus).set_shorted(false);
+    }
+
+    /// Lets another node send `frame` again and again, whenever it wins the bus. `None` ends it.
+    ///
+    /// # Errors
+    ///
+    /// As for [`send`](Self::send).
+    pub fn flood(&self, frame: Option<&Frame>) -> Result<(), Error> {
+        let frame = frame
+            .map(|frame| can::to_wire(frame).ok_or(Error::FdFrame))
+            .transpose()?;
+        lock(self.bus).set_flood(frame);
+        Ok(())
     }
 }
 

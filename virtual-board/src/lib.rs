@@ -20,7 +20,7 @@
 //!
 //! The core, its interrupt controller and most peripherals are the emulator library's, `rigless`. Its STM32F427 becomes
 //! an F405 in `stm32f405`; what it lacks is here: the USB controller in `otg`, the host at the other end of the cable in
-//! [`usb`], the serial [line](mod@line) to the arm. Section numbers without a name are those of RM0090, the part's reference
+//! [`usb`], the CAN controller in `bxcan`, the other nodes on its bus in [`can`], the serial [line](mod@line) to the arm. Section numbers without a name are those of RM0090, the part's reference
 //! manual.
 //!
 //! Time is virtual: an instruction takes a cycle at 168 MHz, sleep jumps to the next event, and two runs give the same
@@ -29,6 +29,8 @@
 #![forbid(unsafe_code)]
 
 mod board;
+mod bxcan;
+pub mod can;
 pub mod latency;
 pub mod line;
 mod machine;
@@ -41,7 +43,7 @@ mod time;
 mod trace;
 pub mod usb;
 
-pub use board::{Config, Error, Uart, Usb, VirtualBoard};
+pub use board::{Can, Config, Error, Uart, Usb, VirtualBoard};
 pub use line::Arm;
 pub use stm32f405::Reenabled;
 pub use time::Nanos;

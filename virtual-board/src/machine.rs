@@ -22,6 +22,7 @@ use rigless::session::Session;
 use rigless::snapshot::Store;
 use rigless::time::VirtualNanos;
 
+use crate::can::bus::Bus;
 use crate::line::Arm;
 use crate::report::{Crash, Report};
 use crate::stm32f405::Stm32f405;
@@ -106,7 +107,8 @@ impl<A: Arm> Board for Bench<A> {
 /// What the program asks of the emulator.
 #[derive(Debug)]
 pub(crate) enum Command {
-    /// Run until this instant; if `watchful`, stop early whenever something happens on the USB wire.
+    /// Run until this instant; if `watchful`, stop early whenever something happens on the USB wire or a frame ends on the
+    /// CAN bus.
     Run { until: Nanos, watchful: bool },
     /// Say what the run has met.
     Report,
@@ -134,6 +136,7 @@ pub(crate) struct Run {
     pub(crate) rtt: TcpListener,
     pub(crate) interrupt: Arc<AtomicBool>,
     pub(crate) host: Arc<Mutex<Host>>,
+    pub(crate) can: Arc<Mutex<Bus>>,
     pub(crate) commands: Receiver<Command>,
     pub(crate) replies: Sender<Reply>,
 }
@@ -168,6 +171,7 @@ fn attempt<A: Arm>(bench: Bench<A>, run: Run) -> Result<(), emulator::Error> {
         commands: run.commands,
         replies: run.replies,
         host: run.host,
+        can: run.can,
         watchful: false,
         trace: Trace::default(),
         crashes,
@@ -194,6 +198,7 @@ struct Lockstep {
     commands: Receiver<Command>,
     replies: Sender<Reply>,
     host: Arc<Mutex<Host>>,
+    can: Arc<Mutex<Bus>>,
     watchful: bool,
     trace: Trace,
     crashes: BTreeMap<u64, Crash>,
@@ -223,7 +228,8 @@ impl<A: Arm> Driver<Bench<A>> for Lockstep {
             }
             _ => return,
         };
-        if self.watchful && lock(&self.host).take_progress() {
+        let progress = [lock(&self.host).take_progress(), lock(&self.can).take_progress()];
+        if self.watchful && progress.contains(&true) {
             session.run_until(now);
         }
     }

@@ -3,9 +3,11 @@
 use std::path::Path;
 
 use armwire::Micros;
+use armwire_bridge::can::Id;
 use rigless::image::Image;
 
 use super::*;
+use crate::can::{Outcome, Sender};
 use crate::report::{Cause, Restart};
 
 /// Nobody on the UART.
@@ -127,16 +129,16 @@ fn an_access_to_nothing_fails_the_check() {
 
 #[test]
 fn a_peripheral_without_its_clock_refuses_and_one_without_a_model_is_named() {
-    // USART2's clock is off; CAN1 has no model.
+    // USART2's clock is off; CAN2 has no model.
     let mut board = board(
         &[ldr(0, 2), load(1, 0), ldr(0, 2), load(1, 0), HANG, NOP],
-        &[0x4000_4400, 0x4000_6400],
+        &[0x4000_4400, 0x4000_6800],
     );
     board.run_for(Micros(10)).unwrap();
     let found = board.report().unwrap().violations;
     let named = |violation: &Violation| match violation {
         Violation::Refused { address, .. } => *address == 0x4000_4400,
-        Violation::Unimplemented { instance, .. } => *instance == "CAN1",
+        Violation::Unimplemented { instance, .. } => *instance == "CAN2",
         _ => false,
     };
     assert!(found.len() == 2 && found.iter().all(named), "{found:?}");
@@ -188,6 +190,33 @@ fn instructions_take_as_long_as_they_are_made_to_cost() {
     };
     assert_eq!(asleep_after(100), 1);
     assert_eq!(asleep_after(200), 0);
+}
+
+#[test]
+fn a_wait_ends_with_the_frame_on_the_can_bus() {
+    let mut board = board(&[HANG, NOP], &[]);
+    board.can().attach(500_000);
+    let frame = Frame::new(Id::new(0x123).unwrap(), b"joints").unwrap();
+    board.can().send(&frame).unwrap();
+    let without = board.trace_hash();
+    // 92 bits of 2 us.
+    let took = board
+        .run_until(Nanos::from_millis(1), |board| board.can().unsent() == 0)
+        .unwrap();
+    assert_eq!(took, Nanos(92 * 2_000));
+    let expected = BusFrame {
+        start: Nanos(0),
+        end: Nanos(92 * 2_000),
+        sender: Sender::Node(0),
+        frame: Some(frame),
+        outcome: Outcome::Sent,
+    };
+    assert_eq!(board.can().frames(), [expected]);
+    assert_ne!(board.trace_hash(), without);
+    board.can().forget_frames();
+    assert!(board.can().frames().is_empty());
+    let fd = Frame::new_fd(Id::new(1).unwrap(), &[0; 12]).unwrap();
+    assert!(matches!(board.can().send(&fd), Err(Error::FdFrame)));
 }
 
 #[test]

@@ -14,7 +14,7 @@ use rigless::soc::{
     Bus, Clock, Cpu, Endian, EraseBlocks, Error, Gate, Layout, Peripheral, Region, RegisterSpec, WriteModify,
 };
 
-use crate::otg;
+use crate::{bxcan, otg};
 
 /// The UART that the arm hangs on: USART2, on PA2 and PA3.
 pub(crate) const ARM_PORT: &str = "USART2";
@@ -96,7 +96,7 @@ const RESETS: [(&str, &str, u64); 4] = [
 
 /// The bit of RCC that lets an instance answer (7.3.10 to 7.3.14) and the one that resets it (7.3.5 to 7.3.9), for the
 /// instances that have a model. The names of the registers and bits are those of the vendor's description.
-const CLOCKED: [(&str, &str, &str, &str, &str); 37] = [
+const CLOCKED: [(&str, &str, &str, &str, &str); 38] = [
     ("I2C1", "APB1ENR", "I2C1EN", "APB1RSTR", "I2C1RST"),
     ("I2C2", "APB1ENR", "I2C2EN", "APB1RSTR", "I2C2RST"),
     ("I2C3", "APB1ENR", "I2C3EN", "APB1RSTR", "I2C3RST"),
@@ -110,6 +110,7 @@ const CLOCKED: [(&str, &str, &str, &str, &str); 37] = [
     ("USART6", "APB2ENR", "USART6EN", "APB2RSTR", "USART6RST"),
     ("UART4", "APB1ENR", "UART4EN", "APB1RSTR", "UART4RST"),
     ("UART5", "APB1ENR", "UART5EN", "APB1RSTR", "UART5RST"),
+    ("CAN1", "APB1ENR", "CAN1EN", "APB1RSTR", "CAN1RST"),
     ("PWR", "APB1ENR", "PWREN", "APB1RSTR", "PWRRST"),
     ("TIM1", "APB2ENR", "TIM1EN", "APB2RSTR", "TIM1RST"),
     ("TIM2", "APB1ENR", "TIM2EN", "APB1RSTR", "TIM2RST"),
@@ -170,7 +171,9 @@ pub(super) fn bus() -> Result<Bus, Error> {
             .gate(instance, Gate::by(RCC, enables, enable))
             .reset_by(instance, Gate::by(RCC, resets, reset));
     }
-    builder = builder.clocked_by(otg::PERIPHERAL.name, Clock::output(RCC, rcc::PLL48));
+    builder = builder
+        .clocked_by(otg::PERIPHERAL.name, Clock::output(RCC, rcc::PLL48))
+        .clocked_by(bxcan::CAN, Clock::output(RCC, rcc::PCLK1));
 
     // Write rules that the vendor's description lacks, and write protection of the backup domain (5.4.1, DBP).
     for timer in TIMERS {

@@ -24,6 +24,8 @@ use self::dma::Dma1;
 pub use self::dma::Reenabled;
 use self::map::{ARM_PORT, PWR, RCC};
 use self::port::{Port, Shared};
+use crate::bxcan::{self, Can};
+use crate::can::bus::Bus as CanBus;
 use crate::line::Arm;
 use crate::otg::Otg;
 use crate::usb::host::Host;
@@ -36,6 +38,7 @@ const SUPPLY_MV: NonZeroU32 = NonZeroU32::new(3300).expect("not zero");
 struct Slots {
     port: usize,
     otg: usize,
+    can: usize,
     dma1: usize,
     dma2: usize,
     rcc: usize,
@@ -44,7 +47,7 @@ struct Slots {
     dbg: usize,
 }
 
-/// The microcontroller, with an arm and a USB host at its pins.
+/// The microcontroller, with an arm, a USB host and a CAN bus at its pins.
 #[derive(Debug)]
 pub(crate) struct Stm32f405<A: Arm> {
     bus: Bus,
@@ -55,6 +58,7 @@ pub(crate) struct Stm32f405<A: Arm> {
     twins: Vec<Option<usize>>,
     port: Port<A>,
     otg: Otg,
+    can: Can,
     dma1: Dma1,
     dma2: Dma,
 }
@@ -71,6 +75,7 @@ impl<A: Arm> Stm32f405<A> {
         starve: Arc<AtomicBool>,
         reenabled: Reenabled,
         host: Arc<Mutex<Host>>,
+        can: Arc<Mutex<CanBus>>,
     ) -> Result<Self, Error> {
         let bus = map::bus()?;
         let mut shared = Stm32f427::new()?;
@@ -83,6 +88,7 @@ impl<A: Arm> Stm32f405<A> {
         let slots = Slots {
             port: bus.slot(ARM_PORT)?,
             otg: bus.slot(crate::otg::PERIPHERAL.name)?,
+            can: bus.slot(bxcan::CAN)?,
             dma1: bus.slot("DMA1")?,
             dma2: bus.slot("DMA2")?,
             rcc: bus.slot(RCC)?,
@@ -97,6 +103,7 @@ impl<A: Arm> Stm32f405<A> {
             twins,
             port: Port::new(line),
             otg: Otg::new(host),
+            can: Can::new(can),
             dma1: Dma1::new(reenabled, starve),
             dma2: dma::controller(1),
         };
@@ -155,11 +162,14 @@ impl<A: Arm> Mcu for Stm32f405<A> {
         Device::reset(&mut self.dma1);
         Device::reset(&mut self.port);
         Device::reset(&mut self.otg);
+        Device::reset(&mut self.can);
         self.dma2 = dma::controller(1);
         let (registers, mut context) = self.bus.drive(at, self.slots.port);
         self.port.restarted(registers, &mut context);
         let (_, mut context) = self.bus.drive(at, self.slots.otg);
         self.otg.restarted(&mut context);
+        let (_, mut context) = self.bus.drive(at, self.slots.can);
+        self.can.restarted(&mut context);
     }
 
     /// What is outside the part speaks to these.
@@ -168,6 +178,8 @@ impl<A: Arm> Mcu for Stm32f405<A> {
         Device::poll(&mut self.port, registers, &mut context);
         let (registers, mut context) = self.bus.drive(now, self.slots.otg);
         Device::poll(&mut self.otg, registers, &mut context);
+        let (registers, mut context) = self.bus.drive(now, self.slots.can);
+        Device::poll(&mut self.can, registers, &mut context);
         let (registers, mut context) = self.bus.drive(now, self.slots.dma1);
         Device::poll(&mut self.dma1, registers, &mut context);
     }
@@ -178,6 +190,8 @@ impl<A: Arm> Mcu for Stm32f405<A> {
             Some(&mut self.port)
         } else if slot == slots.otg {
             Some(&mut self.otg)
+        } else if slot == slots.can {
+            Some(&mut self.can)
         } else if slot == slots.dma1 {
             Some(&mut self.dma1)
         } else if slot == slots.dma2 {

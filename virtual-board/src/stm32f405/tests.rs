@@ -62,6 +62,7 @@ impl SerialDevice for Arm {
 struct Bench {
     part: Stm32f405<Arm>,
     line: Shared<Arm>,
+    can: Arc<Mutex<CanBus>>,
     ram: Ram,
     now: Nanos,
 }
@@ -85,10 +86,12 @@ impl Bench {
     fn new(reenabled: Reenabled) -> Self {
         let starve = Arc::new(AtomicBool::new(false));
         let line = Arc::new(Mutex::new(Line::new(Arm::default(), 1_000_000, 0, starve.clone())));
-        let part = Stm32f405::new(8_000_000, line.clone(), starve, reenabled, Arc::default()).unwrap();
+        let can = Arc::new(Mutex::new(CanBus::default()));
+        let part = Stm32f405::new(8_000_000, line.clone(), starve, reenabled, Arc::default(), can.clone()).unwrap();
         let mut bench = Self {
             part,
             line,
+            can,
             ram: Ram::default(),
             now: Nanos(0),
         };
@@ -289,6 +292,36 @@ fn an_arm_outlives_a_reset_of_the_part() {
         (2, Outcome::Lost),
         "it spoke when it was due, to nobody"
     );
+}
+
+#[test]
+fn can1_runs_on_the_clock_of_its_bus_once_that_is_on() {
+    const MCR: u64 = 0x4000_6400;
+    const BTR: u64 = 0x4000_641C;
+    const TI0R: u64 = 0x4000_6580;
+    let mut bench = Bench::new(Reenabled::Restarts);
+    assert!(
+        bench.part.read(VirtualNanos(0), MCR, Width::W32).is_err(),
+        "its clock is off"
+    );
+    port::lock(&bench.can).attach(1_000_000);
+    // 16 quanta of the 16 MHz that the part starts with.
+    for (address, value) in [
+        (RCC_APB1ENR, 1 << 17 | 1 << 25),
+        (MCR, 1),
+        (BTR, 12 << 16 | 1 << 20),
+        (MCR, 0),
+    ] {
+        bench.write(address, value);
+    }
+    bench.run_until(Nanos(20_000));
+    bench.write(TI0R, 0x7FF << 21 | 1);
+    bench.run_until(Nanos(100_000));
+    let can = port::lock(&bench.can);
+    let [record] = can.records() else {
+        panic!("one frame: {:?}", can.records());
+    };
+    assert_eq!((record.start, record.end), (Nanos(20_000), Nanos(67_000)));
 }
 
 #[test]

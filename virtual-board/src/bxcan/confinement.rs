@@ -1,0 +1,130 @@
+//! Fault confinement (RM0090, 32.7.6; ISO 11898-1): the two error counters and what they mean.
+
+use crate::can::{BusError, ErrorState};
+
+/// From where on the bus is heavily disturbed, and the controller says so.
+const WARNING: u16 = 96;
+/// The highest count of a controller that is error active.
+const ACTIVE: u16 = 127;
+/// What the transmit counter of a controller that is on the bus holds at most.
+const MOST: u16 = 255;
+/// What a frame received well makes of a receive counter beyond the error active ones (32.9.2 ESR).
+const RECOVERED: u16 = 120;
+
+/// The counters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Confinement {
+    transmit: u16,
+    receive: u16,
+    bus_off: bool,
+}
+
+impl Confinement {
+    pub(super) fn state(self) -> ErrorState {
+        match (self.bus_off, self.transmit.max(self.receive) > ACTIVE) {
+            (true, _) => ErrorState::BusOff,
+            (false, true) => ErrorState::Passive,
+            (false, false) => ErrorState::Active,
+        }
+    }
+
+    pub(super) fn warns(self) -> bool {
+        self.transmit.max(self.receive) >= WARNING
+    }
+
+    pub(super) fn is_passive(self) -> bool {
+        self.transmit.max(self.receive) > ACTIVE
+    }
+
+    /// TEC: the eight low bits of a counter of nine.
+    pub(super) fn transmit(self) -> u32 {
+        u32::from(self.transmit & 0xFF)
+    }
+
+    /// REC.
+    pub(super) fn receive(self) -> u32 {
+        u32::from(self.receive)
+    }
+
+    /// A frame of its own failed. A missing acknowledge does not count any more once it is error passive.
+    pub(super) fn transmit_error(&mut self, error: BusError) {
+        if error == BusError::Acknowledge && self.state() == ErrorState::Passive {
+            return;
+        }
+        self.transmit += 8;
+        self.bus_off = self.transmit > MOST;
+    }
+
+    /// Another's frame failed here: one more, and eight more if the others answer its error flag with theirs.
+    pub(super) fn receive_error(&mut self) {
+        let more = if self.state() == ErrorState::Active { 9 } else { 1 };
+        self.receive = (self.receive + more).min(MOST);
+    }
+
+    pub(super) fn transmitted(&mut self) {
+        self.transmit = self.transmit.saturating_sub(1);
+    }
+
+    pub(super) fn received(&mut self) {
+        self.receive = match self.receive {
+            0..=ACTIVE => self.receive.saturating_sub(1),
+            _ => RECOVERED,
+        };
+    }
+
+    /// It is back on the bus.
+    pub(super) fn recover(&mut self) {
+        *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_make_it_warn_then_passive_then_off() {
+        let mut counters = Confinement::default();
+        let mut at = Vec::new();
+        for nth in 1..=32 {
+            counters.transmit_error(BusError::RecessiveBit);
+            at.push((nth, counters.warns(), counters.state()));
+        }
+        assert_eq!(at[10], (11, false, ErrorState::Active));
+        assert_eq!(at[11], (12, true, ErrorState::Active));
+        assert_eq!(at[15], (16, true, ErrorState::Passive));
+        assert_eq!(at[30], (31, true, ErrorState::Passive));
+        assert_eq!(at[31], (32, true, ErrorState::BusOff));
+        assert_eq!(counters.transmit(), 0, "the ninth bit does not show");
+    }
+
+    #[test]
+    fn a_missing_acknowledge_never_ends_in_bus_off() {
+        let mut counters = Confinement::default();
+        for _ in 0..1_000 {
+            counters.transmit_error(BusError::Acknowledge);
+        }
+        assert_eq!((counters.transmit(), counters.state()), (128, ErrorState::Passive));
+    }
+
+    #[test]
+    fn good_frames_count_down() {
+        let mut counters = Confinement::default();
+        counters.transmit_error(BusError::RecessiveBit);
+        counters.receive_error();
+        counters.transmitted();
+        counters.received();
+        assert_eq!((counters.transmit(), counters.receive()), (7, 8));
+    }
+
+    #[test]
+    fn a_receiver_becomes_passive_and_no_more_and_comes_back_with_one_good_frame() {
+        let mut counters = Confinement::default();
+        for _ in 0..1_000 {
+            counters.receive_error();
+        }
+        assert_eq!((counters.receive(), counters.state()), (255, ErrorState::Passive));
+        counters.received();
+        assert_eq!((counters.receive(), counters.state()), (120, ErrorState::Active));
+    }
+}
