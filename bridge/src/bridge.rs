@@ -1,15 +1,24 @@
-//! The adapter's state, and what each event does to it.
+//! The adapter's state, and what each event on the hosts' side does to it.
 
 use core::fmt;
 
-use armwire::ling::{self, Ling};
-use armwire::{Decoder, Micros};
+use armwire::Micros;
+use heapless::Deque;
 
-use crate::can;
-use crate::config::{self, Config};
-use crate::control::Identity;
+use crate::arm::Tap;
+use crate::can::Frame;
+use crate::can_port::{CanPort, Received};
+use crate::config::{self, ArmKind, Config};
+use crate::control::{Asker, Event, Identity, Latencies, Refusal, Stamp};
+use crate::control_server::{ControlServer, Port};
+use crate::counters::count;
+use crate::exchange::Exchange;
+use crate::poll::Poll;
 use crate::queue::Queue;
-use crate::{Counters, Line, LineCoding, Refused, UartErrors};
+use crate::stream::Stream;
+use crate::turn::{Turn, Waiting};
+use crate::usb::HostPort;
+use crate::{Counters, Line, LineCoding, Refused};
 
 /// Bytes in a full USB packet (full speed, bulk).
 pub const PACKET: usize = 64;
@@ -17,64 +26,86 @@ pub const PACKET: usize = 64;
 /// How long bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
 const PATIENCE: Micros = Micros::from_millis(1_000);
 
-/// The adapter between a USB serial port and an arm's UART.
+/// Requests from CAN that wait for their turn.
+const CAN_REQUESTS: usize = 2;
+
+/// The adapter between hosts on USB and CAN and an arm's UART.
 ///
-/// `UP` is the room for bytes from the arm that the host has not read yet, `DOWN` for bytes from the host that have not
+/// `UP` is the room for bytes from the arm that the host on USB has not read yet, `DOWN` for bytes from it that have not
 /// gone out yet, in bytes. `DOWN` is at least one [`PACKET`], `UP` at least two.
 ///
-/// Nobody has to poll: after each call, what may have become possible is said there.
+/// Nobody has to poll: after each call, ask what is due, and when [`tick`](Self::tick) wants to be called.
 pub struct Bridge<const UP: usize, const DOWN: usize> {
+    // ---- The line to the arm, see line_share.rs ----
     /// Listens in on what the arm says.
-    tap: Decoder<Ling, { ling::MAX_FRAME }>,
-    /// Bytes from the arm.
-    up: Queue<UP>,
-    /// How many of them, from the front, no longer wait for more to fill the packet.
-    due: usize,
-    transfer: Transfer,
-    /// Bytes from the host.
-    down: Queue<DOWN>,
-    /// When bytes for the arm last moved, or began to wait.
-    down_moved: Micros,
-    port: Port,
-    coding: LineCoding,
-    /// The line coding the host asked for, and how many bytes for the arm go out before it takes effect.
-    wanted: Option<(LineCoding, usize)>,
-    /// The one after that, and how many bytes go out between the two.
-    wanted_next: Option<(LineCoding, usize)>,
+    pub(crate) tap: Tap,
+    /// How many bytes at the front of what the tap has not decided on were passed to the host on USB already.
+    pub(crate) passed: usize,
+    pub(crate) exchange: Exchange,
+    pub(crate) turn: Turn,
+    pub(crate) poll: Poll,
+    /// What is asked then.
+    pub(crate) poll_request: Option<Waiting>,
+    pub(crate) line: Line,
+    /// What the line is to be, and how many bytes of the host on USB go out before it is.
+    pub(crate) wanted: Option<(Line, usize)>,
+    /// What it is to be after that, and how many bytes go out between the two.
+    pub(crate) wanted_next: Option<(Line, usize)>,
     /// When the UART was last looked at.
-    looked: Micros,
+    pub(crate) looked: Micros,
+    /// When the arm was last heard.
+    pub(crate) heard: Micros,
     /// Nothing has arrived since the last frame ended or the line went idle, so there is nothing to time the next look
     /// by.
-    quiet: bool,
-    counters: Counters,
-    identity: Identity,
-    config: Config,
+    pub(crate) quiet: bool,
+
+    // ---- The hosts ----
+    pub(crate) port: HostPort<UP>,
+    /// Bytes from the host on USB.
+    pub(crate) down: Queue<DOWN>,
+    /// Listens in on what the host on USB says to the arm, as it goes out.
+    pub(crate) asks: Tap,
+    pub(crate) can: CanPort,
+    /// The configuration of the CAN bus is another one than `can` has, by request of a host there.
+    can_change: Option<Port>,
+    pub(crate) can_requests: Deque<Waiting, CAN_REQUESTS>,
+    pub(crate) command: Option<Waiting>,
+    /// The request to switch the torque off.
+    pub(crate) torque_off: Option<Waiting>,
+    /// The request for what arm there is.
+    pub(crate) identify: Option<Waiting>,
+    pub(crate) streams: Streams,
+    pub(crate) control: ControlServer,
+
+    pub(crate) config: Config,
+    pub(crate) counters: Counters,
+    pub(crate) latencies: Latencies,
 }
 
-/// The USB transfer towards the host. A host waits for more until a packet is short.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Transfer {
-    /// The last packet was short.
-    Closed,
-    /// The last packet was full and what follows it is still arriving.
-    Open,
-    /// The last packet was full and ended what there was to say.
-    Unterminated,
+/// Who may stream motion.
+#[derive(Default)]
+pub(crate) struct Streams {
+    pub(crate) usb: Stream,
+    pub(crate) can: Stream,
+    pub(crate) command: Stream,
 }
 
-/// Whether somebody listens at the host's end.
-///
-/// Some hosts never raise DTR, so a low DTR means a closed port only after it has been high.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Port {
-    /// No host has configured the adapter.
-    Detached,
-    /// Configured by a host that has not raised DTR so far.
-    Attached,
-    /// DTR is high.
-    Open,
-    /// DTR went low again.
-    Closed,
+impl Streams {
+    const ASKERS: [Asker; 3] = [Asker::Usb, Asker::Can, Asker::Command];
+
+    pub(crate) const fn of(&mut self, asker: Asker) -> Option<&mut Stream> {
+        match asker {
+            Asker::Usb => Some(&mut self.usb),
+            Asker::Can => Some(&mut self.can),
+            Asker::Command => Some(&mut self.command),
+            Asker::Poll | Asker::Adapter => None,
+        }
+    }
+
+    fn timeout(&self, after: Micros) -> Option<Micros> {
+        let streams = [&self.usb, &self.can, &self.command];
+        streams.into_iter().filter_map(|stream| stream.timeout(after)).min()
+    }
 }
 
 /// When to look at the UART next, unless it reports an idle line or an error before.
@@ -130,32 +161,44 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// An adapter that no host has found yet, at 1 Mbaud until [`line_change`](Self::line_change) says otherwise. It is
     /// configured as from the factory if it cannot be as `config` says. Does not compile when a queue is too short.
     pub fn new(identity: Identity, config: Config) -> Self {
-        let config = match config.check() {
-            Ok(()) => config,
-            Err(_) => Config::default(),
-        };
         const {
             assert!(
                 UP >= 2 * PACKET && DOWN >= PACKET,
                 "a queue is shorter than the packets it must hold"
             )
         }
+        let config = match config.check() {
+            Ok(()) => config,
+            Err(_) => Config::default(),
+        };
+        let line = config.arm.line();
         Self {
-            tap: Decoder::new(),
-            up: Queue::new(),
-            due: 0,
-            transfer: Transfer::Closed,
-            down: Queue::new(),
-            down_moved: Micros(0),
-            port: Port::Detached,
-            coding: LineCoding::LING,
-            wanted: None,
+            tap: Tap::new(),
+            passed: 0,
+            exchange: Exchange::new(),
+            turn: Turn::new(),
+            poll: Poll::new(config.poll),
+            poll_request: Waiting::encoded(config.arm, ArmKind::poll, Micros(0)),
+            line: Line::default(),
+            wanted: (line != Line::default()).then_some((line, 0)),
             wanted_next: None,
             looked: Micros(0),
+            heard: Micros(0),
             quiet: true,
-            counters: Counters::default(),
-            identity,
+            port: HostPort::new(),
+            down: Queue::new(),
+            asks: Tap::new(),
+            can: CanPort::new(config.can),
+            can_change: None,
+            can_requests: Deque::new(),
+            command: None,
+            torque_off: None,
+            identify: None,
+            streams: Streams::default(),
+            control: ControlServer::new(identity),
             config,
+            counters: Counters::default(),
+            latencies: Latencies::default(),
         }
     }
 
@@ -164,120 +207,12 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         self.counters
     }
 
-    // ---- The arm's side ----
-
-    /// The UART was looked at, at the time `now`, and has received `bytes`, perhaps none.
-    ///
-    /// Then ask [`usb_transmit`](Self::usb_transmit) and [`wake`](Self::wake).
-    pub fn uart_received(&mut self, bytes: &[u8], now: Micros) {
-        self.looked = now;
-        self.quiet &= bytes.is_empty();
-        count(&mut self.counters.arm_to_host_bytes, bytes.len());
-
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            let later = self.tap.push(rest);
-            let taken = rest.len().saturating_sub(later.len());
-            self.enqueue(rest.get(..taken).unwrap_or(rest));
-            if self.take_frames() {
-                // What the decoder still holds may begin the next frame.
-                let begun = self.tap.pending();
-                self.quiet = begun == 0;
-                self.release(self.up.len().saturating_sub(begun));
-            }
-            rest = later;
-        }
-    }
-
-    /// The line has been idle for the time of a byte: what has arrived goes out.
-    ///
-    /// Call [`uart_received`](Self::uart_received) first with what arrived before. Then ask
-    /// [`usb_transmit`](Self::usb_transmit) and [`wake`](Self::wake).
-    ///
-    /// ```
-    /// use armwire::Micros;
-    /// use armwire_bridge::{Bridge, PACKET, Wake};
-    ///
-    /// let mut bridge = Bridge::<256, 128>::default();
-    /// bridge.usb_configured(true);
-    /// bridge.uart_received(b"what is this", Micros(0));
-    /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
-    /// bridge.uart_idle(Micros(200));
-    /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));
-    /// assert_eq!(bridge.wake(), Wake::Byte);
-    /// ```
-    pub fn uart_idle(&mut self, now: Micros) {
-        let _ = now;
-        while let Some(noise) = self.tap.idle(()) {
-            count(&mut self.counters.noise_bytes, noise.len);
-            self.take_frames();
-        }
-        self.quiet = true;
-        self.release(self.up.len());
-    }
-
-    /// The UART reported errors. The bytes they came with are passed on as they are.
-    pub fn uart_errors(&mut self, errors: UartErrors) {
-        let c = &mut self.counters;
-        c.framing_errors = c.framing_errors.wrapping_add(errors.framing);
-        c.parity_errors = c.parity_errors.wrapping_add(errors.parity);
-        c.noise_errors = c.noise_errors.wrapping_add(errors.noise);
-        c.overrun_errors = c.overrun_errors.wrapping_add(errors.overrun);
-    }
-
-    /// The receive ring was overwritten before it was read.
-    pub fn uart_ring_overrun(&mut self) {
-        count(&mut self.counters.ring_overruns, 1);
-    }
-
-    /// How many more bytes must arrive before anything can be due for the host: the end of the current frame or a full
-    /// packet, at least 1.
-    pub fn need(&self) -> usize {
-        let pending = self.tap.pending();
-        let header = if pending == 0 { 0 } else { self.tap.need(()) };
-        let frame = header.max(ling::OVERHEAD.saturating_sub(pending));
-        let packet = PACKET.checked_sub(self.up.len()).unwrap_or(PACKET);
-        frame.min(packet).max(1)
-    }
-
-    /// When to look at the UART next.
-    ///
-    /// The wait is timed up to the last byte but one. From there the last byte itself is the signal, so that neither a
-    /// sender's clock nor a pause in the middle of a frame makes the end of it late.
-    pub fn wake(&self) -> Wake {
-        match self.need() - 1 {
-            certain @ 1.. if !self.quiet => Wake::At(self.looked + Micros(self.coding.micros(certain))),
-            _ => Wake::Byte,
-        }
-    }
-
-    /// Whether [`uart_transmit`](Self::uart_transmit) has bytes or [`line_change`](Self::line_change) has something.
-    pub fn uart_due(&self, now: Micros) -> bool {
-        let _ = now;
-        !self.down.is_empty() || self.wanted.is_some()
-    }
-
-    /// Moves bytes for the arm to the front of `out`. `None` when there are none now, or when the line has to change
-    /// first.
-    ///
-    /// Give it room for a whole frame, [`MAX_FRAME`](crate::control::MAX_FRAME) bytes.
-    pub fn uart_transmit(&mut self, out: &mut [u8], now: Micros) -> Option<Burst> {
-        let before = self.wanted.map_or(out.len(), |(_, before)| before.min(out.len()));
-        let n = self.down.pop(out.get_mut(..before).unwrap_or_default());
-        if let Some((_, before)) = &mut self.wanted {
-            *before = before.saturating_sub(n);
-        }
-        self.down_moved = now;
-        count(&mut self.counters.host_to_arm_bytes, n);
-        (n > 0).then_some(Burst { len: n, start: None })
-    }
-
-    // ---- The host's side ----
+    // ---- The serial port on USB ----
 
     /// The host enabled or disabled the adapter's configuration.
     pub fn usb_configured(&mut self, configured: bool) {
-        self.forget();
-        self.port = if configured { Port::Attached } else { Port::Detached };
+        self.port.configured(configured, &mut self.counters);
+        self.control.forget_usb();
     }
 
     /// The USB bus was reset: a new host, or the same one anew.
@@ -316,18 +251,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// assert_eq!(bridge.counters().unheard_bytes, 3);
     /// ```
     pub fn usb_dtr(&mut self, high: bool) -> bool {
-        let port = match (self.port, high) {
-            (Port::Detached, _) => Port::Detached,
-            (Port::Attached, false) => Port::Attached,
-            (_, true) => Port::Open,
-            (_, false) => Port::Closed,
-        };
-        let changed = port != self.port;
-        if changed {
-            self.forget();
-            self.port = port;
-        }
-        changed
+        self.port.dtr(high, &mut self.counters)
     }
 
     /// Whether the next packet from the host may be taken. If not, leave it: USB holds the host back.
@@ -339,51 +263,186 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     /// The host sent a packet. Ask [`usb_room`](Self::usb_room) before.
     ///
-    /// Then ask [`uart_transmit`](Self::uart_transmit).
+    /// Then ask [`uart_due`](Self::uart_due).
     pub fn usb_received(&mut self, packet: &[u8], now: Micros) {
         count(&mut self.counters.packets_from_host, 1);
-        if self.down.is_empty() {
-            self.down_moved = now;
-        }
+        self.streams.usb.hear(now);
+        self.turn.usb_queued(self.down.is_empty(), now);
         let refused = self.down.push(packet);
         count(&mut self.counters.refused_bytes, refused);
     }
 
     /// Whether a host has configured the adapter.
     pub fn is_attached(&self) -> bool {
-        self.port != Port::Detached
+        self.port.is_attached()
     }
 
     /// Whether [`usb_transmit`](Self::usb_transmit) has a packet.
     pub fn usb_due(&self) -> bool {
-        self.up.len() >= PACKET || self.due > 0 || self.transfer == Transfer::Unterminated
+        self.port.is_due()
     }
 
     /// Moves the next packet for the host into `packet` and returns its length, 0 for one without data.
     ///
     /// `None` when nothing is due. Send what it returns before asking again.
     pub fn usb_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
-        let len = match self.due {
-            _ if self.up.len() >= PACKET => PACKET,
-            0 if self.transfer == Transfer::Unterminated => 0,
-            0 => return None,
-            due => due,
-        };
-        let len = self.up.pop(packet.get_mut(..len).unwrap_or_default());
-        self.transfer = match len {
-            PACKET if self.due == PACKET => Transfer::Unterminated,
-            PACKET => Transfer::Open,
-            _ => Transfer::Closed,
-        };
-        self.due = self.due.saturating_sub(len);
-        count(&mut self.counters.packets_to_host, 1);
-        count(&mut self.counters.empty_packets_to_host, usize::from(len == 0));
-        Some(len)
+        self.port.transmit(packet, &mut self.counters)
     }
 
     /// A packet of `len` bytes from [`usb_transmit`](Self::usb_transmit) could not be sent: the host is gone.
     pub fn usb_lost(&mut self, len: usize) {
         count(&mut self.counters.unheard_bytes, len);
+    }
+
+    // ---- The control interface on USB ----
+
+    /// Whether the next packet on the control interface may be taken. If not, leave it: USB holds the host back.
+    pub fn control_room(&self) -> bool {
+        self.control.usb_room()
+    }
+
+    /// The host sent a packet on the control interface. Ask [`control_room`](Self::control_room) before.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::control::{FromAdapter, FromHost, MAX_COBS, Reader, Reply, Request, VERSION, encode_cobs};
+    /// use armwire_bridge::{Bridge, PACKET};
+    ///
+    /// let mut bridge = Bridge::<256, 128>::default();
+    /// let mut message = [0; MAX_COBS];
+    /// let len = encode_cobs(&FromHost { sequence: 7, request: Request::Identify }, &mut message).unwrap();
+    /// bridge.control_received(&message[..len], Micros(0));
+    ///
+    /// let mut packet = [0; PACKET];
+    /// let len = bridge.control_transmit(&mut packet, Micros(0)).unwrap();
+    /// let mut reader = Reader::<64>::new();
+    /// reader.push(&packet[..len]);
+    /// let Some(Ok(FromAdapter::Reply { sequence: 7, reply: Reply::Identity(identity) })) = reader.next() else {
+    ///     panic!()
+    /// };
+    /// assert_eq!(identity, bridge.identity());
+    /// ```
+    pub fn control_received(&mut self, packet: &[u8], now: Micros) {
+        self.control.usb_received(packet);
+        self.serve(now);
+    }
+
+    /// Whether [`control_transmit`](Self::control_transmit) has a packet.
+    pub fn control_due(&self) -> bool {
+        self.control.usb_due()
+    }
+
+    /// Moves the next packet of the control interface into `packet` and returns its length, 0 for one without data. `None`
+    /// when nothing is due.
+    pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Micros) -> Option<usize> {
+        let len = self.control.usb_transmit(packet)?;
+        self.serve(now);
+        Some(len)
+    }
+
+    // ---- The CAN bus ----
+
+    /// A frame came from the bus. Those with identifiers that are not this adapter's are passed over.
+    pub fn can_received(&mut self, frame: &Frame, now: Micros) {
+        match self.can.received(frame, now, &mut self.counters) {
+            Some(Received::Arm) => self.take_can_request(now),
+            Some(Received::Control) => self.serve(now),
+            Some(Received::Command(target)) => self.take_command(&target, now),
+            Some(Received::Refused(asker, refusal)) => self.refuse(asker, refusal, now),
+            None => {}
+        }
+    }
+
+    /// Whether [`can_transmit`](Self::can_transmit) has a frame.
+    pub fn can_due(&self, now: Micros) -> bool {
+        self.can.is_due(now)
+    }
+
+    /// The next frame for the bus, the most urgent first. `None` when there is none now.
+    ///
+    /// Hand it to the controller at once, and ask only when the controller has room: what waits here can still be overtaken
+    /// by what is more urgent.
+    pub fn can_transmit(&mut self, now: Micros) -> Option<Frame> {
+        let frame = self.can.transmit(now, &mut self.counters);
+        if frame.is_some() {
+            self.serve(now);
+        }
+        frame
+    }
+
+    /// The CAN controller reported errors.
+    ///
+    /// ```
+    /// use armwire_bridge::{Bridge, CanErrors};
+    ///
+    /// let mut bridge = Bridge::<256, 128>::default();
+    /// bridge.can_errors(CanErrors { bus: 3, overruns: 1 });
+    /// assert_eq!((bridge.counters().can_bus_errors, bridge.counters().can_receive_overruns), (3, 1));
+    /// ```
+    pub fn can_errors(&mut self, errors: CanErrors) {
+        let c = &mut self.counters;
+        c.can_bus_errors = c.can_bus_errors.wrapping_add(errors.bus);
+        c.can_receive_overruns = c.can_receive_overruns.wrapping_add(errors.overruns);
+    }
+
+    /// The CAN controller left the bus (`off`), or is back on it. What was under way by ISO-TP is given up.
+    pub fn can_bus_off(&mut self, off: bool, now: Micros) {
+        if off {
+            count(&mut self.counters.can_bus_offs, 1);
+            self.can.left();
+        }
+        self.tell(Event::BusOff { off }, now);
+    }
+
+    /// What the CAN controller is to be. It changes with an [`Action::RestartCan`].
+    pub fn can_config(&self) -> config::Can {
+        self.can.config()
+    }
+
+    /// Takes requests for the arm from the bus as far as there is room for them.
+    pub(crate) fn take_can_request(&mut self, now: Micros) {
+        while !self.can_requests.is_full()
+            && let Some(pdu) = self.can.arm.received()
+        {
+            let request = match self.config.arm.is_request(pdu) {
+                true => Waiting::new(self.config.arm, pdu, now),
+                false => None,
+            };
+            self.can.arm.release();
+            match request {
+                Some(request) => {
+                    self.streams.can.hear(now);
+                    if request.asked.moves {
+                        self.streams.can.motion(self.config.silence.after(), now);
+                    }
+                    let _ = self.can_requests.push_back(request);
+                }
+                None => self.refuse(Asker::Can, Refusal::NotAFrame, now),
+            }
+        }
+    }
+
+    /// Lets the newest command wait for its turn.
+    fn take_command(&mut self, target: &armwire::ling::Move, now: Micros) {
+        let waiting = self.command.take();
+        self.command = Waiting::encoded(self.config.arm, |arm, out| arm.moving(target, out), now);
+        self.streams.command.motion(self.config.silence.after(), now);
+        if waiting.is_some() {
+            self.refuse(Asker::Command, Refusal::QueueFull, now);
+        }
+    }
+
+    pub(crate) fn refuse(&mut self, asker: Asker, reason: Refusal, now: Micros) {
+        let c = &mut self.counters;
+        let counter = match (asker, reason) {
+            (_, Refusal::QueueFull) => &mut c.refused_can_requests,
+            (_, Refusal::NotAFrame) => &mut c.refused_can_frames,
+            (_, Refusal::Incomplete) => &mut c.commands_incomplete,
+            (_, Refusal::Stale) => &mut c.commands_stale,
+            (_, Refusal::OutOfRange) => &mut c.commands_out_of_range,
+        };
+        count(counter, 1);
+        self.tell(Event::Refused { asker, reason }, now);
     }
 
     // ---- The line coding ----
@@ -411,131 +470,169 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// ```
     pub fn request_line_coding(&mut self, bytes: [u8; 7], now: Micros) -> Result<(), Refused> {
         let coding = LineCoding::from_cdc(bytes).inspect_err(|_| count(&mut self.counters.refused_line_codings, 1))?;
-        if self.down.is_empty() {
-            self.down_moved = now;
-        }
-        // No packet is taken while one waits, but one may have been on its way: so there can be two, and no more.
-        match (self.wanted, self.wanted_next) {
-            (None, _) => self.wanted = (coding != self.coding).then_some((coding, self.down.len())),
-            (Some((_, before)), None) if before == self.down.len() => {
-                self.wanted = (coding != self.coding).then_some((coding, before));
-            }
-            (Some((_, before)), None) => self.wanted_next = Some((coding, self.down.len().saturating_sub(before))),
-            (Some(_), Some((_, between))) => self.wanted_next = Some((coding, between)),
-        }
+        let half_duplex = self.newest_line().half_duplex;
+        self.want_line(Line { coding, half_duplex }, now);
         Ok(())
-    }
-
-    /// What the line is to be, once every byte before that has been handed to the UART.
-    pub fn line_change(&self) -> Option<Line> {
-        let (coding, _) = self.wanted.filter(|&(_, before)| before == 0)?;
-        Some(Line {
-            coding,
-            half_duplex: false,
-        })
-    }
-
-    /// The UART works like this from here on. A frame that had begun will not end.
-    pub fn line_changed(&mut self, line: Line) {
-        self.uart_idle(self.looked);
-        self.coding = line.coding;
-        if self.wanted.is_none_or(|(wanted, _)| wanted == line.coding) {
-            self.wanted = self.wanted_next.take();
-        }
-        count(&mut self.counters.line_codings, 1);
     }
 
     /// The line coding the host may count on: the one it last asked for successfully.
     pub fn line_coding(&self) -> LineCoding {
-        self.wanted_next
-            .or(self.wanted)
-            .map_or(self.coding, |(wanted, _)| wanted)
+        self.newest_line().coding
     }
 
-    // ---- The control interface on USB ----
-
-    /// Whether the next packet on the control interface may be taken.
-    pub fn control_room(&self) -> bool {
-        true
+    /// What the line will be once all that waits has gone out.
+    fn newest_line(&self) -> Line {
+        self.wanted_next.or(self.wanted).map_or(self.line, |(wanted, _)| wanted)
     }
 
-    /// The host sent a packet on the control interface. Ask [`control_room`](Self::control_room) before.
-    pub fn control_received(&mut self, packet: &[u8], now: Micros) {
-        let _ = (packet, now, &self.identity);
-    }
-
-    /// Whether [`control_transmit`](Self::control_transmit) has a packet.
-    pub fn control_due(&self) -> bool {
-        false
-    }
-
-    /// Moves the next packet of the control interface into `packet` and returns its length. `None` when nothing is due.
-    pub fn control_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
-        let _ = packet;
-        None
-    }
-
-    // ---- The CAN bus ----
-
-    /// A frame came from the bus.
-    pub fn can_received(&mut self, frame: &can::Frame, now: Micros) {
-        let _ = (frame, now);
-    }
-
-    /// Whether [`can_transmit`](Self::can_transmit) has a frame.
-    pub fn can_due(&self, now: Micros) -> bool {
-        let _ = now;
-        false
-    }
-
-    /// The next frame for the bus, in the order of urgency. `None` when there is none now. Do not hold more than the
-    /// controller can: what waits here can still be overtaken.
-    pub fn can_transmit(&mut self, now: Micros) -> Option<can::Frame> {
-        let _ = now;
-        None
-    }
-
-    /// The CAN controller reported errors.
-    pub fn can_errors(&mut self, errors: CanErrors) {
-        let _ = errors;
-    }
-
-    /// The CAN controller left the bus (`off`), or is back on it.
-    pub fn can_bus_off(&mut self, off: bool, now: Micros) {
-        let _ = (off, now);
-    }
-
-    /// What the CAN controller is to be. It changes with an [`Action::RestartCan`].
-    pub fn can_config(&self) -> config::Can {
-        self.config.can
+    /// The line is to be like this for what the host on USB says from now on.
+    fn want_line(&mut self, line: Line, now: Micros) {
+        self.turn.usb_queued(self.down.is_empty(), now);
+        // No packet is taken while one waits, but one may have been on its way: so there can be two, and no more.
+        match (self.wanted, self.wanted_next) {
+            (None, _) => self.wanted = (line != self.line).then_some((line, self.down.len())),
+            (Some((_, before)), None) if before == self.down.len() => {
+                self.wanted = (line != self.line).then_some((line, before));
+            }
+            (Some((_, before)), None) => self.wanted_next = Some((line, self.down.len().saturating_sub(before))),
+            (Some(_), Some((_, between))) => self.wanted_next = Some((line, between)),
+        }
     }
 
     // ---- Time, and what only firmware can do ----
 
-    /// When [`tick`](Self::tick) has something to do, perhaps at a time that has passed. `None` when it will not unless
-    /// something happens before.
+    /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed. `None` when
+    /// nothing waits for the time.
     pub fn timeout(&self) -> Option<Micros> {
-        None
+        [
+            self.poll.timeout(LEAD),
+            self.exchange.timeout(),
+            self.hold_timeout(),
+            self.streams.timeout(self.config.silence.after()),
+            self.can.timeout(),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
     }
 
-    /// It is `now`.
+    /// It is `now`: what is late is given up, and what is due becomes so.
+    ///
+    /// Then ask everything that can be due.
     pub fn tick(&mut self, now: Micros) {
-        let _ = now;
+        self.tick_line(now);
+        for asker in Streams::ASKERS {
+            let after = self.config.silence.after();
+            let stream = self.streams.of(asker);
+            if stream.is_some_and(|stream| stream.timeout(after).is_some_and(|at| at <= now)) {
+                self.silent(asker, now);
+            }
+        }
+        if let Some(refusal) = self.can.tick(now, &mut self.counters) {
+            self.refuse(Asker::Command, refusal, now);
+        }
+    }
+
+    /// A host that streamed motion says nothing any more: what it has sent and is not out is old.
+    fn silent(&mut self, asker: Asker, now: Micros) {
+        if let Some(stream) = self.streams.of(asker) {
+            stream.end();
+        }
+        let dropped = match asker {
+            Asker::Usb => {
+                let dropped = self.down.len();
+                self.down.clear();
+                self.asks.clear();
+                for (_, before) in [&mut self.wanted, &mut self.wanted_next].into_iter().flatten() {
+                    *before = 0;
+                }
+                dropped
+            }
+            Asker::Can => {
+                let dropped = self.can_requests.iter().map(|request| request.bytes.len()).sum();
+                self.can_requests.clear();
+                dropped
+            }
+            _ => {
+                self.can.stop_commands();
+                self.command.take().map_or(0, |request| request.bytes.len())
+            }
+        };
+        let torque_off = Waiting::encoded(self.config.arm, ArmKind::torque_off, now);
+        let torque_off = torque_off.filter(|_| self.config.silence.torque_off);
+        self.torque_off = self.torque_off.take().or(torque_off);
+        let torque_off = self.torque_off.is_some();
+        count(&mut self.counters.host_silences, 1);
+        count(&mut self.counters.silenced_bytes, dropped);
+        let dropped = dropped as u16;
+        self.tell(
+            Event::HostSilent {
+                asker,
+                dropped,
+                torque_off,
+            },
+            now,
+        );
     }
 
     /// The next thing that only firmware can do, once.
     pub fn action(&mut self) -> Option<Action> {
-        None
+        // The reply goes out as the bus was.
+        let replied = |port: &mut Port| *port == Port::Usb || !self.can.control.is_sending();
+        if self.can_change.take_if(replied).is_some() {
+            self.can = CanPort::new(self.config.can);
+            return Some(Action::RestartCan(self.config.can));
+        }
+        self.control.action()
     }
 
     /// What became of [`Action::Save`] or [`Action::Reset`].
-    pub fn saved(&mut self, result: Result<(), ()>) {
-        let _ = result;
+    pub fn saved(&mut self, result: Result<(), ()>, now: Micros) {
+        let counter = match result {
+            Ok(()) => &mut self.counters.config_saves,
+            Err(()) => &mut self.counters.config_failures,
+        };
+        count(counter, 1);
+        self.control.saved(result.is_ok());
+        self.serve(now);
     }
 
     /// The configuration in force.
-    pub fn config(&self) -> Config {
+    pub const fn config(&self) -> Config {
         self.config
+    }
+
+    /// What the adapter is.
+    pub fn identity(&self) -> Identity {
+        self.control.identity.clone()
+    }
+
+    /// Is from now on as `config` says.
+    pub(crate) fn adopt(&mut self, config: Config, by: Port, now: Micros) {
+        let was = core::mem::replace(&mut self.config, config);
+        if config.can != was.can {
+            self.can_change = Some(by);
+        }
+        if config.arm != was.arm {
+            self.change_arm(now);
+            self.want_line(config.arm.line(), now);
+            self.poll_request = Waiting::encoded(config.arm, ArmKind::poll, now);
+        }
+        if config.poll != was.poll || config.arm != was.arm {
+            self.poll = Poll::new(config.poll);
+            self.poll.tick(LEAD, now);
+        }
+    }
+
+    /// Tells whoever wants to be told.
+    pub(crate) fn tell(&mut self, event: Event, now: Micros) {
+        let frame = matches!(event, Event::Frame { .. });
+        if !frame && !self.can.note(&event, Stamp(now.0)) {
+            count(&mut self.counters.dropped_events, 1);
+        }
+        if self.control.is_heard(frame) {
+            self.control.tell(event, now, &mut self.can, &mut self.counters);
+        }
     }
 
     // ---- Health ----
@@ -565,49 +662,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// ```
     pub fn is_stuck(&self, now: Micros) -> bool {
         let unsent = !self.down.is_empty() || self.wanted.is_some();
-        now.since(self.looked) > PATIENCE || unsent && now.since(self.down_moved) > PATIENCE
-    }
-
-    /// Queues bytes for the host, as far as there is one and room.
-    fn enqueue(&mut self, bytes: &[u8]) {
-        match self.port {
-            Port::Detached | Port::Closed => count(&mut self.counters.unheard_bytes, bytes.len()),
-            Port::Attached | Port::Open => {
-                let dropped = self.up.push(bytes);
-                count(&mut self.counters.dropped_bytes, dropped);
-            }
-        }
-    }
-
-    /// Counts the frames and noise the tap has, and returns whether there was a frame.
-    fn take_frames(&mut self) -> bool {
-        let mut any = false;
-        while let Some(next) = self.tap.next(()) {
-            match next {
-                Ok(_) => {
-                    any = true;
-                    count(&mut self.counters.frames, 1);
-                }
-                Err(noise) => count(&mut self.counters.noise_bytes, noise.len),
-            }
-        }
-        any
-    }
-
-    /// The first `n` bytes for the host wait no longer.
-    fn release(&mut self, n: usize) {
-        self.due = self.due.max(n);
-        if self.due == 0 && self.transfer == Transfer::Open {
-            self.transfer = Transfer::Unterminated;
-        }
-    }
-
-    /// Drops what was queued for the host that was.
-    fn forget(&mut self) {
-        count(&mut self.counters.unheard_bytes, self.up.len());
-        self.up.clear();
-        self.due = 0;
-        self.transfer = Transfer::Closed;
+        let stands = self.exchange.holder().is_none_or(|holder| holder == Asker::Usb);
+        now.since(self.looked) > PATIENCE || unsent && stands && now.since(self.turn.moved()) > PATIENCE
     }
 }
 
@@ -621,15 +677,11 @@ impl<const UP: usize, const DOWN: usize> Default for Bridge<UP, DOWN> {
 impl<const UP: usize, const DOWN: usize> fmt::Debug for Bridge<UP, DOWN> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Bridge")
-            .field("port", &self.port)
-            .field("up", &self.up.len())
+            .field("config", &self.config)
+            .field("line", &self.line)
+            .field("up", &self.port.len())
             .field("down", &self.down.len())
-            .field("coding", &self.coding)
             .field("counters", &self.counters)
             .finish_non_exhaustive()
     }
-}
-
-fn count(counter: &mut u32, n: usize) {
-    *counter = counter.wrapping_add(n as u32);
 }

@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use armwire::Micros;
 use serde::{Deserialize, Serialize};
 
 use crate::can::Node;
@@ -226,6 +227,13 @@ impl Can {
         } else {
             MAX_POLL_HZ
         }
+    }
+}
+
+impl Silence {
+    /// After how long, zero for never.
+    pub(crate) const fn after(&self) -> Micros {
+        Micros::from_millis(self.after_ms as u64)
     }
 }
 

@@ -174,6 +174,11 @@ pub struct UartErrors {
     pub overrun: u32,
 }
 
+/// Adds `n`.
+pub(crate) fn count(counter: &mut u32, n: usize) {
+    *counter = counter.wrapping_add(n as u32);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -43,16 +43,25 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod arm;
 mod bridge;
 pub mod can;
+mod can_port;
 pub mod config;
 pub mod control;
 mod control_codec;
+mod control_server;
 mod counters;
+mod exchange;
 pub mod isotp;
 mod line;
+mod line_share;
+mod poll;
 mod queue;
 pub mod store;
+mod stream;
+mod turn;
+mod usb;
 
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,315 @@
+//! The adapter's end of the CAN bus: two ISO-TP connections, cyclic frames both ways, and what is said by the way.
+
+use armwire::Micros;
+use armwire::ling::{JointState, Move};
+use heapless::Deque;
+
+use crate::Counters;
+use crate::can::command::Commands;
+use crate::can::telemetry::{Errors, Sample, event_to_frame};
+use crate::can::{Frame, Function, MAX_CLASSIC};
+use crate::config;
+use crate::control::{Asker, Event, FrameBytes, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
+use crate::counters::count;
+use crate::isotp::{self, Endpoint, Link};
+use crate::queue::Queue;
+
+/// The longest message from a host on the control connection, in bytes. The longest there is, which sets the
+/// configuration, has 31.
+pub(crate) const MAX_REQUEST: usize = 64;
+
+/// Frames of the arm that wait to go out by ISO-TP, besides the one that is going.
+const ANSWERS: usize = 4;
+
+/// Bytes of events that wait to go out on the control connection.
+const EVENTS: usize = 192;
+
+/// Events that wait to go out as plain frames.
+const NOTES: usize = 4;
+
+/// Frames of a sample.
+const SAMPLE_FRAMES: usize = 3;
+
+/// How often the error counts go out while telemetry is on.
+const ERRORS_PERIOD: Micros = Micros::from_millis(1_000);
+
+/// What came from the bus and is not dealt with here.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Received {
+    /// A request for the arm may be whole, or one was refused.
+    Arm,
+    /// A control message may be whole.
+    Control,
+    /// A command is to move the arm.
+    Command(Move),
+    /// A request, a message or a command was refused.
+    Refused(Asker, Refusal),
+}
+
+/// The adapter on the bus.
+pub(crate) struct CanPort {
+    config: config::Can,
+    pub(crate) arm: Endpoint<MAX_FRAME, MAX_FRAME>,
+    pub(crate) control: Endpoint<MAX_REQUEST, MAX_MESSAGE>,
+    commands: Commands,
+    answers: Deque<FrameBytes, ANSWERS>,
+    /// Control messages that wait, each behind its length.
+    events: Queue<EVENTS>,
+    notes: Deque<[u8; MAX_CLASSIC], NOTES>,
+    /// Where the arm was last, if that has not gone out.
+    newest: Option<(JointState, Micros)>,
+    /// The sample that is going out, and how many of its frames have.
+    sample: Option<(Sample, usize)>,
+    samples: u8,
+    /// When the next sample may begin.
+    sample_at: Micros,
+    /// When the error counts go out.
+    errors_at: Option<Micros>,
+    /// Until when time-outs have been dealt with.
+    ticked: Micros,
+}
+
+impl CanPort {
+    pub(crate) fn new(config: config::Can) -> Self {
+        let link = match config.data_bit_rate {
+            Some(_) => Link::Fd,
+            None => Link::Classic,
+        };
+        let answers = |function: Function| isotp::Config::new(link, function.id(config.node));
+        Self {
+            config,
+            arm: Endpoint::new(answers(Function::ArmAnswer)),
+            control: Endpoint::new(answers(Function::ControlAnswer)),
+            commands: Commands::new(config.node, Micros::from_millis(config.command_timeout_ms.into())),
+            answers: Deque::new(),
+            events: Queue::new(),
+            notes: Deque::new(),
+            newest: None,
+            sample: None,
+            samples: 0,
+            sample_at: Micros(0),
+            errors_at: (config.telemetry_hz > 0).then_some(Micros(0)),
+            ticked: Micros(0),
+        }
+    }
+
+    /// What the CAN controller is.
+    pub(crate) const fn config(&self) -> config::Can {
+        self.config
+    }
+
+    /// A frame came from the bus.
+    pub(crate) fn received(&mut self, frame: &Frame, now: Micros, counters: &mut Counters) -> Option<Received> {
+        count(&mut counters.can_frames_received, 1);
+        let (function, node) = Function::of(frame.id())?;
+        if node != self.config.node {
+            return None;
+        }
+        match function {
+            Function::ArmRequest => {
+                let refused = note(self.arm.receive(frame.data(), now), counters);
+                Some(match refused {
+                    true => Received::Refused(Asker::Can, Refusal::QueueFull),
+                    false => Received::Arm,
+                })
+            }
+            Function::ControlRequest => {
+                let refused = note(self.control.receive(frame.data(), now), counters);
+                Some(match refused {
+                    true => Received::Refused(Asker::Can, Refusal::QueueFull),
+                    false => Received::Control,
+                })
+            }
+            Function::CommandA | Function::CommandB if self.config.commands => {
+                match self.commands.receive(frame, now)? {
+                    Ok(target) => Some(Received::Command(target)),
+                    Err(refusal) => Some(Received::Refused(Asker::Command, refusal)),
+                }
+            }
+            _ => None,
+        }
+    }
+
+    /// The stream of commands is over: the next one must start anew.
+    pub(crate) fn stop_commands(&mut self) {
+        self.commands.stop();
+    }
+
+    /// Whether an answer of the arm was queued. It is dropped where there is no room.
+    pub(crate) fn answer(&mut self, frame: &FrameBytes) -> bool {
+        let queued = self.answers.push_back(frame.clone()).is_ok();
+        self.feed();
+        queued
+    }
+
+    /// Whether an event in postcard format was queued for the control connection.
+    pub(crate) fn event(&mut self, message: &[u8]) -> bool {
+        let fits = message.len() < self.events.room();
+        if fits {
+            self.events.push(&[message.len() as u8]);
+            self.events.push(message);
+            self.feed();
+        }
+        fits
+    }
+
+    /// Whether an event was queued as a plain frame.
+    pub(crate) fn note(&mut self, event: &Event, at: Stamp) -> bool {
+        match event_to_frame(event, at, self.config.node) {
+            Some(frame) => match frame.data().first_chunk() {
+                Some(data) => self.notes.push_back(*data).is_ok(),
+                None => false,
+            },
+            None => true,
+        }
+    }
+
+    /// Where the arm is.
+    pub(crate) fn state(&mut self, state: JointState, at: Micros) {
+        if self.config.telemetry_hz > 0 {
+            self.newest = Some((state, at));
+        }
+    }
+
+    /// Begins to send what waits for a connection that is free.
+    fn feed(&mut self) {
+        if !self.arm.is_sending()
+            && let Some(frame) = self.answers.pop_front()
+        {
+            // It is no longer than the connection's longest.
+            let _ = self.arm.send(&frame);
+        }
+        // Whoever has asked goes before those who are told.
+        if !self.control.is_sending() && self.control.received().is_none() && !self.events.is_empty() {
+            let mut len = [0];
+            let mut message = [0; EVENTS];
+            self.events.pop(&mut len);
+            let [len] = len;
+            let message = message.get_mut(..usize::from(len)).unwrap_or_default();
+            self.events.pop(message);
+            let _ = self.control.send(message);
+        }
+    }
+
+    /// From when on [`transmit`](Self::transmit) has a frame, perhaps a time that has passed.
+    fn transmit_at(&self) -> Option<Micros> {
+        if self.sample.is_some() || !self.notes.is_empty() {
+            return Some(Micros(0));
+        }
+        let sample_at = self.newest.map(|_| self.sample_at);
+        [
+            sample_at,
+            self.errors_at,
+            self.arm.transmit_at(),
+            self.control.transmit_at(),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
+    }
+
+    /// Whether [`transmit`](Self::transmit) has a frame.
+    pub(crate) fn is_due(&self, now: Micros) -> bool {
+        self.transmit_at().is_some_and(|at| at <= now)
+    }
+
+    /// The next frame for the bus, the most urgent first.
+    pub(crate) fn transmit(&mut self, now: Micros, counters: &mut Counters) -> Option<Frame> {
+        let frame = self.next_frame(now, counters)?;
+        count(&mut counters.can_frames_sent, 1);
+        Some(frame)
+    }
+
+    fn next_frame(&mut self, now: Micros, counters: &Counters) -> Option<Frame> {
+        if self.sample.is_none() && self.sample_at <= now {
+            self.begin_sample(now);
+        }
+        if let Some((sample, sent)) = &mut self.sample {
+            let frame = sample.to_frames(self.config.node).get(*sent).copied();
+            *sent = sent.saturating_add(1);
+            if *sent >= SAMPLE_FRAMES {
+                self.sample = None;
+            }
+            return frame;
+        }
+        if let Some(at) = self.errors_at.take_if(|at| *at <= now) {
+            self.errors_at = Some(next(at, ERRORS_PERIOD, now));
+            return Some(Errors::from(counters).to_frame(self.config.node));
+        }
+        if let Some(data) = self.notes.pop_front() {
+            return Frame::new(Function::Event.id(self.config.node), &data).ok();
+        }
+        self.feed();
+        if let Some(frame) = self.arm.transmit(now) {
+            self.arm.transmitted(now);
+            return Some(frame);
+        }
+        let frame = self.control.transmit(now)?;
+        self.control.transmitted(now);
+        Some(frame)
+    }
+
+    fn begin_sample(&mut self, now: Micros) {
+        let Some((state, stamp)) = self.newest.take() else {
+            return;
+        };
+        let sample = Sample {
+            state,
+            stamp: stamp.0 as u32,
+            count: self.samples,
+        };
+        self.samples = self.samples.wrapping_add(1);
+        self.sample = Some((sample, 0));
+        let period = 1_000_000_u64.checked_div(self.config.telemetry_hz.into());
+        self.sample_at = next(self.sample_at, Micros(period.unwrap_or(0)), now);
+    }
+
+    /// When [`tick`](Self::tick) or [`transmit`](Self::transmit) has something to do.
+    pub(crate) fn timeout(&self) -> Option<Micros> {
+        // What is due since the last tick waits for the controller, not for the time.
+        let transmit_at = self.transmit_at().filter(|at| *at > self.ticked);
+        [
+            transmit_at,
+            self.arm.timeout(),
+            self.control.timeout(),
+            self.commands.timeout(),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
+    }
+
+    /// It is `now`. A command whose other half did not come is refused.
+    pub(crate) fn tick(&mut self, now: Micros, counters: &mut Counters) -> Option<Refusal> {
+        self.ticked = now;
+        note(self.arm.tick(now), counters);
+        note(self.control.tick(now), counters);
+        self.commands.tick(now)
+    }
+
+    /// The controller left the bus: what was under way is given up.
+    pub(crate) fn left(&mut self) {
+        self.arm.abort();
+        self.control.abort();
+        self.sample = None;
+    }
+}
+
+/// The first instant of a grid through `at` that is after `now`.
+fn next(at: Micros, period: Micros, now: Micros) -> Micros {
+    let next = at + period;
+    if next > now { next } else { now + period }
+}
+
+/// Counts what failed. Whether a PDU was refused.
+fn note(events: isotp::Events, counters: &mut Counters) -> bool {
+    let mut refused = false;
+    for event in events {
+        match event {
+            isotp::Event::Failed(_) => count(&mut counters.isotp_failures, 1),
+            isotp::Event::Refused(_) => refused = true,
+            isotp::Event::Received | isotp::Event::Ignored(_) => {}
+        }
+    }
+    refused
+}

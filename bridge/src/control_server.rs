@@ -1,0 +1,347 @@
+//! The control port: hears requests on USB and on CAN, does what they ask, and tells subscribers what happens.
+
+use armwire::Micros;
+
+use crate::bridge::{Action, Bridge};
+use crate::can_port::{CanPort, MAX_REQUEST};
+use crate::config::{Config, ConfigError};
+use crate::control::{
+    ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Reader,
+    Reply, Request, Stamp, Subscription, VERSION, decode, encode, encode_cobs,
+};
+use crate::counters::count;
+use crate::queue::Queue;
+use crate::{Counters, PACKET};
+
+/// Bytes that wait for the host on USB.
+const OUT: usize = 512;
+
+/// Where a host is connected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Port {
+    Usb,
+    Can,
+}
+
+/// What the control port knows and owes.
+pub(crate) struct ControlServer {
+    pub(crate) identity: Identity,
+    usb: UsbPort,
+    usb_subscription: Subscription,
+    can_subscription: Subscription,
+    /// A request to identify the arm, and the arm's answer, `None` for none.
+    arm: Option<Pending<Option<FrameBytes>>>,
+    /// A request to write or forget what is in flash, and whether that was done.
+    flash: Option<Pending<bool>>,
+    save: Option<Action>,
+    restart: Option<Action>,
+}
+
+/// A request that is not answered at once.
+struct Pending<T> {
+    port: Port,
+    sequence: u8,
+    /// What to answer, once it is known.
+    outcome: Option<T>,
+}
+
+impl<T> Pending<T> {
+    const fn new(port: Port, sequence: u8) -> Option<Self> {
+        Some(Self {
+            port,
+            sequence,
+            outcome: None,
+        })
+    }
+}
+
+/// The control interface on USB.
+struct UsbPort {
+    reader: Reader<MAX_REQUEST>,
+    /// The last packet, of which the first `read` bytes have been read.
+    packet: [u8; PACKET],
+    len: usize,
+    read: usize,
+    out: Queue<OUT>,
+    /// The last packet to the host was full, so that the host waits for more.
+    open: bool,
+}
+
+impl UsbPort {
+    /// The next message. `None` when none is whole.
+    fn next(&mut self) -> Option<Result<FromHost, Malformed>> {
+        let unread = self.packet.get(self.read..self.len).unwrap_or_default();
+        let rest = self.reader.push(unread).len();
+        self.read = self.len.saturating_sub(rest);
+        self.reader.next()
+    }
+}
+
+impl ControlServer {
+    pub(crate) const fn new(identity: Identity) -> Self {
+        Self {
+            identity,
+            usb: UsbPort {
+                reader: Reader::new(),
+                packet: [0; PACKET],
+                len: 0,
+                read: 0,
+                out: Queue::new(),
+                open: false,
+            },
+            usb_subscription: Subscription {
+                frames: false,
+                events: false,
+            },
+            can_subscription: Subscription {
+                frames: false,
+                events: false,
+            },
+            arm: None,
+            flash: None,
+            save: None,
+            restart: None,
+        }
+    }
+
+    /// The host on USB has gone.
+    pub(crate) fn forget_usb(&mut self) {
+        self.usb.reader.clear();
+        (self.usb.len, self.usb.read, self.usb.open) = (0, 0, false);
+        self.usb.out.clear();
+        self.usb_subscription = Subscription::default();
+        let _ = self.arm.take_if(|pending| pending.port == Port::Usb);
+        let _ = self.flash.take_if(|pending| pending.port == Port::Usb);
+    }
+
+    pub(crate) fn usb_room(&self) -> bool {
+        self.usb.read == self.usb.len
+    }
+
+    pub(crate) fn usb_received(&mut self, packet: &[u8]) {
+        self.usb.len = packet.len().min(PACKET);
+        self.usb.read = 0;
+        for (to, from) in self.usb.packet.iter_mut().zip(packet) {
+            *to = *from;
+        }
+    }
+
+    pub(crate) fn usb_due(&self) -> bool {
+        !self.usb.out.is_empty() || self.usb.open
+    }
+
+    pub(crate) fn usb_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
+        if !self.usb_due() {
+            return None;
+        }
+        let len = self.usb.out.pop(packet);
+        self.usb.open = len == PACKET;
+        Some(len)
+    }
+
+    /// Whether anybody wants to be told of this.
+    pub(crate) const fn is_heard(&self, frame: bool) -> bool {
+        match frame {
+            true => self.usb_subscription.frames || self.can_subscription.frames,
+            false => self.usb_subscription.events || self.can_subscription.events,
+        }
+    }
+
+    /// Tells subscribers, as far as there is room.
+    pub(crate) fn tell(&mut self, event: Event, now: Micros, can: &mut CanPort, counters: &mut Counters) {
+        let wants = |subscription: Subscription| match event {
+            Event::Frame { .. } => subscription.frames,
+            _ => subscription.events,
+        };
+        let (usb, on_can) = (wants(self.usb_subscription), wants(self.can_subscription));
+        let message = FromAdapter::Event {
+            at: Stamp(now.0),
+            event,
+        };
+        if usb && !self.send_usb(&message, MAX_COBS) {
+            count(&mut counters.dropped_events, 1);
+        }
+        if on_can {
+            let mut bytes = [0; MAX_MESSAGE];
+            let len = encode(&message, &mut bytes).unwrap_or(0);
+            if !can.event(bytes.get(..len).unwrap_or_default()) {
+                count(&mut counters.dropped_events, 1);
+            }
+        }
+    }
+
+    /// The arm has said what it is, or has not.
+    pub(crate) fn arm_identified(&mut self, answer: Option<FrameBytes>) {
+        if let Some(pending) = &mut self.arm {
+            pending.outcome = Some(answer);
+        }
+    }
+
+    /// The next thing for firmware to do.
+    pub(crate) fn action(&mut self) -> Option<Action> {
+        self.save.take().or_else(|| self.restart.take())
+    }
+
+    /// What became of [`Action::Save`] or [`Action::Reset`].
+    pub(crate) fn saved(&mut self, done: bool) {
+        if let Some(pending) = &mut self.flash {
+            pending.outcome = Some(done);
+        }
+    }
+
+    /// Queues a message for the host on USB where at least `spare` bytes of room are left then.
+    fn send_usb(&mut self, message: &FromAdapter, spare: usize) -> bool {
+        let mut bytes = [0; MAX_COBS];
+        let len = encode_cobs(message, &mut bytes).unwrap_or(0);
+        let fits = len.saturating_add(spare) <= self.usb.out.room();
+        if fits {
+            self.usb.out.push(bytes.get(..len).unwrap_or_default());
+        }
+        fits
+    }
+
+    /// Whether a reply finds room on this port.
+    fn has_room(&self, port: Port, can: &CanPort) -> bool {
+        match port {
+            Port::Usb => self.usb.out.room() >= MAX_COBS,
+            Port::Can => !can.control.is_sending(),
+        }
+    }
+
+    fn reply(&mut self, port: Port, sequence: u8, reply: Reply, can: &mut CanPort) {
+        let message = FromAdapter::Reply { sequence, reply };
+        match port {
+            Port::Usb => {
+                self.send_usb(&message, 0);
+            }
+            Port::Can => {
+                let mut bytes = [0; MAX_MESSAGE];
+                let len = encode(&message, &mut bytes).unwrap_or(0);
+                // There was room.
+                let _ = can.control.send(bytes.get(..len).unwrap_or_default());
+            }
+        }
+    }
+
+    /// What a host on this port waits for and can now be told.
+    fn finished(&mut self, port: Port, config: &Config) -> Option<(u8, Reply)> {
+        let mine = |pending: &mut Pending<_>| pending.port == port && pending.outcome.is_some();
+        if let Some(pending) = self.arm.take_if(mine) {
+            let identity = ArmIdentity {
+                kind: config.arm,
+                answer: pending.outcome.flatten(),
+            };
+            return Some((pending.sequence, Reply::Arm(identity)));
+        }
+        let mine = |pending: &mut Pending<_>| pending.port == port && pending.outcome.is_some();
+        let pending = self.flash.take_if(mine)?;
+        let reply = match pending.outcome {
+            Some(true) => Reply::Done,
+            _ => Reply::Failed(Failure::Flash),
+        };
+        Some((pending.sequence, reply))
+    }
+}
+
+impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
+    /// Answers what hosts have asked on the control port, as far as there is room for the answers.
+    pub(crate) fn serve(&mut self, now: Micros) {
+        for port in [Port::Usb, Port::Can] {
+            while self.control.has_room(port, &self.can) {
+                let reply = match self.control.finished(port, &self.config) {
+                    Some(reply) => Some(reply),
+                    None => match self.next_request(port) {
+                        Some(request) => self.heed(port, request, now),
+                        None => break,
+                    },
+                };
+                if let Some((sequence, reply)) = reply {
+                    self.control.reply(port, sequence, reply, &mut self.can);
+                }
+            }
+        }
+    }
+
+    fn next_request(&mut self, port: Port) -> Option<Result<FromHost, Malformed>> {
+        let request = match port {
+            Port::Usb => self.control.usb.next()?,
+            Port::Can => {
+                let request = decode(self.can.control.received()?);
+                self.can.control.release();
+                request
+            }
+        };
+        count(&mut self.counters.control_requests, 1);
+        Some(request)
+    }
+
+    /// Does what a host asks. `None` when the reply comes later.
+    fn heed(&mut self, port: Port, request: Result<FromHost, Malformed>, now: Micros) -> Option<(u8, Reply)> {
+        let FromHost { sequence, request } = match request {
+            Ok(request) => request,
+            Err(malformed) => {
+                count(&mut self.counters.control_unsupported, 1);
+                let reply = Reply::Unsupported { version: VERSION };
+                return Some((malformed.sequence.unwrap_or(0), reply));
+            }
+        };
+        let reply = match request {
+            Request::Identify => Reply::Identity(self.control.identity.clone()),
+            Request::IdentifyArm if self.control.arm.is_some() => Reply::Failed(Failure::Busy),
+            Request::IdentifyArm => {
+                self.control.arm = Pending::new(port, sequence);
+                self.identify_arm(now);
+                return None;
+            }
+            Request::GetConfig => Reply::Config(self.config),
+            Request::SetConfig(config) => match self.configure(config, port, now) {
+                Ok(()) => Reply::Done,
+                Err(error) => Reply::BadConfig(error),
+            },
+            Request::SaveConfig | Request::ResetConfig
+                if self.control.flash.is_some() || self.control.save.is_some() =>
+            {
+                Reply::Failed(Failure::Busy)
+            }
+            Request::SaveConfig => {
+                self.control.flash = Pending::new(port, sequence);
+                self.control.save = Some(Action::Save(self.config));
+                return None;
+            }
+            Request::ResetConfig => {
+                self.control.flash = Pending::new(port, sequence);
+                self.control.save = Some(Action::Reset);
+                self.adopt(Config::default(), port, now);
+                return None;
+            }
+            Request::GetCounters => Reply::Counters(self.counters),
+            Request::GetLatencies => Reply::Latencies(self.latencies),
+            Request::Subscribe(subscription) => {
+                match port {
+                    Port::Usb => self.control.usb_subscription = subscription,
+                    Port::Can => self.control.can_subscription = subscription,
+                }
+                Reply::Done
+            }
+            Request::Restart => {
+                self.control.restart = Some(Action::Restart);
+                Reply::Done
+            }
+            Request::RestartIntoBootLoader => {
+                self.control.restart = Some(Action::RestartIntoBootLoader);
+                Reply::Done
+            }
+        };
+        Some((sequence, reply))
+    }
+
+    /// Becomes what a host wants it to be, if it can.
+    fn configure(&mut self, config: Config, by: Port, now: Micros) -> Result<(), ConfigError> {
+        config.check()?;
+        if let (Some(rate), false) = (config.can.data_bit_rate, self.control.identity.can_fd) {
+            return Err(ConfigError::DataBitRate(rate));
+        }
+        self.adopt(config, by, now);
+        Ok(())
+    }
+}

@@ -1,0 +1,531 @@
+//! The line to the arm, and how those who have something to say share it.
+//!
+//! One at a time: the line is free, or somebody's whose request the arm is about to answer, or the host's on USB that is in
+//! the middle of something. Frames that answer a request go to whoever has asked. Everything else that the arm says goes to
+//! the host on USB, byte by byte while nobody else waits for an answer.
+
+use armwire::Micros;
+use armwire::alpha1::Expect;
+
+use crate::arm::{Asked, Piece};
+use crate::bridge::{Bridge, Burst, LEAD, Wake};
+use crate::config::ArmKind;
+use crate::control::{Asker, Event, FrameBytes, Refusal};
+use crate::counters::count;
+use crate::exchange::Heard;
+use crate::turn::{ASKERS, Waiting};
+use crate::{Line, UartErrors};
+
+/// How long the host on USB may pause inside a frame before others get their turn.
+const STALL: Micros = Micros::from_millis(10);
+
+/// How long the line must be quiet, both ways, after bytes that are no frame.
+const QUIET: Micros = Micros::from_millis(5);
+
+/// How long others wait at most for one who sends bytes that are no frame.
+const RAW_TURN: Micros = Micros::from_millis(100);
+
+/// What the adapter itself may add to the time of an answer: two bytes in the transmitter, a look at the receiver.
+const MARGIN: Micros = Micros::from_millis(1);
+
+impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
+    // ---- What the arm says ----
+
+    /// The UART was looked at, at the time `now`, and has received `bytes`, perhaps none. The last of them came then: that is
+    /// the stamp of the frame it ends.
+    ///
+    /// Then ask everything that can be due, and [`wake`](Self::wake).
+    pub fn uart_received(&mut self, bytes: &[u8], now: Micros) {
+        self.looked = now;
+        if bytes.is_empty() {
+            return;
+        }
+        (self.heard, self.quiet) = (now, false);
+        count(&mut self.counters.arm_to_host_bytes, bytes.len());
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            rest = self.tap.push(rest);
+            self.pass();
+            if self.take_pieces(false, now) {
+                // What the tap still holds may begin the next frame.
+                self.quiet = self.tap.pending() == 0;
+                self.port.release(self.passed);
+            }
+        }
+    }
+
+    /// The line has been idle for the time of a byte: what has arrived goes out.
+    ///
+    /// Call [`uart_received`](Self::uart_received) first with what arrived before. Then ask everything that can be due, and
+    /// [`wake`](Self::wake).
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::{Bridge, PACKET, Wake};
+    ///
+    /// let mut bridge = Bridge::<256, 128>::default();
+    /// bridge.usb_configured(true);
+    /// bridge.uart_received(b"what is this", Micros(100));
+    /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
+    /// bridge.uart_idle(Micros(110));
+    /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));
+    /// assert_eq!(bridge.wake(), Wake::Byte);
+    /// ```
+    pub fn uart_idle(&mut self, now: Micros) {
+        self.take_pieces(true, now);
+        self.quiet = true;
+        self.port.release(self.passed);
+    }
+
+    /// The UART reported errors. The bytes they came with are passed on as they are.
+    pub fn uart_errors(&mut self, errors: UartErrors) {
+        let c = &mut self.counters;
+        c.framing_errors = c.framing_errors.wrapping_add(errors.framing);
+        c.parity_errors = c.parity_errors.wrapping_add(errors.parity);
+        c.noise_errors = c.noise_errors.wrapping_add(errors.noise);
+        c.overrun_errors = c.overrun_errors.wrapping_add(errors.overrun);
+    }
+
+    /// The receive ring was overwritten before it was read.
+    pub fn uart_ring_overrun(&mut self) {
+        count(&mut self.counters.ring_overruns, 1);
+    }
+
+    /// How many more bytes must arrive before anything can be due: the end of the current frame or a full packet, at
+    /// least 1.
+    pub fn need(&self) -> usize {
+        self.tap
+            .need(self.config.arm, self.exchange.expect())
+            .min(self.port.need())
+    }
+
+    /// When to look at the UART next.
+    ///
+    /// The wait is timed up to the last byte but one. From there the last byte itself is the signal, so that neither a
+    /// sender's clock nor a pause in the middle of a frame makes the end of it late.
+    pub fn wake(&self) -> Wake {
+        match self.need().saturating_sub(1) {
+            certain @ 1.. if !self.quiet => Wake::At(self.looked + Micros(self.line.coding.micros(certain))),
+            _ => Wake::Byte,
+        }
+    }
+
+    /// Whether what the arm says is held back until it is known whose it is.
+    fn is_held(&self) -> bool {
+        self.exchange.holder().is_some_and(|holder| holder != Asker::Usb)
+    }
+
+    /// Passes what the tap has not decided on to the host on USB, unless it may be for another.
+    fn pass(&mut self) {
+        if !self.is_held() {
+            let window = self.tap.window();
+            self.port
+                .push(window.get(self.passed..).unwrap_or_default(), &mut self.counters);
+            self.passed = window.len();
+        }
+    }
+
+    /// Takes what the tap has decided on, and returns whether there was a frame.
+    fn take_pieces(&mut self, idle: bool, now: Micros) -> bool {
+        let mut any = false;
+        loop {
+            let expect = self.exchange.expect();
+            let Some(piece) = self.tap.next(self.config.arm, expect, idle) else {
+                return any;
+            };
+            let (Piece::Frame(bytes) | Piece::Noise(bytes) | Piece::Fill(bytes)) = piece;
+            let unpassed = bytes.get(self.passed..).unwrap_or_default();
+            let fresh = self.passed == 0 || !self.exchange.holder().is_some_and(|holder| holder != Asker::Usb);
+            self.passed = self.passed.saturating_sub(bytes.len());
+            match piece {
+                Piece::Frame(_) => {}
+                Piece::Noise(_) => {
+                    count(&mut self.counters.noise_bytes, bytes.len());
+                    self.port.push(unpassed, &mut self.counters);
+                    continue;
+                }
+                Piece::Fill(_) => {
+                    self.port.push(unpassed, &mut self.counters);
+                    continue;
+                }
+            }
+            any = true;
+            count(&mut self.counters.frames, 1);
+            let key = self.config.arm.key_of_answer(bytes);
+            let asker = match self.exchange.hear(key, fresh, now) {
+                Heard::Answer(asker, after) => {
+                    self.latencies.answer.add(after);
+                    Some(asker)
+                }
+                Heard::Late => {
+                    count(&mut self.counters.late_answers, 1);
+                    None
+                }
+                Heard::Unasked => {
+                    count(&mut self.counters.unasked_frames, 1);
+                    None
+                }
+            };
+            if matches!(asker, None | Some(Asker::Usb)) {
+                self.port.push(unpassed, &mut self.counters);
+            }
+            let telemetry = self.config.can.telemetry_hz > 0;
+            if telemetry && let Some(state) = self.config.arm.joints(bytes) {
+                self.can.state(state, now);
+            }
+            let copied = match asker {
+                Some(Asker::Can | Asker::Adapter) => true,
+                None => self.config.can.unsolicited,
+                _ => false,
+            };
+            let frame = match copied || self.control.is_heard(true) {
+                true => FrameBytes::from_slice(bytes).ok(),
+                false => None,
+            };
+            self.deliver(asker, frame, now);
+        }
+    }
+
+    /// Gives a frame to whoever has asked for it, and to those who want to know. It is there if somebody wants it.
+    fn deliver(&mut self, asker: Option<Asker>, frame: Option<FrameBytes>, now: Micros) {
+        if let (None | Some(Asker::Can), Some(frame)) = (asker, &frame)
+            && (asker.is_some() || self.config.can.unsolicited)
+            && !self.can.answer(frame)
+        {
+            count(&mut self.counters.dropped_can_answers, 1);
+        }
+        if let (true, Some(bytes)) = (self.control.is_heard(true), frame.clone()) {
+            self.tell(Event::Frame { asker, bytes }, now);
+        }
+        if let Some(asker) = asker.filter(|_| self.exchange.holder().is_none()) {
+            self.ended(asker, frame, now);
+        }
+    }
+
+    /// The exchange of `asker` is over, with this answer if there is one and somebody wants it.
+    fn ended(&mut self, asker: Asker, answer: Option<FrameBytes>, now: Micros) {
+        self.turn.went(now);
+        match asker {
+            Asker::Poll => {
+                let missed = self.poll.ended(now);
+                count(&mut self.counters.missed_polls, missed as usize);
+            }
+            Asker::Adapter => {
+                self.control.arm_identified(answer);
+                self.serve(now);
+            }
+            Asker::Usb | Asker::Can | Asker::Command => {}
+        }
+        self.pass();
+    }
+
+    // ---- What is said to the arm ----
+
+    /// Whether [`uart_transmit`](Self::uart_transmit) has bytes or [`line_change`](Self::line_change) has something.
+    pub fn uart_due(&self, now: Micros) -> bool {
+        self.line_change().is_some() || self.next(now).is_some()
+    }
+
+    /// Moves bytes for the arm to the front of `out`. `None` when there are none now, or when the line has to change
+    /// first.
+    ///
+    /// Give it room for a whole frame, [`MAX_FRAME`](crate::control::MAX_FRAME) bytes. Ask when the UART can take them at
+    /// once, and hand them over at once, or when [`Burst::start`] says.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::config::{Config, Poll};
+    /// use armwire_bridge::control::Identity;
+    /// use armwire_bridge::{Bridge, Burst, LEAD};
+    ///
+    /// // A poll goes out at its slot, which is on a fixed grid from the first tick on.
+    /// let config = Config { poll: Poll::Hertz(100), ..Config::default() };
+    /// let mut bridge = Bridge::<256, 128>::new(Identity::default(), config);
+    /// bridge.tick(Micros(500));
+    /// assert_eq!(bridge.timeout(), Some(Micros(10_500 - LEAD.0)));
+    /// let now = Micros(10_480);
+    /// bridge.tick(now);
+    /// let burst = bridge.uart_transmit(&mut [0; 70], now);
+    /// assert_eq!(burst, Some(Burst { len: 7, start: Some(Micros(10_500)) }));
+    /// ```
+    pub fn uart_transmit(&mut self, out: &mut [u8], now: Micros) -> Option<Burst> {
+        self.tick_line(now);
+        if self.line_change().is_some() {
+            return None;
+        }
+        let (len, start) = match self.next(now)? {
+            Asker::Usb => (self.say_usb(out, now), None),
+            Asker::Poll => self.say_poll(out, now)?,
+            asker => (self.say_waiting(asker, out, now)?, None),
+        };
+        count(&mut self.counters.host_to_arm_bytes, len);
+        (len > 0).then_some(Burst { len, start })
+    }
+
+    /// What the line is to be, once every byte before that has been handed to the UART and the answer to another's request
+    /// is in.
+    pub fn line_change(&self) -> Option<Line> {
+        let (line, _) = self.wanted.filter(|&(_, before)| before == 0)?;
+        (!self.is_held()).then_some(line)
+    }
+
+    /// The UART works like this from here on. A frame that had begun will not end.
+    pub fn line_changed(&mut self, line: Line) {
+        self.uart_idle(self.looked);
+        self.line = line;
+        if self.wanted.is_none_or(|(wanted, _)| wanted == line) {
+            self.wanted = self.wanted_next.take();
+        }
+        count(&mut self.counters.line_codings, 1);
+    }
+
+    /// Whose turn it is now, if anybody's.
+    fn next(&self, now: Micros) -> Option<Asker> {
+        let usb = !self.down.is_empty() && self.wanted.is_none_or(|(_, before)| before > 0);
+        let usb = usb.then_some(Asker::Usb);
+        let others = self.others_wait(now);
+        match self.exchange.holder() {
+            // More of what was begun, or more requests while nobody else has one.
+            Some(Asker::Usb) if !others || self.asks.pending() > 0 => return usb,
+            Some(_) => return None,
+            None if !others => return usb,
+            None if self.usb_speaks() => return usb,
+            None => {}
+        }
+        let waits = |asker| match asker {
+            Asker::Usb => usb.map(|_| self.turn.usb_moved),
+            asker => self.waits(asker, now),
+        };
+        let behind = |since: Micros| self.turn.last == Asker::Poll && since <= self.turn.polled;
+        let passed_over = |asker| asker != Asker::Poll && waits(asker).is_some_and(behind);
+        // A poll must be on time, but whoever has waited for one does not wait for the next.
+        if self.poll.is_urgent() && waits(Asker::Poll).is_some() && !ASKERS.into_iter().any(passed_over) {
+            return Some(Asker::Poll);
+        }
+        let last = ASKERS.iter().position(|&asker| asker == self.turn.last)?;
+        let mut turns = ASKERS
+            .into_iter()
+            .cycle()
+            .skip(last.saturating_add(1))
+            .take(ASKERS.len());
+        turns.find(|&asker| waits(asker).is_some())
+    }
+
+    /// Whether anybody but the host on USB could speak.
+    fn others_wait(&self, now: Micros) -> bool {
+        ASKERS
+            .into_iter()
+            .any(|asker| asker != Asker::Usb && self.waits(asker, now).is_some())
+    }
+
+    /// Since when `asker`, who is not the host on USB, could speak if it were its turn.
+    fn waits(&self, asker: Asker, now: Micros) -> Option<Micros> {
+        match asker {
+            Asker::Usb => None,
+            Asker::Can => self.may_go(self.can_requests.front()?),
+            Asker::Command => self.may_go(self.command.as_ref()?),
+            Asker::Poll => {
+                let since = self.poll.due_since(LEAD, now)?;
+                self.may_go(self.poll_request.as_ref()?).map(|_| since)
+            }
+            Asker::Adapter => self.may_go(self.torque_off.as_ref().or(self.identify.as_ref())?),
+        }
+    }
+
+    /// Since when a request waits, unless its answer could not be told from one that is late.
+    fn may_go(&self, request: &Waiting) -> Option<Micros> {
+        let held = request.asked.reply.is_some() && self.exchange.is_owed(request.asked.key);
+        (!held).then_some(request.since)
+    }
+
+    /// Moves bytes of the host on USB to the front of `out`, up to the end of a request if others wait.
+    fn say_usb(&mut self, out: &mut [u8], now: Micros) -> usize {
+        let others = self.others_wait(now);
+        if !self.usb_speaks() {
+            self.turn.usb_began = now;
+        }
+        self.turn.last = Asker::Usb;
+        let before = self.wanted.map_or(out.len(), |(_, before)| before.min(out.len()));
+        let out = out.get_mut(..before).unwrap_or_default();
+        let mut said = 0;
+        while said < out.len() {
+            let room = out.get_mut(said..).unwrap_or_default();
+            let want = match others {
+                true => self.asks.need(self.config.arm, Expect::Requests).min(room.len()),
+                false => room.len(),
+            };
+            let room = room.get_mut(..want).unwrap_or_default();
+            let taken = self.down.pop(room);
+            if taken == 0 {
+                break;
+            }
+            self.turn.usb_went(self.asks.pending() == 0, now);
+            said = said.saturating_add(taken);
+            let sent = now + Micros(self.line.coding.micros(said));
+            let whole = self.hear_usb(room.get(..taken).unwrap_or_default(), sent, now);
+            if others && whole && self.asks.pending() == 0 {
+                break;
+            }
+        }
+        if let Some((_, before)) = &mut self.wanted {
+            *before = before.saturating_sub(said);
+        }
+        said
+    }
+
+    /// Listens in on bytes of the host on USB, which are out at `sent`. Whether a request ended.
+    fn hear_usb(&mut self, bytes: &[u8], sent: Micros, now: Micros) -> bool {
+        let mut whole = false;
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            rest = self.asks.push(rest);
+            while let Some(piece) = self.asks.next(self.config.arm, Expect::Requests, false) {
+                if let Piece::Frame(frame) = piece {
+                    let asked = self.config.arm.asked(frame);
+                    (whole, self.turn.raw) = (true, false);
+                    count(&mut self.counters.requests_usb, 1);
+                    self.latencies.turn.add(self.turn.usb_waited());
+                    self.begin(Asker::Usb, asked, sent);
+                    if asked.moves {
+                        self.streams.usb.motion(self.config.silence.after(), now);
+                    }
+                } else {
+                    self.turn.raw = true;
+                }
+            }
+        }
+        whole
+    }
+
+    /// Moves the poll to the front of `out`. It is to start at its slot.
+    fn say_poll(&mut self, out: &mut [u8], now: Micros) -> Option<(usize, Option<Micros>)> {
+        let request = self.poll_request.as_ref()?;
+        let (len, asked) = (copy(&request.bytes, out)?, request.asked);
+        let slot = self.poll.slot();
+        let start = slot.filter(|slot| *slot > now);
+        if let Some(slot) = slot {
+            self.latencies.poll.add(now.since(slot));
+            count(&mut self.counters.late_polls, usize::from(now > slot));
+        }
+        self.poll.began();
+        self.turn.polled = now;
+        self.say(Asker::Poll, asked, len, start.unwrap_or(now));
+        Some((len, start))
+    }
+
+    /// Moves the request of another to the front of `out`.
+    fn say_waiting(&mut self, asker: Asker, out: &mut [u8], now: Micros) -> Option<usize> {
+        let request = match asker {
+            Asker::Can => self.can_requests.front(),
+            Asker::Command => self.command.as_ref(),
+            _ => self.torque_off.as_ref().or(self.identify.as_ref()),
+        }?;
+        let (len, asked, since) = (copy(&request.bytes, out)?, request.asked, request.since);
+        match asker {
+            Asker::Can => {
+                let _ = self.can_requests.pop_front();
+                self.take_can_request(now);
+            }
+            Asker::Command => self.command = None,
+            _ => {
+                let _ = self.torque_off.take().or_else(|| self.identify.take());
+            }
+        }
+        self.latencies.turn.add(now.since(since));
+        self.say(asker, asked, len, now);
+        Some(len)
+    }
+
+    /// A request of `len` bytes goes out at `start`.
+    fn say(&mut self, asker: Asker, asked: Asked, len: usize, start: Micros) {
+        let counter = match asker {
+            Asker::Usb => &mut self.counters.requests_usb,
+            Asker::Can => &mut self.counters.requests_can,
+            Asker::Poll => &mut self.counters.requests_poll,
+            Asker::Command => &mut self.counters.requests_command,
+            Asker::Adapter => &mut self.counters.requests_adapter,
+        };
+        count(counter, 1);
+        self.turn.last = asker;
+        self.turn.went(start);
+        self.begin(asker, asked, start + Micros(self.line.coding.micros(len)));
+    }
+
+    /// A request is out at `sent`.
+    fn begin(&mut self, asker: Asker, asked: Asked, sent: Micros) {
+        if let Some(reply) = asked.reply {
+            let patience = reply.turnaround + Micros(self.line.coding.micros(reply.len)) + MARGIN;
+            self.exchange.begin(asker, asked, sent, patience);
+        }
+    }
+
+    /// Whether the host on USB is in the middle of something that is not to be mixed with what others say.
+    fn usb_speaks(&self) -> bool {
+        self.turn.raw || self.asks.pending() > 0
+    }
+
+    /// Until when the host on USB has the line to itself while others wait and it is silent.
+    pub(crate) fn hold_timeout(&self) -> Option<Micros> {
+        if self.exchange.holder().is_some() || !self.usb_speaks() {
+            return None;
+        }
+        let since = ASKERS
+            .into_iter()
+            .filter_map(|asker| self.waits(asker, Micros(0)))
+            .min()?;
+        let quiet = match self.asks.pending() {
+            0 => self.turn.usb_moved.max(self.heard) + QUIET,
+            _ => self.turn.usb_moved + STALL,
+        };
+        Some(quiet.min(since.max(self.turn.usb_began) + RAW_TURN))
+    }
+
+    /// It is `now`: answers that are late are given up, polls become due, and whoever has paused loses the turn.
+    pub(crate) fn tick_line(&mut self, now: Micros) {
+        let holder = self.exchange.holder();
+        let missing = self.exchange.tick(now);
+        count(&mut self.counters.unanswered_requests, missing);
+        if let (Some(asker), None) = (holder, self.exchange.holder()) {
+            self.ended(asker, None, now);
+        }
+        self.poll.tick(LEAD, now);
+        if self.hold_timeout().is_some_and(|at| at <= now) {
+            self.asks.clear();
+            self.turn.raw = false;
+        }
+    }
+
+    /// Asks the arm what it is, when it is its turn.
+    pub(crate) fn identify_arm(&mut self, now: Micros) {
+        self.identify = Waiting::encoded(self.config.arm, ArmKind::identify, now);
+        if self.identify.is_none() {
+            self.control.arm_identified(None);
+        }
+    }
+
+    /// Another kind of arm is there: what was said to and by the one before is over.
+    pub(crate) fn change_arm(&mut self, now: Micros) {
+        let holder = self.exchange.holder();
+        let missing = self.exchange.abandon();
+        count(&mut self.counters.unanswered_requests, missing);
+        if let Some(asker) = holder {
+            self.ended(asker, None, now);
+        }
+        self.tap.clear();
+        self.asks.clear();
+        (self.passed, self.turn.raw) = (0, false);
+        (self.command, self.torque_off) = (None, None);
+        if self.identify.is_some() {
+            self.identify_arm(now);
+        }
+        while self.can_requests.pop_front().is_some() {
+            self.refuse(Asker::Can, Refusal::NotAFrame, now);
+        }
+    }
+}
+
+/// Copies a whole request.
+fn copy(request: &[u8], out: &mut [u8]) -> Option<usize> {
+    out.get_mut(..request.len())?.copy_from_slice(request);
+    Some(request.len())
+}

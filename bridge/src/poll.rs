@@ -1,0 +1,170 @@
+//! The adapter's own requests, on time.
+
+use armwire::Micros;
+
+use crate::config;
+
+/// Says when it is time for a poll.
+///
+/// The slots of a poll at a set rate are a fixed grid: the n-th is n periods after polling was switched on, each rounded
+/// down to a microsecond by itself, so that no error adds up.
+pub(crate) struct Poll {
+    rate: config::Poll,
+    /// When polling was switched on. `None` until the time is known.
+    origin: Option<Micros>,
+    /// The number of the next slot.
+    number: u64,
+    state: State,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// The next slot has not come.
+    Early,
+    /// It is time, since then.
+    Due(Micros),
+    /// The poll is with the arm.
+    InFlight,
+}
+
+impl Poll {
+    pub(crate) const fn new(rate: config::Poll) -> Self {
+        Self {
+            rate,
+            origin: None,
+            number: 1,
+            state: State::Early,
+        }
+    }
+
+    /// Since when the next poll may go out, which is `lead` before its slot. `None` while it may not.
+    pub(crate) fn due_since(&self, lead: Micros, now: Micros) -> Option<Micros> {
+        match self.state {
+            State::Due(since) => Some(since),
+            _ => self.timeout(lead).filter(|at| *at <= now),
+        }
+    }
+
+    /// Whether it is more urgent than what others have to ask.
+    pub(crate) const fn is_urgent(&self) -> bool {
+        matches!(self.rate, config::Poll::Hertz(_))
+    }
+
+    /// The next slot. `None` without a rate, or when polling has not begun.
+    pub(crate) fn slot(&self) -> Option<Micros> {
+        let config::Poll::Hertz(rate) = self.rate else {
+            return None;
+        };
+        let after = self.number.saturating_mul(SECOND).checked_div(rate.into())?;
+        Some(self.origin? + Micros(after))
+    }
+
+    /// When to call [`tick`](Self::tick), `lead` before the slot.
+    pub(crate) fn timeout(&self, lead: Micros) -> Option<Micros> {
+        match (self.rate, self.state) {
+            (config::Poll::Off, _) | (_, State::Due(_) | State::InFlight) => None,
+            _ => Some(self.slot().map_or(Micros(0), |slot| slot.since(lead))),
+        }
+    }
+
+    /// It is `now`.
+    pub(crate) fn tick(&mut self, lead: Micros, now: Micros) {
+        if self.timeout(lead).is_none() {
+            return;
+        }
+        self.origin.get_or_insert(now);
+        if let Some(at) = self.timeout(lead).filter(|at| *at <= now) {
+            self.state = State::Due(at);
+        }
+    }
+
+    /// The poll went out.
+    pub(crate) fn began(&mut self) {
+        self.state = State::InFlight;
+    }
+
+    /// It was answered or given up. Returns how many slots have passed since its own.
+    pub(crate) fn ended(&mut self, now: Micros) -> u64 {
+        if self.state != State::InFlight {
+            return 0;
+        }
+        self.state = State::Early;
+        let (config::Poll::Hertz(rate), Some(origin)) = (self.rate, self.origin) else {
+            self.state = State::Due(now);
+            return 0;
+        };
+        let next = self.number.saturating_add(1);
+        // The first slot that is not before now.
+        let first = now.since(origin).0.saturating_mul(rate.into()).div_ceil(SECOND);
+        self.number = next.max(first);
+        self.number.saturating_sub(next)
+    }
+}
+
+const SECOND: u64 = 1_000_000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NO_LEAD: Micros = Micros(0);
+    const NOW: Micros = Micros(0);
+
+    /// The slots of a day, each poll answered after `answer` µs, and how many were missed.
+    fn day(rate: u16, answer: u64) -> impl Iterator<Item = (Micros, u64)> {
+        let mut poll = Poll::new(config::Poll::Hertz(rate));
+        poll.tick(NO_LEAD, Micros(777));
+        core::iter::from_fn(move || {
+            let slot = poll.timeout(NO_LEAD)?;
+            poll.tick(NO_LEAD, slot);
+            assert!(poll.due_since(NO_LEAD, NOW).is_some());
+            poll.began();
+            Some((slot, poll.ended(slot + Micros(answer))))
+        })
+        .take_while(|(slot, _)| slot.0 <= 777 + 86_400 * SECOND)
+    }
+
+    #[test]
+    fn slots_are_exact_for_a_day() {
+        // At the higher rates answers take a second, so that the day has fewer polls than slots.
+        for (rate, answer, step) in [(1, 400, 1), (7, 400, 1), (300, SECOND, 300), (1_000, SECOND, 1_000)] {
+            let mut number = 1;
+            for (slot, missed) in day(rate, answer) {
+                assert_eq!((slot.0, missed), (777 + number * SECOND / u64::from(rate), step - 1));
+                number += step;
+            }
+            assert_eq!(number, 86_400 * u64::from(rate) + 1);
+        }
+    }
+
+    #[test]
+    fn a_slot_that_passes_before_the_answer_is_missed_and_the_grid_stays() {
+        // 300 Hz: a slot each 3333.3 µs, and an answer after 10 000 µs, when the third one after has just come.
+        for (k, (slot, missed)) in day(300, 10_000).take(1_000).enumerate() {
+            assert_eq!((slot.0, missed), (777 + (1 + 3 * k as u64) * SECOND / 300, 2));
+        }
+        // One microsecond later it is missed, too.
+        assert!(day(300, 10_001).take(1_000).all(|(_, missed)| missed == 3));
+    }
+
+    #[test]
+    fn the_fastest_poll_is_due_whenever_none_is_with_the_arm() {
+        let mut poll = Poll::new(config::Poll::Fastest);
+        assert_eq!(poll.timeout(NO_LEAD), Some(Micros(0)));
+        poll.tick(NO_LEAD, Micros(5));
+        for at in [10, 11, 12] {
+            assert!(poll.due_since(NO_LEAD, NOW).is_some());
+            assert_eq!((poll.slot(), poll.timeout(NO_LEAD)), (None, None));
+            poll.began();
+            assert_eq!(poll.due_since(NO_LEAD, NOW), None);
+            assert_eq!(poll.ended(Micros(at)), 0);
+        }
+    }
+
+    #[test]
+    fn nothing_is_polled_when_polling_is_off() {
+        let mut poll = Poll::new(config::Poll::Off);
+        poll.tick(NO_LEAD, Micros(5));
+        assert_eq!((poll.due_since(NO_LEAD, NOW), poll.timeout(NO_LEAD)), (None, None));
+    }
+}

@@ -1,0 +1,78 @@
+//! A host that streams motion, and when it has fallen silent.
+
+use armwire::Micros;
+
+/// How many requests for motion in a row make a stream.
+const STREAM: u8 = 3;
+
+/// What one host does.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Stream {
+    /// Requests for motion that came sooner after each other than the time that counts as silence.
+    run: u8,
+    /// When the last of them came.
+    moved: Micros,
+    /// When the host was last heard, whatever it said.
+    heard: Micros,
+}
+
+impl Stream {
+    /// The host said something.
+    pub(crate) fn hear(&mut self, now: Micros) {
+        self.heard = now;
+    }
+
+    /// The host asked for motion.
+    pub(crate) fn motion(&mut self, after: Micros, now: Micros) {
+        self.run = match self.run {
+            1.. if now.since(self.moved) < after => self.run.saturating_add(1),
+            _ => 1,
+        };
+        self.moved = now;
+        self.heard = self.heard.max(now);
+    }
+
+    /// When the host counts as silent. `None` when it streams nothing, or when `after` is zero.
+    pub(crate) fn timeout(&self, after: Micros) -> Option<Micros> {
+        (self.run >= STREAM && after > Micros(0)).then(|| self.heard + after)
+    }
+
+    /// The stream is over: the next one must start anew.
+    pub(crate) fn end(&mut self) {
+        self.run = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const AFTER: Micros = Micros::from_millis(500);
+
+    #[test]
+    fn three_requests_closer_than_the_silence_are_a_stream() {
+        for (gap, streams) in [(499, true), (500, false)] {
+            let mut stream = Stream::default();
+            for n in 0..3 {
+                assert_eq!(stream.timeout(AFTER), None);
+                stream.motion(AFTER, Micros::from_millis(n * gap));
+            }
+            let end = Micros::from_millis(2 * gap) + AFTER;
+            assert_eq!(stream.timeout(AFTER), streams.then_some(end));
+            assert_eq!(stream.timeout(Micros(0)), None);
+        }
+    }
+
+    #[test]
+    fn a_host_that_says_anything_is_not_silent() {
+        let mut stream = Stream::default();
+        for n in 0..3 {
+            stream.motion(AFTER, Micros(n));
+        }
+        stream.hear(Micros(100));
+        assert_eq!(stream.timeout(AFTER), Some(Micros(100) + AFTER));
+        stream.end();
+        stream.motion(AFTER, Micros(200));
+        assert_eq!(stream.timeout(AFTER), None);
+    }
+}

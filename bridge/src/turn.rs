@@ -1,0 +1,108 @@
+//! Whose turn it is to speak to the arm.
+
+use armwire::Micros;
+
+use crate::arm::Asked;
+use crate::config::ArmKind;
+use crate::control::{Asker, FrameBytes, MAX_FRAME};
+
+/// A request that waits for its turn.
+#[derive(Clone)]
+pub(crate) struct Waiting {
+    pub(crate) bytes: FrameBytes,
+    pub(crate) asked: Asked,
+    pub(crate) since: Micros,
+}
+
+impl Waiting {
+    /// One with these bytes. `None` if they are too many.
+    pub(crate) fn new(kind: ArmKind, bytes: &[u8], since: Micros) -> Option<Self> {
+        Some(Self {
+            bytes: FrameBytes::from_slice(bytes).ok()?,
+            asked: kind.asked(bytes),
+            since,
+        })
+    }
+
+    /// One of those that the adapter makes itself. `None` if there is none for this kind of arm.
+    pub(crate) fn encoded(
+        kind: ArmKind,
+        encode: impl FnOnce(ArmKind, &mut [u8]) -> Option<usize>,
+        since: Micros,
+    ) -> Option<Self> {
+        let mut bytes = [0; MAX_FRAME];
+        let len = encode(kind, &mut bytes)?;
+        Self::new(kind, bytes.get(..len)?, since)
+    }
+}
+
+/// Who had the line last, and for how long the host on USB has had or wanted it.
+pub(crate) struct Turn {
+    pub(crate) last: Asker,
+    /// When the last poll went out.
+    pub(crate) polled: Micros,
+    /// Bytes of the host on USB went out that are in no request.
+    pub(crate) raw: bool,
+    /// When the host on USB began to speak.
+    pub(crate) usb_began: Micros,
+    /// When bytes of the host on USB last went out, or began to wait.
+    pub(crate) usb_moved: Micros,
+    /// When the oldest and the newest of the bytes that wait came, as far as that is known.
+    oldest: Micros,
+    newest: Micros,
+    /// How long the first byte of the request that is going out has waited.
+    waited: Micros,
+    /// When anything for the arm last moved.
+    line_moved: Micros,
+}
+
+impl Turn {
+    pub(crate) const fn new() -> Self {
+        Self {
+            last: Asker::Adapter,
+            polled: Micros(0),
+            raw: false,
+            usb_began: Micros(0),
+            usb_moved: Micros(0),
+            oldest: Micros(0),
+            newest: Micros(0),
+            waited: Micros(0),
+            line_moved: Micros(0),
+        }
+    }
+
+    /// The host on USB said something, behind which nothing waited if it is the `first`.
+    pub(crate) fn usb_queued(&mut self, first: bool, now: Micros) {
+        self.newest = now;
+        if first {
+            (self.oldest, self.usb_moved) = (now, now);
+        }
+    }
+
+    /// Bytes of the host on USB went out, of which the first began a request if it is the `first`.
+    pub(crate) fn usb_went(&mut self, first: bool, now: Micros) {
+        if first {
+            self.waited = now.since(self.oldest);
+        }
+        self.oldest = self.newest;
+        (self.usb_moved, self.line_moved) = (now, now);
+    }
+
+    /// How long the request of the host on USB has waited that went out last.
+    pub(crate) const fn usb_waited(&self) -> Micros {
+        self.waited
+    }
+
+    /// Something for the arm moved, or may move again.
+    pub(crate) fn went(&mut self, now: Micros) {
+        self.line_moved = now;
+    }
+
+    /// Since when nothing has moved that could have.
+    pub(crate) fn moved(&self) -> Micros {
+        self.usb_moved.max(self.line_moved)
+    }
+}
+
+/// Everybody, in the order of turns.
+pub(crate) const ASKERS: [Asker; 5] = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
