@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use armwire::{Config, Micros};
 use armwire_bridge::can::{Function, Node};
+use armwire_sim::slcan::{BIT_RATES, BitRate};
 use serial2::SerialPort;
 
 use crate::can::{self, CanLine, Channel, SharedBus};
@@ -19,8 +20,8 @@ use crate::tcp::{Host, Tcp};
 const TCP: Config = Config::TCP;
 /// What CAN adds to an answer at most: its frames at 125 kbit/s, and the wait for others who use the arm.
 const CAN_LATENCY: Micros = Micros::from_millis(100);
-/// The bit rate of a CAN bus unless it is given.
-const BIT_RATE: u32 = 1_000_000;
+/// The bit rate of a CAN bus unless it is given: an adapter's, unless it is configured.
+const BIT_RATE: BitRate = BitRate::MAX;
 /// The baud rate of an SLCAN adapter unless it is given. One on USB does not mind.
 const SLCAN_BAUD: u32 = 115_200;
 
@@ -34,7 +35,11 @@ pub(crate) enum Port {
     /// `can:IFACE[/NODE]`: an adapter on a CAN bus of Linux.
     Can { interface: String, node: Node },
     /// `slcan:PORT[@BITRATE[/NODE]]`: an adapter on the bus of a CAN adapter that speaks SLCAN.
-    Slcan { port: String, bit_rate: u32, node: Node },
+    Slcan {
+        port: String,
+        bit_rate: BitRate,
+        node: Node,
+    },
     /// `control:PORT`: the control port alone, where it is a port of its own, as with the virtual board.
     Control(String),
 }
@@ -59,9 +64,10 @@ impl FromStr for Port {
                 let (rate, node) = split_node(bus)?;
                 let bit_rate = match rate {
                     "" if bus.is_empty() => BIT_RATE,
-                    rate => rate
-                        .parse()
-                        .map_err(|_| format!("'{rate}' behind the @ of '{text}' is not a bit rate, such as 500000"))?,
+                    rate => rate.parse().ok().and_then(BitRate::new).ok_or_else(|| {
+                        let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
+                        format!("'{rate}' behind the @ of '{text}' is none of the bit rates of SLCAN: {rates}")
+                    })?,
                 };
                 Self::Slcan { port, bit_rate, node }
             }
@@ -103,7 +109,7 @@ impl fmt::Display for Port {
                 node
             }
             Self::Slcan { port, bit_rate, node } => {
-                write!(f, "slcan:{port}@{bit_rate}")?;
+                write!(f, "slcan:{port}@{}", bit_rate.bits_per_second())?;
                 node
             }
         };
@@ -259,12 +265,9 @@ mod tests {
             ("can:/3", "'can:/3' names no port"),
             ("slcan:@500000", "'slcan:@500000' names no port"),
             (
-                "slcan:COM3@fast",
-                "'fast' behind the @ of 'slcan:COM3@fast' is not a bit rate, such as 500000",
-            ),
-            (
                 "slcan:COM3@/3",
-                "'' behind the @ of 'slcan:COM3@/3' is not a bit rate, such as 500000",
+                "'' behind the @ of 'slcan:COM3@/3' is none of the bit rates of SLCAN: 10000, 20000, 50000, 100000, \
+                 125000, 250000, 500000, 800000, 1000000",
             ),
         ] {
             assert_eq!(typed.parse::<Port>(), Err(error.to_owned()));

@@ -13,6 +13,7 @@ use armwire::Micros;
 use armwire_bridge::can::{Frame, Id, Node};
 use armwire_bridge::control::{MAX_FRAME, MAX_MESSAGE};
 use armwire_bridge::isotp::{self, Endpoint, Event};
+use armwire_sim::slcan::BitRate;
 
 use crate::link::{Came, Line};
 use crate::problem::Problem;
@@ -63,7 +64,7 @@ pub(crate) fn open_interface(name: String, _: &str, _: Node) -> Result<SharedBus
 }
 
 /// Opens the CAN adapter on a serial port.
-pub(crate) fn open_slcan(serial: Serial, bit_rate: u32) -> Result<SharedBus, Problem> {
+pub(crate) fn open_slcan(serial: Serial, bit_rate: BitRate) -> Result<SharedBus, Problem> {
     Ok(SharedBus::new(slcan::SlcanBus::open(serial, bit_rate)?))
 }
 

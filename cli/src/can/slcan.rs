@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use armwire_bridge::can::Frame;
-use armwire_sim::slcan::{BIT_RATES, BitRate, Command, Malformed, Replies, Reply, Status};
+use armwire_sim::slcan::{BitRate, Command, Malformed, Replies, Reply, Status};
 
 use super::Bus;
 use crate::link::Line;
@@ -21,7 +21,7 @@ const QUIET: Duration = Duration::from_millis(50);
 /// An adapter with its channel open.
 pub(super) struct SlcanBus {
     serial: Serial,
-    bit_rate: u32,
+    bit_rate: BitRate,
     replies: Replies,
     /// What it said and nobody has taken yet.
     said: VecDeque<Result<Reply, Malformed>>,
@@ -29,11 +29,7 @@ pub(super) struct SlcanBus {
 
 impl SlcanBus {
     /// Takes over whatever state an earlier program left the adapter in.
-    pub(super) fn open(serial: Serial, bit_rate: u32) -> Result<Self, Problem> {
-        let rate = BitRate::new(bit_rate).ok_or_else(|| {
-            let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
-            Problem::Usage(format!("a bit rate of {bit_rate}: SLCAN has {rates}"))
-        })?;
+    pub(super) fn open(serial: Serial, bit_rate: BitRate) -> Result<Self, Problem> {
         let baud = serial.baud();
         let mut bus = Self {
             serial,
@@ -56,7 +52,10 @@ impl SlcanBus {
             return Err(Problem::NoSlcan { name, baud });
         }
         for (command, what) in [
-            (Command::BitRate(rate), format!("refuses {bit_rate} bit/s")),
+            (
+                Command::BitRate(bit_rate),
+                format!("refuses {} bit/s", bit_rate.bits_per_second()),
+            ),
             (Command::Open, "does not open its channel".to_owned()),
         ] {
             bus.tell(command)?;
@@ -154,7 +153,7 @@ impl Bus for SlcanBus {
     }
 
     fn doubt(&self) -> String {
-        format!("does the bus have {} bit/s", self.bit_rate)
+        format!("does the bus have {} bit/s", self.bit_rate.bits_per_second())
     }
 }
 

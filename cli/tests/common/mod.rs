@@ -2,6 +2,8 @@
 // No test uses all of it.
 #![allow(dead_code)]
 
+pub(crate) mod adapter;
+
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::PathBuf;
@@ -131,12 +133,12 @@ impl Drop for Arm {
     }
 }
 
-/// Starts a program with a pty for its argument PORT, and lets `arm` act on the pty whenever something was written
+/// Starts a program with a pty for PORT in its arguments, and lets `arm` act on the pty whenever something was written
 /// there, until the program ends.
 pub(crate) fn run_against(args: &[&str], mut arm: impl FnMut(&Child, &Pty, &[u8])) -> Output {
     let pty = Pty::open(None).unwrap();
     let port = pty.path().to_str().unwrap();
-    let args = args.iter().map(|&arg| if arg == "PORT" { port } else { arg });
+    let args = args.iter().map(|arg| arg.replace("PORT", port));
     let mut child = start(Command::new(PROGRAM).args(args));
     let deadline = Instant::now() + PATIENCE;
     loop {

@@ -72,6 +72,9 @@ const MINUTE: u16 = 60_000;
 pub struct BitRate(u8);
 
 impl BitRate {
+    /// The fastest.
+    pub const MAX: Self = Self(BIT_RATES.len() as u8 - 1);
+
     /// The rate of so many bits per second, if it is one of [`BIT_RATES`].
     pub fn new(bits_per_second: u32) -> Option<Self> {
         let digit = BIT_RATES.iter().position(|&rate| rate == bits_per_second)?;

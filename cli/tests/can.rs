@@ -1,0 +1,142 @@
+//! The built program on CAN: an arm and its adapter behind an SLCAN adapter, and each error a user meets there.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod common;
+
+use armwire_bridge::can::Function;
+use common::adapter::{BIT_RATE, CanBus, NODE};
+use common::{NO_ANSWER, again_while, failure, run, run_against, success, usage};
+
+/// The adapter on a bus, as a user names it.
+fn port(bus: &CanBus) -> String {
+    format!("slcan:{}@{BIT_RATE}/{NODE}", bus.path)
+}
+
+#[test]
+fn info_tells_the_adapter_and_the_arm() {
+    let bus = CanBus::start();
+    let out = success(&["info", &port(&bus)]);
+    for line in [
+        "adapter      virtual, serial number 0123456789AB, firmware 1.2.3",
+        "configured   for ling, CAN node 3",
+        "arm          Ling follower",
+        "status       locked",
+        "self-check   all 10 servos normal",
+        "line         clean",
+    ] {
+        assert!(out.lines().any(|printed| printed == line), "{line} is not in\n{out}");
+    }
+    assert_eq!(success(&["info", &port(&bus)]), out, "a bus may be opened again");
+}
+
+#[test]
+fn a_call_in_many_frames_reaches_the_arm_and_its_answer_comes_back() {
+    let bus = CanBus::start();
+    let moved = success(&[
+        "call",
+        "ling",
+        &port(&bus),
+        "move",
+        "--joints",
+        "0,0,0,0,0,0",
+        "--speed",
+        "20",
+        "--gripper",
+        "0",
+    ]);
+    assert!(moved.contains("sent, the arm does not answer it"), "{moved}");
+    let requests = |frame: &&_| Function::of(armwire_bridge::can::Frame::id(frame)).unwrap().0 == Function::ArmRequest;
+    assert!(
+        bus.sent.lock().unwrap().iter().filter(requests).count() > 4,
+        "it is no longer than a frame"
+    );
+    let joints = success(&["call", "ling", &port(&bus), "read-joints"]);
+    assert!(joints.contains("joint"), "{joints}");
+}
+
+#[test]
+fn monitor_reads_over_can() {
+    let bus = CanBus::start();
+    let out = success(&["monitor", &port(&bus), "--rate", "100", "--count", "3"]);
+    assert_eq!(out.lines().count(), 3, "{out}");
+}
+
+#[test]
+fn a_wrong_bit_rate_is_told_with_what_the_can_adapter_tells() {
+    let bus = CanBus::start();
+    let port = format!("slcan:{}@1000000/{NODE}", bus.path);
+    let line = failure(&run(&["call", "ling", &port, "read-joints"]));
+    assert!(line.starts_with(&port) && line.contains(NO_ANSWER), "{line}");
+    assert!(
+        line.contains("the CAN adapter tells of error passive, bus error"),
+        "{line}"
+    );
+    assert!(line.contains("does the bus have 1000000 bit/s"), "{line}");
+}
+
+#[test]
+fn a_request_of_many_frames_that_nobody_takes_is_told_at_once() {
+    let bus = CanBus::start();
+    let port = format!("slcan:{}@{BIT_RATE}/4", bus.path);
+    let line = failure(&run(&[
+        "call",
+        "ling",
+        &port,
+        "move",
+        "--joints",
+        "0,0,0,0,0,0",
+        "--speed",
+        "20",
+        "--gripper",
+        "0",
+    ]));
+    assert!(line.contains("no flow control in 1000000 µs"), "{line}");
+    assert!(line.contains("is the adapter on this bus as node 4"), "{line}");
+}
+
+#[test]
+fn an_adapter_that_is_not_there_does_not_answer() {
+    let bus = CanBus::start();
+    let port = format!("slcan:{}@{BIT_RATE}/4", bus.path);
+    let line = failure(&run(&["info", &port]));
+    assert!(
+        line.contains("the adapter does not answer in 3000 ms: is the adapter on this bus as node 4"),
+        "{line}"
+    );
+}
+
+#[test]
+fn what_is_no_slcan_adapter_is_told() {
+    let line = failure(&run_against(&["info", "slcan:PORT"], |_, _, _| {}));
+    assert!(
+        line.contains("no answer to SLCAN: is it a CAN adapter that speaks it, and at 115200 baud?"),
+        "{line}"
+    );
+}
+
+#[test]
+fn an_slcan_adapter_that_refuses_is_told() {
+    let output = again_while("no answer to SLCAN", || {
+        run_against(&["info", "slcan:PORT"], |_, pty, _| {
+            pty.write(b"\x07").unwrap();
+        })
+    });
+    assert!(
+        failure(&output).contains("the CAN adapter refuses 1000000 bit/s"),
+        "{output:?}"
+    );
+}
+
+#[test]
+fn an_unknown_interface_is_told_with_the_ports_there_are() {
+    let line = failure(&run(&["info", "can:can99"]));
+    assert!(line.starts_with("can:can99: no such port"), "{line}");
+}
+
+#[test]
+fn arguments_that_do_not_go_together_are_told() {
+    assert!(usage(&["info", "slcan:/dev/null@123"]).contains("'123' behind the @"));
+    assert!(usage(&["info", "can:can0/16"]).contains("node id is 16, must be 0..=15"));
+    assert!(usage(&["info", "tcp:localhost:1", "--baud", "9600"]).contains("is no serial port, which has a --baud"));
+}

@@ -1,0 +1,174 @@
+//! An adapter on a CAN bus with a Ling arm, behind an SLCAN adapter on a pty.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use armwire::ling::{Ling, MAX_FRAME};
+use armwire::{Decoder, Micros};
+use armwire_bridge::can::{Frame, Function, Node};
+use armwire_bridge::config::Config as AdapterConfig;
+use armwire_bridge::control::{self, FromAdapter, FromHost, Identity, MAX_MESSAGE, Reply, Request};
+use armwire_bridge::isotp::{Config, Endpoint, Link};
+use armwire_sim::ling::{Config as ArmConfig, LingArm};
+use armwire_sim::pty::Pty;
+use armwire_sim::serial::SerialDevice;
+use armwire_sim::slcan::{Adapter as Slcan, Status};
+
+/// The bit rate of the bus.
+pub(crate) const BIT_RATE: u32 = 500_000;
+/// The adapter on it.
+pub(crate) const NODE: u8 = 3;
+
+/// A bus that is served until this is dropped.
+pub(crate) struct CanBus {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    /// The pty.
+    pub(crate) path: String,
+    /// Every frame that a program sent.
+    pub(crate) sent: Arc<Mutex<Vec<Frame>>>,
+}
+
+impl CanBus {
+    pub(crate) fn start() -> Self {
+        let pty = Pty::open(None).unwrap();
+        let path = pty.path().to_str().unwrap().to_owned();
+        let (stop, sent) = (Arc::default(), Arc::default());
+        let (stopped, log) = (Arc::clone(&stop), Arc::clone(&sent));
+        let thread = Some(thread::spawn(move || serve(&pty, &stopped, &log)));
+        Self {
+            stop,
+            thread,
+            path,
+            sent,
+        }
+    }
+}
+
+impl Drop for CanBus {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        // A test that fails anyway is not to fail twice.
+        let _ = self.thread.take().unwrap().join();
+    }
+}
+
+fn serve(pty: &Pty, stop: &AtomicBool, log: &Mutex<Vec<Frame>>) {
+    let start = Instant::now();
+    let mut slcan = Slcan::new();
+    let mut adapter = Adapter::new();
+    let mut bytes = [0; 1024];
+    while !stop.load(Ordering::Relaxed) {
+        let now = Micros(start.elapsed().as_micros() as u64);
+        let n = pty.read(&mut bytes).unwrap();
+        for &byte in &bytes[..n] {
+            let mut sent = None;
+            slcan.receive(byte, |frame| {
+                sent = Some(frame);
+                true
+            });
+            let Some(frame) = sent else { continue };
+            log.lock().unwrap().push(frame);
+            match slcan.bit_rate() {
+                Some(BIT_RATE) => adapter.receive(&frame, now),
+                _ => slcan.report(Status::BUS_ERROR.and(Status::ERROR_PASSIVE)),
+            }
+        }
+        for frame in adapter.transmit(now) {
+            slcan.hear(&frame, now);
+        }
+        let n = pty.write(slcan.output()).unwrap();
+        slcan.output().drain(..n);
+        pty.wait(Some(Duration::from_millis(1))).unwrap();
+    }
+}
+
+/// What is of an adapter on CAN: ISO-TP to the arm and to the control port.
+struct Adapter {
+    arm: LingArm,
+    answers: Decoder<Ling, MAX_FRAME>,
+    to_arm: Endpoint<MAX_FRAME, MAX_FRAME>,
+    control: Endpoint<MAX_MESSAGE, MAX_MESSAGE>,
+    config: AdapterConfig,
+}
+
+impl Adapter {
+    fn new() -> Self {
+        let node = Node::new(NODE).unwrap();
+        let mut config = AdapterConfig::default();
+        config.can.node = node;
+        Self {
+            arm: LingArm::new(ArmConfig::follower()),
+            answers: Decoder::new(),
+            to_arm: Endpoint::new(Config::new(Link::Classic, Function::ArmAnswer.id(node))),
+            control: Endpoint::new(Config::new(Link::Classic, Function::ControlAnswer.id(node))),
+            config,
+        }
+    }
+
+    fn receive(&mut self, frame: &Frame, now: Micros) {
+        let events = match Function::of(frame.id()) {
+            Some((Function::ArmRequest, node)) if node.get() == NODE => self.to_arm.receive(frame.data(), now),
+            Some((Function::ControlRequest, node)) if node.get() == NODE => self.control.receive(frame.data(), now),
+            _ => return,
+        };
+        // Nothing is lost on this bus.
+        for event in events {
+            assert_eq!(event, armwire_bridge::isotp::Event::Received);
+        }
+    }
+
+    /// What the adapter sends now.
+    fn transmit(&mut self, now: Micros) -> Vec<Frame> {
+        if let Some(request) = self.to_arm.received() {
+            for &byte in request {
+                self.arm.receive(now, byte);
+            }
+            self.to_arm.release();
+        }
+        if !self.to_arm.is_sending() {
+            while let Some(byte) = self.arm.transmit(now) {
+                self.answers.push(&[byte]);
+                if let Some(answer) = self.answers.next(()) {
+                    let mut pdu = [0; MAX_FRAME];
+                    let n = answer.unwrap().encode(&mut pdu).unwrap();
+                    self.to_arm.send(&pdu[..n]).unwrap();
+                    break;
+                }
+            }
+        }
+        if let Some(request) = self.control.received() {
+            let reply = self.reply(control::decode(request).unwrap());
+            self.control.release();
+            let mut pdu = [0; MAX_MESSAGE];
+            let n = control::encode(&reply, &mut pdu).unwrap();
+            self.control.send(&pdu[..n]).unwrap();
+        }
+        let mut frames = Vec::new();
+        frames.extend(std::iter::from_fn(|| self.to_arm.transmit(now)));
+        frames.extend(std::iter::from_fn(|| self.control.transmit(now)));
+        frames
+    }
+
+    fn reply(&self, message: FromHost) -> FromAdapter {
+        let reply = match message.request {
+            Request::Identify => Reply::Identity(Identity {
+                version: control::VERSION,
+                firmware: "1.2.3".try_into().unwrap(),
+                board: "virtual".try_into().unwrap(),
+                serial: "0123456789AB".try_into().unwrap(),
+                ..Identity::default()
+            }),
+            Request::GetConfig => Reply::Config(self.config),
+            _ => Reply::Unsupported {
+                version: control::VERSION,
+            },
+        };
+        FromAdapter::Reply {
+            sequence: message.sequence,
+            reply,
+        }
+    }
+}
