@@ -177,7 +177,10 @@ impl<const N: usize> Reader<N> {
     }
 
     /// The message that has ended, or why it cannot be read. `None` if none has.
-    #[allow(clippy::should_implement_trait, reason = "an iterator cannot be asked for a type of message")]
+    #[allow(
+        clippy::should_implement_trait,
+        reason = "an iterator cannot be asked for a type of message"
+    )]
     pub fn next<T: Message>(&mut self) -> Option<Result<T, Malformed>> {
         let State::Ended(result) = self.state else { return None };
         let bytes = self.bytes.get(..self.len).unwrap_or_default();
