@@ -3,14 +3,17 @@
 use core::hint::black_box;
 
 use armwire::Micros;
-use armwire_bridge::{Bridge, LineCoding, PACKET, UartErrors};
+use armwire_bridge::can::{Frame, Id};
+use armwire_bridge::config::Config;
+use armwire_bridge::control::Identity;
+use armwire_bridge::{Bridge, CanErrors, Counters, Line, LineCoding, PACKET, UartErrors};
 
 use crate::bytes;
 
 pub(crate) fn call_all() {
     let now = black_box(Micros(0));
 
-    let mut bridge = Bridge::<2048, 512>::new();
+    let mut bridge = Bridge::<2048, 512>::new(black_box(Identity::default()), black_box(Config::default()));
     let bridge = black_box(&mut bridge);
     bridge.usb_configured(black_box(true));
     black_box(&mut *bridge).usb_dtr(black_box(true));
@@ -24,9 +27,10 @@ pub(crate) fn call_all() {
     black_box(black_box(&*bridge).is_attached());
 
     black_box(&mut *bridge).uart_received(bytes(&mut [0; 300]), now);
-    black_box(&mut *bridge).uart_idle();
+    black_box(&mut *bridge).uart_idle(now);
     black_box(&mut *bridge).uart_errors(black_box(UartErrors::default()));
     black_box(&mut *bridge).uart_ring_overrun();
+    black_box(black_box(&*bridge).uart_due(now));
     black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
     black_box(black_box(&*bridge).need());
     black_box(black_box(&*bridge).wake());
@@ -36,12 +40,44 @@ pub(crate) fn call_all() {
             .request_line_coding(black_box([0; 7]), now)
             .is_ok(),
     );
-    black_box(black_box(&*bridge).line_coding_change());
-    black_box(&mut *bridge).line_coding_changed(black_box(LineCoding::LING));
+    black_box(black_box(&*bridge).line_change());
+    black_box(&mut *bridge).line_changed(black_box(Line::default()));
     black_box(black_box(&*bridge).line_coding());
     black_box(black_box(LineCoding::LING).to_cdc());
     black_box(black_box(LineCoding::LING).micros(black_box(0)));
 
+    black_box(black_box(&*bridge).control_room());
+    black_box(&mut *bridge).control_received(bytes(&mut [0; 300]), now);
+    black_box(black_box(&*bridge).control_due());
+    black_box(black_box(&mut *bridge).control_transmit(&mut [0; PACKET], now));
+
+    if let (Ok(id), Ok(fd_id)) = (Id::new(black_box(0)), Id::new(black_box(0))) {
+        for frame in [
+            Frame::new(id, bytes(&mut [0; 8])),
+            Frame::new_fd(fd_id, bytes(&mut [0; 64])),
+        ]
+        .into_iter()
+        .flatten()
+        {
+            black_box(&mut *bridge).can_received(black_box(&frame), now);
+        }
+    }
+    black_box(black_box(&*bridge).can_due(now));
+    black_box(black_box(&mut *bridge).can_transmit(now));
+    black_box(&mut *bridge).can_errors(black_box(CanErrors::default()));
+    black_box(&mut *bridge).can_bus_off(black_box(true), now);
+    black_box(black_box(&*bridge).can_config());
+
+    black_box(black_box(&*bridge).timeout());
+    black_box(&mut *bridge).tick(now);
+    black_box(black_box(&mut *bridge).action());
+    black_box(&mut *bridge).saved(black_box(Ok(())), now);
+    black_box(black_box(&*bridge).config());
+    black_box(black_box(&*bridge).identity());
+
+    black_box(&mut *bridge).started_after(black_box(0), black_box(0));
     black_box(black_box(&*bridge).is_stuck(now));
-    black_box(black_box(&*bridge).counters());
+    let counters = black_box(black_box(&*bridge).counters());
+    black_box(counters.to_bytes(bytes(&mut [0; 300])).is_ok());
+    black_box(Counters::from_bytes(bytes(&mut [0; 300])).is_ok());
 }
