@@ -1,8 +1,8 @@
 //! The CAN controller, whatever the chip: what its interrupts bring waits here until somebody takes it.
 //!
-//! The HAL's drivers are not used. The one for bxCAN gives the same bus error again and again until a frame comes; the one
-//! for FDCAN leaves out the compensation of the transmitter's delay, without which no data phase above 1 Mbit/s works; and
-//! neither counts errors or starts anew with other bit rates. What is left is little: [`Controller`] has the registers.
+//! The HAL's drivers are not used. They tell of an error on the bus only whoever waits for a frame, and of lost frames
+//! nobody. The one for FDCAN also leaves out the compensation of the transmitter's delay, which a data phase above
+//! 1 Mbit/s needs. What is left is little: [`Controller`] has the registers.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -27,8 +27,8 @@ static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static ERRORS: AtomicU32 = AtomicU32::new(0);
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 
-/// How long nobody looks at the bus when nothing happens, in milliseconds. A controller that comes back from bus-off does
-/// not say so.
+/// How long nobody looks at the bus when nothing happens, in milliseconds. A controller that comes back from bus-off
+/// does not say so.
 const LOOK_MS: u64 = 5;
 
 /// The CAN bus.

@@ -1,7 +1,7 @@
 //! The board: the one place that knows which chip, which pins and which clocks.
 //!
-//! A cargo feature chooses it, `board-stm32f405` or `board-stm32g431`. `docs/porting.md` says how to add one. Each brings
-//! the same items:
+//! A cargo feature chooses it, `board-stm32f405` or `board-stm32g431`. `docs/porting.md` says how to add one. Each
+//! brings the same items:
 //!
 //! | Item | What it is |
 //! |---|---|
@@ -13,7 +13,8 @@
 //! | `Watchdog` | the independent watchdog |
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
 //! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
-//! | `UART`, `TX_PIN`, `uart` | the UART's registers, the pin it sends on, and what is the chip's own in them, behind [`usart`] |
+//! | `UART`, `TX_PIN` | the UART's registers, and the pin that it sends on |
+//! | `uart` | what is the chip's own in them, behind [`usart`] |
 //! | `Controller` | the registers of the CAN controller, behind [`Can`] |
 //! | `ConfigFlash`, `CONFIG_FLASH` | where the configuration is kept: a `NorFlash`, and which part of it |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |

@@ -1,4 +1,4 @@
-//! The default board: an STM32F405RG with a crystal, USB on PA11/PA12 and the arm on PA2/PA3.
+//! The default board: an STM32F405RG with a crystal, USB on PA11/PA12, the arm on PA2/PA3 and CAN on PB8/PB9.
 //!
 //! Sections are those of RM0090.
 

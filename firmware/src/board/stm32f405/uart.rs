@@ -1,4 +1,5 @@
-//! What is this chip's own in the registers of the arm's UART (RM0090 section 30.6) and of the DMA stream that serves it.
+//! What is this chip's own in the registers of the arm's UART (RM0090 section 30.6) and of the DMA stream that serves
+//! it.
 
 use embassy_stm32::pac;
 

@@ -1,8 +1,8 @@
 //! The clock tree: 160 MHz core and buses and 80 MHz CAN from the crystal, 48 MHz USB from HSI48.
 //!
-//! 160 MHz and not the 170 MHz that the chip can do: all bit rates of CAN and CAN FD divide 80 MHz, but 4 Mbit/s does not
-//! divide 170 MHz or any part of it. USB's 48 MHz do not divide either, so they come from an oscillator of their own, which the
-//! clock recovery system trims to the host's start-of-frame packets. CAN needs the crystal (CiA 601-3).
+//! 160 MHz and not the 170 MHz that the chip can do: all bit rates of CAN and CAN FD divide 80 MHz, but 4 Mbit/s does
+//! not divide 170 MHz or any part of it. USB's 48 MHz do not come out either, so they come from an oscillator of their
+//! own, which the clock recovery system trims to the host's start-of-frame packets. CAN needs the crystal (CiA 601-3).
 
 use embassy_stm32::Config;
 use embassy_stm32::pac;
@@ -40,8 +40,8 @@ pub(crate) fn config() -> Config {
     config
 }
 
-/// Switches on the flash prefetch (RM0440 5.3.4), which hides most of the four wait states of 160 MHz. The caches are on
-/// after a reset.
+/// Switches on the flash prefetch (RM0440 5.3.4), which hides most of the four wait states of 160 MHz. The caches are
+/// on after a reset.
 pub(crate) fn accelerate_flash() {
     pac::FLASH.acr().modify(|w| w.set_prften(true));
 }

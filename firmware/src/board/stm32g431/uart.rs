@@ -1,4 +1,5 @@
-//! What is this chip's own in the registers of the arm's UART (RM0440 section 37.8) and of the DMA channel that serves it.
+//! What is this chip's own in the registers of the arm's UART (RM0440 section 37.8) and of the DMA channel that serves
+//! it.
 
 use embassy_stm32::pac;
 
