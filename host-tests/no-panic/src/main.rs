@@ -13,6 +13,7 @@ mod alpha1;
 mod bridge;
 mod client;
 mod control;
+mod cyclic;
 mod decoder;
 mod device;
 mod isotp;
@@ -44,6 +45,7 @@ extern "C" fn _start() {
     legacy::call_all();
     bridge::call_all();
     control::call_all();
+    cyclic::call_all();
     isotp::call_all();
     black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));
     black_box(black_box(Micros(0)).since(black_box(Micros(0))));
