@@ -1,4 +1,4 @@
-//! `docs/armwire.dbc` says of the cyclic frames what the code does, and `docs/can.md` has the identifiers of all frames.
+//! `docs/armwire.dbc` says of the cyclic frames what the code does, and the tables of `docs/can.md` have its numbers.
 
 use std::collections::BTreeMap;
 
@@ -154,7 +154,9 @@ proptest! {
     }
 
     #[test]
-    fn commands_are_what_the_file_says(joints in joints(), sequence in any::<u8>(), speed in 1..=250_u8, gripper in 0..=250_u8) {
+    fn commands_are_what_the_file_says(
+        joints in joints(), sequence in any::<u8>(), speed in 1..=250_u8, gripper in 0..=250_u8,
+    ) {
         let command = Command { sequence, joints, speed, gripper };
         let target = command.target().unwrap();
         let speed: Speed = target.joints[0].1;

@@ -46,7 +46,10 @@ class Dbc:
         return named
 
     def encode(self, name: str, node: int, values: dict[str, float]) -> tuple[int, bytes]:
-        """A frame with those of these values that are its own: its identifier and data. A value out of range is an error."""
+        """A frame with those of these values that are its own: its identifier and data.
+
+        A value out of range is an error.
+        """
         message = self._database.get_message_by_name(name)
         own = {signal.name: values[signal.name] for signal in message.signals}
         return message.frame_id | node, message.encode(own)
