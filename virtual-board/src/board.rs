@@ -14,6 +14,7 @@ use rigless::image::Image;
 
 use crate::can::bus::{Bus, Record};
 use crate::can::{self, BusFrame};
+use crate::flash::{self, Flash};
 use crate::line::{Arm, Fault, FaultRates, Line, LineByte};
 use crate::machine::{self, Bench, Command, Reply, Run};
 use crate::report::{Crash, Report, Violation, Violations};
@@ -35,6 +36,9 @@ const CONNECT_LIMIT: Nanos = Nanos::from_millis(2_000);
 /// How often a waiting program looks even if nothing happens on the USB wire.
 const GLANCE: Nanos = Nanos::from_millis(1);
 
+/// How long a power cycle leaves the board without power.
+const POWER_OFF: Nanos = Nanos::from_millis(10);
+
 /// The address that the host gives the device.
 const ADDRESS: u8 = 1;
 
@@ -51,8 +55,14 @@ pub struct Config<A> {
     pub crystal_hz: u32,
     /// The part's unique id.
     pub unique_id: [u8; 12],
-    /// Which bytes meet faults, where rates say how many do.
+    /// Which bytes meet faults, where rates say how many do, and what a power cut leaves in the flash.
     pub seed: u64,
+    /// What the flash holds where the image has nothing, [`SIZE`](flash::SIZE) bytes: what
+    /// [`VirtualBoard::flash`] of an earlier board gave. `None` is erased.
+    pub flash: Option<Vec<u8>>,
+    /// After how many flash operations, each a sector erased or a word programmed, the power goes in the middle of the
+    /// next one.
+    pub power_cut_after: Option<u32>,
     /// What a DMA stream does that is enabled again.
     pub reenabled: Reenabled,
     /// The virtual time that an instruction takes, in percent of a cycle at 168 MHz. A real core takes more than a cycle
@@ -72,6 +82,8 @@ impl<A> Config<A> {
             crystal_hz: 8_000_000,
             unique_id: *b"\x20\x00\x41\x00\x0B51P\x35V03",
             seed: 0,
+            flash: None,
+            power_cut_after: None,
             reenabled: Reenabled::default(),
             instruction_cost: NonZeroU32::new(100).expect("not zero"),
             gdb: None,
@@ -107,6 +119,20 @@ pub enum Error {
         crash: Crash,
         /// When.
         at: Nanos,
+    },
+    /// The power was cut in the middle of a flash operation.
+    #[error("the power was cut at {at}, in flash operation {operation}")]
+    PowerCut {
+        /// When.
+        at: Nanos,
+        /// Which operation, from 1.
+        operation: u32,
+    },
+    /// The contents for the flash do not fit it.
+    #[error("{got} bytes for the flash, which has {}", flash::SIZE)]
+    FlashSize {
+        /// How many there were.
+        got: usize,
     },
     /// What the program waited for did not happen in time.
     #[error("it did not happen within {limit}")]
@@ -156,6 +182,7 @@ pub struct VirtualBoard<A: Arm> {
     line: Shared<A>,
     host: Arc<Mutex<Host>>,
     can: Arc<Mutex<Bus>>,
+    flash: Arc<Mutex<Flash>>,
     commands: Option<Sender<Command>>,
     replies: Receiver<Reply>,
     interrupt: Arc<AtomicBool>,
@@ -189,6 +216,8 @@ impl<A: Arm> VirtualBoard<A> {
             starve.clone(),
         )));
         let host = Arc::new(Mutex::new(Host::default()));
+        let (contents, flash_images) = flash::around(&image, config.flash)?;
+        let flash = Arc::new(Mutex::new(Flash::new(contents, config.power_cut_after, config.seed)));
         let can = Arc::new(Mutex::new(Bus::default()));
         let part = Stm32f405::new(
             config.crystal_hz,
@@ -197,6 +226,7 @@ impl<A: Arm> VirtualBoard<A> {
             config.reenabled,
             host.clone(),
             can.clone(),
+            flash.clone(),
         )?;
         let bench = Bench {
             part,
@@ -220,11 +250,13 @@ impl<A: Arm> VirtualBoard<A> {
         let interrupt = Arc::new(AtomicBool::new(false));
         let run = Run {
             image,
+            flash_images,
             gdb,
             rtt,
             interrupt: interrupt.clone(),
             host: host.clone(),
             can: can.clone(),
+            flash: flash.clone(),
             commands: command,
             replies: reply,
         };
@@ -237,6 +269,7 @@ impl<A: Arm> VirtualBoard<A> {
             line,
             host,
             can,
+            flash,
             commands: Some(commands),
             replies,
             interrupt,
@@ -294,8 +327,18 @@ impl<A: Arm> VirtualBoard<A> {
     }
 
     fn run(&mut self, until: Nanos, watchful: bool) -> Result<(), Error> {
+        self.powered()?;
         self.send(Command::Run { until, watchful })?;
-        self.stopped()
+        self.stopped()?;
+        self.powered()
+    }
+
+    fn powered(&self) -> Result<(), Error> {
+        let flash = lock(&self.flash);
+        flash.cut.map_or(Ok(()), |at| {
+            let operation = flash.operations();
+            Err(Error::PowerCut { at, operation })
+        })
     }
 
     fn send(&mut self, command: Command) -> Result<(), Error> {
@@ -340,6 +383,39 @@ impl<A: Arm> VirtualBoard<A> {
     /// Gives the arm to `use_it`, while time stands still.
     pub fn with_arm<R>(&mut self, use_it: impl FnOnce(&mut A) -> R) -> R {
         use_it(lock(&self.line).arm_mut())
+    }
+
+    /// What the flash holds, [`SIZE`](flash::SIZE) bytes.
+    pub fn flash(&self) -> Vec<u8> {
+        lock(&self.flash).bytes().to_vec()
+    }
+
+    /// How many flash operations were started: sectors erased and words programmed.
+    pub fn flash_operations(&self) -> u32 {
+        lock(&self.flash).operations()
+    }
+
+    /// Lets `operations` more flash operations end, and cuts the power in the middle of the next one: the call that runs
+    /// the board then fails with [`Error::PowerCut`].
+    pub fn cut_power_after(&mut self, operations: u32) {
+        lock(&self.flash).cut_after(Some(operations));
+    }
+
+    /// Takes the board's power away, if it still has it, and gives it back 10 ms later. The flash keeps what it held,
+    /// and so does the memory, which a real board's may or may not. The arm and the cables stay as they are.
+    ///
+    /// # Errors
+    ///
+    /// As for [`run_for`](Self::run_for).
+    pub fn power_cycle(&mut self) -> Result<(), Error> {
+        {
+            let mut flash = lock(&self.flash);
+            flash.cut = None;
+            flash.supply = Some(false);
+        }
+        self.run_for(POWER_OFF)?;
+        lock(&self.flash).supply = Some(true);
+        Ok(())
     }
 
     /// The UART line to the arm.

@@ -31,6 +31,7 @@
 mod board;
 mod bxcan;
 pub mod can;
+pub mod flash;
 pub mod latency;
 pub mod line;
 mod machine;

@@ -23,6 +23,7 @@ use rigless::snapshot::Store;
 use rigless::time::VirtualNanos;
 
 use crate::can::bus::Bus;
+use crate::flash::Flash;
 use crate::line::Arm;
 use crate::report::{Crash, Report};
 use crate::stm32f405::Stm32f405;
@@ -132,11 +133,14 @@ pub(crate) enum Reply {
 /// Everything a run needs that is not the board.
 pub(crate) struct Run {
     pub(crate) image: Image,
+    /// What the flash holds besides the image.
+    pub(crate) flash_images: Vec<Image>,
     pub(crate) gdb: Option<TcpListener>,
     pub(crate) rtt: TcpListener,
     pub(crate) interrupt: Arc<AtomicBool>,
     pub(crate) host: Arc<Mutex<Host>>,
     pub(crate) can: Arc<Mutex<Bus>>,
+    pub(crate) flash: Arc<Mutex<Flash>>,
     pub(crate) commands: Receiver<Command>,
     pub(crate) replies: Sender<Reply>,
 }
@@ -162,7 +166,8 @@ fn attempt<A: Arm>(bench: Bench<A>, run: Run) -> Result<(), emulator::Error> {
             session.watch(Watch::Instruction(*address));
         }
     }
-    let images = [run.image];
+    let mut images = run.flash_images;
+    images.push(run.image);
     let mut start = Start::new(&images);
     start.debugger = run.gdb.as_ref();
     start.rtt = symbols.contains_key(RTT).then_some(&run.rtt);
@@ -172,6 +177,8 @@ fn attempt<A: Arm>(bench: Bench<A>, run: Run) -> Result<(), emulator::Error> {
         replies: run.replies,
         host: run.host,
         can: run.can,
+        flash: run.flash,
+        held: false,
         watchful: false,
         trace: Trace::default(),
         crashes,
@@ -199,6 +206,9 @@ struct Lockstep {
     replies: Sender<Reply>,
     host: Arc<Mutex<Host>>,
     can: Arc<Mutex<Bus>>,
+    flash: Arc<Mutex<Flash>>,
+    /// The core waits for the flash.
+    held: bool,
     watchful: bool,
     trace: Trace,
     crashes: BTreeMap<u64, Crash>,
@@ -206,7 +216,7 @@ struct Lockstep {
 }
 
 impl<A: Arm> Driver<Bench<A>> for Lockstep {
-    fn on_settled(&mut self, session: &mut Session<Bench<A>>, _: &mut dyn emulator::Host, settled: Settled) {
+    fn on_settled(&mut self, session: &mut Session<Bench<A>>, host: &mut dyn emulator::Host, settled: Settled) {
         let now = match settled {
             Settled::Access { access, value } => {
                 for part in [access.address, value, access.instruction_count, access.virtual_time.0] {
@@ -228,6 +238,18 @@ impl<A: Arm> Driver<Bench<A>> for Lockstep {
             }
             _ => return,
         };
+        let (busy, cut) = {
+            let flash = lock(&self.flash);
+            (flash.busy, flash.cut == Some(now.into()))
+        };
+        if busy != self.held {
+            self.held = busy;
+            host.hold(busy || session.unpowered());
+            session.pause_at(Some(now));
+        }
+        if cut {
+            session.run_until(now);
+        }
         let progress = [lock(&self.host).take_progress(), lock(&self.can).take_progress()];
         if self.watchful && progress.contains(&true) {
             session.run_until(now);

@@ -138,6 +138,8 @@ pub enum Cause {
     Software,
     /// The independent watchdog was not fed.
     Watchdog,
+    /// The power came back.
+    Power,
     /// Anything else.
     Other,
 }
@@ -191,6 +193,7 @@ impl Report {
             cause: match reset.cause {
                 ResetCause::Core => Cause::Software,
                 ResetCause::Model("IWDG") => Cause::Watchdog,
+                ResetCause::PowerOn => Cause::Power,
                 _ => Cause::Other,
             },
         });

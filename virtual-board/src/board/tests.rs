@@ -235,3 +235,142 @@ fn an_image_that_is_not_there_or_not_for_this_core_is_refused() {
     let native = std::env::current_exe().unwrap();
     assert!(VirtualBoard::start(Config::new(native, Nobody)).is_err());
 }
+
+/// Code that makes these stores one after the other and then does nothing, and its literals.
+fn stores(stores: &[(u32, u32)]) -> (Vec<u16>, Vec<u32>) {
+    let length = (3 * stores.len() + 1).next_multiple_of(2);
+    let mut code = Vec::new();
+    for nth in 0..stores.len() {
+        for register in 0..2 {
+            let counter = (code.len() + 2) & !1;
+            let words = (length - counter) / 2 + 2 * nth + usize::from(register);
+            code.push(ldr(register, words as u16));
+        }
+        code.push(str(1, 0));
+    }
+    code.push(HANG);
+    code.resize(length, NOP);
+    let literals = stores.iter().flat_map(|&(address, value)| [address, value]);
+    (code, literals.collect())
+}
+
+/// Programs a word of sector 1, then stores to where nothing is.
+const PROGRAM: [(u32, u32); 5] = [
+    (0x4002_3C04, 0x4567_0123),
+    (0x4002_3C04, 0xCDEF_89AB),
+    (0x4002_3C10, 2 << 8 | 1),
+    (0x0800_4000, WORD),
+    (0x4000_7800, 0),
+];
+const WORD: u32 = 0x6000_00F0;
+
+fn programmer(change: impl FnOnce(Config<Nobody>) -> Config<Nobody>) -> VirtualBoard<Nobody> {
+    let (code, literals) = stores(&PROGRAM);
+    board_with(&code, &literals, change)
+}
+
+fn flash_word(board: &VirtualBoard<Nobody>) -> u32 {
+    u32::from_le_bytes(board.flash()[0x4000..0x4004].try_into().unwrap())
+}
+
+#[test]
+fn the_core_stands_still_while_the_flash_is_busy() {
+    let mut board = programmer(|config| config);
+    board.run_for(Micros(15)).unwrap();
+    assert_eq!((board.flash_operations(), flash_word(&board)), (1, u32::MAX));
+    assert!(board.report().unwrap().violations.is_empty());
+    board.run_for(Micros(2)).unwrap();
+    assert_eq!(flash_word(&board), WORD);
+    assert!(matches!(
+        board.report().unwrap().violations[..],
+        [Violation::Unmapped {
+            address: 0x4000_7800,
+            ..
+        }]
+    ));
+}
+
+#[test]
+fn a_power_cycle_starts_over_with_the_same_flash() {
+    let mut board = programmer(|config| config);
+    board.run_for(Micros(20)).unwrap();
+    board.power_cycle().unwrap();
+    assert_eq!((flash_word(&board), board.flash_operations()), (WORD, 1));
+    board.run_for(Micros(20)).unwrap();
+    assert_eq!(board.flash_operations(), 2, "it ran again");
+    let restarts = board.report().unwrap().restarts;
+    assert!(
+        matches!(
+            restarts[..],
+            [Restart {
+                cause: Cause::Power,
+                ..
+            }]
+        ),
+        "{restarts:?}"
+    );
+}
+
+#[test]
+fn the_next_board_has_the_flash_that_it_is_given() {
+    let mut first = programmer(|config| config);
+    first.run_for(Micros(20)).unwrap();
+    // The word becomes an address that is read, which the report names.
+    let code = [ldr(0, 1), load(1, 0), load(1, 1), HANG];
+    let mut board = board_with(&code, &[0x0800_4000], |config| Config {
+        flash: Some(first.flash()),
+        ..config
+    });
+    assert_eq!(flash_word(&board), WORD);
+    board.run_for(Micros(10)).unwrap();
+    assert!(matches!(
+        board.report().unwrap().violations[..],
+        [Violation::Unmapped { address, .. }] if address == u64::from(WORD)
+    ));
+    assert_eq!(board.flash()[14..16], HANG.to_le_bytes(), "the image is in it, too");
+}
+
+#[test]
+fn a_power_cut_leaves_a_word_half_programmed_and_the_board_dead_until_power_comes_back() {
+    let run = |seed| {
+        let mut board = programmer(|config| Config {
+            power_cut_after: Some(0),
+            seed,
+            ..config
+        });
+        let error = board.run_for(Micros(100)).unwrap_err();
+        let Error::PowerCut { at, operation: 1 } = error else {
+            panic!("{error}");
+        };
+        assert_eq!(at, board.now());
+        assert!(matches!(board.run_for(Micros(1)), Err(Error::PowerCut { .. })));
+        let word = flash_word(&board);
+        assert_eq!(word & WORD, WORD, "only bits that are to be clear are");
+        (board, word)
+    };
+    let (mut board, word) = run(1);
+    assert!(word != u32::MAX && word != WORD, "{word:#010x}");
+    assert_eq!(run(1).1, word);
+    assert_ne!(run(2).1, word);
+    board.power_cycle().unwrap();
+    board.run_for(Micros(20)).unwrap();
+    assert_eq!(flash_word(&board), WORD);
+
+    board.cut_power_after(0);
+    board.power_cycle().unwrap();
+    assert!(matches!(
+        board.run_for(Micros(100)),
+        Err(Error::PowerCut { operation: 3, .. })
+    ));
+}
+
+#[test]
+fn flash_contents_of_another_size_are_refused() {
+    let image = Image::new(Path::new("test"), vec![0; 8], Some(0x0800_0000)).unwrap();
+    let config = Config {
+        flash: Some(vec![0; 3]),
+        ..Config::new("test", Nobody)
+    };
+    let error = VirtualBoard::start_image(image, config).unwrap_err();
+    assert_eq!(error.to_string(), "3 bytes for the flash, which has 1048576");
+}

@@ -1,6 +1,6 @@
 //! The CAN bus at the board's edge: other nodes, faults, and a record of every frame.
 //!
-//! [`bus`] is the wire and the nodes on it. It drives any [`Controller`]; nothing here knows a register or an emulator.
+//! `bus` is the wire and the nodes on it. It drives any `Controller`; nothing here knows a register or an emulator.
 //! Whole frames cross it, each as long as its bits with the stuff bits that they really have.
 //!
 //! The other nodes are one party of any size: they acknowledge each other, so that a frame of theirs passes even if the

@@ -14,6 +14,7 @@ use rigless::soc::{
     Bus, Clock, Cpu, Endian, EraseBlocks, Error, Gate, Layout, Peripheral, Region, RegisterSpec, WriteModify,
 };
 
+use crate::flash::{BASE, ERASED, SIZE};
 use crate::{bxcan, otg};
 
 /// The UART that the arm hangs on: USART2, on PA2 and PA3.
@@ -23,14 +24,18 @@ pub(crate) const ARM_PORT: &str = "USART2";
 pub(super) const RCC: &str = "RCC";
 pub(super) const PWR: &str = "PWR";
 
+/// The flash interface.
+pub(super) const FLASH: &str = "FLASH";
+
 /// Core-coupled memory.
 pub(super) const CCM: Region = Region::ram("ccm", 0x1000_0000, 64 << 10);
 
 /// The memories (2.3, table 1; 3.4, table 5). The system region holds the unique id and the flash size (39.1, 39.2).
 static MEMORY: [Region; 5] = [
-    Region::flash("flash", 0x0800_0000, 1 << 20)
+    Region::flash("flash", BASE, SIZE as u64)
         .erased_in(&SECTORS)
-        .erased_to(0xFF),
+        .erased_to(ERASED)
+        .programmed_by(FLASH),
     CCM,
     Region::system("system", 0x1FFF_0000, 32 << 10),
     Region::ram("sram", 0x2000_0000, 128 << 10),

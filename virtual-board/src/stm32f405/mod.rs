@@ -5,6 +5,7 @@
 //! [`Stm32f405::new`] know its slot; if something outside it speaks to it, add the slot to those that are polled.
 
 mod dma;
+mod flash;
 pub(crate) mod map;
 pub(crate) mod port;
 
@@ -22,10 +23,12 @@ use rigless::time::VirtualNanos;
 
 use self::dma::Dma1;
 pub use self::dma::Reenabled;
-use self::map::{ARM_PORT, PWR, RCC};
+use self::flash::Interface;
+use self::map::{ARM_PORT, FLASH, PWR, RCC};
 use self::port::{Port, Shared};
 use crate::bxcan::{self, Can};
 use crate::can::bus::Bus as CanBus;
+use crate::flash::Flash;
 use crate::line::Arm;
 use crate::otg::Otg;
 use crate::usb::host::Host;
@@ -39,6 +42,7 @@ struct Slots {
     port: usize,
     otg: usize,
     can: usize,
+    flash: usize,
     dma1: usize,
     dma2: usize,
     rcc: usize,
@@ -59,6 +63,7 @@ pub(crate) struct Stm32f405<A: Arm> {
     port: Port<A>,
     otg: Otg,
     can: Can,
+    flash: Interface,
     dma1: Dma1,
     dma2: Dma,
 }
@@ -76,6 +81,7 @@ impl<A: Arm> Stm32f405<A> {
         reenabled: Reenabled,
         host: Arc<Mutex<Host>>,
         can: Arc<Mutex<CanBus>>,
+        flash: Arc<Mutex<Flash>>,
     ) -> Result<Self, Error> {
         let bus = map::bus()?;
         let mut shared = Stm32f427::new()?;
@@ -89,6 +95,7 @@ impl<A: Arm> Stm32f405<A> {
             port: bus.slot(ARM_PORT)?,
             otg: bus.slot(crate::otg::PERIPHERAL.name)?,
             can: bus.slot(bxcan::CAN)?,
+            flash: bus.slot(FLASH)?,
             dma1: bus.slot("DMA1")?,
             dma2: bus.slot("DMA2")?,
             rcc: bus.slot(RCC)?,
@@ -104,6 +111,7 @@ impl<A: Arm> Stm32f405<A> {
             port: Port::new(line),
             otg: Otg::new(host),
             can: Can::new(can),
+            flash: Interface::new(flash, SUPPLY_MV),
             dma1: Dma1::new(reenabled, starve),
             dma2: dma::controller(1),
         };
@@ -116,7 +124,6 @@ impl<A: Arm> Stm32f405<A> {
     fn supply(&mut self) {
         let registers = self.bus.slot_mut(self.slots.pwr).registers_mut();
         self.shared.pwr.set_supply(SUPPLY_MV.get(), registers);
-        self.shared.flash.set_supply(SUPPLY_MV);
     }
 }
 
@@ -144,18 +151,21 @@ impl<A: Arm> Mcu for Stm32f405<A> {
         self.shared.rcc.attach_crystals(crystal, lse);
         self.bus.reset();
 
-        let registers = self.bus.slot_mut(self.slots.rcc).registers_mut();
-        registers.set(rcc::Register::Bdcr, bdcr);
-        self.shared.rcc.restarted(cause, csr, registers);
-        let registers = self.bus.slot_mut(self.slots.pwr).registers_mut();
-        self.shared.pwr.keep_backup_regulator(regulator, registers);
-        let registers = self.bus.slot_mut(self.slots.rtc).registers_mut();
-        for register in rtc::Register::ALL {
-            registers.set(register, calendar.get(register));
-        }
-        let registers = self.bus.slot_mut(self.slots.dbg).registers_mut();
-        for register in dbg::Register::ALL {
-            registers.set(register, debug.get(register));
+        // Without power, none of it lasts.
+        if cause != ResetCause::PowerOn {
+            let registers = self.bus.slot_mut(self.slots.rcc).registers_mut();
+            registers.set(rcc::Register::Bdcr, bdcr);
+            self.shared.rcc.restarted(cause, csr, registers);
+            let registers = self.bus.slot_mut(self.slots.pwr).registers_mut();
+            self.shared.pwr.keep_backup_regulator(regulator, registers);
+            let registers = self.bus.slot_mut(self.slots.rtc).registers_mut();
+            for register in rtc::Register::ALL {
+                registers.set(register, calendar.get(register));
+            }
+            let registers = self.bus.slot_mut(self.slots.dbg).registers_mut();
+            for register in dbg::Register::ALL {
+                registers.set(register, debug.get(register));
+            }
         }
         self.supply();
 
@@ -170,6 +180,8 @@ impl<A: Arm> Mcu for Stm32f405<A> {
         self.otg.restarted(&mut context);
         let (_, mut context) = self.bus.drive(at, self.slots.can);
         self.can.restarted(&mut context);
+        let (_, mut context) = self.bus.drive(at, self.slots.flash);
+        self.flash.restarted(SUPPLY_MV, &mut context);
     }
 
     /// What is outside the part speaks to these.
@@ -180,6 +192,8 @@ impl<A: Arm> Mcu for Stm32f405<A> {
         Device::poll(&mut self.otg, registers, &mut context);
         let (registers, mut context) = self.bus.drive(now, self.slots.can);
         Device::poll(&mut self.can, registers, &mut context);
+        let (registers, mut context) = self.bus.drive(now, self.slots.flash);
+        Device::poll(&mut self.flash, registers, &mut context);
         let (registers, mut context) = self.bus.drive(now, self.slots.dma1);
         Device::poll(&mut self.dma1, registers, &mut context);
     }
@@ -192,6 +206,8 @@ impl<A: Arm> Mcu for Stm32f405<A> {
             Some(&mut self.otg)
         } else if slot == slots.can {
             Some(&mut self.can)
+        } else if slot == slots.flash {
+            Some(&mut self.flash)
         } else if slot == slots.dma1 {
             Some(&mut self.dma1)
         } else if slot == slots.dma2 {

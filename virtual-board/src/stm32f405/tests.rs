@@ -37,6 +37,8 @@ const EN: u64 = 1;
 const RING: u64 = 0x2000_0000;
 const RING_SIZE: u64 = 16;
 
+mod flash;
+
 /// An arm that says what it is given when it is due.
 #[derive(Debug, Default)]
 struct Arm {
@@ -63,6 +65,7 @@ struct Bench {
     part: Stm32f405<Arm>,
     line: Shared<Arm>,
     can: Arc<Mutex<CanBus>>,
+    flash: Arc<Mutex<Flash>>,
     ram: Ram,
     now: Nanos,
 }
@@ -79,6 +82,13 @@ impl Memory for Ram {
         self.0.insert(address, value as u8);
         Ok(())
     }
+
+    fn program(&mut self, address: u64, width: Width, value: u64) -> Result<(), EmulatorError> {
+        let bytes = value.to_le_bytes();
+        self.0
+            .extend((address..).zip(bytes.into_iter().take(width.bytes() as usize)));
+        Ok(())
+    }
 }
 
 impl Bench {
@@ -87,11 +97,22 @@ impl Bench {
         let starve = Arc::new(AtomicBool::new(false));
         let line = Arc::new(Mutex::new(Line::new(Arm::default(), 1_000_000, 0, starve.clone())));
         let can = Arc::new(Mutex::new(CanBus::default()));
-        let part = Stm32f405::new(8_000_000, line.clone(), starve, reenabled, Arc::default(), can.clone()).unwrap();
+        let flash = Arc::new(Mutex::new(Flash::new(vec![0; crate::flash::SIZE], None, 0)));
+        let part = Stm32f405::new(
+            8_000_000,
+            line.clone(),
+            starve,
+            reenabled,
+            Arc::default(),
+            can.clone(),
+            flash.clone(),
+        )
+        .unwrap();
         let mut bench = Self {
             part,
             line,
             can,
+            flash,
             ram: Ram::default(),
             now: Nanos(0),
         };

@@ -1,0 +1,167 @@
+//! What the board's flash holds, and what happens to it without power.
+
+use std::path::Path;
+
+use rigless::edge::draw;
+use rigless::image::Image;
+
+use crate::board::Error;
+use crate::time::Nanos;
+
+/// Where the flash is (RM0090, 3.4).
+pub(crate) const BASE: u64 = 0x0800_0000;
+
+/// How many bytes the flash has.
+pub const SIZE: usize = 1 << 20;
+
+/// What every byte of an erased sector reads.
+pub(crate) const ERASED: u8 = 0xFF;
+
+/// The flash's bytes, as the part and whoever runs the board share them.
+#[derive(Debug)]
+pub(crate) struct Flash {
+    bytes: Vec<u8>,
+    /// An operation is under way.
+    pub(crate) busy: bool,
+    /// How many operations were started.
+    operations: u32,
+    /// How many more end before one is interrupted.
+    left: Option<u32>,
+    /// When the power was cut.
+    pub(crate) cut: Option<Nanos>,
+    /// What the program wants done to the supply.
+    pub(crate) supply: Option<bool>,
+    seed: u64,
+}
+
+impl Flash {
+    pub(crate) fn new(bytes: Vec<u8>, cut_after: Option<u32>, seed: u64) -> Self {
+        Self {
+            bytes,
+            busy: false,
+            operations: 0,
+            left: cut_after,
+            cut: None,
+            supply: None,
+            seed,
+        }
+    }
+
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// How many operations were started.
+    pub(crate) fn operations(&self) -> u32 {
+        self.operations
+    }
+
+    pub(crate) fn cut_after(&mut self, operations: Option<u32>) {
+        self.left = operations;
+    }
+
+    /// An operation that lasts at least `shortest` starts. Returns when the power goes within it, if it does.
+    pub(crate) fn start(&mut self, shortest: Nanos) -> Option<Nanos> {
+        self.busy = true;
+        self.operations += 1;
+        match &mut self.left {
+            Some(0) => {
+                self.left = None;
+                let part = draw(self.seed, "power cut", self.operations.into()) % shortest.0.max(1);
+                Some(Nanos(part))
+            }
+            Some(left) => {
+                *left -= 1;
+                None
+            }
+            None => None,
+        }
+    }
+
+    /// The eight bytes at `word` words from the start.
+    pub(crate) fn get(&self, word: usize) -> [u8; 8] {
+        self.bytes.as_chunks().0.get(word).copied().unwrap_or([ERASED; 8])
+    }
+
+    pub(crate) fn set(&mut self, word: usize, value: [u8; 8]) {
+        if let Some(held) = self.bytes.as_chunks_mut().0.get_mut(word) {
+            *held = value;
+        }
+    }
+
+    /// Bits that decide how far an interrupted operation got with `word`.
+    pub(crate) fn chance(&self, word: usize) -> u64 {
+        draw(self.seed ^ u64::from(self.operations), "interrupted", word as u64)
+    }
+}
+
+/// What the flash holds with `image` in it and `contents` around it: all of it, and what is around, as images of their
+/// own.
+pub(crate) fn around(image: &Image, contents: Option<Vec<u8>>) -> Result<(Vec<u8>, Vec<Image>), Error> {
+    let mut bytes = contents.unwrap_or_else(|| vec![ERASED; SIZE]);
+    if bytes.len() != SIZE {
+        return Err(Error::FlashSize { got: bytes.len() });
+    }
+    let mut segments: Vec<(usize, &[u8])> = image
+        .segments()
+        .filter_map(|(address, bytes)| Some((usize::try_from(address.checked_sub(BASE)?).ok()?, bytes)))
+        .filter(|(start, bytes)| start + bytes.len() <= SIZE)
+        .collect();
+    segments.sort_by_key(|&(start, _)| start);
+
+    let mut images = Vec::new();
+    let mut free = 0;
+    for &(start, segment) in segments.iter().chain([&(SIZE, &[][..])]) {
+        let gap = bytes.get(free..start).unwrap_or_default();
+        if gap.iter().any(|&byte| byte != ERASED) {
+            images.push(Image::new(Path::new("flash"), gap.to_vec(), Some(BASE + free as u64))?);
+        }
+        free = start + segment.len();
+    }
+    for (start, segment) in segments {
+        bytes[start..start + segment.len()].copy_from_slice(segment);
+    }
+    Ok((bytes, images))
+}
+
+/// What is left of `old` if the programming of `new` is interrupted: some of the bits that it clears are clear.
+pub(crate) fn programmed_in_part(old: u64, new: u64, chance: u64) -> u64 {
+    old & (new | chance)
+}
+
+/// What is left of `old` if its erasing is interrupted: some of the bits that it sets are set.
+pub(crate) fn erased_in_part(old: u64, chance: u64) -> u64 {
+    match chance % 4 {
+        0 => old,
+        1 => u64::MAX,
+        _ => old | chance,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_operation_after_those_that_end_is_interrupted_and_only_that() {
+        let mut flash = Flash::new(vec![ERASED; SIZE], Some(2), 1);
+        let cuts: Vec<bool> = (0..5).map(|_| flash.start(Nanos(16_000)).is_some()).collect();
+        assert_eq!(cuts, [false, false, true, false, false]);
+        assert_eq!(flash.operations(), 5);
+    }
+
+    #[test]
+    fn an_interrupted_operation_goes_its_way_but_not_to_the_end() {
+        let (old, new) = (0xFFFF_FFFF_0F0F_0F0F, 0x1234_5678_0000_0000);
+        let part = programmed_in_part(old, new, 0x5555_5555_5555_5555);
+        assert_eq!(
+            (part & !old, part & new),
+            (0, new & old),
+            "it only clears, and only what is to be clear"
+        );
+        assert!(part != old && part != new);
+        let words: Vec<u64> = (0..16).map(|nth| erased_in_part(0, draw(3, "test", nth))).collect();
+        assert!(words.contains(&0) && words.contains(&u64::MAX));
+        assert!(words.iter().any(|&word| word != 0 && word != u64::MAX));
+    }
+}

@@ -1,0 +1,197 @@
+//! The flash interface, register by register (RM0090, 3.6).
+
+use super::*;
+use crate::flash::SIZE;
+
+const KEYR: u64 = 0x4002_3C04;
+const SR: u64 = 0x4002_3C0C;
+const CR: u64 = 0x4002_3C10;
+const OPTKEYR: u64 = 0x4002_3C08;
+const OPTCR: u64 = 0x4002_3C14;
+
+const PG: u64 = 1 << 0;
+const SER: u64 = 1 << 1;
+const MER: u64 = 1 << 2;
+const SNB_AT: u64 = 3;
+const X32: u64 = 2 << 8;
+const STRT: u64 = 1 << 16;
+const EOPIE: u64 = 1 << 24;
+const ERRIE: u64 = 1 << 25;
+const LOCK: u64 = 1 << 31;
+
+const EOP: u64 = 1 << 0;
+const OPERR: u64 = 1 << 1;
+const WRPERR: u64 = 1 << 4;
+const PGAERR: u64 = 1 << 5;
+const PGPERR: u64 = 1 << 6;
+const PGSERR: u64 = 1 << 7;
+const BSY: u64 = 1 << 16;
+
+const SECTOR_1: u64 = 0x0800_4000;
+
+fn unlocked() -> Bench {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(KEYR, 0x4567_0123);
+    bench.write(KEYR, 0xCDEF_89AB);
+    assert_eq!(bench.read(CR) & LOCK, 0);
+    bench
+}
+
+impl Bench {
+    fn store(&mut self, address: u64, width: Width, value: u64) {
+        self.part.write(self.now.into(), address, width, value).unwrap();
+        self.settle();
+    }
+
+    fn run_for(&mut self, span: Nanos) {
+        self.run_until(self.now + span);
+    }
+
+    fn fill(&mut self, byte: u8) {
+        *port::lock(&self.flash) = Flash::new(vec![byte; SIZE], None, 0);
+    }
+
+    fn flash_word(&self, address: u64) -> u32 {
+        let at = (address - 0x0800_0000) as usize;
+        u32::from_le_bytes(port::lock(&self.flash).bytes()[at..at + 4].try_into().unwrap())
+    }
+}
+
+#[test]
+fn an_erase_sets_the_sectors_bits_after_its_time_and_no_others() {
+    for (sector, start, bytes, millis) in [
+        (0, 0, 16 << 10, 250),
+        (1, 0x4000, 16 << 10, 250),
+        (4, 0x1_0000, 64 << 10, 550),
+        (11, 0xE_0000, 128 << 10, 1_000),
+    ] {
+        let mut bench = unlocked();
+        bench.fill(0);
+        bench.write(CR, SER | sector << SNB_AT | X32);
+        bench.write(CR, SER | sector << SNB_AT | X32 | STRT | EOPIE);
+        assert_eq!(bench.read(SR), BSY);
+        assert!(port::lock(&bench.flash).busy);
+        bench.run_for(Nanos(millis * 1_000_000 - 1));
+        assert_eq!(bench.read(SR), BSY);
+        assert_eq!(bench.flash_word(0x0800_0000 + start), 0);
+        bench.run_for(Nanos(1));
+        assert_eq!((bench.read(SR), bench.read(CR) & STRT), (EOP, 0), "sector {sector}");
+        let erased = start as usize..(start + bytes) as usize;
+        for (at, &byte) in port::lock(&bench.flash).bytes().iter().enumerate() {
+            assert_eq!(byte, if erased.contains(&at) { 0xFF } else { 0 }, "{at:#x}");
+        }
+        assert_eq!(
+            bench.ram.0.get(&(0x0800_0000 + start)),
+            Some(&0xFF),
+            "what the core reads"
+        );
+        assert!(!port::lock(&bench.flash).busy);
+    }
+}
+
+#[test]
+fn a_mass_erase_sets_everything() {
+    let mut bench = unlocked();
+    bench.fill(0);
+    bench.write(CR, MER | X32 | STRT);
+    bench.run_for(Nanos::from_millis(8_000));
+    assert!(port::lock(&bench.flash).bytes().iter().all(|&byte| byte == 0xFF));
+}
+
+#[test]
+fn a_sector_that_the_part_lacks_is_not_erased() {
+    for sector in [12, 16, 31] {
+        let mut bench = unlocked();
+        bench.fill(0);
+        bench.write(CR, SER | sector << SNB_AT | X32 | STRT);
+        assert_eq!(bench.read(SR), WRPERR, "{sector}");
+        assert!(port::lock(&bench.flash).bytes().iter().all(|&byte| byte == 0));
+    }
+}
+
+#[test]
+fn programming_clears_bits_and_sets_none() {
+    let mut bench = unlocked();
+    bench.fill(0xFF);
+    bench.write(CR, PG | X32);
+    for (stored, holds) in [
+        (0x1234_5678, 0x1234_5678),
+        (0xFFFF_FFFF, 0x1234_5678),
+        (0xFF00_00FF, 0x1200_0078),
+    ] {
+        bench.store(SECTOR_1 + 4, Width::W32, stored);
+        assert_eq!(bench.read(SR), BSY);
+        bench.run_for(Nanos(15_999));
+        assert_eq!(bench.read(SR), BSY);
+        bench.run_for(Nanos(1));
+        assert_eq!(bench.read(SR), 0, "no EOP without EOPIE");
+        assert_eq!(bench.flash_word(SECTOR_1 + 4), holds);
+    }
+    assert_eq!((bench.flash_word(SECTOR_1), bench.flash_word(SECTOR_1 + 8)), (!0, !0));
+    bench.write(CR, PG | EOPIE);
+    bench.store(SECTOR_1 + 9, Width::W8, 0x42);
+    bench.run_for(Nanos(16_000));
+    assert_eq!(bench.read(SR), EOP);
+    assert_eq!(bench.flash_word(SECTOR_1 + 8), 0xFFFF_42FF);
+    assert_eq!(bench.ram.0.get(&(SECTOR_1 + 9)), Some(&0x42), "what the core reads");
+}
+
+#[test]
+fn a_store_that_does_not_fit_is_flagged_and_changes_nothing() {
+    let mut bench = unlocked();
+    bench.fill(0xFF);
+    for (control, address, width, flag) in [
+        (0, SECTOR_1, Width::W32, PGSERR),
+        (PG, SECTOR_1, Width::W32, PGPERR),
+        (PG | X32, SECTOR_1, Width::W8, PGPERR),
+        (PG | X32, SECTOR_1 + 14, Width::W32, PGAERR),
+    ] {
+        bench.write(CR, control);
+        bench.store(address, width, 0);
+        assert_eq!(bench.read(SR), flag);
+        bench.write(SR, flag);
+        bench.write(CR, control | ERRIE);
+        bench.store(address, width, 0);
+        assert_eq!(bench.read(SR), flag | OPERR);
+        bench.write(SR, flag | OPERR);
+    }
+    bench.write(CR, LOCK);
+    bench.store(SECTOR_1, Width::W32, 0);
+    assert_eq!(bench.read(SR), PGSERR);
+    assert!(port::lock(&bench.flash).bytes().iter().all(|&byte| byte == 0xFF));
+}
+
+#[test]
+fn a_protected_sector_is_neither_erased_nor_programmed() {
+    let mut bench = unlocked();
+    bench.fill(0x0F);
+    bench.write(OPTKEYR, 0x0819_2A3B);
+    bench.write(OPTKEYR, 0x4C5D_6E7F);
+    // nWRP of sector 1 is bit 17.
+    let options = bench.read(OPTCR) & !(1 << 17);
+    bench.write(OPTCR, options | 2);
+    bench.run_for(Nanos::from_millis(1));
+    bench.write(CR, PG | X32);
+    bench.store(SECTOR_1, Width::W32, 0);
+    assert_eq!(bench.read(SR), WRPERR);
+    bench.write(SR, WRPERR);
+    bench.write(CR, SER | 1 << SNB_AT | X32 | STRT);
+    assert_eq!(bench.read(SR), WRPERR);
+    bench.run_for(Nanos::from_millis(300));
+    assert_eq!(bench.flash_word(SECTOR_1), 0x0F0F_0F0F);
+}
+
+#[test]
+fn a_reset_leaves_an_operation_half_done() {
+    let mut bench = unlocked();
+    bench.fill(0);
+    bench.write(CR, SER | 1 << SNB_AT | X32 | STRT);
+    bench.run_for(Nanos::from_millis(100));
+    bench.part.reset(bench.now.into(), ResetCause::Model("IWDG"));
+    bench.settle();
+    let flash = port::lock(&bench.flash);
+    let sector = &flash.bytes()[0x4000..0x8000];
+    assert!(sector.contains(&0) && sector.contains(&0xFF));
+    assert!(flash.bytes()[0x8000..].iter().all(|&byte| byte == 0));
+    assert!(!flash.busy);
+}
