@@ -1,12 +1,17 @@
 //! Hands the linker the board's memory map, so that a plain `cargo build --target …` links.
 
 use std::path::Path;
+use std::process::Command;
 use std::{env, fs};
 
 /// The boards, as their features and memory files are called.
 const BOARDS: [&str; 2] = ["stm32f405", "stm32g431"];
 
+/// What goes into the image, besides dependencies.
+const SOURCES: [&str; 5] = [".", "../bridge", "../protocol", "../Cargo.toml", "../Cargo.lock"];
+
 fn main() {
+    println!("cargo:rustc-env=ARMWIRE_COMMIT={}", commit());
     let here = env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
     let out = env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     let chosen = |board: &&str| env::var_os(format!("CARGO_FEATURE_BOARD_{}", board.to_uppercase())).is_some();
@@ -24,4 +29,26 @@ fn main() {
     if env::var_os("CARGO_FEATURE_DEFMT").is_some() {
         println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
     }
+}
+
+/// The commit that is built, with `+` behind it if files that go into the image were changed. Empty without git.
+fn commit() -> String {
+    let logs = git(&["rev-parse", "--git-path", "logs/HEAD"]);
+    for path in SOURCES.into_iter().chain(logs.as_deref()) {
+        println!("cargo:rerun-if-changed={path}");
+    }
+    let Some(head) = git(&["rev-parse", "--short=12", "HEAD"]) else {
+        return String::new();
+    };
+    match git(&[&["status", "--porcelain", "--"], &SOURCES[..]].concat()).as_deref() {
+        Some("") => head,
+        _ => head + "+",
+    }
+}
+
+/// What git says, without the end of the line. `None` if there is no git, or no repository.
+fn git(args: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(args).output().ok()?;
+    let said = String::from_utf8(output.stdout).ok()?;
+    output.status.success().then(|| said.trim_end().into())
 }

@@ -1,8 +1,10 @@
 //! What the tasks share: the bridge, and signals that say where there may be something to do.
 
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 
 use armwire::Micros;
+use armwire_bridge::control::Identity;
+use armwire_bridge::{Action, config};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
@@ -13,37 +15,101 @@ const UP: usize = 2048;
 /// Bytes from the host that wait for the arm: enough to keep a 2 Mbaud line busy while USB brings more.
 const DOWN: usize = 512;
 
-/// The bridge between USB and UART.
+/// The bridge between USB, CAN and UART.
 pub(crate) type Bridge = armwire_bridge::Bridge<UP, DOWN>;
 
-/// The bridge and its signals. All tasks run on one executor, so nothing here needs an interrupt lock.
+/// A signal between tasks. All of them run on one executor, so it needs no interrupt lock.
+pub(crate) type Notice<T = ()> = Signal<NoopRawMutex, T>;
+
+/// The bridge and its signals.
 pub(crate) struct Adapter {
     bridge: RefCell<Bridge>,
-    /// A packet for the host may be due.
-    pub(crate) packet: Signal<NoopRawMutex, ()>,
-    /// A host came, went, opened or closed the port.
-    pub(crate) session: Signal<NoopRawMutex, ()>,
-    /// There may be bytes for the arm, or a new line coding.
-    pub(crate) bytes: Signal<NoopRawMutex, ()>,
-    /// There may be room for a packet from the host.
-    pub(crate) room: Signal<NoopRawMutex, ()>,
+    /// There are bytes for the arm, or the line is to change.
+    pub(crate) bytes: Notice,
+    /// A packet for the host on the serial port is due.
+    pub(crate) packet: Notice,
+    /// There is room for a packet from the host on the serial port.
+    pub(crate) room: Notice,
+    /// A host came, went, opened or closed the serial port.
+    pub(crate) session: Notice,
+    /// A packet for the host on the control interface is due.
+    pub(crate) control_packet: Notice,
+    /// There is room for a packet from the host on the control interface.
+    pub(crate) control_room: Notice,
+    /// A host came or went.
+    pub(crate) control_session: Notice,
+    /// A frame for the CAN bus is due.
+    pub(crate) frame: Notice,
+    /// The CAN controller is to be set up anew.
+    pub(crate) can_restart: Notice<config::Can>,
+    /// When the bridge wants to be told the time has changed.
+    pub(crate) timeout: Notice,
+    timeout_was: Cell<Option<Micros>>,
+    /// What only firmware can do.
+    pub(crate) action: Notice<Action>,
 }
 
 impl Adapter {
     /// An adapter that no host has found yet.
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(identity: Identity, config: config::Config) -> Self {
         Self {
-            bridge: RefCell::new(Bridge::default()),
-            packet: Signal::new(),
-            session: Signal::new(),
-            bytes: Signal::new(),
-            room: Signal::new(),
+            bridge: RefCell::new(Bridge::new(identity, config)),
+            bytes: Notice::new(),
+            packet: Notice::new(),
+            room: Notice::new(),
+            session: Notice::new(),
+            control_packet: Notice::new(),
+            control_room: Notice::new(),
+            control_session: Notice::new(),
+            frame: Notice::new(),
+            can_restart: Notice::new(),
+            timeout: Notice::new(),
+            timeout_was: Cell::new(None),
+            action: Notice::new(),
         }
     }
 
-    /// Calls `f` with the bridge.
+    /// Calls `f` with the bridge, and tells every task for which there is something to do then.
+    ///
+    /// So no caller needs to know what its call may lead to. A task that is told without need looks and waits again.
     pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
-        f(&mut self.bridge.borrow_mut())
+        let bridge = &mut *self.bridge.borrow_mut();
+        let result = f(bridge);
+        self.tell(bridge);
+        result
+    }
+
+    // One piece of code, not one for each call.
+    #[inline(never)]
+    fn tell(&self, bridge: &mut Bridge) {
+        let now = now();
+        for (due, notice) in [
+            (bridge.uart_due(now), &self.bytes),
+            (bridge.usb_due(), &self.packet),
+            (bridge.usb_room(), &self.room),
+            (bridge.control_due(), &self.control_packet),
+            (bridge.control_room(), &self.control_room),
+            (bridge.can_due(now), &self.frame),
+        ] {
+            if due {
+                notice.signal(());
+            }
+        }
+        let timeout = bridge.timeout();
+        if self.timeout_was.replace(timeout) != timeout {
+            self.timeout.signal(());
+        }
+        // One at a time: the next is fetched when this one was taken.
+        if !self.action.signaled()
+            && let Some(action) = bridge.action()
+        {
+            self.action.signal(action);
+        }
+    }
+
+    /// Calls `f` with the bridge to look only.
+    pub(crate) fn look<R>(&self, f: impl FnOnce(&Bridge) -> R) -> R {
+        f(&self.bridge.borrow())
     }
 }
 

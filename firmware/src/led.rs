@@ -19,7 +19,7 @@ const STEP_MS: u64 = 50;
 pub(crate) async fn show(adapter: &'static Adapter, mut led: Output<'static>) {
     let mut passed = 0;
     for step in (0..20_u32).cycle() {
-        let (attached, total) = adapter.with(|bridge| {
+        let (attached, total) = adapter.look(|bridge| {
             let counters = bridge.counters();
             let total = counters.arm_to_host_bytes.wrapping_add(counters.host_to_arm_bytes);
             (bridge.is_attached(), total)

@@ -4,18 +4,24 @@
 //! desktop tests.
 //!
 //! ```text
-//!  host ── USB ── usb::from_host ─→ ┌────────┐ ─→ uart::transmit ── UART ── arm
-//!                 usb::run       ── │ bridge │
-//!  host ── USB ── usb::to_host  ←── └────────┘ ←─ uart::receive  ── UART ── arm
+//!  host ── USB ── usb::port::from_host ───→ ┌────────┐ ─→ uart::transmit ── UART ── arm
+//!  host ── USB ── usb::port::to_host   ←─── │        │
+//!  host ── USB ── usb::control         ←──→ │ bridge │ ←─ uart::receive  ── UART ── arm
+//!                 usb::run             ──── │        │
+//!  hosts ─ CAN ── can::run             ←──→ └────────┘ ←→ time::tick, action::run
 //! ```
 #![no_std]
 #![no_main]
 
+mod action;
 mod adapter;
 mod board;
+mod can;
+mod identity;
 mod led;
 mod panic;
 mod restart;
+mod time;
 mod uart;
 mod usb;
 mod watchdog;
@@ -28,25 +34,37 @@ use static_cell::StaticCell;
 use defmt_rtt as _;
 
 use crate::adapter::Adapter;
+use crate::usb::{control, port};
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     static ADAPTER: StaticCell<Adapter> = StaticCell::new();
 
+    if restart::is_into_boot_loader() {
+        board::enter_boot_loader();
+    }
     let board = board::init();
-    let adapter = ADAPTER.init_with(Adapter::new);
     let restarts = restart::started(board.reset_by_watchdog);
+    let mut store = action::store(board.flash);
+    let config = action::load(&mut store);
+    let adapter = ADAPTER.init_with(|| Adapter::new(identity::identity(), config));
     adapter.with(|bridge| bridge.started_after(restarts.panics, restarts.watchdog));
-    let (device, sender, receiver) = usb::new(board.usb, adapter);
+    let usb = usb::new(board.usb, adapter);
+    let (sender, receiver) = usb.port.split();
     let watchdog = IndependentWatchdog::new(board.watchdog, watchdog::TIMEOUT_US);
 
     // Spawning fails only for a task that already runs.
     spawner.spawn(uart::receive(adapter, board.rx_dma).unwrap());
     spawner.spawn(uart::transmit(adapter, board.uart, board.tx_dma).unwrap());
-    spawner.spawn(usb::to_host(adapter, sender).unwrap());
-    spawner.spawn(usb::from_host(adapter, receiver).unwrap());
+    spawner.spawn(port::to_host(adapter, sender).unwrap());
+    spawner.spawn(port::from_host(adapter, receiver).unwrap());
+    spawner.spawn(control::to_host(adapter, usb.control.to_host).unwrap());
+    spawner.spawn(control::from_host(adapter, usb.control.from_host).unwrap());
+    spawner.spawn(can::run(adapter, board.can).unwrap());
+    spawner.spawn(action::run(adapter, store).unwrap());
+    spawner.spawn(time::tick(adapter).unwrap());
     spawner.spawn(led::show(adapter, board.led).unwrap());
     spawner.spawn(watchdog::feed(adapter, watchdog).unwrap());
     // The last one runs first: it switches on the USB peripheral that others look at.
-    spawner.spawn(usb::run(device).unwrap());
+    spawner.spawn(usb::run(usb.device).unwrap());
 }

@@ -5,8 +5,6 @@
 
 use core::panic::PanicInfo;
 
-use cortex_m::peripheral::SCB;
-
 use crate::restart;
 
 #[cfg_attr(not(feature = "defmt"), allow(unused_variables))]
@@ -16,5 +14,5 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     #[cfg(feature = "defmt")]
     defmt::error!("{}", defmt::Display2Format(info));
     restart::panicked();
-    SCB::sys_reset()
+    restart::restart()
 }

@@ -1,11 +1,16 @@
-//! Counts that outlive a reset: how often the firmware found itself broken and started again.
+//! Starting again, and what outlives it: counts of how often the firmware found itself broken, and what to start.
 //!
 //! They lie in memory that start-up does not clear, behind a mark that tells them from what memory holds at power-on.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use cortex_m::peripheral::SCB;
+
 /// The counts below are counts.
 const MARK: u32 = 0xA23D_914E;
+
+/// The boot loader is to start instead of the firmware.
+const BOOT_LOADER: u32 = 0x5C6B_07E1;
 
 #[unsafe(link_section = ".uninit.restart")]
 static MARKED: AtomicU32 = AtomicU32::new(0);
@@ -13,6 +18,8 @@ static MARKED: AtomicU32 = AtomicU32::new(0);
 static PANICS: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.restart")]
 static WATCHDOG_RESETS: AtomicU32 = AtomicU32::new(0);
+#[unsafe(link_section = ".uninit.restart")]
+static NEXT: AtomicU32 = AtomicU32::new(0);
 
 /// Panics and resets by the watchdog since power-on.
 #[derive(Clone, Copy)]
@@ -37,4 +44,20 @@ pub(crate) fn started(by_watchdog: bool) -> Restarts {
 /// Takes note of a panic, for the next start.
 pub(crate) fn panicked() {
     PANICS.fetch_add(1, Ordering::Relaxed);
+}
+
+/// Starts again.
+pub(crate) fn restart() -> ! {
+    SCB::sys_reset()
+}
+
+/// Starts the chip's own boot loader, by way of a reset, for it wants the chip as a reset leaves it.
+pub(crate) fn restart_into_boot_loader() -> ! {
+    NEXT.store(BOOT_LOADER, Ordering::Relaxed);
+    SCB::sys_reset()
+}
+
+/// Whether this start is to start the boot loader. The next one is not.
+pub(crate) fn is_into_boot_loader() -> bool {
+    NEXT.swap(0, Ordering::Relaxed) == BOOT_LOADER
 }

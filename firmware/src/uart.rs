@@ -6,11 +6,20 @@
 //! longer holds. Here the interrupt handler alone touches the data register, only when a flag needs clearing, and each
 //! start of the receive path sets up the stream from nothing, so that it does not matter whether a stream that is enabled
 //! again starts over or carries on. The registers themselves are the board's, in [`usart`](crate::board::usart).
+//!
+//! # Time stamps
+//!
+//! The bridge says how many bytes it needs before anything can be due. The interrupt handler is asked to look at each of
+//! the last of them, so that it sees the one that completes the frame come in and notes when that was. What the tasks
+//! are doing in that moment does not matter.
 
+use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
 use armwire::Micros;
-use armwire_bridge::{LineCoding, Parity, StopBits, UartErrors, Wake};
+use armwire_bridge::control::MAX_FRAME;
+use armwire_bridge::{Line, Parity, StopBits, UartErrors, Wake};
+use critical_section::Mutex;
 use embassy_futures::select::select;
 use embassy_futures::yield_now;
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
@@ -21,21 +30,36 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, now};
+use crate::adapter::{Adapter, Bridge, now};
 use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, usart};
+use crate::watchdog::{Task, progress, rest};
 
 /// Bytes the receive ring holds. Half of them may wait to be taken: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
+
+/// How many bytes before the one that is needed the interrupt handler begins to look at each. Until then a task may be
+/// held up without making a stamp late: 120 µs at 1 Mbaud.
+const NEAR: usize = 12;
+
+/// A place in the ring, and when the byte before it came in.
+#[derive(Clone, Copy)]
+struct Mark {
+    end: usize,
+    at: Micros,
+}
 
 /// The receive ring, which the DMA writes.
 static RING: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
 /// Where in the ring the next byte to take lies.
 static HEAD: AtomicUsize = AtomicUsize::new(0);
+/// How many bytes must lie in the ring for the interrupt handler to say so.
+static NEEDED: AtomicUsize = AtomicUsize::new(SIZE);
+/// Where they did.
+static REACHED: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
+/// Where the line went idle, and when that was known.
+static IDLE: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
 /// What the interrupt handler has to say.
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-/// Where in the ring the line went idle, [`NOWHERE`] if it did not.
-static IDLE: AtomicUsize = AtomicUsize::new(NOWHERE);
-const NOWHERE: usize = SIZE;
 /// The receive path must be started anew.
 static RESTART: AtomicBool = AtomicBool::new(false);
 static FRAMING: AtomicU32 = AtomicU32::new(0);
@@ -43,13 +67,24 @@ static PARITY: AtomicU32 = AtomicU32::new(0);
 static NOISE: AtomicU32 = AtomicU32::new(0);
 static OVERRUN: AtomicU32 = AtomicU32::new(0);
 static RING_OVERRUN: AtomicBool = AtomicBool::new(false);
+/// On a single wire: the receiver is off until the last bit is out.
+static DEAF: AtomicBool = AtomicBool::new(false);
+/// On a single wire: the last bit is out.
+static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
-/// Notes idle lines and errors, and that a byte has come where that was asked for.
+/// Notes when the bytes that are needed have come, idle lines and errors.
 pub(crate) struct InterruptHandler;
 
 impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
+        let at = now();
         let status = usart::take_status();
+        if DEAF.load(Ordering::Relaxed) && usart::is_transmitted() {
+            usart::set_receiver(true);
+            usart::set_transmitted_interrupt(false);
+            DEAF.store(false, Ordering::Relaxed);
+            SENT.signal(());
+        }
         if status.is_error() {
             for (flag, counter) in [
                 (status.framing, &FRAMING),
@@ -64,22 +99,40 @@ impl Handler<UartInterrupt> for InterruptHandler {
             usart::mute_errors();
             RESTART.store(true, Ordering::Relaxed);
         }
-        if status.idle {
-            IDLE.store(tail(), Ordering::Relaxed);
+        // The byte that brought the handler here is in the ring a few cycles later.
+        for _ in 0..FETCH_TRIES {
+            if !usart::is_byte_waiting() {
+                break;
+            }
         }
-        usart::set_byte_interrupt(false);
-        EVENT.signal(());
+        let end = tail();
+        let mark = Some(Mark { end, at });
+        let reached = untaken(end) >= NEEDED.load(Ordering::Relaxed);
+        if reached {
+            NEEDED.store(SIZE, Ordering::Relaxed);
+            usart::set_byte_interrupt(false);
+            critical_section::with(|cs| REACHED.borrow(cs).set(mark));
+        }
+        if status.idle {
+            critical_section::with(|cs| IDLE.borrow(cs).set(mark));
+        }
+        if reached || status.idle || status.is_error() {
+            EVENT.signal(());
+        }
     }
 }
+
+/// How often the interrupt handler looks whether the DMA has fetched a byte, which takes it less long.
+const FETCH_TRIES: usize = 16;
 
 /// Checks, each time the DMA enters a half of the ring, that what was in it had been taken.
 pub(crate) struct RingHandler;
 
 impl Handler<RxInterrupt> for RingHandler {
     unsafe fn on_interrupt() {
-        // Asked twice per turn, this cannot miss that the DMA went past the head.
-        let untaken = (tail() + SIZE - HEAD.load(Ordering::Relaxed)) % SIZE;
-        if untaken > SIZE / 2 - MARGIN {
+        // Asked twice per turn, this cannot miss that the DMA went past the head. Asked less often, as after the core
+        // stood still for the flash, it sees that itself.
+        if untaken(tail()) > SIZE / 2 - MARGIN || usart::rx_went_round() {
             RING_OVERRUN.store(true, Ordering::Relaxed);
         }
         EVENT.signal(());
@@ -92,6 +145,11 @@ const MARGIN: usize = 16;
 /// Where in the ring the DMA writes next.
 fn tail() -> usize {
     (SIZE - usart::rx_remaining()) % SIZE
+}
+
+/// How many bytes lie in the ring before `end`.
+fn untaken(end: usize) -> usize {
+    (end + SIZE - HEAD.load(Ordering::Relaxed)) % SIZE
 }
 
 /// Looks at the UART even though nothing happened, so that whoever asks sees the task is alive.
@@ -125,8 +183,10 @@ impl Receiver {
     /// Since [`stop`](Self::stop) the UART itself holds a byte, which is lost only when the one after it is in, too.
     fn start<'a>(&self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
         HEAD.store(0, Ordering::Relaxed);
-        if IDLE.swap(NOWHERE, Ordering::Relaxed) != NOWHERE {
-            self.adapter.with(|bridge| bridge.uart_idle(now()));
+        NEEDED.store(SIZE, Ordering::Relaxed);
+        let (_, idle) = critical_section::with(|cs| (REACHED.borrow(cs).take(), IDLE.borrow(cs).take()));
+        if let Some(idle) = idle {
+            self.adapter.with(|bridge| bridge.uart_idle(idle.at));
         }
         let ring = core::ptr::slice_from_raw_parts_mut(RING.as_ptr().cast::<u8>().cast_mut(), SIZE);
         let mut options = TransferOptions::default();
@@ -143,17 +203,30 @@ impl Receiver {
         // On a line that brings nothing but errors, the other tasks get their turn here.
         yield_now().await;
         while !RESTART.swap(false, Ordering::Relaxed) {
+            progress(Task::Receive);
             self.look();
-            match self.adapter.with(|bridge| bridge.wake()) {
-                Wake::Byte => {
-                    usart::set_byte_interrupt(true);
-                    // A byte that came before that gives no signal.
-                    if tail() == HEAD.load(Ordering::Relaxed) {
-                        EVENT.wait().await;
-                    }
+            let (need, wake, near) = self.adapter.look(|bridge| {
+                let near = bridge.line_coding().micros(NEAR);
+                (bridge.need(), bridge.wake(), near)
+            });
+            match wake {
+                Wake::At(Micros(time)) if need > NEAR => {
+                    let near = Timer::at(Instant::from_micros(time.saturating_sub(near)));
+                    let resting = rest(Task::Receive);
+                    select(EVENT.wait(), near).await;
+                    drop(resting);
                 }
-                Wake::At(time) => {
-                    select(EVENT.wait(), Timer::at(Instant::from_micros(time.0))).await;
+                _ => {
+                    // The first byte of many begins the time that they take.
+                    let needed = if need > NEAR { 1 } else { need };
+                    NEEDED.store(needed, Ordering::Relaxed);
+                    usart::set_byte_interrupt(true);
+                    // Bytes that came before that give no signal.
+                    if untaken(tail()) < needed {
+                        let resting = rest(Task::Receive);
+                        EVENT.wait().await;
+                        drop(resting);
+                    }
                 }
             }
         }
@@ -178,87 +251,112 @@ impl Receiver {
 
     /// Passes what has arrived to the bridge.
     fn look(&mut self) {
-        if RING_OVERRUN.swap(false, Ordering::Relaxed) {
-            // What the ring holds is of two turns: none of it can be told apart.
-            HEAD.store(tail(), Ordering::Relaxed);
-            IDLE.store(NOWHERE, Ordering::Relaxed);
-            self.adapter.with(|bridge| bridge.uart_ring_overrun());
-        }
-        let now = now();
-        // At once, or the line could go idle in between, short of the tail.
-        let (idle, tail) = critical_section::with(|_| (IDLE.swap(NOWHERE, Ordering::Relaxed), tail()));
-        if idle != NOWHERE {
-            // What came after the idle line belongs to the next frame.
-            self.take(idle, now);
-            self.adapter.with(|bridge| bridge.uart_idle(now));
-        }
-        self.take(tail, now);
-        if self.adapter.with(|bridge| bridge.usb_due()) {
-            self.adapter.packet.signal(());
-        }
-    }
-
-    /// Takes the bytes in the ring up to `end`.
-    fn take(&mut self, end: usize, now: Micros) {
-        let mut head = HEAD.load(Ordering::Relaxed);
-        loop {
-            let mut n = 0;
-            for byte in &mut self.chunk {
-                if head == end {
-                    break;
+        let chunk = &mut self.chunk;
+        self.adapter.with(|bridge| {
+            // At once, or the line could go idle in between, short of the tail.
+            let (reached, idle, all) = critical_section::with(|cs| {
+                let (end, at) = (tail(), now());
+                (REACHED.borrow(cs).take(), IDLE.borrow(cs).take(), Mark { end, at })
+            });
+            if RING_OVERRUN.swap(false, Ordering::Relaxed) {
+                // What the ring holds is of two turns: none of it can be told apart.
+                HEAD.store(all.end, Ordering::Relaxed);
+                bridge.uart_ring_overrun();
+            } else if let Some(mut idle) = idle {
+                if let Some(reached) = reached.filter(|reached| untaken(reached.end) <= untaken(idle.end)) {
+                    take(bridge, chunk, reached);
                 }
-                *byte = RING[head].load(Ordering::Relaxed);
-                head = (head + 1) % SIZE;
-                n += 1;
+                // It takes the time of a byte to know. What comes after it belongs to the next frame.
+                let known = idle.at;
+                idle.at = Micros(known.0.saturating_sub(bridge.line_coding().micros(1)));
+                take(bridge, chunk, idle);
+                bridge.uart_idle(known);
             }
-            HEAD.store(head, Ordering::Relaxed);
-            self.adapter.with(|bridge| bridge.uart_received(&self.chunk[..n], now));
-            if head == end {
+            if let Some(reached) = reached.filter(|reached| untaken(reached.end) > 0) {
+                take(bridge, chunk, reached);
+            }
+            if untaken(all.end) > 0 || (reached.is_none() && idle.is_none()) {
+                take(bridge, chunk, all);
+            }
+        });
+    }
+}
+
+/// Passes the bytes before the mark to the bridge, or tells it that there are none.
+fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], mark: Mark) {
+    let mut head = HEAD.load(Ordering::Relaxed);
+    loop {
+        let mut n = 0;
+        for byte in chunk.iter_mut() {
+            if head == mark.end {
                 break;
             }
+            *byte = RING[head].load(Ordering::Relaxed);
+            head = (head + 1) % SIZE;
+            n += 1;
+        }
+        HEAD.store(head, Ordering::Relaxed);
+        bridge.uart_received(&chunk[..n], mark.at);
+        if head == mark.end {
+            break;
         }
     }
 }
 
-/// Sends what the bridge has for the arm, and changes the line coding between two bytes.
+/// Sends what the bridge has for the arm, and changes the line between two bytes.
 #[embassy_executor::task]
 pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, Blocking>, mut dma: Channel<'static>) {
     usart::start_transmitting();
-    let mut current = LineCoding::LING;
-    let mut chunk = [0; 64];
+    let mut line = Line::default();
+    let mut chunk = [0; MAX_FRAME];
     loop {
+        progress(Task::Transmit);
         if let Some(burst) = adapter.with(|bridge| bridge.uart_transmit(&mut chunk, now())) {
-            adapter.room.signal(());
-            send(&mut dma, &chunk[..burst.len]).await;
-        } else if let Some(line) = adapter.with(|bridge| bridge.line_change()) {
-            change(&mut uart, current, line.coding).await;
-            current = line.coding;
+            if let Some(start) = burst.start {
+                // Too short a time to do anything else in, and nobody else could be as punctual.
+                while now() < start {}
+            }
+            send(&mut dma, &chunk[..burst.len], line.half_duplex).await;
+        } else if let Some(wanted) = adapter.look(|bridge| bridge.line_change()) {
+            change(&mut uart, line, wanted).await;
+            line = wanted;
             adapter.with(|bridge| bridge.line_changed(line));
-            adapter.room.signal(());
             RESTART.store(true, Ordering::Relaxed);
             wake();
         } else {
+            let resting = rest(Task::Transmit);
             adapter.bytes.wait().await;
+            drop(resting);
         }
     }
 }
 
-/// Hands `bytes` to the UART. Returns when the last one waits behind the one on the line.
-async fn send(dma: &mut Channel<'static>, bytes: &[u8]) {
+/// Hands `bytes` to the UART. Returns when the last one waits behind the one on the line; on a single wire, when it is out
+/// and the receiver listens again.
+async fn send(dma: &mut Channel<'static>, bytes: &[u8], half_duplex: bool) {
+    if half_duplex {
+        usart::set_receiver(false);
+    }
     // To tell when these bytes are out, not the ones before.
     usart::clear_transmitted();
     // SAFETY: the address is that of the UART's data register, and the stream is the one wired to it.
     unsafe { dma.write(TX_REQUEST, bytes, usart::tx_data(), Default::default()) }.await;
+    if half_duplex {
+        DEAF.store(true, Ordering::Relaxed);
+        usart::set_transmitted_interrupt(true);
+        SENT.wait().await;
+    }
 }
 
-/// Waits for the last bit to leave at the current line coding, and changes it.
-async fn change(uart: &mut Uart<'static, Blocking>, current: LineCoding, coding: LineCoding) {
+/// Waits for the last bit to leave the line as it was, and changes it.
+async fn change(uart: &mut Uart<'static, Blocking>, was: Line, wanted: Line) {
     while !usart::is_transmitted() {
         Timer::after_micros(10).await;
     }
     // That may be true of the byte before the last transfer, if it ended between the clearing and the first byte. Then two
     // bytes are left: one in the shift register, one behind it.
-    Timer::after_micros(current.micros(2)).await;
+    Timer::after_micros(was.coding.micros(2)).await;
+    let coding = wanted.coding;
     let mut config = hal::Config::default();
     config.baudrate = coding.baud;
     config.parity = match coding.parity {
@@ -275,4 +373,5 @@ async fn change(uart: &mut Uart<'static, Blocking>, current: LineCoding, coding:
     if uart.set_config(&config).is_err() {
         unreachable!()
     }
+    usart::set_half_duplex(wanted.half_duplex);
 }

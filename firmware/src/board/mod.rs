@@ -13,6 +13,7 @@
 //! | `Watchdog` | the independent watchdog |
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
 //! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
+//! | `TIMER`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits, for the clock |
 //! | `UART`, `TX_PIN` | the UART's registers, and the pin that it sends on |
 //! | `uart` | what is the chip's own in them, behind [`usart`] |
 //! | `Controller` | the registers of the CAN controller, behind [`Can`] |
@@ -34,6 +35,7 @@ mod can;
 mod stm32f405;
 #[cfg(feature = "board-stm32g431")]
 mod stm32g431;
+mod time;
 pub(crate) mod usart;
 
 pub(crate) use can::Can;

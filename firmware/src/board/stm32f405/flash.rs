@@ -1,7 +1,7 @@
 //! Where the configuration is kept: sectors 1 and 2 of the flash, 16 kB each (RM0090 table 5).
 //!
 //! Erasing a sector takes up to half a second, in which the chip fetches no code and does nothing else: what comes in
-//! then may be lost and is counted, and the clock stands still for most of it.
+//! then may be lost and is counted.
 
 use core::ops::Range;
 

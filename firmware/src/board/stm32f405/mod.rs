@@ -19,6 +19,7 @@ use embassy_stm32::{Peri, bind_interrupts, usb};
 use static_cell::StaticCell;
 
 use super::can::Can;
+use super::time::{self, TimerHandler};
 use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
@@ -33,6 +34,7 @@ pub(crate) const CAN_FD: bool = false;
 
 bind_interrupts!(struct Irqs {
     OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
+    TIM5 => TimerHandler;
     USART2 => InterruptHandler;
     // Before the HAL's, which clears the flags.
     DMA1_STREAM5 => RingHandler, dma::InterruptHandler<DMA1_CH5>;
@@ -41,6 +43,13 @@ bind_interrupts!(struct Irqs {
     CAN1_RX0 => can::ReceiveHandler;
     CAN1_SCE => can::StatusHandler;
 });
+
+/// A timer of 32 bits, its peripheral and its interrupt: the clock.
+pub(super) const TIMER: pac::timer::TimGp32 = pac::TIM5;
+/// See [`TIMER`].
+pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM5;
+/// See [`TIMER`].
+pub(super) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM5;
 
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
@@ -97,6 +106,7 @@ pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
 pub(crate) fn init() -> Board {
     let p = embassy_stm32::init(clock::config());
     clock::accelerate_flash();
+    time::start();
 
     let mut line = UartConfig::default();
     line.baudrate = 1_000_000;

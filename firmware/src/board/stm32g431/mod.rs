@@ -19,6 +19,7 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, bind_interrupts, usb};
 
 use super::can::Can;
+use super::time::{self, TimerHandler};
 use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
@@ -33,12 +34,20 @@ pub(crate) const CAN_FD: bool = true;
 
 bind_interrupts!(struct Irqs {
     USB_LP => usb::InterruptHandler<USB>;
+    TIM2 => TimerHandler;
     USART2 => InterruptHandler;
     // Before the HAL's, which clears the flags.
     DMA1_CHANNEL1 => RingHandler, dma::InterruptHandler<DMA1_CH1>;
     DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
     FDCAN1_IT0 => can::InterruptHandler;
 });
+
+/// A timer of 32 bits, its peripheral and its interrupt: the clock.
+pub(super) const TIMER: pac::timer::TimGp32 = pac::TIM2;
+/// See [`TIMER`].
+pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM2;
+/// See [`TIMER`].
+pub(super) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM2;
 
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
@@ -92,6 +101,7 @@ pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
 pub(crate) fn init() -> Board {
     let p = embassy_stm32::init(clock::config());
     clock::accelerate_flash();
+    time::start();
 
     let mut line = UartConfig::default();
     line.baudrate = 1_000_000;

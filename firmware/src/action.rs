@@ -1,0 +1,63 @@
+//! What the bridge decides and only firmware can do: keep the configuration in flash, and start again.
+//!
+//! The F405 can fetch no code from its flash while that is erased or written, so the core stands still: for up to half a
+//! second when a sector of 16 kB is erased, which is once in some hundred times that a configuration is saved. Meanwhile
+//! USB and CAN answer nothing, bytes from the arm are lost and counted as an overrun of the ring, and the adapter's clock
+//! loses that time. The watchdog waits longer.
+
+use armwire_bridge::Action;
+use armwire_bridge::config::Config;
+use armwire_bridge::store::{Saved, Store};
+use embassy_futures::block_on;
+use embassy_time::Timer;
+
+use crate::adapter::Adapter;
+use crate::board::{CONFIG_FLASH, ConfigFlash};
+use crate::restart;
+use crate::watchdog::{Task, rest};
+
+/// How long a reply may take to reach the host before its adapter starts again.
+const PARTING_MS: u64 = 100;
+
+/// Where the configuration is kept.
+pub(crate) fn store(flash: ConfigFlash) -> Store<ConfigFlash> {
+    // It fails only for a range that is not of whole pages.
+    Store::new(flash, CONFIG_FLASH).unwrap()
+}
+
+/// The configuration that was saved, or as from the factory if there is none that can be read.
+pub(crate) fn load(store: &mut Store<ConfigFlash>) -> Config {
+    match block_on(store.load()) {
+        Ok(Saved::Config(config)) => config,
+        _ => Config::default(),
+    }
+}
+
+/// Does what the bridge asks for.
+#[embassy_executor::task]
+pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>) {
+    loop {
+        let resting = rest(Task::Action);
+        let action = adapter.action.wait().await;
+        drop(resting);
+        match action {
+            Action::Save(config) => {
+                let result = block_on(store.save(&config)).map_err(drop);
+                adapter.with(|bridge| bridge.saved(result));
+            }
+            Action::Reset => {
+                let result = block_on(store.reset()).map_err(drop);
+                adapter.with(|bridge| bridge.saved(result));
+            }
+            Action::RestartCan(config) => adapter.can_restart.signal(config),
+            Action::Restart => {
+                Timer::after_millis(PARTING_MS).await;
+                restart::restart();
+            }
+            Action::RestartIntoBootLoader => {
+                Timer::after_millis(PARTING_MS).await;
+                restart::restart_into_boot_loader();
+            }
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! What the adapter says it is.
+
+use armwire_bridge::control::{self, Identity};
+
+use crate::board;
+
+/// The version of this package.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// The commit it was built from: see `build.rs`.
+const COMMIT: &str = env!("ARMWIRE_COMMIT");
+
+/// This adapter's identity.
+pub(crate) fn identity() -> Identity {
+    let mut identity = Identity {
+        version: control::VERSION,
+        can_fd: board::CAN_FD,
+        ..Identity::default()
+    };
+    // What is too long is left out: all but the serial number is known when this is compiled.
+    let _ = identity.firmware.push_str(VERSION);
+    let _ = identity.commit.push_str(COMMIT);
+    let _ = identity.board.push_str(board::NAME);
+    let _ = identity.serial.push_str(board::serial_number());
+    identity
+}
+
+const _: () = assert!(VERSION.len() <= 16 && COMMIT.len() <= 16 && board::NAME.len() <= 16);
