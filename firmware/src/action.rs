@@ -11,7 +11,7 @@ use armwire_bridge::store::{Saved, Store};
 use embassy_futures::block_on;
 use embassy_time::Timer;
 
-use crate::adapter::Adapter;
+use crate::adapter::{Adapter, now};
 use crate::board::{CONFIG_FLASH, ConfigFlash};
 use crate::restart;
 use crate::watchdog::{Task, rest};
@@ -43,11 +43,11 @@ pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>
         match action {
             Action::Save(config) => {
                 let result = block_on(store.save(&config)).map_err(drop);
-                adapter.with(|bridge| bridge.saved(result));
+                adapter.with(|bridge| bridge.saved(result, now()));
             }
             Action::Reset => {
                 let result = block_on(store.reset()).map_err(drop);
-                adapter.with(|bridge| bridge.saved(result));
+                adapter.with(|bridge| bridge.saved(result, now()));
             }
             Action::RestartCan(config) => adapter.can_restart.signal(config),
             Action::Restart => {
