@@ -302,7 +302,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         if self.poll.is_urgent() && waits(Asker::Poll).is_some() && !ASKERS.into_iter().any(passed_over) {
             return Some(Asker::Poll);
         }
-        let last = ASKERS.iter().position(|&asker| asker == self.turn.last)?;
+        let last = ASKERS.iter().position(|&asker| asker == self.turn.rotated)?;
         let mut turns = ASKERS
             .into_iter()
             .cycle()
@@ -344,7 +344,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         if !self.usb_speaks() {
             self.turn.usb_began = now;
         }
-        self.turn.last = Asker::Usb;
+        self.turn.taken(Asker::Usb, true);
         let before = self.wanted.map_or(out.len(), |(_, before)| before.min(out.len()));
         let out = out.get_mut(..before).unwrap_or_default();
         let mut said = 0;
@@ -446,7 +446,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             Asker::Adapter => &mut self.counters.requests_adapter,
         };
         count(counter, 1);
-        self.turn.last = asker;
+        self.turn.taken(asker, asker != Asker::Poll || !self.poll.is_urgent());
         self.turn.went(start);
         self.begin(asker, asked, start + Micros(self.line.coding.micros(len)));
     }

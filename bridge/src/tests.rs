@@ -2,6 +2,9 @@
 
 extern crate std;
 
+mod rig;
+mod share;
+
 use std::vec::Vec;
 
 use armwire::Micros;

@@ -39,6 +39,8 @@ impl Waiting {
 /// Who had the line last, and for how long the host on USB has had or wanted it.
 pub(crate) struct Turn {
     pub(crate) last: Asker,
+    /// Who had it last of those that take turns, as a poll that must be on time does not.
+    pub(crate) rotated: Asker,
     /// When the last poll went out.
     pub(crate) polled: Micros,
     /// Bytes of the host on USB went out that are in no request.
@@ -60,6 +62,7 @@ impl Turn {
     pub(crate) const fn new() -> Self {
         Self {
             last: Asker::Adapter,
+            rotated: Asker::Adapter,
             polled: Micros(0),
             raw: false,
             usb_began: Micros(0),
@@ -91,6 +94,14 @@ impl Turn {
     /// How long the request of the host on USB has waited that went out last.
     pub(crate) const fn usb_waited(&self) -> Micros {
         self.waited
+    }
+
+    /// `asker` has the line, and goes to the end of the row if it is `in_turn`.
+    pub(crate) fn taken(&mut self, asker: Asker, in_turn: bool) {
+        self.last = asker;
+        if in_turn {
+            self.rotated = asker;
+        }
     }
 
     /// Something for the arm moved, or may move again.

@@ -1,0 +1,363 @@
+//! An adapter in virtual time: a line, an arm on it, hosts on USB and on CAN.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::collections::VecDeque;
+use std::vec;
+use std::vec::Vec;
+
+use armwire::Micros;
+use armwire::alpha1::Expect;
+
+use crate::arm::{Piece, Tap};
+use crate::can::{Frame, Function};
+use crate::config::Config;
+use crate::control::{
+    Asker, Event, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request, Stamp, Subscription,
+    decode, encode, encode_cobs,
+};
+use crate::isotp::{self, Endpoint, Link};
+use crate::{Action, Bridge, PACKET};
+
+pub(super) type Adapter = Bridge<2048, 512>;
+
+/// What the arm says to a request, and after how long.
+pub(super) type Manners = Box<dyn FnMut(&[u8]) -> Option<(u64, Vec<u8>)>>;
+
+/// How long a frame takes on the CAN bus, in µs.
+const CAN_FRAME: u64 = 130;
+
+pub(super) struct Rig {
+    pub(super) bridge: Adapter,
+    pub(super) now: u64,
+    /// What went to the arm, and when each burst began.
+    pub(super) said: Vec<(u64, Vec<u8>)>,
+    /// Who said each of them.
+    pub(super) askers: Vec<Asker>,
+    /// When the UART can take more.
+    tx_free: u64,
+    /// What the arm hears, from when on, and its answers' bytes with the time each is in.
+    ear: Tap,
+    pub(super) manners: Manners,
+    voice: VecDeque<(u64, u8)>,
+    idle: Option<u64>,
+    /// What the host on USB has heard.
+    pub(super) usb: Vec<u8>,
+    /// What the host on USB still has to say.
+    pub(super) usb_out: VecDeque<u8>,
+    control_in: Reader<MAX_MESSAGE>,
+    pub(super) replies: Vec<(u8, Reply)>,
+    pub(super) events: Vec<(Stamp, Event)>,
+    sequence: u8,
+    /// The host on CAN: its two connections, what it heard on them, and all other frames.
+    arm: Endpoint<100, 100>,
+    control: Endpoint<300, 100>,
+    pub(super) can_out: VecDeque<Vec<u8>>,
+    pub(super) can: Vec<Vec<u8>>,
+    pub(super) can_control: Vec<FromAdapter>,
+    pub(super) frames: Vec<(u64, Frame)>,
+    bus_free: u64,
+    pub(super) actions: Vec<Action>,
+}
+
+impl Rig {
+    pub(super) fn new(config: Config) -> Self {
+        let link = match config.can.data_bit_rate {
+            Some(_) => Link::Fd,
+            None => Link::Classic,
+        };
+        let end = |function: Function| isotp::Config::new(link, function.id(config.can.node));
+        let mut bridge = Adapter::new(Identity::default(), config);
+        bridge.usb_configured(true);
+        Self {
+            bridge,
+            now: 0,
+            said: vec![],
+            askers: vec![],
+            tx_free: 0,
+            ear: Tap::new(),
+            manners: Box::new(polite()),
+            voice: VecDeque::new(),
+            idle: None,
+            usb: vec![],
+            usb_out: VecDeque::new(),
+            control_in: Reader::new(),
+            replies: vec![],
+            events: vec![],
+            sequence: 0,
+            arm: Endpoint::new(end(Function::ArmRequest)),
+            control: Endpoint::new(end(Function::ControlRequest)),
+            can_out: VecDeque::new(),
+            can: vec![],
+            can_control: vec![],
+            frames: vec![],
+            bus_free: 0,
+            actions: vec![],
+        }
+    }
+
+    fn byte_time(&self) -> u64 {
+        self.bridge.line.coding.micros(1)
+    }
+
+    /// Lets `micros` pass.
+    pub(super) fn run(&mut self, micros: u64) {
+        let end = self.now + micros;
+        self.pump();
+        loop {
+            let voice = self.voice.front().map(|&(at, _)| at);
+            let timeout = self.bridge.timeout().map(|at| at.0);
+            let hosts = [self.arm.timeout(), self.control.timeout()]
+                .into_iter()
+                .flatten()
+                .map(|at| at.0)
+                .min();
+            let tx = (self.tx_free > self.now).then_some(self.tx_free);
+            let bus = (self.bus_free > self.now).then_some(self.bus_free);
+            let next = [voice, timeout, self.idle, tx, bus, hosts].into_iter().flatten().min();
+            match next {
+                Some(at) if at <= end => {
+                    self.now = self.now.max(at);
+                    self.step();
+                }
+                _ => break,
+            }
+        }
+        self.now = end;
+        self.pump();
+    }
+
+    fn step(&mut self) {
+        let now = Micros(self.now);
+        while let Some((at, byte)) = self.voice.pop_front_if(|(at, _)| *at <= now.0) {
+            self.bridge.uart_received(&[byte], Micros(at));
+            let next = self.voice.front().map(|&(at, _)| at);
+            // Times are rounded down to microseconds.
+            let idle = at + self.byte_time() + 1;
+            self.idle = next.is_none_or(|next| next > idle).then_some(idle);
+        }
+        if self.idle.take_if(|at| *at <= now.0).is_some() {
+            self.bridge.uart_idle(now);
+        }
+        let _ = self.arm.tick(now);
+        let _ = self.control.tick(now);
+        self.pump();
+    }
+
+    /// Does all that can be done without waiting.
+    fn pump(&mut self) {
+        let now = Micros(self.now);
+        loop {
+            let mut idle = true;
+            if self.bridge.timeout().is_some_and(|at| at <= now) {
+                self.bridge.tick(now);
+                assert!(
+                    self.bridge.timeout().is_none_or(|at| at > now),
+                    "a tick leaves nothing that is late"
+                );
+            }
+            while self.bridge.usb_room() && !self.usb_out.is_empty() {
+                let n = self.usb_out.len().min(PACKET);
+                let packet: Vec<u8> = self.usb_out.drain(..n).collect();
+                self.bridge.usb_received(&packet, now);
+            }
+            let mut packet = [0; PACKET];
+            while let Some(n) = self.bridge.usb_transmit(&mut packet) {
+                self.usb.extend(&packet[..n]);
+            }
+            while let Some(n) = self.bridge.control_transmit(&mut packet, now) {
+                self.hear_control(&packet[..n]);
+            }
+            if self.tx_free <= now.0 {
+                let mut out = [0; 70];
+                let due = self.bridge.uart_due(now);
+                if let Some(line) = self.bridge.line_change() {
+                    assert!(due);
+                    self.bridge.line_changed(line);
+                    idle = false;
+                } else if let Some(burst) = self.bridge.uart_transmit(&mut out, now) {
+                    assert!(due);
+                    let start = burst.start.map_or(now.0, |at| at.0);
+                    assert!(start >= now.0);
+                    self.tx_free = start + self.bridge.line.coding.micros(burst.len);
+                    self.askers.push(self.bridge.turn.last);
+                    self.said.push((start, out[..burst.len].to_vec()));
+                    self.tell_arm(&out[..burst.len]);
+                    idle = false;
+                }
+            }
+            if self.bus_free <= now.0 {
+                idle &= !self.use_bus(now);
+            }
+            while let Some(action) = self.bridge.action() {
+                self.actions.push(action);
+                idle = false;
+            }
+            if idle {
+                return;
+            }
+        }
+    }
+
+    fn hear_control(&mut self, mut packet: &[u8]) {
+        while !packet.is_empty() {
+            packet = self.control_in.push(packet);
+            match self.control_in.next::<FromAdapter>() {
+                Some(Ok(FromAdapter::Reply { sequence, reply })) => self.replies.push((sequence, reply)),
+                Some(Ok(FromAdapter::Event { at, event })) => self.events.push((at, event)),
+                Some(Err(error)) => panic!("{error}"),
+                None => {}
+            }
+        }
+    }
+
+    /// The arm hears bytes that are on the line until `tx_free`, and answers one request after the other.
+    fn tell_arm(&mut self, bytes: &[u8]) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            rest = self.ear.push(rest);
+            while let Some(piece) = self.ear.next(self.bridge.config.arm, Expect::Requests, false) {
+                let Piece::Frame(frame) = piece else { continue };
+                if let Some((after, answer)) = (self.manners)(frame) {
+                    let start = self.voice.back().map_or(0, |&(at, _)| at).max(self.tx_free) + after;
+                    let coding = self.bridge.line.coding;
+                    let bytes = answer.iter().enumerate();
+                    self.voice
+                        .extend(bytes.map(|(n, &byte)| (start + coding.micros(n + 1), byte)));
+                }
+            }
+        }
+    }
+
+    /// The arm says something of its own accord.
+    pub(super) fn arm_says(&mut self, bytes: &[u8]) {
+        let start = self.voice.back().map_or(0, |&(at, _)| at).max(self.now);
+        let coding = self.bridge.line.coding;
+        self.voice.extend(
+            bytes
+                .iter()
+                .enumerate()
+                .map(|(n, &byte)| (start + coding.micros(n + 1), byte)),
+        );
+    }
+
+    /// Moves one frame over the bus, if there is one.
+    fn use_bus(&mut self, now: Micros) -> bool {
+        if let Some(frame) = self.bridge.can_transmit(now) {
+            self.bus_free = now.0 + CAN_FRAME;
+            self.hear_bus(&frame, now);
+            return true;
+        }
+        if !self.arm.is_sending()
+            && let Some(pdu) = self.can_out.pop_front()
+        {
+            self.arm.send(&pdu).unwrap();
+        }
+        let frame = self.arm.transmit(now).inspect(|_| self.arm.transmitted(now));
+        let frame = frame.or_else(|| self.control.transmit(now).inspect(|_| self.control.transmitted(now)));
+        let Some(frame) = frame else { return false };
+        self.bus_free = now.0 + CAN_FRAME;
+        self.bridge.can_received(&frame, now);
+        true
+    }
+
+    fn hear_bus(&mut self, frame: &Frame, now: Micros) {
+        match Function::of(frame.id()).unwrap().0 {
+            Function::ArmAnswer => {
+                let _ = self.arm.receive(frame.data(), now);
+                if let Some(pdu) = self.arm.received() {
+                    self.can.push(pdu.to_vec());
+                    self.arm.release();
+                }
+            }
+            Function::ControlAnswer => {
+                let _ = self.control.receive(frame.data(), now);
+                if let Some(pdu) = self.control.received() {
+                    self.can_control.push(decode(pdu).unwrap());
+                    self.control.release();
+                }
+            }
+            _ => self.frames.push((self.now, *frame)),
+        }
+    }
+
+    /// A frame from somebody on the bus.
+    pub(super) fn can_frame(&mut self, frame: &Frame) {
+        self.bridge.can_received(frame, Micros(self.now));
+        self.pump();
+    }
+
+    /// Sends a request on the control interface of USB, and returns its sequence number.
+    pub(super) fn ask(&mut self, request: Request) -> u8 {
+        self.sequence += 1;
+        let sequence = self.sequence;
+        let mut bytes = [0; MAX_COBS];
+        let len = encode_cobs(&FromHost { sequence, request }, &mut bytes).unwrap();
+        assert!(self.bridge.control_room());
+        self.bridge.control_received(&bytes[..len], Micros(self.now));
+        self.pump();
+        sequence
+    }
+
+    /// The reply to a request that is answered at once.
+    pub(super) fn call(&mut self, request: Request) -> Reply {
+        let sequence = self.ask(request);
+        let (replied, reply) = self.replies.pop().unwrap();
+        assert_eq!(replied, sequence);
+        reply
+    }
+
+    /// Sends a request on the control connection of CAN.
+    pub(super) fn ask_on_can(&mut self, sequence: u8, request: Request) {
+        let mut bytes = [0; 100];
+        let len = encode(&FromHost { sequence, request }, &mut bytes).unwrap();
+        self.control.send(&bytes[..len]).unwrap();
+        self.pump();
+    }
+
+    pub(super) fn subscribe(&mut self) {
+        let everything = Subscription {
+            frames: true,
+            events: true,
+        };
+        assert_eq!(self.call(Request::Subscribe(everything)), Reply::Done);
+    }
+
+    /// All bytes that went to the arm.
+    pub(super) fn line(&self) -> Vec<u8> {
+        self.said.iter().flat_map(|(_, bytes)| bytes.clone()).collect()
+    }
+}
+
+/// A Ling arm that answers what it knows, 200 µs after it was asked. The first data byte of its answers counts them.
+pub(super) fn polite() -> impl FnMut(&[u8]) -> Option<(u64, Vec<u8>)> {
+    let mut count = 0_u8;
+    move |request: &[u8]| {
+        let len = match request[1..3] {
+            [0x01, 0] => 24,
+            [0x06, 0] => 15,
+            [0x06, 1] if request[4] == 0xFE => 6,
+            [0x06, 2] => 12,
+            [0xFE, 0] => 2,
+            [0x77, _] => 3,
+            _ => return None,
+        };
+        count = count.wrapping_add(1);
+        let mut data = vec![0; len];
+        data[0] = count;
+        Some((200, ling(request[1], request[2], &data)))
+    }
+}
+
+/// A Ling frame.
+pub(super) fn ling(command: u8, function: u8, data: &[u8]) -> Vec<u8> {
+    let mut out = [0; 70];
+    let frame = armwire::ling::Frame {
+        command,
+        function,
+        data,
+    };
+    let n = frame.encode(&mut out).unwrap();
+    out[..n].to_vec()
+}

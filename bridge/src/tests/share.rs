@@ -1,0 +1,563 @@
+//! Hosts on USB and CAN and the adapter's own poll share one arm.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec;
+use std::vec::Vec;
+
+use armwire::Micros;
+use proptest::prelude::*;
+
+use super::rig::{Rig, ling, polite};
+use crate::config::{ArmKind, Can, Config, Poll};
+use crate::control::{Asker, Event, Refusal};
+
+const JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+
+fn info() -> Vec<u8> {
+    ling(0x01, 0, &[0xFE])
+}
+
+fn temperatures() -> Vec<u8> {
+    ling(0x06, 1, &[0xFE])
+}
+
+fn velocities() -> Vec<u8> {
+    ling(0x06, 2, &[0xFE])
+}
+
+fn polling(poll: Poll) -> Rig {
+    Rig::new(Config {
+        poll,
+        ..Config::default()
+    })
+}
+
+/// The commands and functions of the frames in a stream that consists of frames.
+fn kinds(mut stream: &[u8]) -> Vec<(u8, u8)> {
+    let mut kinds = vec![];
+    while let [0xAA, command, function, len, ..] = *stream {
+        kinds.push((command, function));
+        stream = &stream[usize::from(len) + 6..];
+    }
+    assert_eq!(stream, []);
+    kinds
+}
+
+#[test]
+fn each_reply_goes_to_its_asker_only() {
+    let mut rig = polling(Poll::Hertz(300));
+    rig.subscribe();
+    for n in 0..50 {
+        rig.usb_out.extend(temperatures());
+        rig.can_out.push_back(velocities());
+        rig.run(1_500 + n);
+    }
+    rig.run(20_000);
+    let c = rig.bridge.counters();
+    assert_eq!((c.requests_usb, c.requests_can), (50, 50));
+    assert_eq!((c.unanswered_requests, c.unasked_frames, c.late_answers), (0, 0, 0));
+    assert_eq!(kinds(&rig.usb), vec![(0x06, 1); 50]);
+    assert_eq!(rig.can.len(), 50);
+    assert!(rig.can.iter().all(|pdu| kinds(pdu) == [(0x06, 2)]));
+    assert_eq!(u64::from(c.requests_poll), rig.now * 300 / 1_000_000);
+
+    // Subscribers hear them all, and whose each was.
+    let asked = |asker: Option<Asker>| {
+        rig.events
+            .iter()
+            .filter(move |(_, event)| matches!(event, Event::Frame { asker: a, .. } if *a == asker))
+    };
+    assert_eq!(asked(Some(Asker::Usb)).count(), 50);
+    assert_eq!(asked(Some(Asker::Can)).count(), 50);
+    assert_eq!(asked(Some(Asker::Poll)).count() as u32, c.requests_poll);
+    assert!(rig.events.is_sorted_by_key(|&(at, _)| at));
+    assert_eq!(c.frames as usize, rig.events.len());
+}
+
+#[test]
+fn a_frame_is_stamped_with_the_time_of_its_last_byte() {
+    let mut rig = Rig::new(Config::default());
+    rig.subscribe();
+    rig.run(1_000);
+    rig.usb_out.extend(JOINTS);
+    rig.run(1_000);
+    // 7 bytes, 200 µs, 21 bytes.
+    assert_eq!(rig.events.last().unwrap().0.0, 1_000 + 70 + 200 + 210);
+    assert_eq!(rig.bridge.latencies.answer.counts[8], 1);
+}
+
+#[test]
+fn what_nobody_asked_for_goes_to_the_host_on_usb_and_to_subscribers_also_in_anothers_exchange() {
+    let mut rig = Rig::new(Config::default());
+    rig.subscribe();
+    let unasked = ling(0x06, 0, &[9; 15]);
+    let mut polite = polite();
+    let spoken = unasked.clone();
+    // The arm says something else first, and then noise and what is asked for.
+    rig.manners = Box::new(move |request| {
+        polite(request).map(|(after, answer)| (after, [&spoken[..], b"??", &answer[..]].concat()))
+    });
+    rig.can_out.push_back(info());
+    rig.run(10_000);
+    assert_eq!(rig.usb, [&unasked[..], b"??"].concat());
+    assert_eq!(kinds(&rig.can.concat()), [(0x01, 0)]);
+    let c = rig.bridge.counters();
+    assert_eq!((c.unasked_frames, c.noise_bytes, c.frames), (1, 2, 2));
+    assert!(matches!(&rig.events[0].1, Event::Frame { asker: None, bytes } if bytes[..] == unasked));
+    assert!(matches!(
+        &rig.events[1].1,
+        Event::Frame {
+            asker: Some(Asker::Can),
+            ..
+        }
+    ));
+}
+
+#[test]
+fn what_nobody_asked_for_goes_out_on_can_if_that_is_wanted() {
+    for unsolicited in [false, true] {
+        let mut rig = Rig::new(Config {
+            can: Can {
+                unsolicited,
+                ..Can::default()
+            },
+            ..Config::default()
+        });
+        let unasked = ling(0x06, 0, &[9; 15]);
+        rig.arm_says(&unasked);
+        rig.usb_out.extend(info());
+        rig.run(10_000);
+        assert_eq!(rig.can, vec![unasked; usize::from(unsolicited)]);
+        assert_eq!(kinds(&rig.usb).len(), 2);
+    }
+}
+
+#[test]
+fn a_frame_that_had_begun_when_the_request_went_out_is_no_answer() {
+    let mut rig = Rig::new(Config::default());
+    let mut unasked = ling(0x06, 0, &[9; 15]);
+    rig.arm_says(&unasked);
+    rig.run(55);
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(10_000);
+    assert_eq!(rig.usb, unasked);
+    assert_eq!(rig.can.len(), 1);
+    assert_eq!(rig.can[0][4], 1);
+    unasked.clear();
+}
+
+#[test]
+fn a_second_of_usb_alone_is_as_if_nobody_else_were_there() {
+    // Requests, half requests, noise, in any cuts: byte for byte and in packets as large as they come.
+    let mut rig = Rig::new(Config::default());
+    let mut sent = vec![];
+    for n in 0..200_usize {
+        let piece = match n % 4 {
+            0 => JOINTS.to_vec(),
+            1 => info()[..3].to_vec(),
+            2 => vec![n as u8; n],
+            _ => [temperatures(), velocities(), JOINTS.to_vec(), JOINTS.to_vec()].concat(),
+        };
+        rig.usb_out.extend(&piece);
+        sent.extend(piece);
+        rig.run(5_000);
+    }
+    assert_eq!(rig.line(), sent);
+    assert_eq!(rig.bridge.counters().host_to_arm_bytes as usize, sent.len());
+}
+
+#[test]
+fn a_host_on_usb_may_ask_more_than_is_remembered_and_nobody_gets_its_answers() {
+    let mut rig = Rig::new(Config::default());
+    for _ in 0..20 {
+        rig.usb_out.extend(JOINTS);
+    }
+    rig.run(1_500);
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(500_000);
+    assert_eq!(kinds(&rig.usb), vec![(0x06, 0); 20]);
+    assert_eq!(
+        rig.usb.chunks(21).map(|frame| frame[4]).collect::<Vec<_>>(),
+        (1..=20).collect::<Vec<u8>>()
+    );
+    // The 21st request, the 21st answer.
+    assert_eq!(rig.can.len(), 1);
+    assert_eq!(rig.can[0][4], 21);
+}
+
+#[test]
+fn pipelined_requests_are_cut_at_the_frame_when_another_waits() {
+    let mut rig = Rig::new(Config::default());
+    for _ in 0..10 {
+        rig.usb_out.extend(temperatures());
+    }
+    rig.can_out.push_back(info());
+    rig.can_out.push_back(velocities());
+    rig.run(100_000);
+    let order = kinds(&rig.line());
+    let place = |kind| order.iter().position(|&k| k == kind).unwrap();
+    // The bus brings a request after the first packet has gone, and they take turns from then on.
+    assert_eq!(order.len(), 12);
+    assert!(place((0x06, 2)) - place((0x01, 0)) <= 2 || place((0x06, 2)) == 11);
+    assert_eq!((kinds(&rig.usb).len(), rig.can.len()), (10, 2));
+    assert_eq!(rig.bridge.counters().unanswered_requests, 0);
+}
+
+#[test]
+fn nobody_waits_for_more_than_one_turn_of_each_other() {
+    // All want to speak all the time.
+    for poll in [Poll::Fastest, Poll::Hertz(1_000)] {
+        let mut rig = polling(poll);
+        let mut asked = 0;
+        for _ in 0..2_000 {
+            if rig.usb_out.len() < 100 {
+                rig.usb_out.extend(temperatures());
+            }
+            if rig.can_out.is_empty() && rig.bridge.can_requests.is_empty() {
+                rig.can_out.push_back(velocities());
+                asked += 1;
+            }
+            rig.run(200);
+        }
+        assert!(asked > 100);
+        for asker in [Asker::Usb, Asker::Can, Asker::Poll] {
+            let turns = rig.askers.iter().enumerate().filter(|(_, who)| **who == asker);
+            let turns: Vec<_> = turns.map(|(n, _)| n).skip(3).collect();
+            assert!(turns.len() > 100);
+            assert!(
+                turns.windows(2).all(|pair| pair[1] - pair[0] <= 5),
+                "{asker}: {turns:?}"
+            );
+        }
+        assert_eq!(rig.bridge.counters().unanswered_requests, 0);
+    }
+}
+
+#[test]
+fn a_partial_frame_keeps_the_line_for_ten_milliseconds() {
+    let mut rig = Rig::new(Config::default());
+    rig.usb_out.extend(&JOINTS[..3]);
+    rig.run(100);
+    rig.can_out.push_back(info());
+    rig.run(5_000);
+    assert_eq!(rig.line(), JOINTS[..3]);
+    // The rest comes in time: it goes first.
+    rig.usb_out.extend(&JOINTS[3..]);
+    rig.run(5_000);
+    assert_eq!(rig.line(), [&JOINTS[..], &info()].concat());
+
+    let mut rig = Rig::new(Config::default());
+    rig.usb_out.extend(&JOINTS[..3]);
+    rig.run(100);
+    rig.can_out.push_back(info());
+    rig.run(20_000);
+    assert_eq!(rig.said[1], (10_000, info()));
+    assert_eq!(rig.can.len(), 1);
+}
+
+#[test]
+fn bytes_that_are_no_frame_keep_the_line_until_it_is_quiet_and_for_a_tenth_of_a_second_at_most() {
+    let mut rig = Rig::new(Config::default());
+    rig.usb_out.extend(b"hello");
+    rig.run(100);
+    rig.can_out.push_back(info());
+    rig.run(1_000);
+    // The arm talks back: the 5 ms count from its last byte, which is in at 1200 µs.
+    rig.arm_says(&[1; 10]);
+    rig.run(20_000);
+    assert_eq!(rig.said[1], (1_200 + 5_000, info()));
+
+    // One who never pauses: 100 ms after the other began to wait.
+    let mut rig = Rig::new(Config::default());
+    let mut began = None;
+    for n in 0..200_u64 {
+        rig.usb_out.extend([0x55; 30]);
+        if n == 10 {
+            rig.can_out.push_back(info());
+        }
+        rig.run(1_000);
+        if began.is_none() && !rig.bridge.can_requests.is_empty() {
+            began = Some(rig.now);
+        }
+    }
+    let (at, _) = rig.said.iter().find(|(_, bytes)| *bytes == info()).unwrap();
+    assert!((at - began.unwrap()).abs_diff(100_000) <= 1_000, "{at}");
+    // Not a byte was lost by it.
+    rig.run(100_000);
+    assert_eq!(rig.line().len(), 200 * 30 + info().len());
+}
+
+#[test]
+fn two_who_send_bytes_that_are_no_frames_take_turns() {
+    let mut rig = Rig::new(Config {
+        arm: ArmKind::Raw,
+        ..Config::default()
+    });
+    rig.usb_out.extend([b'u'; 600]);
+    for _ in 0..3 {
+        rig.can_out.push_back(vec![b'c'; 20]);
+    }
+    rig.run(400_000);
+    let line = rig.line();
+    assert_eq!(line.iter().filter(|&&byte| byte == b'u').count(), 600);
+    // What came in one PDU is together.
+    let text = std::string::String::from_utf8(line).unwrap();
+    let pdus: Vec<_> = text.split('u').filter(|run| !run.is_empty()).collect();
+    assert_eq!(pdus.iter().map(|run| run.len()).sum::<usize>(), 60);
+    assert!(pdus.iter().all(|run| run.len() % 20 == 0));
+    assert_eq!(rig.bridge.counters().noise_bytes, 0);
+    rig.arm_says(b"raw answer");
+    rig.run(1_000);
+    assert_eq!(rig.usb, b"raw answer");
+}
+
+#[test]
+fn what_is_no_frame_of_the_arm_is_refused_on_can() {
+    let mut rig = Rig::new(Config::default());
+    rig.subscribe();
+    let twice = [JOINTS, JOINTS].concat();
+    let mut broken = JOINTS;
+    broken[5] ^= 1;
+    for pdu in [&JOINTS[..6], &twice, &broken, b"x"] {
+        rig.can_out.push_back(pdu.to_vec());
+    }
+    rig.run(20_000);
+    assert_eq!(rig.line(), []);
+    assert_eq!(rig.bridge.counters().refused_can_frames, 4);
+    let refused = Event::Refused {
+        asker: Asker::Can,
+        reason: Refusal::NotAFrame,
+    };
+    assert_eq!(rig.events.iter().filter(|(_, event)| *event == refused).count(), 4);
+    let told: Vec<_> = rig
+        .frames
+        .iter()
+        .filter_map(|(_, frame)| crate::can::telemetry::event_from_frame(frame))
+        .collect();
+    assert_eq!(told.len(), 4);
+    assert!(told.iter().all(|(_, event)| *event == refused));
+}
+
+#[test]
+fn what_does_not_fit_the_queue_from_can_is_refused_and_counted() {
+    let mut rig = Rig::new(Config::default());
+    rig.subscribe();
+    // An arm that says nothing for long: one with the arm, two that wait, one in the connection, and then no more.
+    rig.manners = Box::new(|_| None);
+    let request = ling(0x05, 0, &[1]);
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(1_000);
+    for _ in 0..5 {
+        rig.can_out.push_back(request.clone());
+    }
+    rig.run(10_000);
+    assert_eq!(rig.bridge.counters().refused_can_requests, 2);
+    let full = Event::Refused {
+        asker: Asker::Can,
+        reason: Refusal::QueueFull,
+    };
+    assert_eq!(rig.events.iter().filter(|(_, event)| *event == full).count(), 2);
+    rig.run(100_000);
+    assert_eq!(kinds(&rig.line()), [(0x06, 0), (0x05, 0), (0x05, 0), (0x05, 0)]);
+    assert_eq!(rig.bridge.counters().requests_can, 4);
+}
+
+#[test]
+fn a_missing_answer_frees_the_line_and_its_like_wait_until_it_cannot_come_any_more() {
+    let mut rig = Rig::new(Config::default());
+    let mut polite = polite();
+    let mut first = true;
+    // The first answer comes after 80 ms.
+    rig.manners = Box::new(move |request| {
+        let (after, answer) = polite(request)?;
+        Some((if core::mem::take(&mut first) { 80_000 } else { after }, answer))
+    });
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(1_000);
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(60_000);
+    assert_eq!(rig.bridge.counters().unanswered_requests, 1);
+    assert_eq!(rig.said.len(), 1, "the same kind waits");
+    rig.run(100_000);
+    let c = rig.bridge.counters();
+    assert_eq!((c.late_answers, c.unasked_frames, c.unanswered_requests), (1, 0, 1));
+    // The late one went to the host on USB as what it is: something nobody waits for. The second got its own.
+    assert_eq!(rig.usb[4], 1);
+    assert_eq!(rig.can.iter().map(|pdu| pdu[4]).collect::<Vec<_>>(), [2]);
+    assert_eq!(rig.bridge.exchange.timeout(), None);
+}
+
+#[test]
+fn others_go_on_while_the_like_of_a_missing_answer_wait() {
+    let mut rig = polling(Poll::Hertz(100));
+    let mut polite = polite();
+    // The arm does not know of joints.
+    rig.manners = Box::new(move |request| polite(request).filter(|_| request[1..3] != [6, 0]));
+    rig.run(65_000);
+    rig.can_out.push_back(info());
+    rig.run(5_000);
+    assert_eq!(rig.can.len(), 1);
+    rig.run(1_000_000);
+    let c = rig.bridge.counters();
+    // Each takes 50 ms to be given up, and as long until the next may go out.
+    assert!((9..=11).contains(&c.requests_poll), "{}", c.requests_poll);
+    assert!(c.unanswered_requests.abs_diff(c.requests_poll) <= 1);
+    assert!(c.missed_polls > 50);
+}
+
+#[test]
+fn an_arm_of_another_kind_is_shared_by_its_own_frames() {
+    // UBTECH Alpha1: the robot says which servos run; a servo acknowledges with one byte.
+    let states = [0xEF, 0xFE, 0, 0, 0, 0, 0, 0, 0, 0xED];
+    let move_one = [0xFA, 0xAF, 0x01, 0x01, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED];
+    for (arm, half_duplex) in [(ArmKind::Alpha1, false), (ArmKind::Alpha1Servo, true)] {
+        let mut rig = Rig::new(Config {
+            arm,
+            ..Config::default()
+        });
+        rig.run(1_000);
+        assert_eq!(
+            (rig.bridge.line.coding.baud, rig.bridge.line.half_duplex),
+            (115_200, half_duplex)
+        );
+        rig.manners = Box::new(|request| match request[0] {
+            0xEF => Some((100, vec![0xEF, 0xFE, 1, 2, 3, 4, 10, 0xED])),
+            _ => Some((100, vec![request[2] + 0xAA])),
+        });
+        rig.can_out.push_back(move_one.to_vec());
+        rig.usb_out.extend(states);
+        rig.run(50_000);
+        assert_eq!(rig.can, [[0xAB]], "{:?} {:?}", rig.said, rig.bridge.counters());
+        assert_eq!(rig.usb, [0xEF, 0xFE, 1, 2, 3, 4, 10, 0xED]);
+        let c = rig.bridge.counters();
+        assert_eq!((c.unanswered_requests, c.unasked_frames, c.frames), (0, 0, 2));
+    }
+}
+
+#[test]
+fn a_line_coding_waits_for_the_answer_to_anothers_request() {
+    let mut rig = Rig::new(Config::default());
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(250);
+    let coding = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
+    rig.bridge.request_line_coding(coding, Micros(rig.now)).unwrap();
+    assert_eq!(
+        (rig.bridge.line_change(), rig.bridge.uart_due(Micros(rig.now))),
+        (None, false)
+    );
+    rig.run(10_000);
+    assert_eq!((rig.can.len(), rig.bridge.line.coding.baud), (1, 115_200));
+}
+
+/// What a host may say to the arm on USB.
+fn speech() -> impl Strategy<Value = Vec<u8>> {
+    prop_oneof![
+        Just(JOINTS.to_vec()),
+        Just(temperatures()),
+        Just(info()[..4].to_vec()),
+        Just(ling(0x05, 0, &[1])),
+        Just(ling(0x77, 3, &[1, 2])),
+        prop::collection::vec(prop_oneof![Just(0xAA), any::<u8>()], 0..100),
+    ]
+}
+
+#[derive(Clone, Debug)]
+enum Step {
+    Usb(Vec<u8>),
+    Can(Vec<u8>),
+    Arm(Vec<u8>),
+    Run(u64),
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        speech().prop_map(Step::Usb),
+        prop_oneof![
+            Just(velocities()),
+            Just(JOINTS.to_vec()),
+            Just(ling(0x05, 0, &[0])),
+            Just(vec![1, 2])
+        ]
+        .prop_map(Step::Can),
+        prop_oneof![Just(ling(0x0A, 1, &[7; 9])), prop::collection::vec(any::<u8>(), 0..40)].prop_map(Step::Arm),
+        (0..30_000_u64).prop_map(Step::Run),
+        (0..300_u64).prop_map(Step::Run),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_byte_is_lost_or_doubled_and_each_request_ends_once(
+        steps in prop::collection::vec(step(), 1..60),
+        poll in prop_oneof![Just(Poll::Off), Just(Poll::Hertz(300)), Just(Poll::Fastest)],
+        deaf in any::<u8>(),
+    ) {
+        let mut rig = polling(poll);
+        let mut polite = polite();
+        let mut n = 0_u8;
+        // Some answers never come, some come late.
+        rig.manners = Box::new(move |request| {
+            n = n.wrapping_mul(5).wrapping_add(deaf | 1);
+            let (after, answer) = polite(request)?;
+            match n % 16 {
+                0 => None,
+                1 => Some((70_000, answer)),
+                _ => Some((after, answer)),
+            }
+        });
+        let (mut from_usb, mut from_can) = (vec![], 0);
+        let heard = |rig: &Rig| rig.bridge.counters().arm_to_host_bytes as usize;
+        for step in steps {
+            match step {
+                Step::Usb(bytes) => {
+                    rig.usb_out.extend(&bytes);
+                    from_usb.extend(bytes);
+                }
+                Step::Can(pdu) => {
+                    rig.can_out.push_back(pdu);
+                    from_can += 1;
+                }
+                Step::Arm(bytes) => rig.arm_says(&bytes),
+                Step::Run(micros) => rig.run(micros),
+            }
+        }
+        // An end to it all.
+        let off = Config { poll: Poll::Off, ..Config::default() };
+        rig.run(5_000_000);
+        rig.call(crate::control::Request::SetConfig(off));
+        rig.run(1_000_000);
+
+        // Down: what others said is whole frames; without those the host's bytes are as they were.
+        let c = rig.bridge.counters();
+        let line = rig.line();
+        prop_assert_eq!(c.host_to_arm_bytes as usize, line.len());
+        prop_assert_eq!(c.requests_can + c.refused_can_frames + c.refused_can_requests, from_can);
+        let bursts = || rig.askers.iter().zip(&rig.said);
+        let of_usb: Vec<u8> = bursts().filter(|(asker, _)| **asker == Asker::Usb).flat_map(|(_, (_, bytes))| bytes.clone()).collect();
+        prop_assert_eq!(of_usb, from_usb);
+        for (asker, (_, bytes)) in bursts() {
+            prop_assert!(*asker == Asker::Usb || kinds(bytes).len() == 1);
+        }
+        prop_assert_eq!(rig.askers.iter().filter(|asker| **asker == Asker::Can).count() as u32, c.requests_can);
+        prop_assert_eq!(rig.askers.iter().filter(|asker| **asker == Asker::Poll).count() as u32, c.requests_poll);
+
+        // Up: what others got is not on USB, and everything else is.
+        let on_can: usize = rig.can.iter().map(Vec::len).sum();
+        let answered = c.requests_poll as usize;
+        prop_assert_eq!(c.dropped_can_answers + c.dropped_bytes + c.unheard_bytes, 0);
+        let missing = heard(&rig) - rig.usb.len() - on_can;
+        prop_assert!(missing.is_multiple_of(21) && missing / 21 <= answered, "{} bytes of {} polls", missing, answered);
+        if poll == Poll::Off {
+            prop_assert_eq!(missing, 0);
+        }
+
+        // Nothing is waited for any more.
+        prop_assert_eq!(rig.bridge.exchange.holder(), None);
+        prop_assert!(rig.bridge.down.is_empty() && rig.bridge.can_requests.is_empty());
+        prop_assert!(rig.usb_out.is_empty());
+    }
+}
