@@ -1,5 +1,8 @@
 //! The board as a program uses it.
 
+mod can;
+mod usb;
+
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::num::NonZeroU32;
@@ -9,11 +12,9 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 
-use armwire_bridge::can::Frame;
 use rigless::image::Image;
 
-use crate::can::bus::{Bus, Record};
-use crate::can::{self, BusFrame};
+use crate::can::bus::Bus;
 use crate::flash::{self, Flash};
 use crate::line::{Arm, Fault, FaultRates, Line, LineByte};
 use crate::machine::{self, Bench, Command, Reply, Run};
@@ -22,25 +23,19 @@ use crate::stm32f405::port::{Shared, lock};
 use crate::stm32f405::{Reenabled, Stm32f405};
 use crate::time::Nanos;
 use crate::trace::Trace;
-use crate::usb::cdc::{LineCoding, Port};
-use crate::usb::enumerate::{self, EnumerateError, Enumerated};
-use crate::usb::host::{Host, Packet, Request, TransferError};
-use crate::usb::{Direction, descriptor};
+use crate::usb::cdc::Port;
+use crate::usb::enumerate::{EnumerateError, Enumerated};
+use crate::usb::host::{Host, TransferError};
+use crate::usb::vendor::Vendor;
 
-/// How long a control transfer may take: a device that needs longer is broken (USB 2.0, 9.2.6.1).
-const CONTROL_LIMIT: Nanos = Nanos::from_millis(5_000);
-
-/// How long a device may take from power to its pull-up.
-const CONNECT_LIMIT: Nanos = Nanos::from_millis(2_000);
+pub use self::can::Can;
+pub use self::usb::{Pipe, Usb};
 
 /// How often a waiting program looks even if nothing happens on the USB wire.
 const GLANCE: Nanos = Nanos::from_millis(1);
 
 /// How long a power cycle leaves the board without power.
 const POWER_OFF: Nanos = Nanos::from_millis(10);
-
-/// The address that the host gives the device.
-const ADDRESS: u8 = 1;
 
 /// What a virtual board is made of.
 #[derive(Clone, Debug)]
@@ -160,8 +155,11 @@ pub enum Error {
         /// How many there are.
         count: usize,
     },
-    /// The serial port is not open.
-    #[error("the serial port is not open")]
+    /// The device has no vendor-specific interface with a pair of bulk endpoints.
+    #[error("the device has no vendor-specific interface")]
+    NoVendor,
+    /// The interface is not open.
+    #[error("the interface of the device is not open")]
     NotOpen,
     /// A classic CAN bus carries no FD frames.
     #[error("an FD frame, the bus is a classic one")]
@@ -190,10 +188,13 @@ pub struct VirtualBoard<A: Arm> {
     log: TcpStream,
     now: Nanos,
     trace: Trace,
+    in_boot_loader: bool,
     crashes: Vec<Violation>,
     /// The device, as long as the host's [`epoch`](Host::epoch) is this.
     device: Option<(u64, Enumerated)>,
+    /// What the program has open on the device.
     port: Option<Port>,
+    vendor: Option<Vendor>,
 }
 
 impl<A: Arm> VirtualBoard<A> {
@@ -277,9 +278,11 @@ impl<A: Arm> VirtualBoard<A> {
             log,
             now: Nanos(0),
             trace: Trace::default(),
+            in_boot_loader: false,
             crashes: Vec::new(),
             device: None,
             port: None,
+            vendor: None,
         };
         board.stopped()?;
         Ok(board)
@@ -304,7 +307,8 @@ impl<A: Arm> VirtualBoard<A> {
     }
 
     /// Runs until `done` says so, and returns how long that took. It is asked at once, after every packet, connection and
-    /// reset on the USB wire, after every frame on the CAN bus, and every millisecond.
+    /// reset on the USB wire, after every frame on the CAN bus, at the start of the boot
+    /// loader, and every millisecond.
     ///
     /// # Errors
     ///
@@ -352,7 +356,13 @@ impl<A: Arm> VirtualBoard<A> {
     /// Waits for the emulator to stand still.
     fn stopped(&mut self) -> Result<(), Error> {
         match self.replies.recv() {
-            Ok(Reply::Stopped { at, trace, crash }) => {
+            Ok(Reply::Stopped {
+                at,
+                trace,
+                crash,
+                in_boot_loader,
+            }) => {
+                self.in_boot_loader = in_boot_loader;
                 self.now = at;
                 self.trace = trace;
                 match crash {
@@ -383,6 +393,12 @@ impl<A: Arm> VirtualBoard<A> {
     /// Gives the arm to `use_it`, while time stands still.
     pub fn with_arm<R>(&mut self, use_it: impl FnOnce(&mut A) -> R) -> R {
         use_it(lock(&self.line).arm_mut())
+    }
+
+    /// Whether the firmware started the boot loader in the part's ROM, and no reset came since. What stands in its place
+    /// does nothing.
+    pub fn is_in_boot_loader(&self) -> bool {
+        self.in_boot_loader
     }
 
     /// What the flash holds, [`SIZE`](flash::SIZE) bytes.
@@ -544,393 +560,6 @@ impl<A: Arm> Uart<'_, A> {
     /// Lets the byte that the arm sends after `after` others meet a fault.
     pub fn plan_fault(&self, after: u64, fault: Fault) {
         lock(self.line).plan_fault(after, fault);
-    }
-}
-
-/// The CAN bus and the other nodes on it.
-///
-/// Nobody is on it until nodes are [attached](Can::attach). What is changed here takes effect when the board next runs.
-#[derive(Debug)]
-pub struct Can<'a> {
-    bus: &'a Mutex<Bus>,
-}
-
-impl Can<'_> {
-    /// Puts nodes on the bus that run at `rate` bits per second and acknowledge what they understand.
-    pub fn attach(&self, rate: u32) {
-        lock(self.bus).attach(rate);
-    }
-
-    /// Takes the nodes off the bus: nobody acknowledges any more, and what they wanted to send is gone.
-    pub fn detach(&self) {
-        lock(self.bus).detach();
-    }
-
-    /// Whether there are nodes.
-    pub fn is_attached(&self) -> bool {
-        lock(self.bus).is_attached()
-    }
-
-    /// Queues a frame of node 0. It goes when the bus is free and no lower identifier wants it, and again until it got
-    /// through.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::FdFrame`] for one that a classic bus does not carry.
-    pub fn send(&self, frame: &Frame) -> Result<(), Error> {
-        self.send_from(0, frame)
-    }
-
-    /// Queues a frame of `node`. Each node has a queue of its own; the fronts of the queues arbitrate.
-    ///
-    /// # Errors
-    ///
-    /// As for [`send`](Self::send).
-    pub fn send_from(&self, node: u8, frame: &Frame) -> Result<(), Error> {
-        let frame = can::to_wire(frame).ok_or(Error::FdFrame)?;
-        lock(self.bus).send(node, frame);
-        Ok(())
-    }
-
-    /// How many frames of the nodes have not gone yet.
-    pub fn unsent(&self) -> usize {
-        lock(self.bus).unsent()
-    }
-
-    /// Takes the frames that the nodes received from the board, but remote frames and those with 29-bit identifiers.
-    pub fn read(&self) -> Vec<Frame> {
-        lock(self.bus).take_heard().iter().filter_map(can::from_wire).collect()
-    }
-
-    /// How many frames the nodes received from the board that were not read yet.
-    pub fn unread(&self) -> usize {
-        lock(self.bus).unread()
-    }
-
-    /// Every frame since the beginning, in the order in which they ended, once for each attempt.
-    pub fn frames(&self) -> Vec<BusFrame> {
-        let public = |record: &Record| BusFrame {
-            start: record.start,
-            end: record.end,
-            sender: record.sender,
-            frame: can::from_wire(&record.frame),
-            outcome: record.outcome,
-        };
-        lock(self.bus).records().iter().map(public).collect()
-    }
-
-    /// Forgets the frames so far.
-    pub fn forget_frames(&self) {
-        lock(self.bus).forget_records();
-    }
-
-    /// Lets a node destroy the next `count` frames of the board with an error flag, each attempt counted.
-    pub fn destroy_next(&self, count: u32) {
-        lock(self.bus).destroy(count);
-    }
-
-    /// Whether nodes acknowledge the board's frames. They do until told otherwise.
-    pub fn set_acknowledging(&self, acknowledging: bool) {
-        lock(self.bus).set_acknowledging(acknowledging);
-    }
-
-    /// Shorts the bus: it is recessive whoever sends, until [released](Self::release). A controller that sends goes to
-    /// bus-off.
-    pub fn short(&self) {
-        lock(self.bus).set_shorted(true);
-    }
-
-    /// Ends the short.
-    pub fn release(&self) {
-        lock(self.bus).set_shorted(false);
-    }
-
-    /// Lets another node send `frame` again and again, whenever it wins the bus. `None` ends it.
-    ///
-    /// # Errors
-    ///
-    /// As for [`send`](Self::send).
-    pub fn flood(&self, frame: Option<&Frame>) -> Result<(), Error> {
-        let frame = frame
-            .map(|frame| can::to_wire(frame).ok_or(Error::FdFrame))
-            .transpose()?;
-        lock(self.bus).set_flood(frame);
-        Ok(())
-    }
-}
-
-/// The USB host and the serial port that it has open.
-#[derive(Debug)]
-pub struct Usb<'a, A: Arm> {
-    board: &'a mut VirtualBoard<A>,
-}
-
-impl<A: Arm> Usb<'_, A> {
-    /// Puts the cable in.
-    pub fn attach(&mut self) {
-        self.host(|host| host.set_cable(true));
-    }
-
-    /// Pulls the cable out. The serial port closes.
-    pub fn detach(&mut self) {
-        self.host(|host| host.set_cable(false));
-        self.board.device = None;
-        self.board.port = None;
-    }
-
-    /// Whether a device is there.
-    pub fn connected(&self) -> bool {
-        self.host(|host| host.connected())
-    }
-
-    /// Waits for a device and brings it to its first configuration: bus reset, descriptors, address.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::NoDevice`], or as the device fails to answer.
-    pub fn enumerate(&mut self) -> Result<&Enumerated, Error> {
-        self.board.port = None;
-        let appeared = self
-            .board
-            .run_until(CONNECT_LIMIT, |board| lock(&board.host).connected());
-        appeared.map_err(|error| match error {
-            Error::TimedOut { limit } => Error::NoDevice { limit },
-            other => other,
-        })?;
-        let mut bus = Wire {
-            board: self.board,
-            failed: None,
-        };
-        let device = enumerate::enumerate(&mut bus, ADDRESS);
-        if let Some(error) = bus.failed {
-            return Err(error);
-        }
-        let epoch = self.host(|host| host.epoch());
-        Ok(&self.board.device.insert((epoch, device?)).1)
-    }
-
-    /// Opens the device's serial port number `nth`, from 0, as a program does: at `coding`, with DTR and RTS on. The
-    /// device is enumerated first if it was not yet.
-    ///
-    /// # Errors
-    ///
-    /// As for [`enumerate`](Self::enumerate), and when there is no such port.
-    pub fn open(&mut self, nth: usize, coding: LineCoding) -> Result<(), Error> {
-        if self.device().is_none() {
-            self.enumerate()?;
-        }
-        let ports = self
-            .device()
-            .map_or_else(Vec::new, |device| Port::find(&device.configuration));
-        let port = *ports.get(nth).ok_or(Error::NoPort {
-            nth,
-            count: ports.len(),
-        })?;
-        self.host(|host| {
-            for endpoint in [Some(port.output), Some(port.input), port.notify].into_iter().flatten() {
-                if !host.is_open(endpoint.number, endpoint.direction) {
-                    host.open(ADDRESS, endpoint);
-                }
-            }
-        });
-        self.board.port = Some(port);
-        self.set_line_coding(coding)?;
-        self.set_control_lines(true, true)
-    }
-
-    /// The device, once it was enumerated and while it stays connected.
-    pub fn device(&self) -> Option<&Enumerated> {
-        let epoch = self.host(|host| host.epoch());
-        let (enumerated, device) = self.board.device.as_ref()?;
-        (*enumerated == epoch).then_some(device)
-    }
-
-    /// Whether a serial port is open: the device has not gone since.
-    pub fn is_open(&self) -> bool {
-        let port = self.board.port;
-        port.is_some_and(|port| self.host(|host| host.is_open(port.output.number, Direction::Out)))
-    }
-
-    /// Runs one control transfer with the device, on endpoint 0.
-    ///
-    /// # Errors
-    ///
-    /// As the transfer ends.
-    pub fn control(&mut self, request: Request) -> Result<Vec<u8>, Error> {
-        let packet = self.device().map_or(64, |device| device.device.packet);
-        Ok(self.board.control(ADDRESS, packet, request)??)
-    }
-
-    /// Sets the line coding of the open port.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::NotOpen`], or as the request ends.
-    pub fn set_line_coding(&mut self, coding: LineCoding) -> Result<(), Error> {
-        let request = self.port()?.set_line_coding(coding);
-        self.control(request).map(|_| ())
-    }
-
-    /// Asks the open port for its line coding, `None` if it answers with something else.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::NotOpen`], or as the request ends.
-    pub fn line_coding(&mut self) -> Result<Option<LineCoding>, Error> {
-        let request = self.port()?.get_line_coding();
-        Ok(LineCoding::decode(&self.control(request)?))
-    }
-
-    /// Drives DTR and RTS of the open port.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::NotOpen`], or as the request ends.
-    pub fn set_control_lines(&mut self, dtr: bool, rts: bool) -> Result<(), Error> {
-        let request = self.port()?.set_control_lines(dtr, rts);
-        self.control(request).map(|_| ())
-    }
-
-    /// Queues bytes for the open port, in packets as large as it takes. They go while the board runs.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::NotOpen`].
-    pub fn write(&mut self, bytes: &[u8]) -> Result<(), Error> {
-        let endpoint = self.port()?.output.number;
-        let open = self.host(|host| host.write(endpoint, bytes));
-        if open { Ok(()) } else { Err(Error::NotOpen) }
-    }
-
-    /// How many bytes are queued and have not gone yet.
-    pub fn unsent(&self) -> usize {
-        self.board
-            .port
-            .map_or(0, |port| self.host(|host| host.unsent(port.output.number)))
-    }
-
-    /// Takes the bytes that came from the open port.
-    pub fn read(&mut self) -> Vec<u8> {
-        self.board
-            .port
-            .map_or_else(Vec::new, |port| self.host(|host| host.read(port.input.number)))
-    }
-
-    /// How many bytes came from the open port and were not read yet.
-    pub fn unread(&self) -> usize {
-        self.board
-            .port
-            .map_or(0, |port| self.host(|host| host.unread(port.input.number)))
-    }
-
-    /// Whether the host asks the open port for bytes. It stops when a program does not read for long.
-    pub fn set_reading(&mut self, reading: bool) {
-        if let Some(port) = self.board.port {
-            self.host(|host| host.set_reading(port.input.number, reading));
-        }
-    }
-
-    /// Lets the next `count` data transactions with the open port end in a NAK, whatever the device would say.
-    pub fn inject_naks(&mut self, direction: Direction, count: u32) {
-        if let Some(port) = self.board.port {
-            let endpoint: descriptor::Endpoint = match direction {
-                Direction::Out => port.output,
-                Direction::In => port.input,
-            };
-            self.host(|host| host.inject_naks(endpoint.number, direction, count));
-        }
-    }
-
-    /// Resets the bus, as a host does that lost its way. The serial port closes.
-    pub fn reset_bus(&mut self) {
-        self.host(Host::reset);
-        self.board.device = None;
-        self.board.port = None;
-    }
-
-    /// Suspends the bus.
-    pub fn suspend(&mut self) {
-        self.host(Host::suspend);
-    }
-
-    /// Wakes the bus.
-    pub fn resume(&mut self) {
-        self.host(Host::resume);
-    }
-
-    /// Sets how often an endpoint that has nothing to say is asked again, [`Host::poll_interval`].
-    pub fn set_poll_interval(&mut self, interval: impl Into<Nanos>) {
-        self.host(|host| host.poll_interval = interval.into());
-    }
-
-    /// Every data packet since the beginning, on any endpoint but 0, in order.
-    pub fn packets(&self) -> Vec<Packet> {
-        self.host(|host| host.packets().to_vec())
-    }
-
-    /// Forgets the packets so far.
-    pub fn forget_packets(&mut self) {
-        self.host(Host::forget_packets);
-    }
-
-    fn port(&self) -> Result<Port, Error> {
-        self.board.port.ok_or(Error::NotOpen)
-    }
-
-    fn host<R>(&self, use_it: impl FnOnce(&mut Host) -> R) -> R {
-        use_it(&mut lock(&self.board.host))
-    }
-}
-
-impl<A: Arm> VirtualBoard<A> {
-    fn control(&mut self, address: u8, packet: u8, request: Request) -> Result<Result<Vec<u8>, TransferError>, Error> {
-        lock(&self.host).start_control(address, packet, request);
-        let mut result = None;
-        let ended = self.run_until(CONTROL_LIMIT, |board| {
-            result = lock(&board.host).take_control();
-            result.is_some()
-        });
-        match (ended, result) {
-            (_, Some(result)) => Ok(result),
-            (Err(Error::TimedOut { .. }) | Ok(_), None) => {
-                lock(&self.host).abandon_control();
-                Ok(Err(TransferError::TimedOut))
-            }
-            (Err(error), None) => Err(error),
-        }
-    }
-}
-
-/// The wire as enumeration wants it. If the run fails, so does every transfer from then on.
-struct Wire<'a, A: Arm> {
-    board: &'a mut VirtualBoard<A>,
-    failed: Option<Error>,
-}
-
-impl<A: Arm> enumerate::Bus for Wire<'_, A> {
-    fn wait(&mut self, span: Nanos) {
-        if self.failed.is_none() {
-            self.failed = self.board.run_for(span).err();
-        }
-    }
-
-    fn reset(&mut self) {
-        if self.failed.is_none() {
-            lock(&self.board.host).reset();
-            // The reset lasts, then frames pass.
-            let over = self.board.run_until(CONTROL_LIMIT, |board| lock(&board.host).running());
-            self.failed = over.err();
-        }
-    }
-
-    fn control(&mut self, address: u8, packet: u8, request: Request) -> Result<Vec<u8>, TransferError> {
-        if self.failed.is_some() {
-            return Err(TransferError::Disconnected);
-        }
-        self.board.control(address, packet, request).unwrap_or_else(|error| {
-            self.failed = Some(error);
-            Err(TransferError::Disconnected)
-        })
     }
 }
 

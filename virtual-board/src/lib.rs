@@ -44,7 +44,7 @@ mod time;
 mod trace;
 pub mod usb;
 
-pub use board::{Can, Config, Error, Uart, Usb, VirtualBoard};
+pub use board::{Can, Config, Error, Pipe, Uart, Usb, VirtualBoard};
 pub use line::Arm;
 pub use stm32f405::Reenabled;
 pub use time::Nanos;

@@ -27,7 +27,7 @@ use crate::flash::Flash;
 use crate::line::Arm;
 use crate::report::{Crash, Report};
 use crate::stm32f405::Stm32f405;
-use crate::stm32f405::map::{FLASH_KIB, FLASH_SIZE, UNIQUE_ID};
+use crate::stm32f405::map::{BOOT_LOADER, BOOT_LOADER_START, BOOT_LOADER_STUB, FLASH_KIB, FLASH_SIZE, UNIQUE_ID};
 use crate::stm32f405::port::lock;
 use crate::time::Nanos;
 use crate::trace::Trace;
@@ -79,6 +79,7 @@ impl<A: Arm> Bench<A> {
             Image::new(Path::new(name), bytes.to_vec(), Some(at)).expect("plain bytes with an address")
         };
         spec.factory_images = vec![
+            factory("boot loader", &BOOT_LOADER_STUB, BOOT_LOADER),
             factory("unique id", &self.unique_id, UNIQUE_ID),
             factory("flash size", &FLASH_KIB.to_le_bytes(), FLASH_SIZE),
         ];
@@ -123,6 +124,7 @@ pub(crate) enum Reply {
         at: Nanos,
         trace: Trace,
         crash: Option<Crash>,
+        in_boot_loader: bool,
     },
     /// What the run has met.
     Report(Box<Report>),
@@ -166,6 +168,7 @@ fn attempt<A: Arm>(bench: Bench<A>, run: Run) -> Result<(), emulator::Error> {
             session.watch(Watch::Instruction(*address));
         }
     }
+    session.watch(Watch::Instruction(BOOT_LOADER_START));
     let mut images = run.flash_images;
     images.push(run.image);
     let mut start = Start::new(&images);
@@ -183,6 +186,7 @@ fn attempt<A: Arm>(bench: Bench<A>, run: Run) -> Result<(), emulator::Error> {
         trace: Trace::default(),
         crashes,
         crash: None,
+        boot_loader: None,
     };
     emulator::run(session, &start, driver).map(|_| ())
 }
@@ -213,6 +217,8 @@ struct Lockstep {
     trace: Trace,
     crashes: BTreeMap<u64, Crash>,
     crash: Option<Crash>,
+    /// How many resets there had been when the boot loader started.
+    boot_loader: Option<usize>,
 }
 
 impl<A: Arm> Driver<Bench<A>> for Lockstep {
@@ -230,7 +236,12 @@ impl<A: Arm> Driver<Bench<A>> for Lockstep {
                 stop.at
             }
             Settled::Hit(hit) => {
-                if hit.kind == HitKind::Instruction {
+                if hit.kind == HitKind::Instruction && hit.address == BOOT_LOADER_START {
+                    self.boot_loader = Some(session.resets().len());
+                    if self.watchful {
+                        session.run_until(hit.at);
+                    }
+                } else if hit.kind == HitKind::Instruction {
                     self.crash = self.crashes.get(&hit.address).copied();
                     session.run_until(hit.at);
                 }
@@ -266,6 +277,7 @@ impl<A: Arm> Driver<Bench<A>> for Lockstep {
             at: stop.at.into(),
             trace: self.trace,
             crash: self.crash.take(),
+            in_boot_loader: self.boot_loader == Some(session.resets().len()),
         };
         self.replies.send(stopped).ok()?;
         loop {

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use armwire::Micros;
-use armwire_bridge::can::Id;
+use armwire_bridge::can::{Frame, Id};
 use rigless::image::Image;
 
 use super::*;
-use crate::can::{Outcome, Sender};
+use crate::can::{BusFrame, Outcome, Sender};
 use crate::report::{Cause, Restart};
 
 /// Nobody on the UART.
@@ -373,4 +373,34 @@ fn flash_contents_of_another_size_are_refused() {
     };
     let error = VirtualBoard::start_image(image, config).unwrap_err();
     assert_eq!(error.to_string(), "3 bytes for the flash, which has 1048576");
+}
+
+#[test]
+fn firmware_that_jumps_to_the_boot_loader_is_seen_there_until_a_reset() {
+    // Twenty instructions, then ldr r0, =the boot loader's reset vector; ldr r0, [r0]; bx r0.
+    let mut code = vec![NOP; 20];
+    code.extend([ldr(0, 1), load(0, 0), 0x4700, NOP]);
+    let mut board = board(&code, &[0x1FFF_0004]);
+    assert!(!board.is_in_boot_loader());
+    let took = board.run_until(Micros(10), |board| board.is_in_boot_loader()).unwrap();
+    assert!(took < Nanos(200), "{took}");
+    board.run_for(Nanos::from_millis(1)).unwrap();
+    assert!(board.is_in_boot_loader());
+    board.check().unwrap();
+    board.power_cycle().unwrap();
+    board.run_for(Nanos(50)).unwrap();
+    assert!(!board.is_in_boot_loader());
+    board.run_for(Nanos(200)).unwrap();
+    assert!(board.is_in_boot_loader());
+}
+
+#[test]
+fn an_interface_that_is_not_open_takes_and_has_nothing() {
+    let mut board = board(&[HANG, NOP], &[]);
+    let usb = board.usb();
+    for pipe in [usb.vendor(), usb.serial()] {
+        assert!(matches!(pipe.write(b"x"), Err(Error::NotOpen)));
+        assert_eq!((pipe.is_open(), pipe.unsent(), pipe.unread()), (false, 0, 0));
+        assert!(pipe.read().is_empty());
+    }
 }

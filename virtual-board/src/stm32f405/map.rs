@@ -42,6 +42,18 @@ static MEMORY: [Region; 5] = [
     Region::ram("backup_sram", 0x4002_4000, 4 << 10),
 ];
 
+/// Where the boot loader in ROM is (2.4; AN2606), and the instruction with which the stub in its place starts.
+pub(crate) const BOOT_LOADER: u64 = 0x1FFF_0000;
+pub(crate) const BOOT_LOADER_START: u64 = BOOT_LOADER + 8;
+
+/// The stub: a stack, a reset vector, and code that does nothing for ever.
+pub(crate) const BOOT_LOADER_STUB: [u8; 12] = [
+    0x00, 0x20, 0x00, 0x20, // stack: 0x2000_2000
+    0x09, 0x00, 0xFF, 0x1F, // reset: BOOT_LOADER_START, Thumb
+    0x00, 0xBF, // nop
+    0xFE, 0xE7, // b .
+];
+
 /// Where the 96-bit unique id is (39.1) and the flash size in KiB, 16 bits (39.2).
 pub(crate) const UNIQUE_ID: u64 = 0x1FFF_7A10;
 pub(crate) const FLASH_SIZE: u64 = 0x1FFF_7A22;

@@ -4,7 +4,8 @@
 //! * [`host`]: frames, transactions and transfers: the host controller;
 //! * [`descriptor`]: what a device says about itself, parsed;
 //! * [`enumerate`]: from a reset bus to a configured device;
-//! * [`cdc`]: the class driver of a USB serial port (CDC-ACM).
+//! * [`cdc`]: the class driver of a USB serial port (CDC-ACM);
+//! * [`vendor`]: an interface of the vendor's own.
 //!
 //! Nothing here knows a controller or an emulator: a host drives any [`Function`].
 
@@ -13,6 +14,7 @@ pub mod descriptor;
 pub mod enumerate;
 pub mod host;
 pub mod timing;
+pub mod vendor;
 
 use crate::time::Nanos;
 

@@ -1,0 +1,392 @@
+//! The USB host as a program uses it.
+
+use std::sync::Mutex;
+
+use super::{Error, VirtualBoard};
+use crate::line::Arm;
+use crate::stm32f405::port::lock;
+use crate::time::Nanos;
+use crate::usb::Direction;
+use crate::usb::cdc::{LineCoding, Port};
+use crate::usb::descriptor::Endpoint;
+use crate::usb::enumerate::{self, Enumerated};
+use crate::usb::host::{Host, Packet, Request, TransferError};
+use crate::usb::vendor::Vendor;
+
+/// How long a control transfer may take: a device that needs longer is broken (USB 2.0, 9.2.6.1).
+const CONTROL_LIMIT: Nanos = Nanos::from_millis(5_000);
+
+/// How long a device may take from power to its pull-up.
+const CONNECT_LIMIT: Nanos = Nanos::from_millis(2_000);
+
+/// The address that the host gives the device.
+const ADDRESS: u8 = 1;
+
+/// The USB host and the serial port that it has open.
+#[derive(Debug)]
+pub struct Usb<'a, A: Arm> {
+    pub(super) board: &'a mut VirtualBoard<A>,
+}
+
+impl<A: Arm> Usb<'_, A> {
+    /// Puts the cable in.
+    pub fn attach(&mut self) {
+        self.host(|host| host.set_cable(true));
+    }
+
+    /// Pulls the cable out. What is open on it closes.
+    pub fn detach(&mut self) {
+        self.host(|host| host.set_cable(false));
+        self.board.device = None;
+        self.board.close();
+    }
+
+    /// Whether a device is there.
+    pub fn connected(&self) -> bool {
+        self.host(|host| host.connected())
+    }
+
+    /// Waits for a device and brings it to its first configuration: bus reset, descriptors, address.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NoDevice`], or as the device fails to answer.
+    pub fn enumerate(&mut self) -> Result<&Enumerated, Error> {
+        self.board.close();
+        let appeared = self
+            .board
+            .run_until(CONNECT_LIMIT, |board| lock(&board.host).connected());
+        appeared.map_err(|error| match error {
+            Error::TimedOut { limit } => Error::NoDevice { limit },
+            other => other,
+        })?;
+        let mut bus = Wire {
+            board: self.board,
+            failed: None,
+        };
+        let device = enumerate::enumerate(&mut bus, ADDRESS);
+        if let Some(error) = bus.failed {
+            return Err(error);
+        }
+        let epoch = self.host(|host| host.epoch());
+        Ok(&self.board.device.insert((epoch, device?)).1)
+    }
+
+    /// Opens the device's serial port number `nth`, from 0, as a program does: at `coding`, with DTR and RTS on. The
+    /// device is enumerated first if it was not yet.
+    ///
+    /// # Errors
+    ///
+    /// As for [`enumerate`](Self::enumerate), and when there is no such port.
+    pub fn open(&mut self, nth: usize, coding: LineCoding) -> Result<(), Error> {
+        if self.device().is_none() {
+            self.enumerate()?;
+        }
+        let ports = self
+            .device()
+            .map_or_else(Vec::new, |device| Port::find(&device.configuration));
+        let port = *ports.get(nth).ok_or(Error::NoPort {
+            nth,
+            count: ports.len(),
+        })?;
+        self.use_endpoints([Some(port.output), Some(port.input), port.notify].into_iter().flatten());
+        self.board.port = Some(port);
+        self.set_line_coding(coding)?;
+        self.set_control_lines(true, true)
+    }
+
+    /// Opens the device's vendor-specific interface, beside its serial port. The device is enumerated first if it was not
+    /// yet.
+    ///
+    /// # Errors
+    ///
+    /// As for [`enumerate`](Self::enumerate), and when there is no such interface.
+    pub fn open_vendor(&mut self) -> Result<(), Error> {
+        if self.device().is_none() {
+            self.enumerate()?;
+        }
+        let found = self.device().and_then(|device| Vendor::find(&device.configuration));
+        let vendor = found.ok_or(Error::NoVendor)?;
+        self.use_endpoints([vendor.output, vendor.input]);
+        self.board.vendor = Some(vendor);
+        Ok(())
+    }
+
+    /// Lets the host serve endpoints, those that it does not serve yet.
+    fn use_endpoints(&self, endpoints: impl IntoIterator<Item = Endpoint>) {
+        self.host(|host| {
+            for endpoint in endpoints {
+                if !host.is_open(endpoint.number, endpoint.direction) {
+                    host.open(ADDRESS, endpoint);
+                }
+            }
+        });
+    }
+
+    /// The device, once it was enumerated and while it stays connected.
+    pub fn device(&self) -> Option<&Enumerated> {
+        let epoch = self.host(|host| host.epoch());
+        let (enumerated, device) = self.board.device.as_ref()?;
+        (*enumerated == epoch).then_some(device)
+    }
+
+    /// Whether a serial port is open: the device has not gone since.
+    pub fn is_open(&self) -> bool {
+        self.serial().is_open()
+    }
+
+    /// Runs one control transfer with the device, on endpoint 0.
+    ///
+    /// # Errors
+    ///
+    /// As the transfer ends.
+    pub fn control(&mut self, request: Request) -> Result<Vec<u8>, Error> {
+        let packet = self.device().map_or(64, |device| device.device.packet);
+        Ok(self.board.control(ADDRESS, packet, request)??)
+    }
+
+    /// Sets the line coding of the open port.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or as the request ends.
+    pub fn set_line_coding(&mut self, coding: LineCoding) -> Result<(), Error> {
+        let request = self.port()?.set_line_coding(coding);
+        self.control(request).map(|_| ())
+    }
+
+    /// Asks the open port for its line coding, `None` if it answers with something else.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or as the request ends.
+    pub fn line_coding(&mut self) -> Result<Option<LineCoding>, Error> {
+        let request = self.port()?.get_line_coding();
+        Ok(LineCoding::decode(&self.control(request)?))
+    }
+
+    /// Drives DTR and RTS of the open port.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or as the request ends.
+    pub fn set_control_lines(&mut self, dtr: bool, rts: bool) -> Result<(), Error> {
+        let request = self.port()?.set_control_lines(dtr, rts);
+        self.control(request).map(|_| ())
+    }
+
+    /// The bytes of the open port.
+    pub fn serial(&self) -> Pipe<'_> {
+        self.pipe(self.board.port.map(|port| (port.output, port.input)))
+    }
+
+    /// The bytes of the open vendor-specific interface.
+    pub fn vendor(&self) -> Pipe<'_> {
+        self.pipe(self.board.vendor.map(|vendor| (vendor.output, vendor.input)))
+    }
+
+    fn pipe(&self, endpoints: Option<(Endpoint, Endpoint)>) -> Pipe<'_> {
+        Pipe {
+            host: &self.board.host,
+            endpoints,
+        }
+    }
+
+    /// Queues bytes for the open port, in packets as large as it takes. They go while the board runs.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`].
+    pub fn write(&mut self, bytes: &[u8]) -> Result<(), Error> {
+        self.serial().write(bytes)
+    }
+
+    /// How many bytes are queued for the open port and have not gone yet.
+    pub fn unsent(&self) -> usize {
+        self.serial().unsent()
+    }
+
+    /// Takes the bytes that came from the open port.
+    pub fn read(&mut self) -> Vec<u8> {
+        self.serial().read()
+    }
+
+    /// How many bytes came from the open port and were not read yet.
+    pub fn unread(&self) -> usize {
+        self.serial().unread()
+    }
+
+    /// Whether the host asks the open port for bytes. It stops when a program does not read for long.
+    pub fn set_reading(&mut self, reading: bool) {
+        self.serial().set_reading(reading);
+    }
+
+    /// Lets the next `count` data transactions with the open port end in a NAK, whatever the device would say.
+    pub fn inject_naks(&mut self, direction: Direction, count: u32) {
+        self.serial().inject_naks(direction, count);
+    }
+
+    /// Resets the bus, as a host does that lost its way. What is open on it closes.
+    pub fn reset_bus(&mut self) {
+        self.host(Host::reset);
+        self.board.device = None;
+        self.board.close();
+    }
+
+    /// Suspends the bus.
+    pub fn suspend(&mut self) {
+        self.host(Host::suspend);
+    }
+
+    /// Wakes the bus.
+    pub fn resume(&mut self) {
+        self.host(Host::resume);
+    }
+
+    /// Sets how often an endpoint that has nothing to say is asked again, [`Host::poll_interval`].
+    pub fn set_poll_interval(&mut self, interval: impl Into<Nanos>) {
+        self.host(|host| host.poll_interval = interval.into());
+    }
+
+    /// Every data packet since the beginning, on any endpoint but 0, in order.
+    pub fn packets(&self) -> Vec<Packet> {
+        self.host(|host| host.packets().to_vec())
+    }
+
+    /// Forgets the packets so far.
+    pub fn forget_packets(&mut self) {
+        self.host(Host::forget_packets);
+    }
+
+    fn port(&self) -> Result<Port, Error> {
+        self.board.port.ok_or(Error::NotOpen)
+    }
+
+    fn host<R>(&self, use_it: impl FnOnce(&mut Host) -> R) -> R {
+        use_it(&mut lock(&self.board.host))
+    }
+}
+
+impl<A: Arm> VirtualBoard<A> {
+    fn close(&mut self) {
+        self.port = None;
+        self.vendor = None;
+    }
+
+    fn control(&mut self, address: u8, packet: u8, request: Request) -> Result<Result<Vec<u8>, TransferError>, Error> {
+        lock(&self.host).start_control(address, packet, request);
+        let mut result = None;
+        let ended = self.run_until(CONTROL_LIMIT, |board| {
+            result = lock(&board.host).take_control();
+            result.is_some()
+        });
+        match (ended, result) {
+            (_, Some(result)) => Ok(result),
+            (Err(Error::TimedOut { .. }) | Ok(_), None) => {
+                lock(&self.host).abandon_control();
+                Ok(Err(TransferError::TimedOut))
+            }
+            (Err(error), None) => Err(error),
+        }
+    }
+}
+
+/// The bytes of one of the device's interfaces, both ways. One that is not open takes none and has none.
+#[derive(Clone, Copy, Debug)]
+pub struct Pipe<'a> {
+    host: &'a Mutex<Host>,
+    /// Where bytes go, and where they come from.
+    endpoints: Option<(Endpoint, Endpoint)>,
+}
+
+impl Pipe<'_> {
+    /// Whether it is open: opened, and the device has not gone since.
+    pub fn is_open(&self) -> bool {
+        self.with(|host, (output, _)| host.is_open(output.number, Direction::Out))
+            .unwrap_or(false)
+    }
+
+    /// Queues bytes, in packets as large as the interface takes. They go while the board runs.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`].
+    pub fn write(&self, bytes: &[u8]) -> Result<(), Error> {
+        let queued = self.with(|host, (output, _)| host.write(output.number, bytes));
+        if queued == Some(true) {
+            Ok(())
+        } else {
+            Err(Error::NotOpen)
+        }
+    }
+
+    /// How many bytes are queued and have not gone yet.
+    pub fn unsent(&self) -> usize {
+        self.with(|host, (output, _)| host.unsent(output.number)).unwrap_or(0)
+    }
+
+    /// Takes the bytes that came.
+    pub fn read(&self) -> Vec<u8> {
+        self.with(|host, (_, input)| host.read(input.number))
+            .unwrap_or_default()
+    }
+
+    /// How many bytes came and were not read yet.
+    pub fn unread(&self) -> usize {
+        self.with(|host, (_, input)| host.unread(input.number)).unwrap_or(0)
+    }
+
+    /// Whether the host asks for bytes. It stops when a program does not read for long.
+    pub fn set_reading(&self, reading: bool) {
+        self.with(|host, (_, input)| host.set_reading(input.number, reading));
+    }
+
+    /// Lets the next `count` data transactions end in a NAK, whatever the device would say.
+    pub fn inject_naks(&self, direction: Direction, count: u32) {
+        self.with(|host, (output, input)| {
+            let endpoint = match direction {
+                Direction::Out => output,
+                Direction::In => input,
+            };
+            host.inject_naks(endpoint.number, direction, count);
+        });
+    }
+
+    fn with<R>(&self, use_it: impl FnOnce(&mut Host, (Endpoint, Endpoint)) -> R) -> Option<R> {
+        let endpoints = self.endpoints?;
+        Some(use_it(&mut lock(self.host), endpoints))
+    }
+}
+
+/// The wire as enumeration wants it. If the run fails, so does every transfer from then on.
+struct Wire<'a, A: Arm> {
+    board: &'a mut VirtualBoard<A>,
+    failed: Option<Error>,
+}
+
+impl<A: Arm> enumerate::Bus for Wire<'_, A> {
+    fn wait(&mut self, span: Nanos) {
+        if self.failed.is_none() {
+            self.failed = self.board.run_for(span).err();
+        }
+    }
+
+    fn reset(&mut self) {
+        if self.failed.is_none() {
+            lock(&self.board.host).reset();
+            // The reset lasts, then frames pass.
+            let over = self.board.run_until(CONTROL_LIMIT, |board| lock(&board.host).running());
+            self.failed = over.err();
+        }
+    }
+
+    fn control(&mut self, address: u8, packet: u8, request: Request) -> Result<Vec<u8>, TransferError> {
+        if self.failed.is_some() {
+            return Err(TransferError::Disconnected);
+        }
+        self.board.control(address, packet, request).unwrap_or_else(|error| {
+            self.failed = Some(error);
+            Err(TransferError::Disconnected)
+        })
+    }
+}
