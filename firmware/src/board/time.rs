@@ -1,0 +1,110 @@
+//! The clock: embassy's time driver on a timer of 32 bits, which counts microseconds.
+//!
+//! The HAL's driver uses 16 bits of any timer and counts their turns by interrupts, one each 33 ms. When the flash is
+//! erased, the chip stands still for longer, and that clock would lose the time. This one may be left alone for half an
+//! hour.
+
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering};
+use core::task::Waker;
+
+use critical_section::{CriticalSection, Mutex};
+use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
+use embassy_stm32::pac::timer::vals::Urs;
+use embassy_stm32::rcc;
+use embassy_time_driver::{Driver, TICK_HZ};
+use embassy_time_queue_utils::Queue;
+
+use super::{TIMER, TimerInterrupt, TimerPeripheral};
+
+/// The bits of the count that do not tell which half-turn of the counter it is.
+const HALF_TURN: u32 = 31;
+/// The compare channel that tells of the middle of a turn, and the one that tells when something is due.
+const MIDDLE: usize = 0;
+const ALARM: usize = 1;
+
+/// The half-turns of the counter, and who waits for what time.
+struct Clock {
+    /// Only the interrupt handler writes it. It may be late by almost a half-turn: see [`now`](Self::now).
+    half_turns: AtomicU32,
+    queue: Mutex<RefCell<Queue>>,
+}
+
+embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock {
+    half_turns: AtomicU32::new(0),
+    queue: Mutex::new(RefCell::new(Queue::new())),
+});
+
+/// Starts the clock at 0.
+pub(super) fn start() {
+    rcc::enable_and_reset::<TimerPeripheral>();
+    TIMER
+        .psc()
+        .write_value((u64::from(rcc::frequency::<TimerPeripheral>().0) / TICK_HZ - 1) as u16);
+    TIMER.arr().write_value(u32::MAX);
+    TIMER.ccr(MIDDLE).write_value(1 << HALF_TURN);
+    // The prescaler counts from the next update on, which is made here and is no turn of the counter.
+    TIMER.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
+    TIMER.egr().write(|w| w.set_ug(true));
+    TIMER.dier().write(|w| {
+        w.set_uie(true);
+        w.set_ccie(MIDDLE, true);
+    });
+    TIMER.cr1().modify(|w| w.set_cen(true));
+    // SAFETY: the handler needs nothing that is not there.
+    unsafe { TimerInterrupt::enable() };
+}
+
+impl Driver for Clock {
+    fn now(&self) -> u64 {
+        // In this order: a half-turn that ends in between does no harm. An even number belongs to the lower half of the
+        // counter. If the counter is in the other half, the handler has not run yet, and the half-turn is not over for
+        // the count.
+        let half_turns = self.half_turns.load(Ordering::Acquire);
+        let count = TIMER.cnt().read();
+        (u64::from(half_turns) << HALF_TURN) + u64::from(count ^ (half_turns & 1) << HALF_TURN)
+    }
+
+    fn schedule_wake(&self, at: u64, waker: &Waker) {
+        critical_section::with(|cs| {
+            if self.queue.borrow_ref_mut(cs).schedule_wake(at, waker) {
+                self.arm(cs);
+            }
+        });
+    }
+}
+
+impl Clock {
+    /// Wakes whoever's time has come, and asks for an interrupt when the next one's has.
+    fn arm(&self, cs: CriticalSection<'_>) {
+        loop {
+            let now = self.now();
+            let next = self.queue.borrow_ref_mut(cs).next_expiration(now);
+            // What is further away is looked at again when the half-turn ends.
+            let is_near = next - now < 1 << HALF_TURN;
+            TIMER.ccr(ALARM).write_value(next as u32);
+            TIMER.dier().modify(|w| w.set_ccie(ALARM, is_near));
+            // The counter may have gone past it meanwhile.
+            if !is_near || self.now() < next {
+                return;
+            }
+        }
+    }
+}
+
+/// Counts half-turns and wakes whoever's time has come.
+pub(crate) struct TimerHandler;
+
+impl Handler<TimerInterrupt> for TimerHandler {
+    unsafe fn on_interrupt() {
+        let flags = TIMER.sr().read();
+        // Writing 0 clears, writing 1 leaves alone.
+        TIMER.sr().write(|w| w.0 = !flags.0);
+        let ended = u32::from(flags.uif()) + u32::from(flags.ccif(MIDDLE));
+        CLOCK.half_turns.store(
+            CLOCK.half_turns.load(Ordering::Relaxed).wrapping_add(ended),
+            Ordering::Release,
+        );
+        critical_section::with(|cs| CLOCK.arm(cs));
+    }
+}
