@@ -131,16 +131,31 @@ impl Pty {
     ///
     /// When the system refuses.
     pub fn wait(&self, timeout: Option<Duration>) -> io::Result<bool> {
-        let timeout = timeout.map(|timeout| Timespec {
-            tv_sec: timeout.as_secs().try_into().unwrap_or(i64::MAX),
-            tv_nsec: timeout.subsec_nanos().into(),
-        });
-        let mut fds = [PollFd::from_borrowed_fd(self.controller.as_fd(), PollFlags::IN)];
-        match poll(&mut fds, timeout.as_ref()) {
-            Ok(ready) => Ok(ready > 0),
-            Err(Errno::INTR) => Ok(false),
-            Err(error) => Err(error.into()),
-        }
+        wait_for_any(&[self], timeout)
+    }
+}
+
+/// Waits until there is something to [`read`](Pty::read) at one of these at least, for ever or for a time. Returns
+/// whether there is.
+///
+/// A signal ends the wait early.
+///
+/// # Errors
+///
+/// When the system refuses.
+pub fn wait_for_any(ptys: &[&Pty], timeout: Option<Duration>) -> io::Result<bool> {
+    let timeout = timeout.map(|timeout| Timespec {
+        tv_sec: timeout.as_secs().try_into().unwrap_or(i64::MAX),
+        tv_nsec: timeout.subsec_nanos().into(),
+    });
+    let fds = ptys
+        .iter()
+        .map(|pty| PollFd::from_borrowed_fd(pty.controller.as_fd(), PollFlags::IN));
+    let mut fds: Vec<_> = fds.collect();
+    match poll(&mut fds, timeout.as_ref()) {
+        Ok(ready) => Ok(ready > 0),
+        Err(Errno::INTR) => Ok(false),
+        Err(error) => Err(error.into()),
     }
 }
 

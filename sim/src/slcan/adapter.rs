@@ -51,6 +51,11 @@ impl Adapter {
         }
     }
 
+    /// Whether it only listens to the bus: it acknowledges no frames.
+    pub fn is_listening(&self) -> bool {
+        self.channel == Channel::Listening
+    }
+
     /// The next byte from the program. A frame that it wants to send goes to `transmit`, which says whether there is
     /// room for it.
     pub fn receive(&mut self, byte: u8, transmit: impl FnOnce(Frame) -> bool) {

@@ -142,7 +142,9 @@ fn a_channel_opens_once_it_has_a_bit_rate_and_closes() {
     assert_eq!(desk.say(b"O\rS8\rZ0\r"), [BELL; 3]);
     assert_eq!(desk.say(b"C\r"), b"\r");
     assert_eq!((desk.adapter.bit_rate(), desk.bus.len()), (None, 0));
+    assert!(!desk.adapter.is_listening());
     assert_eq!(desk.say(b"L\rt1230\r"), b"\r\x07");
+    assert!(desk.adapter.is_listening());
 }
 
 #[test]

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
+use armwire_virtual_board::serve::{Places, serve};
 use armwire_virtual_board::{Config, VirtualBoard};
 use clap::Parser;
 
@@ -25,6 +26,12 @@ struct Args {
     /// Any serial program can open it. A pty has no modem lines: a program that sets DTR or RTS gets an error.
     #[arg(long, value_name = "PATH")]
     serve: Option<Option<PathBuf>>,
+
+    /// Serves the CAN bus too, behind an SLCAN adapter on a pty, at PATH if given.
+    ///
+    /// python-can opens it with the interface `slcan`. A program has to set the bit rate, as with LAWICEL's adapters.
+    #[arg(long, value_name = "PATH", requires = "serve")]
+    slcan: Option<Option<PathBuf>>,
 
     /// Lets gdb attach to the firmware, on this TCP port of this machine.
     #[arg(long, value_name = "PORT")]
@@ -47,8 +54,14 @@ fn run(args: Args) -> Result<(), Box<dyn std::error::Error>> {
         gdb: args.gdb,
         ..Config::new(args.image, arm)
     })?;
-    match args.serve {
-        Some(path) => Ok(armwire_virtual_board::serve::serve(board, path.as_deref())?),
+    match &args.serve {
+        Some(serial) => {
+            let places = Places {
+                serial: serial.as_deref(),
+                can: args.slcan.as_ref().map(Option::as_deref),
+            };
+            Ok(serve(board, places)?)
+        }
         None => tour::run(board),
     }
 }
