@@ -2,7 +2,10 @@
 
 extern crate std;
 
+mod control;
+mod polls;
 mod rig;
+mod safety;
 mod share;
 
 use std::vec::Vec;

@@ -1,0 +1,459 @@
+//! The control port, on USB and on CAN.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec::Vec;
+
+use armwire::Micros;
+use proptest::prelude::*;
+
+use super::rig::{Rig, ling, polite};
+use crate::can::telemetry::{Errors, Sample, event_from_frame};
+use crate::can::{Frame, Function, Node};
+use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
+use crate::control::{ArmIdentity, Event, Failure, FromAdapter, Identity, Reply, Request, Subscription, VERSION};
+use crate::{Action, CanErrors, Line, LineCoding};
+
+fn quiet() -> Rig {
+    Rig::new(Config::default())
+}
+
+/// The reply to a request on CAN.
+fn call_on_can(rig: &mut Rig, sequence: u8, request: Request) -> Reply {
+    rig.ask_on_can(sequence, request);
+    rig.run(20_000);
+    match rig.can_control.pop() {
+        Some(FromAdapter::Reply {
+            sequence: replied,
+            reply,
+        }) if replied == sequence => reply,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn simple_questions_are_answered_on_both_ports() {
+    let mut rig = quiet();
+    rig.can_out.push_back(ling(0x06, 0, &[0xFE]));
+    rig.run(10_000);
+    assert_eq!(rig.call(Request::Identify), Reply::Identity(Identity::default()));
+    assert_eq!(rig.call(Request::GetConfig), Reply::Config(Config::default()));
+    let Reply::Counters(counters) = rig.call(Request::GetCounters) else {
+        panic!()
+    };
+    assert_eq!((counters.requests_can, counters.control_requests), (1, 3));
+    let Reply::Latencies(latencies) = rig.call(Request::GetLatencies) else {
+        panic!()
+    };
+    assert_eq!(latencies.answer.counts.iter().sum::<u32>(), 1);
+    assert_eq!(latencies, rig.bridge.latencies);
+
+    assert_eq!(
+        call_on_can(&mut rig, 9, Request::Identify),
+        Reply::Identity(Identity::default())
+    );
+    assert_eq!(
+        call_on_can(&mut rig, 8, Request::GetConfig),
+        Reply::Config(Config::default())
+    );
+    assert!(matches!(
+        call_on_can(&mut rig, 7, Request::GetCounters),
+        Reply::Counters(_)
+    ));
+    assert_eq!(
+        call_on_can(&mut rig, 6, Request::GetLatencies),
+        Reply::Latencies(latencies)
+    );
+    assert_eq!(rig.bridge.counters().control_unsupported, 0);
+}
+
+#[test]
+fn what_is_not_known_is_answered_too() {
+    let mut rig = quiet();
+    // A request of the future with more behind it, a field too many, one that is cut, no COBS, an empty message.
+    let messages: [(&[u8], u8); 5] = [
+        (&[5, 0x21, 99, 1, 2, 3, 0], 0),
+        (&[4, 0x22, 0x06, 0x01, 0], 0x22),
+        (&[2, 0x23, 0], 0x23),
+        (&[9, 1, 2, 0], 0),
+        (&[1, 0], 0),
+    ];
+    for (bytes, sequence) in messages {
+        rig.bridge.control_received(bytes, Micros(rig.now));
+        rig.run(100);
+        let (replied, reply) = rig.replies.pop().unwrap_or_else(|| panic!("{bytes:?}"));
+        assert_eq!(
+            (replied, reply),
+            (sequence, Reply::Unsupported { version: VERSION }),
+            "{bytes:?}"
+        );
+    }
+    assert_eq!(rig.replies, []);
+    let c = rig.bridge.counters();
+    assert_eq!((c.control_requests, c.control_unsupported), (5, 5));
+}
+
+#[test]
+fn requests_that_come_together_are_answered_in_order_and_packets_do_not_matter() {
+    for cut in 1..20 {
+        let mut rig = quiet();
+        // Requests 1 to 20 for the counters, whose replies take more room than there is at once.
+        let stream: Vec<u8> = (1..=20).flat_map(|sequence| [3, sequence, 6, 0]).collect();
+        let mut rest = &stream[..];
+        while !rest.is_empty() {
+            if rig.bridge.control_room() {
+                let (packet, later) = rest.split_at(cut.min(rest.len()));
+                rig.bridge.control_received(packet, Micros(rig.now));
+                rest = later;
+            }
+            rig.run(10);
+        }
+        rig.run(1_000);
+        assert!(rig.replies.iter().map(|(sequence, _)| *sequence).eq(1..=20), "by {cut}");
+    }
+}
+
+#[test]
+fn a_host_that_does_not_read_is_held_back_and_loses_no_reply() {
+    let mut rig = quiet();
+    let mut asked = 0;
+    for _ in 0..200 {
+        if rig.bridge.control_room() {
+            asked += 1;
+            rig.bridge.control_received(&[3, asked, 2, 0], Micros(0));
+        }
+    }
+    assert!(asked < 50);
+    rig.run(1_000);
+    assert!(rig.replies.iter().map(|(sequence, _)| *sequence).eq(1..=asked));
+}
+
+#[test]
+fn the_arm_is_asked_what_it_is() {
+    let mut rig = quiet();
+    let sequence = rig.ask(Request::IdentifyArm);
+    assert_eq!(rig.replies, []);
+    rig.run(1_000);
+    assert_eq!(
+        call_on_can(&mut rig, 77, Request::IdentifyArm),
+        Reply::Arm(identity(Some(2)))
+    );
+    assert_eq!(rig.replies, [(sequence, Reply::Arm(identity(Some(1))))]);
+    assert_eq!(rig.bridge.counters().requests_adapter, 2);
+    assert_eq!((rig.usb.len(), rig.can.len()), (0, 0));
+
+    rig.manners = Box::new(|_| None);
+    rig.ask(Request::IdentifyArm);
+    rig.ask_on_can(78, Request::IdentifyArm);
+    rig.run(20_000);
+    assert_eq!(
+        rig.can_control,
+        [FromAdapter::Reply {
+            sequence: 78,
+            reply: Reply::Failed(Failure::Busy)
+        }]
+    );
+    rig.run(50_000);
+    assert_eq!(rig.replies.last().unwrap().1, Reply::Arm(identity(None)));
+
+    // There is nothing to ask the servos.
+    let servos = Config {
+        arm: ArmKind::Alpha1Servo,
+        ..Config::default()
+    };
+    rig.call(Request::SetConfig(servos));
+    let none = ArmIdentity {
+        kind: ArmKind::Alpha1Servo,
+        answer: None,
+    };
+    assert_eq!(rig.call(Request::IdentifyArm), Reply::Arm(none));
+}
+
+fn identity(count: Option<u8>) -> ArmIdentity {
+    let answer = count.map(|count| {
+        let mut data = [0; 24];
+        data[0] = count;
+        ling(0x01, 0, &data)[..].try_into().unwrap()
+    });
+    ArmIdentity {
+        kind: ArmKind::Ling,
+        answer,
+    }
+}
+
+#[test]
+fn a_configuration_is_in_force_at_once_or_refused_whole() {
+    let mut rig = quiet();
+    let bad = Config {
+        poll: Poll::Hertz(0),
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    };
+    let error = ConfigError::PollRate { max: 1_000, got: 0 };
+    assert_eq!(rig.call(Request::SetConfig(bad)), Reply::BadConfig(error));
+    let mut fd = Config::default();
+    fd.can.data_bit_rate = Some(5_000_000);
+    assert_eq!(
+        rig.call(Request::SetConfig(fd)),
+        Reply::BadConfig(ConfigError::DataBitRate(5_000_000))
+    );
+    assert_eq!(rig.bridge.config(), Config::default());
+
+    let mut good = Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    };
+    good.can.node = Node::new(3).unwrap();
+    assert_eq!(rig.call(Request::SetConfig(good)), Reply::Done);
+    assert_eq!(rig.call(Request::GetConfig), Reply::Config(good));
+    rig.run(10);
+    assert_eq!(rig.actions, [Action::RestartCan(good.can)]);
+    assert_eq!((rig.bridge.can_config(), rig.bridge.config()), (good.can, good));
+    let baud_115200 = LineCoding {
+        baud: 115_200,
+        ..LineCoding::LING
+    };
+    assert_eq!(
+        rig.bridge.line,
+        Line {
+            coding: baud_115200,
+            half_duplex: false
+        }
+    );
+    // What was saved is not touched.
+    assert!(rig.actions.iter().all(|action| matches!(action, Action::RestartCan(_))));
+}
+
+#[test]
+fn the_reply_on_can_goes_out_before_the_bus_is_another() {
+    let mut rig = quiet();
+    let mut other = Config::default();
+    other.can.bit_rate = 125_000;
+    rig.ask_on_can(5, Request::SetConfig(other));
+    rig.run(20_000);
+    assert_eq!(
+        rig.can_control,
+        [FromAdapter::Reply {
+            sequence: 5,
+            reply: Reply::Done
+        }]
+    );
+    assert_eq!(rig.actions, [Action::RestartCan(other.can)]);
+}
+
+#[test]
+fn a_configuration_is_saved_and_forgotten_by_firmware() {
+    let mut rig = quiet();
+    let config = Config {
+        poll: Poll::Hertz(5),
+        ..Config::default()
+    };
+    rig.call(Request::SetConfig(config));
+    let saving = rig.ask(Request::SaveConfig);
+    assert_eq!(
+        (&rig.replies[..], &rig.actions[..]),
+        (&[][..], &[Action::Save(config)][..])
+    );
+    // One at a time.
+    rig.ask_on_can(1, Request::ResetConfig);
+    rig.run(10_000);
+    assert_eq!(
+        rig.can_control,
+        [FromAdapter::Reply {
+            sequence: 1,
+            reply: Reply::Failed(Failure::Busy)
+        }]
+    );
+    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.run(10);
+    assert_eq!(rig.replies, [(saving, Reply::Done)]);
+
+    let reset = rig.ask(Request::ResetConfig);
+    assert_eq!(rig.actions.last(), Some(&Action::Reset));
+    assert_eq!(rig.bridge.config(), Config::default());
+    rig.bridge.saved(Err(()), Micros(rig.now));
+    rig.run(10);
+    assert_eq!(rig.replies.last(), Some(&(reset, Reply::Failed(Failure::Flash))));
+    let c = rig.bridge.counters();
+    assert_eq!((c.config_saves, c.config_failures), (1, 1));
+}
+
+#[test]
+fn a_restart_is_promised_and_left_to_firmware() {
+    let mut rig = quiet();
+    assert_eq!(rig.call(Request::Restart), Reply::Done);
+    assert_eq!(rig.actions, [Action::Restart]);
+    assert_eq!(rig.call(Request::RestartIntoBootLoader), Reply::Done);
+    assert_eq!(rig.actions[1..], [Action::RestartIntoBootLoader]);
+}
+
+#[test]
+fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
+    let frames = Subscription {
+        frames: true,
+        events: false,
+    };
+    let mut rig = quiet();
+    assert_eq!(call_on_can(&mut rig, 1, Request::Subscribe(frames)), Reply::Done);
+    rig.usb_out.extend(ling(0x06, 0, &[0xFE]));
+    rig.bridge.can_bus_off(true, Micros(rig.now));
+    rig.run(20_000);
+    assert_eq!(rig.events, []);
+    let [
+        FromAdapter::Event {
+            event: Event::Frame { .. },
+            ..
+        },
+    ] = &rig.can_control[..]
+    else {
+        panic!("{:?}", rig.can_control)
+    };
+    rig.subscribe();
+    rig.bridge.can_bus_off(false, Micros(rig.now));
+    rig.run(10);
+    assert_eq!(rig.events[0].1, Event::BusOff { off: false });
+
+    // A host that reads nothing on either port.
+    let frame = ling(0x06, 0, &[1; 15]);
+    for _ in 0..100 {
+        rig.bridge.uart_received(&frame, Micros(rig.now));
+    }
+    let dropped = rig.bridge.counters().dropped_events;
+    rig.run(100_000);
+    let (usb, can) = (rig.events.len() - 1, rig.can_control.len() - 1);
+    assert_eq!(usb + can + dropped as usize, 200);
+    assert!(usb >= 5 && can >= 5, "{usb} {can}");
+
+    // Nobody is told any more once the host on USB has gone.
+    rig.bridge.usb_reset();
+    rig.bridge.usb_configured(true);
+    rig.bridge.uart_received(&frame, Micros(rig.now));
+    rig.run(100_000);
+    assert_eq!((rig.events.len() - 1, rig.can_control.len() - 1), (usb, can + 1));
+}
+
+fn telemetry(telemetry_hz: u16, poll: Poll) -> Rig {
+    Rig::new(Config {
+        poll,
+        can: Can {
+            telemetry_hz,
+            ..Can::default()
+        },
+        ..Config::default()
+    })
+}
+
+fn samples(rig: &Rig) -> Vec<(u64, Sample)> {
+    let of_sample = |frame: &Frame| {
+        matches!(
+            Function::of(frame.id()).unwrap().0,
+            Function::JointsA | Function::JointsB | Function::State
+        )
+    };
+    let frames: Vec<_> = rig.frames.iter().filter(|(_, frame)| of_sample(frame)).collect();
+    let sample = |chunk: &[&(u64, Frame)]| {
+        let &[(at, a), (_, b), (_, state)] = chunk else {
+            panic!()
+        };
+        (*at, Sample::from_frames(&[*a, *b, *state]).unwrap())
+    };
+    frames.chunks_exact(3).map(sample).collect()
+}
+
+#[test]
+fn telemetry_goes_out_at_its_rate_and_never_twice() {
+    let mut rig = telemetry(100, Poll::Hertz(1_000));
+    rig.run(1_000_000);
+    let fast = samples(&rig);
+    assert!((99..=101).contains(&fast.len()), "{}", fast.len());
+    assert!(
+        fast.windows(2)
+            .all(|pair| pair[1].0 / 10_000 > pair[0].0 / 10_000 && pair[1].1.stamp > pair[0].1.stamp)
+    );
+    // Each is the newest there was.
+    assert!(fast.iter().all(|(at, sample)| at - u64::from(sample.stamp) <= 1_000));
+    assert!(fast.iter().zip(0..).all(|((_, sample), count)| sample.count == count));
+
+    let mut rig = telemetry(100, Poll::Hertz(10));
+    rig.run(1_000_000);
+    let slow = samples(&rig);
+    assert_eq!(slow.len(), 10 - 1);
+    assert!(slow.windows(2).all(|pair| pair[1].1.stamp - pair[0].1.stamp == 100_000));
+
+    let mut rig = telemetry(0, Poll::Hertz(1_000));
+    rig.run(1_000_000);
+    assert_eq!(rig.frames, []);
+}
+
+#[test]
+fn error_counts_go_out_once_a_second() {
+    let mut rig = telemetry(10, Poll::Off);
+    rig.bridge.can_errors(CanErrors { bus: 3, overruns: 1 });
+    rig.run(5_500_000);
+    let errors: Vec<_> = rig
+        .frames
+        .iter()
+        .filter_map(|(_, frame)| Errors::from_frame(frame))
+        .collect();
+    assert_eq!(errors.len(), 6);
+    assert_eq!(errors[5], Errors::from(&rig.bridge.counters()));
+    assert_eq!(errors[5].can, 4);
+}
+
+#[test]
+fn bus_off_is_told_and_counted_and_ends_what_was_under_way() {
+    let mut rig = quiet();
+    rig.subscribe();
+    let mut polite = polite();
+    rig.manners = Box::new(move |request| polite(request));
+    rig.can_out.push_back(ling(0x01, 0, &[0xFE]));
+    rig.run(700);
+    assert!(rig.bridge.can.arm.is_sending());
+    rig.bridge.can_bus_off(true, Micros(rig.now));
+    assert!(!rig.bridge.can.arm.is_sending());
+    rig.bridge.can_bus_off(false, Micros(rig.now));
+    rig.run(10_000);
+    assert_eq!(rig.bridge.counters().can_bus_offs, 1);
+    let off = |off| Event::BusOff { off };
+    assert!(
+        rig.events
+            .iter()
+            .map(|(_, event)| event.clone())
+            .filter(|event| !matches!(event, Event::Frame { .. }))
+            .eq([off(true), off(false)])
+    );
+    assert_eq!(
+        rig.frames
+            .iter()
+            .filter_map(|(_, frame)| event_from_frame(frame))
+            .count(),
+        2
+    );
+}
+
+proptest! {
+    #[test]
+    fn garbage_on_the_control_port_is_answered_or_waited_on_and_costs_nothing_behind_it(
+        garbage in prop::collection::vec(any::<u8>(), 0..300),
+    ) {
+        let mut rig = quiet();
+        for packet in garbage.chunks(64) {
+            while !rig.bridge.control_room() {
+                rig.run(100_000);
+                // Firmware has an answer to what it was asked by chance.
+                rig.bridge.saved(Ok(()), Micros(rig.now));
+            }
+            rig.bridge.control_received(packet, Micros(rig.now));
+        }
+        rig.run(100_000);
+        rig.bridge.saved(Ok(()), Micros(rig.now));
+        rig.bridge.control_received(&[0], Micros(rig.now));
+        rig.run(100_000);
+        let c = rig.bridge.counters();
+        prop_assert!(c.control_requests >= c.control_unsupported);
+        prop_assert_eq!(rig.replies.len(), c.control_requests as usize);
+        let reply = rig.call(Request::Identify);
+        prop_assert!(matches!(reply, Reply::Identity(_)), "an answer to another");
+    }
+}

@@ -1,0 +1,128 @@
+//! The adapter's own poll is on time.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec::Vec;
+
+use armwire::Micros;
+
+use super::rig::{Rig, ling, polite};
+use crate::LEAD;
+use crate::config::{Config, Poll};
+use crate::control::{Asker, Identity, Reply, Request};
+
+fn polling(poll: Poll) -> Rig {
+    Rig::new(Config {
+        poll,
+        ..Config::default()
+    })
+}
+
+/// When each poll began.
+fn polls(rig: &Rig) -> Vec<u64> {
+    let bursts = rig.askers.iter().zip(&rig.said);
+    let polls = bursts.filter(|(asker, _)| **asker == Asker::Poll);
+    polls.map(|(_, (at, _))| *at).collect()
+}
+
+#[test]
+fn a_poll_is_handed_over_before_its_slot_and_nothing_goes_out_in_between() {
+    let config = Config {
+        poll: Poll::Hertz(1_000),
+        ..Config::default()
+    };
+    let mut bridge = super::rig::Adapter::new(Identity::default(), config);
+    bridge.usb_configured(true);
+    assert_eq!(bridge.timeout(), Some(Micros(0)));
+    bridge.tick(Micros(300));
+    let at = Micros(1_300 - LEAD.0);
+    assert_eq!(bridge.timeout(), Some(at));
+    assert!(!bridge.uart_due(Micros(at.0 - 1)));
+    assert!(bridge.uart_due(at));
+    let mut out = [0; 70];
+    let burst = bridge.uart_transmit(&mut out, Micros(1_290)).unwrap();
+    assert_eq!((burst.len, burst.start), (7, Some(Micros(1_300))));
+    bridge.usb_received(b"hello", Micros(1_291));
+    assert!(!bridge.uart_due(Micros(1_291)));
+    assert_eq!(bridge.uart_transmit(&mut out, Micros(1_299)), None);
+}
+
+#[test]
+fn polls_start_at_their_slots_for_minutes() {
+    for rate in [7, 300, 1_000] {
+        let mut rig = polling(Poll::Hertz(rate));
+        rig.run(60_000_000);
+        let slots = (1_u64..).map(|n| n * 1_000_000 / u64::from(rate));
+        let polls = polls(&rig);
+        assert_eq!(polls.len(), 60 * usize::from(rate));
+        assert!(polls.iter().zip(slots).all(|(at, slot)| *at == slot));
+        let c = rig.bridge.counters();
+        assert_eq!((c.late_polls, c.missed_polls, c.unanswered_requests), (0, 0, 0));
+        assert_eq!(rig.bridge.latencies.poll.counts[0], 60 * u32::from(rate));
+    }
+}
+
+#[test]
+fn a_poll_is_late_only_by_the_exchange_that_is_under_way_and_is_counted() {
+    let mut rig = polling(Poll::Hertz(1_000));
+    for n in 0..2_000 {
+        rig.usb_out.extend(ling(0x06, 1, &[0xFE]));
+        if n % 3 == 0 {
+            rig.can_out.push_back(ling(0x06, 2, &[0xFE]));
+        }
+        rig.run(1_700 + n % 211);
+    }
+    let c = rig.bridge.counters();
+    assert_eq!((c.missed_polls, c.unanswered_requests), (0, 0));
+    let mut late = 0;
+    for (n, at) in polls(&rig).into_iter().enumerate() {
+        let slot = (n as u64 + 1) * 1_000;
+        late += u32::from(at > slot);
+        // The longest of the other exchanges takes 70 + 200 + 180 µs.
+        assert!((slot..=slot + 460).contains(&at), "poll {n} at {at}");
+    }
+    assert!(late > 100);
+    assert_eq!(c.late_polls, late);
+    let rest = &rig.bridge.latencies.poll.counts[9..];
+    assert!(rest.iter().all(|count| *count == 0));
+}
+
+#[test]
+fn slots_that_pass_while_the_arm_thinks_are_missed_and_counted() {
+    let mut rig = polling(Poll::Hertz(1_000));
+    let mut polite = polite();
+    rig.manners = Box::new(move |request| polite(request).map(|(_, answer)| (2_000, answer)));
+    rig.run(1_000_000);
+    // 70 + 2000 + 210 µs: every third slot.
+    assert_eq!(polls(&rig)[..3], [1_000, 4_000, 7_000]);
+    let c = rig.bridge.counters();
+    assert_eq!((c.late_polls, c.requests_poll), (0, 333 + 1));
+    assert_eq!(c.missed_polls, 2 * 333);
+}
+
+#[test]
+fn the_fastest_poll_follows_the_answer_at_once() {
+    let mut rig = polling(Poll::Fastest);
+    rig.run(1_000_000);
+    let polls = polls(&rig);
+    assert!(polls.windows(2).all(|pair| pair[1] - pair[0] == 70 + 200 + 210));
+    assert_eq!(polls.len(), 1_000_000 / 480 + 1);
+}
+
+#[test]
+fn polling_is_switched_on_and_off_by_the_configuration() {
+    let mut rig = Rig::new(Config::default());
+    rig.run(10_123);
+    assert_eq!(rig.bridge.timeout(), None);
+    let on = Config {
+        poll: Poll::Hertz(100),
+        ..Config::default()
+    };
+    assert_eq!(rig.call(Request::SetConfig(on)), Reply::Done);
+    rig.run(35_000);
+    assert_eq!(polls(&rig), [20_123, 30_123, 40_123]);
+    assert_eq!(rig.call(Request::SetConfig(Config::default())), Reply::Done);
+    rig.run(100_000);
+    assert_eq!(polls(&rig).len(), 3);
+}

@@ -1,0 +1,286 @@
+//! A host that streams motion and falls silent, and cyclic commands.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec;
+use std::vec::Vec;
+
+use armwire::Protocol;
+use armwire::ling::{self, Ling};
+
+use super::rig::{Rig, ling};
+use crate::can::Node;
+use crate::can::command::Command;
+use crate::can::telemetry::event_from_frame;
+use crate::config::{Can, Config, Silence};
+use crate::control::{Asker, Event, Refusal};
+
+const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
+
+fn silence(after_ms: u16, torque_off: bool) -> Config {
+    Config {
+        silence: Silence { after_ms, torque_off },
+        can: Can {
+            commands: true,
+            ..Can::default()
+        },
+        ..Config::default()
+    }
+}
+
+fn motion() -> Vec<u8> {
+    let target = Command {
+        sequence: 1,
+        joints: [2048; 6],
+        speed: 10,
+        gripper: 0,
+    };
+    let mut out = [0; 70];
+    let n = Ling::encode_request(&ling::Request::Move(target.target().unwrap()), &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+fn silences(rig: &Rig) -> Vec<(u64, Event)> {
+    let silent = rig
+        .events
+        .iter()
+        .filter(|(_, event)| matches!(event, Event::HostSilent { .. }));
+    silent.map(|(at, event)| (at.0, event.clone())).collect()
+}
+
+#[test]
+fn torque_off_is_what_the_document_says() {
+    assert_eq!(ling(0x05, 0, &[0]), TORQUE_OFF);
+}
+
+#[test]
+fn a_host_that_streams_motion_and_falls_silent_is_reported_once() {
+    for torque_off in [false, true] {
+        let mut rig = Rig::new(silence(500, torque_off));
+        rig.subscribe();
+        for _ in 0..10 {
+            rig.usb_out.extend(motion());
+            rig.run(100_000);
+        }
+        rig.run(2_000_000);
+        let event = Event::HostSilent {
+            asker: Asker::Usb,
+            dropped: 0,
+            torque_off,
+        };
+        assert_eq!(silences(&rig), [(900_000 + 500_000, event.clone())]);
+        let c = rig.bridge.counters();
+        assert_eq!(
+            (c.host_silences, c.requests_usb, c.requests_adapter),
+            (1, 10, u32::from(torque_off))
+        );
+        let last = rig.said.last().unwrap();
+        if torque_off {
+            assert_eq!(
+                (last, *rig.askers.last().unwrap()),
+                (&(1_400_000, TORQUE_OFF.to_vec()), Asker::Adapter)
+            );
+        } else {
+            assert_eq!(last.1, motion());
+        }
+        let told: Vec<_> = rig
+            .frames
+            .iter()
+            .filter_map(|(_, frame)| event_from_frame(frame))
+            .collect();
+        assert_eq!(told, [(1_400_000, event)]);
+    }
+}
+
+#[test]
+fn what_is_no_stream_or_never_silent_is_not_reported() {
+    // Two moves are no stream, nor are those further apart; one who only reads is not silent; 0 is never.
+    for (after, moves, gap, reads) in [
+        (500, 2, 100, false),
+        (500, 10, 500, false),
+        (500, 10, 100, true),
+        (0, 10, 100, false),
+    ] {
+        let mut rig = Rig::new(silence(after, true));
+        rig.subscribe();
+        for _ in 0..moves {
+            rig.usb_out.extend(motion());
+            rig.run(gap * 1_000);
+        }
+        for _ in 0..20 {
+            if reads {
+                rig.usb_out.extend(ling(0x06, 0, &[0xFE]));
+            }
+            rig.run(100_000);
+        }
+        assert_eq!(silences(&rig), []);
+        assert_eq!(rig.bridge.counters().requests_adapter, 0);
+    }
+}
+
+#[test]
+fn what_a_silent_host_had_sent_and_is_not_out_is_dropped() {
+    let mut rig = Rig::new(silence(300, false));
+    rig.subscribe();
+    for _ in 0..3 {
+        rig.usb_out.extend(motion());
+        rig.run(10_000);
+    }
+    // CAN has the arm check itself, which takes 500 ms, and the host on USB says its last.
+    rig.manners = Box::new(|_| None);
+    rig.can_out.push_back(armwire::ling::SELF_CHECK.to_vec());
+    rig.run(1_000);
+    let last = [motion(), motion()].concat();
+    rig.usb_out.extend(&last);
+    rig.run(1_000_000);
+    let dropped = last.len() as u16;
+    let event = Event::HostSilent {
+        asker: Asker::Usb,
+        dropped,
+        torque_off: false,
+    };
+    assert_eq!(silences(&rig), [(31_000 + 300_000, event)]);
+    assert_eq!(rig.bridge.counters().silenced_bytes, u32::from(dropped));
+    assert_eq!(rig.line(), [&motion().repeat(3)[..], &ling::SELF_CHECK].concat());
+    // The stream must begin anew.
+    rig.usb_out.extend(motion());
+    rig.run(1_000_000);
+    assert_eq!(rig.bridge.counters().host_silences, 1);
+}
+
+#[test]
+fn a_stream_from_can_is_watched_too() {
+    let mut rig = Rig::new(silence(200, false));
+    rig.subscribe();
+    for _ in 0..5 {
+        rig.can_out.push_back(motion());
+        rig.run(50_000);
+    }
+    rig.run(1_000_000);
+    assert_eq!(silences(&rig).len(), 1);
+    assert!(matches!(
+        silences(&rig)[0].1,
+        Event::HostSilent {
+            asker: Asker::Can,
+            dropped: 0,
+            ..
+        }
+    ));
+}
+
+fn command(sequence: u8) -> Command {
+    Command {
+        sequence,
+        joints: [2048, 1024, 3072, 0, 4095, 2049],
+        speed: 50,
+        gripper: 250,
+    }
+}
+
+fn send(rig: &mut Rig, command: Command) {
+    for frame in command.to_frames(Node::default()) {
+        rig.can_frame(&frame);
+    }
+}
+
+fn refusals(rig: &Rig) -> Vec<Refusal> {
+    let refused = |event: &Event| match event {
+        Event::Refused {
+            asker: Asker::Command,
+            reason,
+        } => Some(*reason),
+        _ => None,
+    };
+    rig.events.iter().filter_map(|(_, event)| refused(event)).collect()
+}
+
+#[test]
+fn commands_move_the_arm_when_they_are_whole_new_and_in_range() {
+    let mut rig = Rig::new(silence(0, false));
+    rig.subscribe();
+    send(&mut rig, command(0));
+    rig.run(10_000);
+    assert_eq!(rig.line(), []);
+    send(&mut rig, command(1));
+    rig.run(10_000);
+    let mut out = [0; 70];
+    let target = ling::Request::Move(command(1).target().unwrap());
+    let n = Ling::encode_request(&target, &mut out).unwrap();
+    assert_eq!(rig.line(), out[..n]);
+    assert_eq!(rig.bridge.counters().requests_command, 1);
+
+    send(&mut rig, command(1));
+    let [half, _] = command(2).to_frames(Node::default());
+    rig.can_frame(&half);
+    rig.run(100_000);
+    send(&mut rig, command(0));
+    send(&mut rig, Command { speed: 0, ..command(1) });
+    rig.run(10_000);
+    assert_eq!(
+        refusals(&rig),
+        [Refusal::Stale, Refusal::Incomplete, Refusal::OutOfRange]
+    );
+    let c = rig.bridge.counters();
+    assert_eq!(
+        (c.commands_stale, c.commands_incomplete, c.commands_out_of_range),
+        (1, 1, 1)
+    );
+    assert_eq!((c.requests_command, rig.line().len()), (1, n));
+    let told: Vec<_> = rig
+        .frames
+        .iter()
+        .filter_map(|(_, frame)| event_from_frame(frame))
+        .collect();
+    assert_eq!(told.len(), 3);
+}
+
+#[test]
+fn a_command_that_still_waits_gives_way_to_the_next() {
+    let mut rig = Rig::new(silence(0, false));
+    rig.subscribe();
+    rig.manners = Box::new(|_| None);
+    send(&mut rig, command(0));
+    rig.usb_out.extend(ling(0x06, 0, &[0xFE]));
+    rig.run(1_000);
+    send(&mut rig, command(1));
+    send(
+        &mut rig,
+        Command {
+            joints: [1; 6],
+            ..command(2)
+        },
+    );
+    rig.run(90_000);
+    assert_eq!(refusals(&rig), [Refusal::QueueFull]);
+    assert_eq!(rig.bridge.counters().requests_command, 1);
+    assert_eq!(rig.said.last().unwrap().1[4..6], [1, 0]);
+}
+
+#[test]
+fn commands_are_off_by_default() {
+    let mut rig = Rig::new(Config::default());
+    rig.subscribe();
+    for sequence in 0..5 {
+        send(&mut rig, command(sequence));
+        rig.run(10_000);
+    }
+    assert_eq!((rig.line(), rig.events), (vec![], vec![]));
+}
+
+#[test]
+fn a_silent_stream_of_commands_must_start_anew() {
+    let mut rig = Rig::new(silence(50, true));
+    rig.subscribe();
+    for sequence in 0..5 {
+        send(&mut rig, command(sequence));
+        rig.run(10_000);
+    }
+    // Within the time-out of commands, but after the silence.
+    rig.run(60_000);
+    assert_eq!(silences(&rig).len(), 1);
+    assert_eq!(rig.said.last().unwrap().1, TORQUE_OFF);
+    send(&mut rig, command(5));
+    rig.run(10_000);
+    assert_eq!(refusals(&rig), [Refusal::Stale]);
+}
