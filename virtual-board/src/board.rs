@@ -547,6 +547,11 @@ impl<A: Arm> Uart<'_, A> {
         lock(self.line).board_baud()
     }
 
+    /// Whether the board's UART uses one wire both ways (30.3.10).
+    pub fn is_half_duplex(&self) -> bool {
+        lock(self.line).is_half_duplex()
+    }
+
     /// Sets the rate of the arm's own UART, in bits per second. An arm that is more than 5 % off is not understood.
     pub fn set_arm_baud(&self, baud: u32) {
         lock(self.line).set_arm_baud(baud);

@@ -2,6 +2,9 @@
 //!
 //! The board's side of a byte is timed by the board's UART. This is the wire and the arm's own UART: when the two run at
 //! different rates, each samples the other's bits where it believes them to be, and gets what a real one would get.
+//!
+//! In half-duplex mode (RM0090, 30.3.10) one wire carries both ways: the board's receiver hears the board's own bytes, and
+//! bytes that overlap collide. Both arrive wrong, the board's own with a framing error.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -62,6 +65,8 @@ pub enum Outcome {
     Faulty(Fault),
     /// The two ends run at different rates: something else arrived.
     Garbled,
+    /// The other side sent at the same time, on the one wire of half-duplex mode: something else arrived.
+    Collided,
     /// The receiver was off, or busy with an earlier byte.
     Lost,
 }
@@ -95,6 +100,16 @@ struct Flight {
     outcome: Outcome,
 }
 
+/// A byte of the board's own on the one wire of half-duplex mode.
+#[derive(Clone, Copy, Debug)]
+struct Own {
+    sent: u8,
+    starts: Nanos,
+    /// The board's receiver takes it, too.
+    heard: bool,
+    collided: bool,
+}
+
 /// The line, and the arm at the end of it.
 #[derive(Debug)]
 pub(crate) struct Line<A> {
@@ -105,6 +120,13 @@ pub(crate) struct Line<A> {
     /// From when on the arm may send.
     free: Nanos,
     flight: Option<Flight>,
+    half_duplex: bool,
+    /// The byte that the board is sending, in half-duplex mode.
+    own: Option<Own>,
+    /// What the board's receiver has of its own last byte collided.
+    spoiled: bool,
+    /// When the last byte of the arm that collided ends.
+    jammed: Nanos,
     rates: FaultRates,
     seed: u64,
     /// How many bytes the arm has sent.
@@ -124,6 +146,10 @@ impl<A: SerialDevice> Line<A> {
             board_bit: 0,
             free: Nanos(0),
             flight: None,
+            half_duplex: false,
+            own: None,
+            spoiled: false,
+            jammed: Nanos(0),
             rates: FaultRates::default(),
             seed,
             count: 0,
@@ -173,10 +199,63 @@ impl<A: SerialDevice> Line<A> {
         Some(Nanos::from(self.arm.poll_timeout()?).max(self.free))
     }
 
+    /// Whether one wire carries both ways.
+    pub(crate) fn set_half_duplex(&mut self, half_duplex: bool) {
+        self.half_duplex = half_duplex;
+        if !half_duplex {
+            self.own = None;
+        }
+    }
+
+    pub(crate) fn is_half_duplex(&self) -> bool {
+        self.half_duplex
+    }
+
+    /// The board starts to send a byte, in half-duplex mode.
+    pub(crate) fn board_starts(&mut self, now: Nanos, sent: u8) {
+        let mut collided = now < self.jammed;
+        if let Some(flight) = self.flight.as_mut().filter(|flight| now < flight.ends) {
+            flight.outcome = Outcome::Collided;
+            collided = true;
+        }
+        self.own = Some(Own {
+            sent,
+            starts: now,
+            heard: false,
+            collided,
+        });
+    }
+
+    /// What the arm says while the board sends collides, in half-duplex mode.
+    pub(crate) fn jam(&mut self, now: Nanos) {
+        while let Some(own) = &mut self.own
+            && let Some(due) = self.arm.poll_timeout()
+            && Nanos::from(due).max(self.free) <= now
+            && let Some(sent) = self.arm.transmit(now.micros())
+        {
+            own.collided = true;
+            self.count += 1;
+            self.free = now + Nanos(10 * self.arm_bit / 1_000);
+            self.jammed = self.free;
+            self.record(self.jammed, sent, Outcome::Collided);
+        }
+    }
+
+    /// Whether what the board is receiving has collided.
+    pub(crate) fn is_jammed(&self) -> bool {
+        let arriving = self.flight.is_some_and(|flight| flight.outcome == Outcome::Collided);
+        arriving || self.spoiled || self.own.is_some_and(|own| own.collided && own.heard)
+    }
+
     /// The board sent a byte; its stop bit ended at `now`.
     pub(crate) fn board_sent(&mut self, now: Nanos, sent: u8) {
-        let (value, framing) = sample(sent, self.board_bit, self.arm_bit);
-        let outcome = if framing || value != sent {
+        let (mut value, framing) = sample(sent, self.board_bit, self.arm_bit);
+        let collided = self.own.take().filter(|own| own.collided);
+        self.spoiled = collided.is_some_and(|own| own.heard);
+        let outcome = if collided.is_some() {
+            value = !sent;
+            Outcome::Collided
+        } else if framing || value != sent {
             Outcome::Garbled
         } else {
             Outcome::Arrived
@@ -194,6 +273,17 @@ impl<A: SerialDevice> Line<A> {
     pub(crate) fn board_receives(&mut self, now: Nanos) -> Option<Arrival> {
         let follows = self.land(now);
         self.starve.store(false, Ordering::Relaxed);
+        self.spoiled = false;
+        if let Some(own) = &mut self.own {
+            // On one wire, it is busy with what the board sends. A byte whose start bit it missed is none.
+            let starts = !own.heard && now.since(own.starts).0 <= self.board_bit / 2_000;
+            own.heard |= starts;
+            return starts.then_some(Arrival {
+                value: own.sent,
+                framing: false,
+                noise: false,
+            });
+        }
         if now < self.free {
             return None;
         }

@@ -1,7 +1,8 @@
 //! The UART that the arm hangs on: the library's USART (RM0090, chapter 30), with the [line](crate::line) at its pins.
 //!
 //! The USART is the library's; this adds what lies between it and the arm: the rate it really runs at, how a byte
-//! arrives, and what happens to bytes while its receiver is off.
+//! arrives, what happens to bytes while its receiver is off, and half-duplex mode (30.3.10), which the library does not
+//! know: the receiver hears what the transmitter sends, unless it is off.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -10,7 +11,7 @@ use rigless::chip::uart::{Errors, Peer, Rate};
 use rigless::device::{Device, DeviceContext, RegisterFile, RequestChange};
 use rigless::snapshot::Store;
 use rigless::soc::RegisterSpec;
-use rigless::soc::stm32f427::generated::usart6::{Register, brr, cr1};
+use rigless::soc::stm32f427::generated::usart6::{Register, brr, cr1, cr3, sr};
 use rigless::soc::stm32f427::peripherals::usart::{Kind, Usart};
 use rigless::time::{EventId, VirtualNanos};
 
@@ -26,6 +27,8 @@ pub(super) struct Port<A: Arm> {
     usart: Usart,
     clock_hz: u64,
     line: Shared<A>,
+    /// A byte that the firmware wrote and that is not on the wire yet.
+    waiting: Option<u8>,
     /// When the arm next wants to send, and the event that says so.
     wake: Option<(Nanos, EventId)>,
 }
@@ -49,6 +52,7 @@ impl<A: Arm> Port<A> {
             usart,
             clock_hz: RESET_HZ,
             line,
+            waiting: None,
             wake: None,
         }
     }
@@ -67,7 +71,11 @@ impl<A: Arm> Port<A> {
     /// The library draws from a rate, when a byte has arrived, whether and how it is wrong. Rates of all or nothing, and
     /// the flips it will draw known in advance, let the line decide instead.
     fn prepare(&mut self) {
-        let arriving = self.end().arriving;
+        let jammed = lock(&self.line).is_jammed();
+        let mut arriving = self.end().arriving;
+        if let Some(arrival) = &mut arriving {
+            arrival.framing |= jammed;
+        }
         let errors = self.usart.errors_mut();
         errors.framing = rate("framing", arriving.is_some_and(|arrival| arrival.framing));
         errors.noise = rate("noise", arriving.is_some_and(|arrival| arrival.noise));
@@ -82,6 +90,22 @@ impl<A: Arm> Port<A> {
         self.end().flips = flips;
     }
 
+    /// Tells the line of a byte that the transmitter has begun to send: its data register is free again.
+    fn follow_transmitter(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        let status = registers.get(Register::Sr);
+        let Some(byte) = self.waiting.take_if(|_| sr::TXE.is_set(status)) else {
+            return;
+        };
+        let mut line = lock(&self.line);
+        if !line.is_half_duplex() {
+            return;
+        }
+        line.board_starts(context.now().into(), byte);
+        drop(line);
+        self.prepare();
+        self.usart.poll(registers, context);
+    }
+
     /// Tells the line what changed, and schedules what the arm wants to say.
     fn settle(&mut self, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
         let now = Nanos::from(context.now());
@@ -89,6 +113,7 @@ impl<A: Arm> Port<A> {
         let listens = cr1::UE.is_set(control) && cr1::RE.is_set(control) && self.clock_hz > 0;
         let mut line = lock(&self.line);
         line.set_board_bit(bit(registers, self.clock_hz));
+        line.set_half_duplex(cr3::HDSEL.is_set(registers.get(Register::Cr3)));
         if !listens {
             line.nobody_receives(now);
         }
@@ -204,15 +229,21 @@ impl<A: Arm> Device for Port<A> {
         lock(&self.line).set_board_bit(bit(registers, self.clock_hz));
         self.prepare();
         self.usart.write(register, value, registers, context);
+        if register == Register::Dr {
+            self.waiting = Some(value as u8);
+        }
+        self.follow_transmitter(registers, context);
         self.settle(registers, context);
     }
 
     fn on_event(&mut self, event: EventId, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        lock(&self.line).jam(context.now().into());
         self.prepare();
         if self.wake.is_some_and(|(_, wake)| wake == event) {
             self.wake = None;
         }
         self.usart.on_event(event, registers, context);
+        self.follow_transmitter(registers, context);
         self.prepare();
         self.usart.poll(registers, context);
         self.settle(registers, context);
@@ -243,6 +274,7 @@ impl<A: Arm> Device for Port<A> {
         let clock_hz = self.clock_hz;
         self.usart.reset_line(registers, context);
         self.clock_hz = clock_hz;
+        self.waiting = None;
         self.wake = None;
         self.settle(registers, context);
     }

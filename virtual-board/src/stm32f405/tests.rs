@@ -8,7 +8,7 @@ use rigless::emulator::{Error as EmulatorError, Memory};
 use rigless::soc::Width;
 
 use super::*;
-use crate::line::{Fault, Line, Outcome};
+use crate::line::{Direction, Fault, Line, LineByte, Outcome};
 use crate::time::Nanos;
 
 const RCC_AHB1ENR: u64 = 0x4002_3830;
@@ -313,6 +313,103 @@ fn an_arm_outlives_a_reset_of_the_part() {
         (2, Outcome::Lost),
         "it spoke when it was due, to nobody"
     );
+}
+
+/// USART2 on one wire, with its DMA, and its receiver on or off.
+fn half_duplex(receives: bool) -> Bench {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(USART_CR3, 1 << 6 | 1 << 3);
+    bench.write(USART_CR1, 1 << 13 | 1 << 3 | u64::from(receives) << 2);
+    bench.run_until(Nanos(50_000));
+    bench
+}
+
+/// The bytes on the line, as who sent them when and how they fared.
+fn bytes(bench: &Bench) -> Vec<(u64, Direction, u8, Outcome)> {
+    let line = port::lock(&bench.line);
+    let each = |byte: &LineByte| (byte.at.0, byte.direction, byte.sent, byte.outcome);
+    line.bytes().iter().map(each).collect()
+}
+
+#[test]
+fn on_one_wire_the_board_hears_itself_and_then_the_arm() {
+    let mut bench = half_duplex(true);
+    assert!(port::lock(&bench.line).is_half_duplex());
+    bench.write(USART_DR, 0x11);
+    bench.write(USART_DR, 0x22);
+    bench.run_until(Nanos(59_999));
+    assert_eq!(bench.ring(1), [0xEE]);
+    bench.run_until(Nanos(70_000));
+    assert_eq!(bench.ring(3), [0x11, 0x22, 0xEE], "each as its stop bit ends");
+    bench.say(&[0x33]);
+    bench.run_until(Nanos(100_000));
+    assert_eq!(bench.ring(4), [0x11, 0x22, 0x33, 0xEE]);
+    assert_eq!(
+        bytes(&bench),
+        [
+            (60_000, Direction::ToArm, 0x11, Outcome::Arrived),
+            (70_000, Direction::ToArm, 0x22, Outcome::Arrived),
+            (80_000, Direction::ToBoard, 0x33, Outcome::Arrived),
+        ]
+    );
+}
+
+#[test]
+fn on_one_wire_a_receiver_that_is_off_does_not_hear_the_board() {
+    let mut bench = half_duplex(false);
+    bench.write(USART_DR, 0x11);
+    bench.run_until(Nanos(65_000));
+    bench.write(USART_CR1, 1 << 13 | 1 << 3 | 1 << 2);
+    bench.say(&[0x33]);
+    bench.run_until(Nanos(100_000));
+    assert_eq!(bench.ring(2), [0x33, 0xEE]);
+}
+
+#[test]
+fn on_two_wires_the_board_does_not_hear_itself() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.run_until(Nanos(50_000));
+    bench.write(USART_DR, 0x11);
+    bench.say(&[0x33]);
+    bench.run_until(Nanos(100_000));
+    assert_eq!(bench.ring(2), [0x33, 0xEE]);
+}
+
+#[test]
+fn on_one_wire_bytes_that_overlap_collide() {
+    // The arm starts within the board's byte, then the board within the arm's.
+    for arm_first in [false, true] {
+        let mut bench = half_duplex(true);
+        if arm_first {
+            bench.say(&[0x33]);
+            bench.run_until(Nanos(54_000));
+            bench.write(USART_DR, 0x11);
+        } else {
+            bench.write(USART_DR, 0x11);
+            bench.run_until(Nanos(54_000));
+            bench.say(&[0x33]);
+        }
+        bench.run_until(Nanos(200_000));
+        let mut bytes = bytes(&bench);
+        bytes.sort_by_key(|&(at, ..)| at);
+        let (first, second) = match arm_first {
+            true => ((Direction::ToBoard, 0x33), (Direction::ToArm, 0x11)),
+            false => ((Direction::ToArm, 0x11), (Direction::ToBoard, 0x33)),
+        };
+        let collided = Outcome::Collided;
+        let at = if arm_first { 64_000 } else { bytes[1].0 };
+        assert_eq!(
+            bytes,
+            [(60_000, first.0, first.1, collided), (at, second.0, second.1, collided)]
+        );
+        assert_eq!(port::lock(&bench.line).arm_mut().heard[0].1, !0x11);
+        assert!(!bench.ring(2).contains(&0x11) && !bench.ring(2).contains(&0x33));
+        assert_eq!(bench.read(USART_SR) & FE, FE);
+        // The line is fine afterwards.
+        bench.say(&[0x44]);
+        bench.run_until(Nanos(300_000));
+        assert!(bench.ring(4).contains(&0x44));
+    }
 }
 
 #[test]
