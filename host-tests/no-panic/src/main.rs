@@ -4,8 +4,9 @@
 //! about. The panic handler names a symbol that does not exist: as long as the optimiser leaves one way to get there,
 //! the linker refuses, and names it.
 //!
-//! Two things are not part of it, because the panics they have are not ours: formatting, for which `core` has some left,
-//! and the async driver, for every `async fn` panics when it is polled after its end.
+//! Three things are not part of it, because the panics they have are not ours: formatting, for which `core` has some left;
+//! the async driver, for every `async fn` panics when it is polled after its end; and the store, which is async, too, and
+//! stands on a crate with assertions.
 #![no_std]
 #![no_main]
 
