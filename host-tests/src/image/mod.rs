@@ -172,7 +172,7 @@ pub fn noise(seed: u64, len: usize) -> Vec<u8> {
 ///
 /// # Panics
 ///
-/// If a byte was garbled by a wrong rate: what arrives then is the receiver's affair.
+/// If a byte was garbled by a wrong rate or collided: what arrives then is the receiver's affair.
 pub fn as_received(line: &[LineByte]) -> Vec<u8> {
     let value = |byte: &LineByte| match byte.outcome {
         Outcome::Arrived | Outcome::Faulty(Fault::Noise) => Some(byte.sent),
@@ -180,6 +180,7 @@ pub fn as_received(line: &[LineByte]) -> Vec<u8> {
         Outcome::Faulty(Fault::Break) => Some(0),
         Outcome::Faulty(Fault::Overrun) | Outcome::Lost => None,
         Outcome::Garbled => panic!("the arm's rate is not the adapter's"),
+        Outcome::Collided => panic!("both sides spoke at once"),
     };
     let from_arm = line.iter().filter(|byte| byte.direction == Direction::ToBoard);
     from_arm.filter_map(value).collect()
