@@ -71,6 +71,7 @@ pub(crate) struct Link<P: Arm, L> {
     client: Client<P, BUFFER>,
     start: Instant,
     dropped: usize,
+    checksums: usize,
 }
 
 impl<P: Arm, L: Line> Link<P, L> {
@@ -80,6 +81,7 @@ impl<P: Arm, L: Line> Link<P, L> {
             client: Client::new(config),
             start: Instant::now(),
             dropped: 0,
+            checksums: 0,
         }
     }
 
@@ -125,7 +127,9 @@ impl<P: Arm, L: Line> Link<P, L> {
                     Event::Echo(_) => heard.echoes += 1,
                     Event::Noise(noise) => {
                         self.dropped += noise.len;
-                        heard.checksums += usize::from(matches!(noise.reason, Reason::Checksum { .. }));
+                        let checksum = usize::from(matches!(noise.reason, Reason::Checksum { .. }));
+                        heard.checksums += checksum;
+                        self.checksums += checksum;
                     }
                     Event::Broken(noise) => {
                         let name = self.line.name().to_owned();
@@ -157,7 +161,10 @@ impl<P: Arm, L: Line> Link<P, L> {
         while let Some(event) = self.client.handle(now, &mut input) {
             match event {
                 Event::Unsolicited(response) => heard.push(response),
-                Event::Noise(noise) => self.dropped += noise.len,
+                Event::Noise(noise) => {
+                    self.dropped += noise.len;
+                    self.checksums += usize::from(matches!(noise.reason, Reason::Checksum { .. }));
+                }
                 _ => {}
             }
         }
@@ -167,6 +174,11 @@ impl<P: Arm, L: Line> Link<P, L> {
     /// Bytes that belonged to no frame, so far.
     pub(crate) fn dropped(&self) -> usize {
         self.dropped
+    }
+
+    /// Frames with a wrong checksum, so far.
+    pub(crate) fn checksums(&self) -> usize {
+        self.checksums
     }
 
     /// What the user calls the line.

@@ -1,15 +1,19 @@
 //! `armwire`: virtual arms, and real ones to look at and talk to, from the command line.
 #![forbid(unsafe_code)]
 
+mod adapter;
 mod call;
 mod can;
+mod config;
 mod control;
+mod counters;
 mod decode;
 mod describe;
 mod hex;
 mod info;
 mod link;
 mod monitor;
+mod motion;
 mod older;
 mod port;
 mod problem;
@@ -17,6 +21,7 @@ mod serial;
 #[cfg(unix)]
 mod sim;
 mod tcp;
+mod update;
 
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,6 +29,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 
+use control::ControlLink;
 use port::{Connection, Port};
 use problem::Problem;
 use tcp::Host;
@@ -42,15 +48,27 @@ enum Command {
     #[cfg(unix)]
     #[command(subcommand)]
     Sim(sim::Sim),
-    /// Tell what arm is on a port, and how it is.
+    /// Tell what adapter and what arm are on a port, and how the arm is.
     Info(Place),
-    /// Watch an arm's joints and status; of an alpha1, which servos run.
+    /// Watch an arm's joints, temperatures and status; of an alpha1, which servos run.
+    ///
+    /// A full screen on a terminal, a line for each reading otherwise; see --csv and --json.
     Monitor(monitor::Monitor),
+    /// Move the joints and the gripper of a Ling arm. The arm moves at once: keep clear of it.
+    Move(motion::MoveArm),
+    /// Switch a Ling arm's torque on or off. With torque off the arm falls: hold it.
+    Torque(motion::SetTorque),
     /// Make one request and print the answer.
     #[command(subcommand)]
     Call(call::Call),
     /// Tell the frames in a recording of a line, what they mean, and what is between them.
     Decode(decode::Decode),
+    /// Show or change what an adapter is told to be.
+    Config(config::Configure),
+    /// Show all that an adapter has counted, and how long things took.
+    Counters(counters::Counters),
+    /// Give an adapter another firmware, over USB with dfu-util.
+    Update(update::Update),
 }
 
 /// Where an arm is, and which it is.
@@ -65,6 +83,9 @@ struct Place {
     arm: ArmKind,
     #[command(flatten)]
     baud: Baud,
+    /// The adapter's control port, where it cannot be found from the arm's port: control:PORT, as of a virtual board.
+    #[arg(long, value_name = "PORT")]
+    control: Option<Port>,
 }
 
 impl Place {
@@ -72,6 +93,14 @@ impl Place {
     fn connect(&self) -> Result<Connection, Problem> {
         let port: Port = self.port.parse().map_err(Problem::Usage)?;
         port.connect(self.baud.baud)
+    }
+
+    /// The control port of the adapter there.
+    fn control(&self, connection: &Connection) -> Result<ControlLink, Problem> {
+        match &self.control {
+            Some(port) => port.connect(None)?.control(),
+            None => connection.control(),
+        }
     }
 
     /// The host that an xArm is on.
@@ -124,7 +153,12 @@ fn run(command: &Command) -> Result<(), Problem> {
         Command::Info(place) => info::run(place),
         Command::Monitor(monitor) => monitor.run(stop_on_ctrl_c()?),
         Command::Call(call) => call.run(),
+        Command::Move(motion) => motion.run(),
+        Command::Torque(torque) => torque.run(),
         Command::Decode(decode) => decode.run(),
+        Command::Config(config) => config.run(),
+        Command::Counters(counters) => counters.run(),
+        Command::Update(update) => update.run(),
     }
 }
 

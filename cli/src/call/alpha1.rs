@@ -210,7 +210,8 @@ fn angles(text: &str) -> Result<Angles, String> {
     Ok(angles)
 }
 
-fn duration(text: &str) -> Result<Duration, String> {
+/// A time in seconds.
+pub(crate) fn duration(text: &str) -> Result<Duration, String> {
     let seconds = number(text)?;
     Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is no time that can be waited"))
 }

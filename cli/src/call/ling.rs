@@ -105,7 +105,7 @@ impl Ask {
 }
 
 impl Target {
-    fn to_move(&self) -> Move {
+    pub(crate) fn to_move(&self) -> Move {
         let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
         for (joint, target) in joints.iter_mut().zip(self.joints.into_iter().zip(self.speed)) {
             *joint = target;

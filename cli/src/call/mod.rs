@@ -18,6 +18,8 @@ use crate::port::Port;
 use crate::problem::Problem;
 use crate::{Baud, older};
 
+pub(crate) use alpha1::duration as seconds;
+pub(crate) use ling::{Switch, Target};
 pub(crate) use xarm::ask;
 
 /// The arms there are.

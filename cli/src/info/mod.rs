@@ -18,7 +18,7 @@ pub(crate) fn run(place: &Place) -> Result<(), Problem> {
         return xarm::run(&mut Link::connect(&place.host()?)?);
     }
     let connection = place.connect()?;
-    match connection.control() {
+    match place.control(&connection) {
         Ok(mut control) => adapter::run(&mut control)?,
         // There may be no adapter, or an arm that can be asked without it.
         Err(Problem::NoControl { .. }) => {}

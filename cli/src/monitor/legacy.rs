@@ -3,9 +3,10 @@
 use std::time::Duration;
 
 use armwire::Micros;
+use armwire::ling::Position;
 use armwire::ling::legacy::{GripperState, Legacy, Response};
 
-use super::Reading;
+use super::reading::{LineErrors, News, Quantity, Reading, Source};
 use crate::describe::{joint, legacy};
 use crate::link::{Line, Link};
 use crate::problem::Problem;
@@ -13,47 +14,83 @@ use crate::problem::Problem;
 /// How long such an arm may say nothing of its joints, though it says it forty times a second.
 const SILENCE: Micros = Micros::from_millis(500);
 
-/// The newest of what the arm has said, or else the next.
-pub(super) fn read(
-    link: &mut Link<Legacy, impl Line>,
-    gripper: &mut Option<GripperState>,
-) -> Result<Option<Reading>, Problem> {
-    let until = link.now() + SILENCE;
-    let mut joints = None;
-    loop {
-        let left = match joints {
-            Some(_) => Micros(0),
-            None => until.since(link.now()),
-        };
-        let heard = link.hear(Duration::from_micros(left.0))?;
-        match (heard, &joints) {
-            (None, Some(joints)) => return Ok(Some(reading(*joints, gripper.as_ref()))),
-            (None, None) if until <= link.now() => {
-                let port = link.name().to_owned();
-                return Err(Problem::Silent { port });
-            }
-            (None, None) => {}
-            (Some(responses), _) => {
-                for response in responses {
-                    match response {
-                        Response::Joints(state) => joints = Some(state.joints()),
-                        Response::Gripper(state) => *gripper = Some(state),
-                        _ => {}
+/// An arm that is heard.
+pub(super) struct Heard<L> {
+    link: Link<Legacy, L>,
+    gripper: Option<GripperState>,
+}
+
+impl<L: Line> Heard<L> {
+    pub(super) fn new(link: Link<Legacy, L>) -> Self {
+        Self { link, gripper: None }
+    }
+}
+
+impl<L: Line> Source for Heard<L> {
+    fn arm(&self) -> &'static str {
+        "Ling, older generation"
+    }
+
+    /// The newest of what the arm has said, or else the next.
+    fn read(&mut self) -> Result<News, Problem> {
+        let until = self.link.now() + SILENCE;
+        let mut joints = None;
+        loop {
+            let left = match joints {
+                Some(_) => Micros(0),
+                None => until.since(self.link.now()),
+            };
+            let heard = self.link.hear(Duration::from_micros(left.0))?;
+            match (heard, &joints) {
+                (None, Some(joints)) => return Ok(News::Reading(reading(*joints, self.gripper.as_ref()), None)),
+                (None, None) if until <= self.link.now() => {
+                    let port = self.link.name().to_owned();
+                    return Err(Problem::Silent { port });
+                }
+                (None, None) => {}
+                (Some(responses), _) => {
+                    for response in responses {
+                        match response {
+                            Response::Joints(state) => joints = Some(state.joints()),
+                            Response::Gripper(state) => self.gripper = Some(state),
+                            _ => {}
+                        }
                     }
                 }
             }
         }
     }
+
+    fn line_errors(&self) -> LineErrors {
+        super::line_errors(&self.link)
+    }
 }
 
-fn reading(joints: [u16; 6], state: Option<&GripperState>) -> Reading {
-    let joints = joints.map(joint);
+fn reading(ticks: [u16; 6], state: Option<&GripperState>) -> Reading {
+    let words = ticks.map(joint);
     let gripper = state.map_or("gripper not heard of yet".to_owned(), legacy::gripper);
-    let rows = joints.iter().enumerate();
-    let mut rows: Vec<_> = rows.map(|(i, joint)| format!("joint {}  {joint}", i + 1)).collect();
-    rows.push(gripper.clone());
+    let line = format!("{}  {gripper}", words.join("  "));
+    let radians = ticks.map(|ticks| Position::new(ticks).ok().map(Position::radians));
+    let mut quantities = Reading::joints(radians.into_iter().zip(words));
+    // Raw, for their scale depends on the gripper.
+    let raw = |name: &str, value: fn(&GripperState) -> u16| {
+        let value = state.map(value);
+        Quantity {
+            column: format!("{}_raw", name.replace(' ', "_")),
+            name: name.to_owned(),
+            value: value.map(f64::from),
+            text: value.map_or("-".to_owned(), |value| value.to_string()),
+        }
+    };
+    quantities.extend([
+        raw("gripper", |state| state.servo),
+        raw("potentiometer", |state| state.potentiometer),
+        raw("sync button", |state| state.sync_button.into()),
+        raw("attitude button", |state| state.attitude_button.into()),
+    ]);
     Reading {
-        rows,
-        line: format!("{}  {gripper}", joints.join("  ")),
+        quantities,
+        status: None,
+        line,
     }
 }

@@ -1,31 +1,70 @@
-//! The Ling arm: joints, gripper and status.
+//! The Ling arm: joints, gripper and status, and now and then the temperatures.
 
-use armwire::ling::{JointState, Ling, Request, Response};
+use armwire::ling::{JointState, Kind, Ling, Opening, Position, Request, Response};
 
-use super::Reading;
+use super::reading::{LineErrors, News, Quantity, Reading, Source};
 use crate::describe::{gripper, joint};
 use crate::link::{Line, Link};
 use crate::problem::Problem;
 
-pub(super) fn read(link: &mut Link<Ling, impl Line>) -> Result<Option<Reading>, Problem> {
-    Ok(match link.call(Request::ReadJoints)? {
-        Some(Response::Joints(state)) => Some(reading(&state)),
-        _ => None,
-    })
+/// How many servos the larger of the two kinds has.
+pub(super) const SERVOS: usize = Kind::Follower.servos();
+
+/// An arm that is asked.
+pub(super) struct Asked<L>(pub(super) Link<Ling, L>);
+
+impl<L: Line> Source for Asked<L> {
+    fn arm(&self) -> &'static str {
+        "Ling"
+    }
+
+    fn servos(&self) -> usize {
+        SERVOS
+    }
+
+    fn read(&mut self) -> Result<News, Problem> {
+        let response = self.0.call(Request::ReadJoints)?;
+        Ok(response.map_or(News::Nothing, |response| news(&response)))
+    }
+
+    fn read_celsius(&mut self) -> Result<News, Problem> {
+        let response = self.0.call(Request::ReadTemperatures)?;
+        Ok(response.map_or(News::Nothing, |response| news(&response)))
+    }
+
+    fn line_errors(&self) -> LineErrors {
+        super::line_errors(&self.0)
+    }
+}
+
+/// What an arm's message tells.
+pub(super) fn news(response: &Response) -> News {
+    match response {
+        Response::Joints(state) => News::Reading(reading(state), None),
+        Response::Temperatures(celsius) => News::Celsius(celsius.as_slice().to_vec()),
+        _ => News::Nothing,
+    }
 }
 
 fn reading(state: &JointState) -> Reading {
-    let joints = state.joints.map(joint);
-    let gripper = gripper(state.gripper);
-    let mut rows: Vec<_> = joints
-        .iter()
-        .enumerate()
-        .map(|(i, joint)| format!("joint {}  {joint}", i + 1))
-        .collect();
-    rows.push(format!("gripper  {gripper}"));
-    rows.push(format!("status   {}", state.status));
+    let words = state.joints.map(joint);
+    let opening = gripper(state.gripper);
+    let line = format!("{}  gripper {opening}  {}", words.join("  "), state.status);
+    let radians = state
+        .joints
+        .map(|ticks| Position::new(ticks).ok().map(Position::radians));
+    let mut quantities = Reading::joints(radians.into_iter().zip(words));
+    quantities.push(Quantity {
+        column: "gripper_percent".to_owned(),
+        name: "gripper".to_owned(),
+        value: Opening::new(state.gripper)
+            .ok()
+            .map(|opening| f64::from(opening.per_mille()) / 10.0),
+        text: opening,
+    });
     Reading {
-        rows,
-        line: format!("{}  gripper {gripper}  {}", joints.join("  "), state.status),
+        quantities,
+        status: Some(state.status.to_string()),
+        line,
     }
 }

@@ -1,21 +1,42 @@
 //! `armwire monitor`: how an arm is, as it changes.
+//!
+//! A [source](reading::Source) asks the arm, or hears of it from the adapter; the [model](model::Model) keeps what was
+//! learnt; an [output](output::Output) shows it. What is here drives the three.
 
+mod adapter;
 mod alpha1;
 mod legacy;
 mod ling;
+mod model;
+mod output;
+mod reading;
+mod table;
+mod view;
 mod xarm;
 
-use std::io::{IsTerminal, Write, stdout};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use armwire::Micros;
 use armwire::ling::legacy::Legacy;
 use clap::Args;
 
+use crate::adapter::{counters, describe, identify, latencies};
+use crate::control::ControlLink;
 use crate::describe::Arm;
 use crate::link::{Line, Link};
+use crate::port::Connection;
 use crate::problem::Problem;
 use crate::{ArmKind, Place, older};
+
+use model::{Adapter, Latest, Model};
+use output::{Form, Step};
+use reading::{LineErrors, News, Source};
+
+/// How often the temperatures are asked for, and the adapter for its counters.
+const CELSIUS: Micros = Micros::from_millis(5_000);
+const ADAPTER: Micros = Micros::from_millis(1_000);
 
 /// The arguments of `armwire monitor`.
 #[derive(Args)]
@@ -28,85 +49,217 @@ pub(crate) struct Monitor {
     /// Stop after so many readings.
     #[arg(long)]
     count: Option<u64>,
-}
-
-/// What an arm is at one moment.
-struct Reading {
-    /// On several lines.
-    rows: Vec<String>,
-    /// The same on one line.
-    line: String,
+    /// Comma-separated values with a line of names, units included, in front; nothing where a value is missing.
+    #[arg(long, conflicts_with = "json")]
+    csv: bool,
+    /// A JSON object a line, with the units in the names; null where a value is missing.
+    #[arg(long)]
+    json: bool,
+    /// Ask the arm nothing: show each reading that the adapter hears, as it polls or others ask, with the adapter's own
+    /// time. The arm's port stays free for another program.
+    #[arg(long, conflicts_with_all = ["rate", "arm"])]
+    from_adapter: bool,
 }
 
 impl Monitor {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+        if self.from_adapter {
+            let control = self.place.control(&self.place.connect()?)?;
+            return self.watch(&mut adapter::Heard::new(control)?, None, stop);
+        }
         match self.place.arm {
             ArmKind::Ling => {
                 let connection = self.place.connect()?;
-                let watched = older::open(&connection).and_then(|link| self.watch(link, ling::read, stop));
+                let watched = older::open(&connection)
+                    .and_then(|link| self.watch(&mut ling::Asked(link), Some(&connection), stop));
                 let Err(problem @ Problem::Older { .. }) = watched else {
                     return watched;
                 };
                 eprintln!("armwire: {problem}");
-                let mut gripper = None;
                 let link = connection.arm::<Legacy>()?;
-                self.watch(link, |link| legacy::read(link, &mut gripper), stop)
+                self.watch(&mut legacy::Heard::new(link), Some(&connection), stop)
             }
-            ArmKind::Alpha1 => self.watch(self.place.connect()?.arm()?, alpha1::read, stop),
+            ArmKind::Alpha1 => {
+                let connection = self.place.connect()?;
+                self.watch(&mut alpha1::Asked(connection.arm()?), Some(&connection), stop)
+            }
             ArmKind::Xarm => {
-                let mut watch = xarm::Watch::default();
-                self.watch(Link::connect(&self.place.host()?)?, |link| watch.read(link), stop)
+                let link = Link::connect(&self.place.host()?)?;
+                self.watch(&mut xarm::Asked::new(link), None, stop)
             }
         }
     }
 
-    fn watch<P: Arm, L: Line>(
+    /// Shows what comes from a source, and what the adapter there tells, if there is one, until somebody has enough.
+    fn watch(
         &self,
-        mut link: Link<P, L>,
-        mut read: impl FnMut(&mut Link<P, L>) -> Result<Option<Reading>, Problem>,
+        source: &mut dyn Source,
+        connection: Option<&Connection>,
         stop: &AtomicBool,
     ) -> Result<(), Problem> {
-        let mut out = stdout().lock();
-        let terminal = out.is_terminal();
-        let period = 1_000_000 / u64::from(self.rate);
-        let mut shown = 0;
-        for _ in 0..self.count.unwrap_or(u64::MAX) {
-            if stop.load(Ordering::Relaxed) {
-                break;
-            }
-            let reading = match read(&mut link) {
+        let form = Form::new(self.csv, self.json);
+        let start = Instant::now();
+        let now = || Micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));
+        let rate = source.is_asked().then_some(self.rate);
+        let mut model = Model::new(&self.place.port, source.arm(), source.servos(), rate);
+        let mut celsius = Timer::new(CELSIUS);
+        let mut told = Timer::new(ADAPTER);
+        let mut control = None;
+        // Not before there is something to show: an arm that does not answer at all is an error, and no screen.
+        let mut output = None;
+        let mut readings = 0;
+        while readings < self.count.unwrap_or(u64::MAX) && !stop.load(Ordering::Relaxed) {
+            let step = match self.step(source, &mut model, &now) {
                 // Who has asked us to end does not ask why there is no answer.
                 Err(_) if stop.load(Ordering::Relaxed) => break,
-                reading => reading?,
+                step => step?,
             };
-            if let Some(reading) = reading {
-                let text = if terminal {
-                    block(&reading, std::mem::replace(&mut shown, reading.rows.len()))
-                } else {
-                    format!("{:9.3} s  {}\n", link.now().0 as f64 / 1e6, reading.line)
-                };
-                out.write_all(text.as_bytes())
-                    .and_then(|()| out.flush())
-                    .map_err(Problem::Output)?;
+            if step == Step::Reading {
+                readings += 1;
+                if form.shows_celsius() && celsius.is_due(now()) {
+                    self.read_celsius(source, &mut model, now())?;
+                }
             }
-            // After a pause in the line there is no catching up.
-            let now = link.now();
-            link.sleep_until(Micros((now.0 / period + 1) * period));
+            model.line_errors = source.line_errors();
+            if output.is_none() && (model.answered > 0 || !source.is_asked()) {
+                output = Some(form.open()?);
+                control = connection
+                    .filter(|_| form == Form::Screen)
+                    .and_then(|connection| self.open(connection, &mut model));
+            }
+            if form == Form::Screen
+                && told.is_due(now())
+                && let Some(control) = source.adapter().or(control.as_mut())
+            {
+                ask_adapter(control, &mut model);
+            }
+            let wait = rate.map_or(Duration::ZERO, |rate| until_next(now(), rate));
+            let Some(output) = &mut output else {
+                thread::sleep(wait);
+                continue;
+            };
+            output.show(&model, now(), step)?;
+            if output.wait(wait)? {
+                break;
+            }
         }
         Ok(())
     }
+
+    /// Asks for a reading, or listens for one.
+    fn step(&self, source: &mut dyn Source, model: &mut Model, now: &dyn Fn() -> Micros) -> Result<Step, Problem> {
+        let begun = now();
+        if source.is_asked() {
+            model.ask();
+        }
+        match source.read() {
+            Ok(News::Reading(reading, stamp)) => {
+                let at = now();
+                model.read(Latest {
+                    reading,
+                    at,
+                    stamp,
+                    latency: source.is_asked().then(|| at.since(begun)),
+                });
+                Ok(Step::Reading)
+            }
+            Ok(News::Celsius(celsius)) => {
+                model.celsius = celsius;
+                Ok(Step::Nothing)
+            }
+            Ok(News::Notice(text)) => {
+                model.notify(now(), text);
+                Ok(Step::Notice)
+            }
+            Ok(News::Nothing) => Ok(Step::Nothing),
+            // Once it has answered, the arm may be switched off and on again.
+            Err(problem @ Problem::NoAnswer { .. }) if model.answered > 0 => {
+                model.time_out(now(), problem.to_string());
+                Ok(Step::TimedOut)
+            }
+            Err(problem) => Err(problem),
+        }
+    }
+
+    fn read_celsius(&self, source: &mut dyn Source, model: &mut Model, now: Micros) -> Result<(), Problem> {
+        match source.read_celsius() {
+            Ok(News::Celsius(celsius)) => model.celsius = celsius,
+            Ok(_) => {}
+            Err(problem @ Problem::NoAnswer { .. }) => model.time_out(now, problem.to_string()),
+            Err(problem) => return Err(problem),
+        }
+        Ok(())
+    }
+
+    /// The control port of the adapter there, if there is one, and if it can be opened: a monitor can do without.
+    fn open(&self, connection: &Connection, model: &mut Model) -> Option<ControlLink> {
+        match self.place.control(connection) {
+            Ok(control) => Some(control),
+            Err(Problem::NoControl { .. }) => None,
+            Err(problem) => {
+                let told = Err(problem.to_string());
+                let name = "not reached".to_owned();
+                model.adapter = Some(Adapter { name, told });
+                None
+            }
+        }
+    }
 }
 
-/// One reading on several lines, in the place of the one before, which had `shown` lines.
-fn block(reading: &Reading, shown: usize) -> String {
-    let mut text = String::new();
-    if shown > 0 {
-        text += &format!("\x1b[{shown}A");
+/// Asks an adapter for its counters; one that did not answer is not asked again.
+fn ask_adapter(control: &mut ControlLink, model: &mut Model) {
+    let name = match &model.adapter {
+        Some(Adapter { told: Err(_), .. }) => return,
+        Some(adapter) => Ok(adapter.name.clone()),
+        None => identify(control).map(|identity| describe(&identity)),
+    };
+    let told = name.and_then(|name| Ok((name, counters(control)?, latencies(control)?)));
+    model.adapter = Some(match told {
+        Ok((name, counters, latencies)) => Adapter {
+            name,
+            told: Ok((counters, latencies)),
+        },
+        Err(problem) => Adapter {
+            name: "does not answer".to_owned(),
+            told: Err(problem.to_string()),
+        },
+    });
+}
+
+/// How long it is until the next reading of so many a second. After a pause in the line there is no catching up.
+fn until_next(now: Micros, rate: u32) -> Duration {
+    let period = 1_000_000 / u64::from(rate);
+    Duration::from_micros(period - now.0 % period)
+}
+
+/// Something that is done now and then.
+struct Timer {
+    period: Micros,
+    due: Micros,
+}
+
+impl Timer {
+    fn new(period: Micros) -> Self {
+        let due = Micros(0);
+        Self { period, due }
     }
-    for row in &reading.rows {
-        text += &format!("{row}\x1b[K\n");
+
+    /// Whether it is to be done now; then it is due again after its period.
+    fn is_due(&mut self, now: Micros) -> bool {
+        let is_due = self.due <= now;
+        if is_due {
+            self.due = now + self.period;
+        }
+        is_due
     }
-    text + "\x1b[J"
+}
+
+/// What was wrong with what came over a link.
+fn line_errors<P: Arm>(link: &Link<P, impl Line>) -> LineErrors {
+    LineErrors {
+        noise_bytes: link.dropped(),
+        checksums: link.checksums(),
+    }
 }
 
 #[cfg(test)]
@@ -114,12 +267,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_reading_takes_the_place_of_the_one_before_whatever_their_lengths() {
-        let reading = |rows: &[&str]| Reading {
-            rows: rows.iter().map(|&row| row.to_owned()).collect(),
-            line: String::new(),
-        };
-        assert_eq!(block(&reading(&["a", "b"]), 0), "a\x1b[K\nb\x1b[K\n\x1b[J");
-        assert_eq!(block(&reading(&["c"]), 2), "\x1b[2Ac\x1b[K\n\x1b[J");
+    fn readings_are_at_multiples_of_the_period_and_none_is_made_up_for() {
+        let wait = |micros| until_next(Micros(micros), 20).as_micros();
+        assert_eq!(
+            [0, 1, 49_999, 50_000, 170_000].map(wait),
+            [50_000, 49_999, 1, 50_000, 30_000]
+        );
+    }
+
+    #[test]
+    fn what_is_done_now_and_then_is_not_made_up_for_either() {
+        let mut watched = Timer::new(Micros(100));
+        let due = [0, 99, 100, 350, 440, 450].map(|now| watched.is_due(Micros(now)));
+        assert_eq!(due, [true, false, true, true, false, true]);
     }
 }

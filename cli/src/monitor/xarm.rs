@@ -6,7 +6,7 @@
 
 use armwire::xarm::{Command, Raw, Reply, State, Transactions, XArm};
 
-use super::Reading;
+use super::reading::{LineErrors, News, Reading, Source};
 use crate::call::ask;
 use crate::describe::angle;
 use crate::hex;
@@ -18,63 +18,84 @@ const POSITIONS: u8 = 42;
 /// How many positions there are, whatever the arm.
 const JOINTS: usize = 7;
 
-/// What is known of the arm between readings.
-#[derive(Default)]
-pub(super) struct Watch {
+/// An arm that is asked.
+pub(super) struct Asked<L> {
+    link: Link<XArm, L>,
     transactions: Transactions,
     /// How many joints the arm has, once it was asked.
     axes: Option<usize>,
 }
 
-impl Watch {
-    pub(super) fn read(&mut self, link: &mut Link<XArm, impl Line>) -> Result<Option<Reading>, Problem> {
+impl<L: Line> Asked<L> {
+    pub(super) fn new(link: Link<XArm, L>) -> Self {
+        Self {
+            link,
+            transactions: Transactions::default(),
+            axes: None,
+        }
+    }
+
+    /// How many joints the arm has; as many as any if it does not tell.
+    fn read_axes(&mut self) -> Result<usize, Problem> {
+        Ok(
+            match ask(&mut self.link, &mut self.transactions, Command::ReadVersion)? {
+                Some((_, Reply::Version(text))) => text.version().map_or(JOINTS, |version| version.axes.into()),
+                _ => JOINTS,
+            },
+        )
+    }
+}
+
+impl<L: Line> Source for Asked<L> {
+    fn arm(&self) -> &'static str {
+        "xArm"
+    }
+
+    fn read(&mut self) -> Result<News, Problem> {
         let axes = match self.axes {
             Some(axes) => axes,
             None => {
-                let axes = self.read_axes(link)?;
+                let axes = self.read_axes()?;
                 *self.axes.insert(axes)
             }
         };
         let positions = Raw::new(POSITIONS, &[]).expect("the document does not have this register");
-        Ok(match ask(link, &mut self.transactions, Command::Raw(positions))? {
-            Some((state, Reply::Raw(raw))) => Some(reading(state, raw.params(), axes)),
-            _ => None,
-        })
+        Ok(
+            match ask(&mut self.link, &mut self.transactions, Command::Raw(positions))? {
+                Some((state, Reply::Raw(raw))) => News::Reading(reading(state, raw.params(), axes), None),
+                _ => News::Nothing,
+            },
+        )
     }
 
-    /// How many joints the arm has; as many as any if it does not tell.
-    fn read_axes(&mut self, link: &mut Link<XArm, impl Line>) -> Result<usize, Problem> {
-        Ok(match ask(link, &mut self.transactions, Command::ReadVersion)? {
-            Some((_, Reply::Version(text))) => text.version().map_or(JOINTS, |version| version.axes.into()),
-            _ => JOINTS,
-        })
+    fn line_errors(&self) -> LineErrors {
+        super::line_errors(&self.link)
     }
 }
 
 fn reading(state: State, params: &[u8], axes: usize) -> Reading {
-    let joints: Vec<_> = match params.as_chunks() {
-        (positions, []) if positions.len() == JOINTS => positions
-            .iter()
-            .take(axes)
-            .map(|&bytes| angle(f32::from_le_bytes(bytes)))
-            .collect(),
-        _ => Vec::new(),
+    let told = match params.as_chunks() {
+        (positions, []) if positions.len() == JOINTS => Some(positions),
+        _ => None,
     };
-    let mut rows: Vec<_> = (1..)
-        .zip(&joints)
-        .map(|(n, joint)| format!("joint {n}  {joint}"))
-        .collect();
-    let mut line = joints.join("  ");
-    if joints.is_empty() {
-        line = match params {
-            [] => format!("register {POSITIONS} not told"),
-            params => format!("register {POSITIONS} {}", hex::show(params)),
-        };
-        rows.push(line.clone());
-    }
-    rows.push(format!("state    {state}"));
+    let radians = (0..axes.min(JOINTS)).map(|joint| Some(f32::from_le_bytes(*told?.get(joint)?)));
+    let words = |radians: Option<f32>| (radians, radians.map_or("not told".to_owned(), angle));
+    let quantities = Reading::joints(radians.map(words));
+    let line = match (told, params) {
+        (Some(_), _) => {
+            let joints: Vec<_> = quantities.iter().map(|joint| joint.text.as_str()).collect();
+            joints.join("  ")
+        }
+        (None, []) => format!("register {POSITIONS} not told"),
+        (None, params) => format!("register {POSITIONS} {}", hex::show(params)),
+    };
+    let status = match told {
+        Some(_) => state.to_string(),
+        None => format!("{state}, {line}"),
+    };
     Reading {
+        quantities,
+        status: Some(status),
         line: format!("{line}  {state}"),
-        rows,
     }
 }

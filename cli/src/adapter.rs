@@ -1,0 +1,128 @@
+//! An adapter on the command line: where it is, and what of it is shown in the same way everywhere.
+
+use std::io::{Write, stdout};
+
+use armwire_bridge::control::{Histogram, Identity, Latencies, Reply, Request};
+use clap::Args;
+use serde_json::{Map, Value, json};
+
+use crate::control::ControlLink;
+use crate::port::Port;
+use crate::problem::Problem;
+
+/// Where an adapter is.
+#[derive(Args)]
+pub(crate) struct AdapterPort {
+    /// The adapter's serial port, such as /dev/ttyACM0 or COM3; or can:IFACE/NODE, on a CAN bus of Linux; or
+    /// slcan:PORT@BITRATE/NODE, on the bus of an SLCAN adapter; or control:PORT, the control port itself.
+    port: Port,
+}
+
+impl AdapterPort {
+    /// Opens the adapter's control port.
+    pub(crate) fn open(&self) -> Result<ControlLink, Problem> {
+        self.port.connect(None)?.control()
+    }
+}
+
+/// What an adapter is.
+pub(crate) fn identify(control: &mut ControlLink) -> Result<Identity, Problem> {
+    match control.call(Request::Identify)? {
+        Reply::Identity(identity) => Ok(identity),
+        reply => Err(odd(control, &reply)),
+    }
+}
+
+/// What an adapter is, in words.
+pub(crate) fn describe(identity: &Identity) -> String {
+    let Identity { board, firmware, .. } = identity;
+    match identity.commit.as_str() {
+        "" => format!("{board}, firmware {firmware}"),
+        commit => format!("{board}, firmware {firmware} ({commit})"),
+    }
+}
+
+/// All counters of an adapter by their names, in the order in which they are declared.
+pub(crate) fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Problem> {
+    match control.call(Request::GetCounters)? {
+        Reply::Counters(counters) => match serde_json::to_value(counters) {
+            Ok(Value::Object(counters)) => Ok(counters),
+            _ => unreachable!("a structure of numbers is a map"),
+        },
+        reply => Err(odd(control, &reply)),
+    }
+}
+
+/// How long things took at an adapter.
+pub(crate) fn latencies(control: &mut ControlLink) -> Result<Latencies, Problem> {
+    match control.call(Request::GetLatencies)? {
+        Reply::Latencies(latencies) => Ok(latencies),
+        reply => Err(odd(control, &reply)),
+    }
+}
+
+/// What is measured, by its name.
+pub(crate) fn histograms(latencies: &Latencies) -> [(&'static str, &'static str, &Histogram); 3] {
+    [
+        (
+            "answer",
+            "from a request's last byte to its answer's last byte",
+            &latencies.answer,
+        ),
+        (
+            "turn",
+            "from a request's arrival at the adapter to its first byte on the line",
+            &latencies.turn,
+        ),
+        (
+            "poll",
+            "from a poll's slot to its first byte on the line",
+            &latencies.poll,
+        ),
+    ]
+}
+
+/// An answer, though to another question than was asked.
+pub(crate) fn odd(control: &ControlLink, reply: &Reply) -> Problem {
+    Problem::Refused {
+        name: control.name().to_owned(),
+        what: format!("the adapter answers what it was not asked: {reply:?}"),
+    }
+}
+
+/// How many durations a histogram has.
+pub(crate) fn total(histogram: &Histogram) -> u64 {
+    histogram.counts.iter().map(|&count| u64::from(count)).sum()
+}
+
+/// The duration that so many of a hundred were shorter than, in words; none where nothing was measured.
+pub(crate) fn percentile(histogram: &Histogram, percent: u64) -> Option<String> {
+    let least = (total(histogram) * percent).div_ceil(100).max(1);
+    let mut sum = 0;
+    let bucket = histogram.counts.iter().position(|&count| {
+        sum += u64::from(count);
+        sum >= least
+    })?;
+    Some(limit(bucket))
+}
+
+/// A bucket in words, such as `< 512 µs`.
+pub(crate) fn limit(bucket: usize) -> String {
+    match Histogram::limit(bucket) {
+        Some(limit) => format!("< {} µs", limit.0),
+        None => format!("≥ {} µs", Histogram::limit(bucket - 1).unwrap_or_default().0),
+    }
+}
+
+/// Prints one value as JSON.
+pub(crate) fn print_json(value: &Value) -> Result<(), Problem> {
+    writeln!(stdout(), "{value:#}").map_err(Problem::Output)
+}
+
+/// A histogram as the upper limits of its buckets, in microseconds, with their counts. The last has no limit.
+pub(crate) fn histogram_json(histogram: &Histogram) -> Value {
+    let buckets = histogram.counts.iter().enumerate();
+    let buckets =
+        buckets.map(|(i, count)| json!({ "below_us": Histogram::limit(i).map(|limit| limit.0), "count": count }));
+    Value::Array(buckets.collect())
+}

@@ -1,0 +1,104 @@
+//! `armwire counters`: all that an adapter has counted and measured since it started.
+
+use std::io::{Write, stdout};
+
+use armwire_bridge::control::Histogram;
+use clap::Args;
+use serde_json::{Value, json};
+
+use crate::adapter::{self, AdapterPort, histograms};
+use crate::problem::Problem;
+
+/// How wide the longest bar of a histogram is.
+const BAR: u64 = 40;
+
+/// The arguments of `armwire counters`.
+#[derive(Args)]
+pub(crate) struct Counters {
+    #[command(flatten)]
+    adapter: AdapterPort,
+    /// Only counters that are not zero, and only latencies that were measured.
+    #[arg(long, conflicts_with = "json")]
+    brief: bool,
+    /// As one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Counters {
+    pub(crate) fn run(&self) -> Result<(), Problem> {
+        let mut control = self.adapter.open()?;
+        let counters = adapter::counters(&mut control)?;
+        let latencies = adapter::latencies(&mut control)?;
+        let latencies = histograms(&latencies);
+        if self.json {
+            let latencies = latencies.map(|(name, _, histogram)| (name.to_owned(), adapter::histogram_json(histogram)));
+            let latencies = Value::Object(latencies.into_iter().collect());
+            return adapter::print_json(&json!({ "counters": counters, "latencies": latencies }));
+        }
+        let mut text = String::new();
+        for (name, count) in counters
+            .iter()
+            .filter(|&(_, count)| !self.brief || count.as_u64() != Some(0))
+        {
+            text += &format!("{name:<24}{count:>10}\n");
+        }
+        for (name, what, histogram) in latencies {
+            if !self.brief || adapter::total(histogram) > 0 {
+                text += &format!("\n{name} ({what}): {}\n{}", adapter::total(histogram), bars(histogram));
+            }
+        }
+        stdout().write_all(text.as_bytes()).map_err(Problem::Output)
+    }
+}
+
+/// A histogram with a bar for each bucket that has something in it.
+fn bars(histogram: &Histogram) -> String {
+    let most = histogram.counts.iter().copied().max().unwrap_or(0).max(1);
+    let mut text = String::new();
+    for (bucket, &count) in histogram.counts.iter().enumerate().filter(|&(_, &count)| count > 0) {
+        // At least one, so that the rare is seen.
+        let len = (u64::from(count) * BAR).div_ceil(most.into());
+        text += &format!(
+            "  {:>10}{count:>12}  {}\n",
+            adapter::limit(bucket),
+            "█".repeat(len as usize)
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_histogram_shows_what_is_in_it_and_the_rare_too() {
+        let mut histogram = Histogram::default();
+        histogram.counts[8] = 1_000_000;
+        histogram.counts[15] = 1;
+        let lines: Vec<_> = bars(&histogram).lines().map(str::to_owned).collect();
+        assert_eq!(
+            lines,
+            [
+                format!("    < 512 µs     1000000  {}", "█".repeat(40)),
+                "  ≥ 32768 µs           1  █".to_owned()
+            ]
+        );
+        assert_eq!(bars(&Histogram::default()), "");
+    }
+
+    #[test]
+    fn percentiles_are_the_limits_of_their_buckets() {
+        let mut histogram = Histogram::default();
+        assert_eq!(adapter::percentile(&histogram, 50), None);
+        histogram.counts[3] = 98;
+        histogram.counts[9] = 1;
+        histogram.counts[15] = 1;
+        let percentile = |percent| adapter::percentile(&histogram, percent).unwrap();
+        assert_eq!(
+            [50, 98, 99, 100].map(percentile),
+            ["< 16 µs", "< 16 µs", "< 1024 µs", "≥ 32768 µs"]
+        );
+    }
+}

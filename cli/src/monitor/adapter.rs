@@ -1,0 +1,124 @@
+//! What an adapter hears from the arm, whoever has asked: the frames come with the time on its own clock, and nobody has
+//! to be kept from the arm's port.
+
+use std::time::Duration;
+
+use armwire::Protocol;
+use armwire::alpha1::{Alpha1, Request as Alpha1Request};
+use armwire::ling::{Ling, Request as LingRequest};
+use armwire_bridge::config::{ArmKind, Poll};
+use armwire_bridge::control::{self, Event, Subscription};
+
+use super::reading::{LineErrors, News, Source};
+use super::{alpha1, ling};
+use crate::config;
+use crate::control::ControlLink;
+use crate::problem::Problem;
+
+/// How long is listened at once. Meanwhile no key is heard.
+const LISTEN: Duration = Duration::from_millis(50);
+
+/// An adapter that is listened to.
+pub(super) struct Heard {
+    control: ControlLink,
+    arm: ArmKind,
+    /// What to tell the user first.
+    hint: Option<String>,
+}
+
+impl Heard {
+    /// Asks the adapter to tell all that it hears.
+    pub(super) fn new(mut control: ControlLink) -> Result<Self, Problem> {
+        let config = config::get(&mut control)?;
+        if !matches!(config.arm, ArmKind::Ling | ArmKind::Alpha1) {
+            return Err(Problem::Refused {
+                name: control.name().to_owned(),
+                what: format!("the adapter is set for '{}', of which it hears no readings", config.arm),
+            });
+        }
+        let all = Subscription {
+            frames: true,
+            events: true,
+        };
+        control.call(control::Request::Subscribe(all))?;
+        let hint = (config.poll == Poll::Off).then(|| {
+            "the adapter does not poll, so this shows what others ask for ('armwire config … set poll=200')".to_owned()
+        });
+        let arm = config.arm;
+        Ok(Self { control, arm, hint })
+    }
+}
+
+impl Source for Heard {
+    fn arm(&self) -> &'static str {
+        match self.arm {
+            ArmKind::Alpha1 => "Alpha1",
+            _ => "Ling",
+        }
+    }
+
+    fn servos(&self) -> usize {
+        match self.arm {
+            ArmKind::Alpha1 => 0,
+            _ => ling::SERVOS,
+        }
+    }
+
+    fn is_asked(&self) -> bool {
+        false
+    }
+
+    fn read(&mut self) -> Result<News, Problem> {
+        if let Some(hint) = self.hint.take() {
+            return Ok(News::Notice(hint));
+        }
+        Ok(match self.control.hear(LISTEN)? {
+            None => News::Nothing,
+            Some((at, Event::Frame { bytes, .. })) => match frame(self.arm, &bytes) {
+                News::Reading(reading, _) => News::Reading(reading, Some(at)),
+                other => other,
+            },
+            Some((_, event)) => told(&event).map_or(News::Nothing, News::Notice),
+        })
+    }
+
+    /// The adapter counts them.
+    fn line_errors(&self) -> LineErrors {
+        LineErrors::default()
+    }
+
+    fn adapter(&mut self) -> Option<&mut ControlLink> {
+        Some(&mut self.control)
+    }
+}
+
+/// What a frame of the arm tells, as an answer to the request that a monitor makes.
+fn frame(arm: ArmKind, bytes: &[u8]) -> News {
+    match arm {
+        ArmKind::Alpha1 => response::<Alpha1>(bytes, &Alpha1Request::ReadServoStates, alpha1::news),
+        _ => response::<Ling>(bytes, &LingRequest::ReadJoints, ling::news),
+    }
+}
+
+fn response<P: Protocol>(bytes: &[u8], request: &P::Request, news: fn(&P::Response) -> News) -> News {
+    let response = P::view(bytes).and_then(|frame| P::parse_response(frame, P::expect(Some(request))).ok());
+    response.map_or(News::Nothing, |response| news(&response))
+}
+
+/// An event in words.
+fn told(event: &Event) -> Option<String> {
+    Some(match event {
+        Event::Frame { .. } => return None,
+        Event::HostSilent {
+            asker,
+            dropped,
+            torque_off,
+        } => {
+            let torque = if *torque_off { ", the torque is off" } else { "" };
+            format!("the host on {asker} fell silent in a motion: {dropped} bytes dropped{torque}")
+        }
+        Event::Refused { asker, reason } => format!("a request of {asker} was refused: {reason}"),
+        Event::BusOff { off: true } => "the adapter has left the CAN bus, for there are too many errors".to_owned(),
+        Event::BusOff { off: false } => "the adapter is back on the CAN bus".to_owned(),
+    })
+}

@@ -1,0 +1,221 @@
+//! Where a monitor's readings go: onto a full screen, or line by line to whoever reads the output.
+
+use std::io::{self, IsTerminal, Write, stdout};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire::Micros;
+use ratatui::DefaultTerminal;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
+use serde_json::{Map, Value};
+
+use super::model::Model;
+use super::{table, view};
+use crate::problem::Problem;
+
+/// How often the screen is drawn at most.
+const DRAWN: Duration = Duration::from_millis(50);
+
+/// How readings are told.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// On a full screen.
+    Screen,
+    /// A line for people.
+    Lines,
+    /// Comma-separated values.
+    Csv,
+    /// A JSON object a line.
+    Json,
+}
+
+/// What has just happened.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Step {
+    /// A reading came.
+    Reading,
+    /// The arm did not answer.
+    TimedOut,
+    /// There is something to tell the user.
+    Notice,
+    /// None of these.
+    Nothing,
+}
+
+/// What shows a model.
+pub(super) trait Output {
+    /// Shows how things are after this step.
+    fn show(&mut self, model: &Model, now: Micros, step: Step) -> Result<(), Problem>;
+
+    /// Waits for so long. Returns whether the user wants to end.
+    fn wait(&mut self, wait: Duration) -> Result<bool, Problem> {
+        thread::sleep(wait);
+        Ok(false)
+    }
+}
+
+impl Form {
+    /// On a terminal that can do it a full screen, unless another form is asked for.
+    pub(super) fn new(csv: bool, json: bool) -> Self {
+        let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+        match (csv, json) {
+            (true, _) => Self::Csv,
+            (_, true) => Self::Json,
+            _ if stdout().is_terminal() && !is_dumb => Self::Screen,
+            _ => Self::Lines,
+        }
+    }
+
+    /// Whether it has a place for temperatures.
+    pub(super) fn shows_celsius(self) -> bool {
+        self != Self::Lines
+    }
+
+    pub(super) fn open(self) -> Result<Box<dyn Output>, Problem> {
+        Ok(match self {
+            Self::Screen => Box::new(Screen::open()?),
+            Self::Lines => Box::new(Lines),
+            Self::Csv => Box::new(Csv { has_head: false }),
+            Self::Json => Box::new(Json),
+        })
+    }
+}
+
+/// The whole terminal. It is as before when this is dropped, and when the program panics.
+struct Screen {
+    terminal: DefaultTerminal,
+    drawn: Option<Instant>,
+}
+
+impl Screen {
+    fn open() -> Result<Self, Problem> {
+        let terminal = ratatui::try_init().map_err(Problem::Output)?;
+        Ok(Self { terminal, drawn: None })
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        ratatui::restore();
+    }
+}
+
+impl Output for Screen {
+    fn show(&mut self, model: &Model, now: Micros, _: Step) -> Result<(), Problem> {
+        if self.drawn.is_some_and(|drawn| drawn.elapsed() < DRAWN) {
+            return Ok(());
+        }
+        self.drawn = Some(Instant::now());
+        self.terminal
+            .draw(|frame| view::draw(frame, model, now))
+            .map_err(Problem::Output)?;
+        Ok(())
+    }
+
+    fn wait(&mut self, wait: Duration) -> Result<bool, Problem> {
+        let until = Instant::now() + wait;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            if !event::poll(left).map_err(Problem::Output)? {
+                return Ok(false);
+            }
+            match event::read().map_err(Problem::Output)? {
+                Event::Key(key) if key.kind != KeyEventKind::Release && is_end(key.code, key.modifiers) => {
+                    return Ok(true);
+                }
+                // Drawn at once, for nothing on the screen is where it was.
+                Event::Resize(..) => self.drawn = None,
+                _ => {}
+            }
+        }
+    }
+}
+
+/// Whether a key ends the monitor. On a raw terminal Ctrl-C is one.
+fn is_end(code: KeyCode, modifiers: KeyModifiers) -> bool {
+    match code {
+        KeyCode::Char('q' | 'Q') | KeyCode::Esc => true,
+        KeyCode::Char('c') => modifiers.contains(KeyModifiers::CONTROL),
+        _ => false,
+    }
+}
+
+/// One line for each reading.
+struct Lines;
+
+impl Output for Lines {
+    fn show(&mut self, model: &Model, _: Micros, step: Step) -> Result<(), Problem> {
+        complain(model, step);
+        match (&model.latest, step) {
+            (Some(latest), Step::Reading) => {
+                print(&format!("{:9.3} s  {}", latest.at.0 as f64 / 1e6, latest.reading.line))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+struct Csv {
+    has_head: bool,
+}
+
+impl Output for Csv {
+    fn show(&mut self, model: &Model, now: Micros, step: Step) -> Result<(), Problem> {
+        complain(model, step);
+        let Some(row) = row(model, now, step) else {
+            return Ok(());
+        };
+        if !std::mem::replace(&mut self.has_head, true) {
+            print(&table::csv_head(&row))?;
+        }
+        print(&table::csv_line(&row))
+    }
+}
+
+struct Json;
+
+impl Output for Json {
+    fn show(&mut self, model: &Model, now: Micros, step: Step) -> Result<(), Problem> {
+        complain(model, step);
+        let Some(row) = row(model, now, step) else {
+            return Ok(());
+        };
+        print(&Value::Object(row).to_string())
+    }
+}
+
+/// The row of a step that has one.
+fn row(model: &Model, now: Micros, step: Step) -> Option<Map<String, Value>> {
+    let latest = model.latest.as_ref()?;
+    match step {
+        Step::Reading => Some(table::row(model, now, Some(latest))),
+        Step::TimedOut => Some(table::row(model, now, None)),
+        Step::Notice | Step::Nothing => None,
+    }
+}
+
+/// Tells what there is to tell where it does not get into the data.
+fn complain(model: &Model, step: Step) {
+    if let (Step::TimedOut | Step::Notice, Some(notice)) = (step, &model.notice) {
+        eprintln!("armwire: {notice}");
+    }
+}
+
+fn print(line: &str) -> Result<(), Problem> {
+    let mut out = stdout().lock();
+    let written: io::Result<()> = writeln!(out, "{line}").and_then(|()| out.flush());
+    written.map_err(Problem::Output)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn q_escape_and_ctrl_c_end_it_and_no_other_key() {
+        let none = KeyModifiers::NONE;
+        assert!(is_end(KeyCode::Char('q'), none) && is_end(KeyCode::Esc, none));
+        assert!(is_end(KeyCode::Char('c'), KeyModifiers::CONTROL));
+        assert!(!is_end(KeyCode::Char('c'), none) && !is_end(KeyCode::Enter, none));
+    }
+}

@@ -1,0 +1,118 @@
+//! Readings for other programs: comma-separated values, or a JSON object a line.
+
+use armwire::Micros;
+use serde_json::{Map, Value, json};
+
+use super::model::{Latest, Model};
+
+/// The columns of readings, with the values of one: units are in the names, and what is missing is null.
+///
+/// Also without a reading, for an arm that did not answer, once there was one.
+pub(super) fn row(model: &Model, now: Micros, latest: Option<&Latest>) -> Map<String, Value> {
+    let mut row = Map::new();
+    let mut put = |column: &str, value: Value| row.insert(column.to_owned(), value);
+    put("time_s", number(latest.map_or(now, |latest| latest.at).0 as f64 / 1e6));
+    put(
+        "adapter_time_us",
+        json!(latest.and_then(|latest| latest.stamp).map(|stamp| stamp.0)),
+    );
+    put(
+        "latency_us",
+        json!(latest.and_then(|latest| latest.latency).map(|latency| latency.0)),
+    );
+    // The arm has the quantities that it had before.
+    if let Some(known) = latest.or(model.latest.as_ref()) {
+        for quantity in &known.reading.quantities {
+            let value = quantity.value.filter(|_| latest.is_some());
+            put(&quantity.column, value.map_or(Value::Null, number));
+        }
+    }
+    put(
+        "status",
+        json!(latest.and_then(|latest| latest.reading.status.as_deref())),
+    );
+    for i in 0..model.servos {
+        let celsius = model.celsius.get(i).filter(|_| latest.is_some());
+        put(&format!("temperature_{}_celsius", i + 1), json!(celsius));
+    }
+    row
+}
+
+/// Six decimals are below what any arm measures; no number is what is none in JSON.
+fn number(value: f64) -> Value {
+    json!((value * 1e6).round() / 1e6)
+}
+
+/// The names of columns, as the first line.
+pub(super) fn csv_head(row: &Map<String, Value>) -> String {
+    let names: Vec<_> = row.keys().map(String::as_str).collect();
+    names.join(",")
+}
+
+/// The values, with nothing for null.
+pub(super) fn csv_line(row: &Map<String, Value>) -> String {
+    let fields: Vec<_> = row.values().map(csv_field).collect();
+    fields.join(",")
+}
+
+/// As RFC 4180 has it.
+fn csv_field(value: &Value) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::String(text) if text.contains([',', '"', '\n']) => format!("\"{}\"", text.replace('"', "\"\"")),
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire_bridge::control::Stamp;
+
+    use super::*;
+    use crate::monitor::model::tests::latest;
+
+    #[test]
+    fn a_reading_is_a_row_with_units_and_null_for_what_is_missing() {
+        let mut model = Model::new("COM3", "Ling", 3, Some(20));
+        model.celsius = vec![31, 30];
+        let mut latest = latest(1_500, 900, &[Some(0.1), None]);
+        latest.reading.status = Some("odd, \"very\"".to_owned());
+        let line = row(&model, Micros(0), Some(&latest));
+        assert_eq!(
+            Value::Object(line.clone()).to_string(),
+            r#"{"time_s":1.5,"adapter_time_us":null,"latency_us":900,"joint_1_rad":0.1,"joint_2_rad":null,"status":"odd, \"very\"","temperature_1_celsius":31,"temperature_2_celsius":30,"temperature_3_celsius":null}"#
+        );
+        assert_eq!(
+            csv_head(&line),
+            "time_s,adapter_time_us,latency_us,joint_1_rad,joint_2_rad,status,temperature_1_celsius,temperature_2_celsius,\
+             temperature_3_celsius"
+        );
+        assert_eq!(csv_line(&line), "1.5,,900,0.1,,\"odd, \"\"very\"\"\",31,30,");
+    }
+
+    #[test]
+    fn an_arm_that_did_not_answer_is_a_row_of_the_same_columns_with_nothing_in_it() {
+        let mut model = Model::new("COM3", "Ling", 1, Some(20));
+        model.celsius = vec![31];
+        let mut stamped = latest(1_000, 900, &[Some(0.1)]);
+        stamped.stamp = Some(Stamp(123));
+        let full = row(&model, Micros(0), Some(&stamped));
+        assert_eq!(full["adapter_time_us"], 123);
+        model.read(stamped);
+        let empty = row(&model, Micros::from_millis(2_000), None);
+        assert_eq!(csv_head(&empty), csv_head(&full));
+        assert_eq!(csv_line(&empty), "2.0,,,,,");
+    }
+
+    #[test]
+    fn what_is_no_number_is_null() {
+        let model = Model::new("COM3", "xArm", 0, Some(20));
+        let line = row(
+            &model,
+            Micros(0),
+            Some(&latest(0, 0, &[Some(f32::NAN), Some(f32::INFINITY)])),
+        );
+        assert_eq!(csv_line(&line), "0.0,,0,,,locked");
+    }
+}

@@ -1,0 +1,389 @@
+//! What a monitor shows on a terminal.
+
+use armwire::Micros;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Paragraph};
+
+use super::model::{Adapter, Model};
+use crate::adapter::{histograms, percentile};
+
+/// How wide names are, and the words for a quantity.
+const NAME: usize = 9;
+const WORDS: usize = 22;
+/// Below this a sparkline shows nothing.
+const LEAST_SPARKLINE: usize = 8;
+/// A sparkline's levels.
+const LEVELS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+/// The least range that a sparkline is scaled to, in a quantity's unit: what trembles by a tick is a flat line.
+const LEAST_RANGE: f64 = 0.02;
+
+const DIM: Style = Style::new().add_modifier(Modifier::DIM);
+const BOLD: Style = Style::new().add_modifier(Modifier::BOLD);
+const BAD: Style = Style::new().fg(Color::Red);
+const LIVE: Style = Style::new().fg(Color::Cyan);
+
+/// One part of the screen: its title, and its lines.
+struct Part {
+    title: &'static str,
+    lines: Vec<Line<'static>>,
+}
+
+/// Draws all of it, as much as there is room for.
+pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Micros) {
+    let rows = Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)]);
+    let [head, body, foot] = rows.areas(frame.area());
+    frame.render_widget(
+        Line::from(vec![
+            Span::styled(format!(" {}", model.port), BOLD),
+            Span::raw(format!("  {}", model.arm)),
+        ]),
+        head,
+    );
+    let notice = model.notice.clone().unwrap_or_default();
+    let keys = "q ends";
+    let [left, right] =
+        Layout::horizontal([Constraint::Fill(1), Constraint::Length(keys.len() as u16 + 1)]).areas(foot);
+    frame.render_widget(Line::styled(format!(" {notice}"), BAD), left);
+    frame.render_widget(Line::styled(keys, DIM), right);
+
+    let width = usize::from(body.width);
+    let mut parts = vec![arm(model, width.saturating_sub(2)), calls(model, now)];
+    parts.extend(
+        model
+            .adapter
+            .as_ref()
+            .map(|told| adapter(told, width.saturating_sub(2))),
+    );
+    let framed: usize = parts.iter().map(|part| part.lines.len() + 2).sum();
+    match framed <= usize::from(body.height) {
+        true => draw_framed(frame, body, parts),
+        false => draw_plain(frame, body, parts),
+    }
+}
+
+/// Each part in a frame with its title.
+fn draw_framed(frame: &mut Frame<'_>, area: Rect, parts: Vec<Part>) {
+    let heights = parts.iter().map(|part| Constraint::Length(part.lines.len() as u16 + 2));
+    let areas = Layout::vertical(heights).split(area);
+    for (part, &area) in parts.into_iter().zip(areas.iter()) {
+        let block = Block::bordered().title(format!(" {} ", part.title)).border_style(DIM);
+        frame.render_widget(Paragraph::new(part.lines).block(block), area);
+    }
+}
+
+/// The lines alone, the first ones, where there is no room for more.
+fn draw_plain(frame: &mut Frame<'_>, area: Rect, parts: Vec<Part>) {
+    let mut lines: Vec<_> = parts.into_iter().flat_map(|part| part.lines).collect();
+    let room = usize::from(area.height);
+    if lines.len() > room && room > 0 {
+        let hidden = lines.len() - room + 1;
+        lines.truncate(room - 1);
+        lines.push(Line::styled(format!("… {hidden} more lines"), DIM));
+    }
+    frame.render_widget(Paragraph::new(lines), area);
+}
+
+/// The arm: each quantity with its past, the status and the temperatures.
+fn arm(model: &Model, width: usize) -> Part {
+    let mut lines = Vec::new();
+    match &model.latest {
+        None => lines.push(Line::styled("nothing heard yet", DIM)),
+        Some(latest) => {
+            for (i, quantity) in latest.reading.quantities.iter().enumerate() {
+                let mut spans = vec![name(&quantity.name), Span::raw(format!("{:<WORDS$}", quantity.text))];
+                let room = width.saturating_sub(NAME.max(quantity.name.chars().count() + 1) + WORDS + 1);
+                if room >= LEAST_SPARKLINE {
+                    let values: Vec<_> = model.history(i).rev().take(room).collect();
+                    spans.push(Span::styled(format!(" {}", sparkline(&values)), LIVE));
+                }
+                lines.push(Line::from(spans));
+            }
+            if let Some(status) = &latest.reading.status {
+                lines.push(Line::from(vec![name("status"), Span::raw(status.clone())]));
+            }
+        }
+    }
+    if !model.celsius.is_empty() {
+        let all: Vec<_> = model.celsius.iter().map(u8::to_string).collect();
+        let max = model.celsius.iter().max().copied().unwrap_or_default();
+        lines.push(Line::from(vec![
+            name("servos"),
+            Span::raw(format!("{} °C, the hottest {max} °C", all.join(" "))),
+        ]));
+    }
+    Part { title: "arm", lines }
+}
+
+/// The calls, or what was heard.
+fn calls(model: &Model, now: Micros) -> Part {
+    let achieved = model.achieved(now);
+    let rate = match model.rate {
+        Some(rate) => format!(
+            "{achieved:.1} of {rate} readings/s, asked {}, answered {}",
+            model.asked, model.answered
+        ),
+        None => format!("{achieved:.1} readings/s, heard {}", model.answered),
+    };
+    let mut lines = vec![Line::from(vec![name("rate"), Span::raw(rate)])];
+    if let Some(times) = model.call_times() {
+        let text = format!(
+            "least {}, median {}, worst {}",
+            millis(times.min),
+            millis(times.median),
+            millis(times.worst)
+        );
+        lines.push(Line::from(vec![name("latency"), Span::raw(text)]));
+    }
+    if model.rate.is_some() {
+        let errors = [
+            (model.timed_out, "unanswered"),
+            (model.line_errors.checksums as u64, "wrong checksums"),
+            (model.line_errors.noise_bytes as u64, "noise bytes"),
+        ];
+        let mut spans = vec![name("errors")];
+        for (i, (count, what)) in errors.into_iter().enumerate() {
+            let comma = if i > 0 { ", " } else { "" };
+            spans.push(Span::raw(comma));
+            spans.push(Span::styled(
+                format!("{count} {what}"),
+                if count > 0 { BAD } else { Style::new() },
+            ));
+        }
+        lines.push(Line::from(spans));
+    }
+    Part { title: "line", lines }
+}
+
+/// The adapter: its latencies, and each counter that is not zero.
+fn adapter(adapter: &Adapter, width: usize) -> Part {
+    let mut lines = vec![Line::from(vec![name("adapter"), Span::raw(adapter.name.clone())])];
+    match &adapter.told {
+        Err(problem) => lines.push(Line::styled(problem.clone(), BAD)),
+        Ok((counters, latencies)) => {
+            for (what, _, histogram) in histograms(latencies) {
+                if let [Some(half), Some(most), Some(all)] = [50, 99, 100].map(|percent| percentile(histogram, percent))
+                {
+                    let text = format!("half {half}, 99 % {most}, all {all}");
+                    lines.push(Line::from(vec![name(what), Span::raw(text)]));
+                }
+            }
+            let counted = counters.iter().filter(|&(_, count)| count.as_u64() != Some(0));
+            let cells: Vec<_> = counted.map(|(name, count)| format!("{name} {count}")).collect();
+            let cell = cells.iter().map(|cell| cell.chars().count() + 2).max().unwrap_or(1);
+            for row in cells.chunks((width / cell).max(1)) {
+                lines.push(Line::raw(
+                    row.iter().map(|text| format!("{text:<cell$}")).collect::<String>(),
+                ));
+            }
+        }
+    }
+    Part {
+        title: "adapter",
+        lines,
+    }
+}
+
+fn name(text: &str) -> Span<'static> {
+    Span::styled(format!("{text:<width$} ", width = NAME - 1), DIM)
+}
+
+fn millis(time: Micros) -> String {
+    format!("{:.2} ms", time.0 as f64 / 1e3)
+}
+
+/// Values, the newest first, as bars, the newest last, between the least and the greatest of them.
+fn sparkline(values: &[Option<f64>]) -> String {
+    let known = || values.iter().flatten().copied().filter(|value| value.is_finite());
+    let (min, max) = (
+        known().fold(f64::INFINITY, f64::min),
+        known().fold(f64::NEG_INFINITY, f64::max),
+    );
+    let range = (max - min).max(LEAST_RANGE);
+    let bottom = (min + max - range) / 2.0;
+    let bar = |value: &Option<f64>| match value {
+        Some(value) if value.is_finite() => {
+            let level = (value - bottom) / range * (LEVELS.len() - 1) as f64;
+            LEVELS[(level.round() as usize).min(LEVELS.len() - 1)]
+        }
+        _ => ' ',
+    };
+    values.iter().rev().map(bar).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use armwire_bridge::Counters;
+    use armwire_bridge::control::Latencies;
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+    use serde_json::Value;
+
+    use super::*;
+    use crate::monitor::model::tests::latest;
+    use crate::monitor::reading::LineErrors;
+
+    /// What is on a screen of this size.
+    fn screen(model: &Model, width: u16, height: u16) -> Vec<String> {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal
+            .draw(|frame| draw(frame, model, Micros::from_millis(1_000)))
+            .unwrap();
+        let buffer = terminal.backend().buffer();
+        let cells = buffer.content().chunks(width.into());
+        cells
+            .map(|row| {
+                row.iter()
+                    .map(|cell| cell.symbol())
+                    .collect::<String>()
+                    .trim_end()
+                    .to_owned()
+            })
+            .collect()
+    }
+
+    /// A model of an arm with six joints, of which the first has moved.
+    fn model() -> Model {
+        let mut model = Model::new("/dev/ttyACM0", "Ling", 10, Some(20));
+        for n in 0..20_u16 {
+            model.ask();
+            let moved = Some(f32::from(n) / 20.0);
+            model.read(latest(
+                u64::from(n) * 50,
+                1_250,
+                &[moved, Some(0.0), Some(0.0), None, Some(0.0), Some(0.0)],
+            ));
+        }
+        model.celsius = vec![31, 30, 45];
+        model
+    }
+
+    fn told() -> Adapter {
+        let mut counters = Counters::default();
+        counters.frames = 1234;
+        counters.framing_errors = 2;
+        let mut latencies = Latencies::default();
+        latencies.answer.counts[8] = 100;
+        let Ok(Value::Object(counters)) = serde_json::to_value(counters) else {
+            panic!()
+        };
+        Adapter {
+            name: "stm32f405, firmware 0.1.0".to_owned(),
+            told: Ok((counters, latencies)),
+        }
+    }
+
+    fn assert_shown(screen: &[String], texts: &[&str]) {
+        for text in texts {
+            assert!(
+                screen.iter().any(|line| line.contains(text)),
+                "{text} is not in\n{}",
+                screen.join("\n")
+            );
+        }
+    }
+
+    #[test]
+    fn a_wide_screen_shows_all_of_it() {
+        let mut model = model();
+        model.line_errors = LineErrors {
+            noise_bytes: 7,
+            checksums: 1,
+        };
+        model.adapter = Some(told());
+        model.notice = Some("no answer in 350 ms".to_owned());
+        let screen = screen(&model, 100, 30);
+        assert_shown(
+            &screen,
+            &[
+                " /dev/ttyACM0  Ling",
+                "┌ arm ─",
+                "│joint 1  0.95 rad",
+                "▁▂▃▃▄▅▆▆▇█",
+                "│joint 4  ?",
+                "│status   locked",
+                "│servos   31 30 45 °C, the hottest 45 °C",
+                "│rate     20.0 of 20 readings/s, asked 20, answered 20",
+                "│latency  least 1.25 ms, median 1.25 ms, worst 1.25 ms",
+                "│errors   0 unanswered, 1 wrong checksums, 7 noise bytes",
+                "│adapter  stm32f405, firmware 0.1.0",
+                "│answer   half < 512 µs, 99 % < 512 µs, all < 512 µs",
+                "│frames 1234       framing_errors 2",
+                " no answer in 350 ms",
+            ],
+        );
+        assert!(screen.last().unwrap().ends_with("q ends"));
+        assert!(screen.iter().all(|line| !line.contains("noise_errors")), "it is zero");
+    }
+
+    #[test]
+    fn a_narrow_screen_has_no_sparklines_and_the_words_are_whole() {
+        let screen = screen(&model(), 40, 24);
+        assert_shown(
+            &screen,
+            &["joint 1  0.95 rad", "status   locked", "latency  least 1.25 ms"],
+        );
+        assert!(
+            screen.iter().all(|line| !line.contains(LEVELS)),
+            "{}",
+            screen.join("\n")
+        );
+    }
+
+    #[test]
+    fn a_low_screen_has_no_frames_and_tells_what_it_hides() {
+        let mut model = model();
+        model.adapter = Some(told());
+        let screen = screen(&model, 80, 10);
+        assert_shown(&screen, &["joint 1  0.95 rad", "… 7 more lines", "q ends"]);
+        assert!(screen.iter().all(|line| !line.contains('┌')), "{}", screen.join("\n"));
+    }
+
+    #[test]
+    fn no_screen_is_too_small() {
+        for (width, height) in [(0, 0), (1, 1), (2, 3), (5, 2), (300, 1), (1, 100)] {
+            screen(&model(), width.max(1), height.max(1));
+        }
+    }
+
+    #[test]
+    fn an_arm_that_is_only_heard_has_no_calls() {
+        let mut model = Model::new("control:/tmp/control", "Ling", 10, None);
+        assert_shown(
+            &screen(&model, 80, 24),
+            &["nothing heard yet", "0.0 readings/s, heard 0"],
+        );
+        let mut heard = latest(900, 0, &[Some(1.0)]);
+        heard.latency = None;
+        model.read(heard);
+        let screen = screen(&model, 80, 24);
+        assert_shown(&screen, &["heard 1"]);
+        assert!(
+            screen
+                .iter()
+                .all(|line| !line.contains("latency") && !line.contains("errors"))
+        );
+    }
+
+    #[test]
+    fn an_adapter_that_is_gone_is_told() {
+        let mut model = model();
+        model.adapter = Some(Adapter {
+            told: Err("the adapter is gone".to_owned()),
+            ..told()
+        });
+        assert_shown(&screen(&model, 80, 24), &["the adapter is gone"]);
+    }
+
+    #[test]
+    fn a_sparkline_reaches_from_the_least_to_the_greatest_and_a_tremor_is_flat() {
+        assert_eq!(sparkline(&[Some(2.0), Some(1.0), None, Some(0.0)]), "▁ ▅█");
+        assert_eq!(sparkline(&[Some(0.001), Some(0.0)]), "▄▅");
+        assert_eq!(sparkline(&[Some(f64::NAN), None]), "  ");
+        assert_eq!(sparkline(&Vec::from(VecDeque::<Option<f64>>::new())), "");
+    }
+}

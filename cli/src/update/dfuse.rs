@@ -1,0 +1,244 @@
+//! DfuSe files, ST's form of a firmware image for USB DFU: what is in one, checked before anything is done with it.
+//!
+//! The format is that of ST's UM0391: a prefix, one target with elements, each with its address, and the suffix of the
+//! USB DFU specification 1.1 (appendix B) with a CRC-32 of all that is before it.
+
+use std::fmt;
+
+use crc::{CRC_32_JAMCRC, Crc};
+
+/// USB vendor and product of the boot loader in ST's chips, which the file is for.
+pub(super) const BOOT_LOADER: (u16, u16) = (0x0483, 0xDF11);
+
+/// What `bcdDFU` says where the file is a DfuSe file.
+const DFUSE_VERSION: u16 = 0x011A;
+/// Where such a chip starts: its flash, with the vector table in front.
+const FLASH: u32 = 0x0800_0000;
+/// Room for the largest flash of these chips.
+const FLASH_END: u32 = 0x0820_0000;
+/// The addresses of their RAM, of which the first word of the vector table points to the end.
+const RAM: std::ops::RangeInclusive<u32> = 0x1000_0000..=0x2010_0000;
+
+/// An image that can be written.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Image {
+    /// The board that it is for: the name of its target.
+    pub(super) board: String,
+    /// How many bytes of flash it fills.
+    pub(super) len: usize,
+}
+
+/// Why a file is none.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Unfit {
+    /// It has no such signature.
+    NoDfuSe,
+    /// It ends too early, or goes on.
+    Length,
+    /// The checksum, as it is in the file and as it should be.
+    Checksum { got: u32, expected: u32 },
+    /// It is for another USB device.
+    Device { vendor: u16, product: u16 },
+    /// It has not one target with something in it.
+    Targets,
+    /// Something in it is to be written elsewhere than to flash.
+    Address(u32),
+    /// What is at the start of flash is no program.
+    NoProgram,
+}
+
+impl fmt::Display for Unfit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::NoDfuSe => f.write_str("not a DfuSe file: is it the .dfu of the firmware, and not the .bin or .elf?"),
+            Self::Length => f.write_str("the file is cut off, or damaged: its lengths do not agree"),
+            Self::Checksum { got, expected } => {
+                write!(
+                    f,
+                    "the file is damaged: its checksum is {got:#010x}, expected {expected:#010x}"
+                )
+            }
+            Self::Device { vendor, product } => {
+                let (our_vendor, our_product) = BOOT_LOADER;
+                write!(
+                    f,
+                    "the file is for the USB device {vendor:04x}:{product:04x}, not for the boot loader \
+                     {our_vendor:04x}:{our_product:04x}"
+                )
+            }
+            Self::Targets => f.write_str("the file is not for one flash: there is one target in those of the adapter"),
+            Self::Address(address) => write!(f, "the file has something for {address:#010x}, which is not flash"),
+            Self::NoProgram => write!(f, "the file has no program for {FLASH:#010x}, where the chip starts"),
+        }
+    }
+}
+
+/// Takes a file apart.
+pub(super) fn parse(file: &[u8]) -> Result<Image, Unfit> {
+    let (body, suffix) = file.split_last_chunk::<16>().ok_or(Unfit::NoDfuSe)?;
+    let (checked, crc) = file.split_last_chunk::<4>().ok_or(Unfit::NoDfuSe)?;
+    if !body.starts_with(b"DfuSe\x01") || suffix[8..12] != *b"UFD\x10" || u16_at(suffix, 6)? != DFUSE_VERSION {
+        return Err(Unfit::NoDfuSe);
+    }
+    let expected = Crc::<u32>::new(&CRC_32_JAMCRC).checksum(checked);
+    let got = u32::from_le_bytes(*crc);
+    if got != expected {
+        return Err(Unfit::Checksum { got, expected });
+    }
+    let (product, vendor) = (u16_at(suffix, 2)?, u16_at(suffix, 4)?);
+    if (vendor, product) != BOOT_LOADER {
+        return Err(Unfit::Device { vendor, product });
+    }
+    let (prefix, target) = body.split_first_chunk::<11>().ok_or(Unfit::Length)?;
+    if u32_at(prefix, 6)? as usize != body.len() {
+        return Err(Unfit::Length);
+    }
+    let (header, elements) = target.split_first_chunk::<274>().ok_or(Unfit::Length)?;
+    // Alternate setting 0 of the boot loader is the flash.
+    if prefix[10] != 1 || !header.starts_with(b"Target\x00") {
+        return Err(Unfit::Targets);
+    }
+    if u32_at(header, 266)? as usize != elements.len() {
+        return Err(Unfit::Length);
+    }
+    let name = header[11..266].split(|&byte| byte == 0).next().unwrap_or_default();
+    let board = String::from_utf8_lossy(name).into_owned();
+    let len = program(elements, u32_at(header, 270)?)?;
+    Ok(Image { board, len })
+}
+
+/// How many bytes of a program so many elements are, each an address, a length and the bytes.
+fn program(mut rest: &[u8], count: u32) -> Result<usize, Unfit> {
+    let mut len = 0;
+    let mut starts = false;
+    for _ in 0..count {
+        let (address, size) = (u32_at(rest, 0)?, u32_at(rest, 4)?);
+        let (bytes, behind) = rest[8..].split_at_checked(size as usize).ok_or(Unfit::Length)?;
+        if address < FLASH || u64::from(address) + u64::from(size) > FLASH_END.into() {
+            return Err(Unfit::Address(address));
+        }
+        if address == FLASH {
+            // The vector table: the initial stack pointer, and where the program starts, odd for Thumb code.
+            let (stack, reset) = (u32_at(bytes, 0)?, u32_at(bytes, 4)?);
+            starts = RAM.contains(&stack) && (FLASH..FLASH_END).contains(&reset) && reset % 2 == 1;
+        }
+        len += bytes.len();
+        rest = behind;
+    }
+    match rest {
+        [] if starts => Ok(len),
+        [] => Err(Unfit::NoProgram),
+        _ => Err(Unfit::Length),
+    }
+}
+
+fn u16_at(bytes: &[u8], at: usize) -> Result<u16, Unfit> {
+    let bytes = bytes.get(at..).and_then(|bytes| bytes.first_chunk());
+    bytes.map(|bytes| u16::from_le_bytes(*bytes)).ok_or(Unfit::Length)
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> Result<u32, Unfit> {
+    let bytes = bytes.get(at..).and_then(|bytes| bytes.first_chunk());
+    bytes.map(|bytes| u32::from_le_bytes(*bytes)).ok_or(Unfit::Length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The front of a program, as it is at the start of flash.
+    fn start() -> Vec<u8> {
+        let mut program = vec![0; 64];
+        program[..4].copy_from_slice(&0x2002_0000_u32.to_le_bytes());
+        program[4..8].copy_from_slice(&0x0800_C1A1_u32.to_le_bytes());
+        program
+    }
+
+    /// A file with these elements, without its suffix.
+    fn body(elements: &[(u32, &[u8])]) -> Vec<u8> {
+        let mut target = Vec::new();
+        for (address, bytes) in elements {
+            target.extend(address.to_le_bytes());
+            target.extend((bytes.len() as u32).to_le_bytes());
+            target.extend(*bytes);
+        }
+        let mut file = b"DfuSe\x01".to_vec();
+        file.extend((285 + target.len() as u32).to_le_bytes());
+        file.push(1);
+        file.extend(b"Target\x00\x01\0\0\0");
+        file.extend(b"board");
+        file.extend([0; 250]);
+        file.extend((target.len() as u32).to_le_bytes());
+        file.extend((elements.len() as u32).to_le_bytes());
+        file.extend(target);
+        file
+    }
+
+    /// The same with a suffix.
+    fn sealed(mut file: Vec<u8>, vendor: u16, product: u16) -> Vec<u8> {
+        file.extend([0, 0]);
+        file.extend(product.to_le_bytes());
+        file.extend(vendor.to_le_bytes());
+        file.extend([0x1A, 0x01]);
+        file.extend(b"UFD\x10");
+        file.extend(Crc::<u32>::new(&CRC_32_JAMCRC).checksum(&file).to_le_bytes());
+        file
+    }
+
+    fn file(elements: &[(u32, &[u8])]) -> Vec<u8> {
+        sealed(body(elements), 0x0483, 0xDF11)
+    }
+
+    #[test]
+    fn a_program_in_one_or_two_pieces_is_an_image() {
+        let (program, board) = (start(), "board".to_owned());
+        assert_eq!(parse(&file(&[(FLASH, &program)])).map(|image| image.len), Ok(64));
+        let image = parse(&file(&[(FLASH, &program), (0x0800_C000, &[1; 100])]));
+        assert_eq!(image, Ok(Image { board, len: 164 }));
+    }
+
+    #[test]
+    fn no_bit_of_a_file_can_change_unseen_nor_its_end_be_lost() {
+        let good = file(&[(FLASH, &start())]);
+        for bit in 0..8 * good.len() {
+            let mut bad = good.clone();
+            bad[bit / 8] ^= 1 << (bit % 8);
+            assert!(parse(&bad).is_err(), "bit {bit}");
+        }
+        for len in 0..good.len() {
+            assert!(parse(&good[..len]).is_err(), "{len} bytes");
+        }
+    }
+
+    #[test]
+    fn what_is_for_something_else_is_told() {
+        let program = start();
+        let device = Unfit::Device {
+            vendor: 0x1209,
+            product: 0xDF11,
+        };
+        assert_eq!(parse(&sealed(body(&[(FLASH, &program)]), 0x1209, 0xDF11)), Err(device));
+        // The option bytes, which can lock the chip for ever, are at that address.
+        assert_eq!(
+            parse(&file(&[(FLASH, &program), (0x1FFF_C000, &[0; 4])])),
+            Err(Unfit::Address(0x1FFF_C000))
+        );
+        assert_eq!(
+            parse(&file(&[(FLASH_END - 1, &[0; 2])])),
+            Err(Unfit::Address(FLASH_END - 1))
+        );
+        assert_eq!(parse(&file(&[(0x0800_4000, &program)])), Err(Unfit::NoProgram));
+        assert_eq!(parse(&file(&[(FLASH, &[0xFF; 64])])), Err(Unfit::NoProgram));
+        assert_eq!(parse(b"\x7FELF, and much more than this"), Err(Unfit::NoDfuSe));
+    }
+
+    #[test]
+    fn lengths_that_do_not_agree_are_told() {
+        let mut short = body(&[(FLASH, &start())]);
+        short.push(0);
+        assert_eq!(parse(&sealed(short, 0x0483, 0xDF11)), Err(Unfit::Length));
+        let mut huge = body(&[(FLASH, &start())]);
+        huge[289..293].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert_eq!(parse(&sealed(huge, 0x0483, 0xDF11)), Err(Unfit::Length));
+    }
+}

@@ -1,0 +1,195 @@
+//! `armwire update`: another firmware for an adapter, over USB and the boot loader that ST put into the chip.
+
+mod dfuse;
+
+use std::fs;
+use std::io::{self, ErrorKind, Write, stdout};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::thread;
+use std::time::Duration;
+
+use armwire_bridge::control::Request;
+use clap::Args;
+
+use crate::adapter::{AdapterPort, describe, identify};
+use crate::problem::Problem;
+use dfuse::Image;
+
+/// The program that talks to the boot loader.
+const DFU_UTIL: &str = "dfu-util";
+/// How often the boot loader, or the adapter, is looked for, and how long is waited in between.
+const TRIES: usize = 20;
+const PAUSE: Duration = Duration::from_millis(500);
+
+/// The arguments of `armwire update`.
+#[derive(Args)]
+pub(crate) struct Update {
+    #[command(flatten)]
+    adapter: AdapterPort,
+    /// The firmware, as a DfuSe file.
+    #[arg(value_name = "IMAGE.dfu")]
+    image: PathBuf,
+}
+
+impl Update {
+    pub(crate) fn run(&self) -> Result<(), Problem> {
+        let image = self.image()?;
+        let listed = is_listed();
+        let [write, leave] = commands(&self.image);
+        let by_hand = format!("'{}' and then '{}'", shown(&write), shown(&leave));
+        if matches!(listed, Ok(true)) {
+            let what = format!(
+                "a board is in its boot loader already: unplug it; or, if it is the one to update, run {by_hand}"
+            );
+            return Err(refused(DFU_UTIL, what));
+        }
+
+        let mut control = self.adapter.open()?;
+        let name = control.name().to_owned();
+        let identity = identify(&mut control)?;
+        if image.board != identity.board.as_str() {
+            let what = format!(
+                "the image is for the board {}, the adapter is a {}",
+                image.board, identity.board
+            );
+            return Err(refused(&name, what));
+        }
+        say(&format!("{name}: {}", describe(&identity)))?;
+        control.call(Request::RestartIntoBootLoader)?;
+        drop(control);
+        say(&format!(
+            "{name}: restarts into its boot loader, to take {} bytes",
+            image.len
+        ))?;
+
+        if let Err(error) = listed {
+            let why = match error.kind() {
+                ErrorKind::NotFound => "dfu-util is not installed".to_owned(),
+                _ => format!("dfu-util cannot be run ({error})"),
+            };
+            say(&format!(
+                "{why}: once it can be, on the computer that the adapter's USB is on, run"
+            ))?;
+            say(&shown(&write))?;
+            return say(&shown(&leave));
+        }
+        self.write(&name, write, leave, &by_hand)
+    }
+
+    /// What is to be written.
+    fn image(&self) -> Result<Image, Problem> {
+        let name = self.image.display().to_string();
+        let file = fs::read(&self.image).map_err(|error| Problem::Input {
+            name: name.clone(),
+            error,
+        })?;
+        dfuse::parse(&file).map_err(|unfit| refused(&name, unfit.to_string()))
+    }
+
+    /// Has the image written and the adapter started, and looks what it is then.
+    fn write(&self, name: &str, mut write: Command, mut leave: Command, by_hand: &str) -> Result<(), Problem> {
+        if repeat(|| is_listed().ok().filter(|&is| is)).is_none() {
+            let (vendor, product) = dfuse::BOOT_LOADER;
+            let what = format!(
+                "no boot loader ({vendor:04x}:{product:04x}) shows up in 'dfu-util --list': is the adapter's USB on this \
+                 computer, and are you allowed to use it (docs/update.md)? Run {by_hand}; or plug the adapter in again, it \
+                 still has its old firmware"
+            );
+            return Err(refused(name, what));
+        }
+        say(&shown(&write))?;
+        let status = write
+            .status()
+            .map_err(|error| refused(DFU_UTIL, format!("cannot be run: {error}")))?;
+        if !status.success() {
+            let what = format!("failed ({status}); the boot loader cannot be overwritten, so try again: run {by_hand}");
+            return Err(refused(DFU_UTIL, what));
+        }
+        say(&shown(&leave))?;
+        // The chip is gone before it has answered, which some versions take for an error.
+        let _ = leave.status();
+        let back = || self.adapter.open().and_then(|mut control| identify(&mut control)).ok();
+        match repeat(back) {
+            Some(identity) => say(&format!("{name}: {}", describe(&identity))),
+            None => {
+                let what = format!(
+                    "the image is written, but the adapter is not back: unplug it and plug it in again; if that does not \
+                     help, do so with BOOT0 high and run {by_hand}"
+                );
+                Err(refused(name, what))
+            }
+        }
+    }
+}
+
+/// Looks for something until it is there, with pauses, but not for ever.
+fn repeat<T>(mut look: impl FnMut() -> Option<T>) -> Option<T> {
+    for _ in 1..TRIES {
+        let found = look();
+        if found.is_some() {
+            return found;
+        }
+        thread::sleep(PAUSE);
+    }
+    look()
+}
+
+/// Whether a boot loader is on USB.
+fn is_listed() -> io::Result<bool> {
+    let output = Command::new(DFU_UTIL).arg("--list").output()?;
+    let (vendor, product) = dfuse::BOOT_LOADER;
+    let found = format!("Found DFU: [{vendor:04x}:{product:04x}]");
+    Ok(String::from_utf8_lossy(&output.stdout).contains(&found))
+}
+
+/// What writes the image to flash, alternate setting 0 of the boot loader, and what starts it then. Only the sectors that
+/// the image has something for are erased. dfu-util 0.11 does not take both at once: see docs/update.md.
+fn commands(image: &Path) -> [Command; 2] {
+    let (vendor, product) = dfuse::BOOT_LOADER;
+    let flash = || {
+        let mut command = Command::new(DFU_UTIL);
+        command.args(["-d", &format!(",{vendor:04x}:{product:04x}"), "-a", "0"]);
+        command
+    };
+    let (mut write, mut leave) = (flash(), flash());
+    write.arg("-D").arg(image);
+    leave.args(["-s", "0x08000000:leave"]);
+    [write, leave]
+}
+
+/// A command as one would type it.
+fn shown(command: &Command) -> String {
+    let mut text = command.get_program().to_string_lossy().into_owned();
+    for arg in command.get_args().map(|arg| arg.to_string_lossy()) {
+        match arg.contains(char::is_whitespace) {
+            true => text += &format!(" \"{arg}\""),
+            false => text += &format!(" {arg}"),
+        }
+    }
+    text
+}
+
+fn refused(name: &str, what: String) -> Problem {
+    let name = name.to_owned();
+    Problem::Refused { name, what }
+}
+
+fn say(line: &str) -> Result<(), Problem> {
+    writeln!(stdout(), "{line}").map_err(Problem::Output)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_commands_are_those_of_the_document() {
+        const DOCUMENT: &str = include_str!("../../../docs/update.md");
+        for command in commands(Path::new("armwire-stm32f405.dfu")) {
+            let line = format!("$ {}", shown(&command));
+            assert!(DOCUMENT.lines().any(|written| written == line), "{line}");
+        }
+        assert!(shown(&commands(Path::new("my image.dfu"))[0]).ends_with(" -D \"my image.dfu\""));
+    }
+}
