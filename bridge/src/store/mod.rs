@@ -8,6 +8,9 @@
 //! page, and marks at both ends of a page tell it whether an erase was cut. What a page has in it after a cut erase is
 //! undefined (`embedded_storage_async::nor_flash::NorFlash::erase`), the marks included, and a page half erased can be
 //! taken for the one to keep.
+//!
+//! Flash with ECC may report an error in a word that was being written when the power went. Its driver, or the handler of
+//! the interrupt, must pass over that: reading gives any bytes then, and goes on.
 
 use core::fmt;
 use core::ops::Range;
