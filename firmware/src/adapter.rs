@@ -1,6 +1,6 @@
 //! What the tasks share: the bridge, and signals that say where there may be something to do.
 
-use core::cell::{Cell, RefCell};
+use core::cell::RefCell;
 
 use armwire::Micros;
 use armwire_bridge::control::Identity;
@@ -42,9 +42,8 @@ pub(crate) struct Adapter {
     pub(crate) frame: Notice,
     /// The CAN controller is to be set up anew.
     pub(crate) can_restart: Notice<config::Can>,
-    /// When the bridge wants to be told the time has changed.
-    pub(crate) timeout: Notice,
-    timeout_was: Cell<Option<Micros>>,
+    /// Something was said to the bridge.
+    pub(crate) changed: Notice,
     /// What only firmware can do.
     pub(crate) action: Notice<Action>,
 }
@@ -63,8 +62,7 @@ impl Adapter {
             control_session: Notice::new(),
             frame: Notice::new(),
             can_restart: Notice::new(),
-            timeout: Notice::new(),
-            timeout_was: Cell::new(None),
+            changed: Notice::new(),
             action: Notice::new(),
         }
     }
@@ -73,43 +71,66 @@ impl Adapter {
     ///
     /// So no caller needs to know what its call may lead to. A task that is told without need looks and waits again.
     pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
-        let bridge = &mut *self.bridge.borrow_mut();
-        let result = f(bridge);
-        self.tell(bridge);
+        let result = self.take(f);
+        self.tell_of_the_arm();
         result
     }
 
+    /// Calls `f` with the bridge for something to send, and tells nobody: not before that is on its way.
+    pub(crate) fn take<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
+        f(&mut self.bridge.borrow_mut())
+    }
+
+    /// Calls `f` with the bridge to look only.
+    pub(crate) fn look<R>(&self, f: impl FnOnce(&Bridge) -> R) -> R {
+        f(&self.bridge.borrow())
+    }
+
+    /// What was taken is on its way.
+    pub(crate) fn taken(&self) {
+        self.changed.signal(());
+    }
+
+    /// Tells those for whom a microsecond counts: who sends to the arm, and who sends to the host what it said. The
+    /// others are told when these have run.
+    ///
+    /// The executor runs tasks in the reverse order in which they were woken.
     // One piece of code, not one for each call.
     #[inline(never)]
-    fn tell(&self, bridge: &mut Bridge) {
-        let now = now();
-        for (due, notice) in [
-            (bridge.uart_due(now), &self.bytes),
-            (bridge.usb_due(), &self.packet),
-            (bridge.usb_room(), &self.room),
-            (bridge.control_due(), &self.control_packet),
-            (bridge.control_room(), &self.control_room),
-            (bridge.can_due(now), &self.frame),
-        ] {
-            if due {
-                notice.signal(());
-            }
+    fn tell_of_the_arm(&self) {
+        self.changed.signal(());
+        let bridge = self.bridge.borrow();
+        if bridge.usb_due() {
+            self.packet.signal(());
         }
-        let timeout = bridge.timeout();
-        if self.timeout_was.replace(timeout) != timeout {
-            self.timeout.signal(());
+        if bridge.uart_due(now()) {
+            self.bytes.signal(());
         }
+    }
+
+    /// Tells all tasks for which there is something to do, and returns when the bridge wants to be told the time.
+    pub(crate) fn tell(&self) -> Option<Micros> {
+        let bridge = &mut *self.bridge.borrow_mut();
         // One at a time: the next is fetched when this one was taken.
         if !self.action.signaled()
             && let Some(action) = bridge.action()
         {
             self.action.signal(action);
         }
-    }
-
-    /// Calls `f` with the bridge to look only.
-    pub(crate) fn look<R>(&self, f: impl FnOnce(&Bridge) -> R) -> R {
-        f(&self.bridge.borrow())
+        let now = now();
+        for (due, notice) in [
+            (bridge.control_room(), &self.control_room),
+            (bridge.control_due(), &self.control_packet),
+            (bridge.can_due(now), &self.frame),
+            (bridge.usb_room(), &self.room),
+            (bridge.usb_due(), &self.packet),
+            (bridge.uart_due(now), &self.bytes),
+        ] {
+            if due {
+                notice.signal(());
+            }
+        }
+        bridge.timeout()
     }
 }
 

@@ -1,4 +1,4 @@
-//! Tells the bridge the time when it wants to know it.
+//! Tells the tasks what there is to do, and the bridge the time when it wants to know it.
 
 use embassy_futures::select::select;
 use embassy_futures::yield_now;
@@ -7,27 +7,23 @@ use embassy_time::{Instant, Timer};
 use crate::adapter::{Adapter, now};
 use crate::watchdog::{Task, progress, rest};
 
-/// Calls the bridge when a poll, a time-out or a cyclic frame is due.
+/// Looks what the bridge wants whenever something was said to it, or when the time has come that it said.
 #[embassy_executor::task]
 pub(crate) async fn tick(adapter: &'static Adapter) {
     loop {
         progress(Task::Time);
-        match adapter.look(|bridge| bridge.timeout()) {
+        let timeout = adapter.tell();
+        let resting = rest(Task::Time);
+        match timeout {
             Some(at) if at <= now() => {
                 adapter.with(|bridge| bridge.tick(now()));
                 yield_now().await;
             }
             Some(at) => {
-                let due = Timer::at(Instant::from_micros(at.0));
-                let resting = rest(Task::Time);
-                select(due, adapter.timeout.wait()).await;
-                drop(resting);
+                select(Timer::at(Instant::from_micros(at.0)), adapter.changed.wait()).await;
             }
-            None => {
-                let resting = rest(Task::Time);
-                adapter.timeout.wait().await;
-                drop(resting);
-            }
+            None => adapter.changed.wait().await,
         }
+        drop(resting);
     }
 }

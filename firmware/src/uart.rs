@@ -20,6 +20,7 @@ use armwire::Micros;
 use armwire_bridge::control::MAX_FRAME;
 use armwire_bridge::{Line, Parity, StopBits, UartErrors, Wake};
 use critical_section::Mutex;
+use embassy_futures::join::join;
 use embassy_futures::select::select;
 use embassy_futures::yield_now;
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
@@ -163,9 +164,11 @@ pub(crate) async fn receive(adapter: &'static Adapter, mut dma: Channel<'static>
     let mut receiver = Receiver {
         adapter,
         chunk: [0; 64],
+        rest: 0,
     };
     loop {
         let transfer = receiver.start(&mut dma);
+        receiver.pass_rest();
         receiver.serve().await;
         receiver.stop(transfer);
     }
@@ -175,19 +178,18 @@ pub(crate) async fn receive(adapter: &'static Adapter, mut dma: Channel<'static>
 struct Receiver {
     adapter: &'static Adapter,
     chunk: [u8; 64],
+    /// How many bytes of `chunk` were in the ring when the stream was stopped.
+    rest: usize,
 }
 
 impl Receiver {
     /// Sets up the DMA stream and lets the UART feed it.
     ///
-    /// Since [`stop`](Self::stop) the UART itself holds a byte, which is lost only when the one after it is in, too.
+    /// Since [`stop`](Self::stop) the UART itself holds a byte, which is lost only when the one after it is in, too. So
+    /// there is no time in between to tell the bridge anything.
     fn start<'a>(&self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
         HEAD.store(0, Ordering::Relaxed);
         NEEDED.store(SIZE, Ordering::Relaxed);
-        let (_, idle) = critical_section::with(|cs| (REACHED.borrow(cs).take(), IDLE.borrow(cs).take()));
-        if let Some(idle) = idle {
-            self.adapter.with(|bridge| bridge.uart_idle(idle.at));
-        }
         let ring = core::ptr::slice_from_raw_parts_mut(RING.as_ptr().cast::<u8>().cast_mut(), SIZE);
         let mut options = TransferOptions::default();
         options.circular = true;
@@ -205,12 +207,14 @@ impl Receiver {
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
             self.look();
-            let (need, wake, near) = self.adapter.look(|bridge| {
-                let near = bridge.line_coding().micros(NEAR);
-                (bridge.need(), bridge.wake(), near)
-            });
+            let need = self.adapter.look(|bridge| bridge.need());
+            let wake = match need {
+                ..=NEAR => Wake::Byte,
+                _ => self.adapter.look(|bridge| bridge.wake()),
+            };
             match wake {
-                Wake::At(Micros(time)) if need > NEAR => {
+                Wake::At(Micros(time)) => {
+                    let near = self.adapter.look(|bridge| bridge.line_coding().micros(NEAR));
                     let near = Timer::at(Instant::from_micros(time.saturating_sub(near)));
                     let resting = rest(Task::Receive);
                     select(EVENT.wait(), near).await;
@@ -221,6 +225,10 @@ impl Receiver {
                     let needed = if need > NEAR { 1 } else { need };
                     NEEDED.store(needed, Ordering::Relaxed);
                     usart::set_byte_interrupt(true);
+                    // What was received goes out before anything else is looked at. Of tasks that wait for their turn the
+                    // one that asked last gets it first, which is this one.
+                    yield_now().await;
+                    yield_now().await;
                     // Bytes that came before that give no signal.
                     if untaken(tail()) < needed {
                         let resting = rest(Task::Receive);
@@ -232,7 +240,7 @@ impl Receiver {
         }
     }
 
-    /// Takes what has arrived, stops the stream and takes the rest.
+    /// Passes what has arrived to the bridge, stops the stream and keeps the rest.
     fn stop(&mut self, mut transfer: Transfer<'_>) {
         let errors = UartErrors {
             framing: FRAMING.swap(0, Ordering::Relaxed),
@@ -246,7 +254,19 @@ impl Receiver {
         usart::stop_receiving();
         transfer.request_pause();
         while transfer.is_running() {}
-        self.look();
+        self.rest = copy(&mut self.chunk, tail());
+    }
+
+    /// Passes what was kept when the stream was stopped to the bridge.
+    fn pass_rest(&mut self) {
+        // Places in the ring mean nothing any more.
+        let (_, idle) = critical_section::with(|cs| (REACHED.borrow(cs).take(), IDLE.borrow(cs).take()));
+        self.adapter.with(|bridge| {
+            bridge.uart_received(&self.chunk[..self.rest], now());
+            if let Some(idle) = idle {
+                bridge.uart_idle(idle.at);
+            }
+        });
     }
 
     /// Passes what has arrived to the bridge.
@@ -284,23 +304,25 @@ impl Receiver {
 
 /// Passes the bytes before the mark to the bridge, or tells it that there are none.
 fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], mark: Mark) {
-    let mut head = HEAD.load(Ordering::Relaxed);
     loop {
-        let mut n = 0;
-        for byte in chunk.iter_mut() {
-            if head == mark.end {
-                break;
-            }
-            *byte = RING[head].load(Ordering::Relaxed);
-            head = (head + 1) % SIZE;
-            n += 1;
-        }
-        HEAD.store(head, Ordering::Relaxed);
+        let n = copy(chunk, mark.end);
         bridge.uart_received(&chunk[..n], mark.at);
-        if head == mark.end {
+        if untaken(mark.end) == 0 {
             break;
         }
     }
+}
+
+/// Copies bytes before `end` out of the ring, as many as there is room for, and returns how many.
+fn copy(chunk: &mut [u8; 64], end: usize) -> usize {
+    let n = untaken(end).min(chunk.len());
+    let mut head = HEAD.load(Ordering::Relaxed);
+    for byte in &mut chunk[..n] {
+        *byte = RING[head].load(Ordering::Relaxed);
+        head = (head + 1) % SIZE;
+    }
+    HEAD.store(head, Ordering::Relaxed);
+    n
 }
 
 /// Sends what the bridge has for the arm, and changes the line between two bytes.
@@ -311,12 +333,14 @@ pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, 
     let mut chunk = [0; MAX_FRAME];
     loop {
         progress(Task::Transmit);
-        if let Some(burst) = adapter.with(|bridge| bridge.uart_transmit(&mut chunk, now())) {
+        if let Some(burst) = adapter.take(|bridge| bridge.uart_transmit(&mut chunk, now())) {
             if let Some(start) = burst.start {
                 // Too short a time to do anything else in, and nobody else could be as punctual.
                 while now() < start {}
             }
-            send(&mut dma, &chunk[..burst.len], line.half_duplex).await;
+            let sending = send(&mut dma, &chunk[..burst.len], line.half_duplex);
+            let room = async { adapter.taken() };
+            join(sending, room).await;
         } else if let Some(wanted) = adapter.look(|bridge| bridge.line_change()) {
             change(&mut uart, line, wanted).await;
             line = wanted;

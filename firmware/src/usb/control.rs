@@ -29,7 +29,7 @@ pub(crate) async fn to_host(adapter: &'static Adapter, mut endpoint: ToHost) {
         drop(resting);
         loop {
             adapter.control_session.reset();
-            let Some(n) = adapter.with(|bridge| bridge.control_transmit(&mut packet, now())) else {
+            let Some(n) = adapter.take(|bridge| bridge.control_transmit(&mut packet, now())) else {
                 let resting = rest(Task::ControlToHost);
                 adapter.control_packet.wait().await;
                 drop(resting);
@@ -40,6 +40,7 @@ pub(crate) async fn to_host(adapter: &'static Adapter, mut endpoint: ToHost) {
             let resting = rest(Task::ControlToHost);
             let sent = sending.await;
             drop(resting);
+            adapter.taken();
             if matches!(sent, Either::First(Err(_))) {
                 break;
             }

@@ -18,7 +18,7 @@ pub(crate) async fn to_host(adapter: &'static Adapter, mut sender: Sender<'stati
         drop(resting);
         loop {
             adapter.session.reset();
-            let Some(n) = adapter.with(|bridge| bridge.usb_transmit(&mut packet)) else {
+            let Some(n) = adapter.take(|bridge| bridge.usb_transmit(&mut packet)) else {
                 let resting = rest(Task::PortToHost);
                 adapter.packet.wait().await;
                 drop(resting);
