@@ -100,6 +100,17 @@ impl Pty {
         Ok(tcgetattr(&self.user)?.output_speed())
     }
 
+    /// Sets the baud rate, as a client would.
+    ///
+    /// # Errors
+    ///
+    /// When the system refuses.
+    pub fn set_baud(&self, baud: u32) -> io::Result<()> {
+        let mut attributes = tcgetattr(&self.user)?;
+        attributes.set_speed(baud)?;
+        Ok(tcsetattr(&self.user, OptionalActions::Now, &attributes)?)
+    }
+
     /// Takes what clients have written: as many bytes as there are and fit, which may be none. Does not wait.
     ///
     /// Call it a few times a second even when nothing is expected. A client's exclusive use of a terminal (`TIOCEXCL`)
@@ -265,6 +276,15 @@ mod tests {
             let mut got = [0xFF; 8];
             assert_eq!(pty.read(&mut got).unwrap(), 1);
             assert_eq!(got[0], byte);
+        }
+    }
+
+    #[test]
+    fn its_baud_rate_is_the_one_that_was_set_last() {
+        let pty = Pty::open(None).unwrap();
+        for baud in [1_000_000, 115_200] {
+            pty.set_baud(baud).unwrap();
+            assert_eq!(pty.baud().unwrap(), baud);
         }
     }
 

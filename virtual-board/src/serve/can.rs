@@ -45,20 +45,23 @@ impl CanPort {
                 .receive(byte, |frame| bus.unsent() < QUEUE && bus.send(&frame).is_ok());
             self.attach(board);
         }
+        self.attach(board);
         Ok(())
     }
 
-    /// Takes part in the bus as far as the program wants it.
+    /// Takes part in the bus as far as the program wants it. What it has sent goes out before the adapter leaves.
     fn attach<A: Arm>(&mut self, board: &VirtualBoard<A>) {
         let wanted = self.adapter.bit_rate();
-        if wanted != self.attached {
-            match wanted {
-                Some(rate) => board.can().attach(rate),
-                None => board.can().detach(),
-            }
-            board.can().set_acknowledging(!self.adapter.is_listening());
-            self.attached = wanted;
+        let is_leaving = wanted.is_none() && board.can().unsent() > 0;
+        if wanted == self.attached || is_leaving {
+            return;
         }
+        match wanted {
+            Some(rate) => board.can().attach(rate),
+            None => board.can().detach(),
+        }
+        board.can().set_acknowledging(!self.adapter.is_listening());
+        self.attached = wanted;
     }
 
     pub(super) fn give<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Result<(), Error> {

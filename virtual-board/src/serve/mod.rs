@@ -4,11 +4,12 @@
 //!
 //! * The arm's serial port. The baud rate that a program sets reaches the firmware as a line coding; DTR and RTS cannot, a
 //!   pty has no modem lines, and are on.
+//! * The control port: the bytes of the adapter's vendor-specific interface.
 //! * The CAN bus, behind an adapter that speaks [SLCAN](armwire_sim::slcan) and is the only other node. While its channel
 //!   is closed nobody acknowledges what the firmware sends.
 
+mod bytes;
 mod can;
-mod serial;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,8 +20,9 @@ use armwire_sim::pty::{self, Pty};
 use crate::board::{Error, VirtualBoard};
 use crate::line::Arm;
 use crate::time::Nanos;
+use crate::usb::cdc::LineCoding;
+use bytes::BytePort;
 use can::CanPort;
-use serial::SerialPort;
 
 /// How long the board runs, at most, before the ptys are looked at.
 const SLICE: Nanos = Nanos::from_millis(1);
@@ -31,6 +33,9 @@ const NAP: Duration = Duration::from_millis(1);
 /// How far virtual time may lag and still catch up. What is lost beyond, to a slow machine or in a debugger, stays lost.
 const PATIENCE: Nanos = Nanos::from_millis(100);
 
+/// The serial port's baud rate until a program sets another: the arm's, for it is that of hosts on CAN too.
+const BAUD: u32 = 1_000_000;
+
 /// How many bytes wait for either side before the other is not read any more.
 const BACKLOG: usize = 4096;
 
@@ -39,6 +44,8 @@ const BACKLOG: usize = 4096;
 pub struct Places<'a> {
     /// The arm's serial port.
     pub serial: Option<&'a Path>,
+    /// The control port, if that is served.
+    pub control: Option<Option<&'a Path>>,
     /// The CAN bus, if that is served.
     pub can: Option<Option<&'a Path>>,
 }
@@ -54,62 +61,97 @@ pub fn serve<A: Arm>(mut board: VirtualBoard<A>, places: Places<'_>) -> Result<(
     let stopped = stop.clone();
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed))
         .map_err(|error| Error::Serve(std::io::Error::other(error)))?;
-    let mut ports = Ports::open(&mut board, places)?;
-    println!("serving on {}; Ctrl-C ends it", ports.names().join(", "));
+    let mut ports = Ports::open(places)?;
+    board.usb().attach();
+    ports.reopen(&mut board)?;
+    println!("serving on {}; Ctrl-C ends it", ports.names());
     match run(&mut board, &mut ports, &stop) {
         Err(_) if stop.load(Ordering::Relaxed) => Ok(()),
         result => result,
     }
 }
 
+/// Whether there is something to give to a program.
+fn has_news<A: Arm>(board: &mut VirtualBoard<A>) -> bool {
+    let usb = board.usb();
+    usb.serial().unread() > 0 || usb.vendor().unread() > 0 || board.can().unread() > 0
+}
+
 /// What is served.
 struct Ports {
-    serial: SerialPort,
+    serial: BytePort,
+    /// The rate that the firmware was told of.
+    baud: u32,
+    control: Option<BytePort>,
     can: Option<CanPort>,
 }
 
 impl Ports {
-    fn open<A: Arm>(board: &mut VirtualBoard<A>, places: Places<'_>) -> Result<Self, Error> {
+    fn open(places: Places<'_>) -> Result<Self, Error> {
         let open = |link| Pty::open(link).map_err(Error::Serve);
         let serial = open(places.serial)?;
-        let can = places.can.map(open).transpose()?;
-        board.usb().attach();
+        serial.set_baud(BAUD).map_err(Error::Serve)?;
         Ok(Self {
-            serial: SerialPort::open(serial, board)?,
-            can: can.map(CanPort::new),
+            baud: BAUD,
+            serial: BytePort::new(serial),
+            control: places.control.map(open).transpose()?.map(BytePort::new),
+            can: places.can.map(open).transpose()?.map(CanPort::new),
         })
     }
 
-    fn names(&self) -> Vec<String> {
-        let serial = self.serial.pty().path().display().to_string();
-        let can = self
-            .can
-            .as_ref()
-            .map(|can| format!("{} (SLCAN)", can.pty().path().display()));
-        [serial].into_iter().chain(can).collect()
+    fn names(&self) -> String {
+        let mut names = self.serial.pty().path().display().to_string();
+        if let Some(control) = &self.control {
+            names += &format!(", control port {}", control.pty().path().display());
+        }
+        if let Some(can) = &self.can {
+            names += &format!(", CAN bus {} (SLCAN)", can.pty().path().display());
+        }
+        names
+    }
+
+    /// Opens on the board what is not open. A firmware that started over is a new device.
+    fn reopen<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Result<(), Error> {
+        let wanted = self.serial.pty().baud().map_err(Error::Serve)?;
+        let mut usb = board.usb();
+        if !usb.is_open() || wanted != self.baud {
+            usb.open(0, LineCoding::new(wanted))?;
+            self.baud = wanted;
+        }
+        if self.control.is_some() && !usb.vendor().is_open() {
+            usb.open_vendor()?;
+        }
+        Ok(())
     }
 
     /// Takes to the board what programs wrote.
     fn take<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Result<(), Error> {
-        self.serial.take(board)?;
-        match &mut self.can {
-            Some(can) => can.take(board),
-            None => Ok(()),
+        self.serial.take(board.usb().serial())?;
+        if let Some(control) = &mut self.control {
+            control.take(board.usb().vendor())?;
         }
+        if let Some(can) = &mut self.can {
+            can.take(board)?;
+        }
+        Ok(())
     }
 
     /// Gives programs what the board said.
     fn give<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Result<(), Error> {
-        self.serial.give(board)?;
-        match &mut self.can {
-            Some(can) => can.give(board),
-            None => Ok(()),
+        self.serial.give(board.usb().serial())?;
+        if let Some(control) = &mut self.control {
+            control.give(board.usb().vendor())?;
         }
+        if let Some(can) = &mut self.can {
+            can.give(board)?;
+        }
+        Ok(())
     }
 
     /// Waits for a program to write, though not for long.
     fn nap(&self) -> Result<(), Error> {
         let mut ptys = vec![self.serial.pty()];
+        ptys.extend(self.control.as_ref().map(BytePort::pty));
         ptys.extend(self.can.as_ref().map(CanPort::pty));
         pty::wait_for_any(&ptys, Some(NAP)).map_err(Error::Serve)?;
         Ok(())
@@ -120,6 +162,11 @@ impl Ports {
 fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool) -> Result<(), Error> {
     let (mut wall, mut virtual_time) = (Instant::now(), board.now());
     while !stop.load(Ordering::Relaxed) {
+        if board.is_in_boot_loader() {
+            println!("the firmware has started the chip's boot loader, which is not modelled");
+            return Ok(());
+        }
+        ports.reopen(board)?;
         ports.take(board)?;
         let target = virtual_time + Nanos(u64::try_from(wall.elapsed().as_nanos()).unwrap_or(u64::MAX));
         let behind = target.since(board.now());
@@ -129,7 +176,6 @@ fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool
         if behind == Nanos(0) {
             ports.nap()?;
         } else {
-            let has_news = |board: &mut VirtualBoard<A>| board.usb().unread() > 0 || board.can().unread() > 0;
             match board.run_until(behind.min(SLICE), has_news) {
                 Ok(_) | Err(Error::TimedOut { .. }) => {}
                 Err(error) => return Err(error),

@@ -27,6 +27,10 @@ struct Args {
     #[arg(long, value_name = "PATH")]
     serve: Option<Option<PathBuf>>,
 
+    /// Serves the adapter's control port too, on a pty, at PATH if given.
+    #[arg(long, value_name = "PATH", requires = "serve")]
+    control: Option<Option<PathBuf>>,
+
     /// Serves the CAN bus too, behind an SLCAN adapter on a pty, at PATH if given.
     ///
     /// python-can opens it with the interface `slcan`. A program has to set the bit rate, as with LAWICEL's adapters.
@@ -58,6 +62,7 @@ fn run(args: Args) -> Result<(), Box<dyn std::error::Error>> {
         Some(serial) => {
             let places = Places {
                 serial: serial.as_deref(),
+                control: args.control.as_ref().map(Option::as_deref),
                 can: args.slcan.as_ref().map(Option::as_deref),
             };
             Ok(serve(board, places)?)
