@@ -1,6 +1,7 @@
 //! A CAN adapter on a serial port, which speaks SLCAN.
 
 use std::collections::VecDeque;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire_bridge::can::Frame;
@@ -15,13 +16,15 @@ use crate::serial::Serial;
 const PATIENCE: Duration = Duration::from_millis(500);
 /// How long an adapter may take to acknowledge a command, if it does so at all.
 const ACKNOWLEDGE: Duration = Duration::from_millis(100);
-/// How long nothing comes from an adapter that has closed its channel.
-const QUIET: Duration = Duration::from_millis(50);
+/// How long the last frames may take to the bus, at its slowest.
+const ON_THE_WAY: Duration = Duration::from_millis(50);
 
 /// An adapter with its channel open.
 pub(super) struct SlcanBus {
     serial: Serial,
     bit_rate: BitRate,
+    /// When the last frame was handed over.
+    sent: Option<Instant>,
     replies: Replies,
     /// What it said and nobody has taken yet.
     said: VecDeque<Result<Reply, Malformed>>,
@@ -34,20 +37,14 @@ impl SlcanBus {
         let mut bus = Self {
             serial,
             bit_rate,
+            sent: None,
             replies: Replies::default(),
             said: VecDeque::new(),
         };
-        for command in [Command::Nothing, Command::Nothing, Command::Close] {
+        for command in [Command::Nothing, Command::Nothing, Command::Close, Command::Version] {
             bus.tell(command)?;
         }
-        let until = Instant::now() + PATIENCE;
-        while bus.hear(QUIET)?.is_some() && Instant::now() < until {}
-        bus.replies = Replies::default();
-        bus.said.clear();
-
-        // Whatever the answer, it is one.
-        bus.tell(Command::Version)?;
-        if bus.hear(PATIENCE)?.is_none() {
+        if !bus.settle()? {
             let name = bus.name().to_owned();
             return Err(Problem::NoSlcan { name, baud });
         }
@@ -64,6 +61,21 @@ impl SlcanBus {
             }
         }
         Ok(bus)
+    }
+
+    /// Hears what an adapter has to say before it tells its version, and that. Returns whether there is one.
+    fn settle(&mut self) -> Result<bool, Problem> {
+        let until = Instant::now() + PATIENCE;
+        let mut is_there = false;
+        while let Some(reply) = self.hear(until.saturating_duration_since(Instant::now()))? {
+            is_there = true;
+            // Some firmware tells it in its own way, and one that does not know the command says something else.
+            if matches!(reply, Ok(Reply::Version { .. }) | Err(Malformed { command: b'V', .. })) {
+                break;
+            }
+        }
+        self.said.clear();
+        Ok(is_there)
     }
 
     /// One command in one piece, for there is firmware that takes no other.
@@ -125,6 +137,7 @@ impl Bus for SlcanBus {
     }
 
     fn send(&mut self, frame: &Frame) -> Result<(), Problem> {
+        self.sent = Some(Instant::now());
         self.tell(Command::Transmit(*frame))
     }
 
@@ -159,6 +172,10 @@ impl Bus for SlcanBus {
 
 impl Drop for SlcanBus {
     fn drop(&mut self) {
+        // A channel that closes may take what it has not sent yet with it.
+        if let Some(sent) = self.sent {
+            thread::sleep(ON_THE_WAY.saturating_sub(sent.elapsed()));
+        }
         // An open channel would fill the port for nobody.
         let _ = self.tell(Command::Close);
     }
