@@ -41,7 +41,7 @@ impl Counters {
             .iter()
             .filter(|&(_, count)| !self.brief || count.as_u64() != Some(0))
         {
-            text += &format!("{name:<24}{count:>10}\n");
+            text += &format!("{name:<24}{:>10}\n", count.to_string());
         }
         for (name, what, histogram) in latencies {
             if !self.brief || adapter::total(histogram) > 0 {

@@ -19,7 +19,8 @@ fn info_tells_the_adapter_and_the_arm() {
     let out = success(&["info", &port(&bus)]);
     for line in [
         "adapter      virtual, serial number 0123456789AB, firmware 1.2.3",
-        "configured   for ling, CAN node 3",
+        "configured   arm ling, poll off, silence after 500 ms",
+        "can          node 3, 1000000 bit/s, telemetry off, commands off",
         "arm          Ling follower",
         "status       locked",
         "self-check   all 10 servos normal",

@@ -1,30 +1,57 @@
-//! The adapter between this computer and the arm.
+//! The adapter between this computer and the arm, and what it is told to be.
 
-use armwire_bridge::control::{Reply, Request};
+use armwire_bridge::config::{Can, Poll};
 
 use super::show;
+use crate::adapter::identify;
+use crate::config;
 use crate::control::ControlLink;
 use crate::problem::Problem;
 
 pub(super) fn run(control: &mut ControlLink) -> Result<(), Problem> {
-    if let Reply::Identity(identity) = control.call(Request::Identify)? {
-        let commit = match identity.commit.as_str() {
-            "" => String::new(),
-            commit => format!(" ({commit})"),
-        };
-        show(
-            "adapter",
-            format_args!(
-                "{}, serial number {}, firmware {}{commit}",
-                identity.board, identity.serial, identity.firmware
-            ),
-        )?;
-    }
-    if let Reply::Config(config) = control.call(Request::GetConfig)? {
-        show(
-            "configured",
-            format_args!("for {}, CAN node {}", config.arm, config.can.node.get()),
-        )?;
-    }
-    Ok(())
+    let identity = identify(control)?;
+    let commit = match identity.commit.as_str() {
+        "" => String::new(),
+        commit => format!(" ({commit})"),
+    };
+    show(
+        "adapter",
+        format_args!(
+            "{}, serial number {}, firmware {}{commit}",
+            identity.board, identity.serial, identity.firmware
+        ),
+    )?;
+
+    let config = config::get(control)?;
+    let poll = match config.poll {
+        Poll::Off => "off".to_owned(),
+        Poll::Fastest => "fastest".to_owned(),
+        Poll::Hertz(hertz) => format!("{hertz} Hz"),
+    };
+    let silence = match config.silence.after_ms {
+        0 => "never".to_owned(),
+        millis if config.silence.torque_off => format!("after {millis} ms (torque off)"),
+        millis => format!("after {millis} ms"),
+    };
+    show(
+        "configured",
+        format_args!("arm {}, poll {poll}, silence {silence}", config.arm),
+    )?;
+    show("can", can(&config.can))
+}
+
+fn can(can: &Can) -> String {
+    let rate = match can.data_bit_rate {
+        None => format!("{} bit/s", can.bit_rate),
+        Some(data) => format!("{} and {data} bit/s (CAN FD)", can.bit_rate),
+    };
+    let telemetry = match can.telemetry_hz {
+        0 => "off".to_owned(),
+        hertz => format!("{hertz} Hz"),
+    };
+    let commands = if can.commands { "on" } else { "off" };
+    format!(
+        "node {}, {rate}, telemetry {telemetry}, commands {commands}",
+        can.node.get()
+    )
 }

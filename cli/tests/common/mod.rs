@@ -3,6 +3,7 @@
 #![allow(dead_code)]
 
 pub(crate) mod adapter;
+pub(crate) mod board;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};

@@ -1,0 +1,375 @@
+//! The built program and an adapter with its control port: what a user sees of it, changes in it, and is refused.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod common;
+
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use common::board::Board;
+use common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
+use crc::{CRC_32_JAMCRC, Crc};
+
+/// The configuration from the factory, as it is shown.
+const FACTORY: &str = "\
+arm=ling
+poll=off
+can.node=0
+can.bit-rate=1000000
+can.data-bit-rate=off
+can.telemetry-hz=0
+can.commands=off
+can.command-timeout-ms=100
+can.unsolicited=off
+silence.after-ms=500
+silence.torque-off=off
+";
+
+/// What the control port is called where something is said of it.
+fn name(board: &Board) -> &str {
+    board.control.strip_prefix("control:").unwrap()
+}
+
+#[test]
+fn info_tells_the_adapter_and_the_arm() {
+    let board = Board::start("info");
+    let out = success(&["info", &board.port, "--control", &board.control]);
+    let told: Vec<_> = out.lines().take(4).collect();
+    assert_eq!(
+        told,
+        [
+            "adapter      virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
+            "configured   arm ling, poll off, silence after 500 ms",
+            "can          node 0, 1000000 bit/s, telemetry off, commands off",
+            "arm          Ling follower",
+        ]
+    );
+    assert!(out.contains("self-check   all 10 servos normal"), "{out}");
+    let out = success(&["info", &board.port]);
+    assert!(out.starts_with("arm "), "a pty tells of no adapter: {out}");
+    let out = success(&["info", &board.control]);
+    assert!(out.starts_with("adapter ") && !out.contains("arm          "), "{out}");
+}
+
+#[test]
+fn a_configuration_is_shown_set_saved_and_forgotten() {
+    let board = Board::start("config");
+    let config = |args: &[&str]| success(&[&["config", &board.control], args].concat());
+    assert_eq!(config(&[]), FACTORY);
+    assert_eq!(config(&["show"]), FACTORY);
+    let changed = FACTORY
+        .replace("poll=off", "poll=200")
+        .replace("can.node=0", "can.node=3");
+    assert_eq!(config(&["set", "poll=200", "can.node=3"]), changed);
+    assert_eq!(config(&["save"]), changed);
+    let counters = success(&["counters", &board.control]);
+    assert!(
+        counters
+            .lines()
+            .any(|line| line == "config_saves                     1"),
+        "{counters}"
+    );
+
+    let back: Vec<_> = FACTORY.lines().collect();
+    assert_eq!(config(&[&["set", "--save"], &back[..]].concat()), FACTORY);
+    config(&["set", "can.commands=on"]);
+    assert_eq!(config(&["reset"]), FACTORY);
+}
+
+#[test]
+fn a_configuration_is_json_for_programs() {
+    let board = Board::start("config-json");
+    let out = success(&["config", &board.control, "show", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(
+        (&json["arm"], &json["can.bit-rate"]),
+        (&"ling".into(), &1_000_000.into())
+    );
+    assert_eq!((&json["can.commands"], &json["poll"]), (&false.into(), &"off".into()));
+    assert_eq!(json.as_object().unwrap().len(), FACTORY.lines().count());
+}
+
+#[test]
+fn what_an_adapter_cannot_be_it_says_in_words_and_stays_as_it_is() {
+    let board = Board::start("refused");
+    let set = |setting: &str| failure(&run(&["config", &board.control, "set", setting]));
+    for (setting, words) in [
+        ("poll=1001", "a poll rate of 1001 Hz, it is 1 to 1000 Hz"),
+        ("can.bit-rate=300000", "300000 bit/s, a CAN bus here has one of"),
+        (
+            "can.command-timeout-ms=0",
+            "a command time-out of 0 ms, it is 1 to 10000 ms",
+        ),
+    ] {
+        let line = set(setting);
+        let told = format!("{}: the adapter cannot be like that: {words}", name(&board));
+        assert!(line.starts_with(&told), "{line}");
+    }
+    assert_eq!(success(&["config", &board.control]), FACTORY);
+    let text = usage(&["config", &board.control, "set", "pole=200"]);
+    assert!(
+        text.contains("there is no setting 'pole'; there are: arm, poll, can.node"),
+        "{text}"
+    );
+    let text = usage(&["config", &board.control, "set"]);
+    assert!(text.contains("KEY=VALUE"), "{text}");
+    let help = success(&["config", "help", "set"]);
+    assert!(
+        FACTORY
+            .lines()
+            .all(|line| help.contains(line.split('=').next().unwrap())),
+        "{help}"
+    );
+}
+
+#[test]
+fn counters_have_their_names_and_latencies_their_bars() {
+    let board = Board::start("counters");
+    success(&["call", "ling", &board.port, "read-joints"]);
+    let out = success(&["counters", &board.control]);
+    assert!(out.lines().any(|line| line.starts_with("requests_usb  ")), "{out}");
+    assert!(
+        out.contains("\nanswer (from a request's last byte to its answer's last byte): "),
+        "{out}"
+    );
+    assert!(out.contains('█'), "{out}");
+    let brief = success(&["counters", &board.control, "--brief"]);
+    assert!(
+        brief.contains("requests_usb") && !brief.contains("framing_errors"),
+        "{brief}"
+    );
+
+    let json: serde_json::Value = serde_json::from_str(&success(&["counters", &board.control, "--json"])).unwrap();
+    assert!(json["counters"]["requests_usb"].as_u64() >= Some(1), "{json}");
+    assert_eq!(
+        json["counters"].as_object().unwrap().len(),
+        armwire_bridge::Counters::COUNT
+    );
+    assert_eq!(json["latencies"]["answer"][0]["below_us"], 2);
+    assert_eq!(json["latencies"]["answer"][15]["below_us"], serde_json::Value::Null);
+}
+
+#[test]
+fn monitor_shows_what_the_adapter_hears_with_the_adapters_time() {
+    let board = Board::start("heard");
+    success(&["config", &board.control, "set", "poll=100"]);
+    let out = success(&["monitor", &board.control, "--from-adapter", "--json", "--count", "5"]);
+    let rows: Vec<serde_json::Value> = out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(rows.len(), 5);
+    let stamps: Vec<_> = rows
+        .iter()
+        .map(|row| row["adapter_time_us"].as_u64().unwrap())
+        .collect();
+    assert!(stamps.windows(2).all(|pair| pair[0] < pair[1]), "{stamps:?}");
+    for row in &rows {
+        assert_eq!((&row["joint_6_rad"], &row["status"]), (&0.0.into(), &"locked".into()));
+        assert_eq!(row["latency_us"], serde_json::Value::Null);
+    }
+}
+
+#[test]
+fn monitor_tells_when_the_adapter_hears_nothing_by_itself() {
+    let board = Board::start("hint");
+    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &board.control, "--from-adapter", "--count", "1"]));
+    // Somebody else asks, until the monitor has heard of it.
+    while monitor.try_wait().unwrap().is_none() {
+        success(&["call", "ling", &board.port, "read-joints"]);
+    }
+    let output = finish(monitor);
+    let (stdout, stderr) = (
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr),
+    );
+    assert!(stderr.starts_with("armwire: the adapter does not poll"), "{output:?}");
+    assert!(
+        stdout.lines().count() == 1 && stdout.contains("gripper 0.0 % open  locked"),
+        "{output:?}"
+    );
+}
+
+#[test]
+fn an_adapter_for_another_arm_is_not_watched() {
+    let board = Board::start("raw");
+    success(&["config", &board.control, "set", "arm=raw"]);
+    let line = failure(&run(&["monitor", &board.control, "--from-adapter"]));
+    assert!(
+        line.ends_with("the adapter is set for 'raw', of which it hears no readings"),
+        "{line}"
+    );
+}
+
+#[test]
+fn what_has_no_control_port_is_told() {
+    let board = Board::start("none");
+    for args in [&["config", &board.port][..], &["counters", &board.port]] {
+        let line = failure(&run(args));
+        assert!(line.contains("not the port of an armwire adapter"), "{line}");
+    }
+    let text = usage(&["info", &board.port, "--control", "tcp:localhost"]);
+    assert!(text.contains("'localhost' has no port"), "{text}");
+}
+
+/// A firmware for a board of this name, as a DfuSe file.
+fn image(board: &str) -> Vec<u8> {
+    let mut program = vec![0; 256];
+    program[..8].copy_from_slice(&[0, 0, 2, 0x20, 0xA1, 1, 0, 8]);
+    let mut elements = 0x0800_0000_u32.to_le_bytes().to_vec();
+    elements.extend(256_u32.to_le_bytes());
+    elements.extend(program);
+    let mut name = board.as_bytes().to_vec();
+    name.resize(255, 0);
+    let mut file = b"DfuSe\x01".to_vec();
+    file.extend((285 + elements.len() as u32).to_le_bytes());
+    file.extend(b"\x01Target\x00\x01\0\0\0");
+    file.extend(name);
+    file.extend((elements.len() as u32).to_le_bytes());
+    file.extend(1_u32.to_le_bytes());
+    file.extend(elements);
+    file.extend(b"\xFF\xFF\x11\xDF\x83\x04\x1A\x01UFD\x10");
+    file.extend(Crc::<u32>::new(&CRC_32_JAMCRC).checksum(&file).to_le_bytes());
+    file
+}
+
+/// A folder with a `dfu-util` that sees a boot loader while that file is there, and writes down what it is told to do.
+fn tools(name: &str, boot_loader: &Path, exit: i32) -> std::path::PathBuf {
+    let folder = free_path(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir(&folder).unwrap();
+    let (boot_loader, log) = (boot_loader.display(), folder.join("log"));
+    let script = format!(
+        "#!/bin/sh\n\
+         case \"$*\" in\n\
+         --list) [ ! -e {boot_loader} ] || echo 'Found DFU: [0483:df11] ver=2200' ;;\n\
+         *:leave) echo \"$*\" >> {log}; rm {boot_loader}; exit 74 ;;\n\
+         *) echo \"$*\" >> {log}; exit {exit} ;;\n\
+         esac\n",
+        log = log.display()
+    );
+    fs::write(folder.join("dfu-util"), script).unwrap();
+    fs::set_permissions(folder.join("dfu-util"), Permissions::from_mode(0o755)).unwrap();
+    folder
+}
+
+/// Updates the board with this image, with the programs of that folder and `rm`.
+fn update(board: &Board, image: &Path, folder: &Path) -> Output {
+    let path = format!("{}:/bin:/usr/bin", folder.display());
+    finish(start(
+        Command::new(PROGRAM)
+            .args(["update", &board.control])
+            .arg(image)
+            .env("PATH", path),
+    ))
+}
+
+#[test]
+fn an_update_goes_through_the_boot_loader_and_tells_what_runs_then() {
+    let board = Board::start("update");
+    let folder = tools("update", &board.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let output = update(&board, &file, &folder);
+    assert!(output.status.success(), "{output:?}");
+    let file = file.display();
+    let told = fs::read_to_string(folder.join("log")).unwrap();
+    assert_eq!(
+        told,
+        format!("-d ,0483:df11 -a 0 -D {file}\n-d ,0483:df11 -a 0 -s 0x08000000:leave\n")
+    );
+    let control = &board.control;
+    let adapter = format!(
+        "{}: virtual, firmware 1.2.3 (1a2b3c4d5e6f)",
+        &control["control:".len()..]
+    );
+    let name = &control["control:".len()..];
+    assert_eq!(
+        String::from_utf8(output.stdout).unwrap(),
+        format!(
+            "{adapter}\n{name}: restarts into its boot loader, to take 256 bytes\n\
+             dfu-util -d ,0483:df11 -a 0 -D {file}\ndfu-util -d ,0483:df11 -a 0 -s 0x08000000:leave\n{adapter}\n"
+        )
+    );
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn nothing_is_restarted_for_an_image_that_is_none_or_another_boards() {
+    let board = Board::start("bad-image");
+    let folder = tools("bad-image", &board.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    let mut damaged = image("virtual");
+    damaged[400] ^= 1;
+    for (image, told) in [
+        (&b"\x7FELF"[..], "not a DfuSe file: is it the .dfu of the firmware"),
+        (&damaged, "the file is damaged: its checksum is"),
+        (
+            &image("stm32g431"),
+            "the image is for the board stm32g431, the adapter is a virtual",
+        ),
+    ] {
+        fs::write(&file, image).unwrap();
+        let line = failure(&update(&board, &file, &folder));
+        assert!(line.contains(told), "{line}");
+        assert!(!board.boot_loader.exists());
+    }
+    let line = failure(&run(&["update", &board.control, "/no/such.dfu"]));
+    assert!(line.starts_with("/no/such.dfu: "), "{line}");
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_board_that_is_in_its_boot_loader_already_is_not_overwritten_by_chance() {
+    let board = Board::start("already");
+    let folder = tools("already", &board.boot_loader, 0);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    fs::write(&board.boot_loader, "").unwrap();
+    let line = failure(&update(&board, &file, &folder));
+    assert!(
+        line.starts_with("dfu-util: a board is in its boot loader already: unplug it; or"),
+        "{line}"
+    );
+    assert!(!folder.join("log").exists());
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_failure_of_dfu_util_is_told_with_the_way_on() {
+    let board = Board::start("fails");
+    let folder = tools("fails", &board.boot_loader, 74);
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let line = failure(&update(&board, &file, &folder));
+    assert!(
+        line.starts_with("dfu-util: failed (exit status: 74); the boot loader cannot be overwritten"),
+        "{line}"
+    );
+    assert!(line.contains("-s 0x08000000:leave'"), "{line}");
+    fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn without_dfu_util_the_commands_are_told() {
+    let board = Board::start("without");
+    let folder = free_path("without-tools");
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir(&folder).unwrap();
+    let file = folder.join("new.dfu");
+    fs::write(&file, image("virtual")).unwrap();
+    let output = finish(start(
+        Command::new(PROGRAM)
+            .args(["update", &board.control])
+            .arg(&file)
+            .env("PATH", &folder),
+    ));
+    assert!(output.status.success(), "{output:?}");
+    let out = String::from_utf8(output.stdout).unwrap();
+    let last: Vec<_> = out.lines().skip(2).collect();
+    assert!(last[0].starts_with("dfu-util is not installed: "), "{out}");
+    assert_eq!(last[1], format!("dfu-util -d ,0483:df11 -a 0 -D {}", file.display()));
+    assert_eq!(last[2], "dfu-util -d ,0483:df11 -a 0 -s 0x08000000:leave");
+    assert!(board.boot_loader.exists());
+    fs::remove_dir_all(folder).unwrap();
+}

@@ -1,0 +1,160 @@
+//! An adapter with a Ling arm, on two ptys: its serial port and its control port. It is the adapter's own state machine,
+//! in real time; what is missing is a UART, so that bytes to the arm and back take no time.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+use std::{fs, io};
+
+use armwire::Micros;
+use armwire_bridge::config::Config;
+use armwire_bridge::control::Identity;
+use armwire_bridge::{Action, Bridge, PACKET};
+use armwire_sim::ling::{Config as ArmConfig, LingArm};
+use armwire_sim::pty::Pty;
+use armwire_sim::serial::SerialDevice;
+
+/// An adapter that is served until this is dropped.
+pub(crate) struct Board {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    /// The serial port's pty.
+    pub(crate) port: String,
+    /// The control port, as a user names it.
+    pub(crate) control: String,
+    /// A file that is there while the chip is in its boot loader.
+    pub(crate) boot_loader: PathBuf,
+}
+
+impl Board {
+    pub(crate) fn start(name: &str) -> Self {
+        let ports = [(); 2].map(|()| Pty::open(None).unwrap());
+        let [port, control] = ports.each_ref().map(|pty| pty.path().to_str().unwrap().to_owned());
+        let control = format!("control:{control}");
+        let stop = Arc::default();
+        let stopped = Arc::clone(&stop);
+        let boot_loader = super::free_path(&format!("{name}-boot-loader"));
+        let marker = boot_loader.clone();
+        let thread = Some(thread::spawn(move || Served::new(ports, marker).serve(&stopped)));
+        Self {
+            stop,
+            thread,
+            port,
+            control,
+            boot_loader,
+        }
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        // A test that fails anyway is not to fail twice.
+        let _ = self.thread.take().unwrap().join();
+        let _ = fs::remove_file(&self.boot_loader);
+    }
+}
+
+struct Served {
+    bridge: Bridge<2048, 512>,
+    arm: LingArm,
+    port: Pty,
+    control: Pty,
+    boot_loader: PathBuf,
+}
+
+impl Served {
+    fn new([port, control]: [Pty; 2], boot_loader: PathBuf) -> Self {
+        let identity = Identity {
+            version: armwire_bridge::control::VERSION,
+            firmware: "1.2.3".try_into().unwrap(),
+            commit: "1a2b3c4d5e6f".try_into().unwrap(),
+            board: "virtual".try_into().unwrap(),
+            serial: "0123456789AB".try_into().unwrap(),
+            can_fd: false,
+        };
+        let mut bridge = Bridge::new(identity, Config::default());
+        bridge.usb_configured(true);
+        bridge.usb_dtr(true);
+        Self {
+            bridge,
+            arm: LingArm::new(ArmConfig::follower()),
+            port,
+            control,
+            boot_loader,
+        }
+    }
+
+    fn serve(mut self, stop: &AtomicBool) {
+        let start = Instant::now();
+        while !stop.load(Ordering::Relaxed) {
+            let now = Micros(start.elapsed().as_micros() as u64);
+            self.hear(now).unwrap();
+            if self.bridge.timeout().is_some_and(|at| at <= now) {
+                self.bridge.tick(now);
+            }
+            self.exchange(now);
+            self.act(now);
+            self.say(now).unwrap();
+            self.control.wait(Some(Duration::from_micros(500))).unwrap();
+        }
+    }
+
+    /// What the host says, as far as there is room for it.
+    fn hear(&mut self, now: Micros) -> io::Result<()> {
+        let mut packet = [0; PACKET];
+        if self.bridge.usb_room() {
+            match self.port.read(&mut packet)? {
+                0 => {}
+                n => self.bridge.usb_received(&packet[..n], now),
+            }
+        }
+        if self.bridge.control_room() {
+            match self.control.read(&mut packet)? {
+                0 => {}
+                n => self.bridge.control_received(&packet[..n], now),
+            }
+        }
+        Ok(())
+    }
+
+    /// What goes to the arm, and what comes from it.
+    fn exchange(&mut self, now: Micros) {
+        let mut bytes = [0; 256];
+        while let Some(burst) = self.bridge.uart_transmit(&mut bytes, now) {
+            for &byte in &bytes[..burst.len] {
+                self.arm.receive(now, byte);
+            }
+        }
+        while let Some(byte) = self.arm.transmit(now) {
+            self.bridge.uart_received(&[byte], now);
+        }
+        self.bridge.uart_idle(now);
+        if let Some(line) = self.bridge.line_change() {
+            self.bridge.line_changed(line);
+        }
+    }
+
+    fn act(&mut self, now: Micros) {
+        match self.bridge.action() {
+            // Nothing is kept, for nothing starts again.
+            Some(Action::Save(_) | Action::Reset) => self.bridge.saved(Ok(()), now),
+            Some(Action::RestartIntoBootLoader) => fs::write(&self.boot_loader, "").unwrap(),
+            Some(Action::Restart | Action::RestartCan(_)) | None => {}
+        }
+    }
+
+    /// What the host hears.
+    fn say(&mut self, now: Micros) -> io::Result<()> {
+        let mut packet = [0; PACKET];
+        while let Some(n) = self.bridge.usb_transmit(&mut packet) {
+            self.port.write(&packet[..n])?;
+        }
+        while let Some(n) = self.bridge.control_transmit(&mut packet, now) {
+            self.control.write(&packet[..n])?;
+        }
+        Ok(())
+    }
+}

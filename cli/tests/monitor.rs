@@ -1,0 +1,236 @@
+//! `armwire monitor` as other programs read it, and on a terminal.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod common;
+
+use std::fs::File;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use armwire_sim::pty::Pty;
+use common::board::Board;
+use common::{Arm, NO_ANSWER, PATIENCE, PROGRAM, again_while, finish, run, success, usage};
+use rustix::termios::{Winsize, tcsetwinsize};
+
+/// The rows of a monitor's JSON, each a line.
+fn rows(out: &str) -> Vec<serde_json::Value> {
+    out.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn csv_has_units_in_its_names_and_a_field_for_each() {
+    let arm = Arm::start("ling", "csv", &[]);
+    let out = success(&["monitor", &arm.port, "--rate", "200", "--csv", "--count", "3"]);
+    let lines: Vec<_> = out.lines().collect();
+    assert_eq!(
+        lines[0],
+        "time_s,adapter_time_us,latency_us,joint_1_rad,joint_2_rad,joint_3_rad,joint_4_rad,joint_5_rad,joint_6_rad,\
+         gripper_percent,status,temperature_1_celsius,temperature_2_celsius,temperature_3_celsius,temperature_4_celsius,\
+         temperature_5_celsius,temperature_6_celsius,temperature_7_celsius,temperature_8_celsius,temperature_9_celsius,\
+         temperature_10_celsius"
+    );
+    assert_eq!(lines.len(), 4);
+    for line in &lines[1..] {
+        let fields: Vec<_> = line.split(',').collect();
+        assert_eq!(fields.len(), 21, "{line}");
+        assert_eq!(
+            (fields[1], &fields[3..11]),
+            ("", &["0.0", "0.0", "0.0", "0.0", "0.0", "0.0", "0.0", "locked"][..])
+        );
+        assert!(
+            fields[0].parse::<f64>().is_ok() && fields[2].parse::<u64>().is_ok(),
+            "{line}"
+        );
+        assert!(
+            fields[11..].iter().all(|celsius| celsius.parse::<u8>().is_ok()),
+            "{line}"
+        );
+    }
+}
+
+#[test]
+fn what_an_arm_does_not_have_is_null() {
+    let arm = Arm::start("ling", "json", &["--leader"]);
+    for row in rows(&success(&[
+        "monitor", &arm.port, "--rate", "200", "--json", "--count", "2",
+    ])) {
+        assert!(row["temperature_6_celsius"].is_u64(), "{row}");
+        assert!(
+            row["temperature_7_celsius"].is_null() && row["adapter_time_us"].is_null(),
+            "{row}"
+        );
+    }
+    let robot = Arm::start("alpha1", "json-alpha1", &[]);
+    let args = ["monitor", "--arm", "alpha1", &robot.port, "--json", "--count", "1"];
+    let row = &rows(&success(&args))[0];
+    assert!(
+        row["servo_1_runs"].is_number() && row["servo_20_runs"].is_number(),
+        "{row}"
+    );
+    assert!(row["status"].is_null() && row.get("joint_1_rad").is_none(), "{row}");
+}
+
+#[test]
+fn an_arm_of_the_older_generation_has_its_own_columns() {
+    let arm = Arm::start("ling", "json-older", &["--older"]);
+    let args = ["monitor", &arm.port, "--json", "--count", "1"];
+    let output = again_while(NO_ANSWER, || again_while("has stopped talking", || run(&args)));
+    let row = &rows(&String::from_utf8(output.stdout).unwrap())[0];
+    assert_eq!(
+        (&row["joint_6_rad"], &row["potentiometer_raw"]),
+        (&0.0.into(), &2048.0.into())
+    );
+}
+
+#[test]
+fn arguments_that_do_not_go_together_are_told() {
+    for args in [
+        &["--csv", "--json"][..],
+        &["--from-adapter", "--rate", "5"],
+        &["--from-adapter", "--arm", "xarm"],
+    ] {
+        let text = usage(&[&["monitor", "/dev/no-such-port"], args].concat());
+        assert!(text.contains("cannot be used with"), "{text}");
+    }
+}
+
+/// A terminal that a program runs on.
+struct Terminal {
+    pty: Pty,
+    /// All that the program has written.
+    seen: String,
+}
+
+impl Terminal {
+    fn new(columns: u16, rows: u16) -> Self {
+        let pty = Pty::open(None).unwrap();
+        let size = Winsize {
+            ws_row: rows,
+            ws_col: columns,
+            ws_xpixel: 0,
+            ws_ypixel: 0,
+        };
+        tcsetwinsize(File::open(pty.path()).unwrap(), size).unwrap();
+        let seen = String::new();
+        Self { pty, seen }
+    }
+
+    fn start(&self, args: &[&str]) -> Child {
+        let end = || File::options().read(true).write(true).open(self.pty.path()).unwrap();
+        let mut command = Command::new(PROGRAM);
+        command
+            .args(args)
+            .env("TERM", "xterm-256color")
+            .stdin(end())
+            .stdout(end());
+        command.stderr(Stdio::piped()).spawn().unwrap()
+    }
+
+    /// Reads until the program has written this, or has ended. Returns whether it has written it.
+    fn wait_for(&mut self, text: &str, child: &mut Child) -> bool {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let has_ended = child.try_wait().unwrap().is_some();
+            self.read();
+            if self.seen.contains(text) {
+                return true;
+            }
+            if has_ended || Instant::now() > deadline {
+                return false;
+            }
+        }
+    }
+
+    fn read(&mut self) {
+        let mut bytes = [0; 4096];
+        self.pty.wait(Some(Duration::from_millis(5))).unwrap();
+        loop {
+            match self.pty.read(&mut bytes).unwrap() {
+                0 => return,
+                n => self.seen += &String::from_utf8_lossy(&bytes[..n]),
+            }
+        }
+    }
+
+    fn finish(&mut self, mut child: Child) -> Output {
+        // The terminal's buffer must not be what the program waits for.
+        while !self.wait_for("no such text", &mut child) && child.try_wait().unwrap().is_none() {}
+        finish(child)
+    }
+}
+
+/// What a program writes that takes the whole screen, and gives it back.
+const TAKES: &str = "\x1b[?1049h";
+const GIVES_BACK: &str = "\x1b[?1049l";
+
+/// A monitor on a terminal, once it has drawn this. An arm that the system gives no time may have been silent.
+fn watched(terminal: &mut Terminal, args: &[&str], text: &str) -> Child {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        let mut child = terminal.start(args);
+        if terminal.wait_for(text, &mut child) {
+            return child;
+        }
+        let output = finish(child);
+        assert!(
+            Instant::now() < deadline,
+            "{text:?} is not drawn: {output:?}, {}",
+            terminal.seen
+        );
+    }
+}
+
+#[test]
+fn on_a_terminal_the_whole_screen_shows_the_arm_until_a_key_ends_it() {
+    let arm = Arm::start("ling", "screen", &[]);
+    for key in ["q", "\x1b", "\x03"] {
+        let mut terminal = Terminal::new(100, 30);
+        let child = watched(&mut terminal, &["monitor", &arm.port], "worst");
+        for text in [TAKES, "joint 6", "locked", "°C", "readings/s", "unanswered", "q ends"] {
+            assert!(terminal.seen.contains(text), "{text:?} is not in {:?}", terminal.seen);
+        }
+        assert!(!terminal.seen.contains(GIVES_BACK));
+        terminal.pty.write(key.as_bytes()).unwrap();
+        let output = terminal.finish(child);
+        assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+        assert!(terminal.seen.contains(GIVES_BACK), "{:?}", terminal.seen);
+    }
+}
+
+#[test]
+fn the_screen_shows_the_adapter_too() {
+    let board = Board::start("screen");
+    let mut terminal = Terminal::new(100, 40);
+    let args = ["monitor", &board.port, "--control", &board.control, "--count", "20"];
+    let child = watched(&mut terminal, &args, "requests_usb");
+    // Between words a terminal's cursor moves.
+    for text in ["virtual,", "1.2.3", "(1a2b3c4d5e6f)", "answer", "control_requests"] {
+        assert!(terminal.seen.contains(text), "{text:?} is not in {:?}", terminal.seen);
+    }
+    assert!(terminal.finish(child).status.success());
+    assert!(terminal.seen.contains(GIVES_BACK), "{:?}", terminal.seen);
+}
+
+#[test]
+fn an_error_is_told_on_the_terminal_as_it_was_before() {
+    let arm = Arm::start("ling", "gone", &[]);
+    let mut terminal = Terminal::new(80, 24);
+    let child = watched(&mut terminal, &["monitor", &arm.port], "joint 6");
+    drop(arm);
+    let output = terminal.finish(child);
+    assert!(terminal.seen.contains(GIVES_BACK), "{:?}", terminal.seen);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    assert!(String::from_utf8(output.stderr).unwrap().contains("the port is gone"));
+}
+
+#[test]
+fn no_screen_is_taken_for_an_arm_that_does_not_answer() {
+    let silent = Pty::open(None).unwrap();
+    let mut terminal = Terminal::new(80, 24);
+    let child = terminal.start(&["monitor", silent.path().to_str().unwrap()]);
+    let output = terminal.finish(child);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    assert!(String::from_utf8(output.stderr).unwrap().contains(NO_ANSWER));
+    assert!(!terminal.seen.contains(TAKES), "{:?}", terminal.seen);
+}
