@@ -6,7 +6,7 @@
 //! | Session: VBUS sensed, or taken for granted with NOVBUSSENS; SRQINT and SEDET | 34.4.2, 34.16.2 |
 //! | Reset, enumeration done, start of frame, suspend, wake-up | 34.4.2, 34.17.3 |
 //! | One receive FIFO for all OUT endpoints: a status word, then the data; popped through GRXSTSP | 34.11.1, 34.17.5 |
-//! | A transmit FIFO for each IN endpoint; TXFE, space left | 34.11.2, 34.16.4 |
+//! | A transmit FIFO for each IN endpoint; TXFE, space left; no more goes in, and none may overlap | 34.11.2, 34.16.4 |
 //! | SETUP: always taken, sets both NAKs of endpoint 0, clears its STALLs, done at the next token | 34.17.5 |
 //! | OUT: NAK without room, packet count, or with NAKSTS; NAKSTS after the transfer; XFRC as its status is popped | 34.17.5 |
 //! | IN: sent once enabled, no NAK, and the FIFO holds the packet; XFRC at the host's ACK | 34.17.6 |
@@ -21,6 +21,7 @@
 //! an OUT endpoint stays.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 
 use super::registers::*;
 use crate::time::Nanos;
@@ -28,6 +29,9 @@ use crate::usb::{Direction, Function, Handshake, Reply};
 
 /// The core's identification (34.16.2 CID).
 const CORE_ID: u32 = 0x0000_1200;
+
+/// How many words the FIFOs share (34.11: 1.25 kB).
+const FIFO_RAM: usize = 320;
 
 /// One IN endpoint.
 #[derive(Debug, Default)]
@@ -92,6 +96,7 @@ pub(super) struct Core {
     popped: VecDeque<u32>,
     /// A SETUP came and the token that ends its phase did not yet.
     setup_open: bool,
+    misuse: Option<&'static str>,
 }
 
 impl Default for Core {
@@ -125,6 +130,7 @@ impl Default for Core {
             received: VecDeque::new(),
             popped: VecDeque::new(),
             setup_open: false,
+            misuse: None,
         };
         core.input[0].control = epctl::USBAEP;
         core.output[0].control = epctl::USBAEP;
@@ -270,11 +276,41 @@ impl Core {
             PCGCCTL => self.pcgcctl = value,
             FIFO.. => {
                 let endpoint = ((offset - FIFO) / FIFO_SPAN) as usize % ENDPOINTS;
-                self.input[endpoint].fifo.push_back(value);
+                self.push(endpoint, value);
             }
             _ => {}
         }
         self.arm();
+    }
+
+    /// A word goes into a transmit FIFO, if that holds one more. What a core does with one that does not fit, the manual
+    /// does not say; here it is lost.
+    fn push(&mut self, endpoint: usize, word: u32) {
+        let input = &self.input[endpoint];
+        if input.fifo.len() >= input.depth() {
+            self.misuse = Some("34.11.2: more than a transmit FIFO holds was written to it");
+            return;
+        }
+        if self.overlaps(endpoint) {
+            self.misuse = Some("34.11: a FIFO overlaps another, or the end of the FIFO RAM");
+        }
+        self.input[endpoint].fifo.push_back(word);
+    }
+
+    /// Whether the transmit FIFO of `endpoint` has words of the RAM that are another's, or not there.
+    fn overlaps(&self, endpoint: usize) -> bool {
+        let own = self.input[endpoint].words();
+        let others = self.input.iter().enumerate();
+        let active = |(each, input): &(usize, &InEndpoint)| *each != endpoint && input.control & epctl::USBAEP != 0;
+        let shared = |words: Range<usize>| words.start < own.end && own.start < words.end;
+        own.end > FIFO_RAM
+            || shared(0..self.grxfsiz as usize)
+            || others.filter(active).any(|(_, input)| shared(input.words()))
+    }
+
+    /// What the firmware did, since this was last asked, that the manual forbids.
+    pub(super) fn take_misuse(&mut self) -> Option<&'static str> {
+        self.misuse.take()
     }
 
     fn write_in_control(&mut self, endpoint: usize, value: u32) {
@@ -648,6 +684,12 @@ impl InEndpoint {
     /// Its FIFO's depth in words.
     fn depth(&self) -> usize {
         (self.allocation >> 16) as usize
+    }
+
+    /// The words of the FIFO RAM that are its FIFO's.
+    fn words(&self) -> Range<usize> {
+        let start = (self.allocation & 0xFFFF) as usize;
+        start..start + self.depth()
     }
 
     /// The length of the packet it would send next, in bytes.

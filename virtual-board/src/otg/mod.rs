@@ -6,7 +6,7 @@ pub(crate) mod registers;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use rigless::device::{Device, DeviceContext, Level, RegisterFile};
-use rigless::soc::Peripheral;
+use rigless::soc::{Layout, Peripheral};
 use rigless::time::{EventId, VirtualNanos};
 
 use self::core::Core;
@@ -36,6 +36,8 @@ pub(crate) struct Otg {
     core: Core,
     host: Arc<Mutex<Host>>,
     line: Level,
+    /// What the session was told of what the manual forbids, each once.
+    told: Vec<&'static str>,
     /// The next instant the host wants, and its event.
     wake: Option<(Nanos, EventId)>,
 }
@@ -46,6 +48,7 @@ impl Otg {
             core: Core::default(),
             host,
             line: Level::Low,
+            told: Vec::new(),
             wake: None,
         }
     }
@@ -93,6 +96,12 @@ impl Device for Otg {
     fn write(&mut self, row: Row, value: u64, _: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         self.core.now = context.now().into();
         self.core.write(row.offset(), value as u32);
+        if let Some(reason) = self.core.take_misuse()
+            && !self.told.contains(&reason)
+        {
+            self.told.push(reason);
+            context.tell(row.spec().name, reason);
+        }
         self.settle(context);
     }
 

@@ -13,8 +13,8 @@ fn connected() -> Core {
     core.write(GCCFG, gccfg::PWRDWN | gccfg::NOVBUSSENS);
     core.write(GAHBCFG, gahbcfg::GINTMSK);
     core.write(GRXFSIZ, 64);
-    for fifo in [DIEPTXF0, DIEPTXF1] {
-        core.write(fifo, 16 << 16);
+    for (fifo, start) in [(DIEPTXF0, 64), (DIEPTXF1, 80)] {
+        core.write(fifo, 16 << 16 | start);
     }
     core.power(true);
     core.reset();
@@ -331,4 +331,39 @@ fn a_debugger_looks_without_taking() {
     assert_eq!(core.peek(GRXSTSP), core.peek(GRXSTSP));
     core.read(GRXSTSP);
     assert_eq!(core.peek(FIFO), core.read(FIFO));
+}
+
+#[test]
+fn a_transmit_fifo_takes_no_more_than_it_holds() {
+    let mut core = with_bulk();
+    for word in 0..16 {
+        core.write(FIFO + FIFO_SPAN, word);
+    }
+    assert_eq!(core.read(DIEP + ENDPOINT_SPAN + TXFSTS), 0);
+    assert_eq!(core.take_misuse(), None);
+    core.write(FIFO + FIFO_SPAN, 16);
+    assert!(core.take_misuse().is_some_and(|reason| reason.starts_with("34.11.2")));
+    assert_eq!(core.take_misuse(), None);
+}
+
+#[test]
+fn a_fifo_that_shares_its_ram_is_noticed() {
+    for (fifo, allocation) in [
+        (DIEPTXF1, 16 << 16 | 63),
+        (DIEPTXF1, 16 << 16 | 79),
+        (DIEPTXF1, 16 << 16 | 305),
+        (DIEPTXF0, 17 << 16 | 64),
+    ] {
+        let mut core = with_bulk();
+        core.write(fifo, allocation);
+        core.write(FIFO + FIFO_SPAN, 0);
+        assert!(
+            core.take_misuse().is_some_and(|reason| reason.starts_with("34.11:")),
+            "{allocation:#x}"
+        );
+    }
+    let mut core = with_bulk();
+    core.write(DIEPTXF1, 16 << 16 | 304);
+    core.write(FIFO + FIFO_SPAN, 0);
+    assert_eq!(core.take_misuse(), None, "up to the last word");
 }
