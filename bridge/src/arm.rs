@@ -2,9 +2,9 @@
 
 use core::cell::Cell;
 
-use armwire::alpha1::{self, Alpha1, Expect};
+use armwire::alpha1::{self, Alpha1, Expect, ServoAnswer, ServoId};
 use armwire::ling::{self, Ling};
-use armwire::{Framing, Micros, Protocol, Reason, Reply, Scan};
+use armwire::{Framing, Protocol, Reason, Scan};
 
 use crate::config::ArmKind;
 use crate::control::MAX_FRAME;
@@ -12,9 +12,6 @@ use crate::{Line, LineCoding};
 
 /// What nobody has asked for, and so may be anything that needs no asking.
 pub(crate) const UNASKED: Expect = Expect::Responses(None);
-
-/// What a request that the protocol does not know may get for an answer, as far as its patience goes.
-const UNKNOWN_LEN: usize = MAX_FRAME;
 
 impl ArmKind {
     /// What the UART is for this kind, until a host asks for another line coding.
@@ -36,7 +33,7 @@ impl ArmKind {
     const fn shortest(self, expect: Expect) -> usize {
         match (self, expect) {
             (Self::Ling, _) => ling::OVERHEAD,
-            (_, Expect::Responses(Some(alpha1::ServoAnswer::Acknowledgement(_)))) => 1,
+            (_, Expect::Responses(Some(ServoAnswer::Acknowledgement(_)))) => 1,
             (Self::Alpha1 | Self::Alpha1Servo, _) => 4,
             (Self::Raw, _) => MAX_FRAME,
         }
@@ -67,45 +64,48 @@ impl ArmKind {
 
     /// What a frame from a host asks for.
     pub(crate) fn asked(self, frame: &[u8]) -> Asked {
-        let asked = match self {
-            Self::Ling => Ling::asked(frame),
-            Self::Alpha1 | Self::Alpha1Servo => Alpha1::asked(frame),
-            Self::Raw => None,
-        };
-        asked.unwrap_or(Asked::NOTHING)
+        match self {
+            Self::Ling => asked_of_ling(frame),
+            Self::Alpha1 | Self::Alpha1Servo => asked_of_alpha1(frame),
+            Self::Raw => Asked::NOTHING,
+        }
     }
 
     /// What a frame from the arm is told by.
     pub(crate) fn key_of_answer(self, frame: &[u8]) -> Option<Key> {
-        match self {
-            Self::Ling => Ling::view(frame).map(Ling::key_of_answer),
-            Self::Alpha1 | Self::Alpha1Servo => Alpha1::view(frame).map(Alpha1::key_of_answer),
-            Self::Raw => None,
+        match (self, frame) {
+            (Self::Ling, &[_, command, function, ..]) => Some(Key(command, function)),
+            (Self::Alpha1 | Self::Alpha1Servo, &[byte]) => Some(Key(SERVO, byte.wrapping_sub(ACKNOWLEDGEMENT))),
+            (Self::Alpha1 | Self::Alpha1Servo, &[command @ (SERVO | SERVO_VERSION), _, id, ..]) => {
+                Some(Key(command, id))
+            }
+            (Self::Alpha1 | Self::Alpha1Servo, &[command, ..]) => Some(Key(command, 0)),
+            _ => None,
         }
     }
 
-    /// The request that the adapter polls with, at the front of `out`.
-    pub(crate) fn poll(self, out: &mut [u8]) -> Option<usize> {
+    /// The request that the adapter polls with.
+    pub(crate) const fn poll(self) -> Option<&'static [u8]> {
         match self {
-            Self::Ling => Ling::encode_request(&ling::Request::ReadJoints, out).ok(),
-            Self::Alpha1 => Alpha1::encode_request(&alpha1::Request::ReadServoStates, out).ok(),
+            Self::Ling => Some(&READ_JOINTS),
+            Self::Alpha1 => Some(&READ_SERVO_STATES),
             Self::Alpha1Servo | Self::Raw => None,
         }
     }
 
     /// The request that the arm answers with what it is.
-    pub(crate) fn identify(self, out: &mut [u8]) -> Option<usize> {
+    pub(crate) const fn identify(self) -> Option<&'static [u8]> {
         match self {
-            Self::Ling => Ling::encode_request(&ling::Request::ReadInfo, out).ok(),
-            Self::Alpha1 => Alpha1::encode_request(&alpha1::Request::ReadFirmwareVersion, out).ok(),
+            Self::Ling => Some(&READ_INFO),
+            Self::Alpha1 => Some(&READ_FIRMWARE_VERSION),
             Self::Alpha1Servo | Self::Raw => None,
         }
     }
 
     /// The request that switches the torque off.
-    pub(crate) fn torque_off(self, out: &mut [u8]) -> Option<usize> {
+    pub(crate) const fn torque_off(self) -> Option<&'static [u8]> {
         match self {
-            Self::Ling => Ling::encode_request(&ling::Request::SetTorque(ling::Torque::Off), out).ok(),
+            Self::Ling => Some(&TORQUE_OFF),
             Self::Alpha1 | Self::Alpha1Servo | Self::Raw => None,
         }
     }
@@ -141,9 +141,18 @@ pub(crate) struct Asked {
     /// What the arm may say to it, for the tap on what the arm says.
     pub(crate) expect: Expect,
     /// The answer to wait for.
-    pub(crate) reply: Option<Reply>,
+    pub(crate) reply: Option<Answer>,
     /// Whether it moves the arm.
     pub(crate) moves: bool,
+}
+
+/// How long to wait for an answer: a [`Reply`](armwire::Reply) in fewer bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Answer {
+    /// How long the arm may think, in µs.
+    pub(crate) turnaround: u32,
+    /// The longest that the answer may be, in bytes.
+    pub(crate) len: u8,
 }
 
 impl Asked {
@@ -153,106 +162,88 @@ impl Asked {
         reply: None,
         moves: false,
     };
-}
 
-/// What the adapter must know of a protocol beyond its messages.
-trait Arm: Protocol {
-    /// How long the arm may think about a request that the protocol does not know.
-    const TURNAROUND: Micros;
-
-    fn key_of_request(frame: Self::Frame<'_>) -> Key;
-    fn key_of_answer(frame: Self::Frame<'_>) -> Key;
-    fn answer(request: &Self::Request) -> Expect;
-    fn moves(request: &Self::Request) -> bool;
-
-    /// What a frame asks for. One that is no message of the protocol may be one of a newer arm.
-    fn asked(frame: &[u8]) -> Option<Asked> {
-        let frame = Self::view(frame)?;
-        let key = Self::key_of_request(frame);
-        Some(match Self::parse_request(frame) {
-            Ok(request) => Asked {
-                key,
-                expect: Self::answer(&request),
-                reply: Self::reply(&request),
-                moves: Self::moves(&request),
-            },
-            Err(_) => Asked {
-                key,
-                expect: UNASKED,
-                reply: Some(Reply {
-                    len: UNKNOWN_LEN,
-                    turnaround: Self::TURNAROUND,
-                }),
-                moves: false,
-            },
-        })
-    }
-}
-
-/// Every answer has the command and function of its request (document section 2).
-impl Arm for Ling {
-    const TURNAROUND: Micros = Micros::from_millis(50);
-
-    fn key_of_request(frame: ling::Frame<'_>) -> Key {
-        Key(frame.command, frame.function)
-    }
-
-    fn key_of_answer(frame: ling::Frame<'_>) -> Key {
-        Key(frame.command, frame.function)
-    }
-
-    fn answer(_: &ling::Request) -> Expect {
-        UNASKED
-    }
-
-    fn moves(request: &ling::Request) -> bool {
-        matches!(request, ling::Request::Move(_))
-    }
-}
-
-/// Every answer has the header of its request, and those of a servo have its id, which is the new one where the request
-/// changes it (servo manual).
-impl Arm for Alpha1 {
-    const TURNAROUND: Micros = Micros::from_millis(100);
-
-    fn key_of_request(frame: alpha1::Frame<'_>) -> Key {
-        match frame {
-            alpha1::Frame::Message {
-                command: SERVO,
-                data: &[_, CHANGE_ID, _, id, ..],
-            } => Key(SERVO, id),
-            frame => Self::key_of_answer(frame),
+    const fn answered(key: Key, turnaround: u32, len: u8) -> Self {
+        Self {
+            key,
+            reply: Some(Answer { turnaround, len }),
+            ..Self::NOTHING
         }
     }
+}
 
-    fn key_of_answer(frame: alpha1::Frame<'_>) -> Key {
-        match frame {
-            alpha1::Frame::Message {
-                command: command @ (SERVO | SERVO_VERSION),
-                data: &[id, ..],
-            } => Key(command, id),
-            alpha1::Frame::Message { command, .. } => Key(command, 0),
-            alpha1::Frame::Byte(byte) => Key(SERVO, byte.wrapping_sub(ACKNOWLEDGEMENT)),
-        }
-    }
+// What follows is as `armwire` has it, which a test holds it to: all of its messages, only to learn what gets an answer,
+// take 4 kB that the adapter does not have.
 
-    fn answer(request: &alpha1::Request) -> Expect {
-        Self::expect(Some(request))
-    }
+const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+const READ_INFO: [u8; 7] = [0xAA, 0x01, 0x00, 0x01, 0xFE, 0x23, 0xFF];
+const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
+const READ_SERVO_STATES: [u8; 10] = [0xEF, 0xFE, 0, 0, 0, 0, 0, 0, 0, 0xED];
+const READ_FIRMWARE_VERSION: [u8; 10] = [0xF5, 0x5F, 1, 0, 0, 0, 0, 0, 1, 0xED];
 
-    fn moves(request: &alpha1::Request) -> bool {
-        matches!(
-            request,
-            alpha1::Request::Act(_) | alpha1::Request::Servo(alpha1::ServoRequest::Move { .. })
-        )
+/// Ling document, section 2. Every answer has the command and function of its request. What is not in the document may be
+/// of a newer arm.
+fn asked_of_ling(frame: &[u8]) -> Asked {
+    let &[_, command, function, _, data, ..] = frame else {
+        return Asked::NOTHING;
+    };
+    let key = Key(command, function);
+    let set = match (command, function, data) {
+        (0x06, 0x01, 0xFE) | (0x04, 0x0E, _) => false,
+        (0x03, 0, _) | (0x04 | 0x05, _, _) | (0x06, 0x01 | 0x03, _) => true,
+        _ => false,
+    };
+    match set {
+        true => Asked {
+            key,
+            moves: key == Key(0x06, 0x03),
+            ..Asked::NOTHING
+        },
+        false if command == 0xFE => Asked::answered(key, 500_000, 30),
+        false => Asked::answered(key, 50_000, 30),
     }
 }
 
-/// The headers of a servo's frames, the command that changes its id, and what its id is added to where it acknowledges.
+/// Alpha1 document and servo manual. Every answer has the header of its request, and those of a servo have its id, which is
+/// the new one where the request changes it.
+fn asked_of_alpha1(frame: &[u8]) -> Asked {
+    let &[command, _, first, second, third, fourth, ..] = frame else {
+        return Asked::NOTHING;
+    };
+    let key = Key(command, 0);
+    match (command, second) {
+        (SERVO, MOVE | LED) => Asked {
+            // What is told to all of them none acknowledges.
+            key: Key(SERVO, first),
+            expect: Expect::Responses(ServoId::new(first).ok().map(ServoAnswer::Acknowledgement)),
+            reply: (first != 0).then_some(Answer {
+                turnaround: SERVO_TURNAROUND,
+                len: 1,
+            }),
+            // FF in place of an angle switches the motor off.
+            moves: second == MOVE && third != 0xFF,
+        },
+        (SERVO, CHANGE_ID) => Asked::answered(Key(SERVO, fourth), SERVO_TURNAROUND, 10),
+        (SERVO | SERVO_VERSION, _) => Asked::answered(Key(command, first), SERVO_TURNAROUND, 10),
+        (ACT, _) => Asked {
+            moves: first == 1,
+            ..Asked::answered(key, 100_000, 10)
+        },
+        (0xF3 | 0xF4 | 0xF9, _) => Asked::answered(key, 1_000_000, 4),
+        _ => Asked::answered(key, 100_000, alpha1::MAX_FRAME as u8),
+    }
+}
+
+/// The headers of an action and of a servo's frames, the commands to it, what its id is added to where it acknowledges, and
+/// how long it thinks.
+const ACT: u8 = 0xFB;
 const SERVO: u8 = 0xFA;
 const SERVO_VERSION: u8 = 0xFC;
+const MOVE: u8 = 0x01;
+const LED: u8 = 0x04;
 const CHANGE_ID: u8 = 0xCD;
 const ACKNOWLEDGEMENT: u8 = 0xAA;
+const SERVO_TURNAROUND: u32 = 400;
 
 /// Listens in on one direction of the line: cuts its bytes into frames and what lies between them.
 ///
@@ -350,5 +341,172 @@ impl Tap {
 
     pub(crate) const fn clear(&mut self) {
         (self.head, self.tail) = (0, 0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use armwire::alpha1::{
+        Action, Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, SERVOS, ServoRequest, Text,
+        UsbType,
+    };
+    use armwire::ling::{self, GripperSpeed, Opening, Position, Speed, Stroke, TemperatureLimit, Torque};
+    use armwire::{Micros, Protocol};
+
+    use super::*;
+
+    fn encoded<P: Protocol>(request: &P::Request) -> Vec<u8> {
+        let mut out = [0; MAX_FRAME];
+        let n = P::encode_request(request, &mut out).unwrap();
+        out[..n].to_vec()
+    }
+
+    /// What is known of a request is what the protocol says of it.
+    fn same_as<P: Protocol>(kind: ArmKind, request: &P::Request, expect: Expect, moves: bool) {
+        let asked = kind.asked(&encoded::<P>(request));
+        let reply = P::reply(request);
+        let turnaround = |us: u32| Micros(us.into());
+        assert_eq!(
+            asked.reply.map(|reply| turnaround(reply.turnaround)),
+            reply.map(|reply| reply.turnaround),
+            "{request:?}"
+        );
+        assert!(
+            asked
+                .reply
+                .is_none_or(|answer| usize::from(answer.len) >= reply.unwrap().len),
+            "{request:?}"
+        );
+        assert_eq!(asked.moves, moves, "{request:?}");
+        if let Expect::Responses(Some(ServoAnswer::Acknowledgement(_))) = expect {
+            assert_eq!(asked.expect, expect, "{request:?}");
+        } else {
+            assert_eq!(asked.expect, UNASKED, "{request:?}");
+        }
+        assert!(kind.is_request(&encoded::<P>(request)));
+    }
+
+    #[test]
+    fn what_is_known_of_lings_requests_is_what_the_protocol_says() {
+        use armwire::ling::Request::*;
+        let target = ling::Move {
+            joints: [(Position::CENTRE, Speed::MAX); 6],
+            gripper: (Opening::CLOSED, GripperSpeed(0)),
+        };
+        let stroke = Stroke::Mm50;
+        let limit = TemperatureLimit::new(60).unwrap();
+        let requests = [
+            ReadInfo,
+            SetZero,
+            SetStroke(stroke),
+            ReadStroke,
+            SetTorque(Torque::Off),
+            SetTorque(Torque::On),
+            ReadJoints,
+            ReadTemperatures,
+            SetTemperatureLimit(limit),
+            ReadVelocities,
+            Move(target),
+            SelfCheck,
+        ];
+        for request in requests {
+            same_as::<Ling>(ArmKind::Ling, &request, UNASKED, matches!(request, Move(_)));
+        }
+        assert_eq!(ArmKind::Ling.poll().unwrap(), encoded::<Ling>(&ReadJoints));
+        assert_eq!(ArmKind::Ling.identify().unwrap(), encoded::<Ling>(&ReadInfo));
+        assert_eq!(
+            ArmKind::Ling.torque_off().unwrap(),
+            encoded::<Ling>(&SetTorque(Torque::Off))
+        );
+        let moving = ArmKind::Ling.moving(&target, &mut [0; MAX_FRAME]);
+        assert_eq!(moving, Some(encoded::<Ling>(&Move(target)).len()));
+    }
+
+    #[test]
+    fn what_is_known_of_alpha1s_requests_is_what_the_protocol_says() {
+        let servo = ServoId::new(7).unwrap();
+        let angle = Angle::new(90).unwrap();
+        let (time, interval) = (MoveTime::new(5), Interval::new(9));
+        let action = Action {
+            angles: [Some(angle); SERVOS],
+            time,
+            interval,
+        };
+        let mut requests = Vec::from([
+            Request::ReadHardwareVersion,
+            Request::ReadServoStates,
+            Request::Stop,
+            Request::ReadFirmwareVersion,
+            Request::Act(action),
+            Request::SetOffsetTool(OffsetTool::Connect),
+            Request::SetUsbType(UsbType::Hid),
+            Request::Play(Text::new(b"dance").unwrap()),
+        ]);
+        for to in [Address::One(servo), Address::All] {
+            requests.extend(
+                [
+                    ServoRequest::Move {
+                        to,
+                        angle,
+                        time,
+                        lock: interval,
+                    },
+                    ServoRequest::Release(to),
+                    ServoRequest::SetLed { to, led: Led(1) },
+                ]
+                .map(Request::Servo),
+            );
+        }
+        requests.extend(
+            [
+                ServoRequest::ReadAngles(servo),
+                ServoRequest::ChangeId {
+                    from: ServoId::new(1).unwrap(),
+                    to: servo,
+                },
+                ServoRequest::SetOffset(servo, Offset::new(3).unwrap()),
+                ServoRequest::ReadOffset(servo),
+                ServoRequest::ReadVersion(servo),
+            ]
+            .map(Request::Servo),
+        );
+        for request in requests {
+            let moves = matches!(request, Request::Act(_) | Request::Servo(ServoRequest::Move { .. }));
+            same_as::<Alpha1>(ArmKind::Alpha1, &request, Alpha1::expect(Some(&request)), moves);
+            // Every answer has the same key: those of servos their id.
+            let asked = ArmKind::Alpha1Servo.asked(&encoded::<Alpha1>(&request));
+            if let (Request::Servo(_), Some(_)) = (request, asked.reply) {
+                let header = encoded::<Alpha1>(&request)[0];
+                let frame = [header, header.rotate_left(4), servo.get(), 0xAA, 0, 0, 0, 0, 0, 0xED];
+                assert_eq!(
+                    ArmKind::Alpha1Servo.key_of_answer(&frame),
+                    Some(asked.key),
+                    "{request:?}"
+                );
+                assert_eq!(
+                    ArmKind::Alpha1Servo.key_of_answer(&[0xB1]).unwrap() == asked.key,
+                    header == SERVO
+                );
+            }
+        }
+        assert_eq!(
+            ArmKind::Alpha1.poll().unwrap(),
+            encoded::<Alpha1>(&Request::ReadServoStates)
+        );
+        assert_eq!(
+            ArmKind::Alpha1.identify().unwrap(),
+            encoded::<Alpha1>(&Request::ReadFirmwareVersion)
+        );
+    }
+
+    #[test]
+    fn what_no_protocol_knows_is_given_the_time_of_a_question() {
+        let asked = ArmKind::Ling.asked(&[0xAA, 0x77, 3, 0, 0, 0xFF]);
+        assert_eq!(asked, Asked::answered(Key(0x77, 3), 50_000, 30));
+        assert_eq!(ArmKind::Raw.asked(b"anything"), Asked::NOTHING);
     }
 }

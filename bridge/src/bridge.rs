@@ -8,10 +8,11 @@ use heapless::Deque;
 use crate::arm::Tap;
 use crate::can::Frame;
 use crate::can_port::{CanPort, Received};
-use crate::config::{self, ArmKind, Config};
-use crate::control::{Asker, Event, Identity, Latencies, Refusal, Stamp};
+use crate::config::{self, Config};
+use crate::control::{Asker, Event, Identity, Latencies, MAX_FRAME, Refusal, Stamp};
 use crate::control_server::{ControlServer, Port};
 use crate::counters::count;
+use crate::earliest::earliest;
 use crate::exchange::Exchange;
 use crate::poll::Poll;
 use crate::queue::Queue;
@@ -44,8 +45,6 @@ pub struct Bridge<const UP: usize, const DOWN: usize> {
     pub(crate) exchange: Exchange,
     pub(crate) turn: Turn,
     pub(crate) poll: Poll,
-    /// What is asked then.
-    pub(crate) poll_request: Option<Waiting>,
     pub(crate) line: Line,
     /// What the line is to be, and how many bytes of the host on USB go out before it is.
     pub(crate) wanted: Option<(Line, usize)>,
@@ -70,10 +69,10 @@ pub struct Bridge<const UP: usize, const DOWN: usize> {
     can_change: Option<Port>,
     pub(crate) can_requests: Deque<Waiting, CAN_REQUESTS>,
     pub(crate) command: Option<Waiting>,
-    /// The request to switch the torque off.
-    pub(crate) torque_off: Option<Waiting>,
-    /// The request for what arm there is.
-    pub(crate) identify: Option<Waiting>,
+    /// Since when the torque is to be switched off.
+    pub(crate) torque_off: Option<Micros>,
+    /// Since when somebody wants to know what arm there is.
+    pub(crate) identify: Option<Micros>,
     pub(crate) streams: Streams,
     pub(crate) control: ControlServer,
 
@@ -103,8 +102,11 @@ impl Streams {
     }
 
     fn timeout(&self, after: Micros) -> Option<Micros> {
-        let streams = [&self.usb, &self.can, &self.command];
-        streams.into_iter().filter_map(|stream| stream.timeout(after)).min()
+        earliest(&[
+            self.usb.timeout(after),
+            self.can.timeout(after),
+            self.command.timeout(after),
+        ])
     }
 }
 
@@ -178,7 +180,6 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             exchange: Exchange::new(),
             turn: Turn::new(),
             poll: Poll::new(config.poll),
-            poll_request: Waiting::encoded(config.arm, ArmKind::poll, Micros(0)),
             line: Line::default(),
             wanted: (line != Line::default()).then_some((line, 0)),
             wanted_next: None,
@@ -425,7 +426,9 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// Lets the newest command wait for its turn.
     fn take_command(&mut self, target: &armwire::ling::Move, now: Micros) {
         let waiting = self.command.take();
-        self.command = Waiting::encoded(self.config.arm, |arm, out| arm.moving(target, out), now);
+        let mut bytes = [0; MAX_FRAME];
+        let len = self.config.arm.moving(target, &mut bytes).unwrap_or(0);
+        self.command = Waiting::new(self.config.arm, bytes.get(..len).unwrap_or_default(), now);
         self.streams.command.motion(self.config.silence.after(), now);
         if waiting.is_some() {
             self.refuse(Asker::Command, Refusal::QueueFull, now);
@@ -504,16 +507,13 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed. `None` when
     /// nothing waits for the time.
     pub fn timeout(&self) -> Option<Micros> {
-        [
+        earliest(&[
             self.poll.timeout(LEAD),
             self.exchange.timeout(),
             self.hold_timeout(),
             self.streams.timeout(self.config.silence.after()),
             self.can.timeout(),
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+        ])
     }
 
     /// It is `now`: what is late is given up, and what is due becomes so.
@@ -558,10 +558,10 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
                 self.command.take().map_or(0, |request| request.bytes.len())
             }
         };
-        let torque_off = Waiting::encoded(self.config.arm, ArmKind::torque_off, now);
-        let torque_off = torque_off.filter(|_| self.config.silence.torque_off);
-        self.torque_off = self.torque_off.take().or(torque_off);
-        let torque_off = self.torque_off.is_some();
+        let torque_off = self.config.silence.torque_off && self.config.arm.torque_off().is_some();
+        if torque_off {
+            self.torque_off.get_or_insert(now);
+        }
         count(&mut self.counters.host_silences, 1);
         count(&mut self.counters.silenced_bytes, dropped);
         let dropped = dropped as u16;
@@ -616,7 +616,6 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         if config.arm != was.arm {
             self.change_arm(now);
             self.want_line(config.arm.line(), now);
-            self.poll_request = Waiting::encoded(config.arm, ArmKind::poll, now);
         }
         if config.poll != was.poll || config.arm != was.arm {
             self.poll = Poll::new(config.poll);

@@ -11,6 +11,7 @@ use crate::can::{Frame, Function, MAX_CLASSIC};
 use crate::config;
 use crate::control::{Asker, Event, FrameBytes, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
 use crate::counters::count;
+use crate::earliest::earliest;
 use crate::isotp::{self, Endpoint, Link};
 use crate::queue::Queue;
 
@@ -197,15 +198,12 @@ impl CanPort {
             return Some(Micros(0));
         }
         let sample_at = self.newest.map(|_| self.sample_at);
-        [
+        earliest(&[
             sample_at,
             self.errors_at,
             self.arm.transmit_at(),
             self.control.transmit_at(),
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+        ])
     }
 
     /// Whether [`transmit`](Self::transmit) has a frame.
@@ -268,15 +266,12 @@ impl CanPort {
     pub(crate) fn timeout(&self) -> Option<Micros> {
         // What is due since the last tick waits for the controller, not for the time.
         let transmit_at = self.transmit_at().filter(|at| *at > self.ticked);
-        [
+        earliest(&[
             transmit_at,
             self.arm.timeout(),
             self.control.timeout(),
             self.commands.timeout(),
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+        ])
     }
 
     /// It is `now`. A command whose other half did not come is refused.

@@ -5,6 +5,7 @@ use armwire::alpha1::Expect;
 
 use crate::arm::{Asked, Key, UNASKED};
 use crate::control::Asker;
+use crate::earliest::earliest;
 
 /// Requests that are remembered at a time. Only the host on USB can send one before the last is answered.
 const FLIGHTS: usize = 8;
@@ -19,6 +20,8 @@ pub(crate) const LATENESS: Micros = Micros::from_millis(50);
 pub(crate) struct Exchange {
     asker: Asker,
     flights: [Option<Flight>; FLIGHTS],
+    /// How many there are.
+    open: u8,
     /// More were sent than are remembered: nobody else may use the line until no answer can come any more.
     more: Option<Micros>,
     /// When all answers that are still missing are given up.
@@ -29,7 +32,8 @@ pub(crate) struct Exchange {
 /// A request that is with the arm.
 #[derive(Clone, Copy)]
 struct Flight {
-    asked: Asked,
+    key: Key,
+    expect: Expect,
     patience: Micros,
     /// When its last byte is out.
     sent: Micros,
@@ -58,6 +62,7 @@ impl Exchange {
         Self {
             asker: Asker::Adapter,
             flights: [None; FLIGHTS],
+            open: 0,
             more: None,
             due: Micros(0),
             owed: [None; OWED],
@@ -66,8 +71,7 @@ impl Exchange {
 
     /// Whose requests are with the arm. `None` when the arm owes nobody an answer.
     pub(crate) fn holder(&self) -> Option<Asker> {
-        let busy = self.more.is_some() || self.flights.iter().any(Option::is_some);
-        busy.then_some(self.asker)
+        (self.open > 0 || self.more.is_some()).then_some(self.asker)
     }
 
     /// A request that the arm answers within `patience` went out, the last byte of it at `sent`.
@@ -81,7 +85,13 @@ impl Exchange {
         self.asker = asker;
         match self.flights.iter_mut().find(|flight| flight.is_none()) {
             Some(place) => {
-                *place = Some(Flight { asked, patience, sent });
+                self.open = self.open.saturating_add(1);
+                *place = Some(Flight {
+                    key: asked.key,
+                    expect: asked.expect,
+                    patience,
+                    sent,
+                });
             }
             None => self.more = self.more.max(Some(patience)),
         }
@@ -90,7 +100,7 @@ impl Exchange {
     /// What the arm may say next.
     pub(crate) fn expect(&self) -> Expect {
         let first = self.flights.iter().flatten().min_by_key(|flight| flight.sent);
-        first.map_or(UNASKED, |flight| flight.asked.expect)
+        first.map_or(UNASKED, |flight| flight.expect)
     }
 
     /// The arm said a frame with this key, which ended at `now`. It is `fresh` if all of it came after the last request was
@@ -98,11 +108,12 @@ impl Exchange {
     pub(crate) fn hear(&mut self, key: Option<Key>, fresh: bool, now: Micros) -> Heard {
         let Some(key) = key else { return Heard::Unasked };
         let answered = |flight: &&mut Option<Flight>| {
-            flight.is_some_and(|flight| fresh && flight.asked.key == key && flight.sent <= now)
+            flight.is_some_and(|flight| fresh && flight.key == key && flight.sent <= now)
         };
         let answered = self.flights.iter_mut().filter(answered);
         if let Some(flight) = answered.min_by_key(|flight| flight.map(|flight| flight.sent)) {
             let sent = flight.take().map_or(now, |flight| flight.sent);
+            self.open = self.open.saturating_sub(1);
             // An arm answers one after the other.
             let rest = self.flights.iter().flatten().map(|flight| flight.patience);
             for patience in rest.chain(self.more) {
@@ -133,8 +144,8 @@ impl Exchange {
 
     /// When to call [`tick`](Self::tick), unless something happens before.
     pub(crate) fn timeout(&self) -> Option<Micros> {
-        let due = self.holder().map(|_| self.due);
-        self.owed.iter().flatten().map(|owed| owed.until).chain(due).min()
+        let [a, b, c, d] = self.owed.map(|owed| owed.map(|owed| owed.until));
+        earliest(&[self.holder().map(|_| self.due), a, b, c, d])
     }
 
     /// It is `now`: how many answers are given up.
@@ -145,12 +156,12 @@ impl Exchange {
         if self.holder().is_none() || now < self.due {
             return 0;
         }
-        self.more = None;
+        (self.open, self.more) = (0, None);
         let until = self.due + LATENESS;
         let mut missing = 0;
         for flight in self.flights.iter_mut().filter_map(Option::take) {
             missing += 1;
-            let key = flight.asked.key;
+            let key = flight.key;
             // The place of the same, a free one, or the oldest.
             let rank = |owed: &&mut Option<Owed>| match owed {
                 Some(owed) if owed.key == key => None,

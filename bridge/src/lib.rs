@@ -52,6 +52,7 @@ pub mod control;
 mod control_codec;
 mod control_server;
 mod counters;
+mod earliest;
 mod exchange;
 pub mod isotp;
 mod line;

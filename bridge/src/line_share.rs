@@ -9,11 +9,11 @@ use armwire::alpha1::Expect;
 
 use crate::arm::{Asked, Piece};
 use crate::bridge::{Bridge, Burst, LEAD, Wake};
-use crate::config::ArmKind;
-use crate::control::{Asker, Event, FrameBytes, Refusal};
+use crate::control::{Asker, Event, FrameBytes, MAX_FRAME, Refusal};
 use crate::counters::count;
+use crate::earliest::earliest;
 use crate::exchange::Heard;
-use crate::turn::{ASKERS, Waiting};
+use crate::turn::ASKERS;
 use crate::{Line, UartErrors};
 
 /// How long the host on USB may pause inside a frame before others get their turn.
@@ -255,6 +255,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         }
         let (len, start) = match self.next(now)? {
             Asker::Usb => (self.say_usb(out, now), None),
+            _ if out.len() < MAX_FRAME => return None,
             Asker::Poll => self.say_poll(out, now)?,
             asker => (self.say_waiting(asker, out, now)?, None),
         };
@@ -322,20 +323,26 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     fn waits(&self, asker: Asker, now: Micros) -> Option<Micros> {
         match asker {
             Asker::Usb => None,
-            Asker::Can => self.may_go(self.can_requests.front()?),
-            Asker::Command => self.may_go(self.command.as_ref()?),
+            Asker::Can => self
+                .can_requests
+                .front()
+                .and_then(|request| self.may_go(request.asked, request.since)),
+            Asker::Command => Some(self.command.as_ref()?.since),
             Asker::Poll => {
                 let since = self.poll.due_since(LEAD, now)?;
-                self.may_go(self.poll_request.as_ref()?).map(|_| since)
+                self.may_go(self.config.arm.asked(self.config.arm.poll()?), since)
             }
-            Asker::Adapter => self.may_go(self.torque_off.as_ref().or(self.identify.as_ref())?),
+            Asker::Adapter => self.torque_off.or_else(|| {
+                let request = self.config.arm.identify()?;
+                self.may_go(self.config.arm.asked(request), self.identify?)
+            }),
         }
     }
 
     /// Since when a request waits, unless its answer could not be told from one that is late.
-    fn may_go(&self, request: &Waiting) -> Option<Micros> {
-        let held = request.asked.reply.is_some() && self.exchange.is_owed(request.asked.key);
-        (!held).then_some(request.since)
+    fn may_go(&self, asked: Asked, since: Micros) -> Option<Micros> {
+        let held = asked.reply.is_some() && self.exchange.is_owed(asked.key);
+        (!held).then_some(since)
     }
 
     /// Moves bytes of the host on USB to the front of `out`, up to the end of a request if others wait.
@@ -399,8 +406,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     /// Moves the poll to the front of `out`. It is to start at its slot.
     fn say_poll(&mut self, out: &mut [u8], now: Micros) -> Option<(usize, Option<Micros>)> {
-        let request = self.poll_request.as_ref()?;
-        let (len, asked) = (copy(&request.bytes, out)?, request.asked);
+        let request = self.config.arm.poll()?;
+        let len = copy(request, out)?;
         let slot = self.poll.slot();
         let start = slot.filter(|slot| *slot > now);
         if let Some(slot) = slot {
@@ -409,28 +416,31 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         }
         self.poll.began();
         self.turn.polled = now;
+        let asked = self.config.arm.asked(request);
         self.say(Asker::Poll, asked, len, start.unwrap_or(now));
         Some((len, start))
     }
 
     /// Moves the request of another to the front of `out`.
     fn say_waiting(&mut self, asker: Asker, out: &mut [u8], now: Micros) -> Option<usize> {
-        let request = match asker {
-            Asker::Can => self.can_requests.front(),
-            Asker::Command => self.command.as_ref(),
-            _ => self.torque_off.as_ref().or(self.identify.as_ref()),
-        }?;
-        let (len, asked, since) = (copy(&request.bytes, out)?, request.asked, request.since);
-        match asker {
+        let (len, since, asked) = match asker {
             Asker::Can => {
-                let _ = self.can_requests.pop_front();
+                let request = self.can_requests.pop_front()?;
                 self.take_can_request(now);
+                (copy(&request.bytes, out)?, request.since, request.asked)
             }
-            Asker::Command => self.command = None,
+            Asker::Command => {
+                let request = self.command.take()?;
+                (copy(&request.bytes, out)?, request.since, request.asked)
+            }
             _ => {
-                let _ = self.torque_off.take().or_else(|| self.identify.take());
+                let (request, since) = match self.torque_off.take() {
+                    Some(since) => (self.config.arm.torque_off()?, since),
+                    None => (self.config.arm.identify()?, self.identify.take()?),
+                };
+                (copy(request, out)?, since, self.config.arm.asked(request))
             }
-        }
+        };
         self.latencies.turn.add(now.since(since));
         self.say(asker, asked, len, now);
         Some(len)
@@ -454,7 +464,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// A request is out at `sent`.
     fn begin(&mut self, asker: Asker, asked: Asked, sent: Micros) {
         if let Some(reply) = asked.reply {
-            let patience = reply.turnaround + Micros(self.line.coding.micros(reply.len)) + MARGIN;
+            let on_wire = self.line.coding.micros(reply.len.into());
+            let patience = Micros(reply.turnaround.into()) + Micros(on_wire) + MARGIN;
             self.exchange.begin(asker, asked, sent, patience);
         }
     }
@@ -469,10 +480,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         if self.exchange.holder().is_some() || !self.usb_speaks() {
             return None;
         }
-        let since = ASKERS
-            .into_iter()
-            .filter_map(|asker| self.waits(asker, Micros(0)))
-            .min()?;
+        let since = earliest(&ASKERS.map(|asker| self.waits(asker, Micros(0))))?;
         let quiet = match self.asks.pending() {
             0 => self.turn.usb_moved.max(self.heard) + QUIET,
             _ => self.turn.usb_moved + STALL,
@@ -497,9 +505,9 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     /// Asks the arm what it is, when it is its turn.
     pub(crate) fn identify_arm(&mut self, now: Micros) {
-        self.identify = Waiting::encoded(self.config.arm, ArmKind::identify, now);
-        if self.identify.is_none() {
-            self.control.arm_identified(None);
+        match self.config.arm.identify() {
+            Some(_) => self.identify = Some(now),
+            None => self.control.arm_identified(None),
         }
     }
 
@@ -515,7 +523,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         self.asks.clear();
         (self.passed, self.turn.raw) = (0, false);
         (self.command, self.torque_off) = (None, None);
-        if self.identify.is_some() {
+        if self.identify.take().is_some() {
             self.identify_arm(now);
         }
         while self.can_requests.pop_front().is_some() {

@@ -4,7 +4,7 @@ use armwire::Micros;
 
 use crate::arm::Asked;
 use crate::config::ArmKind;
-use crate::control::{Asker, FrameBytes, MAX_FRAME};
+use crate::control::{Asker, FrameBytes};
 
 /// A request that waits for its turn.
 #[derive(Clone)]
@@ -22,17 +22,6 @@ impl Waiting {
             asked: kind.asked(bytes),
             since,
         })
-    }
-
-    /// One of those that the adapter makes itself. `None` if there is none for this kind of arm.
-    pub(crate) fn encoded(
-        kind: ArmKind,
-        encode: impl FnOnce(ArmKind, &mut [u8]) -> Option<usize>,
-        since: Micros,
-    ) -> Option<Self> {
-        let mut bytes = [0; MAX_FRAME];
-        let len = encode(kind, &mut bytes)?;
-        Self::new(kind, bytes.get(..len)?, since)
     }
 }
 
