@@ -3,6 +3,8 @@
 //! A test gets its board from [`on_board`] or [`on_board_with`], which afterwards fail it if the firmware touched what is
 //! not modelled, crashed, or started again.
 
+mod can_program;
+mod control;
 mod figures;
 mod program;
 mod talker;
@@ -17,6 +19,8 @@ use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::usb::host::Request;
 use armwire_virtual_board::{Config, Nanos, VirtualBoard};
 
+pub use can_program::CanProgram;
+pub use control::Control;
 pub use figures::Spread;
 pub use program::Program;
 pub use talker::Talker;
@@ -175,7 +179,7 @@ pub fn noise(seed: u64, len: usize) -> Vec<u8> {
 /// If a byte was garbled by a wrong rate or collided: what arrives then is the receiver's affair.
 pub fn as_received(line: &[LineByte]) -> Vec<u8> {
     let value = |byte: &LineByte| match byte.outcome {
-        Outcome::Arrived | Outcome::Faulty(Fault::Noise) => Some(byte.sent),
+        Outcome::Arrived | Outcome::Faulty(Fault::Noise | Fault::Parity) => Some(byte.sent),
         Outcome::Faulty(Fault::Framing) => Some(!byte.sent),
         Outcome::Faulty(Fault::Break) => Some(0),
         Outcome::Faulty(Fault::Overrun) | Outcome::Lost => None,

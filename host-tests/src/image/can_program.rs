@@ -1,0 +1,84 @@
+//! A program on the CAN bus, in virtual time.
+
+use armwire_bridge::can::{Function, Node};
+use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
+use armwire_virtual_board::line::Arm;
+use armwire_virtual_board::{Nanos, VirtualBoard};
+
+/// How far the board runs between two looks at the bus: about a frame.
+const STEP: Nanos = Nanos(100_000);
+
+/// The longest frame of an arm.
+const MAX: usize = armwire_bridge::control::MAX_FRAME;
+
+/// A program that exchanges arm frames with an adapter by ISO-TP.
+pub struct CanProgram {
+    node: Node,
+    endpoint: Endpoint<MAX, MAX>,
+}
+
+impl CanProgram {
+    /// A program that talks to this node. The bus must have somebody on it.
+    pub fn new(node: Node) -> Self {
+        let tx = Function::ArmRequest.id(node);
+        Self {
+            node,
+            endpoint: Endpoint::new(Config::new(Link::Classic, tx)),
+        }
+    }
+
+    /// Sends a frame to the arm.
+    ///
+    /// # Panics
+    ///
+    /// If the one before has not been sent whole.
+    pub fn send(&mut self, frame: &[u8]) {
+        self.endpoint.send(frame).unwrap();
+    }
+
+    /// Does what is due on the bus, and returns an answer if one came.
+    ///
+    /// # Panics
+    ///
+    /// If a transfer fails.
+    pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Option<Vec<u8>> {
+        let now = board.now().micros();
+        for frame in board.can().read() {
+            if frame.id() != Function::ArmAnswer.id(self.node) {
+                continue;
+            }
+            for event in self.endpoint.receive(frame.data(), now) {
+                assert_eq!(event, Event::Received);
+            }
+        }
+        for event in self.endpoint.tick(now) {
+            panic!("{event:?}");
+        }
+        while self.endpoint.transmit_at().is_some_and(|at| at <= now)
+            && let Some(frame) = self.endpoint.transmit(now)
+        {
+            board.can().send(&frame).unwrap();
+            self.endpoint.transmitted(now);
+        }
+        let answer = self.endpoint.received().map(<[u8]>::to_vec);
+        self.endpoint.release();
+        answer
+    }
+
+    /// Sends a frame to the arm and returns the answer.
+    ///
+    /// # Panics
+    ///
+    /// If there is none in 100 ms, or as [`poll`](Self::poll).
+    pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, frame: &[u8]) -> Vec<u8> {
+        self.send(frame);
+        let limit = board.now() + Nanos::from_millis(100);
+        while board.now() < limit {
+            if let Some(answer) = self.poll(board) {
+                return answer;
+            }
+            board.run_for(STEP).unwrap();
+        }
+        panic!("no answer to {frame:02X?} by {}", board.now());
+    }
+}

@@ -1,0 +1,142 @@
+//! The firmware image on a CAN bus: an arm's frames by ISO-TP, cyclic telemetry, and a bus that breaks.
+
+use armwire::Protocol;
+use armwire::ling::{Ling, MAX_FRAME, Request, Response};
+use armwire_bridge::can::{Function, Node};
+use armwire_bridge::config::{self, Config, Poll};
+use armwire_bridge::control::{self, Event};
+use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, Program, counters, on_board, plug_in, read_all};
+use armwire_sim::ling::LingArm;
+use armwire_virtual_board::{Nanos, VirtualBoard};
+
+/// Bits per second on the bus.
+const RATE: u32 = 1_000_000;
+
+fn ling() -> LingArm {
+    LingArm::new(armwire_sim::ling::Config::follower())
+}
+
+fn frame(request: Request) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    let len = Ling::encode_request(&request, &mut bytes).unwrap();
+    bytes[..len].to_vec()
+}
+
+/// The state of the arm a hundred times a second.
+fn telemetry() -> Config {
+    Config {
+        poll: Poll::Hertz(100),
+        can: config::Can {
+            telemetry_hz: 100,
+            ..config::Can::default()
+        },
+        ..Config::default()
+    }
+}
+
+/// How many frames of this kind the board has sent since this was last asked.
+fn sent(board: &VirtualBoard<LingArm>, function: Function) -> usize {
+    let id = function.id(Node::default());
+    board.can().read().iter().filter(|frame| frame.id() == id).count()
+}
+
+#[test]
+fn a_host_on_can_gets_each_answer_while_another_on_usb_gets_its_own() {
+    on_board(ling(), |board| {
+        plug_in(board, MEGABAUD);
+        board.can().attach(RATE);
+        let mut on_can = CanProgram::new(Node::default());
+        let mut on_usb = Program::default();
+        let (joints, temperatures) = (frame(Request::ReadJoints), Request::ReadTemperatures);
+        for _ in 0..200 {
+            on_can.send(&joints);
+            let Some(Response::Temperatures(_)) = on_usb.call(board, temperatures) else {
+                panic!("the host on USB got another answer");
+            };
+            let limit = board.now() + Nanos::from_millis(20);
+            let answer = loop {
+                if let Some(answer) = on_can.poll(board) {
+                    break answer;
+                }
+                assert!(board.now() < limit, "the host on CAN got no answer");
+                board.run_for(Nanos(100_000)).unwrap();
+            };
+            assert_eq!(answer[..3], joints[..3], "the host on CAN got another answer");
+        }
+        assert_eq!(read_all(board), []);
+        let counters = counters(board);
+        assert_eq!(counters.frames, 400);
+        assert_eq!((counters.unanswered_requests, counters.unasked_frames), (0, 0));
+        assert_eq!((counters.can_receive_overruns, counters.can_bus_errors), (0, 0));
+    });
+}
+
+#[test]
+fn telemetry_goes_out_at_its_rate() {
+    on_board(ling(), |board| {
+        plug_in(board, MEGABAUD);
+        board.can().attach(RATE);
+        let mut control = Control::open(board);
+        control.order(board, control::Request::SetConfig(telemetry()));
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        sent(board, Function::JointsA);
+        board.run_for(Nanos::from_millis(2_000)).unwrap();
+        let joints = sent(board, Function::JointsA);
+        assert!((199..=201).contains(&joints), "{joints} in two seconds");
+    });
+}
+
+#[test]
+fn a_bus_that_was_lost_is_counted_told_of_and_recovered() {
+    on_board(ling(), |board| {
+        plug_in(board, MEGABAUD);
+        board.can().attach(RATE);
+        let mut control = Control::open(board);
+        control.subscribe(board);
+        control.order(board, control::Request::SetConfig(telemetry()));
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        control.take_events(board);
+
+        board.can().short();
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        let lost = counters(board);
+        assert!(lost.can_bus_offs >= 1);
+        assert!(lost.can_bus_errors > 0);
+
+        board.can().release();
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        sent(board, Function::JointsA);
+        board.run_for(Nanos::from_millis(1_000)).unwrap();
+        let joints = sent(board, Function::JointsA);
+        assert!((99..=101).contains(&joints), "{joints} in a second");
+        let offs: Vec<_> = control
+            .take_events(board)
+            .into_iter()
+            .filter_map(|(_, event)| match event {
+                Event::BusOff { off } => Some(off),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(offs.first(), Some(&true), "{offs:?}");
+        assert_eq!(offs.last(), Some(&false), "{offs:?}");
+        // The arm was asked all the time, and a host on the bus is served again.
+        assert_eq!(counters(board).unanswered_requests, 0);
+        let joints = frame(Request::ReadJoints);
+        let answer = CanProgram::new(Node::default()).call(board, &joints);
+        assert_eq!(answer[..3], joints[..3]);
+    });
+}
+
+#[test]
+fn a_bus_that_nobody_else_is_on_keeps_neither_the_arm_nor_usb_waiting() {
+    on_board(ling(), |board| {
+        plug_in(board, MEGABAUD);
+        let mut control = Control::open(board);
+        control.order(board, control::Request::SetConfig(telemetry()));
+        let mut program = Program::default();
+        for _ in 0..500 {
+            let answer = program.call(board, Request::ReadTemperatures);
+            assert!(matches!(answer, Some(Response::Temperatures(_))), "{answer:?}");
+        }
+    });
+}

@@ -1,0 +1,177 @@
+//! The control interface of the firmware image: what the adapter is, how it is configured, what it saw and when.
+
+use armwire::ling::{Request, Response};
+use armwire_bridge::config::{Config, Poll};
+use armwire_bridge::control::{self, Asker, Event, Reply, Stamp};
+use armwire_host_tests::image::{
+    Control, MEGABAUD, Program, Talker, counters, on_board, open, path, plug_in, read_all,
+};
+use armwire_sim::ling::LingArm;
+use armwire_virtual_board::line::{Arm, Direction};
+use armwire_virtual_board::report::Cause;
+use armwire_virtual_board::{Nanos, VirtualBoard};
+
+fn ling() -> LingArm {
+    LingArm::new(armwire_sim::ling::Config::follower())
+}
+
+fn board<A: Arm>(arm: A) -> VirtualBoard<A> {
+    let mut board = VirtualBoard::start(armwire_virtual_board::Config::new(path(), arm)).unwrap();
+    plug_in(&mut board, MEGABAUD);
+    board
+}
+
+/// Nothing was done that must not be, and the board started again for these reasons only.
+fn expect_restarts<A: Arm>(board: &mut VirtualBoard<A>, causes: &[Cause]) {
+    let report = board.report().unwrap();
+    report.check().unwrap();
+    let restarts: Vec<_> = report.restarts.iter().map(|restart| restart.cause).collect();
+    assert_eq!(restarts, causes);
+}
+
+#[test]
+fn the_adapter_says_what_it_is() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let mut control = Control::open(board);
+        let reply = control.call(board, control::Request::Identify);
+        let Reply::Identity(identity) = reply else {
+            panic!("{reply:?}")
+        };
+        assert_eq!(identity.version, control::VERSION);
+        assert_eq!(identity.firmware, env!("CARGO_PKG_VERSION"));
+        assert_eq!(identity.board, "stm32f405");
+        assert_eq!(identity.serial, "200041000B35315035563033");
+        assert!(!identity.can_fd);
+        // The commit, if it was built from one: twelve digits, and perhaps that files were changed.
+        let commit = identity.commit.trim_end_matches('+');
+        assert!(commit.is_empty() || commit.len() == 12, "{commit}");
+        assert!(commit.chars().all(|digit| digit.is_ascii_hexdigit()), "{commit}");
+    });
+}
+
+#[test]
+fn a_configuration_that_was_saved_is_in_force_after_a_power_cycle() {
+    let mut board = board(ling());
+    let board = &mut board;
+    let mut control = Control::open(board);
+    let polling = Config {
+        poll: Poll::Hertz(50),
+        ..Config::default()
+    };
+    control.order(board, control::Request::SetConfig(polling));
+    board.power_cycle().unwrap();
+    open(board, MEGABAUD);
+    let mut control = Control::open(board);
+    let as_before = control.call(board, control::Request::GetConfig);
+    assert_eq!(as_before, Reply::Config(Config::default()), "it was set, not saved");
+
+    control.order(board, control::Request::SetConfig(polling));
+    control.order(board, control::Request::SaveConfig);
+    board.power_cycle().unwrap();
+    open(board, MEGABAUD);
+    let mut control = Control::open(board);
+    let saved = control.call(board, control::Request::GetConfig);
+    assert_eq!(saved, Reply::Config(polling));
+    board.uart().forget_bytes();
+    board.run_for(Nanos::from_millis(1_000)).unwrap();
+    let line = board.uart().bytes();
+    let asked = line
+        .iter()
+        .filter(|byte| byte.direction == Direction::ToArm && byte.sent == 0xAA);
+    assert!(asked.count() >= 49, "it does not poll");
+
+    control.order(board, control::Request::ResetConfig);
+    board.power_cycle().unwrap();
+    open(board, MEGABAUD);
+    let mut control = Control::open(board);
+    let reset = control.call(board, control::Request::GetConfig);
+    assert_eq!(reset, Reply::Config(Config::default()));
+    expect_restarts(board, &[Cause::Power; 3]);
+}
+
+#[test]
+fn the_counts_are_those_that_are_read_without_a_port() {
+    on_board(ling(), |board| {
+        plug_in(board, MEGABAUD);
+        let mut program = Program::default();
+        for _ in 0..100 {
+            program.call(board, Request::ReadJoints).unwrap();
+        }
+        let mut control = Control::open(board);
+        let reply = control.call(board, control::Request::GetCounters);
+        let Reply::Counters(counted) = reply else {
+            panic!("{reply:?}")
+        };
+        assert_eq!(counted, counters(board));
+        assert_eq!((counted.frames, counted.control_requests), (100, 1));
+    });
+}
+
+#[test]
+fn frames_are_stamped_when_their_last_byte_is_in() {
+    on_board(ling(), |board| {
+        plug_in(board, MEGABAUD);
+        let mut control = Control::open(board);
+        control.subscribe(board);
+        let mut program = Program::default();
+        let (mut stamps, mut instants) = (Vec::new(), Vec::new());
+        for nth in 0..500 {
+            board.run_for(Nanos((nth * 618_034) % 1_000_000)).unwrap();
+            board.uart().forget_bytes();
+            program.call(board, Request::ReadJoints).unwrap();
+            let line = board.uart().bytes();
+            instants.push(line.last().unwrap().at);
+            read_all(board);
+            let events = control.take_events(board);
+            let [
+                (
+                    at,
+                    Event::Frame {
+                        asker: Some(Asker::Usb),
+                        ..
+                    },
+                ),
+            ] = &events[..]
+            else {
+                panic!("{events:?}");
+            };
+            stamps.push(*at);
+        }
+        assert!(stamps.is_sorted());
+        // The two clocks began at different times; from then on they go alike.
+        let offset = |(instant, stamp): (&Nanos, &Stamp)| instant.0.abs_diff(stamp.0 * 1_000);
+        let offsets: Vec<_> = instants.iter().zip(&stamps).map(offset).collect();
+        let (least, most) = (offsets.iter().min().unwrap(), offsets.iter().max().unwrap());
+        println!("stamps differ from the last stop bits by up to {} ns", most - least);
+        assert!(most - least <= 2_000, "{} ns", most - least);
+    });
+}
+
+#[test]
+fn an_adapter_that_is_told_to_starts_again() {
+    let mut board = board(ling());
+    let board = &mut board;
+    let mut control = Control::open(board);
+    control.order(board, control::Request::Restart);
+    board.run_for(Nanos::from_millis(200)).unwrap();
+    open(board, MEGABAUD);
+    let answer = Program::default().call(board, Request::ReadJoints);
+    assert!(matches!(answer, Some(Response::Joints(_))), "{answer:?}");
+    expect_restarts(board, &[Cause::Software]);
+}
+
+#[test]
+fn an_adapter_that_is_told_to_starts_its_boot_loader_and_after_a_power_cycle_the_firmware() {
+    let mut board = board(ling());
+    let board = &mut board;
+    let mut control = Control::open(board);
+    control.order(board, control::Request::RestartIntoBootLoader);
+    board
+        .run_until(Nanos::from_millis(200), |board| board.is_in_boot_loader())
+        .unwrap();
+    board.power_cycle().unwrap();
+    open(board, MEGABAUD);
+    assert!(!board.is_in_boot_loader());
+    expect_restarts(board, &[Cause::Software, Cause::Power]);
+}

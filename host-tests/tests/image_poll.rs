@@ -1,0 +1,145 @@
+//! The firmware image asks the arm by itself: on time at a set rate, and as fast as the wire allows.
+
+use armwire::ling::{Ling, MAX_FRAME, Request};
+use armwire::{Micros, Protocol};
+use armwire_bridge::can::Node;
+use armwire_bridge::config::{Config, Poll};
+use armwire_bridge::control;
+use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, Program, byte_time, counters, on_board, plug_in};
+use armwire_sim::ling::LingArm;
+use armwire_virtual_board::line::{Arm, Direction, LineByte};
+use armwire_virtual_board::{Nanos, VirtualBoard};
+
+fn ling(turnaround: Micros) -> LingArm {
+    LingArm::new(armwire_sim::ling::Config {
+        turnaround,
+        ..armwire_sim::ling::Config::follower()
+    })
+}
+
+fn frame(request: Request) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    let len = Ling::encode_request(&request, &mut bytes).unwrap();
+    bytes[..len].to_vec()
+}
+
+fn poll<A: Arm>(board: &mut VirtualBoard<A>, poll: Poll) {
+    let config = Config {
+        poll,
+        ..Config::default()
+    };
+    Control::open(board).order(board, control::Request::SetConfig(config));
+}
+
+/// A request on the line and its answer.
+#[derive(Debug)]
+struct Exchange {
+    request: Vec<u8>,
+    /// When its first start bit began.
+    start: Nanos,
+    /// When the last stop bit of the answer ended, or that of the request so far.
+    end: Nanos,
+}
+
+/// What was exchanged on the line.
+fn exchanges(line: &[LineByte]) -> Vec<Exchange> {
+    let mut exchanges: Vec<Exchange> = Vec::new();
+    let mut direction = Direction::ToBoard;
+    for byte in line {
+        if byte.direction == Direction::ToArm && direction == Direction::ToBoard {
+            exchanges.push(Exchange {
+                request: Vec::new(),
+                start: Nanos(byte.at.0 - byte_time(MEGABAUD).0),
+                end: byte.at,
+            });
+        }
+        direction = byte.direction;
+        if let Some(exchange) = exchanges.last_mut() {
+            exchange.end = byte.at;
+            if direction == Direction::ToArm {
+                exchange.request.push(byte.sent);
+            }
+        }
+    }
+    exchanges
+}
+
+#[test]
+fn each_poll_starts_at_its_slot_with_traffic_on_usb_and_can() {
+    /// Polls per second, and the time between two.
+    const RATE: u16 = 250;
+    const PERIOD: u64 = 4_000_000;
+    /// How late a poll may be.
+    const LATE: u64 = 10_000;
+    on_board(ling(Micros(100)), |board| {
+        plug_in(board, MEGABAUD);
+        board.can().attach(1_000_000);
+        let mut on_can = CanProgram::new(Node::default());
+        let mut on_usb = Program::default();
+        poll(board, Poll::Hertz(RATE));
+        board.run_for(Nanos::from_millis(20)).unwrap();
+        board.uart().forget_bytes();
+        let other = frame(Request::ReadTemperatures);
+        for nth in 0..300 {
+            board.run_for(Nanos((nth * 618_034) % 3_000_000)).unwrap();
+            match nth % 2 {
+                0 => drop(on_usb.call(board, Request::ReadTemperatures)),
+                _ => drop(on_can.call(board, &other)),
+            }
+        }
+        let exchanges = exchanges(&board.uart().bytes());
+        let joints = frame(Request::ReadJoints);
+        // The first that nobody was in the way of is at its slot; all slots are whole periods from it.
+        let is_poll = |exchange: &Exchange| exchange.request == joints;
+        let first = exchanges.iter().find(|exchange| is_poll(exchange)).unwrap().start;
+        let late = |start: Nanos| (start.0 - first.0 + PERIOD / 2) % PERIOD;
+        let (mut free, mut delayed, mut spread) = (0, 0, (u64::MAX, 0));
+        for pair in exchanges.windows(2) {
+            let [before, exchange] = pair else { unreachable!() };
+            if !is_poll(exchange) {
+                continue;
+            }
+            // What a poll had to wait for ended just before it.
+            if !is_poll(before) && exchange.start.0 - before.end.0 < 60_000 {
+                delayed += 1;
+                continue;
+            }
+            free += 1;
+            spread = (spread.0.min(late(exchange.start)), spread.1.max(late(exchange.start)));
+        }
+        println!(
+            "{free} polls within {} ns of each other's slots, {delayed} after another's exchange",
+            spread.1 - spread.0
+        );
+        assert!(free > 200 && delayed > 5, "{free} {delayed}");
+        assert!(spread.1 - spread.0 <= LATE, "{} ns", spread.1 - spread.0);
+        assert_eq!(counters(board).missed_polls, 0);
+    });
+}
+
+#[test]
+fn as_fast_as_the_wire_allows_is_that_fast() {
+    for turnaround in [0, 100, 500] {
+        on_board(ling(Micros(turnaround)), |board| {
+            plug_in(board, MEGABAUD);
+            poll(board, Poll::Fastest);
+            board.run_for(Nanos::from_millis(10)).unwrap();
+            board.uart().forget_bytes();
+            board.run_for(Nanos::from_millis(1_000)).unwrap();
+            let line = board.uart().bytes();
+            let exchanges = exchanges(&line);
+            // The wire allows bytes without a pause, but for the time that the arm takes.
+            let bytes = line.len() as f64 / exchanges.len() as f64;
+            let least = bytes * 10.0 + turnaround as f64;
+            let took = exchanges.last().unwrap().start.since(exchanges[0].start).0 as f64 / 1_000.0;
+            let rate = (exchanges.len() - 1) as f64 / took;
+            println!(
+                "turnaround {turnaround} us: {:.0} polls per second, {:.1} % of what the wire allows",
+                rate * 1e6,
+                100.0 * rate * least
+            );
+            assert!(rate * least >= 0.95);
+            assert_eq!(counters(board).unanswered_requests, 0);
+        });
+    }
+}
