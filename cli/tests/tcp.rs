@@ -1,0 +1,84 @@
+//! The built program and an arm whose serial port a server has on TCP.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod common;
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire::Micros;
+use armwire_sim::ling::{Config, LingArm};
+use armwire_sim::serial::SerialDevice;
+use common::{failure, run, success, usage};
+
+/// Serves an arm to one program after another, and returns its port as a user names it.
+fn serve() -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = format!("tcp:{}", listener.local_addr().unwrap());
+    thread::spawn(move || {
+        for stream in listener.incoming() {
+            carry(stream.unwrap(), LingArm::new(Config::follower()));
+        }
+    });
+    port
+}
+
+/// Carries bytes until the program has gone.
+fn carry(mut stream: TcpStream, mut arm: LingArm) {
+    let start = Instant::now();
+    stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+    let mut bytes = [0; 256];
+    loop {
+        let read = stream.read(&mut bytes);
+        let now = Micros(start.elapsed().as_micros() as u64);
+        match read {
+            Ok(0) => return,
+            Ok(n) => bytes[..n].iter().for_each(|&byte| arm.receive(now, byte)),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            Err(_) => return,
+        }
+        let answer: Vec<_> = std::iter::from_fn(|| arm.transmit(now)).collect();
+        if stream.write_all(&answer).is_err() {
+            return;
+        }
+    }
+}
+
+#[test]
+fn an_arm_behind_a_server_is_like_one_on_a_port() {
+    let port = serve();
+    for args in [
+        &["info", &port][..],
+        &["call", "ling", &port, "read-info"],
+        &["monitor", &port, "--rate", "100", "--count", "2"],
+    ] {
+        assert!(!success(args).is_empty());
+    }
+    assert!(success(&["info", &port]).contains("arm          Ling follower"));
+}
+
+#[test]
+fn a_server_that_is_not_there_and_an_arm_that_is_not_are_told() {
+    // A port that was free a moment ago.
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let line = failure(&run(&["info", &format!("tcp:{free}")]));
+    assert!(line.starts_with(&format!("{free}: nothing listens there")), "{line}");
+
+    // It accepts, and says nothing.
+    let mute = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = format!("tcp:{}", mute.local_addr().unwrap());
+    let line = failure(&run(&["call", "ling", &port, "read-joints"]));
+    assert!(
+        line.contains("is the arm powered, and is its serial port the one that is served there?"),
+        "{line}"
+    );
+}
+
+#[test]
+fn a_server_has_a_port_and_no_baud_rate() {
+    assert!(usage(&["info", "tcp:localhost"]).contains("'localhost' has no port, such as localhost:4000"));
+    assert!(usage(&["info", "tcp:localhost:1", "--baud", "9600"]).contains("is no serial port, which has a --baud"));
+}
