@@ -139,5 +139,4 @@ fn an_unknown_interface_is_told_with_the_ports_there_are() {
 fn arguments_that_do_not_go_together_are_told() {
     assert!(usage(&["info", "slcan:/dev/null@123"]).contains("'123' behind the @"));
     assert!(usage(&["info", "can:can0/16"]).contains("node id is 16, must be 0..=15"));
-    assert!(usage(&["info", "tcp:localhost:1", "--baud", "9600"]).contains("is no serial port, which has a --baud"));
 }
