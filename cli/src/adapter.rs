@@ -2,7 +2,9 @@
 
 use std::io::{Write, stdout};
 
+use armwire_bridge::config::Can;
 use armwire_bridge::control::{Histogram, Identity, Latencies, Reply, Request};
+use armwire_sim::slcan::BitRate;
 use clap::Args;
 use serde_json::{Map, Value, json};
 
@@ -11,7 +13,7 @@ use crate::port::Port;
 use crate::problem::Problem;
 
 /// Where an adapter is.
-#[derive(Args)]
+#[derive(Args, Debug, PartialEq, Eq)]
 pub(crate) struct AdapterPort {
     /// The adapter's serial port, such as /dev/ttyACM0 or COM3; or can:IFACE/NODE, on a CAN bus of Linux; or
     /// slcan:PORT@BITRATE/NODE, on the bus of an SLCAN adapter; or control:PORT, the control port itself.
@@ -19,6 +21,23 @@ pub(crate) struct AdapterPort {
 }
 
 impl AdapterPort {
+    /// Where it is once it is so on the CAN bus, if it is on one.
+    pub(crate) fn moved(&self, can: &Can) -> Self {
+        let port = match self.port.clone() {
+            Port::Can { interface, .. } => Port::Can {
+                interface,
+                node: can.node,
+            },
+            Port::Slcan { port, bit_rate, .. } => Port::Slcan {
+                port,
+                bit_rate: BitRate::new(can.bit_rate).unwrap_or(bit_rate),
+                node: can.node,
+            },
+            other => other,
+        };
+        Self { port }
+    }
+
     /// Opens the adapter's control port.
     pub(crate) fn open(&self) -> Result<ControlLink, Problem> {
         self.port.connect(None)?.control()
@@ -35,11 +54,14 @@ pub(crate) fn identify(control: &mut ControlLink) -> Result<Identity, Problem> {
 
 /// What an adapter is, in words.
 pub(crate) fn describe(identity: &Identity) -> String {
-    let Identity { board, firmware, .. } = identity;
-    match identity.commit.as_str() {
-        "" => format!("{board}, firmware {firmware}"),
-        commit => format!("{board}, firmware {firmware} ({commit})"),
-    }
+    let commit = match identity.commit.as_str() {
+        "" => String::new(),
+        commit => format!(" ({commit})"),
+    };
+    format!(
+        "{}, serial number {}, firmware {}{commit}",
+        identity.board, identity.serial, identity.firmware
+    )
 }
 
 /// All counters of an adapter by their names, in the order in which they are declared.
@@ -125,4 +147,30 @@ pub(crate) fn histogram_json(histogram: &Histogram) -> Value {
     let buckets =
         buckets.map(|(i, count)| json!({ "below_us": Histogram::limit(i).map(|limit| limit.0), "count": count }));
     Value::Array(buckets.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire_bridge::can::Node;
+
+    use super::*;
+
+    #[test]
+    fn an_adapter_on_can_is_where_its_configuration_says() {
+        let can = Can {
+            node: Node::MAX,
+            bit_rate: 250_000,
+            ..Can::default()
+        };
+        for (before, after) in [
+            ("can:can0/3", "can:can0/15"),
+            ("slcan:/dev/ttyACM1@500000/2", "slcan:/dev/ttyACM1@250000/15"),
+            ("/dev/ttyACM0", "/dev/ttyACM0"),
+        ] {
+            let port = |text: &str| AdapterPort {
+                port: text.parse().unwrap(),
+            };
+            assert_eq!(port(before).moved(&can), port(after));
+        }
+    }
 }

@@ -222,6 +222,7 @@ impl Configure {
                     (key.set)(&mut config, value).map_err(Problem::Usage)?;
                 }
                 control.call(Request::SetConfig(config))?;
+                control = self.follow(control, &config)?;
                 if *save {
                     control.call(Request::SaveConfig)?;
                 }
@@ -231,6 +232,7 @@ impl Configure {
             }
             Action::Reset => {
                 control.call(Request::ResetConfig)?;
+                control = self.follow(control, &Config::default())?;
             }
         }
         let config = get(&mut control)?;
@@ -242,6 +244,17 @@ impl Configure {
             return adapter::print_json(&Value::Object(object));
         }
         stdout().write_all(show(&config).as_bytes()).map_err(Problem::Output)
+    }
+
+    /// The adapter where it is on the CAN bus now that it is so.
+    fn follow(&self, control: ControlLink, config: &Config) -> Result<ControlLink, Problem> {
+        let moved = self.adapter.moved(&config.can);
+        if moved == self.adapter {
+            return Ok(control);
+        }
+        // The port is opened once.
+        drop(control);
+        moved.open()
     }
 }
 

@@ -280,7 +280,7 @@ fn an_update_goes_through_the_boot_loader_and_tells_what_runs_then() {
     );
     let control = &board.control;
     let adapter = format!(
-        "{}: virtual, firmware 1.2.3 (1a2b3c4d5e6f)",
+        "{}: virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
         &control["control:".len()..]
     );
     let name = &control["control:".len()..];

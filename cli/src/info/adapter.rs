@@ -3,25 +3,13 @@
 use armwire_bridge::config::{Can, Poll};
 
 use super::show;
-use crate::adapter::identify;
+use crate::adapter::{describe, identify};
 use crate::config;
 use crate::control::ControlLink;
 use crate::problem::Problem;
 
 pub(super) fn run(control: &mut ControlLink) -> Result<(), Problem> {
-    let identity = identify(control)?;
-    let commit = match identity.commit.as_str() {
-        "" => String::new(),
-        commit => format!(" ({commit})"),
-    };
-    show(
-        "adapter",
-        format_args!(
-            "{}, serial number {}, firmware {}{commit}",
-            identity.board, identity.serial, identity.firmware
-        ),
-    )?;
-
+    show("adapter", describe(&identify(control)?))?;
     let config = config::get(control)?;
     let poll = match config.poll {
         Poll::Off => "off".to_owned(),

@@ -68,6 +68,10 @@ impl Source for Heard {
         false
     }
 
+    fn is_paced(&self) -> bool {
+        false
+    }
+
     fn read(&mut self) -> Result<News, Problem> {
         if let Some(hint) = self.hint.take() {
             return Ok(News::Notice(hint));

@@ -31,6 +31,10 @@ impl<L: Line> Source for Heard<L> {
         "Ling, older generation"
     }
 
+    fn is_asked(&self) -> bool {
+        false
+    }
+
     /// The newest of what the arm has said, or else the next.
     fn read(&mut self) -> Result<News, Problem> {
         let until = self.link.now() + SILENCE;

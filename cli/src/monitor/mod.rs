@@ -100,7 +100,7 @@ impl Monitor {
         let form = Form::new(self.csv, self.json);
         let start = Instant::now();
         let now = || Micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));
-        let rate = source.is_asked().then_some(self.rate);
+        let rate = source.is_paced().then_some(self.rate);
         let mut model = Model::new(&self.place.port, source.arm(), source.servos(), rate);
         let mut celsius = Timer::new(CELSIUS);
         let mut told = Timer::new(ADAPTER);
@@ -109,19 +109,15 @@ impl Monitor {
         let mut output = None;
         let mut readings = 0;
         while readings < self.count.unwrap_or(u64::MAX) && !stop.load(Ordering::Relaxed) {
-            let step = match self.step(source, &mut model, &now) {
+            let celsius = form.shows_celsius().then_some(&mut celsius);
+            let step = match step(source, celsius, &mut model, &now) {
                 // Who has asked us to end does not ask why there is no answer.
                 Err(_) if stop.load(Ordering::Relaxed) => break,
                 step => step?,
             };
-            if step == Step::Reading {
-                readings += 1;
-                if form.shows_celsius() && celsius.is_due(now()) {
-                    self.read_celsius(source, &mut model, now())?;
-                }
-            }
+            readings += u64::from(step == Step::Reading);
             model.line_errors = source.line_errors();
-            if output.is_none() && (model.answered > 0 || !source.is_asked()) {
+            if output.is_none() && (model.answered > 0 || rate.is_none()) {
                 output = Some(form.open()?);
                 control = connection
                     .filter(|_| form == Form::Screen)
@@ -146,51 +142,6 @@ impl Monitor {
         Ok(())
     }
 
-    /// Asks for a reading, or listens for one.
-    fn step(&self, source: &mut dyn Source, model: &mut Model, now: &dyn Fn() -> Micros) -> Result<Step, Problem> {
-        let begun = now();
-        if source.is_asked() {
-            model.ask();
-        }
-        match source.read() {
-            Ok(News::Reading(reading, stamp)) => {
-                let at = now();
-                model.read(Latest {
-                    reading,
-                    at,
-                    stamp,
-                    latency: source.is_asked().then(|| at.since(begun)),
-                });
-                Ok(Step::Reading)
-            }
-            Ok(News::Celsius(celsius)) => {
-                model.celsius = celsius;
-                Ok(Step::Nothing)
-            }
-            Ok(News::Notice(text)) => {
-                model.notify(now(), text);
-                Ok(Step::Notice)
-            }
-            Ok(News::Nothing) => Ok(Step::Nothing),
-            // Once it has answered, the arm may be switched off and on again.
-            Err(problem @ Problem::NoAnswer { .. }) if model.answered > 0 => {
-                model.time_out(now(), problem.to_string());
-                Ok(Step::TimedOut)
-            }
-            Err(problem) => Err(problem),
-        }
-    }
-
-    fn read_celsius(&self, source: &mut dyn Source, model: &mut Model, now: Micros) -> Result<(), Problem> {
-        match source.read_celsius() {
-            Ok(News::Celsius(celsius)) => model.celsius = celsius,
-            Ok(_) => {}
-            Err(problem @ Problem::NoAnswer { .. }) => model.time_out(now, problem.to_string()),
-            Err(problem) => return Err(problem),
-        }
-        Ok(())
-    }
-
     /// The control port of the adapter there, if there is one, and if it can be opened: a monitor can do without.
     fn open(&self, connection: &Connection, model: &mut Model) -> Option<ControlLink> {
         match self.place.control(connection) {
@@ -203,6 +154,53 @@ impl Monitor {
                 None
             }
         }
+    }
+}
+
+/// Takes what the source has to tell into the model: a reading, and after it the temperatures, if they are due.
+fn step(
+    source: &mut dyn Source,
+    celsius: Option<&mut Timer>,
+    model: &mut Model,
+    now: &dyn Fn() -> Micros,
+) -> Result<Step, Problem> {
+    let begun = now();
+    model.asked += u64::from(source.is_asked());
+    let step = take(source.read(), model, source.is_asked().then_some(begun), now())?;
+    if step == Step::Reading && celsius.is_some_and(|timer| timer.is_due(now())) {
+        let news = source.read_celsius();
+        take(news, model, None, now())?;
+    }
+    Ok(step)
+}
+
+/// Takes news into the model. `begun` is when the call began, if there was one.
+fn take(news: Result<News, Problem>, model: &mut Model, begun: Option<Micros>, now: Micros) -> Result<Step, Problem> {
+    match news {
+        Ok(News::Reading(reading, stamp)) => {
+            model.read(Latest {
+                reading,
+                at: now,
+                stamp,
+                latency: begun.map(|begun| now.since(begun)),
+            });
+            Ok(Step::Reading)
+        }
+        Ok(News::Celsius(celsius)) => {
+            model.celsius = celsius;
+            Ok(Step::Nothing)
+        }
+        Ok(News::Notice(text)) => {
+            model.notify(now, text);
+            Ok(Step::Notice)
+        }
+        Ok(News::Nothing) => Ok(Step::Nothing),
+        // Once it has answered, the arm may be switched off and on again.
+        Err(problem @ Problem::NoAnswer { .. }) if model.answered > 0 => {
+            model.time_out(now, problem.to_string());
+            Ok(Step::TimedOut)
+        }
+        Err(problem) => Err(problem),
     }
 }
 

@@ -24,7 +24,7 @@ pub(super) struct Model {
     /// What the user calls the port, and which arm it is.
     pub(super) port: String,
     pub(super) arm: &'static str,
-    /// How often the arm should be asked in a second; `None` if it is only heard.
+    /// How many readings a second there should be; `None` if it is not for us to say.
     pub(super) rate: Option<u32>,
     /// How many temperatures it may have.
     pub(super) servos: usize,
@@ -92,11 +92,6 @@ impl Model {
             rate,
             ..Self::default()
         }
-    }
-
-    /// The arm is asked for a reading.
-    pub(super) fn ask(&mut self) {
-        self.asked += 1;
     }
 
     /// A reading came.
@@ -284,9 +279,9 @@ pub(super) mod tests {
     #[test]
     fn an_arm_that_does_not_answer_is_counted_and_what_it_said_is_kept() {
         let mut model = Model::new("COM3", "Ling", 10, Some(20));
-        model.ask();
+        model.asked += 1;
         model.read(latest(0, 900, &[Some(1.0)]));
-        model.ask();
+        model.asked += 1;
         model.time_out(Micros::from_millis(300), "no answer".to_owned());
         assert_eq!((model.asked, model.answered, model.timed_out), (2, 1, 1));
         assert_eq!(model.notice.as_deref(), Some("no answer"));

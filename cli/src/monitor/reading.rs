@@ -2,6 +2,7 @@
 
 use armwire_bridge::control::Stamp;
 
+use crate::control::ControlLink;
 use crate::problem::Problem;
 
 /// What an arm is at one moment. Of one arm all readings have the same quantities.
@@ -55,6 +56,11 @@ pub(super) trait Source {
         true
     }
 
+    /// Whether it is for us to say how often there is a reading.
+    fn is_paced(&self) -> bool {
+        true
+    }
+
     /// Asks the arm, or listens for a moment.
     fn read(&mut self) -> Result<News, Problem>;
 
@@ -67,7 +73,7 @@ pub(super) trait Source {
     fn line_errors(&self) -> LineErrors;
 
     /// The adapter, of a source that has it.
-    fn adapter(&mut self) -> Option<&mut crate::control::ControlLink> {
+    fn adapter(&mut self) -> Option<&mut ControlLink> {
         None
     }
 }

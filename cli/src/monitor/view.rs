@@ -120,13 +120,12 @@ fn arm(model: &Model, width: usize) -> Part {
 /// The calls, or what was heard.
 fn calls(model: &Model, now: Micros) -> Part {
     let achieved = model.achieved(now);
-    let rate = match model.rate {
-        Some(rate) => format!(
-            "{achieved:.1} of {rate} readings/s, asked {}, answered {}",
-            model.asked, model.answered
-        ),
-        None => format!("{achieved:.1} readings/s, heard {}", model.answered),
+    let wanted = model.rate.map_or(String::new(), |rate| format!(" of {rate}"));
+    let calls = match model.asked {
+        0 => format!("heard {}", model.answered),
+        asked => format!("asked {asked}, answered {}", model.answered),
     };
+    let rate = format!("{achieved:.1}{wanted} readings/s, {calls}");
     let mut lines = vec![Line::from(vec![name("rate"), Span::raw(rate)])];
     if let Some(times) = model.call_times() {
         let text = format!(
@@ -250,7 +249,7 @@ mod tests {
     fn model() -> Model {
         let mut model = Model::new("/dev/ttyACM0", "Ling", 10, Some(20));
         for n in 0..20_u16 {
-            model.ask();
+            model.asked += 1;
             let moved = Some(f32::from(n) / 20.0);
             model.read(latest(
                 u64::from(n) * 50,
