@@ -549,9 +549,11 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
                 dropped
             }
             Asker::Can => {
-                let dropped = self.can_requests.iter().map(|request| request.bytes.len()).sum();
+                let queued: usize = self.can_requests.iter().map(|request| request.bytes.len()).sum();
+                let last = self.can.arm.received().map_or(0, <[u8]>::len);
                 self.can_requests.clear();
-                dropped
+                self.can.arm.release();
+                queued.saturating_add(last)
             }
             _ => {
                 self.can.stop_commands();

@@ -368,8 +368,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             }
             self.turn.usb_went(self.asks.pending() == 0, now);
             said = said.saturating_add(taken);
-            let sent = now + Micros(self.line.coding.micros(said));
-            let whole = self.hear_usb(room.get(..taken).unwrap_or_default(), sent, now);
+            let end = now + Micros(self.line.coding.micros(said));
+            let whole = self.hear_usb(room.get(..taken).unwrap_or_default(), end, now);
             if others && whole && self.asks.pending() == 0 {
                 break;
             }
@@ -380,8 +380,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         said
     }
 
-    /// Listens in on bytes of the host on USB, which are out at `sent`. Whether a request ended.
-    fn hear_usb(&mut self, bytes: &[u8], sent: Micros, now: Micros) -> bool {
+    /// Listens in on bytes of the host on USB, the last of which is out at `end`. Whether a request ended.
+    fn hear_usb(&mut self, bytes: &[u8], end: Micros, now: Micros) -> bool {
         let mut whole = false;
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -389,6 +389,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             while let Some(piece) = self.asks.next(self.config.arm, Expect::Requests, false) {
                 if let Piece::Frame(frame) = piece {
                     let asked = self.config.arm.asked(frame);
+                    let behind = rest.len().saturating_add(self.asks.pending());
+                    let sent = end.since(Micros(self.line.coding.micros(behind)));
                     (whole, self.turn.raw) = (true, false);
                     count(&mut self.counters.requests_usb, 1);
                     self.latencies.turn.add(self.turn.usb_waited());
@@ -529,6 +531,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         while self.can_requests.pop_front().is_some() {
             self.refuse(Asker::Can, Refusal::NotAFrame, now);
         }
+        self.take_can_request(now);
     }
 }
 

@@ -183,7 +183,7 @@ impl Rig {
                     self.tx_free = start + self.bridge.line.coding.micros(burst.len);
                     self.askers.push(self.bridge.turn.last);
                     self.said.push((start, out[..burst.len].to_vec()));
-                    self.tell_arm(&out[..burst.len]);
+                    self.tell_arm(&out[..burst.len], start);
                     idle = false;
                 }
             }
@@ -212,16 +212,16 @@ impl Rig {
         }
     }
 
-    /// The arm hears bytes that are on the line until `tx_free`, and answers one request after the other.
-    fn tell_arm(&mut self, bytes: &[u8]) {
-        let mut rest = bytes;
-        while !rest.is_empty() {
-            rest = self.ear.push(rest);
+    /// The arm hears bytes that are on the line from `start` on, and answers one request after the other.
+    fn tell_arm(&mut self, bytes: &[u8], start: u64) {
+        let coding = self.bridge.line.coding;
+        for (n, byte) in bytes.iter().enumerate() {
+            assert!(self.ear.push(&[*byte]).is_empty());
+            let heard = start + coding.micros(n + 1);
             while let Some(piece) = self.ear.next(self.bridge.config.arm, Expect::Requests, false) {
                 let Piece::Frame(frame) = piece else { continue };
                 if let Some((after, answer)) = (self.manners)(frame) {
-                    let start = self.voice.back().map_or(0, |&(at, _)| at).max(self.tx_free) + after;
-                    let coding = self.bridge.line.coding;
+                    let start = self.voice.back().map_or(0, |&(at, _)| at).max(heard) + after;
                     let bytes = answer.iter().enumerate();
                     self.voice
                         .extend(bytes.map(|(n, &byte)| (start + coding.micros(n + 1), byte)));

@@ -169,6 +169,29 @@ fn a_stream_from_can_is_watched_too() {
     ));
 }
 
+#[test]
+fn what_a_silent_host_on_can_has_queued_is_dropped_to_the_last() {
+    let mut rig = Rig::new(silence(300, false));
+    rig.subscribe();
+    for _ in 0..3 {
+        rig.can_out.push_back(motion());
+        rig.run(10_000);
+    }
+    rig.manners = Box::new(|_| None);
+    rig.usb_out.extend(ling::SELF_CHECK);
+    rig.run(1_000);
+    for _ in 0..3 {
+        rig.can_out.push_back(motion());
+    }
+    rig.run(2_000_000);
+    // Two in the queue, one behind them in the connection.
+    assert_eq!(rig.bridge.counters().silenced_bytes as usize, 3 * motion().len());
+    assert_eq!(rig.line(), [&motion().repeat(3)[..], &ling::SELF_CHECK].concat());
+    rig.can_out.push_back(motion());
+    rig.run(10_000);
+    assert_eq!(rig.bridge.counters().requests_can, 4);
+}
+
 fn command(sequence: u8) -> Command {
     Command {
         sequence,

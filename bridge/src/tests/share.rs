@@ -188,6 +188,19 @@ fn a_host_on_usb_may_ask_more_than_is_remembered_and_nobody_gets_its_answers() {
 }
 
 #[test]
+fn an_answer_may_come_while_the_host_still_asks_for_more() {
+    let mut rig = Rig::new(Config::default());
+    rig.usb_out.extend(JOINTS.repeat(8));
+    rig.run(50_000);
+    // The first answer is in at 480 µs, the last request out at 560 µs.
+    let c = rig.bridge.counters();
+    assert_eq!((c.frames, c.unasked_frames, c.unanswered_requests), (8, 0, 0));
+    // From its request to the answer, which waits for those before it.
+    let latencies = rig.bridge.latencies.answer.counts;
+    assert_eq!((latencies[8], latencies[9], latencies.iter().sum()), (1, 1, 8));
+}
+
+#[test]
 fn pipelined_requests_are_cut_at_the_frame_when_another_waits() {
     let mut rig = Rig::new(Config::default());
     for _ in 0..10 {
