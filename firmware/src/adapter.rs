@@ -91,7 +91,7 @@ impl Adapter {
         self.changed.signal(());
     }
 
-    /// Tells those for whom a microsecond counts: who sends to the arm, and who sends to the host what it said. The
+    /// Tells those for whom a microsecond counts: who sends the host what the arm said, and who sends to the arm. All
     /// others are told when these have run.
     ///
     /// The executor runs tasks in the reverse order in which they were woken.
@@ -99,12 +99,10 @@ impl Adapter {
     #[inline(never)]
     fn tell_of_the_arm(&self) {
         self.changed.signal(());
-        let bridge = self.bridge.borrow();
-        if bridge.usb_due() {
+        // To ask whether there is something takes as long as to take it.
+        self.bytes.signal(());
+        if self.bridge.borrow().usb_due() {
             self.packet.signal(());
-        }
-        if bridge.uart_due(now()) {
-            self.bytes.signal(());
         }
     }
 
