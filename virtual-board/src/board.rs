@@ -16,7 +16,7 @@ use rigless::image::Image;
 
 use crate::can::bus::Bus;
 use crate::flash::{self, Flash};
-use crate::line::{Arm, Fault, FaultRates, Line, LineByte};
+use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte};
 use crate::machine::{self, Bench, Command, Reply, Run};
 use crate::report::{Crash, Report, Violation, Violations};
 use crate::stm32f405::port::{Shared, lock};
@@ -555,6 +555,16 @@ impl<A: Arm> Uart<'_, A> {
     /// Sets the rate of the arm's own UART, in bits per second. An arm that is more than 5 % off is not understood.
     pub fn set_arm_baud(&self, baud: u32) {
         lock(self.line).set_arm_baud(baud);
+    }
+
+    /// What the board's UART puts around the bits of a byte.
+    pub fn format(&self) -> Format {
+        lock(self.line).board_format()
+    }
+
+    /// Sets what the arm's own UART puts around the bits of a byte.
+    pub fn set_arm_format(&self, format: Format) {
+        lock(self.line).set_arm_format(format);
     }
 
     /// Sets how often bytes from the arm meet faults.

@@ -28,6 +28,8 @@ pub enum Fault {
     Framing,
     /// The board's samples of a bit disagree; the majority is right.
     Noise,
+    /// The parity bit is wrong. A line without one carries the byte as it is.
+    Parity,
     /// The line is low for the whole byte.
     Break,
     /// The board's DMA comes too late for the byte before it, if that ended just now: this one is lost.
@@ -45,6 +47,44 @@ pub struct FaultRates {
     pub line_break: u32,
     /// [`Fault::Overrun`].
     pub overrun: u32,
+}
+
+/// The parity bit of a byte.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Parity {
+    /// There is none.
+    #[default]
+    None,
+    /// The ones of the data and the parity bit are even in number.
+    Even,
+    /// They are odd in number.
+    Odd,
+}
+
+/// What one side puts around the eight data bits of a byte. The default is no parity and one stop bit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Format {
+    /// The parity bit.
+    pub parity: Parity,
+    /// Two stop bits rather than one.
+    pub two_stop_bits: bool,
+}
+
+impl Format {
+    /// How many bits a byte has, 10 to 12.
+    pub const fn bits(self) -> u64 {
+        10 + !matches!(self.parity, Parity::None) as u64 + self.two_stop_bits as u64
+    }
+
+    /// The parity bit of a byte, if it has one.
+    const fn parity_bit(self, byte: u8) -> Option<bool> {
+        let odd = byte.count_ones() % 2 == 1;
+        match self.parity {
+            Parity::None => None,
+            Parity::Even => Some(odd),
+            Parity::Odd => Some(!odd),
+        }
+    }
 }
 
 /// Which way a byte went.
@@ -89,6 +129,7 @@ pub struct LineByte {
 pub(crate) struct Arrival {
     pub(crate) value: u8,
     pub(crate) framing: bool,
+    pub(crate) parity: bool,
     pub(crate) noise: bool,
 }
 
@@ -117,6 +158,8 @@ pub(crate) struct Line<A> {
     /// One bit at the arm's own rate and at the board's, in picoseconds. The board's is 0 while its UART has none.
     arm_bit: u64,
     board_bit: u64,
+    arm_format: Format,
+    board_format: Format,
     /// From when on the arm may send.
     free: Nanos,
     flight: Option<Flight>,
@@ -144,6 +187,8 @@ impl<A: SerialDevice> Line<A> {
             arm,
             arm_bit: bit(baud.into()),
             board_bit: 0,
+            arm_format: Format::default(),
+            board_format: Format::default(),
             free: Nanos(0),
             flight: None,
             half_duplex: false,
@@ -173,6 +218,27 @@ impl<A: SerialDevice> Line<A> {
 
     pub(crate) fn set_arm_baud(&mut self, baud: u32) {
         self.arm_bit = bit(baud.into());
+    }
+
+    pub(crate) fn set_arm_format(&mut self, format: Format) {
+        self.arm_format = format;
+    }
+
+    pub(crate) fn set_board_format(&mut self, format: Format) {
+        self.board_format = format;
+    }
+
+    pub(crate) fn board_format(&self) -> Format {
+        self.board_format
+    }
+
+    /// How long a byte of the arm's lasts, and one of the board's.
+    fn arm_byte(&self) -> Nanos {
+        Nanos(self.arm_format.bits() * self.arm_bit / 1_000)
+    }
+
+    fn board_byte(&self) -> Nanos {
+        Nanos(self.board_format.bits() * self.board_bit / 1_000)
     }
 
     /// Sets what one bit of the board's UART lasts, in picoseconds; 0 while it does not run.
@@ -228,6 +294,7 @@ impl<A: SerialDevice> Line<A> {
 
     /// What the arm says while the board sends collides, in half-duplex mode.
     pub(crate) fn jam(&mut self, now: Nanos) {
+        let byte = self.arm_byte();
         while let Some(own) = &mut self.own
             && let Some(due) = self.arm.poll_timeout()
             && Nanos::from(due).max(self.free) <= now
@@ -235,7 +302,7 @@ impl<A: SerialDevice> Line<A> {
         {
             own.collided = true;
             self.count += 1;
-            self.free = now + Nanos(10 * self.arm_bit / 1_000);
+            self.free = now + byte;
             self.jammed = self.free;
             self.record(self.jammed, sent, Outcome::Collided);
         }
@@ -249,16 +316,18 @@ impl<A: SerialDevice> Line<A> {
 
     /// The board sent a byte; its stop bit ended at `now`.
     pub(crate) fn board_sent(&mut self, now: Nanos, sent: u8) {
-        let (mut value, framing) = sample(sent, self.board_bit, self.arm_bit);
+        let board = (self.board_bit, self.board_format);
+        let heard = sample(sent, board, (self.arm_bit, self.arm_format));
+        let mut value = heard.value;
         let collided = self.own.take().filter(|own| own.collided);
         self.spoiled = collided.is_some_and(|own| own.heard);
         let outcome = if collided.is_some() {
             value = !sent;
             Outcome::Collided
-        } else if framing || value != sent {
-            Outcome::Garbled
-        } else {
+        } else if heard.is_clean(sent) {
             Outcome::Arrived
+        } else {
+            Outcome::Garbled
         };
         self.bytes.push(LineByte {
             at: now,
@@ -281,6 +350,7 @@ impl<A: SerialDevice> Line<A> {
             return starts.then_some(Arrival {
                 value: own.sent,
                 framing: false,
+                parity: false,
                 noise: false,
             });
         }
@@ -289,18 +359,15 @@ impl<A: SerialDevice> Line<A> {
         }
         let sent = self.arm.transmit(now.micros())?;
         let mut outcome = Outcome::Arrived;
-        let (value, framing) = sample(sent, self.arm_bit, self.board_bit);
-        let mut arrival = Arrival {
-            value,
-            framing,
-            noise: false,
-        };
-        if framing || value != sent {
+        let arm = (self.arm_bit, self.arm_format);
+        let mut arrival = sample(sent, arm, (self.board_bit, self.board_format));
+        if !arrival.is_clean(sent) {
             outcome = Outcome::Garbled;
-        } else if let Some(fault) = self
-            .fault(self.count)
-            .filter(|&fault| fault != Fault::Overrun || follows)
-        {
+        } else if let Some(fault) = self.fault(self.count).filter(|&fault| match fault {
+            Fault::Overrun => follows,
+            Fault::Parity => self.board_format.parity != Parity::None,
+            _ => true,
+        }) {
             outcome = Outcome::Faulty(fault);
             // The byte before this one waits in the UART until this one is in, too.
             self.starve.store(fault == Fault::Overrun, Ordering::Relaxed);
@@ -308,18 +375,19 @@ impl<A: SerialDevice> Line<A> {
                 value: match fault {
                     Fault::Framing => !sent,
                     Fault::Break => 0,
-                    Fault::Noise | Fault::Overrun => sent,
+                    Fault::Noise | Fault::Parity | Fault::Overrun => sent,
                 },
                 framing: matches!(fault, Fault::Framing | Fault::Break),
+                parity: fault == Fault::Parity,
                 noise: fault == Fault::Noise,
             };
         }
         self.count += 1;
-        let ends = now + Nanos(10 * self.board_bit / 1_000);
+        let ends = now + self.board_byte();
         self.flight = Some(Flight { sent, ends, outcome });
         if outcome == Outcome::Garbled {
             // What a faster arm sends meanwhile, the receiver takes for part of the same byte.
-            self.free = now + Nanos(10 * self.arm_bit / 1_000);
+            self.free = now + self.arm_byte();
             while self.free < ends && self.lose(self.free) {}
         }
         Some(arrival)
@@ -343,7 +411,7 @@ impl<A: SerialDevice> Line<A> {
             return false;
         };
         self.count += 1;
-        self.free = at + Nanos(10 * self.arm_bit / 1_000);
+        self.free = at + self.arm_byte();
         self.record(self.free, sent, Outcome::Lost);
         true
     }
@@ -399,22 +467,38 @@ fn bit(baud: u64) -> u64 {
     SECOND / baud.max(1)
 }
 
-/// What a receiver with bits of `receiver` picoseconds makes of a byte whose bits are `sender` picoseconds long: the
-/// byte, and whether the stop bit is missing.
+impl Arrival {
+    /// Whether it is what was sent, and nothing seems wrong with it.
+    fn is_clean(self, sent: u8) -> bool {
+        self.value == sent && !self.framing && !self.parity
+    }
+}
+
+/// What a receiver makes of a byte. Of both sides: what a bit lasts, in picoseconds, and the format.
 ///
 /// It samples the middle of each bit, counted from the falling edge of the start bit; after its last bit the line is
 /// high.
-fn sample(byte: u8, sender: u64, receiver: u64) -> (u8, bool) {
+fn sample(byte: u8, (sender, sent): (u64, Format), (receiver, expected): (u64, Format)) -> Arrival {
+    let mut arrival = Arrival {
+        value: byte,
+        framing: false,
+        parity: false,
+        noise: false,
+    };
     if receiver == 0 || sender == 0 {
-        return (byte, false);
+        return arrival;
     }
-    let frame = u64::from(byte) << 1 | 1 << 9;
+    let low_parity = sent.parity_bit(byte) == Some(false);
+    let frame = u64::from(byte) << 1 | u64::from(!low_parity) << 9;
     let level = |nth: u64| {
         let at = ((2 * nth + 1) * receiver / 2) / sender;
         at > 9 || frame >> at & 1 != 0
     };
-    let value = (0..8).fold(0, |value, nth| value | u8::from(level(nth + 1)) << nth);
-    (value, !level(9))
+    arrival.value = (0..8).fold(0, |value, nth| value | u8::from(level(nth + 1)) << nth);
+    let parity = expected.parity_bit(arrival.value);
+    arrival.parity = parity.is_some_and(|parity| parity != level(9));
+    arrival.framing = !level(9 + u64::from(parity.is_some()));
+    arrival
 }
 
 #[cfg(test)]
@@ -501,6 +585,58 @@ mod tests {
         let arrival = line.board_receives(Nanos(0)).unwrap();
         assert_ne!(arrival.value, 0x00);
         assert_eq!(line.arm.says.len(), 20 - 9, "87 us of a megabaud");
+    }
+
+    #[test]
+    fn a_byte_has_ten_to_twelve_bits_and_both_sides_must_agree_on_them() {
+        let formats = [Parity::None, Parity::Even, Parity::Odd].map(|parity| Format {
+            parity,
+            two_stop_bits: false,
+        });
+        assert_eq!(formats.map(Format::bits), [10, 11, 11]);
+        let twelve = Format {
+            two_stop_bits: true,
+            ..formats[1]
+        };
+        assert_eq!(twelve.bits(), 12);
+        let [none, even, odd] = formats;
+        // 0x07 has three ones: its even parity bit is high, like a stop bit; its odd one is low.
+        for (arm, board, framing, parity) in [
+            (none, none, false, false),
+            (even, even, false, false),
+            (odd, odd, false, false),
+            (even, odd, false, true),
+            (odd, even, false, true),
+            (even, none, false, false),
+            (odd, none, true, false),
+            (none, odd, false, true),
+        ] {
+            let mut line = line(&[0x07]);
+            line.set_arm_format(arm);
+            line.set_board_format(board);
+            let arrival = line.board_receives(Nanos(0)).unwrap();
+            assert_eq!(
+                (arrival.value, arrival.framing, arrival.parity),
+                (0x07, framing, parity),
+                "{arm:?} {board:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_parity_fault_needs_a_parity_bit() {
+        for (parity, faulty) in [(Parity::None, false), (Parity::Odd, true)] {
+            let mut line = line(&[1]);
+            let format = Format {
+                parity,
+                two_stop_bits: false,
+            };
+            line.set_arm_format(format);
+            line.set_board_format(format);
+            line.plan_fault(0, Fault::Parity);
+            let arrival = line.board_receives(Nanos(0)).unwrap();
+            assert_eq!((arrival.value, arrival.parity), (1, faulty));
+        }
     }
 
     #[test]

@@ -1,21 +1,23 @@
 //! The UART that the arm hangs on: the library's USART (RM0090, chapter 30), with the [line](crate::line) at its pins.
 //!
 //! The USART is the library's; this adds what lies between it and the arm: the rate it really runs at, how a byte
-//! arrives, what happens to bytes while its receiver is off, and half-duplex mode (30.3.10), which the library does not
-//! know: the receiver hears what the transmitter sends, unless it is off.
+//! arrives, and what happens to bytes while its receiver is off. And what the library does not know:
+//!
+//! * half-duplex mode (30.3.10): the receiver hears what the transmitter sends, unless it is off;
+//! * wrong parity bits (30.3.7): PE, which the interrupt of PEIE and reading SR then DR go with.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rigless::chip::Timeline;
 use rigless::chip::uart::{Errors, Peer, Rate};
-use rigless::device::{Device, DeviceContext, RegisterFile, RequestChange};
+use rigless::device::{Device, DeviceContext, Level, RegisterFile, RequestChange};
 use rigless::snapshot::Store;
-use rigless::soc::RegisterSpec;
-use rigless::soc::stm32f427::generated::usart6::{Register, brr, cr1, cr3, sr};
+use rigless::soc::stm32f427::generated::usart6::{Register, brr, cr1, cr2, cr3, sr};
 use rigless::soc::stm32f427::peripherals::usart::{Kind, Usart};
+use rigless::soc::{FieldSpec, RegisterSpec};
 use rigless::time::{EventId, VirtualNanos};
 
-use crate::line::{Arm, Arrival, Line, SECOND};
+use crate::line::{Arm, Arrival, Format, Line, Parity, SECOND};
 use crate::time::Nanos;
 
 /// What the USART's clock is until the firmware sets the clock tree up: the internal oscillator (RM0090, 7.2.2).
@@ -29,8 +31,19 @@ pub(super) struct Port<A: Arm> {
     line: Shared<A>,
     /// A byte that the firmware wrote and that is not on the wire yet.
     waiting: Option<u8>,
+    parity: ParityError,
     /// When the arm next wants to send, and the event that says so.
     wake: Option<(Nanos, EventId)>,
+}
+
+/// PE of SR, and what clears it (30.6.1).
+#[derive(Clone, Copy, Debug, Default)]
+struct ParityError {
+    is_set: bool,
+    /// A read of SR showed it.
+    seen: bool,
+    /// It holds the interrupt up.
+    interrupts: bool,
 }
 
 /// The line, as the port and whoever runs the board share it.
@@ -46,6 +59,7 @@ impl<A: Arm> Port<A> {
         usart.attach(End {
             line: line.clone(),
             arriving: None,
+            parity_error: false,
             flips: Flips::default(),
         });
         Self {
@@ -53,6 +67,7 @@ impl<A: Arm> Port<A> {
             clock_hz: RESET_HZ,
             line,
             waiting: None,
+            parity: ParityError::default(),
             wake: None,
         }
     }
@@ -106,13 +121,38 @@ impl<A: Arm> Port<A> {
         self.usart.poll(registers, context);
     }
 
+    /// An access to DR clears PE if a read of SR showed it.
+    fn forget_parity(&mut self) {
+        if self.parity.seen {
+            self.parity = ParityError {
+                interrupts: self.parity.interrupts,
+                ..ParityError::default()
+            };
+        }
+    }
+
+    /// PE follows what has arrived, and the interrupt follows PE. While it is up, the library's own changes of it must not
+    /// take it down.
+    fn follow_parity(&mut self, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
+        self.parity.is_set |= std::mem::take(&mut self.end().parity_error);
+        let interrupts = self.parity.is_set && cr1::PEIE.is_set(registers.get(Register::Cr1));
+        if interrupts {
+            context.interrupt(INTERRUPT, Level::High);
+        } else if self.parity.interrupts {
+            context.interrupt(INTERRUPT, Level::from(interrupt_of(registers)));
+        }
+        self.parity.interrupts = interrupts;
+    }
+
     /// Tells the line what changed, and schedules what the arm wants to say.
     fn settle(&mut self, registers: &RegisterFile, context: &mut DeviceContext<'_>) {
+        self.follow_parity(registers, context);
         let now = Nanos::from(context.now());
         let control = registers.get(Register::Cr1);
         let listens = cr1::UE.is_set(control) && cr1::RE.is_set(control) && self.clock_hz > 0;
         let mut line = lock(&self.line);
         line.set_board_bit(bit(registers, self.clock_hz));
+        line.set_board_format(format(registers));
         line.set_half_duplex(cr3::HDSEL.is_set(registers.get(Register::Cr3)));
         if !listens {
             line.nobody_receives(now);
@@ -140,6 +180,41 @@ fn bit(registers: &RegisterFile, clock_hz: u64) -> u64 {
         mantissa << 4 | fraction
     };
     (cycles * SECOND).checked_div(clock_hz).unwrap_or(0)
+}
+
+/// What the USART puts around eight data bits (30.6.4, 30.6.5). Parity takes the ninth bit of M; seven data bits, and half
+/// stop bits, are not told apart.
+fn format(registers: &RegisterFile) -> Format {
+    let control = registers.get(Register::Cr1);
+    let parity = match (
+        cr1::M.is_set(control) && cr1::PCE.is_set(control),
+        cr1::PS.is_set(control),
+    ) {
+        (false, _) => Parity::None,
+        (true, false) => Parity::Even,
+        (true, true) => Parity::Odd,
+    };
+    Format {
+        parity,
+        two_stop_bits: cr2::STOP.get(registers.get(Register::Cr2)) == 2,
+    }
+}
+
+/// The interrupt's place among the instance's.
+const INTERRUPT: usize = 0;
+
+/// Whether the library holds the interrupt up (30.4, table 147).
+fn interrupt_of(registers: &RegisterFile) -> bool {
+    let [status, first, second, third] =
+        [Register::Sr, Register::Cr1, Register::Cr2, Register::Cr3].map(|register| registers.get(register));
+    let is = |flag: &FieldSpec| flag.is_set(status);
+    cr1::TXEIE.is_set(first) && is(sr::TXE)
+        || cr1::TCIE.is_set(first) && is(sr::TC)
+        || cr1::RXNEIE.is_set(first) && (is(sr::RXNE) || is(sr::ORE))
+        || cr1::IDLEIE.is_set(first) && is(sr::IDLE)
+        || cr2::LBDIE.is_set(second) && is(sr::LBD)
+        || cr3::CTSIE.is_set(third) && is(sr::CTS)
+        || cr3::EIE.is_set(third) && cr3::DMAR.is_set(third) && (is(sr::FE) || is(sr::ORE) || is(sr::NF))
 }
 
 /// Data bits of a byte.
@@ -170,6 +245,8 @@ struct Flips {
 struct End<A> {
     line: Shared<A>,
     arriving: Option<Arrival>,
+    /// A byte with a wrong parity bit has arrived.
+    parity_error: bool,
     flips: Flips,
 }
 
@@ -189,6 +266,8 @@ impl<A: Arm> Peer for End<A> {
     }
 
     fn transmit(&mut self, now: VirtualNanos) -> Option<u16> {
+        // It asks for the next byte once it has this one.
+        self.parity_error |= self.arriving.is_some_and(|arrival| arrival.parity);
         self.arriving = lock(&self.line).board_receives(now.into());
         let arrival = self.arriving?;
         // What the library will flip is flipped already: it arrives as the line has it.
@@ -215,7 +294,15 @@ impl<A: Arm> Device for Port<A> {
         context: &mut DeviceContext<'_>,
     ) -> Option<u64> {
         self.prepare();
-        let value = self.usart.read(register, registers, context);
+        let mut value = self.usart.read(register, registers, context);
+        match register {
+            Register::Sr if self.parity.is_set => {
+                value = value.map(|status| sr::PE.set(status, 1));
+                self.parity.seen = true;
+            }
+            Register::Dr => self.forget_parity(),
+            _ => {}
+        }
         self.settle(registers, context);
         value
     }
@@ -226,10 +313,14 @@ impl<A: Arm> Device for Port<A> {
 
     fn write(&mut self, register: Register, value: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         // The line must know a new rate before a byte starts at it.
-        lock(&self.line).set_board_bit(bit(registers, self.clock_hz));
+        let mut line = lock(&self.line);
+        line.set_board_bit(bit(registers, self.clock_hz));
+        line.set_board_format(format(registers));
+        drop(line);
         self.prepare();
         self.usart.write(register, value, registers, context);
         if register == Register::Dr {
+            self.forget_parity();
             self.waiting = Some(value as u8);
         }
         self.follow_transmitter(registers, context);
@@ -275,6 +366,7 @@ impl<A: Arm> Device for Port<A> {
         self.usart.reset_line(registers, context);
         self.clock_hz = clock_hz;
         self.waiting = None;
+        self.parity = ParityError::default();
         self.wake = None;
         self.settle(registers, context);
     }

@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, VecDeque};
 
 use armwire::Micros;
 use armwire_sim::serial::SerialDevice;
+use rigless::device::Level;
 use rigless::emulator::{Error as EmulatorError, Memory};
 use rigless::soc::Width;
 
 use super::*;
-use crate::line::{Direction, Fault, Line, LineByte, Outcome};
+use crate::line::{Direction, Fault, Format, Line, LineByte, Outcome, Parity};
 use crate::time::Nanos;
 
 const RCC_AHB1ENR: u64 = 0x4002_3830;
@@ -17,6 +18,7 @@ const USART_SR: u64 = 0x4000_4400;
 const USART_DR: u64 = 0x4000_4404;
 const USART_BRR: u64 = 0x4000_4408;
 const USART_CR1: u64 = 0x4000_440C;
+const USART_CR2: u64 = 0x4000_4410;
 const USART_CR3: u64 = 0x4000_4414;
 /// DMA1's stream 5, which serves USART2's receiver on channel 4.
 const STREAM_CR: u64 = 0x4002_6088;
@@ -215,6 +217,80 @@ fn a_framing_error_and_noise_are_flagged_with_the_byte() {
         bench.run_until(Nanos(10_000));
         assert_eq!(bench.read(USART_SR) & (FE | NF | ORE | RXNE), flag | RXNE, "{fault:?}");
         assert_eq!(bench.read(USART_DR) as u8, value, "{fault:?}");
+    }
+}
+
+#[test]
+fn a_byte_with_parity_and_two_stop_bits_lasts_twelve_bits() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    // STOP = 2; M, PCE and PS: odd.
+    bench.write(USART_CR2, 2 << 12);
+    bench.write(USART_CR1, 1 << 13 | 1 << 12 | 1 << 10 | 1 << 9 | 1 << 3 | 1 << 2);
+    let format = Format {
+        parity: Parity::Odd,
+        two_stop_bits: true,
+    };
+    assert_eq!(port::lock(&bench.line).board_format(), format);
+    port::lock(&bench.line).set_arm_format(format);
+    bench.run_until(Nanos(50_000));
+    bench.say(&[0x55, 0x07]);
+    bench.write(USART_DR, 0x42);
+    bench.run_until(Nanos(100_000));
+    assert_eq!(bench.ring(2), [0x55, 0x07]);
+    assert_eq!(
+        bytes(&bench),
+        [
+            (62_000, Direction::ToArm, 0x42, Outcome::Arrived),
+            (62_000, Direction::ToBoard, 0x55, Outcome::Arrived),
+            (74_000, Direction::ToBoard, 0x07, Outcome::Arrived),
+        ]
+    );
+}
+
+#[test]
+fn a_wrong_parity_bit_is_flagged_until_the_status_and_the_byte_are_read() {
+    const PE: u64 = 1;
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(USART_CR3, 0);
+    bench.write(USART_CR1, 1 << 13 | 1 << 12 | 1 << 10 | 1 << 3 | 1 << 2);
+    port::lock(&bench.line).set_arm_format(Format {
+        parity: Parity::Even,
+        two_stop_bits: false,
+    });
+    port::lock(&bench.line).plan_fault(1, Fault::Parity);
+    bench.say(&[0x41]);
+    bench.run_until(Nanos(11_000));
+    assert_eq!(bench.read(USART_SR) & (PE | RXNE), RXNE);
+    assert_eq!(bench.read(USART_DR) as u8, 0x41);
+    bench.say(&[0x42]);
+    bench.run_until(Nanos(30_000));
+    assert_eq!(bench.read(USART_SR) & (PE | RXNE | FE), PE | RXNE);
+    assert_eq!(bench.read(USART_DR) as u8, 0x42);
+    assert_eq!(bench.read(USART_SR) & PE, 0);
+    let fared: Vec<Outcome> = bytes(&bench).iter().map(|&(.., outcome)| outcome).collect();
+    assert_eq!(fared, [Outcome::Arrived, Outcome::Faulty(Fault::Parity)]);
+}
+
+#[test]
+fn a_wrong_parity_bit_interrupts_if_that_is_enabled() {
+    for (enabled, levels) in [(false, vec![]), (true, vec![Level::High, Level::Low])] {
+        let mut bench = Bench::new(Reenabled::Restarts);
+        bench.write(USART_CR3, 0);
+        let parity = 1 << 13 | 1 << 12 | 1 << 10 | 1 << 3 | 1 << 2;
+        bench.write(USART_CR1, parity | u64::from(enabled) << 8);
+        // The arm has no parity bit: its stop bit is high where the even parity of 0x41 is low.
+        bench.say(&[0x41]);
+        bench.run_until(Nanos(20_000));
+        bench.read(USART_SR);
+        bench.read(USART_DR);
+        let mut heard: Vec<Level> = bench
+            .part
+            .drain_interrupts()
+            .iter()
+            .map(|change| change.level)
+            .collect();
+        heard.dedup();
+        assert_eq!(heard, levels);
     }
 }
 
