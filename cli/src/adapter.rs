@@ -1,6 +1,7 @@
 //! An adapter on the command line: where it is, and what of it is shown in the same way everywhere.
 
-use std::io::{Write, stdout};
+use std::io::{ErrorKind, Write, stdout};
+use std::path::Path;
 
 use armwire_bridge::config::Can;
 use armwire_bridge::control::{Histogram, Identity, Latencies, Reply, Request};
@@ -40,7 +41,16 @@ impl AdapterPort {
 
     /// Opens the adapter's control port.
     pub(crate) fn open(&self) -> Result<ControlLink, Problem> {
-        self.port.connect(None)?.control()
+        let opened = self.port.connect(None)?.control();
+        match (opened, &self.port) {
+            // A port that is not there has no control port either, but that is not what is wrong with it.
+            (Err(Problem::NoControl { .. }), Port::Serial(port)) if cfg!(unix) && !Path::new(port).exists() => {
+                let port = port.clone();
+                let error = ErrorKind::NotFound.into();
+                Err(Problem::Open { port, error })
+            }
+            (opened, _) => opened,
+        }
     }
 }
 

@@ -208,6 +208,8 @@ fn what_has_no_control_port_is_told() {
         let line = failure(&run(args));
         assert!(line.contains("not the port of an armwire adapter"), "{line}");
     }
+    let line = failure(&run(&["config", "/dev/no-such-port"]));
+    assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
     let text = usage(&["info", &board.port, "--control", "tcp:localhost"]);
     assert!(text.contains("'localhost' has no port"), "{text}");
 }
@@ -278,12 +280,8 @@ fn an_update_goes_through_the_boot_loader_and_tells_what_runs_then() {
         told,
         format!("-d ,0483:df11 -a 0 -D {file}\n-d ,0483:df11 -a 0 -s 0x08000000:leave\n")
     );
-    let control = &board.control;
-    let adapter = format!(
-        "{}: virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
-        &control["control:".len()..]
-    );
-    let name = &control["control:".len()..];
+    let name = name(&board);
+    let adapter = format!("{name}: virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)");
     assert_eq!(
         String::from_utf8(output.stdout).unwrap(),
         format!(

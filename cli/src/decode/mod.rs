@@ -1,5 +1,7 @@
 //! `armwire decode`: the frames in a recording, what they mean, and what is between them.
 
+mod candump;
+
 use std::fs;
 use std::io::{Read, Write, stdin, stdout};
 use std::path::PathBuf;
@@ -22,7 +24,8 @@ const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 /// The arguments of `armwire decode`.
 #[derive(Args)]
 pub(crate) struct Decode {
-    /// A file with the bytes as they are, or as hexadecimal text such as 'AA 06 00 01 FE 9A FF'; - is standard input.
+    /// A file with the bytes as they are, or as hexadecimal text such as 'AA 06 00 01 FE 9A FF'; or a log of a CAN bus,
+    /// written by 'candump -L'; - is standard input.
     #[arg(default_value = "-")]
     file: PathBuf,
     /// Which arm it is.
@@ -53,6 +56,9 @@ impl Decode {
     pub(crate) fn run(&self) -> Result<(), Problem> {
         let (name, input) = self.read()?;
         let bytes = match input.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&input) {
+            text if may_be_text(text) && candump::is_log(text) => {
+                return self.log(name, &String::from_utf8_lossy(text));
+            }
             text if may_be_text(text) => parse_hex(&name, text)?,
             _ => input,
         };
@@ -61,14 +67,26 @@ impl Decode {
             ArmKind::Xarm => decode::<XArm>(&bytes, self.from.or(Some(Speaker::Arm))),
             ArmKind::Alpha1 => decode::<Alpha1>(&bytes, self.from.or(Some(Speaker::Arm))),
         };
-        let mut out = stdout().lock();
-        for line in decoded.lines {
-            writeln!(out, "{line}").map_err(Problem::Output)?;
-        }
+        print(&decoded.lines)?;
         match decoded.broken {
             Some(noise) => Err(Problem::Undecodable { name, noise }),
             None => Ok(()),
         }
+    }
+
+    /// A log of a CAN bus, on which there is no xArm.
+    fn log(&self, name: String, text: &str) -> Result<(), Problem> {
+        let lines = match self.arm {
+            ArmKind::Ling => candump::decode::<Ling>(text),
+            ArmKind::Alpha1 => candump::decode::<Alpha1>(text),
+            ArmKind::Xarm => return Err(Problem::Usage("an xarm is not on a CAN bus".to_owned())),
+        };
+        let lines = lines.map_err(|(line, text)| {
+            let what =
+                format!("line {line}: '{text}' is not such as (1.000000) can0 600#0201FE, as 'candump -L' writes");
+            Problem::Refused { name, what }
+        })?;
+        print(&lines)
     }
 
     fn read(&self) -> Result<(String, Vec<u8>), Problem> {
@@ -84,6 +102,14 @@ impl Decode {
             Err(error) => Err(Problem::Input { name, error }),
         }
     }
+}
+
+fn print(lines: &[String]) -> Result<(), Problem> {
+    let mut out = stdout().lock();
+    lines
+        .iter()
+        .try_for_each(|line| writeln!(out, "{line}"))
+        .map_err(Problem::Output)
 }
 
 /// Whether it may be hexadecimal text. No recording is taken for it, for every frame has a byte that no such text has:
