@@ -5,6 +5,7 @@ use core::cell::RefCell;
 use armwire::Micros;
 use armwire_bridge::control::Identity;
 use armwire_bridge::{Action, config};
+use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
@@ -130,6 +131,14 @@ impl Adapter {
         }
         bridge.timeout()
     }
+}
+
+/// Lets all others run that have something to do.
+///
+/// Of tasks that wait for their turn the one that asked last gets it first, which is the one that asks here.
+pub(crate) async fn let_others_run() {
+    yield_now().await;
+    yield_now().await;
 }
 
 /// Now, by the microsecond timer.

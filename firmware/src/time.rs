@@ -1,29 +1,33 @@
 //! Tells the tasks what there is to do, and the bridge the time when it wants to know it.
 
-use embassy_futures::select::select;
-use embassy_futures::yield_now;
+use embassy_futures::select::{Either, select};
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, now};
+use crate::adapter::{Adapter, let_others_run, now};
 use crate::watchdog::{Task, progress, rest};
 
-/// Looks what the bridge wants whenever something was said to it, or when the time has come that it said.
+/// Looks what the bridge wants whenever something was said to it, and calls it when the time has come that it said.
 #[embassy_executor::task]
 pub(crate) async fn tick(adapter: &'static Adapter) {
     loop {
         progress(Task::Time);
         let timeout = adapter.tell();
         let resting = rest(Task::Time);
-        match timeout {
-            Some(at) if at <= now() => {
-                adapter.with(|bridge| bridge.tick(now()));
-                yield_now().await;
-            }
+        let due = match timeout {
             Some(at) => {
-                select(Timer::at(Instant::from_micros(at.0)), adapter.changed.wait()).await;
+                let due = Timer::at(Instant::from_micros(at.0));
+                matches!(select(due, adapter.changed.wait()).await, Either::First(()))
             }
-            None => adapter.changed.wait().await,
-        }
+            None => {
+                adapter.changed.wait().await;
+                false
+            }
+        };
         drop(resting);
+        if due {
+            adapter.with(|bridge| bridge.tick(now()));
+            // A poll that is due is to be on its way before anything else is looked at.
+            let_others_run().await;
+        }
     }
 }

@@ -31,7 +31,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, Bridge, now};
+use crate::adapter::{Adapter, Bridge, let_others_run, now};
 use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, usart};
 use crate::watchdog::{Task, progress, rest};
 
@@ -225,10 +225,8 @@ impl Receiver {
                     let needed = if need > NEAR { 1 } else { need };
                     NEEDED.store(needed, Ordering::Relaxed);
                     usart::set_byte_interrupt(true);
-                    // What was received goes out before anything else is looked at. Of tasks that wait for their turn the
-                    // one that asked last gets it first, which is this one.
-                    yield_now().await;
-                    yield_now().await;
+                    // What was received goes out before anything else is looked at.
+                    let_others_run().await;
                     // Bytes that came before that give no signal.
                     if untaken(tail()) < needed {
                         let resting = rest(Task::Receive);

@@ -80,7 +80,7 @@ fn each_poll_starts_at_its_slot_with_traffic_on_usb_and_can() {
         board.run_for(Nanos::from_millis(20)).unwrap();
         board.uart().forget_bytes();
         let other = frame(Request::ReadTemperatures);
-        for nth in 0..300 {
+        for nth in 0..600 {
             board.run_for(Nanos((nth * 618_034) % 3_000_000)).unwrap();
             match nth % 2 {
                 0 => drop(on_usb.call(board, Request::ReadTemperatures)),
