@@ -14,6 +14,7 @@ use std::thread::{self, JoinHandle};
 
 use rigless::image::Image;
 
+use crate::can::Sender as CanSender;
 use crate::can::bus::Bus;
 use crate::flash::{self, Flash};
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte};
@@ -500,7 +501,14 @@ impl<A: Arm> VirtualBoard<A> {
         for record in lock(&self.can).records() {
             trace.add(record.start.0);
             trace.add(record.end.0);
-            trace.bytes(format!("{record:?}").as_bytes());
+            trace.add(record.frame.id.value().into());
+            trace.bytes(&[record.frame.remote.into(), record.frame.dlc, record.outcome as u8]);
+            trace.bytes(record.frame.payload());
+            trace.add(match record.sender {
+                CanSender::Board => 0,
+                CanSender::Node(node) => 1 + u64::from(node),
+                CanSender::Flood => u64::MAX,
+            });
         }
         trace.value()
     }

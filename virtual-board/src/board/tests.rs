@@ -395,6 +395,19 @@ fn firmware_that_jumps_to_the_boot_loader_is_seen_there_until_a_reset() {
 }
 
 #[test]
+fn the_memory_at_address_0_may_be_remapped_for_the_boot_loader() {
+    // RCC_APB2ENR: SYSCFGEN; SYSCFG_MEMRMP: system memory (9.2.1).
+    let (code, literals) = stores(&[(0x4002_3844, 1 << 14), (0x4001_3800, 1)]);
+    let mut board = board(&code, &literals);
+    board.run_for(Micros(10)).unwrap();
+    assert!(matches!(
+        board.report().unwrap().violations[..],
+        [Violation::Unimplemented { register: "MEMRM", .. }]
+    ));
+    board.check().unwrap();
+}
+
+#[test]
 fn an_interface_that_is_not_open_takes_and_has_nothing() {
     let mut board = board(&[HANG, NOP], &[]);
     let usb = board.usb();

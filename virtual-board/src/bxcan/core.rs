@@ -11,7 +11,7 @@
 //! | Error counters, bus-off and its recovery by 128 times 11 recessive bits | 32.7.6, in [`confinement`](super::confinement) |
 //! | Bit time | 32.7.7 |
 //! | Interrupts | 32.8 |
-//! | Write protection of BTR, of mailboxes in use and of filters | 32.9.2, 32.9.3, 32.9.4 |
+//! | Write protection of BTR, of mailboxes in use and of filters | 32.9.1 to 32.9.4 |
 //!
 //! Left out: time triggered communication (TTCM does nothing, time stamps stay 0), DBF, the sampled pin (always
 //! recessive), and what a controller in loop back mode drives onto a bus that it does not hear.

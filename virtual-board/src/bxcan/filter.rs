@@ -120,7 +120,7 @@ impl Filters {
         }
     }
 
-    /// Modes, widths and assignments only change while FINIT is set; a bank also while it is not active (32.9.5).
+    /// Modes, widths and assignments only change while FINIT is set; a bank also while it is not active (32.9.4).
     pub(super) fn write(&mut self, offset: u32, value: u32) {
         let open = self.control & fmr::FINIT != 0;
         let banks = value & ALL_BANKS;
