@@ -1,5 +1,6 @@
 //! `cargo ci`: every check there is. Stops at the first that fails.
 
+use std::fs;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -46,6 +47,8 @@ pub(crate) fn run() -> Result {
         check(&mut cargo("fmt --all --check"))?;
         check(&mut cargo(&format!("fmt --check {LINK_TEST}")))
     })?;
+    ci.step("drawings", drawings)?;
+    ci.step("docs/armwire.dbc", vendor::can::check_dbc)?;
     ci.step("clippy", || {
         check(&mut cargo(&format!(
             "clippy {HOST} --all-targets --all-features -- -D warnings"
@@ -74,7 +77,11 @@ pub(crate) fn run() -> Result {
         // What they measured is worth seeing.
         check(test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path))
     })?;
-    ci.step("vendors' SDKs", vendor::run)?;
+    ci.step("CAN software", vendor::can::drive)?;
+    ci.step("vendors' SDKs", || {
+        vendor::sdk::drive_xarm()?;
+        vendor::sdk::drive_ling()
+    })?;
     println!("\nall {} steps passed in {:.0?}", ci.steps, ci.time);
     Ok(())
 }
@@ -101,6 +108,18 @@ impl Ci {
         }
         result.map_err(|error| format!("step \"{name}\": {error}").into())
     }
+}
+
+/// The drawings in `docs` are well-formed.
+fn drawings() -> Result {
+    let parse = "import sys, xml.etree.ElementTree as tree\nfor file in sys.argv[1:]: tree.parse(file)";
+    let mut drawings = Vec::new();
+    for file in fs::read_dir(workspace::root().join("docs"))? {
+        drawings.push(file?.path());
+    }
+    drawings.retain(|file| file.extension().is_some_and(|extension| extension == "svg"));
+    println!("{} drawings", drawings.len());
+    process::run(Command::new("python3").args(["-c", parse]).args(drawings))
 }
 
 /// Each feature of `armwire` alone, and all of them, compiled and tested.

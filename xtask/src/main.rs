@@ -29,7 +29,7 @@ cargo fw [IMAGE]          build the firmware image, as .elf, .bin and .dfu
 cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
 cargo ci                  run every check there is
 
-cargo xtask vendor        drive virtual arms with the arm vendors' Python SDKs
+cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask licences      check the licences of all dependencies
 
