@@ -6,7 +6,9 @@ pub(crate) mod port;
 use armwire_bridge::{Counters, PACKET};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, State};
 use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
-use embassy_usb::msos::{CompatibleIdFeatureDescriptor, PropertyData, RegistryPropertyFeatureDescriptor, windows_version};
+use embassy_usb::msos::{
+    CompatibleIdFeatureDescriptor, PropertyData, RegistryPropertyFeatureDescriptor, windows_version,
+};
 use embassy_usb::types::StringIndex;
 use embassy_usb::{Builder, Config, Handler, UsbDevice};
 use static_cell::StaticCell;
