@@ -2,6 +2,7 @@
 
 use armwire::Micros;
 use armwire::alpha1::Expect;
+use heapless::Vec;
 
 use crate::arm::{Asked, Key, UNASKED};
 use crate::control::Asker;
@@ -19,14 +20,13 @@ pub(crate) const LATENESS: Micros = Micros::from_millis(50);
 /// The requests of one asker, of which the arm has answered none yet.
 pub(crate) struct Exchange {
     asker: Asker,
-    flights: [Option<Flight>; FLIGHTS],
-    /// How many there are.
-    open: u8,
+    /// In the order in which they were sent.
+    flights: Vec<Flight, FLIGHTS>,
     /// More were sent than are remembered: nobody else may use the line until no answer can come any more.
     more: Option<Micros>,
     /// When all answers that are still missing are given up.
     due: Micros,
-    owed: [Option<Owed>; OWED],
+    owed: Vec<Owed, OWED>,
 }
 
 /// A request that is with the arm.
@@ -61,17 +61,16 @@ impl Exchange {
     pub(crate) const fn new() -> Self {
         Self {
             asker: Asker::Adapter,
-            flights: [None; FLIGHTS],
-            open: 0,
+            flights: Vec::new(),
             more: None,
             due: Micros(0),
-            owed: [None; OWED],
+            owed: Vec::new(),
         }
     }
 
     /// Whose requests are with the arm. `None` when the arm owes nobody an answer.
     pub(crate) fn holder(&self) -> Option<Asker> {
-        (self.open > 0 || self.more.is_some()).then_some(self.asker)
+        (!self.flights.is_empty() || self.more.is_some()).then_some(self.asker)
     }
 
     /// A request that the arm answers within `patience` went out, the last byte of it at `sent`.
@@ -83,102 +82,94 @@ impl Exchange {
             None => sent + patience,
         };
         self.asker = asker;
-        match self.flights.iter_mut().find(|flight| flight.is_none()) {
-            Some(place) => {
-                self.open = self.open.saturating_add(1);
-                *place = Some(Flight {
-                    key: asked.key,
-                    expect: asked.expect,
-                    patience,
-                    sent,
-                });
-            }
-            None => self.more = self.more.max(Some(patience)),
+        let flight = Flight {
+            key: asked.key,
+            expect: asked.expect,
+            patience,
+            sent,
+        };
+        if self.flights.push(flight).is_err() {
+            self.more = self.more.max(Some(patience));
         }
     }
 
     /// What the arm may say next.
     pub(crate) fn expect(&self) -> Expect {
-        let first = self.flights.iter().flatten().min_by_key(|flight| flight.sent);
-        first.map_or(UNASKED, |flight| flight.expect)
+        self.flights.first().map_or(UNASKED, |flight| flight.expect)
     }
 
     /// The arm said a frame with this key, which ended at `now`. It is `fresh` if all of it came after the last request was
     /// handed over.
     pub(crate) fn hear(&mut self, key: Option<Key>, fresh: bool, now: Micros) -> Heard {
         let Some(key) = key else { return Heard::Unasked };
-        let answered = |flight: &&mut Option<Flight>| {
-            flight.is_some_and(|flight| fresh && flight.key == key && flight.sent <= now)
-        };
-        let answered = self.flights.iter_mut().filter(answered);
-        if let Some(flight) = answered.min_by_key(|flight| flight.map(|flight| flight.sent)) {
-            let sent = flight.take().map_or(now, |flight| flight.sent);
-            self.open = self.open.saturating_sub(1);
-            // An arm answers one after the other.
-            let rest = self.flights.iter().flatten().map(|flight| flight.patience);
-            for patience in rest.chain(self.more) {
-                self.due = self.due.max(now + patience);
-            }
-            return Heard::Answer(self.asker, now.since(sent));
+        let mut answered = None;
+        if fresh {
+            self.flights.retain(|flight| {
+                let answers = answered.is_none() && flight.key == key && flight.sent <= now;
+                if answers {
+                    answered = Some(flight.sent);
+                }
+                !answers
+            });
         }
-        if let Some(patience) = self.more {
+        // An arm answers one after the other: those behind this one have their time from now on.
+        let behind = self.flights.iter().filter(|_| answered.is_some());
+        for patience in behind.map(|flight| flight.patience).chain(self.more) {
             self.due = self.due.max(now + patience);
         }
-        match self
-            .owed
-            .iter_mut()
-            .find(|owed| owed.is_some_and(|owed| owed.key == key))
-        {
-            Some(owed) => {
-                *owed = None;
+        if let Some(sent) = answered {
+            return Heard::Answer(self.asker, now.since(sent));
+        }
+        match self.is_owed(key) {
+            true => {
+                self.owed.retain(|owed| owed.key != key);
                 Heard::Late
             }
-            None => Heard::Unasked,
+            false => Heard::Unasked,
         }
     }
 
     /// Whether a request with this key must wait, because its answer could not be told from one that was given up.
     pub(crate) fn is_owed(&self, key: Key) -> bool {
-        self.owed.iter().flatten().any(|owed| owed.key == key)
+        self.owed.iter().any(|owed| owed.key == key)
     }
 
     /// When to call [`tick`](Self::tick), unless something happens before.
     pub(crate) fn timeout(&self) -> Option<Micros> {
-        let [a, b, c, d] = self.owed.map(|owed| owed.map(|owed| owed.until));
-        earliest(&[self.holder().map(|_| self.due), a, b, c, d])
+        // What is owed first ends first.
+        let owed = self.owed.first().map(|owed| owed.until);
+        earliest(&[owed, self.holder().map(|_| self.due)])
     }
 
     /// It is `now`: how many answers are given up.
     pub(crate) fn tick(&mut self, now: Micros) -> usize {
-        for owed in &mut self.owed {
-            let _ = owed.take_if(|owed| owed.until <= now);
+        if self.timeout().is_none_or(|at| now < at) {
+            return 0;
         }
+        self.owed.retain(|owed| now < owed.until);
         if self.holder().is_none() || now < self.due {
             return 0;
         }
-        (self.open, self.more) = (0, None);
         let until = self.due + LATENESS;
-        let mut missing = 0;
-        for flight in self.flights.iter_mut().filter_map(Option::take) {
-            missing += 1;
-            let key = flight.key;
-            // The place of the same, a free one, or the oldest.
-            let rank = |owed: &&mut Option<Owed>| match owed {
-                Some(owed) if owed.key == key => None,
-                owed => Some(owed.map(|owed| owed.until)),
-            };
-            if let Some(place) = self.owed.iter_mut().min_by_key(rank) {
-                *place = Some(Owed { key, until });
-            }
+        let missing = self.flights.len();
+        for flight in &self.flights {
+            let oldest = self.owed.first().filter(|_| self.owed.is_full()).map(|owed| owed.key);
+            self.owed
+                .retain(|owed| owed.key != flight.key && Some(owed.key) != oldest);
+            // There is room.
+            let _ = self.owed.push(Owed { key: flight.key, until });
         }
+        self.flights.clear();
+        self.more = None;
         missing
     }
 
-    /// Nothing that was asked is waited for any more.
+    /// Nothing that was asked is waited for any more: how many answers are given up.
     pub(crate) fn abandon(&mut self) -> usize {
-        self.due = Micros(0);
-        let missing = self.tick(Micros(0));
-        self.owed = [None; OWED];
+        let missing = self.flights.len();
+        self.flights.clear();
+        self.owed.clear();
+        self.more = None;
         missing
     }
 }

@@ -155,10 +155,12 @@ impl LineCoding {
         let parity = u64::from(self.parity != Parity::None);
         let stop = 1 + u64::from(self.stop_bits == StopBits::Two);
         let bits = 1 + u64::from(DATA_BITS) + parity + stop;
-        (bytes as u64)
-            .saturating_mul(bits * 1_000_000)
-            .checked_div(u64::from(self.baud))
-            .unwrap_or(0)
+        let bits = (bytes as u64).saturating_mul(bits * 1_000_000);
+        // A division of 32 bits takes a tenth of the time, and the end of each frame is timed by one.
+        match u32::try_from(bits) {
+            Ok(bits) => bits.checked_div(self.baud).unwrap_or(0).into(),
+            Err(_) => bits.checked_div(self.baud.into()).unwrap_or(0),
+        }
     }
 }
 

@@ -282,16 +282,18 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     /// Whose turn it is now, if anybody's.
     fn next(&self, now: Micros) -> Option<Asker> {
+        let holder = self.exchange.holder();
+        if holder.is_some_and(|holder| holder != Asker::Usb) {
+            return None;
+        }
         let usb = !self.down.is_empty() && self.wanted.is_none_or(|(_, before)| before > 0);
         let usb = usb.then_some(Asker::Usb);
-        let others = self.others_wait(now);
-        match self.exchange.holder() {
-            // More of what was begun, or more requests while nobody else has one.
-            Some(Asker::Usb) if !others || self.asks.pending() > 0 => return usb,
-            Some(_) => return None,
-            None if !others => return usb,
-            None if self.usb_speaks() => return usb,
-            None => {}
+        // More of what was begun, or more requests while nobody else has one.
+        if self.usb_speaks() || !self.others_wait(now) {
+            return usb;
+        }
+        if holder.is_some() {
+            return None;
         }
         let waits = |asker| match asker {
             Asker::Usb => usb.map(|_| self.turn.usb_moved),
@@ -314,9 +316,13 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     /// Whether anybody but the host on USB could speak.
     fn others_wait(&self, now: Micros) -> bool {
-        ASKERS
-            .into_iter()
-            .any(|asker| asker != Asker::Usb && self.waits(asker, now).is_some())
+        // Nearly always nobody has anything to say.
+        let silent = self.can_requests.is_empty()
+            && self.command.is_none()
+            && self.torque_off.is_none()
+            && self.identify.is_none()
+            && self.poll.due_since(LEAD, now).is_none();
+        !silent && ASKERS.into_iter().any(|asker| self.waits(asker, now).is_some())
     }
 
     /// Since when `asker`, who is not the host on USB, could speak if it were its turn.

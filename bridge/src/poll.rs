@@ -12,8 +12,9 @@ pub(crate) struct Poll {
     rate: config::Poll,
     /// When polling was switched on. `None` until the time is known.
     origin: Option<Micros>,
-    /// The number of the next slot.
+    /// The number of the next slot, and when it is.
     number: u64,
+    slot: Option<Micros>,
     state: State,
 }
 
@@ -33,6 +34,7 @@ impl Poll {
             rate,
             origin: None,
             number: 1,
+            slot: None,
             state: State::Early,
         }
     }
@@ -51,19 +53,26 @@ impl Poll {
     }
 
     /// The next slot. `None` without a rate, or when polling has not begun.
-    pub(crate) fn slot(&self) -> Option<Micros> {
-        let config::Poll::Hertz(rate) = self.rate else {
-            return None;
+    pub(crate) const fn slot(&self) -> Option<Micros> {
+        self.slot
+    }
+
+    /// Works out when the next slot is.
+    fn find_slot(&mut self) {
+        self.slot = match (self.rate, self.origin) {
+            (config::Poll::Hertz(rate), Some(origin)) => {
+                let after = self.number.saturating_mul(SECOND).checked_div(rate.into());
+                after.map(|after| origin + Micros(after))
+            }
+            _ => None,
         };
-        let after = self.number.saturating_mul(SECOND).checked_div(rate.into())?;
-        Some(self.origin? + Micros(after))
     }
 
     /// When to call [`tick`](Self::tick), `lead` before the slot.
     pub(crate) fn timeout(&self, lead: Micros) -> Option<Micros> {
         match (self.rate, self.state) {
             (config::Poll::Off, _) | (_, State::Due(_) | State::InFlight) => None,
-            _ => Some(self.slot().map_or(Micros(0), |slot| slot.since(lead))),
+            _ => Some(self.slot.map_or(Micros(0), |slot| slot.since(lead))),
         }
     }
 
@@ -72,7 +81,10 @@ impl Poll {
         if self.timeout(lead).is_none() {
             return;
         }
-        self.origin.get_or_insert(now);
+        if self.origin.is_none() {
+            self.origin = Some(now);
+            self.find_slot();
+        }
         if let Some(at) = self.timeout(lead).filter(|at| *at <= now) {
             self.state = State::Due(at);
         }
@@ -97,6 +109,7 @@ impl Poll {
         // The first slot that is not before now.
         let first = now.since(origin).0.saturating_mul(rate.into()).div_ceil(SECOND);
         self.number = next.max(first);
+        self.find_slot();
         self.number.saturating_sub(next)
     }
 }
