@@ -78,7 +78,8 @@ pub struct Counters {
     pub late_answers: u32,
     /// Frames of the arm that nobody had asked for.
     pub unasked_frames: u32,
-    /// Polls that had to wait for another's exchange to end.
+    /// Polls that went out after their slot, because another's exchange had to end first, or because the answer to one
+    /// before was missing.
     pub late_polls: u32,
     /// Slots that passed without a poll, because the one before had not ended.
     pub missed_polls: u32,
