@@ -65,7 +65,7 @@ pub struct Bridge<const UP: usize, const DOWN: usize> {
     /// Listens in on what the host on USB says to the arm, as it goes out.
     pub(crate) asks: Tap,
     pub(crate) can: CanPort,
-    /// The configuration of the CAN bus is another one than `can` has, by request of a host there.
+    /// The bus is to be another one than `can` is on, by request of a host there.
     can_change: Option<Port>,
     pub(crate) can_requests: Deque<Waiting, CAN_REQUESTS>,
     pub(crate) command: Option<Waiting>,
@@ -612,8 +612,10 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// Is from now on as `config` says.
     pub(crate) fn adopt(&mut self, config: Config, by: Port, now: Micros) {
         let was = core::mem::replace(&mut self.config, config);
-        if config.can != was.can {
+        if config.can.bus() != was.can.bus() {
             self.can_change = Some(by);
+        } else if config.can != was.can && self.can_change.is_none() {
+            self.can.adopt(config.can);
         }
         if config.arm != was.arm {
             self.change_arm(now);

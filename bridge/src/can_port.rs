@@ -94,6 +94,15 @@ impl CanPort {
         }
     }
 
+    /// Other cyclic frames, on the same bus.
+    pub(crate) fn adopt(&mut self, config: config::Can) {
+        self.config = config;
+        self.commands = Commands::new(config.node, Micros::from_millis(config.command_timeout_ms.into()));
+        self.newest = None;
+        self.sample_at = Micros(0);
+        self.errors_at = (config.telemetry_hz > 0).then_some(Micros(0));
+    }
+
     /// What the CAN controller is.
     pub(crate) const fn config(&self) -> config::Can {
         self.config

@@ -190,6 +190,11 @@ impl ArmKind {
 }
 
 impl Can {
+    /// What the controller has to know, and whoever talks to the adapter.
+    pub(crate) const fn bus(&self) -> (Node, u32, Option<u32>) {
+        (self.node, self.bit_rate, self.data_bit_rate)
+    }
+
     fn check(&self) -> Result<(), ConfigError> {
         if !CAN_BIT_RATES.contains(&self.bit_rate) {
             return Err(ConfigError::BitRate(self.bit_rate));

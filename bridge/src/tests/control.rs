@@ -243,6 +243,36 @@ fn the_reply_on_can_goes_out_before_the_bus_is_another() {
 }
 
 #[test]
+fn cyclic_frames_change_without_leaving_the_bus() {
+    let mut rig = quiet();
+    let mut config = Config {
+        poll: Poll::Hertz(100),
+        ..Config::default()
+    };
+    config.can.telemetry_hz = 50;
+    rig.ask_on_can(1, Request::SetConfig(config));
+    while rig.can_control.is_empty() {
+        rig.run(1);
+    }
+    // The next request, right behind the reply, finds the adapter on the bus.
+    rig.ask_on_can(2, Request::GetConfig);
+    rig.run(90_000);
+    let reply = |sequence, reply| FromAdapter::Reply { sequence, reply };
+    assert_eq!(
+        rig.can_control,
+        [reply(1, Reply::Done), reply(2, Reply::Config(config))]
+    );
+    assert_eq!((rig.bridge.can_config(), &rig.actions[..]), (config.can, &[][..]));
+    assert_eq!(samples(&rig).len(), 5);
+
+    config.can.telemetry_hz = 0;
+    assert_eq!(call_on_can(&mut rig, 3, Request::SetConfig(config)), Reply::Done);
+    rig.frames.clear();
+    rig.run(2_000_000);
+    assert!(rig.frames.is_empty());
+}
+
+#[test]
 fn a_configuration_is_saved_and_forgotten_by_firmware() {
     let mut rig = quiet();
     let config = Config {
