@@ -172,8 +172,8 @@ impl Asked {
     }
 }
 
-// What follows is as `armwire` has it, which a test holds it to: all of its messages, only to learn what gets an answer,
-// take 4 kB that the adapter does not have.
+// What follows is as `armwire` has it, which a test holds it to: all of its messages, only to learn what gets an
+// answer, take 4 kB that the adapter does not have.
 
 const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 const READ_INFO: [u8; 7] = [0xAA, 0x01, 0x00, 0x01, 0xFE, 0x23, 0xFF];
@@ -181,8 +181,8 @@ const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 const READ_SERVO_STATES: [u8; 10] = [0xEF, 0xFE, 0, 0, 0, 0, 0, 0, 0, 0xED];
 const READ_FIRMWARE_VERSION: [u8; 10] = [0xF5, 0x5F, 1, 0, 0, 0, 0, 0, 1, 0xED];
 
-/// Ling document, section 2. Every answer has the command and function of its request. What is not in the document may be
-/// of a newer arm.
+/// Ling document, section 2. Every answer has the command and function of its request. What is not in the document may
+/// be of a newer arm.
 fn asked_of_ling(frame: &[u8]) -> Asked {
     let &[_, command, function, _, data, ..] = frame else {
         return Asked::NOTHING;
@@ -204,8 +204,8 @@ fn asked_of_ling(frame: &[u8]) -> Asked {
     }
 }
 
-/// Alpha1 document and servo manual. Every answer has the header of its request, and those of a servo have its id, which is
-/// the new one where the request changes it.
+/// Alpha1 document and servo manual. Every answer has the header of its request, and those of a servo have its id,
+/// which is the new one where the request changes it.
 fn asked_of_alpha1(frame: &[u8]) -> Asked {
     let &[command, _, first, second, third, fourth, ..] = frame else {
         return Asked::NOTHING;
@@ -234,8 +234,8 @@ fn asked_of_alpha1(frame: &[u8]) -> Asked {
     }
 }
 
-/// The headers of an action and of a servo's frames, the commands to it, what its id is added to where it acknowledges, and
-/// how long it thinks.
+/// The headers of an action and of a servo's frames, the commands to it, what its id is added to where it acknowledges,
+/// and how long it thinks.
 const ACT: u8 = 0xFB;
 const SERVO: u8 = 0xFA;
 const SERVO_VERSION: u8 = 0xFC;
@@ -275,8 +275,8 @@ impl Tap {
         }
     }
 
-    /// Takes as much of `bytes` as there is room for and returns the rest. Take all that [`next`](Self::next) has to give
-    /// before the next.
+    /// Takes as much of `bytes` as there is room for and returns the rest. Take all that [`next`](Self::next) has to
+    /// give before the next.
     pub(crate) fn push<'a>(&mut self, bytes: &'a [u8]) -> &'a [u8] {
         if 0 < self.head && self.head <= self.tail && self.tail <= self.buf.len() {
             // copy_within has a panic that is left when it is not inlined.

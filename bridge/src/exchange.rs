@@ -98,8 +98,8 @@ impl Exchange {
         self.flights.first().map_or(UNASKED, |flight| flight.expect)
     }
 
-    /// The arm said a frame with this key, which ended at `now`. It is `fresh` if all of it came after the last request was
-    /// handed over.
+    /// The arm said a frame with this key, which ended at `now`. It is `fresh` if all of it came after the last request
+    /// was handed over.
     pub(crate) fn hear(&mut self, key: Option<Key>, fresh: bool, now: Micros) -> Heard {
         let Some(key) = key else { return Heard::Unasked };
         let mut answered = None;

@@ -1,35 +1,38 @@
 //! The armwire adapter as a state machine: hosts on USB and CAN on one side, a robot arm's UART on the other.
 //!
-//! [`Bridge`] does no I/O and reads no clock. Firmware tells it what the UART, the USB host and the CAN bus did and asks it
-//! what to do next; a desktop program or a test can do the same. It owns every decision, so that firmware is wiring only.
+//! [`Bridge`] does no I/O and reads no clock. Firmware tells it what the UART, the USB host and the CAN bus did and
+//! asks it what to do next; a desktop program or a test can do the same. It owns every decision, so that firmware is
+//! wiring only.
 //!
 //! # The serial port on USB
 //!
-//! * **Bytes pass untouched, in order, both ways.** While nobody else uses the arm they pass at once, whatever they are:
-//!   decoders listen in and never alter, delay or hold back a byte.
-//! * **Arm to host**: bytes leave in a USB packet when a frame ends, when the line goes idle or when they fill a packet,
-//!   whichever is first. A zero-length packet ends a transfer that a full packet would leave open.
+//! * **Bytes pass untouched, in order, both ways.** While nobody else uses the arm they pass at once, whatever they
+//!   are: decoders listen in and never alter, delay or hold back a byte.
+//! * **Arm to host**: bytes leave in a USB packet when a frame ends, when the line goes idle or when they fill a
+//!   packet, whichever is first. A zero-length packet ends a transfer that a full packet would leave open.
 //! * **Host to arm**: a packet is taken only when there is room for it, so that USB holds the host back.
-//! * **A host that does not read** costs bytes, never the arm's time: the queue towards it is bounded, what does not fit
-//!   is dropped and counted.
+//! * **A host that does not read** costs bytes, never the arm's time: the queue towards it is bounded, what does not
+//!   fit is dropped and counted.
 //! * **Line coding** takes effect after the bytes that came before it.
 //!
 //! # Several who use one arm
 //!
-//! The host on USB, hosts on CAN by ISO-TP, cyclic commands, the adapter's own poll and the adapter itself take turns, a
-//! request at a time, each with the answer to it or until that is overdue. A poll with a rate goes first when it is due,
-//! but nobody is passed over twice by it.
+//! The host on USB, hosts on CAN by ISO-TP, cyclic commands, the adapter's own poll and the adapter itself take turns,
+//! a request at a time, each with the answer to it or until that is overdue. A poll with a rate goes first when it is
+//! due, but nobody is passed over twice by it.
 //!
-//! * **An answer goes to whoever has asked**, and to nobody else but subscribers. It is told by what it says, and by when it
-//!   began. All else that the arm says goes to the serial port, and on CAN if that is [wanted](config::Can::unsolicited).
-//! * **An answer that is missing** ends the turn. For 50 ms after it was due no other request of its kind goes out, for the
-//!   answer to that could not be told from the late one; the host on USB is free to do so, as it hears both.
+//! * **An answer goes to whoever has asked**, and to nobody else but subscribers. It is told by what it says, and by
+//!   when it began. All else that the arm says goes to the serial port, and on CAN if that is
+//!   [wanted](config::Can::unsolicited).
+//! * **An answer that is missing** ends the turn. For 50 ms after it was due no other request of its kind goes out, for
+//!   the answer to that could not be told from the late one; the host on USB is free to do so, as it hears both.
 //! * **Half a request on USB** keeps the line for 10 ms after its last byte.
-//! * **Bytes that are no request**, such as a firmware update by the vendor's tool, keep the line until it has been quiet both
-//!   ways for 5 ms. With others waiting that ends after 100 ms, in the middle of whatever it is: two who both send what is
-//!   no frame are cut in pieces, of which each of those from CAN is a whole PDU. Switch polling off for such a time.
-//! * **A host that streamed motion and says nothing any more** is [reported](control::Event::HostSilent); what it had sent
-//!   and is not out by then is dropped.
+//! * **Bytes that are no request**, such as a firmware update by the vendor's tool, keep the line until it has been
+//!   quiet both ways for 5 ms. With others waiting that ends after 100 ms, in the middle of whatever it is: two who
+//!   both send what is no frame are cut in pieces, of which each of those from CAN is a whole PDU. Switch polling off
+//!   for such a time.
+//! * **A host that streamed motion and says nothing any more** is [reported](control::Event::HostSilent); what it had
+//!   sent and is not out by then is dropped.
 //!
 //! ```
 //! use armwire::Micros;

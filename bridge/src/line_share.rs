@@ -1,8 +1,8 @@
 //! The line to the arm, and how those who have something to say share it.
 //!
-//! One at a time: the line is free, or somebody's whose request the arm is about to answer, or the host's on USB that is in
-//! the middle of something. Frames that answer a request go to whoever has asked. Everything else that the arm says goes to
-//! the host on USB, byte by byte while nobody else waits for an answer.
+//! One at a time: the line is free, or somebody's whose request the arm is about to answer, or the host's on USB that
+//! is in the middle of something. Frames that answer a request go to whoever has asked. Everything else that the arm
+//! says goes to the host on USB, byte by byte while nobody else waits for an answer.
 
 use armwire::Micros;
 use armwire::alpha1::Expect;
@@ -31,8 +31,8 @@ const MARGIN: Micros = Micros::from_millis(1);
 impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     // ---- What the arm says ----
 
-    /// The UART was looked at, at the time `now`, and has received `bytes`, perhaps none. The last of them came then: that is
-    /// the stamp of the frame it ends.
+    /// The UART was looked at, at the time `now`, and has received `bytes`, perhaps none. The last of them came then:
+    /// that is the stamp of the frame it ends.
     ///
     /// Then ask everything that can be due, and [`wake`](Self::wake).
     pub fn uart_received(&mut self, bytes: &[u8], now: Micros) {
@@ -56,8 +56,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     /// The line has been idle for the time of a byte: what has arrived goes out.
     ///
-    /// Call [`uart_received`](Self::uart_received) first with what arrived before. Then ask everything that can be due, and
-    /// [`wake`](Self::wake).
+    /// Call [`uart_received`](Self::uart_received) first with what arrived before. Then ask everything that can be due,
+    /// and [`wake`](Self::wake).
     ///
     /// ```
     /// use armwire::Micros;
@@ -229,8 +229,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// Moves bytes for the arm to the front of `out`. `None` when there are none now, or when the line has to change
     /// first.
     ///
-    /// Give it room for a whole frame, [`MAX_FRAME`](crate::control::MAX_FRAME) bytes. Ask when the UART can take them at
-    /// once, and hand them over at once, or when [`Burst::start`] says.
+    /// Give it room for a whole frame, [`MAX_FRAME`](crate::control::MAX_FRAME) bytes. Ask when the UART can take them
+    /// at once, and hand them over at once, or when [`Burst::start`] says.
     ///
     /// ```
     /// use armwire::Micros;
@@ -263,8 +263,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         (len > 0).then_some(Burst { len, start })
     }
 
-    /// What the line is to be, once every byte before that has been handed to the UART and the answer to another's request
-    /// is in.
+    /// What the line is to be, once every byte before that has been handed to the UART and the answer to another's
+    /// request is in.
     pub fn line_change(&self) -> Option<Line> {
         let (line, _) = self.wanted.filter(|&(_, before)| before == 0)?;
         (!self.is_held()).then_some(line)

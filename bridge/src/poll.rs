@@ -6,8 +6,8 @@ use crate::config;
 
 /// Says when it is time for a poll.
 ///
-/// The slots of a poll at a set rate are a fixed grid: the n-th is n periods after polling was switched on, each rounded
-/// down to a microsecond by itself, so that no error adds up.
+/// The slots of a poll at a set rate are a fixed grid: the n-th is n periods after polling was switched on, each
+/// rounded down to a microsecond by itself, so that no error adds up.
 pub(crate) struct Poll {
     rate: config::Poll,
     /// When polling was switched on. `None` until the time is known.

@@ -550,7 +550,8 @@ proptest! {
         prop_assert_eq!(c.host_to_arm_bytes as usize, line.len());
         prop_assert_eq!(c.requests_can + c.refused_can_frames + c.refused_can_requests, from_can);
         let bursts = || rig.askers.iter().zip(&rig.said);
-        let of_usb: Vec<u8> = bursts().filter(|(asker, _)| **asker == Asker::Usb).flat_map(|(_, (_, bytes))| bytes.clone()).collect();
+        let of_usb = bursts().filter(|(asker, _)| **asker == Asker::Usb);
+        let of_usb: Vec<u8> = of_usb.flat_map(|(_, (_, bytes))| bytes.clone()).collect();
         prop_assert_eq!(of_usb, from_usb);
         for (asker, (_, bytes)) in bursts() {
             prop_assert!(*asker == Asker::Usb || kinds(bytes).len() == 1);
