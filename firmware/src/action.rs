@@ -1,9 +1,9 @@
 //! What the bridge decides and only firmware can do: keep the configuration in flash, and start again.
 //!
-//! The F405 can fetch no code from its flash while that is erased or written, so the core stands still: for up to half a
-//! second when a sector of 16 kB is erased, which is once in some hundred times that a configuration is saved. Meanwhile
-//! USB and CAN answer nothing, and bytes from the arm are lost and counted as an overrun of the ring. The watchdog waits
-//! longer.
+//! The F405 can fetch no code from its flash while that is erased or written, so the core stands still: for up to half
+//! a second when a sector of 16 kB is erased, which is once in some hundred times that a configuration is saved.
+//! Meanwhile USB and CAN answer nothing, and bytes from the arm are lost and counted as an overrun of the ring. The
+//! watchdog waits longer.
 
 use armwire_bridge::Action;
 use armwire_bridge::config::Config;

@@ -1,17 +1,18 @@
 //! The arm's UART: in by circular DMA, out by DMA.
 //!
 //! The HAL's ring-buffered receiver is not used. It reads the data register each time it is asked for bytes, which on
-//! older UARTs takes a byte from the DMA when one arrives in that moment; it reports one error where the status register
-//! has several; and after an error it enables the DMA stream again without setting it up, so its count of the ring no
-//! longer holds. Here the interrupt handler alone touches the data register, only when a flag needs clearing, and each
-//! start of the receive path sets up the stream from nothing, so that it does not matter whether a stream that is enabled
-//! again starts over or carries on. The registers themselves are the board's, in [`usart`](crate::board::usart).
+//! older UARTs takes a byte from the DMA when one arrives in that moment; it reports one error where the status
+//! register has several; and after an error it enables the DMA stream again without setting it up, so its count of the
+//! ring no longer holds. Here the interrupt handler alone touches the data register, only when a flag needs clearing,
+//! and each start of the receive path sets up the stream from nothing, so that it does not matter whether a stream that
+//! is enabled again starts over or carries on. The registers themselves are the board's, in
+//! [`usart`](crate::board::usart).
 //!
 //! # Time stamps
 //!
-//! The bridge says how many bytes it needs before anything can be due. The interrupt handler is asked to look at each of
-//! the last of them, so that it sees the one that completes the frame come in and notes when that was. What the tasks
-//! are doing in that moment does not matter.
+//! The bridge says how many bytes it needs before anything can be due. The interrupt handler is asked to look at each
+//! of the last of them, so that it sees the one that completes the frame come in and notes when that was. What the
+//! tasks are doing in that moment does not matter.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
@@ -194,7 +195,8 @@ impl Receiver {
         let mut options = TransferOptions::default();
         options.circular = true;
         options.half_transfer_ir = true;
-        // SAFETY: the source is the UART's data register, whose stream this is; the target is made of atomics, for good.
+        // SAFETY: the source is the UART's data register, whose stream this is; the target is made of atomics, for
+        // good.
         let transfer = unsafe { dma.read_raw(RX_REQUEST, usart::rx_data(), ring, options) };
         usart::start_receiving();
         transfer
@@ -353,8 +355,8 @@ pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, 
     }
 }
 
-/// Hands `bytes` to the UART. Returns when the last one waits behind the one on the line; on a single wire, when it is out
-/// and the receiver listens again.
+/// Hands `bytes` to the UART. Returns when the last one waits behind the one on the line; on a single wire, when it is
+/// out and the receiver listens again.
 async fn send(dma: &mut Channel<'static>, bytes: &[u8], half_duplex: bool) {
     if half_duplex {
         usart::set_receiver(false);
@@ -375,8 +377,8 @@ async fn change(uart: &mut Uart<'static, Blocking>, was: Line, wanted: Line) {
     while !usart::is_transmitted() {
         Timer::after_micros(10).await;
     }
-    // That may be true of the byte before the last transfer, if it ended between the clearing and the first byte. Then two
-    // bytes are left: one in the shift register, one behind it.
+    // That may be true of the byte before the last transfer, if it ended between the clearing and the first byte. Then
+    // two bytes are left: one in the shift register, one behind it.
     Timer::after_micros(was.coding.micros(2)).await;
     let coding = wanted.coding;
     let mut config = hal::Config::default();

@@ -1,10 +1,10 @@
 //! The independent watchdog: resets the chip when a task makes no progress.
 //!
-//! A task with nothing to do rests: it waits for a signal, for as long as it takes, and says so with [`rest`]. Everything
-//! else that it waits for, such as the end of a DMA transfer, takes a time that is bounded. A task that is not at rest must
-//! come to rest, or say now and then that it has done something, with [`progress`]. The watchdog is fed while none owes
-//! that. It is fed by a task of its own, so one that never yields starves it too; and only while the bridge says that bytes
-//! move, for a task might rest where there is something to do.
+//! A task with nothing to do rests: it waits for a signal, for as long as it takes, and says so with [`rest`].
+//! Everything else that it waits for, such as the end of a DMA transfer, takes a time that is bounded. A task that is
+//! not at rest must come to rest, or say now and then that it has done something, with [`progress`]. The watchdog is
+//! fed while none owes that. It is fed by a task of its own, so one that never yields starves it too; and only while
+//! the bridge says that bytes move, for a task might rest where there is something to do.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -14,8 +14,8 @@ use crate::adapter::{Adapter, now};
 use crate::board::Watchdog;
 use crate::uart;
 
-/// How long it may go unfed, by its own clock, which may be off by half. The erasing of a flash sector stops the core for
-/// up to half a second.
+/// How long it may go unfed, by its own clock, which may be off by half. The erasing of a flash sector stops the core
+/// for up to half a second.
 pub(crate) const TIMEOUT_US: u32 = 2_000_000;
 
 /// How often the tasks are looked at.
