@@ -6,8 +6,11 @@
 mod can_program;
 mod control;
 mod figures;
+mod hosts;
 mod program;
 mod talker;
+mod traffic;
+mod witness;
 
 use std::env;
 use std::path::PathBuf;
@@ -22,8 +25,11 @@ use armwire_virtual_board::{Config, Nanos, VirtualBoard};
 pub use can_program::CanProgram;
 pub use control::Control;
 pub use figures::Spread;
+pub use hosts::{Asking, CanHost, Hosts, PATIENCE, Subscriber, Telemetry, UsbHost};
 pub use program::Program;
 pub use talker::Talker;
+pub use traffic::Traffic;
+pub use witness::{Deeds, Ticket, Witness, number_in};
 
 /// The rate of the Ling arm's line, in bits per second.
 pub const MEGABAUD: u32 = 1_000_000;

@@ -1,0 +1,437 @@
+//! Everybody who can use the arm at once: a host on USB, a host on CAN, and a subscriber at the control interface.
+//!
+//! Nothing here panics because of what the adapter does to them: they keep what they saw, for tests to judge.
+
+use std::collections::VecDeque;
+
+use armwire::Decoder;
+use armwire::ling::{Frame, Ling, MAX_FRAME};
+use armwire_bridge::can::telemetry::{Sample, event_from_frame};
+use armwire_bridge::can::{Frame as CanFrame, Function, Node};
+use armwire_bridge::control::{Asker, Event, Stamp};
+use armwire_bridge::isotp::{self, Config, Endpoint, Link};
+use armwire_virtual_board::line::Arm;
+use armwire_virtual_board::{Nanos, VirtualBoard};
+
+use super::Control;
+use super::witness::{Ticket, number_in};
+
+/// How long nobody looks at most, if nothing comes.
+const GLANCE: Nanos = Nanos(250_000);
+
+/// How long a host waits for an answer before it gives up: longer than the adapter does.
+pub const PATIENCE: Nanos = Nanos::from_millis(150);
+
+/// One who asks the arm with tickets, and looks at every answer.
+#[derive(Debug)]
+pub struct Asking {
+    asker: u8,
+    next: u32,
+    open: VecDeque<(u32, Nanos)>,
+    /// Whether there are to be more requests.
+    pub asks: bool,
+    /// Requests whose answer came, in the order of the requests.
+    pub answered: u32,
+    /// Requests that were given up.
+    pub given_up: u32,
+    /// Frames that came and answered nothing that was open.
+    pub strays: Vec<Vec<u8>>,
+}
+
+impl Asking {
+    fn new(asker: u8) -> Self {
+        Self {
+            asker,
+            next: 0,
+            open: VecDeque::new(),
+            asks: true,
+            answered: 0,
+            given_up: 0,
+            strays: Vec::new(),
+        }
+    }
+
+    /// Requests made so far.
+    pub fn asked(&self) -> u32 {
+        self.next
+    }
+
+    /// Whether no answer is waited for.
+    pub fn is_done(&self) -> bool {
+        self.open.is_empty()
+    }
+
+    /// Gives up what is open.
+    pub fn abandon(&mut self) {
+        self.given_up += self.open.len() as u32;
+        self.open.clear();
+    }
+
+    /// The next request.
+    fn ask(&mut self, now: Nanos) -> Vec<u8> {
+        let (asker, number) = (self.asker, self.next);
+        self.next += 1;
+        self.open.push_back((number, now));
+        Ticket { asker, number }.request()
+    }
+
+    fn hear(&mut self, answer: &[u8]) {
+        let expected = self.open.front().map(|&(number, _)| Ticket { asker: self.asker, number });
+        match Ticket::of_answer(answer) {
+            Some((ticket, _)) if Some(ticket) == expected => {
+                self.open.pop_front();
+                self.answered += 1;
+            }
+            _ => self.strays.push(answer.to_vec()),
+        }
+    }
+
+    fn give_up(&mut self, now: Nanos) {
+        while self.open.pop_front_if(|(_, since)| now.since(*since) > PATIENCE).is_some() {
+            self.given_up += 1;
+        }
+    }
+}
+
+/// A host at the serial port. It asks before it has the answers to the last requests.
+#[derive(Debug)]
+pub struct UsbHost {
+    /// What it asks and gets.
+    pub asking: Asking,
+    decoder: Decoder<Ling, MAX_FRAME>,
+    /// Bytes that were in no frame.
+    pub noise_bytes: u32,
+}
+
+/// The asker in tickets of the host on USB.
+const USB: u8 = 1;
+
+/// Requests of the host on USB that are open at once, at most.
+const WINDOW: u32 = 3;
+
+impl Default for UsbHost {
+    fn default() -> Self {
+        Self {
+            asking: Asking::new(USB),
+            decoder: Decoder::new(),
+            noise_bytes: 0,
+        }
+    }
+}
+
+impl UsbHost {
+    /// Reads answers and asks anew. The port must be open.
+    pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+        let bytes = board.usb().read();
+        let mut rest = &*bytes;
+        while !rest.is_empty() {
+            rest = self.decoder.push(rest);
+            while let Some(next) = self.decoder.next(()) {
+                match next {
+                    Ok(frame) => self.asking.hear(&encoded(frame)),
+                    Err(noise) => self.noise_bytes += noise.len as u32,
+                }
+            }
+        }
+        self.asking.give_up(board.now());
+        // One to three at a time, as it comes.
+        let window = 1 + self.asking.answered % WINDOW;
+        while self.asking.asks && (self.asking.open.len() as u32) < window {
+            let request = self.asking.ask(board.now());
+            board.usb().write(&request).unwrap();
+        }
+    }
+}
+
+/// A host on the CAN bus, with one connection for requests, which also reads what the adapter says by the way.
+#[derive(Debug)]
+pub struct CanHost {
+    node: Node,
+    endpoint: Endpoint<MAX_FRAME, MAX_FRAME>,
+    /// What it asks and gets.
+    pub asking: Asking,
+    /// Whether it does nothing at all: frames for it are lost, and it gives no flow control.
+    pub hangs: bool,
+    /// Transfers that failed.
+    pub failures: Vec<isotp::Error>,
+    /// What it was told in plain frames.
+    pub notes: Vec<Event>,
+    /// Frames with error counts.
+    pub errors: u32,
+    /// Cyclic telemetry.
+    pub telemetry: Telemetry,
+}
+
+/// The asker in tickets of the host on CAN.
+const CAN: u8 = 2;
+
+/// Cyclic telemetry of a [`Witness`](super::Witness).
+#[derive(Debug, Default)]
+pub struct Telemetry {
+    parts: Vec<CanFrame>,
+    count: Option<u8>,
+    newest: Option<u32>,
+    /// Samples that came whole.
+    pub samples: u32,
+    /// Samples before which one is missing, and answers of the arm that came twice or in the wrong order.
+    pub gaps: u32,
+}
+
+impl Telemetry {
+    fn hear(&mut self, frame: CanFrame) {
+        self.parts.push(frame);
+        let Ok(parts) = <&[CanFrame; 3]>::try_from(&*self.parts) else {
+            return;
+        };
+        match Sample::from_frames(parts) {
+            Some(sample) => {
+                self.samples += 1;
+                let follows = self.count.is_none_or(|count| sample.count == count.wrapping_add(1));
+                let number = number_in(&sample.state);
+                let is_new = self.newest.is_none_or(|newest| number > newest);
+                self.gaps += u32::from(!follows || !is_new);
+                (self.count, self.newest) = (Some(sample.count), Some(number));
+                self.parts.clear();
+            }
+            // A frame is missing.
+            None => {
+                self.gaps += 1;
+                self.parts.remove(0);
+            }
+        }
+    }
+}
+
+impl CanHost {
+    /// A host that talks to this node. The bus must have somebody on it.
+    pub fn new(node: Node) -> Self {
+        Self {
+            node,
+            endpoint: Endpoint::new(Config::new(Link::Classic, Function::ArmRequest.id(node))),
+            asking: Asking::new(CAN),
+            hangs: false,
+            failures: Vec::new(),
+            notes: Vec::new(),
+            errors: 0,
+            telemetry: Telemetry::default(),
+        }
+    }
+
+    /// Does what is due on the bus and asks anew.
+    pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+        let now = board.now().micros();
+        let frames = board.can().read();
+        if self.hangs {
+            return;
+        }
+        for frame in frames {
+            match Function::of(frame.id()) {
+                Some((Function::ArmAnswer, node)) if node == self.node => {
+                    let events = self.endpoint.receive(frame.data(), now);
+                    self.note(events);
+                }
+                Some((Function::JointsA | Function::JointsB | Function::State, _)) => self.telemetry.hear(frame),
+                Some((Function::Event, _)) => self.notes.extend(event_from_frame(&frame).map(|(_, event)| event)),
+                Some((Function::Errors, _)) => self.errors += 1,
+                _ => {}
+            }
+            if let Some(answer) = self.endpoint.received() {
+                self.asking.hear(answer);
+                self.endpoint.release();
+            }
+        }
+        let events = self.endpoint.tick(now);
+        self.note(events);
+        self.asking.give_up(board.now());
+        if self.asking.asks && self.asking.is_done() && !self.endpoint.is_sending() {
+            let request = self.asking.ask(board.now());
+            self.endpoint.send(&request).unwrap();
+        }
+        while self.endpoint.transmit_at().is_some_and(|at| at <= now)
+            && let Some(frame) = self.endpoint.transmit(now)
+        {
+            board.can().send(&frame).unwrap();
+            self.endpoint.transmitted(now);
+        }
+    }
+
+    fn note(&mut self, events: isotp::Events) {
+        for event in events {
+            if let isotp::Event::Failed(error) = event {
+                self.failures.push(error);
+            }
+        }
+    }
+}
+
+/// Those who ask, and nobody.
+const ASKERS: usize = 6;
+
+fn place(asker: Option<Asker>) -> usize {
+    asker.map_or(ASKERS - 1, |asker| asker as usize)
+}
+
+/// A program at the control interface that is told of everything.
+#[derive(Debug)]
+pub struct Subscriber {
+    /// The interface.
+    pub control: Control,
+    /// Frames of the arm, by who had asked for them.
+    frames: [u32; ASKERS],
+    last: Stamp,
+    /// Frames with a stamp before that of the one before.
+    pub disorder: u32,
+    /// All other events.
+    pub events: Vec<(Stamp, Event)>,
+}
+
+impl Subscriber {
+    /// Opens the interface and subscribes.
+    ///
+    /// # Panics
+    ///
+    /// As [`Control::open`] and [`Control::subscribe`].
+    pub fn open<A: Arm>(board: &mut VirtualBoard<A>) -> Self {
+        let mut control = Control::open(board);
+        control.subscribe(board);
+        Self {
+            control,
+            frames: [0; ASKERS],
+            last: Stamp(0),
+            disorder: 0,
+            events: Vec::new(),
+        }
+    }
+
+    /// Takes what it is told.
+    pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+        for (at, event) in self.control.take_events(board) {
+            match event {
+                Event::Frame { asker, .. } => {
+                    self.frames[place(asker)] += 1;
+                    self.disorder += u32::from(at < self.last);
+                    self.last = at;
+                }
+                other => self.events.push((at, other)),
+            }
+        }
+    }
+
+    /// How many frames of the arm `asker` had asked for, or nobody.
+    pub fn frames(&self, asker: Option<Asker>) -> u32 {
+        self.frames[place(asker)]
+    }
+
+    /// Takes the events that `pick` picks.
+    pub fn take<T>(&mut self, pick: impl Fn(&Event) -> Option<T>) -> Vec<T> {
+        let picked = self.events.iter().filter_map(|(_, event)| pick(event)).collect();
+        self.events.retain(|(_, event)| pick(event).is_none());
+        picked
+    }
+}
+
+/// All of them. One who is not there does nothing.
+#[derive(Debug, Default)]
+pub struct Hosts {
+    /// At the serial port.
+    pub usb: Option<UsbHost>,
+    /// On the bus.
+    pub can: Option<CanHost>,
+    /// At the control interface.
+    pub subscriber: Option<Subscriber>,
+}
+
+impl Hosts {
+    /// Lets them work until `done` says so.
+    ///
+    /// # Panics
+    ///
+    /// If the firmware crashes, or it takes longer than `limit`.
+    pub fn run_until<A: Arm>(
+        &mut self,
+        board: &mut VirtualBoard<A>,
+        limit: Nanos,
+        mut done: impl FnMut(&mut Self, &mut VirtualBoard<A>) -> bool,
+    ) {
+        let end = board.now() + limit;
+        while !self.work(board, end, &mut done) {
+            assert!(board.now() < end, "it is not done after {limit}: {self:#?}");
+        }
+    }
+
+    /// Lets them work for `span`.
+    ///
+    /// # Panics
+    ///
+    /// If the firmware crashes.
+    pub fn run_for<A: Arm>(&mut self, board: &mut VirtualBoard<A>, span: Nanos) {
+        let end = board.now() + span;
+        while board.now() < end {
+            self.work(board, end, &mut |_, _| false);
+        }
+    }
+
+    /// Lets those who are there get what they have asked for, and nobody asks any more.
+    ///
+    /// # Panics
+    ///
+    /// If the firmware crashes, or somebody still waits after longer than anybody waits.
+    pub fn finish<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+        self.set_asking(false);
+        self.run_until(board, Nanos(2 * PATIENCE.0), |hosts, _| hosts.is_done());
+        // What is still to come is on its way.
+        self.run_for(board, Nanos::from_millis(20));
+    }
+
+    /// Whether those who are there ask for more.
+    pub fn set_asking(&mut self, asks: bool) {
+        if let Some(usb) = &mut self.usb {
+            usb.asking.asks = asks;
+        }
+        if let Some(can) = &mut self.can {
+            can.asking.asks = asks;
+        }
+    }
+
+    fn is_done(&self) -> bool {
+        let usb = self.usb.as_ref().map(|usb| &usb.asking);
+        let can = self.can.as_ref().filter(|can| !can.hangs).map(|can| &can.asking);
+        usb.is_none_or(Asking::is_done) && can.is_none_or(Asking::is_done)
+    }
+
+    /// Everybody does what they have to do now, then the board runs until there may be more.
+    fn work<A: Arm>(
+        &mut self,
+        board: &mut VirtualBoard<A>,
+        end: Nanos,
+        done: &mut dyn FnMut(&mut Self, &mut VirtualBoard<A>) -> bool,
+    ) -> bool {
+        if let Some(usb) = &mut self.usb {
+            usb.poll(board);
+        }
+        if let Some(can) = &mut self.can {
+            can.poll(board);
+        }
+        if let Some(subscriber) = &mut self.subscriber {
+            subscriber.poll(board);
+        }
+        if done(self, board) {
+            return true;
+        }
+        let limit = board.now() + GLANCE;
+        let limit = limit.min(end).since(board.now());
+        let (usb, can) = (self.usb.is_some(), self.can.is_some());
+        let news = |board: &mut VirtualBoard<A>| usb && board.usb().unread() > 0 || can && board.can().unread() > 0;
+        match board.run_until(limit, news) {
+            Ok(_) | Err(armwire_virtual_board::Error::TimedOut { .. }) => false,
+            Err(error) => panic!("{error}"),
+        }
+    }
+}
+
+/// The bytes of a frame.
+fn encoded(frame: Frame<'_>) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    let len = frame.encode(&mut bytes).unwrap();
+    bytes[..len].to_vec()
+}

@@ -1,0 +1,79 @@
+//! What was on the wires, counted, so that a test of any length needs no more memory.
+
+use armwire_virtual_board::VirtualBoard;
+use armwire_virtual_board::can::{Outcome, Sender};
+use armwire_virtual_board::line::{Arm, Direction, LineByte};
+use armwire_virtual_board::usb::Direction as UsbDirection;
+use armwire_virtual_board::usb::cdc::Port;
+
+/// What was on the wires so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Bytes from the arm.
+    pub bytes_from_arm: u32,
+    /// Bytes to the arm.
+    pub bytes_to_arm: u32,
+    /// Packets of the serial port for the host.
+    pub packets_to_host: u32,
+    /// Those among them without data.
+    pub empty_packets_to_host: u32,
+    /// Packets of the serial port from the host.
+    pub packets_from_host: u32,
+    /// CAN frames of the board that got through.
+    pub frames_of_board: u32,
+    /// CAN frames of other nodes that got through.
+    pub frames_of_nodes: u32,
+    /// CAN frames, of anybody, that did not.
+    pub broken_frames: u32,
+}
+
+impl Traffic {
+    /// Forgets what was on the wires, so that counting begins now.
+    pub fn begin<A: Arm>(board: &mut VirtualBoard<A>) -> Self {
+        let mut traffic = Self::default();
+        traffic.count(board);
+        Self::default()
+    }
+
+    /// Counts what was on the wires since this was last called.
+    ///
+    /// # Panics
+    ///
+    /// If no device is there.
+    pub fn count<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+        let (from, to): (Vec<LineByte>, _) = board
+            .uart()
+            .bytes()
+            .into_iter()
+            .partition(|byte| byte.direction == Direction::ToBoard);
+        self.bytes_from_arm += from.len() as u32;
+        self.bytes_to_arm += to.len() as u32;
+        board.uart().forget_bytes();
+
+        let device = board.usb().device().expect("a device that was enumerated").configuration.clone();
+        let [port] = Port::find(&device)[..] else {
+            panic!("not one serial port: {device:?}");
+        };
+        for packet in board.usb().packets() {
+            match packet.direction {
+                UsbDirection::In if packet.endpoint == port.input.number => {
+                    self.packets_to_host += 1;
+                    self.empty_packets_to_host += u32::from(packet.data.is_empty());
+                }
+                UsbDirection::Out if packet.endpoint == port.output.number => self.packets_from_host += 1,
+                _ => {}
+            }
+        }
+        board.usb().forget_packets();
+
+        for frame in board.can().frames() {
+            let count = match (frame.outcome, frame.sender) {
+                (Outcome::Sent, Sender::Board) => &mut self.frames_of_board,
+                (Outcome::Sent, _) => &mut self.frames_of_nodes,
+                _ => &mut self.broken_frames,
+            };
+            *count += 1;
+        }
+        board.can().forget_frames();
+    }
+}

@@ -1,0 +1,200 @@
+//! An arm whose answers show which requests they answer.
+
+use std::collections::VecDeque;
+
+use armwire::ling::{Frame, JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
+use armwire::{Decoder, Micros, Protocol};
+use armwire_sim::serial::SerialDevice;
+
+/// Command and function of the question where the joints are. All [tickets](Ticket) have them too, so that only what is in
+/// an answer tells whose it is.
+const JOINTS_COMMAND: (u8, u8) = (0x06, 0x00);
+
+/// The one data byte of the question itself.
+const QUESTION: [u8; 1] = [0xFE];
+
+/// Bits of a number that fit in a joint.
+const TICK_BITS: u32 = 12;
+
+/// A request that is like no other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ticket {
+    /// Who asks.
+    pub asker: u8,
+    /// How many that asker had asked before.
+    pub number: u32,
+}
+
+impl Ticket {
+    /// The frame that asks.
+    pub fn request(self) -> Vec<u8> {
+        frame(&self.data())
+    }
+
+    fn data(self) -> Vec<u8> {
+        let [a, b, c, d] = self.number.to_le_bytes();
+        vec![self.asker, a, b, c, d]
+    }
+
+    /// What an answer answers, and how many requests the arm had answered before. `None` if it is no answer to a ticket.
+    pub fn of_answer(answer: &[u8]) -> Option<(Self, u32)> {
+        let &[0xAA, 0x06, 0x00, 9, asker, a, b, c, d, e, f, g, h, ..] = answer else {
+            return None;
+        };
+        let number = u32::from_le_bytes([a, b, c, d]);
+        Some((Self { asker, number }, u32::from_le_bytes([e, f, g, h])))
+    }
+}
+
+/// The number that the arm put into its joints.
+pub fn number_in(state: &JointState) -> u32 {
+    let [low, middle, high, ..] = state.joints.map(u32::from);
+    low | middle << TICK_BITS | high << (2 * TICK_BITS)
+}
+
+/// An arm that answers each [`Ticket`] with the ticket, and each question for its joints with how many it was asked before.
+///
+/// It answers nothing else, and keeps it.
+#[derive(Debug)]
+pub struct Witness {
+    /// How long it thinks.
+    turnaround: Micros,
+    silent: bool,
+    decoder: Decoder<Ling, MAX_FRAME>,
+    /// Each byte, and from when on it may be said.
+    says: VecDeque<(Micros, u8)>,
+    deeds: Deeds,
+    others: Vec<Vec<u8>>,
+}
+
+/// What it has heard and said.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Deeds {
+    /// Tickets it heard.
+    pub tickets: u32,
+    /// Questions for its joints that it heard.
+    pub polls: u32,
+    /// Both, as far as it answered them.
+    pub answers: u32,
+    /// Bytes that were in no frame.
+    pub noise_bytes: u32,
+    /// Bytes that it heard.
+    pub bytes_heard: u32,
+    /// Bytes that it said or is about to.
+    pub bytes_said: u32,
+}
+
+impl Witness {
+    /// An arm that thinks for `turnaround` before each answer.
+    pub fn new(turnaround: Micros) -> Self {
+        Self {
+            turnaround,
+            silent: false,
+            decoder: Decoder::new(),
+            says: VecDeque::new(),
+            deeds: Deeds::default(),
+            others: Vec::new(),
+        }
+    }
+
+    /// Lets it hear on, but answer nothing, or answer again.
+    pub fn set_silent(&mut self, silent: bool) {
+        self.silent = silent;
+    }
+
+    /// Says `bytes` unasked, after what it has still to say.
+    pub fn say(&mut self, bytes: &[u8]) {
+        self.put(Micros(0), bytes);
+    }
+
+    /// What it has heard and said so far.
+    pub fn deeds(&self) -> Deeds {
+        self.deeds
+    }
+
+    /// The frames that it heard and does not answer, since this was last asked.
+    pub fn take_others(&mut self) -> Vec<Vec<u8>> {
+        std::mem::take(&mut self.others)
+    }
+
+    fn put(&mut self, due: Micros, bytes: &[u8]) {
+        self.deeds.bytes_said += bytes.len() as u32;
+        self.says.extend(bytes.iter().map(|&byte| (due, byte)));
+    }
+
+    /// The answer to a frame, if it has one.
+    fn answer(&mut self, command: (u8, u8), data: &[u8]) -> Option<Vec<u8>> {
+        if command != JOINTS_COMMAND {
+            return None;
+        }
+        let answer = if data == QUESTION {
+            self.deeds.polls += 1;
+            joints(self.deeds.polls - 1)
+        } else {
+            self.deeds.tickets += 1;
+            let before = self.deeds.answers.to_le_bytes();
+            frame(&[data, &before].concat())
+        };
+        (!self.silent).then(|| {
+            self.deeds.answers += 1;
+            answer
+        })
+    }
+}
+
+impl SerialDevice for Witness {
+    fn receive(&mut self, now: Micros, byte: u8) {
+        self.deeds.bytes_heard += 1;
+        self.decoder.push(&[byte]);
+        loop {
+            let (command, data) = match self.decoder.next(()) {
+                Some(Ok(frame)) => ((frame.command, frame.function), frame.data.to_vec()),
+                Some(Err(noise)) => {
+                    self.deeds.noise_bytes += noise.len as u32;
+                    continue;
+                }
+                None => return,
+            };
+            if command != JOINTS_COMMAND {
+                let mut bytes = [0; MAX_FRAME];
+                let (command, function) = command;
+                let data = &data;
+                let len = Frame { command, function, data }.encode(&mut bytes).unwrap();
+                self.others.push(bytes[..len].to_vec());
+            } else if let Some(answer) = self.answer(command, &data) {
+                self.put(now + self.turnaround, &answer);
+            }
+        }
+    }
+
+    fn transmit(&mut self, now: Micros) -> Option<u8> {
+        self.says.pop_front_if(|(due, _)| *due <= now).map(|(_, byte)| byte)
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        self.says.front().map(|&(due, _)| due)
+    }
+}
+
+fn frame(data: &[u8]) -> Vec<u8> {
+    let (command, function) = JOINTS_COMMAND;
+    let mut bytes = [0; MAX_FRAME];
+    let len = Frame { command, function, data }.encode(&mut bytes).unwrap();
+    bytes[..len].to_vec()
+}
+
+fn joints(number: u32) -> Vec<u8> {
+    let mask = (1 << TICK_BITS) - 1;
+    let mut joints = [0; JOINTS];
+    for (place, joint) in joints.iter_mut().enumerate().take(3) {
+        *joint = (number >> (place as u32 * TICK_BITS) & mask) as u16;
+    }
+    let state = JointState {
+        joints,
+        gripper: 0,
+        status: MotionStatus::Idle,
+    };
+    let mut bytes = [0; MAX_FRAME];
+    let len = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
+    bytes[..len].to_vec()
+}

@@ -1,0 +1,1 @@
+//! Each kind of arm on the UART of the firmware image.
