@@ -39,7 +39,7 @@ JOINT_SERVOS = 9
 GRIPPER_SPEED = 5500
 
 # The configuration of this session. The bus is busy, and Python has all the time it may need.
-POLL_HZ, TELEMETRY_HZ, COMMAND_TIMEOUT_MS, SILENCE_MS = 100, 50, 500, 500
+POLL_HZ, TELEMETRY_HZ, COMMAND_TIMEOUT_MS, SILENCE_MS = 100, 50, 1000, 1000
 
 # How long an answer may take, and how long none must come, in seconds.
 ANSWER, NO_ANSWER = 5.0, 0.3
