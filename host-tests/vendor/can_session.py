@@ -3,8 +3,8 @@
 Usage: can_session.py PORT NODE
 
 PORT is an SLCAN port on the adapter's bus, NODE the adapter's node id. The bus is classic, at 1 Mbit/s. The arm is as
-it is when switched on: at its zero position, its gripper closed, its torque on. The session configures the adapter as it
-needs it, and leaves it so.
+it is when switched on: at its zero position, its gripper closed, its torque on. The session configures the adapter as
+it needs it, and leaves it so.
 """
 
 import random
@@ -41,13 +41,15 @@ GRIPPER_SPEED = 5500
 # The configuration of this session. The bus is busy, and Python has all the time it may need.
 POLL_HZ, TELEMETRY_HZ, COMMAND_TIMEOUT_MS, SILENCE_MS = 100, 50, 1000, 1000
 
-# How long an answer may take, and how long none must come, in seconds.
-ANSWER, NO_ANSWER = 5.0, 0.3
+# How long an answer may take, and how long none must come, in seconds. The virtual board is slow on a busy machine.
+ANSWER, NO_ANSWER = 30.0, 0.3
 # How long any motion here may take.
 PATIENCE = 30.0
 MOVES = 50
 # How many requests and commands here are refused: six that are no frame, one too long, three commands.
 REFUSED = 10
+# ISO-TP with padding, and with 10 s where the standard has 1 s.
+ISOTP = {"tx_padding": 0x55, "rx_flowcontrol_timeout": 10_000, "rx_consecutive_frame_timeout": 10_000}
 
 
 class Adapter:
@@ -131,7 +133,7 @@ class Connection:
         self.errors: list[Exception] = []
         address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=tx, rxid=rx)
         self._stack = isotp.NotifierBasedCanStack(
-            bus, notifier, address=address, error_handler=self.errors.append, params={"tx_padding": 0x55} | params
+            bus, notifier, address=address, error_handler=self.errors.append, params=ISOTP | params
         )
         self._stack.start()
 
