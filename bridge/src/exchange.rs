@@ -22,8 +22,9 @@ pub(crate) struct Exchange {
     asker: Asker,
     /// In the order in which they were sent.
     flights: Vec<Flight, FLIGHTS>,
-    /// More were sent than are remembered: nobody else may use the line until no answer can come any more.
-    more: Option<Micros>,
+    /// How many were sent besides, and the longest that the arm may take for one of them.
+    more: u32,
+    more_patience: Micros,
     /// When all answers that are still missing are given up.
     due: Micros,
     owed: Vec<Owed, OWED>,
@@ -49,8 +50,8 @@ struct Owed {
 /// What a frame of the arm turned out to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Heard {
-    /// The answer to a request of this asker, so long after it.
-    Answer(Asker, Micros),
+    /// The answer to a request of this asker, so long after it, if that is remembered.
+    Answer(Asker, Option<Micros>),
     /// The answer to a request that was given up.
     Late,
     /// Nobody has asked for it.
@@ -62,7 +63,8 @@ impl Exchange {
         Self {
             asker: Asker::Adapter,
             flights: Vec::new(),
-            more: None,
+            more: 0,
+            more_patience: Micros(0),
             due: Micros(0),
             owed: Vec::new(),
         }
@@ -70,7 +72,12 @@ impl Exchange {
 
     /// Whose requests are with the arm. `None` when the arm owes nobody an answer.
     pub(crate) fn holder(&self) -> Option<Asker> {
-        (!self.flights.is_empty() || self.more.is_some()).then_some(self.asker)
+        (self.open() > 0).then_some(self.asker)
+    }
+
+    /// How many answers the arm owes whoever holds the line.
+    fn open(&self) -> usize {
+        self.flights.len().saturating_add(self.more as usize)
     }
 
     /// A request that the arm answers within `patience` went out, the last byte of it at `sent`.
@@ -89,7 +96,11 @@ impl Exchange {
             sent,
         };
         if self.flights.push(flight).is_err() {
-            self.more = self.more.max(Some(patience));
+            self.more_patience = match self.more {
+                0 => patience,
+                _ => self.more_patience.max(patience),
+            };
+            self.more = self.more.saturating_add(1);
         }
     }
 
@@ -107,18 +118,24 @@ impl Exchange {
             self.flights.retain(|flight| {
                 let answers = answered.is_none() && flight.key == key && flight.sent <= now;
                 if answers {
-                    answered = Some(flight.sent);
+                    answered = Some(Some(flight.sent));
                 }
                 !answers
             });
+            // What answers none of those that are remembered answers one of the others.
+            if answered.is_none() && self.more > 0 {
+                self.more = self.more.saturating_sub(1);
+                answered = Some(None);
+            }
         }
         // An arm answers one after the other: those behind this one have their time from now on.
         let behind = self.flights.iter().filter(|_| answered.is_some());
-        for patience in behind.map(|flight| flight.patience).chain(self.more) {
+        let more = (self.more > 0).then_some(self.more_patience);
+        for patience in behind.map(|flight| flight.patience).chain(more) {
             self.due = self.due.max(now + patience);
         }
         if let Some(sent) = answered {
-            return Heard::Answer(self.asker, now.since(sent));
+            return Heard::Answer(self.asker, sent.map(|sent| now.since(sent)));
         }
         match self.is_owed(key) {
             true => {
@@ -151,7 +168,7 @@ impl Exchange {
             return 0;
         }
         let until = self.due + LATENESS;
-        let missing = self.flights.len();
+        let missing = self.open();
         for flight in &self.flights {
             let oldest = self.owed.first().filter(|_| self.owed.is_full()).map(|owed| owed.key);
             self.owed
@@ -160,16 +177,16 @@ impl Exchange {
             let _ = self.owed.push(Owed { key: flight.key, until });
         }
         self.flights.clear();
-        self.more = None;
+        self.more = 0;
         missing
     }
 
     /// Nothing that was asked is waited for any more: how many answers are given up.
     pub(crate) fn abandon(&mut self) -> usize {
-        let missing = self.flights.len();
+        let missing = self.open();
         self.flights.clear();
         self.owed.clear();
-        self.more = None;
+        self.more = 0;
         missing
     }
 }

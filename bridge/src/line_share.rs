@@ -154,7 +154,9 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             let key = self.config.arm.key_of_answer(bytes);
             let asker = match self.exchange.hear(key, fresh, now) {
                 Heard::Answer(asker, after) => {
-                    self.latencies.answer.add(after);
+                    if let Some(after) = after {
+                        self.latencies.answer.add(after);
+                    }
                     Some(asker)
                 }
                 Heard::Late => {

@@ -219,6 +219,29 @@ fn pipelined_requests_are_cut_at_the_frame_when_another_waits() {
 }
 
 #[test]
+fn more_pipelined_requests_than_are_remembered_keep_nobody_waiting_once_they_are_answered() {
+    let mut rig = Rig::new(Config::default());
+    // The first burst has ten of them.
+    for _ in 0..20 {
+        rig.usb_out.extend(JOINTS);
+    }
+    rig.can_out.push_back(info());
+    rig.run(15_000);
+    assert_eq!((kinds(&rig.usb).len(), rig.can.len()), (20, 1));
+    let c = rig.bridge.counters();
+    assert_eq!((c.requests_usb, c.frames), (20, 21));
+    assert_eq!((c.unasked_frames, c.unanswered_requests), (0, 0));
+
+    // Those that are not answered are counted, too.
+    rig.manners = Box::new(|_| None);
+    for _ in 0..10 {
+        rig.usb_out.extend(JOINTS);
+    }
+    rig.run(100_000);
+    assert_eq!(rig.bridge.counters().unanswered_requests, 10);
+}
+
+#[test]
 fn nobody_waits_for_more_than_one_turn_of_each_other() {
     // All want to speak all the time.
     for poll in [Poll::Fastest, Poll::Hertz(1_000)] {
