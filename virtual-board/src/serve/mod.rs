@@ -61,8 +61,10 @@ pub fn serve<A: Arm>(mut board: VirtualBoard<A>, places: Places<'_>) -> Result<(
     let stopped = stop.clone();
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed))
         .map_err(|error| Error::Serve(std::io::Error::other(error)))?;
-    let mut ports = Ports::open(places)?;
     board.usb().attach();
+    // Whoever finds a pty is to find the board behind it.
+    board.usb().open(0, LineCoding::new(BAUD))?;
+    let mut ports = Ports::open(places)?;
     ports.reopen(&mut board)?;
     println!("serving on {}; Ctrl-C ends it", ports.names());
     match run(&mut board, &mut ports, &stop) {
