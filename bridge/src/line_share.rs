@@ -313,7 +313,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             .cycle()
             .skip(last.saturating_add(1))
             .take(ASKERS.len());
-        turns.find(|&asker| waits(asker).is_some())
+        // If a poll that must be on time is still here, it is not its turn.
+        turns.find(|&asker| waits(asker).is_some() && !(asker == Asker::Poll && self.poll.is_urgent()))
     }
 
     /// Whether anybody but the host on USB could speak.

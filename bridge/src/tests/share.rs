@@ -242,6 +242,23 @@ fn more_pipelined_requests_than_are_remembered_keep_nobody_waiting_once_they_are
 }
 
 #[test]
+fn one_who_asks_beside_polls_that_are_always_due_has_every_other_turn() {
+    let mut rig = polling(Poll::Hertz(1_000));
+    // Each exchange takes longer than the time between two slots.
+    let mut polite = polite();
+    rig.manners = Box::new(move |request| polite(request).map(|(_, answer)| (1_500, answer)));
+    for _ in 0..100 {
+        if rig.can_out.is_empty() {
+            rig.can_out.push_back(velocities());
+        }
+        rig.run(2_000);
+    }
+    let turns = |asker| rig.askers.iter().filter(|who| **who == asker).count();
+    let (can, poll) = (turns(Asker::Can), turns(Asker::Poll));
+    assert!(can > 40 && can.abs_diff(poll) <= 2, "{can} of CAN, {poll} polls");
+}
+
+#[test]
 fn nobody_waits_for_more_than_one_turn_of_each_other() {
     // All want to speak all the time.
     for poll in [Poll::Fastest, Poll::Hertz(1_000)] {
