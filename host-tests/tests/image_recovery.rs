@@ -1,1 +1,578 @@
 //! The firmware image when something goes wrong: what is lost is counted, and all else goes on.
+
+use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed, Torque};
+use armwire::{Micros, Protocol};
+use armwire_bridge::PACKET;
+use armwire_bridge::can::{Frame, Function, Node};
+use armwire_bridge::config::{Config, Silence};
+use armwire_bridge::control::{Asker, Event, Refusal};
+use armwire_bridge::isotp;
+use armwire_host_tests::image::{Asking, MEGABAUD, Session, Ticket, byte_time, plug_in, polled, session};
+use armwire_virtual_board::Nanos;
+use armwire_virtual_board::line::{Direction, Fault, LineByte};
+
+const TURNAROUND: Micros = Micros(100);
+
+/// Polls per second.
+const HERTZ: u16 = 100;
+
+const fn millis(millis: u64) -> Nanos {
+    Nanos::from_millis(millis)
+}
+
+fn frame(request: Request) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    let len = Ling::encode_request(&request, &mut bytes).unwrap();
+    bytes[..len].to_vec()
+}
+
+fn motion() -> Vec<u8> {
+    frame(Request::Move(Move {
+        joints: [(Position::CENTRE, Speed::MAX); JOINTS],
+        gripper: (Opening::CLOSED, GripperSpeed(1_000)),
+    }))
+}
+
+/// Answers to the host on USB so far, to the one on CAN, and to polls.
+fn answered(session: &mut Session<'_>) -> [u32; 3] {
+    let polls = session.deeds().answers - session.deeds().tickets();
+    [session.usb().asking.answered, session.can().asking.answered, polls]
+}
+
+/// Each has got this many answers more than `before` at least.
+fn expect_more(session: &mut Session<'_>, before: [u32; 3], least: [u32; 3]) {
+    let after = answered(session);
+    let more = [0, 1, 2].map(|nth| after[nth] - before[nth]);
+    assert!(
+        more.iter().zip(least).all(|(&more, least)| more >= least),
+        "{more:?} more, at least {least:?}"
+    );
+}
+
+/// Nobody got what is another's or what was given up, and nothing else.
+fn expect_no_strays(session: &mut Session<'_>) {
+    assert_eq!(session.usb().asking.strays, Vec::<Vec<u8>>::new());
+    assert_eq!(session.can().asking.strays, Vec::<Vec<u8>>::new());
+}
+
+/// What the subscriber was told of but frames.
+fn events(session: &mut Session<'_>) -> Vec<Event> {
+    session.subscriber().events.drain(..).map(|(_, event)| event).collect()
+}
+
+#[test]
+fn a_host_that_is_unplugged_loses_its_own_answers_only() {
+    const TIMES: u32 = 4;
+    session(TURNAROUND, polled(HERTZ), |session| {
+        let mut told = 0;
+        for nth in 0..u64::from(TIMES) {
+            session.run_for(millis(100) + Nanos(137_000 * nth));
+            told += session.subscriber().all_frames();
+            let before = answered(session);
+            session.board.usb().detach();
+            session.usb().reopened();
+            let usb = session.hosts.usb.take();
+            session.hosts.subscriber = None;
+            session.run_for(millis(200));
+            session.hosts.usb = usb;
+            expect_more(session, before, [0, 100, 19]);
+
+            plug_in(session.board, MEGABAUD);
+            session.subscribe();
+            let before = answered(session);
+            session.run_for(millis(100));
+            expect_more(session, before, [100, 30, 9]);
+        }
+        session.finish();
+        told += session.subscriber().all_frames();
+        expect_no_strays(session);
+        assert_eq!(
+            (session.can().asking.given_up, &session.can().failures[..]),
+            (0, &[][..])
+        );
+        let polls = session.deeds().polls;
+        assert_eq!(
+            (session.can().telemetry.samples, session.can().telemetry.gaps),
+            (polls, 0)
+        );
+        session.expect_slots();
+
+        let said = session.deeds().bytes_for_usb();
+        let usb = session.usb();
+        assert_eq!(usb.noise_bytes, 0);
+        assert_eq!(usb.asking.answered + usb.asking.given_up, usb.asking.asked());
+        let missed = said - usb.bytes;
+        let handed_over = session.traffic.packets_to_host;
+        session.expect_counters(|expected, counted| {
+            // A cable that is pulled out, and one that is put in until the host resets the bus, is a suspended bus.
+            expected.usb_resets += TIMES;
+            expected.usb_suspends += 2 * TIMES;
+            // One packet in the USB core, which nobody fetches, and one that waits for its place there.
+            expected.packets_to_host = counted.packets_to_host;
+            assert!((handed_over..=handed_over + 2 * TIMES).contains(&counted.packets_to_host));
+            // What is in the USB core the adapter holds for sent.
+            expected.unheard_bytes = counted.unheard_bytes;
+            assert!((counted.unheard_bytes..=counted.unheard_bytes + TIMES * PACKET as u32).contains(&missed));
+            // All but what was queued for the subscriber that went.
+            expected.dropped_events = counted.dropped_events;
+            let queued = counted.frames - told - counted.dropped_events;
+            assert!((1..TIMES * 40).contains(&queued), "{queued} events for nobody");
+        });
+    });
+}
+
+#[test]
+fn a_bus_off_is_counted_once_and_over_by_itself() {
+    /// Attempts, and errors that the controller sees in them, until it is off (RM0090 32.7.6): 16 in the error flag of the
+    /// first, one in each of 16 more.
+    const ATTEMPTS: u32 = 17;
+    const ERRORS: u32 = 32;
+    const TIMES: u32 = 3;
+    session(TURNAROUND, polled(HERTZ), |session| {
+        for _ in 0..TIMES {
+            let before = answered(session);
+            session.run_for(millis(300));
+            expect_more(session, before, [300, 60, 29]);
+            let before = answered(session);
+            session.board.can().short();
+            session.run_for(millis(100));
+            // The others have more of the arm meanwhile.
+            expect_more(session, before, [200, 0, 9]);
+            session.board.can().release();
+            session.run_for(millis(2));
+        }
+        session.run_for(millis(300));
+        session.finish();
+        expect_no_strays(session);
+        // What was on its way to it by ISO-TP is lost, one answer each time; the next interrupts one that had begun.
+        assert_eq!(session.can().asking.given_up, TIMES);
+        let failures = &session.can().failures;
+        let interrupted = |failure: &isotp::Error| matches!(failure, isotp::Error::Interrupted { .. });
+        assert!(
+            failures.len() as u32 <= TIMES && failures.iter().all(interrupted),
+            "{failures:?}"
+        );
+        assert_eq!((session.usb().asking.given_up, session.usb().noise_bytes), (0, 0));
+        let polls = session.deeds().polls;
+        let telemetry = &session.can().telemetry;
+        assert!(telemetry.gaps <= TIMES, "one that had begun: {telemetry:?}");
+        assert!(
+            (polls - TIMES * 10..polls).contains(&telemetry.samples),
+            "{telemetry:?}"
+        );
+        session.expect_slots();
+        let told: Vec<_> = [true, false].repeat(TIMES as usize);
+        let told: Vec<_> = told.into_iter().map(|off| Event::BusOff { off }).collect();
+        assert_eq!(events(session), told);
+        assert_eq!(session.can().notes, told);
+
+        let broken = session.traffic.broken_frames;
+        session.expect_counters(|expected, counted| {
+            expected.can_bus_offs += TIMES;
+            // Those of an error flag follow each other too fast for each to be seen.
+            expected.can_bus_errors = counted.can_bus_errors;
+            assert!(
+                (broken..=broken * ERRORS / ATTEMPTS + ERRORS).contains(&counted.can_bus_errors),
+                "{broken}"
+            );
+        });
+    });
+}
+
+#[test]
+fn errors_and_strays_on_the_arms_line_are_counted_and_cost_no_other_answer() {
+    const TIMES: u32 = 20;
+    session(TURNAROUND, polled(HERTZ), |session| {
+        for nth in 0..u64::from(TIMES) {
+            session.board.uart().plan_fault(nth * 7 % 15, Fault::Framing);
+            session.board.uart().plan_fault(20 + nth, Fault::Noise);
+            session.run_for(millis(20));
+            session.board.with_arm(|arm| arm.say(&[0x55, 0x00, 0xFF, nth as u8]));
+            session.run_for(millis(160));
+        }
+        let before = answered(session);
+        session.run_for(millis(200));
+        expect_more(session, before, [200, 60, 19]);
+        session.finish();
+        expect_no_strays(session);
+        session.expect_slots();
+
+        let traffic = session.traffic;
+        assert_eq!((traffic.framing_faults, traffic.noise_faults), (TIMES, TIMES));
+        let deeds = session.deeds();
+        let subscriber = session.hosts.subscriber.as_ref().unwrap();
+        let frames = subscriber.all_frames();
+        let noise = traffic.bytes_from_arm - subscriber.frame_bytes;
+        let polls = subscriber.frames(Some(Asker::Poll));
+        let lost = [
+            session.hosts.usb.as_ref().unwrap().asking.given_up,
+            session.hosts.can.as_ref().unwrap().asking.given_up,
+            deeds.polls - polls,
+        ];
+        println!("answers lost for USB, CAN and polls: {lost:?}");
+        assert!((1..=TIMES).contains(&lost.iter().sum()));
+        assert_eq!(session.can().telemetry.samples, polls);
+        assert_eq!(session.usb().noise_bytes, noise);
+        session.expect_counters(|expected, counted| {
+            expected.framing_errors += TIMES;
+            expected.noise_errors += TIMES;
+            expected.frames = frames;
+            expected.noise_bytes += noise;
+            expected.unanswered_requests += lost.iter().sum::<u32>();
+            expected.missed_polls = counted.missed_polls;
+        });
+    });
+}
+
+#[test]
+fn what_a_host_does_not_read_is_dropped_and_counted() {
+    session(TURNAROUND, polled(HERTZ), |session| {
+        session.run_for(millis(100));
+        // It asks on, and does not read.
+        session.board.usb().set_reading(false);
+        session.usb().insists = true;
+        let before = answered(session);
+        session.run_for(millis(400));
+        expect_more(session, before, [0, 100, 39]);
+        session.usb().insists = false;
+        session.usb().asking.asks = false;
+        session.run_for(millis(100));
+        session.board.usb().set_reading(true);
+        session.run_for(millis(50));
+        session.usb().asking.asks = true;
+
+        let before = answered(session);
+        session.run_for(millis(200));
+        expect_more(session, before, [200, 60, 19]);
+        session.finish();
+        assert_eq!(session.can().asking.strays, Vec::<Vec<u8>>::new());
+        assert_eq!(
+            (session.can().asking.given_up, &session.can().failures[..]),
+            (0, &[][..])
+        );
+        let polls = session.deeds().polls;
+        assert_eq!(
+            (session.can().telemetry.samples, session.can().telemetry.gaps),
+            (polls, 0)
+        );
+        assert_eq!(events(session), []);
+        session.expect_slots();
+
+        let deeds = session.deeds();
+        let usb = session.hosts.usb.as_ref().unwrap();
+        // What was kept are the answers that it did not wait for any more, from the first on.
+        let kept: Vec<_> = usb
+            .asking
+            .strays
+            .iter()
+            .map(|stray| Ticket::of_answer(stray).unwrap().0.number)
+            .collect();
+        assert!(
+            kept.len() > 100 && kept.windows(2).all(|pair| pair[1] == pair[0] + 1),
+            "{kept:?}"
+        );
+        assert_eq!(usb.asking.asked(), deeds.tickets_of_usb());
+        let dropped = deeds.bytes_for_usb() - usb.bytes;
+        println!("{dropped} bytes dropped of {}", deeds.bytes_for_usb());
+        assert!(dropped > 1_000);
+        assert!(
+            usb.noise_bytes < 15,
+            "more than the rest of an answer: {}",
+            usb.noise_bytes
+        );
+        session.expect_counters(|expected, _| expected.dropped_bytes += dropped);
+    });
+}
+
+#[test]
+fn what_a_subscriber_does_not_read_is_dropped_and_counted() {
+    session(TURNAROUND, polled(HERTZ), |session| {
+        session.run_for(millis(100));
+        session.board.usb().vendor().set_reading(false);
+        let before = answered(session);
+        session.run_for(millis(300));
+        expect_more(session, before, [300, 60, 29]);
+        session.board.usb().vendor().set_reading(true);
+        session.run_for(millis(100));
+        session.finish();
+        expect_no_strays(session);
+        session.expect_slots();
+        let told = session.subscriber().all_frames();
+        let dropped = session.deeds().answers - told;
+        println!("{dropped} events dropped, {told} told");
+        assert!(dropped > 300);
+        session.expect_counters(|expected, _| expected.dropped_events += dropped);
+    });
+}
+
+#[test]
+fn a_host_on_can_that_hangs_loses_one_answer_and_keeps_nobody_waiting() {
+    const TIMES: u32 = 2;
+    session(TURNAROUND, polled(HERTZ), |session| {
+        for _ in 0..TIMES {
+            session.run_for(millis(100));
+            // Its request is on its way, and it will not give flow control for the answer.
+            session.hosts.run_until(session.board, millis(20), |hosts, board| {
+                hosts.can.as_ref().is_some_and(|can| !can.asking.is_done()) && board.can().unsent() == 0
+            });
+            session.can().hangs = true;
+            let before = answered(session);
+            session.run_for(millis(1_100));
+            expect_more(session, before, [1_100, 0, 109]);
+            session.can().hangs = false;
+            let before = answered(session);
+            session.run_for(millis(300));
+            expect_more(session, before, [200, 60, 29]);
+        }
+        session.finish();
+        expect_no_strays(session);
+        session.expect_slots();
+        assert_eq!(session.can().asking.given_up, TIMES);
+        assert_eq!((session.usb().asking.given_up, session.usb().noise_bytes), (0, 0));
+        session.expect_counters(|expected, _| expected.isotp_failures += TIMES);
+    });
+}
+
+#[test]
+fn an_arm_that_falls_silent_is_asked_on_in_the_same_slots() {
+    session(TURNAROUND, polled(HERTZ), |session| {
+        session.run_for(millis(300));
+        session.board.with_arm(|arm| arm.set_silent(true));
+        session.run_for(millis(700));
+        // Now the host on CAN has only polls beside it.
+        session.usb().asking.asks = false;
+        session.run_for(millis(800));
+        session.usb().asking.asks = true;
+        session.board.with_arm(|arm| arm.set_silent(false));
+        // The last request that was given up may still be owed an answer.
+        session.run_for(millis(200));
+        let before = answered(session);
+        session.run_for(millis(300));
+        expect_more(session, before, [200, 60, 29]);
+        session.finish();
+        session.expect_slots();
+
+        let deeds = session.deeds();
+        let told = [Asker::Usb, Asker::Can, Asker::Poll].map(|asker| session.subscriber().frames(Some(asker)));
+        let lost = [
+            deeds.tickets_of_usb() - told[0],
+            deeds.tickets_of_can() - told[1],
+            deeds.polls - told[2],
+        ];
+        println!("unanswered requests of USB, CAN and polls: {lost:?}");
+        // What they asked and had given up by the time it was their turn was answered all the same.
+        let answered = |asking: &Asking| asking.answered + asking.strays.len() as u32;
+        assert_eq!(
+            [answered(&session.usb().asking), answered(&session.can().asking)],
+            told[..2]
+        );
+        assert_eq!(session.usb().asking.asked(), deeds.tickets_of_usb());
+        let refused = session.can().asking.asked() - deeds.tickets_of_can();
+        let refusal = Event::Refused {
+            asker: Asker::Can,
+            reason: Refusal::QueueFull,
+        };
+        assert_eq!(events(session), vec![refusal; refused as usize]);
+        assert!(lost.iter().all(|&lost| lost > 1), "{lost:?}");
+        assert_eq!(lost.iter().sum::<u32>(), deeds.unanswered());
+        assert_eq!(session.usb().noise_bytes, 0);
+        session.expect_counters(|expected, counted| {
+            expected.refused_can_requests += refused;
+            expected.unanswered_requests += deeds.unanswered();
+            expected.missed_polls = counted.missed_polls;
+        });
+    });
+}
+
+#[test]
+fn polls_are_in_the_slots_of_before_when_an_arm_was_silent() {
+    session(TURNAROUND, polled(HERTZ), |session| {
+        session.hosts.set_asking(false);
+        let mut starts = Vec::new();
+        for silent in [false, true, false] {
+            session.board.with_arm(|arm| arm.set_silent(silent));
+            // A poll whose answer could not be told from one that is late waits until it can.
+            session.run_for(millis(200));
+            for _ in 0..60 {
+                session.board.run_for(millis(5)).unwrap();
+                let line = session.board.uart().bytes();
+                let first = |byte: &&LineByte| !silent && byte.direction == Direction::ToArm && byte.sent == 0xAA;
+                starts.extend(line.iter().filter(first).map(|byte| byte.at.0 - byte_time(MEGABAUD).0));
+                session.traffic.count(session.board);
+            }
+        }
+        session.finish();
+        session.expect_slots();
+        let period = 1_000_000_000 / u64::from(HERTZ);
+        let late = starts.iter().map(|start| (start - starts[0] + period / 2) % period);
+        let (least, most) = (late.clone().min().unwrap(), late.max().unwrap());
+        println!(
+            "{} polls within {} ns of each other's slots",
+            starts.len(),
+            most - least
+        );
+        assert!(starts.len() >= 58 && most - least <= 10_000);
+        let unanswered = session.deeds().unanswered();
+        assert!(unanswered >= 4, "{unanswered}");
+        session.expect_counters(|expected, counted| {
+            expected.unanswered_requests += unanswered;
+            expected.missed_polls = counted.missed_polls;
+        });
+    });
+}
+
+/// Lets `send` send motion every 20 ms and then no more, while others use the arm.
+fn fall_silent(asker: Asker, torque_off: bool, send: impl Fn(&mut Session<'_>, &[u8])) {
+    const MOVES: u32 = 10;
+    let config = Config {
+        silence: Silence {
+            after_ms: 300,
+            torque_off,
+        },
+        ..polled(HERTZ)
+    };
+    session(TURNAROUND, config, |session| {
+        match asker {
+            Asker::Usb => session.usb().asking.asks = false,
+            _ => session.can().asking.asks = false,
+        }
+        for _ in 0..MOVES {
+            send(session, &motion());
+            session.run_for(millis(20));
+        }
+        session.run_for(millis(270));
+        assert_eq!(events(session), []);
+        session.run_for(millis(20));
+        let event = Event::HostSilent {
+            asker,
+            dropped: 0,
+            torque_off,
+        };
+        assert_eq!(events(session), [event.clone()]);
+        assert_eq!(session.can().notes, [event]);
+        let mut expected = vec![motion(); MOVES as usize];
+        if torque_off {
+            expected.push(frame(Request::SetTorque(Torque::Off)));
+        }
+        assert_eq!(session.board.with_arm(|arm| arm.take_others()), expected);
+
+        // It may begin anew, and it alone counts as silent.
+        send(session, &motion());
+        session.hosts.set_asking(true);
+        let before = answered(session);
+        session.run_for(millis(700));
+        expect_more(session, before, [400, 100, 69]);
+        assert_eq!(events(session), []);
+        assert_eq!(session.board.with_arm(|arm| arm.take_others()), [motion()]);
+        session.finish();
+        expect_no_strays(session);
+        session.expect_slots();
+        session.expect_counters(|expected, _| {
+            match asker {
+                Asker::Usb => expected.requests_usb += MOVES + 1,
+                _ => expected.requests_can += MOVES + 1,
+            }
+            expected.requests_adapter += u32::from(torque_off);
+            expected.host_silences += 1;
+        });
+    });
+}
+
+#[test]
+fn a_host_on_usb_that_falls_silent_is_told_of() {
+    fall_silent(Asker::Usb, false, |session, motion| {
+        session.board.usb().write(motion).unwrap()
+    });
+}
+
+#[test]
+fn the_torque_goes_off_when_a_host_on_usb_falls_silent_and_that_is_configured() {
+    fall_silent(Asker::Usb, true, |session, motion| {
+        session.board.usb().write(motion).unwrap()
+    });
+}
+
+#[test]
+fn a_host_on_can_that_falls_silent_is_told_of() {
+    fall_silent(Asker::Can, false, |session, motion| {
+        session.can().orders.push_back(motion.to_vec())
+    });
+}
+
+#[test]
+fn the_torque_goes_off_when_a_host_on_can_falls_silent_and_that_is_configured() {
+    fall_silent(Asker::Can, true, |session, motion| {
+        session.can().orders.push_back(motion.to_vec())
+    });
+}
+
+#[test]
+fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
+    const BURST: usize = 12;
+    session(TURNAROUND, polled(HERTZ), |session| {
+        session.can().asking.asks = false;
+        session.run_for(millis(100));
+        // As many as there are, without a wait for the answers, each in one frame.
+        let joints = frame(Request::ReadJoints);
+        let single = [&[joints.len() as u8], &joints[..]].concat();
+        let single = Frame::new(Function::ArmRequest.id(Node::default()), &single).unwrap();
+        for _ in 0..BURST {
+            session.board.can().send(&single).unwrap();
+        }
+        // And one in two.
+        session.can().asking.asks = true;
+        session.run_for(millis(200));
+        session.finish();
+
+        let answers = std::mem::take(&mut session.can().asking.strays);
+        // The one in two frames was refused by flow control, too.
+        assert_eq!(session.can().asking.given_up, 1);
+        assert!(matches!(session.can().failures[..], [isotp::Error::Overflow { .. }]));
+        assert!(answers.iter().all(|answer| answer[..3] == joints[..3]), "{answers:?}");
+        let refused = (BURST + 1 - answers.len()) as u32;
+        println!("{} of {BURST} in one frame answered", answers.len());
+        // Two wait in the adapter and one in the connection, besides the one that is with the arm.
+        assert!((4..BURST).contains(&answers.len()));
+        let refusal = Event::Refused {
+            asker: Asker::Can,
+            reason: Refusal::QueueFull,
+        };
+        assert_eq!(events(session), vec![refusal.clone(); refused as usize]);
+        assert_eq!(session.can().notes, vec![refusal; refused as usize]);
+        session.expect_counters(|expected, _| {
+            expected.requests_can += answers.len() as u32;
+            expected.requests_poll -= answers.len() as u32;
+            expected.refused_can_requests += refused;
+        });
+    });
+}
+
+#[test]
+fn what_the_arm_says_unasked_goes_to_can_too_and_what_is_too_much_is_counted() {
+    const FRAMES: u32 = 40;
+    let mut config = polled(HERTZ);
+    config.can.unsolicited = true;
+    session(TURNAROUND, config, |session| {
+        session.run_for(millis(100));
+        session.hosts.set_asking(false);
+        session.run_for(millis(20));
+        let said = frame(Request::SetTorque(Torque::On));
+        session.board.with_arm(|arm| arm.say(&said.repeat(FRAMES as usize)));
+        session.run_for(millis(100));
+        let on_can = std::mem::take(&mut session.can().asking.strays);
+        assert!(on_can.iter().all(|frame| *frame == said));
+        let on_usb = std::mem::take(&mut session.usb().asking.strays);
+        assert_eq!(on_usb, vec![said; FRAMES as usize]);
+        session.hosts.set_asking(true);
+        session.run_for(millis(100));
+        session.finish();
+        expect_no_strays(session);
+        let dropped = FRAMES - on_can.len() as u32;
+        println!("{} of {FRAMES} on CAN", on_can.len());
+        session.expect_counters(|expected, _| {
+            expected.frames += FRAMES;
+            expected.unasked_frames += FRAMES;
+            expected.dropped_can_answers += dropped;
+        });
+    });
+}

@@ -14,7 +14,7 @@ use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
 use super::Control;
-use super::witness::{Ticket, number_in};
+use super::witness::{CAN, Ticket, USB, number_in};
 
 /// How long nobody looks at most, if nothing comes.
 const GLANCE: Nanos = Nanos(250_000);
@@ -76,22 +76,33 @@ impl Asking {
     }
 
     fn hear(&mut self, answer: &[u8]) {
-        let expected = self.open.front().map(|&(number, _)| Ticket { asker: self.asker, number });
-        match Ticket::of_answer(answer) {
-            Some((ticket, _)) if Some(ticket) == expected => {
-                self.open.pop_front();
+        let ticket = Ticket::of_answer(answer).map(|(ticket, _)| ticket);
+        let mine = ticket.filter(|ticket| ticket.asker == self.asker);
+        let place = |ticket: Ticket| self.open.iter().position(|&(number, _)| number == ticket.number);
+        match mine.and_then(place) {
+            // The arm answers in order: those before get no answer any more.
+            Some(place) => {
+                self.open.drain(..=place);
                 self.answered += 1;
+                self.given_up += place as u32;
             }
-            _ => self.strays.push(answer.to_vec()),
+            None => self.strays.push(answer.to_vec()),
         }
     }
 
     fn give_up(&mut self, now: Nanos) {
-        while self.open.pop_front_if(|(_, since)| now.since(*since) > PATIENCE).is_some() {
+        while self
+            .open
+            .pop_front_if(|(_, since)| now.since(*since) > PATIENCE)
+            .is_some()
+        {
             self.given_up += 1;
         }
     }
 }
+
+/// Requests of the host on USB that are open at once, at most.
+const WINDOW: u32 = 3;
 
 /// A host at the serial port. It asks before it has the answers to the last requests.
 #[derive(Debug)]
@@ -99,30 +110,37 @@ pub struct UsbHost {
     /// What it asks and gets.
     pub asking: Asking,
     decoder: Decoder<Ling, MAX_FRAME>,
-    /// Bytes that were in no frame.
+    /// Bytes that came.
+    pub bytes: u32,
+    /// Those among them that were in no frame.
     pub noise_bytes: u32,
+    /// Whether it asks on, however few answers come.
+    pub insists: bool,
 }
-
-/// The asker in tickets of the host on USB.
-const USB: u8 = 1;
-
-/// Requests of the host on USB that are open at once, at most.
-const WINDOW: u32 = 3;
 
 impl Default for UsbHost {
     fn default() -> Self {
         Self {
             asking: Asking::new(USB),
             decoder: Decoder::new(),
+            bytes: 0,
             noise_bytes: 0,
+            insists: false,
         }
     }
 }
 
 impl UsbHost {
+    /// The port was opened anew: what was open is given up.
+    pub fn reopened(&mut self) {
+        self.asking.abandon();
+        self.decoder = Decoder::new();
+    }
+
     /// Reads answers and asks anew. The port must be open.
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         let bytes = board.usb().read();
+        self.bytes += bytes.len() as u32;
         let mut rest = &*bytes;
         while !rest.is_empty() {
             rest = self.decoder.push(rest);
@@ -134,9 +152,11 @@ impl UsbHost {
             }
         }
         self.asking.give_up(board.now());
-        // One to three at a time, as it comes.
+        // Now more, now fewer at a time.
         let window = 1 + self.asking.answered % WINDOW;
-        while self.asking.asks && (self.asking.open.len() as u32) < window {
+        while self.asking.asks
+            && (self.insists && board.usb().unsent() == 0 || (self.asking.open.len() as u32) < window)
+        {
             let request = self.asking.ask(board.now());
             board.usb().write(&request).unwrap();
         }
@@ -152,6 +172,8 @@ pub struct CanHost {
     pub asking: Asking,
     /// Whether it does nothing at all: frames for it are lost, and it gives no flow control.
     pub hangs: bool,
+    /// Frames for the arm that go before all tickets, and are not answered.
+    pub orders: VecDeque<Vec<u8>>,
     /// Transfers that failed.
     pub failures: Vec<isotp::Error>,
     /// What it was told in plain frames.
@@ -161,9 +183,6 @@ pub struct CanHost {
     /// Cyclic telemetry.
     pub telemetry: Telemetry,
 }
-
-/// The asker in tickets of the host on CAN.
-const CAN: u8 = 2;
 
 /// Cyclic telemetry of a [`Witness`](super::Witness).
 #[derive(Debug, Default)]
@@ -210,6 +229,7 @@ impl CanHost {
             endpoint: Endpoint::new(Config::new(Link::Classic, Function::ArmRequest.id(node))),
             asking: Asking::new(CAN),
             hangs: false,
+            orders: VecDeque::new(),
             failures: Vec::new(),
             notes: Vec::new(),
             errors: 0,
@@ -243,9 +263,14 @@ impl CanHost {
         let events = self.endpoint.tick(now);
         self.note(events);
         self.asking.give_up(board.now());
-        if self.asking.asks && self.asking.is_done() && !self.endpoint.is_sending() {
-            let request = self.asking.ask(board.now());
-            self.endpoint.send(&request).unwrap();
+        if !self.endpoint.is_sending() {
+            let next = match self.orders.pop_front() {
+                None if self.asking.asks && self.asking.is_done() => Some(self.asking.ask(board.now())),
+                order => order,
+            };
+            if let Some(frame) = next {
+                self.endpoint.send(&frame).unwrap();
+            }
         }
         while self.endpoint.transmit_at().is_some_and(|at| at <= now)
             && let Some(frame) = self.endpoint.transmit(now)
@@ -278,6 +303,8 @@ pub struct Subscriber {
     pub control: Control,
     /// Frames of the arm, by who had asked for them.
     frames: [u32; ASKERS],
+    /// Bytes in these.
+    pub frame_bytes: u32,
     last: Stamp,
     /// Frames with a stamp before that of the one before.
     pub disorder: u32,
@@ -297,6 +324,7 @@ impl Subscriber {
         Self {
             control,
             frames: [0; ASKERS],
+            frame_bytes: 0,
             last: Stamp(0),
             disorder: 0,
             events: Vec::new(),
@@ -307,8 +335,9 @@ impl Subscriber {
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         for (at, event) in self.control.take_events(board) {
             match event {
-                Event::Frame { asker, .. } => {
+                Event::Frame { asker, bytes } => {
                     self.frames[place(asker)] += 1;
+                    self.frame_bytes += bytes.len() as u32;
                     self.disorder += u32::from(at < self.last);
                     self.last = at;
                 }
@@ -317,16 +346,14 @@ impl Subscriber {
         }
     }
 
+    /// How many frames it was told of.
+    pub fn all_frames(&self) -> u32 {
+        self.frames.iter().sum()
+    }
+
     /// How many frames of the arm `asker` had asked for, or nobody.
     pub fn frames(&self, asker: Option<Asker>) -> u32 {
         self.frames[place(asker)]
-    }
-
-    /// Takes the events that `pick` picks.
-    pub fn take<T>(&mut self, pick: impl Fn(&Event) -> Option<T>) -> Vec<T> {
-        let picked = self.events.iter().filter_map(|(_, event)| pick(event)).collect();
-        self.events.retain(|(_, event)| pick(event).is_none());
-        picked
     }
 }
 
@@ -355,7 +382,7 @@ impl Hosts {
     ) {
         let end = board.now() + limit;
         while !self.work(board, end, &mut done) {
-            assert!(board.now() < end, "it is not done after {limit}: {self:#?}");
+            assert!(board.now() < end, "it is not done after {limit}");
         }
     }
 

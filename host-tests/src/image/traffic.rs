@@ -2,15 +2,20 @@
 
 use armwire_virtual_board::VirtualBoard;
 use armwire_virtual_board::can::{Outcome, Sender};
-use armwire_virtual_board::line::{Arm, Direction, LineByte};
+use armwire_virtual_board::line::{self, Arm, Direction, Fault, LineByte};
 use armwire_virtual_board::usb::Direction as UsbDirection;
 use armwire_virtual_board::usb::cdc::Port;
 
 /// What was on the wires so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Traffic {
+    port: Port,
     /// Bytes from the arm.
     pub bytes_from_arm: u32,
+    /// Those among them without a stop bit.
+    pub framing_faults: u32,
+    /// Those among them that the receiver's samples disagreed about.
+    pub noise_faults: u32,
     /// Bytes to the arm.
     pub bytes_to_arm: u32,
     /// Packets of the serial port for the host.
@@ -29,17 +34,33 @@ pub struct Traffic {
 
 impl Traffic {
     /// Forgets what was on the wires, so that counting begins now.
-    pub fn begin<A: Arm>(board: &mut VirtualBoard<A>) -> Self {
-        let mut traffic = Self::default();
-        traffic.count(board);
-        Self::default()
-    }
-
-    /// Counts what was on the wires since this was last called.
     ///
     /// # Panics
     ///
-    /// If no device is there.
+    /// If no device with one serial port was enumerated.
+    pub fn begin<A: Arm>(board: &mut VirtualBoard<A>) -> Self {
+        let device = board.usb().device().expect("a device").configuration.clone();
+        let [port] = Port::find(&device)[..] else {
+            panic!("not one serial port: {device:?}");
+        };
+        let nothing = Self {
+            port,
+            bytes_from_arm: 0,
+            framing_faults: 0,
+            noise_faults: 0,
+            bytes_to_arm: 0,
+            packets_to_host: 0,
+            empty_packets_to_host: 0,
+            packets_from_host: 0,
+            frames_of_board: 0,
+            frames_of_nodes: 0,
+            broken_frames: 0,
+        };
+        nothing.clone().count(board);
+        nothing
+    }
+
+    /// Counts what was on the wires since this was last called.
     pub fn count<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         let (from, to): (Vec<LineByte>, _) = board
             .uart()
@@ -48,19 +69,22 @@ impl Traffic {
             .partition(|byte| byte.direction == Direction::ToBoard);
         self.bytes_from_arm += from.len() as u32;
         self.bytes_to_arm += to.len() as u32;
+        let faults = |fault| {
+            from.iter()
+                .filter(|byte| byte.outcome == line::Outcome::Faulty(fault))
+                .count() as u32
+        };
+        self.framing_faults += faults(Fault::Framing);
+        self.noise_faults += faults(Fault::Noise);
         board.uart().forget_bytes();
 
-        let device = board.usb().device().expect("a device that was enumerated").configuration.clone();
-        let [port] = Port::find(&device)[..] else {
-            panic!("not one serial port: {device:?}");
-        };
         for packet in board.usb().packets() {
             match packet.direction {
-                UsbDirection::In if packet.endpoint == port.input.number => {
+                UsbDirection::In if packet.endpoint == self.port.input.number => {
                     self.packets_to_host += 1;
                     self.empty_packets_to_host += u32::from(packet.data.is_empty());
                 }
-                UsbDirection::Out if packet.endpoint == port.output.number => self.packets_from_host += 1,
+                UsbDirection::Out if packet.endpoint == self.port.output.number => self.packets_from_host += 1,
                 _ => {}
             }
         }

@@ -10,8 +10,19 @@ use armwire_sim::serial::SerialDevice;
 /// an answer tells whose it is.
 const JOINTS_COMMAND: (u8, u8) = (0x06, 0x00);
 
+/// The askers of tickets: the host on USB, and the one on CAN.
+pub(super) const USB: u8 = 0;
+/// The host on CAN.
+pub(super) const CAN: u8 = 1;
+
+/// How many there are.
+const ASKERS: usize = 2;
+
 /// The one data byte of the question itself.
 const QUESTION: [u8; 1] = [0xFE];
+
+/// Bytes of the answer to a ticket.
+const ANSWER_LEN: u32 = 15;
 
 /// Bits of a number that fit in a joint.
 const TICK_BITS: u32 = 12;
@@ -19,7 +30,7 @@ const TICK_BITS: u32 = 12;
 /// A request that is like no other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ticket {
-    /// Who asks.
+    /// Who asks: 0 is the host on USB, 1 the one on CAN.
     pub asker: u8,
     /// How many that asker had asked before.
     pub number: u32,
@@ -70,8 +81,8 @@ pub struct Witness {
 /// What it has heard and said.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Deeds {
-    /// Tickets it heard.
-    pub tickets: u32,
+    /// Tickets it heard, of each asker.
+    tickets: [u32; ASKERS],
     /// Questions for its joints that it heard.
     pub polls: u32,
     /// Both, as far as it answered them.
@@ -82,6 +93,33 @@ pub struct Deeds {
     pub bytes_heard: u32,
     /// Bytes that it said or is about to.
     pub bytes_said: u32,
+}
+
+impl Deeds {
+    /// Tickets that it heard.
+    pub fn tickets(&self) -> u32 {
+        self.tickets.iter().sum()
+    }
+
+    /// Tickets of the host on USB that it heard.
+    pub fn tickets_of_usb(&self) -> u32 {
+        self.tickets[usize::from(USB)]
+    }
+
+    /// Bytes of the answers to these, if it answered all of them.
+    pub fn bytes_for_usb(&self) -> u32 {
+        self.tickets_of_usb() * ANSWER_LEN
+    }
+
+    /// Tickets of the host on CAN that it heard.
+    pub fn tickets_of_can(&self) -> u32 {
+        self.tickets[usize::from(CAN)]
+    }
+
+    /// Requests that it heard and did not answer.
+    pub fn unanswered(&self) -> u32 {
+        self.tickets() + self.polls - self.answers
+    }
 }
 
 impl Witness {
@@ -131,7 +169,7 @@ impl Witness {
             self.deeds.polls += 1;
             joints(self.deeds.polls - 1)
         } else {
-            self.deeds.tickets += 1;
+            self.deeds.tickets[usize::from(data[0])] += 1;
             let before = self.deeds.answers.to_le_bytes();
             frame(&[data, &before].concat())
         };
@@ -159,7 +197,13 @@ impl SerialDevice for Witness {
                 let mut bytes = [0; MAX_FRAME];
                 let (command, function) = command;
                 let data = &data;
-                let len = Frame { command, function, data }.encode(&mut bytes).unwrap();
+                let len = Frame {
+                    command,
+                    function,
+                    data,
+                }
+                .encode(&mut bytes)
+                .unwrap();
                 self.others.push(bytes[..len].to_vec());
             } else if let Some(answer) = self.answer(command, &data) {
                 self.put(now + self.turnaround, &answer);
@@ -179,7 +223,13 @@ impl SerialDevice for Witness {
 fn frame(data: &[u8]) -> Vec<u8> {
     let (command, function) = JOINTS_COMMAND;
     let mut bytes = [0; MAX_FRAME];
-    let len = Frame { command, function, data }.encode(&mut bytes).unwrap();
+    let len = Frame {
+        command,
+        function,
+        data,
+    }
+    .encode(&mut bytes)
+    .unwrap();
     bytes[..len].to_vec()
 }
 
