@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use armwire::Micros;
+
 /// The slowest line, in baud.
 pub const MIN_BAUD: u32 = 1_200;
 
@@ -146,21 +148,21 @@ impl LineCoding {
         [b0, b1, b2, b3, stop_bits, parity, DATA_BITS]
     }
 
-    /// The time `bytes` bytes take on the line without a gap, in whole microseconds, rounded down.
+    /// The time that up to 300 000 bytes take on the line without a gap, in whole microseconds, rounded down.
     ///
     /// ```
     /// assert_eq!(armwire_bridge::LineCoding::default().micros(21), 210);
     /// ```
     pub fn micros(self, bytes: usize) -> u64 {
-        let parity = u64::from(self.parity != Parity::None);
-        let stop = 1 + u64::from(self.stop_bits == StopBits::Two);
-        let bits = 1 + u64::from(DATA_BITS) + parity + stop;
-        let bits = (bytes as u64).saturating_mul(bits * 1_000_000);
-        // A division of 32 bits takes a tenth of the time, and the end of each frame is timed by one.
-        match u32::try_from(bits) {
-            Ok(bits) => bits.checked_div(self.baud).unwrap_or(0).into(),
-            Err(_) => bits.checked_div(self.baud.into()).unwrap_or(0),
-        }
+        let parity = u32::from(self.parity != Parity::None);
+        let stop = 1 + u32::from(self.stop_bits == StopBits::Two);
+        let bits = (bytes as u32).saturating_mul(1 + u32::from(DATA_BITS) + parity + stop);
+        // Three decimal digits at a time: the core divides no more than 32 bits.
+        let bits = bits.saturating_mul(1_000);
+        let millis = bits.checked_div(self.baud).unwrap_or(0);
+        let rest = bits.checked_rem(self.baud).unwrap_or(0);
+        let micros = rest.saturating_mul(1_000).checked_div(self.baud).unwrap_or(0);
+        Micros::from_millis(millis.into()).0.saturating_add(micros.into())
     }
 }
 
@@ -230,5 +232,7 @@ mod tests {
         assert_eq!(coding(115_200, 0, 0, 8).unwrap().micros(100), 8_680);
         assert_eq!(coding(1_000_000, 2, 2, 8).unwrap().micros(10), 120);
         assert_eq!(coding(2_000_000, 0, 0, 8).unwrap().micros(1), 5);
+        assert_eq!(coding(MAX_BAUD - 1, 2, 1, 8).unwrap().micros(300_000), 1_800_000);
+        assert_eq!(coding(MIN_BAUD + 1, 2, 1, 8).unwrap().micros(300_000), 2_997_502_081);
     }
 }

@@ -210,7 +210,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         match asker {
             Asker::Poll => {
                 let missed = self.poll.ended(now);
-                count(&mut self.counters.missed_polls, missed as usize);
+                count(&mut self.counters.missed_polls, missed);
             }
             Asker::Adapter => {
                 self.control.arm_identified(answer);

@@ -10,11 +10,10 @@ use crate::config;
 /// rounded down to a microsecond by itself, so that no error adds up.
 pub(crate) struct Poll {
     rate: config::Poll,
-    /// When polling was switched on. `None` until the time is known.
-    origin: Option<Micros>,
-    /// The number of the next slot, and when it is.
-    number: u64,
+    /// The next slot. `None` until the time is known.
     slot: Option<Micros>,
+    /// What was rounded off there, in parts of a microsecond of which `rate` make a whole one.
+    rest: u32,
     state: State,
 }
 
@@ -32,9 +31,8 @@ impl Poll {
     pub(crate) const fn new(rate: config::Poll) -> Self {
         Self {
             rate,
-            origin: None,
-            number: 1,
             slot: None,
+            rest: 0,
             state: State::Early,
         }
     }
@@ -57,15 +55,19 @@ impl Poll {
         self.slot
     }
 
-    /// Works out when the next slot is.
-    fn find_slot(&mut self) {
-        self.slot = match (self.rate, self.origin) {
-            (config::Poll::Hertz(rate), Some(origin)) => {
-                let after = self.number.saturating_mul(SECOND).checked_div(rate.into());
-                after.map(|after| origin + Micros(after))
-            }
-            _ => None,
+    /// The slot a period after this one. `None` without a rate.
+    fn after(&mut self, slot: Micros) -> Option<Micros> {
+        let config::Poll::Hertz(rate) = self.rate else {
+            return None;
         };
+        let rate = u32::from(rate);
+        let period = SECOND.checked_div(rate)?;
+        self.rest = self.rest.saturating_add(SECOND.checked_rem(rate)?);
+        let carry = self.rest >= rate;
+        if carry {
+            self.rest = self.rest.saturating_sub(rate);
+        }
+        Some(slot + Micros(period.saturating_add(carry.into()).into()))
     }
 
     /// When to call [`tick`](Self::tick), `lead` before the slot.
@@ -81,9 +83,8 @@ impl Poll {
         if self.timeout(lead).is_none() {
             return;
         }
-        if self.origin.is_none() {
-            self.origin = Some(now);
-            self.find_slot();
+        if self.slot.is_none() {
+            self.slot = self.after(now);
         }
         if let Some(at) = self.timeout(lead).filter(|at| *at <= now) {
             self.state = State::Due(at);
@@ -96,25 +97,25 @@ impl Poll {
     }
 
     /// It was answered or given up. Returns how many slots have passed since its own.
-    pub(crate) fn ended(&mut self, now: Micros) -> u64 {
+    pub(crate) fn ended(&mut self, now: Micros) -> usize {
         if self.state != State::InFlight {
             return 0;
         }
         self.state = State::Early;
-        let (config::Poll::Hertz(rate), Some(origin)) = (self.rate, self.origin) else {
-            self.state = State::Due(now);
-            return 0;
-        };
-        let next = self.number.saturating_add(1);
-        // The first slot that is not before now.
-        let first = now.since(origin).0.saturating_mul(rate.into()).div_ceil(SECOND);
-        self.number = next.max(first);
-        self.find_slot();
-        self.number.saturating_sub(next)
+        let mut missed = 0_usize;
+        while let Some(slot) = self.slot {
+            self.slot = self.after(slot);
+            if self.slot >= Some(now) {
+                return missed;
+            }
+            missed = missed.saturating_add(1);
+        }
+        self.state = State::Due(now);
+        0
     }
 }
 
-const SECOND: u64 = 1_000_000;
+const SECOND: u32 = 1_000_000;
 
 #[cfg(test)]
 mod tests {
@@ -122,6 +123,7 @@ mod tests {
 
     const NO_LEAD: Micros = Micros(0);
     const NOW: Micros = Micros(0);
+    const SECOND: u64 = super::SECOND as u64;
 
     /// The slots of a day, each poll answered after `answer` µs, and how many were missed.
     fn day(rate: u16, answer: u64) -> impl Iterator<Item = (Micros, u64)> {
@@ -132,7 +134,7 @@ mod tests {
             poll.tick(NO_LEAD, slot);
             assert!(poll.due_since(NO_LEAD, NOW).is_some());
             poll.began();
-            Some((slot, poll.ended(slot + Micros(answer))))
+            Some((slot, poll.ended(slot + Micros(answer)) as u64))
         })
         .take_while(|(slot, _)| slot.0 <= 777 + 86_400 * SECOND)
     }
