@@ -4,10 +4,9 @@
 //! desktop tests.
 //!
 //! ```text
-//!  host ── USB ── usb::port::from_host ───→ ┌────────┐ ─→ uart::transmit ── UART ── arm
-//!  host ── USB ── usb::port::to_host   ←─── │        │
-//!  host ── USB ── usb::control         ←──→ │ bridge │ ←─ uart::receive  ── UART ── arm
-//!                 usb::run             ──── │        │
+//!  host ── USB ── usb::pipe::from_host ───→ ┌────────┐ ─→ uart::transmit ── UART ── arm
+//!  host ── USB ── usb::pipe::to_host   ←─── │        │
+//!                 usb::run             ──── │ bridge │ ←─ uart::receive  ── UART ── arm
 //!  hosts ─ CAN ── can::run             ←──→ └────────┘ ←→ time::tick, action::run
 //! ```
 #![no_std]
@@ -34,7 +33,7 @@ use static_cell::StaticCell;
 use defmt_rtt as _;
 
 use crate::adapter::Adapter;
-use crate::usb::{control, port};
+use crate::usb::pipe::{self, Pipe};
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -50,16 +49,15 @@ async fn main(spawner: Spawner) {
     let adapter = ADAPTER.init_with(|| Adapter::new(identity::identity(), config));
     adapter.with(|bridge| bridge.started_after(restarts.panics, restarts.watchdog));
     let usb = usb::new(board.usb, adapter);
-    let (sender, receiver) = usb.port.split();
     let watchdog = IndependentWatchdog::new(board.watchdog, watchdog::TIMEOUT_US);
 
     // Spawning fails only for a task that already runs.
     spawner.spawn(uart::receive(adapter, board.rx_dma).unwrap());
     spawner.spawn(uart::transmit(adapter, board.uart, board.tx_dma).unwrap());
-    spawner.spawn(port::to_host(adapter, sender).unwrap());
-    spawner.spawn(port::from_host(adapter, receiver).unwrap());
-    spawner.spawn(control::to_host(adapter, usb.control.to_host).unwrap());
-    spawner.spawn(control::from_host(adapter, usb.control.from_host).unwrap());
+    for (pipe, endpoints) in [(Pipe::Port, usb.port), (Pipe::Control, usb.control)] {
+        spawner.spawn(pipe::to_host(adapter, pipe, endpoints.to_host).unwrap());
+        spawner.spawn(pipe::from_host(adapter, pipe, endpoints.from_host).unwrap());
+    }
     spawner.spawn(can::run(adapter, board.can).unwrap());
     spawner.spawn(action::run(adapter, store).unwrap());
     spawner.spawn(time::tick(adapter).unwrap());

@@ -1,32 +1,45 @@
 //! The USB device: the arm's serial port and the control interface.
 
-pub(crate) mod control;
-pub(crate) mod port;
+pub(crate) mod pipe;
+mod windows;
 
 use armwire_bridge::{Counters, PACKET};
-use embassy_usb::class::cdc_acm::{CdcAcmClass, State};
 use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
-use embassy_usb::msos::{
-    CompatibleIdFeatureDescriptor, PropertyData, RegistryPropertyFeatureDescriptor, windows_version,
-};
 use embassy_usb::types::StringIndex;
-use embassy_usb::{Builder, Config, Handler, UsbDevice};
+use embassy_usb::{Builder, Config, FunctionBuilder, Handler, UsbDevice};
 use static_cell::StaticCell;
 
 use crate::adapter::{Adapter, now};
 use crate::board::{self, UsbDriver};
+use crate::usb::pipe::Endpoints;
 use crate::watchdog::{Task, rest};
 
 /// The pid.codes test id. It is for private use: a product needs an id of its own.
 const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
 
-/// Requests of CDC PSTN 1.2, section 6.3.
+/// Communications devices (CDC 1.2, section 4) that are modems without commands (PSTN 1.2), and their data.
+const COMMUNICATIONS: u8 = 0x02;
+const ABSTRACT_CONTROL_MODEL: u8 = 0x02;
+const DATA: u8 = 0x0A;
+
+/// The descriptors of such a device (CDC 1.2, section 5.2.3, and PSTN 1.2, section 5.3): version 1.10, it has a line
+/// coding and control lines, and it consists of these two interfaces.
+const CS_INTERFACE: u8 = 0x24;
+const HEADER: [u8; 3] = [0x00, 0x10, 0x01];
+const ABSTRACT_CONTROL: [u8; 2] = [0x02, 0x02];
+const UNION: [u8; 3] = [0x06, PORT_INTERFACE, PORT_INTERFACE + 1];
+
+/// Requests of CDC 1.2, section 6.2, and PSTN 1.2, section 6.3.
+const SEND_ENCAPSULATED_COMMAND: u8 = 0x00;
 const SET_LINE_CODING: u8 = 0x20;
 const GET_LINE_CODING: u8 = 0x21;
 const SET_CONTROL_LINE_STATE: u8 = 0x22;
 
-/// The interface that they go to: the serial port's first.
-const PORT_INTERFACE: u16 = 0;
+/// The interface that they go to: the serial port's first of two.
+const PORT_INTERFACE: u8 = 0;
+
+/// The interface behind those.
+const CONTROL_INTERFACE: u8 = 2;
 
 /// The class of interfaces that are in no other.
 const VENDOR_SPECIFIC: u8 = 0xFF;
@@ -34,29 +47,21 @@ const VENDOR_SPECIFIC: u8 = 0xFF;
 /// What the control interface is called, for hosts to find it by.
 const CONTROL_NAME: &str = "armwire control";
 
-/// The vendor request by which Windows reads the descriptors of its own.
-const WINDOWS_REQUEST: u8 = 0x20;
-
-/// What Windows programs look for to find the control interface.
-const WINDOWS_INTERFACE: &str = "{4C757248-7066-47AD-9A38-E3D4ADFA1B0A}";
-
-const _: () = assert!(WINDOWS_REQUEST != Counters::READ_REQUEST.1);
+const _: () = assert!(windows::REQUEST.0 != Counters::READ_REQUEST.1);
 
 /// The device, and the two things it is.
 pub(crate) struct Usb {
     pub(crate) device: UsbDevice<'static, UsbDriver>,
-    pub(crate) port: CdcAcmClass<'static, UsbDriver>,
-    pub(crate) control: control::Interface,
+    pub(crate) port: Endpoints,
+    pub(crate) control: Endpoints,
 }
 
 /// Describes the device to the driver.
 pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
-    static CONFIG_DESCRIPTOR: StaticCell<[u8; 128]> = StaticCell::new();
+    static CONFIG_DESCRIPTOR: StaticCell<[u8; 104]> = StaticCell::new();
     static BOS_DESCRIPTOR: StaticCell<[u8; 40]> = StaticCell::new();
-    static WINDOWS_DESCRIPTOR: StaticCell<[u8; 180]> = StaticCell::new();
     static CONTROL_BUFFER: StaticCell<[u8; Counters::MAX_LEN]> = StaticCell::new();
     static REQUESTS: StaticCell<Requests> = StaticCell::new();
-    static STATE: StaticCell<State<'static>> = StaticCell::new();
 
     let (vendor, product) = VENDOR_AND_PRODUCT;
     let mut config = Config::new(vendor, product);
@@ -68,35 +73,48 @@ pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
     let mut builder = Builder::new(
         driver,
         config,
-        CONFIG_DESCRIPTOR.init([0; 128]),
+        CONFIG_DESCRIPTOR.init([0; 104]),
         BOS_DESCRIPTOR.init([0; 40]),
-        WINDOWS_DESCRIPTOR.init([0; 180]),
+        &mut [],
         CONTROL_BUFFER.init([0; Counters::MAX_LEN]),
     );
     let control_name = builder.string();
-    // Before the class, so that requests come here first.
     builder.handler(REQUESTS.init(Requests { adapter, control_name }));
-    let port = CdcAcmClass::new(&mut builder, STATE.init(State::new()), PACKET as u16);
-
-    // Windows takes its own driver for the interface, WinUSB, without being told by the user.
-    builder.msos_descriptor(windows_version::WIN8_1, WINDOWS_REQUEST);
-    let mut function = builder.function(VENDOR_SPECIFIC, 0, 0);
-    function.msos_feature(CompatibleIdFeatureDescriptor::new("WINUSB", ""));
-    function.msos_feature(RegistryPropertyFeatureDescriptor::new(
-        "DeviceInterfaceGUIDs",
-        PropertyData::RegMultiSz(&[WINDOWS_INTERFACE]),
-    ));
-    let mut interface = function.interface();
-    let mut endpoints = interface.alt_setting(VENDOR_SPECIFIC, 0, 0, Some(control_name));
-    let control = control::Interface {
-        to_host: endpoints.endpoint_bulk_in(None, PACKET as u16),
-        from_host: endpoints.endpoint_bulk_out(None, PACKET as u16),
-    };
-    drop(function);
+    let port = serial_port(builder.function(COMMUNICATIONS, ABSTRACT_CONTROL_MODEL, 0));
+    let control = control_interface(builder.function(VENDOR_SPECIFIC, 0, 0), control_name);
     Usb {
         device: builder.build(),
         port,
         control,
+    }
+}
+
+/// Two interfaces: one that takes requests, and one with the data.
+fn serial_port(mut function: FunctionBuilder<'_, 'static, UsbDriver>) -> Endpoints {
+    let mut interface = function.interface();
+    let mut requests = interface.alt_setting(COMMUNICATIONS, ABSTRACT_CONTROL_MODEL, 0, None);
+    for descriptor in [&HEADER[..], &ABSTRACT_CONTROL, &UNION] {
+        requests.descriptor(CS_INTERFACE, descriptor);
+    }
+    // Hosts want one. Nothing is ever sent on it.
+    requests.endpoint_interrupt_in(None, 8, 255);
+    let mut interface = function.interface();
+    let mut data = interface.alt_setting(DATA, 0, 0, None);
+    Endpoints {
+        from_host: data.endpoint_bulk_out(None, PACKET as u16),
+        to_host: data.endpoint_bulk_in(None, PACKET as u16),
+    }
+}
+
+/// A vendor-specific interface. It is no second serial port, for the F405 has too few endpoints for two of them (RM0090
+/// 34.1).
+fn control_interface(mut function: FunctionBuilder<'_, 'static, UsbDriver>, name: StringIndex) -> Endpoints {
+    let mut interface = function.interface();
+    let mut data = interface.alt_setting(VENDOR_SPECIFIC, 0, 0, Some(name));
+    data.bos_capability(windows::PLATFORM, &windows::CAPABILITY);
+    Endpoints {
+        to_host: data.endpoint_bulk_in(None, PACKET as u16),
+        from_host: data.endpoint_bulk_out(None, PACKET as u16),
     }
 }
 
@@ -137,6 +155,8 @@ impl Handler for Requests {
             return None;
         }
         match request.request {
+            // Some hosts send one. There are no commands to encapsulate.
+            SEND_ENCAPSULATED_COMMAND => Some(OutResponse::Accepted),
             SET_LINE_CODING => {
                 let coding = data.try_into().ok()?;
                 let result = self.adapter.with(|bridge| bridge.request_line_coding(coding, now()));
@@ -162,6 +182,8 @@ impl Handler for Requests {
         } else if is_for_the_adapter(&request) && request.request == Counters::READ_REQUEST.1 {
             let counters = self.adapter.look(|bridge| bridge.counters());
             counters.to_bytes(buf).ok().map(InResponse::Accepted)
+        } else if request.request_type == RequestType::Vendor && (request.request, request.index) == windows::REQUEST {
+            Some(InResponse::Accepted(&windows::DESCRIPTORS))
         } else {
             None
         }
@@ -175,7 +197,7 @@ impl Handler for Requests {
 fn is_for_the_port(request: &Request) -> bool {
     request.request_type == RequestType::Class
         && request.recipient == Recipient::Interface
-        && request.index == PORT_INTERFACE
+        && request.index == PORT_INTERFACE.into()
 }
 
 fn is_for_the_adapter(request: &Request) -> bool {

@@ -8,6 +8,7 @@ mod clock;
 mod flash;
 pub(super) mod uart;
 
+use armwire_bridge::PACKET;
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::mode::Blocking;
@@ -116,7 +117,8 @@ pub(crate) fn init() -> Board {
         unreachable!()
     };
 
-    static OUT_PACKETS: StaticCell<[u8; 256]> = StaticCell::new();
+    // One for each of the three OUT endpoints.
+    static OUT_PACKETS: StaticCell<[u8; 3 * PACKET]> = StaticCell::new();
     let mut usb = usb::Config::default();
     // VBUS is not wired to PA9 on most boards; without it the adapter counts as plugged in.
     usb.vbus_detection = false;
@@ -126,7 +128,14 @@ pub(crate) fn init() -> Board {
         uart,
         rx_dma: Channel::new(p.DMA1_CH5, Irqs),
         tx_dma: Channel::new(p.DMA1_CH6, Irqs),
-        usb: UsbDriver::new_fs(p.USB_OTG_FS, Irqs, p.PA12, p.PA11, OUT_PACKETS.init([0; 256]), usb),
+        usb: UsbDriver::new_fs(
+            p.USB_OTG_FS,
+            Irqs,
+            p.PA12,
+            p.PA11,
+            OUT_PACKETS.init([0; 3 * PACKET]),
+            usb,
+        ),
         can: Can::new(Controller::new(p.CAN1, p.PB8, p.PB9)),
         flash: flash::new(p.FLASH),
         reset_by_watchdog: reset_by_watchdog(),

@@ -1,0 +1,143 @@
+//! The two pipes between hosts and the bridge: the arm's serial port and the control interface. Each has a bulk endpoint
+//! each way.
+
+use armwire_bridge::PACKET;
+use embassy_futures::select::{Either, select};
+use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
+
+use crate::adapter::{Adapter, Bridge, Notice, now};
+use crate::board::UsbDriver;
+use crate::watchdog::{Task, rest};
+
+type ToHost = <UsbDriver as Driver<'static>>::EndpointIn;
+type FromHost = <UsbDriver as Driver<'static>>::EndpointOut;
+
+/// The endpoints of a pipe.
+pub(crate) struct Endpoints {
+    pub(crate) to_host: ToHost,
+    pub(crate) from_host: FromHost,
+}
+
+/// Which pipe.
+#[derive(Clone, Copy)]
+pub(crate) enum Pipe {
+    Port,
+    Control,
+}
+
+impl Pipe {
+    fn transmit(self, bridge: &mut Bridge, packet: &mut [u8; PACKET]) -> Option<usize> {
+        match self {
+            Self::Port => bridge.usb_transmit(packet),
+            Self::Control => bridge.control_transmit(packet, now()),
+        }
+    }
+
+    /// A packet of `len` bytes could not be sent.
+    fn lost(self, bridge: &mut Bridge, len: usize) {
+        match self {
+            Self::Port => bridge.usb_lost(len),
+            Self::Control => {}
+        }
+    }
+
+    fn has_room(self, bridge: &Bridge) -> bool {
+        match self {
+            Self::Port => bridge.usb_room(),
+            Self::Control => bridge.control_room(),
+        }
+    }
+
+    fn received(self, bridge: &mut Bridge, packet: &[u8]) {
+        match self {
+            Self::Port => bridge.usb_received(packet, now()),
+            Self::Control => bridge.control_received(packet, now()),
+        }
+    }
+
+    fn packet(self, adapter: &Adapter) -> &Notice {
+        match self {
+            Self::Port => &adapter.packet,
+            Self::Control => &adapter.control_packet,
+        }
+    }
+
+    fn room(self, adapter: &Adapter) -> &Notice {
+        match self {
+            Self::Port => &adapter.room,
+            Self::Control => &adapter.control_room,
+        }
+    }
+
+    fn session(self, adapter: &Adapter) -> &Notice {
+        match self {
+            Self::Port => &adapter.session,
+            Self::Control => &adapter.control_session,
+        }
+    }
+}
+
+/// Sends the host what the bridge has for it.
+#[embassy_executor::task(pool_size = 2)]
+pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint: ToHost) {
+    let task = match pipe {
+        Pipe::Port => Task::PortToHost,
+        Pipe::Control => Task::ControlToHost,
+    };
+    let session = pipe.session(adapter);
+    let mut packet = [0; PACKET];
+    loop {
+        let resting = rest(task);
+        endpoint.wait_enabled().await;
+        drop(resting);
+        loop {
+            session.reset();
+            let Some(n) = adapter.take(|bridge| pipe.transmit(bridge, &mut packet)) else {
+                let resting = rest(task);
+                pipe.packet(adapter).wait().await;
+                drop(resting);
+                continue;
+            };
+            // A packet that waits for the host to fetch the one before it is not for the next host.
+            let sending = select(endpoint.write(&packet[..n]), session.wait());
+            let resting = rest(task);
+            let sent = sending.await;
+            drop(resting);
+            if !matches!(sent, Either::First(Ok(()))) {
+                adapter.take(|bridge| pipe.lost(bridge, n));
+            }
+            adapter.taken();
+            if matches!(sent, Either::First(Err(_))) {
+                break;
+            }
+        }
+    }
+}
+
+/// Takes what the host sends.
+#[embassy_executor::task(pool_size = 2)]
+pub(crate) async fn from_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint: FromHost) {
+    let task = match pipe {
+        Pipe::Port => Task::PortFromHost,
+        Pipe::Control => Task::ControlFromHost,
+    };
+    let mut packet = [0; PACKET];
+    loop {
+        let resting = rest(task);
+        endpoint.wait_enabled().await;
+        drop(resting);
+        loop {
+            // Until a packet is read, USB holds the host back.
+            while !adapter.look(|bridge| pipe.has_room(bridge)) {
+                let resting = rest(task);
+                pipe.room(adapter).wait().await;
+                drop(resting);
+            }
+            let resting = rest(task);
+            let read = endpoint.read(&mut packet).await;
+            drop(resting);
+            let Ok(n) = read else { break };
+            adapter.with(|bridge| pipe.received(bridge, &packet[..n]));
+        }
+    }
+}
