@@ -83,6 +83,9 @@ impl<const UP: usize> HostPort<UP> {
 
     /// Queues bytes for the host, as far as there is one and room.
     pub(crate) fn push(&mut self, bytes: &[u8], counters: &mut Counters) {
+        if bytes.is_empty() {
+            return; // the usual case for what ends a frame, not worth the rest
+        }
         match self.state {
             State::Detached | State::Closed => count(&mut counters.unheard_bytes, bytes.len()),
             State::Attached | State::Open => {

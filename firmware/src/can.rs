@@ -37,6 +37,7 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         }
         // What the controller has no room for waits in the bridge, where what is more urgent overtakes it.
         while can.has_room()
+            && adapter.look(|bridge| bridge.can_due(now()))
             && let Some(frame) = adapter.with(|bridge| bridge.can_transmit(now()))
         {
             can.transmit(&frame);

@@ -209,6 +209,10 @@ impl Receiver {
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
             self.look();
+            // What was received goes out before anything else is looked at.
+            if self.adapter.look(|bridge| bridge.usb_due()) {
+                let_others_run().await;
+            }
             let need = self.adapter.look(|bridge| bridge.need());
             let wake = match need {
                 ..=NEAR => Wake::Byte,
@@ -227,8 +231,6 @@ impl Receiver {
                     let needed = if need > NEAR { 1 } else { need };
                     NEEDED.store(needed, Ordering::Relaxed);
                     usart::set_byte_interrupt(true);
-                    // What was received goes out before anything else is looked at.
-                    let_others_run().await;
                     // Bytes that came before that give no signal.
                     if untaken(tail()) < needed {
                         let resting = rest(Task::Receive);
