@@ -27,7 +27,7 @@ pub use can_program::CanProgram;
 pub use control::Control;
 pub use figures::Spread;
 pub use hosts::{Asking, CanHost, Hosts, PATIENCE, Subscriber, Telemetry, UsbHost};
-pub use program::Program;
+pub use program::{Program, ProgramOf};
 pub use session::{Session, polled, session};
 pub use talker::Talker;
 pub use traffic::Traffic;

@@ -1,7 +1,7 @@
 //! A program at the serial port: the crate's client, in virtual time.
 
-use armwire::ling::{Ling, MAX_FRAME, Request, Response};
-use armwire::{Client, Config, Event, Input, Micros};
+use armwire::ling::{self, Ling};
+use armwire::{Client, Config, Event, Input, Micros, Protocol};
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 
@@ -9,19 +9,22 @@ use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 const OBEYED: Micros = Micros::from_millis(1);
 
 /// A program that talks to a Ling arm.
+pub type Program = ProgramOf<Ling, { ling::MAX_FRAME }>;
+
+/// A program that talks to an arm by `P`, whose longest frame has `N` bytes.
 #[derive(Debug)]
-pub struct Program {
-    client: Client<Ling, MAX_FRAME>,
-    others: Vec<Event<Ling>>,
+pub struct ProgramOf<P: Protocol, const N: usize> {
+    client: Client<P, N>,
+    others: Vec<Event<P>>,
 }
 
-impl Default for Program {
+impl<P: Protocol, const N: usize> Default for ProgramOf<P, N> {
     fn default() -> Self {
         Self::new(Config::DEFAULT)
     }
 }
 
-impl Program {
+impl<P: Protocol, const N: usize> ProgramOf<P, N> {
     /// A program with a client of its own.
     pub fn new(config: Config) -> Self {
         Self {
@@ -35,7 +38,7 @@ impl Program {
     /// # Panics
     ///
     /// If anything but the answer happens.
-    pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: Request) -> Option<Response> {
+    pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: P::Request) -> Option<P::Response> {
         let event = self.try_call(board, request);
         assert_eq!(self.others, [], "while waiting for the answer to {request:?}");
         match event {
@@ -50,7 +53,7 @@ impl Program {
     /// # Panics
     ///
     /// If the port closes.
-    pub fn try_call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: Request) -> Event<Ling> {
+    pub fn try_call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: P::Request) -> Event<P> {
         self.client.submit(request).unwrap();
         loop {
             while let Some(bytes) = self.client.poll_transmit(board.now().micros()) {
