@@ -308,11 +308,8 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             return Some(Asker::Poll);
         }
         let last = ASKERS.iter().position(|&asker| asker == self.turn.rotated)?;
-        let mut turns = ASKERS
-            .into_iter()
-            .cycle()
-            .skip(last.saturating_add(1))
-            .take(ASKERS.len());
+        let (before, behind) = ASKERS.split_at_checked(last.saturating_add(1))?;
+        let mut turns = behind.iter().chain(before).copied();
         // If a poll that must be on time is still here, it is not its turn.
         turns.find(|&asker| waits(asker).is_some() && !(asker == Asker::Poll && self.poll.is_urgent()))
     }
