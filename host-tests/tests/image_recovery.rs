@@ -448,8 +448,9 @@ fn fall_silent(asker: Asker, torque_off: bool, send: impl Fn(&mut Session<'_>, &
             dropped: 0,
             torque_off,
         };
-        assert_eq!(events(session), [event.clone()]);
-        assert_eq!(session.can().notes, [event]);
+        let event = [event];
+        assert_eq!(events(session), event);
+        assert_eq!(session.can().notes, event);
         let mut expected = vec![motion(); MOVES as usize];
         if torque_off {
             expected.push(frame(Request::SetTorque(Torque::Off)));
