@@ -209,10 +209,8 @@ impl Receiver {
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
             self.look();
-            // What was received goes out before anything else is looked at.
-            if self.adapter.look(|bridge| bridge.usb_due()) {
-                let_others_run().await;
-            }
+            // What was received, and what is asked next, goes out before anything else is looked at.
+            let_others_run().await;
             let need = self.adapter.look(|bridge| bridge.need());
             let wake = match need {
                 ..=NEAR => Wake::Byte,
