@@ -151,6 +151,11 @@ impl Exchange {
         self.owed.iter().any(|owed| owed.key == key)
     }
 
+    /// Whether no answer was given up that may still come.
+    pub(crate) fn owes_nothing(&self) -> bool {
+        self.owed.is_empty()
+    }
+
     /// When to call [`tick`](Self::tick), unless something happens before.
     pub(crate) fn timeout(&self) -> Option<Micros> {
         // What is owed first ends first.

@@ -332,21 +332,22 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             Asker::Can => self
                 .can_requests
                 .front()
-                .and_then(|request| self.may_go(request.asked, request.since)),
+                .and_then(|request| self.may_go(&request.bytes, request.since)),
             Asker::Command => Some(self.command.as_ref()?.since),
-            Asker::Poll => {
-                let since = self.poll.due_since(LEAD, now)?;
-                self.may_go(self.config.arm.asked(self.config.arm.poll()?), since)
-            }
-            Asker::Adapter => self.torque_off.or_else(|| {
-                let request = self.config.arm.identify()?;
-                self.may_go(self.config.arm.asked(request), self.identify?)
-            }),
+            Asker::Poll => self.may_go(self.config.arm.poll()?, self.poll.due_since(LEAD, now)?),
+            Asker::Adapter => self
+                .torque_off
+                .or_else(|| self.may_go(self.config.arm.identify()?, self.identify?)),
         }
     }
 
     /// Since when a request waits, unless its answer could not be told from one that is late.
-    fn may_go(&self, asked: Asked, since: Micros) -> Option<Micros> {
+    fn may_go(&self, request: &[u8], since: Micros) -> Option<Micros> {
+        // Nearly always no answer is late, and what is asked need not be known.
+        if self.exchange.owes_nothing() {
+            return Some(since);
+        }
+        let asked = self.config.arm.asked(request);
         let held = asked.reply.is_some() && self.exchange.is_owed(asked.key);
         (!held).then_some(since)
     }
