@@ -32,7 +32,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, Bridge, let_others_run, now};
+use crate::adapter::{Adapter, Bridge, and_let_others_run, now};
 use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, usart};
 use crate::watchdog::{Task, progress, rest};
 
@@ -208,9 +208,8 @@ impl Receiver {
         yield_now().await;
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
-            self.look();
             // What was received, and what is asked next, goes out before anything else is looked at.
-            let_others_run().await;
+            and_let_others_run(|| self.look()).await;
             let need = self.adapter.look(|bridge| bridge.need());
             let wake = match need {
                 ..=NEAR => Wake::Byte,
