@@ -183,14 +183,13 @@ impl CanPort {
 
     /// Begins to send what waits for a connection that is free.
     fn feed(&mut self) {
-        if !self.arm.is_sending()
+        if self.arm_has_next()
             && let Some(frame) = self.answers.pop_front()
         {
             // It is no longer than the connection's longest.
             let _ = self.arm.send(&frame);
         }
-        // Whoever has asked goes before those who are told.
-        if !self.control.is_sending() && self.control.received().is_none() && !self.events.is_empty() {
+        if self.control_has_next() {
             let mut len = [0];
             let mut message = [0; EVENTS];
             self.events.pop(&mut len);
@@ -201,9 +200,20 @@ impl CanPort {
         }
     }
 
+    /// Whether an answer waits for a connection that is free.
+    fn arm_has_next(&self) -> bool {
+        !self.arm.is_sending() && !self.answers.is_empty()
+    }
+
+    /// Whether an event does. Whoever has asked goes before those who are told.
+    fn control_has_next(&self) -> bool {
+        !self.control.is_sending() && self.control.received().is_none() && !self.events.is_empty()
+    }
+
     /// From when on [`transmit`](Self::transmit) has a frame, perhaps a time that has passed.
     fn transmit_at(&self) -> Option<Micros> {
-        if self.sample.is_some() || !self.notes.is_empty() {
+        let waits = self.sample.is_some() || !self.notes.is_empty();
+        if waits || self.arm_has_next() || self.control_has_next() {
             return Some(Micros(0));
         }
         let sample_at = self.newest.map(|_| self.sample_at);

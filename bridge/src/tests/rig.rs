@@ -244,7 +244,9 @@ impl Rig {
 
     /// Moves one frame over the bus, if there is one.
     fn use_bus(&mut self, now: Micros) -> bool {
+        let due = self.bridge.can_due(now);
         if let Some(frame) = self.bridge.can_transmit(now) {
+            assert!(due);
             self.bus_free = now.0 + CAN_FRAME;
             self.hear_bus(&frame, now);
             return true;
