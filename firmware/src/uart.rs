@@ -273,16 +273,18 @@ impl Receiver {
         let chunk = &mut self.chunk;
         self.adapter.with(|bridge| {
             // At once, or the line could go idle in between, short of the tail.
-            let (reached, idle, all) = critical_section::with(|cs| {
+            let (mut reached, idle, all) = critical_section::with(|cs| {
                 let (end, at) = (tail(), now());
                 (REACHED.borrow(cs).take(), IDLE.borrow(cs).take(), Mark { end, at })
             });
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // What the ring holds is of two turns: none of it can be told apart.
                 HEAD.store(all.end, Ordering::Relaxed);
+                reached = None;
                 bridge.uart_ring_overrun();
             } else if let Some(mut idle) = idle {
-                if let Some(reached) = reached.filter(|reached| untaken(reached.end) <= untaken(idle.end)) {
+                // What was reached after the line was idle is of the next frame, and not taken here.
+                if let Some(reached) = reached.take_if(|reached| untaken(reached.end) <= untaken(idle.end)) {
                     take(bridge, chunk, reached);
                 }
                 // It takes the time of a byte to know. What comes after it belongs to the next frame.
