@@ -20,7 +20,7 @@ use super::witness::{CAN, Ticket, USB, number_in};
 const GLANCE: Nanos = Nanos(250_000);
 
 /// How long a host waits for an answer before it gives up: longer than the adapter does.
-pub const PATIENCE: Nanos = Nanos::from_millis(150);
+const PATIENCE: Nanos = Nanos::from_millis(150);
 
 /// One who asks the arm with tickets, and looks at every answer.
 #[derive(Debug)]
@@ -28,6 +28,8 @@ pub struct Asking {
     asker: u8,
     next: u32,
     open: VecDeque<(u32, Nanos)>,
+    /// How many requests of anybody the arm had answered before that whose answer came last.
+    place: Option<u32>,
     /// Whether there are to be more requests.
     pub asks: bool,
     /// Requests whose answer came, in the order of the requests.
@@ -44,6 +46,7 @@ impl Asking {
             asker,
             next: 0,
             open: VecDeque::new(),
+            place: None,
             asks: true,
             answered: 0,
             given_up: 0,
@@ -76,15 +79,18 @@ impl Asking {
     }
 
     fn hear(&mut self, answer: &[u8]) {
-        let ticket = Ticket::of_answer(answer).map(|(ticket, _)| ticket);
-        let mine = ticket.filter(|ticket| ticket.asker == self.asker);
-        let place = |ticket: Ticket| self.open.iter().position(|&(number, _)| number == ticket.number);
-        match mine.and_then(place) {
+        let open = Ticket::of_answer(answer).and_then(|(ticket, place)| {
+            let mine = ticket.asker == self.asker && Some(place) > self.place;
+            let nth = self.open.iter().position(|&(number, _)| number == ticket.number);
+            nth.filter(|_| mine).map(|nth| (nth, place))
+        });
+        match open {
             // The arm answers in order: those before get no answer any more.
-            Some(place) => {
-                self.open.drain(..=place);
+            Some((nth, place)) => {
+                self.open.drain(..=nth);
                 self.answered += 1;
-                self.given_up += place as u32;
+                self.given_up += nth as u32;
+                self.place = Some(place);
             }
             None => self.strays.push(answer.to_vec()),
         }
@@ -178,8 +184,6 @@ pub struct CanHost {
     pub failures: Vec<isotp::Error>,
     /// What it was told in plain frames.
     pub notes: Vec<Event>,
-    /// Frames with error counts.
-    pub errors: u32,
     /// Cyclic telemetry.
     pub telemetry: Telemetry,
 }
@@ -232,7 +236,6 @@ impl CanHost {
             orders: VecDeque::new(),
             failures: Vec::new(),
             notes: Vec::new(),
-            errors: 0,
             telemetry: Telemetry::default(),
         }
     }
@@ -252,7 +255,6 @@ impl CanHost {
                 }
                 Some((Function::JointsA | Function::JointsB | Function::State, _)) => self.telemetry.hear(frame),
                 Some((Function::Event, _)) => self.notes.extend(event_from_frame(&frame).map(|(_, event)| event)),
-                Some((Function::Errors, _)) => self.errors += 1,
                 _ => {}
             }
             if let Some(answer) = self.endpoint.received() {

@@ -26,12 +26,12 @@ use armwire_virtual_board::{Config, Nanos, VirtualBoard};
 pub use can_program::CanProgram;
 pub use control::Control;
 pub use figures::Spread;
-pub use hosts::{Asking, CanHost, Hosts, PATIENCE, Subscriber, Telemetry, UsbHost};
+pub use hosts::{Asking, CanHost, Hosts, Subscriber, Telemetry, UsbHost};
 pub use program::{Program, ProgramOf};
 pub use session::{Session, polled, session};
 pub use talker::Talker;
 pub use traffic::Traffic;
-pub use witness::{Deeds, Ticket, Witness, number_in};
+pub use witness::{Deeds, Ticket, Witness};
 
 /// The rate of the Ling arm's line, in bits per second.
 pub const MEGABAUD: u32 = 1_000_000;

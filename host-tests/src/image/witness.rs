@@ -10,9 +10,8 @@ use armwire_sim::serial::SerialDevice;
 /// an answer tells whose it is.
 const JOINTS_COMMAND: (u8, u8) = (0x06, 0x00);
 
-/// The askers of tickets: the host on USB, and the one on CAN.
+/// Who asks with tickets: the host on USB, and the one on CAN.
 pub(super) const USB: u8 = 0;
-/// The host on CAN.
 pub(super) const CAN: u8 = 1;
 
 /// How many there are.
@@ -58,7 +57,7 @@ impl Ticket {
 }
 
 /// The number that the arm put into its joints.
-pub fn number_in(state: &JointState) -> u32 {
+pub(super) fn number_in(state: &JointState) -> u32 {
     let [low, middle, high, ..] = state.joints.map(u32::from);
     low | middle << TICK_BITS | high << (2 * TICK_BITS)
 }
