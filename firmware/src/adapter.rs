@@ -1,12 +1,11 @@
 //! What the tasks share: the bridge, and signals that say where there may be something to do.
 
 use core::cell::RefCell;
-use core::future::poll_fn;
-use core::task::Poll;
 
 use armwire::Micros;
 use armwire_bridge::control::Identity;
 use armwire_bridge::{Action, config};
+use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
@@ -134,21 +133,12 @@ impl Adapter {
     }
 }
 
-/// Does something, and lets all others run to which that gives something to do.
+/// Lets all others run that have something to do.
 ///
-/// Of tasks that wait for their turn the one that asked last gets it first. So this one asks before it does anything.
-pub(crate) async fn and_let_others_run(mut work: impl FnMut()) {
-    let mut done = false;
-    poll_fn(|context| {
-        if done {
-            return Poll::Ready(());
-        }
-        done = true;
-        context.waker().wake_by_ref();
-        work();
-        Poll::Pending
-    })
-    .await;
+/// Of tasks that wait for their turn the one that asked last gets it first, which is the one that asks here.
+pub(crate) async fn let_others_run() {
+    yield_now().await;
+    yield_now().await;
 }
 
 /// Now, by the microsecond timer.

@@ -3,7 +3,7 @@
 use embassy_futures::select::{Either, select};
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, and_let_others_run, now};
+use crate::adapter::{Adapter, let_others_run, now};
 use crate::watchdog::{Task, progress, rest};
 
 /// Looks what the bridge wants whenever something was said to it, and calls it when the time has come that it said.
@@ -25,8 +25,9 @@ pub(crate) async fn tick(adapter: &'static Adapter) {
         };
         drop(resting);
         if due {
+            adapter.with(|bridge| bridge.tick(now()));
             // A poll that is due is to be on its way before anything else is looked at.
-            and_let_others_run(|| adapter.with(|bridge| bridge.tick(now()))).await;
+            let_others_run().await;
         }
     }
 }

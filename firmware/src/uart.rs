@@ -32,7 +32,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, Bridge, and_let_others_run, now};
+use crate::adapter::{Adapter, Bridge, let_others_run, now};
 use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, usart};
 use crate::watchdog::{Task, progress, rest};
 
@@ -208,8 +208,7 @@ impl Receiver {
         yield_now().await;
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
-            // What was received, and what is asked next, goes out before anything else is looked at.
-            and_let_others_run(|| self.look()).await;
+            self.look();
             let need = self.adapter.look(|bridge| bridge.need());
             let wake = match need {
                 ..=NEAR => Wake::Byte,
@@ -228,6 +227,8 @@ impl Receiver {
                     let needed = if need > NEAR { 1 } else { need };
                     NEEDED.store(needed, Ordering::Relaxed);
                     usart::set_byte_interrupt(true);
+                    // What was received, and what is asked next, goes out before anything else is looked at.
+                    let_others_run().await;
                     // Bytes that came before that give no signal.
                     if untaken(tail()) < needed {
                         let resting = rest(Task::Receive);
