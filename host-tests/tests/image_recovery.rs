@@ -55,6 +55,14 @@ fn expect_no_strays(session: &mut Session<'_>) {
     assert_eq!(session.can().asking.strays, Vec::<Vec<u8>>::new());
 }
 
+/// Nothing of what befell the others reached the host on CAN: every answer came, and every sample of a poll.
+fn expect_can_undisturbed(session: &mut Session<'_>) {
+    let polls = session.deeds().polls;
+    let can = session.can();
+    assert_eq!((can.asking.given_up, &can.failures[..]), (0, &[][..]));
+    assert_eq!((can.telemetry.samples, can.telemetry.gaps), (polls, 0));
+}
+
 /// What the subscriber was told of but frames.
 fn events(session: &mut Session<'_>) -> Vec<Event> {
     session.subscriber().events.drain(..).map(|(_, event)| event).collect()
@@ -86,15 +94,7 @@ fn a_host_that_is_unplugged_loses_its_own_answers_only() {
         session.finish();
         told += session.subscriber().all_frames();
         expect_no_strays(session);
-        assert_eq!(
-            (session.can().asking.given_up, &session.can().failures[..]),
-            (0, &[][..])
-        );
-        let polls = session.deeds().polls;
-        assert_eq!(
-            (session.can().telemetry.samples, session.can().telemetry.gaps),
-            (polls, 0)
-        );
+        expect_can_undisturbed(session);
         session.expect_slots();
 
         let said = session.deeds().bytes_for_usb();
@@ -252,15 +252,7 @@ fn what_a_host_does_not_read_is_dropped_and_counted() {
         expect_more(session, before, [200, 60, 19]);
         session.finish();
         assert_eq!(session.can().asking.strays, Vec::<Vec<u8>>::new());
-        assert_eq!(
-            (session.can().asking.given_up, &session.can().failures[..]),
-            (0, &[][..])
-        );
-        let polls = session.deeds().polls;
-        assert_eq!(
-            (session.can().telemetry.samples, session.can().telemetry.gaps),
-            (polls, 0)
-        );
+        expect_can_undisturbed(session);
         assert_eq!(events(session), []);
         session.expect_slots();
 
