@@ -3,6 +3,7 @@
 mod can;
 mod usb;
 
+use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::num::NonZeroU32;
@@ -124,6 +125,12 @@ pub enum Error {
         /// Which operation, from 1.
         operation: u32,
     },
+    /// There is neither memory nor a register at an address that was to be written.
+    #[error("nothing to write at {address:#010x}")]
+    Nothing {
+        /// The address.
+        address: u64,
+    },
     /// The contents for the flash do not fit it.
     #[error("{got} bytes for the flash, which has {}", flash::SIZE)]
     FlashSize {
@@ -191,6 +198,7 @@ pub struct VirtualBoard<A: Arm> {
     trace: Trace,
     in_boot_loader: bool,
     crashes: Vec<Violation>,
+    symbols: BTreeMap<String, u64>,
     /// The device, as long as the host's [`epoch`](Host::epoch) is this.
     device: Option<(u64, Enumerated)>,
     /// What the program has open on the device.
@@ -250,6 +258,7 @@ impl<A: Arm> VirtualBoard<A> {
         let (commands, command) = channel();
         let (reply, replies) = channel();
         let interrupt = Arc::new(AtomicBool::new(false));
+        let symbols = machine::symbols(&image);
         let run = Run {
             image,
             flash_images,
@@ -281,6 +290,7 @@ impl<A: Arm> VirtualBoard<A> {
             trace: Trace::default(),
             in_boot_loader: false,
             crashes: Vec::new(),
+            symbols,
             device: None,
             port: None,
             vendor: None,
@@ -375,7 +385,7 @@ impl<A: Arm> VirtualBoard<A> {
                 }
             }
             Ok(Reply::Ended(why)) => Err(Error::Ended(why)),
-            Ok(Reply::Report(_)) | Err(_) => Err(self.ended()),
+            Ok(Reply::Report(_) | Reply::Written(_)) | Err(_) => Err(self.ended()),
         }
     }
 
@@ -448,6 +458,46 @@ impl<A: Arm> VirtualBoard<A> {
     /// The USB host.
     pub fn usb(&mut self) -> Usb<'_, A> {
         Usb { board: self }
+    }
+
+    /// Where the image has the symbol whose mangled name contains `part`. `None` if there is none, or more than one.
+    pub fn symbol(&self, part: &str) -> Option<u64> {
+        let mut found = self.symbols.iter().filter(|(name, _)| name.contains(part));
+        let (_, &address) = found.next()?;
+        found.next().is_none().then_some(address)
+    }
+
+    /// Writes a word to memory or to a register, as a debugger does while time stands still.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Nothing`] if there is nothing at `address`.
+    pub fn write_word(&mut self, address: u64, value: u32) -> Result<(), Error> {
+        self.send(Command::Write { address, value })?;
+        match self.replies.recv() {
+            Ok(Reply::Written(true)) => Ok(()),
+            Ok(Reply::Written(false)) => Err(Error::Nothing { address }),
+            _ => Err(self.ended()),
+        }
+    }
+
+    /// Lets the core stand still, as one does that is stuck with its interrupts masked, until the next reset or until it
+    /// is [let go](Self::let_core_go). All else in the part goes on.
+    ///
+    /// # Errors
+    ///
+    /// When the emulator is gone.
+    pub fn hold_core(&mut self) -> Result<(), Error> {
+        self.send(Command::Hold(true))
+    }
+
+    /// Ends [`hold_core`](Self::hold_core).
+    ///
+    /// # Errors
+    ///
+    /// When the emulator is gone.
+    pub fn let_core_go(&mut self) -> Result<(), Error> {
+        self.send(Command::Hold(false))
     }
 
     /// What the firmware logged over RTT since this was last asked, for an image that has it.

@@ -13,7 +13,8 @@ use std::sync::{Arc, Mutex};
 
 use object::{Object, ObjectSymbol};
 use rigless::cpu::armv7m::windows;
-use rigless::emulator::{self, CoreSpec, Driver, HitKind, Settled, Start, Stop, Watch};
+use rigless::soc::Width;
+use rigless::emulator::{self, Access, AccessKind, CoreSpec, Driver, HitKind, Settled, Start, Stop, Watch};
 use rigless::image::Image;
 use rigless::machine::armv7m::{self, Fpu, MpuRegions};
 use rigless::machine::{Board, Target};
@@ -114,6 +115,10 @@ pub(crate) enum Command {
     Run { until: Nanos, watchful: bool },
     /// Say what the run has met.
     Report,
+    /// Write a word, as a debugger does.
+    Write { address: u64, value: u32 },
+    /// Let the core stand still until the next reset, or let it go.
+    Hold(bool),
 }
 
 /// What the emulator answers.
@@ -128,6 +133,8 @@ pub(crate) enum Reply {
     },
     /// What the run has met.
     Report(Box<Report>),
+    /// The word is written, or there is nothing at its address.
+    Written(bool),
     /// The run is over and will not go on.
     Ended(String),
 }
@@ -182,6 +189,7 @@ fn attempt<A: Arm>(bench: Bench<A>, run: Run) -> Result<(), emulator::Error> {
         can: run.can,
         flash: run.flash,
         held: false,
+        stuck: None,
         watchful: false,
         trace: Trace::default(),
         crashes,
@@ -192,7 +200,7 @@ fn attempt<A: Arm>(bench: Bench<A>, run: Run) -> Result<(), emulator::Error> {
 }
 
 /// The image's symbols, each function's with the address of its first instruction.
-fn symbols(image: &Image) -> BTreeMap<String, u64> {
+pub(crate) fn symbols(image: &Image) -> BTreeMap<String, u64> {
     // An image that the emulator takes and this does not has no symbols worth having.
     let Ok(file) = object::File::parse(image.bytes()) else {
         return BTreeMap::new();
@@ -213,6 +221,8 @@ struct Lockstep {
     flash: Arc<Mutex<Flash>>,
     /// The core waits for the flash.
     held: bool,
+    /// The core stands still until there were more resets than these.
+    stuck: Option<usize>,
     watchful: bool,
     trace: Trace,
     crashes: BTreeMap<u64, Crash>,
@@ -253,9 +263,10 @@ impl<A: Arm> Driver<Bench<A>> for Lockstep {
             let flash = lock(&self.flash);
             (flash.busy, flash.cut == Some(now.into()))
         };
-        if busy != self.held {
+        let freed = self.stuck.take_if(|resets| session.resets().len() > *resets).is_some();
+        if freed || busy != self.held {
             self.held = busy;
-            host.hold(busy || session.unpowered());
+            host.hold(busy || self.stuck.is_some() || session.unpowered());
             session.pause_at(Some(now));
         }
         if cut {
@@ -271,7 +282,7 @@ impl<A: Arm> Driver<Bench<A>> for Lockstep {
         &mut self,
         session: &mut Session<Bench<A>>,
         stop: Stop,
-        _: &mut dyn emulator::Host,
+        host: &mut dyn emulator::Host,
     ) -> Option<VirtualNanos> {
         let stopped = Reply::Stopped {
             at: stop.at.into(),
@@ -287,7 +298,34 @@ impl<A: Arm> Driver<Bench<A>> for Lockstep {
                     return Some(until.into());
                 }
                 Command::Report => self.replies.send(Reply::Report(Box::new(Report::of(session)))).ok()?,
+                Command::Write { address, value } => {
+                    let written = write(session, stop, host, address, value);
+                    self.replies.send(Reply::Written(written)).ok()?;
+                }
+                Command::Hold(held) => {
+                    self.stuck = held.then(|| session.resets().len());
+                    host.hold(held || self.held || session.unpowered());
+                }
             }
         }
     }
+}
+
+/// Writes a word to memory, or else to a register.
+fn write<B: Board>(
+    session: &mut Session<B>,
+    stop: Stop,
+    host: &mut dyn emulator::Host,
+    address: u64,
+    value: u32,
+) -> bool {
+    if host.write(address, Width::W32, value.into()).is_ok() {
+        return true;
+    }
+    if session.mcu().bus().slot_at(address).is_none() {
+        return false;
+    }
+    let access = Access::new(AccessKind::Write, address, Width::W32, value.into());
+    session.access(access.at(stop.instruction_count, stop.at), host);
+    true
 }
