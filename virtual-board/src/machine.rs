@@ -13,7 +13,6 @@ use std::sync::{Arc, Mutex};
 
 use object::{Object, ObjectSymbol};
 use rigless::cpu::armv7m::windows;
-use rigless::soc::Width;
 use rigless::emulator::{self, Access, AccessKind, CoreSpec, Driver, HitKind, Settled, Start, Stop, Watch};
 use rigless::image::Image;
 use rigless::machine::armv7m::{self, Fpu, MpuRegions};
@@ -21,6 +20,7 @@ use rigless::machine::{Board, Target};
 use rigless::mcu::Mcu;
 use rigless::session::Session;
 use rigless::snapshot::Store;
+use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 
 use crate::can::bus::Bus;

@@ -1,6 +1,7 @@
 //! The project's commands, behind the aliases in `.cargo/config.toml`.
 
 mod board;
+mod campaign;
 mod ci;
 mod demo;
 mod dfu;
@@ -30,6 +31,7 @@ cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
 cargo ci                  run every check there is
 
 cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python
+cargo xtask campaign      let things go wrong around the firmware image: --runs N, --seed S, --only NUMBER, --write
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask licences      check the licences of all dependencies
 
@@ -58,6 +60,7 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("flash") => flash::run(&image::Options::parse(rest)?),
         Some("ci") => no_options(rest).and_then(|()| ci::run()),
         Some("vendor") => no_options(rest).and_then(|()| vendor::run()),
+        Some("campaign") => campaign::run(rest),
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
         Some("licences") => no_options(rest).and_then(|()| licences::run()),
         Some("help" | "--help" | "-h") => {

@@ -10,7 +10,7 @@ use armwire_virtual_board::{Nanos, VirtualBoard};
 const PATIENCE: Nanos = Nanos::from_millis(200);
 
 /// A program that talks to the adapter itself.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Control {
     reader: Reader<MAX_MESSAGE>,
     sequence: u8,
@@ -38,14 +38,7 @@ impl Control {
     ///
     /// If there is none in time, or something else comes that is no event.
     pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: Request) -> Reply {
-        self.sequence = self.sequence.wrapping_add(1);
-        let mut bytes = [0; MAX_COBS];
-        let message = FromHost {
-            sequence: self.sequence,
-            request,
-        };
-        let len = encode_cobs(&message, &mut bytes).unwrap();
-        board.usb().vendor().write(&bytes[..len]).unwrap();
+        self.send(board, request);
         loop {
             board
                 .run_until(PATIENCE, |board| board.usb().vendor().unread() > 0)
@@ -55,6 +48,22 @@ impl Control {
                 return reply;
             }
         }
+    }
+
+    /// Sends a request, and waits for nothing.
+    ///
+    /// # Panics
+    ///
+    /// If the interface is not open.
+    pub fn send<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: Request) {
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut bytes = [0; MAX_COBS];
+        let message = FromHost {
+            sequence: self.sequence,
+            request,
+        };
+        let len = encode_cobs(&message, &mut bytes).unwrap();
+        board.usb().vendor().write(&bytes[..len]).unwrap();
     }
 
     /// The same for a request that is only done or not.

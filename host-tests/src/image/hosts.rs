@@ -30,6 +30,8 @@ pub struct Asking {
     open: VecDeque<(u32, Nanos)>,
     /// How many requests of anybody the arm had answered before that whose answer came last.
     place: Option<u32>,
+    /// The request whose answer came last.
+    last: Option<u32>,
     /// Whether there are to be more requests.
     pub asks: bool,
     /// Requests whose answer came, in the order of the requests.
@@ -47,6 +49,7 @@ impl Asking {
             next: 0,
             open: VecDeque::new(),
             place: None,
+            last: None,
             asks: true,
             answered: 0,
             given_up: 0,
@@ -62,6 +65,16 @@ impl Asking {
     /// Whether no answer is waited for.
     pub fn is_done(&self) -> bool {
         self.open.is_empty()
+    }
+
+    /// Who asks, as in a [`Ticket`].
+    pub fn asker(&self) -> u8 {
+        self.asker
+    }
+
+    /// The number of the request whose answer came last.
+    pub fn last_answered(&self) -> Option<u32> {
+        self.last
     }
 
     /// Gives up what is open.
@@ -87,7 +100,7 @@ impl Asking {
         match open {
             // The arm answers in order: those before get no answer any more.
             Some((nth, place)) => {
-                self.open.drain(..=nth);
+                self.last = self.open.drain(..=nth).next_back().map(|(number, _)| number);
                 self.answered += 1;
                 self.given_up += nth as u32;
                 self.place = Some(place);
@@ -143,6 +156,16 @@ impl UsbHost {
         self.decoder = Decoder::new();
     }
 
+    /// Asks for so many answers at once, in as few packets as they fit in. The port must be open.
+    ///
+    /// # Panics
+    ///
+    /// If it is not.
+    pub fn ask_at_once<A: Arm>(&mut self, board: &mut VirtualBoard<A>, count: u32) {
+        let requests: Vec<u8> = (0..count).flat_map(|_| self.asking.ask(board.now())).collect();
+        board.usb().write(&requests).unwrap();
+    }
+
     /// Reads answers and asks anew. The port must be open.
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         let bytes = board.usb().read();
@@ -178,6 +201,8 @@ pub struct CanHost {
     pub asking: Asking,
     /// Whether it does nothing at all: frames for it are lost, and it gives no flow control.
     pub hangs: bool,
+    /// Whether it stops sending what it has given up.
+    pub aborts: bool,
     /// Frames for the arm that go before all tickets, and are not answered.
     pub orders: VecDeque<Vec<u8>>,
     /// Transfers that failed.
@@ -201,6 +226,11 @@ pub struct Telemetry {
 }
 
 impl Telemetry {
+    /// How many polls the arm had answered before that of the last sample.
+    pub fn newest(&self) -> Option<u32> {
+        self.newest
+    }
+
     fn hear(&mut self, frame: CanFrame) {
         self.parts.push(frame);
         let Ok(parts) = <&[CanFrame; 3]>::try_from(&*self.parts) else {
@@ -233,11 +263,17 @@ impl CanHost {
             endpoint: Endpoint::new(Config::new(Link::Classic, Function::ArmRequest.id(node))),
             asking: Asking::new(CAN),
             hangs: false,
+            aborts: false,
             orders: VecDeque::new(),
             failures: Vec::new(),
             notes: Vec::new(),
             telemetry: Telemetry::default(),
         }
+    }
+
+    /// Whether a request of several frames is on its way.
+    pub fn is_sending(&self) -> bool {
+        self.endpoint.is_sending()
     }
 
     /// Does what is due on the bus and asks anew.
@@ -264,7 +300,11 @@ impl CanHost {
         }
         let events = self.endpoint.tick(now);
         self.note(events);
+        let given_up = self.asking.given_up;
         self.asking.give_up(board.now());
+        if self.aborts && self.asking.given_up > given_up {
+            self.endpoint.abort();
+        }
         if !self.endpoint.is_sending() {
             let next = match self.orders.pop_front() {
                 None if self.asking.asks && self.asking.is_done() => Some(self.asking.ask(board.now())),
@@ -307,6 +347,7 @@ pub struct Subscriber {
     frames: [u32; ASKERS],
     /// Bytes in these.
     pub frame_bytes: u32,
+    bytes: [u32; ASKERS],
     last: Stamp,
     /// Frames with a stamp before that of the one before.
     pub disorder: u32,
@@ -327,10 +368,36 @@ impl Subscriber {
             control,
             frames: [0; ASKERS],
             frame_bytes: 0,
+            bytes: [0; ASKERS],
             last: Stamp(0),
             disorder: 0,
             events: Vec::new(),
         }
+    }
+
+    /// The interface went with the device. What it was told of is kept.
+    pub fn away(mut self) -> Self {
+        self.control = Control::default();
+        self
+    }
+
+    /// Opens the interface anew and subscribes.
+    ///
+    /// # Panics
+    ///
+    /// As [`open`](Self::open).
+    pub fn reopen<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
+        self.control = Control::open(board);
+        self.control.subscribe(board);
+    }
+
+    /// Forgets what it was told of.
+    pub fn forget(&mut self) {
+        self.frames = [0; ASKERS];
+        self.frame_bytes = 0;
+        self.bytes = [0; ASKERS];
+        self.events.clear();
+        (self.last, self.disorder) = (Stamp(0), 0);
     }
 
     /// Takes what it is told.
@@ -340,6 +407,7 @@ impl Subscriber {
                 Event::Frame { asker, bytes } => {
                     self.frames[place(asker)] += 1;
                     self.frame_bytes += bytes.len() as u32;
+                    self.bytes[place(asker)] += bytes.len() as u32;
                     self.disorder += u32::from(at < self.last);
                     self.last = at;
                 }
@@ -351,6 +419,11 @@ impl Subscriber {
     /// How many frames it was told of.
     pub fn all_frames(&self) -> u32 {
         self.frames.iter().sum()
+    }
+
+    /// How many bytes were in the frames that `asker` had asked for, or nobody.
+    pub fn bytes(&self, asker: Option<Asker>) -> u32 {
+        self.bytes[place(asker)]
     }
 
     /// How many frames of the arm `asker` had asked for, or nobody.

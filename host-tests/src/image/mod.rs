@@ -3,6 +3,7 @@
 //! A test gets its board from [`on_board`] or [`on_board_with`], which afterwards fail it if the firmware touched what is
 //! not modelled, crashed, or started again.
 
+pub mod campaign;
 mod can_program;
 mod control;
 mod figures;

@@ -16,6 +16,12 @@ pub struct Traffic {
     pub framing_faults: u32,
     /// Those among them that the receiver's samples disagreed about.
     pub noise_faults: u32,
+    /// Those among them that were low from their start to their end.
+    pub breaks: u32,
+    /// Those among them before which one was overrun in the receiver.
+    pub overruns: u32,
+    /// Those among them that came while the receiver was off.
+    pub unreceived: u32,
     /// Bytes to the arm.
     pub bytes_to_arm: u32,
     /// Packets of the serial port for the host.
@@ -28,6 +34,8 @@ pub struct Traffic {
     pub frames_of_board: u32,
     /// CAN frames of other nodes that got through.
     pub frames_of_nodes: u32,
+    /// CAN frames of a flood that got through.
+    pub frames_of_flood: u32,
     /// CAN frames, of anybody, that did not.
     pub broken_frames: u32,
 }
@@ -48,12 +56,16 @@ impl Traffic {
             bytes_from_arm: 0,
             framing_faults: 0,
             noise_faults: 0,
+            breaks: 0,
+            overruns: 0,
+            unreceived: 0,
             bytes_to_arm: 0,
             packets_to_host: 0,
             empty_packets_to_host: 0,
             packets_from_host: 0,
             frames_of_board: 0,
             frames_of_nodes: 0,
+            frames_of_flood: 0,
             broken_frames: 0,
         };
         nothing.clone().count(board);
@@ -69,13 +81,13 @@ impl Traffic {
             .partition(|byte| byte.direction == Direction::ToBoard);
         self.bytes_from_arm += from.len() as u32;
         self.bytes_to_arm += to.len() as u32;
-        let faults = |fault| {
-            from.iter()
-                .filter(|byte| byte.outcome == line::Outcome::Faulty(fault))
-                .count() as u32
-        };
+        let count = |outcome| from.iter().filter(|byte| byte.outcome == outcome).count() as u32;
+        let faults = |fault| count(line::Outcome::Faulty(fault));
         self.framing_faults += faults(Fault::Framing);
         self.noise_faults += faults(Fault::Noise);
+        self.breaks += faults(Fault::Break);
+        self.overruns += faults(Fault::Overrun);
+        self.unreceived += count(line::Outcome::Lost);
         board.uart().forget_bytes();
 
         for packet in board.usb().packets() {
@@ -93,7 +105,8 @@ impl Traffic {
         for frame in board.can().frames() {
             let count = match (frame.outcome, frame.sender) {
                 (Outcome::Sent, Sender::Board) => &mut self.frames_of_board,
-                (Outcome::Sent, _) => &mut self.frames_of_nodes,
+                (Outcome::Sent, Sender::Node(_)) => &mut self.frames_of_nodes,
+                (Outcome::Sent, Sender::Flood) => &mut self.frames_of_flood,
                 _ => &mut self.broken_frames,
             };
             *count += 1;

@@ -144,6 +144,18 @@ impl Witness {
         self.put(Micros(0), bytes);
     }
 
+    /// Starts it anew, as its own watchdog would: what it has still to say it never says.
+    pub fn restart(&mut self) {
+        self.deeds.bytes_said -= self.says.len() as u32;
+        self.says.clear();
+        self.decoder = Decoder::new();
+    }
+
+    /// Whether it has something to say.
+    pub fn is_talking(&self) -> bool {
+        !self.says.is_empty()
+    }
+
     /// What it has heard and said so far.
     pub fn deeds(&self) -> Deeds {
         self.deeds

@@ -1,0 +1,135 @@
+//! The fault campaign, as `cargo xtask campaign` runs it.
+
+use std::io::Write;
+use std::process::ExitCode;
+use std::time::Instant;
+use std::{env, fs, io, panic};
+
+use armwire_host_tests::image::campaign::{Outcome, Table, run};
+
+/// Where the table is kept, and between which lines.
+const DOC: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/faults.md");
+const BEGIN: &str = "<!-- campaign: begin -->\n";
+const END: &str = "<!-- campaign: end -->\n";
+
+const USAGE: &str = "\
+campaign [--runs N] [--seed S] [--only NUMBER] [--write]
+
+--runs N        so many runs, 300 without this option
+--seed S        of what is drawn, 1 without this option
+--only NUMBER   just the run of this number
+--write         put the table into docs/faults.md";
+
+/// What is wanted.
+struct Options {
+    runs: u32,
+    seed: u64,
+    only: Option<u32>,
+    write: bool,
+}
+
+fn options() -> Result<Options, String> {
+    let mut options = Options {
+        runs: 300,
+        seed: 1,
+        only: None,
+        write: false,
+    };
+    let mut args = env::args().skip(1);
+    while let Some(arg) = args.next() {
+        let mut number = || -> Result<u64, String> {
+            let value = args.next().ok_or_else(|| format!("`{arg}` needs a number"))?;
+            value.parse().map_err(|error| format!("`{arg} {value}`: {error}"))
+        };
+        let small = |number: u64| u32::try_from(number).map_err(|_| format!("{number} is more than {}", u32::MAX));
+        match &*arg {
+            "--runs" => options.runs = small(number()?)?,
+            "--seed" => options.seed = number()?,
+            "--only" => options.only = Some(small(number()?)?),
+            "--write" => options.write = true,
+            _ => return Err(format!("unknown option `{arg}`\n\n{USAGE}")),
+        }
+    }
+    if options.write && options.only.is_some() {
+        return Err("`--write` needs all runs".to_owned());
+    }
+    Ok(options)
+}
+
+fn main() -> ExitCode {
+    match options().and_then(|options| campaign(&options)) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Runs it, and returns whether all was as it must be.
+fn campaign(options: &Options) -> Result<bool, String> {
+    // What a run panics with is said with its number.
+    panic::set_hook(Box::new(|_| {}));
+    let began = Instant::now();
+    let numbers: Vec<u32> = options
+        .only
+        .map_or_else(|| (0..options.runs).collect(), |only| vec![only]);
+    let outcomes = run(options.seed, &numbers, |outcome| tell(outcome, options.only.is_some()));
+    let table = Table::of(&outcomes);
+    println!("\n{table}");
+    println!(
+        "{} runs of seed {} in {:.0?}",
+        outcomes.len(),
+        options.seed,
+        began.elapsed()
+    );
+    if options.write {
+        write(options, &table)?;
+    }
+    let failed = |outcome: &&Outcome| outcome.result.is_err() && outcome.case.fault.known_failure().is_none();
+    Ok(outcomes.iter().filter(failed).count() == 0)
+}
+
+/// Says what failed, and how to repeat it.
+fn tell(outcome: &Outcome, always: bool) {
+    let case = outcome.case;
+    let second = case
+        .second
+        .map_or(String::new(), |second| format!(", then {}", second.name()));
+    let what = format!(
+        "run {}: {}{second}; {}",
+        case.number,
+        case.fault.name(),
+        case.moment.name()
+    );
+    match &outcome.result {
+        Ok((recovery, losses)) if always => println!("{what}: recovered after {recovery}, {losses:?}"),
+        Ok(_) => {}
+        Err(error) => {
+            let known = case.fault.known_failure().map_or("", |_| " (known)");
+            println!("FAILED{known} {what}\n  {error}");
+            println!(
+                "  again: cargo xtask campaign --seed {} --only {}",
+                case.seed, case.number
+            );
+        }
+    }
+    // Whoever waits for hours wants to see them at once.
+    let _ = io::stdout().flush();
+}
+
+/// Puts the table into the document.
+fn write(options: &Options, table: &Table) -> Result<(), String> {
+    let failed = |error| format!("{DOC}: {error}");
+    let text = fs::read_to_string(DOC).map_err(failed)?;
+    let parts = text
+        .split_once(BEGIN)
+        .and_then(|(head, rest)| Some((head, rest.split_once(END)?.1)));
+    let (head, tail) = parts.ok_or_else(|| format!("{DOC} has no lines `{BEGIN}` and `{END}`"))?;
+    let command = format!(
+        "`cargo xtask campaign --runs {} --seed {}`:",
+        options.runs, options.seed
+    );
+    fs::write(DOC, format!("{head}{BEGIN}\n{command}\n\n{table}\n{END}{tail}")).map_err(failed)
+}

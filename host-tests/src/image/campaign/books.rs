@@ -1,0 +1,395 @@
+//! What must be true after every run, whatever went wrong in it.
+
+use armwire_bridge::Counters;
+use armwire_bridge::control::{Asker, Event};
+use armwire_virtual_board::Nanos;
+use armwire_virtual_board::report::{Cause, Crash, Violation};
+
+use super::super::{Asking, Ticket, counters};
+use super::Result;
+use super::matrix::{Fault, Restart};
+use super::rig::Rig;
+
+/// Bytes of an answer to a request of a host.
+const ANSWER: u32 = 15;
+
+/// What is counted when something is lost, by name.
+pub(super) type Losses = Vec<(&'static str, u32)>;
+
+/// A counter and its name.
+type Named = (&'static str, fn(&Counters) -> u32);
+
+/// Counters of losses, errors and refusals.
+pub(super) const LOSSES: [Named; 19] = [
+    ("unanswered", |c| c.unanswered_requests),
+    ("late answers", |c| c.late_answers),
+    ("noise bytes", |c| c.noise_bytes),
+    ("dropped bytes", |c| c.dropped_bytes),
+    ("unheard bytes", |c| c.unheard_bytes),
+    ("framing errors", |c| c.framing_errors),
+    ("noise errors", |c| c.noise_errors),
+    ("overruns", |c| c.overrun_errors),
+    ("ring overruns", |c| c.ring_overruns),
+    ("missed polls", |c| c.missed_polls),
+    ("CAN requests refused", |c| c.refused_can_requests),
+    ("CAN answers dropped", |c| c.dropped_can_answers),
+    ("ISO-TP failures", |c| c.isotp_failures),
+    ("CAN receive overruns", |c| c.can_receive_overruns),
+    ("CAN bus errors", |c| c.can_bus_errors),
+    ("bus-offs", |c| c.can_bus_offs),
+    ("events dropped", |c| c.dropped_events),
+    ("USB resets", |c| c.usb_resets),
+    ("USB suspends", |c| c.usb_suspends),
+];
+
+/// Counters of what no fault of the campaign may bring about.
+const NEVER: [Named; 16] = [
+    ("refused bytes", |c| c.refused_bytes),
+    ("parity errors", |c| c.parity_errors),
+    ("refused line codings", |c| c.refused_line_codings),
+    ("cyclic commands", |c| c.requests_command),
+    ("requests of the adapter", |c| c.requests_adapter),
+    ("PDUs that are no frame", |c| c.refused_can_frames),
+    ("half commands", |c| c.commands_incomplete),
+    ("stale commands", |c| c.commands_stale),
+    ("commands out of range", |c| c.commands_out_of_range),
+    ("silent hosts", |c| c.host_silences),
+    ("silenced bytes", |c| c.silenced_bytes),
+    ("control messages not known", |c| c.control_unsupported),
+    ("configurations saved", |c| c.config_saves),
+    ("configurations not saved", |c| c.config_failures),
+    ("panics", |c| c.panics),
+    ("watchdog resets", |c| c.watchdog_resets),
+];
+
+/// What is wrong in a run, a line each.
+#[derive(Debug, Default)]
+struct Wrongs(Vec<String>);
+
+impl Wrongs {
+    fn equal(&mut self, what: &str, counted: u32, happened: u32) {
+        self.expect(counted == happened, || {
+            format!("{what}: {counted} counted, {happened} happened")
+        });
+    }
+
+    fn expect(&mut self, is_so: bool, otherwise: impl FnOnce() -> String) {
+        if !is_so {
+            self.0.push(otherwise());
+        }
+    }
+}
+
+impl Rig {
+    /// Compares what the adapter has counted with what happened, and returns the losses that it has counted.
+    ///
+    /// # Errors
+    ///
+    /// All that is not as it must be.
+    pub(super) fn check(&mut self, faults: &[Fault]) -> Result<Losses> {
+        let mut wrongs = Wrongs::default();
+        let after = counters(&mut self.board);
+        self.traffic.count(&mut self.board);
+        let before = self.before;
+        let counted = |get: fn(&Counters) -> u32| get(&after).wrapping_sub(get(&before));
+        let restart = faults.iter().find_map(|fault| fault.restart());
+
+        self.check_run(restart, &after, &mut wrongs)?;
+        self.check_line(&counted, faults, &mut wrongs);
+        self.check_requests(&counted, &mut wrongs);
+        self.check_hosts(&counted, &mut wrongs);
+        self.check_can(&counted, &mut wrongs);
+        for (name, get) in NEVER {
+            wrongs.equal(name, counted(get), 0);
+        }
+        let losses: Losses = LOSSES.iter().map(|&(name, get)| (name, counted(get))).collect();
+        if faults.iter().all(|fault| fault.is_lossless()) {
+            let excused = ["missed polls", "noise errors"];
+            for (name, count) in losses.iter().filter(|(name, _)| !excused.contains(name)) {
+                wrongs.equal(name, *count, 0);
+            }
+            for asking in self.askings() {
+                let given_up = asking.given_up;
+                wrongs.equal("requests given up by a host", given_up, 0);
+            }
+        }
+        if wrongs.0.is_empty() {
+            Ok(losses)
+        } else {
+            Err(wrongs.0.join("; ").into())
+        }
+    }
+
+    /// It started over where it had to, and did nothing that it must not.
+    fn check_run(&mut self, restart: Option<Restart>, after: &Counters, wrongs: &mut Wrongs) -> Result {
+        let mut report = self.board.report()?;
+        let crashes = report.violations.len();
+        if restart == Some(Restart::Panic) {
+            let panicked = |found: &Violation| {
+                matches!(
+                    found,
+                    Violation::Crashed {
+                        crash: Crash::Panic,
+                        ..
+                    }
+                )
+            };
+            report.violations.retain(|found| !panicked(found));
+            wrongs.expect(crashes - report.violations.len() == 1, || "not one panic".to_owned());
+        }
+        if let Err(violations) = report.check() {
+            wrongs.0.push(violations.to_string());
+        }
+        let causes: Vec<Cause> = report.restarts.iter().map(|restart| restart.cause).collect();
+        let expected: Vec<Cause> = restart
+            .map(|restart| match restart {
+                Restart::Power => Cause::Power,
+                Restart::Panic => Cause::Software,
+                Restart::Watchdog => Cause::Watchdog,
+            })
+            .into_iter()
+            .collect();
+        wrongs.expect(causes == expected, || {
+            format!("restarts {causes:?}, expected {expected:?}")
+        });
+        wrongs.equal(
+            "panics since power-on",
+            after.panics,
+            (restart == Some(Restart::Panic)).into(),
+        );
+        let bitten = restart == Some(Restart::Watchdog);
+        wrongs.equal("watchdog resets since power-on", after.watchdog_resets, bitten.into());
+        Ok(())
+    }
+
+    /// The arm's line: every byte and every error.
+    fn check_line(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, faults: &[Fault], wrongs: &mut Wrongs) {
+        let traffic = self.traffic;
+        wrongs.equal("bytes that came while the receiver was off", 0, traffic.unreceived);
+        wrongs.equal("overruns", counted(|c| c.overrun_errors), traffic.overruns);
+        let received = traffic.bytes_from_arm - traffic.overruns;
+        let bytes = counted(|c| c.arm_to_host_bytes);
+        if counted(|c| c.ring_overruns) == 0 {
+            wrongs.equal("bytes from the arm", bytes, received);
+        } else {
+            wrongs.expect(bytes <= received, || {
+                format!("{bytes} bytes from the arm of {received}")
+            });
+        }
+        wrongs.equal(
+            "bytes to the arm",
+            counted(|c| c.host_to_arm_bytes),
+            traffic.bytes_to_arm,
+        );
+
+        let (framing, noise) = (traffic.framing_faults + traffic.breaks, traffic.noise_faults);
+        let (framing_counted, noise_counted) = (counted(|c| c.framing_errors), counted(|c| c.noise_errors));
+        if faults.contains(&Fault::NoiseBurst) {
+            // Those that come while the receive path starts anew are not told apart.
+            wrongs.expect(
+                (1..=framing + noise).contains(&(framing_counted + noise_counted)),
+                || {
+                    format!(
+                        "{framing_counted} framing and {noise_counted} noise errors counted of {framing} and {noise}"
+                    )
+                },
+            );
+        } else {
+            wrongs.equal("framing errors", framing_counted, framing);
+            wrongs.equal("noise errors", noise_counted, noise);
+        }
+
+        let Some(told) = self.hosts.subscriber.as_ref().filter(|_| !self.untold) else {
+            return;
+        };
+        let frames = told.all_frames() + counted(|c| c.dropped_events);
+        let events = told.events.len() as u32;
+        wrongs.expect(
+            (frames..=frames + events).contains(&(counted(|c| c.frames) + events)),
+            || format!("{} frames counted, {frames} told of or dropped", counted(|c| c.frames)),
+        );
+        if counted(|c| c.dropped_events) == 0 {
+            wrongs.equal(
+                "bytes in no frame",
+                counted(|c| c.noise_bytes),
+                bytes - told.frame_bytes,
+            );
+        }
+        wrongs.equal("frames with a stamp before the last", 0, told.disorder);
+    }
+
+    /// Requests: the arm got each, and each ended once.
+    fn check_requests(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, wrongs: &mut Wrongs) {
+        let (deeds, before) = (self.deeds(), self.deeds_before);
+        let asked = [
+            counted(|c| c.requests_usb),
+            counted(|c| c.requests_can),
+            counted(|c| c.requests_poll),
+        ];
+        if !self.is_misheard {
+            let heard = [
+                deeds.tickets_of_usb() - before.tickets_of_usb(),
+                deeds.tickets_of_can() - before.tickets_of_can(),
+                deeds.polls - before.polls,
+            ];
+            for (name, (asked, heard)) in ["USB", "CAN", "polls"].into_iter().zip(asked.into_iter().zip(heard)) {
+                wrongs.equal(&format!("requests of {name}"), asked, heard);
+            }
+            wrongs.equal("bytes of noise at the arm", 0, deeds.noise_bytes - before.noise_bytes);
+        }
+        let answers = counted(|c| c.frames) - counted(|c| c.unasked_frames) - counted(|c| c.late_answers);
+        wrongs.equal(
+            "requests, by answers and those missing",
+            answers + counted(|c| c.unanswered_requests),
+            asked.iter().sum(),
+        );
+        // No motion but what a host has commanded, and none has.
+        let others = self.board.with_arm(|cable| cable.arm().take_others());
+        wrongs.expect(others.is_empty(), || format!("the arm was commanded {others:02X?}"));
+    }
+
+    fn askings(&self) -> Vec<&Asking> {
+        let usb = self.hosts.usb.as_ref().map(|usb| &usb.asking);
+        let can = self.hosts.can.as_ref().map(|can| &can.asking);
+        usb.into_iter().chain(can).collect()
+    }
+
+    /// Hosts: each request ended once, no answer was made up, and what is missing was counted.
+    fn check_hosts(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, wrongs: &mut Wrongs) {
+        for (name, asking) in ["USB", "CAN"].into_iter().zip(self.askings()) {
+            wrongs.expect(asking.answered + asking.given_up == asking.asked(), || {
+                format!(
+                    "{name}: {} asked, {} answered, {} given up",
+                    asking.asked(),
+                    asking.answered,
+                    asking.given_up
+                )
+            });
+            // What answers nothing that is open is late for what was given up, once each, or was said unasked.
+            let mut unasked = self.unasked.clone();
+            let mut late = Vec::new();
+            for stray in &asking.strays {
+                if let Some(nth) = unasked.iter().position(|frame| name == "USB" && frame == stray) {
+                    unasked.remove(nth);
+                    continue;
+                }
+                let ticket = Ticket::of_answer(stray).map(|(ticket, _)| ticket);
+                let is_late = ticket.is_some_and(|ticket| {
+                    ticket.asker == asking.asker() && ticket.number < asking.asked() && !late.contains(&ticket.number)
+                });
+                wrongs.expect(is_late, || format!("{name} got {stray:02X?}, which answers nothing"));
+                late.extend(ticket.map(|ticket| ticket.number));
+            }
+            wrongs.expect(late.len() as u32 <= asking.given_up, || {
+                format!("{name}: {} late answers, {} given up", late.len(), asking.given_up)
+            });
+        }
+
+        let (deeds, before) = (self.deeds(), self.deeds_before);
+        let Some(usb) = &self.hosts.usb else { return };
+        let missing_counted = counted(|c| c.dropped_bytes) + counted(|c| c.unheard_bytes);
+        let for_others = |told: &super::super::Subscriber| {
+            [Asker::Can, Asker::Poll]
+                .map(|asker| told.bytes(Some(asker)))
+                .iter()
+                .sum::<u32>()
+        };
+        let told = self
+            .hosts
+            .subscriber
+            .as_ref()
+            .filter(|_| !self.untold && counted(|c| c.dropped_events) == 0);
+        let for_usb = match told {
+            Some(told) => counted(|c| c.arm_to_host_bytes) - for_others(told),
+            // Nothing befell the line.
+            None => (deeds.tickets_of_usb() - before.tickets_of_usb()) * ANSWER,
+        };
+        let seen = usb.bytes + missing_counted;
+        wrongs.expect((seen..=seen + self.in_core).contains(&for_usb), || {
+            format!(
+                "{} bytes at the host and {missing_counted} counted as lost of {for_usb} for it",
+                usb.bytes
+            )
+        });
+    }
+
+    /// The CAN bus: every frame and every answer.
+    fn check_can(&mut self, counted: &dyn Fn(fn(&Counters) -> u32) -> u32, wrongs: &mut Wrongs) {
+        let traffic = self.traffic;
+        let received = counted(|c| c.can_frames_received);
+        if counted(|c| c.can_receive_overruns) == 0 && counted(|c| c.can_bus_offs) == 0 {
+            wrongs.equal("CAN frames received", received, traffic.frames_of_nodes);
+        } else {
+            // A controller that is off the bus hears nothing.
+            wrongs.expect(received <= traffic.frames_of_nodes, || {
+                format!("{received} CAN frames received of {}", traffic.frames_of_nodes)
+            });
+        }
+        let sent = counted(|c| c.can_frames_sent);
+        wrongs.equal("CAN frames sent", sent, traffic.frames_of_board);
+        wrongs.expect(
+            (counted(|c| c.can_bus_errors) > 0) == (traffic.broken_frames > 0),
+            || {
+                format!(
+                    "{} CAN errors counted, {} frames broken",
+                    counted(|c| c.can_bus_errors),
+                    traffic.broken_frames
+                )
+            },
+        );
+        if let Some(told) = self.hosts.subscriber.as_ref().filter(|_| !self.untold) {
+            let offs = told
+                .events
+                .iter()
+                .filter(|(_, event)| *event == Event::BusOff { off: true });
+            wrongs.equal("bus-offs", counted(|c| c.can_bus_offs), offs.count() as u32);
+        }
+        let Some(can) = &self.hosts.can else { return };
+        let excuses = counted(|c| c.unanswered_requests)
+            + counted(|c| c.isotp_failures)
+            + counted(|c| c.dropped_can_answers)
+            + counted(|c| c.refused_can_requests)
+            + counted(|c| c.can_receive_overruns)
+            + counted(|c| c.overrun_errors)
+            + counted(|c| c.can_bus_offs)
+            + can.failures.len() as u32;
+        let given_up = can.asking.given_up - self.given_up_before;
+        wrongs.expect(given_up <= excuses, || {
+            format!("{given_up} answers missing on CAN, {excuses} counted or told of")
+        });
+    }
+
+    /// Lets everybody work until each has had an answer to what they asked after `over`, and returns how long that took.
+    ///
+    /// # Errors
+    ///
+    /// If it takes longer than `limit`.
+    pub(super) fn recover(&mut self, over: Nanos, limit: Nanos) -> Result<Nanos> {
+        self.hosts.set_asking(true);
+        let asked: Vec<u32> = self.askings().iter().map(|asking| asking.asked()).collect();
+        let polls = self.deeds().polls;
+        let told = self.hosts.subscriber.as_ref().map_or(0, |told| told.all_frames());
+        let state = |rig: &Self| {
+            let answered = |(asking, asked): (&Asking, &u32)| asking.last_answered().is_some_and(|last| last >= *asked);
+            let mut answered = rig.askings().into_iter().zip(&asked).map(answered);
+            let newest = rig.hosts.can.as_ref().and_then(|can| can.telemetry.newest());
+            let told_now = rig.hosts.subscriber.as_ref().map_or(0, |told| told.all_frames());
+            [
+                ("the host on USB", answered.next() == Some(true)),
+                ("the host on CAN", answered.next() == Some(true)),
+                ("the poll", newest.is_some_and(|newest| newest >= polls)),
+                ("the subscriber", told_now > told),
+            ]
+        };
+        let left = (over + limit).since(self.board.now());
+        if self.work_until(left, &mut |rig| state(rig).iter().all(|(_, works)| *works))? {
+            return Ok(self.board.now().since(over));
+        }
+        let dead: Vec<_> = state(self)
+            .iter()
+            .filter(|(_, works)| !works)
+            .map(|(who, _)| *who)
+            .collect();
+        Err(format!("no traffic of {} within {limit}", dead.join(", ")).into())
+    }
+}

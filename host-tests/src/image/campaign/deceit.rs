@@ -1,0 +1,84 @@
+//! What the checks are to find: done to a run behind their back, to see that they do.
+
+use armwire::Protocol;
+use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed};
+use armwire_virtual_board::Nanos;
+use armwire_virtual_board::line::Fault as LineFault;
+
+use super::super::Ticket;
+use super::Result;
+use super::rig::Rig;
+
+/// What is wrong with the adapter, or seems to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Deceit {
+    /// The receiver is switched off for 3 ms, and nobody counts what the arm says meanwhile.
+    LosesBytes,
+    /// The firmware's count of framing errors is one too high.
+    CountsErrors,
+    /// A host on CAN gets the answer to a request that it never made.
+    MakesUpAnswer,
+    /// The arm is told to move.
+    Moves,
+    /// The part starts over.
+    Restarts,
+    /// The arm answers nobody any more.
+    StaysSilent,
+}
+
+/// CR1 of USART2 (RM0090, table 1, 30.6.4): UE and TE, and besides them RE and IDLEIE.
+const UART_CONTROL: u64 = 0x4000_440C;
+const DEAF: u32 = 1 << 13 | 1 << 3;
+const LISTENING: u32 = DEAF | 1 << 2 | 1 << 4;
+
+/// The symbol of the firmware's count of framing errors that the bridge does not know of yet.
+const FRAMING_ERRORS: &str = "4uart7FRAMING";
+
+impl Rig {
+    /// Does it.
+    pub(super) fn deceive(&mut self, deceit: Deceit) -> Result {
+        match deceit {
+            Deceit::LosesBytes => {
+                self.board.write_word(UART_CONTROL, DEAF)?;
+                self.work(Nanos::from_millis(3))?;
+                self.board.write_word(UART_CONTROL, LISTENING)?;
+            }
+            Deceit::CountsErrors => {
+                let count = self.board.symbol(FRAMING_ERRORS).ok_or("no such symbol")?;
+                self.board.write_word(count, 1)?;
+                // The bridge is told of it with the next one.
+                self.board.uart().plan_fault(3, LineFault::Framing);
+                self.work(Nanos::from_millis(20))?;
+            }
+            Deceit::MakesUpAnswer => {
+                let ticket = Ticket {
+                    asker: 1,
+                    number: u32::MAX,
+                };
+                if let Some(can) = &mut self.hosts.can {
+                    can.asking.strays.push(ticket.request());
+                }
+            }
+            Deceit::Moves => {
+                let target = Move {
+                    joints: [(Position::CENTRE, Speed::MAX); JOINTS],
+                    gripper: (Opening::CLOSED, GripperSpeed(1_000)),
+                };
+                let mut motion = [0; MAX_FRAME];
+                let len =
+                    Ling::encode_request(&Request::Move(target), &mut motion).map_err(|error| format!("{error:?}"))?;
+                self.board.usb().write(&motion[..len])?;
+            }
+            Deceit::Restarts => {
+                self.lose_usb();
+                self.board.power_cycle()?;
+                self.set_up_again()?;
+                self.finish()?;
+                self.open_books();
+                self.resume()?;
+            }
+            Deceit::StaysSilent => self.board.with_arm(|cable| cable.arm().set_silent(true)),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,323 @@
+//! How each fault is brought about.
+
+use armwire::Micros;
+use armwire::ling::{self, MAX_FRAME};
+use armwire_bridge::can::{Frame, Function, Id, Node};
+use armwire_bridge::config::{Config, Poll};
+use armwire_bridge::control::{Reply, Request};
+use armwire_virtual_board::line::Fault as LineFault;
+use armwire_virtual_board::usb::Direction;
+use armwire_virtual_board::{Error, Nanos};
+
+use super::super::polled;
+use super::Result;
+use super::cable::{Damage, Way};
+use super::matrix::Fault;
+use super::rig::Rig;
+
+/// How long a fault may take to happen once it is planned.
+const SOON: Nanos = Nanos::from_millis(200);
+
+/// How long a firmware that is broken may take to be back on the USB: the watchdog's two seconds, by a clock that may be
+/// off by half, and the start.
+const REBORN: Nanos = Nanos::from_millis(4_500);
+
+/// The symbol of the firmware's clock, and the words it has. One of them says whether somebody uses the queue in it just
+/// now, which nobody may twice.
+const CLOCK: &str = "5board4time5CLOCK";
+const CLOCK_WORDS: u64 = 3;
+const IN_USE: u32 = 1;
+
+/// Bytes of a frame that fills a packet, and how many requests of 11 bytes fill packets.
+const PACKET: usize = armwire_bridge::PACKET;
+const FULL: u32 = 64;
+
+impl Rig {
+    /// Brings the fault about, and returns when it was over.
+    ///
+    /// Whoever was idle asks again.
+    pub(super) fn inject(&mut self, fault: Fault) -> Result<Nanos> {
+        self.hosts.set_asking(true);
+        match fault {
+            Fault::ByteDropped => self.damage(Way::FromArm, Damage::Drop)?,
+            Fault::ByteDuplicated => self.damage(Way::FromArm, Damage::Duplicate)?,
+            Fault::ByteLate => {
+                let span = Micros(self.dice.between(100, 20_000));
+                self.damage(Way::FromArm, Damage::Delay(span))?;
+            }
+            Fault::ByteCorrupted => {
+                let bit = 1 << self.dice.between(0, 7);
+                self.damage(Way::FromArm, Damage::Corrupt(bit))?;
+            }
+            Fault::RequestByteDropped => self.damage(Way::ToArm, Damage::Drop)?,
+            Fault::RequestByteCorrupted => {
+                let bit = 1 << self.dice.between(0, 7);
+                self.damage(Way::ToArm, Damage::Corrupt(bit))?;
+            }
+            Fault::FramingError => self.plan(LineFault::Framing)?,
+            Fault::NoiseFlag => self.plan(LineFault::Noise)?,
+            Fault::Overrun => self.plan(LineFault::Overrun)?,
+            Fault::NoiseBurst => self.noise_burst()?,
+            Fault::InterruptsMasked => self.mask_interrupts()?,
+            Fault::ArmCablePulled => self.without_arm(1_000, 60_000)?,
+            Fault::ArmReset => {
+                self.board.with_arm(|cable| cable.arm().restart());
+                // It boots.
+                self.without_arm(5_000, 50_000)?;
+            }
+            Fault::NakStorm => {
+                for direction in [Direction::In, Direction::Out] {
+                    let count = self.dice.between(100, 2_000) as u32;
+                    self.board.usb().inject_naks(direction, count);
+                }
+            }
+            Fault::BusReset => {
+                self.board.usb().reset_bus();
+                self.lose_usb();
+                self.work_between(1_000, 60_000)?;
+                return self.find_usb_now();
+            }
+            Fault::Suspend => {
+                self.board.usb().suspend();
+                self.work_between(5_000, 60_000)?;
+                self.board.usb().resume();
+            }
+            Fault::Unplug => {
+                self.board.usb().detach();
+                self.lose_usb();
+                self.work_between(5_000, 60_000)?;
+                return self.find_usb_now();
+            }
+            Fault::NeverReads => {
+                self.board.usb().set_reading(false);
+                self.insist(true);
+                self.work_between(100_000, 200_000)?;
+                self.insist(false);
+                self.board.usb().set_reading(true);
+            }
+            Fault::FullPackets => self.full_packets()?,
+            Fault::BusOff => {
+                self.board.can().short();
+                self.work_between(1_000, 30_000)?;
+                self.board.can().release();
+            }
+            Fault::ErrorPassive => {
+                let count = self.dice.between(17, 30) as u32;
+                let broken = self.traffic.broken_frames + count;
+                self.board.can().destroy_next(count);
+                self.soon(&mut |rig| rig.traffic.broken_frames >= broken)?;
+            }
+            Fault::NoAcknowledge => {
+                self.board.can().set_acknowledging(false);
+                self.work_between(2_000, 30_000)?;
+                self.board.can().set_acknowledging(true);
+            }
+            Fault::Flood => {
+                let first = Id::new(0).map_err(|error| format!("{error:?}"))?;
+                let frame = Frame::new(first, &[0x5A; 8]).map_err(|error| format!("{error:?}"))?;
+                self.board.can().flood(Some(&frame))?;
+                self.work_between(2_000, 30_000)?;
+                self.board.can().flood(None)?;
+            }
+            Fault::OutOfSequence => {
+                // A consecutive frame whose number is none that is due.
+                let number = self.dice.between(5, 15) as u8;
+                let id = Function::ArmRequest.id(Node::default());
+                let frame = Frame::new(id, &[0x20 | number; 8]).map_err(|error| format!("{error:?}"))?;
+                self.board.can().send_from(1, &frame)?;
+                self.soon(&mut |rig| rig.board.can().unsent() == 0)?;
+            }
+            Fault::PowerLossInSave => return self.lose_power_in_save(),
+            Fault::Panic => return self.panic(),
+            Fault::Watchdog => {
+                self.board.hold_core()?;
+                return self.reborn();
+            }
+        }
+        Ok(self.board.now())
+    }
+
+    /// Lets everybody work until it has happened.
+    fn soon(&mut self, happened: &mut dyn FnMut(&mut Self) -> bool) -> Result {
+        if self.work_until(SOON, happened)? {
+            Ok(())
+        } else {
+            Err("the fault did not come about".into())
+        }
+    }
+
+    /// Damages one of the next bytes on the cable.
+    fn damage(&mut self, way: Way, damage: Damage) -> Result {
+        self.is_misheard |= way == Way::ToArm;
+        let after = self.dice.between(0, 14) as u32;
+        let hits = self.board.with_arm(|cable| {
+            cable.damage(way, after, damage);
+            cable.hits()
+        });
+        self.soon(&mut |rig| rig.board.with_arm(|cable| cable.hits()) > hits)?;
+        if let Damage::Delay(span) = damage {
+            self.work(span.into())?;
+        }
+        Ok(())
+    }
+
+    /// Lets one of the next bytes from the arm meet a fault of the line.
+    fn plan(&mut self, fault: LineFault) -> Result {
+        let met = |rig: &Self| rig.traffic.framing_faults + rig.traffic.noise_faults + rig.traffic.overruns;
+        let before = met(self);
+        // A byte that follows none cannot overrun it, and meets nothing.
+        for _ in 0..20 {
+            let after = self.dice.between(0, 14);
+            self.board.uart().plan_fault(after, fault);
+            if self.work_until(Nanos::from_millis(20), &mut |rig| met(rig) > before)? {
+                return Ok(());
+            }
+        }
+        Err("the fault did not come about".into())
+    }
+
+    /// The arm's line carries noise for a while, with some of the errors that a receiver notices.
+    fn noise_burst(&mut self) -> Result {
+        let count = self.dice.between(20, 200);
+        let bytes: Vec<u8> = (0..count).map(|_| self.dice.next() as u8).collect();
+        for nth in 0..count {
+            let faults = [
+                None,
+                Some(LineFault::Framing),
+                Some(LineFault::Noise),
+                Some(LineFault::Break),
+            ];
+            if let Some(fault) = self.dice.one_of(&faults) {
+                self.board.uart().plan_fault(nth, fault);
+            }
+        }
+        self.board.with_arm(|cable| cable.arm().say(&bytes));
+        let said = self.traffic.bytes_from_arm + count as u32;
+        self.soon(&mut |rig| rig.traffic.bytes_from_arm >= said)
+    }
+
+    /// The arm talks without a pause while the core does nothing: more than the receive ring holds.
+    fn mask_interrupts(&mut self) -> Result {
+        const BYTES_PER_MILLISECOND: u64 = 100;
+        const NO_FRAME: u8 = 0x55;
+        let millis = self.dice.between(11, 30);
+        let noise = vec![NO_FRAME; (millis * BYTES_PER_MILLISECOND) as usize];
+        self.board.with_arm(|cable| cable.arm().say(&noise));
+        self.board.hold_core()?;
+        self.work(Nanos::from_millis(millis))?;
+        self.board.let_core_go()?;
+        Ok(())
+    }
+
+    /// Neither side hears the other for a while.
+    fn without_arm(&mut self, low: u64, high: u64) -> Result {
+        self.is_misheard = true;
+        self.board.with_arm(|cable| cable.set_out(true));
+        self.work_between(low, high)?;
+        self.board.with_arm(|cable| cable.set_out(false));
+        Ok(())
+    }
+
+    fn insist(&mut self, insists: bool) {
+        if let Some(usb) = &mut self.hosts.usb {
+            usb.insists = insists;
+        }
+    }
+
+    /// Requests and frames of the arm that fill packets to the last byte: only an empty packet tells the host that it has
+    /// all.
+    fn full_packets(&mut self) -> Result {
+        let mut frame = [0; MAX_FRAME];
+        let data = [0x11; PACKET - ling::OVERHEAD];
+        let len = ling::Frame {
+            command: 0x7E,
+            function: 0x00,
+            data: &data,
+        }
+        .encode(&mut frame)
+        .map_err(|error| format!("{error:?}"))?;
+        let count = self.dice.between(1, 3) as usize;
+        self.unasked.extend(vec![frame[..len].to_vec(); count]);
+        self.board
+            .with_arm(|cable| cable.arm().say(&frame[..len].repeat(count)));
+        if let Some(usb) = &mut self.hosts.usb {
+            usb.ask_at_once(&mut self.board, FULL);
+        }
+        Ok(())
+    }
+
+    /// The device is there for the host from now on.
+    fn find_usb_now(&mut self) -> Result<Nanos> {
+        let now = self.board.now();
+        self.find_usb();
+        Ok(now)
+    }
+
+    /// The power goes somewhere in the writing of a configuration, and comes back: what was saved before is there, or what
+    /// was being saved, and nothing else.
+    fn lose_power_in_save(&mut self) -> Result<Nanos> {
+        let old = Config {
+            poll: Poll::Hertz(50),
+            ..Config::default()
+        };
+        let new = Config {
+            poll: Poll::Hertz(70),
+            ..Config::default()
+        };
+        let first = self.board.flash_operations();
+        self.order(Request::SetConfig(old))?;
+        self.order(Request::SaveConfig)?;
+        let operations = u64::from(self.board.flash_operations() - first);
+        self.order(Request::SetConfig(new))?;
+        let after = self.dice.between(0, operations - 1) as u32;
+        self.board.cut_power_after(after);
+        let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
+        subscriber.control.send(&mut self.board, Request::SaveConfig);
+        match self.work_until(SOON, &mut |_| false) {
+            Err(error) if matches!(error.downcast_ref(), Some(Error::PowerCut { .. })) => {}
+            Err(error) => return Err(error),
+            Ok(_) => return Err("the power was not cut".into()),
+        }
+        self.lose_usb();
+        self.board.power_cycle()?;
+        let now = self.board.now();
+        self.find_usb();
+        let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
+        let found = subscriber.control.call(&mut self.board, Request::GetConfig);
+        if found != Reply::Config(old) && found != Reply::Config(new) {
+            return Err(format!("a configuration that nobody saved: {found:?}").into());
+        }
+        self.configure(polled(200))?;
+        Ok(now)
+    }
+
+    fn order(&mut self, request: Request) -> Result {
+        let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
+        subscriber.control.order(&mut self.board, request);
+        Ok(())
+    }
+
+    /// Memory changes by itself, so that firmware finds in use what cannot be.
+    fn panic(&mut self) -> Result<Nanos> {
+        let clock = self.board.symbol(CLOCK).ok_or("the image has no symbol of a clock")?;
+        for word in 0..CLOCK_WORDS {
+            self.board.write_word(clock + 4 * word, IN_USE)?;
+        }
+        match self.work_until(SOON, &mut |_| false) {
+            Err(error) if matches!(error.downcast_ref(), Some(Error::Crashed { .. })) => self.reborn(),
+            Err(error) => Err(error),
+            Ok(_) => Err("it did not panic".into()),
+        }
+    }
+
+    /// The part starts over by itself, and is found again.
+    fn reborn(&mut self) -> Result<Nanos> {
+        if !self.work_until(REBORN, &mut |rig| !rig.is_open())? {
+            return Err(format!("it did not start over in {REBORN}").into());
+        }
+        let now = self.board.now();
+        self.lose_usb();
+        self.set_up_again()?;
+        Ok(now)
+    }
+}

@@ -1,0 +1,206 @@
+//! What can go wrong, when, and what is promised then.
+
+use armwire_virtual_board::Nanos;
+
+/// What goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[allow(missing_docs, reason = "they have names, which are in the table")]
+pub enum Fault {
+    ByteDropped,
+    ByteDuplicated,
+    ByteLate,
+    ByteCorrupted,
+    RequestByteDropped,
+    RequestByteCorrupted,
+    FramingError,
+    NoiseFlag,
+    NoiseBurst,
+    Overrun,
+    InterruptsMasked,
+    ArmCablePulled,
+    ArmReset,
+    NakStorm,
+    BusReset,
+    Suspend,
+    Unplug,
+    NeverReads,
+    FullPackets,
+    BusOff,
+    ErrorPassive,
+    NoAcknowledge,
+    Flood,
+    OutOfSequence,
+    PowerLossInSave,
+    Panic,
+    Watchdog,
+}
+
+/// When it goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Moment {
+    /// Nobody has asked, and nothing moves.
+    Idle,
+    /// Bytes go to the arm.
+    Request,
+    /// Bytes come from the arm.
+    Answer,
+    /// A request of several CAN frames is under way.
+    IsoTp,
+    /// The host has a packet for the adapter on its way.
+    UsbPacket,
+    /// Whenever it is.
+    Any,
+}
+
+impl Moment {
+    /// All of them.
+    pub const ALL: [Self; 6] = [
+        Self::Idle,
+        Self::Request,
+        Self::Answer,
+        Self::IsoTp,
+        Self::UsbPacket,
+        Self::Any,
+    ];
+
+    /// What it is called.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "idle",
+            Self::Request => "in a request",
+            Self::Answer => "in an answer",
+            Self::IsoTp => "in ISO-TP",
+            Self::UsbPacket => "in a USB packet",
+            Self::Any => "any",
+        }
+    }
+}
+
+/// How the part may start over because of a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Restart {
+    /// Power was lost and came back.
+    Power,
+    /// The firmware found itself broken.
+    Panic,
+    /// The watchdog was not fed.
+    Watchdog,
+}
+
+impl Fault {
+    /// All of them, as in the table.
+    pub const ALL: [Self; 27] = [
+        Self::ByteDropped,
+        Self::ByteDuplicated,
+        Self::ByteLate,
+        Self::ByteCorrupted,
+        Self::RequestByteDropped,
+        Self::RequestByteCorrupted,
+        Self::FramingError,
+        Self::NoiseFlag,
+        Self::NoiseBurst,
+        Self::Overrun,
+        Self::InterruptsMasked,
+        Self::ArmCablePulled,
+        Self::ArmReset,
+        Self::NakStorm,
+        Self::BusReset,
+        Self::Suspend,
+        Self::Unplug,
+        Self::NeverReads,
+        Self::FullPackets,
+        Self::BusOff,
+        Self::ErrorPassive,
+        Self::NoAcknowledge,
+        Self::Flood,
+        Self::OutOfSequence,
+        Self::PowerLossInSave,
+        Self::Panic,
+        Self::Watchdog,
+    ];
+
+    /// What it is.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ByteDropped => "UART: a byte of an answer is lost",
+            Self::ByteDuplicated => "UART: a byte of an answer comes twice",
+            Self::ByteLate => "UART: a byte of an answer is 0.1 to 20 ms late",
+            Self::ByteCorrupted => "UART: a bit of an answer is flipped",
+            Self::RequestByteDropped => "UART: a byte of a request is lost",
+            Self::RequestByteCorrupted => "UART: a bit of a request is flipped",
+            Self::FramingError => "UART: a framing error",
+            Self::NoiseFlag => "UART: a noise error",
+            Self::NoiseBurst => "UART: a burst of 20 to 200 bytes of noise and errors",
+            Self::Overrun => "UART: an overrun, as the DMA comes too late",
+            Self::InterruptsMasked => "UART: interrupts masked for 11 to 30 ms while the arm talks",
+            Self::ArmCablePulled => "UART: the cable out for 1 to 60 ms",
+            Self::ArmReset => "the arm starts anew in the middle of an answer",
+            Self::NakStorm => "USB: 100 to 2000 NAKs each way",
+            Self::BusReset => "USB: a bus reset",
+            Self::Suspend => "USB: suspended for 5 to 60 ms",
+            Self::Unplug => "USB: unplugged for 5 to 60 ms",
+            Self::NeverReads => "USB: a host that does not read for 100 to 200 ms and asks on",
+            Self::FullPackets => "USB: frames that fill packets of 64 bytes to the last",
+            Self::BusOff => "CAN: a shorted bus for 1 to 30 ms, bus-off",
+            Self::ErrorPassive => "CAN: 17 to 30 frames destroyed, error passive",
+            Self::NoAcknowledge => "CAN: nobody acknowledges for 2 to 30 ms",
+            Self::Flood => "CAN: another node floods the bus for 2 to 30 ms",
+            Self::OutOfSequence => "CAN: an ISO-TP frame out of sequence",
+            Self::PowerLossInSave => "power lost while the configuration is written",
+            Self::Panic => "memory upset that makes the firmware panic",
+            Self::Watchdog => "the core stuck with interrupts masked, until the watchdog bites",
+        }
+    }
+
+    /// How long after the fault is over each host, and the poll, must have had an answer to what it asked then.
+    ///
+    /// An adapter gives a request up after at most 50 ms, and polls wait 50 ms more for what may be late. A host of this
+    /// campaign gives up after 150 ms. Where the adapter or its USB starts anew, the host enumerates it and opens the port.
+    pub const fn limit(self) -> Nanos {
+        Nanos::from_millis(match self {
+            Self::NakStorm | Self::FullPackets => 50,
+            Self::NeverReads => 250,
+            Self::BusReset | Self::Unplug | Self::Suspend => 250,
+            Self::PowerLossInSave | Self::Panic | Self::Watchdog => 400,
+            _ => 200,
+        })
+    }
+
+    /// How the part starts over by it.
+    pub const fn restart(self) -> Option<Restart> {
+        match self {
+            Self::PowerLossInSave => Some(Restart::Power),
+            Self::Panic => Some(Restart::Panic),
+            Self::Watchdog => Some(Restart::Watchdog),
+            _ => None,
+        }
+    }
+
+    /// Whether nothing at all is lost by it.
+    pub const fn is_lossless(self) -> bool {
+        matches!(self, Self::NakStorm | Self::FullPackets | Self::NoiseFlag)
+    }
+
+    /// Whether it can come on top of another: it is over at once and leaves everybody connected.
+    pub const fn is_brief(self) -> bool {
+        matches!(
+            self,
+            Self::ByteDropped
+                | Self::ByteDuplicated
+                | Self::ByteLate
+                | Self::ByteCorrupted
+                | Self::RequestByteDropped
+                | Self::RequestByteCorrupted
+                | Self::FramingError
+                | Self::Overrun
+                | Self::NakStorm
+                | Self::ErrorPassive
+                | Self::OutOfSequence
+        )
+    }
+
+    /// Why the shipped firmware is known to fail it in some runs. A run that fails is then not counted against it.
+    pub const fn known_failure(self) -> Option<&'static str> {
+        None
+    }
+}

@@ -1,0 +1,144 @@
+//! The fault campaign: the image with everybody at work, one thing that goes wrong, sometimes two, and the books of what
+//! must be true all the same.
+//!
+//! A case is made of a seed and a number, and is the same in every run: which fault, in which moment, and how exactly.
+
+mod books;
+mod cable;
+mod deceit;
+mod dice;
+mod inject;
+mod matrix;
+mod rig;
+mod table;
+
+use std::error::Error;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread;
+
+use armwire_virtual_board::Nanos;
+
+pub use self::cable::{Cable, Damage, Way};
+pub use self::deceit::Deceit;
+use self::dice::Dice;
+pub use self::matrix::{Fault, Moment};
+use self::rig::Rig;
+pub use self::table::Table;
+
+/// What a part of a run gives: an error says what was not as it must be.
+type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
+
+/// How long everybody works after all that went wrong, with nothing more to be lost.
+const CLEAN: Nanos = Nanos::from_millis(30);
+
+/// A run of the campaign.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Case {
+    /// Of the campaign.
+    pub seed: u64,
+    /// Its number in the campaign, from 0.
+    pub number: u32,
+    /// What goes wrong.
+    pub fault: Fault,
+    /// When.
+    pub moment: Moment,
+    /// What goes wrong shortly after.
+    pub second: Option<Fault>,
+}
+
+/// What a run has shown.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Which run.
+    pub case: Case,
+    /// How long it took from the end of the fault until all traffic was back, and what was counted as lost, by name; or all
+    /// that was not as it must be.
+    pub result: std::result::Result<(Nanos, Vec<(&'static str, u32)>), String>,
+}
+
+impl Case {
+    /// The run of this number of the campaign with this seed. Each fault meets each moment, in turn.
+    pub fn new(seed: u64, number: u32) -> Self {
+        let (faults, moments) = (Fault::ALL.len() as u32, Moment::ALL.len() as u32);
+        let fault = Fault::ALL[(number % faults) as usize];
+        let moment = Moment::ALL[(number / faults % moments) as usize];
+        let mut dice = Dice::new(!seed, number);
+        let brief: Vec<Fault> = Fault::ALL.into_iter().filter(|fault| fault.is_brief()).collect();
+        let second = (fault.restart().is_none() && dice.between(0, 3) == 0).then(|| dice.one_of(&brief));
+        Self {
+            seed,
+            number,
+            fault,
+            moment,
+            second,
+        }
+    }
+
+    /// Runs it.
+    pub fn run(self) -> Outcome {
+        self.run_deceived(None)
+    }
+
+    /// Runs it, with more wrong in it than it says.
+    pub fn run_deceived(self, deceit: Option<Deceit>) -> Outcome {
+        let attempt = catch_unwind(AssertUnwindSafe(|| {
+            self.attempt(deceit).map_err(|error| error.to_string())
+        }));
+        let result = attempt.unwrap_or_else(|panic| {
+            let message = panic.downcast_ref::<String>().cloned();
+            let message = message.or_else(|| panic.downcast_ref::<&str>().map(|message| (*message).to_owned()));
+            Err(message.unwrap_or_else(|| "a panic".to_owned()))
+        });
+        Outcome { case: self, result }
+    }
+
+    fn attempt(self, deceit: Option<Deceit>) -> Result<(Nanos, books::Losses)> {
+        let mut rig = Rig::start(Dice::new(self.seed, self.number))?;
+        rig.reach(self.moment)?;
+        let mut over = rig.inject(self.fault)?;
+        let mut limit = self.fault.limit();
+        if let Some(second) = self.second {
+            rig.work_between(0, 5_000)?;
+            over = rig.inject(second)?;
+            limit = Nanos(limit.0.max(second.limit().0));
+        }
+        if let Some(deceit) = deceit {
+            rig.deceive(deceit)?;
+            over = rig.board.now();
+        }
+        let recovery = rig.recover(over, limit)?;
+        if self.fault.restart().is_some() {
+            // The counters began anew with the part.
+            rig.finish()?;
+            rig.open_books();
+            rig.resume()?;
+        }
+        rig.work(CLEAN)?;
+        rig.finish()?;
+        let faults: Vec<Fault> = [self.fault].into_iter().chain(self.second).collect();
+        Ok((recovery, rig.check(&faults)?))
+    }
+}
+
+/// Runs the cases of these numbers, as many at once as there are processors, and calls `done` after each.
+pub fn run(seed: u64, numbers: &[u32], done: impl Fn(&Outcome) + Sync) -> Vec<Outcome> {
+    let next = AtomicU32::new(0);
+    let outcomes = Mutex::new(Vec::new());
+    let workers = thread::available_parallelism().map_or(1, |count| count.get());
+    thread::scope(|scope| {
+        for _ in 0..workers {
+            scope.spawn(|| {
+                while let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed) as usize) {
+                    let outcome = Case::new(seed, number).run();
+                    done(&outcome);
+                    outcomes.lock().unwrap().push(outcome);
+                }
+            });
+        }
+    });
+    let mut outcomes = outcomes.into_inner().unwrap();
+    outcomes.sort_by_key(|outcome| outcome.case.number);
+    outcomes
+}

@@ -1,0 +1,429 @@
+//! Long runs: every byte of a saturated line, polls by day and night, and the turns of the hardware's counters.
+//!
+//! The memory of the process is looked at where the system tells it, which is Linux.
+
+use std::env;
+use std::fs;
+use std::time::Instant;
+
+use armwire::Micros;
+use armwire::Protocol;
+use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
+use armwire_bridge::config::{Config, Poll};
+use armwire_bridge::control::{
+    Asker, Event, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Request, Stamp, Subscription,
+    encode_cobs,
+};
+use armwire_bridge::{Bridge, Counters, PACKET};
+use armwire_host_tests::image::{Control, MEGABAUD, Traffic, Witness, byte_time, counters, on_board, plug_in};
+use armwire_sim::serial::SerialDevice;
+use armwire_virtual_board::line::Direction;
+use armwire_virtual_board::{Nanos, VirtualBoard};
+
+/// Bytes each way in the long run of the saturated line.
+const BYTES: u64 = 10_000_000;
+
+/// Polls per second.
+const HERTZ: u16 = 200;
+
+/// How much more memory a long run may take at its end than when a tenth of it was over.
+const MORE_MEMORY: u64 = 4 << 20;
+
+/// The memory of this process, in bytes, if the system tells it.
+fn memory() -> Option<u64> {
+    const PAGE: u64 = 4096;
+    let pages = fs::read_to_string("/proc/self/statm").ok()?;
+    Some(pages.split(' ').nth(1)?.parse::<u64>().ok()? * PAGE)
+}
+
+/// Fails if the memory grew since it was `before`.
+fn expect_flat(before: Option<u64>) {
+    if let (Some(before), Some(after)) = (before, memory()) {
+        println!("{} kB of memory, {} kB before", after >> 10, before >> 10);
+        assert!(after < before + MORE_MEMORY, "{after} bytes of memory, {before} before");
+    }
+}
+
+/// Bytes without a pattern and without an end.
+#[derive(Clone, Debug)]
+struct Endless(u64);
+
+impl Iterator for Endless {
+    type Item = u8;
+
+    fn next(&mut self) -> Option<u8> {
+        // Knuth's linear congruential generator of 64 bits.
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        Some((self.0 >> 56) as u8)
+    }
+}
+
+/// Compares what comes with what was sent, without keeping either.
+#[derive(Debug)]
+struct Check {
+    expected: Endless,
+    count: u64,
+    wrong: Option<u64>,
+}
+
+impl Check {
+    fn new(expected: Endless) -> Self {
+        Self {
+            expected,
+            count: 0,
+            wrong: None,
+        }
+    }
+
+    fn take(&mut self, byte: u8) {
+        if self.expected.next() != Some(byte) && self.wrong.is_none() {
+            self.wrong = Some(self.count);
+        }
+        self.count += 1;
+    }
+}
+
+const DOWN: Endless = Endless(1);
+const UP: Endless = Endless(2);
+
+/// Says so many bytes without a pause, and checks what it hears.
+#[derive(Debug)]
+struct Streamer {
+    says: Endless,
+    left: u64,
+    heard: Check,
+}
+
+impl SerialDevice for Streamer {
+    fn receive(&mut self, _: Micros, byte: u8) {
+        self.heard.take(byte);
+    }
+
+    fn transmit(&mut self, _: Micros) -> Option<u8> {
+        self.left = self.left.checked_sub(1)?;
+        self.says.next()
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        (self.left > 0).then_some(Micros(0))
+    }
+}
+
+#[test]
+fn ten_million_bytes_pass_each_way_at_full_load_and_none_is_lost() {
+    /// What the host has ready, so that the line never waits for it.
+    const AHEAD: usize = 4_096;
+    let began = Instant::now();
+    let arm = Streamer {
+        says: UP,
+        left: 0,
+        heard: Check::new(DOWN),
+    };
+    on_board(arm, |board| {
+        plug_in(board, MEGABAUD);
+        let mut traffic = Traffic::begin(board);
+        board.with_arm(|arm| arm.left = BYTES);
+        let start = board.now();
+        let (mut says, mut said, mut heard) = (DOWN, 0, Check::new(UP));
+        let mut before = None;
+        let limit = start + Nanos(BYTES * byte_time(MEGABAUD).0 * 11 / 10);
+        while heard.count < BYTES || board.with_arm(|arm| arm.heard.count) < BYTES {
+            assert!(board.now() < limit, "the line is not at full load");
+            if said < BYTES && board.usb().unsent() < AHEAD {
+                let bytes: Vec<u8> = says.by_ref().take(AHEAD.min((BYTES - said) as usize)).collect();
+                said += bytes.len() as u64;
+                board.usb().write(&bytes).unwrap();
+            }
+            board.run_for(Nanos::from_millis(5)).unwrap();
+            board.usb().read().into_iter().for_each(|byte| heard.take(byte));
+            traffic.count(board);
+            if before.is_none() && heard.count > BYTES / 10 {
+                before = memory();
+            }
+        }
+        let seconds = board.now().since(start).0 as f64 / 1e9;
+        println!(
+            "{BYTES} bytes each way in {seconds:.2} s of virtual time, {:.0} s of ours",
+            began.elapsed().as_secs_f64()
+        );
+        expect_flat(before);
+        let arm = board.with_arm(|arm| (arm.heard.count, arm.heard.wrong));
+        assert_eq!((heard.count, heard.wrong), (BYTES, None), "what the host got");
+        assert_eq!(arm, (BYTES, None), "what the arm got");
+        let counted = counters(board);
+        assert_eq!(u64::from(counted.arm_to_host_bytes), BYTES);
+        assert_eq!(u64::from(counted.host_to_arm_bytes), BYTES);
+        let lost = [
+            counted.dropped_bytes,
+            counted.unheard_bytes,
+            counted.refused_bytes,
+            counted.overrun_errors,
+            counted.ring_overruns,
+            counted.framing_errors,
+            counted.noise_errors,
+        ];
+        assert_eq!(lost, [0; 7], "bytes counted as lost, and errors");
+        // All of it in at most a hundredth more time than the bits take.
+        let bits = (BYTES * byte_time(MEGABAUD).0) as f64 / 1e9;
+        assert!(seconds < bits * 1.01, "{seconds} s for {bits} s of bits");
+    });
+}
+
+/// The answer to a poll, other joints each time.
+fn joints(number: u32) -> Vec<u8> {
+    let mut joints = [0; JOINTS];
+    joints[0] = (number & 0xFFF) as u16;
+    joints[1] = (number >> 12 & 0xFFF) as u16;
+    let state = JointState {
+        joints,
+        gripper: 0,
+        status: MotionStatus::Idle,
+    };
+    let mut bytes = [0; MAX_FRAME];
+    let len = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
+    bytes[..len].to_vec()
+}
+
+fn polled() -> Config {
+    Config {
+        poll: Poll::Hertz(HERTZ),
+        ..Config::default()
+    }
+}
+
+/// What comes by the control interface, read by a program that subscribed to all of it.
+struct Listener {
+    reader: Reader<MAX_MESSAGE>,
+    frames: u64,
+    bytes: u64,
+    last: Stamp,
+}
+
+impl Listener {
+    /// Takes a packet, in which there may be frames that all ended at `at`.
+    fn hear(&mut self, mut packet: &[u8], at: Micros) {
+        while !packet.is_empty() {
+            packet = self.reader.push(packet);
+            while let Some(message) = self.reader.next::<FromAdapter>() {
+                let FromAdapter::Event { at: stamp, event } = message.unwrap() else {
+                    continue;
+                };
+                let Event::Frame {
+                    asker: Some(Asker::Poll),
+                    bytes,
+                } = event
+                else {
+                    panic!("{event:?} at {stamp:?}");
+                };
+                assert_eq!(bytes[..], joints(self.frames as u32)[..], "an answer of another poll");
+                assert!(stamp > self.last || self.frames == 0, "{stamp:?} after {:?}", self.last);
+                assert_eq!(stamp.0, at.0, "the stamp of answer {}", self.frames);
+                self.last = stamp;
+                self.frames += 1;
+                self.bytes += bytes.len() as u64;
+            }
+        }
+    }
+}
+
+/// The bridge alone, with a clock of its own: the image would take hours, see `a_day_of_polls_on_the_image`.
+#[test]
+fn a_day_of_polls_through_the_bridge_has_exact_counters_and_stamps_that_only_grow() {
+    const DAY: u64 = 24 * 3_600 * 1_000_000;
+    const BYTE: u64 = 10;
+    /// The arm thinks for so long, and a bit more each time up to twice that.
+    const THINKS: u64 = 100;
+    let began = Instant::now();
+    let mut bridge = Bridge::<2048, 512>::new(Identity::default(), polled());
+    bridge.usb_configured(true);
+    let mut listener = Listener {
+        reader: Reader::new(),
+        frames: 0,
+        bytes: 0,
+        last: Stamp(0),
+    };
+    let request = Request::Subscribe(Subscription {
+        frames: true,
+        events: true,
+    });
+    let mut message = [0; MAX_COBS];
+    let len = encode_cobs(&FromHost { sequence: 1, request }, &mut message).unwrap();
+    bridge.control_received(&message[..len], Micros(0));
+
+    let mut packet = [0; PACKET];
+    let mut now = Micros(0);
+    let (mut polls, mut heard) = (0_u32, 0_u64);
+    let mut before = None;
+    loop {
+        let mut out = [0; 2 * PACKET];
+        while let Some(burst) = bridge.uart_transmit(&mut out, now) {
+            let start = burst.start.unwrap_or(now);
+            heard += burst.len as u64;
+            let answer = joints(polls);
+            let thinks = THINKS + u64::from(polls) % THINKS;
+            let end = Micros(start.0 + BYTE * (burst.len + answer.len()) as u64 + thinks);
+            polls += 1;
+            bridge.uart_received(&answer, end);
+            bridge.uart_idle(Micros(end.0 + BYTE));
+            now = end;
+            while let Some(len) = bridge.control_transmit(&mut packet, end) {
+                listener.hear(&packet[..len], end);
+            }
+        }
+        now = bridge.timeout().unwrap().max(now);
+        if now.0 >= DAY {
+            break;
+        }
+        bridge.tick(now);
+        while let Some(len) = bridge.control_transmit(&mut packet, now) {
+            listener.hear(&packet[..len], now);
+        }
+        // What is polled goes nowhere else.
+        assert_eq!(bridge.usb_transmit(&mut packet), None);
+        if before.is_none() && now.0 > DAY / 10 {
+            before = memory();
+        }
+    }
+    println!(
+        "{polls} polls in a day of virtual time, {:.0} s of ours",
+        began.elapsed().as_secs_f64()
+    );
+    expect_flat(before);
+    assert_eq!(u64::from(polls), DAY / 1_000_000 * u64::from(HERTZ));
+    assert_eq!(listener.frames, u64::from(polls));
+    let counted = bridge.counters();
+    let mut expected = Counters::default();
+    expected.arm_to_host_bytes = listener.bytes as u32;
+    expected.host_to_arm_bytes = heard as u32;
+    expected.frames = polls;
+    expected.requests_poll = polls;
+    expected.control_requests = 1;
+    assert_eq!(counted, expected);
+}
+
+/// The clock's timer, TIM5 (RM0090, table 1): its counter, and the compare value that tells what is due (18.4).
+const COUNT: u64 = 0x4000_0C24;
+const DUE: u64 = 0x4000_0C38;
+
+/// Presets the clock's timer, as a debugger can, and lets it look at once what is due.
+fn preset(board: &mut VirtualBoard<Witness>, count: u32) {
+    board.write_word(COUNT, count).unwrap();
+    board.write_word(DUE, count.wrapping_add(10)).unwrap();
+    board.run_for(Nanos::from_millis(2)).unwrap();
+}
+
+/// Lets a subscriber hear polls for `span`, and checks every stamp against the line. Returns how many there were.
+///
+/// By how much the adapter's clock is ahead of the board's is in `ahead`, once it is known.
+fn listen(
+    board: &mut VirtualBoard<Witness>,
+    control: &mut Control,
+    traffic: &mut Traffic,
+    span: Nanos,
+    ahead: &mut Option<u64>,
+) -> u32 {
+    let end = board.now() + span;
+    let mut ends: Vec<Nanos> = Vec::new();
+    let mut frames = 0;
+    while board.now() < end {
+        board.run_for(Nanos::from_millis(1)).unwrap();
+        let line = board.uart().bytes();
+        let said = line.iter().filter(|byte| byte.direction == Direction::ToBoard);
+        ends.extend(said.map(|byte| byte.at));
+        traffic.count(board);
+        for (stamp, event) in control.take_events(board) {
+            let Event::Frame { bytes, .. } = event else {
+                panic!("{event:?}");
+            };
+            let last = ends.drain(..bytes.len()).next_back().unwrap();
+            let difference = stamp.0.wrapping_sub(last.micros().0);
+            let ahead = *ahead.get_or_insert(difference);
+            assert!(difference.abs_diff(ahead) <= 1, "{stamp:?} at {last}, {ahead} us ahead");
+            frames += 1;
+        }
+    }
+    frames
+}
+
+#[test]
+fn stamps_and_counters_stay_exact_over_each_turn_of_the_clocks_timer() {
+    const BEFORE_US: u32 = 300_000;
+    const SPAN: Nanos = Nanos::from_millis(700);
+    const SETTLING: Nanos = Nanos::from_millis(20);
+    on_board(Witness::new(Micros(100)), |board| {
+        plug_in(board, MEGABAUD);
+        let mut control = Control::open(board);
+        control.subscribe(board);
+        let mut last = 0;
+        // The middle of the timer's first turn, and its end: the clock goes on from both.
+        for turn in [1 << 31, 1_u64 << 32] {
+            preset(board, (turn as u32).wrapping_sub(BEFORE_US));
+            let before = counters(board);
+            let deeds = board.with_arm(|arm| arm.deeds());
+            let mut traffic = Traffic::begin(board);
+            let mut ahead = None;
+            control.order(board, Request::SetConfig(polled()));
+            let mut frames = listen(board, &mut control, &mut traffic, SPAN, &mut ahead);
+            control.order(board, Request::SetConfig(Config::default()));
+            frames += listen(board, &mut control, &mut traffic, SETTLING, &mut ahead);
+            let now = board.now().micros().0 + ahead.unwrap();
+            assert!(last < turn && turn < now, "the turn at {turn}: {now} us");
+            last = now;
+            let after = counters(board);
+            let polls = board.with_arm(|arm| arm.deeds()).polls - deeds.polls;
+            println!("{frames} answers over {turn} us");
+            assert!(frames == polls && polls >= 130, "{frames} of {polls}");
+            assert_eq!(after.requests_poll - before.requests_poll, polls);
+            assert_eq!(after.frames - before.frames, polls);
+            assert_eq!(after.missed_polls, before.missed_polls);
+            assert_eq!(after.unanswered_requests + after.late_answers, 0);
+        }
+    });
+}
+
+/// So many hours of polls on the image, 24 of them if `ARMWIRE_HOURS` does not say otherwise.
+#[test]
+#[ignore = "takes hours: ARMWIRE_HOURS=24 cargo test --features image --test image_endurance -- --ignored --nocapture"]
+fn a_day_of_polls_on_the_image() {
+    const HOUR: u64 = 3_600_000;
+    const STEP: Nanos = Nanos::from_millis(1_000);
+    let hours = env::var("ARMWIRE_HOURS").map_or(24.0, |hours| hours.parse::<f64>().unwrap());
+    let began = Instant::now();
+    on_board(Witness::new(Micros(100)), |board| {
+        plug_in(board, MEGABAUD);
+        let mut control = Control::open(board);
+        control.subscribe(board);
+        control.order(board, Request::SetConfig(polled()));
+        let mut traffic = Traffic::begin(board);
+        let start = board.now();
+        let end = start + Nanos::from_millis((hours * HOUR as f64) as u64);
+        let (mut frames, mut ahead, mut before) = (0, None, None);
+        while board.now() < end {
+            frames += listen(board, &mut control, &mut traffic, STEP, &mut ahead);
+            if before.is_none() && board.now().since(start).0 > end.since(start).0 / 10 {
+                before = memory();
+            }
+        }
+        control.order(board, Request::SetConfig(Config::default()));
+        board.run_for(Nanos::from_millis(20)).unwrap();
+        frames += control.take_events(board).len() as u32;
+        let polls = board.with_arm(|arm| arm.deeds()).polls;
+        println!(
+            "{polls} polls in {hours} h of virtual time, {:.0} s of ours",
+            began.elapsed().as_secs_f64()
+        );
+        expect_flat(before);
+        let counted = counters(board);
+        assert_eq!(frames, polls);
+        assert_eq!((counted.requests_poll, counted.frames), (polls, polls));
+        assert_eq!(
+            (counted.missed_polls, counted.unanswered_requests, counted.noise_bytes),
+            (0, 0, 0)
+        );
+        let slots = board.now().since(start).0 * u64::from(HERTZ) / 1_000_000_000;
+        assert!(u64::from(polls).abs_diff(slots) <= 5, "{polls} polls in {slots} slots");
+    });
+}
