@@ -12,7 +12,7 @@ use super::rig::Rig;
 /// What is wrong with the adapter, or seems to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Deceit {
-    /// The receiver is switched off for 3 ms, and nobody counts what the arm says meanwhile.
+    /// The receiver is switched off for 80 ms, and nobody counts what the arm says meanwhile.
     LosesBytes,
     /// The firmware's count of framing errors is one too high.
     CountsErrors,
@@ -40,7 +40,7 @@ impl Rig {
         match deceit {
             Deceit::LosesBytes => {
                 self.board.write_word(UART_CONTROL, DEAF)?;
-                self.work(Nanos::from_millis(3))?;
+                self.work(Nanos::from_millis(80))?;
                 self.board.write_word(UART_CONTROL, LISTENING)?;
             }
             Deceit::CountsErrors => {
