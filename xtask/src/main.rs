@@ -10,6 +10,7 @@ mod licences;
 mod no_panic;
 mod process;
 mod program;
+mod stack;
 mod toolchain;
 mod vendor;
 mod workspace;
@@ -31,6 +32,7 @@ cargo ci                  run every check there is
 
 cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
+cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
 cargo xtask licences      check the licences of all dependencies
 
 IMAGE: --board NAME       stm32f405, which it is without this option, or stm32g431
@@ -59,6 +61,7 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("ci") => no_options(rest).and_then(|()| ci::run()),
         Some("vendor") => no_options(rest).and_then(|()| vendor::run()),
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
+        Some("stack") => no_options(rest).and_then(|()| stack::run()),
         Some("licences") => no_options(rest).and_then(|()| licences::run()),
         Some("help" | "--help" | "-h") => {
             println!("{USAGE}");

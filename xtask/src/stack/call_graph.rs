@@ -1,0 +1,200 @@
+//! The functions of a linked program: what each takes of the stack, and whom it calls.
+
+use std::collections::BTreeMap;
+
+use object::read::elf::ElfFile32;
+use object::{Endianness, Object, ObjectSection, ObjectSymbol, SymbolKind};
+
+use super::thumb::{self, Effect};
+use crate::Result;
+
+/// The functions of a program.
+#[derive(Debug)]
+pub(crate) struct CallGraph {
+    /// By address.
+    functions: BTreeMap<u32, Function>,
+    /// The addresses of those with a name for the linker of their own, by name. Functions that are the same are one.
+    global: BTreeMap<String, u32>,
+}
+
+/// A function.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Function {
+    /// As the linker knows it.
+    name: String,
+    /// Where it ends.
+    end: u32,
+    /// Bytes of stack it takes itself.
+    frame: u32,
+    /// What it calls while it has them.
+    calls: Vec<u32>,
+    /// What goes on in its place once it has given them up.
+    jumps: Vec<u32>,
+    /// Whether it calls what a pointer points at.
+    pointers: bool,
+}
+
+/// The most stack that a function takes, with all it calls.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Depth {
+    /// In bytes.
+    pub(crate) bytes: u32,
+    /// Who takes how much of it, from the function on down.
+    pub(crate) path: Vec<(String, u32)>,
+}
+
+impl CallGraph {
+    /// That of the program in an ELF file for a Cortex-M.
+    ///
+    /// # Errors
+    ///
+    /// If it is no such file, or if the stack that a function takes is in neither the compiler's own table nor its code.
+    pub(crate) fn parse(file: &[u8]) -> Result<Self> {
+        let elf: ElfFile32<'_, Endianness> = ElfFile32::parse(file)?;
+        let text = elf.section_by_name(".text").ok_or("the program has no .text")?;
+        let (start, code) = (u32::try_from(text.address())?, text.data()?);
+        let said = match elf.section_by_name(".stack_sizes") {
+            Some(sizes) => stack_sizes(sizes.data()?)?,
+            None => return Err("the program has no .stack_sizes".into()),
+        };
+
+        let (mut functions, mut global) = (BTreeMap::new(), BTreeMap::new());
+        // Whether what begins there is code or data, as $t and $d say.
+        let mut is_code = BTreeMap::new();
+        for symbol in elf
+            .symbols()
+            .filter(|symbol| symbol.section_index() == Some(text.index()))
+        {
+            let (name, address) = (symbol.name()?, u32::try_from(symbol.address())?);
+            if name.starts_with("$t") || name.starts_with("$d") {
+                is_code.insert(address, name.starts_with("$t"));
+            } else if symbol.kind() == SymbolKind::Text {
+                // The lowest bit says that it is Thumb.
+                let address = address & !1;
+                let function = functions.entry(address).or_insert_with(Function::default);
+                function.name = name.to_owned();
+                function.end = function.end.max(address + u32::try_from(symbol.size())?);
+                if symbol.is_global() {
+                    global.insert(name.to_owned(), address);
+                }
+            }
+        }
+        for (&address, function) in &mut functions {
+            let bytes = code
+                .get((address - start) as usize..(function.end - start) as usize)
+                .ok_or_else(|| format!("`{}` is not within .text", function.name))?;
+            let is_code = |at: u32| is_code.range(..=at).next_back().is_some_and(|(_, code)| *code);
+            function.read(address, bytes, is_code, said.get(&address).copied())?;
+        }
+        Ok(Self { functions, global })
+    }
+
+    /// The functions whose name was given them in Rust's way, by name, and the most stack each takes.
+    pub(crate) fn entry_points(&self) -> BTreeMap<&str, Result<Depth>> {
+        let rust = self.global.iter().filter(|(name, _)| name.contains("::"));
+        rust.map(|(name, &address)| (&**name, self.depth(address, &mut Vec::new())))
+            .collect()
+    }
+
+    /// The most stack that the function at this address takes.
+    ///
+    /// # Errors
+    ///
+    /// If that cannot be told: if it, or what it calls, calls itself or what a pointer points at.
+    fn depth(&self, address: u32, callers: &mut Vec<u32>) -> Result<Depth> {
+        let function = self
+            .functions
+            .get(&address)
+            .ok_or_else(|| format!("there is no function at {address:#x}"))?;
+        if callers.contains(&address) {
+            return Err(format!("`{}` calls itself", function.name).into());
+        }
+        if function.pointers {
+            return Err(format!("`{}` calls what a pointer points at", function.name).into());
+        }
+        let mut deepest = Depth {
+            bytes: function.frame,
+            path: vec![(function.name.clone(), function.frame)],
+        };
+        callers.push(address);
+        let calls = function.calls.iter().map(|call| (function.frame, call));
+        let jumps = function.jumps.iter().map(|jump| (0, jump));
+        for (frame, &callee) in calls.chain(jumps) {
+            let below = self.depth(callee, callers)?;
+            if frame + below.bytes > deepest.bytes {
+                deepest.bytes = frame + below.bytes;
+                deepest.path.truncate(1);
+                deepest.path[0].1 = frame;
+                deepest.path.extend(below.path);
+            }
+        }
+        callers.pop();
+        Ok(deepest)
+    }
+}
+
+impl Function {
+    /// Reads the function's machine code. `said` is the stack it takes, if the compiler says that.
+    fn read(&mut self, address: u32, code: &[u8], is_code: impl Fn(u32) -> bool, said: Option<u32>) -> Result {
+        let (mut grown, mut by_register) = (0, false);
+        let mut halfwords = (address..).step_by(2).zip(code.as_chunks().0);
+        while let Some((at, &first)) = halfwords.next() {
+            if !is_code(at) {
+                continue;
+            }
+            let first = u16::from_le_bytes(first);
+            let effect = match thumb::is_wide(first) {
+                false => thumb::narrow(at, first),
+                true => {
+                    let second = halfwords
+                        .next()
+                        .ok_or_else(|| format!("`{}` ends in an instruction", self.name))?;
+                    thumb::wide(at, first, u16::from_le_bytes(*second.1))
+                }
+            };
+            match effect {
+                Effect::None => {}
+                Effect::Grow(bytes) => grown += bytes,
+                Effect::GrowByRegister => by_register = true,
+                // ARMv6-M's far jump is a call.
+                Effect::Call(to) | Effect::Jump(to) if (address + 1..self.end).contains(&to) => {}
+                Effect::Jump(to) if to == address => {}
+                Effect::Call(callee) => self.calls.push(callee),
+                Effect::Jump(to) => self.jumps.push(to),
+                Effect::Pointer => self.pointers = true,
+            }
+        }
+        self.frame = match said {
+            // What is pushed on several ways through the function counts once for the compiler, and each time here.
+            Some(said) if said <= grown || by_register => said,
+            Some(said) => {
+                return Err(format!("`{}` takes {said} bytes of stack, but its code {grown}", self.name).into());
+            }
+            None if by_register => {
+                return Err(format!("`{}` takes as much stack as a register says", self.name).into());
+            }
+            None => grown,
+        };
+        self.calls.sort_unstable();
+        self.calls.dedup();
+        self.jumps.sort_unstable();
+        self.jumps.dedup();
+        Ok(())
+    }
+}
+
+/// The compiler's table of stack sizes, by the function's address: each is an address and a ULEB128.
+fn stack_sizes(mut table: &[u8]) -> Result<BTreeMap<u32, u32>> {
+    let mut sizes = BTreeMap::new();
+    while let Some((address, rest)) = table.split_first_chunk() {
+        let end = rest.iter().position(|byte| byte & 0x80 == 0);
+        let (size, rest) = rest.split_at(end.ok_or(".stack_sizes ends in a number")? + 1);
+        let size = size
+            .iter()
+            .rev()
+            .fold(0, |size, byte| size << 7 | u32::from(byte & 0x7F));
+        sizes.insert(u32::from_le_bytes(*address) & !1, size);
+        table = rest;
+    }
+    Ok(sizes)
+}
