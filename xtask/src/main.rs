@@ -6,6 +6,7 @@ mod demo;
 mod dfu;
 mod flash;
 mod image;
+mod integrity;
 mod licences;
 mod no_panic;
 mod process;
@@ -33,6 +34,7 @@ cargo ci                  run every check there is
 cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
+cargo xtask integrity     compare docs/integrity.md with what becomes of damaged frames; --write writes it
 cargo xtask licences      check the licences of all dependencies
 
 IMAGE: --board NAME       stm32f405, which it is without this option, or stm32g431
@@ -62,6 +64,7 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("vendor") => no_options(rest).and_then(|()| vendor::run()),
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
         Some("stack") => no_options(rest).and_then(|()| stack::run()),
+        Some("integrity") => integrity::run(rest),
         Some("licences") => no_options(rest).and_then(|()| licences::run()),
         Some("help" | "--help" | "-h") => {
             println!("{USAGE}");

@@ -184,13 +184,11 @@ pub fn xarm_answers() -> Vec<Vector> {
         ),
         ("register 1 refused", "00 01 00 03 00 01 01", "00 01 00 03 00 02 01 08"),
         ("register 13", "00 01 00 02 00 01 0D", "00 01 00 02 00 03 0D 70 02"),
-        (
-            "Modbus function 3 refused",
-            "00 07 00 00 00 06 01 03 00 00 00 02",
-            "00 07 00 00 00 03 01 83 01",
-        ),
     ]);
-    vectors.extend(alone(&[("heartbeat", "00 00 00 01 00 02 00 00")]));
+    vectors.extend(alone(&[
+        ("heartbeat", "00 00 00 01 00 02 00 00"),
+        ("Modbus function 3 refused", "00 07 00 00 00 03 01 83 01"),
+    ]));
     vectors
 }
 
