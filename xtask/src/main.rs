@@ -31,7 +31,8 @@ cargo fw [IMAGE]          build the firmware image, as .elf, .bin and .dfu
 cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
 cargo ci                  run every check there is
 
-cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python
+cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python; with
+                          `differential`, only compare the parser of Ling's SDK and ours on damaged streams
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
 cargo xtask integrity     compare docs/integrity.md with what becomes of damaged frames; --write writes it
@@ -61,7 +62,7 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("fw") => image::build(&image::Options::parse(rest)?).map(|image| println!("{image}")),
         Some("flash") => flash::run(&image::Options::parse(rest)?),
         Some("ci") => no_options(rest).and_then(|()| ci::run()),
-        Some("vendor") => no_options(rest).and_then(|()| vendor::run()),
+        Some("vendor") => vendor::run(rest),
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
         Some("stack") => no_options(rest).and_then(|()| stack::run()),
         Some("integrity") => integrity::run(rest),

@@ -133,11 +133,16 @@ fn compare<F: Framing, const N: usize>(line: &Line<F>, dialect: &Dialect) -> BTr
         let streams: Vec<_> = (0..1 + below(random, 3)).map(|_| dialect.stream(random)).collect();
         let plain = line.plain(&streams);
         let streamed = line.streamed::<N>(&streams, random);
+        let same = plain
+            .iter()
+            .zip(&streamed)
+            .take_while(|(plain, streamed)| plain == streamed)
+            .count();
         assert!(
             plain == streamed,
-            "seed {seed}: {streams:02X?}
-reference {plain:#?}
-decoder {streamed:#?}"
+            "seed {seed}: {streams:02X?}\nreference {:?}\ndecoder {:?}",
+            plain.get(same),
+            streamed.get(same)
         );
         for piece in plain {
             *seen.entry(kind(&piece)).or_default() += 1;
