@@ -7,7 +7,7 @@
 mod streams;
 
 use std::collections::BTreeMap;
-use std::env;
+use std::{env, slice};
 
 use armwire::alpha1::{self, Alpha1, Expect, ServoAnswer, ServoId};
 use armwire::ling::legacy::{self, Legacy};
@@ -24,12 +24,15 @@ use streams::{Dialect, below};
 /// How many streams of each line are tried, unless `ARMWIRE_STREAMS` says otherwise.
 const STREAMS: u64 = 30_000;
 
+/// Says what is in a recording.
+type Reference = Box<dyn Fn(&[u8]) -> Vec<Piece>>;
+
 /// A line: what the decoder is told of it, and how the reference sees it.
 struct Line<F: Framing> {
     /// What the decoder expects of the next frame.
     expect: F::Expect,
     /// The reference.
-    reference: Box<dyn Fn(&[u8]) -> Vec<Piece>>,
+    reference: Reference,
     /// How long a frame was on the wire and what it carries, in the words of the reference.
     frame: fn(F::Frame<'_>) -> (usize, Vec<u8>),
 }
@@ -236,25 +239,25 @@ fn alpha1(speaker: Speaker) -> Line<Alpha1> {
 }
 
 #[test]
-fn ling_streams() {
+fn ling_is_decoded_as_by_the_reference() {
     let kinds = ["checksum", "frame", "length", "stray", "tail", "truncated"];
     agree::<_, { ling::MAX_FRAME }>(&ling(), &streams::LING, &kinds);
 }
 
 #[test]
-fn ling_streams_of_the_older_generation() {
+fn ling_of_the_older_generation_is_decoded_as_by_the_reference() {
     let kinds = ["checksum", "frame", "length", "stray", "tail", "truncated"];
     agree::<_, { legacy::MAX_FRAME }>(&legacy(), &streams::LEGACY, &kinds);
 }
 
 #[test]
-fn xarm_streams_from_the_host() {
+fn what_an_xarm_hears_is_decoded_as_by_the_reference() {
     let kinds = ["byte", "frame", "length"];
     agree::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Requests), &streams::XARM_HOST, &kinds);
 }
 
 #[test]
-fn xarm_streams_from_the_arm() {
+fn what_an_xarm_says_is_decoded_as_by_the_reference() {
     let kinds = ["byte", "frame", "length"];
     agree::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Responses), &streams::XARM_ARM, &kinds);
 }
@@ -262,18 +265,18 @@ fn xarm_streams_from_the_arm() {
 const ALPHA1_KINDS: [&str; 7] = ["byte", "checksum", "frame", "length", "stray", "tail", "truncated"];
 
 #[test]
-fn alpha1_streams_from_the_host() {
+fn what_an_alpha1_hears_is_decoded_as_by_the_reference() {
     agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Host), &streams::ALPHA1_HOST, &ALPHA1_KINDS);
 }
 
 #[test]
-fn alpha1_streams_from_the_robot() {
+fn what_an_alpha1_says_is_decoded_as_by_the_reference() {
     agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Robot(None)), &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);
 }
 
 /// Of servos whose single byte is none of a kind, begins a frame, fills the room between frames, or is an end mark.
 #[test]
-fn alpha1_streams_while_a_servo_is_to_acknowledge() {
+fn what_an_alpha1_says_while_a_servo_is_to_acknowledge_is_decoded_as_by_the_reference() {
     for id in [1, 80, 82, 86, 67] {
         let line = alpha1(Speaker::Robot(Some(id)));
         agree::<_, { alpha1::MAX_FRAME }>(&line, &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);
@@ -283,7 +286,7 @@ fn alpha1_streams_while_a_servo_is_to_acknowledge() {
 /// Whether both take each of these frames for one frame.
 fn hold<F: Framing, const N: usize>(line: &Line<F>, vectors: Vec<Vector>) {
     for Vector { name, bytes, .. } in vectors {
-        let plain = line.plain(&[bytes.clone()]);
+        let plain = line.plain(slice::from_ref(&bytes));
         let whole = 0..bytes.len();
         assert!(
             matches!(&plain[..], [Piece::Frame { at, .. }] if *at == whole),
@@ -294,7 +297,7 @@ fn hold<F: Framing, const N: usize>(line: &Line<F>, vectors: Vec<Vector>) {
 }
 
 #[test]
-fn every_frame_of_the_documents_is_one() {
+fn every_frame_of_the_documents_is_one_frame() {
     hold::<_, { ling::MAX_FRAME }>(&ling(), vectors::ling_requests());
     hold::<_, { ling::MAX_FRAME }>(&ling(), vectors::ling_answers());
     hold::<_, { legacy::MAX_FRAME }>(&legacy(), vectors::legacy());
