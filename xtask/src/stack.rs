@@ -7,7 +7,7 @@
 mod call_graph;
 mod thumb;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
 use crate::Result;
@@ -17,16 +17,31 @@ use crate::toolchain::Toolchain;
 use crate::workspace;
 use call_graph::{CallGraph, Depth};
 
-/// What may take no more than [`LIMIT`].
+/// What has a limit.
 const LIMITED: [&str; 2] = ["Decoder<", "Client<"];
 
 /// The most stack that these may take, in bytes.
 const LIMIT: u32 = 256;
 
+/// What takes more, and may not take more than it does now. A message is a value, of up to 272 bytes, and is in the
+/// hands of several functions on its way.
+const MORE: [(&str, u32); 7] = [
+    ("Client<Alpha1>::handle", 844),
+    ("Client<Alpha1>::poll_transmit", 412),
+    ("Client<Alpha1>::transmitted", 304),
+    ("Client<Legacy>::handle", 384),
+    ("Client<Ling>::handle", 448),
+    ("Client<XArm>::handle", 1888),
+    ("Client<XArm>::poll_transmit", 424),
+];
+
+/// The programs of entry points in `host-tests/no-panic`. One by one, as what is inlined depends on what else is there.
+const PROGRAMS: [&str; 2] = ["protocol-stack", "bridge-stack"];
+
 /// Cortex-M0, and Cortex-M4.
 const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
 
-/// Prints the table, and checks that decoder and client stay within [`LIMIT`].
+/// Prints the table, and checks that decoder and client stay within their limits.
 ///
 /// # Errors
 ///
@@ -34,21 +49,23 @@ const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
 pub(crate) fn run() -> Result {
     let toolchain = Toolchain::find(&TARGETS)?;
     let mut table = BTreeMap::<String, [String; TARGETS.len()]>::new();
-    let mut refused = Vec::new();
+    let (mut unknown, mut refused) = (BTreeSet::new(), Vec::new());
     for (column, target) in TARGETS.into_iter().enumerate() {
-        let graph = CallGraph::parse(&link(toolchain, target)?)?;
-        for (name, depth) in graph.entry_points() {
-            let limited = LIMITED.iter().any(|limited| name.starts_with(limited));
-            let shown = match &depth {
-                Ok(depth) => depth.bytes.to_string(),
-                Err(_) => "?".to_owned(),
-            };
-            table.entry(name.to_owned()).or_default()[column] = shown;
-            match depth {
-                Ok(depth) if depth.bytes > LIMIT && limited => refused.push(format!("{target}: {}", path(&depth))),
-                Ok(_) => {}
-                Err(error) if limited => refused.push(format!("{target}: {name}: {error}")),
-                Err(error) => println!("{target}: {name}: not known: {error}"),
+        for program in PROGRAMS {
+            let graph = CallGraph::parse(&link(toolchain, target, program)?)?;
+            for (name, depth) in graph.entry_points() {
+                let limit = limit(name);
+                let shown = match &depth {
+                    Ok(depth) => depth.bytes.to_string(),
+                    Err(_) => "?".to_owned(),
+                };
+                table.entry(name.to_owned()).or_default()[column] = shown;
+                match depth {
+                    Ok(depth) if limit.is_none_or(|limit| depth.bytes <= limit) => {}
+                    Ok(depth) => refused.push(format!("{target}: {}", path(&depth))),
+                    Err(error) if limit.is_none() => drop(unknown.insert(error.to_string())),
+                    Err(error) => refused.push(format!("{target}: {name}: {error}")),
+                }
             }
         }
     }
@@ -65,24 +82,34 @@ pub(crate) fn run() -> Result {
     for (name, [first, second]) in table {
         println!("{name:40} {first:>20} {second:>24}");
     }
+    for why in unknown {
+        println!("? for {why}");
+    }
     match refused.is_empty() {
         true => Ok(()),
-        false => Err(format!("more than {LIMIT} bytes of stack:\n{}", refused.join("\n")).into()),
+        false => Err(format!("more stack than is allowed:\n{}", refused.join("\n")).into()),
     }
 }
 
-/// Links the entry points, and returns the program.
-fn link(toolchain: Toolchain, target: &str) -> Result<Vec<u8>> {
+/// The most stack that an entry point may take, in bytes, if there is a limit.
+fn limit(name: &str) -> Option<u32> {
+    let more = MORE.iter().find(|(more, _)| *more == name).map(|(_, limit)| *limit);
+    let limited = LIMITED.iter().any(|limited| name.starts_with(limited));
+    more.or(limited.then_some(LIMIT))
+}
+
+/// Links a program of entry points, and returns it.
+fn link(toolchain: Toolchain, target: &str, program: &str) -> Result<Vec<u8>> {
     let mut cargo = toolchain.cargo("rustc", target)?;
     cargo
-        .args(["--release", "--bin", "stack", "--"])
+        .args(["--release", "--bin", program, "--"])
         // Nothing calls the entry points.
         .args(["-Z", "emit-stack-sizes", "-C", "link-arg=--no-gc-sections"])
         .current_dir(workspace::root().join("host-tests/no-panic"))
         .env("RUSTC_BOOTSTRAP", "1");
     run_command(&mut cargo)?;
-    let program = toolchain.target_dir()?.join(target).join("release/stack");
-    Ok(fs::read(program)?)
+    let file = toolchain.target_dir()?.join(target).join("release").join(program);
+    Ok(fs::read(file)?)
 }
 
 /// Who takes how much.

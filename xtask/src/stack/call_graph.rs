@@ -72,7 +72,7 @@ impl CallGraph {
                 // The lowest bit says that it is Thumb.
                 let address = address & !1;
                 let function = functions.entry(address).or_insert_with(Function::default);
-                function.name = name.to_owned();
+                function.name = format!("{:#}", rustc_demangle::demangle(name));
                 function.end = function.end.max(address + u32::try_from(symbol.size())?);
                 if symbol.is_global() {
                     global.insert(name.to_owned(), address);
@@ -106,8 +106,10 @@ impl CallGraph {
             .functions
             .get(&address)
             .ok_or_else(|| format!("there is no function at {address:#x}"))?;
-        if callers.contains(&address) {
-            return Err(format!("`{}` calls itself", function.name).into());
+        if let Some(first) = callers.iter().position(|caller| *caller == address) {
+            let cycle = callers[first..].iter().chain([&address]);
+            let names: Vec<&str> = cycle.map(|caller| &*self.functions[caller].name).collect();
+            return Err(format!("recursion: {}", names.join(" calls ")).into());
         }
         if function.pointers {
             return Err(format!("`{}` calls what a pointer points at", function.name).into());

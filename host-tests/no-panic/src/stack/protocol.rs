@@ -1,8 +1,22 @@
-//! The state machines of each protocol.
+//! The public entry points of decoder, client and device, each a function of its own with a name to read.
+//!
+//! `cargo xtask stack` links it and adds up, from the machine code, what each takes of the stack at worst. It is not run.
+//!
+//! What an entry point returns lies on its caller's stack, and so does what it is given by value and does not fit in
+//! registers: neither is counted.
+#![no_std]
+#![no_main]
+
+use core::panic::PanicInfo;
 
 use armwire::{
     BufferTooShort, Busy, Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Noise, Protocol,
 };
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    loop {}
+}
 
 /// The entry points for a protocol. It is a macro because a function with a name for the linker cannot be generic.
 macro_rules! entry_points {
@@ -66,6 +80,8 @@ macro_rules! entry_points {
                 Client::new(config)
             }
 
+            // The error gives the request back.
+            #[allow(clippy::result_large_err)]
             #[unsafe(export_name = concat!("Client<", $name, ">::submit"))]
             fn client_submit(
                 client: &mut Client<P, N>,
