@@ -31,11 +31,15 @@ impl Dialect {
         (0..parts).flat_map(|_| self.part(random)).collect()
     }
 
+    /// A frame, what is left of one, or noise.
     fn part(&self, random: &mut Rand32) -> Vec<u8> {
         let frame = (self.frame)(random);
         match random.rand_range(0..8) {
             0..3 => frame,
-            3 => self.noise(random, 24),
+            3 => {
+                let len = below(random, 25);
+                self.bytes(random, len)
+            }
             4 => frame[..below(random, frame.len() + 1)].to_vec(),
             5 => {
                 // A frame in the middle of another.
@@ -53,6 +57,7 @@ impl Dialect {
         }
     }
 
+    /// The frame with one or two faults.
     fn damaged(&self, random: &mut Rand32, mut frame: Vec<u8>) -> Vec<u8> {
         for _ in 0..1 + below(random, 2) {
             let at = below(random, frame.len().max(1));
@@ -77,8 +82,9 @@ impl Dialect {
         }
     }
 
-    fn noise(&self, random: &mut Rand32, most: usize) -> Vec<u8> {
-        (0..below(random, most + 1)).map(|_| self.mark(random)).collect()
+    /// So many such bytes.
+    fn bytes(&self, random: &mut Rand32, len: usize) -> Vec<u8> {
+        (0..len).map(|_| self.mark(random)).collect()
     }
 }
 
@@ -88,19 +94,9 @@ fn length(random: &mut Rand32, most: usize) -> usize {
     below(random, most + 1)
 }
 
-const LING_MARKS: &[u8] = &[
-    0xAA, 0xAA, 0xAA, 0xFF, 0xFF, 0xFE, 0x93, 0xC8, 0x00, 0x01, 0x06, 0x0F, 0x40, 0x41,
-];
-
 fn ling_data(random: &mut Rand32, most: usize) -> Vec<u8> {
     let len = length(random, most);
-    LING.mark_bytes(random, len)
-}
-
-impl Dialect {
-    fn mark_bytes(&self, random: &mut Rand32, len: usize) -> Vec<u8> {
-        (0..len).map(|_| self.mark(random)).collect()
-    }
+    LING.bytes(random, len)
 }
 
 /// A Ling line, in either direction.
@@ -113,7 +109,9 @@ pub(crate) const LING: Dialect = Dialect {
             _ => ling::frame(pick(random, &[0x01, 0x04, 0x05, 0x06, 0xFE]), byte(random) % 4, &data),
         }
     },
-    marks: LING_MARKS,
+    marks: &[
+        0xAA, 0xAA, 0xAA, 0xFF, 0xFF, 0xFE, 0x93, 0xC8, 0x00, 0x01, 0x06, 0x0F, 0x40, 0x41,
+    ],
 };
 
 /// A line of Ling's older generation.
@@ -146,7 +144,7 @@ fn xarm_frame(random: &mut Rand32, least: usize) -> Vec<u8> {
     let protocol = pick(random, &[0, 2, 2, 2, 3]);
     let least = if protocol == 0 { 2 } else { least };
     let len = least + length(random, 252);
-    let body = XARM_HOST.mark_bytes(random, len);
+    let body = XARM_HOST.bytes(random, len);
     xarm::frame(random.rand_range(0..0x1_0000) as u16, protocol, &body)
 }
 
@@ -155,13 +153,13 @@ pub(crate) const ALPHA1_HOST: Dialect = Dialect {
     frame: |random| match random.rand_range(0..6) {
         0 => alpha1::frame(0xF3, &alpha1_text(random)),
         1 => {
-            let mut data = ALPHA1_HOST.mark_bytes(random, 29);
+            let mut data = ALPHA1_HOST.bytes(random, 29);
             data[0] = 1;
             alpha1::frame(0xFB, &data)
         }
         2 => alpha1_bluetooth(random),
         _ => {
-            let data = ALPHA1_HOST.mark_bytes(random, 6);
+            let data = ALPHA1_HOST.bytes(random, 6);
             alpha1::frame(pick(random, &[0xF1, 0xEF, 0xF2, 0xF5, 0xF4, 0xF9, 0xFA, 0xFC]), &data)
         }
     },
@@ -172,8 +170,8 @@ pub(crate) const ALPHA1_HOST: Dialect = Dialect {
 pub(crate) const ALPHA1_ROBOT: Dialect = Dialect {
     frame: |random| match random.rand_range(0..8) {
         0 => alpha1::frame(0xF1, &alpha1_text(random)),
-        1 => alpha1::frame(0xEF, &ALPHA1_ROBOT.mark_bytes(random, 4)),
-        2 => alpha1::frame(0xF5, &ALPHA1_ROBOT.mark_bytes(random, 11)),
+        1 => alpha1::frame(0xEF, &ALPHA1_ROBOT.bytes(random, 4)),
+        2 => alpha1::frame(0xF5, &ALPHA1_ROBOT.bytes(random, 11)),
         3 => alpha1::frame(0xFB, &[1, 0xAA, 0, 0, 0, 0]),
         4 => alpha1_bluetooth(random),
         5 => vec![byte(random)],
@@ -181,7 +179,7 @@ pub(crate) const ALPHA1_ROBOT: Dialect = Dialect {
             let header: u8 = pick(random, &[0xF2, 0xF4, 0xF9, 0xF3]);
             vec![header, header.rotate_left(4), pick(random, &[0xAA, 0xEE]), 0xED]
         }
-        _ => alpha1::frame(pick(random, &[0xFA, 0xFC]), &ALPHA1_ROBOT.mark_bytes(random, 6)),
+        _ => alpha1::frame(pick(random, &[0xFA, 0xFC]), &ALPHA1_ROBOT.bytes(random, 6)),
     },
     marks: ALPHA1_MARKS,
 };
@@ -191,14 +189,14 @@ const ALPHA1_MARKS: &[u8] =
 
 fn alpha1_text(random: &mut Rand32) -> Vec<u8> {
     let len = length(random, 59);
-    let mut data = ALPHA1_HOST.mark_bytes(random, len + 1);
+    let mut data = ALPHA1_HOST.bytes(random, len + 1);
     data[0] = data.len() as u8;
     data
 }
 
 fn alpha1_bluetooth(random: &mut Rand32) -> Vec<u8> {
     let len = 3 + length(random, 57);
-    let mut data = ALPHA1_HOST.mark_bytes(random, len);
+    let mut data = ALPHA1_HOST.bytes(random, len);
     data[0] = len as u8 + 3;
     alpha1::frame(0xFB, &data)
 }
