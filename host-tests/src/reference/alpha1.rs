@@ -54,7 +54,7 @@ pub fn look(bytes: &[u8], speaker: Speaker) -> Look {
     if let Some(row) = row
         && bytes.get(1).is_none_or(|second| *second == bytes[0].rotate_left(4))
     {
-        // The single byte that looks like a header is none if nothing follows.
+        // The byte of some servos looks like a header. With nothing behind it, it is none.
         return match look_at_row(bytes, row) {
             Look::Unfinished(_) if acknowledges && bytes.len() == 1 => single(bytes[0]),
             look => look,

@@ -60,52 +60,58 @@ pub enum Piece {
     },
 }
 
-impl Piece {
-    /// Where it is.
-    pub fn at(&self) -> Range<usize> {
-        match self {
-            Self::Frame { at, .. } | Self::Noise { at, .. } => at.clone(),
-        }
-    }
-}
-
 /// The pieces of a recording after which the line was silent.
 ///
 /// From the first byte on: either a frame begins here, and the next piece begins after it, or this byte is noise, and
 /// the next piece begins at the next byte. Bytes beside each other that begin nothing are one piece. Filling is none.
 pub fn decode(recording: &[u8], look: impl Fn(&[u8]) -> Look) -> Vec<Piece> {
-    let mut pieces: Vec<Piece> = Vec::new();
-    let mut at = 0;
-    while at < recording.len() {
-        let next = at + 1;
-        match (look(&recording[at..]), pieces.last_mut()) {
-            (Look::Frame { len, content }, _) => {
-                pieces.push(Piece::Frame {
-                    at: at..at + len,
-                    content,
-                });
-                at += len;
-                continue;
+    let mut pieces = Vec::new();
+    let mut start = 0;
+    while start < recording.len() {
+        let len = match look(&recording[start..]) {
+            Look::Frame { len, content } => {
+                let at = start..start + len;
+                pieces.push(Piece::Frame { at, content });
+                len
             }
-            (Look::Filling, _) => {}
+            Look::Filling => 1,
+            Look::Nothing(reason) => {
+                let at = start..start + 1;
+                pieces.push(Piece::Noise { at, reason });
+                1
+            }
+            Look::Unfinished(missing) => {
+                let (at, reason) = (start..start + 1, Reason::Truncated { missing });
+                pieces.push(Piece::Noise { at, reason });
+                1
+            }
+        };
+        start += len;
+    }
+    join_strays(pieces)
+}
+
+/// Makes one piece of stray bytes beside each other.
+fn join_strays(pieces: Vec<Piece>) -> Vec<Piece> {
+    let mut joined: Vec<Piece> = Vec::new();
+    for piece in pieces {
+        match (joined.last_mut(), piece) {
             (
-                Look::Nothing(Reason::Stray),
                 Some(Piece::Noise {
                     at: run,
                     reason: Reason::Stray,
                 }),
-            ) if run.end == at => {
-                run.end = next;
+                Piece::Noise {
+                    at,
+                    reason: Reason::Stray,
+                },
+            ) if run.end == at.start => {
+                run.end = at.end;
             }
-            (Look::Nothing(reason), _) => pieces.push(Piece::Noise { at: at..next, reason }),
-            (Look::Unfinished(missing), _) => {
-                let reason = Reason::Truncated { missing };
-                pieces.push(Piece::Noise { at: at..next, reason });
-            }
+            (_, piece) => joined.push(piece),
         }
-        at = next;
     }
-    pieces
+    joined
 }
 
 /// What begins with a frame's header, if the frame has `len` bytes: the last is the end mark, and the one before it is
