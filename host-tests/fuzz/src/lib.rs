@@ -3,6 +3,7 @@
 //! `docs/fuzzing.md` says what each target holds and how to run them.
 #![forbid(unsafe_code)]
 
+pub mod adapter;
 mod alpha1;
 pub mod config;
 mod legacy;
