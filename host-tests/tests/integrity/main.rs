@@ -212,7 +212,10 @@ fn no_flipped_bit_passes_in_an_alpha1_frame() {
             vector.name
         );
     }
-    for vector in vectors::alpha1_answers() {
+    for vector in vectors::alpha1_answers()
+        .into_iter()
+        .chain(vectors::alpha1_servo_answers())
+    {
         assert_eq!(
             unseen_bits::<Alpha1, { alpha1::MAX_FRAME }>(&Subject::response(&vector)),
             [],
