@@ -738,8 +738,10 @@ fn packet(endpoint: usize, control: u32) -> usize {
 /// What an endpoint's control register holds after a write.
 fn control(endpoint: usize, old: u32, written: u32) -> u32 {
     let commands = epctl::CNAK | epctl::SNAK | epctl::SD0PID | epctl::SD1PID | epctl::EPDIS;
+    // The STALL of endpoint 0 is cleared by a SETUP alone.
+    let stall = if endpoint == 0 { old & epctl::STALL } else { 0 };
     let hardware = epctl::NAKSTS | epctl::DPID | epctl::EPENA;
-    let mut new = written & !(commands | hardware) | old & hardware;
+    let mut new = written & !(commands | hardware) | old & hardware | stall;
     if endpoint == 0 {
         new |= epctl::USBAEP;
     }
@@ -758,11 +760,11 @@ fn control(endpoint: usize, old: u32, written: u32) -> u32 {
     new
 }
 
-/// What a bus reset leaves of an endpoint's control register. An endpoint that was enabled stays so: the list of what
-/// clears EPENA has no reset (34.16.4).
+/// What a bus reset leaves of an endpoint's control register. An endpoint that was enabled stays so, and so does one that
+/// is stalled: the lists of what clears EPENA and STALL have no reset (34.16.4).
 fn after_reset(endpoint: usize, control: u32) -> u32 {
     let active = if endpoint == 0 { 0 } else { epctl::USBAEP };
-    control & !(active | epctl::STALL) | epctl::NAKSTS
+    control & !active | epctl::NAKSTS
 }
 
 /// Which endpoint's register is at `offset`, and which one it is.

@@ -158,15 +158,19 @@ fn a_reset_in_the_middle_of_a_setup_ends_that_setup() {
 }
 
 #[test]
-fn a_reset_clears_a_stall_and_lets_the_firmware_choose_the_address() {
-    let mut core = connected();
+fn a_reset_leaves_the_address_and_a_stall_to_the_firmware() {
+    let mut core = with_bulk();
     core.write(DCFG, 7 << device::DAD_AT);
     core.input(7, 0);
-    core.write(DIEP + CTL, epctl::STALL);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, epctl::USBAEP | epctl::STALL | 64);
     core.reset();
     core.reset_done();
-    assert!(!core.setup(0, [0; 8]), "the address is the firmware's to clear");
+    assert!(!core.setup(0, [0; 8]), "it has the old address");
     core.write(DCFG, 0);
     assert!(core.setup(0, [0; 8]));
-    assert_eq!(core.input(0, 0), Reply::Nak);
+    let held = core.read(DIEP + ENDPOINT_SPAN + CTL);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, held | epctl::USBAEP);
+    assert_eq!(core.input(0, 1), Reply::Stall);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, epctl::USBAEP | 64);
+    assert_eq!(core.input(0, 1), Reply::Nak);
 }

@@ -131,7 +131,11 @@ fn endpoint_0_stalls_data_and_status_until_the_next_setup() {
     }
     assert_eq!(core.input(0, 0), Reply::Stall);
     assert_eq!(core.output(0, 0, true, &[0; 8]), Handshake::Stall);
-    assert_eq!(core.input(0, 0), Reply::Stall, "again");
+    for control in [DIEP, DOEP] {
+        core.write(control + CTL, 0);
+    }
+    assert_eq!(core.input(0, 0), Reply::Stall, "the firmware cannot take it back");
+    assert_eq!(core.output(0, 0, true, &[0; 8]), Handshake::Stall);
     assert!(core.setup(0, [0x80; 8]));
     assert_eq!(core.input(0, 0), Reply::Nak);
     assert_eq!(core.output(0, 0, true, &[0; 8]), Handshake::Nak, "both NAKs are set");
