@@ -1,18 +1,24 @@
 //! The project's commands, behind the aliases in `.cargo/config.toml`.
 
 mod board;
+mod cargo_tool;
 mod ci;
 mod demo;
+mod deny;
 mod dfu;
+mod features;
 mod flash;
 mod image;
 mod integrity;
 mod licences;
+mod mutants;
 mod no_panic;
 mod process;
 mod program;
+mod semver;
 mod stack;
 mod toolchain;
+mod unsafe_code;
 mod vendor;
 mod workspace;
 
@@ -36,6 +42,11 @@ cargo xtask vendor        drive virtual arms with CAN software and the arm vendo
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
 cargo xtask integrity     compare docs/integrity.md with what becomes of damaged frames; --write writes it
+cargo xtask unsafe-code   check that the crates in which unsafe code is forbidden say so
+cargo xtask features      check the protocol and bridge crates with every set of features
+cargo xtask deny          check the licences, versions, sources and known vulnerabilities of all dependencies
+cargo xtask semver        compare what is public with the last release
+cargo xtask mutants       change the code and see whether tests notice: for hours; options are those of cargo-mutants
 cargo xtask licences      check the licences of all dependencies
 
 IMAGE: --board NAME       stm32f405, which it is without this option, or stm32g431
@@ -66,6 +77,11 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
         Some("stack") => no_options(rest).and_then(|()| stack::run()),
         Some("integrity") => integrity::run(rest),
+        Some("unsafe-code") => no_options(rest).and_then(|()| unsafe_code::run()),
+        Some("features") => no_options(rest).and_then(|()| features::run()),
+        Some("deny") => no_options(rest).and_then(|()| deny::run()),
+        Some("semver") => no_options(rest).and_then(|()| semver::run()),
+        Some("mutants") => mutants::run(rest),
         Some("licences") => no_options(rest).and_then(|()| licences::run()),
         Some("help" | "--help" | "-h") => {
             println!("{USAGE}");
