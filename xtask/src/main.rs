@@ -3,11 +3,13 @@
 mod board;
 mod cargo_tool;
 mod ci;
+mod coverage;
 mod demo;
 mod deny;
 mod dfu;
 mod features;
 mod flash;
+mod fuzz;
 mod image;
 mod integrity;
 mod licences;
@@ -47,6 +49,9 @@ cargo xtask features      check the protocol and bridge crates with every set of
 cargo xtask deny          check the licences, versions, sources and known vulnerabilities of all dependencies
 cargo xtask semver        compare what is public with the last release
 cargo xtask mutants       change the code and see whether tests notice: for hours; options are those of cargo-mutants
+cargo xtask fuzz          run the fuzz targets, each for 60 s or `--seconds N`; `--minimise` makes their corpus anew
+cargo xtask coverage      print how much of the protocol and bridge crates the fuzz corpus reaches, and check the limit;
+                          `--list` tells the lines that it does not reach
 cargo xtask licences      check the licences of all dependencies
 
 IMAGE: --board NAME       stm32f405, which it is without this option, or stm32g431
@@ -82,6 +87,11 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("deny") => no_options(rest).and_then(|()| deny::run()),
         Some("semver") => no_options(rest).and_then(|()| semver::run()),
         Some("mutants") => mutants::run(rest),
+        Some("fuzz") => fuzz::run(rest),
+        Some("coverage") => match rest {
+            [list] if list == "--list" => coverage::run(true),
+            _ => no_options(rest).and_then(|()| coverage::run(false)),
+        },
         Some("licences") => no_options(rest).and_then(|()| licences::run()),
         Some("help" | "--help" | "-h") => {
             println!("{USAGE}");
