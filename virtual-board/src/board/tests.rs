@@ -456,7 +456,7 @@ fn preemption(first: u32, second: u32) -> Vec<u64> {
         stores(&[(0xE000_E200, 0b10), FIRST]),
         stores(&[SECOND]),
     ];
-    let mut vectors = vec![0u32; 18];
+    let mut vectors = [0u32; 18];
     let mut code = Vec::new();
     vectors[0] = 0x2000_1000;
     for (vector, (program, literals)) in [1, 16, 17].into_iter().zip(programs) {

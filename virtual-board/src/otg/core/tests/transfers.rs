@@ -136,7 +136,14 @@ fn endpoint_0_stalls_data_and_status_until_the_next_setup() {
     }
     assert_eq!(core.input(0, 0), Reply::Stall, "the firmware cannot take it back");
     assert_eq!(core.output(0, 0, true, &[0; 8]), Handshake::Stall);
+    for control in [DIEP, DOEP] {
+        set(&mut core, control + CTL, epctl::CNAK);
+    }
     assert!(core.setup(0, [0x80; 8]));
+    for control in [DIEP, DOEP] {
+        let held = core.read(control + CTL);
+        assert_eq!(held & (epctl::STALL | epctl::NAKSTS), epctl::NAKSTS);
+    }
     assert_eq!(core.input(0, 0), Reply::Nak);
     assert_eq!(core.output(0, 0, true, &[0; 8]), Handshake::Nak, "both NAKs are set");
 }
