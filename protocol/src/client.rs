@@ -971,6 +971,23 @@ mod tests {
     }
 
     #[test]
+    fn a_whole_message_before_the_time_out_does_not_put_it_off() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let due = client.poll_timeout().unwrap();
+        let other = Response::Stroke(Stroke::Mm50);
+        assert_eq!(
+            hear(&mut client, Micros(due.0 - 1), &bytes(other)),
+            [Event::Unsolicited(other)]
+        );
+        assert_eq!(client.handle(due, &mut Input::Tick), Some(Event::TimedOut { sends: 1 }));
+    }
+
+    #[test]
     fn bytes_without_end_do_not_put_off_the_time_out_for_ever() {
         let mut client = Lings::new(Config {
             repeats: 0,

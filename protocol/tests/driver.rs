@@ -345,3 +345,18 @@ fn what_follows_an_answer_in_the_same_read_is_heard() {
     assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
     assert_eq!(arm.counters().unsolicited, 1);
 }
+
+#[test]
+fn an_error_says_what_failed() {
+    type Error = CallError<ErrorKind>;
+    for (error, text) in [
+        (Error::Io(ErrorKind::TimedOut), "the port failed: "),
+        (Error::Closed, "the port is closed"),
+        (Error::TimedOut { sends: 1 }, "the arm did not answer"),
+        (Error::TimedOut { sends: 3 }, "the arm did not answer, asked 3 times"),
+    ] {
+        let said = error.to_string();
+        assert!(said.starts_with(text), "{said}");
+        assert_eq!(said.len() > text.len(), matches!(error, Error::Io(_)), "{said}");
+    }
+}

@@ -621,3 +621,10 @@ fn transaction_ids_wrap_past_zero() {
     assert_eq!((ids[0], ids[65534], ids[65535]), (1, 65535, 1));
     assert!(!ids.contains(&0));
 }
+
+#[test]
+fn a_frame_is_viewed_only_if_its_length_is_that_of_its_body() {
+    assert!(XArm::view(&[0, 1, 0, 2, 0, 1, 7]).is_some());
+    assert_eq!(XArm::view(&[0, 1, 0, 2, 0, 2, 7]), None);
+    assert_eq!(XArm::view(&[0, 1, 0, 2, 0, 0]), None);
+}
