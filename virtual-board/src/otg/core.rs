@@ -7,7 +7,8 @@
 //! | Reset, enumeration done, start of frame, suspend, wake-up | 34.4.2, 34.17.3 |
 //! | One receive FIFO for all OUT endpoints: a status word, then the data; popped through GRXSTSP | 34.11.1, 34.17.5 |
 //! | A transmit FIFO for each IN endpoint; TXFE, space left; no more goes in, and none may overlap | 34.11.2, 34.16.4 |
-//! | SETUP: always taken, counts STUPCNT down, sets both NAKs of endpoint 0, clears its STALLs, done at the next token | 34.17.5 |
+//! | SETUP: always taken, sets both NAKs of endpoint 0, clears its STALLs, done at the next token | 34.17.5 |
+//! | STUPCNT: one less with each SETUP | 34.17.5 |
 //! | OUT: NAK without room, packet count, or with NAKSTS; NAKSTS after the transfer; XFRC as its status is popped | 34.17.5 |
 //! | IN: sent once enabled, no NAK, and the FIFO holds the packet; XFRC at the host's ACK | 34.17.6 |
 //! | Data toggles, STALL, NAK set and cleared, endpoint disable, global IN NAK | 34.16.4 |
