@@ -761,8 +761,8 @@ fn control(endpoint: usize, old: u32, written: u32) -> u32 {
     new
 }
 
-/// What a bus reset leaves of an endpoint's control register. An endpoint that was enabled stays so, and so does one that
-/// is stalled: the lists of what clears EPENA and STALL have no reset (34.16.4).
+/// What a bus reset leaves of an endpoint's control register. One that was enabled stays so, and so does one that is
+/// stalled: the lists of what clears EPENA and STALL have no reset (34.16.4).
 fn after_reset(endpoint: usize, control: u32) -> u32 {
     let active = if endpoint == 0 { 0 } else { epctl::USBAEP };
     control & !active | epctl::NAKSTS

@@ -1,4 +1,5 @@
-//! Reset, suspend, disconnect, with a host at the other end where it matters (RM0090, 34.4.2, 34.16.2, 34.16.4, 34.17.3).
+//! Reset, suspend, disconnect, with a host at the other end where it matters (RM0090, 34.4.2, 34.16.2, 34.16.4,
+//! 34.17.3).
 
 use super::*;
 use crate::usb::host::Host;
