@@ -200,3 +200,94 @@ fn stack_sizes(mut table: &[u8]) -> Result<BTreeMap<u32, u32>> {
     }
     Ok(sizes)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn function(name: &str, frame: u32, calls: &[u32], jumps: &[u32]) -> Function {
+        Function {
+            name: name.to_owned(),
+            frame,
+            calls: calls.to_vec(),
+            jumps: jumps.to_vec(),
+            ..Function::default()
+        }
+    }
+
+    fn depth(functions: Vec<(u32, Function)>) -> Result<Depth> {
+        let graph = CallGraph {
+            functions: functions.into_iter().collect(),
+            global: BTreeMap::new(),
+        };
+        graph.depth(0, &mut Vec::new())
+    }
+
+    fn path(parts: &[(&str, u32)]) -> Vec<(String, u32)> {
+        parts.iter().map(|(name, bytes)| ((*name).to_owned(), *bytes)).collect()
+    }
+
+    #[test]
+    fn the_deepest_of_all_ways_down_counts() {
+        let depth = depth(vec![
+            (0, function("top", 10, &[1, 2], &[])),
+            (1, function("wide", 50, &[], &[])),
+            (2, function("thin", 5, &[3], &[])),
+            (3, function("deep", 100, &[], &[])),
+        ]);
+        let depth = depth.unwrap();
+        assert_eq!(depth.bytes, 115);
+        assert_eq!(depth.path, path(&[("top", 10), ("thin", 5), ("deep", 100)]));
+    }
+
+    #[test]
+    fn what_goes_on_in_a_function_s_place_has_its_stack_too() {
+        let way = |frame| {
+            depth(vec![
+                (0, function("top", frame, &[], &[1])),
+                (1, function("next", 50, &[], &[])),
+            ])
+        };
+        assert_eq!(way(10).unwrap().bytes, 50);
+        assert_eq!(way(60).unwrap().bytes, 60);
+    }
+
+    #[test]
+    fn recursion_and_pointers_have_no_figure() {
+        let error = depth(vec![
+            (0, function("top", 10, &[1], &[])),
+            (1, function("a", 50, &[2], &[])),
+            (2, function("b", 50, &[1], &[])),
+        ]);
+        assert_eq!(error.unwrap_err().to_string(), "recursion: a calls b calls a");
+        let mut calls_any = function("any", 0, &[], &[]);
+        calls_any.pointers = true;
+        let error = depth(vec![(0, function("top", 10, &[1], &[])), (1, calls_any)]);
+        assert_eq!(error.unwrap_err().to_string(), "`any` calls what a pointer points at");
+    }
+
+    #[test]
+    fn a_function_s_code_says_what_the_compiler_does_not() {
+        // push {r4, lr}; sub sp, #8; bl +0x10; pop {r4, pc}
+        let code = [0xB510_u16, 0xB082, 0xF000, 0xF806, 0xBD10];
+        let code: Vec<u8> = code.into_iter().flat_map(u16::to_le_bytes).collect();
+        let read = |said| {
+            let mut function = function("f", 0, &[], &[]);
+            function.end = 0x10A;
+            function.read(0x100, &code, |_| true, said).map(|()| function)
+        };
+        let function = read(None).unwrap();
+        assert_eq!((function.frame, &*function.calls), (16, &[0x114][..]));
+        assert_eq!(read(Some(12)).unwrap().frame, 12);
+        let error = read(Some(20)).unwrap_err();
+        assert_eq!(error.to_string(), "`f` takes 20 bytes of stack, but its code 16");
+    }
+
+    #[test]
+    fn the_compiler_s_table_is_addresses_and_uleb128() {
+        let table = [0x01, 0x02, 0, 0, 0x10, 0x05, 0x02, 0, 0, 0x80, 0x02];
+        let sizes = stack_sizes(&table).unwrap();
+        assert_eq!(sizes, BTreeMap::from([(0x200, 16), (0x204, 256)]));
+        assert!(stack_sizes(&table[..10]).is_err());
+    }
+}
