@@ -27,7 +27,7 @@ const LIMIT: u32 = 256;
 /// hands of several functions on its way.
 const MORE: [(&str, u32); 6] = [
     ("Client<Alpha1>::handle", 844),
-    ("Client<Alpha1>::poll_transmit", 412),
+    ("Client<Alpha1>::poll_transmit", 340),
     ("Client<Alpha1>::transmitted", 304),
     ("Client<Legacy>::handle", 384),
     ("Client<Ling>::handle", 448),
