@@ -322,3 +322,22 @@ fn a_self_check_with_more_data_than_either_print_has_is_refused() {
         assert!(Ling::parse_request(frame(data)).is_err(), "{data:x?}");
     }
 }
+
+#[test]
+fn a_move_that_is_out_of_range_says_at_which_byte() {
+    let home = [0x00, 0x08, 0xE8, 0x03].repeat(7);
+    for offset in (0..26).step_by(2) {
+        let mut data = home.clone();
+        data[offset..offset + 2].copy_from_slice(&[0xFF, 0xFF]);
+        let error = Ling::parse_request(Frame {
+            command: 6,
+            function: 3,
+            data: &data,
+        });
+        let error = error.unwrap_err();
+        assert!(
+            matches!(error.cause, Cause::Value { offset: at, .. } if at == offset),
+            "{offset}: {error:?}"
+        );
+    }
+}
