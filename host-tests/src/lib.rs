@@ -3,6 +3,7 @@
 
 #[cfg(feature = "image")]
 pub mod image;
+pub mod reference;
 
 /// The example in the README compiles.
 #[cfg(doctest)]

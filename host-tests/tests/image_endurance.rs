@@ -319,19 +319,26 @@ fn preset(board: &mut VirtualBoard<Witness>, count: u32) {
     board.run_for(Nanos::from_millis(2)).unwrap();
 }
 
-/// Lets a subscriber hear polls for `span`, and checks every stamp against the line. Returns how many there were.
-///
-/// By how much the adapter's clock is ahead of the board's, at least and at most, is in `ahead`, once it is known.
+/// What the stamps of answers have shown.
+#[derive(Debug, Default)]
+struct Stamps {
+    frames: u32,
+    /// By how much the adapter's clock is ahead of the board's, in microseconds, once it is known.
+    ahead: Option<i64>,
+    /// Stamps that were further from that than [`STAMPS_WITHIN`], and by how much.
+    wrong: Vec<(Stamp, i64)>,
+}
+
+/// Lets a subscriber hear polls for `span`, and compares every stamp with the end of the frame on the line.
 fn listen(
     board: &mut VirtualBoard<Witness>,
     control: &mut Control,
     traffic: &mut Traffic,
     span: Nanos,
-    ahead: &mut Option<(i64, i64)>,
-) -> u32 {
+    stamps: &mut Stamps,
+) {
     let end = board.now() + span;
     let mut ends: Vec<Nanos> = Vec::new();
-    let mut frames = 0;
     while board.now() < end {
         board.run_for(Nanos::from_millis(1)).unwrap();
         let line = board.uart().bytes();
@@ -343,18 +350,14 @@ fn listen(
                 panic!("{event:?}");
             };
             let last = ends.drain(..bytes.len()).next_back().unwrap();
-            let difference = stamp.0.wrapping_sub(last.micros().0) as i64;
-            let (least, most) = ahead.unwrap_or((difference, difference));
-            let (least, most) = (least.min(difference), most.max(difference));
-            assert!(
-                most - least <= STAMPS_WITHIN,
-                "{stamp:?} at {last}, {least} to {most} us ahead"
-            );
-            *ahead = Some((least, most));
-            frames += 1;
+            let ahead = stamp.0.wrapping_sub(last.micros().0) as i64;
+            let off = ahead - *stamps.ahead.get_or_insert(ahead);
+            if off.abs() > STAMPS_WITHIN {
+                stamps.wrong.push((stamp, off));
+            }
+            stamps.frames += 1;
         }
     }
-    frames
 }
 
 #[test]
@@ -373,12 +376,14 @@ fn stamps_and_counters_stay_exact_over_each_turn_of_the_clocks_timer() {
             let before = counters(board);
             let deeds = board.with_arm(|arm| arm.deeds());
             let mut traffic = Traffic::begin(board);
-            let mut ahead = None;
+            let mut stamps = Stamps::default();
             control.order(board, Request::SetConfig(polled()));
-            let mut frames = listen(board, &mut control, &mut traffic, SPAN, &mut ahead);
+            listen(board, &mut control, &mut traffic, SPAN, &mut stamps);
             control.order(board, Request::SetConfig(Config::default()));
-            frames += listen(board, &mut control, &mut traffic, SETTLING, &mut ahead);
-            let now = board.now().micros().0.wrapping_add_signed(ahead.unwrap().0);
+            listen(board, &mut control, &mut traffic, SETTLING, &mut stamps);
+            let Stamps { frames, ahead, wrong } = stamps;
+            assert_eq!(wrong, [], "stamps that are wrong, and by how many microseconds");
+            let now = board.now().micros().0.wrapping_add_signed(ahead.unwrap());
             assert!(last < turn && turn < now, "the turn at {turn}: {now} us");
             last = now;
             let after = counters(board);
@@ -409,24 +414,25 @@ fn a_day_of_polls_on_the_image() {
         let mut traffic = Traffic::begin(board);
         let start = board.now();
         let end = start + Nanos::from_millis((hours * HOUR as f64) as u64);
-        let (mut frames, mut ahead, mut before) = (0, None, None);
+        let (mut stamps, mut before) = (Stamps::default(), None);
         while board.now() < end {
-            frames += listen(board, &mut control, &mut traffic, STEP, &mut ahead);
+            listen(board, &mut control, &mut traffic, STEP, &mut stamps);
             if before.is_none() && board.now().since(start).0 > end.since(start).0 / 10 {
                 before = memory();
             }
         }
         control.order(board, Request::SetConfig(Config::default()));
-        board.run_for(Nanos::from_millis(20)).unwrap();
-        frames += control.take_events(board).len() as u32;
+        listen(board, &mut control, &mut traffic, Nanos::from_millis(20), &mut stamps);
         let polls = board.with_arm(|arm| arm.deeds()).polls;
         println!(
-            "{polls} polls in {hours} h of virtual time, {:.0} s of ours, stamps {ahead:?} us ahead",
-            began.elapsed().as_secs_f64()
+            "{polls} polls in {hours} h of virtual time, {:.0} s of ours; stamps that are wrong: {:?}",
+            began.elapsed().as_secs_f64(),
+            stamps.wrong
         );
+        assert_eq!(stamps.wrong, [], "stamps that are wrong, and by how many microseconds");
         expect_flat(before);
         let counted = counters(board);
-        assert_eq!(frames, polls);
+        assert_eq!(stamps.frames, polls);
         assert_eq!((counted.requests_poll, counted.frames), (polls, polls));
         assert_eq!(
             (counted.missed_polls, counted.unanswered_requests, counted.noise_bytes),

@@ -312,14 +312,15 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// assert_eq!(client.poll_transmit(Micros(0)), None);
     /// ```
     pub fn cancel(&mut self, now: Micros) {
-        let Some(mut flight) = self.flight.take() else {
+        let Some(flight) = &mut self.flight else {
             return;
         };
         if matches!(flight.state, State::Writing) && self.tx_start == 0 {
             self.tx_end = 0;
             flight.state = State::Ready;
         }
-        self.owe(now, &flight, flight.answers());
+        let answers = flight.answers();
+        self.end(now, answers);
     }
 
     /// Whether no request is in flight.
@@ -421,26 +422,52 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         }
         let expect = self.expect();
         loop {
-            if let Some(event) = self.read(now, expect) {
-                return Some(event);
+            let event = self.read(now, expect);
+            if event.is_some() {
+                return event;
             }
             match input {
                 Input::Bytes(bytes) if !bytes.is_empty() => {
                     self.heard = now;
                     *bytes = self.decoder.push(bytes);
                 }
-                Input::Idle => match self.decoder.idle(expect) {
-                    Some(noise) => return Some(Event::Noise(noise)),
-                    None if self.decoder.need(expect) == 0 => {}
-                    None => break,
-                },
+                Input::Idle => {
+                    let event = self.idle(expect);
+                    if event.is_some() {
+                        return event;
+                    }
+                    if self.decoder.need(expect) > 0 {
+                        break;
+                    }
+                }
                 Input::Bytes(_) | Input::Tick => break,
             }
         }
-        if let Some(noise) = self.decoder.broken() {
-            return self.flight.take().map(|_| Event::Broken(noise));
+        if self.decoder.broken().is_some() {
+            return self.end_broken();
         }
-        self.expire(now, expect)
+        if !self.is_overdue(now) {
+            return None;
+        }
+        if self.heard + self.config.latency <= now {
+            // A false header may be holding the answer back. After so long a silence it is not a frame.
+            let event = self.idle(expect);
+            if event.is_some() {
+                return event;
+            }
+            // Or it is an answer whose end only silence can tell.
+            let event = self.read(now, expect);
+            if event.is_some() {
+                return event;
+            }
+        }
+        self.give_up(now)
+    }
+
+    /// What the decoder has to say of silence.
+    #[inline(never)]
+    fn idle(&mut self, expect: P::Expect) -> Option<Event<P>> {
+        self.decoder.idle(expect).map(Event::Noise)
     }
 
     /// What the decoder has to say.
@@ -484,61 +511,63 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             }
             return Event::Late(response);
         }
-        match self.flight.take() {
+        match &self.flight {
             // Not only while it waits: a repeat may be on its way when the first answer comes after all.
             Some(flight) if flight.sends > 0 && P::answers(&flight.request, &response) => {
-                self.owe(now, &flight, flight.answers().saturating_sub(1));
+                let more = flight.answers().saturating_sub(1);
+                self.end(now, more);
                 Event::Answer(response)
             }
-            other => {
-                self.flight = other;
-                Event::Unsolicited(response)
-            }
+            _ => Event::Unsolicited(response),
         }
     }
 
-    /// What is due by `now`.
-    fn expire(&mut self, now: Micros, expect: P::Expect) -> Option<Event<P>> {
-        let flight = self.flight.as_mut()?;
-        let State::Waiting { due, extended } = flight.state else {
-            return None;
+    /// Whether the answer to the request in flight is overdue by `now`.
+    fn is_overdue(&mut self, now: Micros) -> bool {
+        let Some(flight) = &mut self.flight else {
+            return false;
         };
-        if now < due {
-            return None;
-        }
+        let State::Waiting { due, extended } = flight.state else {
+            return false;
+        };
         let silence = self.heard + self.config.latency;
-        if self.decoder.pending() > 0 && now < silence && !extended {
+        if due <= now && now < silence && !extended && self.decoder.pending() > 0 {
             // An answer may have begun. Its end gets the time that one more packet takes, once.
             flight.state = State::Waiting {
                 due: silence,
                 extended: true,
             };
-            return None;
+            return false;
         }
-        if silence <= now {
-            // A false header may be holding the answer back. After so long a silence it is not a frame.
-            if let Some(noise) = self.decoder.idle(expect) {
-                return Some(Event::Noise(noise));
-            }
-            // Or it is an answer whose end only silence can tell.
-            if let Some(event) = self.read(now, expect) {
-                return Some(event);
-            }
-        }
+        due <= now
+    }
+
+    /// Ends the request in flight, for the stream is broken.
+    #[inline(never)]
+    fn end_broken(&mut self) -> Option<Event<P>> {
+        self.flight.take()?;
+        self.decoder.broken().map(Event::Broken)
+    }
+
+    /// Waits no longer for the answer to the request in flight: it is sent again, or has timed out.
+    fn give_up(&mut self, now: Micros) -> Option<Event<P>> {
         let flight = self.flight.as_mut()?;
         if flight.repeats > 0 && P::repeatable(&flight.request) {
             flight.repeats -= 1;
             flight.state = State::Ready;
             return None;
         }
-        let flight = self.flight.take()?;
-        self.owe(now, &flight, flight.sends);
-        Some(Event::TimedOut { sends: flight.sends })
+        let sends = flight.sends;
+        self.end(now, sends);
+        Some(Event::TimedOut { sends })
     }
 
-    /// Notes that this many answers to a request that is in flight no more may still come.
-    fn owe(&mut self, now: Micros, flight: &Flight<P>, answers: u8) {
-        if answers > 0 && P::reply(&flight.request).is_some() {
+    /// Ends the request in flight, and notes that this many answers to it may still come.
+    fn end(&mut self, now: Micros, answers: u8) {
+        if let Some(flight) = &self.flight
+            && answers > 0
+            && P::reply(&flight.request).is_some()
+        {
             let due = match flight.state {
                 State::Waiting { due, .. } => due.max(now),
                 State::Ready | State::Writing | State::Sent => now,
@@ -550,6 +579,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
                 sending: matches!(flight.state, State::Writing),
             });
         }
+        self.flight = None;
     }
 
     /// Whether the request in flight must not be sent yet.
@@ -938,6 +968,23 @@ mod tests {
             assert_eq!(hear(&mut client, Micros(due.0 - 1), first), []);
             assert_eq!(hear(&mut client, due, second), [Event::Answer(JOINTS)]);
         }
+    }
+
+    #[test]
+    fn a_whole_message_before_the_time_out_does_not_put_it_off() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let due = client.poll_timeout().unwrap();
+        let other = Response::Stroke(Stroke::Mm50);
+        assert_eq!(
+            hear(&mut client, Micros(due.0 - 1), &bytes(other)),
+            [Event::Unsolicited(other)]
+        );
+        assert_eq!(client.handle(due, &mut Input::Tick), Some(Event::TimedOut { sends: 1 }));
     }
 
     #[test]

@@ -245,6 +245,28 @@ mod idle_tests {
     }
 
     #[test]
+    fn what_is_heard_is_the_same_only_if_all_of_it_is() {
+        let noise = |len| Noise {
+            offset: 0,
+            len,
+            reason: Reason::Stray,
+        };
+        let all: [Heard<Terse>; 6] = [
+            Heard::Request(None),
+            Heard::Request(Some(1)),
+            Heard::Noise(noise(1)),
+            Heard::Noise(noise(2)),
+            Heard::Broken(noise(1)),
+            Heard::Broken(noise(2)),
+        ];
+        for (i, one) in all.iter().enumerate() {
+            for (j, other) in all.iter().enumerate() {
+                assert_eq!(one == other, i == j, "{one:?} and {other:?}");
+            }
+        }
+    }
+
+    #[test]
     fn a_request_that_silence_ends_is_heard_when_the_line_goes_idle() {
         let mut device = Device::<Terse, 2>::new();
         assert_eq!(device.handle(&mut Input::Bytes(&[0x7E])), None);

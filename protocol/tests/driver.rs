@@ -193,11 +193,25 @@ fn a_read_returns_the_answer_as_soon_as_it_is_there() {
 fn requests_without_an_answer_return_once_written() {
     let world = world();
     let mut arm = arm(&world);
+    let target = Move {
+        joints: [(Position::CENTRE, Speed::MAX); JOINTS],
+        gripper: (Opening::new(0).unwrap(), GripperSpeed(1000)),
+    };
+    let limit = TemperatureLimit::new(60).unwrap();
     run(&world, arm.set_torque(Torque::On)).unwrap();
     run(&world, arm.set_zero()).unwrap();
+    run(&world, arm.set_stroke(Stroke::Mm50)).unwrap();
+    run(&world, arm.set_temperature_limit(limit)).unwrap();
+    run(&world, arm.move_to(target)).unwrap();
     assert_eq!(
         world.borrow().requests,
-        [Request::SetTorque(Torque::On), Request::SetZero]
+        [
+            Request::SetTorque(Torque::On),
+            Request::SetZero,
+            Request::SetStroke(Stroke::Mm50),
+            Request::SetTemperatureLimit(limit),
+            Request::Move(target),
+        ]
     );
     assert_eq!(world.borrow().now, Micros(0));
 }
@@ -344,4 +358,19 @@ fn what_follows_an_answer_in_the_same_read_is_heard() {
     let mut arm = arm(&world);
     assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
     assert_eq!(arm.counters().unsolicited, 1);
+}
+
+#[test]
+fn an_error_says_what_failed() {
+    type Error = CallError<ErrorKind>;
+    for (error, text) in [
+        (Error::Io(ErrorKind::TimedOut), "the port failed: "),
+        (Error::Closed, "the port is closed"),
+        (Error::TimedOut { sends: 1 }, "the arm did not answer"),
+        (Error::TimedOut { sends: 3 }, "the arm did not answer, asked 3 times"),
+    ] {
+        let said = error.to_string();
+        assert!(said.starts_with(text), "{said}");
+        assert_eq!(said.len() > text.len(), matches!(error, Error::Io(_)), "{said}");
+    }
 }

@@ -20,8 +20,9 @@
 //!
 //! The core, its interrupt controller and most peripherals are the emulator library's, `rigless`. Its STM32F427 becomes
 //! an F405 in `stm32f405`; what it lacks is here: the USB controller in `otg`, the host at the other end of the cable in
-//! [`usb`], the CAN controller in `bxcan`, the other nodes on its bus in [`can`], the serial [line](mod@line) to the arm. Section numbers without a name are those of RM0090, the part's reference
-//! manual.
+//! [`usb`], the CAN controller in `bxcan`, the other nodes on its bus in [`can`], the serial [line](mod@line) to the arm.
+//! Section numbers without a name are those of RM0090, the part's reference manual. `docs/virtual-board.md` says which
+//! test holds which behaviour, and what none of it shows.
 //!
 //! Time is virtual: an instruction takes a cycle at 168 MHz, sleep jumps to the next event, and two runs give the same
 //! [trace](VirtualBoard::trace_hash). There are no wait states and no contention for the bus: latencies are lower bounds,

@@ -2,16 +2,26 @@
 
 mod board;
 mod campaign;
+mod cargo_tool;
 mod ci;
+mod coverage;
 mod demo;
+mod deny;
 mod dfu;
+mod features;
 mod flash;
+mod fuzz;
 mod image;
+mod integrity;
 mod licences;
+mod mutants;
 mod no_panic;
 mod process;
 mod program;
+mod semver;
+mod stack;
 mod toolchain;
+mod unsafe_code;
 mod vendor;
 mod workspace;
 
@@ -30,9 +40,20 @@ cargo fw [IMAGE]          build the firmware image, as .elf, .bin and .dfu
 cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
 cargo ci                  run every check there is
 
-cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python
+cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python; with
+                          `differential`, only compare the parser of Ling's SDK and ours on damaged streams
 cargo xtask campaign      let things go wrong around the firmware image: --runs N, --seed S, --only NUMBER, --write
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
+cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
+cargo xtask integrity     compare docs/integrity.md with what becomes of damaged frames; --write writes it
+cargo xtask unsafe-code   check that the crates in which unsafe code is forbidden say so
+cargo xtask features      check the protocol and bridge crates with every set of features
+cargo xtask deny          check the licences, versions, sources and known vulnerabilities of all dependencies
+cargo xtask semver        compare what is public with the last release
+cargo xtask mutants       change the code and see whether tests notice: for hours; options are those of cargo-mutants
+cargo xtask fuzz          run the fuzz targets, each for 60 s or `--seconds N`; `--minimise` makes their corpus anew
+cargo xtask coverage      print how much of the protocol and bridge crates the fuzz corpus reaches, and check the limit;
+                          `--list` tells the lines that it does not reach
 cargo xtask licences      check the licences of all dependencies
 
 IMAGE: --board NAME       stm32f405, which it is without this option, or stm32g431
@@ -59,9 +80,21 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("fw") => image::build(&image::Options::parse(rest)?).map(|image| println!("{image}")),
         Some("flash") => flash::run(&image::Options::parse(rest)?),
         Some("ci") => no_options(rest).and_then(|()| ci::run()),
-        Some("vendor") => no_options(rest).and_then(|()| vendor::run()),
+        Some("vendor") => vendor::run(rest),
         Some("campaign") => campaign::run(rest),
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
+        Some("stack") => no_options(rest).and_then(|()| stack::run()),
+        Some("integrity") => integrity::run(rest),
+        Some("unsafe-code") => no_options(rest).and_then(|()| unsafe_code::run()),
+        Some("features") => no_options(rest).and_then(|()| features::run()),
+        Some("deny") => no_options(rest).and_then(|()| deny::run()),
+        Some("semver") => no_options(rest).and_then(|()| semver::run()),
+        Some("mutants") => mutants::run(rest),
+        Some("fuzz") => fuzz::run(rest),
+        Some("coverage") => match rest {
+            [list] if list == "--list" => coverage::run(true),
+            _ => no_options(rest).and_then(|()| coverage::run(false)),
+        },
         Some("licences") => no_options(rest).and_then(|()| licences::run()),
         Some("help" | "--help" | "-h") => {
             println!("{USAGE}");

@@ -1,4 +1,4 @@
-//! `cargo xtask no-panic`: the link test that the protocol and bridge crates have no path to a panic.
+//! `cargo xtask no-panic`: the link test that the protocol and bridge crates have no path to a panic and do not allocate.
 
 use std::process::Command;
 
@@ -8,33 +8,66 @@ use crate::process::{output, run as run_command};
 use crate::toolchain::Toolchain;
 use crate::workspace;
 
-/// What the linker says when there is a path to a panic.
-const REFUSAL: &str = "undefined symbol: a_path_to_a_panic_is_left";
+/// Cortex-M0, and Cortex-M4.
+const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
 
-/// Links the test with each checksum that microcontrollers use, and once with a path to a panic, which must not link.
+/// Every set of protocols, with each checksum that microcontrollers use. The bridge has two of them.
+const FEATURES: [&str; 15] = [
+    "ling",
+    "xarm",
+    "alpha1",
+    "ling,xarm",
+    "ling,alpha1",
+    "xarm,alpha1",
+    "ling,xarm,alpha1",
+    "crc-table",
+    "crc-table,xarm",
+    "crc-table,alpha1",
+    "crc-table,xarm,alpha1",
+    "bridge",
+    "bridge,xarm",
+    "bridge,crc-table",
+    "bridge,crc-table,xarm",
+];
+
+/// What must not link, and what the linker or the compiler says then.
+const REFUSALS: [(&str, &str); 2] = [
+    ("prove-panic", "undefined symbol: a_path_to_a_panic_is_left"),
+    ("prove-alloc", "no global memory allocator found"),
+];
+
+/// Links the test with every set of features, and then with a path to a panic and with an allocation, which must fail.
 ///
 /// # Errors
 ///
-/// If there is a path to a panic, or if the test would not find one.
+/// If there is a path to a panic or an allocation, or if the test would not find one.
 pub(crate) fn run() -> Result {
-    let toolchain = Toolchain::find(&[TARGET])?;
-    for features in ["", "armwire/crc-table"] {
-        run_command(&mut link(toolchain, features)?)?;
-    }
-    match output(&mut link(toolchain, "prove")?) {
-        Err(error) if error.to_string().contains(REFUSAL) => {
-            println!("no path to a panic; with one put in, linking fails as it must");
-            Ok(())
+    let toolchain = Toolchain::find(&TARGETS)?;
+    for target in TARGETS {
+        for features in FEATURES {
+            run_command(&mut link(toolchain, target, features)?)?;
         }
-        Err(error) => Err(format!("linking a path to a panic failed, but not because of it: {error}").into()),
-        Ok(_) => Err("a path to a panic was put in and linking did not fail".into()),
+        for (features, refusal) in REFUSALS {
+            match output(&mut link(toolchain, target, features)?) {
+                Err(error) if error.to_string().contains(refusal) => {}
+                Err(error) => return Err(format!("`{features}` failed to link, but not as it should: {error}").into()),
+                Ok(_) => return Err(format!("`{features}` links, and must not").into()),
+            }
+        }
+        println!(
+            "{target}: no path to a panic and no allocation in {} sets of features; with one put in, linking fails",
+            FEATURES.len()
+        );
     }
+    Ok(())
 }
 
-fn link(toolchain: Toolchain, features: &str) -> Result<Command> {
-    let mut cargo = toolchain.cargo("build", TARGET)?;
+/// The command that links the test.
+fn link(toolchain: Toolchain, target: &str, features: &str) -> Result<Command> {
+    let mut cargo = toolchain.cargo("build", target)?;
     cargo
-        .args(["--release", &format!("--features={features}")])
+        .args(["--release", "--quiet", "--bin", "no-panic"])
+        .args(["--no-default-features", &format!("--features={features}")])
         .current_dir(workspace::root().join("host-tests/no-panic"));
     Ok(cargo)
 }

@@ -38,9 +38,11 @@ pub(crate) struct Decode {
 }
 
 /// Who says something.
-#[derive(Clone, Copy, ValueEnum)]
-enum Speaker {
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Speaker {
+    /// What controls the arm.
     Host,
+    /// The arm.
     Arm,
 }
 
@@ -55,38 +57,12 @@ struct Decoded {
 impl Decode {
     pub(crate) fn run(&self) -> Result<(), Problem> {
         let (name, input) = self.read()?;
-        let bytes = match input.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&input) {
-            text if may_be_text(text) && candump::is_log(text) => {
-                return self.log(name, &String::from_utf8_lossy(text));
-            }
-            text if may_be_text(text) => parse_hex(&name, text)?,
-            _ => input,
-        };
-        let decoded = match self.arm {
-            ArmKind::Ling => decode_ling(&bytes, self.from),
-            ArmKind::Xarm => decode::<XArm>(&bytes, self.from.or(Some(Speaker::Arm))),
-            ArmKind::Alpha1 => decode::<Alpha1>(&bytes, self.from.or(Some(Speaker::Arm))),
-        };
+        let decoded = decode_input(&name, &input, self.arm, self.from)?;
         print(&decoded.lines)?;
         match decoded.broken {
             Some(noise) => Err(Problem::Undecodable { name, noise }),
             None => Ok(()),
         }
-    }
-
-    /// A log of a CAN bus, on which there is no xArm.
-    fn log(&self, name: String, text: &str) -> Result<(), Problem> {
-        let lines = match self.arm {
-            ArmKind::Ling => candump::decode::<Ling>(text),
-            ArmKind::Alpha1 => candump::decode::<Alpha1>(text),
-            ArmKind::Xarm => return Err(Problem::Usage("an xarm is not on a CAN bus".to_owned())),
-        };
-        let lines = lines.map_err(|(line, text)| {
-            let what =
-                format!("line {line}: '{text}' is not such as (1.000000) can0 600#0201FE, as 'candump -L' writes");
-            Problem::Refused { name, what }
-        })?;
-        print(&lines)
     }
 
     fn read(&self) -> Result<(String, Vec<u8>), Problem> {
@@ -102,6 +78,48 @@ impl Decode {
             Err(error) => Err(Problem::Input { name, error }),
         }
     }
+}
+
+/// What `armwire decode` prints of a recording: lines for frames and what is between them, the last of them the sum.
+///
+/// # Errors
+///
+/// What it says of an input that means nothing.
+pub fn decode(input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Vec<String>, String> {
+    match decode_input("input", input, arm, from) {
+        Ok(decoded) => Ok(decoded.lines),
+        Err(problem) => Err(problem.to_string()),
+    }
+}
+
+fn decode_input(name: &str, input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Decoded, Problem> {
+    let bytes = match input.strip_prefix(BYTE_ORDER_MARK).unwrap_or(input) {
+        text if may_be_text(text) && candump::is_log(text) => {
+            let lines = decode_log(name, &String::from_utf8_lossy(text), arm)?;
+            return Ok(Decoded { lines, broken: None });
+        }
+        text if may_be_text(text) => &parse_hex(name, text)?,
+        _ => input,
+    };
+    Ok(match arm {
+        ArmKind::Ling => decode_ling(bytes, from),
+        ArmKind::Xarm => decode_line::<XArm>(bytes, from.or(Some(Speaker::Arm))),
+        ArmKind::Alpha1 => decode_line::<Alpha1>(bytes, from.or(Some(Speaker::Arm))),
+    })
+}
+
+/// A log of a CAN bus, on which there is no xArm.
+fn decode_log(name: &str, text: &str, arm: ArmKind) -> Result<Vec<String>, Problem> {
+    let lines = match arm {
+        ArmKind::Ling => candump::decode::<Ling>(text),
+        ArmKind::Alpha1 => candump::decode::<Alpha1>(text),
+        ArmKind::Xarm => return Err(Problem::Usage("an xarm is not on a CAN bus".to_owned())),
+    };
+    lines.map_err(|(line, text)| {
+        let what = format!("line {line}: '{text}' is not such as (1.000000) can0 600#0201FE, as 'candump -L' writes");
+        let name = name.to_owned();
+        Problem::Refused { name, what }
+    })
 }
 
 fn print(lines: &[String]) -> Result<(), Problem> {
@@ -135,15 +153,15 @@ fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Problem> {
 /// The frames of a recording of a Ling arm, which may be of the older generation.
 fn decode_ling(bytes: &[u8], from: Option<Speaker>) -> Decoded {
     let Some(older) = Detector::new().hear(bytes) else {
-        return decode::<Ling>(bytes, from);
+        return decode_line::<Ling>(bytes, from);
     };
-    let mut decoded = decode::<Legacy>(bytes, from);
+    let mut decoded = decode_line::<Legacy>(bytes, from);
     decoded.lines.insert(0, format!("This is {older}"));
     decoded
 }
 
 /// The frames of a recording, and what is between them.
-fn decode<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
+fn decode_line<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
     let expect = match from {
         Some(Speaker::Host) => P::REQUESTS,
         Some(Speaker::Arm) | None => P::expect(None),
@@ -249,7 +267,7 @@ mod tests {
     use super::*;
 
     fn lines(bytes: &[u8]) -> Vec<String> {
-        decode::<Ling>(bytes, None).lines
+        decode_line::<Ling>(bytes, None).lines
     }
 
     #[test]
@@ -293,7 +311,7 @@ mod tests {
     #[test]
     fn whose_bytes_they_are_decides_what_frames_are() {
         let bytes = [0xF2, 0x2F, 0xAA, 0xED, 0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
-        let lines = |from| decode::<Alpha1>(&bytes, Some(from)).lines;
+        let lines = |from| decode_line::<Alpha1>(&bytes, Some(from)).lines;
         let of_arm = lines(Speaker::Arm);
         assert_eq!(of_arm[0], "       0  F2 2F AA ED\n          from the arm: stop: done");
         assert_eq!(
@@ -308,7 +326,7 @@ mod tests {
     #[test]
     fn what_a_servo_answers_is_not_guessed() {
         let offset_or_what = [0xFA, 0xAF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED];
-        let lines = decode::<Alpha1>(&[&offset_or_what[..], &[0xAB]].concat(), Some(Speaker::Arm)).lines;
+        let lines = decode_line::<Alpha1>(&[&offset_or_what[..], &[0xAB]].concat(), Some(Speaker::Arm)).lines;
         assert!(lines[0].ends_with("no message: command FA: an answer of a servo, but none is expected"));
         assert_eq!(lines[1], "      10  AB\n          noise: no frame starts here");
     }
@@ -317,7 +335,7 @@ mod tests {
     fn reports_on_usb_hid_are_filled_up_without_noise() {
         let mut report = [0; 64];
         report[..4].copy_from_slice(&[0xF3, 0x3F, 0xEE, 0xED]);
-        let lines = decode::<Alpha1>(&[report; 2].concat(), Some(Speaker::Arm)).lines;
+        let lines = decode_line::<Alpha1>(&[report; 2].concat(), Some(Speaker::Arm)).lines;
         assert!(lines[0].ends_with("from the arm: play: failed"));
         assert!(lines[1].starts_with("      64  F3 3F EE ED\n"));
         assert_eq!(lines[2], "bytes: 128, frames: 2, noise bytes: 0, filling: 120");

@@ -1,8 +1,10 @@
-//! Links only if `armwire` and `armwire-bridge` have no path to a panic.
+//! Links only if `armwire` and `armwire-bridge` have no path to a panic, and allocate nothing.
 //!
 //! Everything public of the two crates is called from here, with values and in states that the compiler knows nothing
 //! about. The panic handler names a symbol that does not exist: as long as the optimiser leaves one way to get there,
 //! the linker refuses, and names it.
+//!
+//! There is no allocator either: the compiler refuses a program with the `alloc` crate in it.
 //!
 //! Three things are not part of it, because the panics they have are not ours: formatting, for which `core` has some left;
 //! the async driver, for every `async fn` panics when it is polled after its end; and the store, which is async, too, and
@@ -10,16 +12,27 @@
 #![no_std]
 #![no_main]
 
+#[cfg(feature = "prove-alloc")]
+extern crate alloc;
+
+#[cfg(feature = "alpha1")]
 mod alpha1;
+#[cfg(feature = "bridge")]
 mod bridge;
 mod client;
+#[cfg(feature = "bridge")]
 mod control;
+#[cfg(feature = "bridge")]
 mod cyclic;
 mod decoder;
 mod device;
+#[cfg(feature = "bridge")]
 mod isotp;
+#[cfg(feature = "ling")]
 mod legacy;
+#[cfg(feature = "ling")]
 mod ling;
+#[cfg(feature = "xarm")]
 mod xarm;
 
 use core::hint::black_box;
@@ -40,19 +53,28 @@ fn panic(_: &PanicInfo<'_>) -> ! {
 /// Where the linker begins to look for what is used.
 #[unsafe(no_mangle)]
 extern "C" fn _start() {
+    #[cfg(feature = "ling")]
     ling::call_all();
-    xarm::call_all();
-    alpha1::call_all();
+    #[cfg(feature = "ling")]
     legacy::call_all();
-    bridge::call_all();
-    control::call_all();
-    cyclic::call_all();
-    isotp::call_all();
+    #[cfg(feature = "xarm")]
+    xarm::call_all();
+    #[cfg(feature = "alpha1")]
+    alpha1::call_all();
+    #[cfg(feature = "bridge")]
+    {
+        bridge::call_all();
+        control::call_all();
+        cyclic::call_all();
+        isotp::call_all();
+    }
     black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));
     black_box(black_box(Micros(0)).since(black_box(Micros(0))));
-    if cfg!(feature = "prove") {
+    if cfg!(feature = "prove-panic") {
         black_box([1, 2, 3][black_box(3)]);
     }
+    #[cfg(feature = "prove-alloc")]
+    black_box(alloc::boxed::Box::new(black_box(0)));
 }
 
 /// Bytes that may be anything, and any number of them up to `room.len()`.

@@ -381,16 +381,14 @@ impl Action {
     const LEN: usize = 29;
 
     fn to_data(self) -> [u8; Self::LEN] {
-        let angles = self.angles.map(|angle| angle.map_or(NO_ANGLE, Angle::raw));
-        let fields = [ACT, 0, 0, 0, 0, 0]
-            .into_iter()
-            .chain(angles)
-            .chain([self.time.units()])
-            .chain(self.interval.units().to_be_bytes());
         let mut data = [0; Self::LEN];
-        for (byte, field) in data.iter_mut().zip(fields) {
-            *byte = field;
+        let [act, _, _, _, _, _, angles @ .., time, high, low] = &mut data;
+        *act = ACT;
+        for (byte, angle) in angles.iter_mut().zip(&self.angles) {
+            *byte = angle.map_or(NO_ANGLE, Angle::raw);
         }
+        *time = self.time.units();
+        [*high, *low] = self.interval.units().to_be_bytes();
         data
     }
 

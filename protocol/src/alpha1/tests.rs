@@ -1010,3 +1010,34 @@ fn no_duration_is_cut_short_or_rounded_away() {
         assert_eq!(Interval::from_duration(interval.duration()), Ok(interval));
     }
 }
+
+#[test]
+fn zeros_between_servo_frames_are_filling_all_at_once() {
+    let expect = Expect::Responses(Some(ServoAnswer::Angles));
+    for (window, zeros) in [(&[0][..], 1), (&[0, 0, 0, 0], 4), (&[0, 0, 0xFA], 2)] {
+        assert_eq!(Alpha1::scan(window, expect), Scan::Fill(zeros), "{window:x?}");
+    }
+}
+
+#[test]
+fn what_has_no_second_header_byte_is_viewed_as_nothing() {
+    let frame = hex("FB BF 06 01 ED");
+    assert!(Alpha1::view(&frame).is_some());
+    let other = hex("FB BE 06 01 ED");
+    assert_eq!(Alpha1::view(&other), None);
+}
+
+#[test]
+fn a_servo_runs_if_its_bit_is_set() {
+    let states = ServoStates::from_bits(0x8000_0005);
+    for servo in 0..=u8::MAX {
+        let expected = (1..=32).contains(&servo).then_some([1, 3, 32].contains(&servo));
+        assert_eq!(states.is_running(servo), expected, "servo {servo}");
+    }
+}
+
+#[test]
+fn a_text_is_itself_if_it_can_be_printed() {
+    assert_eq!(name("dance").as_str(), Some("dance"));
+    assert_eq!(Text::new(b"\x1b[31m").unwrap().as_str(), None);
+}

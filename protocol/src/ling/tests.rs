@@ -5,7 +5,7 @@ extern crate std;
 use std::vec::Vec;
 
 use super::*;
-use crate::{Client, Config, Decoder, Device, Event, Heard, Input, Micros, Protocol, Reason};
+use crate::{Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Protocol, Reason};
 
 /// A frame written in hex.
 fn hex(text: &str) -> Vec<u8> {
@@ -293,5 +293,51 @@ fn no_request_can_be_mistaken_for_a_response() {
         let mut client = Client::<Ling, MAX_FRAME>::new(Config::DEFAULT);
         let event = client.handle(Micros(0), &mut Input::Bytes(&bytes));
         assert_eq!(event, Some(Event::Echo(request)), "{section}");
+    }
+}
+
+#[test]
+fn the_longest_frame_has_64_bytes_of_data() {
+    assert_eq!(MAX_FRAME, 70);
+    let frame = Frame {
+        command: 6,
+        function: 0,
+        data: &[7; 64],
+    };
+    let mut out = [0; MAX_FRAME];
+    assert_eq!(frame.encode(&mut out), Ok(70));
+    assert_eq!(Ling::view(&out), Some(frame));
+}
+
+#[test]
+fn a_self_check_with_more_data_than_either_print_has_is_refused() {
+    let frame = |data| Frame {
+        command: SELF_CHECK[1],
+        function: 0,
+        data,
+    };
+    assert_eq!(Ling::parse_request(frame(&[])), Ok(Request::SelfCheck));
+    assert_eq!(Ling::parse_request(frame(&[0xFE])), Ok(Request::SelfCheck));
+    for data in [&[0xFE, 0xFE][..], &[0]] {
+        assert!(Ling::parse_request(frame(data)).is_err(), "{data:x?}");
+    }
+}
+
+#[test]
+fn a_move_that_is_out_of_range_says_at_which_byte() {
+    let home = [0x00, 0x08, 0xE8, 0x03].repeat(7);
+    for offset in (0..26).step_by(2) {
+        let mut data = home.clone();
+        data[offset..offset + 2].copy_from_slice(&[0xFF, 0xFF]);
+        let error = Ling::parse_request(Frame {
+            command: 6,
+            function: 3,
+            data: &data,
+        });
+        let error = error.unwrap_err();
+        assert!(
+            matches!(error.cause, Cause::Value { offset: at, .. } if at == offset),
+            "{offset}: {error:?}"
+        );
     }
 }

@@ -615,4 +615,27 @@ mod tests {
             assert_eq!(u8::from(MotionStatus::from(code)), code);
         }
     }
+
+    #[test]
+    fn every_motion_status_has_a_text_of_its_own() {
+        extern crate std;
+        let text = |code| std::format!("{}", MotionStatus::from(code));
+        let known = [0x00, 0x01, 0x10, 0x11, 0xE1, 0xE2, 0x02, 0x03].map(text);
+        let different = std::collections::BTreeSet::from(known.clone());
+        assert_eq!(different.len(), known.len());
+        assert_eq!(known[0], "idle");
+        assert_eq!(known[6], "unknown status 0x02");
+    }
+
+    #[test]
+    fn a_servo_is_faulty_if_its_bit_is_clear_and_the_arm_has_it() {
+        for id in 1..=10_u8 {
+            let check = SelfCheck(!(1 << (id - 1)));
+            assert!(check.faulty(Kind::Follower).eq([id]));
+            assert!(!check.all_normal(Kind::Follower));
+            assert_eq!(check.all_normal(Kind::Leader), id > 6);
+        }
+        assert!(SelfCheck(0b11_1111_1111).all_normal(Kind::Follower));
+        assert!(SelfCheck(0).faulty(Kind::Leader).eq(1..=6));
+    }
 }

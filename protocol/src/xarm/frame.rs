@@ -129,22 +129,36 @@ impl Frame<'_> {
 
     /// Writes a frame that is known to be one.
     pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let needed = self.body.len() + HEADER;
-        let got = out.len();
-        let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
-        for (to, from) in out.iter_mut().zip(self.bytes()) {
-            *to = from;
-        }
-        Ok(needed)
+        put(out, self.transaction, self.protocol, [self.body, &[]])
     }
 
     /// All of it.
     fn bytes(&self) -> impl Iterator<Item = u8> {
-        [self.transaction, self.protocol, self.body.len() as u16]
-            .into_iter()
-            .flat_map(u16::to_be_bytes)
-            .chain(self.body.iter().copied())
+        bytes(self.transaction, self.protocol, [self.body, &[]])
     }
+}
+
+/// Writes a frame that is known to be one, and whose body is in two parts.
+pub(super) fn put(out: &mut [u8], transaction: u16, protocol: u16, body: [&[u8]; 2]) -> Result<usize, BufferTooShort> {
+    let [start, end] = body.map(<[u8]>::len);
+    let needed = HEADER.saturating_add(start).saturating_add(end);
+    let got = out.len();
+    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
+    for (to, from) in out.iter_mut().zip(bytes(transaction, protocol, body)) {
+        *to = from;
+    }
+    Ok(needed)
+}
+
+/// All bytes of a frame.
+fn bytes(transaction: u16, protocol: u16, body: [&[u8]; 2]) -> impl Iterator<Item = u8> {
+    let [start, end] = body;
+    let len = start.len().saturating_add(end.len());
+    [transaction, protocol, len as u16]
+        .into_iter()
+        .flat_map(u16::to_be_bytes)
+        .chain(start.iter().copied())
+        .chain(end.iter().copied())
 }
 
 /// A byte that breaks the stream: the bytes up to it, `seen` of them, are no frame.

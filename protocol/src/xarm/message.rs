@@ -2,11 +2,11 @@
 
 use core::fmt;
 
-use super::frame::{HEARTBEAT_ID, MODBUS_ID};
+use super::frame::{HEARTBEAT_ID, MODBUS_ID, put};
 use super::value::{
     Joint, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
 };
-use super::{Direction, Frame, MAX_BODY, MAX_FRAME, XArm};
+use super::{Direction, Frame, MAX_FRAME, XArm};
 use crate::error::write_either;
 use crate::{BufferTooShort, Micros, OutOfRange, Protocol};
 
@@ -473,17 +473,7 @@ fn parse_reply(body: &[u8]) -> Result<(State, Reply), Cause> {
 
 /// Writes a message of the arm's own protocol, whose body is in two parts.
 fn encode(out: &mut [u8], header: &Header, start: &[u8], params: &[u8]) -> Result<usize, BufferTooShort> {
-    let mut body = [0; MAX_BODY];
-    for (to, from) in body.iter_mut().zip(start.iter().chain(params)) {
-        *to = *from;
-    }
-    let len = start.len().saturating_add(params.len());
-    let frame = Frame {
-        transaction: header.transaction,
-        protocol: header.protocol as u16,
-        body: body.get(..len).unwrap_or_default(),
-    };
-    frame.put(out)
+    put(out, header.transaction, header.protocol as u16, [start, params])
 }
 
 impl Protocol for XArm {

@@ -621,3 +621,30 @@ fn transaction_ids_wrap_past_zero() {
     assert_eq!((ids[0], ids[65534], ids[65535]), (1, 65535, 1));
     assert!(!ids.contains(&0));
 }
+
+#[test]
+fn a_frame_is_viewed_only_if_its_length_is_that_of_its_body() {
+    assert!(XArm::view(&[0, 1, 0, 2, 0, 1, 7]).is_some());
+    assert_eq!(XArm::view(&[0, 1, 0, 2, 0, 2, 7]), None);
+    assert_eq!(XArm::view(&[0, 1, 0, 2, 0, 0]), None);
+}
+
+#[test]
+fn radii_are_the_same_only_if_their_bits_are() {
+    let radius = |metres| RotationRadius::from_metres(metres).unwrap();
+    assert_eq!(radius(0.1), radius(0.1));
+    assert_ne!(radius(0.1), radius(0.2));
+}
+
+#[test]
+fn a_state_names_every_bit_it_has() {
+    for (state, text) in [
+        (State(0), "ok"),
+        (State::ERROR, "error"),
+        (State::INVALID | State::WARNING, "invalid, warning"),
+        (State(0x01), "other bits 0x01"),
+        (State(State::ERROR.0 | 0x01), "error, other bits 0x01"),
+    ] {
+        assert_eq!(std::format!("{state}"), text);
+    }
+}

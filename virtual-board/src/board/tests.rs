@@ -365,6 +365,28 @@ fn a_power_cut_leaves_a_word_half_programmed_and_the_board_dead_until_power_come
 }
 
 #[test]
+fn a_power_cut_leaves_a_sector_half_erased() {
+    // Sector 1, 32 bits at a time: SER, SNB, PSIZE, STRT (3.6.3).
+    let erase = [
+        (0x4002_3C04, 0x4567_0123),
+        (0x4002_3C04, 0xCDEF_89AB),
+        (0x4002_3C10, 1 << 16 | 2 << 8 | 1 << 3 | 1 << 1),
+    ];
+    let (code, literals) = stores(&erase);
+    let mut board = board_with(&code, &literals, |config| Config {
+        flash: Some(vec![0; flash::SIZE]),
+        power_cut_after: Some(0),
+        ..config
+    });
+    let error = board.run_for(Micros(260_000)).unwrap_err();
+    assert!(matches!(error, Error::PowerCut { operation: 1, .. }), "{error}");
+    let flash = board.flash();
+    let sector = &flash[0x4000..0x8000];
+    assert!(sector.contains(&0) && sector.contains(&0xFF));
+    assert!(flash[0x8000..].iter().all(|&byte| byte == 0));
+}
+
+#[test]
 fn flash_contents_of_another_size_are_refused() {
     let image = Image::new(Path::new("test"), vec![0; 8], Some(0x0800_0000)).unwrap();
     let config = Config {
@@ -416,4 +438,92 @@ fn an_interface_that_is_not_open_takes_and_has_nothing() {
         assert_eq!((pipe.is_open(), pipe.unsent(), pipe.unread()), (false, 0, 0));
         assert!(pipe.read().is_empty());
     }
+}
+
+/// What two interrupts of these priorities reach, the second of which the first one's handler sets pending.
+///
+/// The first handler then stores to where nothing is, the second one elsewhere where nothing is; each hangs then.
+fn preemption(first: u32, second: u32) -> Vec<u64> {
+    const FIRST: (u32, u32) = (0x4000_7800, 0);
+    const SECOND: (u32, u32) = (0x6000_0000, 0);
+    let programs = [
+        // NVIC_IPR0, ISER0 and ISPR0.
+        stores(&[
+            (0xE000_E400, second << 8 | first),
+            (0xE000_E100, 0b11),
+            (0xE000_E200, 0b01),
+        ]),
+        stores(&[(0xE000_E200, 0b10), FIRST]),
+        stores(&[SECOND]),
+    ];
+    let mut vectors = [0u32; 18];
+    let mut code = Vec::new();
+    vectors[0] = 0x2000_1000;
+    for (vector, (program, literals)) in [1, 16, 17].into_iter().zip(programs) {
+        vectors[vector] = 0x0800_0000 + 4 * 18 + code.len() as u32 + 1;
+        code.extend(program.iter().flat_map(|half| half.to_le_bytes()));
+        code.extend(literals.iter().flat_map(|word| word.to_le_bytes()));
+    }
+    let mut flash: Vec<u8> = vectors.iter().flat_map(|vector| vector.to_le_bytes()).collect();
+    flash.extend(code);
+    let image = Image::new(Path::new("test"), flash, Some(0x0800_0000)).unwrap();
+    let mut board = VirtualBoard::start_image(image, Config::new("test", Nobody)).unwrap();
+    board.run_for(Micros(10)).unwrap();
+    let address = |violation: &Violation| match violation {
+        Violation::Unmapped { address, .. } => *address,
+        other => panic!("{other:?}"),
+    };
+    board.report().unwrap().violations.iter().map(address).collect()
+}
+
+#[test]
+fn a_more_urgent_interrupt_preempts_a_handler_and_one_as_urgent_waits() {
+    assert_eq!(preemption(0x20, 0x10), [0x6000_0000]);
+    assert_eq!(preemption(0x10, 0x10), [0x4000_7800]);
+    assert_eq!(preemption(0x10, 0x20), [0x4000_7800]);
+    // Priorities have the four high bits alone (12.1).
+    assert_eq!(preemption(0x1F, 0x10), [0x4000_7800]);
+}
+
+#[test]
+fn a_held_core_stands_still_until_it_is_let_go() {
+    // ldr r0, =IWDG_KR; ldr r1, =start; ldr r2, =feed; str r1, [r0]; again: str r2, [r0]; b again
+    let code = [ldr(0, 2), ldr(1, 3), ldr(2, 4), str(1, 0), str(2, 0), 0xE7FD, NOP, NOP];
+    let mut board = board(&code, &[0x4000_3000, 0xCCCC, 0xAAAA]);
+    board.run_for(Nanos::from_millis(600)).unwrap();
+    for _ in 0..3 {
+        board.hold_core().unwrap();
+        board.run_for(Nanos::from_millis(300)).unwrap();
+        board.let_core_go().unwrap();
+        board.run_for(Nanos::from_millis(1)).unwrap();
+    }
+    assert_eq!(board.report().unwrap().restarts, []);
+    // Held for longer, it is let go by the reset.
+    board.hold_core().unwrap();
+    board.run_for(Nanos::from_millis(2_000)).unwrap();
+    let causes: Vec<Cause> = board
+        .report()
+        .unwrap()
+        .restarts
+        .iter()
+        .map(|restart| restart.cause)
+        .collect();
+    assert_eq!(causes, [Cause::Watchdog]);
+}
+
+#[test]
+fn a_word_is_written_to_memory_and_to_registers_and_nowhere_else() {
+    // ldr r0, =memory; ldr r1, =IWDG_KR; ldr r2, [r0]; str r2, [r1]; b .
+    let code = [ldr(0, 2), ldr(1, 2), load(2, 0), str(2, 1), HANG, NOP];
+    let mut board = board(&code, &[0x2000_0100, 0x4000_3000]);
+    board.write_word(0x2000_0100, 0xCCCC).unwrap();
+    board.run_for(Nanos::from_millis(400)).unwrap();
+    // The firmware found the word that starts the watchdog; this one feeds it.
+    board.write_word(0x4000_3000, 0xAAAA).unwrap();
+    board.run_for(Nanos::from_millis(400)).unwrap();
+    assert_eq!(board.report().unwrap().restarts, []);
+    board.run_for(Nanos::from_millis(200)).unwrap();
+    assert_eq!(board.report().unwrap().restarts.len(), 1);
+    let error = board.write_word(0x6000_0000, 0).unwrap_err();
+    assert!(matches!(error, Error::Nothing { address: 0x6000_0000 }), "{error}");
 }

@@ -8,8 +8,9 @@ const WARNING: u16 = 96;
 const ACTIVE: u16 = 127;
 /// What the transmit counter of a controller that is on the bus holds at most.
 const MOST: u16 = 255;
-/// What a frame received well makes of a receive counter beyond the error active ones (32.9.2 ESR).
+/// What a frame received well makes of a receive counter above [`RECOVERS`] (32.9.2 ESR).
 const RECOVERED: u16 = 120;
+const RECOVERS: u16 = 128;
 
 /// The counters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -67,7 +68,7 @@ impl Confinement {
 
     pub(super) fn received(&mut self) {
         self.receive = match self.receive {
-            0..=ACTIVE => self.receive.saturating_sub(1),
+            0..=RECOVERS => self.receive.saturating_sub(1),
             _ => RECOVERED,
         };
     }
@@ -126,5 +127,17 @@ mod tests {
         assert_eq!((counters.receive(), counters.state()), (255, ErrorState::Passive));
         counters.received();
         assert_eq!((counters.receive(), counters.state()), (120, ErrorState::Active));
+    }
+
+    #[test]
+    fn only_a_receive_counter_above_128_is_set_to_120() {
+        for (before, after) in [(0, 0), (1, 0), (127, 126), (128, 127), (129, 120), (255, 120)] {
+            let mut counters = Confinement {
+                receive: before,
+                ..Confinement::default()
+            };
+            counters.received();
+            assert_eq!(counters.receive(), after, "from {before}");
+        }
     }
 }

@@ -289,6 +289,35 @@ mod tests {
     }
 
     #[test]
+    fn among_equals_the_lower_bank_and_the_lower_place_in_it_go_first() {
+        let two = |assignment| {
+            filters(&[
+                (FS1R, 0b11),
+                (FM1R, 0b11),
+                (FFA1R, assignment),
+                (BANKS, STANDARD),
+                (BANKS + 4, STANDARD),
+                (BANKS + 8, STANDARD),
+                (FA1R, 0b11),
+            ])
+        };
+        assert_eq!(found(&two(0b10), STANDARD), Some((0, 0)));
+        assert_eq!(found(&two(0b01), STANDARD), Some((1, 0)));
+    }
+
+    #[test]
+    fn a_narrow_filter_sees_rtr_ide_and_the_three_highest_bits_of_the_eighteen() {
+        // Only these five bits are compared; the identifier has 29 bits, of which 17 to 15 are 101.
+        let filter = 0b1_1111 << 16 | 0b0_1101;
+        let narrow = filters(&[(BANKS, filter), (BANKS + 4, filter), (FA1R, 1)]);
+        let wide = |low: u32| low << identifier::EXID_AT | identifier::IDE;
+        assert_eq!(found(&narrow, wide(0b101 << 15 | 0x7FFF)), Some((0, 0)));
+        assert_eq!(found(&narrow, wide(0b100 << 15)), None);
+        assert_eq!(found(&narrow, wide(0b101 << 15) | identifier::RTR), None);
+        assert_eq!(found(&narrow, STANDARD), None);
+    }
+
+    #[test]
     fn banks_from_can2sb_on_are_can2s() {
         let filters = filters(&[(FMR, 1 << fmr::CAN2SB_AT | 1), (FS1R, 0b10), (FA1R, 0b10)]);
         assert_eq!(found(&filters, STANDARD), None);

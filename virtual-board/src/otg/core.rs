@@ -8,9 +8,11 @@
 //! | One receive FIFO for all OUT endpoints: a status word, then the data; popped through GRXSTSP | 34.11.1, 34.17.5 |
 //! | A transmit FIFO for each IN endpoint; TXFE, space left; no more goes in, and none may overlap | 34.11.2, 34.16.4 |
 //! | SETUP: always taken, sets both NAKs of endpoint 0, clears its STALLs, done at the next token | 34.17.5 |
+//! | STUPCNT: one less with each SETUP | 34.17.5 |
 //! | OUT: NAK without room, packet count, or with NAKSTS; NAKSTS after the transfer; XFRC as its status is popped | 34.17.5 |
 //! | IN: sent once enabled, no NAK, and the FIFO holds the packet; XFRC at the host's ACK | 34.17.6 |
-//! | Data toggles, STALL, NAK set and cleared, endpoint disable, global NAKs | 34.16.4 |
+//! | Data toggles, STALL, NAK set and cleared, endpoint disable, global IN NAK | 34.16.4 |
+//! | Global OUT NAK: at once on the wire, in force once its word is popped from the receive FIFO | 34.17.5 |
 //! | FIFO flushes and core soft reset, at once | 34.16.2 GRSTCTL |
 //!
 //! Left out: host mode, isochronous endpoints, the periodic end-of-frame interrupt (EOPF), remote wake-up, and the
@@ -81,6 +83,8 @@ pub(super) struct Core {
     /// The address before DCFG was written: the status stage of SET_ADDRESS still uses it.
     old_address: u8,
     dctl: u32,
+    /// The word that says that the global OUT NAK is in force was popped.
+    out_nak_told: bool,
     suspended: bool,
     enumerated: bool,
     frame: u16,
@@ -117,6 +121,7 @@ impl Default for Core {
             dcfg: 0x0220_0000,
             old_address: 0,
             dctl: 0,
+            out_nak_told: false,
             suspended: false,
             enumerated: false,
             frame: 0,
@@ -226,6 +231,7 @@ impl Core {
         self.popped.extend(entry.data);
         let output = &mut self.output[(entry.status & 0xF) as usize % ENDPOINTS];
         match entry.status >> grxsts::PKTSTS_AT & 0xF {
+            grxsts::GLOBAL_OUT_NAK => self.out_nak_told = self.dctl & device::GONSTS != 0,
             grxsts::OUT_DONE => output.interrupts |= epint::XFRC,
             grxsts::SETUP_DONE => output.interrupts |= epint::STUP,
             _ => {}
@@ -318,6 +324,9 @@ impl Core {
         if value & epctl::EPDIS != 0 && input.control & epctl::EPENA != 0 {
             input.interrupts |= epint::EPDISD;
         }
+        if value & epctl::CNAK != 0 {
+            input.interrupts &= !epint::INEPNE;
+        }
         if value & epctl::SNAK != 0 {
             input.interrupts |= epint::INEPNE;
         }
@@ -363,6 +372,10 @@ impl Core {
                 status &= !bit;
             }
         }
+        if status & !self.dctl & device::GONSTS != 0 {
+            self.receive(0, grxsts::GLOBAL_OUT_NAK, false, &[]);
+        }
+        self.out_nak_told &= status & device::GONSTS != 0;
         let commands = device::SGINAK | device::CGINAK | device::SGONAK | device::CGONAK;
         self.dctl = value & !(commands | device::GINSTS | device::GONSTS) | status;
     }
@@ -380,7 +393,7 @@ impl Core {
             (gint::OTGINT, self.gotgint != 0),
             (gint::RXFLVL, !self.received.is_empty()),
             (gint::GINAKEFF, self.dctl & device::GINSTS != 0),
-            (gint::GONAKEFF, self.dctl & device::GONSTS != 0),
+            (gint::GONAKEFF, self.out_nak_told),
             (gint::IEPINT, endpoints & 0xFFFF != 0),
             (gint::OEPINT, endpoints >> 16 != 0),
         ] {
@@ -582,6 +595,9 @@ impl Function for Core {
         }
         self.setup_open = true;
         self.receive(0, grxsts::SETUP_DATA, false, &request);
+        let size = &mut self.output[0].size;
+        let left = ((*size & eptsiz::STUPCNT) >> eptsiz::STUPCNT_AT).saturating_sub(1);
+        *size = *size & !eptsiz::STUPCNT | left << eptsiz::STUPCNT_AT;
         for control in [&mut self.input[0].control, &mut self.output[0].control] {
             *control = *control & !epctl::STALL | epctl::NAKSTS | epctl::DPID;
         }
@@ -723,8 +739,10 @@ fn packet(endpoint: usize, control: u32) -> usize {
 /// What an endpoint's control register holds after a write.
 fn control(endpoint: usize, old: u32, written: u32) -> u32 {
     let commands = epctl::CNAK | epctl::SNAK | epctl::SD0PID | epctl::SD1PID | epctl::EPDIS;
+    // The STALL of endpoint 0 is cleared by a SETUP alone.
+    let stall = if endpoint == 0 { old & epctl::STALL } else { 0 };
     let hardware = epctl::NAKSTS | epctl::DPID | epctl::EPENA;
-    let mut new = written & !(commands | hardware) | old & hardware;
+    let mut new = written & !(commands | hardware) | old & hardware | stall;
     if endpoint == 0 {
         new |= epctl::USBAEP;
     }
@@ -743,11 +761,11 @@ fn control(endpoint: usize, old: u32, written: u32) -> u32 {
     new
 }
 
-/// What a bus reset leaves of an endpoint's control register. An endpoint that was enabled stays so: the list of what
-/// clears EPENA has no reset (34.16.4).
+/// What a bus reset leaves of an endpoint's control register. One that was enabled stays so, and so does one that is
+/// stalled: the lists of what clears EPENA and STALL have no reset (34.16.4).
 fn after_reset(endpoint: usize, control: u32) -> u32 {
     let active = if endpoint == 0 { 0 } else { epctl::USBAEP };
-    control & !(active | epctl::STALL) | epctl::NAKSTS
+    control & !active | epctl::NAKSTS
 }
 
 /// Which endpoint's register is at `offset`, and which one it is.

@@ -110,6 +110,7 @@ pub(super) mod grxsts {
     pub(in super::super) const BCNT_AT: u32 = 4;
     pub(in super::super) const DPID_AT: u32 = 15;
     pub(in super::super) const PKTSTS_AT: u32 = 17;
+    pub(in super::super) const GLOBAL_OUT_NAK: u32 = 1;
     pub(in super::super) const OUT_DATA: u32 = 2;
     pub(in super::super) const OUT_DONE: u32 = 3;
     pub(in super::super) const SETUP_DONE: u32 = 4;
@@ -186,6 +187,9 @@ pub(super) mod eptsiz {
     pub(in super::super) const XFRSIZ: u32 = 0x7_FFFF;
     pub(in super::super) const PKTCNT_AT: u32 = 19;
     pub(in super::super) const PKTCNT: u32 = 0x3FF << PKTCNT_AT;
+    /// DOEPTSIZ0: how many more SETUP packets the firmware has room for.
+    pub(in super::super) const STUPCNT_AT: u32 = 29;
+    pub(in super::super) const STUPCNT: u32 = 3 << STUPCNT_AT;
 }
 
 /// A register by its row in [`TABLE`].

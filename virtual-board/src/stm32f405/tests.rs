@@ -39,7 +39,11 @@ const EN: u64 = 1;
 const RING: u64 = 0x2000_0000;
 const RING_SIZE: u64 = 16;
 
+mod clocks;
+mod dma;
 mod flash;
+mod timers;
+mod usart;
 
 /// An arm that says what it is given when it is due.
 #[derive(Debug, Default)]
@@ -68,6 +72,7 @@ struct Bench {
     line: Shared<Arm>,
     can: Arc<Mutex<CanBus>>,
     flash: Arc<Mutex<Flash>>,
+    host: Arc<Mutex<Host>>,
     ram: Ram,
     now: Nanos,
 }
@@ -100,12 +105,13 @@ impl Bench {
         let line = Arc::new(Mutex::new(Line::new(Arm::default(), 1_000_000, 0, starve.clone())));
         let can = Arc::new(Mutex::new(CanBus::default()));
         let flash = Arc::new(Mutex::new(Flash::new(vec![0; crate::flash::SIZE], None, 0)));
+        let host = Arc::new(Mutex::new(Host::default()));
         let part = Stm32f405::new(
             8_000_000,
             line.clone(),
             starve,
             reenabled,
-            Arc::default(),
+            host.clone(),
             can.clone(),
             flash.clone(),
         )
@@ -115,6 +121,7 @@ impl Bench {
             line,
             can,
             flash,
+            host,
             ram: Ram::default(),
             now: Nanos(0),
         };

@@ -33,6 +33,6 @@ pub(crate) fn drive_ling() -> Result {
 }
 
 /// The SDKs without their dependencies, which include all of PyTorch, but with what is needed of these.
-fn python() -> Result<Python> {
+pub(super) fn python() -> Result<Python> {
     Python::with("sdk", "requirements.txt")
 }

@@ -14,6 +14,10 @@ const BIT: u64 = 2_000;
 const LENGTH: u32 = 0x4;
 const DATA_LOW: u32 = 0x8;
 
+mod errors;
+mod fifos;
+mod mailboxes;
+
 struct Bench {
     core: Core,
     bus: Bus,

@@ -2,6 +2,10 @@
 
 use super::*;
 
+mod fifos;
+mod states;
+mod transfers;
+
 const ACTIVE_OUT: u32 = epctl::USBAEP | epctl::SD0PID | 64;
 
 /// A controller that is connected, reset and enumerated, with a receive FIFO of 64 words and transmit FIFOs of 16.
@@ -304,13 +308,19 @@ fn a_global_nak_holds_every_endpoint() {
     let mut core = with_bulk();
     send(&mut core, b"x");
     core.write(DCTL, device::SGINAK | device::SGONAK);
-    assert_eq!(
-        core.read(GINTSTS) & (gint::GINAKEFF | gint::GONAKEFF),
-        gint::GINAKEFF | gint::GONAKEFF
-    );
     assert_eq!(core.input(0, 1), Reply::Nak);
     assert_eq!(core.output(0, 1, false, &[1]), Handshake::Nak);
+    assert_eq!(core.read(GINTSTS) & (gint::GINAKEFF | gint::GONAKEFF), gint::GINAKEFF);
+    assert_eq!(kind(core.read(GRXSTSP)), grxsts::GLOBAL_OUT_NAK);
+    assert_eq!(
+        core.read(GINTSTS) & (gint::GINAKEFF | gint::GONAKEFF | gint::RXFLVL),
+        gint::GINAKEFF | gint::GONAKEFF,
+        "in force once its word is popped (34.17.5)"
+    );
+    core.write(DCTL, device::SGONAK);
+    assert_eq!(core.read(GINTSTS) & gint::RXFLVL, 0, "it is in force already");
     core.write(DCTL, device::CGINAK | device::CGONAK);
+    assert_eq!(core.read(GINTSTS) & (gint::GINAKEFF | gint::GONAKEFF), 0);
     assert!(matches!(core.input(0, 1), Reply::Data { .. }));
     assert_eq!(core.output(0, 1, false, &[1]), Handshake::Ack);
 }

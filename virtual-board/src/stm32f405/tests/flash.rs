@@ -195,3 +195,63 @@ fn a_reset_leaves_an_operation_half_done() {
     assert!(flash.bytes()[0x8000..].iter().all(|&byte| byte == 0));
     assert!(!flash.busy);
 }
+
+#[test]
+fn a_wrong_key_locks_the_control_register_until_a_reset() {
+    for keys in [&[0x4567_0123, 0x4567_0123][..], &[0xCDEF_89AB], &[0]] {
+        let mut bench = Bench::new(Reenabled::Restarts);
+        for &key in keys.iter().chain(&[0x4567_0123, 0xCDEF_89AB]) {
+            bench.write(KEYR, key);
+        }
+        assert_eq!(bench.read(CR) & LOCK, LOCK, "{keys:x?}");
+        bench.write(CR, PG | X32);
+        assert_eq!(bench.read(CR), LOCK, "nothing else is written");
+        bench.part.reset(bench.now.into(), ResetCause::Core);
+        bench.settle();
+        bench.write(KEYR, 0x4567_0123);
+        bench.write(KEYR, 0xCDEF_89AB);
+        assert_eq!(bench.read(CR) & LOCK, 0);
+    }
+}
+
+#[test]
+fn a_locked_interface_neither_erases_nor_programs() {
+    let mut bench = unlocked();
+    bench.fill(0);
+    bench.write(CR, LOCK);
+    bench.write(CR, SER | 1 << SNB_AT | X32 | STRT);
+    bench.run_for(Nanos::from_millis(300));
+    bench.store(SECTOR_1, Width::W32, 0x1234_5678);
+    bench.run_for(Nanos::from_millis(1));
+    assert!(port::lock(&bench.flash).bytes().iter().all(|&byte| byte == 0));
+    assert_eq!(bench.read(SR), PGSERR);
+}
+
+#[test]
+fn each_width_programs_its_own_bytes() {
+    for (size, width, value, holds) in [
+        (0, Width::W8, 0x12, 0xFFFF_FF12),
+        (1, Width::W16, 0x1234, 0xFFFF_1234),
+        (2, Width::W32, 0x1234_5678, 0x1234_5678),
+    ] {
+        let mut bench = unlocked();
+        bench.fill(0xFF);
+        bench.write(CR, PG | size << 8);
+        bench.store(SECTOR_1, width, value);
+        bench.run_for(Nanos(16_000));
+        assert_eq!((bench.read(SR), bench.flash_word(SECTOR_1)), (0, holds));
+    }
+}
+
+#[test]
+fn an_error_stays_until_a_one_is_written_to_it() {
+    let mut bench = unlocked();
+    bench.store(SECTOR_1, Width::W32, 0);
+    bench.write(CR, PG);
+    bench.store(SECTOR_1, Width::W32, 0);
+    assert_eq!(bench.read(SR), PGSERR | PGPERR);
+    bench.write(SR, PGPERR);
+    assert_eq!(bench.read(SR), PGSERR);
+    bench.write(SR, PGSERR);
+    assert_eq!(bench.read(SR), 0);
+}

@@ -1,0 +1,173 @@
+//! `armwire`: virtual arms, and real ones to look at and talk to, from the command line.
+#![forbid(unsafe_code)]
+
+mod adapter;
+mod call;
+mod can;
+mod config;
+mod control;
+mod counters;
+mod decode;
+mod describe;
+mod hex;
+mod info;
+mod link;
+mod monitor;
+mod motion;
+mod older;
+mod port;
+mod problem;
+mod serial;
+#[cfg(unix)]
+mod sim;
+mod tcp;
+mod update;
+
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+
+pub use decode::{Speaker, decode};
+
+use control::ControlLink;
+use port::{Connection, Port};
+use problem::Problem;
+use tcp::Host;
+
+/// Virtual robot arms, and real ones to look at and talk to.
+#[derive(Parser)]
+#[command(name = "armwire", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Serve a virtual arm, for any program that talks to a real one.
+    #[cfg(unix)]
+    #[command(subcommand)]
+    Sim(sim::Sim),
+    /// Tell what adapter and what arm are on a port, and how the arm is.
+    Info(Place),
+    /// Watch an arm's joints, temperatures and status; of an alpha1, which servos run.
+    ///
+    /// A full screen on a terminal, a line for each reading otherwise; see --csv and --json.
+    Monitor(monitor::Monitor),
+    /// Move the joints and the gripper of a Ling arm. The arm moves at once: keep clear of it.
+    Move(motion::MoveArm),
+    /// Switch a Ling arm's torque on or off. With torque off the arm falls: hold it.
+    Torque(motion::SetTorque),
+    /// Make one request and print the answer.
+    #[command(subcommand)]
+    Call(call::Call),
+    /// Tell the frames in a recording of a line, what they mean, and what is between them.
+    Decode(decode::Decode),
+    /// Show or change what an adapter is told to be.
+    Config(config::Configure),
+    /// Show all that an adapter has counted, and how long things took.
+    Counters(counters::Counters),
+    /// Give an adapter another firmware, over USB with dfu-util.
+    Update(update::Update),
+}
+
+/// Where an arm is, and which it is.
+#[derive(Args)]
+struct Place {
+    /// The serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or slcan:PORT@BITRATE/NODE, an
+    /// adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux. For xarm the host, such as
+    /// 192.168.1.10 or 192.168.1.10:502.
+    port: String,
+    /// Which arm it is.
+    #[arg(long, value_enum, default_value_t)]
+    arm: ArmKind,
+    #[command(flatten)]
+    baud: Baud,
+    /// The adapter's control port, where it cannot be found from the arm's port: control:PORT, as of a virtual board.
+    #[arg(long, value_name = "PORT")]
+    control: Option<Port>,
+}
+
+impl Place {
+    /// What any other arm is on.
+    fn connect(&self) -> Result<Connection, Problem> {
+        let port: Port = self.port.parse().map_err(Problem::Usage)?;
+        port.connect(self.baud.baud)
+    }
+
+    /// The control port of the adapter there.
+    fn control(&self, connection: &Connection) -> Result<ControlLink, Problem> {
+        match &self.control {
+            Some(port) => port.connect(None)?.control(),
+            None => connection.control(),
+        }
+    }
+
+    /// The host that an xArm is on.
+    fn host(&self) -> Result<Host, Problem> {
+        match self.baud.baud {
+            None => self.port.parse().map_err(Problem::Usage),
+            Some(_) => Err(Problem::Usage("an xarm is on a host, which has no --baud".to_owned())),
+        }
+    }
+}
+
+/// The baud rate of a serial port.
+#[derive(Args)]
+struct Baud {
+    /// Baud rate of the serial port; 1000000 for ling and 115200 for alpha1 unless you say otherwise; a ling arm of the
+    /// older generation may need 921600.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    baud: Option<u32>,
+}
+
+/// The arms there are.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum ArmKind {
+    /// Ling / Alicia-D, on a serial port.
+    #[default]
+    Ling,
+    /// UFACTORY xArm, on TCP.
+    Xarm,
+    /// UBTECH Alpha1, on a serial port.
+    Alpha1,
+}
+
+/// Does what the command line says.
+pub fn main() -> ExitCode {
+    match run(&Cli::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        // Who no longer reads what we print has had enough.
+        Err(Problem::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        Err(Problem::Usage(text)) => Cli::command().error(ErrorKind::ValueValidation, text).exit(),
+        Err(problem) => {
+            eprintln!("armwire: {problem}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(command: &Command) -> Result<(), Problem> {
+    match command {
+        #[cfg(unix)]
+        Command::Sim(sim) => sim.run(stop_on_ctrl_c()?),
+        Command::Info(place) => info::run(place),
+        Command::Monitor(monitor) => monitor.run(stop_on_ctrl_c()?),
+        Command::Call(call) => call.run(),
+        Command::Move(motion) => motion.run(),
+        Command::Torque(torque) => torque.run(),
+        Command::Decode(decode) => decode.run(),
+        Command::Config(config) => config.run(),
+        Command::Counters(counters) => counters.run(),
+        Command::Update(update) => update.run(),
+    }
+}
+
+/// A flag that Ctrl-C, or a request to terminate, sets.
+fn stop_on_ctrl_c() -> Result<&'static AtomicBool, Problem> {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).map_err(Problem::Signals)?;
+    Ok(&STOP)
+}

@@ -1,0 +1,203 @@
+//! Damaged streams of Ling answers, and what the decoder and the reference make of them: what
+//! `host-tests/vendor/differential.py` compares the vendor's parser with.
+//!
+//! Usage: differential SEED
+//!
+//! Each line is a word and bytes in hex. `row` begins a stream and names it. `sent` is a frame of which bytes are missing
+//! or between which others came, `intact` one that arrived whole; `stream` is all that arrived; `ours` and `reference`
+//! are frames that were delivered.
+
+use std::collections::VecDeque;
+use std::io::{BufWriter, Result, Write, stdout};
+use std::{env, iter};
+
+use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, OVERHEAD, PerServo, Response};
+use armwire::{Decoder, Micros, Protocol};
+use armwire_host_tests::reference::{self, Piece, ling};
+use armwire_sim::faults::{Line, Rates};
+use armwire_sim::serial::SerialDevice;
+use oorandom::Rand32;
+
+/// Frames of each stream.
+const FRAMES: usize = 2_000;
+
+/// Bytes after the last frame, more than any parser waits for: no frame is held back because nothing follows.
+const SILENCE: usize = 300;
+
+/// What happens to a stream.
+enum Damage {
+    /// To any byte, so often.
+    Line(Rates),
+    /// So many frames in a million stop somewhere, as when the arm resets.
+    Cut(u32),
+    /// Before so many frames in a million comes a header and three bytes, the last of which is taken for a length.
+    FalseHeader(u32),
+}
+
+/// Everything that is tried.
+fn rows() -> Vec<(String, Damage)> {
+    let mut rows = vec![("nothing".to_owned(), Damage::Line(Rates::NONE))];
+    for ppm in [1_000, 10_000, 50_000] {
+        let percent = f64::from(ppm) / 10_000.0;
+        let mut row = |what: &str, damage| rows.push((format!("{what}, {percent} %"), damage));
+        row(
+            "bytes lost",
+            Damage::Line(Rates {
+                drop: ppm,
+                ..Rates::NONE
+            }),
+        );
+        row(
+            "bits flipped",
+            Damage::Line(Rates {
+                corrupt: ppm,
+                ..Rates::NONE
+            }),
+        );
+        row(
+            "bytes twice",
+            Damage::Line(Rates {
+                duplicate: ppm,
+                ..Rates::NONE
+            }),
+        );
+        row(
+            "bytes from nowhere",
+            Damage::Line(Rates {
+                noise: ppm,
+                ..Rates::NONE
+            }),
+        );
+        row(
+            "all of these",
+            Damage::Line(Rates {
+                delay: 0,
+                ..Rates::each(ppm)
+            }),
+        );
+    }
+    for ppm in [10_000, 50_000, 200_000] {
+        let percent = f64::from(ppm) / 10_000.0;
+        rows.push((format!("frames cut short, {percent} %"), Damage::Cut(ppm)));
+        rows.push((format!("false headers, {percent} %"), Damage::FalseHeader(ppm)));
+    }
+    rows
+}
+
+/// Says what it is given.
+struct Mouth(VecDeque<u8>);
+
+impl SerialDevice for Mouth {
+    fn receive(&mut self, _now: Micros, _byte: u8) {}
+
+    fn transmit(&mut self, _now: Micros) -> Option<u8> {
+        self.0.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Micros> {
+        None
+    }
+}
+
+/// What a follower answers to a host that mostly polls its joints.
+fn answer(random: &mut Rand32) -> Vec<u8> {
+    let mut word = |end| random.rand_range(0..end) as u16;
+    let response = match word(10) {
+        0 => Response::Temperatures(PerServo::Follower([0; 10].map(|_: u8| word(0x100) as u8))),
+        1 => Response::Velocities(PerServo::Follower([0; 10].map(|_: u16| word(5_001)))),
+        _ => Response::Joints(JointState {
+            joints: [0; 6].map(|_: u16| word(4_096)),
+            gripper: word(1_001),
+            status: MotionStatus::from(word(2) as u8),
+        }),
+    };
+    let mut out = [0; MAX_FRAME];
+    let n = Ling::encode_response(&response, &mut out).expect("the longest frame fits");
+    out[..n].to_vec()
+}
+
+/// What arrives of a frame.
+fn arrives(frame: &[u8], damage: &Damage, line: &mut Line<Mouth>, random: &mut Rand32) -> Vec<u8> {
+    let mut happens = |ppm: &u32| random.rand_range(0..1_000_000) < *ppm;
+    match damage {
+        Damage::Line(_) => {
+            line.device_mut().0.extend(frame);
+            iter::from_fn(|| line.transmit(Micros(0))).collect()
+        }
+        Damage::Cut(ppm) if happens(ppm) => {
+            let len = random.rand_range(1..frame.len() as u32) as usize;
+            frame[..len].to_vec()
+        }
+        Damage::FalseHeader(ppm) if happens(ppm) => {
+            let [a, b, c, _] = random.rand_u32().to_le_bytes();
+            [&[0xAA, a, b, c], frame].concat()
+        }
+        Damage::Cut(_) | Damage::FalseHeader(_) => frame.to_vec(),
+    }
+}
+
+/// The frames that the decoder delivers.
+fn ours(stream: &[u8]) -> Vec<Vec<u8>> {
+    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+    let (mut frames, mut rest) = (Vec::new(), stream);
+    while !rest.is_empty() {
+        rest = decoder.push(rest);
+        while let Some(next) = decoder.next(()) {
+            if let Ok(len) = next.map(|frame| frame.data.len() + OVERHEAD) {
+                let end = stream.len() - rest.len() - decoder.pending();
+                frames.push(stream[end - len..end].to_vec());
+            }
+        }
+    }
+    frames
+}
+
+/// The frames that the reference delivers.
+fn references(stream: &[u8]) -> Vec<Vec<u8>> {
+    let pieces = reference::decode(stream, ling::look).into_iter();
+    pieces
+        .filter_map(|piece| match piece {
+            Piece::Frame { at, .. } => Some(stream[at].to_vec()),
+            Piece::Noise { .. } => None,
+        })
+        .collect()
+}
+
+fn main() -> Result<()> {
+    let seed = env::args()
+        .nth(1)
+        .and_then(|seed| seed.parse().ok())
+        .expect("usage: differential SEED");
+    let mut out = BufWriter::new(stdout().lock());
+    for (i, (name, damage)) in rows().into_iter().enumerate() {
+        let rates = if let Damage::Line(rates) = damage {
+            rates
+        } else {
+            Rates::NONE
+        };
+        let mut line = Line::new(Mouth(VecDeque::new()), Rates::NONE, rates, seed);
+        let random = &mut Rand32::new_inc(seed, i as u64);
+        let mut stream = Vec::new();
+        writeln!(out, "row {name}")?;
+        for _ in 0..FRAMES {
+            let frame = answer(random);
+            let arrived = arrives(&frame, &damage, &mut line, random);
+            let intact = arrived.windows(frame.len()).any(|window| window == frame);
+            writeln!(out, "{} {}", if intact { "intact" } else { "sent" }, hex(&frame))?;
+            stream.extend(arrived);
+        }
+        stream.extend([0; SILENCE]);
+        writeln!(out, "stream {}", hex(&stream))?;
+        for frame in ours(&stream) {
+            writeln!(out, "ours {}", hex(&frame))?;
+        }
+        for frame in references(&stream) {
+            writeln!(out, "reference {}", hex(&frame))?;
+        }
+    }
+    out.flush()
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

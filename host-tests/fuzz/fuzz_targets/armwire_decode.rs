@@ -1,0 +1,69 @@
+//! `armwire decode` of any input: the sum is that of its lines, every byte is in one of them, and what cannot be read is
+//! an error of one line.
+#![no_main]
+
+use armwire_cli::{ArmKind, Speaker, decode};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|input: &[u8]| {
+    let Some((kind, recording)) = input.split_first() else {
+        return;
+    };
+    let arm = [ArmKind::Ling, ArmKind::Xarm, ArmKind::Alpha1][usize::from(kind % 3)];
+    let from = [None, Some(Speaker::Host), Some(Speaker::Arm)][usize::from(kind / 3 % 3)];
+    match decode(recording, arm, from) {
+        Ok(lines) => check(&lines),
+        // It may quote the input, which has no line end in a line.
+        Err(error) => assert!(!error.is_empty()),
+    }
+});
+
+/// The sum is that of the lines.
+fn check(lines: &[String]) {
+    let sum = lines.last().expect("there is always a sum");
+    if sum.starts_with("CAN frames: ") {
+        let [frames, pdus, lost, cyclic, others] = [
+            "CAN frames: ",
+            "PDUs: ",
+            "lost: ",
+            "cyclic frames: ",
+            "frames of others: ",
+        ]
+        .map(|what| count(sum, what));
+        assert_eq!(lines.len() - 1, pdus + lost);
+        // One frame may end one PDU and begin another.
+        assert!(pdus + lost <= 3 * frames && cyclic + others <= frames);
+        return;
+    }
+    let [bytes, frames, noise] = ["bytes: ", "frames: ", "noise bytes: "].map(|what| count(sum, what));
+    let [filling, unread] = ["filling: ", "not read: "].map(|what| count(sum, what));
+    let entries = lines.iter().filter_map(|line| entry(line));
+    // Whatever is in no frame lies in one of the others, or fills the room between them; a frame that is damaged is
+    // shown whole, and what is inside it may be shown again.
+    let (mut shown, mut good) = (0, 0);
+    for (offset, len, is_noise) in entries {
+        assert!(offset + len <= bytes);
+        good += usize::from(!is_noise);
+        shown += usize::from(!is_noise) * len;
+    }
+    assert_eq!(good, frames);
+    assert_eq!(shown + noise + filling + unread, bytes);
+}
+
+/// The number behind `what`, 0 where that is not said.
+fn count(sum: &str, what: &str) -> usize {
+    let Some((_, rest)) = sum.split_once(what) else {
+        return 0;
+    };
+    let number = rest.split(',').next().unwrap_or_default();
+    number.parse().expect("a number")
+}
+
+/// Where the bytes of a line are, how many, and whether they are noise. `None` of a line without bytes.
+fn entry(line: &str) -> Option<(usize, usize, bool)> {
+    let (bytes, told) = line.split_once("\n          ")?;
+    let mut words = bytes.split_whitespace();
+    let offset = words.next()?.parse().ok()?;
+    let is_noise = told.starts_with("noise: ") || told == "the recording ends within a frame";
+    Some((offset, words.count(), is_noise))
+}

@@ -1,0 +1,213 @@
+//! Whatever is in flash, what is loaded is a configuration that an adapter can have, or none. What was saved is loaded;
+//! when the power went in the middle of it, that or what was there before.
+#![no_main]
+
+use core::future::Future;
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
+
+use armwire_bridge::config::Config;
+use armwire_bridge::store::{Error, Saved, Store};
+use armwire_fuzz::config::any_config;
+use armwire_fuzz::{Arbitrary, Result, Unstructured};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|input: &[u8]| {
+    // Too short an input is none.
+    let _ = check(&mut Unstructured::new(input));
+});
+
+const PAGE: usize = 256;
+const SIZE: usize = 2 * PAGE;
+
+#[derive(Arbitrary)]
+enum Step<'a> {
+    Save,
+    Reset,
+    /// The power goes after so many words are written or eighths of a page erased: in the middle of the next, of which
+    /// these bits are as they will be.
+    PowerGoes {
+        after: u8,
+        bits: u8,
+        saves: bool,
+    },
+    /// Something else writes to flash: then no more is said than that what is loaded is possible.
+    Spoil {
+        at: u16,
+        bytes: &'a [u8],
+    },
+}
+
+/// NOR flash: erasing sets all bits of a page, writing clears some.
+#[derive(Debug)]
+struct Flash {
+    bytes: [u8; SIZE],
+    /// How many more steps there is power for, and which bits change in the one after them.
+    power: Option<(u8, u8)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct PowerWent;
+
+impl NorFlashError for PowerWent {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl Flash {
+    /// Sets and clears bits, as long as there is power.
+    fn change(&mut self, at: usize, to: &[u8]) -> core::result::Result<(), PowerWent> {
+        let mask = match &mut self.power {
+            Some((0, bits)) => core::mem::take(bits),
+            Some((left, _)) => {
+                *left -= 1;
+                0xFF
+            }
+            None => 0xFF,
+        };
+        for (byte, to) in self.bytes[at..].iter_mut().zip(to) {
+            *byte = *byte & !mask | to & mask;
+        }
+        if mask == 0xFF { Ok(()) } else { Err(PowerWent) }
+    }
+}
+
+impl ErrorType for &mut Flash {
+    type Error = PowerWent;
+}
+
+impl ReadNorFlash for &mut Flash {
+    const READ_SIZE: usize = 1;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> core::result::Result<(), PowerWent> {
+        bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        SIZE
+    }
+}
+
+impl NorFlash for &mut Flash {
+    const WRITE_SIZE: usize = 4;
+    const ERASE_SIZE: usize = PAGE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> core::result::Result<(), PowerWent> {
+        (from..to)
+            .step_by(PAGE / 8)
+            .try_for_each(|at| self.change(at as usize, &[0xFF; PAGE / 8]))
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> core::result::Result<(), PowerWent> {
+        for (at, word) in (offset as usize..).step_by(4).zip(bytes.chunks(4)) {
+            let mut cleared = [0; 4];
+            let places = cleared.iter_mut().zip(&self.bytes[at..]).zip(word);
+            places.for_each(|((to, old), new)| *to = old & new);
+            self.change(at, &cleared[..word.len()])?;
+        }
+        Ok(())
+    }
+}
+
+/// What it comes to: flash of this kind never has to be waited for.
+fn now<T>(future: impl Future<Output = T>) -> T {
+    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(value) => value,
+        Poll::Pending => panic!("there is nothing to wait for"),
+    }
+}
+
+fn load(flash: &mut Flash) -> Saved {
+    flash.power = None;
+    let mut store = Store::new(flash, 0..SIZE as u32).expect("two pages");
+    let saved = now(store.load()).expect("it can be read");
+    if let Saved::Config(config) = saved {
+        assert_eq!(config.check(), Ok(()));
+    }
+    saved
+}
+
+fn check(u: &mut Unstructured<'_>) -> Result<()> {
+    let mut flash = Flash {
+        bytes: [0xFF; SIZE],
+        power: None,
+    };
+    // What is in flash, as long as only the store has written to it.
+    let mut kept = Some(Saved::Nothing);
+    while !u.is_empty() {
+        let step = u.arbitrary()?;
+        let config = match step {
+            Step::Save | Step::PowerGoes { saves: true, .. } => Some(any_config(u)?),
+            _ => None,
+        };
+        match step {
+            Step::Spoil { at, bytes } => {
+                let places = flash.bytes.iter_mut().skip(usize::from(at) % SIZE);
+                places.zip(bytes).for_each(|(to, from)| *to = *from);
+                kept = None;
+            }
+            Step::Save | Step::Reset => {
+                let saved = save(&mut flash, config, kept);
+                kept = kept.map(|_| saved);
+            }
+            Step::PowerGoes { after, bits, .. } => {
+                flash.power = Some((after % 64, bits));
+                let new = saved_as(config);
+                let done = write(&mut flash, config);
+                let loaded = load(&mut flash);
+                if let Some(old) = kept {
+                    assert!(
+                        loaded == old || Some(loaded) == new,
+                        "{loaded:?}, neither {old:?} nor {new:?}"
+                    );
+                    assert!(done.is_err() || Some(loaded) == new, "done, and not there");
+                }
+                kept = kept.map(|_| loaded);
+            }
+        }
+        let loaded = load(&mut flash);
+        assert!(kept.is_none_or(|kept| kept == loaded), "{loaded:?} is not {kept:?}");
+    }
+    Ok(())
+}
+
+/// What is loaded after this was saved; `None` of a configuration that no adapter can have.
+fn saved_as(config: Option<Config>) -> Option<Saved> {
+    match config {
+        Some(config) => config.check().is_ok().then_some(Saved::Config(config)),
+        None => Some(Saved::Nothing),
+    }
+}
+
+fn write(flash: &mut Flash, config: Option<Config>) -> core::result::Result<(), Error<PowerWent>> {
+    let mut store = Store::new(flash, 0..SIZE as u32).expect("two pages");
+    match config {
+        Some(config) => now(store.save(&config)),
+        None => now(store.reset()),
+    }
+}
+
+/// Saves, or resets, and says what is then in flash.
+fn save(flash: &mut Flash, config: Option<Config>, kept: Option<Saved>) -> Saved {
+    let before = load(flash);
+    let new = saved_as(config);
+    match write(flash, config) {
+        Ok(()) => {
+            let loaded = load(flash);
+            assert!(kept.is_none() || Some(loaded) == new, "saved, and not there");
+            loaded
+        }
+        Err(error) => {
+            assert!(!error.to_string().is_empty());
+            let bad = matches!(error, Error::Config(_));
+            assert_eq!(bad, new.is_none());
+            // Whole flash keeps what is written.
+            assert!(bad || kept.is_none(), "{error}");
+            assert!(kept.is_none() || before == load(flash), "what was there is lost");
+            load(flash)
+        }
+    }
+}

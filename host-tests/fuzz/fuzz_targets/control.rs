@@ -1,0 +1,238 @@
+//! Each message of a host on the control interface gets one reply, with its sequence number and of a kind that fits it,
+//! whatever is between messages and however the stream is cut into packets; and a message that is read is written as one
+//! that is read the same.
+#![no_main]
+
+use armwire::Micros;
+use armwire_bridge::config::Config;
+use armwire_bridge::control::{
+    FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reader, Reason, Reply, Request, decode,
+    encode, encode_cobs,
+};
+use armwire_bridge::{Action, Bridge, PACKET};
+use armwire_fuzz::config::any_request;
+use armwire_fuzz::{Arbitrary, Result, Unstructured};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|input: &[u8]| {
+    // Too short an input is none.
+    let _ = check(&mut Unstructured::new(input));
+});
+
+/// The longest message that the adapter takes, in bytes.
+const MAX_REQUEST: usize = 64;
+
+#[derive(Arbitrary)]
+enum Step<'a> {
+    Request,
+    /// Bytes that may be anything, and the zero that ends them.
+    Garbage(&'a [u8]),
+    /// The host takes so many packets.
+    Take(u8),
+    /// What it was told to do, firmware has done, or not.
+    Act {
+        done: bool,
+    },
+    Wait(u16),
+}
+
+struct Host {
+    bridge: Bridge<256, 128>,
+    now: Micros,
+    /// What it still has to say, in packets of so many bytes.
+    out: Vec<u8>,
+    packet: usize,
+    /// What it has asked, as far as that is whole, and what was answered.
+    asked: Vec<core::result::Result<FromHost, Malformed>>,
+    replies: Vec<(u8, Reply)>,
+    reader: Reader<MAX_MESSAGE>,
+}
+
+fn check(u: &mut Unstructured<'_>) -> Result<()> {
+    let identity = Identity {
+        can_fd: u.arbitrary()?,
+        ..Identity::default()
+    };
+    let mut host = Host {
+        bridge: Bridge::new(identity, Config::default()),
+        now: Micros(0),
+        out: Vec::new(),
+        packet: u.int_in_range(1..=PACKET)?,
+        asked: Vec::new(),
+        replies: Vec::new(),
+        reader: Reader::new(),
+    };
+    host.bridge.usb_configured(true);
+    while !u.is_empty() {
+        match u.arbitrary()? {
+            Step::Request => {
+                let sequence = u.arbitrary()?;
+                let request = any_request(u)?;
+                host.say(&cobs(&FromHost { sequence, request }));
+            }
+            Step::Garbage(bytes) => host.say(&[bytes, &[0]].concat()),
+            Step::Take(packets) => (0..packets).for_each(|_| host.take()),
+            Step::Act { done } => host.act(done),
+            Step::Wait(micros) => host.wait(host.now + Micros(micros.into())),
+        }
+        host.give();
+    }
+    host.end();
+    Ok(())
+}
+
+fn cobs<T: Message>(message: &T) -> Vec<u8> {
+    let mut bytes = [0; MAX_COBS];
+    let len = encode_cobs(message, &mut bytes).expect("there is room");
+    bytes[..len].to_vec()
+}
+
+impl Host {
+    fn say(&mut self, bytes: &[u8]) {
+        for segment in bytes.split(|byte| *byte == 0).filter(|segment| !segment.is_empty()) {
+            let message = read(segment);
+            check_codec(segment);
+            self.asked.push(message);
+        }
+        self.out.extend(bytes);
+    }
+
+    /// Hands over what the adapter takes.
+    fn give(&mut self) {
+        while self.bridge.control_room() && !self.out.is_empty() {
+            let packet: Vec<u8> = self.out.drain(..self.packet.min(self.out.len())).collect();
+            self.bridge.control_received(&packet, self.now);
+        }
+    }
+
+    fn take(&mut self) {
+        let mut packet = [0; PACKET];
+        let due = self.bridge.control_due();
+        let len = self.bridge.control_transmit(&mut packet, self.now);
+        assert_eq!(len.is_some(), due);
+        let mut rest = &packet[..len.unwrap_or(0)];
+        while !rest.is_empty() {
+            rest = self.reader.push(rest);
+            match self.reader.next() {
+                Some(Ok(FromAdapter::Reply { sequence, reply })) => self.replies.push((sequence, reply)),
+                Some(Ok(FromAdapter::Event { at, .. })) => assert!(at.0 <= self.now.0),
+                Some(Err(error)) => panic!("the adapter said what nobody reads: {error}"),
+                None => {}
+            }
+        }
+    }
+
+    /// Does what only firmware can do.
+    fn act(&mut self, done: bool) {
+        if let Some(Action::Save(_) | Action::Reset) = self.bridge.action() {
+            let result = if done { Ok(()) } else { Err(()) };
+            self.bridge.saved(result, self.now);
+        }
+    }
+
+    fn wait(&mut self, until: Micros) {
+        self.now = self.now.max(until);
+        self.bridge.tick(self.now);
+        if let Some(line) = self.bridge.line_change() {
+            self.bridge.line_changed(line);
+        }
+        self.bridge.uart_transmit(&mut [0; 80], self.now);
+    }
+
+    /// The host takes all there is, firmware does all it is told, and the arm says nothing: all is answered.
+    fn end(mut self) {
+        for _ in 0..4 * self.asked.len() + 20 {
+            self.give();
+            (0..20).for_each(|_| self.take());
+            self.act(true);
+            self.wait(self.now + Micros::from_millis(200));
+        }
+        let mut asked: Vec<u8> = self.asked.iter().map(sequence).collect();
+        let mut answered: Vec<u8> = self.replies.iter().map(|(sequence, _)| *sequence).collect();
+        asked.sort_unstable();
+        answered.sort_unstable();
+        assert_eq!(answered, asked);
+        for (of, reply) in &self.replies {
+            let fits = |message: &_| sequence(message) == *of && answers(message, reply);
+            assert!(
+                self.asked.iter().any(fits),
+                "{reply:?} answers nothing that was asked as {of}"
+            );
+        }
+        let counters = self.bridge.counters();
+        assert_eq!(counters.control_requests as usize, self.asked.len());
+        let malformed = self.asked.iter().filter(|message| message.is_err()).count();
+        assert_eq!(counters.control_unsupported as usize, malformed);
+    }
+}
+
+/// The sequence number that the reply has.
+fn sequence(message: &core::result::Result<FromHost, Malformed>) -> u8 {
+    match message {
+        Ok(message) => message.sequence,
+        Err(malformed) => malformed.sequence.unwrap_or(0),
+    }
+}
+
+fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -> bool {
+    let Ok(message) = message else {
+        return matches!(reply, Reply::Unsupported { .. });
+    };
+    match message.request {
+        Request::Identify => matches!(reply, Reply::Identity(_)),
+        Request::IdentifyArm => matches!(reply, Reply::Arm(_) | Reply::Failed(_)),
+        Request::GetConfig => matches!(reply, Reply::Config(_)),
+        Request::SetConfig(config) => match config.check() {
+            Ok(()) => matches!(reply, Reply::Done | Reply::BadConfig(_)),
+            Err(error) => *reply == Reply::BadConfig(error),
+        },
+        Request::SaveConfig | Request::ResetConfig => matches!(reply, Reply::Done | Reply::Failed(_)),
+        Request::GetCounters => matches!(reply, Reply::Counters(_)),
+        Request::GetLatencies => matches!(reply, Reply::Latencies(_)),
+        Request::Subscribe(_) | Request::Restart | Request::RestartIntoBootLoader => *reply == Reply::Done,
+    }
+}
+
+/// What bytes that end with a zero mean: COBS and then a message, read all at once.
+fn read(segment: &[u8]) -> core::result::Result<FromHost, Malformed> {
+    let mut message = Vec::new();
+    let mut rest = segment;
+    while let Some((&len, behind)) = rest.split_first() {
+        let len = usize::from(len) - 1;
+        let Some((block, behind)) = behind.split_at_checked(len) else {
+            return Err(Malformed {
+                sequence: None,
+                reason: Reason::NotCobs,
+            });
+        };
+        message.extend(block);
+        if len < 254 && !behind.is_empty() {
+            message.push(0);
+        }
+        rest = behind;
+    }
+    if message.len() > MAX_REQUEST {
+        return Err(Malformed {
+            sequence: message.first().copied(),
+            reason: Reason::TooLong { max: MAX_REQUEST },
+        });
+    }
+    decode(&message)
+}
+
+/// What is read of any bytes is written as bytes that are read the same.
+fn check_codec(bytes: &[u8]) {
+    if let Ok(message) = decode::<FromAdapter>(bytes) {
+        let mut out = [0; MAX_MESSAGE];
+        let len = encode(&message, &mut out).expect("there is room");
+        assert_eq!(decode(&out[..len]), Ok(message));
+    }
+    match decode::<FromHost>(bytes) {
+        Ok(message) => {
+            let mut out = [0; MAX_MESSAGE];
+            let len = encode(&message, &mut out).expect("there is room");
+            assert_eq!(decode(&out[..len]), Ok(message));
+        }
+        Err(malformed) => assert!(!malformed.to_string().is_empty()),
+    }
+}

@@ -1,0 +1,69 @@
+//! Every byte of any line comes out once and in order: in a frame, which written anew is the same bytes, in noise, or as
+//! what fills the room between frames.
+#![no_main]
+
+use armwire::Scan;
+use armwire_fuzz::line::{Ear, Out};
+use armwire_fuzz::{Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|input: &[u8]| check::<Decode>(input));
+
+struct Decode;
+
+impl Check for Decode {
+    fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
+        let expect = P::any_expect(u)?;
+        let line = u.bytes(u.len())?;
+        let mut ear = Ear::<P, N>::new(expect);
+        ear.hear(line);
+        ear.idle();
+
+        let mut at = 0;
+        for out in &ear.heard {
+            let range = out.range();
+            assert!(at <= range.start && range.start < range.end, "twice in {:?}", ear.heard);
+            check_filling::<P>(&line[at..range.start]);
+            at = range.end;
+            match out {
+                Out::Frame(range) => check_frame::<P, N>(&line[range.clone()], expect),
+                Out::Noise(noise) => assert!(!noise.to_string().is_empty()),
+            }
+        }
+        match ear.broken() {
+            // What follows is not read.
+            Some(noise) => assert_eq!(ear.heard.last(), Some(&Out::Noise(noise))),
+            None => check_filling::<P>(&line[at..line.len() - ear.pending()]),
+        }
+        Ok(())
+    }
+}
+
+/// Bytes that did not come out are such as fill the room between frames.
+fn check_filling<P: Subject>(bytes: &[u8]) {
+    assert!(bytes.iter().all(|byte| Some(*byte) == P::FILL), "lost {bytes:02X?}");
+}
+
+/// Written anew it is the same bytes, and so is what it means, but for what the protocol leaves open.
+fn check_frame<P: Subject, const N: usize>(bytes: &[u8], expect: P::Expect) {
+    let frame = P::view(bytes).expect("it was viewed before");
+    let mut out = [0; N];
+    let n = P::encode_frame(frame, expect, &mut out).expect("it was read");
+    assert_eq!(&out[..n], bytes);
+    match P::parse_request(frame) {
+        Ok(request) => {
+            let bytes = request_bytes::<P>(&request);
+            assert_eq!(P::scan(&bytes, P::REQUESTS), Scan::Frame(bytes.len()));
+            assert_eq!(P::view(&bytes).map(P::parse_request), Some(Ok(request)));
+        }
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
+    match P::parse_response(frame, expect) {
+        Ok(response) => {
+            let bytes = response_bytes::<P>(&response);
+            let again = P::view(&bytes).map(|frame| P::parse_response(frame, expect));
+            assert_eq!(again, Some(Ok(response)));
+        }
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
+}

@@ -1,0 +1,256 @@
+//! Of a PDU that goes from one endpoint to another, all arrives or nothing, though frames are lost or come twice: what is
+//! received is what was sent, in the order in which it was sent. If none is lost, all arrive. And whatever frames
+//! come, what is received is no longer than there is room for.
+#![no_main]
+
+use armwire::Micros;
+use armwire_bridge::can::Id;
+use armwire_bridge::isotp::{Config, Endpoint, Event, Link, SendError, SeparationTime};
+use armwire_fuzz::{Arbitrary, Result, Unstructured};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|input: &[u8]| {
+    // Too short an input is none.
+    let _ = check(&mut Unstructured::new(input));
+});
+
+/// The longest PDU that is received. Frames of one PDU have numbers modulo 16: what has no more of them is never mixed up.
+const RX: usize = 100;
+
+/// The longest that is sent: more than there is room for.
+const TX: usize = 110;
+
+type End = Endpoint<RX, TX>;
+
+#[derive(Arbitrary)]
+enum Step<'a> {
+    Send {
+        from: bool,
+        len: u8,
+    },
+    Transmit {
+        from: bool,
+        fate: Fate,
+    },
+    Release {
+        at: bool,
+    },
+    Wait(u16),
+    WaitUntilDue,
+    /// What no endpoint has sent comes all the same.
+    Foreign {
+        at: bool,
+        frame: &'a [u8],
+    },
+    BusOff,
+}
+
+/// What becomes of a frame. A CAN bus has checksums, keeps frames in order, and repeats one whose acknowledgement went
+/// wrong.
+#[derive(Arbitrary, PartialEq)]
+enum Fate {
+    Arrives,
+    ArrivesTwice,
+    Lost,
+}
+
+fn any_end(u: &mut Unstructured<'_>, id: u16) -> Result<End> {
+    let mut config = Config::new(*u.choose(&[Link::Classic, Link::Fd])?, Id::new(id).expect("in range"));
+    config.block_size = *u.choose(&[0, 0, 1, 2, 8, 255])?;
+    config.st_min = SeparationTime::from_byte(u.arbitrary()?);
+    config.max_waits = u.int_in_range(0..=3)?;
+    Ok(End::new(config))
+}
+
+/// One side: its end, what it has sent, and how many of the other side's PDUs it has received, the last of them being
+/// in single frames if it may come again.
+struct Side {
+    end: End,
+    sent: Vec<Vec<u8>>,
+    received: usize,
+}
+
+struct Bus {
+    sides: [Side; 2],
+    now: Micros,
+    /// Nothing was lost so far, and nothing else went wrong.
+    flawless: bool,
+    /// Something came that nobody sent.
+    foreign: bool,
+}
+
+fn check(u: &mut Unstructured<'_>) -> Result<()> {
+    let side = |end| Side {
+        end,
+        sent: Vec::new(),
+        received: 0,
+    };
+    let mut bus = Bus {
+        sides: [side(any_end(u, 0x600)?), side(any_end(u, 0x610)?)],
+        now: Micros(0),
+        flawless: true,
+        foreign: false,
+    };
+    while !u.is_empty() {
+        match u.arbitrary()? {
+            Step::Send { from, len } => bus.send(from.into(), len.into()),
+            Step::Transmit { from, fate } => {
+                bus.transmit(from.into(), fate);
+            }
+            Step::Release { at } => bus.sides[usize::from(at)].end.release(),
+            Step::Wait(micros) => bus.wait(bus.now + Micros(micros.into())),
+            Step::WaitUntilDue => {
+                let due = bus.sides.iter().filter_map(|side| side.end.timeout()).min();
+                bus.wait(due.unwrap_or(bus.now));
+            }
+            Step::Foreign { at, frame } => {
+                bus.foreign = true;
+                bus.receive(at.into(), frame);
+            }
+            Step::BusOff => {
+                bus.flawless = false;
+                bus.sides.iter_mut().for_each(|side| side.end.abort());
+            }
+        }
+    }
+    bus.end();
+    Ok(())
+}
+
+impl Bus {
+    fn send(&mut self, from: usize, len: usize) {
+        let side = &mut self.sides[from];
+        let number = side.sent.len() as u8;
+        // No two have the same bytes at the same place.
+        let pdu: Vec<u8> = (0..len)
+            .map(|i| number.wrapping_mul(37) ^ (i as u8).wrapping_mul(3))
+            .collect();
+        let busy = side.end.is_sending();
+        match side.end.send(&pdu) {
+            Ok(()) => {
+                assert!(!busy && (1..=TX).contains(&len));
+                // One that there is no room for at the other end is refused there.
+                self.flawless &= len <= RX && side.sent.len() < 200;
+                side.sent.push(pdu);
+            }
+            Err(error) => {
+                assert!(!error.to_string().is_empty());
+                let expected = match len {
+                    _ if busy => SendError::Busy,
+                    0 => SendError::Empty,
+                    got => SendError::TooLong { max: TX, got },
+                };
+                assert_eq!(error, expected);
+            }
+        }
+    }
+
+    /// Moves a frame over the bus, and says whether there was one.
+    fn transmit(&mut self, from: usize, fate: Fate) -> bool {
+        let now = self.now;
+        let end = &mut self.sides[from].end;
+        let due = end.transmit_at().is_some_and(|at| at <= now);
+        let frame = end.transmit(now);
+        assert_eq!(frame.is_some(), due);
+        let Some(frame) = frame else { return false };
+        end.transmitted(now);
+        self.flawless &= fate == Fate::Arrives;
+        let times = match fate {
+            Fate::Arrives => 1,
+            Fate::ArrivesTwice => 2,
+            Fate::Lost => 0,
+        };
+        for _ in 0..times {
+            self.receive(1 - from, frame.data());
+        }
+        true
+    }
+
+    fn receive(&mut self, at: usize, frame: &[u8]) {
+        let now = self.now;
+        let occupied = self.sides[at].end.received().is_some();
+        for event in self.sides[at].end.receive(frame, now) {
+            self.note(at, event, occupied);
+        }
+    }
+
+    fn note(&mut self, at: usize, event: Event, occupied: bool) {
+        match event {
+            Event::Received => {
+                assert!(!occupied, "one that was not taken is lost");
+                self.check_received(at);
+            }
+            Event::Refused(refused) => {
+                assert!(!refused.to_string().is_empty());
+                self.flawless = false;
+            }
+            Event::Failed(error) => {
+                assert!(!error.to_string().is_empty());
+                self.flawless = false;
+            }
+            Event::Ignored(ignored) => {
+                assert!(!ignored.to_string().is_empty());
+                assert!(!self.flawless || self.foreign, "{ignored}, and nothing went wrong");
+            }
+        }
+    }
+
+    fn check_received(&mut self, at: usize) {
+        let [here, there] = match at {
+            0 => [0, 1],
+            _ => [1, 0],
+        };
+        let pdu = self.sides[here].end.received().expect("it was received");
+        assert!((1..=RX).contains(&pdu.len()));
+        if self.foreign {
+            return;
+        }
+        // A single frame that comes twice is the last one again.
+        let from = self.sides[here].received.saturating_sub(1);
+        let sent = &self.sides[there].sent;
+        let place = sent[from..].iter().position(|sent| sent == pdu);
+        let place = from + place.unwrap_or_else(|| panic!("{pdu:02X?} was not sent, of {sent:02X?}"));
+        assert!(!self.flawless || place == self.sides[here].received, "one is missing");
+        self.sides[here].received = place + 1;
+    }
+
+    fn wait(&mut self, until: Micros) {
+        self.now = self.now.max(until);
+        for at in 0..2 {
+            for event in self.sides[at].end.tick(self.now) {
+                self.note(at, event, false);
+            }
+            let timeout = self.sides[at].end.timeout();
+            assert!(
+                timeout.is_none_or(|at| at > self.now),
+                "a tick leaves nothing that is late"
+            );
+        }
+    }
+
+    /// Nothing more is lost: both come to an end, and if nothing was lost before, all has arrived.
+    fn end(mut self) {
+        for _ in 0..1_000 {
+            let mut moved = false;
+            for from in 0..2 {
+                self.sides[from].end.release();
+                moved |= self.transmit(from, Fate::Arrives);
+            }
+            if moved {
+                continue;
+            }
+            let next = |side: &Side| [side.end.transmit_at(), side.end.timeout()].into_iter().flatten().min();
+            match self.sides.iter().filter_map(next).min() {
+                Some(at) => self.wait(at),
+                None => break,
+            }
+        }
+        for (here, there) in [(0, 1), (1, 0)] {
+            let end = &self.sides[here].end;
+            assert!(!end.is_sending() && end.timeout().is_none(), "{end:?} does not end");
+            if self.flawless && !self.foreign {
+                assert_eq!(self.sides[here].received, self.sides[there].sent.len());
+            }
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! A line means the same whatever came before it, what was read is written as a line that is read the same, and the
+//! adapter answers each line once, sends frames only while its channel is open, and tells of those that it heard.
+#![no_main]
+
+use armwire::Micros;
+use armwire_bridge::can::{Frame, Id};
+use armwire_fuzz::{Arbitrary, Result, Unstructured};
+use armwire_sim::slcan::{Adapter, Commands, Replies, Reply, Status};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|input: &[u8]| {
+    let Some((kind, rest)) = input.split_first() else {
+        return;
+    };
+    match kind % 2 {
+        0 => lines(rest),
+        _ => {
+            // Too short an input is none.
+            let _ = adapter(&mut Unstructured::new(rest));
+        }
+    }
+});
+
+fn lines(bytes: &[u8]) {
+    let (mut commands, mut replies) = (Commands::default(), Replies::default());
+    let commands: Vec<_> = bytes.iter().filter_map(|byte| commands.push(*byte)).collect();
+    let replies: Vec<_> = bytes.iter().filter_map(|byte| replies.push(*byte)).collect();
+
+    let (ends, start) = (bytes.split(|byte| *byte == b'\r'), b"V1013");
+    let lines: Vec<&[u8]> = ends.collect();
+    assert_eq!(commands.len(), lines.len() - 1);
+    for (command, line) in commands.into_iter().zip(lines) {
+        let alone = [line, b"\r"].concat();
+        let mut fresh = Commands::default();
+        assert_eq!(
+            alone.iter().filter_map(|byte| fresh.push(*byte)).collect::<Vec<_>>(),
+            [command]
+        );
+        match command {
+            Ok(command) => {
+                let mut line = Vec::new();
+                command.encode(&mut line);
+                assert_eq!(
+                    line.iter().filter_map(|byte| fresh.push(*byte)).collect::<Vec<_>>(),
+                    [Ok(command)]
+                );
+                assert!(
+                    alone.eq_ignore_ascii_case(&line) || alone[0] == b'd',
+                    "{alone:?} is {line:?}"
+                );
+            }
+            Err(error) => assert!(!error.to_string().is_empty()),
+        }
+    }
+    for reply in replies {
+        match reply {
+            Ok(reply) => {
+                // A refusal in the middle of a line cuts it off.
+                let mut line = match reply {
+                    Reply::Refused => start.to_vec(),
+                    _ => Vec::new(),
+                };
+                reply.encode(&mut line);
+                let mut fresh = Replies::default();
+                assert_eq!(
+                    line.iter().filter_map(|byte| fresh.push(*byte)).collect::<Vec<_>>(),
+                    [Ok(reply)]
+                );
+            }
+            Err(error) => assert!(!error.to_string().is_empty()),
+        }
+    }
+}
+
+#[derive(Arbitrary)]
+enum Step<'a> {
+    Program(&'a [u8]),
+    /// A line that there is.
+    Line(u8),
+    Hear {
+        id: u16,
+        data: &'a [u8],
+        fd: bool,
+    },
+    Report(u8),
+    /// There is room for frames on the bus, or none.
+    Room(bool),
+    Read,
+}
+
+const LINES: [&[u8]; 12] = [
+    b"\r",
+    b"S8\r",
+    b"O\r",
+    b"L\r",
+    b"C\r",
+    b"F\r",
+    b"V\r",
+    b"N\r",
+    b"Z1\r",
+    b"Z0\r",
+    b"t6003010203\r",
+    b"b60F811\r",
+];
+
+fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
+    let mut adapter = Adapter::new();
+    let mut reader = Replies::default();
+    let (mut line_ends, mut answers, mut told) = (0, 0, 0);
+    let (mut room, mut now) = (true, Micros(0));
+    let mut heard = Vec::new();
+    while !u.is_empty() {
+        now = now + Micros(1_001);
+        match u.arbitrary()? {
+            Step::Program(bytes) => line_ends += program(&mut adapter, bytes, room),
+            Step::Line(n) => line_ends += program(&mut adapter, LINES[usize::from(n) % LINES.len()], room),
+            Step::Hear { id, data, fd } => {
+                let id = Id::new(id & Id::MAX.get()).expect("in range");
+                let frame = if fd {
+                    Frame::new_fd(id, data)
+                } else {
+                    Frame::new(id, data)
+                };
+                let Ok(frame) = frame else { continue };
+                adapter.hear(&frame, now);
+                if adapter.bit_rate().is_some() {
+                    heard.push(frame);
+                }
+            }
+            Step::Report(bits) => adapter.report(Status(bits)),
+            Step::Room(is) => room = is,
+            Step::Read => {
+                for byte in adapter.output().drain(..) {
+                    match reader.push(byte) {
+                        Some(Ok(Reply::Frame { frame, millis })) => {
+                            assert_eq!(Some(&frame), heard.get(told));
+                            assert!(millis.is_none_or(|millis| millis < 60_000));
+                            told += 1;
+                        }
+                        Some(Ok(reply)) => {
+                            if let Reply::Status(status) = reply {
+                                assert!(!status.to_string().is_empty());
+                            }
+                            answers += 1;
+                        }
+                        Some(Err(error)) => panic!("the adapter said what nobody reads: {error}"),
+                        None => {}
+                    }
+                }
+                assert_eq!((answers, told), (line_ends, heard.len()));
+            }
+        }
+        assert!(!adapter.is_listening() || adapter.bit_rate().is_some());
+    }
+    Ok(())
+}
+
+/// Gives bytes of a program, and says how many lines they ended.
+fn program(adapter: &mut Adapter, bytes: &[u8], room: bool) -> usize {
+    for byte in bytes {
+        let open = adapter.bit_rate().is_some() && !adapter.is_listening();
+        adapter.receive(*byte, |_| {
+            assert!(open, "a frame is sent while the channel is not open");
+            room
+        });
+    }
+    bytes.iter().filter(|byte| **byte == b'\r').count()
+}

@@ -1,0 +1,51 @@
+//! However a line is cut into chunks, the same comes out: in chunks, byte by byte, and in such pieces as a receiver takes
+//! that is told how many bytes are needed.
+#![no_main]
+
+use armwire::ling::legacy::Detector;
+use armwire_fuzz::line::Ear;
+use armwire_fuzz::{Check, Result, Subject, Unstructured, check};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|input: &[u8]| check::<Split>(input));
+
+/// In a cut: the line goes idle after the chunk.
+const IDLE: u8 = 0x80;
+
+struct Split;
+
+impl Check for Split {
+    fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
+        let expect = P::any_expect(u)?;
+        let cuts: &[u8] = u.arbitrary()?;
+        let line = u.bytes(u.len())?;
+        let mut chunked = Ear::<P, N>::new(expect);
+        let mut bytewise = Ear::<P, N>::new(expect);
+        let mut needed = Ear::<P, N>::new(expect);
+        let (mut whole, mut pieces) = (Detector::new(), Detector::new());
+        let told = whole.hear(line);
+        let mut rest = line;
+        for cut in cuts.iter().copied().chain([u8::MAX]) {
+            let len = if cut == u8::MAX {
+                rest.len()
+            } else {
+                usize::from(cut & !IDLE)
+            };
+            let (chunk, later) = rest.split_at(len.min(rest.len()));
+            rest = later;
+            chunked.hear(chunk);
+            chunk.iter().for_each(|byte| bytewise.hear(&[*byte]));
+            needed.hear_by_need(chunk);
+            pieces.hear(chunk);
+            if cut & IDLE != 0 {
+                chunked.idle();
+                bytewise.idle();
+                needed.idle();
+            }
+        }
+        assert_eq!(chunked.heard, bytewise.heard);
+        assert_eq!(chunked.heard, needed.heard);
+        assert_eq!(pieces.hear(rest), told);
+        Ok(())
+    }
+}

@@ -1,0 +1,650 @@
+//! An adapter, and what must hold of it whatever happens around it.
+
+use armwire::alpha1::Alpha1;
+use armwire::ling::{self, Ling};
+use armwire::{Micros, Protocol, Scan};
+use armwire_bridge::can::command::Command;
+use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame};
+use armwire_bridge::can::{Frame, Function, Id};
+use armwire_bridge::config::{ArmKind, Config, Poll};
+use armwire_bridge::control::{
+    FromAdapter, FromHost, Identity, MAX_COBS, MAX_FRAME, MAX_MESSAGE, Reader, Request, decode, encode, encode_cobs,
+};
+use armwire_bridge::isotp::{self, Endpoint, Link};
+use armwire_bridge::{Action, Bridge, CanErrors, Counters, PACKET, UartErrors};
+
+use crate::subject::{request_bytes, response_bytes};
+use crate::{Result, Subject, Unstructured};
+
+/// The shortest request to an Alpha1: to play the action whose name is empty.
+const PLAY_NOTHING: [u8; 5] = [0xF3, 0x3F, 0x01, 0x01, 0xED];
+
+/// Small queues, so that they are full soon.
+pub type Adapter = Bridge<256, 128>;
+
+/// An adapter, its hosts, and what they said and heard.
+pub struct World {
+    /// The adapter.
+    pub bridge: Adapter,
+    /// The time.
+    pub now: Micros,
+    config: Config,
+
+    /// All that the arm said, and the host on USB heard.
+    arm_said: Vec<u8>,
+    usb_heard: Vec<u8>,
+    /// All that was taken from the host on USB, and went to the arm of it.
+    usb_said: Vec<u8>,
+    usb_sent: Vec<u8>,
+    /// The last request that the arm heard, and bytes that it heard of anybody.
+    last: Vec<u8>,
+    to_arm: usize,
+    /// Requests of all but the host on USB that want an answer, as far as that is known.
+    wanted: Option<usize>,
+
+    /// The host on CAN: its connections, what it has sent on them, and how many PDUs of it were sent to the arm.
+    arm: Endpoint<100, 100>,
+    control: Endpoint<300, 100>,
+    can_said: Vec<Vec<u8>>,
+    can_sent: usize,
+    command: u8,
+
+    /// Control messages: how many were sent, and answered.
+    reader: Reader<MAX_MESSAGE>,
+    sequence: u8,
+    asked: usize,
+    asked_on_can: usize,
+    answered: usize,
+    answered_on_can: usize,
+
+    /// What was done that makes some accounts inexact.
+    usb_gone: bool,
+    can_disturbed: bool,
+    reconfigured: bool,
+    others: bool,
+}
+
+/// Anything that such an arm says.
+pub fn any_arm_bytes(u: &mut Unstructured<'_>, arm: ArmKind) -> Result<Vec<u8>> {
+    match arm {
+        ArmKind::Ling => Ling::any_frame(u, ()),
+        ArmKind::Alpha1 | ArmKind::Alpha1Servo => {
+            let (response, _) = Alpha1::any_response(u)?;
+            Ok(response_bytes::<Alpha1>(&response))
+        }
+        ArmKind::Raw => Ok(u.arbitrary::<&[u8]>()?.to_vec()),
+    }
+}
+
+impl World {
+    /// An adapter that a host on USB has found, unless it is `detached`.
+    pub fn new(config: Config, detached: bool) -> Self {
+        let identity = Identity {
+            can_fd: true,
+            ..Identity::default()
+        };
+        let mut bridge = Adapter::new(identity, config);
+        let config = bridge.config();
+        let link = match config.can.data_bit_rate {
+            Some(_) => Link::Fd,
+            None => Link::Classic,
+        };
+        let end = |function: Function| isotp::Config::new(link, function.id(config.can.node));
+        bridge.usb_configured(!detached);
+        Self {
+            bridge,
+            now: Micros(0),
+            config,
+            arm_said: Vec::new(),
+            usb_heard: Vec::new(),
+            usb_said: Vec::new(),
+            usb_sent: Vec::new(),
+            last: Vec::new(),
+            to_arm: 0,
+            wanted: Some(0),
+            arm: Endpoint::new(end(Function::ArmRequest)),
+            control: Endpoint::new(end(Function::ControlRequest)),
+            can_said: Vec::new(),
+            can_sent: 0,
+            command: 0,
+            reader: Reader::new(),
+            sequence: 0,
+            asked: 0,
+            asked_on_can: 0,
+            answered: 0,
+            answered_on_can: 0,
+            usb_gone: false,
+            can_disturbed: false,
+            reconfigured: false,
+            others: config.poll != Poll::Off,
+        }
+    }
+
+    /// Any request to the kind of arm that there is.
+    pub fn any_arm_request(&self, u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
+        match self.bridge.config().arm {
+            ArmKind::Ling => Ling::any_frame(u, ()),
+            ArmKind::Alpha1 | ArmKind::Alpha1Servo => {
+                Alpha1::any_request(u).map(|request| request_bytes::<Alpha1>(&request))
+            }
+            ArmKind::Raw => Ok(u.arbitrary::<&[u8]>()?.to_vec()),
+        }
+    }
+
+    // ---- The host on USB ----
+
+    /// The host finds the adapter, or gives it up.
+    pub fn configured(&mut self, is: bool) {
+        self.bridge.usb_configured(is);
+        assert_eq!(self.bridge.is_attached(), is);
+        self.usb_forgot();
+    }
+
+    /// The bus was reset.
+    pub fn reset(&mut self) {
+        self.bridge.usb_reset();
+        self.usb_forgot();
+    }
+
+    fn usb_forgot(&mut self) {
+        self.usb_gone = true;
+        self.reader = Reader::new();
+    }
+
+    /// The host wants a line coding.
+    pub fn line_coding(&mut self, bytes: [u8; 7]) {
+        let before = self.bridge.line_coding();
+        let refused = self.bridge.counters().refused_line_codings;
+        let result = self.bridge.request_line_coding(bytes, self.now);
+        match result {
+            Ok(()) => assert_eq!(self.bridge.line_coding().to_cdc(), bytes),
+            Err(_) => assert_eq!(self.bridge.line_coding(), before),
+        }
+        let counted = self.bridge.counters().refused_line_codings - refused;
+        assert_eq!(counted, u32::from(result.is_err()));
+    }
+
+    /// The host says bytes, as far as they are taken.
+    pub fn usb_says(&mut self, bytes: &[u8]) {
+        for packet in bytes.chunks(PACKET) {
+            if self.bridge.usb_room() {
+                self.bridge.usb_received(packet, self.now);
+                self.usb_said.extend(packet);
+            }
+        }
+    }
+
+    /// The host takes a packet of each interface.
+    pub fn usb_takes(&mut self) {
+        let mut packet = [0; PACKET];
+        let due = self.bridge.usb_due();
+        let len = self.bridge.usb_transmit(&mut packet);
+        assert_eq!(len.is_some(), due);
+        self.usb_heard.extend(&packet[..len.unwrap_or(0)]);
+
+        let due = self.bridge.control_due();
+        let len = self.bridge.control_transmit(&mut packet, self.now);
+        assert_eq!(len.is_some(), due);
+        let mut rest = &packet[..len.unwrap_or(0)];
+        while !rest.is_empty() {
+            rest = self.reader.push(rest);
+            let now = self.now;
+            match self.reader.next::<FromAdapter>() {
+                Some(message) => self.answered += usize::from(is_reply(message.expect("it can be read"), now)),
+                None => assert!(rest.is_empty()),
+            }
+        }
+    }
+
+    /// The host asks something on the control interface, if that is taken.
+    pub fn control_asks(&mut self, request: Request) {
+        if !self.bridge.control_room() {
+            return;
+        }
+        let mut bytes = [0; MAX_COBS];
+        let len = encode_cobs(&self.message(request), &mut bytes).expect("there is room");
+        assert!(len <= PACKET);
+        self.asked += 1;
+        self.bridge.control_received(&bytes[..len], self.now);
+    }
+
+    fn message(&mut self, request: Request) -> FromHost {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.reconfigured |= matches!(request, Request::SetConfig(_) | Request::ResetConfig);
+        self.others |= request == Request::IdentifyArm;
+        FromHost {
+            sequence: self.sequence,
+            request,
+        }
+    }
+
+    // ---- The arm, and the UART ----
+
+    /// The arm says bytes.
+    pub fn arm_says(&mut self, bytes: &[u8]) {
+        self.arm_said.extend(bytes);
+        self.bridge.uart_received(bytes, self.now);
+        assert!(self.bridge.need() > 0);
+        assert!(self.arm_said.is_empty() || !format!("{:?}", self.bridge.wake()).is_empty());
+    }
+
+    /// The arm answers what it heard last, with this data if that can be.
+    pub fn arm_answers(&mut self, data: &[u8]) {
+        let answer = match (self.bridge.config().arm, &*self.last) {
+            (ArmKind::Ling, &[_, command, function, ..]) => {
+                let data = &data[..data.len().min(ling::MAX_DATA)];
+                let frame = ling::Frame {
+                    command,
+                    function,
+                    data,
+                };
+                let mut out = [0; MAX_FRAME];
+                let len = frame.encode(&mut out).expect("it is not too long");
+                out[..len].to_vec()
+            }
+            (_, &[0xFA, _, servo, 0x01 | 0x04, ..]) => vec![servo.wrapping_add(0xAA)],
+            (_, &[command @ (0xFA | 0xFC), partner, servo, ..]) => {
+                let check = servo.wrapping_add(0xAA);
+                vec![command, partner, servo, 0xAA, 0, 0, 0, 0, check, 0xED]
+            }
+            (_, &[command, partner, ..]) => vec![command, partner, 0xAA, 0xED],
+            _ => return,
+        };
+        self.arm_says(&answer);
+    }
+
+    /// The UART reports errors.
+    pub fn uart_errors(&mut self, [framing, parity, noise, overrun]: [u8; 4]) {
+        self.bridge.uart_errors(UartErrors {
+            framing: framing.into(),
+            parity: parity.into(),
+            noise: noise.into(),
+            overrun: overrun.into(),
+        });
+        if overrun == 0xFF {
+            self.bridge.uart_ring_overrun();
+        }
+    }
+
+    /// The UART takes bytes for the arm, or changes its line. Whether there were any, or it did.
+    pub fn uart_takes(&mut self, room: usize) -> bool {
+        let before = self.bridge.counters();
+        let mut out = vec![0; room];
+        // What has fallen due is dealt with by this, and so it is by asking for bytes.
+        self.bridge.tick(self.now);
+        let due = self.bridge.uart_due(self.now);
+        if let Some(line) = self.bridge.line_change() {
+            assert!(due && self.bridge.uart_transmit(&mut out, self.now).is_none());
+            self.bridge.line_changed(line);
+            return true;
+        }
+        let Some(burst) = self.bridge.uart_transmit(&mut out, self.now) else {
+            assert!(
+                room < MAX_FRAME || !due,
+                "there is something to say, and it is not said"
+            );
+            return false;
+        };
+        assert!(due && (1..=room).contains(&burst.len));
+        if let Some(start) = burst.start {
+            assert!(self.now < start && start <= self.now + armwire_bridge::LEAD);
+        }
+        let bytes = &out[..burst.len];
+        self.to_arm += bytes.len();
+        self.attribute(bytes, &before);
+        self.last = bytes.to_vec();
+        true
+    }
+
+    /// Whose bytes went to the arm: the counters say it.
+    fn attribute(&mut self, bytes: &[u8], before: &Counters) {
+        let now = self.bridge.counters();
+        let others = [
+            now.requests_can - before.requests_can,
+            now.requests_poll - before.requests_poll,
+            now.requests_command - before.requests_command,
+            now.requests_adapter - before.requests_adapter,
+        ];
+        if others == [0; 4] {
+            self.usb_sent.extend(bytes);
+            return;
+        }
+        assert_eq!((others.iter().sum::<u32>(), now.requests_usb), (1, before.requests_usb));
+        let wants = wants_answer(self.bridge.config().arm, bytes);
+        self.wanted = self
+            .wanted
+            .zip(wants)
+            .map(|(wanted, wants)| wanted + usize::from(wants));
+        if others[0] == 1 {
+            // What hosts on CAN say goes out whole, and in the order in which they said it.
+            let place = self.can_said[self.can_sent..].iter().position(|pdu| pdu == bytes);
+            self.can_sent += 1 + place.expect("no host on CAN said that");
+        }
+    }
+
+    // ---- CAN ----
+
+    /// The host on CAN says a PDU, unless it is still busy with the one before.
+    pub fn can_says(&mut self, pdu: &[u8]) {
+        if self.arm.send(pdu).is_ok() {
+            self.can_said.push(pdu.to_vec());
+            self.others = true;
+        }
+    }
+
+    /// The host on CAN asks something on the control connection, unless it is still busy.
+    pub fn can_asks(&mut self, request: Request) {
+        if self.control.is_sending() {
+            return;
+        }
+        let mut bytes = [0; MAX_MESSAGE];
+        let len = encode(&self.message(request), &mut bytes).expect("there is room");
+        self.asked_on_can += 1;
+        self.control.send(&bytes[..len]).expect("it is idle");
+    }
+
+    /// A cyclic command, of the one before or a later number.
+    pub fn command(&mut self, skip: u8, joints: u16, speed: u8, gripper: u8) {
+        self.others = true;
+        self.command = self.command.wrapping_add(skip % 3);
+        let command = Command {
+            sequence: self.command,
+            joints: [joints; 6],
+            speed,
+            gripper,
+        };
+        for frame in command.to_frames(self.config.can.node) {
+            self.bridge.can_received(&frame, self.now);
+        }
+    }
+
+    /// A frame of anybody.
+    pub fn can_frame(&mut self, id: u16, data: &[u8]) {
+        let Ok(id) = Id::new(id & Id::MAX.get()) else { return };
+        let Ok(frame) = Frame::new(id, &data[..data.len().min(8)]) else {
+            return;
+        };
+        self.can_disturbed = true;
+        self.others = true;
+        self.bridge.can_received(&frame, self.now);
+    }
+
+    /// A frame goes over the bus, if there is one: one of the adapter's first.
+    pub fn can_moves(&mut self) -> bool {
+        let now = self.now;
+        let due = self.bridge.can_due(now);
+        let sent = self.bridge.can_transmit(now);
+        assert_eq!(sent.is_some(), due);
+        if let Some(frame) = sent {
+            self.can_hears(&frame);
+            return true;
+        }
+        let frame = self.arm.transmit(now).inspect(|_| self.arm.transmitted(now));
+        let frame = frame.or_else(|| self.control.transmit(now).inspect(|_| self.control.transmitted(now)));
+        if let Some(frame) = frame {
+            self.bridge.can_received(&frame, now);
+        }
+        frame.is_some()
+    }
+
+    fn can_hears(&mut self, frame: &Frame) {
+        let (function, node) = Function::of(frame.id()).expect("an identifier of an adapter");
+        if node != self.config.can.node {
+            assert!(self.reconfigured);
+            return;
+        }
+        match function {
+            Function::ArmAnswer => {
+                let _ = self.arm.receive(frame.data(), self.now);
+                if let Some(pdu) = self.arm.received() {
+                    let said = self.arm_said.windows(pdu.len()).any(|window| window == pdu);
+                    assert!(said, "the arm did not say {pdu:02X?}");
+                    self.arm.release();
+                }
+            }
+            Function::ControlAnswer => {
+                let _ = self.control.receive(frame.data(), self.now);
+                if let Some(pdu) = self.control.received() {
+                    let message = decode::<FromAdapter>(pdu).expect("it can be read");
+                    self.answered_on_can += usize::from(is_reply(message, self.now));
+                    self.control.release();
+                }
+            }
+            Function::JointsA | Function::JointsB | Function::State => {
+                assert!(Sample::from_frames(&[*frame; 3]).is_none());
+            }
+            Function::Errors => assert!(Errors::from_frame(frame).is_some()),
+            Function::Event => assert!(event_from_frame(frame).is_some()),
+            Function::CommandA | Function::CommandB | Function::ArmRequest | Function::ControlRequest => {
+                panic!("{frame:?} is for an adapter")
+            }
+        }
+    }
+
+    /// The controller leaves the bus, or comes back.
+    pub fn bus_off(&mut self, off: bool) {
+        self.can_disturbed = true;
+        self.bridge.can_bus_off(off, self.now);
+        if off {
+            self.arm.abort();
+            self.control.abort();
+        }
+    }
+
+    /// The controller reports errors.
+    pub fn can_errors(&mut self, bus: u32, overruns: u32) {
+        self.bridge.can_errors(CanErrors { bus, overruns });
+    }
+
+    // ---- Firmware, and the time ----
+
+    /// Does the next thing that only firmware can do, or fails to. Whether there was one.
+    pub fn act(&mut self, done: bool) -> bool {
+        let action = self.bridge.action();
+        match action {
+            Some(Action::Save(config)) => {
+                assert_eq!(config.check(), Ok(()));
+                self.bridge.saved(if done { Ok(()) } else { Err(()) }, self.now);
+            }
+            Some(Action::Reset) => self.bridge.saved(if done { Ok(()) } else { Err(()) }, self.now),
+            Some(Action::RestartCan(can)) => {
+                assert!(self.reconfigured);
+                assert_eq!(can, self.bridge.can_config());
+            }
+            Some(Action::Restart | Action::RestartIntoBootLoader) | None => {}
+        }
+        action.is_some()
+    }
+
+    /// Lets time pass.
+    pub fn wait(&mut self, micros: u64) {
+        self.now = self.now + Micros(micros);
+        // One tick may find that something else is late: by a second there is nothing left.
+        self.bridge.tick(self.now);
+        self.bridge.tick(self.now);
+        let left = self.bridge.timeout();
+        assert!(
+            left.is_none_or(|at| at > self.now),
+            "ticks leave what was due at {left:?}"
+        );
+        for event in self.arm.tick(self.now).chain(self.control.tick(self.now)) {
+            self.can_disturbed |= !event_is_received(&event);
+        }
+    }
+
+    /// Lets time pass until something is due.
+    pub fn wait_until_due(&mut self) {
+        let due = [
+            self.bridge.timeout(),
+            self.arm.transmit_at(),
+            self.arm.timeout(),
+            self.control.timeout(),
+        ];
+        let due = due.into_iter().flatten().min().unwrap_or(self.now);
+        self.wait(due.since(self.now).0);
+    }
+
+    // ---- What must hold ----
+
+    /// What holds at any time.
+    pub fn check(&mut self) {
+        let c = self.bridge.counters();
+        assert_eq!(c.arm_to_host_bytes as usize, self.arm_said.len());
+        assert_eq!(c.host_to_arm_bytes as usize, self.to_arm);
+        assert_eq!(c.refused_bytes, 0, "a packet was taken that there was no room for");
+        let lost = (c.dropped_bytes + c.unheard_bytes) as usize;
+        assert!(self.usb_heard.len() + lost <= self.arm_said.len());
+        assert!(self.usb_sent.len() + c.silenced_bytes as usize <= self.usb_said.len() + self.can_bytes());
+        assert!(c.late_answers + c.unasked_frames <= c.frames);
+        assert!(c.empty_packets_to_host <= c.packets_to_host);
+        assert_eq!(self.bridge.config().check(), Ok(()));
+        if c.silenced_bytes == 0 {
+            assert!(
+                self.usb_said.starts_with(&self.usb_sent),
+                "bytes for the arm are altered"
+            );
+        }
+        if lost == 0 && !self.others && !self.reconfigured {
+            assert!(
+                self.arm_said.starts_with(&self.usb_heard),
+                "bytes of the arm are altered"
+            );
+        }
+    }
+
+    /// Bytes of other hosts than that on USB, which a silence may drop too.
+    fn can_bytes(&self) -> usize {
+        let said: usize = self.can_said.iter().map(Vec::len).sum();
+        said + usize::from(self.others) * MAX_FRAME * 1_000
+    }
+
+    /// The hosts read all there is, the arm says nothing more, and time passes: all that was begun ends, and the accounts
+    /// are exact.
+    pub fn end(mut self) {
+        self.bridge.uart_idle(self.now);
+        // The longest that anything may take is the second that an Alpha1 has for an answer, and that twice in a row.
+        let end = self.now + Micros::from_millis(4_000);
+        while self.now < end {
+            while self.bridge.usb_due() || self.bridge.control_due() {
+                self.usb_takes();
+            }
+            let polls = self.bridge.config().poll != Poll::Off;
+            let mut moved = false;
+            while self.uart_takes(MAX_FRAME) && !polls {
+                moved = true;
+            }
+            for _ in 0..100 {
+                if !self.can_moves() {
+                    break;
+                }
+                moved = true;
+            }
+            while self.act(true) {
+                moved = true;
+            }
+            self.check();
+            let waits = [self.bridge.timeout(), self.arm.timeout(), self.control.timeout()];
+            if !moved && waits == [None; 3] {
+                break;
+            }
+            self.wait(40_000);
+        }
+        self.check_heard();
+        if self.bridge.config().poll == Poll::Off {
+            self.check_ended();
+        }
+    }
+
+    /// What the host on USB heard is what the arm said, in order, but for what is counted and what others asked for.
+    fn check_heard(&self) {
+        let mut said = self.arm_said.iter();
+        assert!(
+            self.usb_heard.iter().all(|byte| said.any(|said| said == byte)),
+            "the host on USB heard what the arm did not say"
+        );
+        let c = self.bridge.counters();
+        if !self.others && !self.reconfigured {
+            let lost = (c.dropped_bytes + c.unheard_bytes) as usize;
+            assert_eq!(
+                self.usb_heard.len() + lost,
+                self.arm_said.len(),
+                "bytes of the arm are lost"
+            );
+        }
+    }
+
+    /// What was begun has ended.
+    fn check_ended(&mut self) {
+        let now = self.now;
+        let c = self.bridge.counters();
+        let due = (
+            self.bridge.uart_due(now),
+            self.bridge.usb_due(),
+            self.bridge.control_due(),
+        );
+        assert_eq!(due, (false, false, false));
+        if !self.others && c.silenced_bytes == 0 {
+            assert_eq!(self.usb_sent, self.usb_said, "bytes for the arm are lost");
+        }
+        self.bridge.uart_received(&[], now);
+        assert!(!self.bridge.is_stuck(now));
+        if !self.usb_gone {
+            assert_eq!(self.answered, self.asked, "requests on the control interface");
+        }
+        // What a transfer that fails costs is counted there.
+        if !self.can_disturbed && !self.reconfigured && c.isotp_failures == 0 {
+            assert_eq!(
+                self.answered_on_can, self.asked_on_can,
+                "requests on the control connection"
+            );
+            if c.silenced_bytes == 0 && !self.usb_gone {
+                let ended = c.requests_can + c.refused_can_requests + c.refused_can_frames + c.control_requests;
+                assert_eq!(ended as usize, self.can_said.len() + self.asked_on_can + self.asked);
+            }
+        }
+        if self.usb_said.is_empty()
+            && let Some(wanted) = self.wanted
+        {
+            let answered = c.frames - c.late_answers - c.unasked_frames;
+            assert_eq!(
+                (answered + c.unanswered_requests) as usize,
+                wanted,
+                "answered, or counted as not"
+            );
+        }
+    }
+}
+
+fn event_is_received(event: &isotp::Event) -> bool {
+    *event == isotp::Event::Received
+}
+
+/// Whether it is a reply; an event is not of a time to come.
+fn is_reply(message: FromAdapter, now: Micros) -> bool {
+    match message {
+        FromAdapter::Reply { .. } => true,
+        FromAdapter::Event { at, .. } => {
+            assert!(at.0 <= now.0);
+            false
+        }
+    }
+}
+
+/// Whether a request is answered, as the protocol has it. `None` of bytes that are no message of it.
+fn wants_answer(arm: ArmKind, bytes: &[u8]) -> Option<bool> {
+    match arm {
+        ArmKind::Ling => reply_of::<Ling>(bytes),
+        // The adapter takes it for a request that is not answered.
+        ArmKind::Alpha1 | ArmKind::Alpha1Servo if bytes == PLAY_NOTHING => None,
+        ArmKind::Alpha1 | ArmKind::Alpha1Servo => reply_of::<Alpha1>(bytes),
+        ArmKind::Raw => Some(false),
+    }
+}
+
+fn reply_of<P: Protocol>(bytes: &[u8]) -> Option<bool> {
+    if P::scan(bytes, P::REQUESTS) != Scan::Frame(bytes.len()) {
+        return None;
+    }
+    let request = P::parse_request(P::view(bytes)?).ok()?;
+    Some(P::reply(&request).is_some())
+}

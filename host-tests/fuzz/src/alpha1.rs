@@ -1,0 +1,208 @@
+//! Arbitrary messages of Alpha1.
+
+use armwire::alpha1::{
+    Action, Address, Alpha1, Angle, Expect, FirmwareVersion, Frame, Interval, Led, MAX_TEXT, MoveTime, Offset,
+    OffsetTool, Outcome, Request, Response, ServoAnswer, ServoId, ServoRequest, ServoResponse, ServoStates, Text,
+    UsbType, checksum,
+};
+use armwire::{EncodeError, Framing, Scan};
+
+use crate::subject::{request_bytes, response_bytes};
+use crate::{Result, Subject, Unstructured};
+
+fn any_servo(u: &mut Unstructured<'_>) -> Result<ServoId> {
+    Ok(ServoId::new(u.int_in_range(1..=240)?).expect("in range"))
+}
+
+fn any_address(u: &mut Unstructured<'_>) -> Result<Address> {
+    Ok(match u.arbitrary()? {
+        true => Address::All,
+        false => Address::One(any_servo(u)?),
+    })
+}
+
+fn any_angle(u: &mut Unstructured<'_>) -> Result<Angle> {
+    Ok(Angle::new(u.int_in_range(0..=240)?).expect("in range"))
+}
+
+fn any_text(u: &mut Unstructured<'_>) -> Result<Text> {
+    let len = u.int_in_range(0..=MAX_TEXT)?;
+    let text = u.bytes(len.min(u.len()))?;
+    Ok(Text::new(text).expect("it is not too long"))
+}
+
+fn any_outcome(u: &mut Unstructured<'_>) -> Result<Outcome> {
+    u.choose(&[Outcome::Success, Outcome::Failure]).copied()
+}
+
+fn any_action(u: &mut Unstructured<'_>) -> Result<Action> {
+    let mut angles = [None; 20];
+    for angle in &mut angles {
+        *angle = match u.arbitrary()? {
+            true => Some(any_angle(u)?),
+            false => None,
+        };
+    }
+    Ok(Action {
+        angles,
+        time: MoveTime::new(u.arbitrary()?),
+        interval: Interval::new(u.arbitrary()?),
+    })
+}
+
+fn any_servo_request(u: &mut Unstructured<'_>) -> Result<ServoRequest> {
+    Ok(match u.int_in_range(0..=7)? {
+        0 => ServoRequest::Move {
+            to: any_address(u)?,
+            angle: any_angle(u)?,
+            time: MoveTime::new(u.arbitrary()?),
+            lock: Interval::new(u.arbitrary()?),
+        },
+        1 => ServoRequest::Release(any_address(u)?),
+        2 => ServoRequest::SetLed {
+            to: any_address(u)?,
+            led: Led(u.arbitrary()?),
+        },
+        3 => ServoRequest::ReadAngles(any_servo(u)?),
+        4 => ServoRequest::ChangeId {
+            from: any_servo(u)?,
+            to: any_servo(u)?,
+        },
+        5 => ServoRequest::SetOffset(any_servo(u)?, Offset::new(u.int_in_range(-90..=90)?).expect("in range")),
+        6 => ServoRequest::ReadOffset(any_servo(u)?),
+        _ => ServoRequest::ReadVersion(any_servo(u)?),
+    })
+}
+
+fn any_robot_response(u: &mut Unstructured<'_>) -> Result<Response> {
+    Ok(match u.int_in_range(0..=7)? {
+        0 => Response::HardwareVersion(any_text(u)?),
+        1 => Response::ServoStates(ServoStates(u.arbitrary()?)),
+        2 => Response::Stopped(any_outcome(u)?),
+        3 => Response::FirmwareVersion(FirmwareVersion {
+            outcome: any_outcome(u)?,
+            text: u.arbitrary()?,
+        }),
+        4 => Response::Acted(any_outcome(u)?),
+        5 => Response::OffsetTool(any_outcome(u)?),
+        6 => Response::UsbType(any_outcome(u)?),
+        _ => Response::Playing(any_outcome(u)?),
+    })
+}
+
+fn any_answer(u: &mut Unstructured<'_>) -> Result<ServoAnswer> {
+    Ok(match u.int_in_range(0..=5)? {
+        0 => ServoAnswer::Acknowledgement(any_servo(u)?),
+        1 => ServoAnswer::Angles,
+        2 => ServoAnswer::IdChanged,
+        3 => ServoAnswer::OffsetSet,
+        4 => ServoAnswer::Offset,
+        _ => ServoAnswer::Version,
+    })
+}
+
+/// What a servo says when this is expected of it.
+fn any_servo_response(u: &mut Unstructured<'_>, answer: ServoAnswer) -> Result<ServoResponse> {
+    if let ServoAnswer::Acknowledgement(servo) = answer {
+        return Ok(ServoResponse::Acknowledged(servo));
+    }
+    let (servo, outcome) = (any_servo(u)?, any_outcome(u)?);
+    Ok(match answer {
+        ServoAnswer::Angles => ServoResponse::Angles {
+            servo,
+            outcome,
+            target: u.arbitrary()?,
+            actual: u.arbitrary()?,
+        },
+        ServoAnswer::IdChanged => ServoResponse::IdChanged {
+            servo,
+            outcome,
+            was: u.arbitrary()?,
+        },
+        ServoAnswer::OffsetSet | ServoAnswer::Acknowledgement(_) => ServoResponse::OffsetSet { servo, outcome },
+        ServoAnswer::Offset => ServoResponse::Offset {
+            servo,
+            outcome,
+            thirds: u.arbitrary()?,
+        },
+        ServoAnswer::Version => ServoResponse::Version {
+            servo,
+            outcome,
+            version: u.arbitrary()?,
+        },
+    })
+}
+
+impl Subject for Alpha1 {
+    const FILL: Option<u8> = Some(0);
+
+    fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
+        Ok(match u.int_in_range(0..=8)? {
+            0 => Request::ReadHardwareVersion,
+            1 => Request::ReadServoStates,
+            2 => Request::Stop,
+            3 => Request::ReadFirmwareVersion,
+            4 => Request::Act(any_action(u)?),
+            5 => Request::SetOffsetTool(*u.choose(&[OffsetTool::Connect, OffsetTool::Disconnect])?),
+            6 => Request::SetUsbType(*u.choose(&[UsbType::Disk, UsbType::SerialPort, UsbType::Hid])?),
+            7 => Request::Play(any_text(u)?),
+            _ => Request::Servo(any_servo_request(u)?),
+        })
+    }
+
+    fn any_response(u: &mut Unstructured<'_>) -> Result<(Response, Expect)> {
+        let expect = Self::any_expect(u)?;
+        match expect {
+            Expect::Responses(Some(answer)) if u.arbitrary()? => {
+                Ok((Response::Servo(any_servo_response(u, answer)?), expect))
+            }
+            Expect::Responses(_) => Ok((any_robot_response(u)?, expect)),
+            Expect::Requests => Ok((any_robot_response(u)?, Expect::Responses(None))),
+        }
+    }
+
+    fn any_expect(u: &mut Unstructured<'_>) -> Result<Expect> {
+        Ok(match u.int_in_range(0..=2)? {
+            0 => Expect::Requests,
+            1 => Expect::Responses(None),
+            _ => Expect::Responses(Some(any_answer(u)?)),
+        })
+    }
+
+    fn any_frame(u: &mut Unstructured<'_>, expect: Expect) -> Result<Vec<u8>> {
+        let response = match expect {
+            Expect::Requests => return Self::any_request(u).map(|request| request_bytes::<Self>(&request)),
+            Expect::Responses(Some(answer)) if u.arbitrary()? => Response::Servo(any_servo_response(u, answer)?),
+            Expect::Responses(_) => any_robot_response(u)?,
+        };
+        let bytes = response_bytes::<Self>(&response);
+        // A single byte that begins a header too is an answer only where what follows does not make it one.
+        match Self::scan(&bytes, expect) == Scan::Frame(bytes.len()) {
+            true => Ok(bytes),
+            false => Err(arbitrary::Error::IncorrectFormat),
+        }
+    }
+
+    fn wire_len(frame: Frame<'_>) -> usize {
+        match frame {
+            Frame::Byte(_) => 1,
+            // A status has no checksum, and no other frame's data is as short and like it.
+            Frame::Message {
+                data: [0xAA | 0xEE], ..
+            } => 4,
+            Frame::Message { data, .. } => data.len() + 4,
+        }
+    }
+
+    fn encode_frame(frame: Frame<'_>, expect: Expect, out: &mut [u8]) -> Result<usize, EncodeError> {
+        match frame {
+            // A frame of the robot's Bluetooth protocol, which is read and never written.
+            Frame::Message { command: 0xFB, data } if data.first() != Some(&1) => {
+                let bytes = [&[0xFB, 0xBF], data, &[checksum(data), 0xED]].concat();
+                out[..bytes.len()].copy_from_slice(&bytes);
+                Ok(bytes.len())
+            }
+            _ => frame.encode(expect, out),
+        }
+    }
+}

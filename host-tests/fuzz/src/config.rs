@@ -1,0 +1,145 @@
+//! Arbitrary configurations of an adapter, and messages of its control port.
+
+use armwire_bridge::Counters;
+use armwire_bridge::can::Node;
+use armwire_bridge::config::{ArmKind, CAN_BIT_RATES, CAN_DATA_BIT_RATES, Can, Config, Poll, Silence};
+use armwire_bridge::control::{
+    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, Refusal, Reply, Request,
+    Subscription,
+};
+
+use crate::{Result, Unstructured};
+
+/// Any configuration; most are such as an adapter can have.
+pub fn any_config(u: &mut Unstructured<'_>) -> Result<Config> {
+    let arm = *u.choose(&ArmKind::ALL)?;
+    let poll = match u.int_in_range(0..=3)? {
+        0 => Poll::Fastest,
+        1 => Poll::Hertz(u.arbitrary::<u16>()? % 1_002),
+        _ => Poll::Off,
+    };
+    let can = Can {
+        node: Node::new(u.int_in_range(0..=15)?).expect("in range"),
+        bit_rate: match u.arbitrary::<u8>()? {
+            0 => u.arbitrary()?,
+            n => CAN_BIT_RATES[usize::from(n) % CAN_BIT_RATES.len()],
+        },
+        data_bit_rate: match u.arbitrary::<u8>()? {
+            0 => Some(u.arbitrary()?),
+            n @ 1..64 => Some(CAN_DATA_BIT_RATES[usize::from(n) % CAN_DATA_BIT_RATES.len()]),
+            _ => None,
+        },
+        telemetry_hz: u.arbitrary::<u16>()? % 1_002,
+        commands: u.arbitrary()?,
+        command_timeout_ms: u.arbitrary::<u16>()? % 10_002,
+        unsolicited: u.arbitrary()?,
+    };
+    let silence = Silence {
+        after_ms: u.arbitrary()?,
+        torque_off: u.arbitrary()?,
+    };
+    Ok(Config {
+        arm,
+        poll,
+        can,
+        silence,
+    })
+}
+
+/// Any request on the control port.
+pub fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
+    Ok(match u.int_in_range(0..=10)? {
+        0 => Request::Identify,
+        1 => Request::IdentifyArm,
+        2 => Request::GetConfig,
+        3 => Request::SetConfig(any_config(u)?),
+        4 => Request::SaveConfig,
+        5 => Request::ResetConfig,
+        6 => Request::GetCounters,
+        7 => Request::GetLatencies,
+        8 => Request::Subscribe(Subscription {
+            frames: u.arbitrary()?,
+            events: u.arbitrary()?,
+        }),
+        9 => Request::Restart,
+        _ => Request::RestartIntoBootLoader,
+    })
+}
+
+const ASKERS: [Asker; 5] = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
+
+const REFUSALS: [Refusal; 5] = [
+    Refusal::QueueFull,
+    Refusal::NotAFrame,
+    Refusal::Incomplete,
+    Refusal::Stale,
+    Refusal::OutOfRange,
+];
+
+fn any_frame(u: &mut Unstructured<'_>) -> Result<FrameBytes> {
+    let len = u.int_in_range(0..=74)?;
+    let bytes = u.bytes(len.min(u.len()))?;
+    Ok(FrameBytes::from_slice(bytes).unwrap_or_default())
+}
+
+/// Any event that an adapter tells of.
+pub fn any_event(u: &mut Unstructured<'_>) -> Result<Event> {
+    let asker = *u.choose(&ASKERS)?;
+    Ok(match u.int_in_range(0..=3)? {
+        0 => Event::Frame {
+            asker: Some(asker).filter(|_| u.arbitrary().unwrap_or(false)),
+            bytes: any_frame(u)?,
+        },
+        1 => Event::HostSilent {
+            asker,
+            dropped: u.arbitrary()?,
+            torque_off: u.arbitrary()?,
+        },
+        2 => Event::Refused {
+            asker,
+            reason: *u.choose(&REFUSALS)?,
+        },
+        _ => Event::BusOff { off: u.arbitrary()? },
+    })
+}
+
+fn any_string<const N: usize>(u: &mut Unstructured<'_>) -> Result<heapless::String<N, u8>> {
+    let text: &str = u.arbitrary()?;
+    Ok(text.try_into().unwrap_or_default())
+}
+
+/// Any reply that an adapter gives, but for [`Reply::BadConfig`].
+pub fn any_reply(u: &mut Unstructured<'_>) -> Result<Reply> {
+    Ok(match u.int_in_range(0..=7)? {
+        0 => Reply::Done,
+        1 => Reply::Unsupported {
+            version: u.arbitrary()?,
+        },
+        2 => Reply::Identity(Identity {
+            version: u.arbitrary()?,
+            firmware: any_string(u)?,
+            commit: any_string(u)?,
+            board: any_string(u)?,
+            serial: any_string(u)?,
+            can_fd: u.arbitrary()?,
+        }),
+        3 => Reply::Arm(ArmIdentity {
+            kind: *u.choose(&ArmKind::ALL)?,
+            answer: Some(any_frame(u)?).filter(|_| u.arbitrary().unwrap_or(false)),
+        }),
+        4 => Reply::Config(any_config(u)?),
+        5 => {
+            // Any that are few enough bytes.
+            let mut counters = Counters::default();
+            counters.frames = u.arbitrary()?;
+            counters.config_failures = u.arbitrary()?;
+            Reply::Counters(counters)
+        }
+        6 => Reply::Latencies(Latencies {
+            answer: Histogram { counts: u.arbitrary()? },
+            turn: Histogram { counts: u.arbitrary()? },
+            poll: Histogram { counts: u.arbitrary()? },
+        }),
+        _ => Reply::Failed(*u.choose(&[Failure::Flash, Failure::Busy])?),
+    })
+}

@@ -1,0 +1,16 @@
+//! What the fuzz targets share: arbitrary messages of every protocol, lines of bytes, and what comes out of them.
+//!
+//! `docs/fuzzing.md` says what each target holds and how to run them.
+#![forbid(unsafe_code)]
+
+pub mod adapter;
+mod alpha1;
+pub mod config;
+mod legacy;
+pub mod line;
+pub mod ling;
+mod subject;
+mod xarm;
+
+pub use arbitrary::{Arbitrary, Result, Unstructured};
+pub use subject::{Check, Subject, check, request_bytes, response_bytes};

@@ -1,0 +1,45 @@
+//! Frames of Ling's older generation, by `docs/protocols/ling.md`: header AA, command, length, data, parity, end mark FF.
+
+use armwire::Reason;
+
+use super::{Look, checked};
+
+/// The most data bytes that the vendor's drivers take.
+const MAX_DATA: usize = 59;
+
+/// What begins here. A frame's content is its command and its data.
+pub fn look(bytes: &[u8]) -> Look {
+    if bytes[0] != 0xAA {
+        return Look::Nothing(Reason::Stray);
+    }
+    if bytes.len() < 3 {
+        return Look::Unfinished(3 - bytes.len());
+    }
+    let got = usize::from(bytes[2]);
+    if got > MAX_DATA {
+        let (min, max) = (0, MAX_DATA);
+        return Look::Nothing(Reason::Length { min, max, got });
+    }
+    let len = 5 + got;
+    match checked(bytes, len, 3, parity, 0xFF) {
+        Ok(data) => Look::Frame {
+            len,
+            content: [&bytes[1..2], &data].concat(),
+        },
+        Err(look) => look,
+    }
+}
+
+/// A frame.
+pub fn frame(command: u8, data: &[u8]) -> Vec<u8> {
+    let mut frame = vec![0xAA, command, data.len() as u8];
+    frame.extend(data);
+    frame.extend([parity(data), 0xFF]);
+    frame
+}
+
+/// The sum of the data modulo 2.
+fn parity(data: &[u8]) -> u8 {
+    let sum: usize = data.iter().map(|byte| usize::from(*byte)).sum();
+    (sum % 2) as u8
+}

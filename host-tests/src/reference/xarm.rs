@@ -1,0 +1,93 @@
+//! xArm frames, by the vendor's page: transaction id, protocol id and length, each two bytes and big-endian, then as many
+//! bytes as the length says.
+
+use armwire::Reason;
+
+use super::Piece;
+
+/// The longest body that armwire takes: that of Modbus TCP.
+const MAX_BODY: usize = 254;
+
+/// Who speaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Speaker {
+    /// The host.
+    Host,
+    /// The arm.
+    Arm,
+}
+
+/// The pieces of all that came over a connection. The first bytes that are no frame are the last piece: they break the
+/// connection. Of a frame that is not complete nothing is said.
+///
+/// A frame's content is its transaction id, its protocol id and its body.
+pub fn decode(recording: &[u8], speaker: Speaker) -> Vec<Piece> {
+    let mut pieces = Vec::new();
+    let mut start = 0;
+    while let Some(found) = look(&recording[start..], speaker) {
+        match found {
+            Ok(len) => {
+                let at = start..start + len;
+                let (ids, body) = (&recording[start..start + 4], &recording[start + 6..at.end]);
+                let content = [ids, body].concat();
+                start = at.end;
+                pieces.push(Piece::Frame { at, content });
+            }
+            Err((seen, reason)) => {
+                let at = start..start + seen;
+                pieces.push(Piece::Noise { at, reason });
+                break;
+            }
+        }
+    }
+    pieces
+}
+
+/// How long the frame at the front of `bytes` is, or after how many bytes it is known to be none, and why; nothing if
+/// there are too few.
+fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>> {
+    // A protocol id is at most 3, so its first byte is 0.
+    for (offset, expected) in [(2, &[0][..]), (3, &[0, 1, 2, 3][..])] {
+        let got = *bytes.get(offset)?;
+        if !expected.contains(&got) {
+            return Some(Err((offset + 1, Reason::Byte { offset, expected, got })));
+        }
+    }
+    let protocol = bytes[3];
+    let got = usize::from(*bytes.get(4)?) * 256 + usize::from(*bytes.get(5)?);
+    // Standard Modbus has a unit and a function, a request a register, and a response a register and a state.
+    let (min, max) = match (protocol, speaker) {
+        (1, _) => (2, 2),
+        (0, _) | (_, Speaker::Arm) => (2, MAX_BODY),
+        (_, Speaker::Host) => (1, MAX_BODY - 1),
+    };
+    if got < min || got > max {
+        return Some(Err((6, Reason::Length { min, max, got })));
+    }
+    let frame = bytes.get(..6 + got)?;
+    if protocol == 1 {
+        // The heartbeat, 00 00 00 01 00 02 00 00, is always the same.
+        for offset in [0, 1, 6, 7] {
+            let got = frame[offset];
+            if got != 0 {
+                return Some(Err((
+                    8,
+                    Reason::Byte {
+                        offset,
+                        expected: &[0],
+                        got,
+                    },
+                )));
+            }
+        }
+    }
+    Some(Ok(frame.len()))
+}
+
+/// A frame.
+pub fn frame(transaction: u16, protocol: u16, body: &[u8]) -> Vec<u8> {
+    let header = [transaction, protocol, body.len() as u16];
+    let mut frame: Vec<u8> = header.into_iter().flat_map(u16::to_be_bytes).collect();
+    frame.extend(body);
+    frame
+}

@@ -1,0 +1,56 @@
+//! Where Ling's checksum does not see that one bit is flipped.
+
+use armwire::ling;
+
+/// Bytes that the checksum covers beside the data: command, function and length.
+const HEAD: usize = 3;
+
+/// A bit, counted from the checksum back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Place {
+    /// 1 is the last byte before the checksum.
+    pub(crate) back: usize,
+    /// 0 is the lowest.
+    pub(crate) bit: u8,
+}
+
+/// The bits that may be flipped unseen in a frame with so many data bytes.
+///
+/// The checksum is linear: whether a flip is seen depends on its place alone and not on what is in the frame.
+pub(crate) fn places(data: usize) -> Vec<Place> {
+    let mut body = vec![0; HEAD + data];
+    let sum = ling::checksum(&body);
+    let mut places = Vec::new();
+    for back in 1..=body.len() {
+        for bit in 0..8 {
+            let at = body.len() - back;
+            body[at] = 1 << bit;
+            if ling::checksum(&body) == sum {
+                places.push(Place { back, bit });
+            }
+            body[at] = 0;
+        }
+    }
+    places
+}
+
+/// A table of them all.
+pub(crate) fn table() -> String {
+    let mut table =
+        String::from("| The byte so many before the checksum | Bit | What it is, with n data bytes |\n|---|---|---|\n");
+    for Place { back, bit } in places(ling::MAX_DATA) {
+        // The byte is there in frames whose command, function, length and data are so many.
+        let data = format!("data, if n ≥ {back}");
+        let head = (1..=HEAD).filter(|head| back > *head).map(|head| {
+            let field = ["length", "function", "command"][head - 1];
+            format!("{field}, if n = {}", back - head)
+        });
+        let what: Vec<_> = (back <= ling::MAX_DATA)
+            .then_some(data)
+            .into_iter()
+            .chain(head)
+            .collect();
+        table += &format!("| {back} | {bit} | {} |\n", what.join("; "));
+    }
+    table
+}

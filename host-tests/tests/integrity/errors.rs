@@ -1,0 +1,100 @@
+//! What can happen to a frame on its way, each kind exhaustively.
+
+/// A kind of error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Any one bit is flipped.
+    OneBit,
+    /// Any two bits are flipped.
+    TwoBits,
+    /// Any bit is flipped, the one at most seven further on too, and between them any. Bits in the order in which a UART
+    /// sends them, the lowest of a byte first.
+    Burst,
+    /// Any one byte is any other.
+    OtherByte,
+    /// Any one byte is missing.
+    LostByte,
+    /// Any one byte comes twice.
+    ByteTwice,
+    /// Any byte comes in addition, anywhere, before and after the frame too.
+    ExtraByte,
+    /// The frame ends after any number of bytes, at least one.
+    CutShort,
+}
+
+impl Kind {
+    /// All of them, in the order in which they are told.
+    pub(crate) const ALL: [Self; 8] = [
+        Self::OneBit,
+        Self::TwoBits,
+        Self::Burst,
+        Self::OtherByte,
+        Self::LostByte,
+        Self::ByteTwice,
+        Self::ExtraByte,
+        Self::CutShort,
+    ];
+
+    /// What it is called in the table.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::OneBit => "one bit flipped",
+            Self::TwoBits => "two bits flipped",
+            Self::Burst => "burst of 2 to 8 bits",
+            Self::OtherByte => "one byte another",
+            Self::LostByte => "one byte lost",
+            Self::ByteTwice => "one byte twice",
+            Self::ExtraByte => "one byte too many",
+            Self::CutShort => "cut short",
+        }
+    }
+
+    /// Shows all that errors of this kind can make of a frame.
+    pub(crate) fn each(self, frame: &[u8], mut show: impl FnMut(&[u8])) {
+        let (bytes, bits) = (frame.len(), 8 * frame.len());
+        match self {
+            Self::OneBit => (0..bits).for_each(|bit| show(&flipped(frame, [bit]))),
+            Self::TwoBits => {
+                for first in 0..bits {
+                    (first + 1..bits).for_each(|second| show(&flipped(frame, [first, second])));
+                }
+            }
+            Self::Burst => {
+                for first in 0..bits {
+                    for last in first + 1..bits.min(first + 8) {
+                        for between in 0..1_u32 << (last - first - 1) {
+                            let inner = (first + 1..last).filter(|bit| between >> (bit - first - 1) & 1 == 1);
+                            show(&flipped(frame, inner.chain([first, last])));
+                        }
+                    }
+                }
+            }
+            Self::OtherByte => {
+                for at in 0..bytes {
+                    for byte in (0..=255).filter(|&byte| byte != frame[at]) {
+                        let mut frame = frame.to_vec();
+                        frame[at] = byte;
+                        show(&frame);
+                    }
+                }
+            }
+            Self::LostByte => (0..bytes).for_each(|at| show(&[&frame[..at], &frame[at + 1..]].concat())),
+            Self::ByteTwice => (0..bytes).for_each(|at| show(&[&frame[..=at], &frame[at..]].concat())),
+            Self::ExtraByte => {
+                for at in 0..=bytes {
+                    (0..=255).for_each(|byte| show(&[&frame[..at], &[byte], &frame[at..]].concat()));
+                }
+            }
+            Self::CutShort => (1..bytes).for_each(|len| show(&frame[..len])),
+        }
+    }
+}
+
+/// The frame with these bits flipped; bit 0 is the lowest of the first byte.
+fn flipped(frame: &[u8], bits: impl IntoIterator<Item = usize>) -> Vec<u8> {
+    let mut frame = frame.to_vec();
+    for bit in bits {
+        frame[bit / 8] ^= 1 << (bit % 8);
+    }
+    frame
+}

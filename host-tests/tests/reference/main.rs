@@ -1,0 +1,309 @@
+//! Whatever comes on a line and however it is cut, the streaming decoder says of it what the reference says: the same
+//! frames at the same places, and the same noise for the same reason.
+//!
+//! The streams are drawn from a seed, so every run is the same. `ARMWIRE_STREAMS` says how many there are of each line:
+//! `ARMWIRE_STREAMS=2000000 cargo test --release -p armwire-host-tests --test reference` is a long run.
+
+mod streams;
+
+use std::collections::BTreeMap;
+use std::{env, slice};
+
+use armwire::alpha1::{self, Alpha1, Expect, ServoAnswer, ServoId};
+use armwire::ling::legacy::{self, Legacy};
+use armwire::ling::{self, Ling};
+use armwire::xarm::{self, Direction, XArm};
+use armwire::{Decoder, Framing, Noise, Reason};
+use armwire_host_tests::reference::alpha1::Speaker;
+use armwire_host_tests::reference::vectors::{self, Vector};
+use armwire_host_tests::reference::{self, Piece};
+use oorandom::Rand32;
+
+use streams::{Dialect, below};
+
+/// How many streams of each line are tried, unless `ARMWIRE_STREAMS` says otherwise.
+const STREAMS: u64 = 30_000;
+
+/// Says what is in a recording.
+type Reference = Box<dyn Fn(&[u8]) -> Vec<Piece>>;
+
+/// A line: what the decoder is told of it, and how the reference sees it.
+struct Line<F: Framing> {
+    /// What the decoder expects of the next frame.
+    expect: F::Expect,
+    /// The reference.
+    reference: Reference,
+    /// How long a frame was on the wire and what it carries, in the words of the reference.
+    frame: fn(F::Frame<'_>) -> (usize, Vec<u8>),
+}
+
+impl<F: Framing> Line<F> {
+    /// What the reference makes of streams with a silence after each.
+    fn plain(&self, streams: &[Vec<u8>]) -> Vec<Piece> {
+        if F::RELIABLE {
+            return (self.reference)(&streams.concat());
+        }
+        let mut before = 0;
+        let mut pieces = Vec::new();
+        for stream in streams {
+            pieces.extend((self.reference)(stream).into_iter().map(|piece| moved(piece, before)));
+            before += stream.len();
+        }
+        pieces
+    }
+
+    /// What the decoder makes of them in chunks of any lengths.
+    fn streamed<const N: usize>(&self, streams: &[Vec<u8>], random: &mut Rand32) -> Vec<Piece> {
+        let mut decoder = Decoder::<F, N>::new();
+        let (mut pushed, mut pieces) = (0, Vec::new());
+        for stream in streams {
+            let mut rest = &stream[..];
+            while !rest.is_empty() {
+                let need = decoder.need(self.expect);
+                assert!(need > 0, "it needs nothing and says nothing");
+                let len = match random.rand_range(0..4) {
+                    0 => 1,
+                    1 => need,
+                    2 => need - 1,
+                    _ => 1 + below(random, 60),
+                };
+                let (mut chunk, later) = rest.split_at(len.min(rest.len()));
+                rest = later;
+                let (silent, before) = (chunk.len() < need, pieces.len());
+                while !chunk.is_empty() {
+                    let left = decoder.push(chunk);
+                    pushed += chunk.len() - left.len();
+                    chunk = left;
+                    self.take(&mut decoder, pushed, &mut pieces);
+                }
+                assert!(!silent || pieces.len() == before, "it said that it needs {need} bytes");
+            }
+            self.fall_silent(&mut decoder, pushed, &mut pieces);
+        }
+        pieces
+    }
+
+    fn fall_silent<const N: usize>(&self, decoder: &mut Decoder<F, N>, pushed: usize, pieces: &mut Vec<Piece>) {
+        loop {
+            let before = pieces.len();
+            pieces.extend(decoder.idle(self.expect).map(piece));
+            self.take(decoder, pushed, pieces);
+            if pieces.len() == before {
+                break;
+            }
+        }
+        assert!(F::RELIABLE || decoder.pending() == 0, "undecided on a silent line");
+    }
+
+    fn take<const N: usize>(&self, decoder: &mut Decoder<F, N>, pushed: usize, pieces: &mut Vec<Piece>) {
+        while let Some(next) = decoder.next(self.expect) {
+            match next.map(self.frame) {
+                Err(noise) => pieces.push(piece(noise)),
+                Ok((len, content)) => {
+                    let end = pushed - decoder.pending();
+                    pieces.push(Piece::Frame {
+                        at: end - len..end,
+                        content,
+                    });
+                }
+            }
+        }
+    }
+}
+
+fn piece(noise: Noise) -> Piece {
+    let start = noise.offset as usize;
+    Piece::Noise {
+        at: start..start + noise.len,
+        reason: noise.reason,
+    }
+}
+
+fn moved(piece: Piece, by: usize) -> Piece {
+    let to = |at: std::ops::Range<usize>| at.start + by..at.end + by;
+    match piece {
+        Piece::Frame { at, content } => Piece::Frame { at: to(at), content },
+        Piece::Noise { at, reason } => Piece::Noise { at: to(at), reason },
+    }
+}
+
+/// Compares both on many streams, and returns how often each kind of piece came.
+fn compare<F: Framing, const N: usize>(line: &Line<F>, dialect: &Dialect) -> BTreeMap<&'static str, u64> {
+    let streams = env::var("ARMWIRE_STREAMS").map_or(STREAMS, |n| n.parse().expect("ARMWIRE_STREAMS is a number"));
+    let mut seen = BTreeMap::new();
+    for seed in 0..streams {
+        let random = &mut Rand32::new(seed);
+        let streams: Vec<_> = (0..1 + below(random, 3)).map(|_| dialect.stream(random)).collect();
+        let plain = line.plain(&streams);
+        let streamed = line.streamed::<N>(&streams, random);
+        let same = plain
+            .iter()
+            .zip(&streamed)
+            .take_while(|(plain, streamed)| plain == streamed)
+            .count();
+        assert!(
+            plain == streamed,
+            "seed {seed}: {streams:02X?}\nreference {:?}\ndecoder {:?}",
+            plain.get(same),
+            streamed.get(same)
+        );
+        for piece in plain {
+            *seen.entry(kind(&piece)).or_default() += 1;
+        }
+    }
+    println!("{streams} streams: {seen:?}");
+    seen
+}
+
+fn kind(piece: &Piece) -> &'static str {
+    match piece {
+        Piece::Frame { .. } => "frame",
+        Piece::Noise { reason, .. } => match reason {
+            Reason::Stray => "stray",
+            Reason::Length { .. } => "length",
+            Reason::Byte { .. } => "byte",
+            Reason::Checksum { .. } => "checksum",
+            Reason::Tail { .. } => "tail",
+            Reason::Truncated { .. } => "truncated",
+            _ => "other",
+        },
+    }
+}
+
+/// Compares both, and makes sure that all that can come of such a line came often.
+fn agree<F: Framing, const N: usize>(line: &Line<F>, dialect: &Dialect, kinds: &[&str]) {
+    let seen = compare::<F, N>(line, dialect);
+    assert_eq!(seen.keys().copied().collect::<Vec<_>>(), kinds);
+    assert!(seen.values().all(|&count| count > 100), "{seen:?}");
+}
+
+fn ling() -> Line<Ling> {
+    Line {
+        expect: (),
+        reference: Box::new(|stream| reference::decode(stream, reference::ling::look)),
+        frame: |frame| {
+            let content = [&[frame.command, frame.function], frame.data].concat();
+            (frame.data.len() + ling::OVERHEAD, content)
+        },
+    }
+}
+
+fn legacy() -> Line<Legacy> {
+    Line {
+        expect: (),
+        reference: Box::new(|stream| reference::decode(stream, reference::legacy::look)),
+        frame: |frame| {
+            (
+                frame.data.len() + legacy::OVERHEAD,
+                [&[frame.command], frame.data].concat(),
+            )
+        },
+    }
+}
+
+fn xarm(direction: Direction) -> Line<XArm> {
+    let speaker = match direction {
+        Direction::Requests => reference::xarm::Speaker::Host,
+        Direction::Responses => reference::xarm::Speaker::Arm,
+    };
+    Line {
+        expect: direction,
+        reference: Box::new(move |stream| reference::xarm::decode(stream, speaker)),
+        frame: |frame| {
+            let ids = [frame.transaction.to_be_bytes(), frame.protocol.to_be_bytes()].concat();
+            (xarm::HEADER + frame.body.len(), [&ids, frame.body].concat())
+        },
+    }
+}
+
+fn alpha1(speaker: Speaker) -> Line<Alpha1> {
+    let expect = match speaker {
+        Speaker::Host => Expect::Requests,
+        Speaker::Robot(servo) => {
+            let servo = servo.map(|id| ServoId::new(id).expect("an id"));
+            Expect::Responses(servo.map(ServoAnswer::Acknowledgement))
+        }
+    };
+    Line {
+        expect,
+        reference: Box::new(move |stream| reference::decode(stream, |bytes| reference::alpha1::look(bytes, speaker))),
+        frame: |frame| match frame {
+            alpha1::Frame::Byte(byte) => (1, vec![byte]),
+            alpha1::Frame::Message { command, data } => {
+                // Only answers without a CHECK have one byte of DATA that is AA or EE: a text counts from 1 to 60.
+                let check = !matches!(data, [0xAA | 0xEE]);
+                (3 + usize::from(check) + data.len(), [&[command], data].concat())
+            }
+        },
+    }
+}
+
+#[test]
+fn ling_is_decoded_as_by_the_reference() {
+    let kinds = ["checksum", "frame", "length", "stray", "tail", "truncated"];
+    agree::<_, { ling::MAX_FRAME }>(&ling(), &streams::LING, &kinds);
+}
+
+#[test]
+fn ling_of_the_older_generation_is_decoded_as_by_the_reference() {
+    let kinds = ["checksum", "frame", "length", "stray", "tail", "truncated"];
+    agree::<_, { legacy::MAX_FRAME }>(&legacy(), &streams::LEGACY, &kinds);
+}
+
+#[test]
+fn what_an_xarm_hears_is_decoded_as_by_the_reference() {
+    let kinds = ["byte", "frame", "length"];
+    agree::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Requests), &streams::XARM_HOST, &kinds);
+}
+
+#[test]
+fn what_an_xarm_says_is_decoded_as_by_the_reference() {
+    let kinds = ["byte", "frame", "length"];
+    agree::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Responses), &streams::XARM_ARM, &kinds);
+}
+
+const ALPHA1_KINDS: [&str; 7] = ["byte", "checksum", "frame", "length", "stray", "tail", "truncated"];
+
+#[test]
+fn what_an_alpha1_hears_is_decoded_as_by_the_reference() {
+    agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Host), &streams::ALPHA1_HOST, &ALPHA1_KINDS);
+}
+
+#[test]
+fn what_an_alpha1_says_is_decoded_as_by_the_reference() {
+    agree::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Robot(None)), &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);
+}
+
+/// Of servos whose single byte is none of a kind, begins a frame, fills the room between frames, or is an end mark.
+#[test]
+fn what_an_alpha1_says_while_a_servo_is_to_acknowledge_is_decoded_as_by_the_reference() {
+    for id in [1, 80, 82, 86, 67] {
+        let line = alpha1(Speaker::Robot(Some(id)));
+        agree::<_, { alpha1::MAX_FRAME }>(&line, &streams::ALPHA1_ROBOT, &ALPHA1_KINDS);
+    }
+}
+
+/// Whether both take each of these frames for one frame.
+fn hold<F: Framing, const N: usize>(line: &Line<F>, vectors: Vec<Vector>) {
+    for Vector { name, bytes, .. } in vectors {
+        let plain = line.plain(slice::from_ref(&bytes));
+        let whole = 0..bytes.len();
+        assert!(
+            matches!(&plain[..], [Piece::Frame { at, .. }] if *at == whole),
+            "{name}: {plain:?}"
+        );
+        assert_eq!(line.streamed::<N>(&[bytes], &mut Rand32::new(0)), plain, "{name}");
+    }
+}
+
+#[test]
+fn every_frame_of_the_documents_is_one_frame() {
+    hold::<_, { ling::MAX_FRAME }>(&ling(), vectors::ling_requests());
+    hold::<_, { ling::MAX_FRAME }>(&ling(), vectors::ling_answers());
+    hold::<_, { legacy::MAX_FRAME }>(&legacy(), vectors::legacy());
+    hold::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Requests), vectors::xarm_requests());
+    hold::<_, { xarm::MAX_FRAME }>(&xarm(Direction::Responses), vectors::xarm_answers());
+    hold::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Host), vectors::alpha1_requests());
+    hold::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Robot(None)), vectors::alpha1_answers());
+    hold::<_, { alpha1::MAX_FRAME }>(&alpha1(Speaker::Robot(Some(1))), vectors::alpha1_servo_answers());
+}

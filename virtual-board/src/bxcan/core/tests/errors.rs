@@ -1,0 +1,188 @@
+//! Error counters, error states, bus-off and the way back (RM0090, 32.7.6, 32.9.2 ESR).
+
+use super::*;
+
+impl Bench {
+    /// EWGF, EPVF and BOFF.
+    fn flags(&self) -> u32 {
+        self.core.read(ESR) & 7
+    }
+
+    /// Runs until another frame has ended.
+    fn run_through_a_frame(&mut self) {
+        let ended = self.bus.records().len();
+        for _ in 0..2 * LONG {
+            if self.bus.records().len() > ended {
+                return;
+            }
+            self.run(1);
+        }
+        panic!("no frame ended");
+    }
+
+    /// In bus-off, by 32 destroyed frames of mailbox 0.
+    fn off(control: u32) -> Self {
+        let mut bench = Self::with(TIMING, control);
+        bench.bus.destroy(32);
+        bench.request(0, 0x100, 0);
+        for _ in 0..32 {
+            bench.run_through_a_frame();
+        }
+        bench.bus.forget_records();
+        assert_eq!(bench.flags(), esr::EWGF | esr::EPVF | esr::BOFF);
+        bench
+    }
+}
+
+#[test]
+fn thirty_two_destroyed_frames_in_a_row_are_bus_off() {
+    let mut bench = Bench::new();
+    bench.bus.destroy(100);
+    bench.request(0, 1, 0);
+    for attempt in 1..32 {
+        bench.run_through_a_frame();
+        let flags = match 8 * attempt {
+            0..96 => 0,
+            96..128 => esr::EWGF,
+            _ => esr::EWGF | esr::EPVF,
+        };
+        assert_eq!((bench.counters(), bench.flags()), ((8 * attempt, 0), flags));
+        assert_eq!(bench.last_error(), BusError::RecessiveBit as u32);
+    }
+    bench.run_through_a_frame();
+    assert_eq!(bench.flags(), esr::EWGF | esr::EPVF | esr::BOFF);
+    bench.run(20 * LONG);
+    assert_eq!(bench.ids().len(), 32, "it says nothing more");
+}
+
+#[test]
+fn each_flag_falls_when_good_frames_have_counted_below_its_limit() {
+    let mut bench = Bench::new();
+    bench.bus.destroy(16);
+    bench.request(0, 1, 0);
+    while bench.counters().0 < 128 {
+        bench.run_through_a_frame();
+    }
+    assert_eq!(bench.flags(), esr::EWGF | esr::EPVF);
+    // The seventeenth attempt gets through.
+    bench.run_through_a_frame();
+    assert_eq!((bench.counters(), bench.flags()), ((127, 0), esr::EWGF));
+    for count in (95..127).rev() {
+        bench.request(0, 1, 0);
+        bench.run_through_a_frame();
+        let flags = if count >= 96 { esr::EWGF } else { 0 };
+        assert_eq!((bench.counters(), bench.flags()), ((count, 0), flags));
+    }
+}
+
+#[test]
+fn a_passive_receiver_is_active_again_after_one_good_frame() {
+    let mut bench = Bench::new();
+    bench.bus.attach(250_000);
+    for _ in 0..15 {
+        bench.say(0, 1, &[]);
+    }
+    for attempt in 1..=15 {
+        bench.run_through_a_frame();
+        assert_eq!(bench.counters(), (0, 9 * attempt));
+    }
+    assert_eq!(bench.flags(), esr::EWGF | esr::EPVF);
+    bench.bus.detach();
+    bench.run(2 * LONG);
+    bench.bus.attach(RATE);
+    bench.say(0, 2, &[]);
+    bench.run_through_a_frame();
+    assert_eq!((bench.counters(), bench.flags()), ((0, 120), esr::EWGF));
+    bench.say(0, 3, &[]);
+    bench.run_through_a_frame();
+    assert_eq!(bench.counters(), (0, 119));
+}
+
+#[test]
+fn the_last_error_is_cleared_by_a_good_frame_of_either_side_and_set_by_software() {
+    for own in [false, true] {
+        let mut bench = Bench::new();
+        bench.write(ESR, 7 << esr::LEC_AT);
+        assert_eq!(bench.core.read(ESR), 7 << esr::LEC_AT, "the counters are read-only");
+        if own {
+            bench.request(0, 1, 0);
+        } else {
+            bench.say(0, 1, &[]);
+        }
+        bench.run(LONG);
+        assert_eq!(bench.last_error(), 0);
+    }
+}
+
+#[test]
+fn an_error_that_nobody_asked_for_raises_no_flag() {
+    let mut bench = Bench::new();
+    bench.write(IER, ier::ERRIE);
+    bench.bus.destroy(20);
+    bench.request(0, 1, 0);
+    bench.run(10 * LONG);
+    assert_eq!(
+        (bench.core.read(MSR) & msr::ERRI, bench.core.interrupts()),
+        (0, [false; 4])
+    );
+}
+
+#[test]
+fn in_bus_off_it_neither_receives_nor_sends() {
+    let mut bench = Bench::off(0);
+    bench.say(0, 5, &[]);
+    bench.run(3 * LONG);
+    assert_eq!(bench.core.read(RF0R), 0);
+    assert_eq!(bench.ids(), [(Sender::Node(0), 5, Outcome::Sent)]);
+    assert_eq!(bench.core.read(TSR) & tsr::TME, 0, "its frame waits");
+}
+
+#[test]
+fn initialization_mode_does_not_watch_the_bus_and_ends_no_bus_off() {
+    let mut bench = Bench::off(0);
+    bench.write(MCR, mcr::INRQ);
+    bench.run(5_000);
+    assert_ne!(bench.flags() & esr::BOFF, 0);
+    bench.write(MCR, 0);
+    bench.run(11 + 128 * 11 - 1);
+    assert_ne!(
+        bench.flags() & esr::BOFF,
+        0,
+        "128 times 11 bits count from when it left"
+    );
+    bench.run(1);
+    assert_eq!((bench.flags(), bench.counters()), (0, (0, 0)));
+}
+
+#[test]
+fn abom_that_is_set_in_bus_off_starts_the_recovery() {
+    let mut bench = Bench::off(0);
+    bench.run(1_000);
+    bench.write(MCR, mcr::ABOM);
+    bench.run(128 * 11 - 1);
+    assert_ne!(bench.flags() & esr::BOFF, 0);
+    bench.run(1);
+    assert_eq!(bench.flags(), 0);
+    bench.run(LONG);
+    assert_eq!(bench.ids(), [(Sender::Board, 0x100, Outcome::Sent)]);
+}
+
+#[test]
+fn a_recovery_that_a_frame_interrupts_starts_its_eleven_bits_anew_and_keeps_the_others() {
+    let mut bench = Bench::off(mcr::ABOM);
+    // From the end of the intermission: ten times eleven bits, and ten bits that are for nothing.
+    let off = bench.core.now;
+    bench.run(3 + 10 * 11 + 10);
+    bench.say(0, 0x200, &[]);
+    bench.run_through_a_frame();
+    let [record] = bench.bus.records() else {
+        panic!("one frame");
+    };
+    assert_eq!(record.start.since(off), Nanos(123 * BIT));
+    // The frame ends with eleven recessive bits, its intermission the last three; 117 times are left.
+    let back = record.end + Nanos((3 + 117 * 11) * BIT);
+    bench.run_for(Nanos(back.since(bench.core.now).0 - BIT));
+    assert_ne!(bench.flags() & esr::BOFF, 0);
+    bench.run(1);
+    assert_eq!(bench.flags(), 0);
+}

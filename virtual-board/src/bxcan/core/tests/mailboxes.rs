@@ -1,0 +1,146 @@
+//! What goes first, within the controller and on the bus, and how a request ends (RM0090, 32.7.1, 32.9.2 TSR).
+
+use super::*;
+
+const DONE: u32 = tsr::RQCP | tsr::TXOK;
+
+impl Bench {
+    /// Asks `mailbox` to send a frame without data, by its identifier register.
+    fn request_frame(&mut self, mailbox: u32, identifier: u32) {
+        let at = MAILBOXES + mailbox * MAILBOX_SPAN;
+        self.write(at + LENGTH, 0);
+        self.write(at + IDENTIFIER, identifier | identifier::TXRQ);
+    }
+
+    /// The status byte of a mailbox in TSR.
+    fn status(&self, mailbox: u32) -> u32 {
+        self.core.read(TSR) >> (8 * mailbox) & 0xFF
+    }
+
+    fn heard(&mut self) -> Vec<Frame> {
+        self.bus.take_heard()
+    }
+}
+
+#[test]
+fn equal_identifiers_go_by_the_number_of_the_mailbox() {
+    let mut bench = Bench::new();
+    bench.request(0, 1, 0);
+    bench.request(2, 7, 2);
+    bench.request(1, 7, 1);
+    bench.run(4 * LONG);
+    assert_eq!(bench.heard(), [frame(1, &[0]), frame(7, &[1]), frame(7, &[2])]);
+}
+
+#[test]
+fn data_goes_before_remote_and_eleven_bits_before_twenty_nine() {
+    const BASE: u32 = 0x123;
+    let mut bench = Bench::new();
+    // While this has the bus, all three come to wait.
+    bench.say(0, 0, &[]);
+    bench.request_frame(0, BASE << identifier::STID_AT | identifier::IDE);
+    bench.request_frame(1, BASE << identifier::STID_AT | identifier::RTR);
+    bench.request_frame(2, BASE << identifier::STID_AT);
+    bench.run(5 * LONG);
+    let heard: Vec<(bool, Id)> = bench.heard().iter().map(|frame| (frame.remote, frame.id)).collect();
+    let standard = Id::Standard(0x123);
+    assert_eq!(
+        heard,
+        [(false, standard), (true, standard), (false, Id::Extended(BASE << 18))]
+    );
+}
+
+#[test]
+fn a_node_with_the_same_eleven_bits_and_eighteen_more_loses_the_bus() {
+    let mut bench = Bench::new();
+    bench.say(1, 0, &[]);
+    bench.bus.send(0, Frame::data_frame(Id::Extended(0x100 << 18), &[]));
+    bench.request(0, 0x100, 0);
+    bench.run(4 * LONG);
+    let senders: Vec<Sender> = bench.ids().iter().map(|&(sender, ..)| sender).collect();
+    assert_eq!(senders, [Sender::Node(1), Sender::Board, Sender::Node(0)]);
+    assert_eq!(bench.status(0), DONE, "it lost nothing");
+}
+
+#[test]
+fn a_lower_identifier_does_not_interrupt_the_frame_on_the_bus() {
+    let mut bench = Bench::new();
+    bench.request(0, 0x700, 0);
+    bench.run(10);
+    bench.request(1, 0, 1);
+    assert_eq!(bench.status(1), 0);
+    bench.run(3 * LONG);
+    assert_eq!(bench.heard(), [frame(0x700, &[0]), frame(0, &[1])]);
+}
+
+#[test]
+fn a_mailbox_that_lost_the_bus_goes_after_a_better_one_that_came_meanwhile() {
+    let mut bench = Bench::new();
+    bench.say(0, 0x010, &[]);
+    bench.say(0, 0x011, &[]);
+    bench.request(0, 0x200, 0);
+    // The second frame of the node wins against mailbox 0.
+    bench.run(LONG / 2);
+    assert_eq!(bench.status(0), tsr::ALST);
+    bench.request(1, 0x100, 1);
+    bench.run(4 * LONG);
+    assert_eq!(bench.heard(), [frame(0x100, &[1]), frame(0x200, &[0])]);
+    assert_eq!((bench.status(0), bench.status(1)), (DONE | tsr::ALST, DONE));
+}
+
+#[test]
+fn an_abort_after_a_lost_arbitration_empties_the_mailbox_and_nothing_of_it_is_heard() {
+    let mut bench = Bench::new();
+    bench.say(0, 0x010, &[]);
+    bench.say(0, 0x011, &[]);
+    bench.request(0, 0x200, 0);
+    bench.run(LONG / 2);
+    assert_eq!(bench.core.read(TSR) & tsr::TME, 0);
+    bench.write(TSR, tsr::ABRQ);
+    assert_eq!(bench.status(0), tsr::RQCP | tsr::ALST, "complete, and not sent");
+    assert_eq!(bench.core.read(TSR) & tsr::TME, tsr::TME);
+    bench.run(4 * LONG);
+    assert!(bench.heard().is_empty());
+}
+
+#[test]
+fn an_abort_of_an_empty_mailbox_does_nothing() {
+    let mut bench = Bench::new();
+    bench.write(TSR, tsr::ABRQ);
+    assert_eq!(bench.core.read(TSR), 0x1C00_0000);
+    bench.request(0, 1, 0);
+    bench.run(LONG);
+    assert_eq!(bench.status(0), DONE);
+}
+
+#[test]
+fn clearing_rqcp_clears_how_the_request_ended_and_so_does_the_next_request() {
+    let mut bench = Bench::new();
+    bench.bus.destroy(1);
+    bench.request(1, 1, 0);
+    bench.run(3 * LONG);
+    assert_eq!(bench.status(1), DONE | tsr::TERR);
+    bench.write(TSR, (tsr::TXOK | tsr::TERR) << 8);
+    assert_eq!(bench.status(1), DONE | tsr::TERR, "RQCP is what clears them");
+    bench.write(TSR, tsr::RQCP << 8);
+    assert_eq!(bench.status(1), 0);
+    bench.request(1, 1, 0);
+    bench.run(LONG);
+    assert_eq!(bench.status(1), DONE);
+    bench.request(1, 1, 0);
+    assert_eq!(bench.status(1), 0, "a new request");
+}
+
+#[test]
+fn the_transmit_interrupt_lasts_until_every_completed_request_is_cleared() {
+    let mut bench = Bench::new();
+    bench.write(IER, ier::TMEIE);
+    bench.request(0, 1, 0);
+    bench.request(2, 2, 0);
+    bench.run(3 * LONG);
+    assert_eq!(bench.core.interrupts(), [true, false, false, false]);
+    bench.write(TSR, tsr::RQCP);
+    assert!(bench.core.interrupts()[0], "mailbox 2");
+    bench.write(TSR, tsr::RQCP << 16);
+    assert_eq!(bench.core.interrupts(), [false; 4]);
+}

@@ -1,0 +1,177 @@
+//! Reset, suspend, disconnect, with a host at the other end where it matters (RM0090, 34.4.2, 34.16.2, 34.16.4,
+//! 34.17.3).
+
+use super::*;
+use crate::usb::host::Host;
+
+/// What is on the wire for so long.
+fn run(host: &mut Host, core: &mut Core, span: Nanos) {
+    let until = core.now + span;
+    while let Some(next) = host.poll(core.now, core).filter(|&next| next <= until) {
+        core.now = next;
+    }
+    core.now = until;
+    host.poll(until, core);
+}
+
+/// A controller that a host has reset, with frames on the wire.
+fn on_a_host() -> (Host, Core) {
+    let mut core = Core {
+        clocked: true,
+        ..Core::default()
+    };
+    core.write(GCCFG, gccfg::PWRDWN | gccfg::NOVBUSSENS);
+    core.write(GAHBCFG, gahbcfg::GINTMSK);
+    let mut host = Host::default();
+    host.set_cable(true);
+    run(&mut host, &mut core, Nanos(1));
+    host.reset();
+    run(&mut host, &mut core, Nanos::from_millis(20));
+    assert!(host.running());
+    core.write(GINTSTS, !0);
+    (host, core)
+}
+
+#[test]
+fn out_of_reset_the_registers_are_what_the_manual_says() {
+    let mut core = Core::default();
+    for (register, value) in [
+        (GAHBCFG, 0),
+        (GUSBCFG, 0x0000_0A00),
+        (GRSTCTL, 0x8000_0000),
+        (GINTSTS, 0x0400_0020),
+        (GRXFSIZ, 0x0000_0200),
+        (CID, 0x0000_1200),
+        (DCFG, 0x0220_0000),
+        (DIEP + CTL, epctl::USBAEP),
+        (DOEP + CTL, epctl::USBAEP),
+        (DIEP + ENDPOINT_SPAN + CTL, 0),
+    ] {
+        assert_eq!(core.read(register), value, "{register:#x}");
+    }
+}
+
+#[test]
+fn a_host_sees_a_soft_disconnect_and_the_device_comes_back() {
+    let (mut host, mut core) = on_a_host();
+    let epoch = host.epoch();
+    core.write(DCTL, device::SDIS);
+    run(&mut host, &mut core, Nanos::from_millis(5));
+    assert!(!host.connected() && !host.running());
+    assert_eq!(
+        core.read(GINTSTS) & gint::USBSUSP,
+        0,
+        "what is not on the bus does not suspend"
+    );
+    core.write(DCTL, 0);
+    run(&mut host, &mut core, Nanos::from_millis(1));
+    assert!(host.connected() && host.epoch() > epoch);
+    host.reset();
+    run(&mut host, &mut core, Nanos::from_millis(20));
+    assert_eq!(
+        core.read(GINTSTS) & (gint::USBRST | gint::ENUMDNE),
+        gint::USBRST | gint::ENUMDNE
+    );
+}
+
+#[test]
+fn a_quiet_bus_suspends_after_three_milliseconds_and_a_resume_or_a_reset_ends_it() {
+    for resets in [false, true] {
+        let (mut host, mut core) = on_a_host();
+        core.write(GINTMSK, gint::USBSUSP | gint::WKUPINT);
+        host.suspend();
+        run(&mut host, &mut core, Nanos(2_999_999));
+        assert_eq!((core.read(DSTS) & device::SUSPSTS, core.interrupt()), (0, false));
+        run(&mut host, &mut core, Nanos(1));
+        assert_eq!(core.read(DSTS) & device::SUSPSTS, device::SUSPSTS);
+        assert_eq!(
+            core.read(GINTSTS) & (gint::ESUSP | gint::USBSUSP),
+            gint::ESUSP | gint::USBSUSP
+        );
+        assert!(core.interrupt());
+        core.write(GINTSTS, gint::ESUSP | gint::USBSUSP);
+        assert!(!core.interrupt());
+        run(&mut host, &mut core, Nanos::from_millis(100));
+        assert_eq!(core.read(GINTSTS) & gint::USBSUSP, 0, "once");
+        if resets {
+            host.reset();
+        } else {
+            host.resume();
+        }
+        run(&mut host, &mut core, Nanos::from_millis(30));
+        assert!(host.running());
+        assert_eq!(core.read(DSTS) & device::SUSPSTS, 0);
+        assert_eq!(core.interrupt(), !resets, "WKUPINT");
+        let frame = core.read(DSTS) >> device::FNSOF_AT;
+        run(&mut host, &mut core, Nanos::from_millis(3));
+        assert_eq!(core.read(DSTS) >> device::FNSOF_AT, frame + 3, "frames pass");
+    }
+}
+
+#[test]
+fn a_device_that_is_not_suspended_is_not_woken() {
+    let mut core = connected();
+    core.resume();
+    assert_eq!(core.read(GINTSTS) & gint::WKUPINT, 0);
+}
+
+#[test]
+fn a_reset_in_the_middle_of_a_transfer_holds_what_was_to_go_and_keeps_what_had_come() {
+    let mut core = with_bulk();
+    core.write(DOEP + ENDPOINT_SPAN + TSIZ, 2 << eptsiz::PKTCNT_AT | 128);
+    assert_eq!(core.output(0, 1, false, &[7; 64]), Handshake::Ack);
+    send(&mut core, b"half");
+    assert!(matches!(core.input(0, 1), Reply::Data { .. }), "and no acknowledge yet");
+    core.reset();
+    core.reset_done();
+    assert_eq!(core.input(0, 1), Reply::Silence);
+    assert_eq!(core.output(0, 1, true, &[7; 64]), Handshake::Silence);
+    for control in [DIEP, DOEP] {
+        let held = core.read(control + ENDPOINT_SPAN + CTL);
+        assert_eq!(held & (epctl::USBAEP | epctl::NAKSTS), epctl::NAKSTS);
+        core.write(control + ENDPOINT_SPAN + CTL, epctl::USBAEP | epctl::SD0PID | 64);
+    }
+    assert_eq!(core.input(0, 1), Reply::Nak, "until the firmware clears NAK");
+    assert_eq!(core.output(0, 1, false, &[8; 64]), Handshake::Nak);
+    let status = core.read(GRXSTSP);
+    assert_eq!(
+        (status & 0xF, kind(status)),
+        (1, grxsts::OUT_DATA),
+        "the firmware flushes it or reads it"
+    );
+    assert_eq!(
+        core.read(DIEP + ENDPOINT_SPAN + TXFSTS),
+        15,
+        "and so with what was to go"
+    );
+}
+
+#[test]
+fn a_reset_in_the_middle_of_a_setup_ends_that_setup() {
+    let mut core = connected();
+    core.setup(0, [1; 8]);
+    core.reset();
+    core.reset_done();
+    core.write(GRSTCTL, grstctl::RXFFLSH);
+    core.input(0, 0);
+    assert_eq!(core.read(GINTSTS) & gint::RXFLVL, 0, "no setup is done");
+    assert_eq!(core.read(DOEP + INT) & epint::STUP, 0);
+}
+
+#[test]
+fn a_reset_leaves_the_address_and_a_stall_to_the_firmware() {
+    let mut core = with_bulk();
+    core.write(DCFG, 7 << device::DAD_AT);
+    core.input(7, 0);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, epctl::USBAEP | epctl::STALL | 64);
+    core.reset();
+    core.reset_done();
+    assert!(!core.setup(0, [0; 8]), "it has the old address");
+    core.write(DCFG, 0);
+    assert!(core.setup(0, [0; 8]));
+    let held = core.read(DIEP + ENDPOINT_SPAN + CTL);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, held | epctl::USBAEP);
+    assert_eq!(core.input(0, 1), Reply::Stall);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, epctl::USBAEP | 64);
+    assert_eq!(core.input(0, 1), Reply::Nak);
+}

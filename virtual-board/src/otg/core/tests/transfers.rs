@@ -1,0 +1,189 @@
+//! Transfers of several packets, NAK, STALL and SETUP (RM0090, 34.17.5, 34.17.6, 34.16.4).
+
+use super::*;
+
+const DIEPCTL_1: u32 = DIEP + ENDPOINT_SPAN + CTL;
+const DOEPCTL_1: u32 = DOEP + ENDPOINT_SPAN + CTL;
+
+fn set(core: &mut Core, register: u32, bits: u32) {
+    let held = core.read(register);
+    core.write(register, held | bits);
+}
+
+/// What goes to the host, which acknowledges it.
+fn collect(core: &mut Core, endpoint: u8) -> Option<usize> {
+    let Reply::Data { bytes, .. } = core.input(0, endpoint) else {
+        return None;
+    };
+    core.acknowledged(endpoint);
+    Some(bytes.len())
+}
+
+#[test]
+fn a_transfer_to_the_host_of_a_multiple_of_64_bytes_ends_with_an_empty_packet_if_it_counts_one() {
+    let mut core = with_bulk();
+    core.write(DIEPTXF1, 32 << 16 | 80);
+    core.write(DIEP + ENDPOINT_SPAN + TSIZ, 3 << eptsiz::PKTCNT_AT | 128);
+    set(&mut core, DIEPCTL_1, epctl::CNAK | epctl::EPENA);
+    (0..32).for_each(|word| core.write(FIFO + FIFO_SPAN, word));
+    let mut packets = Vec::new();
+    for _ in 0..3 {
+        assert_eq!(core.read(DIEP + ENDPOINT_SPAN + INT) & epint::XFRC, 0);
+        packets.push((
+            collect(&mut core, 1),
+            core.read(DIEP + ENDPOINT_SPAN + TSIZ) >> eptsiz::PKTCNT_AT,
+            core.read(DIEP + ENDPOINT_SPAN + TSIZ) & eptsiz::XFRSIZ,
+        ));
+    }
+    assert_eq!(packets, [(Some(64), 2, 64), (Some(64), 1, 0), (Some(0), 0, 0)]);
+    assert_eq!(core.read(DIEP + ENDPOINT_SPAN + INT) & epint::XFRC, epint::XFRC);
+    assert_eq!(collect(&mut core, 1), None);
+}
+
+#[test]
+fn a_transfer_from_the_host_ends_with_its_packet_count_or_with_a_short_packet() {
+    for (lengths, left) in [(&[64, 64][..], 0), (&[64, 63], 1), (&[0], 128)] {
+        let mut core = with_bulk();
+        core.write(GRXFSIZ, 80);
+        core.write(DOEP + ENDPOINT_SPAN + TSIZ, 2 << eptsiz::PKTCNT_AT | 128);
+        for (nth, &length) in lengths.iter().enumerate() {
+            assert_eq!(core.output(0, 1, nth % 2 == 1, &vec![0; length]), Handshake::Ack);
+        }
+        assert_eq!(core.read(DOEP + ENDPOINT_SPAN + TSIZ) & eptsiz::XFRSIZ, left);
+        assert_eq!(core.read(DOEPCTL_1) & epctl::NAKSTS, epctl::NAKSTS, "{lengths:?}");
+        let kinds: Vec<u32> = std::iter::from_fn(|| {
+            let more = core.read(GINTSTS) & gint::RXFLVL != 0;
+            more.then(|| kind(core.read(GRXSTSP)))
+        })
+        .collect();
+        let done = kinds.iter().filter(|&&kind| kind == grxsts::OUT_DONE).count();
+        assert_eq!((done, kinds.last()), (1, Some(&grxsts::OUT_DONE)));
+    }
+}
+
+#[test]
+fn an_out_endpoint_that_is_not_enabled_naks_and_says_so() {
+    let mut core = connected();
+    core.write(DOEP + ENDPOINT_SPAN + TSIZ, 1 << eptsiz::PKTCNT_AT | 64);
+    core.write(DOEPCTL_1, ACTIVE_OUT | epctl::CNAK);
+    assert_eq!(core.output(0, 1, false, &[0]), Handshake::Nak);
+    let said = core.read(DOEP + ENDPOINT_SPAN + INT);
+    assert_eq!(said & epint::OTEPDIS, epint::OTEPDIS);
+}
+
+#[test]
+fn an_in_token_that_finds_no_data_says_so() {
+    let mut core = with_bulk();
+    assert_eq!(core.input(0, 1), Reply::Nak);
+    let said = core.read(DIEP + ENDPOINT_SPAN + INT);
+    assert_eq!(said & epint::ITTXFE, epint::ITTXFE);
+}
+
+#[test]
+fn snak_holds_a_packet_that_is_ready_and_cnak_lets_it_go() {
+    let mut core = with_bulk();
+    send(&mut core, b"x");
+    set(&mut core, DIEPCTL_1, epctl::SNAK);
+    assert_eq!(core.read(DIEPCTL_1) & epctl::NAKSTS, epctl::NAKSTS);
+    assert_eq!(core.read(DIEP + ENDPOINT_SPAN + INT) & epint::INEPNE, epint::INEPNE);
+    assert_eq!(core.input(0, 1), Reply::Nak);
+    set(&mut core, DIEPCTL_1, epctl::CNAK);
+    assert_eq!(
+        core.read(DIEP + ENDPOINT_SPAN + INT) & epint::INEPNE,
+        0,
+        "CNAK clears it"
+    );
+    assert_eq!(collect(&mut core, 1), Some(1));
+
+    set(&mut core, DOEPCTL_1, epctl::SNAK);
+    assert_eq!(core.output(0, 1, false, &[0]), Handshake::Nak);
+    set(&mut core, DOEPCTL_1, epctl::CNAK);
+    assert_eq!(core.output(0, 1, false, &[0]), Handshake::Ack);
+}
+
+#[test]
+fn stall_goes_before_nak_in_both_directions_and_lasts_until_the_firmware_clears_it() {
+    let mut core = with_bulk();
+    send(&mut core, b"x");
+    for control in [DIEPCTL_1, DOEPCTL_1] {
+        set(&mut core, control, epctl::STALL | epctl::SNAK);
+    }
+    core.write(DCTL, device::SGINAK | device::SGONAK);
+    assert_eq!(core.input(0, 1), Reply::Stall);
+    assert_eq!(core.output(0, 1, false, &[0]), Handshake::Stall);
+    assert!(core.setup(0, [0; 8]), "a SETUP is taken");
+    assert_eq!(core.input(0, 1), Reply::Stall, "and clears endpoint 0's stall only");
+    core.write(DCTL, device::CGINAK | device::CGONAK);
+    for control in [DIEPCTL_1, DOEPCTL_1] {
+        let held = core.read(control);
+        core.write(control, held & !epctl::STALL | epctl::CNAK);
+    }
+    assert_eq!(collect(&mut core, 1), Some(1));
+    assert_eq!(core.output(0, 1, false, &[0]), Handshake::Ack);
+}
+
+#[test]
+fn endpoint_0_stalls_data_and_status_until_the_next_setup() {
+    let mut core = connected();
+    core.setup(0, [0xFF; 8]);
+    for control in [DIEP, DOEP] {
+        set(&mut core, control + CTL, epctl::STALL);
+    }
+    assert_eq!(core.input(0, 0), Reply::Stall);
+    assert_eq!(core.output(0, 0, true, &[0; 8]), Handshake::Stall);
+    for control in [DIEP, DOEP] {
+        core.write(control + CTL, 0);
+    }
+    assert_eq!(core.input(0, 0), Reply::Stall, "the firmware cannot take it back");
+    assert_eq!(core.output(0, 0, true, &[0; 8]), Handshake::Stall);
+    for control in [DIEP, DOEP] {
+        set(&mut core, control + CTL, epctl::CNAK);
+    }
+    assert!(core.setup(0, [0x80; 8]));
+    for control in [DIEP, DOEP] {
+        let held = core.read(control + CTL);
+        assert_eq!(held & (epctl::STALL | epctl::NAKSTS), epctl::NAKSTS);
+    }
+    assert_eq!(core.input(0, 0), Reply::Nak);
+    assert_eq!(core.output(0, 0, true, &[0; 8]), Handshake::Nak, "both NAKs are set");
+}
+
+#[test]
+fn a_data_pid_is_set_by_the_firmware_after_a_stall() {
+    for (command, toggle) in [(epctl::SD0PID, false), (epctl::SD1PID, true)] {
+        let mut core = with_bulk();
+        send(&mut core, b"x");
+        assert_eq!(collect(&mut core, 1), Some(1));
+        set(&mut core, DIEPCTL_1, command);
+        send(&mut core, b"y");
+        assert!(matches!(core.input(0, 1), Reply::Data { toggle: pid, .. } if pid == toggle));
+    }
+}
+
+#[test]
+fn setups_back_to_back_are_all_taken_counted_down_and_done_once() {
+    let mut core = connected();
+    core.write(DOEP + TSIZ, 3 << eptsiz::STUPCNT_AT);
+    core.write(DCTL, device::SGONAK);
+    core.read(GRXSTSP);
+    let mut left = Vec::new();
+    for nth in 0..4 {
+        assert!(core.setup(0, [nth; 8]));
+        left.push(core.read(DOEP + TSIZ) >> eptsiz::STUPCNT_AT);
+    }
+    assert_eq!(left, [2, 1, 0, 0]);
+    core.input(0, 0);
+    let mut setups = Vec::new();
+    loop {
+        match kind(core.read(GRXSTSP)) {
+            grxsts::SETUP_DATA => setups.push([core.read(FIFO), core.read(FIFO)].map(|word| word & 0xFF)),
+            last => {
+                assert_eq!(last, grxsts::SETUP_DONE);
+                break;
+            }
+        }
+    }
+    assert_eq!(setups, [[0; 2], [1; 2], [2; 2], [3; 2]]);
+    assert_eq!(core.read(GINTSTS) & gint::RXFLVL, 0);
+    assert_eq!(core.read(DOEP + INT) & epint::STUP, epint::STUP);
+}

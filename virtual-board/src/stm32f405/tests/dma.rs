@@ -1,0 +1,214 @@
+//! DMA1 and USART2: rings, flags, stops (RM0090, 10.3.6 to 10.3.18, 10.5).
+
+use super::*;
+
+const HISR: u64 = 0x4002_6004;
+const HIFCR: u64 = 0x4002_600C;
+/// Stream 6, which serves USART2's transmitter on channel 4.
+const SENDER_CR: u64 = 0x4002_60A0;
+const SENDER_NDTR: u64 = 0x4002_60A4;
+const SENDER_PAR: u64 = 0x4002_60A8;
+const SENDER_M0AR: u64 = 0x4002_60AC;
+
+/// Flags of stream 5 in HISR; those of stream 6 are ten bits up.
+const TE: u64 = 1 << 9;
+const HT: u64 = 1 << 10;
+const TC: u64 = 1 << 11;
+const ALL: u64 = 0x3D << 6;
+const SENDER: u32 = 10;
+
+/// Enables of SxCR.
+const TEIE: u64 = 1 << 2;
+const HTIE: u64 = 1 << 3;
+const TCIE: u64 = 1 << 4;
+
+/// Channel 4, memory to peripheral, memory pointer counting up.
+const SEND: u64 = 4 << 25 | 1 << 10 | 1 << 6;
+
+const NUMBERS: [u8; 32] = {
+    let mut numbers = [0; 32];
+    let mut nth = 0;
+    while nth < 32 {
+        numbers[nth] = nth as u8 + 1;
+        nth += 1;
+    }
+    numbers
+};
+
+impl Bench {
+    /// Runs until `count` more bytes have come.
+    fn receive(&mut self, count: u64) {
+        self.run_until(self.now + Nanos(10_000 * count));
+    }
+}
+
+#[test]
+fn a_ring_flags_its_half_and_its_end_reloads_its_count_and_starts_over() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.say(&NUMBERS[..20]);
+    let mut seen = Vec::new();
+    for nth in 1..=20 {
+        bench.receive(1);
+        seen.push((nth, bench.read(HISR) & ALL, bench.read(STREAM_NDTR)));
+    }
+    let at = |nth: usize| seen[nth - 1];
+    assert_eq!(at(1), (1, 0, 15));
+    assert_eq!(at(7), (7, 0, 9));
+    assert_eq!(at(8), (8, HT, 8));
+    assert_eq!(at(15), (15, HT, 1));
+    assert_eq!(at(16), (16, HT | TC, 16));
+    assert_eq!(at(20), (20, HT | TC, 12));
+    let mut ring = NUMBERS[..16].to_vec();
+    ring[..4].copy_from_slice(&NUMBERS[16..20]);
+    assert_eq!(bench.ring(16), ring);
+    assert_eq!(bench.ram.0.get(&(RING + RING_SIZE)), None, "nothing behind the ring");
+    assert_eq!(bench.read(STREAM_CR) & EN, EN);
+}
+
+#[test]
+fn half_and_end_come_again_in_every_round() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.say(&NUMBERS);
+    for flags in [HT, TC, HT, TC] {
+        bench.receive(8);
+        assert_eq!(bench.read(HISR) & ALL, flags);
+        bench.write(HIFCR, flags);
+        assert_eq!(bench.read(HISR) & ALL, 0);
+    }
+}
+
+#[test]
+fn a_flag_is_cleared_alone_and_interrupts_only_if_enabled() {
+    for (enable, first) in [(0, 0), (HTIE, 8), (TCIE, 16)] {
+        let mut bench = Bench::new(Reenabled::Restarts);
+        bench.write(STREAM_CR, RECEIVE);
+        bench.write(HIFCR, ALL);
+        bench.write(STREAM_CR, RECEIVE | enable | EN);
+        bench.part.drain_interrupts();
+        bench.say(&NUMBERS[..16]);
+        let rose = (1..=16).find(|_| {
+            bench.receive(1);
+            bench
+                .part
+                .drain_interrupts()
+                .iter()
+                .any(|change| change.level == Level::High)
+        });
+        assert_eq!(rose.unwrap_or(0), first);
+        bench.receive(16);
+        assert_eq!(bench.read(HISR) & ALL, HT | TC);
+        bench.write(HIFCR, HT);
+        assert_eq!(bench.read(HISR) & ALL, TC);
+    }
+}
+
+#[test]
+fn a_transfer_that_is_no_ring_stops_at_its_end_and_the_rest_overruns() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(STREAM_CR, RECEIVE & !(1 << 8));
+    bench.write(HIFCR, ALL);
+    bench.write(STREAM_NDTR, 4);
+    bench.write(STREAM_CR, RECEIVE & !(1 << 8) | EN);
+    bench.say(&NUMBERS[..6]);
+    bench.receive(4);
+    assert_eq!(bench.read(HISR) & ALL, HT | TC);
+    assert_eq!((bench.read(STREAM_CR) & EN, bench.read(STREAM_NDTR)), (0, 0));
+    assert_eq!(bench.read(USART_SR) & (RXNE | ORE), 0);
+    bench.receive(2);
+    assert_eq!(bench.ring(5), [1, 2, 3, 4, 0xEE]);
+    assert_eq!(bench.read(USART_SR) & (RXNE | ORE), RXNE | ORE);
+}
+
+#[test]
+fn a_stream_that_is_switched_off_in_the_middle_says_so_and_keeps_its_count_and_its_bytes() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.say(&NUMBERS[..5]);
+    bench.receive(5);
+    assert_eq!(bench.read(HISR) & ALL, 0);
+    bench.write(STREAM_CR, RECEIVE);
+    assert_eq!(bench.read(HISR) & ALL, TC, "10.3.14");
+    assert_eq!((bench.read(STREAM_CR) & EN, bench.read(STREAM_NDTR)), (0, 11));
+    assert_eq!(bench.ring(6), [1, 2, 3, 4, 5, 0xEE]);
+}
+
+#[test]
+fn count_and_addresses_of_a_running_stream_are_write_protected() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    for (register, value) in [(STREAM_NDTR, 3), (STREAM_PAR, 0x2000_0100), (STREAM_M0AR, 0x2000_0200)] {
+        let before = bench.read(register);
+        bench.write(register, value);
+        assert_eq!(bench.read(register), before, "{register:#x}");
+    }
+    bench.say(&[7]);
+    bench.receive(1);
+    assert_eq!(bench.ring(1), [7]);
+}
+
+#[test]
+fn bytes_in_memory_go_to_the_arm_in_order_and_the_stream_ends_before_the_wire_does() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.run_until(Nanos(50_000));
+    bench.ram.0.extend((0x2000_0100..).zip(NUMBERS));
+    for (register, value) in [
+        (USART_CR3, 1 << 7 | 1 << 6),
+        (USART_SR, !(1 << 6)),
+        (SENDER_PAR, USART_DR),
+        (SENDER_M0AR, 0x2000_0100),
+        (SENDER_NDTR, 6),
+        (SENDER_CR, SEND | EN),
+    ] {
+        bench.write(register, value);
+    }
+    // One byte is on the wire, one waits in the UART.
+    assert_eq!(bench.read(SENDER_NDTR), 4);
+    assert_eq!(bench.read(HISR) & ALL << SENDER, 0);
+    bench.receive(1);
+    assert_eq!(bench.read(HISR) & ALL << SENDER, HT << SENDER);
+    bench.receive(3);
+    assert_eq!(bench.read(HISR) & ALL << SENDER, (HT | TC) << SENDER);
+    assert_eq!(bench.read(SENDER_CR) & EN, 0);
+    assert_eq!(bench.read(USART_SR) & 1 << 6, 0, "the wire is busy still");
+    bench.receive(2);
+    assert_eq!(bench.read(USART_SR) & 1 << 6, 1 << 6);
+    let heard: Vec<u8> = port::lock(&bench.line)
+        .arm_mut()
+        .heard
+        .iter()
+        .map(|&(_, byte)| byte)
+        .collect();
+    assert_eq!(heard, NUMBERS[..6]);
+    assert_eq!(bench.read(HISR) & ALL, 0, "the other stream's flags are its own");
+}
+
+#[test]
+fn a_stream_listens_to_its_channel_alone() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(STREAM_CR, RECEIVE);
+    let other = RECEIVE & !(7 << 25) | 3 << 25;
+    bench.write(STREAM_CR, other | EN);
+    bench.say(&[1]);
+    bench.receive(2);
+    assert_eq!((bench.ring(1), bench.read(STREAM_NDTR)), (vec![0xEE], RING_SIZE));
+}
+
+#[test]
+fn memory_that_the_controller_does_not_reach_is_a_transfer_error_that_stops_the_stream() {
+    for enable in [0, TEIE] {
+        let mut bench = Bench::new(Reenabled::Restarts);
+        bench.write(STREAM_CR, RECEIVE);
+        bench.write(HIFCR, ALL);
+        bench.write(STREAM_M0AR, map::CCM.base);
+        bench.write(STREAM_CR, RECEIVE | enable | EN);
+        bench.part.drain_interrupts();
+        bench.say(&[1]);
+        bench.receive(1);
+        assert_eq!(bench.read(HISR) & ALL, TE);
+        assert_eq!(bench.read(STREAM_CR) & EN, 0);
+        let rose = bench
+            .part
+            .drain_interrupts()
+            .iter()
+            .any(|change| change.level == Level::High);
+        assert_eq!(rose, enable != 0);
+    }
+}

@@ -1,0 +1,203 @@
+//! TIM5, which keeps the firmware's time (RM0090, chapter 18), and the independent watchdog (chapter 21).
+
+use super::*;
+
+const CR1: u64 = 0x4000_0C00;
+const DIER: u64 = 0x4000_0C0C;
+const SR: u64 = 0x4000_0C10;
+const EGR: u64 = 0x4000_0C14;
+const CNT: u64 = 0x4000_0C24;
+const PSC: u64 = 0x4000_0C28;
+const ARR: u64 = 0x4000_0C2C;
+const CCR1: u64 = 0x4000_0C34;
+const CCR2: u64 = 0x4000_0C38;
+
+const UIF: u64 = 1 << 0;
+const CC1IF: u64 = 1 << 1;
+const CC2IF: u64 = 1 << 2;
+
+/// TIM5 at a megahertz from the 16 MHz that the part starts with, running from 0.
+fn timer() -> Bench {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    for (register, value) in [
+        (RCC_APB1ENR, 1 << 17 | 1 << 3),
+        (PSC, 15),
+        (ARR, 0xFFFF_FFFF),
+        (CCR1, 0xFFFF_FFFF),
+        (CCR2, 0xFFFF_FFFF),
+        (EGR, 1),
+        (SR, 0),
+        (CR1, 1),
+    ] {
+        bench.write(register, value);
+    }
+    bench.part.drain_interrupts();
+    bench
+}
+
+impl Bench {
+    /// Whether the last change of an interrupt line was up, if there was one.
+    fn rose(&mut self) -> Option<bool> {
+        let last = self.part.drain_interrupts().pop();
+        last.map(|change| change.level == Level::High)
+    }
+}
+
+#[test]
+fn the_counter_has_32_bits_and_wraps_with_an_update() {
+    let mut bench = timer();
+    bench.run_until(Nanos(70_000_000));
+    assert_eq!(bench.read(CNT), 70_000, "beyond 16 bits");
+    bench.write(DIER, UIF);
+    bench.write(CNT, 0xFFFF_FFFE);
+    bench.run_until(Nanos(70_001_000));
+    assert_eq!((bench.read(CNT), bench.read(SR) & UIF), (0xFFFF_FFFF, 0));
+    bench.run_until(Nanos(70_001_999));
+    assert_eq!(bench.rose(), None);
+    bench.run_until(Nanos(70_002_000));
+    assert_eq!((bench.read(CNT), bench.read(SR) & UIF), (0, UIF));
+    assert_eq!(bench.rose(), Some(true));
+}
+
+#[test]
+fn a_compare_flags_and_interrupts_at_its_instant_and_again_after_a_whole_round() {
+    let mut bench = timer();
+    bench.write(ARR, 999);
+    bench.write(CCR1, 100);
+    bench.write(DIER, CC1IF);
+    bench.run_until(Nanos(99_999));
+    assert_eq!((bench.read(SR) & CC1IF, bench.rose()), (0, None));
+    bench.run_until(Nanos(100_000));
+    assert_eq!((bench.read(SR) & CC1IF, bench.rose()), (CC1IF, Some(true)));
+    bench.write(SR, !CC1IF);
+    assert_eq!((bench.read(SR) & CC1IF, bench.rose()), (0, Some(false)));
+    bench.run_until(Nanos(1_099_999));
+    assert_eq!(bench.read(SR) & (UIF | CC1IF), UIF);
+    bench.run_until(Nanos(1_100_000));
+    assert_eq!(bench.read(SR) & CC1IF, CC1IF);
+}
+
+#[test]
+fn a_compare_value_that_has_passed_does_not_match_before_the_next_round() {
+    let mut bench = timer();
+    bench.run_until(Nanos(500_000));
+    bench.write(DIER, CC1IF);
+    bench.write(CCR1, 499);
+    bench.run_until(Nanos(10_000_000));
+    assert_eq!((bench.read(SR) & CC1IF, bench.rose()), (0, None));
+}
+
+#[test]
+fn a_written_zero_clears_its_flag_alone_and_a_written_one_sets_none() {
+    let mut bench = timer();
+    bench.write(CCR1, 10);
+    bench.write(CCR2, 20);
+    bench.run_until(Nanos(30_000));
+    assert_eq!(bench.read(SR), CC1IF | CC2IF);
+    bench.write(SR, !CC2IF);
+    assert_eq!(bench.read(SR), CC1IF);
+    bench.write(SR, 0xFFFF_FFFF);
+    assert_eq!(bench.read(SR), CC1IF);
+}
+
+#[test]
+fn a_prescaler_waits_for_an_update() {
+    let mut bench = timer();
+    bench.write(PSC, 159);
+    bench.run_until(Nanos(100_000));
+    assert_eq!(bench.read(CNT), 100, "a megahertz still");
+    bench.write(EGR, 1);
+    assert_eq!(bench.read(CNT), 0, "UG starts over");
+    bench.run_until(Nanos(200_000));
+    assert_eq!(bench.read(CNT), 10);
+}
+
+#[test]
+fn a_counter_that_is_switched_off_stands() {
+    let mut bench = timer();
+    bench.run_until(Nanos(100_000));
+    bench.write(CR1, 0);
+    bench.run_until(Nanos(200_000));
+    assert_eq!(bench.read(CNT), 100);
+    bench.write(CR1, 1);
+    bench.run_until(Nanos(300_000));
+    assert_eq!(bench.read(CNT), 200);
+}
+
+const KR: u64 = 0x4000_3000;
+const PR: u64 = 0x4000_3004;
+const RLR: u64 = 0x4000_3008;
+const IWDG_SR: u64 = 0x4000_300C;
+
+/// Virtual time of so many ticks of the 32 kHz LSI.
+const fn ticks(count: u64) -> Nanos {
+    Nanos(count * 31_250)
+}
+
+impl Bench {
+    /// Writes the watchdog's prescaler and reload, and waits until they have crossed to its clock: PVU and RVU fall.
+    fn configure(&mut self, prescaler: u64, reload: u64) {
+        self.write(PR, prescaler);
+        self.write(RLR, reload);
+        let start = self.now;
+        while self.read(IWDG_SR) != 0 {
+            assert!(self.now.since(start) < ticks(20));
+            self.run_until(self.now + ticks(1));
+        }
+    }
+
+    /// Whether the watchdog asked for a reset.
+    fn barks(&mut self) -> bool {
+        self.part.take_reset_request() == Some(ResetCause::Model("IWDG"))
+    }
+}
+
+#[test]
+fn the_watchdogs_registers_open_with_their_key_alone() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(KR, 0xCCCC);
+    bench.configure(3, 99);
+    assert_eq!((bench.read(PR), bench.read(RLR)), (0, 0xFFF));
+    bench.write(KR, 0x5555);
+    bench.configure(3, 99);
+    assert_eq!((bench.read(PR), bench.read(RLR)), (3, 99));
+    bench.write(KR, 0xAAAA);
+    bench.configure(4, 5);
+    assert_eq!((bench.read(PR), bench.read(RLR)), (3, 99), "another key closes them");
+}
+
+#[test]
+fn the_watchdog_resets_after_its_prescaler_times_its_reload_unless_it_is_fed() {
+    // Prescaler 32, reload 100.
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(KR, 0xCCCC);
+    bench.write(KR, 0x5555);
+    bench.configure(3, 99);
+    for _ in 0..3 {
+        bench.write(KR, 0xAAAA);
+        bench.run_until(bench.now + ticks(32 * 100 - 40));
+        assert!(!bench.barks());
+    }
+    bench.write(KR, 0xAAAA);
+    let fed = bench.now;
+    bench.run_until(fed + ticks(32 * 100 - 32));
+    assert!(!bench.barks());
+    bench.run_until(fed + ticks(32 * 100));
+    assert!(bench.barks());
+}
+
+#[test]
+fn a_watchdog_that_was_not_started_does_nothing_and_one_that_was_cannot_be_stopped() {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(KR, 0xAAAA);
+    bench.run_until(Nanos::from_millis(2_000));
+    assert!(!bench.barks());
+    bench.write(KR, 0xCCCC);
+    bench.write(KR, 0);
+    bench.write(KR, 0x5555);
+    // 512 ms: prescaler 4, reload 4096 (table 107).
+    bench.run_until(Nanos::from_millis(2_511));
+    assert!(!bench.barks());
+    bench.run_until(Nanos::from_millis(2_513));
+    assert!(bench.barks());
+}

@@ -1,0 +1,226 @@
+//! USART2 without its DMA: what its flags say, and how they are cleared (RM0090, 30.3.2 to 30.3.4, 30.6.1).
+
+use super::*;
+
+const IDLE: u64 = 1 << 4;
+const TC: u64 = 1 << 6;
+const TXE: u64 = 1 << 7;
+
+/// Bits of CR1.
+const RE: u64 = 1 << 2;
+const TE: u64 = 1 << 3;
+const IDLEIE: u64 = 1 << 4;
+const RXNEIE: u64 = 1 << 5;
+const TCIE: u64 = 1 << 6;
+const TXEIE: u64 = 1 << 7;
+const UE: u64 = 1 << 13;
+const OVER8: u64 = 1 << 15;
+
+const ON: u64 = UE | TE | RE;
+
+/// USART2 at 1 Mbaud, past the idle frame that its transmitter starts with, without DMA, with these interrupts.
+fn port(interrupts: u64) -> Bench {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    bench.write(USART_CR3, 0);
+    bench.run_until(Nanos(50_000));
+    bench.write(USART_CR1, ON | interrupts);
+    bench.part.drain_interrupts();
+    bench
+}
+
+impl Bench {
+    /// The flags of SR that are asked for, without what reading it does.
+    fn flags(&mut self, of: u64) -> u64 {
+        self.part.peek(self.now.into(), USART_SR, Width::W32).unwrap() & of
+    }
+
+    /// The level that the interrupt took since this was last asked, if it changed.
+    fn interrupted(&mut self) -> Option<bool> {
+        let last = self.part.drain_interrupts().pop();
+        last.map(|change| change.level == Level::High)
+    }
+}
+
+#[test]
+fn an_idle_line_is_flagged_one_frame_after_the_last_byte_once_for_each_burst() {
+    let mut bench = port(IDLEIE);
+    bench.run_until(Nanos(100_000));
+    assert_eq!(bench.flags(IDLE), 0, "nothing has come yet");
+    bench.say(&[1, 2]);
+    bench.run_until(Nanos(129_999));
+    assert_eq!(
+        (bench.flags(IDLE), bench.interrupted()),
+        (0, None),
+        "no gap between the two"
+    );
+    bench.run_until(Nanos(130_000));
+    assert_eq!((bench.flags(IDLE), bench.interrupted()), (IDLE, Some(true)));
+    bench.read(USART_SR);
+    assert_eq!(bench.flags(IDLE), IDLE, "reading SR alone clears nothing");
+    bench.read(USART_DR);
+    assert_eq!((bench.flags(IDLE), bench.interrupted()), (0, Some(false)));
+    bench.run_until(Nanos(500_000));
+    assert_eq!(bench.flags(IDLE), 0, "the line is idle still");
+    bench.say(&[3]);
+    bench.run_until(Nanos(520_000));
+    assert_eq!(bench.flags(IDLE), IDLE);
+}
+
+#[test]
+fn a_byte_that_comes_within_the_idle_frame_puts_it_off() {
+    let mut bench = port(0);
+    bench.say(&[1]);
+    bench.run_until(Nanos(65_000));
+    assert_eq!(bench.flags(IDLE | RXNE), RXNE);
+    bench.say(&[2]);
+    bench.run_until(Nanos(84_999));
+    assert_eq!(bench.flags(IDLE), 0);
+    bench.run_until(Nanos(85_000));
+    assert_eq!(bench.flags(IDLE), IDLE);
+}
+
+#[test]
+fn rxne_interrupts_until_the_byte_is_read() {
+    let mut bench = port(RXNEIE);
+    bench.say(&[0x42]);
+    bench.run_until(Nanos(60_000));
+    assert_eq!((bench.flags(RXNE), bench.interrupted()), (RXNE, Some(true)));
+    assert_eq!(bench.read(USART_DR), 0x42);
+    assert_eq!((bench.flags(RXNE), bench.interrupted()), (0, Some(false)));
+}
+
+#[test]
+fn an_overrun_keeps_the_first_byte_loses_the_next_and_is_cleared_by_sr_then_dr() {
+    let mut bench = port(RXNEIE);
+    bench.say(&[1, 2]);
+    bench.run_until(Nanos(69_999));
+    assert_eq!(bench.flags(ORE | RXNE), RXNE);
+    bench.run_until(Nanos(70_000));
+    assert_eq!(bench.flags(ORE | RXNE), ORE | RXNE);
+    bench.interrupted();
+    assert_eq!(bench.read(USART_DR), 1);
+    assert_eq!(bench.flags(ORE | RXNE), ORE, "DR alone does not clear it");
+    assert_eq!(bench.interrupted(), None, "it interrupts with RXNEIE");
+    bench.read(USART_SR);
+    assert_eq!(bench.flags(ORE), ORE, "nor does SR alone");
+    bench.read(USART_DR);
+    assert_eq!((bench.flags(ORE | RXNE), bench.interrupted()), (0, Some(false)));
+    bench.say(&[3]);
+    bench.run_until(Nanos(100_000));
+    assert_eq!((bench.flags(ORE | RXNE), bench.read(USART_DR)), (RXNE, 3));
+}
+
+#[test]
+fn an_error_that_came_after_sr_was_read_outlives_the_read_of_dr() {
+    let mut bench = port(0);
+    bench.say(&[1]);
+    bench.run_until(Nanos(60_000));
+    bench.read(USART_SR);
+    bench.say(&[2]);
+    bench.run_until(Nanos(80_000));
+    assert_eq!(bench.read(USART_DR), 1);
+    assert_eq!(bench.flags(ORE), ORE);
+}
+
+#[test]
+fn framing_and_noise_flags_are_cleared_by_sr_then_dr() {
+    for (fault, flag) in [(Fault::Framing, FE), (Fault::Noise, NF), (Fault::Break, FE)] {
+        let mut bench = port(0);
+        port::lock(&bench.line).plan_fault(0, fault);
+        bench.say(&[0x42]);
+        bench.run_until(Nanos(60_000));
+        bench.read(USART_SR);
+        assert_eq!(bench.flags(FE | NF), flag, "{fault:?}");
+        bench.read(USART_DR);
+        assert_eq!(bench.flags(FE | NF | RXNE), 0, "{fault:?}");
+    }
+}
+
+#[test]
+fn a_line_error_interrupts_with_eie_only_under_dma() {
+    for (control, interrupts) in [(1, false), (1 | 1 << 6, true)] {
+        let mut bench = port(0);
+        bench.write(USART_CR3, control);
+        port::lock(&bench.line).plan_fault(0, Fault::Noise);
+        bench.say(&[0x42]);
+        // Before the DMA reads DR, which would complete the sequence if SR had been read.
+        bench.run_until(Nanos(70_000));
+        assert_eq!(bench.interrupted(), interrupts.then_some(true));
+        assert_eq!(bench.flags(NF), NF);
+    }
+}
+
+#[test]
+fn txe_says_that_the_next_byte_may_come_and_tc_that_the_last_has_gone() {
+    let mut bench = port(0);
+    assert_eq!(bench.flags(TXE | TC), TXE | TC);
+    bench.read(USART_SR);
+    bench.write(USART_DR, 1);
+    assert_eq!(bench.flags(TXE | TC), TXE, "it is in the shift register at once");
+    bench.write(USART_DR, 2);
+    assert_eq!(bench.flags(TXE | TC), 0);
+    bench.run_until(Nanos(59_999));
+    assert_eq!(bench.flags(TXE | TC), 0);
+    bench.run_until(Nanos(60_000));
+    assert_eq!(bench.flags(TXE | TC), TXE);
+    bench.run_until(Nanos(69_999));
+    assert_eq!(bench.flags(TXE | TC), TXE);
+    bench.run_until(Nanos(70_000));
+    assert_eq!(bench.flags(TXE | TC), TXE | TC);
+    let heard = port::lock(&bench.line).arm_mut().heard.clone();
+    assert_eq!(heard, [(Micros(60), 1), (Micros(70), 2)]);
+}
+
+#[test]
+fn tc_is_cleared_by_a_written_zero_and_txe_is_not() {
+    let mut bench = port(0);
+    bench.write(USART_SR, !(TC | TXE));
+    assert_eq!(bench.flags(TXE | TC), TXE);
+    bench.write(USART_DR, 1);
+    bench.run_until(Nanos(60_000));
+    assert_eq!(bench.flags(TXE | TC), TXE | TC);
+    bench.write(USART_SR, !TXE);
+    assert_eq!(bench.flags(TXE | TC), TXE | TC, "a written one clears nothing");
+}
+
+#[test]
+fn the_transmit_interrupts_follow_their_flags() {
+    for (enable, at) in [(TXEIE, 60_000), (TCIE, 70_000)] {
+        let mut bench = port(0);
+        bench.read(USART_SR);
+        bench.write(USART_DR, 1);
+        bench.write(USART_DR, 2);
+        bench.write(USART_CR1, ON | enable);
+        bench.run_until(Nanos(at - 1));
+        assert_eq!(bench.interrupted(), None);
+        bench.run_until(Nanos(at));
+        assert_eq!(bench.interrupted(), Some(true));
+    }
+}
+
+#[test]
+fn the_rate_is_what_brr_divides_with_sixteen_or_eight_samples() {
+    // 30.3.4: from 16 MHz, as mantissa and fraction in sixteenths or eighths.
+    for (over8, divisor, baud) in [
+        (0, 0x10, 1_000_000),
+        (0, 0x8B, 115_108),
+        (0, 1 << 4 | 4, 800_000),
+        (OVER8, 2 << 4, 1_000_000),
+        (OVER8, 1 << 4, 2_000_000),
+        (OVER8, 0x11 << 4 | 3, 115_108),
+    ] {
+        let mut bench = port(over8);
+        bench.write(USART_BRR, divisor);
+        let set = port::lock(&bench.line).board_baud().unwrap();
+        assert_eq!(set, baud, "{divisor:#x}");
+        port::lock(&bench.line).set_arm_baud(baud as u32);
+        let start = bench.now;
+        bench.write(USART_DR, 0x55);
+        bench.run_until(Nanos(500_000));
+        let sent = port::lock(&bench.line).bytes()[0];
+        let lasted = sent.at.since(start).0;
+        let ten_bits = 10_000_000_000 / baud;
+        assert!(lasted.abs_diff(ten_bits) <= 2, "{lasted} ns at {baud} baud");
+        assert_eq!(sent.outcome, Outcome::Arrived);
+    }
+}

@@ -1,0 +1,328 @@
+//! `cargo xtask fuzz`: the fuzz targets in `host-tests/fuzz`, each for a fixed time.
+//!
+//! A fuzz target is an ordinary program with libFuzzer in it, so no cargo-fuzz and no nightly compiler is needed: the
+//! compiler's passes that count what runs are in the stable one. What they do not have is a sanitizer, and the crates that
+//! are fuzzed have no `unsafe` for it to find something in.
+
+use std::collections::BTreeSet;
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::thread;
+
+use crate::Result;
+use crate::process::{cargo, output, run as run_command};
+use crate::workspace;
+
+/// What libFuzzer needs to see, as cargo-fuzz has it.
+pub(crate) const COUNTERS: &str = "--cfg fuzzing -Cpasses=sancov-module \
+    -Cllvm-args=-sanitizer-coverage-level=4 \
+    -Cllvm-args=-sanitizer-coverage-inline-8bit-counters \
+    -Cllvm-args=-sanitizer-coverage-pc-table \
+    -Cllvm-args=-sanitizer-coverage-trace-compares";
+
+const USAGE: &str = "\
+cargo xtask fuzz [--seconds N] [TARGET...]    run the fuzz targets, N seconds each, 60 without this option
+cargo xtask fuzz --minimise [TARGET...]       make the committed corpus of the project's vectors, of what is committed and
+                                              of what was found since, as few files as reach all of the code they reach";
+
+struct Options {
+    seconds: u32,
+    minimise: bool,
+    targets: Vec<String>,
+}
+
+impl Options {
+    fn parse(args: &[OsString]) -> Result<Self> {
+        let all = targets()?;
+        let mut options = Self {
+            seconds: 60,
+            minimise: false,
+            targets: Vec::new(),
+        };
+        let mut args = args.iter().map(|arg| arg.to_string_lossy());
+        while let Some(arg) = args.next() {
+            match &*arg {
+                "--seconds" => {
+                    let seconds = args.next().and_then(|seconds| seconds.parse().ok());
+                    options.seconds = seconds.ok_or("`--seconds` needs a number of seconds")?;
+                }
+                "--minimise" => options.minimise = true,
+                target if all.iter().any(|name| name == target) => options.targets.push(target.to_owned()),
+                other => return Err(format!("unknown option or target `{other}`\n\n{USAGE}").into()),
+            }
+        }
+        if options.targets.is_empty() {
+            options.targets = all;
+        }
+        Ok(options)
+    }
+}
+
+/// Runs the targets, as many at a time as there are cores, and prints a table of what came of it.
+///
+/// # Errors
+///
+/// If a target finds something; with where the input is that shows it.
+pub(crate) fn run(args: &[OsString]) -> Result {
+    let options = Options::parse(args)?;
+    let programs = build(COUNTERS, "fuzz")?;
+    if options.minimise {
+        let vectors = vectors()?;
+        return for_each(&options.targets, |target| minimise(&programs, target, &vectors)).map(drop);
+    }
+    let runs = for_each(&options.targets, |target| fuzz(&programs, target, options.seconds))?;
+    println!(
+        "{:<16}{:>12}{:>10}{:>10}  result",
+        "target", "executions", "features", "inputs"
+    );
+    for run in &runs {
+        println!(
+            "{:<16}{:>12}{:>10}{:>10}  {}",
+            run.target,
+            run.executions,
+            run.features,
+            run.inputs,
+            run.result()
+        );
+    }
+    match runs.iter().filter(|run| run.finding.is_some()).count() {
+        0 => Ok(()),
+        n => Err(format!(
+            "{n} of {} targets found something; docs/fuzzing.md says what to do",
+            runs.len()
+        )
+        .into()),
+    }
+}
+
+/// What came of one target.
+struct Run {
+    target: String,
+    executions: String,
+    /// What libFuzzer tells apart in the code, and in how many inputs.
+    features: String,
+    inputs: String,
+    /// The input that shows something, or what was said in its place.
+    finding: Option<String>,
+}
+
+impl Run {
+    fn result(&self) -> &str {
+        self.finding.as_deref().unwrap_or("nothing found")
+    }
+}
+
+/// Runs a target for so many seconds.
+fn fuzz(programs: &Path, target: &str, seconds: u32) -> Result<Run> {
+    let found = found(target)?;
+    let artifacts = folder().join("artifacts").join(target);
+    fs::create_dir_all(&artifacts)?;
+    let mut fuzzer = libfuzzer(programs, target);
+    fuzzer
+        .arg(format!("-max_total_time={seconds}"))
+        .args(["-timeout=10", "-print_final_stats=1"])
+        .arg(format!("-artifact_prefix={}/", artifacts.display()))
+        .arg(found)
+        .arg(committed(target));
+    let ran = fuzzer.stdin(Stdio::null()).output()?;
+    let said = String::from_utf8_lossy(&ran.stderr);
+    let status = said
+        .lines()
+        .rev()
+        .find(|line| line.contains(" ft: "))
+        .unwrap_or_default();
+    let word_after = |text: &str, what: &str| {
+        let (_, rest) = text.split_once(what)?;
+        rest.split_whitespace().next().map(str::to_owned)
+    };
+    let finding = (!ran.status.success()).then(|| {
+        let panic = said.lines().skip_while(|line| !line.contains("panicked at")).take(4);
+        let panic: Vec<_> = panic.collect();
+        eprintln!("{target}: {}", panic.join("\n"));
+        word_after(&said, "Test unit written to ").unwrap_or_else(|| format!("{}: {}", ran.status, said.trim_end()))
+    });
+    let number = |text: &str, what: &str| word_after(text, what).unwrap_or_else(|| "?".to_owned());
+    Ok(Run {
+        target: target.to_owned(),
+        executions: number(&said, "stat::number_of_executed_units:"),
+        features: number(status, " ft: "),
+        inputs: number(status, " corp: ")
+            .split('/')
+            .next()
+            .unwrap_or_default()
+            .to_owned(),
+        finding,
+    })
+}
+
+/// Makes the committed corpus of a target anew.
+fn minimise(programs: &Path, target: &str, vectors: &BTreeSet<Vec<u8>>) -> Result {
+    let found = found(target)?;
+    for (i, seed) in vectors.iter().flat_map(|vector| seeds(target, vector)).enumerate() {
+        fs::write(found.join(format!("vector-{i}")), seed)?;
+    }
+    let fresh = found.with_extension("fresh");
+    let _ = fs::remove_dir_all(&fresh);
+    fs::create_dir_all(&fresh)?;
+    // As few inputs as reach all edges of the code that is fuzzed; how often they do is no reason to keep one.
+    let mut merge = libfuzzer(programs, target);
+    merge.args(["-set_cover_merge=1", "-use_counters=0", "-max_len=4096"]);
+    output(merge.arg(&fresh).arg(&found).arg(committed(target)))?;
+    fs::remove_dir_all(committed(target))?;
+    fs::create_dir_all(committed(target))?;
+    for file in fs::read_dir(&fresh)? {
+        let file = file?;
+        fs::copy(file.path(), committed(target).join(file.file_name()))?;
+    }
+    let (files, bytes) = size(&committed(target))?;
+    println!("{target:<16}{files:>6} files {bytes:>8} bytes");
+    Ok(())
+}
+
+fn size(folder: &Path) -> Result<(usize, u64)> {
+    let (mut files, mut bytes) = (0, 0);
+    for file in fs::read_dir(folder)? {
+        files += 1;
+        bytes += file?.metadata()?.len();
+    }
+    Ok((files, bytes))
+}
+
+/// Every sequence of four bytes or more that is written out in the protocols' sources: the documents' examples among them.
+fn vectors() -> Result<BTreeSet<Vec<u8>>> {
+    let mut vectors = BTreeSet::new();
+    let mut folders = vec![workspace::root().join("protocol")];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder)? {
+            let path = entry?.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                let source = fs::read_to_string(path)?;
+                vectors.extend(source.split(['[', ']', '(', ')', ';']).filter_map(bytes_in));
+            }
+        }
+    }
+    Ok(vectors)
+}
+
+/// The bytes that a list is of, if it is one.
+fn bytes_in(list: &str) -> Option<Vec<u8>> {
+    let words = list.split(',').map(|word| word.trim().trim_start_matches("///").trim());
+    let byte = |word: &str| match word.strip_prefix("0x") {
+        Some(digits) => u8::from_str_radix(digits, 16).ok(),
+        None => word.parse().ok(),
+    };
+    let bytes: Option<Vec<u8>> = words.filter(|word| !word.is_empty()).map(byte).collect();
+    bytes.filter(|bytes| bytes.len() >= 4)
+}
+
+/// A vector as inputs to a target that takes bytes of a line; none for the others, which make messages of their own.
+fn seeds(target: &str, vector: &[u8]) -> Vec<Vec<u8>> {
+    let line = |start: &[u8], end: &[u8]| [start, vector, end].concat();
+    // First the protocol, then what the reader expects, where there is a choice.
+    let starts: [&[u8]; 6] = [&[0], &[1], &[2, 0], &[2, 1], &[3, 0], &[3, 1]];
+    match target {
+        "decode" => starts.iter().map(|start| line(start, &[])).collect(),
+        // The last byte says how many cuts there are.
+        "split" => starts.iter().map(|start| line(start, &[0])).collect(),
+        "armwire_decode" => {
+            let hex: String = vector.iter().map(|byte| format!("{byte:02X}")).collect();
+            let text = |arm: u8, text: String| [&[arm], text.as_bytes()].concat();
+            let frames = vector
+                .chunks(7)
+                .map(|part| part.iter().map(|byte| format!("{byte:02X}")).collect::<String>());
+            let log: String = frames
+                .enumerate()
+                .map(|(i, data)| format!("(1.{i:06}) can0 603#07{data}\n"))
+                .collect();
+            let raw = (0..9).map(|kind| line(&[kind], &[]));
+            raw.chain([text(0, hex), text(0, log.clone()), text(2, log)]).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// Builds the targets with these flags of the compiler, and returns the folder that they are in.
+pub(crate) fn build(flags: &str, name: &str) -> Result<PathBuf> {
+    let host = host()?;
+    let target_dir = workspace::target_dir()?.join(name);
+    run_command(
+        cargo()
+            // With a target named, the flags are not for build scripts and procedural macros.
+            .args(["build", "--release", "--bins", "--target", &host, "--target-dir"])
+            .arg(&target_dir)
+            .env("RUSTFLAGS", flags)
+            .current_dir(folder()),
+    )?;
+    Ok(target_dir.join(host).join("release"))
+}
+
+/// The kind of machine that this is.
+pub(crate) fn host() -> Result<String> {
+    let version = output(Command::new("rustc").arg("-vV"))?;
+    let host = version.lines().find_map(|line| line.strip_prefix("host: "));
+    Ok(host.ok_or("`rustc -vV` names no host")?.to_owned())
+}
+
+/// A target, ready to be told what to do.
+pub(crate) fn libfuzzer(programs: &Path, target: &str) -> Command {
+    Command::new(programs.join(target))
+}
+
+/// The names of all targets.
+pub(crate) fn targets() -> Result<Vec<String>> {
+    let mut targets = Vec::new();
+    for file in fs::read_dir(folder().join("fuzz_targets"))? {
+        let path = file?.path();
+        targets.extend(path.file_stem().map(|name| name.to_string_lossy().into_owned()));
+    }
+    targets.sort();
+    Ok(targets)
+}
+
+fn folder() -> PathBuf {
+    workspace::root().join("host-tests/fuzz")
+}
+
+/// The corpus of a target that is part of the project.
+pub(crate) fn committed(target: &str) -> PathBuf {
+    folder().join("corpus").join(target)
+}
+
+/// Where inputs of a target are kept that reached something new.
+fn found(target: &str) -> Result<PathBuf> {
+    let found = workspace::target_dir()?.join("fuzz/corpus").join(target);
+    fs::create_dir_all(&found)?;
+    fs::create_dir_all(committed(target))?;
+    Ok(found)
+}
+
+/// Does something with each target, as many at a time as there are cores, and returns what came of each, in their order.
+pub(crate) fn for_each<T: Send>(targets: &[String], act: impl Fn(&str) -> Result<T> + Sync) -> Result<Vec<T>> {
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let rest = Mutex::new(targets.iter().enumerate());
+    let done = Mutex::new(Vec::new());
+    thread::scope(|scope| {
+        for _ in 0..cores.min(targets.len()) {
+            scope.spawn(|| {
+                loop {
+                    let next = rest.lock().expect("nobody panics with it").next();
+                    let Some((place, target)) = next else { return };
+                    // An error of another thread is passed on as its text.
+                    let result = act(target).map_err(|error| format!("{target}: {error}"));
+                    done.lock().expect("nobody panics with it").push((place, result));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().expect("nobody panicked with it");
+    done.sort_by_key(|(place, _)| *place);
+    Ok(done
+        .into_iter()
+        .map(|(_, result)| result)
+        .collect::<Result<_, String>>()?)
+}
