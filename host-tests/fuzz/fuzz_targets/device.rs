@@ -27,6 +27,7 @@ impl Check for Hears {
         let (mut line, mut heard) = (Vec::new(), Vec::new());
         while !u.is_empty() {
             let bytes = match u.arbitrary()? {
+                Step::Request if !P::HAS_REQUESTS => continue,
                 Step::Request => request_bytes::<P>(&P::any_request(u)?),
                 Step::Bytes(bytes) => bytes.to_vec(),
                 Step::Idle => {

@@ -2,7 +2,14 @@
 //! cyclic frames on CAN; and a buffer a byte too short for it is refused.
 #![no_main]
 
-use armwire::ling::{JointState, Opening, Position, Speed, Stroke};
+use core::time::Duration;
+
+use armwire::alpha1::{self, Alpha1, Interval, MoveTime, Offset, ServoStates, Text};
+use armwire::ling::legacy::{self, Legacy};
+use armwire::ling::{
+    self, JointState, Kind, Ling, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, Version,
+};
+use armwire::xarm::{self, RotationRadius, SerialsText, State, Transactions, VersionText, XArm};
 use armwire::{Framing, Scan};
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
@@ -13,31 +20,35 @@ use armwire_bridge::control::{
 use armwire_bridge::isotp::SeparationTime;
 use armwire_bridge::{LineCoding, Refused};
 use armwire_fuzz::config::{any_config, any_event, any_reply, any_request};
-use armwire_fuzz::{Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
+use armwire_fuzz::{Check, Result, Subject, Unstructured, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
-    let Some((kind, rest)) = input.split_first() else {
-        return;
-    };
-    let mut u = Unstructured::new(rest);
-    // Too short an input is none.
-    let _ = match kind % 4 {
-        0 => control_messages(&mut u),
-        1 => cyclic_frames(&mut u),
-        2 => values(&mut u),
-        _ => {
-            check::<Messages>(rest);
-            Ok(())
-        }
-    };
+    let mut u = Unstructured::new(input);
+    while !u.is_empty() {
+        // What is left may be too short for one more.
+        let Ok(()) = one(&mut u) else { return };
+    }
 });
+
+fn one(u: &mut Unstructured<'_>) -> Result<()> {
+    match u.arbitrary::<u8>()? % 8 {
+        0 => control_messages(u),
+        1 => cyclic_frames(u),
+        2 => values(u),
+        3 => Messages::check::<Ling, { ling::MAX_FRAME }>(u),
+        4 => Messages::check::<Alpha1, { alpha1::MAX_FRAME }>(u),
+        5 => Messages::check::<XArm, { xarm::MAX_FRAME }>(u),
+        6 => Messages::check::<Legacy, { legacy::MAX_FRAME }>(u),
+        _ => texts(u),
+    }
+}
 
 struct Messages;
 
 impl Check for Messages {
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
-        if u.arbitrary()? {
+        if P::HAS_REQUESTS && u.arbitrary()? {
             let request = P::any_request(u)?;
             let bytes = request_bytes::<P>(&request);
             assert_eq!(P::scan(&bytes, P::REQUESTS), Scan::Frame(bytes.len()));
@@ -224,5 +235,73 @@ fn values(u: &mut Unstructured<'_>) -> Result<()> {
             assert!(refused.to_string().contains(what));
         }
     }
+    Ok(())
+}
+
+/// What is shown to people, and the values that protocols keep as they came.
+fn texts(u: &mut Unstructured<'_>) -> Result<()> {
+    let bytes: &[u8] = u.arbitrary()?;
+    if let Ok(text) = Text::new(bytes) {
+        assert_eq!(text.as_bytes(), bytes);
+        assert!(text.as_str().is_none_or(|shown| shown.as_bytes() == bytes));
+        assert!(text.to_string().is_ascii());
+    }
+    let shown = String::from_utf8_lossy(bytes);
+    let (left, right) = shown.split_at(shown.floor_char_boundary(shown.len() / 2));
+    if let Ok(serials) = SerialsText::new(left, right) {
+        assert_eq!((serials.arm(), serials.control_box()), (Some(left), Some(right)));
+        assert!(serials.to_string().is_ascii());
+    }
+    let (axes, [major, minor, patch]) = (u.arbitrary::<u8>()?, u.arbitrary::<[u16; 3]>()?);
+    if let Ok(text) = VersionText::new(&format!("{axes},5,{left},{right},v{major}.{minor}.{patch}"))
+        && let Ok(version) = text.version()
+    {
+        assert_eq!((version.axes, version.arm, version.control_box), (axes, left, right));
+        assert_eq!(version.firmware_numbers(), Some([major, minor, patch]));
+    }
+    if let Ok(text) = VersionText::new(&shown) {
+        assert!(text.to_string().is_ascii());
+        match text.version() {
+            Ok(version) => {
+                let _ = version.firmware_numbers();
+            }
+            Err(error) => assert!(!error.to_string().is_empty()),
+        }
+    }
+    let serial = SerialNumber(u.arbitrary()?);
+    assert!(serial.as_str().is_none_or(|text| serial.0.starts_with(text.as_bytes())));
+    assert!(serial.to_string().is_ascii());
+    assert!(serial.kind().is_none_or(|kind| [6, 10].contains(&kind.servos())));
+    let check = SelfCheck(u.arbitrary()?);
+    for kind in [Kind::Leader, Kind::Follower] {
+        assert_eq!(check.all_normal(kind), check.faulty(kind).next().is_none());
+    }
+    let servos = PerServo::Leader(u.arbitrary::<[u8; 6]>()?);
+    assert_eq!(servos.as_slice().len(), servos.kind().servos());
+    assert!(!Version(u.arbitrary()?).to_string().is_empty());
+    let state = State(u.arbitrary()?);
+    assert!(!(state | State::ERROR).to_string().is_empty() && (state | State::ERROR).contains(state));
+    let states = ServoStates::from_bits(u.arbitrary()?);
+    assert_eq!(states.running().count() as u32, states.bits().count_ones());
+    let servo = u.arbitrary()?;
+    assert_eq!(states.is_running(servo).is_some(), (1..=32).contains(&servo));
+    let time = Duration::from_millis(u.arbitrary::<u32>()?.into());
+    if let Ok(taken) = MoveTime::from_duration(time) {
+        assert!(taken.duration().abs_diff(time) <= Duration::from_millis(10));
+        assert_eq!(MoveTime::from_duration(taken.duration()), Ok(taken));
+    }
+    if let Ok(taken) = Interval::from_duration(time) {
+        assert!(taken.duration().abs_diff(time) <= Duration::from_millis(10));
+        assert_eq!(Interval::from_duration(taken.duration()), Ok(taken));
+    }
+    match Offset::new(u.arbitrary()?) {
+        Ok(offset) => assert!((-30.0..=30.0).contains(&offset.degrees())),
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
+    if let Ok(radius) = RotationRadius::from_metres(f32::from_bits(u.arbitrary()?)) {
+        assert!(radius.metres().is_ok() || radius.millimetres > 99_999.0);
+    }
+    let mut transactions = Transactions::default();
+    assert_ne!(transactions.next_id(), transactions.next_id());
     Ok(())
 }

@@ -9,6 +9,7 @@ use crate::subject::response_bytes;
 use crate::{Result, Subject, Unstructured};
 
 impl Subject for Legacy {
+    const HAS_REQUESTS: bool = false;
     const FILL: Option<u8> = None;
 
     fn any_request(_u: &mut Unstructured<'_>) -> Result<Request> {

@@ -12,6 +12,9 @@ use crate::{Result, Unstructured};
 
 /// A protocol, and how arbitrary messages of it are made.
 pub trait Subject: Protocol<Expect: Debug + PartialEq> {
+    /// Whether there is anything that the host says.
+    const HAS_REQUESTS: bool = true;
+
     /// The byte that fills the room between frames.
     const FILL: Option<u8>;
 
