@@ -17,7 +17,7 @@ const ANSWER: u32 = 15;
 const JOINTS: [u8; 4] = [0xAA, 0x06, 0x00, 0x0F];
 
 /// What is counted when something is lost, by name.
-pub(super) type Losses = Vec<(&'static str, u32)>;
+pub type Losses = Vec<(&'static str, u32)>;
 
 /// A counter and its name.
 type Named = (&'static str, fn(&Counters) -> u32);
