@@ -158,7 +158,9 @@ impl Fault {
     /// campaign gives up after 150 ms. Where the adapter or its USB starts anew, the host enumerates it and opens the port.
     pub const fn limit(self) -> Nanos {
         Nanos::from_millis(match self {
-            Self::NakStorm | Self::FullPackets => 50,
+            Self::NakStorm => 50,
+            // Its 64 requests are answered first.
+            Self::FullPackets => 150,
             Self::NeverReads => 250,
             Self::BusReset | Self::Unplug | Self::Suspend => 250,
             Self::PowerLossInSave | Self::Panic | Self::Watchdog => 400,
