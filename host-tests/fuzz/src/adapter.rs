@@ -13,6 +13,7 @@ use armwire_bridge::control::{
 use armwire_bridge::isotp::{self, Endpoint, Link};
 use armwire_bridge::{Action, Bridge, CanErrors, Counters, PACKET, UartErrors};
 
+use crate::ling::any_move;
 use crate::subject::{request_bytes, response_bytes};
 use crate::{Result, Subject, Unstructured};
 
@@ -61,7 +62,14 @@ pub struct World {
     usb_gone: bool,
     can_disturbed: bool,
     reconfigured: bool,
+    commanded: bool,
     others: bool,
+}
+
+/// Any request that moves a Ling arm: three of them are a stream.
+pub fn any_move_request(u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
+    let request = ling::Request::Move(any_move(u)?);
+    Ok(request_bytes::<Ling>(&request))
 }
 
 /// Anything that such an arm says.
@@ -106,7 +114,7 @@ impl World {
             control: Endpoint::new(end(Function::ControlRequest)),
             can_said: Vec::new(),
             can_sent: 0,
-            command: 0,
+            command: u8::MAX,
             reader: Reader::new(),
             sequence: 0,
             asked: 0,
@@ -116,6 +124,7 @@ impl World {
             usb_gone: false,
             can_disturbed: false,
             reconfigured: false,
+            commanded: false,
             others: config.poll != Poll::Off,
         }
     }
@@ -171,6 +180,16 @@ impl World {
                 self.bridge.usb_received(packet, self.now);
                 self.usb_said.extend(packet);
             }
+        }
+    }
+
+    /// A packet of so many bytes at most was not taken: the host is gone.
+    pub fn usb_lost(&mut self, most: usize) {
+        let mut packet = [0; PACKET];
+        if most >= PACKET
+            && let Some(len) = self.bridge.usb_transmit(&mut packet)
+        {
+            self.bridge.usb_lost(len);
         }
     }
 
@@ -345,7 +364,7 @@ impl World {
 
     /// A cyclic command, of the one before or a later number.
     pub fn command(&mut self, skip: u8, joints: u16, speed: u8, gripper: u8) {
-        self.others = true;
+        (self.others, self.commanded) = (true, true);
         self.command = self.command.wrapping_add(skip % 3);
         let command = Command {
             sequence: self.command,
@@ -597,7 +616,8 @@ impl World {
                 self.answered_on_can, self.asked_on_can,
                 "requests on the control connection"
             );
-            if c.silenced_bytes == 0 && !self.usb_gone {
+            // A command that a newer one replaced is counted as a request that was refused.
+            if c.silenced_bytes == 0 && !self.usb_gone && !self.commanded {
                 let ended = c.requests_can + c.refused_can_requests + c.refused_can_frames + c.control_requests;
                 assert_eq!(ended as usize, self.can_said.len() + self.asked_on_can + self.asked);
             }
