@@ -298,10 +298,9 @@ impl World {
             return true;
         }
         let Some(burst) = self.bridge.uart_transmit(&mut out, self.now) else {
-            assert!(
-                room < MAX_FRAME || !due,
-                "there is something to say, and it is not said"
-            );
+            // A command that came by the bus as it was may be one that the new kind of arm does not have.
+            let said = room < MAX_FRAME || !due || self.reconfigured && self.commanded;
+            assert!(said, "there is something to say, and it is not said");
             return false;
         };
         assert!(due && (1..=room).contains(&burst.len));
