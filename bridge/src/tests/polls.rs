@@ -32,7 +32,7 @@ fn a_poll_is_handed_over_before_its_slot_and_nothing_goes_out_in_between() {
         poll: Poll::Hertz(1_000),
         ..Config::default()
     };
-    let mut bridge = super::rig::Adapter::new(Identity::default(), config);
+    let mut bridge = crate::Bridge::new(Identity::default(), config);
     bridge.usb_configured(true);
     assert_eq!(bridge.timeout(), Some(Micros(0)));
     bridge.tick(Micros(300));

@@ -20,13 +20,10 @@ use crate::{Result, Subject, Unstructured};
 /// The shortest request to an Alpha1: to play the action whose name is empty.
 const PLAY_NOTHING: [u8; 5] = [0xF3, 0x3F, 0x01, 0x01, 0xED];
 
-/// Small queues, so that they are full soon.
-pub type Adapter = Bridge<256, 128>;
-
 /// An adapter, its hosts, and what they said and heard.
 pub struct World {
     /// The adapter.
-    pub bridge: Adapter,
+    pub bridge: Bridge,
     /// The time.
     pub now: Micros,
     config: Config,
@@ -91,7 +88,7 @@ impl World {
             can_fd: true,
             ..Identity::default()
         };
-        let mut bridge = Adapter::new(identity, config);
+        let mut bridge = Bridge::new(identity, config);
         let config = bridge.config();
         let link = match config.can.data_bit_rate {
             Some(_) => Link::Fd,
