@@ -134,7 +134,7 @@ fn a_poll_that_is_asked_for_at_its_slot_starts_at_once_and_is_not_late() {
             poll: Poll::Hertz(100),
             ..Config::default()
         };
-        let mut bridge = super::rig::Adapter::new(Identity::default(), config);
+        let mut bridge = crate::Bridge::new(Identity::default(), config);
         bridge.tick(Micros(500));
         let burst = bridge.uart_transmit(&mut [0; 256], Micros(now)).unwrap();
         assert_eq!(
