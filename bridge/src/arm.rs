@@ -322,8 +322,11 @@ impl Tap {
     /// How many more bytes must come before [`next`](Self::next) can have a frame, once it had nothing: at least 1.
     pub(crate) fn need(&self, kind: ArmKind, expect: Expect) -> usize {
         let window = self.window();
+        if window.is_empty() {
+            return kind.shortest(expect).max(1);
+        }
         let header = match kind.scan(window, expect) {
-            Scan::Need(n) if !window.is_empty() => n,
+            Scan::Need(n) => n,
             _ => 0,
         };
         header.max(kind.shortest(expect).saturating_sub(window.len())).max(1)

@@ -24,6 +24,13 @@ use crate::{Counters, Line, LineCoding, Refused};
 /// Bytes in a full USB packet (full speed, bulk).
 pub const PACKET: usize = 64;
 
+/// Room for bytes from the arm that the host on USB has not read yet: 20 ms of a saturated 1 Mbaud line.
+pub const UP: usize = 2048;
+
+/// Room for bytes of the host on USB that have not gone out yet: enough to keep a 2 Mbaud line busy while USB brings
+/// more.
+pub const DOWN: usize = 512;
+
 /// How long bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
 const PATIENCE: Micros = Micros::from_millis(1_000);
 
@@ -32,11 +39,8 @@ const CAN_REQUESTS: usize = 2;
 
 /// The adapter between hosts on USB and CAN and an arm's UART.
 ///
-/// `UP` is the room for bytes from the arm that the host on USB has not read yet, `DOWN` for bytes from it that have not
-/// gone out yet, in bytes. `DOWN` is at least one [`PACKET`], `UP` at least two.
-///
 /// Nobody has to poll: after each call, ask what is due, and when [`tick`](Self::tick) wants to be called.
-pub struct Bridge<const UP: usize, const DOWN: usize> {
+pub struct Bridge {
     // ---- The line to the arm, see line_share.rs ----
     /// Listens in on what the arm says.
     pub(crate) tap: Tap,
@@ -59,7 +63,7 @@ pub struct Bridge<const UP: usize, const DOWN: usize> {
     pub(crate) quiet: bool,
 
     // ---- The hosts ----
-    pub(crate) port: HostPort<UP>,
+    pub(crate) port: HostPort,
     /// Bytes from the host on USB.
     pub(crate) down: Queue<DOWN>,
     /// Listens in on what the host on USB says to the arm, as it goes out.
@@ -159,16 +163,10 @@ pub enum Action {
     RestartCan(config::Can),
 }
 
-impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
+impl Bridge {
     /// An adapter that no host has found yet, at 1 Mbaud until [`line_change`](Self::line_change) says otherwise. It is
-    /// configured as from the factory if it cannot be as `config` says. Does not compile when a queue is too short.
+    /// configured as from the factory if it cannot be as `config` says.
     pub fn new(identity: Identity, config: Config) -> Self {
-        const {
-            assert!(
-                UP >= 2 * PACKET && DOWN >= PACKET,
-                "a queue is shorter than the packets it must hold"
-            )
-        }
         let config = match config.check() {
             Ok(()) => config,
             Err(_) => Config::default(),
@@ -239,7 +237,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// use armwire::Micros;
     /// use armwire_bridge::{Bridge, PACKET};
     ///
-    /// let mut bridge = Bridge::<256, 128>::default();
+    /// let mut bridge = Bridge::default();
     /// bridge.usb_configured(true);
     /// bridge.uart_received(b"old", Micros(0));
     /// bridge.usb_dtr(true);
@@ -309,7 +307,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// use armwire_bridge::control::{FromAdapter, FromHost, MAX_COBS, Reader, Reply, Request, VERSION, encode_cobs};
     /// use armwire_bridge::{Bridge, PACKET};
     ///
-    /// let mut bridge = Bridge::<256, 128>::default();
+    /// let mut bridge = Bridge::default();
     /// let mut message = [0; MAX_COBS];
     /// let len = encode_cobs(&FromHost { sequence: 7, request: Request::Identify }, &mut message).unwrap();
     /// bridge.control_received(&message[..len], Micros(0));
@@ -376,7 +374,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// ```
     /// use armwire_bridge::{Bridge, CanErrors};
     ///
-    /// let mut bridge = Bridge::<256, 128>::default();
+    /// let mut bridge = Bridge::default();
     /// bridge.can_errors(CanErrors { bus: 3, overruns: 1 });
     /// assert_eq!((bridge.counters().can_bus_errors, bridge.counters().can_receive_overruns), (3, 1));
     /// ```
@@ -460,7 +458,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// use armwire::Micros;
     /// use armwire_bridge::{Bridge, Refused};
     ///
-    /// let mut bridge = Bridge::<256, 128>::default();
+    /// let mut bridge = Bridge::default();
     /// let refused = bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 1, 0, 8], Micros(0));
     /// assert_eq!(refused, Err(Refused::StopBits(1)));
     /// assert_eq!(bridge.line_coding().baud, 1_000_000);
@@ -643,7 +641,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// How often the firmware had to start again since power-on, for [`Counters`].
     ///
     /// ```
-    /// let mut bridge = armwire_bridge::Bridge::<256, 128>::default();
+    /// let mut bridge = armwire_bridge::Bridge::default();
     /// bridge.started_after(1, 0);
     /// assert_eq!(bridge.counters().panics, 1);
     /// ```
@@ -658,7 +656,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// ```
     /// use armwire::Micros;
     ///
-    /// let mut bridge = armwire_bridge::Bridge::<256, 128>::default();
+    /// let mut bridge = armwire_bridge::Bridge::default();
     /// bridge.uart_received(&[], Micros(0));
     /// assert!(!bridge.is_stuck(Micros::from_millis(900)));
     /// assert!(bridge.is_stuck(Micros::from_millis(1_100)));
@@ -671,13 +669,13 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 }
 
 /// An adapter that does not say what it is, configured as from the factory.
-impl<const UP: usize, const DOWN: usize> Default for Bridge<UP, DOWN> {
+impl Default for Bridge {
     fn default() -> Self {
         Self::new(Identity::default(), Config::default())
     }
 }
 
-impl<const UP: usize, const DOWN: usize> fmt::Debug for Bridge<UP, DOWN> {
+impl fmt::Debug for Bridge {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Bridge")
             .field("config", &self.config)

@@ -243,7 +243,7 @@ impl ControlServer {
     }
 }
 
-impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
+impl Bridge {
     /// Answers what hosts have asked on the control port, as far as there is room for the answers.
     pub(crate) fn serve(&mut self, now: Micros) {
         for port in [Port::Usb, Port::Can] {

@@ -99,7 +99,8 @@ pub struct Counters {
     pub can_receive_overruns: u32,
     /// Errors that the CAN controller saw on the bus.
     pub can_bus_errors: u32,
-    /// Times the CAN controller left the bus because of too many errors. It comes back by itself.
+    /// Times the bus was lost: the CAN controller left it because of too many errors. It comes back by itself, and counts
+    /// as back when it has seen no error for 20 ms.
     pub can_bus_offs: u32,
     /// Commands whose other half did not come in time.
     pub commands_incomplete: u32,
@@ -158,7 +159,7 @@ impl Counters {
 /// ```
 /// use armwire_bridge::{Bridge, UartErrors};
 ///
-/// let mut bridge = Bridge::<256, 128>::default();
+/// let mut bridge = Bridge::default();
 /// bridge.uart_errors(UartErrors { framing: 1, noise: 1, ..UartErrors::default() });
 /// assert_eq!(bridge.counters().framing_errors, 1);
 /// ```

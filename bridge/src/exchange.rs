@@ -75,6 +75,12 @@ impl Exchange {
         (self.open() > 0).then_some(self.asker)
     }
 
+    /// Whether somebody else than the host on USB holds the line: what the arm says is held back until it is known whose
+    /// it is.
+    pub(crate) fn is_not_usbs(&self) -> bool {
+        self.holder().is_some_and(|holder| holder != Asker::Usb)
+    }
+
     /// How many answers the arm owes whoever holds the line.
     fn open(&self) -> usize {
         self.flights.len().saturating_add(self.more as usize)
@@ -165,7 +171,8 @@ impl Exchange {
 
     /// It is `now`: how many answers are given up.
     pub(crate) fn tick(&mut self, now: Micros) -> usize {
-        if self.timeout().is_none_or(|at| now < at) {
+        // Nearly always there is nothing to look after.
+        if self.owed.is_empty() && self.holder().is_none() {
             return 0;
         }
         self.owed.retain(|owed| now < owed.until);

@@ -38,7 +38,7 @@
 //! use armwire::Micros;
 //! use armwire_bridge::{Bridge, PACKET, Wake};
 //!
-//! let mut bridge = Bridge::<2048, 512>::default();
+//! let mut bridge = Bridge::default();
 //! bridge.usb_configured(true);
 //!
 //! // The host asks for the joint positions …
@@ -89,6 +89,6 @@ mod usb;
 #[cfg(test)]
 mod tests;
 
-pub use bridge::{Action, Bridge, Burst, CanErrors, LEAD, PACKET, Wake};
+pub use bridge::{Action, Bridge, Burst, CanErrors, DOWN, LEAD, PACKET, UP, Wake};
 pub use counters::{Counters, UartErrors};
 pub use line::{Line, LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits};

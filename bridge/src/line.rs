@@ -38,7 +38,7 @@ pub struct LineCoding {
 /// ```
 /// use armwire_bridge::{Bridge, Line, LineCoding};
 ///
-/// let bridge = Bridge::<256, 128>::default();
+/// let bridge = Bridge::default();
 /// assert_eq!(bridge.line_change(), None); // it starts as a Ling arm's
 /// assert_eq!(Line::default(), Line { coding: LineCoding::LING, half_duplex: false });
 /// ```

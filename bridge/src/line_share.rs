@@ -28,7 +28,7 @@ const RAW_TURN: Micros = Micros::from_millis(100);
 /// What the adapter itself may add to the time of an answer: two bytes in the transmitter, a look at the receiver.
 const MARGIN: Micros = Micros::from_millis(1);
 
-impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
+impl Bridge {
     // ---- What the arm says ----
 
     /// The UART was looked at, at the time `now`, and has received `bytes`, perhaps none. The last of them came then:
@@ -63,7 +63,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// use armwire::Micros;
     /// use armwire_bridge::{Bridge, PACKET, Wake};
     ///
-    /// let mut bridge = Bridge::<256, 128>::default();
+    /// let mut bridge = Bridge::default();
     /// bridge.usb_configured(true);
     /// bridge.uart_received(b"what is this", Micros(100));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
@@ -110,14 +110,9 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         }
     }
 
-    /// Whether what the arm says is held back until it is known whose it is.
-    fn is_held(&self) -> bool {
-        self.exchange.holder().is_some_and(|holder| holder != Asker::Usb)
-    }
-
     /// Passes what the tap has not decided on to the host on USB, unless it may be for another.
     fn pass(&mut self) {
-        if !self.is_held() {
+        if !self.exchange.is_not_usbs() {
             let window = self.tap.window();
             self.port
                 .push(window.get(self.passed..).unwrap_or_default(), &mut self.counters);
@@ -135,7 +130,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             };
             let (Piece::Frame(bytes) | Piece::Noise(bytes) | Piece::Fill(bytes)) = piece;
             let unpassed = bytes.get(self.passed..).unwrap_or_default();
-            let fresh = self.passed == 0 || !self.exchange.holder().is_some_and(|holder| holder != Asker::Usb);
+            let fresh = self.passed == 0 || !self.exchange.is_not_usbs();
             self.passed = self.passed.saturating_sub(bytes.len());
             match piece {
                 Piece::Frame(_) => {}
@@ -242,7 +237,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     ///
     /// // A poll goes out at its slot, which is on a fixed grid from the first tick on.
     /// let config = Config { poll: Poll::Hertz(100), ..Config::default() };
-    /// let mut bridge = Bridge::<256, 128>::new(Identity::default(), config);
+    /// let mut bridge = Bridge::new(Identity::default(), config);
     /// bridge.tick(Micros(500));
     /// assert_eq!(bridge.timeout(), Some(Micros(10_500 - LEAD.0)));
     /// let now = Micros(10_480);
@@ -269,7 +264,7 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
     /// request is in.
     pub fn line_change(&self) -> Option<Line> {
         let (line, _) = self.wanted.filter(|&(_, before)| before == 0)?;
-        (!self.is_held()).then_some(line)
+        (!self.exchange.is_not_usbs()).then_some(line)
     }
 
     /// The UART works like this from here on. A frame that had begun will not end.
@@ -284,34 +279,34 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
 
     /// Whose turn it is now, if anybody's.
     fn next(&self, now: Micros) -> Option<Asker> {
-        let holder = self.exchange.holder();
-        if holder.is_some_and(|holder| holder != Asker::Usb) {
+        if self.exchange.is_not_usbs() {
             return None;
         }
-        let usb = !self.down.is_empty() && self.wanted.is_none_or(|(_, before)| before > 0);
-        let usb = usb.then_some(Asker::Usb);
         // More of what was begun, or more requests while nobody else has one.
         if self.usb_speaks() || !self.others_wait(now) {
-            return usb;
+            return self.is_ready(Asker::Usb, now).then_some(Asker::Usb);
         }
-        if holder.is_some() {
+        if self.exchange.holder().is_some() {
             return None;
         }
-        let waits = |asker| match asker {
-            Asker::Usb => usb.map(|_| self.turn.usb_moved),
-            asker => self.waits(asker, now),
-        };
-        let behind = |since: Micros| self.turn.last == Asker::Poll && since <= self.turn.polled;
-        let passed_over = |asker| asker != Asker::Poll && waits(asker).is_some_and(behind);
+        let ready = ASKERS.map(|asker| self.is_ready(asker, now));
+        let ready = |asker: Asker| ready.get(asker as usize) == Some(&true);
         // A poll must be on time, but whoever has waited for one does not wait for the next.
-        if self.poll.is_urgent() && waits(Asker::Poll).is_some() && !ASKERS.into_iter().any(passed_over) {
+        let urgent = self.poll.is_urgent();
+        let passed_over = |asker: Asker| {
+            asker != Asker::Poll
+                && ready(asker)
+                && self.turn.last == Asker::Poll
+                && self.since(asker, now) <= Some(self.turn.polled)
+        };
+        if urgent && ready(Asker::Poll) && !ASKERS.into_iter().any(passed_over) {
             return Some(Asker::Poll);
         }
         let last = ASKERS.iter().position(|&asker| asker == self.turn.rotated)?;
         let (before, behind) = ASKERS.split_at_checked(last.saturating_add(1))?;
         let mut turns = behind.iter().chain(before).copied();
         // If a poll that must be on time is still here, it is not its turn.
-        turns.find(|&asker| waits(asker).is_some() && !(asker == Asker::Poll && self.poll.is_urgent()))
+        turns.find(|&asker| ready(asker) && !(asker == Asker::Poll && urgent))
     }
 
     /// Whether anybody but the host on USB could speak.
@@ -322,34 +317,50 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
             && self.torque_off.is_none()
             && self.identify.is_none()
             && self.poll.due_since(LEAD, now).is_none();
-        !silent && ASKERS.into_iter().any(|asker| self.waits(asker, now).is_some())
+        let [_, others @ ..] = ASKERS;
+        !silent && others.into_iter().any(|asker| self.is_ready(asker, now))
     }
 
-    /// Since when `asker`, who is not the host on USB, could speak if it were its turn.
-    fn waits(&self, asker: Asker, now: Micros) -> Option<Micros> {
+    /// Whether `asker` could speak if it were its turn: it has something to say, and an answer to that could be told from
+    /// one that is late.
+    fn is_ready(&self, asker: Asker, now: Micros) -> bool {
         match asker {
-            Asker::Usb => None,
+            Asker::Usb => !self.down.is_empty() && self.wanted.is_none_or(|(_, before)| before > 0),
             Asker::Can => self
                 .can_requests
                 .front()
-                .and_then(|request| self.may_go(&request.bytes, request.since)),
-            Asker::Command => Some(self.command.as_ref()?.since),
-            Asker::Poll => self.may_go(self.config.arm.poll()?, self.poll.due_since(LEAD, now)?),
-            Asker::Adapter => self
-                .torque_off
-                .or_else(|| self.may_go(self.config.arm.identify()?, self.identify?)),
+                .is_some_and(|request| self.may_go(&request.bytes)),
+            Asker::Command => self.command.is_some(),
+            Asker::Poll => {
+                self.poll.due_since(LEAD, now).is_some() && self.config.arm.poll().is_some_and(|poll| self.may_go(poll))
+            }
+            Asker::Adapter => {
+                self.torque_off.is_some()
+                    || self.identify.is_some()
+                        && self.config.arm.identify().is_some_and(|identify| self.may_go(identify))
+            }
         }
     }
 
-    /// Since when a request waits, unless its answer could not be told from one that is late.
-    fn may_go(&self, request: &[u8], since: Micros) -> Option<Micros> {
+    /// Since when `asker` has had something to say.
+    fn since(&self, asker: Asker, now: Micros) -> Option<Micros> {
+        match asker {
+            Asker::Usb => Some(self.turn.usb_moved),
+            Asker::Can => self.can_requests.front().map(|request| request.since),
+            Asker::Command => self.command.as_ref().map(|request| request.since),
+            Asker::Poll => self.poll.due_since(LEAD, now),
+            Asker::Adapter => self.torque_off.or(self.identify),
+        }
+    }
+
+    /// Whether an answer to this request could be told from one that is late.
+    fn may_go(&self, request: &[u8]) -> bool {
         // Nearly always no answer is late, and what is asked need not be known.
         if self.exchange.owes_nothing() {
-            return Some(since);
+            return true;
         }
         let asked = self.config.arm.asked(request);
-        let held = asked.reply.is_some() && self.exchange.is_owed(asked.key);
-        (!held).then_some(since)
+        asked.reply.is_none() || !self.exchange.is_owed(asked.key)
     }
 
     /// Moves bytes of the host on USB to the front of `out`, up to the end of a request if others wait.
@@ -489,7 +500,12 @@ impl<const UP: usize, const DOWN: usize> Bridge<UP, DOWN> {
         if self.exchange.holder().is_some() || !self.usb_speaks() {
             return None;
         }
-        let since = earliest(&ASKERS.map(|asker| self.waits(asker, Micros(0))))?;
+        let now = Micros(0);
+        let [_, others @ ..] = ASKERS.map(|asker| match self.is_ready(asker, now) {
+            true => self.since(asker, now),
+            false => None,
+        });
+        let since = earliest(&others)?;
         let quiet = match self.asks.pending() {
             0 => self.turn.usb_moved.max(self.heard) + QUIET,
             _ => self.turn.usb_moved + STALL,

@@ -14,13 +14,11 @@ use armwire::Micros;
 use armwire::ling::{Frame, MAX_FRAME};
 use proptest::prelude::*;
 
-use crate::{Bridge, Line, LineCoding, PACKET, Refused, UartErrors, Wake};
-
-type Adapter = Bridge<512, 128>;
+use crate::{Bridge, DOWN, Line, LineCoding, PACKET, Refused, UP, UartErrors, Wake};
 
 /// An adapter whose host has the port open.
-fn open() -> Adapter {
-    let mut bridge = Adapter::default();
+fn open() -> Bridge {
+    let mut bridge = Bridge::default();
     bridge.usb_configured(true);
     bridge.usb_dtr(true);
     bridge
@@ -38,7 +36,7 @@ fn frame(data: &[u8]) -> Vec<u8> {
 }
 
 /// The next packet for the host.
-fn packet<const UP: usize, const DOWN: usize>(bridge: &mut Bridge<UP, DOWN>) -> Option<Vec<u8>> {
+fn packet(bridge: &mut Bridge) -> Option<Vec<u8>> {
     let mut packet = [0; PACKET];
     let due = bridge.usb_due();
     let n = bridge.usb_transmit(&mut packet);
@@ -46,19 +44,19 @@ fn packet<const UP: usize, const DOWN: usize>(bridge: &mut Bridge<UP, DOWN>) -> 
     n.map(|n| packet[..n].to_vec())
 }
 
-fn packets<const UP: usize, const DOWN: usize>(bridge: &mut Bridge<UP, DOWN>) -> Vec<Vec<u8>> {
+fn packets(bridge: &mut Bridge) -> Vec<Vec<u8>> {
     core::iter::from_fn(|| packet(bridge)).collect()
 }
 
 /// All that the arm gets.
-fn sent(bridge: &mut Adapter) -> Vec<u8> {
+fn sent(bridge: &mut Bridge) -> Vec<u8> {
     let mut out = [0; 1024];
     let n = transmit(bridge, &mut out);
     out[..n].to_vec()
 }
 
 /// How many bytes the arm gets in one go.
-fn transmit<const UP: usize, const DOWN: usize>(bridge: &mut Bridge<UP, DOWN>, out: &mut [u8]) -> usize {
+fn transmit(bridge: &mut Bridge, out: &mut [u8]) -> usize {
     bridge.uart_transmit(out, NOW).map_or(0, |burst| burst.len)
 }
 
@@ -161,8 +159,8 @@ fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not
         assert_eq!(sent(&mut bridge), [1; 10]);
     }
     bridge.uart_idle(NOW);
-    assert_eq!(packets(&mut bridge).concat(), line[..512]);
-    assert_eq!(bridge.counters().dropped_bytes, 4_000 - 512);
+    assert_eq!(packets(&mut bridge).concat(), line[..UP]);
+    assert_eq!(bridge.counters().dropped_bytes, 4_000 - UP as u32);
 
     let frame = frame(&[1, 2, 3]);
     bridge.uart_received(&frame, NOW);
@@ -171,13 +169,13 @@ fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not
 
 #[test]
 fn bytes_that_were_dropped_hold_nothing_back() {
-    let mut bridge = Bridge::<200, 64>::default();
+    let mut bridge = Bridge::default();
     bridge.usb_configured(true);
-    bridge.uart_received(&[7; 200], NOW);
+    bridge.uart_received(&[7; UP], NOW);
     bridge.uart_idle(NOW);
     let line = [frame(&[1]), frame(&[2, 3])].concat();
     bridge.uart_received(&line[..line.len() - 1], NOW);
-    assert_eq!(packets(&mut bridge).concat(), [7; 200]);
+    assert_eq!(packets(&mut bridge).concat(), [7; UP]);
 }
 
 #[test]
@@ -189,7 +187,7 @@ fn the_host_is_held_back_until_its_packet_fits() {
         bridge.usb_received(&packet, NOW);
         expected.extend(packet);
     }
-    assert_eq!(expected.len(), 128);
+    assert_eq!(expected.len(), DOWN);
     bridge.usb_received(&[0xEE; 3], NOW); // against the rule: counted, never mixed in
     assert_eq!(bridge.counters().refused_bytes, 3);
 
@@ -200,7 +198,7 @@ fn the_host_is_held_back_until_its_packet_fits() {
     transmit(&mut bridge, &mut last);
     assert!(bridge.usb_room());
     assert_eq!([&out[..], &last[..], &sent(&mut bridge)].concat(), expected);
-    assert_eq!(bridge.counters().host_to_arm_bytes, 128);
+    assert_eq!(bridge.counters().host_to_arm_bytes, DOWN as u32);
 }
 
 #[test]
@@ -319,7 +317,7 @@ fn a_packet_that_could_not_be_sent_is_counted() {
 
 #[test]
 fn a_host_that_never_raises_dtr_gets_everything() {
-    let mut bridge = Adapter::default();
+    let mut bridge = Bridge::default();
     bridge.usb_configured(true);
     bridge.usb_dtr(false);
     bridge.uart_received(&[1, 2], NOW);
@@ -345,7 +343,7 @@ fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
 
 #[test]
 fn dtr_without_a_configuration_means_nothing() {
-    let mut bridge = Adapter::default();
+    let mut bridge = Bridge::default();
     bridge.usb_dtr(true);
     assert!(!bridge.is_attached());
     bridge.uart_received(&[1], NOW);
@@ -448,7 +446,7 @@ struct Host {
 }
 
 impl Host {
-    fn read(&mut self, bridge: &mut Bridge<4096, 64>) {
+    fn read(&mut self, bridge: &mut Bridge) {
         for packet in packets(bridge) {
             assert!(!packet.is_empty() || self.open, "an empty packet that ends nothing");
             self.open = packet.len() == PACKET;
@@ -464,7 +462,7 @@ proptest! {
         cuts in prop::collection::vec((1..100_usize, any::<bool>(), any::<bool>()), 1..40),
     ) {
         let says = says.concat();
-        let mut bridge = Bridge::<4096, 64>::default();
+        let mut bridge = Bridge::default();
         bridge.usb_configured(true);
         let mut host = Host::default();
 
@@ -501,7 +499,7 @@ proptest! {
         data in prop::collection::vec(any::<u8>(), 0..60),
         cut in 1..70_usize,
     ) {
-        let mut bridge = Bridge::<4096, 64>::default();
+        let mut bridge = Bridge::default();
         bridge.usb_configured(true);
         let mut host = Host::default();
         let line = [before, frame(&data)].concat();

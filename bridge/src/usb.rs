@@ -2,10 +2,10 @@
 
 use crate::counters::count;
 use crate::queue::Queue;
-use crate::{Counters, PACKET};
+use crate::{Counters, PACKET, UP};
 
-/// Bytes for the host, up to `UP` of them.
-pub(crate) struct HostPort<const UP: usize> {
+/// Bytes for the host, up to [`UP`] of them.
+pub(crate) struct HostPort {
     bytes: Queue<UP>,
     /// How many of them, from the front, no longer wait for more to fill the packet.
     due: usize,
@@ -39,7 +39,7 @@ enum State {
     Closed,
 }
 
-impl<const UP: usize> HostPort<UP> {
+impl HostPort {
     pub(crate) const fn new() -> Self {
         Self {
             bytes: Queue::new(),

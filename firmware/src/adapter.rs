@@ -4,20 +4,11 @@ use core::cell::RefCell;
 
 use armwire::Micros;
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, config};
+use armwire_bridge::{Action, Bridge, config};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
-
-/// Bytes from the arm that wait for the host: 20 ms of a saturated 1 Mbaud line.
-const UP: usize = 2048;
-
-/// Bytes from the host that wait for the arm: enough to keep a 2 Mbaud line busy while USB brings more.
-const DOWN: usize = 512;
-
-/// The bridge between USB, CAN and UART.
-pub(crate) type Bridge = armwire_bridge::Bridge<UP, DOWN>;
 
 /// A signal between tasks. All of them run on one executor, so it needs no interrupt lock.
 pub(crate) type Notice<T = ()> = Signal<NoopRawMutex, T>;

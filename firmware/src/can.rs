@@ -5,7 +5,7 @@ use core::future::pending;
 use armwire_bridge::CanErrors;
 use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
-use embassy_time::{Duration, with_timeout};
+use embassy_time::{Duration, Instant, with_timeout};
 
 use crate::adapter::{Adapter, now};
 use crate::board::Can;
@@ -14,11 +14,16 @@ use crate::watchdog::{Task, progress, rest};
 /// How long frames that the controller has may take to leave before it is set up anew.
 const PARTING: Duration = Duration::from_millis(10);
 
+/// For how long the bus must be without an error to count as back. As long as what took it away lasts, the controller
+/// comes back for a moment and goes again, every 2 to 15 ms.
+const CALM: Duration = Duration::from_millis(20);
+
 /// Serves the bus.
 #[embassy_executor::task]
 pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
     can.start(&adapter.look(|bridge| bridge.can_config()));
-    let mut was_off = false;
+    // When the bus was last seen lost, or in trouble after that.
+    let mut lost: Option<Instant> = None;
     loop {
         progress(Task::Can);
         // One frame at a time: a full bus must not keep the arm waiting.
@@ -30,10 +35,15 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         if errors != CanErrors::default() {
             adapter.with(|bridge| bridge.can_errors(errors));
         }
-        let is_off = can.is_bus_off();
-        if is_off != was_off {
-            was_off = is_off;
-            adapter.with(|bridge| bridge.can_bus_off(is_off, now()));
+        if can.is_bus_off() {
+            if lost.is_none() {
+                adapter.with(|bridge| bridge.can_bus_off(true, now()));
+            }
+            lost = Some(Instant::now());
+        } else if lost.is_some() && errors.bus > 0 {
+            lost = Some(Instant::now());
+        } else if lost.take_if(|lost| lost.elapsed() >= CALM).is_some() {
+            adapter.with(|bridge| bridge.can_bus_off(false, now()));
         }
         // What the controller has no room for waits in the bridge, where what is more urgent overtakes it.
         while can.has_room()

@@ -19,7 +19,7 @@ use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering}
 
 use armwire::Micros;
 use armwire_bridge::control::MAX_FRAME;
-use armwire_bridge::{Line, Parity, StopBits, UartErrors, Wake};
+use armwire_bridge::{Bridge, Line, Parity, StopBits, UartErrors, Wake};
 use critical_section::Mutex;
 use embassy_futures::join::join;
 use embassy_futures::select::select;
@@ -32,8 +32,9 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, Bridge, let_others_run, now};
-use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, usart};
+use crate::adapter::{Adapter, let_others_run, now};
+use crate::board::usart::{self, Status};
+use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt};
 use crate::watchdog::{Task, progress, rest};
 
 /// Bytes the receive ring holds. Half of them may wait to be taken: 2.5 ms at 2 Mbaud.
@@ -62,6 +63,8 @@ static REACHED: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
 static IDLE: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
 /// What the interrupt handler has to say.
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+/// What was counted of a byte that the DMA did not fetch in time, and where in the ring it is to lie.
+static COUNTED: Mutex<Cell<Option<(usize, Status)>>> = Mutex::new(Cell::new(None));
 /// The receive path must be started anew.
 static RESTART: AtomicBool = AtomicBool::new(false);
 static FRAMING: AtomicU32 = AtomicU32::new(0);
@@ -88,13 +91,18 @@ impl Handler<UartInterrupt> for InterruptHandler {
             SENT.signal(());
         }
         if status.is_error() {
-            for (flag, counter) in [
-                (status.framing, &FRAMING),
-                (status.parity, &PARITY),
-                (status.noise, &NOISE),
-                (status.overrun, &OVERRUN),
+            let counted = critical_section::with(|cs| COUNTED.borrow(cs).take());
+            let counted = match counted {
+                Some((end, counted)) if end == tail() => counted,
+                _ => Status::default(),
+            };
+            for (flag, was, counter) in [
+                (status.framing, counted.framing, &FRAMING),
+                (status.parity, counted.parity, &PARITY),
+                (status.noise, counted.noise, &NOISE),
+                (status.overrun, counted.overrun, &OVERRUN),
             ] {
-                counter.fetch_add(flag.into(), Ordering::Relaxed);
+                counter.fetch_add((flag && !was).into(), Ordering::Relaxed);
             }
             // Errors that wait for the DMA to fetch a byte would bring the handler here again and again until then.
             // Whoever restarts the receive path asks for errors again.
@@ -102,9 +110,11 @@ impl Handler<UartInterrupt> for InterruptHandler {
             RESTART.store(true, Ordering::Relaxed);
         }
         // The byte that brought the handler here is in the ring a few cycles later.
-        for _ in 0..FETCH_TRIES {
-            if !usart::is_byte_waiting() {
-                break;
+        let waits = (0..FETCH_TRIES).all(|_| usart::is_byte_waiting());
+        if status.is_error() {
+            match waits {
+                true => critical_section::with(|cs| COUNTED.borrow(cs).set(Some((tail(), status)))),
+                false => usart::clear_errors(),
             }
         }
         let end = tail();
@@ -159,6 +169,14 @@ pub(crate) fn wake() {
     EVENT.signal(());
 }
 
+/// Until when there is nothing to take from the ring, unless the line goes idle.
+enum Until {
+    /// This many bytes are in.
+    Bytes(usize),
+    /// It is this late.
+    Time(Instant),
+}
+
 /// Passes what the arm says to the bridge.
 #[embassy_executor::task]
 pub(crate) async fn receive(adapter: &'static Adapter, mut dma: Channel<'static>) {
@@ -209,33 +227,42 @@ impl Receiver {
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
             self.look();
-            let need = self.adapter.look(|bridge| bridge.need());
-            let wake = match need {
-                ..=NEAR => Wake::Byte,
-                _ => self.adapter.look(|bridge| bridge.wake()),
-            };
-            match wake {
-                Wake::At(Micros(time)) => {
-                    let near = self.adapter.look(|bridge| bridge.line_coding().micros(NEAR));
-                    let near = Timer::at(Instant::from_micros(time.saturating_sub(near)));
+            match self.until() {
+                // Bytes that came before the interrupt handler knew of the need give no signal. What came before them, and
+                // what is asked next, goes out before they are looked at.
+                Until::Bytes(needed) if untaken(tail()) >= needed => let_others_run().await,
+                Until::Bytes(_) => {
                     let resting = rest(Task::Receive);
-                    select(EVENT.wait(), near).await;
+                    EVENT.wait().await;
                     drop(resting);
                 }
-                _ => {
-                    // The first byte of many begins the time that they take.
-                    let needed = if need > NEAR { 1 } else { need };
-                    NEEDED.store(needed, Ordering::Relaxed);
-                    usart::set_byte_interrupt(true);
-                    // What was received, and what is asked next, goes out before anything else is looked at.
-                    let_others_run().await;
-                    // Bytes that came before that give no signal.
-                    if untaken(tail()) < needed {
-                        let resting = rest(Task::Receive);
-                        EVENT.wait().await;
-                        drop(resting);
-                    }
+                Until::Time(time) => {
+                    let resting = rest(Task::Receive);
+                    select(EVENT.wait(), Timer::at(time)).await;
+                    drop(resting);
                 }
+            }
+        }
+    }
+
+    /// What the bridge needs next, of which the interrupt handler is told.
+    fn until(&self) -> Until {
+        let need = self.adapter.look(Bridge::need);
+        let wake = match need {
+            ..=NEAR => Wake::Byte,
+            _ => self.adapter.look(Bridge::wake),
+        };
+        match wake {
+            Wake::At(Micros(time)) => {
+                let near = self.adapter.look(|bridge| bridge.line_coding().micros(NEAR));
+                Until::Time(Instant::from_micros(time.saturating_sub(near)))
+            }
+            Wake::Byte => {
+                // The first byte of many begins the time that they take.
+                let needed = if need > NEAR { 1 } else { need };
+                NEEDED.store(needed, Ordering::Relaxed);
+                usart::set_byte_interrupt(true);
+                Until::Bytes(needed)
             }
         }
     }

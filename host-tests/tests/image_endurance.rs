@@ -237,7 +237,7 @@ fn a_day_of_polls_through_the_bridge_has_exact_counters_and_stamps_that_only_gro
     /// The arm thinks for so long, and a bit more each time up to twice that.
     const THINKS: u64 = 100;
     let began = Instant::now();
-    let mut bridge = Bridge::<2048, 512>::new(Identity::default(), polled());
+    let mut bridge = Bridge::new(Identity::default(), polled());
     bridge.usb_configured(true);
     let mut listener = Listener {
         reader: Reader::new(),

@@ -161,22 +161,20 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
             "{telemetry:?}"
         );
         session.expect_slots();
-        // Each time it is told both here and there. Once in a while it goes off twice in one short.
+        // Each time it is told both here and there.
         let notes = session.can().notes.clone();
-        let offs = notes.len() as u32 / 2;
-        assert!((TIMES..=2 * TIMES).contains(&offs), "{notes:?}");
-        let told: Vec<_> = [true, false].repeat(offs as usize);
+        let told: Vec<_> = [true, false].repeat(TIMES as usize);
         let told: Vec<_> = told.into_iter().map(|off| Event::BusOff { off }).collect();
         assert_eq!(events(session), told);
         assert_eq!(notes, told);
 
         let broken = session.traffic.broken_frames;
         session.expect_counters(|expected, counted| {
-            expected.can_bus_offs += offs;
+            expected.can_bus_offs += TIMES;
             // Those of an error flag follow each other too fast for each to be seen.
             expected.can_bus_errors = counted.can_bus_errors;
             assert!(
-                (broken..=broken * ERRORS / ATTEMPTS + offs * ERRORS).contains(&counted.can_bus_errors),
+                (broken..=broken * ERRORS / ATTEMPTS + TIMES * ERRORS).contains(&counted.can_bus_errors),
                 "{broken}"
             );
         });
@@ -219,9 +217,7 @@ fn errors_and_strays_on_the_arms_line_are_counted_and_cost_no_other_answer() {
         assert_eq!(session.usb().noise_bytes, noise);
         session.expect_counters(|expected, counted| {
             expected.framing_errors += TIMES;
-            // Once in a while the firmware counts the noise of a byte twice.
-            assert!((TIMES..=TIMES + 2).contains(&counted.noise_errors));
-            expected.noise_errors = counted.noise_errors;
+            expected.noise_errors += TIMES;
             expected.frames = frames;
             expected.noise_bytes += noise;
             expected.unanswered_requests += lost.iter().sum::<u32>();

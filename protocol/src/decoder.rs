@@ -9,8 +9,9 @@ use crate::{Framing, Noise, Reason, Scan};
 /// A streaming decoder over an inline buffer of `N` bytes, at least [`Framing::MAX_FRAME`].
 ///
 /// Bytes may arrive in any chunks: the frames and noise that come out are the same. When a candidate for a frame turns
-/// out to be none, scanning resumes at its second byte, so a false header never costs a good frame. A run of stray
-/// bytes is reported whole, once its end is known.
+/// out to be none, scanning resumes at its second byte, so a false header never costs a good frame. An intact frame is
+/// missed only where another that is good by its own checksum began before it and reaches into it. A run of stray bytes
+/// is reported whole, once its end is known.
 ///
 /// On a [`RELIABLE`](Framing::RELIABLE) line the first noise is the last: it is given once by [`next`](Self::next),
 /// kept in [`broken`](Self::broken), and nothing that follows is read.

@@ -21,6 +21,9 @@ const LEAST: f64 = 95.0;
 /// A part of the source that runs as a whole: where it begins and ends, as line and column.
 type Region = [u64; 4];
 
+/// The regions of each file, and whether they ran.
+type Files = BTreeMap<String, BTreeMap<Region, bool>>;
+
 /// Prints the coverage of each file, and the lines that are not reached if `list` is set.
 ///
 /// # Errors
@@ -28,44 +31,41 @@ type Region = [u64; 4];
 /// If a crate is covered less than it must be.
 pub(crate) fn run(list: bool) -> Result {
     let programs = fuzz::build(&format!("{COUNTERS} -Cinstrument-coverage"), "coverage")?;
-    let names = targets()?;
-    let raw = |target: &str| programs.join(format!("{target}.profraw"));
-    for_each(&names, |target| {
-        let mut all = libfuzzer(&programs, target);
-        // Each input once, and no other.
-        output(
-            all.arg("-runs=0")
-                .arg(committed(target))
-                .env("LLVM_PROFILE_FILE", raw(target)),
-        )
-        .map(drop)
-    })?;
-    let profile = programs.join("all.profdata");
-    let mut merge = Command::new(tool("llvm-profdata")?);
-    run_command(
-        merge
-            .args(["merge", "-sparse", "-o"])
-            .arg(&profile)
-            .args(names.iter().map(|name| raw(name))),
-    )?;
-
-    let mut export = Command::new(tool("llvm-cov")?);
-    export
-        .arg("export")
-        .arg(format!("-instr-profile={}", profile.display()));
-    let mut programs = names.iter().map(|name| programs.join(name));
-    export.args(programs.next());
-    programs.for_each(|program| {
-        export.arg("-object").arg(program);
-    });
-    export.args(CRATES.map(|sources| workspace::root().join(sources)));
-    let files = files(&serde_json::from_str(&output(&mut export)?)?)?;
+    let tools = [tool("llvm-profdata")?, tool("llvm-cov")?];
+    let mut files = Files::new();
+    for reached in for_each(&targets()?, |target| reached(&programs, target, &tools))? {
+        for (name, regions) in reached {
+            let file = files.entry(name).or_default();
+            for (region, ran) in regions {
+                *file.entry(region).or_default() |= ran;
+            }
+        }
+    }
     report(&files, list)
 }
 
+/// What the corpus of one target reaches. Each program is looked at alone: of what several have in common, LLVM would show
+/// only what the first of them ran.
+fn reached(programs: &Path, target: &str, [profdata, cov]: &[PathBuf; 2]) -> Result<Files> {
+    let program = programs.join(target);
+    let (raw, profile) = (program.with_extension("profraw"), program.with_extension("profdata"));
+    let mut all = libfuzzer(programs, target);
+    // Each input once, and no other.
+    output(all.arg("-runs=0").arg(committed(target)).env("LLVM_PROFILE_FILE", &raw))?;
+    output(
+        Command::new(profdata)
+            .args(["merge", "-sparse", "-o"])
+            .args([&profile, &raw]),
+    )?;
+    let mut export = Command::new(cov);
+    export.arg("export").arg(&program).arg("-instr-profile").arg(&profile);
+    export.args(CRATES.map(|sources| workspace::root().join(sources)));
+    regions(&serde_json::from_str(&output(&mut export)?)?)
+}
+
 /// The regions of each file, and whether any of the functions made of it ran them: what is generic is compiled often.
-fn files(export: &Value) -> Result<BTreeMap<String, BTreeMap<Region, bool>>> {
-    let mut files = BTreeMap::<String, BTreeMap<Region, bool>>::new();
+fn regions(export: &Value) -> Result<Files> {
+    let mut files = Files::new();
     let functions = export["data"][0]["functions"]
         .as_array()
         .ok_or("llvm-cov exports no functions")?;
@@ -98,7 +98,7 @@ fn ours(file: &str) -> Option<String> {
     CRATES.iter().any(|folder| name.starts_with(folder)).then_some(name)
 }
 
-fn report(files: &BTreeMap<String, BTreeMap<Region, bool>>, list: bool) -> Result {
+fn report(files: &Files, list: bool) -> Result {
     println!("{:<40}{:>9}{:>9}{:>10}{:>9}", "file", "lines", "", "regions", "");
     let mut short = Vec::new();
     for folder in CRATES {

@@ -32,7 +32,7 @@ fn a_poll_is_handed_over_before_its_slot_and_nothing_goes_out_in_between() {
         poll: Poll::Hertz(1_000),
         ..Config::default()
     };
-    let mut bridge = super::rig::Adapter::new(Identity::default(), config);
+    let mut bridge = crate::Bridge::new(Identity::default(), config);
     bridge.usb_configured(true);
     assert_eq!(bridge.timeout(), Some(Micros(0)));
     bridge.tick(Micros(300));
@@ -125,4 +125,22 @@ fn polling_is_switched_on_and_off_by_the_configuration() {
     assert_eq!(rig.call(Request::SetConfig(Config::default())), Reply::Done);
     rig.run(100_000);
     assert_eq!(polls(&rig).len(), 3);
+}
+
+#[test]
+fn a_poll_that_is_asked_for_at_its_slot_starts_at_once_and_is_not_late() {
+    for (now, start, late) in [(10_499, Some(Micros(10_500)), 0), (10_500, None, 0), (10_501, None, 1)] {
+        let config = Config {
+            poll: Poll::Hertz(100),
+            ..Config::default()
+        };
+        let mut bridge = crate::Bridge::new(Identity::default(), config);
+        bridge.tick(Micros(500));
+        let burst = bridge.uart_transmit(&mut [0; 256], Micros(now)).unwrap();
+        assert_eq!(
+            (burst.start, bridge.counters().late_polls),
+            (start, late),
+            "at {now} µs"
+        );
+    }
 }

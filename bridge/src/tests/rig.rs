@@ -20,8 +20,6 @@ use crate::control::{
 use crate::isotp::{self, Endpoint, Link};
 use crate::{Action, Bridge, PACKET};
 
-pub(super) type Adapter = Bridge<2048, 512>;
-
 /// What the arm says to a request, and after how long.
 pub(super) type Manners = Box<dyn FnMut(&[u8]) -> Option<(u64, Vec<u8>)>>;
 
@@ -29,7 +27,7 @@ pub(super) type Manners = Box<dyn FnMut(&[u8]) -> Option<(u64, Vec<u8>)>>;
 const CAN_FRAME: u64 = 130;
 
 pub(super) struct Rig {
-    pub(super) bridge: Adapter,
+    pub(super) bridge: Bridge,
     pub(super) now: u64,
     /// What went to the arm, and when each burst began.
     pub(super) said: Vec<(u64, Vec<u8>)>,
@@ -68,7 +66,7 @@ impl Rig {
             None => Link::Classic,
         };
         let end = |function: Function| isotp::Config::new(link, function.id(config.can.node));
-        let mut bridge = Adapter::new(Identity::default(), config);
+        let mut bridge = Bridge::new(Identity::default(), config);
         bridge.usb_configured(true);
         Self {
             bridge,

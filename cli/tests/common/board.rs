@@ -58,7 +58,7 @@ impl Drop for Board {
 }
 
 struct Served {
-    bridge: Bridge<2048, 512>,
+    bridge: Bridge,
     arm: LingArm,
     port: Pty,
     control: Pty,

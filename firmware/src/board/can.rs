@@ -15,13 +15,13 @@ use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use embassy_time::Timer;
 
-use super::Controller;
+use super::{Controller, Waiting};
 
 /// How many frames may wait to be taken, beside the controller's own three.
-const WAITING: usize = 8;
+const CAPACITY: usize = 8;
 
 /// Frames from the bus.
-static FRAMES: Channel<CriticalSectionRawMutex, Frame, WAITING> = Channel::new();
+static FRAMES: Channel<CriticalSectionRawMutex, Waiting, CAPACITY> = Channel::new();
 /// What the interrupt handlers have to say.
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static ERRORS: AtomicU32 = AtomicU32::new(0);
@@ -54,7 +54,7 @@ impl Can {
 
     /// The next frame for this adapter.
     pub(crate) fn receive(&mut self) -> Option<Frame> {
-        FRAMES.try_receive().ok()
+        FRAMES.try_receive().ok()?.into_frame()
     }
 
     /// Whether there is room for a frame to the bus.
@@ -98,7 +98,7 @@ pub(super) fn heard(node: Node) -> [Id; 4] {
 }
 
 /// A frame came.
-pub(super) fn received(frame: Frame) {
+pub(super) fn received(frame: Waiting) {
     if FRAMES.try_send(frame).is_err() {
         overrun();
     }

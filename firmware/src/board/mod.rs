@@ -16,7 +16,7 @@
 //! | `TIMER`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits, for the clock |
 //! | `UART`, `TX_PIN` | the UART's registers, and the pin that it sends on |
 //! | `uart` | what is the chip's own in them, behind [`usart`] |
-//! | `Controller` | the registers of the CAN controller, behind [`Can`] |
+//! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a frame from it that waits there |
 //! | `ConfigFlash`, `CONFIG_FLASH` | where the configuration is kept: a `NorFlash`, and which part of it |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 //!

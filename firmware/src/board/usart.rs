@@ -5,10 +5,12 @@ use embassy_stm32::pac::gpio::vals::{Ot, Pupdr};
 use super::{TX_PIN, UART};
 
 pub(crate) use super::uart::{
-    clear_transmitted, is_byte_waiting, is_transmitted, rx_data, rx_remaining, rx_went_round, take_status, tx_data,
+    clear_errors, clear_transmitted, is_byte_waiting, is_transmitted, rx_data, rx_remaining, rx_went_round,
+    take_status, tx_data,
 };
 
 /// What the UART had to say since it was last asked.
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Status {
     /// A byte without its stop bit came.
     pub(crate) framing: bool,

@@ -1,11 +1,11 @@
 //! The two pipes between hosts and the bridge: the arm's serial port and the control interface. Each has a bulk endpoint
 //! each way.
 
-use armwire_bridge::PACKET;
+use armwire_bridge::{Bridge, PACKET};
 use embassy_futures::select::{Either, select};
 use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
 
-use crate::adapter::{Adapter, Bridge, Notice, now};
+use crate::adapter::{Adapter, Notice, now};
 use crate::board::UsbDriver;
 use crate::watchdog::{Task, rest};
 

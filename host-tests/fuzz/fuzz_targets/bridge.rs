@@ -2,8 +2,9 @@
 //! order, every byte and every request is accounted for, and nothing that is late is left undone.
 #![no_main]
 
-use armwire_fuzz::adapter::{World, any_arm_bytes};
-use armwire_fuzz::config::{any_config, any_request};
+use armwire_bridge::control::MAX_FRAME;
+use armwire_fuzz::adapter::{World, any_arm_bytes, any_move_request};
+use armwire_fuzz::config::{any_good_config, any_request};
 use armwire_fuzz::{Arbitrary, Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
 
@@ -20,8 +21,16 @@ enum Step<'a> {
     Suspended,
     Dtr(bool),
     LineCoding([u8; 7]),
+    GoodLineCoding {
+        fast: bool,
+        parity: u8,
+        two: bool,
+    },
+    Lost(u8),
     UsbBytes(&'a [u8]),
     UsbRequest,
+    /// Requests that move the arm, one after the other: three are a stream.
+    UsbStreams,
     UsbTakes(u8),
     Control,
     /// The arm, and the UART.
@@ -34,6 +43,8 @@ enum Step<'a> {
     /// Hosts on CAN.
     CanBytes(&'a [u8]),
     CanRequest,
+    CanStreams,
+    CommandStreams,
     CanControl,
     Command {
         skip: u8,
@@ -58,7 +69,7 @@ enum Step<'a> {
 }
 
 fn check(u: &mut Unstructured<'_>) -> Result<()> {
-    let config = any_config(u)?;
+    let config = any_good_config(u)?;
     let mut world = World::new(config, u.arbitrary()?);
     while !u.is_empty() {
         match u.arbitrary()? {
@@ -69,10 +80,22 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                 world.bridge.usb_dtr(high);
             }
             Step::LineCoding(coding) => world.line_coding(coding),
+            Step::GoodLineCoding { fast, parity, two } => {
+                let [b0, b1, b2, b3] = if fast { 1_000_000 } else { 115_200_u32 }.to_le_bytes();
+                world.line_coding([b0, b1, b2, b3, u8::from(two) * 2, parity % 3, 8]);
+            }
+            Step::Lost(len) => world.usb_lost(len.into()),
             Step::UsbBytes(bytes) => world.usb_says(bytes),
             Step::UsbRequest => {
                 let request = world.any_arm_request(u)?;
                 world.usb_says(&request);
+            }
+            Step::UsbStreams => {
+                let request = any_move_request(u)?;
+                for _ in 0..3 {
+                    world.usb_says(&request);
+                    world.uart_takes(MAX_FRAME);
+                }
             }
             Step::UsbTakes(packets) => (0..packets % 32).for_each(|_| world.usb_takes()),
             Step::Control => {
@@ -94,6 +117,18 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             Step::CanRequest => {
                 let request = world.any_arm_request(u)?;
                 world.can_says(&request);
+            }
+            Step::CanStreams => {
+                let request = any_move_request(u)?;
+                for _ in 0..3 {
+                    world.can_says(&request);
+                    while world.can_moves() {}
+                }
+            }
+            Step::CommandStreams => {
+                for _ in 0..4 {
+                    world.command(1, 2048, 25, 100);
+                }
             }
             Step::CanControl => {
                 let request = any_request(u)?;

@@ -92,6 +92,7 @@ impl<P: Subject, const N: usize> World<P, N> {
         let submitted = self.client.submit(request);
         if self.flight.is_some() {
             assert_eq!(submitted, Err(Busy(request)));
+            assert!(!Busy(request).to_string().is_empty() && !format!("{:?}", self.client).is_empty());
             return;
         }
         assert_eq!(submitted, Ok(()));
@@ -105,7 +106,8 @@ impl<P: Subject, const N: usize> World<P, N> {
     fn cancel(&mut self) {
         self.client.cancel(self.now);
         self.flight = None;
-        if self.out == 0 {
+        // What was begun goes out whole, and so does a repeat of a request that was answered meanwhile.
+        if self.of_flight && self.out == 0 {
             self.line.clear();
         }
         self.of_flight = false;

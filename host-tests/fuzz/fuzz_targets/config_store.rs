@@ -8,7 +8,7 @@ use core::task::{Context, Poll, Waker};
 
 use armwire_bridge::config::Config;
 use armwire_bridge::store::{Error, Saved, Store};
-use armwire_fuzz::config::any_config;
+use armwire_fuzz::config::{any_config, any_good_config};
 use armwire_fuzz::{Arbitrary, Result, Unstructured};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use libfuzzer_sys::fuzz_target;
@@ -135,12 +135,21 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         bytes: [0xFF; SIZE],
         power: None,
     };
+    let end = u.arbitrary::<u16>()?.into();
+    match Store::new(&mut flash, 0..end) {
+        Ok(_) => assert!(end as usize >= SIZE && end as usize % PAGE == 0),
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
     // What is in flash, as long as only the store has written to it.
     let mut kept = Some(Saved::Nothing);
     while !u.is_empty() {
         let step = u.arbitrary()?;
         let config = match step {
-            Step::Save | Step::PowerGoes { saves: true, .. } => Some(any_config(u)?),
+            Step::Save | Step::PowerGoes { saves: true, .. } => Some(if u.arbitrary()? {
+                any_config(u)?
+            } else {
+                any_good_config(u)?
+            }),
             _ => None,
         };
         match step {

@@ -37,7 +37,7 @@ enum Step<'a> {
 }
 
 struct Host {
-    bridge: Bridge<256, 128>,
+    bridge: Bridge,
     now: Micros,
     /// What it still has to say, in packets of so many bytes.
     out: Vec<u8>,

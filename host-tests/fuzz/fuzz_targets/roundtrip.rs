@@ -4,21 +4,23 @@
 
 use core::time::Duration;
 
-use armwire::alpha1::{self, Alpha1, Interval, MoveTime, Offset, ServoStates, Text};
+use armwire::alpha1::{self, Alpha1, Angle, Interval, MoveTime, Offset, ServoId, ServoStates, Text};
 use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{
-    self, JointState, Kind, Ling, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, Version,
+    self, JointState, Kind, Ling, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke,
+    TemperatureLimit, Version,
 };
-use armwire::xarm::{self, RotationRadius, SerialsText, State, Transactions, VersionText, XArm};
-use armwire::{Framing, Scan};
+use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, Transactions, VersionText, XArm};
+use armwire::{Framing, Micros, OutOfRange, Scan};
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};
 use armwire_bridge::control::{
-    FromAdapter, FromHost, MAX_COBS, MAX_MESSAGE, Message, Reader, Reply, Stamp, decode, encode, encode_cobs,
+    Event, FromAdapter, FromHost, Histogram, MAX_COBS, MAX_MESSAGE, Message, Reader, Reply, Stamp, decode, encode,
+    encode_cobs,
 };
 use armwire_bridge::isotp::SeparationTime;
-use armwire_bridge::{LineCoding, Refused};
+use armwire_bridge::{Counters, LineCoding, Refused};
 use armwire_fuzz::config::{any_config, any_event, any_reply, any_request};
 use armwire_fuzz::{Check, Result, Subject, Unstructured, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
@@ -32,7 +34,7 @@ fuzz_target!(|input: &[u8]| {
 });
 
 fn one(u: &mut Unstructured<'_>) -> Result<()> {
-    match u.arbitrary::<u8>()? % 8 {
+    match u.arbitrary::<u8>()? % 10 {
         0 => control_messages(u),
         1 => cyclic_frames(u),
         2 => values(u),
@@ -40,6 +42,8 @@ fn one(u: &mut Unstructured<'_>) -> Result<()> {
         4 => Messages::check::<Alpha1, { alpha1::MAX_FRAME }>(u),
         5 => Messages::check::<XArm, { xarm::MAX_FRAME }>(u),
         6 => Messages::check::<Legacy, { legacy::MAX_FRAME }>(u),
+        7 => frames(u),
+        8 => small_print(u),
         _ => texts(u),
     }
 }
@@ -222,7 +226,12 @@ fn values(u: &mut Unstructured<'_>) -> Result<()> {
     let byte = u.arbitrary()?;
     let gap = SeparationTime::from_byte(byte);
     assert!(gap.to_byte() == byte || gap.micros().0 == 127_000);
-    let cdc: [u8; 7] = u.arbitrary()?;
+    let mut cdc: [u8; 7] = u.arbitrary()?;
+    if u.arbitrary()? {
+        // A baud rate that there is, and most often all else.
+        cdc[..4].copy_from_slice(&115_200_u32.to_le_bytes());
+        cdc[4..].iter_mut().for_each(|byte| *byte %= 9);
+    }
     match LineCoding::from_cdc(cdc) {
         Ok(coding) => assert_eq!(coding.to_cdc(), cdc),
         Err(refused) => {
@@ -303,5 +312,140 @@ fn texts(u: &mut Unstructured<'_>) -> Result<()> {
     }
     let mut transactions = Transactions::default();
     assert_ne!(transactions.next_id(), transactions.next_id());
+    Ok(())
+}
+
+/// A frame is written only if its reader takes it, and then as it was.
+fn frames(u: &mut Unstructured<'_>) -> Result<()> {
+    let kind: u8 = u.arbitrary()?;
+    let (command, function, wide) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary::<u16>()?);
+    let data: &[u8] = u.arbitrary()?;
+    match kind % 4 {
+        0 => written::<Ling>(
+            ling::Frame {
+                command,
+                function,
+                data,
+            },
+            (),
+        ),
+        1 => {
+            let expect = Alpha1::any_expect(u)?;
+            let headers = [0xF1, 0xEF, 0xF2, 0xF5, 0xFB, 0xF4, 0xF9, 0xF3, 0xFA, 0xFC];
+            let command = headers.get(usize::from(command % 16)).copied().unwrap_or(command);
+            let frame = alpha1::Frame::Message { command, data };
+            // A frame of the robot's Bluetooth protocol is read and not written.
+            match command == 0xFB && data.first() != Some(&1) {
+                true => assert!(frame.encode(expect, &mut [0; 300]).is_err()),
+                false => written::<Alpha1>(frame, expect),
+            }
+        }
+        2 => written::<Alpha1>(alpha1::Frame::Byte(command), Alpha1::any_expect(u)?),
+        _ => {
+            let frame = xarm::Frame {
+                transaction: wide,
+                protocol: u16::from(function) % 5,
+                body: data,
+            };
+            written::<XArm>(frame, XArm::any_expect(u)?);
+        }
+    }
+    match Raw::new(command, data) {
+        Ok(raw) => assert_eq!((raw.register(), raw.params()), (command, data)),
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
+    Ok(())
+}
+
+fn written<P: Subject>(frame: P::Frame<'_>, expect: P::Expect) {
+    let mut out = [0; 300];
+    match P::encode_frame(frame, expect, &mut out) {
+        Ok(len) => {
+            let bytes = &out[..len];
+            assert_eq!(on_idle_line::<P>(bytes, expect), Scan::Frame(len));
+            let view = P::view(bytes).expect("it is a frame");
+            let mut again = [0; 300];
+            assert_eq!(P::encode_frame(view, expect, &mut again), Ok(len));
+            assert_eq!(again, out);
+        }
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
+}
+
+/// Values of the adapter, and how they are shown.
+fn small_print(u: &mut Unstructured<'_>) -> Result<()> {
+    let (event, byte) = (any_event(u)?, u.arbitrary::<u8>()?);
+    if let Event::Refused { asker, reason } = event {
+        assert!(!format!("{asker}{reason}").is_empty());
+    }
+    let bucket = usize::from(byte % 20);
+    assert_eq!(Histogram::limit(bucket).is_some(), bucket < Histogram::BUCKETS - 1);
+    if let Some(limit) = Histogram::limit(bucket) {
+        let mut histogram = Histogram::default();
+        histogram.add(Micros(limit.0 - 1));
+        assert_eq!(histogram.counts[bucket], 1);
+    }
+    let mut counters = Counters::default();
+    (counters.frames, counters.noise_bytes) = u.arbitrary()?;
+    let mut room = [0; Counters::MAX_LEN];
+    let bytes = counters.to_bytes(&mut room).expect("there is room");
+    assert_eq!(Counters::from_bytes(bytes), Ok(counters));
+    match SeparationTime::from_millis(byte) {
+        Ok(gap) => assert_eq!(gap.micros(), Micros::from_millis(byte.into())),
+        Err(error) => assert!(byte > 127 && !error.to_string().is_empty()),
+    }
+    match SeparationTime::from_hundreds_of_micros(byte) {
+        Ok(gap) => assert_eq!(
+            (gap.micros(), gap),
+            (Micros(u64::from(byte) * 100), SeparationTime::from_byte(gap.to_byte()))
+        ),
+        Err(error) => assert!(!(1..=9).contains(&byte) && !error.to_string().is_empty()),
+    }
+    let (id, data): (u16, &[u8]) = u.arbitrary()?;
+    match Id::new(id) {
+        Ok(id) => {
+            for (frame, is_fd) in [(Frame::new(id, data), false), (Frame::new_fd(id, data), true)] {
+                match frame {
+                    Ok(frame) => {
+                        assert_eq!((frame.id(), frame.data(), frame.is_fd()), (id, data, is_fd));
+                        assert!(format!("{frame:?}").starts_with(&id.to_string()));
+                    }
+                    Err(error) => assert!(!error.to_string().is_empty()),
+                }
+            }
+        }
+        Err(error) => assert!(!error.to_string().is_empty()),
+    }
+    let state = JointState {
+        joints: u.arbitrary()?,
+        gripper: u.arbitrary()?,
+        status: u.arbitrary::<u8>()?.into(),
+    };
+    assert!(!state.status.to_string().is_empty());
+    assert_eq!(
+        state.positions().is_ok(),
+        state.joints.iter().all(|&ticks| ticks < 4096)
+    );
+    assert_eq!(state.opening().is_ok(), state.gripper <= 1000);
+    let older = legacy::JointState {
+        firmware: legacy::Firmware::V5,
+        servos: u.arbitrary()?,
+    };
+    let older_good = older.joints().iter().all(|&ticks| ticks < 4096);
+    assert_eq!(older.positions().is_ok(), older_good);
+    match (ServoId::new(byte), Angle::new(byte), TemperatureLimit::new(byte)) {
+        (Ok(servo), Ok(angle), Ok(limit)) => {
+            assert_eq!(
+                (servo.get(), angle.degrees(), limit.celsius()),
+                (byte, Some(byte), byte)
+            );
+        }
+        (servo, angle, limit) => {
+            let errors = [servo.err(), angle.err(), limit.err()];
+            for error in errors.into_iter().flatten() {
+                assert!(OutOfRange::<f32>::from(error).to_string().contains(&byte.to_string()));
+            }
+        }
+    }
     Ok(())
 }

@@ -46,6 +46,7 @@ impl Check for Split {
         assert_eq!(chunked.heard, bytewise.heard);
         assert_eq!(chunked.heard, needed.heard);
         assert_eq!(pieces.hear(rest), told);
+        assert!(told.is_none_or(|older| older.to_string().contains("older generation")));
         Ok(())
     }
 }

@@ -46,13 +46,34 @@ pub fn any_config(u: &mut Unstructured<'_>) -> Result<Config> {
     })
 }
 
+/// Any configuration that an adapter can have.
+pub fn any_good_config(u: &mut Unstructured<'_>) -> Result<Config> {
+    let mut config = any_config(u)?;
+    if !CAN_BIT_RATES.contains(&config.can.bit_rate) {
+        config.can.bit_rate = 1_000_000;
+    }
+    config.can.data_bit_rate = config.can.data_bit_rate.map(|_| CAN_DATA_BIT_RATES[1]);
+    config.can.telemetry_hz %= config.can.max_telemetry_hz() + 1;
+    config.can.command_timeout_ms = config.can.command_timeout_ms.clamp(1, 10_000);
+    config.can.commands &= config.arm == ArmKind::Ling;
+    config.silence.after_ms %= 1_000;
+    config.poll = match (config.arm, config.poll) {
+        (ArmKind::Alpha1Servo | ArmKind::Raw, _) => Poll::Off,
+        (_, Poll::Hertz(hertz)) => Poll::Hertz(hertz.clamp(1, 1_000)),
+        (_, poll) => poll,
+    };
+    assert_eq!(config.check(), Ok(()));
+    Ok(config)
+}
+
 /// Any request on the control port.
 pub fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
     Ok(match u.int_in_range(0..=10)? {
         0 => Request::Identify,
         1 => Request::IdentifyArm,
         2 => Request::GetConfig,
-        3 => Request::SetConfig(any_config(u)?),
+        3 if u.arbitrary()? => Request::SetConfig(any_config(u)?),
+        3 => Request::SetConfig(any_good_config(u)?),
         4 => Request::SaveConfig,
         5 => Request::ResetConfig,
         6 => Request::GetCounters,

@@ -13,7 +13,7 @@ use crate::bytes;
 pub(crate) fn call_all() {
     let now = black_box(Micros(0));
 
-    let mut bridge = Bridge::<2048, 512>::new(black_box(Identity::default()), black_box(Config::default()));
+    let mut bridge = Bridge::new(black_box(Identity::default()), black_box(Config::default()));
     let bridge = black_box(&mut bridge);
     bridge.usb_configured(black_box(true));
     black_box(&mut *bridge).usb_dtr(black_box(true));

@@ -144,8 +144,8 @@ impl Framing for Ling {
                 },
             );
         }
-        let total = match window.first_chunk::<5>() {
-            Some(start) if SELF_CHECK.starts_with(start) => SELF_CHECK.len(),
+        let total = match window {
+            [_, 0xFE, 0x00, 0x00, 0xFE, ..] => SELF_CHECK.len(),
             _ => len + OVERHEAD,
         };
         verify(window, total, 1, checksum, TAIL)

@@ -307,6 +307,15 @@ fn the_longest_frame_has_64_bytes_of_data() {
     let mut out = [0; MAX_FRAME];
     assert_eq!(frame.encode(&mut out), Ok(70));
     assert_eq!(Ling::view(&out), Some(frame));
+    assert_eq!(Frame { data: &[], ..frame }.encode(&mut out), Ok(6));
+    assert!(
+        Frame {
+            data: &[7; 65],
+            ..frame
+        }
+        .encode(&mut out)
+        .is_err()
+    );
 }
 
 #[test]

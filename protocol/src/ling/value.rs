@@ -566,6 +566,13 @@ mod tests {
     }
 
     #[test]
+    fn a_quarter_turn_from_the_centre_is_half_of_pi() {
+        let quarter = core::f32::consts::FRAC_PI_2;
+        assert_eq!(Position::from_radians(quarter), Ok(Position::new(3072).unwrap()));
+        assert_eq!(Position::from_radians(-quarter), Ok(Position::new(1024).unwrap()));
+    }
+
+    #[test]
     fn every_speed_survives_the_way_through_radians_per_second() {
         for ticks in 0..=5000 {
             let speed = Speed::new(ticks).unwrap();

@@ -24,7 +24,7 @@ use super::time::{self, TimerHandler};
 use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
-pub(crate) use can::Controller;
+pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash};
 
 /// What the board is called.

@@ -26,6 +26,15 @@ pub(crate) fn take_status() -> Status {
     status
 }
 
+/// Clears errors that still stand after the DMA has fetched their byte: a byte that is sent between the two reads breaks
+/// the sequence.
+pub(crate) fn clear_errors() {
+    let sr = UART.sr().read();
+    if (sr.fe() || sr.pe() || sr.ne() || sr.ore()) && !sr.rxne() {
+        UART.dr().read();
+    }
+}
+
 /// Whether a byte waits for the DMA.
 pub(crate) fn is_byte_waiting() -> bool {
     UART.sr().read().rxne()

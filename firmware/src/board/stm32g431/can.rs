@@ -44,6 +44,15 @@ const TO_FIFO_0: u32 = 0b001 << 27;
 /// The buffers that frames leave from.
 const BUFFERS: usize = 3;
 
+/// A frame that waits to be taken.
+pub(crate) struct Waiting(Frame);
+
+impl Waiting {
+    pub(crate) fn into_frame(self) -> Option<Frame> {
+        Some(self.0)
+    }
+}
+
 /// The controller.
 pub(crate) struct Controller {
     _pins: [Flex<'static>; 2],
@@ -234,7 +243,7 @@ impl Handler<FDCAN1_IT0> for InterruptHandler {
         while CAN.rxfs(0).read().ffl() > 0 {
             let index = CAN.rxfs(0).read().fgi();
             if let Some(frame) = frame(index.into()) {
-                received(frame);
+                received(Waiting(frame));
             }
             CAN.rxfa(0).write(|w| w.set_fai(index));
         }

@@ -26,6 +26,9 @@ pub(crate) fn take_status() -> Status {
     }
 }
 
+/// Clears errors that still stand: there are none, they were cleared when they were read.
+pub(crate) fn clear_errors() {}
+
 /// Whether a byte waits for the DMA.
 pub(crate) fn is_byte_waiting() -> bool {
     UART.isr().read().rxne()

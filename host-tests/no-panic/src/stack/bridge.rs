@@ -13,9 +13,7 @@ use armwire::Micros;
 use armwire_bridge::can::Frame;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Burst, Line, PACKET, Refused};
-
-type Bridge = armwire_bridge::Bridge<2048, 512>;
+use armwire_bridge::{Bridge, Burst, Line, PACKET, Refused};
 
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {

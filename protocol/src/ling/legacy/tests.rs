@@ -254,3 +254,11 @@ fn the_message_says_what_it_is_what_armwire_does_and_what_to_do() {
     }
     assert!(!text.contains('\n'));
 }
+
+#[test]
+fn a_header_is_looked_for_and_its_length_waited_for() {
+    assert_eq!(Legacy::scan(&[1, 2, 0xAA], ()), Scan::Skip(2, Reason::Stray));
+    assert_eq!(Legacy::scan(&[1, 2, 3], ()), Scan::Skip(3, Reason::Stray));
+    assert_eq!(Legacy::scan(&[0xAA], ()), Scan::Need(2));
+    assert_eq!(Legacy::scan(&[0xAA, 0x14], ()), Scan::Need(1));
+}
