@@ -87,6 +87,11 @@ impl fmt::Display for Table {
                 losses.join(", ")
             )?;
         }
+        for fault in Fault::ALL {
+            if let Some(reason) = fault.known_failure() {
+                writeln!(f, "\nKnown to fail at times: {}. The reason: {reason}.", fault.name())?;
+            }
+        }
         writeln!(
             f,
             "\n{recovered} of {runs} runs recovered; in {} of them a second fault came on top.",
