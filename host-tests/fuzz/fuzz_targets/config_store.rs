@@ -137,7 +137,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     };
     let end = u.arbitrary::<u16>()?.into();
     match Store::new(&mut flash, 0..end) {
-        Ok(_) => assert!(end as usize >= SIZE && end as usize % PAGE == 0),
+        Ok(_) => assert!(end as usize >= SIZE && (end as usize).is_multiple_of(PAGE)),
         Err(error) => assert!(!error.to_string().is_empty()),
     }
     // What is in flash, as long as only the store has written to it.

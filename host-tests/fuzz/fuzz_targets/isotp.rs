@@ -62,8 +62,7 @@ fn any_end(u: &mut Unstructured<'_>, id: u16) -> Result<End> {
     Ok(End::new(config))
 }
 
-/// One side: its end, what it has sent, and how many of the other side's PDUs it has received, the last of them being
-/// in single frames if it may come again.
+/// One side: its end, what it has sent, and how many of the other side's PDUs came up to the last that was received.
 struct Side {
     end: End,
     sent: Vec<Vec<u8>>,

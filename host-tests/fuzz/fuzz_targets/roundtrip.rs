@@ -132,11 +132,11 @@ fn control_message<T: Message + PartialEq + std::fmt::Debug>(message: &T) {
     assert!(encode_cobs(message, &mut vec![0; len - 1]).is_err());
     let mut reader = Reader::<MAX_MESSAGE>::new();
     assert!(reader.push(&bytes[..len]).is_empty());
-    assert_eq!(reader.next::<T>(), Some(Ok(serde_free_clone(message))));
+    assert_eq!(reader.next::<T>(), Some(Ok(copy_of(message))));
 }
 
 /// The same message, by way of its bytes: not all messages can be copied.
-fn serde_free_clone<T: Message>(message: &T) -> T {
+fn copy_of<T: Message>(message: &T) -> T {
     let mut bytes = [0; MAX_MESSAGE];
     let len = encode(message, &mut bytes).expect("it is not too long");
     decode(&bytes[..len]).expect("it was written")
