@@ -66,8 +66,9 @@ impl Rig {
                 self.without_arm(5_000, 50_000)?;
             }
             Fault::NakStorm => {
+                // For up to 8 ms. Half a request keeps the line for 10 ms, and is cut after that.
                 for direction in [Direction::In, Direction::Out] {
-                    let count = self.dice.between(100, 2_000) as u32;
+                    let count = self.dice.between(100, 1_000) as u32;
                     self.board.usb().inject_naks(direction, count);
                 }
             }

@@ -135,7 +135,7 @@ impl Fault {
             Self::InterruptsMasked => "UART: interrupts masked for 11 to 30 ms while the arm talks",
             Self::ArmCablePulled => "UART: the cable out for 1 to 60 ms",
             Self::ArmReset => "the arm starts anew in the middle of an answer",
-            Self::NakStorm => "USB: 100 to 2000 NAKs each way",
+            Self::NakStorm => "USB: 100 to 1000 NAKs each way",
             Self::BusReset => "USB: a bus reset",
             Self::Suspend => "USB: suspended for 5 to 60 ms",
             Self::Unplug => "USB: unplugged for 5 to 60 ms",
@@ -205,8 +205,8 @@ impl Fault {
     pub const fn known_failure(self) -> Option<&'static str> {
         match self {
             Self::FullPackets => Some(
-                "with a NAK storm on top (seed 1, run 234) a request that was cut in two packets was cut on the arm's line, \
-                 too, as the second half came more than 10 ms late; then a host on CAN got the answer to a poll",
+                "what the arm says unasked while more than eight requests of the host on USB are with it is taken for one \
+                 of their answers; so the next turn begins too early, and a host gets another's answer (seed 1, run 234)",
             ),
             _ => None,
         }
