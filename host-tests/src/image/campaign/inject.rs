@@ -66,7 +66,7 @@ impl Rig {
                 self.without_arm(5_000, 50_000)?;
             }
             Fault::NakStorm => {
-                // For up to 8 ms. Half a request keeps the line for 10 ms, and is cut after that.
+                // For up to 50 ms, as a packet goes with each on the way to the device.
                 for direction in [Direction::In, Direction::Out] {
                     let count = self.dice.between(100, 1_000) as u32;
                     self.board.usb().inject_naks(direction, count);
