@@ -175,10 +175,16 @@ impl Exchange {
         if self.owed.is_empty() && self.holder().is_none() {
             return 0;
         }
+        let missing = match self.holder() {
+            Some(_) if now >= self.due => self.give_up(),
+            _ => 0,
+        };
         self.owed.retain(|owed| now < owed.until);
-        if self.holder().is_none() || now < self.due {
-            return 0;
-        }
+        missing
+    }
+
+    /// Remembers that the answers are missing that were waited for, and returns how many.
+    fn give_up(&mut self) -> usize {
         let until = self.due + LATENESS;
         let missing = self.open();
         for flight in &self.flights {

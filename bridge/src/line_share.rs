@@ -201,16 +201,21 @@ impl Bridge {
 
     /// The exchange of `asker` is over, with this answer if there is one and somebody wants it.
     fn ended(&mut self, asker: Asker, answer: Option<FrameBytes>, now: Micros) {
+        self.close(asker, answer, now);
+        if asker == Asker::Adapter {
+            self.serve(now);
+        }
+    }
+
+    /// Notes that the exchange of `asker` is over. What that lets the control port answer is not answered yet.
+    fn close(&mut self, asker: Asker, answer: Option<FrameBytes>, now: Micros) {
         self.turn.went(now);
         match asker {
             Asker::Poll => {
                 let missed = self.poll.ended(now);
                 count(&mut self.counters.missed_polls, missed);
             }
-            Asker::Adapter => {
-                self.control.arm_identified(answer);
-                self.serve(now);
-            }
+            Asker::Adapter => self.control.arm_identified(answer),
             Asker::Usb | Asker::Can | Asker::Command => {}
         }
         self.pass();
@@ -542,7 +547,7 @@ impl Bridge {
         let missing = self.exchange.abandon();
         count(&mut self.counters.unanswered_requests, missing);
         if let Some(asker) = holder {
-            self.ended(asker, None, now);
+            self.close(asker, None, now);
         }
         self.tap.clear();
         self.asks.clear();

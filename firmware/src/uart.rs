@@ -91,19 +91,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
             SENT.signal(());
         }
         if status.is_error() {
-            let counted = critical_section::with(|cs| COUNTED.borrow(cs).take());
-            let counted = match counted {
-                Some((end, counted)) if end == tail() => counted,
-                _ => Status::default(),
-            };
-            for (flag, was, counter) in [
-                (status.framing, counted.framing, &FRAMING),
-                (status.parity, counted.parity, &PARITY),
-                (status.noise, counted.noise, &NOISE),
-                (status.overrun, counted.overrun, &OVERRUN),
-            ] {
-                counter.fetch_add((flag && !was).into(), Ordering::Relaxed);
-            }
+            count(status);
             // Errors that wait for the DMA to fetch a byte would bring the handler here again and again until then.
             // Whoever restarts the receive path asks for errors again.
             usart::mute_errors();
@@ -131,6 +119,23 @@ impl Handler<UartInterrupt> for InterruptHandler {
         if reached || status.idle || status.is_error() {
             EVENT.signal(());
         }
+    }
+}
+
+/// Counts errors, but not again those of a byte that still waits.
+fn count(status: Status) {
+    let counted = critical_section::with(|cs| COUNTED.borrow(cs).take());
+    let counted = match counted {
+        Some((end, counted)) if end == tail() => counted,
+        _ => Status::default(),
+    };
+    for (flag, was, counter) in [
+        (status.framing, counted.framing, &FRAMING),
+        (status.parity, counted.parity, &PARITY),
+        (status.noise, counted.noise, &NOISE),
+        (status.overrun, counted.overrun, &OVERRUN),
+    ] {
+        counter.fetch_add((flag && !was).into(), Ordering::Relaxed);
     }
 }
 
