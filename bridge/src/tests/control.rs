@@ -262,6 +262,26 @@ fn the_reply_on_can_goes_out_before_the_bus_is_another() {
 }
 
 #[test]
+fn a_configuration_that_ends_another_request_leaves_neither_without_a_reply() {
+    let mut rig = quiet();
+    rig.manners = Box::new(|_| None);
+    rig.ask_on_can(1, Request::IdentifyArm);
+    rig.run(1_000);
+    let alpha1 = Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    };
+    rig.ask_on_can(2, Request::SetConfig(alpha1));
+    rig.run(20_000);
+    let none = ArmIdentity {
+        kind: ArmKind::Alpha1,
+        answer: None,
+    };
+    let reply = |sequence, reply| FromAdapter::Reply { sequence, reply };
+    assert_eq!(rig.can_control, [reply(2, Reply::Done), reply(1, Reply::Arm(none))]);
+}
+
+#[test]
 fn cyclic_frames_change_without_leaving_the_bus() {
     let mut rig = quiet();
     let mut config = Config {
