@@ -348,7 +348,13 @@ impl Bridge {
             Some(Received::Control) => self.serve(now),
             // The bus may be the one before a change of the configuration.
             Some(Received::Command(target)) if self.config.can.commands => self.take_command(&target, now),
-            Some(Received::Refused(asker, refusal)) => self.refuse(asker, refusal, now),
+            Some(Received::Refused(asker, refusal)) => {
+                // There is no room for what it says, but it says something.
+                if asker == Asker::Can {
+                    self.streams.can.hear(now);
+                }
+                self.refuse(asker, refusal, now);
+            }
             Some(Received::Command(_)) | None => {}
         }
     }
