@@ -672,7 +672,8 @@ impl Bridge {
     /// ```
     pub fn is_stuck(&self, now: Micros) -> bool {
         let unsent = !self.down.is_empty() || self.wanted.is_some();
-        let stands = self.exchange.holder().is_none_or(|holder| holder == Asker::Usb);
+        // While the arm owes somebody an answer, bytes may wait for that. It ends by itself.
+        let stands = self.exchange.holder().is_none();
         now.since(self.looked) > PATIENCE || unsent && stands && now.since(self.turn.moved()) > PATIENCE
     }
 }
