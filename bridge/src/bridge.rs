@@ -659,6 +659,17 @@ impl Bridge {
         self.counters.watchdog_resets = watchdog_resets;
     }
 
+    /// What is saved could not be read at the start, so that the adapter is as from the factory.
+    ///
+    /// ```
+    /// let mut bridge = armwire_bridge::Bridge::default();
+    /// bridge.started_without_config();
+    /// assert_eq!(bridge.counters().config_failures, 1);
+    /// ```
+    pub fn started_without_config(&mut self) {
+        count(&mut self.counters.config_failures, 1);
+    }
+
     /// Whether bytes for the arm stopped moving, or nobody has looked at the UART, for a second: something is wrong that
     /// only a restart cures. A host that does not read is no such thing.
     ///

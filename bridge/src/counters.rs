@@ -120,7 +120,8 @@ pub struct Counters {
     pub dropped_events: u32,
     /// Times a configuration was written to flash.
     pub config_saves: u32,
-    /// Times that failed.
+    /// Times that failed, and one more if what was in flash at the start could not be read: the adapter is then as from the
+    /// factory.
     pub config_failures: u32,
 }
 
