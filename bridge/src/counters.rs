@@ -83,7 +83,7 @@ pub struct Counters {
     pub late_polls: u32,
     /// Slots that passed without a poll, because the one before had not ended.
     pub missed_polls: u32,
-    /// Requests from CAN refused because too many waited.
+    /// Requests from CAN refused because too many waited, or because they were longer than any frame.
     pub refused_can_requests: u32,
     /// PDUs from CAN refused because they are no frame of this arm.
     pub refused_can_frames: u32,
