@@ -590,6 +590,7 @@ impl Bridge {
         let replied = |port: &mut Port| *port == Port::Usb || !self.can.control.is_sending();
         if self.can_change.take_if(replied).is_some() {
             self.can = CanPort::new(self.config.can);
+            self.control.forget_can();
             return Some(Action::RestartCan(self.config.can));
         }
         self.control.action()
