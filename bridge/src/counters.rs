@@ -34,7 +34,8 @@ pub struct Counters {
     pub noise_bytes: u32,
     /// Bytes from the arm dropped because the host did not read and the queue was full.
     pub dropped_bytes: u32,
-    /// Bytes from the arm dropped because no host had the port open when they came, or when it was opened.
+    /// Bytes from the arm dropped because no host had the port open when they came, or when it was opened. The last packet,
+    /// which the USB peripheral had when a host went, is not among them: nobody knows whether it was fetched.
     pub unheard_bytes: u32,
     /// Bytes from the host dropped because it sent a packet there was no room for. Firmware that asks
     /// [`Bridge::usb_room`](crate::Bridge::usb_room) never sees this count.
