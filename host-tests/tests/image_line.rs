@@ -138,7 +138,10 @@ fn a_line_with_errors_all_the_time_loses_only_what_they_hit() {
         ] {
             println!("{counted} {what} counted of {injected} in 50000 bytes");
         }
-        assert_eq!(counters.framing_errors as usize, injected(&[Fault::Framing, Fault::Break]));
+        assert_eq!(
+            counters.framing_errors as usize,
+            injected(&[Fault::Framing, Fault::Break])
+        );
         assert_eq!(counters.noise_errors as usize, injected(&[Fault::Noise]));
         // The UART has one flag for all that were lost until the DMA got to it.
         let overruns = injected(&[Fault::Overrun]);

@@ -1,0 +1,92 @@
+//! xArm: the reply to a request for a radius of rotation, 12 bytes.
+
+use core::hint::black_box;
+
+use armwire::xarm::{
+    Command, Direction, Header, Joint, MAX_FRAME, ProtocolId, Reply, Request, Response, RotationRadius, State, XArm,
+};
+use armwire::{Client, Config, Decoder, Event, Input, Micros, Protocol};
+
+use crate::{CHUNK, FRAMES, decode, done};
+
+type XArms = Decoder<XArm, MAX_FRAME>;
+
+const LEN: usize = 12;
+const HEADER: Header = Header {
+    transaction: 1,
+    protocol: ProtocolId::Private,
+};
+
+pub(crate) fn run() {
+    let Ok(joint) = Joint::new(6) else {
+        return done(false);
+    };
+    let radius = Response::Reply {
+        header: HEADER,
+        state: State::OK,
+        reply: Reply::RotationRadius(RotationRadius { millimetres: 76.0 }),
+    };
+    let mut reply = [0; LEN];
+    done(XArm::encode_response(&radius, &mut reply) == Ok(LEN));
+    let mut clean = [0; LEN * FRAMES];
+    for frame in clean.chunks_exact_mut(LEN) {
+        frame.copy_from_slice(&reply);
+    }
+    let decoder = &mut XArms::new();
+    let warm = decode(decoder, Direction::Responses, black_box(&reply), CHUNK);
+    done(warm == [1, 0]);
+    done(count_xarm_decode(black_box(decoder), black_box(&reply)) == [1, 0]);
+    done(count_xarm_decode_chunks(black_box(decoder), black_box(&clean)) == [FRAMES, 0]);
+    done(count_xarm_decode_bytes(black_box(decoder), black_box(&clean)) == [FRAMES, 0]);
+
+    let request = Request::Call {
+        header: HEADER,
+        command: Command::ReadRotationRadius(joint),
+    };
+    done(count_xarm_encode(black_box(&request), black_box(&mut [0; MAX_FRAME])) == 8);
+    let client = &mut Client::new(Config::DEFAULT);
+    done(call(black_box(client), request, black_box(&reply)) == Some(radius));
+    done(count_xarm_call(black_box(client), black_box(&request), black_box(&reply)) == Some(radius));
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn count_xarm_decode(decoder: &mut XArms, line: &[u8]) -> [usize; 2] {
+    decode(decoder, Direction::Responses, line, usize::MAX)
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn count_xarm_decode_chunks(decoder: &mut XArms, line: &[u8]) -> [usize; 2] {
+    decode(decoder, Direction::Responses, line, CHUNK)
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn count_xarm_decode_bytes(decoder: &mut XArms, line: &[u8]) -> [usize; 2] {
+    decode(decoder, Direction::Responses, line, 1)
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn count_xarm_encode(request: &Request, out: &mut [u8]) -> usize {
+    XArm::encode_request(request, out).unwrap_or(0)
+}
+
+#[unsafe(no_mangle)]
+#[inline(never)]
+fn count_xarm_call(client: &mut Client<XArm, MAX_FRAME>, request: &Request, line: &[u8]) -> Option<Response> {
+    call(client, *request, line)
+}
+
+/// Asks, and hears the reply.
+#[inline(always)]
+fn call(client: &mut Client<XArm, MAX_FRAME>, request: Request, line: &[u8]) -> Option<Response> {
+    client.submit(request).ok()?;
+    let n = client.poll_transmit(Micros(0))?.len();
+    client.transmitted(Micros(0), n);
+    match client.handle(Micros(350), &mut Input::Bytes(line))? {
+        Event::Answer(response) => Some(response),
+        _ => None,
+    }
+}
