@@ -7,7 +7,7 @@ use armwire::alpha1::{
 };
 use armwire::{Client, Config, Decoder, Event, Input, Micros, Protocol};
 
-use crate::{CHUNK, FRAMES, HOSTILE, decode, done, repeated};
+use crate::{CHUNK, FRAMES, HOSTILE, decode, done, ends, repeated};
 
 type Alphas = Decoder<Alpha1, MAX_FRAME>;
 
@@ -30,28 +30,41 @@ pub(crate) fn run() {
         thirds: 3,
     });
     let mut reply = [0; LEN];
-    done(Alpha1::encode_response(&offset, &mut reply) == Ok(LEN));
+    assert!(Alpha1::encode_response(&offset, &mut reply) == Ok(LEN));
     let mut clean = [0; LEN * FRAMES];
     for frame in clean.chunks_exact_mut(LEN) {
         frame.copy_from_slice(&reply);
     }
     let decoder = &mut Alphas::new();
     let warm = decode(decoder, EXPECT, black_box(&reply), CHUNK);
-    done(warm == [1, 0]);
-    done(count_alpha1_checksum(black_box(&reply[2..8])) == reply[8]);
-    done(count_alpha1_decode(black_box(decoder), black_box(&reply)) == [1, 0]);
-    done(count_alpha1_decode_chunks(black_box(decoder), black_box(&clean)) == [FRAMES, 0]);
-    done(count_alpha1_decode_bytes(black_box(decoder), black_box(&clean)) == [FRAMES, 0]);
+    assert!(warm == [1, 0]);
+    ends(count_alpha1_checksum(black_box(&reply[2..8])), &reply[8]);
+    ends(count_alpha1_decode(black_box(decoder), black_box(&reply)), &[1, 0]);
+    ends(
+        count_alpha1_decode_chunks(black_box(decoder), black_box(&clean)),
+        &[FRAMES, 0],
+    );
+    ends(
+        count_alpha1_decode_bytes(black_box(decoder), black_box(&clean)),
+        &[FRAMES, 0],
+    );
 
     for hostile in [count_alpha1_nested, count_alpha1_headers, count_alpha1_lengths] {
         let [frames, _] = hostile(black_box(&mut Alphas::new()));
-        done(frames == 0);
+        done();
+        assert!(frames == 0);
     }
 
-    done(count_alpha1_encode(black_box(&request), black_box(&mut [0; MAX_FRAME])) == LEN);
+    ends(
+        count_alpha1_encode(black_box(&request), black_box(&mut [0; MAX_FRAME])),
+        &LEN,
+    );
     let client = &mut Client::new(Config::DEFAULT);
-    done(call(black_box(client), request, black_box(&reply)) == Some(offset));
-    done(count_alpha1_call(black_box(client), black_box(&request), black_box(&reply)) == Some(offset));
+    ends(call(black_box(client), request, black_box(&reply)), &Some(offset));
+    ends(
+        count_alpha1_call(black_box(client), black_box(&request), black_box(&reply)),
+        &Some(offset),
+    );
 }
 
 #[unsafe(no_mangle)]

@@ -8,7 +8,7 @@ use armwire::ling::{
 };
 use armwire::{Client, Config, Decoder, Event, Input, Micros, Protocol};
 
-use crate::{CHUNK, FRAMES, HOSTILE, decode, done, repeated};
+use crate::{CHUNK, FRAMES, HOSTILE, decode, done, ends, repeated};
 
 type Lings = Decoder<Ling, MAX_FRAME>;
 
@@ -50,19 +50,25 @@ pub(crate) fn run() {
         status: MotionStatus::Idle,
     });
     let mut reply = REPLY;
-    done(Ling::encode_response(&joints, &mut reply) == Ok(LEN));
+    assert!(Ling::encode_response(&joints, &mut reply) == Ok(LEN));
     let mut clean = [0; LEN * FRAMES];
     for frame in clean.chunks_exact_mut(LEN) {
         frame.copy_from_slice(&reply);
     }
     let decoder = &mut Lings::new();
     let warm = decode(decoder, (), black_box(&reply), CHUNK);
-    done(warm == [1, 0]);
+    assert!(warm == [1, 0]);
 
-    done(count_ling_checksum(black_box(&reply[1..19])) == reply[19]);
-    done(count_ling_decode(black_box(decoder), black_box(&reply)) == [1, 0]);
-    done(count_ling_decode_chunks(black_box(decoder), black_box(&clean)) == [FRAMES, 0]);
-    done(count_ling_decode_bytes(black_box(decoder), black_box(&clean)) == [FRAMES, 0]);
+    ends(count_ling_checksum(black_box(&reply[1..19])), &reply[19]);
+    ends(count_ling_decode(black_box(decoder), black_box(&reply)), &[1, 0]);
+    ends(
+        count_ling_decode_chunks(black_box(decoder), black_box(&clean)),
+        &[FRAMES, 0],
+    );
+    ends(
+        count_ling_decode_bytes(black_box(decoder), black_box(&clean)),
+        &[FRAMES, 0],
+    );
 
     for hostile in [
         count_ling_nested,
@@ -72,27 +78,33 @@ pub(crate) fn run() {
     ] {
         // Which stream it is, the function says.
         let [frames, _] = hostile(black_box(&mut Lings::new()));
-        done(frames == 0);
+        done();
+        assert!(frames == 0);
     }
     let [frames, _] = count_ling_worst_bytes(black_box(&mut Lings::new()));
-    done(frames == 0);
+    done();
+    assert!(frames == 0);
 
     let decoder = &mut Lings::new();
     let (last, before) = CASCADE.split_last().unwrap_or((&0, &[]));
     let held = decode(decoder, (), black_box(before), CHUNK);
-    done(held == [0, 0]);
+    assert!(held == [0, 0]);
     let [frames, _] = count_ling_worst_byte(black_box(decoder), black_box(*last));
-    done(frames == 0 && decoder.pending() == 3);
+    done();
+    assert!(frames == 0 && decoder.pending() == 3);
 
     let target = Move {
         joints: [(Position::CENTRE, Speed::new(1000).unwrap_or(Speed::MAX)); 6],
         gripper: (Opening::CLOSED, GripperSpeed(1000)),
     };
-    done(count_ling_encode(black_box(&Request::Move(target)), black_box(&mut [0; MAX_FRAME])) == 34);
+    ends(
+        count_ling_encode(black_box(&Request::Move(target)), black_box(&mut [0; MAX_FRAME])),
+        &34,
+    );
 
     let client = &mut Client::new(Config::DEFAULT);
-    done(call(black_box(client), black_box(&reply)) == Some(joints));
-    done(count_ling_call(black_box(client), black_box(&reply)) == Some(joints));
+    ends(call(black_box(client), black_box(&reply)), &Some(joints));
+    ends(count_ling_call(black_box(client), black_box(&reply)), &Some(joints));
 }
 
 #[unsafe(no_mangle)]

@@ -7,7 +7,7 @@ use armwire::xarm::{
 };
 use armwire::{Client, Config, Decoder, Event, Input, Micros, Protocol};
 
-use crate::{CHUNK, FRAMES, decode, done};
+use crate::{CHUNK, FRAMES, decode, ends};
 
 type XArms = Decoder<XArm, MAX_FRAME>;
 
@@ -19,7 +19,7 @@ const HEADER: Header = Header {
 
 pub(crate) fn run() {
     let Ok(joint) = Joint::new(6) else {
-        return done(false);
+        return;
     };
     let radius = Response::Reply {
         header: HEADER,
@@ -27,26 +27,38 @@ pub(crate) fn run() {
         reply: Reply::RotationRadius(RotationRadius { millimetres: 76.0 }),
     };
     let mut reply = [0; LEN];
-    done(XArm::encode_response(&radius, &mut reply) == Ok(LEN));
+    assert!(XArm::encode_response(&radius, &mut reply) == Ok(LEN));
     let mut clean = [0; LEN * FRAMES];
     for frame in clean.chunks_exact_mut(LEN) {
         frame.copy_from_slice(&reply);
     }
     let decoder = &mut XArms::new();
     let warm = decode(decoder, Direction::Responses, black_box(&reply), CHUNK);
-    done(warm == [1, 0]);
-    done(count_xarm_decode(black_box(decoder), black_box(&reply)) == [1, 0]);
-    done(count_xarm_decode_chunks(black_box(decoder), black_box(&clean)) == [FRAMES, 0]);
-    done(count_xarm_decode_bytes(black_box(decoder), black_box(&clean)) == [FRAMES, 0]);
+    assert!(warm == [1, 0]);
+    ends(count_xarm_decode(black_box(decoder), black_box(&reply)), &[1, 0]);
+    ends(
+        count_xarm_decode_chunks(black_box(decoder), black_box(&clean)),
+        &[FRAMES, 0],
+    );
+    ends(
+        count_xarm_decode_bytes(black_box(decoder), black_box(&clean)),
+        &[FRAMES, 0],
+    );
 
     let request = Request::Call {
         header: HEADER,
         command: Command::ReadRotationRadius(joint),
     };
-    done(count_xarm_encode(black_box(&request), black_box(&mut [0; MAX_FRAME])) == 8);
+    ends(
+        count_xarm_encode(black_box(&request), black_box(&mut [0; MAX_FRAME])),
+        &8,
+    );
     let client = &mut Client::new(Config::DEFAULT);
-    done(call(black_box(client), request, black_box(&reply)) == Some(radius));
-    done(count_xarm_call(black_box(client), black_box(&request), black_box(&reply)) == Some(radius));
+    ends(call(black_box(client), request, black_box(&reply)), &Some(radius));
+    ends(
+        count_xarm_call(black_box(client), black_box(&request), black_box(&reply)),
+        &Some(radius),
+    );
 }
 
 #[unsafe(no_mangle)]
