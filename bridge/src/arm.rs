@@ -207,9 +207,11 @@ fn asked_of_ling(frame: &[u8]) -> Asked {
 /// Alpha1 document and servo manual. Every answer has the header of its request, and those of a servo have its id,
 /// which is the new one where the request changes it.
 fn asked_of_alpha1(frame: &[u8]) -> Asked {
-    let &[command, _, first, second, third, fourth, ..] = frame else {
+    let &[command, _, ref rest @ ..] = frame else {
         return Asked::NOTHING;
     };
+    // What a short frame does not have decides nothing.
+    let [first, second, third, fourth] = [0, 1, 2, 3].map(|at| rest.get(at).copied().unwrap_or(0));
     let key = Key(command, 0);
     match (command, second) {
         (SERVO, MOVE | LED) => Asked {
@@ -448,6 +450,7 @@ mod tests {
             Request::SetOffsetTool(OffsetTool::Connect),
             Request::SetUsbType(UsbType::Hid),
             Request::Play(Text::new(b"dance").unwrap()),
+            Request::Play(Text::new(b"").unwrap()),
         ]);
         for to in [Address::One(servo), Address::All] {
             requests.extend(

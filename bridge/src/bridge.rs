@@ -346,9 +346,10 @@ impl Bridge {
         match self.can.received(frame, now, &mut self.counters) {
             Some(Received::Arm) => self.take_can_request(now),
             Some(Received::Control) => self.serve(now),
-            Some(Received::Command(target)) => self.take_command(&target, now),
+            // The bus may be the one before a change of the configuration.
+            Some(Received::Command(target)) if self.config.can.commands => self.take_command(&target, now),
             Some(Received::Refused(asker, refusal)) => self.refuse(asker, refusal, now),
-            None => {}
+            Some(Received::Command(_)) | None => {}
         }
     }
 
@@ -423,9 +424,11 @@ impl Bridge {
 
     /// Lets the newest command wait for its turn.
     fn take_command(&mut self, target: &armwire::ling::Move, now: Micros) {
-        let waiting = self.command.take();
         let mut bytes = [0; MAX_FRAME];
-        let len = self.config.arm.moving(target, &mut bytes).unwrap_or(0);
+        let Some(len) = self.config.arm.moving(target, &mut bytes) else {
+            return;
+        };
+        let waiting = self.command.take();
         self.command = Waiting::new(self.config.arm, bytes.get(..len).unwrap_or_default(), now);
         self.streams.command.motion(self.config.silence.after(), now);
         if waiting.is_some() {

@@ -246,20 +246,27 @@ impl ControlServer {
 impl Bridge {
     /// Answers what hosts have asked on the control port, as far as there is room for the answers.
     pub(crate) fn serve(&mut self, now: Micros) {
-        for port in [Port::Usb, Port::Can] {
-            while self.control.has_room(port, &self.can) {
-                let reply = match self.control.finished(port, &self.config) {
-                    Some(reply) => Some(reply),
-                    None => match self.next_request(port) {
-                        Some(request) => self.heed(port, request, now),
-                        None => break,
-                    },
-                };
-                if let Some((sequence, reply)) = reply {
-                    self.control.reply(port, sequence, reply, &mut self.can);
-                }
+        // What one asks may end what another waits for.
+        while self.serve_port(Port::Usb, now) | self.serve_port(Port::Can, now) {}
+    }
+
+    /// Serves one port, and returns whether there was anything to do.
+    fn serve_port(&mut self, port: Port, now: Micros) -> bool {
+        let mut any = false;
+        while self.control.has_room(port, &self.can) {
+            let reply = match self.control.finished(port, &self.config) {
+                Some(reply) => Some(reply),
+                None => match self.next_request(port) {
+                    Some(request) => self.heed(port, request, now),
+                    None => break,
+                },
+            };
+            any = true;
+            if let Some((sequence, reply)) = reply {
+                self.control.reply(port, sequence, reply, &mut self.can);
             }
         }
+        any
     }
 
     fn next_request(&mut self, port: Port) -> Option<Result<FromHost, Malformed>> {

@@ -11,6 +11,9 @@ use crate::earliest::earliest;
 /// Requests that are remembered at a time. Only the host on USB can send one before the last is answered.
 const FLIGHTS: usize = 8;
 
+/// Kinds of requests besides, of which only the number is remembered.
+const KINDS: usize = 4;
+
 /// Missing answers that are remembered at a time.
 const OWED: usize = 4;
 
@@ -22,8 +25,10 @@ pub(crate) struct Exchange {
     asker: Asker,
     /// In the order in which they were sent.
     flights: Vec<Flight, FLIGHTS>,
-    /// How many were sent besides, and the longest that the arm may take for one of them.
-    more: u32,
+    /// Those that were sent besides, by what answers them, and how many of still other kinds.
+    more: Vec<More, KINDS>,
+    others: u32,
+    /// The longest that the arm may take for one of those.
     more_patience: Micros,
     /// When all answers that are still missing are given up.
     due: Micros,
@@ -38,6 +43,13 @@ struct Flight {
     patience: Micros,
     /// When its last byte is out.
     sent: Micros,
+}
+
+/// Requests that are with the arm and of which not more is remembered.
+#[derive(Clone, Copy)]
+struct More {
+    key: Key,
+    count: u32,
 }
 
 /// An answer that was missing and may still come.
@@ -63,7 +75,8 @@ impl Exchange {
         Self {
             asker: Asker::Adapter,
             flights: Vec::new(),
-            more: 0,
+            more: Vec::new(),
+            others: 0,
             more_patience: Micros(0),
             due: Micros(0),
             owed: Vec::new(),
@@ -83,7 +96,12 @@ impl Exchange {
 
     /// How many answers the arm owes whoever holds the line.
     fn open(&self) -> usize {
-        self.flights.len().saturating_add(self.more as usize)
+        if !self.has_more() {
+            return self.flights.len();
+        }
+        let more = self.more.iter().map(|more| more.count);
+        let more = more.fold(self.others, u32::saturating_add);
+        self.flights.len().saturating_add(more as usize)
     }
 
     /// A request that the arm answers within `patience` went out, the last byte of it at `sent`.
@@ -102,12 +120,33 @@ impl Exchange {
             sent,
         };
         if self.flights.push(flight).is_err() {
-            self.more_patience = match self.more {
-                0 => patience,
-                _ => self.more_patience.max(patience),
+            self.more_patience = match self.has_more() {
+                true => self.more_patience.max(patience),
+                false => patience,
             };
-            self.more = self.more.saturating_add(1);
+            self.remember_one_more(asked.key);
         }
+    }
+
+    // Seldom needed, and not worth the room in those who need it.
+    #[inline(never)]
+    fn remember_one_more(&mut self, key: Key) {
+        let known = self.more.iter_mut().find(|more| more.key == key);
+        let refused = match known {
+            Some(more) => {
+                more.count = more.count.saturating_add(1);
+                false
+            }
+            None => self.more.push(More { key, count: 1 }).is_err(),
+        };
+        if refused {
+            self.others = self.others.saturating_add(1);
+        }
+    }
+
+    /// Whether more requests are with the arm than are remembered one by one.
+    fn has_more(&self) -> bool {
+        !self.more.is_empty() || self.others > 0
     }
 
     /// What the arm may say next.
@@ -128,15 +167,13 @@ impl Exchange {
                 }
                 !answers
             });
-            // What answers none of those that are remembered answers one of the others.
-            if answered.is_none() && self.more > 0 {
-                self.more = self.more.saturating_sub(1);
+            if answered.is_none() && self.has_more() && self.answers_one_of_more(key) {
                 answered = Some(None);
             }
         }
         // An arm answers one after the other: those behind this one have their time from now on.
         let behind = self.flights.iter().filter(|_| answered.is_some());
-        let more = (self.more > 0).then_some(self.more_patience);
+        let more = self.has_more().then_some(self.more_patience);
         for patience in behind.map(|flight| flight.patience).chain(more) {
             self.due = self.due.max(now + patience);
         }
@@ -150,6 +187,20 @@ impl Exchange {
             }
             false => Heard::Unasked,
         }
+    }
+
+    /// Whether a frame with this key answers a request that is not remembered by itself, which it then has.
+    #[inline(never)]
+    fn answers_one_of_more(&mut self, key: Key) -> bool {
+        if let Some(more) = self.more.iter_mut().find(|more| more.key == key) {
+            more.count = more.count.saturating_sub(1);
+            self.more.retain(|more| more.count > 0);
+            return true;
+        }
+        // Of what kind the others are is not known.
+        let others = self.others;
+        self.others = others.saturating_sub(1);
+        others > 0
     }
 
     /// Whether a request with this key must wait, because its answer could not be told from one that was given up.
@@ -175,30 +226,41 @@ impl Exchange {
         if self.owed.is_empty() && self.holder().is_none() {
             return 0;
         }
+        let missing = match self.holder() {
+            Some(_) if now >= self.due => self.give_up(),
+            _ => 0,
+        };
         self.owed.retain(|owed| now < owed.until);
-        if self.holder().is_none() || now < self.due {
-            return 0;
-        }
+        missing
+    }
+
+    /// Remembers that the answers are missing that were waited for, and returns how many.
+    #[inline(never)]
+    fn give_up(&mut self) -> usize {
         let until = self.due + LATENESS;
         let missing = self.open();
-        for flight in &self.flights {
+        let flights = self.flights.iter().map(|flight| flight.key);
+        for key in flights.chain(self.more.iter().map(|more| more.key)) {
             let oldest = self.owed.first().filter(|_| self.owed.is_full()).map(|owed| owed.key);
-            self.owed
-                .retain(|owed| owed.key != flight.key && Some(owed.key) != oldest);
+            self.owed.retain(|owed| owed.key != key && Some(owed.key) != oldest);
             // There is room.
-            let _ = self.owed.push(Owed { key: flight.key, until });
+            let _ = self.owed.push(Owed { key, until });
         }
-        self.flights.clear();
-        self.more = 0;
+        self.forget();
         missing
+    }
+
+    fn forget(&mut self) {
+        self.flights.clear();
+        self.more.clear();
+        self.others = 0;
     }
 
     /// Nothing that was asked is waited for any more: how many answers are given up.
     pub(crate) fn abandon(&mut self) -> usize {
         let missing = self.open();
-        self.flights.clear();
+        self.forget();
         self.owed.clear();
-        self.more = 0;
         missing
     }
 }

@@ -201,16 +201,21 @@ impl Bridge {
 
     /// The exchange of `asker` is over, with this answer if there is one and somebody wants it.
     fn ended(&mut self, asker: Asker, answer: Option<FrameBytes>, now: Micros) {
+        self.close(asker, answer, now);
+        if asker == Asker::Adapter {
+            self.serve(now);
+        }
+    }
+
+    /// Notes that the exchange of `asker` is over. What that lets the control port answer is not answered yet.
+    fn close(&mut self, asker: Asker, answer: Option<FrameBytes>, now: Micros) {
         self.turn.went(now);
         match asker {
             Asker::Poll => {
                 let missed = self.poll.ended(now);
                 count(&mut self.counters.missed_polls, missed);
             }
-            Asker::Adapter => {
-                self.control.arm_identified(answer);
-                self.serve(now);
-            }
+            Asker::Adapter => self.control.arm_identified(answer),
             Asker::Usb | Asker::Can | Asker::Command => {}
         }
         self.pass();
@@ -283,13 +288,18 @@ impl Bridge {
             return None;
         }
         // More of what was begun, or more requests while nobody else has one.
-        if self.usb_speaks() || !self.others_wait(now) {
-            return self.is_ready(Asker::Usb, now).then_some(Asker::Usb);
+        let usb = self.is_ready(Asker::Usb, now).then_some(Asker::Usb);
+        if self.usb_speaks() || self.others_are_silent(now) {
+            return usb;
+        }
+        let ready = ASKERS.map(|asker| self.is_ready(asker, now));
+        let [_, others @ ..] = ready;
+        if !others.contains(&true) {
+            return usb;
         }
         if self.exchange.holder().is_some() {
             return None;
         }
-        let ready = ASKERS.map(|asker| self.is_ready(asker, now));
         let ready = |asker: Asker| ready.get(asker as usize) == Some(&true);
         // A poll must be on time, but whoever has waited for one does not wait for the next.
         let urgent = self.poll.is_urgent();
@@ -309,16 +319,19 @@ impl Bridge {
         turns.find(|&asker| ready(asker) && !(asker == Asker::Poll && urgent))
     }
 
-    /// Whether anybody but the host on USB could speak.
-    fn others_wait(&self, now: Micros) -> bool {
-        // Nearly always nobody has anything to say.
-        let silent = self.can_requests.is_empty()
+    /// Whether nobody but the host on USB has anything to say, which is so nearly always.
+    fn others_are_silent(&self, now: Micros) -> bool {
+        self.can_requests.is_empty()
             && self.command.is_none()
             && self.torque_off.is_none()
             && self.identify.is_none()
-            && self.poll.due_since(LEAD, now).is_none();
+            && self.poll.due_since(LEAD, now).is_none()
+    }
+
+    /// Whether anybody but the host on USB could speak.
+    fn others_wait(&self, now: Micros) -> bool {
         let [_, others @ ..] = ASKERS;
-        !silent && others.into_iter().any(|asker| self.is_ready(asker, now))
+        !self.others_are_silent(now) && others.into_iter().any(|asker| self.is_ready(asker, now))
     }
 
     /// Whether `asker` could speak if it were its turn: it has something to say, and an answer to that could be told from
@@ -343,6 +356,8 @@ impl Bridge {
     }
 
     /// Since when `asker` has had something to say.
+    // Inlined for each of them it takes more room than all else that asks.
+    #[inline(never)]
     fn since(&self, asker: Asker, now: Micros) -> Option<Micros> {
         match asker {
             Asker::Usb => Some(self.turn.usb_moved),
@@ -542,7 +557,7 @@ impl Bridge {
         let missing = self.exchange.abandon();
         count(&mut self.counters.unanswered_requests, missing);
         if let Some(asker) = holder {
-            self.ended(asker, None, now);
+            self.close(asker, None, now);
         }
         self.tap.clear();
         self.asks.clear();

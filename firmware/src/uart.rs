@@ -59,6 +59,8 @@ static HEAD: AtomicUsize = AtomicUsize::new(0);
 static NEEDED: AtomicUsize = AtomicUsize::new(SIZE);
 /// Where they did.
 static REACHED: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
+/// Where the ring ended when the interrupt handler last saw a byte come in. It sees none that it is not asked for.
+static SEEN: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
 /// Where the line went idle, and when that was known.
 static IDLE: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
 /// What the interrupt handler has to say.
@@ -91,19 +93,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
             SENT.signal(());
         }
         if status.is_error() {
-            let counted = critical_section::with(|cs| COUNTED.borrow(cs).take());
-            let counted = match counted {
-                Some((end, counted)) if end == tail() => counted,
-                _ => Status::default(),
-            };
-            for (flag, was, counter) in [
-                (status.framing, counted.framing, &FRAMING),
-                (status.parity, counted.parity, &PARITY),
-                (status.noise, counted.noise, &NOISE),
-                (status.overrun, counted.overrun, &OVERRUN),
-            ] {
-                counter.fetch_add((flag && !was).into(), Ordering::Relaxed);
-            }
+            count(status);
             // Errors that wait for the DMA to fetch a byte would bring the handler here again and again until then.
             // Whoever restarts the receive path asks for errors again.
             usart::mute_errors();
@@ -120,17 +110,40 @@ impl Handler<UartInterrupt> for InterruptHandler {
         let end = tail();
         let mark = Some(Mark { end, at });
         let reached = untaken(end) >= NEEDED.load(Ordering::Relaxed);
+        let place = match status.idle {
+            true => &IDLE,
+            false => &SEEN,
+        };
+        critical_section::with(|cs| {
+            place.borrow(cs).set(mark);
+            if reached {
+                REACHED.borrow(cs).set(mark);
+            }
+        });
         if reached {
             NEEDED.store(SIZE, Ordering::Relaxed);
             usart::set_byte_interrupt(false);
-            critical_section::with(|cs| REACHED.borrow(cs).set(mark));
-        }
-        if status.idle {
-            critical_section::with(|cs| IDLE.borrow(cs).set(mark));
         }
         if reached || status.idle || status.is_error() {
             EVENT.signal(());
         }
+    }
+}
+
+/// Counts errors, but not again those of a byte that still waits.
+fn count(status: Status) {
+    let counted = critical_section::with(|cs| COUNTED.borrow(cs).take());
+    let counted = match counted {
+        Some((end, counted)) if end == tail() => counted,
+        _ => Status::default(),
+    };
+    for (flag, was, counter) in [
+        (status.framing, counted.framing, &FRAMING),
+        (status.parity, counted.parity, &PARITY),
+        (status.noise, counted.noise, &NOISE),
+        (status.overrun, counted.overrun, &OVERRUN),
+    ] {
+        counter.fetch_add((flag && !was).into(), Ordering::Relaxed);
     }
 }
 
@@ -287,7 +300,11 @@ impl Receiver {
     /// Passes what was kept when the stream was stopped to the bridge.
     fn pass_rest(&mut self) {
         // Places in the ring mean nothing any more.
-        let (_, idle) = critical_section::with(|cs| (REACHED.borrow(cs).take(), IDLE.borrow(cs).take()));
+        let idle = critical_section::with(|cs| {
+            REACHED.borrow(cs).set(None);
+            SEEN.borrow(cs).set(None);
+            IDLE.borrow(cs).take()
+        });
         self.adapter.with(|bridge| {
             bridge.uart_received(&self.chunk[..self.rest], now());
             if let Some(idle) = idle {
@@ -302,8 +319,9 @@ impl Receiver {
         self.adapter.with(|bridge| {
             // At once, or the line could go idle in between, short of the tail.
             let (mut reached, idle, all) = critical_section::with(|cs| {
-                let (end, at) = (tail(), now());
-                (REACHED.borrow(cs).take(), IDLE.borrow(cs).take(), Mark { end, at })
+                let all = Mark { end: tail(), at: now() };
+                let seen = SEEN.borrow(cs).take().filter(|seen| seen.end == all.end);
+                (REACHED.borrow(cs).take(), IDLE.borrow(cs).take(), seen.unwrap_or(all))
             });
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // What the ring holds is of two turns: none of it can be told apart.

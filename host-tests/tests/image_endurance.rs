@@ -26,8 +26,9 @@ const BYTES: u64 = 10_000_000;
 /// Polls per second.
 const HERTZ: u16 = 200;
 
-/// How much more memory a long run may take at its end than when a tenth of it was over.
-const MORE_MEMORY: u64 = 4 << 20;
+/// How much more memory a long run may take at its end than when a tenth of it was over. The emulator takes some 60 kB more
+/// in each second of a saturated line. A record of what was on the wires would take 200 MB.
+const MORE_MEMORY: u64 = 16 << 20;
 
 /// The memory of this process, in bytes, if the system tells it.
 fn memory() -> Option<u64> {

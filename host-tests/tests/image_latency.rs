@@ -23,13 +23,13 @@ const TIMES: u64 = 1_000;
 
 /// After this a packet is ready for the host. The goal is a tenth of the time that an answer with joint positions takes on
 /// the line, 21 µs.
-const LIMIT: Nanos = Nanos(30_000);
+const LIMIT: Nanos = Nanos(25_000);
 
 /// What it takes to see that the line is idle, at 1 Mbaud.
 const IDLE_WAIT: Nanos = Nanos(10_000);
 
 /// What the firmware holds while it sends to the arm without a pause. It is not the goal yet.
-const BUSY: Nanos = Nanos(50_000);
+const BUSY: Nanos = Nanos(45_000);
 
 fn on_board_at<A: Arm>(cost: u32, arm: A, test: impl FnOnce(&mut VirtualBoard<A>)) {
     let mut config = Config::new(path(), arm);
@@ -59,7 +59,7 @@ fn forget<A: Arm>(board: &mut VirtualBoard<A>) {
 }
 
 #[test]
-fn an_answer_is_ready_for_the_host_within_thirty_microseconds() {
+fn an_answer_is_ready_for_the_host_within_25_microseconds() {
     for cost in COSTS {
         let arm = LingArm::new(armwire_sim::ling::Config::follower());
         on_board_at(cost, arm, |board| {

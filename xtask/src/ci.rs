@@ -10,26 +10,16 @@ use crate::image::{self, Image, Options, TARGET};
 use crate::process::{self, shown};
 use crate::toolchain::Toolchain;
 use crate::workspace;
-use crate::{licences, no_panic, vendor};
+use crate::{campaign, coverage, deny, features, fuzz, integrity, no_panic, semver, stack, unsafe_code, vendor};
 
 /// Everything but the firmware. The emulator asks for a newer compiler than it needs.
 const HOST: &str = "--ignore-rust-version --workspace --exclude armwire-firmware";
-/// The features of `armwire`, to be built and tested one by one.
-const FEATURES: [&str; 8] = [
-    "",
-    "ling",
-    "xarm",
-    "alpha1",
-    "async",
-    "defmt",
-    "crc-table",
-    "crc-table16",
-];
 /// Where the crates without `std` must build.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";
-/// The link test is no member of the workspace.
+/// The link test and the fuzz targets are no members of the workspace.
 const LINK_TEST: &str = "--manifest-path host-tests/no-panic/Cargo.toml";
+const FUZZ: &str = "--manifest-path host-tests/fuzz/Cargo.toml";
 
 /// Runs every check.
 ///
@@ -39,29 +29,38 @@ const LINK_TEST: &str = "--manifest-path host-tests/no-panic/Cargo.toml";
 pub(crate) fn run() -> Result {
     let mut ci = Ci::default();
     ci.step("dependencies as locked", || {
+        let alone = [LINK_TEST, FUZZ].map(|package| format!("fetch --locked {package}"));
         check(&mut cargo("fetch --locked"))?;
-        check(&mut cargo(&format!("fetch --locked {LINK_TEST}")))
+        alone.iter().try_for_each(|fetch| check(&mut cargo(fetch)))
     })?;
-    ci.step("licences of dependencies", licences::run)?;
+    ci.step("licences, versions and sources of dependencies", deny::run)?;
     ci.step("formatting", || {
         check(&mut cargo("fmt --all --check"))?;
-        check(&mut cargo(&format!("fmt --check {LINK_TEST}")))
+        check(&mut cargo(&format!("fmt --check {LINK_TEST}")))?;
+        check(&mut cargo(&format!("fmt --check {FUZZ}")))
     })?;
     ci.step("drawings", drawings)?;
     ci.step("docs/armwire.dbc", vendor::can::check_dbc)?;
     ci.step("clippy", || {
         check(&mut cargo(&format!(
             "clippy {HOST} --all-targets --all-features -- -D warnings"
-        )))
+        )))?;
+        check(&mut cargo(&format!("clippy {FUZZ} -- -D warnings")))
     })?;
+    ci.step("unsafe code", unsafe_code::run)?;
     ci.step("documentation", || {
         check(cargo(&format!("doc {HOST} --no-deps --all-features")).env("RUSTDOCFLAGS", "-D warnings"))
     })?;
     ci.step("tests", || check(&mut cargo("test")))?;
-    ci.step("features of armwire", features)?;
+    ci.step("docs/integrity.md", || integrity::run(&[]))?;
+    ci.step("every set of features, and the oldest compiler", features::run)?;
+    ci.step("public API", semver::run)?;
     ci.step("crates without std", no_std)?;
     ci.step("clippy for the microcontroller", clippy_thumb)?;
     ci.step("no path to a panic", no_panic::run)?;
+    ci.step("stack", stack::run)?;
+    ci.step("fuzz targets", || fuzz::run(&[]))?;
+    ci.step("what the fuzz corpus covers", || coverage::run(false))?;
     ci.step("firmware images with every option", || {
         Board::ALL
             .into_iter()
@@ -77,11 +76,18 @@ pub(crate) fn run() -> Result {
         // What they measured is worth seeing.
         check(test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path))
     })?;
+    ci.step("faults around the firmware image", || {
+        campaign::run_on(&image.path, &[])
+    })?;
     ci.step("CAN software", vendor::can::drive)?;
     ci.step("vendors' SDKs", || {
         vendor::sdk::drive_xarm()?;
         vendor::sdk::drive_ling()
     })?;
+    ci.step(
+        "the parser of Ling's SDK and ours on damaged streams",
+        vendor::differential::compare,
+    )?;
     println!("\nall {} steps passed in {:.0?}", ci.steps, ci.time);
     Ok(())
 }
@@ -120,23 +126,6 @@ fn drawings() -> Result {
     drawings.retain(|file| file.extension().is_some_and(|extension| extension == "svg"));
     println!("{} drawings", drawings.len());
     process::run(Command::new("python3").args(["-c", parse]).args(drawings))
-}
-
-/// Each feature of `armwire` alone, and all of them, compiled and tested.
-fn features() -> Result {
-    let all = FEATURES[1..].join(",");
-    for features in FEATURES.into_iter().chain([&*all]) {
-        let select = format!("--package armwire --no-default-features --features={features}");
-        check(&mut cargo(&format!("check --all-targets {select}")))?;
-        // With defmt, tests need a logger to link. The examples in the documentation are not run here but with the
-        // tests before: those of what all protocols share are of Ling's, and need that feature.
-        if !features.contains("defmt") {
-            check(&mut cargo(&format!("test --quiet --lib --tests {select}")))?;
-        }
-    }
-    check(&mut cargo(
-        "check --all-targets --package armwire-bridge --features=defmt",
-    ))
 }
 
 /// The crates that must build without `std` do, without features and with all.

@@ -16,7 +16,6 @@ mod flash;
 mod fuzz;
 mod image;
 mod integrity;
-mod licences;
 mod mutants;
 mod no_panic;
 mod process;
@@ -61,7 +60,6 @@ cargo xtask mutants       change the code and see whether tests notice: for hour
 cargo xtask fuzz          run the fuzz targets, each for 60 s or `--seconds N`; `--minimise` makes their corpus anew
 cargo xtask coverage      print how much of the protocol and bridge crates the fuzz corpus reaches, and check the limit;
                           `--list` tells the lines that it does not reach
-cargo xtask licences      check the licences of all dependencies
 
 IMAGE: --board NAME       stm32f405, which it is without this option, or stm32g431
        --crystal-12mhz    for an STM32F405 with a 12 MHz crystal instead of 8 MHz
@@ -105,7 +103,6 @@ fn dispatch(args: &[OsString]) -> Result {
             [list] if list == "--list" => coverage::run(true),
             _ => no_options(rest).and_then(|()| coverage::run(false)),
         },
-        Some("licences") => no_options(rest).and_then(|()| licences::run()),
         Some("help" | "--help" | "-h") => {
             println!("{USAGE}");
             Ok(())

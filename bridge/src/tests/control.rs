@@ -170,6 +170,25 @@ fn the_arm_is_asked_what_it_is() {
     assert_eq!(rig.call(Request::IdentifyArm), Reply::Arm(none));
 }
 
+#[test]
+fn whoever_waits_for_an_arm_that_another_takes_away_is_answered_at_once() {
+    let servos = Config {
+        arm: ArmKind::Alpha1Servo,
+        ..Config::default()
+    };
+    let mut rig = quiet();
+    rig.manners = Box::new(|_| None);
+    let sequence = rig.ask(Request::IdentifyArm);
+    rig.run(1_000);
+    assert_eq!(rig.bridge.counters().requests_adapter, 1);
+    assert_eq!(call_on_can(&mut rig, 77, Request::SetConfig(servos)), Reply::Done);
+    let nothing = ArmIdentity {
+        kind: ArmKind::Alpha1Servo,
+        answer: None,
+    };
+    assert_eq!(rig.replies, [(sequence, Reply::Arm(nothing))]);
+}
+
 fn identity(count: Option<u8>) -> ArmIdentity {
     let answer = count.map(|count| {
         let mut data = [0; 24];

@@ -6,15 +6,15 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::Protocol;
 use armwire::ling::{self, Ling};
+use armwire::{Micros, Protocol};
 
 use super::rig::{Rig, ling};
 use crate::can::Node;
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::config::{Can, Config, Silence};
-use crate::control::{Asker, Event, Refusal};
+use crate::control::{Asker, Event, FromHost, MAX_COBS, Refusal, Request, encode_cobs};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
@@ -289,6 +289,29 @@ fn commands_are_off_by_default() {
         rig.run(10_000);
     }
     assert_eq!((rig.line(), rig.events), (vec![], vec![]));
+}
+
+#[test]
+fn commands_end_with_the_configuration_though_the_bus_is_still_the_one_before() {
+    let mut rig = Rig::new(silence(0, false));
+    send(&mut rig, command(0));
+    let mut off = Config::default();
+    off.can.node = Node::new(5).unwrap();
+    // Nobody has set up the controller anew yet.
+    let request = FromHost {
+        sequence: 1,
+        request: Request::SetConfig(off),
+    };
+    let mut bytes = [0; MAX_COBS];
+    let len = encode_cobs(&request, &mut bytes).unwrap();
+    let now = Micros(rig.now);
+    rig.bridge.control_received(&bytes[..len], now);
+    for frame in command(1).to_frames(Node::default()) {
+        rig.bridge.can_received(&frame, now);
+    }
+    assert!(!rig.bridge.uart_due(now));
+    rig.run(10_000);
+    assert_eq!((rig.line(), rig.bridge.counters().requests_command), (vec![], 0));
 }
 
 #[test]

@@ -188,6 +188,24 @@ fn a_host_on_usb_may_ask_more_than_is_remembered_and_nobody_gets_its_answers() {
 }
 
 #[test]
+fn what_the_arm_says_unasked_is_no_answer_however_many_requests_are_with_it() {
+    let mut rig = Rig::new(Config::default());
+    // The arm answers late, so that all of them are with it when it says something else.
+    rig.manners = Box::new(|_| None);
+    rig.usb_out.extend(JOINTS.repeat(9));
+    rig.run(700);
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(1_000);
+    rig.arm_says(&ling(0x77, 0, &[]));
+    for n in 1..=9 {
+        rig.arm_says(&ling(0x06, 0, &[n; 15]));
+        rig.run(1_000);
+    }
+    assert_eq!(rig.bridge.counters().unasked_frames, 1);
+    assert_eq!((kinds(&rig.usb).len(), rig.can.len()), (10, 0));
+}
+
+#[test]
 fn an_answer_may_come_while_the_host_still_asks_for_more() {
     let mut rig = Rig::new(Config::default());
     rig.usb_out.extend(JOINTS.repeat(8));

@@ -17,9 +17,6 @@ use crate::ling::any_move;
 use crate::subject::{request_bytes, response_bytes};
 use crate::{Result, Subject, Unstructured};
 
-/// The shortest request to an Alpha1: to play the action whose name is empty.
-const PLAY_NOTHING: [u8; 5] = [0xF3, 0x3F, 0x01, 0x01, 0xED];
-
 /// An adapter, its hosts, and what they said and heard.
 pub struct World {
     /// The adapter.
@@ -295,8 +292,7 @@ impl World {
             return true;
         }
         let Some(burst) = self.bridge.uart_transmit(&mut out, self.now) else {
-            // A command that came by the bus as it was may be one that the new kind of arm does not have.
-            let said = room < MAX_FRAME || !due || self.reconfigured && self.commanded;
+            let said = room < MAX_FRAME || !due;
             assert!(said, "there is something to say, and it is not said");
             return false;
         };
@@ -650,8 +646,6 @@ fn is_reply(message: FromAdapter, now: Micros) -> bool {
 fn wants_answer(arm: ArmKind, bytes: &[u8]) -> Option<bool> {
     match arm {
         ArmKind::Ling => reply_of::<Ling>(bytes),
-        // The adapter takes it for a request that is not answered.
-        ArmKind::Alpha1 | ArmKind::Alpha1Servo if bytes == PLAY_NOTHING => None,
         ArmKind::Alpha1 | ArmKind::Alpha1Servo => reply_of::<Alpha1>(bytes),
         ArmKind::Raw => Some(false),
     }

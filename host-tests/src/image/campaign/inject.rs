@@ -66,8 +66,9 @@ impl Rig {
                 self.without_arm(5_000, 50_000)?;
             }
             Fault::NakStorm => {
+                // For up to 50 ms, as a packet goes with each on the way to the device.
                 for direction in [Direction::In, Direction::Out] {
-                    let count = self.dice.between(100, 2_000) as u32;
+                    let count = self.dice.between(100, 1_000) as u32;
                     self.board.usb().inject_naks(direction, count);
                 }
             }
@@ -256,18 +257,17 @@ impl Rig {
     /// The power goes somewhere in the writing of a configuration, and comes back: what was saved before is there, or what
     /// was being saved, and nothing else.
     fn lose_power_in_save(&mut self) -> Result<Nanos> {
-        let old = Config {
-            poll: Poll::Hertz(50),
+        let [first, old, new] = [40, 50, 70].map(|hertz| Config {
+            poll: Poll::Hertz(hertz),
             ..Config::default()
-        };
-        let new = Config {
-            poll: Poll::Hertz(70),
-            ..Config::default()
-        };
-        let first = self.board.flash_operations();
+        });
+        // The first one to be saved takes more operations than those after it.
+        self.order(Request::SetConfig(first))?;
+        self.order(Request::SaveConfig)?;
+        let before = self.board.flash_operations();
         self.order(Request::SetConfig(old))?;
         self.order(Request::SaveConfig)?;
-        let operations = u64::from(self.board.flash_operations() - first);
+        let operations = u64::from(self.board.flash_operations() - before);
         self.order(Request::SetConfig(new))?;
         let after = self.dice.between(0, operations - 1) as u32;
         self.board.cut_power_after(after);

@@ -20,6 +20,7 @@ use std::thread;
 
 use armwire_virtual_board::Nanos;
 
+pub use self::books::Losses;
 pub use self::cable::{Cable, Damage, Way};
 pub use self::deceit::Deceit;
 use self::dice::Dice;
@@ -28,7 +29,7 @@ use self::rig::Rig;
 pub use self::table::Table;
 
 /// What a part of a run gives: an error says what was not as it must be.
-type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
+pub type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
 
 /// How long everybody works after all that went wrong, with nothing more to be lost.
 const CLEAN: Nanos = Nanos::from_millis(30);
@@ -55,7 +56,7 @@ pub struct Outcome {
     pub case: Case,
     /// How long it took from the end of the fault until all traffic was back, and what was counted as lost, by name; or all
     /// that was not as it must be.
-    pub result: std::result::Result<(Nanos, Vec<(&'static str, u32)>), String>,
+    pub result: Result<(Nanos, Losses), String>,
 }
 
 impl Case {
@@ -94,7 +95,7 @@ impl Case {
         Outcome { case: self, result }
     }
 
-    fn attempt(self, deceit: Option<Deceit>) -> Result<(Nanos, books::Losses)> {
+    fn attempt(self, deceit: Option<Deceit>) -> Result<(Nanos, Losses)> {
         let mut rig = Rig::start(Dice::new(self.seed, self.number))?;
         rig.reach(self.moment)?;
         let mut over = rig.inject(self.fault)?;
