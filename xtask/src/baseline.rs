@@ -3,13 +3,12 @@
 //! A file has the compiler that they are of, and a line for each: its name and a number. It is written by a command, never
 //! by hand.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 use crate::Result;
-use crate::process::output;
+use crate::toolchain::Toolchain;
 use crate::workspace;
 
 /// By how much a figure may grow, in percent.
@@ -29,13 +28,13 @@ pub(crate) struct Baseline {
 }
 
 impl Baseline {
-    /// Figures of the compiler in use.
+    /// Figures of what these compilers made.
     ///
     /// # Errors
     ///
-    /// If it does not say which it is.
-    pub(crate) fn of(figures: Figures) -> Result<Self> {
-        let compiler = output(Command::new("rustc").arg("--version"))?.trim().to_owned();
+    /// If one does not say which it is.
+    pub(crate) fn of(figures: Figures, toolchain: Toolchain) -> Result<Self> {
+        let compiler = toolchain.version()?;
         Ok(Self { compiler, figures })
     }
 
@@ -52,7 +51,7 @@ impl Baseline {
             if let Ok(old) = Self::read(&path)
                 && old.compiler == self.compiler
             {
-                self.figures = old.figures.into_iter().chain(self.figures).collect();
+                self.keep_unmeasured(old.figures);
             }
             fs::write(&path, self.text(command))?;
             println!("written to {file}");
@@ -81,6 +80,14 @@ impl Baseline {
             )
             .into()),
         }
+    }
+
+    /// Takes over all of what nothing was measured now: up to its comma, a name says what it is of.
+    fn keep_unmeasured(&mut self, old: Figures) {
+        let of = |name: &str| name.split(',').next().map(str::to_owned);
+        let measured: BTreeSet<_> = self.figures.keys().map(|name| of(name)).collect();
+        self.figures
+            .extend(old.into_iter().filter(|(name, _)| !measured.contains(&of(name))));
     }
 
     /// What is more than it was, or was not there, a line each.
@@ -139,6 +146,13 @@ mod tests {
         assert_eq!(Baseline::parse(&kept.text("command")), Some(kept));
         assert_eq!(Baseline::parse("decode 350\n"), None, "of which compiler is not said");
         assert_eq!(Baseline::parse("compiler rustc 1\ndecode\n"), None);
+    }
+
+    #[test]
+    fn what_was_not_measured_is_kept_and_what_is_gone_is_not() {
+        let mut new = baseline(&[("m4, decode", 1)]);
+        new.keep_unmeasured(baseline(&[("m4, decode", 2), ("m4, gone", 3), ("host, decode", 4)]).figures);
+        assert_eq!(new, baseline(&[("m4, decode", 1), ("host, decode", 4)]));
     }
 
     #[test]

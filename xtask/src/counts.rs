@@ -147,7 +147,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     }
     print(&figures, &flash);
     save(&figures)?;
-    Baseline::of(figures)?.check(FILE, "cargo xtask counts", write)
+    Baseline::of(figures, toolchain)?.check(FILE, "cargo xtask counts", write)
 }
 
 /// What a count is called where it is kept.

@@ -84,7 +84,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     println!("goal of a protocol alone: {} and {}", GOAL.flash, GOAL.ram);
     println!("stack: `cargo xtask stack`");
     save(&rows)?;
-    Baseline::of(figures)?.check(FILE, "cargo xtask size", write)
+    Baseline::of(figures, toolchain)?.check(FILE, "cargo xtask size", write)
 }
 
 /// What decoder and client take with these features of `armwire`, besides functions that move memory.
