@@ -8,7 +8,9 @@ use core::panic::PanicInfo;
 #[cortex_m_rt::entry]
 fn main() -> ! {
     armwire_counts::run();
-    loop {}
+    loop {
+        core::hint::spin_loop();
+    }
 }
 
 #[panic_handler]

@@ -17,7 +17,9 @@ fn main() -> ! {
     xarm();
     #[cfg(feature = "alpha1")]
     alpha1();
-    loop {}
+    loop {
+        core::hint::spin_loop();
+    }
 }
 
 #[cfg(feature = "ling")]
@@ -72,8 +74,8 @@ mod client {
         black_box(client.poll_transmit(now));
         client.transmitted(now, black_box(0));
         black_box(client.poll_timeout());
-        let mut received = [0; 64];
-        for mut input in black_box([Input::Bytes(black_box(&mut received)), Input::Idle, Input::Tick]) {
+        let received = [0; 64];
+        for mut input in black_box([Input::Bytes(black_box(&received)), Input::Idle, Input::Tick]) {
             while let Some(event) = client.handle(now, &mut input) {
                 black_box(event);
             }
