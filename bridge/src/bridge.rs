@@ -348,7 +348,13 @@ impl Bridge {
             Some(Received::Control) => self.serve(now),
             // The bus may be the one before a change of the configuration.
             Some(Received::Command(target)) if self.config.can.commands => self.take_command(&target, now),
-            Some(Received::Refused(asker, refusal)) => self.refuse(asker, refusal, now),
+            Some(Received::Refused(asker, refusal)) => {
+                // There is no room for what it says, but it says something.
+                if asker == Asker::Can {
+                    self.streams.can.hear(now);
+                }
+                self.refuse(asker, refusal, now);
+            }
             Some(Received::Command(_)) | None => {}
         }
     }
@@ -584,6 +590,7 @@ impl Bridge {
         let replied = |port: &mut Port| *port == Port::Usb || !self.can.control.is_sending();
         if self.can_change.take_if(replied).is_some() {
             self.can = CanPort::new(self.config.can);
+            self.control.forget_can();
             return Some(Action::RestartCan(self.config.can));
         }
         self.control.action()
@@ -653,6 +660,17 @@ impl Bridge {
         self.counters.watchdog_resets = watchdog_resets;
     }
 
+    /// What is saved could not be read at the start, so that the adapter is as from the factory.
+    ///
+    /// ```
+    /// let mut bridge = armwire_bridge::Bridge::default();
+    /// bridge.started_without_config();
+    /// assert_eq!(bridge.counters().config_failures, 1);
+    /// ```
+    pub fn started_without_config(&mut self) {
+        count(&mut self.counters.config_failures, 1);
+    }
+
     /// Whether bytes for the arm stopped moving, or nobody has looked at the UART, for a second: something is wrong that
     /// only a restart cures. A host that does not read is no such thing.
     ///
@@ -666,7 +684,8 @@ impl Bridge {
     /// ```
     pub fn is_stuck(&self, now: Micros) -> bool {
         let unsent = !self.down.is_empty() || self.wanted.is_some();
-        let stands = self.exchange.holder().is_none_or(|holder| holder == Asker::Usb);
+        // While the arm owes somebody an answer, bytes may wait for that. It ends by itself.
+        let stands = self.exchange.holder().is_none();
         now.since(self.looked) > PATIENCE || unsent && stands && now.since(self.turn.moved()) > PATIENCE
     }
 }

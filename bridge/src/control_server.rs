@@ -114,6 +114,11 @@ impl ControlServer {
         let _ = self.flash.take_if(|pending| pending.port == Port::Usb);
     }
 
+    /// The bus is another one, or the adapter is another node on it: whoever subscribed is not there.
+    pub(crate) fn forget_can(&mut self) {
+        self.can_subscription = Subscription::default();
+    }
+
     pub(crate) fn usb_room(&self) -> bool {
         self.usb.read == self.usb.len
     }

@@ -34,7 +34,8 @@ pub struct Counters {
     pub noise_bytes: u32,
     /// Bytes from the arm dropped because the host did not read and the queue was full.
     pub dropped_bytes: u32,
-    /// Bytes from the arm dropped because no host had the port open when they came, or when it was opened.
+    /// Bytes from the arm dropped because no host had the port open when they came, or when it was opened. The last packet,
+    /// which the USB peripheral had when a host went, is not among them: nobody knows whether it was fetched.
     pub unheard_bytes: u32,
     /// Bytes from the host dropped because it sent a packet there was no room for. Firmware that asks
     /// [`Bridge::usb_room`](crate::Bridge::usb_room) never sees this count.
@@ -83,7 +84,7 @@ pub struct Counters {
     pub late_polls: u32,
     /// Slots that passed without a poll, because the one before had not ended.
     pub missed_polls: u32,
-    /// Requests from CAN refused because too many waited.
+    /// Requests from CAN refused because too many waited, or because they were longer than any frame.
     pub refused_can_requests: u32,
     /// PDUs from CAN refused because they are no frame of this arm.
     pub refused_can_frames: u32,
@@ -120,7 +121,8 @@ pub struct Counters {
     pub dropped_events: u32,
     /// Times a configuration was written to flash.
     pub config_saves: u32,
-    /// Times that failed.
+    /// Times that failed, and one more if what was in flash at the start could not be read: the adapter is then as from the
+    /// factory.
     pub config_failures: u32,
 }
 

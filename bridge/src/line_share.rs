@@ -275,10 +275,13 @@ impl Bridge {
     /// The UART works like this from here on. A frame that had begun will not end.
     pub fn line_changed(&mut self, line: Line) {
         self.uart_idle(self.looked);
-        self.line = line;
-        if self.wanted.is_none_or(|(wanted, _)| wanted == line) {
-            self.wanted = self.wanted_next.take();
+        match self.wanted {
+            Some((wanted, _)) if wanted == line => self.wanted = self.wanted_next.take(),
+            // The host has asked for the line as it was, while this one was being set up.
+            None if line != self.line => self.wanted = Some((self.line, 0)),
+            _ => {}
         }
+        self.line = line;
         count(&mut self.counters.line_codings, 1);
     }
 

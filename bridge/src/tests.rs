@@ -262,6 +262,25 @@ fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
 }
 
 #[test]
+fn a_line_coding_that_comes_while_the_uart_is_changed_takes_effect_after_that() {
+    const BAUD_2M: [u8; 7] = [0x80, 0x84, 0x1E, 0, 0, 0, 8];
+    for last in [BAUD_2M, LineCoding::LING.to_cdc()] {
+        let mut bridge = open();
+        bridge.request_line_coding(BAUD_115200, NOW).unwrap();
+        let first = bridge.line_change().unwrap();
+        // Firmware waits for the last bit to leave. Meanwhile:
+        bridge.request_line_coding(last, NOW).unwrap();
+        bridge.line_changed(first);
+        assert_eq!(bridge.line_coding().to_cdc(), last);
+        let line = bridge.line_change().unwrap();
+        assert_eq!(line.coding.to_cdc(), last);
+        bridge.line_changed(line);
+        assert_eq!(bridge.line_change(), None);
+        assert_eq!(bridge.line_coding().to_cdc(), last);
+    }
+}
+
+#[test]
 fn a_line_coding_the_uart_cannot_do_changes_nothing_and_is_counted() {
     let mut bridge = open();
     bridge.request_line_coding(BAUD_115200, NOW).unwrap();

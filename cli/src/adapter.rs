@@ -68,8 +68,9 @@ pub(crate) fn describe(identity: &Identity) -> String {
         "" => String::new(),
         commit => format!(" ({commit})"),
     };
+    let can_fd = if identity.can_fd { ", CAN FD" } else { "" };
     format!(
-        "{}, serial number {}, firmware {}{commit}",
+        "{}, serial number {}, firmware {}{commit}{can_fd}",
         identity.board, identity.serial, identity.firmware
     )
 }
@@ -164,6 +165,19 @@ mod tests {
     use armwire_bridge::can::Node;
 
     use super::*;
+
+    #[test]
+    fn an_adapter_tells_whether_it_has_can_fd() {
+        let mut identity = Identity::default();
+        identity.board.push_str("stm32g431").unwrap();
+        identity.firmware.push_str("0.1.0").unwrap();
+        identity.commit.push_str("1a2b3c4d5e6f").unwrap();
+        identity.can_fd = true;
+        assert_eq!(
+            describe(&identity),
+            "stm32g431, serial number , firmware 0.1.0 (1a2b3c4d5e6f), CAN FD"
+        );
+    }
 
     #[test]
     fn an_adapter_on_can_is_where_its_configuration_says() {

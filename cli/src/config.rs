@@ -330,6 +330,19 @@ mod tests {
     }
 
     #[test]
+    fn the_document_has_every_setting_of_can_and_what_it_is_from_the_factory() {
+        const DOCUMENT: &str = include_str!("../../docs/can.md");
+        let shown = show(&Config::default());
+        for (name, value) in shown.lines().filter_map(|line| line.split_once('=')) {
+            let is_row = |line: &&str| line.starts_with(&format!("| `{name}` | "));
+            let row = DOCUMENT.lines().find(is_row);
+            assert_eq!(row.is_some(), name.starts_with("can."), "{name}");
+            let usual = row.and_then(|row| row.split(" | ").nth(2)).unwrap_or(value);
+            assert!(usual.starts_with(value), "{name}: {usual}, not {value}");
+        }
+    }
+
+    #[test]
     fn every_setting_is_shown_and_has_a_line_of_its_own() {
         let (usual, unusual) = (show(&Config::default()), show(&UNUSUAL));
         assert_eq!(usual.lines().count(), KEYS.len());

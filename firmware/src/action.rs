@@ -25,11 +25,13 @@ pub(crate) fn store(flash: ConfigFlash) -> Store<ConfigFlash> {
     Store::new(flash, CONFIG_FLASH).unwrap()
 }
 
-/// The configuration that was saved, or as from the factory if there is none that can be read.
-pub(crate) fn load(store: &mut Store<ConfigFlash>) -> Config {
+/// The configuration that was saved, or as from the factory if there is none, or none that can be read; and whether
+/// that is so.
+pub(crate) fn load(store: &mut Store<ConfigFlash>) -> (Config, bool) {
     match block_on(store.load()) {
-        Ok(Saved::Config(config)) => config,
-        _ => Config::default(),
+        Ok(Saved::Config(config)) => (config, false),
+        Ok(Saved::Nothing) => (Config::default(), false),
+        Ok(Saved::Unreadable) | Err(_) => (Config::default(), true),
     }
 }
 

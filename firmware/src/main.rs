@@ -45,9 +45,14 @@ async fn main(spawner: Spawner) {
     let board = board::init();
     let restarts = restart::started(board.reset_by_watchdog);
     let mut store = action::store(board.flash);
-    let config = action::load(&mut store);
+    let (config, is_lost) = action::load(&mut store);
     let adapter = ADAPTER.init_with(|| Adapter::new(identity::identity(), config));
-    adapter.with(|bridge| bridge.started_after(restarts.panics, restarts.watchdog));
+    adapter.with(|bridge| {
+        bridge.started_after(restarts.panics, restarts.watchdog);
+        if is_lost {
+            bridge.started_without_config();
+        }
+    });
     let usb = usb::new(board.usb, adapter);
     let watchdog = IndependentWatchdog::new(board.watchdog, watchdog::TIMEOUT_US);
 

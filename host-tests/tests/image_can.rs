@@ -2,7 +2,7 @@
 
 use armwire::Protocol;
 use armwire::ling::{Ling, MAX_FRAME, Request, Response};
-use armwire_bridge::can::{Function, Node};
+use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::{self, Event};
 use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, Program, counters, on_board, plug_in, read_all};
@@ -121,6 +121,31 @@ fn a_bus_that_was_lost_is_counted_told_of_and_recovered() {
         assert_eq!(offs.last(), Some(&false), "{offs:?}");
         // The arm was asked all the time, and a host on the bus is served again.
         assert_eq!(counters(board).unanswered_requests, 0);
+        let joints = frame(Request::ReadJoints);
+        let answer = CanProgram::new(Node::default()).call(board, &joints);
+        assert_eq!(answer[..3], joints[..3]);
+    });
+}
+
+#[test]
+fn a_node_that_floods_the_adapter_with_what_is_no_request_keeps_neither_the_arm_nor_usb_waiting() {
+    on_board(ling(), |board| {
+        plug_in(board, MEGABAUD);
+        board.can().attach(RATE);
+        // As short as a frame can be, and nothing to answer.
+        let flood = Frame::new(Function::ArmRequest.id(Node::default()), &[]).unwrap();
+        board.can().flood(Some(&flood)).unwrap();
+        let mut program = Program::default();
+        for _ in 0..50 {
+            board.run_for(Nanos::from_millis(100)).unwrap();
+            let answer = program.call(board, Request::ReadTemperatures);
+            assert!(matches!(answer, Some(Response::Temperatures(_))), "{answer:?}");
+        }
+        let seen = counters(board);
+        assert!(seen.can_frames_received > 90_000, "{}", seen.can_frames_received);
+        assert_eq!((seen.can_receive_overruns, seen.watchdog_resets), (0, 0));
+        board.can().flood(None).unwrap();
+        board.run_for(Nanos::from_millis(10)).unwrap();
         let joints = frame(Request::ReadJoints);
         let answer = CanProgram::new(Node::default()).call(board, &joints);
         assert_eq!(answer[..3], joints[..3]);

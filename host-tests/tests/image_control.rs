@@ -9,7 +9,7 @@ use armwire_host_tests::image::{
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Arm, Direction};
 use armwire_virtual_board::report::Cause;
-use armwire_virtual_board::{Nanos, VirtualBoard};
+use armwire_virtual_board::{Nanos, VirtualBoard, flash};
 
 fn ling() -> LingArm {
     LingArm::new(armwire_sim::ling::Config::follower())
@@ -88,6 +88,22 @@ fn a_configuration_that_was_saved_is_in_force_after_a_power_cycle() {
     let reset = control.call(board, control::Request::GetConfig);
     assert_eq!(reset, Reply::Config(Config::default()));
     expect_restarts(board, &[Cause::Power; 3]);
+}
+
+#[test]
+fn a_configuration_that_cannot_be_read_is_counted_and_the_adapter_is_as_from_the_factory() {
+    // Something else was where the configuration is: `firmware/src/board/stm32f405/flash.rs`.
+    let mut flash = vec![0xFF; flash::SIZE];
+    flash[0x4000..0x8000].fill(0x5A);
+    let mut config = armwire_virtual_board::Config::new(path(), ling());
+    config.flash = Some(flash);
+    let mut board = VirtualBoard::start(config).unwrap();
+    plug_in(&mut board, MEGABAUD);
+    let board = &mut board;
+    let mut control = Control::open(board);
+    let reply = control.call(board, control::Request::GetConfig);
+    assert_eq!(reply, Reply::Config(Config::default()));
+    assert_eq!(counters(board).config_failures, 1);
 }
 
 #[test]

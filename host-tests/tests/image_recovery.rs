@@ -504,7 +504,8 @@ fn the_torque_goes_off_when_a_host_on_can_falls_silent_and_that_is_configured() 
 #[test]
 fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
     const BURST: usize = 12;
-    session(TURNAROUND, polled(HERTZ), |session| {
+    // The arm thinks for as long as the burst takes.
+    session(Micros(2_000), polled(HERTZ), |session| {
         session.can().asking.asks = false;
         session.run_for(millis(100));
         // As many as there are, without a wait for the answers, each in one frame.

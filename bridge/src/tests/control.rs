@@ -262,6 +262,47 @@ fn the_reply_on_can_goes_out_before_the_bus_is_another() {
 }
 
 #[test]
+fn a_subscription_on_can_ends_with_the_bus() {
+    let mut rig = quiet();
+    let all = Subscription {
+        frames: true,
+        events: true,
+    };
+    assert_eq!(call_on_can(&mut rig, 1, Request::Subscribe(all)), Reply::Done);
+    rig.arm_says(&ling(0x06, 0, &[0; 15]));
+    rig.run(20_000);
+    assert!(matches!(rig.can_control.pop(), Some(FromAdapter::Event { .. })));
+
+    let mut other = Config::default();
+    other.can.node = Node::MAX;
+    assert_eq!(rig.call(Request::SetConfig(other)), Reply::Done);
+    rig.arm_says(&ling(0x06, 0, &[0; 15]));
+    rig.run(2_000_000);
+    let counters = rig.bridge.counters();
+    assert_eq!((counters.unasked_frames, counters.isotp_failures), (2, 0));
+}
+
+#[test]
+fn a_configuration_that_ends_another_request_leaves_neither_without_a_reply() {
+    let mut rig = quiet();
+    rig.manners = Box::new(|_| None);
+    rig.ask_on_can(1, Request::IdentifyArm);
+    rig.run(1_000);
+    let alpha1 = Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    };
+    rig.ask_on_can(2, Request::SetConfig(alpha1));
+    rig.run(20_000);
+    let none = ArmIdentity {
+        kind: ArmKind::Alpha1,
+        answer: None,
+    };
+    let reply = |sequence, reply| FromAdapter::Reply { sequence, reply };
+    assert_eq!(rig.can_control, [reply(2, Reply::Done), reply(1, Reply::Arm(none))]);
+}
+
+#[test]
 fn cyclic_frames_change_without_leaving_the_bus() {
     let mut rig = quiet();
     let mut config = Config {

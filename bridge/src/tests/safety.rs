@@ -170,6 +170,29 @@ fn a_stream_from_can_is_watched_too() {
 }
 
 #[test]
+fn a_host_on_can_that_is_refused_is_not_silent() {
+    let mut rig = Rig::new(silence(100, true));
+    rig.subscribe();
+    for _ in 0..3 {
+        rig.can_out.push_back(motion());
+        rig.run(10_000);
+    }
+    // The arm checks itself for 500 ms, and there is no room for what CAN says meanwhile.
+    rig.manners = Box::new(|_| None);
+    rig.usb_out.extend(ling::SELF_CHECK);
+    rig.run(1_000);
+    for _ in 0..40 {
+        rig.can_out.push_back(motion());
+        rig.run(10_000);
+    }
+    assert!(rig.bridge.counters().refused_can_requests > 30);
+    assert_eq!(silences(&rig), []);
+    // Now it is.
+    rig.run(100_000);
+    assert_eq!(silences(&rig).len(), 1);
+}
+
+#[test]
 fn what_a_silent_host_on_can_has_queued_is_dropped_to_the_last() {
     let mut rig = Rig::new(silence(300, false));
     rig.subscribe();

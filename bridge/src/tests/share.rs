@@ -435,6 +435,35 @@ fn what_does_not_fit_the_queue_from_can_is_refused_and_counted() {
 }
 
 #[test]
+fn bytes_that_wait_for_an_answer_that_comes_in_time_are_no_fault() {
+    let mut rig = Rig::new(Config::default());
+    let mut polite = polite();
+    rig.manners = Box::new(move |request| {
+        let (_, answer) = polite(request)?;
+        let takes = if request == armwire::ling::SELF_CHECK {
+            490_000
+        } else {
+            200
+        };
+        Some((takes, answer))
+    });
+    rig.usb_out.extend(armwire::ling::SELF_CHECK.repeat(4));
+    rig.run(1_000);
+    // Another waits, so what the host on USB has more to say waits too.
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(1_000);
+    rig.usb_out.extend(JOINTS);
+    for _ in 0..19 {
+        rig.run(100_000);
+        assert!(!rig.bridge.is_stuck(Micros(rig.now)), "{}", rig.now);
+        assert_eq!(rig.bridge.counters().requests_usb, 4);
+    }
+    rig.run(1_000_000);
+    assert_eq!(rig.bridge.counters().requests_usb, 5);
+    assert_eq!(rig.bridge.counters().unanswered_requests, 0);
+}
+
+#[test]
 fn a_missing_answer_frees_the_line_and_its_like_wait_until_it_cannot_come_any_more() {
     let mut rig = Rig::new(Config::default());
     let mut polite = polite();

@@ -6,11 +6,9 @@
 //! | Item | What it is |
 //! |---|---|
 //! | `NAME`, `CAN_FD` | what the board is called, and whether its CAN is CAN FD |
-//! | `init() -> Board` | starts the clocks and takes the pins; the fields of `Board` are below |
-//! | `serial_number()` | the chip's unique id |
+//! | `init()` | starts the clocks, takes the pins and makes a [`Board`] of them |
 //! | `UsbDriver` | the driver of the USB peripheral |
 //! | `cancel_unfetched_packets()` | takes back what waits in an endpoint for a host that will not fetch it |
-//! | `Watchdog` | the independent watchdog |
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
 //! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
 //! | `TIMER`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits, for the clock |
@@ -19,16 +17,6 @@
 //! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a frame from it that waits there |
 //! | `ConfigFlash`, `CONFIG_FLASH` | where the configuration is kept: a `NorFlash`, and which part of it |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
-//!
-//! | Field of `Board` | What it is |
-//! |---|---|
-//! | `led` | the status LED |
-//! | `uart`, `rx_dma`, `tx_dma` | the arm's UART with its pins, and the DMA for each way |
-//! | `usb` | USB full speed |
-//! | `can` | the CAN bus, not yet started |
-//! | `flash` | the flash that has the configuration in it |
-//! | `reset_by_watchdog` | whether the watchdog reset the chip |
-//! | `watchdog` | the independent watchdog, not yet started |
 
 mod can;
 #[cfg(feature = "board-stm32f405")]
@@ -37,6 +25,14 @@ mod stm32f405;
 mod stm32g431;
 mod time;
 pub(crate) mod usart;
+
+use embassy_stm32::Peri;
+use embassy_stm32::dma::Channel;
+use embassy_stm32::gpio::Output;
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::peripherals::IWDG;
+use embassy_stm32::usart::Uart;
+use embassy_stm32::wdg::IndependentWatchdog;
 
 pub(crate) use can::Can;
 #[cfg(feature = "board-stm32f405")]
@@ -48,3 +44,33 @@ pub(crate) use stm32g431::*;
 compile_error!("no board: enable `board-stm32f405` or `board-stm32g431`");
 #[cfg(all(feature = "board-stm32f405", feature = "board-stm32g431"))]
 compile_error!("two boards: `board-stm32g431` needs `--no-default-features`");
+
+/// What the board gives the firmware.
+pub(crate) struct Board {
+    /// The status LED.
+    pub(crate) led: Output<'static>,
+    /// The arm's UART, with its pins. Its line coding is set later.
+    pub(crate) uart: Uart<'static, Blocking>,
+    /// The DMA for bytes from the arm.
+    pub(crate) rx_dma: Channel<'static>,
+    /// The DMA for bytes to the arm.
+    pub(crate) tx_dma: Channel<'static>,
+    /// USB full speed.
+    pub(crate) usb: UsbDriver,
+    /// The CAN bus, not yet started.
+    pub(crate) can: Can,
+    /// The flash that has the configuration in it.
+    pub(crate) flash: ConfigFlash,
+    /// Whether the watchdog reset the chip.
+    pub(crate) reset_by_watchdog: bool,
+    /// The independent watchdog, not yet started.
+    pub(crate) watchdog: Peri<'static, IWDG>,
+}
+
+/// The independent watchdog.
+pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
+
+/// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
+pub(crate) fn serial_number() -> &'static str {
+    embassy_stm32::uid::uid_hex()
+}

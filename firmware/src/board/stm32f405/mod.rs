@@ -11,14 +11,13 @@ pub(super) mod uart;
 use armwire_bridge::PACKET;
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
-use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, IWDG, USB_OTG_FS};
+use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, USB_OTG_FS};
 use embassy_stm32::usart::{Config as UartConfig, Uart};
-use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Peri, bind_interrupts, usb};
+use embassy_stm32::{bind_interrupts, usb};
 use static_cell::StaticCell;
 
+use super::Board;
 use super::can::Can;
 use super::time::{self, TimerHandler};
 use crate::uart::{InterruptHandler, RingHandler};
@@ -78,31 +77,6 @@ const USB_ENDPOINTS: usize = 4;
 /// The driver of the USB peripheral.
 pub(crate) type UsbDriver = usb::Driver<'static, USB_OTG_FS>;
 
-/// What the board gives the firmware.
-pub(crate) struct Board {
-    /// The status LED.
-    pub(crate) led: Output<'static>,
-    /// The arm's UART, with its pins. Its line coding is set later.
-    pub(crate) uart: Uart<'static, Blocking>,
-    /// The DMA stream for bytes from the arm.
-    pub(crate) rx_dma: Channel<'static>,
-    /// The DMA stream for bytes to the arm.
-    pub(crate) tx_dma: Channel<'static>,
-    /// USB full speed.
-    pub(crate) usb: UsbDriver,
-    /// The CAN bus, not yet started.
-    pub(crate) can: Can,
-    /// Where the configuration is kept.
-    pub(crate) flash: ConfigFlash,
-    /// Whether the watchdog reset the chip.
-    pub(crate) reset_by_watchdog: bool,
-    /// The independent watchdog, not yet started.
-    pub(crate) watchdog: Peri<'static, IWDG>,
-}
-
-/// The watchdog of this board.
-pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
-
 /// Starts the clocks and takes the pins.
 pub(crate) fn init() -> Board {
     let p = embassy_stm32::init(clock::config());
@@ -148,11 +122,6 @@ fn reset_by_watchdog() -> bool {
     let cause = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
     cause.wdgrstf()
-}
-
-/// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
-pub(crate) fn serial_number() -> &'static str {
-    embassy_stm32::uid::uid_hex()
 }
 
 /// Takes back what waits in an endpoint for a host that will not fetch it.

@@ -11,13 +11,12 @@ pub(super) mod uart;
 
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
-use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH2, IWDG, USB};
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH2, USB};
 use embassy_stm32::usart::{Config as UartConfig, Uart};
-use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Peri, bind_interrupts, usb};
+use embassy_stm32::{bind_interrupts, usb};
 
+use super::Board;
 use super::can::Can;
 use super::time::{self, TimerHandler};
 use crate::uart::{InterruptHandler, RingHandler};
@@ -72,31 +71,6 @@ pub(crate) const TX_REQUEST: Request = 27;
 /// The driver of the USB peripheral.
 pub(crate) type UsbDriver = usb::Driver<'static, USB>;
 
-/// What the board gives the firmware.
-pub(crate) struct Board {
-    /// The status LED.
-    pub(crate) led: Output<'static>,
-    /// The arm's UART, with its pins. Its line coding is set later.
-    pub(crate) uart: Uart<'static, Blocking>,
-    /// The DMA channel for bytes from the arm.
-    pub(crate) rx_dma: Channel<'static>,
-    /// The DMA channel for bytes to the arm.
-    pub(crate) tx_dma: Channel<'static>,
-    /// USB full speed.
-    pub(crate) usb: UsbDriver,
-    /// The CAN bus, not yet started.
-    pub(crate) can: Can,
-    /// Where the configuration is kept.
-    pub(crate) flash: ConfigFlash,
-    /// Whether the watchdog reset the chip.
-    pub(crate) reset_by_watchdog: bool,
-    /// The independent watchdog, not yet started.
-    pub(crate) watchdog: Peri<'static, IWDG>,
-}
-
-/// The watchdog of this board.
-pub(crate) type Watchdog = IndependentWatchdog<'static, IWDG>;
-
 /// Starts the clocks and takes the pins.
 pub(crate) fn init() -> Board {
     let p = embassy_stm32::init(clock::config());
@@ -129,11 +103,6 @@ fn reset_by_watchdog() -> bool {
     let cause = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
     cause.iwdgrstf()
-}
-
-/// The chip's 96-bit unique id in hexadecimal: the adapter's serial number.
-pub(crate) fn serial_number() -> &'static str {
-    embassy_stm32::uid::uid_hex()
 }
 
 /// Takes back what waits in an endpoint for a host that will not fetch it: here the bus reset has done that, for it

@@ -200,15 +200,4 @@ impl Fault {
                 | Self::OutOfSequence
         )
     }
-
-    /// Why the shipped firmware is known to fail it in some runs. A run that fails is then not counted against it.
-    pub const fn known_failure(self) -> Option<&'static str> {
-        match self {
-            Self::FullPackets => Some(
-                "what the arm says unasked while more than eight requests of the host on USB are with it is taken for one \
-                 of their answers; so the next turn begins too early, and a host gets another's answer (seed 1, run 234)",
-            ),
-            _ => None,
-        }
-    }
 }

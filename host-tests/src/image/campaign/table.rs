@@ -69,10 +69,6 @@ impl fmt::Display for Table {
             }
             let all: u32 = row.runs.values().sum();
             (runs, recovered) = (runs + all, recovered + all - row.failed);
-            let known = match fault.known_failure() {
-                Some(_) if row.failed > 0 => ", known",
-                _ => "",
-            };
             let losses: Vec<String> = row
                 .losses
                 .iter()
@@ -80,17 +76,12 @@ impl fmt::Display for Table {
                 .collect();
             writeln!(
                 f,
-                " {} of {all}{known} | {:.1} | {:.0} | {} |",
+                " {} of {all} | {:.1} | {:.0} | {} |",
                 all - row.failed,
                 millis(row.worst),
                 millis(fault.limit()),
                 losses.join(", ")
             )?;
-        }
-        for fault in Fault::ALL {
-            if let Some(reason) = fault.known_failure() {
-                writeln!(f, "\nKnown to fail at times: {}. The reason: {reason}.", fault.name())?;
-            }
         }
         writeln!(
             f,
