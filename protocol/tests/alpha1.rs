@@ -280,9 +280,10 @@ proptest! {
         } else {
             let header = [command, command.rotate_left(4)];
             let bytes = [&header, &data[..], &[checksum(&data), 0xED]].concat();
-            // It may be one from Bluetooth, which is read as another.
+            // Those from Bluetooth, with their length in place of the first byte of data, are read and never written.
+            let is_from_bluetooth = command == 0xFB && data.first().copied() == u8::try_from(bytes.len() - 1).ok();
             let is_taken = Alpha1::scan(&bytes, expect) == Scan::Frame(bytes.len());
-            prop_assert!(!is_taken || Alpha1::view(&bytes) != Some(frame));
+            prop_assert!(!is_taken || is_from_bluetooth);
         }
     }
 
