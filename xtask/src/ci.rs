@@ -10,16 +10,25 @@ use crate::image::{self, Image, Options, TARGET};
 use crate::process::{self, shown};
 use crate::toolchain::Toolchain;
 use crate::workspace;
-use crate::{campaign, coverage, deny, features, fuzz, integrity, no_panic, semver, stack, unsafe_code, vendor};
+use crate::{
+    campaign, counts, coverage, deny, features, fuzz, integrity, no_panic, semver, size, stack, unsafe_code, vendor,
+};
 
 /// Everything but the firmware. The emulator asks for a newer compiler than it needs.
 const HOST: &str = "--ignore-rust-version --workspace --exclude armwire-firmware";
 /// Where the crates without `std` must build.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";
-/// The link test and the fuzz targets are no members of the workspace.
+/// What is no member of the workspace: what only they need is compiled for nobody else.
+const ALONE: [&str; 4] = [
+    LINK_TEST,
+    "--manifest-path host-tests/fuzz/Cargo.toml",
+    "--manifest-path host-tests/benches/Cargo.toml",
+    "--manifest-path host-tests/counts/Cargo.toml",
+];
 const LINK_TEST: &str = "--manifest-path host-tests/no-panic/Cargo.toml";
-const FUZZ: &str = "--manifest-path host-tests/fuzz/Cargo.toml";
+/// Those that run on a host.
+const ALONE_ON_HOST: [&str; 2] = [ALONE[1], ALONE[2]];
 
 /// Runs every check.
 ///
@@ -29,15 +38,13 @@ const FUZZ: &str = "--manifest-path host-tests/fuzz/Cargo.toml";
 pub(crate) fn run() -> Result {
     let mut ci = Ci::default();
     ci.step("dependencies as locked", || {
-        let alone = [LINK_TEST, FUZZ].map(|package| format!("fetch --locked {package}"));
         check(&mut cargo("fetch --locked"))?;
-        alone.iter().try_for_each(|fetch| check(&mut cargo(fetch)))
+        each(&ALONE, |alone| check(&mut cargo(&format!("fetch --locked {alone}"))))
     })?;
     ci.step("licences, versions and sources of dependencies", deny::run)?;
     ci.step("formatting", || {
         check(&mut cargo("fmt --all --check"))?;
-        check(&mut cargo(&format!("fmt --check {LINK_TEST}")))?;
-        check(&mut cargo(&format!("fmt --check {FUZZ}")))
+        each(&ALONE, |alone| check(&mut cargo(&format!("fmt --check {alone}"))))
     })?;
     ci.step("drawings", drawings)?;
     ci.step("docs/armwire.dbc", vendor::can::check_dbc)?;
@@ -45,7 +52,9 @@ pub(crate) fn run() -> Result {
         check(&mut cargo(&format!(
             "clippy {HOST} --all-targets --all-features -- -D warnings"
         )))?;
-        check(&mut cargo(&format!("clippy {FUZZ} -- -D warnings")))
+        each(&ALONE_ON_HOST, |alone| {
+            check(&mut cargo(&format!("clippy {alone} --all-targets -- -D warnings")))
+        })
     })?;
     ci.step("unsafe code", unsafe_code::run)?;
     ci.step("documentation", || {
@@ -59,6 +68,8 @@ pub(crate) fn run() -> Result {
     ci.step("clippy for the microcontroller", clippy_thumb)?;
     ci.step("no path to a panic", no_panic::run)?;
     ci.step("stack", stack::run)?;
+    ci.step("instruction counts", || counts::run(&[]))?;
+    ci.step("sizes", || size::run(&[]))?;
     ci.step("fuzz targets", || fuzz::run(&[]))?;
     ci.step("what the fuzz corpus covers", || coverage::run(false))?;
     ci.step("firmware images with every option", || {
@@ -168,6 +179,11 @@ fn clippy_thumb() -> Result {
         check(clippy.args(select.split(' ')).args(["--", "-D", "warnings"]))?;
     }
     Ok(())
+}
+
+/// Does the same with each of these packages.
+fn each(packages: &[&str], act: impl Fn(&str) -> Result) -> Result {
+    packages.iter().try_for_each(|package| act(package))
 }
 
 /// Cargo with these arguments.
