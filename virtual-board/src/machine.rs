@@ -124,9 +124,10 @@ pub(crate) enum Command {
 /// What the emulator answers.
 #[derive(Debug)]
 pub(crate) enum Reply {
-    /// It stands at this instant, after this trace; the firmware may just have crashed.
+    /// It stands at this instant, after so many instructions and this trace; the firmware may just have crashed.
     Stopped {
         at: Nanos,
+        instructions: u64,
         trace: Trace,
         crash: Option<Crash>,
         in_boot_loader: bool,
@@ -286,6 +287,7 @@ impl<A: Arm> Driver<Bench<A>> for Lockstep {
     ) -> Option<VirtualNanos> {
         let stopped = Reply::Stopped {
             at: stop.at.into(),
+            instructions: stop.instruction_count,
             trace: self.trace,
             crash: self.crash.take(),
             in_boot_loader: self.boot_loader == Some(session.resets().len()),
