@@ -55,7 +55,6 @@ const LATENCY_LIMIT: f64 = 100.0;
 const LOAD_LIMIT: f64 = 0.37;
 const SATURATED: &str = "saturated-1000000";
 const RATE_LIMIT: f64 = 0.95;
-const SHORT_RATE_LIMIT: f64 = 0.94;
 
 /// Measures, prints the tables, and fails if a limit is exceeded. Nothing of it depends on our time.
 ///
@@ -158,15 +157,10 @@ fn check(records: &Records) -> Result {
     }
     for rate in &records.rates {
         let (name, _) = page::rate_name(&rate.what);
-        let limit = if page::is_known_short(rate) {
-            SHORT_RATE_LIMIT
-        } else {
-            RATE_LIMIT
-        };
         let share = rate.achieved / rate.limit;
-        if share < limit {
+        if share < RATE_LIMIT {
             failures.push(format!(
-                "{name}: {share:.4} of what the wires allow, it must be {limit}"
+                "{name}: {share:.4} of what the wires allow, it must be {RATE_LIMIT}"
             ));
         }
     }

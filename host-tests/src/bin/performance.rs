@@ -136,5 +136,6 @@ fn rates() -> String {
         row(&format!("usb-{baud}"), rates::usb(baud, baud as usize / 10));
     }
     row("can-classic", rates::classic_can(SPAN));
+    row("can-fd", rates::can_fd(SPAN));
     text
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::plot::{Axis, Goal, Series, bars, lines};
-use super::records::{Load, Rate, Records};
+use super::records::{Load, Records};
 use super::{FULL, LATENCY_GOAL, LOAD_GOAL, RATE_GOAL, SPEED_GOAL, WAYS};
 
 /// How latency is distributed where an instruction takes one cycle.
@@ -301,6 +301,7 @@ pub(super) fn rate_name(what: &str) -> (String, &'static str) {
         (Some(micros), _) => (format!("polls, arm thinks for {micros} µs"), "/s"),
         (_, Some(baud)) => (format!("USB, each way, at {}", baud_name(baud)), "B/s"),
         _ if what == "can-classic" => ("frames by ISO-TP, classic CAN".to_owned(), "B/s"),
+        _ if what == "can-fd" => ("all of a 1 Mbaud line by CAN FD".to_owned(), "B/s"),
         _ => (what.to_owned(), "/s"),
     }
 }
@@ -310,9 +311,4 @@ fn baud_name(baud: &str) -> String {
         Some(mega) => format!("{mega} Mbaud"),
         None => format!("{baud} baud"),
     }
-}
-
-/// Whether a rate is of polls of an arm that answers at once, whose goal is not reached yet.
-pub(super) fn is_known_short(rate: &Rate) -> bool {
-    rate.what == "polls-after-0-us"
 }

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 /// The size of a plot, and where its axes are.
 const WIDTH: f64 = 760.0;
 const HEIGHT: f64 = 380.0;
-const LEFT: f64 = 70.0;
+const LEFT: f64 = 90.0;
 const RIGHT: f64 = 20.0;
 const TOP: f64 = 64.0;
 const BOTTOM: f64 = 52.0;
@@ -92,7 +92,7 @@ pub(super) fn lines(title: &str, x: &Axis<'_>, y: &Axis<'_>, goal: &Goal, series
         true => (
             (across(goal.at), TOP),
             (across(goal.at), HEIGHT - BOTTOM),
-            (across(goal.at) + 6.0, TOP + 14.0),
+            (across(goal.at) + 6.0, HEIGHT - BOTTOM - 8.0),
         ),
         false => (
             (LEFT, up(goal.at)),

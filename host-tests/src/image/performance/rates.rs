@@ -3,8 +3,12 @@
 use std::ops::Range;
 
 use armwire::Micros;
-use armwire_bridge::can::Node;
+use armwire::ling::MAX_FRAME;
+use armwire_bridge::Bridge;
+use armwire_bridge::can::{Function, Node};
 use armwire_bridge::config::{self, Config, Poll};
+use armwire_bridge::control::Identity;
+use armwire_bridge::isotp::{self, Config as IsoTp, Endpoint, Link};
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Direction, LineByte};
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos};
@@ -18,6 +22,9 @@ use crate::image::{
 /// Bits per second on the bus, and what is between two frames on it (ISO 11898-1).
 const BUS_RATE: u32 = 1_000_000;
 const INTERMISSION: Nanos = Nanos(3_000);
+
+/// Bits per second of the data phase of an FD bus.
+const FD_RATE: u32 = 5_000_000;
 
 /// Something passed on, in units per second.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -151,6 +158,69 @@ pub fn classic_can(span: Nanos) -> Rate {
             limit: bytes as f64 / busy,
         }
     })
+}
+
+/// Bytes of the arm's frames per second to a host on a CAN FD bus, while the arm says frames without a pause at 1 Mbaud. The
+/// limit is what the line carries.
+///
+/// The image is for a controller without CAN FD, so that this is the bridge alone: it takes no time to think, and the bus
+/// is as slow as it can be with the frames that it is given.
+///
+/// # Panics
+///
+/// If a frame is lost or changed.
+pub fn can_fd(span: Nanos) -> Rate {
+    let can = config::Can {
+        data_bit_rate: Some(FD_RATE),
+        unsolicited: true,
+        ..config::Can::default()
+    };
+    let mut bridge = Bridge::new(
+        Identity::default(),
+        Config {
+            can,
+            ..Config::default()
+        },
+    );
+    let mut host = Endpoint::<MAX_FRAME, MAX_FRAME>::new(IsoTp::new(Link::Fd, Function::ArmRequest.id(can.node)));
+    let said = joints((span.0 / byte_time(MEGABAUD).0) as usize);
+    let (mut heard, mut free, mut now) = (Vec::new(), Nanos(0), Nanos(0));
+    for byte in &said {
+        now = now + byte_time(MEGABAUD);
+        bridge.tick(now.micros());
+        bridge.uart_received(&[*byte], now.micros());
+        while free <= now
+            && let Some(frame) = bridge.can_transmit(now.micros())
+        {
+            free = now + longest_on_bus(frame.data().len());
+            if frame.id() == Function::ArmAnswer.id(can.node) {
+                for event in host.receive(frame.data(), now.micros()) {
+                    assert_eq!(event, isotp::Event::Received);
+                }
+                heard.extend_from_slice(host.received().unwrap_or_default());
+                host.release();
+            }
+        }
+    }
+    // What is still on its way at the end is at most what one frame of the bus takes, and the frame behind it.
+    assert!(said.starts_with(&heard) && said.len() - heard.len() <= 2 * MAX_FRAME);
+    Rate {
+        achieved: heard.len() as f64 / seconds(now),
+        limit: f64::from(MEGABAUD) / 10.0,
+    }
+}
+
+/// How long an FD frame with so many bytes takes with all stuff bits that there can be, at 1 Mbit/s and [`FD_RATE`], the
+/// intermission included (ISO 11898-1).
+fn longest_on_bus(bytes: usize) -> Nanos {
+    // From the start of frame to the bit rate switch, 17 bits and a stuff bit behind each four; and from the CRC
+    // delimiter on.
+    let slow = 17 + 17 / 4 + 13;
+    // ESI and DLC, the data, stuff bits; the stuff count, the CRC and their fixed stuff bits.
+    let data = 5 + 8 * bytes as u64;
+    let check = if bytes > 16 { 4 + 21 + 7 } else { 4 + 17 + 6 };
+    let fast = data + data / 4 + check;
+    Nanos(slow * 1_000_000_000 / u64::from(BUS_RATE) + fast * 1_000_000_000 / u64::from(FD_RATE))
 }
 
 fn seconds(span: Nanos) -> f64 {
