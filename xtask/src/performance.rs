@@ -85,13 +85,16 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     for (name, table) in &tables {
         println!("{name}\n{table}");
     }
-    let times = times.then(times::table).transpose()?;
-    if let Some(times) = &times {
-        println!("times\n{times}");
-    }
     if write {
-        let times = times.into_iter().map(|table| ("times", table));
-        self::write(&tables.into_iter().chain(times).collect::<Vec<_>>(), &records)?;
+        self::write(&tables)?;
+        draw(&records)?;
+    }
+    if times {
+        let table = times::table()?;
+        println!("times\n{table}");
+        if write {
+            self::write(&[("times", table)])?;
+        }
     }
     check(&records)
 }
@@ -110,10 +113,9 @@ fn measure(frames: u32, costs: &str) -> Result<Records> {
     Records::read(&folder)
 }
 
-/// Puts the tables between their marks on the page, and draws the plots.
-fn write(tables: &[(&str, String)], records: &Records) -> Result {
-    let docs = workspace::root().join("docs");
-    let page = docs.join("performance.md");
+/// Puts the tables between their marks on the page.
+fn write(tables: &[(&str, String)]) -> Result {
+    let page = workspace::root().join("docs/performance.md");
     let mut text = fs::read_to_string(&page).map_err(|error| format!("{}: {error}", page.display()))?;
     for (name, table) in tables {
         let (begin, end) = (format!("<!-- {name}: begin -->\n"), format!("<!-- {name}: end -->\n"));
@@ -123,8 +125,12 @@ fn write(tables: &[(&str, String)], records: &Records) -> Result {
         let (head, tail) = parts.ok_or_else(|| format!("{} has no marks for {name}", page.display()))?;
         text = format!("{head}{begin}\n{table}\n{end}{tail}");
     }
-    fs::write(&page, text)?;
-    let plots = docs.join("performance");
+    Ok(fs::write(&page, text)?)
+}
+
+/// Draws the plots of the page.
+fn draw(records: &Records) -> Result {
+    let plots = workspace::root().join("docs/performance");
     fs::create_dir_all(&plots)?;
     for (name, plot) in page::plots(records) {
         fs::write(plots.join(name), plot)?;

@@ -201,3 +201,35 @@ fn text(svg: &mut String, (x, y): (f64, f64), anchor: &str, text: &str) {
 fn limit(svg: &mut String, (x, y): (f64, f64), text: &str) {
     let _ = writeln!(svg, r#"<text class="limit" x="{x:.1}" y="{y:.1}">{text}</text>"#);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_is_where_the_axis_has_it_and_nothing_leaves_the_plot() {
+        let axis = Axis {
+            name: "µs",
+            from: 0.0,
+            to: 20.0,
+            ticks: vec![(0.0, "0".to_owned()), (20.0, "20".to_owned())],
+        };
+        assert_eq!(
+            [0.0, 5.0, 20.0, 25.0].map(|value| axis.place(value)),
+            [0.0, 0.25, 1.0, 1.0]
+        );
+        let goal = Goal {
+            name: "goal".to_owned(),
+            at: 10.0,
+            upright: true,
+        };
+        let series = Series {
+            name: "way",
+            points: vec![(0.0, 0.0), (20.0, 20.0)],
+            marked: false,
+        };
+        let svg = lines("title", &axis, &axis, &goal, &[series]);
+        let corners = format!("{LEFT:.1},{:.1} {:.1},{TOP:.1}", HEIGHT - BOTTOM, WIDTH - RIGHT);
+        assert!(svg.contains(&corners), "{svg}");
+    }
+}

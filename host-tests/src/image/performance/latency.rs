@@ -352,7 +352,7 @@ impl Records {
             .filter_map(|&(at, _, begins)| begins.then_some(at))
             .collect();
         assert_eq!(begun.len(), self.can_answers.len());
-        let rooms = self.rooms();
+        let rooms = rooms(&self.can_frames);
         let to_can = self.can_answers.iter().zip(begun).map(|(&number, at)| {
             let room = rooms[..rooms.partition_point(|room| *room <= at)].last();
             let room = room.copied().unwrap_or_default();
@@ -380,20 +380,20 @@ impl Records {
         };
         there.iter().zip(numbers).enumerate().map(passage).collect()
     }
+}
 
-    /// When there was room in the mailboxes again after all of them were full.
-    fn rooms(&self) -> Vec<Nanos> {
-        // Frames are in the order in which they ended: at the end of the n-th, those that had been requested and
-        // end later are still there.
-        let mut rooms = Vec::new();
-        for (nth, &(_, end, _)) in self.can_frames.iter().enumerate() {
-            let later = self.can_frames[nth + 1..].iter().take(2 * MAILBOXES);
-            if 1 + later.filter(|&&(requested, _, _)| requested < end).count() >= MAILBOXES {
-                rooms.push(end);
-            }
+/// When there was room in the mailboxes again after all of them were full.
+fn rooms(frames: &[(Nanos, Nanos, bool)]) -> Vec<Nanos> {
+    // Frames are in the order in which they ended: at the end of the n-th, those that had been requested and end later are
+    // still there.
+    let mut rooms = Vec::new();
+    for (nth, &(_, end, _)) in frames.iter().enumerate() {
+        let later = frames[nth + 1..].iter().take(MAILBOXES);
+        if 1 + later.filter(|&&(requested, _, _)| requested < end).count() >= MAILBOXES {
+            rooms.push(end);
         }
-        rooms
     }
+    rooms
 }
 
 /// How many answers the arm gave before this one.
@@ -403,4 +403,30 @@ fn number_of(answer: &[u8]) -> usize {
     };
     let joint = |low: u8, high: u8| usize::from(u16::from_le_bytes([low, high]));
     joint(a, b) | joint(c, d) << 12 | joint(e, f) << 24
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_adapter_adds_begins_when_it_could_act() {
+        let passage = |there, since, end| {
+            let Passage { waited, added, .. } =
+                Passage::new(Way::RequestFromUsb, Nanos(there), Nanos(since), Nanos(end));
+            (waited.0, added.0)
+        };
+        assert_eq!(passage(100, 40, 130), (0, 30));
+        assert_eq!(passage(100, 120, 130), (20, 10));
+    }
+
+    #[test]
+    fn there_is_room_again_when_the_first_of_three_frames_has_gone() {
+        let frame = |requested, end| (Nanos(requested), Nanos(end), false);
+        assert_eq!(rooms(&[frame(0, 10), frame(1, 20)]), []);
+        assert_eq!(rooms(&[frame(0, 10), frame(1, 20), frame(2, 30)]), [Nanos(10)]);
+        // The fourth takes the room at once, and they are full until the second has gone.
+        let four = [frame(0, 10), frame(1, 20), frame(2, 30), frame(11, 40)];
+        assert_eq!(rooms(&four), [Nanos(10), Nanos(20)]);
+    }
 }
