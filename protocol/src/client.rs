@@ -65,7 +65,13 @@ impl Config {
 
     /// The time that `len` bytes take on the line, ten bits a byte.
     fn on_wire(&self, len: usize) -> Micros {
-        Micros((len as u64 * 10_000_000).div_ceil(u64::from(self.baud.max(1))))
+        // What a byte takes at 1 baud, in µs. In two parts, as a division of 64 bits is long for a microcontroller.
+        const BYTE: u32 = 10_000_000;
+        let (len, baud) = (u32::try_from(len).unwrap_or(u32::MAX), self.baud.max(1));
+        let whole = u64::from(len) * u64::from(BYTE / baud);
+        // Less than 1 µs a byte.
+        let rest = len.checked_mul(BYTE % baud).map_or(len, |rest| rest.div_ceil(baud));
+        Micros(whole + u64::from(rest))
     }
 }
 
@@ -652,6 +658,31 @@ mod tests {
             now = client.poll_timeout().unwrap();
             if let Some(Event::TimedOut { sends }) = client.handle(now, &mut Input::Tick) {
                 return (now, sends);
+            }
+        }
+    }
+
+    #[test]
+    fn the_time_on_the_line_is_rounded_up_to_a_microsecond() {
+        for baud in [
+            0,
+            1,
+            7,
+            9_600,
+            115_200,
+            921_600,
+            1_000_000,
+            3_000_000,
+            12_000_000,
+            u32::MAX,
+        ] {
+            let config = Config {
+                baud,
+                ..Config::DEFAULT
+            };
+            for len in 0..400_usize {
+                let exact = (len as u64 * 10_000_000).div_ceil(u64::from(baud.max(1)));
+                assert_eq!(config.on_wire(len), Micros(exact), "{len} bytes at {baud} baud");
             }
         }
     }

@@ -19,7 +19,7 @@
 //! * `ling`, `xarm`, `alpha1`: the protocols, all on by default. One that is off costs nothing.
 //! * `async`: the driver.
 //! * `defmt`: `defmt::Format` for every value, message, event and error.
-//! * `crc-table`, `crc-table16`: Ling's checksum by 1 or 16 KiB of tables instead of bit by bit.
+//! * `crc-table`, `crc-table16`: Ling's checksum by 1 or 16 KiB of tables in place of 64 bytes.
 //!
 //! # Panics
 //!

@@ -11,6 +11,7 @@ use crate::board::Board;
 use crate::dfu;
 use crate::process::run;
 use crate::program::Program;
+use crate::size::Size;
 use crate::toolchain::Toolchain;
 use crate::workspace;
 
@@ -109,6 +110,12 @@ pub(crate) struct Image {
 }
 
 impl Image {
+    /// What it takes.
+    pub(crate) fn size(&self) -> Size {
+        let Self { flash, ram, .. } = *self;
+        Size { flash, ram }
+    }
+
     /// Whether an image that ships may be so big.
     ///
     /// # Errors

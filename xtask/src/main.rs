@@ -1,9 +1,12 @@
 //! The project's commands, behind the aliases in `.cargo/config.toml`.
 
+mod baseline;
+mod bench;
 mod board;
 mod campaign;
 mod cargo_tool;
 mod ci;
+mod counts;
 mod coverage;
 mod demo;
 mod deny;
@@ -19,6 +22,7 @@ mod performance;
 mod process;
 mod program;
 mod semver;
+mod size;
 mod stack;
 mod toolchain;
 mod unsafe_code;
@@ -47,6 +51,9 @@ cargo xtask performance   measure latency, load and rates of the image in virtua
                           measures all of docs/performance.md and writes it, --times builds and tests too
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
+cargo xtask bench         measure on this machine, beside other crates, and print the ratios
+cargo xtask counts        count instructions on a Cortex-M and this machine, and check growth; --write keeps them
+cargo xtask size          print how much flash and RAM protocols and images take, and check growth; --write keeps it
 cargo xtask integrity     compare docs/integrity.md with what becomes of damaged frames; --write writes it
 cargo xtask unsafe-code   check that the crates in which unsafe code is forbidden say so
 cargo xtask features      check the protocol and bridge crates with every set of features
@@ -86,6 +93,9 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("performance") => performance::run(rest),
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
         Some("stack") => no_options(rest).and_then(|()| stack::run()),
+        Some("bench") => bench::run(rest),
+        Some("counts") => counts::run(rest),
+        Some("size") => size::run(rest),
         Some("integrity") => integrity::run(rest),
         Some("unsafe-code") => no_options(rest).and_then(|()| unsafe_code::run()),
         Some("features") => no_options(rest).and_then(|()| features::run()),

@@ -12,6 +12,8 @@
 //! # Ok::<(), armwire::BufferTooShort>(())
 //! ```
 
+#[cfg(not(feature = "crc-table16"))]
+mod crc;
 #[cfg(feature = "async")]
 mod driver;
 mod frame;
