@@ -1,6 +1,7 @@
 //! `cargo xtask performance`: latency, load and rates of the firmware image, in virtual time, and how long builds and tests
 //! take, in ours.
 
+mod others;
 mod page;
 mod plot;
 mod records;
@@ -9,7 +10,7 @@ mod times;
 use std::env;
 use std::ffi::OsString;
 use std::fs;
-use std::path::PathBuf;
+use std::path::Path;
 
 use self::records::Records;
 use crate::Result;
@@ -19,10 +20,12 @@ use crate::process;
 use crate::workspace;
 
 const USAGE: &str = "\
-usage: cargo xtask performance [--frames N] [--write] [--times]
+usage: cargo xtask performance [--frames N] [--write] [--again] [--times]
 
 --frames N   measure latency in N answers of the arm, 2000 without this option
---write      measure all that is on the page, for 100000 answers and slower processors too, and write docs/performance.md
+--write      measure all that is on the page, for 100000 answers and slower processors too, and write docs/performance.md;
+             with what `cargo xtask bench`, `counts` and `size` measured last, if they have been run
+--again      measure nothing, but take what was measured last
 --times      how long a clean `cargo test` and a warm `cargo demo` take, for the page too; a matter of minutes";
 
 /// The program. The emulator asks for a newer compiler than it needs.
@@ -62,19 +65,24 @@ const RATE_LIMIT: f64 = 0.95;
 ///
 /// If an option is unknown, the program fails, or a limit is exceeded.
 pub(crate) fn run(args: &[OsString]) -> Result {
-    let (mut frames, mut write, mut times) = (None, false, false);
+    let (mut frames, mut write, mut again, mut times) = (None, false, false, false);
     let mut args = args.iter().map(|arg| arg.to_string_lossy());
     while let Some(arg) = args.next() {
         match &*arg {
             "--frames" => frames = Some(args.next().ok_or(USAGE)?.parse::<u32>().map_err(|_| USAGE)?),
             "--write" => write = true,
+            "--again" => again = true,
             "--times" => times = true,
             _ => return Err(format!("unknown option `{arg}`\n\n{USAGE}").into()),
         }
     }
     let frames = frames.unwrap_or(if write { 100_000 } else { 2_000 });
     let costs = if write { COSTS.to_owned() } else { FULL.to_string() };
-    let records = measure(frames, &costs)?;
+    let folder = workspace::target_dir()?.join("performance");
+    if !again {
+        measure(frames, &costs, &folder)?;
+    }
+    let records = Records::read(&folder)?;
     let tables = [
         ("latency", page::latency(&records)),
         ("sweep", page::sweep(&records)),
@@ -87,6 +95,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     }
     if write {
         self::write(&tables)?;
+        self::write(&others::tables()?)?;
         draw(&records)?;
     }
     if times {
@@ -100,17 +109,15 @@ pub(crate) fn run(args: &[OsString]) -> Result {
 }
 
 /// Builds the image, or takes that which `ARMWIRE_IMAGE` names, and measures it.
-fn measure(frames: u32, costs: &str) -> Result<Records> {
+fn measure(frames: u32, costs: &str, folder: &Path) -> Result {
     let image = match env::var_os("ARMWIRE_IMAGE") {
         Some(image) => image.into(),
         None => image::build(&Image::of(Board::Stm32f405))?.path,
     };
-    let folder: PathBuf = workspace::target_dir()?.join("performance");
     let mut cargo = process::cargo();
-    cargo.args(RUN.split(' ')).arg("--out").arg(&folder);
+    cargo.args(RUN.split(' ')).arg("--out").arg(folder);
     cargo.args(["--frames", &frames.to_string(), "--costs", costs]);
-    process::run(cargo.env("ARMWIRE_IMAGE", image).current_dir(workspace::root()))?;
-    Records::read(&folder)
+    process::run(cargo.env("ARMWIRE_IMAGE", image).current_dir(workspace::root()))
 }
 
 /// Puts the tables between their marks on the page.
