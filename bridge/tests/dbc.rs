@@ -290,7 +290,10 @@ fn the_document_s_tables_have_the_identifiers_and_the_fastest_telemetry() {
     let bases = rows.map(|row| u16::from_str_radix(&row[..3], 16).unwrap());
     assert!(bases.eq(Function::ALL.map(Function::base)));
 
-    let table = CAN_MD.split("| Bit rate | `can.telemetry-hz` at most |").nth(1).unwrap();
+    let table = CAN_MD
+        .split("| Bit rate | `can.telemetry-hz` at most |")
+        .nth(1)
+        .unwrap();
     let rows = table
         .lines()
         .skip(2)

@@ -52,7 +52,7 @@ pub mod mavlink2 {
         let mut reader = MavlinkReader::new(Chunks { rest: stream, chunk });
         let mut count = 0;
         while let Ok(message) = reader.read_message::<MavMessage>(MavlinkVersion::V2) {
-            black_box(message);
+            black_box(&message);
             count += 1;
         }
         count
@@ -233,7 +233,7 @@ pub mod postcard_cobs {
                     FeedResult::Consumed => break,
                     FeedResult::OverFull(rest) | FeedResult::DeserError(rest) => rest,
                     FeedResult::Success { data, remaining } => {
-                        count += usize::from(black_box(data) == JOINTS);
+                        count += usize::from(*black_box(&data) == JOINTS);
                         remaining
                     }
                 };

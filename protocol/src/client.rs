@@ -428,8 +428,9 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         }
         let expect = self.expect();
         loop {
-            let event = self.read(now, expect);
-            if event.is_some() {
+            if self.decoder.pending() > 0
+                && let event @ Some(_) = self.read(now, expect)
+            {
                 return event;
             }
             match input {

@@ -34,6 +34,8 @@ const fn table() -> [u32; ENTRIES] {
 }
 
 /// The checksum of `bytes`. Four bytes at a time are taken in with one load, which is most of what there is to save.
+/// Inlined, it would take registers from what calls it and seldom comes to it.
+#[inline(never)]
 pub(super) fn crc32(bytes: &[u8]) -> u32 {
     let (words, rest) = bytes.as_chunks::<4>();
     let mut crc = u32::MAX;
