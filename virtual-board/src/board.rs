@@ -195,6 +195,7 @@ pub struct VirtualBoard<A: Arm> {
     thread: Option<JoinHandle<()>>,
     log: TcpStream,
     now: Nanos,
+    instructions: u64,
     trace: Trace,
     in_boot_loader: bool,
     crashes: Vec<Violation>,
@@ -287,6 +288,7 @@ impl<A: Arm> VirtualBoard<A> {
             thread: Some(thread),
             log,
             now: Nanos(0),
+            instructions: 0,
             trace: Trace::default(),
             in_boot_loader: false,
             crashes: Vec::new(),
@@ -302,6 +304,11 @@ impl<A: Arm> VirtualBoard<A> {
     /// How much virtual time has passed since power-on.
     pub fn now(&self) -> Nanos {
         self.now
+    }
+
+    /// How many instructions the core has executed since power-on. It executes none while it sleeps.
+    pub fn instructions(&self) -> u64 {
+        self.instructions
     }
 
     /// Runs for `span`.
@@ -369,12 +376,14 @@ impl<A: Arm> VirtualBoard<A> {
         match self.replies.recv() {
             Ok(Reply::Stopped {
                 at,
+                instructions,
                 trace,
                 crash,
                 in_boot_loader,
             }) => {
                 self.in_boot_loader = in_boot_loader;
                 self.now = at;
+                self.instructions = instructions;
                 self.trace = trace;
                 match crash {
                     Some(crash) => {

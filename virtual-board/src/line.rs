@@ -153,8 +153,7 @@ struct Own {
 
 /// The line, and the arm at the end of it.
 #[derive(Debug)]
-pub(crate) struct Line<A> {
-    arm: A,
+pub(crate) struct Line<A: ?Sized> {
     /// One bit at the arm's own rate and at the board's, in picoseconds. The board's is 0 while its UART has none.
     arm_bit: u64,
     board_bit: u64,
@@ -179,12 +178,13 @@ pub(crate) struct Line<A> {
     /// Keeps the board's DMA from serving its UART.
     starve: Arc<AtomicBool>,
     bytes: Vec<LineByte>,
+    /// Last, so that a line with some arm is one with any.
+    arm: A,
 }
 
 impl<A: SerialDevice> Line<A> {
     pub(crate) fn new(arm: A, baud: u32, seed: u64, starve: Arc<AtomicBool>) -> Self {
         Self {
-            arm,
             arm_bit: bit(baud.into()),
             board_bit: 0,
             arm_format: Format::default(),
@@ -201,9 +201,12 @@ impl<A: SerialDevice> Line<A> {
             planned: BTreeMap::new(),
             starve,
             bytes: Vec::new(),
+            arm,
         }
     }
+}
 
+impl<A: SerialDevice + ?Sized> Line<A> {
     pub(crate) fn arm_mut(&mut self) -> &mut A {
         &mut self.arm
     }

@@ -25,7 +25,6 @@ use rigless::time::VirtualNanos;
 
 use crate::can::bus::Bus;
 use crate::flash::Flash;
-use crate::line::Arm;
 use crate::report::{Crash, Report};
 use crate::stm32f405::Stm32f405;
 use crate::stm32f405::map::{BOOT_LOADER, BOOT_LOADER_START, BOOT_LOADER_STUB, FLASH_KIB, FLASH_SIZE, UNIQUE_ID};
@@ -53,17 +52,17 @@ const RTT: &str = "_SEGGER_RTT";
 
 /// A board as the library wants it: the part, and what its maker programmed into it.
 #[derive(Debug)]
-pub(crate) struct Bench<A: Arm> {
-    pub(crate) part: Stm32f405<A>,
+pub(crate) struct Bench {
+    pub(crate) part: Stm32f405,
     pub(crate) unique_id: [u8; 12],
     /// The virtual time of an instruction, in percent of a cycle.
     pub(crate) instruction_cost: NonZeroU32,
 }
 
 /// Snapshots are not supported.
-impl<A: Arm> Store for Bench<A> {}
+impl Store for Bench {}
 
-impl<A: Arm> Bench<A> {
+impl Bench {
     fn core(&self) -> CoreSpec {
         let rate = CORE_HZ.get() * 100 / u64::from(self.instruction_cost.get());
         let mut spec = armv7m::Core {
@@ -88,7 +87,7 @@ impl<A: Arm> Bench<A> {
     }
 }
 
-impl<A: Arm> Board for Bench<A> {
+impl Board for Bench {
     fn name(&self) -> &'static str {
         "virtual-board"
     }
@@ -124,9 +123,10 @@ pub(crate) enum Command {
 /// What the emulator answers.
 #[derive(Debug)]
 pub(crate) enum Reply {
-    /// It stands at this instant, after this trace; the firmware may just have crashed.
+    /// It stands at this instant, after so many instructions and this trace; the firmware may just have crashed.
     Stopped {
         at: Nanos,
+        instructions: u64,
         trace: Trace,
         crash: Option<Crash>,
         in_boot_loader: bool,
@@ -155,7 +155,7 @@ pub(crate) struct Run {
 }
 
 /// Runs the image until the program goes away.
-pub(crate) fn run<A: Arm>(bench: Bench<A>, run: Run) {
+pub(crate) fn run(bench: Bench, run: Run) {
     let replies = run.replies.clone();
     let ended = match attempt(bench, run) {
         Ok(()) => "the run was ended".to_owned(),
@@ -165,7 +165,7 @@ pub(crate) fn run<A: Arm>(bench: Bench<A>, run: Run) {
     let _ = replies.send(Reply::Ended(ended));
 }
 
-fn attempt<A: Arm>(bench: Bench<A>, run: Run) -> Result<(), emulator::Error> {
+fn attempt(bench: Bench, run: Run) -> Result<(), emulator::Error> {
     let mut session = Session::new(Box::new(bench), 0, VirtualNanos(0))?;
     let symbols = symbols(&run.image);
     let mut crashes = BTreeMap::new();
@@ -231,8 +231,8 @@ struct Lockstep {
     boot_loader: Option<usize>,
 }
 
-impl<A: Arm> Driver<Bench<A>> for Lockstep {
-    fn on_settled(&mut self, session: &mut Session<Bench<A>>, host: &mut dyn emulator::Host, settled: Settled) {
+impl Driver<Bench> for Lockstep {
+    fn on_settled(&mut self, session: &mut Session<Bench>, host: &mut dyn emulator::Host, settled: Settled) {
         let now = match settled {
             Settled::Access { access, value } => {
                 for part in [access.address, value, access.instruction_count, access.virtual_time.0] {
@@ -280,12 +280,13 @@ impl<A: Arm> Driver<Bench<A>> for Lockstep {
 
     fn on_stop(
         &mut self,
-        session: &mut Session<Bench<A>>,
+        session: &mut Session<Bench>,
         stop: Stop,
         host: &mut dyn emulator::Host,
     ) -> Option<VirtualNanos> {
         let stopped = Reply::Stopped {
             at: stop.at.into(),
+            instructions: stop.instruction_count,
             trace: self.trace,
             crash: self.crash.take(),
             in_boot_loader: self.boot_loader == Some(session.resets().len()),

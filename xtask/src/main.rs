@@ -18,6 +18,7 @@ mod image;
 mod integrity;
 mod mutants;
 mod no_panic;
+mod performance;
 mod process;
 mod program;
 mod semver;
@@ -46,6 +47,8 @@ cargo ci                  run every check there is
 cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python; with
                           `differential`, only compare the parser of Ling's SDK and ours on damaged streams
 cargo xtask campaign      let things go wrong around the firmware image: --runs N, --seed S, --only NUMBER, --write
+cargo xtask performance   measure latency, load and rates of the image in virtual time, and check the limits; --write
+                          measures all of docs/performance.md and writes it, --times builds and tests too
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
 cargo xtask bench         measure on this machine, beside other crates, and print the ratios
@@ -87,6 +90,7 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("ci") => no_options(rest).and_then(|()| ci::run()),
         Some("vendor") => vendor::run(rest),
         Some("campaign") => campaign::run(rest),
+        Some("performance") => performance::run(rest),
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
         Some("stack") => no_options(rest).and_then(|()| stack::run()),
         Some("bench") => bench::run(rest),

@@ -8,6 +8,7 @@ mod can_program;
 mod control;
 mod figures;
 mod hosts;
+pub mod performance;
 mod program;
 mod session;
 mod talker;

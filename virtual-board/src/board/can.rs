@@ -72,6 +72,7 @@ impl Can<'_> {
     /// Every frame since the beginning, in the order in which they ended, once for each attempt.
     pub fn frames(&self) -> Vec<BusFrame> {
         let public = |record: &Record| BusFrame {
+            requested: record.requested,
             start: record.start,
             end: record.end,
             sender: record.sender,

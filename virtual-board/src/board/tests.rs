@@ -41,6 +41,10 @@ const fn load(to: u16, from: u16) -> u16 {
 /// b .
 const HANG: u16 = 0xE7FE;
 const NOP: u16 = 0xBF00;
+const WFI: u16 = 0xBF30;
+/// adds r0, #1, and a branch to the instruction before
+const ADD: u16 = 0x3001;
+const BACK: u16 = 0xE7FD;
 
 /// A board whose flash holds a vector table, `code` and `literals`.
 ///
@@ -193,6 +197,20 @@ fn instructions_take_as_long_as_they_are_made_to_cost() {
 }
 
 #[test]
+fn instructions_are_counted_and_a_core_that_sleeps_executes_none() {
+    let mut board = board(&[NOP, NOP, NOP, WFI, HANG, NOP], &[]);
+    board.run_for(Nanos::from_millis(1)).unwrap();
+    assert_eq!(board.instructions(), 4);
+    // Adds for ever: at two cycles each, 84 000 in a millisecond of 168 000 cycles.
+    let mut board = board_with(&[ADD, BACK], &[], |config| Config {
+        instruction_cost: NonZeroU32::new(200).unwrap(),
+        ..config
+    });
+    board.run_for(Nanos::from_millis(1)).unwrap();
+    assert!(board.instructions().abs_diff(84_000) <= 1, "{}", board.instructions());
+}
+
+#[test]
 fn a_wait_ends_with_the_frame_on_the_can_bus() {
     let mut board = board(&[HANG, NOP], &[]);
     board.can().attach(500_000);
@@ -205,6 +223,7 @@ fn a_wait_ends_with_the_frame_on_the_can_bus() {
         .unwrap();
     assert_eq!(took, Nanos(92 * 2_000));
     let expected = BusFrame {
+        requested: None,
         start: Nanos(0),
         end: Nanos(92 * 2_000),
         sender: Sender::Node(0),

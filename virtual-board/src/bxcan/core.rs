@@ -56,8 +56,9 @@ struct Mailbox {
     /// TIxR, TDTxR, TDLxR and TDHxR.
     registers: [u32; 4],
     pending: bool,
-    /// Its place in the order of requests.
+    /// Its place in the order of requests, and when it was requested.
     order: u64,
+    requested: Nanos,
     /// RQCP, TXOK, ALST and TERR.
     status: u32,
     aborting: bool,
@@ -314,6 +315,7 @@ impl Core {
         if offset % MAILBOX_SPAN == IDENTIFIER && value & identifier::TXRQ != 0 {
             self.requests += 1;
             mailbox.order = self.requests;
+            mailbox.requested = self.now;
             mailbox.pending = true;
             mailbox.status = 0;
         }
@@ -589,6 +591,10 @@ impl Controller for Core {
         let speaks = self.listens() && self.drives() && self.sending.is_none();
         let next = speaks.then(|| self.order().first().copied()).flatten()?;
         Some(self.mailboxes[next].frame())
+    }
+
+    fn requested(&self) -> Option<Nanos> {
+        self.sending.map(|nth| self.mailboxes[nth].requested)
     }
 
     fn sends(&self) -> bool {

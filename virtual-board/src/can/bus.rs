@@ -31,6 +31,8 @@ const TOLERANCE: u64 = 10;
 /// A frame that was on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Record {
+    /// When the board's controller was asked to send it.
+    pub(crate) requested: Option<Nanos>,
     pub(crate) start: Nanos,
     pub(crate) end: Nanos,
     pub(crate) sender: Sender,
@@ -43,6 +45,7 @@ pub(crate) struct Record {
 struct Flight {
     sender: Sender,
     frame: Frame,
+    requested: Option<Nanos>,
     start: Nanos,
     /// One of its sender's bits, in picoseconds.
     bit: u64,
@@ -229,7 +232,7 @@ impl Bus {
             }
             (Some(frame), None) => {
                 controller.begin(true);
-                self.flight = Some(self.board_flight(frame, now, controller.bit()));
+                self.flight = Some(self.board_flight(frame, now, controller));
             }
             (None, None) => {}
         }
@@ -249,13 +252,15 @@ impl Bus {
         Flight {
             sender,
             frame,
+            requested: None,
             start,
             bit,
             phase,
         }
     }
 
-    fn board_flight(&mut self, frame: Frame, start: Nanos, bit: u64) -> Flight {
+    fn board_flight(&mut self, frame: Frame, start: Nanos, controller: &dyn Controller) -> Flight {
+        let bit = controller.bit();
         let slot = start + span(frame.bits_through_acknowledge(), bit);
         let phase = match self.bit {
             _ if self.shorted => Phase::Fault(start + span(1, bit), BusError::DominantBit, Outcome::Shorted),
@@ -270,6 +275,7 @@ impl Bus {
         Flight {
             sender: Sender::Board,
             frame,
+            requested: controller.requested(),
             start,
             bit,
             phase,
@@ -332,6 +338,7 @@ impl Bus {
         }
         controller.end(sent && flight.sender == Sender::Board, self.free);
         self.records.push(Record {
+            requested: flight.requested,
             start: flight.start,
             end,
             sender: flight.sender,

@@ -44,6 +44,8 @@ pub enum Outcome {
 /// A frame that was on the bus, once for each attempt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusFrame {
+    /// When the firmware had asked its controller to send it. `None` for a frame of another node.
+    pub requested: Option<Nanos>,
     /// When its start of frame began.
     pub start: Nanos,
     /// When its end of frame, or the error frame that destroyed it, ended.
@@ -93,6 +95,9 @@ pub(crate) trait Controller {
 
     /// The frame that it would send now.
     fn offer(&self) -> Option<wire::Frame>;
+
+    /// When the frame that it sends was requested.
+    fn requested(&self) -> Option<Nanos>;
 
     /// Whether its frame is on the bus.
     fn sends(&self) -> bool;

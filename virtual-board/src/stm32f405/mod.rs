@@ -25,11 +25,10 @@ use self::dma::Dma1;
 pub use self::dma::Reenabled;
 use self::flash::Interface;
 use self::map::{ARM_PORT, FLASH, PWR, RCC};
-use self::port::{Port, Shared};
+use self::port::{AnyLine, Port};
 use crate::bxcan::{self, Can};
 use crate::can::bus::Bus as CanBus;
 use crate::flash::Flash;
-use crate::line::Arm;
 use crate::otg::Otg;
 use crate::usb::host::Host;
 
@@ -53,14 +52,14 @@ struct Slots {
 
 /// The microcontroller, with an arm, a USB host and a CAN bus at its pins.
 #[derive(Debug)]
-pub(crate) struct Stm32f405<A: Arm> {
+pub(crate) struct Stm32f405 {
     bus: Bus,
     slots: Slots,
     /// The models that the part shares with the F427. Its own bus is not used, but for what a reset keeps.
     shared: Stm32f427,
     /// The slot that each of our slots has on the F427's bus.
     twins: Vec<Option<usize>>,
-    port: Port<A>,
+    port: Port,
     otg: Otg,
     can: Can,
     flash: Interface,
@@ -68,7 +67,7 @@ pub(crate) struct Stm32f405<A: Arm> {
     dma2: Dma,
 }
 
-impl<A: Arm> Stm32f405<A> {
+impl Stm32f405 {
     /// A part with a crystal of `crystal_hz`.
     ///
     /// # Errors
@@ -76,7 +75,7 @@ impl<A: Arm> Stm32f405<A> {
     /// Only if its description contradicts itself.
     pub(crate) fn new(
         crystal_hz: u32,
-        line: Shared<A>,
+        line: AnyLine,
         starve: Arc<AtomicBool>,
         reenabled: Reenabled,
         host: Arc<Mutex<Host>>,
@@ -127,7 +126,7 @@ impl<A: Arm> Stm32f405<A> {
     }
 }
 
-impl<A: Arm> Mcu for Stm32f405<A> {
+impl Mcu for Stm32f405 {
     fn bus(&self) -> &Bus {
         &self.bus
     }

@@ -25,10 +25,10 @@ const RESET_HZ: u64 = 16_000_000;
 
 /// A serial port with an arm at the other end.
 #[derive(Debug)]
-pub(super) struct Port<A: Arm> {
+pub(super) struct Port {
     usart: Usart,
     clock_hz: u64,
-    line: Shared<A>,
+    line: AnyLine,
     /// A byte that the firmware wrote and that is not on the wire yet.
     waiting: Option<u8>,
     parity: ParityError,
@@ -49,12 +49,15 @@ struct ParityError {
 /// The line, as the port and whoever runs the board share it.
 pub(crate) type Shared<A> = Arc<Mutex<Line<A>>>;
 
-pub(crate) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+/// The same with any arm: the emulator is compiled once, with this crate, and not for each.
+pub(crate) type AnyLine = Shared<dyn Arm>;
+
+pub(crate) fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl<A: Arm> Port<A> {
-    pub(super) fn new(line: Shared<A>) -> Self {
+impl Port {
+    pub(super) fn new(line: AnyLine) -> Self {
         let mut usart = Usart::with_clock(Kind::Usart, RESET_HZ);
         usart.attach(End {
             line: line.clone(),
@@ -77,7 +80,7 @@ impl<A: Arm> Port<A> {
         self.settle(registers, context);
     }
 
-    fn end(&mut self) -> &mut End<A> {
+    fn end(&mut self) -> &mut End {
         self.usart.chip_mut().expect("attached when it was made")
     }
 
@@ -242,15 +245,15 @@ struct Flips {
 }
 
 /// The line's end at the USART.
-struct End<A> {
-    line: Shared<A>,
+struct End {
+    line: AnyLine,
     arriving: Option<Arrival>,
     /// A byte with a wrong parity bit has arrived.
     parity_error: bool,
     flips: Flips,
 }
 
-impl<A> std::fmt::Debug for End<A> {
+impl std::fmt::Debug for End {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("End")
             .field("arriving", &self.arriving)
@@ -258,9 +261,9 @@ impl<A> std::fmt::Debug for End<A> {
     }
 }
 
-impl<A> Store for End<A> {}
+impl Store for End {}
 
-impl<A: Arm> Peer for End<A> {
+impl Peer for End {
     fn receive(&mut self, word: u16, timeline: &mut Timeline<'_, '_>) {
         lock(&self.line).board_sent(timeline.now().into(), word as u8);
     }
@@ -280,7 +283,7 @@ impl<A: Arm> Peer for End<A> {
     }
 }
 
-impl<A: Arm> Device for Port<A> {
+impl Device for Port {
     type Register = Register;
 
     fn layout(&self) -> &'static [RegisterSpec] {

@@ -68,8 +68,8 @@ impl SerialDevice for Arm {
 
 /// The part, its line, and its RAM.
 struct Bench {
-    part: Stm32f405<Arm>,
-    line: Shared<Arm>,
+    part: Stm32f405,
+    line: port::Shared<Arm>,
     can: Arc<Mutex<CanBus>>,
     flash: Arc<Mutex<Flash>>,
     host: Arc<Mutex<Host>>,

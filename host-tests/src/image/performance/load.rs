@@ -1,0 +1,202 @@
+//! How much of its time the core works, and how fast the virtual board is meanwhile.
+
+use std::num::NonZeroU32;
+use std::time::{Duration, Instant};
+
+use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
+use armwire::{Micros, Protocol};
+use armwire_bridge::can::Node;
+use armwire_bridge::config::{self, Config, Poll};
+use armwire_sim::ling::LingArm;
+use armwire_sim::serial::SerialDevice;
+use armwire_virtual_board::line::Arm;
+use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, VirtualBoard};
+
+use super::configure;
+use crate::image::{CanProgram, MEGABAUD, Talker, counters, noise, on_board_with, path, plug_in, polled};
+
+/// Cycles of the core in a second.
+const CORE_HZ: u64 = 168_000_000;
+
+/// Bits per second on the bus.
+const BUS_RATE: u32 = 1_000_000;
+
+/// What passes before the measurement begins.
+const WARM_UP: Nanos = Nanos::from_millis(20);
+
+/// How far the board runs between two looks of the hosts if nothing comes.
+const GLANCE: Nanos = Nanos(1_000_000);
+
+/// What there is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scene {
+    /// The serial port is open, and nobody says anything.
+    Idle,
+    /// The adapter polls the arm so many times a second, and tells of it on the bus.
+    Polled(u16),
+    /// The adapter polls the arm as fast as the wire allows.
+    Fastest,
+    /// The UART carries bytes without a pause both ways at this rate, and USB what it carries.
+    Saturated(u32),
+    /// The same at a megabaud; what the arm says are frames, which go to the bus as well, as many as it carries.
+    SaturatedWithCan,
+}
+
+/// All of them.
+pub const SCENES: [Scene; 6] = [
+    Scene::Idle,
+    Scene::Polled(200),
+    Scene::Fastest,
+    Scene::Saturated(MEGABAUD),
+    Scene::Saturated(2 * MEGABAUD),
+    Scene::SaturatedWithCan,
+];
+
+impl Scene {
+    /// Its name in records.
+    pub fn name(self) -> String {
+        match self {
+            Self::Idle => "idle".to_owned(),
+            Self::Polled(hertz) => format!("polled-{hertz}"),
+            Self::Fastest => "polled-fastest".to_owned(),
+            Self::Saturated(baud) => format!("saturated-{baud}"),
+            Self::SaturatedWithCan => "saturated-with-can".to_owned(),
+        }
+    }
+}
+
+/// What a scene took.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Run {
+    /// Virtual time.
+    pub time: Nanos,
+    /// The part of it in which the core executed instructions.
+    pub busy: Nanos,
+    /// Our time.
+    pub took: Duration,
+}
+
+/// Plays a scene for `span`. An instruction takes `cost` percent of a cycle.
+///
+/// # Panics
+///
+/// If the firmware did what it must not, or lost bytes.
+pub fn measure(cost: NonZeroU32, scene: Scene, span: Nanos) -> Run {
+    let ling = || LingArm::new(armwire_sim::ling::Config::follower());
+    match scene {
+        Scene::Idle => on(cost, ling(), MEGABAUD, |board| run(board, cost, span, |_| ())),
+        Scene::Polled(hertz) => on(cost, ling(), MEGABAUD, |board| {
+            board.can().attach(BUS_RATE);
+            configure(board, polled(hertz));
+            run(board, cost, span, |_| ())
+        }),
+        Scene::Fastest => on(cost, ling(), MEGABAUD, |board| {
+            let poll = Poll::Fastest;
+            configure(
+                board,
+                Config {
+                    poll,
+                    ..Config::default()
+                },
+            );
+            run(board, cost, span, |_| ())
+        }),
+        Scene::Saturated(baud) => on(cost, Talker::default(), baud, |board| {
+            let bytes = bytes_in(span, baud);
+            saturate(board, cost, span, &noise(1, bytes), &noise(2, bytes))
+        }),
+        Scene::SaturatedWithCan => on(cost, Talker::default(), MEGABAUD, |board| {
+            board.can().attach(BUS_RATE);
+            let can = config::Can {
+                unsolicited: true,
+                ..config::Can::default()
+            };
+            configure(
+                board,
+                Config {
+                    can,
+                    ..Config::default()
+                },
+            );
+            let bytes = bytes_in(span, MEGABAUD);
+            saturate(board, cost, span, &noise(1, bytes), &joints(bytes))
+        }),
+    }
+}
+
+/// How many bytes the line carries one way in `span` and what is before and after it.
+fn bytes_in(span: Nanos, baud: u32) -> usize {
+    let all = span + WARM_UP + WARM_UP;
+    (all.0 * u64::from(baud / 10) / 1_000_000_000) as usize
+}
+
+/// Frames with joints, so many bytes in all at least.
+pub(super) fn joints(bytes: usize) -> Vec<u8> {
+    let state = JointState {
+        joints: [2048; JOINTS],
+        gripper: 0,
+        status: MotionStatus::Idle,
+    };
+    let mut frame = [0; MAX_FRAME];
+    let len = Ling::encode_response(&Response::Joints(state), &mut frame).expect("there is room for the longest");
+    frame[..len].repeat(bytes.div_ceil(len))
+}
+
+fn on<A: Arm>(cost: NonZeroU32, arm: A, baud: u32, play: impl FnOnce(&mut VirtualBoard<A>) -> Run) -> Run {
+    let mut config = BoardConfig::new(path(), arm);
+    config.instruction_cost = cost;
+    config.arm_baud = baud;
+    on_board_with(config, |board| {
+        plug_in(board, baud);
+        play(board)
+    })
+}
+
+/// Lets both sides say `down` and `up` without a pause; they must not end before the measurement does.
+fn saturate(board: &mut VirtualBoard<Talker>, cost: NonZeroU32, span: Nanos, down: &[u8], up: &[u8]) -> Run {
+    board.with_arm(|arm| arm.say(up));
+    board.usb().write(down).expect("it is open");
+    let result = run(board, cost, span, |board| {
+        board.usb().read();
+    });
+    let still = board.usb().unsent() > 0 && board.with_arm(|arm| arm.poll_timeout()) == Some(Micros(0));
+    assert!(still, "the line was not busy to the end");
+    let counters = counters(board);
+    assert_eq!((counters.dropped_bytes, counters.refused_bytes), (0, 0));
+    result
+}
+
+/// Runs for `span` after a while, and lets the hosts do what they do all the time.
+fn run<A: Arm>(
+    board: &mut VirtualBoard<A>,
+    cost: NonZeroU32,
+    span: Nanos,
+    mut use_it: impl FnMut(&mut VirtualBoard<A>),
+) -> Run {
+    let mut can = CanProgram::new(Node::default());
+    let mut pass = |board: &mut VirtualBoard<A>, span: Nanos| {
+        let end = board.now() + span;
+        while board.now() < end {
+            use_it(board);
+            can.poll(board);
+            // What was on the wires is not needed.
+            board.uart().forget_bytes();
+            board.usb().forget_packets();
+            board.can().forget_frames();
+            let limit = GLANCE.min(end.since(board.now()));
+            match board.run_until(limit, |board| board.can().unread() > 0) {
+                Ok(_) | Err(Error::TimedOut { .. }) => {}
+                Err(error) => panic!("{error}"),
+            }
+        }
+    };
+    pass(board, WARM_UP);
+    let (began, time, instructions) = (Instant::now(), board.now(), board.instructions());
+    pass(board, span);
+    let cycles = (board.instructions() - instructions) * u64::from(cost.get()) / 100;
+    Run {
+        time: board.now().since(time),
+        busy: Nanos(cycles * 1_000_000_000 / CORE_HZ),
+        took: began.elapsed(),
+    }
+}

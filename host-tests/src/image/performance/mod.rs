@@ -1,0 +1,28 @@
+//! How fast the firmware image and the virtual board are, as `cargo xtask performance` measures it.
+//!
+//! What is measured in virtual time is the same in each run of the same image.
+
+pub mod latency;
+pub mod load;
+pub mod rates;
+
+use armwire::Protocol;
+use armwire::ling::{Ling, MAX_FRAME, Request};
+use armwire_bridge::config::Config;
+use armwire_bridge::control;
+use armwire_virtual_board::VirtualBoard;
+use armwire_virtual_board::line::Arm;
+
+use super::Control;
+
+/// The bytes of a request.
+fn frame(request: Request) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    let len = Ling::encode_request(&request, &mut bytes).expect("there is room for the longest");
+    bytes[..len].to_vec()
+}
+
+/// Sets the adapter's configuration.
+fn configure<A: Arm>(board: &mut VirtualBoard<A>, config: Config) {
+    Control::open(board).order(board, control::Request::SetConfig(config));
+}
