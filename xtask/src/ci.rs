@@ -11,7 +11,8 @@ use crate::process::{self, shown};
 use crate::toolchain::Toolchain;
 use crate::workspace;
 use crate::{
-    campaign, counts, coverage, deny, features, fuzz, integrity, no_panic, semver, size, stack, unsafe_code, vendor,
+    campaign, counts, coverage, deny, features, fuzz, integrity, no_panic, performance, semver, size, stack,
+    unsafe_code, vendor,
 };
 
 /// Everything but the firmware. The emulator asks for a newer compiler than it needs.
@@ -87,6 +88,7 @@ pub(crate) fn run() -> Result {
         // What they measured is worth seeing.
         check(test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path))
     })?;
+    ci.step("performance in virtual time", || performance::run(&[]))?;
     ci.step("faults around the firmware image", || {
         campaign::run_on(&image.path, &[])
     })?;
@@ -131,8 +133,10 @@ impl Ci {
 fn drawings() -> Result {
     let parse = "import sys, xml.etree.ElementTree as tree\nfor file in sys.argv[1:]: tree.parse(file)";
     let mut drawings = Vec::new();
-    for file in fs::read_dir(workspace::root().join("docs"))? {
-        drawings.push(file?.path());
+    for folder in ["docs", "docs/performance"] {
+        for file in fs::read_dir(workspace::root().join(folder))? {
+            drawings.push(file?.path());
+        }
     }
     drawings.retain(|file| file.extension().is_some_and(|extension| extension == "svg"));
     println!("{} drawings", drawings.len());
