@@ -31,6 +31,11 @@ pub const UP: usize = 2048;
 /// more.
 pub const DOWN: usize = 512;
 
+const _: () = assert!(
+    UP >= 2 * PACKET && DOWN >= PACKET,
+    "a queue is shorter than the packets it must hold"
+);
+
 /// How long bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
 const PATIENCE: Micros = Micros::from_millis(1_000);
 

@@ -169,18 +169,23 @@ fn a_stream_from_can_is_watched_too() {
     ));
 }
 
-#[test]
-fn a_host_on_can_that_is_refused_is_not_silent() {
-    let mut rig = Rig::new(silence(100, true));
+/// A host on CAN that streams motion, until an arm that checks itself for 500 ms leaves no room for what it says.
+fn streaming_on_can_into_a_self_check(config: Config) -> Rig {
+    let mut rig = Rig::new(config);
     rig.subscribe();
     for _ in 0..3 {
         rig.can_out.push_back(motion());
         rig.run(10_000);
     }
-    // The arm checks itself for 500 ms, and there is no room for what CAN says meanwhile.
     rig.manners = Box::new(|_| None);
     rig.usb_out.extend(ling::SELF_CHECK);
     rig.run(1_000);
+    rig
+}
+
+#[test]
+fn a_host_on_can_that_is_refused_is_not_silent() {
+    let mut rig = streaming_on_can_into_a_self_check(silence(100, true));
     for _ in 0..40 {
         rig.can_out.push_back(motion());
         rig.run(10_000);
@@ -194,15 +199,7 @@ fn a_host_on_can_that_is_refused_is_not_silent() {
 
 #[test]
 fn what_a_silent_host_on_can_has_queued_is_dropped_to_the_last() {
-    let mut rig = Rig::new(silence(300, false));
-    rig.subscribe();
-    for _ in 0..3 {
-        rig.can_out.push_back(motion());
-        rig.run(10_000);
-    }
-    rig.manners = Box::new(|_| None);
-    rig.usb_out.extend(ling::SELF_CHECK);
-    rig.run(1_000);
+    let mut rig = streaming_on_can_into_a_self_check(silence(300, false));
     for _ in 0..3 {
         rig.can_out.push_back(motion());
     }

@@ -27,16 +27,21 @@ pub(super) fn latency(records: &Records) -> String {
     table
 }
 
+/// The first two lines of a table with a column for each cost.
+fn head_of_costs(costs: &[u32]) -> String {
+    let mut head = "| Cycles per instruction |".to_owned();
+    let mut rule = "|---|".to_owned();
+    for cost in costs {
+        let _ = write!(head, " {} |", factor(*cost));
+        rule += "---:|";
+    }
+    format!("{head}\n{rule}\n")
+}
+
 /// How latency depends on what an instruction takes: the median and the worst.
 pub(super) fn sweep(records: &Records) -> String {
     let costs = costs(records);
-    let mut table = "| Cycles per instruction |".to_owned();
-    let mut rule = "|---|".to_owned();
-    for cost in &costs {
-        let _ = write!(table, " {} |", factor(*cost));
-        rule += "---:|";
-    }
-    let mut table = format!("{table}\n{rule}\n");
+    let mut table = head_of_costs(&costs);
     for (way, name) in WAYS {
         let _ = write!(table, "| {name}: median / worst |");
         for cost in &costs {
@@ -51,13 +56,7 @@ pub(super) fn sweep(records: &Records) -> String {
 /// How much of its time the core works.
 pub(super) fn load(records: &Records) -> String {
     let costs = costs(records);
-    let mut table = "| Cycles per instruction |".to_owned();
-    let mut rule = "|---|".to_owned();
-    for cost in &costs {
-        let _ = write!(table, " {} |", factor(*cost));
-        rule += "---:|";
-    }
-    let mut table = format!("{table}\n{rule}\n");
+    let mut table = head_of_costs(&costs);
     for scene in records.loads.iter().filter(|load| load.cost == FULL) {
         let _ = write!(table, "| {} |", scene_name(&scene.scene));
         for cost in &costs {
