@@ -7,15 +7,16 @@ use std::fs;
 use std::time::Instant;
 
 use armwire::Micros;
-use armwire::Protocol;
-use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
+use armwire::ling::JOINTS;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{
     Asker, Event, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Request, Stamp, Subscription,
     encode_cobs,
 };
 use armwire_bridge::{Bridge, Counters, PACKET};
-use armwire_host_tests::image::{Control, MEGABAUD, Traffic, Witness, byte_time, counters, on_board, plug_in};
+use armwire_host_tests::image::{
+    Control, MEGABAUD, Traffic, Witness, byte_time, counters, joint_answer, on_board, plug_in,
+};
 use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::line::Direction;
 use armwire_virtual_board::{Nanos, VirtualBoard};
@@ -178,14 +179,7 @@ fn joints(number: u32) -> Vec<u8> {
     let mut joints = [0; JOINTS];
     joints[0] = (number & 0xFFF) as u16;
     joints[1] = (number >> 12 & 0xFFF) as u16;
-    let state = JointState {
-        joints,
-        gripper: 0,
-        status: MotionStatus::Idle,
-    };
-    let mut bytes = [0; MAX_FRAME];
-    let len = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
-    bytes[..len].to_vec()
+    joint_answer(joints)
 }
 
 fn polled() -> Config {

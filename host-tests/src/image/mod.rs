@@ -33,7 +33,7 @@ pub use program::{Program, ProgramOf};
 pub use session::{Session, polled, session};
 pub use talker::Talker;
 pub use traffic::Traffic;
-pub use witness::{Deeds, Ticket, Witness};
+pub use witness::{Deeds, Ticket, Witness, joint_answer};
 
 /// The rate of the Ling arm's line, in bits per second.
 pub const MEGABAUD: u32 = 1_000_000;

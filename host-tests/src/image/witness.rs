@@ -250,6 +250,15 @@ fn joints(number: u32) -> Vec<u8> {
     for (place, joint) in joints.iter_mut().enumerate().take(3) {
         *joint = (number >> (place as u32 * TICK_BITS) & mask) as u16;
     }
+    joint_answer(joints)
+}
+
+/// The answer of an arm that stands still at these joints, in ticks.
+///
+/// # Panics
+///
+/// Never.
+pub fn joint_answer(joints: [u16; JOINTS]) -> Vec<u8> {
     let state = JointState {
         joints,
         gripper: 0,

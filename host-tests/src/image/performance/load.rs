@@ -3,17 +3,17 @@
 use std::num::NonZeroU32;
 use std::time::{Duration, Instant};
 
-use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
-use armwire::{Micros, Protocol};
+use armwire::Micros;
+use armwire::ling::JOINTS;
 use armwire_bridge::can::Node;
-use armwire_bridge::config::{self, Config, Poll};
+use armwire_bridge::config::{Config, Poll};
 use armwire_sim::ling::LingArm;
 use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, VirtualBoard};
 
-use super::configure;
-use crate::image::{CanProgram, MEGABAUD, Talker, counters, noise, on_board_with, path, plug_in, polled};
+use super::{configure, unsolicited};
+use crate::image::{CanProgram, MEGABAUD, Talker, counters, joint_answer, noise, on_board_with, path, plug_in, polled};
 
 /// Cycles of the core in a second.
 const CORE_HZ: u64 = 168_000_000;
@@ -107,17 +107,7 @@ pub fn measure(cost: NonZeroU32, scene: Scene, span: Nanos) -> Run {
         }),
         Scene::SaturatedWithCan => on(cost, Talker::default(), MEGABAUD, |board| {
             board.can().attach(BUS_RATE);
-            let can = config::Can {
-                unsolicited: true,
-                ..config::Can::default()
-            };
-            configure(
-                board,
-                Config {
-                    can,
-                    ..Config::default()
-                },
-            );
+            configure(board, unsolicited());
             let bytes = bytes_in(span, MEGABAUD);
             saturate(board, cost, span, &noise(1, bytes), &joints(bytes))
         }),
@@ -132,14 +122,8 @@ fn bytes_in(span: Nanos, baud: u32) -> usize {
 
 /// Frames with joints, so many bytes in all at least.
 pub(super) fn joints(bytes: usize) -> Vec<u8> {
-    let state = JointState {
-        joints: [2048; JOINTS],
-        gripper: 0,
-        status: MotionStatus::Idle,
-    };
-    let mut frame = [0; MAX_FRAME];
-    let len = Ling::encode_response(&Response::Joints(state), &mut frame).expect("there is room for the longest");
-    frame[..len].repeat(bytes.div_ceil(len))
+    let frame = joint_answer([2048; JOINTS]);
+    frame.repeat(bytes.div_ceil(frame.len()))
 }
 
 fn on<A: Arm>(cost: NonZeroU32, arm: A, baud: u32, play: impl FnOnce(&mut VirtualBoard<A>) -> Run) -> Run {

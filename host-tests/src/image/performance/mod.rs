@@ -8,7 +8,7 @@ pub mod rates;
 
 use armwire::Protocol;
 use armwire::ling::{Ling, MAX_FRAME, Request};
-use armwire_bridge::config::Config;
+use armwire_bridge::config::{self, Config};
 use armwire_bridge::control;
 use armwire_virtual_board::VirtualBoard;
 use armwire_virtual_board::line::Arm;
@@ -20,6 +20,18 @@ fn frame(request: Request) -> Vec<u8> {
     let mut bytes = [0; MAX_FRAME];
     let len = Ling::encode_request(&request, &mut bytes).expect("there is room for the longest");
     bytes[..len].to_vec()
+}
+
+/// The host on CAN is told of all that the arm says unasked.
+fn unsolicited() -> Config {
+    let can = config::Can {
+        unsolicited: true,
+        ..config::Can::default()
+    };
+    Config {
+        can,
+        ..Config::default()
+    }
 }
 
 /// Sets the adapter's configuration.

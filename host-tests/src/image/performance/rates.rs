@@ -13,8 +13,8 @@ use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Direction, LineByte};
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos};
 
-use super::configure;
 use super::load::joints;
+use super::{configure, unsolicited};
 use crate::image::{
     CanProgram, MEGABAUD, Talker, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
 };
@@ -126,17 +126,7 @@ pub fn classic_can(span: Nanos) -> Rate {
     on_board(Talker::default(), |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(BUS_RATE);
-        let can = config::Can {
-            unsolicited: true,
-            ..config::Can::default()
-        };
-        configure(
-            board,
-            Config {
-                can,
-                ..Config::default()
-            },
-        );
+        configure(board, unsolicited());
         board.with_arm(|arm| arm.say(&joints((span.0 / byte_time(MEGABAUD).0) as usize)));
         let mut program = CanProgram::new(Node::default());
         board.can().forget_frames();
