@@ -5,7 +5,6 @@ use core::cell::RefCell;
 use armwire::Micros;
 use armwire_bridge::control::Identity;
 use armwire_bridge::{Action, Bridge, config};
-use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
@@ -85,8 +84,6 @@ impl Adapter {
 
     /// Tells those for whom a microsecond counts: who sends the host what the arm said, and who sends to the arm. All
     /// others are told when these have run.
-    ///
-    /// The executor runs tasks in the reverse order in which they were woken.
     // One piece of code, not one for each call.
     #[inline(never)]
     fn tell_of_the_arm(&self) {
@@ -122,14 +119,6 @@ impl Adapter {
         }
         bridge.timeout()
     }
-}
-
-/// Lets all others run that have something to do.
-///
-/// Of tasks that wait for their turn the one that asked last gets it first, which is the one that asks here.
-pub(crate) async fn let_others_run() {
-    yield_now().await;
-    yield_now().await;
 }
 
 /// Now, by the microsecond timer.

@@ -19,6 +19,7 @@ mod can;
 mod identity;
 mod led;
 mod panic;
+mod priority;
 mod restart;
 mod time;
 mod uart;
@@ -33,6 +34,7 @@ use static_cell::StaticCell;
 use defmt_rtt as _;
 
 use crate::adapter::Adapter;
+use crate::priority::Priority;
 use crate::usb::pipe::{self, Pipe};
 
 #[embassy_executor::main]
@@ -56,18 +58,20 @@ async fn main(spawner: Spawner) {
     let usb = usb::new(board.usb, adapter);
     let watchdog = IndependentWatchdog::new(board.watchdog, watchdog::TIMEOUT_US);
 
-    // Spawning fails only for a task that already runs.
-    spawner.spawn(uart::receive(adapter, board.rx_dma).unwrap());
-    spawner.spawn(uart::transmit(adapter, board.uart, board.tx_dma).unwrap());
+    Priority::FromArm.start(spawner, uart::receive(adapter, board.rx_dma));
+    Priority::ToArm.start(spawner, uart::transmit(adapter, board.uart, board.tx_dma));
     for (pipe, endpoints) in [(Pipe::Port, usb.port), (Pipe::Control, usb.control)] {
-        spawner.spawn(pipe::to_host(adapter, pipe, endpoints.to_host).unwrap());
-        spawner.spawn(pipe::from_host(adapter, pipe, endpoints.from_host).unwrap());
+        let (to_host, from_host) = match pipe {
+            Pipe::Port => (Priority::ToHost, Priority::FromHost),
+            Pipe::Control => (Priority::Control, Priority::Control),
+        };
+        to_host.start(spawner, pipe::to_host(adapter, pipe, endpoints.to_host));
+        from_host.start(spawner, pipe::from_host(adapter, pipe, endpoints.from_host));
     }
-    spawner.spawn(can::run(adapter, board.can).unwrap());
-    spawner.spawn(action::run(adapter, store).unwrap());
-    spawner.spawn(time::tick(adapter).unwrap());
-    spawner.spawn(led::show(adapter, board.led).unwrap());
-    spawner.spawn(watchdog::feed(adapter, watchdog).unwrap());
-    // The last one runs first: it switches on the USB peripheral that others look at.
-    spawner.spawn(usb::run(usb.device).unwrap());
+    Priority::Can.start(spawner, can::run(adapter, board.can));
+    Priority::Background.start(spawner, action::run(adapter, store));
+    Priority::Time.start(spawner, time::tick(adapter));
+    Priority::Background.start(spawner, led::show(adapter, board.led));
+    Priority::Background.start(spawner, watchdog::feed(adapter, watchdog));
+    Priority::UsbDevice.start(spawner, usb::run(usb.device));
 }

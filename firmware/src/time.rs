@@ -1,9 +1,10 @@
 //! Tells the tasks what there is to do, and the bridge the time when it wants to know it.
 
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, let_others_run, now};
+use crate::adapter::{Adapter, now};
 use crate::watchdog::{Task, progress, rest};
 
 /// Looks what the bridge wants whenever something was said to it, and calls it when the time has come that it said.
@@ -27,7 +28,7 @@ pub(crate) async fn tick(adapter: &'static Adapter) {
         if due {
             adapter.with(|bridge| bridge.tick(now()));
             // A poll that is due is to be on its way before anything else is looked at.
-            let_others_run().await;
+            yield_now().await;
         }
     }
 }

@@ -23,7 +23,6 @@ use armwire_bridge::{Bridge, Line, Parity, StopBits, UartErrors, Wake};
 use critical_section::Mutex;
 use embassy_futures::join::join;
 use embassy_futures::select::select;
-use embassy_futures::yield_now;
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
 use embassy_stm32::mode::Blocking;
@@ -32,9 +31,10 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 
-use crate::adapter::{Adapter, let_others_run, now};
+use crate::adapter::{Adapter, now};
 use crate::board::usart::{self, Status};
 use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt};
+use crate::priority::let_others_run;
 use crate::watchdog::{Task, progress, rest};
 
 /// Bytes the receive ring holds. Half of them may wait to be taken: 2.5 ms at 2 Mbaud.
@@ -236,7 +236,7 @@ impl Receiver {
     /// Takes bytes as the bridge asks for them, until the receive path must be started anew.
     async fn serve(&mut self) {
         // On a line that brings nothing but errors, the other tasks get their turn here.
-        yield_now().await;
+        let_others_run().await;
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
             self.look();
