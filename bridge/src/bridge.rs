@@ -339,6 +339,7 @@ impl Bridge {
     /// Moves the next packet of the control interface into `packet` and returns its length, 0 for one without data. `None`
     /// when nothing is due.
     pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Micros) -> Option<usize> {
+        self.tell_frames();
         let len = self.control.usb_transmit(packet)?;
         self.serve(now);
         Some(len)
@@ -366,7 +367,7 @@ impl Bridge {
 
     /// Whether [`can_transmit`](Self::can_transmit) has a frame.
     pub fn can_due(&self, now: Micros) -> bool {
-        self.can.is_due(now)
+        self.can.is_due(now) || self.control.can_due()
     }
 
     /// The next frame for the bus, the most urgent first. `None` when there is none now.
@@ -374,6 +375,7 @@ impl Bridge {
     /// Hand it to the controller at once, and ask only when the controller has room: what waits here can still be overtaken
     /// by what is more urgent.
     pub fn can_transmit(&mut self, now: Micros) -> Option<Frame> {
+        self.tell_frames();
         let frame = self.can.transmit(now, &mut self.counters);
         if frame.is_some() {
             self.serve(now);
@@ -640,13 +642,13 @@ impl Bridge {
         }
     }
 
-    /// Tells whoever wants to be told.
+    /// Tells whoever wants to be told of what is no frame.
     pub(crate) fn tell(&mut self, event: Event, now: Micros) {
-        let frame = matches!(event, Event::Frame { .. });
-        if !frame && !self.can.note(&event, Stamp(now.0)) {
+        if !self.can.note(&event, Stamp(now.0)) {
             count(&mut self.counters.dropped_events, 1);
         }
-        if self.control.is_heard(frame) {
+        if self.control.is_heard() {
+            self.tell_frames();
             self.control.tell(event, now, &mut self.can, &mut self.counters);
         }
     }

@@ -146,8 +146,8 @@ impl CanPort {
     }
 
     /// Whether an answer of the arm was queued. It is dropped where there is no room.
-    pub(crate) fn answer(&mut self, frame: &FrameBytes) -> bool {
-        let queued = self.answers.push_back(frame.clone()).is_ok();
+    pub(crate) fn answer(&mut self, frame: &[u8]) -> bool {
+        let queued = FrameBytes::from_slice(frame).is_ok_and(|frame| self.answers.push_back(frame).is_ok());
         self.feed();
         queued
     }

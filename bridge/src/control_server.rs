@@ -6,15 +6,16 @@ use crate::bridge::{Action, Bridge};
 use crate::can_port::{CanPort, MAX_REQUEST};
 use crate::config::{Config, ConfigError};
 use crate::control::{
-    ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Reader,
-    Reply, Request, Stamp, Subscription, VERSION, decode, encode, encode_cobs,
+    ArmIdentity, Asker, Event, Failure, FrameBytes, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed,
+    Reader, Reply, Request, Stamp, Subscription, VERSION, decode, encode, encode_cobs,
 };
 use crate::counters::count;
+use crate::frame_queue::{Frame, FrameQueue};
 use crate::queue::Queue;
 use crate::{Counters, PACKET};
 
 /// Bytes that wait for the host on USB.
-const OUT: usize = 512;
+const OUT: usize = 448;
 
 /// Where a host is connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +30,8 @@ pub(crate) struct ControlServer {
     usb: UsbPort,
     usb_subscription: Subscription,
     can_subscription: Subscription,
+    /// Of which subscribers are told when there is time: until then, others have something to send.
+    untold: FrameQueue,
     /// A request to identify the arm, and the arm's answer, `None` for none.
     arm: Option<Pending<Option<FrameBytes>>>,
     /// A request to write or forget what is in flash, and whether that was done.
@@ -97,6 +100,7 @@ impl ControlServer {
                 frames: false,
                 events: false,
             },
+            untold: FrameQueue::new(),
             arm: None,
             flash: None,
             save: None,
@@ -132,11 +136,17 @@ impl ControlServer {
     }
 
     pub(crate) fn usb_due(&self) -> bool {
-        !self.usb.out.is_empty() || self.usb.open
+        let untold = self.usb_subscription.frames && !self.untold.is_empty();
+        !self.usb.out.is_empty() || self.usb.open || untold
+    }
+
+    /// Whether there is something to tell on the bus.
+    pub(crate) const fn can_due(&self) -> bool {
+        self.can_subscription.frames && !self.untold.is_empty()
     }
 
     pub(crate) fn usb_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
-        if !self.usb_due() {
+        if self.usb.out.is_empty() && !self.usb.open {
             return None;
         }
         let len = self.usb.out.pop(packet);
@@ -144,12 +154,25 @@ impl ControlServer {
         Some(len)
     }
 
-    /// Whether anybody wants to be told of this.
-    pub(crate) const fn is_heard(&self, frame: bool) -> bool {
-        match frame {
-            true => self.usb_subscription.frames || self.can_subscription.frames,
-            false => self.usb_subscription.events || self.can_subscription.events,
+    /// Subscribers, if there are any, are to be told of this frame, as far as there is room.
+    pub(crate) fn frame(&mut self, at: Micros, asker: Option<Asker>, bytes: &[u8], counters: &mut Counters) {
+        let subscribers = [self.usb_subscription, self.can_subscription];
+        let subscribers = subscribers.iter().filter(|subscription| subscription.frames).count();
+        if subscribers > 0 && !self.untold.push(at, asker, bytes) {
+            count(&mut counters.dropped_events, subscribers);
         }
+    }
+
+    /// Tells subscribers of the frames that they were not told of yet.
+    pub(crate) fn tell_frames(&mut self, can: &mut CanPort, counters: &mut Counters) {
+        while let Some(Frame { at, asker, bytes }) = self.untold.pop() {
+            self.tell(Event::Frame { asker, bytes }, at, can, counters);
+        }
+    }
+
+    /// Whether anybody wants to be told of what is no frame.
+    pub(crate) const fn is_heard(&self) -> bool {
+        self.usb_subscription.events || self.can_subscription.events
     }
 
     /// Tells subscribers, as far as there is room.
@@ -251,8 +274,14 @@ impl ControlServer {
 impl Bridge {
     /// Answers what hosts have asked on the control port, as far as there is room for the answers.
     pub(crate) fn serve(&mut self, now: Micros) {
+        self.tell_frames();
         // What one asks may end what another waits for.
         while self.serve_port(Port::Usb, now) | self.serve_port(Port::Can, now) {}
+    }
+
+    /// Tells subscribers of the frames that they were not told of yet.
+    pub(crate) fn tell_frames(&mut self) {
+        self.control.tell_frames(&mut self.can, &mut self.counters);
     }
 
     /// Serves one port, and returns whether there was anything to do.

@@ -76,6 +76,7 @@ mod control_server;
 mod counters;
 mod earliest;
 mod exchange;
+mod frame_queue;
 pub mod isotp;
 mod line;
 mod line_share;

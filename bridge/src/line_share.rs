@@ -9,7 +9,7 @@ use armwire::alpha1::Expect;
 
 use crate::arm::{Asked, Piece};
 use crate::bridge::{Bridge, Burst, LEAD, Wake};
-use crate::control::{Asker, Event, FrameBytes, MAX_FRAME, Refusal};
+use crate::control::{Asker, FrameBytes, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::earliest::earliest;
 use crate::exchange::Heard;
@@ -170,32 +170,21 @@ impl Bridge {
             if telemetry && let Some(state) = self.config.arm.joints(bytes) {
                 self.can.state(state, now);
             }
-            let copied = match asker {
-                Some(Asker::Can | Asker::Adapter) => true,
+            let on_can = match asker {
+                Some(asker) => asker == Asker::Can,
                 None => self.config.can.unsolicited,
-                _ => false,
             };
-            let frame = match copied || self.control.is_heard(true) {
-                true => FrameBytes::from_slice(bytes).ok(),
-                false => None,
-            };
-            self.deliver(asker, frame, now);
-        }
-    }
-
-    /// Gives a frame to whoever has asked for it, and to those who want to know. It is there if somebody wants it.
-    fn deliver(&mut self, asker: Option<Asker>, frame: Option<FrameBytes>, now: Micros) {
-        if let (None | Some(Asker::Can), Some(frame)) = (asker, &frame)
-            && (asker.is_some() || self.config.can.unsolicited)
-            && !self.can.answer(frame)
-        {
-            count(&mut self.counters.dropped_can_answers, 1);
-        }
-        if let (true, Some(bytes)) = (self.control.is_heard(true), frame.clone()) {
-            self.tell(Event::Frame { asker, bytes }, now);
-        }
-        if let Some(asker) = asker.filter(|_| self.exchange.holder().is_none()) {
-            self.ended(asker, frame, now);
+            if on_can && !self.can.answer(bytes) {
+                count(&mut self.counters.dropped_can_answers, 1);
+            }
+            self.control.frame(now, asker, bytes, &mut self.counters);
+            if let Some(asker) = asker.filter(|_| self.exchange.holder().is_none()) {
+                let answer = match asker {
+                    Asker::Adapter => FrameBytes::from_slice(bytes).ok(),
+                    _ => None,
+                };
+                self.ended(asker, answer, now);
+            }
         }
     }
 

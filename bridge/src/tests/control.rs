@@ -409,8 +409,8 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
     for _ in 0..100 {
         rig.bridge.uart_received(&frame, Micros(rig.now));
     }
-    let dropped = rig.bridge.counters().dropped_events;
     rig.run(100_000);
+    let dropped = rig.bridge.counters().dropped_events;
     let (usb, can) = (rig.events.len() - 1, rig.can_control.len() - 1);
     assert_eq!(usb + can + dropped as usize, 200);
     assert!(usb >= 5 && can >= 5, "{usb} {can}");

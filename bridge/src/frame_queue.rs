@@ -1,0 +1,108 @@
+//! Frames of the arm that subscribers are still to be told of: only what is needed to tell, not the message.
+
+use armwire::Micros;
+
+use crate::control::{Asker, FrameBytes};
+use crate::queue::Queue;
+use crate::turn::ASKERS;
+
+/// Bytes of room: 8 answers with the joints of a Ling arm.
+const ROOM: usize = 256;
+
+/// What is kept of a frame besides its bytes: when it ended, who had asked for it, and how long it is.
+const HEADER: usize = 10;
+
+/// Stands for nobody.
+const NOBODY: u8 = u8::MAX;
+
+/// First in, first out.
+pub(crate) struct FrameQueue {
+    bytes: Queue<ROOM>,
+}
+
+/// A frame of the arm.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Frame {
+    /// When its last byte came.
+    pub(crate) at: Micros,
+    /// Who had asked for it.
+    pub(crate) asker: Option<Asker>,
+    pub(crate) bytes: FrameBytes,
+}
+
+impl FrameQueue {
+    pub(crate) const fn new() -> Self {
+        Self { bytes: Queue::new() }
+    }
+
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
+    /// Appends a frame that ended at `at`, and returns whether there was room.
+    pub(crate) fn push(&mut self, at: Micros, asker: Option<Asker>, bytes: &[u8]) -> bool {
+        let fits = bytes.len().saturating_add(HEADER) <= self.bytes.room();
+        if fits {
+            let mut header = [0; HEADER];
+            let [stamp @ .., by, len] = &mut header;
+            *stamp = at.0.to_le_bytes();
+            *by = asker.map_or(NOBODY, |asker| asker as u8);
+            *len = bytes.len() as u8;
+            self.bytes.push(&header);
+            self.bytes.push(bytes);
+        }
+        fits
+    }
+
+    /// The frame that came first.
+    pub(crate) fn pop(&mut self) -> Option<Frame> {
+        if self.is_empty() {
+            return None;
+        }
+        let mut header = [0; HEADER];
+        self.bytes.pop(&mut header);
+        let [stamp @ .., by, len] = header;
+        let mut bytes = FrameBytes::new();
+        // No longer frame was pushed.
+        let _ = bytes.resize(len.into(), 0);
+        self.bytes.pop(&mut bytes);
+        Some(Frame {
+            at: Micros(u64::from_le_bytes(stamp)),
+            asker: ASKERS.get(usize::from(by)).copied(),
+            bytes,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::control::MAX_FRAME;
+
+    fn frames(len: usize) -> impl Iterator<Item = Frame> {
+        let askers = ASKERS.map(Some).into_iter().chain([None]).cycle();
+        askers.enumerate().map(move |(n, asker)| Frame {
+            at: Micros(u64::MAX - n as u64),
+            asker,
+            bytes: FrameBytes::from_slice(&[n as u8; MAX_FRAME][..len]).unwrap(),
+        })
+    }
+
+    #[test]
+    fn frames_come_out_as_they_went_in() {
+        let mut queue = FrameQueue::new();
+        for len in [1, 7, 21, MAX_FRAME] {
+            let frames: Vec<_> = frames(len)
+                .take_while(|frame| queue.push(frame.at, frame.asker, &frame.bytes))
+                .collect();
+            assert_eq!(frames.len(), ROOM / (len + HEADER));
+            let popped: Vec<_> = core::iter::from_fn(|| queue.pop()).collect();
+            assert_eq!(popped, frames);
+            assert!(queue.is_empty());
+        }
+    }
+}
