@@ -34,14 +34,16 @@ impl Bridge {
     /// The UART was looked at, at the time `now`, and has received `bytes`, perhaps none. The last of them came then:
     /// that is the stamp of the frame it ends.
     ///
-    /// Then ask everything that can be due, and [`wake`](Self::wake).
-    pub fn uart_received(&mut self, bytes: &[u8], now: Micros) {
+    /// Returns whether there was a frame: then ask everything that can be due, and [`wake`](Self::wake). Without one
+    /// only [`usb_due`](Self::usb_due) and `wake` can have changed.
+    pub fn uart_received(&mut self, bytes: &[u8], now: Micros) -> bool {
         self.looked = now;
         if bytes.is_empty() {
-            return;
+            return false;
         }
         (self.heard, self.quiet) = (now, false);
         count(&mut self.counters.arm_to_host_bytes, bytes.len());
+        let mut any = false;
         let mut rest = bytes;
         while !rest.is_empty() {
             rest = self.tap.push(rest);
@@ -50,14 +52,15 @@ impl Bridge {
                 // What the tap still holds may begin the next frame.
                 self.quiet = self.tap.pending() == 0;
                 self.port.release(self.passed);
+                any = true;
             }
         }
+        any
     }
 
     /// The line has been idle for the time of a byte: what has arrived goes out.
     ///
-    /// Call [`uart_received`](Self::uart_received) first with what arrived before. Then ask everything that can be due,
-    /// and [`wake`](Self::wake).
+    /// Call [`uart_received`](Self::uart_received) first with what arrived before. Returns the same as that.
     ///
     /// ```
     /// use armwire::Micros;
@@ -71,10 +74,11 @@ impl Bridge {
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));
     /// assert_eq!(bridge.wake(), Wake::Byte);
     /// ```
-    pub fn uart_idle(&mut self, now: Micros) {
-        self.take_pieces(true, now);
+    pub fn uart_idle(&mut self, now: Micros) -> bool {
+        let any = self.take_pieces(true, now);
         self.quiet = true;
         self.port.release(self.passed);
+        any
     }
 
     /// The UART reported errors. The bytes they came with are passed on as they are.

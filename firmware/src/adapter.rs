@@ -86,10 +86,15 @@ impl Adapter {
     /// others are told when these have run.
     // One piece of code, not one for each call.
     #[inline(never)]
-    fn tell_of_the_arm(&self) {
+    pub(crate) fn tell_of_the_arm(&self) {
         self.changed.signal(());
         // To ask whether there is something takes as long as to take it.
         self.bytes.signal(());
+        self.tell_of_bytes();
+    }
+
+    /// Tells who sends the host what the arm said, if there is something.
+    pub(crate) fn tell_of_bytes(&self) {
         if self.bridge.borrow().usb_due() {
             self.packet.signal(());
         }

@@ -316,7 +316,8 @@ impl Receiver {
     /// Passes what has arrived to the bridge.
     fn look(&mut self) {
         let chunk = &mut self.chunk;
-        self.adapter.with(|bridge| {
+        let frames = self.adapter.take(|bridge| {
+            let mut frames = false;
             // At once, or the line could go idle in between, short of the tail.
             let (mut reached, idle, all) = critical_section::with(|cs| {
                 let all = Mark { end: tail(), at: now() };
@@ -331,31 +332,37 @@ impl Receiver {
             } else if let Some(mut idle) = idle {
                 // What was reached after the line was idle is of the next frame, and not taken here.
                 if let Some(reached) = reached.take_if(|reached| untaken(reached.end) <= untaken(idle.end)) {
-                    take(bridge, chunk, reached);
+                    frames |= take(bridge, chunk, reached);
                 }
                 // It takes the time of a byte to know. What comes after it belongs to the next frame.
                 let known = idle.at;
                 idle.at = Micros(known.0.saturating_sub(bridge.line_coding().micros(1)));
-                take(bridge, chunk, idle);
-                bridge.uart_idle(known);
+                frames |= take(bridge, chunk, idle);
+                frames |= bridge.uart_idle(known);
             }
             if let Some(reached) = reached.filter(|reached| untaken(reached.end) > 0) {
-                take(bridge, chunk, reached);
+                frames |= take(bridge, chunk, reached);
             }
             if untaken(all.end) > 0 || (reached.is_none() && idle.is_none()) {
-                take(bridge, chunk, all);
+                frames |= take(bridge, chunk, all);
             }
+            frames
         });
+        match frames {
+            true => self.adapter.tell_of_the_arm(),
+            false => self.adapter.tell_of_bytes(),
+        }
     }
 }
 
-/// Passes the bytes before the mark to the bridge, or tells it that there are none.
-fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], mark: Mark) {
+/// Passes the bytes before the mark to the bridge, or tells it that there are none. Returns whether a frame ended.
+fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], mark: Mark) -> bool {
+    let mut frames = false;
     loop {
         let n = copy(chunk, mark.end);
-        bridge.uart_received(&chunk[..n], mark.at);
+        frames |= bridge.uart_received(&chunk[..n], mark.at);
         if untaken(mark.end) == 0 {
-            break;
+            return frames;
         }
     }
 }

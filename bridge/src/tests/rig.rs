@@ -126,17 +126,37 @@ impl Rig {
         self.pump();
     }
 
+    /// Lets the bridge hear the arm. If it says that there was no frame, nothing else is due than was.
+    fn hear(&mut self, now: Micros, hear: impl FnOnce(&mut Bridge) -> bool) {
+        let due = |bridge: &Bridge| {
+            let uart = (bridge.uart_due(now), bridge.line_change());
+            let hosts = (
+                bridge.usb_room(),
+                bridge.control_room(),
+                bridge.control_due(),
+                bridge.can_due(now),
+            );
+            (uart, hosts, bridge.timeout())
+        };
+        let (uart, hosts, timeout) = due(&self.bridge);
+        if !hear(&mut self.bridge) {
+            let (uart_then, hosts_then, timeout_then) = due(&self.bridge);
+            assert_eq!((uart_then, hosts_then), (uart, hosts));
+            assert!(timeout_then >= timeout, "{timeout_then:?} {timeout:?}");
+        }
+    }
+
     fn step(&mut self) {
         let now = Micros(self.now);
         while let Some((at, byte)) = self.voice.pop_front_if(|(at, _)| *at <= now.0) {
-            self.bridge.uart_received(&[byte], Micros(at));
+            self.hear(Micros(at), |bridge| bridge.uart_received(&[byte], Micros(at)));
             let next = self.voice.front().map(|&(at, _)| at);
             // Times are rounded down to microseconds.
             let idle = at + self.byte_time() + 1;
             self.idle = next.is_none_or(|next| next > idle).then_some(idle);
         }
         if self.idle.take_if(|at| *at <= now.0).is_some() {
-            self.bridge.uart_idle(now);
+            self.hear(now, |bridge| bridge.uart_idle(now));
         }
         let _ = self.arm.tick(now);
         let _ = self.control.tick(now);

@@ -41,6 +41,15 @@ impl Pipe {
         }
     }
 
+    /// A packet was sent, or lost.
+    fn taken(self, adapter: &Adapter) {
+        match self {
+            // Nobody waits for room there.
+            Self::Port => {}
+            Self::Control => adapter.taken(),
+        }
+    }
+
     fn has_room(self, bridge: &Bridge) -> bool {
         match self {
             Self::Port => bridge.usb_room(),
@@ -106,7 +115,7 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
             if !matches!(sent, Either::First(Ok(()))) {
                 adapter.take(|bridge| pipe.lost(bridge, n));
             }
-            adapter.taken();
+            pipe.taken(adapter);
             if matches!(sent, Either::First(Err(_))) {
                 break;
             }

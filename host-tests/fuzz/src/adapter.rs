@@ -236,9 +236,23 @@ impl World {
     /// The arm says bytes.
     pub fn arm_says(&mut self, bytes: &[u8]) {
         self.arm_said.extend(bytes);
-        self.bridge.uart_received(bytes, self.now);
+        let due = self.dues();
+        let frame = self.bridge.uart_received(bytes, self.now);
+        assert!(frame || self.dues() == due, "something is due without a frame");
         assert!(self.bridge.need() > 0);
         assert!(self.arm_said.is_empty() || !format!("{:?}", self.bridge.wake()).is_empty());
+    }
+
+    /// What is due besides a packet for the host on USB.
+    fn dues(&self) -> impl PartialEq {
+        let bridge = &self.bridge;
+        let hosts = (bridge.usb_room(), bridge.control_room(), bridge.control_due());
+        (
+            hosts,
+            bridge.can_due(self.now),
+            bridge.uart_due(self.now),
+            bridge.line_change(),
+        )
     }
 
     /// The arm answers what it heard last, with this data if that can be.
