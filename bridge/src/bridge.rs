@@ -111,7 +111,7 @@ impl Streams {
     }
 
     fn timeout(&self, after: Micros) -> Option<Micros> {
-        earliest(&[
+        earliest([
             self.usb.timeout(after),
             self.can.timeout(after),
             self.command.timeout(after),
@@ -521,7 +521,7 @@ impl Bridge {
     /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed. `None` when
     /// nothing waits for the time.
     pub fn timeout(&self) -> Option<Micros> {
-        earliest(&[
+        earliest([
             self.poll.timeout(LEAD),
             self.exchange.timeout(),
             self.hold_timeout(),

@@ -217,7 +217,7 @@ impl CanPort {
             return Some(Micros(0));
         }
         let sample_at = self.newest.map(|_| self.sample_at);
-        earliest(&[
+        earliest([
             sample_at,
             self.errors_at,
             self.arm.transmit_at(),
@@ -285,7 +285,7 @@ impl CanPort {
     pub(crate) fn timeout(&self) -> Option<Micros> {
         // What is due since the last tick waits for the controller, not for the time.
         let transmit_at = self.transmit_at().filter(|at| *at > self.ticked);
-        earliest(&[
+        earliest([
             transmit_at,
             self.arm.timeout(),
             self.control.timeout(),

@@ -3,14 +3,15 @@
 use armwire::Micros;
 
 /// The earliest of those that there are.
-// Not inlined: it is asked for everywhere, and what iterators make of instants in 64 bits is long.
-#[inline(never)]
-pub(crate) fn earliest(instants: &[Option<Micros>]) -> Option<Micros> {
+#[inline]
+pub(crate) fn earliest<const N: usize>(instants: [Option<Micros>; N]) -> Option<Micros> {
     let mut earliest = None;
-    for &instant in instants {
-        if earliest.is_none() || instant.is_some() && instant < earliest {
-            earliest = instant;
-        }
+    for instant in instants {
+        earliest = match (earliest, instant) {
+            (Some(a), Some(b)) if b < a => instant,
+            (None, _) => instant,
+            _ => earliest,
+        };
     }
     earliest
 }
@@ -22,10 +23,10 @@ mod tests {
     #[test]
     fn none_is_never() {
         let [a, b] = [Some(Micros(1)), Some(Micros(2))];
-        assert_eq!(earliest(&[]), None);
-        assert_eq!(earliest(&[None, None]), None);
+        assert_eq!(earliest([]), None);
+        assert_eq!(earliest([None, None]), None);
         for instants in [[a, b, None], [None, b, a], [b, None, a]] {
-            assert_eq!(earliest(&instants), a);
+            assert_eq!(earliest(instants), a);
         }
     }
 }

@@ -217,7 +217,7 @@ impl Exchange {
     pub(crate) fn timeout(&self) -> Option<Micros> {
         // What is owed first ends first.
         let owed = self.owed.first().map(|owed| owed.until);
-        earliest(&[owed, self.holder().map(|_| self.due)])
+        earliest([owed, self.holder().map(|_| self.due)])
     }
 
     /// It is `now`: how many answers are given up.

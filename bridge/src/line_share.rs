@@ -516,7 +516,7 @@ impl Bridge {
             true => self.since(asker, now),
             false => None,
         });
-        let since = earliest(&others)?;
+        let since = earliest(others)?;
         let quiet = match self.asks.pending() {
             0 => self.turn.usb_moved.max(self.heard) + QUIET,
             _ => self.turn.usb_moved + STALL,
