@@ -37,7 +37,7 @@ pub const MAX_FRAME: usize = if ling::MAX_FRAME > alpha1::MAX_FRAME {
 };
 
 /// A frame of an arm, in bytes as on the wire.
-pub type FrameBytes = Vec<u8, MAX_FRAME, u8>;
+pub type FrameBytes = Vec<u8, MAX_FRAME>;
 
 /// A message from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -6,8 +6,8 @@ use crate::control::{Asker, FrameBytes};
 use crate::queue::Queue;
 use crate::turn::ASKERS;
 
-/// Bytes of room: 8 answers with the joints of a Ling arm.
-const ROOM: usize = 256;
+/// Bytes of room: 6 answers with the joints of a Ling arm.
+const ROOM: usize = 192;
 
 /// What is kept of a frame besides its bytes: when it ended, who had asked for it, and how long it is.
 const HEADER: usize = 10;
