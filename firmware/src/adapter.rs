@@ -82,7 +82,7 @@ impl Adapter {
         self.changed.signal(());
     }
 
-    /// Tells those for whom a microsecond counts: who sends the host what the arm said, and who sends to the arm. All
+    /// Tells those for whom a microsecond counts: who sends hosts what the arm said, and who sends to the arm. All
     /// others are told when these have run.
     // One piece of code, not one for each call.
     #[inline(never)]
@@ -91,6 +91,9 @@ impl Adapter {
         // To ask whether there is something takes as long as to take it.
         self.bytes.signal(());
         self.tell_of_bytes();
+        if self.bridge.borrow().can_due(now()) {
+            self.frame.signal(());
+        }
     }
 
     /// Tells who sends the host what the arm said, if there is something.

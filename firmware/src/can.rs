@@ -48,9 +48,10 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         // What the controller has no room for waits in the bridge, where what is more urgent overtakes it.
         while can.has_room()
             && adapter.look(|bridge| bridge.can_due(now()))
-            && let Some(frame) = adapter.with(|bridge| bridge.can_transmit(now()))
+            && let Some(frame) = adapter.take(|bridge| bridge.can_transmit(now()))
         {
             can.transmit(&frame);
+            adapter.taken();
             yield_now().await;
         }
         let room = can.has_room();
