@@ -33,7 +33,7 @@ use embassy_time::{Instant, Timer};
 
 use crate::adapter::{Adapter, now};
 use crate::board::usart::{self, Status};
-use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt};
+use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, transmit_at};
 use crate::priority::let_others_run;
 use crate::watchdog::{Task, progress, rest};
 
@@ -382,17 +382,13 @@ fn copy(chunk: &mut [u8; 64], end: usize) -> usize {
 /// Sends what the bridge has for the arm, and changes the line between two bytes.
 #[embassy_executor::task]
 pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, Blocking>, mut dma: Channel<'static>) {
-    usart::start_transmitting();
+    usart::set_transmit_requests(true);
     let mut line = Line::default();
     let mut chunk = [0; MAX_FRAME];
     loop {
         progress(Task::Transmit);
         if let Some(burst) = adapter.take(|bridge| bridge.uart_transmit(&mut chunk, now())) {
-            if let Some(start) = burst.start {
-                // Too short a time to do anything else in, and nobody else could be as punctual.
-                while now() < start {}
-            }
-            let sending = send(&mut dma, &chunk[..burst.len], line.half_duplex);
+            let sending = send(&mut dma, &chunk[..burst.len], burst.start, line.half_duplex);
             let room = async { adapter.taken() };
             join(sending, room).await;
         } else if let Some(wanted) = adapter.look(|bridge| bridge.line_change()) {
@@ -409,16 +405,21 @@ pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, 
     }
 }
 
-/// Hands `bytes` to the UART. Returns when the last one waits behind the one on the line; on a single wire, when it is
-/// out and the receiver listens again.
-async fn send(dma: &mut Channel<'static>, bytes: &[u8], half_duplex: bool) {
+/// Hands `bytes` to the UART, the first of which is to start at `start`. Returns when the last one waits behind the one
+/// on the line; on a single wire, when it is out and the receiver listens again.
+async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Micros>, half_duplex: bool) {
     if half_duplex {
         usart::set_receiver(false);
     }
+    usart::set_transmit_requests(start.is_none());
     // To tell when these bytes are out, not the ones before.
     usart::clear_transmitted();
     // SAFETY: the address is that of the UART's data register, and the stream is the one wired to it.
-    unsafe { dma.write(TX_REQUEST, bytes, usart::tx_data(), Default::default()) }.await;
+    let transfer = unsafe { dma.write(TX_REQUEST, bytes, usart::tx_data(), Default::default()) };
+    if let Some(start) = start {
+        transmit_at(start);
+    }
+    transfer.await;
     if half_duplex {
         DEAF.store(true, Ordering::Relaxed);
         usart::set_transmitted_interrupt(true);

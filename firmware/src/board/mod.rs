@@ -39,6 +39,7 @@ pub(crate) use can::Can;
 pub(crate) use stm32f405::*;
 #[cfg(feature = "board-stm32g431")]
 pub(crate) use stm32g431::*;
+pub(crate) use time::transmit_at;
 
 #[cfg(not(any(feature = "board-stm32f405", feature = "board-stm32g431")))]
 compile_error!("no board: enable `board-stm32f405` or `board-stm32g431`");

@@ -8,6 +8,7 @@ use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Waker;
 
+use armwire::Micros;
 use critical_section::{CriticalSection, Mutex};
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 use embassy_stm32::pac::timer::vals::Urs;
@@ -15,13 +16,15 @@ use embassy_stm32::rcc;
 use embassy_time_driver::{Driver, TICK_HZ};
 use embassy_time_queue_utils::Queue;
 
-use super::{TIMER, TimerInterrupt, TimerPeripheral};
+use super::{TIMER, TimerInterrupt, TimerPeripheral, usart};
 
 /// The bits of the count that do not tell which half-turn of the counter it is.
 const HALF_TURN: u32 = 31;
-/// The compare channel that tells of the middle of a turn, and the one that tells when something is due.
+/// The compare channels: the one that tells of the middle of a turn, the one that tells when something is due, and the
+/// one that tells when the UART is to start.
 const MIDDLE: usize = 0;
 const ALARM: usize = 1;
+const START: usize = 2;
 
 /// The half-turns of the counter, and who waits for what time.
 struct Clock {
@@ -53,6 +56,33 @@ pub(super) fn start() {
     TIMER.cr1().modify(|w| w.set_cen(true));
     // SAFETY: the handler needs nothing that is not there.
     unsafe { TimerInterrupt::enable() };
+}
+
+/// Lets the DMA bring what goes out from `at` on, which is less than a half-turn away, or at once if that has passed.
+///
+/// The interrupt handler does it: no task could be as punctual.
+pub(crate) fn transmit_at(at: Micros) {
+    TIMER.ccr(START).write_value(at.0 as u32);
+    TIMER.sr().write(|w| {
+        // Writing 0 clears, writing 1 leaves alone.
+        w.0 = u32::MAX;
+        w.set_ccif(START, false);
+    });
+    ask_for_start(true);
+    // The counter may have gone past it meanwhile.
+    if CLOCK.now() >= at.0 {
+        start_transmitting();
+    }
+}
+
+fn start_transmitting() {
+    ask_for_start(false);
+    usart::set_transmit_requests(true);
+}
+
+/// Whether there is to be an interrupt when the UART is to start.
+fn ask_for_start(on: bool) {
+    critical_section::with(|_| TIMER.dier().modify(|w| w.set_ccie(START, on)));
 }
 
 impl Driver for Clock {
@@ -107,6 +137,9 @@ impl Handler<TimerInterrupt> for TimerHandler {
             CLOCK.half_turns.load(Ordering::Relaxed).wrapping_add(ended),
             Ordering::Release,
         );
+        if flags.ccif(START) && TIMER.dier().read().ccie(START) {
+            start_transmitting();
+        }
         critical_section::with(|cs| CLOCK.arm(cs));
     }
 }

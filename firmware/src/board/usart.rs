@@ -33,10 +33,7 @@ impl Status {
 
 /// Lets the DMA fetch what comes in, and asks for interrupts when the line goes idle and on errors.
 pub(crate) fn start_receiving() {
-    UART.cr3().modify(|w| {
-        w.set_eie(true);
-        w.set_dmar(true);
-    });
+    set_receive_requests(true);
     UART.cr1().modify(|w| {
         w.set_idleie(true);
         w.set_peie(w.pce());
@@ -50,9 +47,17 @@ pub(crate) fn stop_receiving() {
         w.set_idleie(false);
         w.set_peie(false);
     });
-    UART.cr3().modify(|w| {
-        w.set_eie(false);
-        w.set_dmar(false);
+    set_receive_requests(false);
+}
+
+/// Whether the DMA is asked to fetch what comes in, and an interrupt when something is wrong with it.
+fn set_receive_requests(on: bool) {
+    // The interrupt handler of the clock changes the register, too.
+    critical_section::with(|_| {
+        UART.cr3().modify(|w| {
+            w.set_eie(on);
+            w.set_dmar(on);
+        });
     });
 }
 
@@ -67,9 +72,9 @@ pub(crate) fn set_byte_interrupt(on: bool) {
     UART.cr1().modify(|w| w.set_rxneie(on));
 }
 
-/// Lets the DMA bring what goes out.
-pub(crate) fn start_transmitting() {
-    UART.cr3().modify(|w| w.set_dmat(true));
+/// Whether the DMA is asked to bring what goes out.
+pub(crate) fn set_transmit_requests(on: bool) {
+    critical_section::with(|_| UART.cr3().modify(|w| w.set_dmat(on)));
 }
 
 /// Whether there is to be an interrupt when the last bit of what was sent is out.
