@@ -212,22 +212,30 @@ impl CanPort {
 
     /// From when on [`transmit`](Self::transmit) has a frame, perhaps a time that has passed.
     fn transmit_at(&self) -> Option<Micros> {
-        let waits = self.sample.is_some() || !self.notes.is_empty();
-        if waits || self.arm_has_next() || self.control_has_next() {
-            return Some(Micros(0));
+        match self.has_next() {
+            true => Some(Micros(0)),
+            false => earliest(self.times()),
         }
-        let sample_at = self.newest.map(|_| self.sample_at);
-        earliest([
-            sample_at,
+    }
+
+    /// Whether there is something to say at once.
+    fn has_next(&self) -> bool {
+        self.sample.is_some() || !self.notes.is_empty() || self.arm_has_next() || self.control_has_next()
+    }
+
+    /// From when on there is something to say of what has its time.
+    fn times(&self) -> [Option<Micros>; 4] {
+        [
+            self.newest.map(|_| self.sample_at),
             self.errors_at,
             self.arm.transmit_at(),
             self.control.transmit_at(),
-        ])
+        ]
     }
 
     /// Whether [`transmit`](Self::transmit) has a frame.
     pub(crate) fn is_due(&self, now: Micros) -> bool {
-        self.transmit_at().is_some_and(|at| at <= now)
+        self.has_next() || self.times().iter().flatten().any(|at| *at <= now)
     }
 
     /// The next frame for the bus, the most urgent first.

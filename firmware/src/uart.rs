@@ -23,6 +23,7 @@ use armwire_bridge::{Bridge, Line, Parity, StopBits, UartErrors, Wake};
 use critical_section::Mutex;
 use embassy_futures::join::join;
 use embassy_futures::select::select;
+use embassy_futures::yield_now;
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
 use embassy_stm32::mode::Blocking;
@@ -239,7 +240,10 @@ impl Receiver {
         let_others_run().await;
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
-            self.look();
+            if self.look() {
+                // What a frame leads to goes out before the line is looked at again.
+                yield_now().await;
+            }
             match self.until() {
                 // Bytes that came before the interrupt handler knew of the need give no signal. What came before them, and
                 // what is asked next, goes out before they are looked at.
@@ -313,8 +317,8 @@ impl Receiver {
         });
     }
 
-    /// Passes what has arrived to the bridge.
-    fn look(&mut self) {
+    /// Passes what has arrived to the bridge, and returns whether a frame ended.
+    fn look(&mut self) -> bool {
         let chunk = &mut self.chunk;
         let frames = self.adapter.take(|bridge| {
             let mut frames = false;
@@ -352,6 +356,7 @@ impl Receiver {
             true => self.adapter.tell_of_the_arm(),
             false => self.adapter.tell_of_bytes(),
         }
+        frames
     }
 }
 
