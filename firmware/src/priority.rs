@@ -13,8 +13,8 @@ pub(crate) enum Priority {
     Control,
     /// Looks what else there is to do.
     Time,
-    FromHost,
     Can,
+    FromHost,
     FromArm,
     ToArm,
     ToHost,
