@@ -376,8 +376,9 @@ impl Bridge {
     /// by what is more urgent.
     pub fn can_transmit(&mut self, now: Micros) -> Option<Frame> {
         self.tell_frames();
+        let replied = self.can.control.is_sending();
         let frame = self.can.transmit(now, &mut self.counters);
-        if frame.is_some() {
+        if replied && !self.can.control.is_sending() {
             self.serve(now);
         }
         frame
