@@ -13,7 +13,7 @@ use crate::control::{Asker, FrameBytes, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::earliest::earliest;
 use crate::exchange::Heard;
-use crate::turn::ASKERS;
+use crate::turn::{ASKERS, behind};
 use crate::{Line, UartErrors};
 
 /// How long the host on USB may pause inside a frame before others get their turn.
@@ -116,7 +116,7 @@ impl Bridge {
 
     /// Passes what the tap has not decided on to the host on USB, unless it may be for another.
     fn pass(&mut self) {
-        if !self.exchange.is_not_usbs() {
+        if self.tap.pending() > self.passed && !self.exchange.is_not_usbs() {
             let window = self.tap.window();
             self.port
                 .push(window.get(self.passed..).unwrap_or_default(), &mut self.counters);
@@ -127,10 +127,10 @@ impl Bridge {
     /// Takes what the tap has decided on, and returns whether there was a frame.
     fn take_pieces(&mut self, idle: bool, now: Micros) -> bool {
         let mut any = false;
-        loop {
+        while self.tap.pending() > 0 {
             let expect = self.exchange.expect();
             let Some(piece) = self.tap.next(self.config.arm, expect, idle) else {
-                return any;
+                break;
             };
             let (Piece::Frame(bytes) | Piece::Noise(bytes) | Piece::Fill(bytes)) = piece;
             let unpassed = bytes.get(self.passed..).unwrap_or_default();
@@ -190,6 +190,7 @@ impl Bridge {
                 self.ended(asker, answer, now);
             }
         }
+        any
     }
 
     /// The exchange of `asker` is over, with this answer if there is one and somebody wants it.
@@ -283,20 +284,15 @@ impl Bridge {
         if self.exchange.is_not_usbs() {
             return None;
         }
+        let ready = |asker| self.is_ready(asker, now);
         // More of what was begun, or more requests while nobody else has one.
-        let usb = self.is_ready(Asker::Usb, now).then_some(Asker::Usb);
         if self.usb_speaks() || self.others_are_silent(now) {
-            return usb;
-        }
-        let ready = ASKERS.map(|asker| self.is_ready(asker, now));
-        let [_, others @ ..] = ready;
-        if !others.contains(&true) {
-            return usb;
+            return ready(Asker::Usb).then_some(Asker::Usb);
         }
         if self.exchange.holder().is_some() {
-            return None;
+            let usb = ready(Asker::Usb) && !self.others_wait(now);
+            return usb.then_some(Asker::Usb);
         }
-        let ready = |asker: Asker| ready.get(asker as usize) == Some(&true);
         // A poll must be on time, but whoever has waited for one does not wait for the next.
         let urgent = self.poll.is_urgent();
         let passed_over = |asker: Asker| {
@@ -308,11 +304,15 @@ impl Bridge {
         if urgent && ready(Asker::Poll) && !ASKERS.into_iter().any(passed_over) {
             return Some(Asker::Poll);
         }
-        let last = ASKERS.iter().position(|&asker| asker == self.turn.rotated)?;
-        let (before, behind) = ASKERS.split_at_checked(last.saturating_add(1))?;
-        let mut turns = behind.iter().chain(before).copied();
-        // If a poll that must be on time is still here, it is not its turn.
-        turns.find(|&asker| ready(asker) && !(asker == Asker::Poll && urgent))
+        let mut asker = self.turn.rotated;
+        for _ in ASKERS {
+            asker = behind(asker);
+            // If a poll that must be on time is still here, it is not its turn.
+            if ready(asker) && !(asker == Asker::Poll && urgent) {
+                return Some(asker);
+            }
+        }
+        None
     }
 
     /// Whether nobody but the host on USB has anything to say, which is so nearly always.
@@ -508,7 +508,7 @@ impl Bridge {
 
     /// Until when the host on USB has the line to itself while others wait and it is silent.
     pub(crate) fn hold_timeout(&self) -> Option<Micros> {
-        if self.exchange.holder().is_some() || !self.usb_speaks() {
+        if !self.usb_speaks() || self.exchange.holder().is_some() {
             return None;
         }
         let now = Micros(0);

@@ -64,6 +64,7 @@ impl Adapter {
     pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
         let result = self.take(f);
         self.tell_of_the_arm();
+        self.taken();
         result
     }
 
@@ -77,23 +78,27 @@ impl Adapter {
         f(&self.bridge.borrow())
     }
 
-    /// What was taken is on its way.
+    /// What was taken is on its way: who looks what else there is to do is told.
     pub(crate) fn taken(&self) {
         self.changed.signal(());
     }
 
-    /// Tells those for whom a microsecond counts: who sends hosts what the arm said, and who sends to the arm. All
-    /// others are told when these have run.
+    /// Tells those for whom a microsecond counts: who sends the host what the arm said, and who sends to the arm. Tell
+    /// the others when these have run.
     // One piece of code, not one for each call.
     #[inline(never)]
     pub(crate) fn tell_of_the_arm(&self) {
-        self.changed.signal(());
         // To ask whether there is something takes as long as to take it.
         self.bytes.signal(());
         self.tell_of_bytes();
+    }
+
+    /// Tells those who can wait, but who sends to the bus before all others.
+    pub(crate) fn tell_the_others(&self) {
         if self.bridge.borrow().can_due(now()) {
             self.frame.signal(());
         }
+        self.taken();
     }
 
     /// Tells who sends the host what the arm said, if there is something.

@@ -243,6 +243,7 @@ impl Receiver {
             if self.look() {
                 // What a frame leads to goes out before the line is looked at again.
                 yield_now().await;
+                self.adapter.tell_the_others();
             }
             match self.until() {
                 // Bytes that came before the interrupt handler knew of the need give no signal. What came before them, and
@@ -375,12 +376,15 @@ fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], mark: Mark) -> bool {
 /// Copies bytes before `end` out of the ring, as many as there is room for, and returns how many.
 fn copy(chunk: &mut [u8; 64], end: usize) -> usize {
     let n = untaken(end).min(chunk.len());
-    let mut head = HEAD.load(Ordering::Relaxed);
-    for byte in &mut chunk[..n] {
-        *byte = RING[head].load(Ordering::Relaxed);
-        head = (head + 1) % SIZE;
+    let head = HEAD.load(Ordering::Relaxed);
+    let (later, sooner) = RING.split_at(head);
+    let mut chunk = chunk[..n].iter_mut();
+    for part in [sooner, later] {
+        for (from, to) in part.iter().zip(chunk.by_ref()) {
+            *to = from.load(Ordering::Relaxed);
+        }
     }
-    HEAD.store(head, Ordering::Relaxed);
+    HEAD.store((head + n) % SIZE, Ordering::Relaxed);
     n
 }
 
@@ -416,7 +420,9 @@ async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Micros>, h
     if half_duplex {
         usart::set_receiver(false);
     }
-    usart::set_transmit_requests(start.is_none());
+    if start.is_some() {
+        usart::set_transmit_requests(false);
+    }
     // To tell when these bytes are out, not the ones before.
     usart::clear_transmitted();
     // SAFETY: the address is that of the UART's data register, and the stream is the one wired to it.
