@@ -325,9 +325,10 @@ impl Receiver {
             let mut frames = false;
             // At once, or the line could go idle in between, short of the tail.
             let (mut reached, idle, all) = critical_section::with(|cs| {
-                let all = Mark { end: tail(), at: now() };
-                let seen = SEEN.borrow(cs).take().filter(|seen| seen.end == all.end);
-                (REACHED.borrow(cs).take(), IDLE.borrow(cs).take(), seen.unwrap_or(all))
+                let end = tail();
+                let seen = SEEN.borrow(cs).take().filter(|seen| seen.end == end);
+                let all = seen.unwrap_or_else(|| Mark { end, at: now() });
+                (REACHED.borrow(cs).take(), IDLE.borrow(cs).take(), all)
             });
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // What the ring holds is of two turns: none of it can be told apart.
