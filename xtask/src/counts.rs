@@ -3,6 +3,7 @@
 //! On a Cortex-M in the emulator, and on this machine by valgrind's callgrind if there is one: see `host-tests/counts`.
 //! Compiled for speed, as the firmware has what is between the arm and its host.
 
+use std::env;
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,7 +13,8 @@ use serde_json::json;
 
 use crate::Result;
 use crate::baseline::{Baseline, Figures};
-use crate::image::TARGET;
+use crate::board::Board;
+use crate::image::{self, Options, TARGET};
 use crate::process::{cargo, output, run as run_command};
 use crate::size;
 use crate::toolchain::Toolchain;
@@ -24,6 +26,15 @@ const FILE: &str = "host-tests/counts/counts.txt";
 /// What a processor is called whose code is run.
 const HOST: &str = "host";
 const CORTEX_M0: &str = "thumbv6m-none-eabi";
+
+/// What the adapter's image is called.
+const ADAPTER: &str = "adapter";
+
+/// Ways through the adapter: their names in `adapter_counts`, and what they are.
+const PASSAGES: [(&str, &str); 2] = [
+    ("request_from_usb", "Adapter: packet from USB to first byte on the line"),
+    ("answer_to_usb", "Adapter: last byte of a reply to packet for USB"),
+];
 
 /// Ling's checksum: what it is called here, and the feature of `armwire`.
 const CHECKSUMS: [(&str, &str); 3] = [
@@ -128,6 +139,12 @@ pub(crate) fn run(args: &[OsString]) -> Result {
             }
         }
     }
+    for line in adapter()?.lines() {
+        let (passage, count) = line
+            .rsplit_once(' ')
+            .ok_or("the virtual board printed what is no count")?;
+        figures.insert(format!("{ADAPTER}: {passage}"), count.parse()?);
+    }
     match output(Command::new("valgrind").arg("--version")) {
         Ok(_) => {
             for (checksum, feature) in CHECKSUMS {
@@ -196,6 +213,26 @@ fn emulate(image: &Path) -> Result<String> {
     )
 }
 
+/// Runs the adapter's firmware image on the virtual board. A line for each of [`PASSAGES`] comes out.
+fn adapter() -> Result<String> {
+    let image = match env::var_os("ARMWIRE_IMAGE") {
+        Some(image) => image.into(),
+        None => image::build(&Options::of(Board::Stm32f405))?.path,
+    };
+    let mut cargo = cargo();
+    cargo
+        .args([
+            "run",
+            "--quiet",
+            "--ignore-rust-version",
+            "--package",
+            "armwire-host-tests",
+        ])
+        .args(["--features", "image", "--bin", "adapter_counts"])
+        .current_dir(workspace::root());
+    output(cargo.env("ARMWIRE_IMAGE", image))
+}
+
 /// The instructions of one case on this machine.
 fn callgrind(program: &Path, case: &str) -> Result<u64> {
     let log = workspace::target_dir()?.join("callgrind.log");
@@ -235,6 +272,11 @@ fn print(figures: &Figures, flash: &[u64]) {
         }
         println!("{}", if missed(figures, case) { "  goal missed" } else { "" });
     }
+    for (passage, title) in PASSAGES {
+        if let Some(count) = figures.get(&format!("{ADAPTER}: {passage}")) {
+            println!("{title:50}{count:>14}");
+        }
+    }
     print!("{:50}", "flash of Ling's client and decoder, bytes");
     for flash in flash {
         print!("{flash:>14}");
@@ -270,6 +312,13 @@ fn save(figures: &Figures) -> Result {
                     }));
                 }
             }
+        }
+    }
+    for (passage, title) in PASSAGES {
+        if let Some(count) = figures.get(&format!("{ADAPTER}: {passage}")) {
+            all.push(json!({
+                "target": TARGET, "checksum": "crc-table", "case": passage, "title": title, "instructions": count,
+            }));
         }
     }
     let file = workspace::target_dir()?.join("counts.json");

@@ -10,6 +10,7 @@ mod figures;
 mod hosts;
 pub mod performance;
 mod program;
+pub mod quiet;
 mod session;
 mod talker;
 mod traffic;
@@ -37,6 +38,9 @@ pub use witness::{Deeds, Ticket, Witness, joint_answer};
 
 /// The rate of the Ling arm's line, in bits per second.
 pub const MEGABAUD: u32 = 1_000_000;
+
+/// Cycles of the core in a second.
+pub const CORE_HZ: u64 = 168_000_000;
 
 /// Longer than anything waits in the adapter, at 115200 baud and above.
 const SETTLING: Micros = Micros::from_millis(10);

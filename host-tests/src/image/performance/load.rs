@@ -13,10 +13,9 @@ use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, VirtualBoard};
 
 use super::{configure, unsolicited};
-use crate::image::{CanProgram, MEGABAUD, Talker, counters, joint_answer, noise, on_board_with, path, plug_in, polled};
-
-/// Cycles of the core in a second.
-const CORE_HZ: u64 = 168_000_000;
+use crate::image::{
+    CORE_HZ, CanProgram, MEGABAUD, Talker, counters, joint_answer, noise, on_board_with, path, plug_in, polled,
+};
 
 /// Bits per second on the bus.
 const BUS_RATE: u32 = 1_000_000;
