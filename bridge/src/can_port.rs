@@ -205,6 +205,8 @@ impl CanPort {
     }
 
     /// Takes the next event to the front of `message` and returns its length, 0 if there is none.
+    // Not inlined: it takes more room than all else that those do who need it.
+    #[inline(never)]
     fn next_event(&mut self, message: &mut [u8; EVENTS]) -> usize {
         let mut len = [0];
         self.events.pop(&mut len);

@@ -445,7 +445,11 @@ impl World {
 
     /// The controller reports errors.
     pub fn can_errors(&mut self, bus: u32, overruns: u32) {
-        self.bridge.can_errors(CanErrors { bus, overruns, unsent: 0 });
+        self.bridge.can_errors(CanErrors {
+            bus,
+            overruns,
+            unsent: 0,
+        });
     }
 
     // ---- Firmware, and the time ----
