@@ -252,23 +252,22 @@ impl CanPort {
         Some(frame)
     }
 
-    /// The controller still has `waiting` of the frames that it was handed. Whether there is something new to wait for.
+    /// The controller still has `waiting` of the frames that it was handed. Whether there may be something new to wait for.
     pub(crate) fn sent(&mut self, waiting: u8, now: Micros) -> bool {
         let gone = self.handed.saturating_sub(waiting);
         if gone == 0 {
             return false;
         }
         self.handed = waiting;
-        let mut any = false;
-        if leave(&mut self.arm_handed, gone) {
+        let arm = leave(&mut self.arm_handed, gone);
+        if arm {
             self.arm.transmitted(now);
-            any |= self.arm.is_sending();
         }
-        if leave(&mut self.control_handed, gone) {
+        let control = leave(&mut self.control_handed, gone);
+        if control {
             self.control.transmitted(now);
-            any |= self.control.is_sending();
         }
-        any
+        arm || control
     }
 
     fn next_frame(&mut self, now: Micros, counters: &Counters) -> Option<Frame> {
@@ -338,9 +337,8 @@ impl CanPort {
 
     /// The controller left the bus: what was under way by ISO-TP is given up.
     pub(crate) fn left(&mut self, counters: &mut Counters) {
-        for given_up in [self.arm.abort(), self.control.abort()] {
-            count(&mut counters.isotp_failures, given_up);
-        }
+        let given_up = self.arm.abort().saturating_add(self.control.abort());
+        count(&mut counters.isotp_failures, given_up);
     }
 
     /// There will be another port in place of this one: what waits is given up, too.

@@ -67,7 +67,7 @@ impl Sender {
     /// Whether there was a PDU to give up.
     pub(super) const fn abort(&mut self) -> bool {
         let is_sending = !self.is_idle();
-        *self = Self::new();
+        (self.state, self.handed) = (State::Idle, false);
         is_sending
     }
 
