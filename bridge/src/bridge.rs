@@ -99,7 +99,7 @@ pub(crate) struct Streams {
 }
 
 impl Streams {
-    const ASKERS: [Asker; 3] = [Asker::Usb, Asker::Can, Asker::Command];
+    pub(crate) const ASKERS: [Asker; 3] = [Asker::Usb, Asker::Can, Asker::Command];
 
     pub(crate) const fn of(&mut self, asker: Asker) -> Option<&mut Stream> {
         match asker {
@@ -386,8 +386,8 @@ impl Bridge {
     /// The CAN controller still has `waiting` of the frames that it was handed. It sends them in the order in which it got
     /// them.
     ///
-    /// Then ask [`can_due`](Self::can_due), and [`timeout`](Self::timeout) if this returns that there is something new to
-    /// wait for.
+    /// Then ask [`can_due`](Self::can_due), and [`timeout`](Self::timeout) if this returns that there may be something new
+    /// to wait for.
     ///
     /// ```
     /// use armwire::Micros;
@@ -482,6 +482,8 @@ impl Bridge {
         }
     }
 
+    // Not inlined: it is seldom needed, and not worth the room in all those who do.
+    #[inline(never)]
     pub(crate) fn refuse(&mut self, asker: Asker, reason: Refusal, now: Micros) {
         let c = &mut self.counters;
         let counter = match (asker, reason) {
@@ -570,9 +572,14 @@ impl Bridge {
         self.tick_line(now);
         for asker in Streams::ASKERS {
             let after = self.config.silence.after();
-            let stream = self.streams.of(asker);
-            if stream.is_some_and(|stream| stream.timeout(after).is_some_and(|at| at <= now)) {
-                self.silent(asker, now);
+            let is_held_back = asker == Asker::Usb && !self.usb_room();
+            match self.streams.of(asker) {
+                Some(stream) if stream.timeout(after).is_some_and(|at| at <= now) => match is_held_back {
+                    // USB does not tell whether it wants to say something.
+                    true => stream.hear(now),
+                    false => self.silent(asker, now),
+                },
+                _ => {}
             }
         }
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
@@ -582,9 +589,6 @@ impl Bridge {
 
     /// A host that streamed motion says nothing any more: what it has sent and is not out is old.
     fn silent(&mut self, asker: Asker, now: Micros) {
-        if let Some(stream) = self.streams.of(asker) {
-            stream.end();
-        }
         let dropped = match asker {
             Asker::Usb => {
                 let dropped = self.down.len();
@@ -610,6 +614,16 @@ impl Bridge {
         let torque_off = self.config.silence.torque_off && self.config.arm.torque_off().is_some();
         if torque_off {
             self.torque_off.get_or_insert(now);
+        }
+        self.end_stream(asker, dropped, torque_off, now);
+    }
+
+    /// Reports that `asker` streams motion no more, if it did.
+    // Not inlined, as above.
+    #[inline(never)]
+    pub(crate) fn end_stream(&mut self, asker: Asker, dropped: usize, torque_off: bool, now: Micros) {
+        if !self.streams.of(asker).is_some_and(Stream::end) {
+            return;
         }
         count(&mut self.counters.host_silences, 1);
         count(&mut self.counters.silenced_bytes, dropped);

@@ -111,7 +111,7 @@ pub struct Counters {
     pub commands_stale: u32,
     /// Commands with a value that the arm cannot have.
     pub commands_out_of_range: u32,
-    /// Times a host that streamed motion fell silent.
+    /// Times a host that streamed motion fell silent, or the arm became one of another kind while it did.
     pub host_silences: u32,
     /// Bytes of such a host that were dropped because they had not gone out by then.
     pub silenced_bytes: u32,

@@ -230,7 +230,8 @@ impl<F: NorFlash> Store<F> {
             match self.last(page).await {
                 Ok(Some(record)) if is_newer(&record) => newest = Some((page, record)),
                 Err(Error::Flash(error)) => return Err(Error::Flash(error)),
-                Ok(_) | Err(_) => {}
+                Ok(_) => {}
+                Err(_) => written = true,
             }
         }
         Ok((newest, written))
