@@ -99,7 +99,7 @@ pub(crate) struct Streams {
 }
 
 impl Streams {
-    const ASKERS: [Asker; 3] = [Asker::Usb, Asker::Can, Asker::Command];
+    pub(crate) const ASKERS: [Asker; 3] = [Asker::Usb, Asker::Can, Asker::Command];
 
     pub(crate) const fn of(&mut self, asker: Asker) -> Option<&mut Stream> {
         match asker {
@@ -150,6 +150,8 @@ pub struct CanErrors {
     pub bus: u32,
     /// Times frames were lost because they were not taken in time.
     pub overruns: u32,
+    /// Frames that it was handed and had not sent when it was set up anew.
+    pub unsent: u32,
 }
 
 /// What only firmware can do.
@@ -373,7 +375,7 @@ impl Bridge {
     /// The next frame for the bus, the most urgent first. `None` when there is none now.
     ///
     /// Hand it to the controller at once, and ask only when the controller has room: what waits here can still be overtaken
-    /// by what is more urgent.
+    /// by what is more urgent. When it has left, say [so](Self::can_sent).
     pub fn can_transmit(&mut self, now: Micros) -> Option<Frame> {
         self.tell_frames();
         let replied = self.can.control.is_sending();
@@ -384,26 +386,59 @@ impl Bridge {
         frame
     }
 
+    /// The CAN controller still has `waiting` of the frames that it was handed. It sends them in the order in which it got
+    /// them.
+    ///
+    /// Then ask [`can_due`](Self::can_due), and [`timeout`](Self::timeout) if this returns that there may be something new
+    /// to wait for.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::Bridge;
+    /// use armwire_bridge::can::{Frame, Function};
+    ///
+    /// let mut bridge = Bridge::default();
+    /// let node = bridge.can_config().node;
+    /// let mut hear = |bridge: &mut Bridge, data: &[u8], now| {
+    ///     let frame = Frame::new(Function::ControlRequest.id(node), data).unwrap();
+    ///     bridge.can_received(&frame, now);
+    /// };
+    /// // The counters, in a first frame and more behind it, with 1 ms between them.
+    /// hear(&mut bridge, &[2, 0, 6], Micros(0));
+    /// assert_eq!(bridge.can_transmit(Micros(0)).unwrap().data()[0], 0x10);
+    /// hear(&mut bridge, &[0x30, 0, 1], Micros(200));
+    /// assert!(bridge.can_transmit(Micros(200)).is_some());
+    /// // Others have the bus. When the frame has left, the next may be handed over a millisecond later.
+    /// assert!(!bridge.can_due(Micros(5_000)));
+    /// assert!(bridge.can_sent(0, Micros(5_000)));
+    /// assert!(bridge.timeout() == Some(Micros(6_000)) && bridge.can_due(Micros(6_000)));
+    /// ```
+    pub fn can_sent(&mut self, waiting: u8, now: Micros) -> bool {
+        self.can.sent(waiting, now)
+    }
+
     /// The CAN controller reported errors.
     ///
     /// ```
     /// use armwire_bridge::{Bridge, CanErrors};
     ///
     /// let mut bridge = Bridge::default();
-    /// bridge.can_errors(CanErrors { bus: 3, overruns: 1 });
-    /// assert_eq!((bridge.counters().can_bus_errors, bridge.counters().can_receive_overruns), (3, 1));
+    /// bridge.can_errors(CanErrors { bus: 3, overruns: 1, unsent: 2 });
+    /// let c = bridge.counters();
+    /// assert_eq!((c.can_bus_errors, c.can_receive_overruns, c.dropped_can_frames), (3, 1, 2));
     /// ```
     pub fn can_errors(&mut self, errors: CanErrors) {
         let c = &mut self.counters;
         c.can_bus_errors = c.can_bus_errors.wrapping_add(errors.bus);
         c.can_receive_overruns = c.can_receive_overruns.wrapping_add(errors.overruns);
+        c.dropped_can_frames = c.dropped_can_frames.wrapping_add(errors.unsent);
     }
 
     /// The CAN controller left the bus (`off`), or is back on it. What was under way by ISO-TP is given up.
     pub fn can_bus_off(&mut self, off: bool, now: Micros) {
         if off {
             count(&mut self.counters.can_bus_offs, 1);
-            self.can.left();
+            self.can.left(&mut self.counters);
         }
         self.tell(Event::BusOff { off }, now);
     }
@@ -450,6 +485,8 @@ impl Bridge {
         }
     }
 
+    // Not inlined: it is seldom needed, and not worth the room in all those who do.
+    #[inline(never)]
     pub(crate) fn refuse(&mut self, asker: Asker, reason: Refusal, now: Micros) {
         let c = &mut self.counters;
         let counter = match (asker, reason) {
@@ -538,9 +575,14 @@ impl Bridge {
         self.tick_line(now);
         for asker in Streams::ASKERS {
             let after = self.config.silence.after();
-            let stream = self.streams.of(asker);
-            if stream.is_some_and(|stream| stream.timeout(after).is_some_and(|at| at <= now)) {
-                self.silent(asker, now);
+            let is_held_back = asker == Asker::Usb && !self.usb_room();
+            match self.streams.of(asker) {
+                Some(stream) if stream.timeout(after).is_some_and(|at| at <= now) => match is_held_back {
+                    // USB does not tell whether it wants to say something.
+                    true => stream.hear(now),
+                    false => self.silent(asker, now),
+                },
+                _ => {}
             }
         }
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
@@ -550,9 +592,6 @@ impl Bridge {
 
     /// A host that streamed motion says nothing any more: what it has sent and is not out is old.
     fn silent(&mut self, asker: Asker, now: Micros) {
-        if let Some(stream) = self.streams.of(asker) {
-            stream.end();
-        }
         let dropped = match asker {
             Asker::Usb => {
                 let dropped = self.down.len();
@@ -579,6 +618,16 @@ impl Bridge {
         if torque_off {
             self.torque_off.get_or_insert(now);
         }
+        self.end_stream(asker, dropped, torque_off, now);
+    }
+
+    /// Reports that `asker` streams motion no more, if it did.
+    // Not inlined, as above.
+    #[inline(never)]
+    pub(crate) fn end_stream(&mut self, asker: Asker, dropped: usize, torque_off: bool, now: Micros) {
+        if !self.streams.of(asker).is_some_and(Stream::end) {
+            return;
+        }
         count(&mut self.counters.host_silences, 1);
         count(&mut self.counters.silenced_bytes, dropped);
         let dropped = dropped as u16;
@@ -597,6 +646,7 @@ impl Bridge {
         // The reply goes out as the bus was.
         let replied = |port: &mut Port| *port == Port::Usb || !self.can.control.is_sending();
         if self.can_change.take_if(replied).is_some() {
+            self.can.close(&mut self.counters);
             self.can = CanPort::new(self.config.can);
             self.control.forget_can();
             return Some(Action::RestartCan(self.config.can));
@@ -631,7 +681,7 @@ impl Bridge {
         if config.can.bus() != was.can.bus() {
             self.can_change = Some(by);
         } else if config.can != was.can && self.can_change.is_none() {
-            self.can.adopt(config.can);
+            self.can.adopt(config.can, &mut self.counters);
         }
         if config.arm != was.arm {
             self.change_arm(now);

@@ -66,6 +66,10 @@ pub(crate) struct CanPort {
     sample_at: Micros,
     /// When the error counts go out.
     errors_at: Option<Micros>,
+    /// Frames that the controller has, and how many of them, from the first, are gone when the last of each connection is.
+    handed: u8,
+    arm_handed: u8,
+    control_handed: u8,
     /// Until when time-outs have been dealt with.
     ticked: Micros,
 }
@@ -90,12 +94,16 @@ impl CanPort {
             samples: 0,
             sample_at: Micros(0),
             errors_at: (config.telemetry_hz > 0).then_some(Micros(0)),
+            handed: 0,
+            arm_handed: 0,
+            control_handed: 0,
             ticked: Micros(0),
         }
     }
 
     /// Other cyclic frames, on the same bus.
-    pub(crate) fn adopt(&mut self, config: config::Can) {
+    pub(crate) fn adopt(&mut self, config: config::Can, counters: &mut Counters) {
+        self.drop_half_command(counters);
         self.config = config;
         self.commands = Commands::new(config.node, Micros::from_millis(config.command_timeout_ms.into()));
         self.newest = None;
@@ -190,14 +198,20 @@ impl CanPort {
             let _ = self.arm.send(&frame);
         }
         if self.control_has_next() {
-            let mut len = [0];
             let mut message = [0; EVENTS];
-            self.events.pop(&mut len);
-            let [len] = len;
-            let message = message.get_mut(..usize::from(len)).unwrap_or_default();
-            self.events.pop(message);
-            let _ = self.control.send(message);
+            let len = self.next_event(&mut message);
+            let _ = self.control.send(message.get(..len).unwrap_or_default());
         }
+    }
+
+    /// Takes the next event to the front of `message` and returns its length, 0 if there is none.
+    // Not inlined: it takes more room than all else that those do who need it.
+    #[inline(never)]
+    fn next_event(&mut self, message: &mut [u8; EVENTS]) -> usize {
+        let mut len = [0];
+        self.events.pop(&mut len);
+        let [len] = len.map(usize::from);
+        self.events.pop(message.get_mut(..len).unwrap_or_default())
     }
 
     /// Whether an answer waits for a connection that is free.
@@ -242,7 +256,26 @@ impl CanPort {
     pub(crate) fn transmit(&mut self, now: Micros, counters: &mut Counters) -> Option<Frame> {
         let frame = self.next_frame(now, counters)?;
         count(&mut counters.can_frames_sent, 1);
+        self.handed = self.handed.saturating_add(1);
         Some(frame)
+    }
+
+    /// The controller still has `waiting` of the frames that it was handed. Whether there may be something new to wait for.
+    pub(crate) fn sent(&mut self, waiting: u8, now: Micros) -> bool {
+        let gone = self.handed.saturating_sub(waiting);
+        if gone == 0 {
+            return false;
+        }
+        self.handed = waiting;
+        let arm = leave(&mut self.arm_handed, gone);
+        if arm {
+            self.arm.transmitted(now);
+        }
+        let control = leave(&mut self.control_handed, gone);
+        if control {
+            self.control.transmitted(now);
+        }
+        arm || control
     }
 
     fn next_frame(&mut self, now: Micros, counters: &Counters) -> Option<Frame> {
@@ -265,12 +298,13 @@ impl CanPort {
             return Frame::new(Function::Event.id(self.config.node), &data).ok();
         }
         self.feed();
+        let handed = self.handed.saturating_add(1);
         if let Some(frame) = self.arm.transmit(now) {
-            self.arm.transmitted(now);
+            self.arm_handed = handed;
             return Some(frame);
         }
         let frame = self.control.transmit(now)?;
-        self.control.transmitted(now);
+        self.control_handed = handed;
         Some(frame)
     }
 
@@ -309,12 +343,37 @@ impl CanPort {
         self.commands.tick(now)
     }
 
-    /// The controller left the bus: what was under way is given up.
-    pub(crate) fn left(&mut self) {
-        self.arm.abort();
-        self.control.abort();
-        self.sample = None;
+    /// The controller left the bus: what was under way by ISO-TP is given up.
+    pub(crate) fn left(&mut self, counters: &mut Counters) {
+        let given_up = self.arm.abort().saturating_add(self.control.abort());
+        count(&mut counters.isotp_failures, given_up);
     }
+
+    /// There will be another port in place of this one: what waits is given up, too.
+    pub(crate) fn close(&mut self, counters: &mut Counters) {
+        self.left(counters);
+        let untaken = [self.arm.received(), self.control.received()].into_iter().flatten();
+        count(&mut counters.isotp_failures, untaken.count());
+        count(&mut counters.dropped_can_answers, self.answers.len());
+        count(&mut counters.dropped_events, self.notes.len());
+        let mut message = [0; EVENTS];
+        while self.next_event(&mut message) > 0 {
+            count(&mut counters.dropped_events, 1);
+        }
+        self.drop_half_command(counters);
+    }
+
+    /// What is left of a command that waits for its other half.
+    fn drop_half_command(&self, counters: &mut Counters) {
+        let waits = self.commands.timeout().is_some();
+        count(&mut counters.commands_incomplete, waits.into());
+    }
+}
+
+/// So many frames are gone. Whether with them the last of those that are counted here is.
+fn leave(handed: &mut u8, gone: u8) -> bool {
+    let before = core::mem::replace(handed, handed.saturating_sub(gone));
+    before > 0 && *handed == 0
 }
 
 /// The first instant of a grid through `at` that is after `now`.

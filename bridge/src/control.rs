@@ -182,7 +182,8 @@ pub enum Event {
         /// The frame.
         bytes: FrameBytes,
     },
-    /// A host that streamed motion has fallen silent. What it had sent and was not on the line yet is dropped.
+    /// A host that streamed motion has fallen silent, and what it had sent and was not on the line yet is dropped. Or what it
+    /// moved is there no more: the arm is configured to be of another kind.
     HostSilent {
         /// Which.
         asker: Asker,

@@ -88,13 +88,15 @@ pub struct Counters {
     pub refused_can_requests: u32,
     /// PDUs from CAN refused because they are no frame of this arm.
     pub refused_can_frames: u32,
-    /// Frames of the arm for a host on CAN dropped because too many waited to go out.
+    /// Frames of the arm for a host on CAN dropped because too many waited to go out, or because they waited when the bus was
+    /// set up anew.
     pub dropped_can_answers: u32,
-    /// ISO-TP transfers that failed, either way: see [`isotp::Error`](crate::isotp::Error).
+    /// ISO-TP transfers that failed, either way: see [`isotp::Error`](crate::isotp::Error). So did those that were under way
+    /// when the bus was lost or set up anew.
     pub isotp_failures: u32,
     /// CAN frames taken from the bus.
     pub can_frames_received: u32,
-    /// CAN frames handed to the CAN controller.
+    /// CAN frames handed to the CAN controller. All but [`dropped_can_frames`](Self::dropped_can_frames) of them go out.
     pub can_frames_sent: u32,
     /// Times the CAN controller lost frames because they were not taken in time.
     pub can_receive_overruns: u32,
@@ -103,13 +105,13 @@ pub struct Counters {
     /// Times the bus was lost: the CAN controller left it because of too many errors. It comes back by itself, and counts
     /// as back when it has seen no error for 20 ms.
     pub can_bus_offs: u32,
-    /// Commands whose other half did not come in time.
+    /// Commands whose other half did not come in time, or before others were configured.
     pub commands_incomplete: u32,
     /// Commands whose sequence number was not a new one.
     pub commands_stale: u32,
     /// Commands with a value that the arm cannot have.
     pub commands_out_of_range: u32,
-    /// Times a host that streamed motion fell silent.
+    /// Times a host that streamed motion fell silent, or the arm became one of another kind while it did.
     pub host_silences: u32,
     /// Bytes of such a host that were dropped because they had not gone out by then.
     pub silenced_bytes: u32,
@@ -117,18 +119,20 @@ pub struct Counters {
     pub control_requests: u32,
     /// Those among them that this adapter does not know.
     pub control_unsupported: u32,
-    /// Events that a subscriber was not told of because too many waited.
+    /// Events that a subscriber was not told of because too many waited, or because they waited when the bus was set up anew.
     pub dropped_events: u32,
     /// Times a configuration was written to flash.
     pub config_saves: u32,
     /// Times that failed, and one more if what was in flash at the start could not be read: the adapter is then as from the
     /// factory.
     pub config_failures: u32,
+    /// CAN frames that had not left the CAN controller 10 ms after the bus was to be set up anew.
+    pub dropped_can_frames: u32,
 }
 
 impl Counters {
     /// How many there are.
-    pub const COUNT: usize = 50;
+    pub const COUNT: usize = 51;
 
     /// The most bytes they take on the control port.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -192,7 +196,7 @@ mod tests {
         // Every count at its largest takes five bytes; `from_bytes` takes them from that many of the same byte.
         let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
         let counters = Counters::from_bytes(most.as_flattened()).unwrap();
-        assert_eq!(counters.dropped_events, u32::MAX);
+        assert_eq!(counters.dropped_can_frames, u32::MAX);
         let mut buf = [0; Counters::MAX_LEN];
         assert_eq!(counters.to_bytes(&mut buf).unwrap(), most.as_flattened());
         assert!(counters.to_bytes(&mut [0; Counters::MAX_LEN - 1]).is_err());

@@ -8,7 +8,7 @@ use armwire::Micros;
 use armwire::alpha1::Expect;
 
 use crate::arm::{Asked, Piece};
-use crate::bridge::{Bridge, Burst, LEAD, Wake};
+use crate::bridge::{Bridge, Burst, LEAD, Streams, Wake};
 use crate::control::{Asker, FrameBytes, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::earliest::earliest;
@@ -376,6 +376,9 @@ impl Bridge {
 
     /// Moves bytes of the host on USB to the front of `out`, up to the end of a request if others wait.
     fn say_usb(&mut self, out: &mut [u8], now: Micros) -> usize {
+        if !self.usb_room() {
+            self.streams.usb.hear(now);
+        }
         let others = self.others_wait(now);
         if !self.usb_speaks() {
             self.turn.usb_began = now;
@@ -558,7 +561,14 @@ impl Bridge {
         self.tap.clear();
         self.asks.clear();
         (self.passed, self.turn.raw) = (0, false);
-        (self.command, self.torque_off) = (None, None);
+        self.torque_off = None;
+        self.can.stop_commands();
+        if self.command.take().is_some() {
+            self.refuse(Asker::Command, Refusal::NotAFrame, now);
+        }
+        for asker in Streams::ASKERS {
+            self.end_stream(asker, 0, false, now);
+        }
         if self.identify.take().is_some() {
             self.identify_arm(now);
         }

@@ -17,7 +17,7 @@ pub(crate) struct Stream {
 }
 
 impl Stream {
-    /// The host said something.
+    /// The host said something, or could not.
     pub(crate) fn hear(&mut self, now: Micros) {
         self.heard = now;
     }
@@ -37,9 +37,9 @@ impl Stream {
         (self.run >= STREAM && after > Micros(0)).then(|| self.heard + after)
     }
 
-    /// The stream is over: the next one must start anew.
-    pub(crate) fn end(&mut self) {
-        self.run = 0;
+    /// The stream is over, if there was one: the next must start anew.
+    pub(crate) fn end(&mut self) -> bool {
+        core::mem::take(&mut self.run) >= STREAM
     }
 }
 
@@ -71,7 +71,7 @@ mod tests {
         }
         stream.hear(Micros(100));
         assert_eq!(stream.timeout(AFTER), Some(Micros(100) + AFTER));
-        stream.end();
+        assert!(stream.end() && !stream.end());
         stream.motion(AFTER, Micros(200));
         assert_eq!(stream.timeout(AFTER), None);
     }

@@ -2,6 +2,7 @@
 
 extern crate std;
 
+mod can;
 mod control;
 mod polls;
 mod rig;

@@ -8,7 +8,7 @@ use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, with_timeout};
 
 use crate::adapter::{Adapter, now};
-use crate::board::Can;
+use crate::board::{CAN_CAPACITY, Can};
 use crate::watchdog::{Task, progress, rest};
 
 /// How long frames that the controller has may take to leave before it is set up anew.
@@ -26,8 +26,13 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
     let mut lost: Option<Instant> = None;
     loop {
         progress(Task::Can);
-        // One frame at a time: a full bus must not keep the arm waiting.
-        while let Some(frame) = can.receive() {
+        if adapter.take(|bridge| bridge.can_sent(can.waiting(), now())) {
+            adapter.taken();
+        }
+        // One frame at a time: a full bus must not keep the arm waiting. No more in one round than there can be at its
+        // start: of those that come later there is an event.
+        for _ in 0..CAN_CAPACITY {
+            let Some(frame) = can.receive() else { break };
             adapter.with(|bridge| bridge.can_received(&frame, now()));
             yield_now().await;
         }
@@ -35,7 +40,7 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         if errors != CanErrors::default() {
             adapter.with(|bridge| bridge.can_errors(errors));
         }
-        if can.is_bus_off() {
+        if can.take_bus_off() {
             if lost.is_none() {
                 adapter.with(|bridge| bridge.can_bus_off(true, now()));
             }
@@ -67,7 +72,7 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         drop(resting);
         if let Either3::Third(config) = happened {
             let parted = async {
-                while !can.is_idle() {
+                while can.waiting() > 0 {
                     can.event().await;
                 }
             };

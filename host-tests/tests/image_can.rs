@@ -1,13 +1,18 @@
 //! The firmware image on a CAN bus: an arm's frames by ISO-TP, cyclic telemetry, and a bus that breaks.
 
+use std::num::NonZeroU32;
+
 use armwire::Protocol;
 use armwire::ling::{Ling, MAX_FRAME, Request, Response};
-use armwire_bridge::can::{Frame, Function, Node};
+use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::{self, Event};
-use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, Program, counters, on_board, plug_in, read_all};
+use armwire_bridge::isotp::SeparationTime;
+use armwire_host_tests::image::{
+    CanProgram, Control, MEGABAUD, Program, counters, on_board, on_board_with, path, plug_in, read_all,
+};
 use armwire_sim::ling::LingArm;
-use armwire_virtual_board::{Nanos, VirtualBoard};
+use armwire_virtual_board::{Nanos, VirtualBoard, flash};
 
 /// Bits per second on the bus.
 const RATE: u32 = 1_000_000;
@@ -163,5 +168,150 @@ fn a_bus_that_nobody_else_is_on_keeps_neither_the_arm_nor_usb_waiting() {
             let answer = program.call(board, Request::ReadTemperatures);
             assert!(matches!(answer, Some(Response::Temperatures(_))), "{answer:?}");
         }
+    });
+}
+
+/// A frame with this identifier wins over all of the adapter's.
+fn urgent() -> Frame {
+    Frame::new(Id::new(1).unwrap(), &[0; 8]).unwrap()
+}
+
+/// Runs until the adapter has sent so many answers' frames since they were last forgotten.
+fn run_until_sent(board: &mut VirtualBoard<LingArm>, count: usize) {
+    let limit = board.now() + Nanos::from_millis(20);
+    while answer_frames(board).len() < count {
+        assert!(board.now() < limit, "it sends nothing");
+        board.run_for(Nanos(10_000)).unwrap();
+    }
+}
+
+/// When the frames of the adapter's answers began and ended.
+fn answer_frames(board: &VirtualBoard<LingArm>) -> Vec<(Nanos, Nanos)> {
+    let id = Function::ArmAnswer.id(Node::default());
+    let frames = board.can().frames().into_iter();
+    frames
+        .filter(|sent| sent.frame.is_some_and(|frame| frame.id() == id))
+        .map(|sent| (sent.start, sent.end))
+        .collect()
+}
+
+#[test]
+fn consecutive_frames_keep_the_separation_though_others_have_the_bus_for_longer() {
+    for st_min in [
+        SeparationTime::from_hundreds_of_micros(2),
+        SeparationTime::from_millis(1),
+    ] {
+        let st_min = st_min.unwrap();
+        on_board(ling(), |board| {
+            plug_in(board, MEGABAUD);
+            board.can().attach(RATE);
+            let request = Function::ArmRequest.id(Node::default());
+            let joints = frame(Request::ReadJoints);
+            let single = [&[joints.len() as u8], &joints[..]].concat();
+            board.can().send(&Frame::new(request, &single).unwrap()).unwrap();
+            run_until_sent(board, 1);
+            let go_on = Frame::new(request, &[0x30, 0, st_min.to_byte()]).unwrap();
+            board.can().send(&go_on).unwrap();
+            run_until_sent(board, 2);
+            for _ in 0..2 {
+                // Others have the bus, until all that may be due has been handed over.
+                board.can().flood(Some(&urgent())).unwrap();
+                board.run_for(Nanos::from_millis(5)).unwrap();
+                board.can().flood(None).unwrap();
+                board.run_for(Nanos::from_millis(2)).unwrap();
+            }
+            let frames = answer_frames(board);
+            assert_eq!(frames.len(), 4, "{frames:?}");
+            for pair in frames[1..].windows(2) {
+                let gap = pair[1].0.since(pair[0].1);
+                assert!(gap >= st_min.micros().into(), "{gap:?} between {frames:?}");
+            }
+        });
+    }
+}
+
+/// A processor this much slower is busy with this all the time.
+const SLOW: u32 = 4;
+
+#[test]
+fn a_flood_that_takes_all_the_time_does_not_keep_the_adapter_from_the_bus() {
+    let mut config = armwire_virtual_board::Config::new(path(), ling());
+    config.instruction_cost = config.instruction_cost.saturating_mul(NonZeroU32::new(SLOW).unwrap());
+    on_board_with(config, |board| {
+        plug_in(board, MEGABAUD);
+        board.can().attach(RATE);
+        let mut control = Control::open(board);
+        control.order(board, control::Request::SetConfig(telemetry()));
+        control.subscribe(board);
+        // Each is refused, and that is told here and there.
+        let flood = Frame::new(Function::ArmRequest.id(Node::default()), &[1, 0]).unwrap();
+        board.can().flood(Some(&flood)).unwrap();
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        sent(board, Function::JointsA);
+        board.run_for(Nanos::from_millis(1_000)).unwrap();
+        let joints = sent(board, Function::JointsA);
+        assert!((99..=101).contains(&joints), "{joints} in a second");
+        board.can().flood(None).unwrap();
+        board.run_for(Nanos::from_millis(10)).unwrap();
+        assert_eq!(counters(board).can_receive_overruns, 0);
+    });
+}
+
+#[test]
+fn a_bus_that_is_lost_and_back_while_the_flash_is_erased_is_counted() {
+    // Nothing that can be added to, so that a save begins with an erase.
+    let mut contents = vec![0xFF; flash::SIZE];
+    contents[0x4000..0xC000].fill(0x5A);
+    let mut config = armwire_virtual_board::Config::new(path(), ling());
+    config.flash = Some(contents);
+    on_board_with(config, |board| {
+        plug_in(board, MEGABAUD);
+        board.can().attach(RATE);
+        let mut control = Control::open(board);
+        control.order(board, control::Request::SetConfig(telemetry()));
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        let before = board.flash_operations();
+        // Others have the bus, so that frames wait for it when the core stands still.
+        board.can().flood(Some(&urgent())).unwrap();
+        board.run_for(Nanos::from_millis(50)).unwrap();
+        control.send(board, control::Request::SaveConfig);
+        let mut operations = before;
+        while operations == before || operations != board.flash_operations() {
+            operations = board.flash_operations();
+            board.run_for(Nanos::from_millis(1)).unwrap();
+        }
+        board.can().flood(None).unwrap();
+        board.can().short();
+        board.run_for(Nanos::from_millis(10)).unwrap();
+        board.can().release();
+        board.run_for(Nanos::from_millis(10)).unwrap();
+        assert_eq!(board.flash_operations(), operations, "it is not being erased any more");
+        board.run_for(Nanos::from_millis(1_000)).unwrap();
+        let seen = counters(board);
+        assert_eq!((seen.can_bus_offs, seen.config_saves), (1, 1));
+        // It is there again.
+        let joints = frame(Request::ReadJoints);
+        let answer = CanProgram::new(Node::default()).call(board, &joints);
+        assert_eq!(answer[..3], joints[..3]);
+    });
+}
+
+#[test]
+fn frames_that_wait_for_the_bus_when_it_is_to_be_another_are_counted() {
+    on_board(ling(), |board| {
+        plug_in(board, MEGABAUD);
+        board.can().attach(RATE);
+        let mut control = Control::open(board);
+        control.order(board, control::Request::SetConfig(telemetry()));
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        board.can().flood(Some(&urgent())).unwrap();
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        let before = counters(board);
+        let mut other = telemetry();
+        other.can.bit_rate = 500_000;
+        control.order(board, control::Request::SetConfig(other));
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        let after = counters(board);
+        assert_eq!((before.dropped_can_frames, after.dropped_can_frames), (0, 3));
     });
 }

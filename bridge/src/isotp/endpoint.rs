@@ -22,16 +22,8 @@ pub struct Endpoint<const RX: usize, const TX: usize> {
     config: Config,
     receiver: Receiver,
     sender: Sender,
-    /// Whose the last frame was that was handed over, until it has left.
-    handed: Option<Half>,
     rx: [u8; RX],
     tx: [u8; TX],
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Half {
-    Receiver,
-    Sender,
 }
 
 impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
@@ -47,7 +39,6 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
             config,
             receiver: Receiver::new(),
             sender: Sender::new(),
-            handed: None,
             rx: [0; RX],
             tx: [0; TX],
         }
@@ -145,21 +136,17 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
 
     /// The next frame for the bus, if one is due: flow control before all else.
     ///
-    /// Hand it over, say when it has [left](Self::transmitted), and only then ask again. Then ask
-    /// [`is_sending`](Self::is_sending), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
+    /// Hand it over, in this order, and say when it has [left](Self::transmitted). More may be handed over before, but the
+    /// next consecutive frame is not due until then if the other side asked for a separation.
+    ///
+    /// Then ask [`is_sending`](Self::is_sending), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
     pub fn transmit(&mut self, now: Micros) -> Option<Frame> {
         let answer = self.receiver.transmit(&self.config, now);
-        let (half, frame) = match answer {
-            Some(frame) => (Half::Receiver, frame),
-            None => (Half::Sender, self.sender.transmit(&self.tx, &self.config, now)?),
-        };
-        self.handed = Some(half);
-        Some(frame)
+        answer.or_else(|| self.sender.transmit(&self.tx, &self.config, now))
     }
 
-    /// The frame that [`transmit`](Self::transmit) gave last has left: times that the standard measures from the end of
-    /// a frame begin now. Without this call they began when it was handed over, which on a busy bus makes the gaps
-    /// between frames shorter than the other side asked for.
+    /// All frames that [`transmit`](Self::transmit) gave have left: times that the standard measures from the end of a
+    /// frame begin now. Does nothing when that was said before.
     ///
     /// Then ask [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
     ///
@@ -177,11 +164,8 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// assert_eq!(endpoint.timeout(), Some(Micros(1_000_430)));
     /// ```
     pub fn transmitted(&mut self, now: Micros) {
-        match self.handed.take() {
-            Some(Half::Receiver) => self.receiver.transmitted(&self.config, now),
-            Some(Half::Sender) => self.sender.transmitted(&self.config, now),
-            None => {}
-        }
+        self.receiver.transmitted(&self.config, now);
+        self.sender.transmitted(&self.config, now);
     }
 
     // ---- Time ----
@@ -201,7 +185,8 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
         }
     }
 
-    /// Gives up what is being received and sent, without an event, as after bus-off. A PDU that is whole stays.
+    /// Gives up what is being received and sent, without an event, as after bus-off, and returns how many PDUs that were.
+    /// One that is whole stays.
     ///
     /// ```
     /// # use armwire::Micros;
@@ -209,14 +194,12 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// # use armwire_bridge::isotp::{Config, Endpoint, Link};
     /// # let mut endpoint = Endpoint::<64, 64>::new(Config::new(Link::Classic, Id::new(0x610).unwrap()));
     /// endpoint.send(&[1, 2]).unwrap();
-    /// endpoint.abort();
+    /// assert_eq!(endpoint.abort(), 1);
     /// assert!(!endpoint.is_sending());
     /// assert_eq!(endpoint.transmit(Micros(0)), None);
     /// ```
-    pub fn abort(&mut self) {
-        self.receiver.abort();
-        self.sender.abort();
-        self.handed = None;
+    pub fn abort(&mut self) -> usize {
+        usize::from(self.receiver.abort()).saturating_add(self.sender.abort().into())
     }
 }
 

@@ -22,6 +22,8 @@ pub(super) struct Receiver {
     left: u16,
     /// What the sender must be told.
     answer: Option<u8>,
+    /// That was handed over and has not left, as far as is known.
+    handed: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -44,6 +46,7 @@ impl Receiver {
             number: 0,
             left: 0,
             answer: None,
+            handed: false,
         }
     }
 
@@ -58,11 +61,14 @@ impl Receiver {
         }
     }
 
-    pub(super) fn abort(&mut self) {
-        self.answer = None;
-        if self.state != State::Whole {
+    /// Whether there was a PDU to give up.
+    pub(super) fn abort(&mut self) -> bool {
+        (self.answer, self.handed) = (None, false);
+        let is_receiving = self.state == State::Receiving;
+        if is_receiving {
             self.state = State::Idle;
         }
+        is_receiving
     }
 
     pub(super) fn timeout(&self) -> Micros {
@@ -92,14 +98,17 @@ impl Receiver {
     /// The flow control frame to send, if there is one.
     pub(super) fn transmit(&mut self, config: &Config, now: Micros) -> Option<Frame> {
         let status = self.answer.take()?;
-        self.transmitted(config, now);
+        self.handed = true;
+        self.deadline = now + config.n_cr;
         let head = [FLOW_CONTROL | status, config.block_size, config.st_min.to_byte()];
         Some(Frame::padded(config.tx, config.link == Link::Fd, &head, &[]))
     }
 
-    /// The flow control frame left the bus.
+    /// The flow control frame has left, unless that was said before.
     pub(super) fn transmitted(&mut self, config: &Config, now: Micros) {
-        self.deadline = now + config.n_cr;
+        if core::mem::take(&mut self.handed) {
+            self.deadline = now + config.n_cr;
+        }
     }
 
     /// A single frame came.

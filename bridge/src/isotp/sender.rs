@@ -21,6 +21,8 @@ pub(super) struct Sender {
     gap: SeparationTime,
     /// How often in a row the receiver has said that it is not ready.
     waits: u8,
+    /// The last frame was handed over and has not left, as far as is known.
+    handed: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -45,6 +47,7 @@ impl Sender {
             left: 0,
             gap: SeparationTime::ZERO,
             waits: 0,
+            handed: false,
         }
     }
 
@@ -61,8 +64,11 @@ impl Sender {
         };
     }
 
-    pub(super) const fn abort(&mut self) {
-        self.state = State::Idle;
+    /// Whether there was a PDU to give up.
+    pub(super) const fn abort(&mut self) -> bool {
+        let is_sending = !self.is_idle();
+        (self.state, self.handed) = (State::Idle, false);
+        is_sending
     }
 
     pub(super) fn timeout(&self) -> Micros {
@@ -106,6 +112,7 @@ impl Sender {
         let rest = buffer.get(self.sent..self.len).unwrap_or_default();
         let frame = Frame::padded(config.tx, config.link == Link::Fd, head, rest);
 
+        self.handed = true;
         self.number = (self.number + 1) & 0x0F;
         self.sent = self.sent.saturating_add(room.saturating_sub(head.len()));
         if self.sent >= self.len {
@@ -115,13 +122,20 @@ impl Sender {
             self.wait(config, now);
         } else {
             self.left = self.left.saturating_sub(1);
-            self.at = now + self.gap.micros();
+            // The separation begins when the frame has left.
+            self.at = match self.gap {
+                SeparationTime::ZERO => now,
+                _ => NEVER,
+            };
         }
         Some(frame)
     }
 
-    /// The last frame left the bus.
+    /// The last frame has left, unless that was said before.
     pub(super) fn transmitted(&mut self, config: &Config, now: Micros) {
+        if !core::mem::take(&mut self.handed) {
+            return;
+        }
         match self.state {
             State::Wait => self.wait(config, now),
             State::Go => self.at = now + self.gap.micros(),
@@ -139,6 +153,8 @@ impl Sender {
         if self.state != State::Wait {
             return Some(Event::Ignored(Ignored::UnexpectedFlowControl { got: status }));
         }
+        // What is answered has left, whether or not that was said.
+        self.handed = false;
         let error = match status {
             CONTINUE => {
                 self.state = State::Go;
@@ -159,6 +175,7 @@ impl Sender {
         self.state = State::Idle;
         Some(Event::Failed(error))
     }
+
     /// Flow control has its full time from now.
     fn wait(&mut self, config: &Config, now: Micros) {
         self.state = State::Wait;

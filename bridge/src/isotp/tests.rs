@@ -188,6 +188,7 @@ fn each_flow_control_sets_block_size_and_separation_time_anew() {
     assert_eq!(all(&mut sender, T0).len(), 1);
     events([], sender.receive(&[0x30, 2, 5], T0));
     assert_eq!(all(&mut sender, T0).len(), 1);
+    sender.transmitted(T0);
     assert_eq!(all(&mut sender, T0 + Micros(5_000)).len(), 1);
     assert_eq!(sender.transmit_at(), None);
 }
@@ -209,6 +210,7 @@ fn consecutive_frames_keep_the_separation_time() {
         let mut sender = waiting(20);
         events([], sender.receive(&[0x30, 0, byte], T0));
         assert_eq!(next(&mut sender, T0)[0], 0x21);
+        sender.transmitted(T0);
         let due = T0 + Micros(micros);
         assert_eq!((sender.transmit_at(), sender.timeout()), (Some(due), None));
         if micros > 0 {
@@ -225,11 +227,56 @@ fn the_separation_begins_when_the_frame_has_left() {
     assert_eq!(sender.timeout(), Some(T0 + Micros(100) + SECOND));
     events([], sender.receive(&[0x30, 0, 1], T0 + Micros(300)));
     assert_eq!(next(&mut sender, T0 + Micros(300))[0], 0x21);
+    // Others have the bus, for longer than the separation.
+    assert_eq!(
+        (sender.transmit_at(), sender.transmit(T0 + Micros(1_900))),
+        (None, None)
+    );
     sender.transmitted(T0 + Micros(2_000));
     assert_eq!(sender.transmit_at(), Some(T0 + Micros(3_000)));
     // It is said once for each frame.
     sender.transmitted(T0 + Micros(2_500));
     assert_eq!(sender.transmit_at(), Some(T0 + Micros(3_000)));
+}
+
+#[test]
+fn flow_control_between_two_consecutive_frames_takes_nothing_from_their_separation() {
+    let mut both = waiting(27);
+    events([], both.receive(&[0x30, 0, 1], T0));
+    assert_eq!(next(&mut both, T0)[0], 0x21);
+    events([], both.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
+    assert_eq!(next(&mut both, T0)[0], 0x30);
+    assert_eq!(both.transmit_at(), None);
+    both.transmitted(T0 + Micros(300));
+    assert_eq!(both.transmit_at(), Some(T0 + Micros(1_300)));
+    assert_eq!(both.timeout(), Some(T0 + Micros(300) + SECOND));
+}
+
+#[test]
+fn flow_control_that_nobody_waits_for_does_not_end_the_wait_for_a_frame_to_leave() {
+    let mut sender = waiting(27);
+    events([], sender.receive(&[0x30, 0, 1], T0));
+    assert_eq!(next(&mut sender, T0)[0], 0x21);
+    let ignored = Event::Ignored(Ignored::UnexpectedFlowControl { got: 0 });
+    events([ignored], sender.receive(&[0x30, 0, 0], T0));
+    assert_eq!(sender.transmit_at(), None);
+    sender.transmitted(T0 + Micros(300));
+    assert_eq!(sender.transmit_at(), Some(T0 + Micros(1_300)));
+}
+
+#[test]
+fn without_separation_nobody_waits_for_a_frame_to_leave() {
+    let mut sender = waiting(27);
+    events([], sender.receive(&[0x30, 0, 0], T0));
+    assert_eq!(all(&mut sender, T0).len(), 3);
+}
+
+#[test]
+fn flow_control_tells_that_the_frame_before_has_left() {
+    let mut sender = waiting(27);
+    events([], sender.receive(&[0x30, 0, 1], T0));
+    sender.transmitted(T0 + Micros(100));
+    assert_eq!(sender.transmit_at(), Some(T0));
 }
 
 #[test]
@@ -708,7 +755,7 @@ fn malformed_frames_change_nothing() {
 fn after_abort_both_halves_are_idle() {
     let mut both = receiving();
     both.send(&pdu(20)).unwrap();
-    both.abort();
+    assert_eq!((both.abort(), both.abort()), (2, 0));
     assert_eq!(both.transmit(T0), None);
     is_usable(&mut both, T0);
 
@@ -964,11 +1011,18 @@ proptest! {
             prop_assert_eq!(end.received().is_some(), events.contains(&Event::Received));
             end.release();
             while end.transmit(now).is_some() {}
+            // They leave now, or some time later.
+            if passed % 2 == 0 {
+                end.transmitted(now);
+            }
             end.tick(now).for_each(drop);
         }
+        end.transmitted(now);
         while let Some(next) = end.transmit_at().into_iter().chain(end.timeout()).min() {
             now = now.max(next);
-            while end.transmit(now).is_some() {}
+            while end.transmit(now).is_some() {
+                end.transmitted(now);
+            }
             end.tick(now).for_each(drop);
         }
         is_usable(&mut end, now);

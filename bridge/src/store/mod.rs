@@ -3,6 +3,10 @@
 //! A save appends a record to a page. When the page is full, the next one is erased and taken; so all pages wear alike,
 //! and the newest record is never on a page that is being erased. The record with the highest sequence number counts.
 //!
+//! A record with a wrong checksum is passed over, for it is what is left of a save that was cut. One whose bytes went bad
+//! later looks the same: what counts then is the one before it. If there is none, that is not taken for a store to
+//! which nothing was ever saved.
+//!
 //! Each page is a queue of its own of `sequential_storage`, which finds the free place, skips what was cut off, and tells
 //! by a checksum whether a record is whole. Its map over all pages would not do: it moves the newest record from page to
 //! page, and marks at both ends of a page tell it whether an erase was cut. What a page has in it after a cut erase is
@@ -27,6 +31,12 @@ const LAYOUT: u8 = 1;
 
 /// The longest record of this and every later layout, in bytes.
 const MAX_RECORD: usize = 128;
+
+/// What a byte is that was erased and not written.
+const ERASED: u8 = 0xFF;
+
+/// So many bytes at the front of a page tell whether it was written to: a mark of a word, and a record's header.
+const FRONT: usize = 16;
 
 /// The length of a sequence number, in bytes.
 const SEQUENCE: usize = size_of::<u32>();
@@ -97,7 +107,8 @@ pub enum Saved {
     /// None: there never was one, or it was reset.
     Nothing,
     /// Something that is no configuration of this version, or none that an adapter can have. It stays in flash until
-    /// enough was saved after it.
+    /// enough was saved after it. What went bad is such a thing, and so is the first that was ever saved if the power went
+    /// meanwhile.
     Unreadable,
 }
 
@@ -202,11 +213,15 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// The newest record and its page, and whether there is a page that cannot be read.
+    /// The newest record and its page, and whether there is a page that was written to.
     async fn newest(&mut self) -> Result<(Option<(u32, Record)>, bool), Error<F::Error>> {
         let mut newest: Option<(u32, Record)> = None;
-        let mut garbage = false;
+        let mut written = false;
         for page in self.range.clone().step_by(F::ERASE_SIZE) {
+            // Before a look for records, for that finishes an erase that was cut.
+            let mut front = [ERASED; FRONT];
+            self.flash.read(page, &mut front).await.map_err(Error::Flash)?;
+            written |= front.iter().any(|byte| *byte != ERASED);
             let is_newer = |record: &Record| {
                 newest
                     .as_ref()
@@ -214,12 +229,12 @@ impl<F: NorFlash> Store<F> {
             };
             match self.last(page).await {
                 Ok(Some(record)) if is_newer(&record) => newest = Some((page, record)),
-                Ok(_) => {}
                 Err(Error::Flash(error)) => return Err(Error::Flash(error)),
-                Err(_) => garbage = true,
+                Ok(_) => {}
+                Err(_) => written = true,
             }
         }
-        Ok((newest, garbage))
+        Ok((newest, written))
     }
 
     /// The last record of a page.

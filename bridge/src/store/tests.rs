@@ -366,6 +366,8 @@ proptest! {
     ) {
         let mut flash = Tiny::new(pages);
         let mut old = Saved::Nothing;
+        // Before anything is saved, what is cut is unreadable, and the adapter as from the factory all the same.
+        let mut is_first = true;
         for (number, step, kind, seed) in changes {
             flash.power = Some((step, Damage::KINDS[kind](seed)));
             let (new, result) = match number.map(config) {
@@ -378,7 +380,11 @@ proptest! {
             flash.power = None;
             let loaded = load(&mut flash);
             match result {
-                Ok(()) => prop_assert_eq!(loaded, new),
+                Ok(()) => {
+                    prop_assert_eq!(loaded, new);
+                    is_first = false;
+                }
+                Err(_) if is_first && loaded == Saved::Unreadable => continue,
                 Err(error) => {
                     prop_assert_eq!(error, Error::Flash(Fault::NoPower));
                     prop_assert!(loaded == old || loaded == new, "{:?} is neither {:?} nor {:?}", loaded, old, new);
@@ -389,17 +395,62 @@ proptest! {
     }
 
     #[test]
-    fn flash_full_of_anything_has_nothing_to_load_and_can_be_saved_to(seed: u64, front in prop::collection::vec(any::<u8>(), 0..40)) {
+    fn flash_full_of_anything_is_unreadable_and_can_be_saved_to(seed: u64, front in prop::collection::vec(any::<u8>(), 0..40)) {
         let mut flash = G431::new(2);
         let mut state = seed;
         for byte in &mut flash.bytes {
             *byte = random(&mut state) as u8;
         }
         flash.bytes[..front.len()].copy_from_slice(&front);
-        prop_assert!(!matches!(load(&mut flash), Saved::Config(_)));
+        prop_assert_eq!(load(&mut flash), Saved::Unreadable);
         save(&mut flash, &config(1)).unwrap();
         prop_assert_eq!(load(&mut flash), Saved::Config(config(1)));
     }
+}
+
+/// `flash` with each byte that is written changed, in two ways.
+fn spoilt<const WRITE: usize, const ERASE: usize>(
+    flash: &Nor<WRITE, ERASE>,
+) -> impl Iterator<Item = (usize, Nor<WRITE, ERASE>)> {
+    let written = flash.bytes.iter().enumerate().filter(|(_, byte)| **byte != ERASED);
+    written.flat_map(|(at, byte)| {
+        [byte ^ 0x01, ERASED].map(|bad| {
+            let mut flash = flash.clone();
+            flash.bytes[at] = bad;
+            (at, flash)
+        })
+    })
+}
+
+#[test]
+fn a_record_that_went_bad_is_not_taken_for_nothing() {
+    fn spoil<const WRITE: usize, const ERASE: usize>() {
+        for saves in [1, 2] {
+            let flash = filled::<WRITE, ERASE>(saves);
+            let mut lost = 0;
+            for (at, mut flash) in spoilt(&flash) {
+                let loaded = load(&mut flash);
+                let kept = (1..=saves).any(|number| loaded == Saved::Config(config(number)));
+                assert!(kept || loaded == Saved::Unreadable, "{loaded:?} with another byte {at}");
+                lost += usize::from(loaded == Saved::Unreadable);
+                save(&mut flash, &config(3)).unwrap();
+                assert_eq!(load(&mut flash), Saved::Config(config(3)));
+            }
+            assert_eq!(lost > 0, saves == 1, "{lost} of {saves}");
+        }
+    }
+    spoil::<8, 0x800>();
+    spoil::<4, 0x4000>();
+    spoil::<1, 0x4000>();
+}
+
+#[test]
+fn a_reset_that_went_bad_is_not_taken_for_nothing_either() {
+    let mut flash = G431::new(2);
+    reset(&mut flash).unwrap();
+    assert_eq!(load(&mut flash), Saved::Nothing);
+    let loaded: Vec<_> = spoilt(&flash).map(|(_, mut flash)| load(&mut flash)).collect();
+    assert!(loaded.contains(&Saved::Unreadable));
 }
 
 #[test]

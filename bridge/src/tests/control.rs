@@ -479,7 +479,11 @@ fn telemetry_goes_out_at_its_rate_and_never_twice() {
 #[test]
 fn error_counts_go_out_once_a_second() {
     let mut rig = telemetry(10, Poll::Off);
-    rig.bridge.can_errors(CanErrors { bus: 3, overruns: 1 });
+    rig.bridge.can_errors(CanErrors {
+        bus: 3,
+        overruns: 1,
+        unsent: 0,
+    });
     rig.run(5_500_000);
     let errors: Vec<_> = rig
         .frames
@@ -504,7 +508,8 @@ fn bus_off_is_told_and_counted_and_ends_what_was_under_way() {
     assert!(!rig.bridge.can.arm.is_sending());
     rig.bridge.can_bus_off(false, Micros(rig.now));
     rig.run(10_000);
-    assert_eq!(rig.bridge.counters().can_bus_offs, 1);
+    let c = rig.bridge.counters();
+    assert_eq!((c.can_bus_offs, c.isotp_failures), (1, 1));
     let off = |off| Event::BusOff { off };
     assert!(
         rig.events

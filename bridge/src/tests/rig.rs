@@ -267,6 +267,7 @@ impl Rig {
             assert!(due);
             self.bus_free = now.0 + CAN_FRAME;
             self.hear_bus(&frame, now);
+            self.bridge.can_sent(0, now);
             return true;
         }
         if !self.arm.is_sending()

@@ -13,8 +13,8 @@ use super::rig::{Rig, ling};
 use crate::can::Node;
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
-use crate::config::{Can, Config, Silence};
-use crate::control::{Asker, Event, FromHost, MAX_COBS, Refusal, Request, encode_cobs};
+use crate::config::{ArmKind, Can, Config, Silence};
+use crate::control::{Asker, Event, FromHost, MAX_COBS, Refusal, Reply, Request, encode_cobs};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
@@ -349,4 +349,82 @@ fn a_silent_stream_of_commands_must_start_anew() {
     send(&mut rig, command(5));
     rig.run(10_000);
     assert_eq!(refusals(&rig), [Refusal::Stale]);
+}
+
+#[test]
+fn a_host_on_usb_that_is_held_back_is_not_silent() {
+    let mut rig = Rig::new(silence(100, true));
+    rig.subscribe();
+    for _ in 0..3 {
+        rig.usb_out.extend(motion());
+        rig.run(10_000);
+    }
+    // CAN has the arm check itself, which takes 500 ms, and the host on USB says more than there is room for.
+    rig.manners = Box::new(|_| None);
+    rig.can_out.push_back(ling::SELF_CHECK.to_vec());
+    rig.run(1_000);
+    let more = motion().repeat(30);
+    rig.usb_out.extend(&more);
+    rig.run(400_000);
+    assert!(!rig.bridge.usb_room());
+    assert_eq!(silences(&rig), []);
+    rig.run(200_000);
+    assert_eq!(rig.line(), [&motion().repeat(3)[..], &ling::SELF_CHECK, &more].concat());
+    // Now it is.
+    rig.run(100_000);
+    let c = rig.bridge.counters();
+    assert_eq!((silences(&rig).len(), c.silenced_bytes), (1, 0));
+}
+
+#[test]
+fn a_stream_of_motion_ends_when_the_arm_is_another_one() {
+    for asker in [Asker::Usb, Asker::Can, Asker::Command] {
+        let mut rig = Rig::new(silence(500, true));
+        rig.subscribe();
+        for sequence in 0..6 {
+            match asker {
+                Asker::Usb => rig.usb_out.extend(motion()),
+                Asker::Can => rig.can_out.push_back(motion()),
+                _ => send(&mut rig, command(sequence)),
+            }
+            rig.run(10_000);
+        }
+        let changed = rig.now;
+        let other = Config {
+            arm: ArmKind::Alpha1,
+            silence: Silence {
+                after_ms: 500,
+                torque_off: true,
+            },
+            ..Config::default()
+        };
+        assert_eq!(rig.call(Request::SetConfig(other)), Reply::Done);
+        let said = rig.said.len();
+        rig.run(1_000_000);
+        let event = Event::HostSilent {
+            asker,
+            dropped: 0,
+            torque_off: false,
+        };
+        assert_eq!(silences(&rig), [(changed, event)]);
+        assert_eq!((rig.bridge.counters().host_silences, rig.said.len()), (1, said));
+    }
+}
+
+#[test]
+fn a_command_that_waits_is_refused_when_the_arm_is_another_one() {
+    let mut rig = Rig::new(silence(0, false));
+    rig.subscribe();
+    rig.manners = Box::new(|_| None);
+    send(&mut rig, command(0));
+    rig.usb_out.extend(ling(0x06, 0, &[0xFE]));
+    rig.run(1_000);
+    send(&mut rig, command(1));
+    let other = Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    };
+    assert_eq!(rig.call(Request::SetConfig(other)), Reply::Done);
+    assert_eq!(refusals(&rig), [Refusal::NotAFrame]);
+    assert_eq!(rig.bridge.counters().refused_can_frames, 1);
 }

@@ -4,7 +4,7 @@
 //! nobody. The one for FDCAN also leaves out the compensation of the transmitter's delay, which a data phase above
 //! 1 Mbit/s needs. What is left is little: [`Controller`] has the registers.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use armwire_bridge::CanErrors;
 use armwire_bridge::can::{Frame, Function, Id, Node};
@@ -18,7 +18,10 @@ use embassy_time::Timer;
 use super::{Controller, Waiting};
 
 /// How many frames may wait to be taken, beside the controller's own three.
-const CAPACITY: usize = 8;
+pub(crate) const CAPACITY: usize = 8;
+
+/// How many frames a controller has room for on their way to the bus.
+pub(super) const ROOM: u8 = 3;
 
 /// Frames from the bus.
 static FRAMES: Channel<CriticalSectionRawMutex, Waiting, CAPACITY> = Channel::new();
@@ -26,24 +29,29 @@ static FRAMES: Channel<CriticalSectionRawMutex, Waiting, CAPACITY> = Channel::ne
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static ERRORS: AtomicU32 = AtomicU32::new(0);
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
+static LOST: AtomicBool = AtomicBool::new(false);
 
 /// How long nobody looks at the bus when nothing happens, in milliseconds. A controller that comes back from bus-off
 /// does not say so.
 const LOOK_MS: u64 = 5;
 
 /// The CAN bus.
-pub(crate) struct Can(Controller);
+pub(crate) struct Can {
+    controller: Controller,
+    /// Frames that were forgotten, since somebody asked.
+    unsent: u32,
+}
 
 impl Can {
     /// A controller that is not on the bus yet.
     pub(super) fn new(controller: Controller) -> Self {
-        Self(controller)
+        Self { controller, unsent: 0 }
     }
 
-    /// Puts the controller on the bus, anew if it is there. Frames that wait in it are forgotten.
+    /// Puts the controller on the bus, anew if it is there. Frames that it has not sent are forgotten.
     pub(crate) fn start(&mut self, config: &config::Can) {
-        self.0.start(config);
-        FRAMES.clear();
+        self.unsent += u32::from(self.waiting());
+        self.controller.start(config);
         EVENT.signal(());
     }
 
@@ -57,19 +65,19 @@ impl Can {
         FRAMES.try_receive().ok()?.into_frame()
     }
 
+    /// How many frames have not left yet.
+    pub(crate) fn waiting(&self) -> u8 {
+        self.controller.waiting()
+    }
+
     /// Whether there is room for a frame to the bus.
     pub(crate) fn has_room(&self) -> bool {
-        self.0.has_room()
+        self.waiting() < ROOM
     }
 
     /// Sends a frame as soon as the bus is free, after those before it. Only when there is room.
     pub(crate) fn transmit(&mut self, frame: &Frame) {
-        self.0.transmit(frame);
-    }
-
-    /// Whether all frames have left.
-    pub(crate) fn is_idle(&self) -> bool {
-        self.0.is_idle()
+        self.controller.transmit(frame);
     }
 
     /// What went wrong since this was last asked.
@@ -77,12 +85,14 @@ impl Can {
         CanErrors {
             bus: ERRORS.swap(0, Ordering::Relaxed),
             overruns: OVERRUNS.swap(0, Ordering::Relaxed),
+            unsent: core::mem::take(&mut self.unsent),
         }
     }
 
-    /// Whether the controller has left the bus because of too many errors. It comes back by itself.
-    pub(crate) fn is_bus_off(&self) -> bool {
-        self.0.is_bus_off()
+    /// Whether the controller is off the bus because of too many errors, or was since this was last asked. It comes back by
+    /// itself.
+    pub(crate) fn take_bus_off(&mut self) -> bool {
+        LOST.swap(false, Ordering::Relaxed) || self.controller.is_bus_off()
     }
 }
 
@@ -115,7 +125,13 @@ pub(super) fn error() {
     ERRORS.fetch_add(1, Ordering::Relaxed);
 }
 
-/// A frame went out, or the bus was lost.
+/// A frame went out.
 pub(super) fn changed() {
+    EVENT.signal(());
+}
+
+/// The bus was lost.
+pub(super) fn lost() {
+    LOST.store(true, Ordering::Relaxed);
     EVENT.signal(());
 }

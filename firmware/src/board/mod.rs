@@ -34,7 +34,7 @@ use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::usart::Uart;
 use embassy_stm32::wdg::IndependentWatchdog;
 
-pub(crate) use can::Can;
+pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
 #[cfg(feature = "board-stm32f405")]
 pub(crate) use stm32f405::*;
 #[cfg(feature = "board-stm32g431")]

@@ -402,6 +402,7 @@ impl World {
         assert_eq!(sent.is_some(), due);
         if let Some(frame) = sent {
             self.can_hears(&frame);
+            self.bridge.can_sent(0, now);
             return true;
         }
         let frame = self.arm.transmit(now).inspect(|_| self.arm.transmitted(now));
@@ -458,7 +459,11 @@ impl World {
 
     /// The controller reports errors.
     pub fn can_errors(&mut self, bus: u32, overruns: u32) {
-        self.bridge.can_errors(CanErrors { bus, overruns });
+        self.bridge.can_errors(CanErrors {
+            bus,
+            overruns,
+            unsent: 0,
+        });
     }
 
     // ---- Firmware, and the time ----

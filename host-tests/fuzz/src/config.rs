@@ -154,6 +154,7 @@ pub fn any_reply(u: &mut Unstructured<'_>) -> Result<Reply> {
             let mut counters = Counters::default();
             counters.frames = u.arbitrary()?;
             counters.config_failures = u.arbitrary()?;
+            counters.dropped_can_frames = u.arbitrary()?;
             Reply::Counters(counters)
         }
         6 => Reply::Latencies(Latencies {

@@ -64,6 +64,7 @@ pub(crate) fn call_all() {
     }
     black_box(black_box(&*bridge).can_due(now));
     black_box(black_box(&mut *bridge).can_transmit(now));
+    black_box(black_box(&mut *bridge).can_sent(black_box(1), now));
     black_box(&mut *bridge).can_errors(black_box(CanErrors::default()));
     black_box(&mut *bridge).can_bus_off(black_box(true), now);
     black_box(black_box(&*bridge).can_config());

@@ -9,7 +9,7 @@ use embassy_stm32::pac::can::vals::{Ide, Lec, Rtr};
 use embassy_stm32::peripherals::{CAN1, PB8, PB9};
 use embassy_stm32::{Peri, rcc};
 
-use super::super::can::{changed, error, heard, overrun, received};
+use super::super::can::{ROOM, changed, error, heard, lost, overrun, received};
 
 const CAN: pac::can::Can = pac::CAN1;
 
@@ -32,7 +32,7 @@ const _: () = {
 const ALTERNATE_FUNCTION: u8 = 9;
 
 /// The mailboxes that frames leave from.
-const MAILBOXES: usize = 3;
+const MAILBOXES: usize = ROOM as usize;
 
 /// The controller.
 pub(crate) struct Controller {
@@ -63,8 +63,9 @@ impl Controller {
         });
         while !CAN.msr().read().inak() {}
         CAN.mcr().modify(|w| {
-            // Back on the bus after bus-off as soon as the standard allows (32.7.6).
-            w.set_abom(true);
+            // After bus-off it waits for the interrupt handler. It would come back without, but of a bus that was lost and
+            // is back before anybody looks nothing would be seen (32.7.6).
+            w.set_abom(false);
             // Frames leave in the order they came, or those of one ISO-TP PDU would not (32.7.1).
             w.set_txfp(true);
         });
@@ -93,10 +94,10 @@ impl Controller {
         CAN.mcr().modify(|w| w.set_inrq(false));
     }
 
-    /// Whether a mailbox is empty.
-    pub(crate) fn has_room(&self) -> bool {
+    /// How many mailboxes are not empty.
+    pub(crate) fn waiting(&self) -> u8 {
         let status = CAN.tsr().read();
-        (0..MAILBOXES).any(|mailbox| status.tme(mailbox))
+        (0..MAILBOXES).map(|mailbox| u8::from(!status.tme(mailbox))).sum()
     }
 
     /// Puts a frame in an empty mailbox. The bridge has no FD frames for this board.
@@ -116,12 +117,6 @@ impl Controller {
             w.set_stid(frame.id().get());
             w.set_txrq(true);
         });
-    }
-
-    /// Whether all mailboxes are empty.
-    pub(crate) fn is_idle(&self) -> bool {
-        let status = CAN.tsr().read();
-        (0..MAILBOXES).all(|mailbox| status.tme(mailbox))
     }
 
     /// Whether the controller has left the bus because of too many errors.
@@ -207,7 +202,7 @@ fn frame() -> Option<Waiting> {
     })
 }
 
-/// Counts errors on the bus, and notes that the bus was lost.
+/// Counts errors on the bus, and brings the controller back from bus-off.
 pub(crate) struct StatusHandler;
 
 impl Handler<CAN1_SCE> for StatusHandler {
@@ -219,7 +214,11 @@ impl Handler<CAN1_SCE> for StatusHandler {
             CAN.esr().write(|w| w.set_lec(Lec::CUSTOM));
         }
         if status.boff() {
-            changed();
+            lost();
+            // To enter and leave this mode is what starts the way back, as soon as the standard allows (32.7.6).
+            CAN.mcr().modify(|w| w.set_inrq(true));
+            while !CAN.msr().read().inak() {}
+            CAN.mcr().modify(|w| w.set_inrq(false));
         }
         // Writing 1 clears.
         CAN.msr().write(|w| w.set_erri(true));

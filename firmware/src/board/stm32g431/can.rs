@@ -9,7 +9,7 @@ use embassy_stm32::pac::can::vals::{Anfe, Anfs, Tfqm};
 use embassy_stm32::peripherals::{FDCAN1, PB8, PB9};
 use embassy_stm32::{Peri, rcc};
 
-use super::super::can::{changed, error, heard, overrun, received};
+use super::super::can::{ROOM, changed, error, heard, lost, overrun, received};
 
 const CAN: pac::can::Fdcan = pac::FDCAN1;
 const RAM: pac::fdcanram::Fdcanram = pac::FDCANRAM1;
@@ -42,7 +42,7 @@ const TWO_IDS: u32 = 0b01 << 30;
 const TO_FIFO_0: u32 = 0b001 << 27;
 
 /// The buffers that frames leave from.
-const BUFFERS: usize = 3;
+const BUFFERS: usize = ROOM as usize;
 
 /// A frame that waits to be taken.
 pub(crate) struct Waiting(Frame);
@@ -113,9 +113,9 @@ impl Controller {
         CAN.cccr().modify(|w| w.set_init(false));
     }
 
-    /// Whether a buffer is empty.
-    pub(crate) fn has_room(&self) -> bool {
-        !CAN.txfqs().read().tfqf()
+    /// How many buffers are not empty.
+    pub(crate) fn waiting(&self) -> u8 {
+        CAN.txbrp().read().0.count_ones() as u8
     }
 
     /// Puts a frame in an empty buffer.
@@ -134,11 +134,6 @@ impl Controller {
             word.write_value(u32::from_le_bytes(whole));
         }
         CAN.txbar().write(|w| w.set_ar(buffer, true));
-    }
-
-    /// Whether all buffers are empty.
-    pub(crate) fn is_idle(&self) -> bool {
-        CAN.txbrp().read().0 == 0
     }
 
     /// Whether the controller has left the bus because of too many errors.
@@ -253,10 +248,11 @@ impl Handler<FDCAN1_IT0> for InterruptHandler {
             error();
         }
         if flags.bo() && is_off {
+            lost();
             // INIT keeps it off the bus; without, it comes back as soon as the standard allows.
             CAN.cccr().modify(|w| w.set_init(false));
         }
-        if flags.tc() || flags.bo() {
+        if flags.tc() {
             changed();
         }
     }

@@ -1,0 +1,203 @@
+//! What the CAN controller has been handed, and what becomes of what waits when the bus is lost or is another one.
+
+extern crate std;
+
+use armwire::Micros;
+
+use super::rig::ling;
+use crate::can::command::Command;
+use crate::can::{Frame, Function};
+use crate::config::{Can, Config};
+use crate::control::{FromHost, Identity, MAX_COBS, Request, Subscription, encode, encode_cobs};
+use crate::{Action, Bridge, Counters};
+
+/// An adapter that hears a frame of this function.
+fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: Micros) {
+    let id = function.id(bridge.can_config().node);
+    bridge.can_received(&Frame::new(id, data).unwrap(), now);
+}
+
+/// A request on the control connection, in a single frame.
+fn ask(bridge: &mut Bridge, request: Request, now: Micros) {
+    let mut bytes = [0; 8];
+    let message = FromHost { sequence: 0, request };
+    let len = encode(&message, &mut bytes[1..]).unwrap();
+    bytes[0] = len as u8;
+    hear(bridge, Function::ControlRequest, &bytes[..=len], now);
+}
+
+/// What the next frame for the bus is for.
+fn hand(bridge: &mut Bridge, now: Micros) -> Option<Function> {
+    let due = bridge.can_due(now);
+    let frame = bridge.can_transmit(now);
+    assert_eq!(frame.is_some(), due);
+    Some(Function::of(frame?.id()).unwrap().0)
+}
+
+/// An adapter that has sent the first frame of an answer, and is told to go on with this separation.
+fn answering(st_min: u8) -> Bridge {
+    let mut bridge = Bridge::default();
+    ask(&mut bridge, Request::GetLatencies, Micros(0));
+    assert_eq!(hand(&mut bridge, Micros(0)), Some(Function::ControlAnswer));
+    assert_eq!(hand(&mut bridge, Micros(0)), None);
+    assert!(bridge.can_sent(0, Micros(130)));
+    hear(&mut bridge, Function::ControlRequest, &[0x30, 0, st_min], Micros(300));
+    bridge
+}
+
+#[test]
+fn a_consecutive_frame_keeps_its_distance_from_when_the_one_before_has_left() {
+    let mut bridge = answering(1);
+    // The frame and others wait for a bus that others have.
+    bridge.can_bus_off(false, Micros(300));
+    let now = Micros(300);
+    assert_eq!(hand(&mut bridge, now), Some(Function::Event));
+    assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
+    bridge.can_bus_off(false, now);
+    assert_eq!(hand(&mut bridge, now), Some(Function::Event));
+    for (at, waiting, news) in [
+        (5_000, 3, false),
+        (5_100, 2, false),
+        (5_200, 1, true),
+        (5_300, 1, false),
+    ] {
+        assert_eq!(hand(&mut bridge, Micros(at)), None);
+        assert_eq!(bridge.can_sent(waiting, Micros(at)), news);
+    }
+    // It left at 5.2 ms.
+    assert_eq!(bridge.timeout(), Some(Micros(6_200)));
+    assert_eq!(hand(&mut bridge, Micros(6_199)), None);
+    assert_eq!(hand(&mut bridge, Micros(6_200)), Some(Function::ControlAnswer));
+    assert_eq!(hand(&mut bridge, Micros(9_000)), None);
+}
+
+#[test]
+fn without_a_separation_the_controller_has_always_something_to_send() {
+    let mut bridge = answering(0);
+    for _ in 0..3 {
+        assert_eq!(hand(&mut bridge, Micros(300)), Some(Function::ControlAnswer));
+    }
+    assert!(!bridge.can_sent(2, Micros(430)));
+    assert_eq!(hand(&mut bridge, Micros(430)), Some(Function::ControlAnswer));
+}
+
+#[test]
+fn what_the_bus_before_has_yet_to_send_is_not_taken_for_what_this_one_was_handed() {
+    let mut bridge = answering(1);
+    // Three frames of the bus before are in front of it.
+    assert_eq!(hand(&mut bridge, Micros(300)), Some(Function::ControlAnswer));
+    for waiting in [4, 3, 2, 1] {
+        assert!(!bridge.can_sent(waiting, Micros(400)));
+    }
+    assert!(bridge.can_sent(0, Micros(500)));
+    assert_eq!(bridge.timeout(), Some(Micros(1_500)));
+}
+
+/// What was counted while `f` ran: transfers that failed, answers dropped, events dropped, half commands.
+fn counted(bridge: &mut Bridge, f: impl FnOnce(&mut Bridge)) -> [u32; 4] {
+    let counts = |c: Counters| {
+        [
+            c.isotp_failures,
+            c.dropped_can_answers,
+            c.dropped_events,
+            c.commands_incomplete,
+        ]
+    };
+    let before = counts(bridge.counters());
+    f(bridge);
+    let after = counts(bridge.counters());
+    core::array::from_fn(|i| after[i] - before[i])
+}
+
+#[test]
+fn transfers_under_way_when_the_bus_is_lost_are_counted_each_way() {
+    let now = Micros(300);
+    let mut bridge = answering(0);
+    hear(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
+    let lost = counted(&mut bridge, |bridge| bridge.can_bus_off(true, now));
+    assert_eq!(lost, [2, 0, 0, 0]);
+    // Nothing is under way now.
+    let lost = counted(&mut bridge, |bridge| bridge.can_bus_off(true, now));
+    assert_eq!(lost, [0; 4]);
+}
+
+/// On this bus, if the host on USB has it so.
+fn configure(bridge: &mut Bridge, can: Can, now: Micros) {
+    let config = Config { can, ..bridge.config() };
+    let request = FromHost {
+        sequence: 1,
+        request: Request::SetConfig(config),
+    };
+    let mut bytes = [0; MAX_COBS];
+    let len = encode_cobs(&request, &mut bytes).unwrap();
+    bridge.control_received(&bytes[..len], now);
+    assert_eq!(bridge.config(), config);
+}
+
+#[test]
+fn what_waits_when_the_bus_is_another_one_is_counted() {
+    let now = Micros(0);
+    let can = Can {
+        unsolicited: true,
+        commands: true,
+        ..Can::default()
+    };
+    let config = Config {
+        can,
+        ..Config::default()
+    };
+    let mut bridge = Bridge::new(Identity::default(), config);
+    let everything = Subscription {
+        frames: true,
+        events: true,
+    };
+    ask(&mut bridge, Request::Subscribe(everything), now);
+    assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
+    // Four frames of the arm, of which one is on its way on either connection and three wait, and the bus is back, which
+    // is told twice.
+    for _ in 0..4 {
+        bridge.uart_received(&ling(0x06, 0, &[1; 15]), now);
+    }
+    bridge.can_bus_off(false, now);
+    // Half a request, and half a command.
+    hear(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
+    let command = Command {
+        sequence: 0,
+        joints: [0; 6],
+        speed: 1,
+        gripper: 0,
+    };
+    let [half, _] = command.to_frames(can.node);
+    bridge.can_received(&half, now);
+
+    let other = Can {
+        bit_rate: 500_000,
+        ..can
+    };
+    let lost = counted(&mut bridge, |bridge| {
+        configure(bridge, other, now);
+        assert_eq!(bridge.action(), Some(Action::RestartCan(other)));
+    });
+    assert_eq!(lost, [3, 3, 3 + 2, 1]);
+    assert_eq!(hand(&mut bridge, now), None);
+}
+
+#[test]
+fn half_a_command_is_counted_when_others_are_configured() {
+    let can = Can {
+        commands: true,
+        ..Can::default()
+    };
+    let config = Config {
+        can,
+        ..Config::default()
+    };
+    let mut bridge = Bridge::new(Identity::default(), config);
+    hear(&mut bridge, Function::CommandA, &[0; 8], Micros(0));
+    let other = Can {
+        command_timeout_ms: 50,
+        ..can
+    };
+    let lost = counted(&mut bridge, |bridge| configure(bridge, other, Micros(0)));
+    assert_eq!(lost, [0, 0, 0, 1]);
+}
