@@ -3,6 +3,8 @@
 //! The HAL's driver uses 16 bits of any timer and counts their turns by interrupts, one each 33 ms. When the flash is
 //! erased, the chip stands still for longer, and that clock would lose the time. This one may be left alone for half an
 //! hour.
+//!
+//! It also starts the UART at a time that was said before: see [`transmit_at`].
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
