@@ -1,10 +1,6 @@
 //! `armwire call` on serial ports: each request, what goes out for it, and what a wrong one is told.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
 
-mod common;
-
-use common::{Arm, NO_ANSWER, again_while, failure, run, run_against, success, usage};
+use crate::common::{Arm, NO_ANSWER, again_while, failure, run, run_against, success, usage};
 
 #[test]
 fn each_request_of_a_ling_arm_can_be_made() {

@@ -1,17 +1,14 @@
 //! `armwire monitor` as other programs read it, and on a terminal.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use std::fs::File;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use armwire_sim::pty::Pty;
-use common::board::Board;
-use common::{Arm, NO_ANSWER, PATIENCE, PROGRAM, again_while, finish, run, success, usage};
 use rustix::termios::{Winsize, tcsetwinsize};
+
+use crate::common::board::Board;
+use crate::common::{Arm, NO_ANSWER, PATIENCE, PROGRAM, again_while, finish, run, success, usage};
 
 /// The rows of a monitor's JSON, each a line.
 fn rows(out: &str) -> Vec<serde_json::Value> {

@@ -1,15 +1,12 @@
 //! `armwire sim xarm`: what it says, who may reach it, and how it ends.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command};
 
-use common::{PATIENCE, PROGRAM, failure, finish, run, start, success, usage};
 use rustix::process::{Pid, Signal, kill_process};
+
+use crate::common::{PATIENCE, PROGRAM, failure, finish, run, start, success, usage};
 
 /// A running `armwire sim xarm` on free ports.
 struct Arm {

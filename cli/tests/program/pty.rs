@@ -1,8 +1,4 @@
 //! The built program against virtual arms on pseudo-terminals: what a user sees, and each error a user meets.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use std::fs::{self, OpenOptions, Permissions};
 use std::io::{BufRead, BufReader, ErrorKind, Write};
@@ -11,10 +7,12 @@ use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
+use crate::common::{
+    Arm, NO_ANSWER, PROGRAM, again_while, failure, finish, free_path, run, run_against, start, success,
+};
 use armwire::Protocol;
 use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire_sim::pty::Pty;
-use common::{Arm, NO_ANSWER, PROGRAM, again_while, failure, finish, free_path, run, run_against, start, success};
 use rustix::fs::OFlags;
 use rustix::process::{Pid, Signal, geteuid, kill_process};
 

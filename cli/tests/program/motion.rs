@@ -1,10 +1,6 @@
 //! `armwire move` and `armwire torque` on a virtual arm.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
 
-mod common;
-
-use common::{Arm, NO_ANSWER, again_while, failure, run, success, usage};
+use crate::common::{Arm, NO_ANSWER, again_while, failure, run, success, usage};
 
 /// The arguments of a move of the second joint.
 fn to<'a>(port: &'a str, joints: &'a str, speed: &'a str) -> Vec<&'a str> {

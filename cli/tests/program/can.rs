@@ -1,12 +1,9 @@
 //! The built program on CAN: an arm and its adapter behind an SLCAN adapter, and each error a user meets there.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use armwire_bridge::can::Function;
-use common::adapter::{BIT_RATE, CanBus, NODE};
-use common::{NO_ANSWER, again_while, failure, run, run_against, success, usage};
+
+use crate::common::adapter::{BIT_RATE, CanBus, NODE};
+use crate::common::{NO_ANSWER, again_while, failure, run, run_against, success, usage};
 
 /// The adapter on a bus, as a user names it.
 fn port(bus: &CanBus) -> String {

@@ -1,16 +1,12 @@
 //! The built program against Ling arms of the older generation: it names them and shows their joints. That it sends
 //! them nothing is tested where no time passes, in `older.rs`.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use std::fs;
 
 use armwire::Protocol;
 use armwire::ling::legacy::{Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS};
 
-use common::{Arm, NO_ANSWER, again_while, failure, free_path, run, run_against, success, usage};
+use crate::common::{Arm, NO_ANSWER, again_while, failure, free_path, run, run_against, success, usage};
 
 /// What is said of an arm that talked.
 const STOPPED: &str = "has stopped talking";

@@ -1,8 +1,4 @@
 //! xArm from the command line: each request, each thing that can go wrong on TCP, and recordings.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -14,7 +10,8 @@ use armwire::xarm::{
     SerialsText, State, TorqueSource, VersionText, XArm,
 };
 use armwire::{Device, Heard, Input};
-use common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
+
+use crate::common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
 
 /// Runs a program with a port for its argument HOST, where `serve` gets the connection.
 fn run_against(args: &[&str], serve: impl FnOnce(TcpStream) + Send) -> Output {

@@ -1,6 +1,4 @@
 //! Running the program, virtual arms, and others to talk to.
-// No test uses all of it.
-#![allow(dead_code)]
 
 pub(crate) mod adapter;
 pub(crate) mod board;
@@ -9,6 +7,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -84,7 +83,9 @@ pub(crate) fn usage(args: &[&str]) -> String {
 
 /// A path of one test's own where nothing is.
 pub(crate) fn free_path(name: &str) -> PathBuf {
-    let path = std::env::temp_dir().join(format!("armwire-cli-{name}-{}", std::process::id()));
+    static CALLS: AtomicUsize = AtomicUsize::new(0);
+    let (process, call) = (std::process::id(), CALLS.fetch_add(1, Ordering::Relaxed));
+    let path = std::env::temp_dir().join(format!("armwire-cli-{name}-{process}-{call}"));
     let _ = fs::remove_file(&path);
     path
 }

@@ -1,15 +1,11 @@
 //! The commands of the README, as printed but for the places of the virtual arms.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Command};
 
-use common::{PROGRAM, free_path, start, success};
+use crate::common::{PROGRAM, free_path, start, success};
 
-const README: &str = include_str!("../../README.md");
+const README: &str = include_str!("../../../README.md");
 
 /// A running `armwire sim`: where the README has it, and where it is.
 struct Sim {

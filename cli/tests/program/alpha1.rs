@@ -1,16 +1,13 @@
 //! `armwire sim alpha1` and `armwire sim alpha1-servo`: what a program on their ptys sees.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 
-use common::{Arm, failure, free_path, run, success, usage};
 use rustix::fs::OFlags;
 use rustix::process::Signal;
+
+use crate::common::{Arm, failure, free_path, run, success, usage};
 
 const STOP: [u8; 10] = [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
 const STOPPED: [u8; 4] = [0xF2, 0x2F, 0xAA, 0xED];

@@ -1,8 +1,4 @@
 //! The built program and an arm whose serial port a server has on TCP.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -12,7 +8,8 @@ use std::time::{Duration, Instant};
 use armwire::Micros;
 use armwire_sim::ling::{Config, LingArm};
 use armwire_sim::serial::SerialDevice;
-use common::{failure, run, success, usage};
+
+use crate::common::{failure, run, success, usage};
 
 /// Serves an arm to one program after another, and returns its port as a user names it.
 fn serve() -> String {

@@ -1,17 +1,14 @@
 //! The built program and an adapter with its control port: what a user sees of it, changes in it, and is refused.
-#![cfg(unix)]
-#![forbid(unsafe_code)]
-
-mod common;
 
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use common::board::Board;
-use common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
 use crc::{CRC_32_JAMCRC, Crc};
+
+use crate::common::board::Board;
+use crate::common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
 
 /// The configuration from the factory, as it is shown.
 const FACTORY: &str = "\

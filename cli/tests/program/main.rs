@@ -1,0 +1,17 @@
+//! The built program, as a user runs it. One test program: each costs a link.
+#![cfg(unix)]
+#![forbid(unsafe_code)]
+
+mod adapter;
+mod alpha1;
+mod call;
+mod can;
+mod common;
+mod monitor;
+mod motion;
+mod older;
+mod pty;
+mod readme;
+mod sim_xarm;
+mod tcp;
+mod xarm;
