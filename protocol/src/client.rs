@@ -186,6 +186,8 @@ struct Flight<P: Protocol> {
     sends: u8,
     /// How often it may be sent again.
     repeats: u8,
+    /// How many bytes had come when it was first sent; [`u64::MAX`] before. Its answers end after them.
+    since: u64,
 }
 
 impl<P: Protocol> Flight<P> {
@@ -214,6 +216,8 @@ struct Owed<P: Protocol> {
     until: Micros,
     /// The last of these requests is still being sent.
     sending: bool,
+    /// As [`Flight::since`] has it.
+    since: u64,
 }
 
 /// A host-side state machine with buffers of `N` bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
@@ -299,6 +303,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             state: State::Ready,
             sends: 0,
             repeats: self.config.repeats,
+            since: u64::MAX,
         });
         Ok(())
     }
@@ -369,8 +374,10 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         if self.tx_start < self.tx_end {
             return;
         }
+        let heard = self.decoder.offset().saturating_add(self.decoder.pending() as u64);
         match &mut self.flight {
             Some(flight) if matches!(flight.state, State::Writing) => {
+                flight.since = flight.since.min(heard);
                 flight.sends = flight.sends.saturating_add(1);
                 flight.state = match patience::<P>(&self.config, &flight.request, self.tx_end) {
                     Some(patience) => State::Waiting {
@@ -385,6 +392,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
                 if let Some(owed) = self.owed.as_mut().filter(|owed| owed.sending) {
                     let patience = patience::<P>(&self.config, &owed.request, self.tx_end).unwrap_or_default();
                     owed.sending = false;
+                    owed.since = owed.since.min(heard);
                     owed.until = now + patience + self.config.lateness;
                 }
             }
@@ -506,8 +514,11 @@ impl<P: Protocol, const N: usize> Client<P, N> {
 
     /// What a response is to the request in flight.
     fn place(&mut self, now: Micros, response: P::Response) -> Event<P> {
+        // A false header may have held it back since before the request was sent.
+        let end = self.decoder.offset();
         if let Some(owed) = &mut self.owed
             && now < owed.until
+            && owed.since < end
             // The one that is still being sent has no answer yet.
             && owed.answers > u8::from(owed.sending)
             && P::answers(&owed.request, &response)
@@ -520,7 +531,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         }
         match &self.flight {
             // Not only while it waits: a repeat may be on its way when the first answer comes after all.
-            Some(flight) if flight.sends > 0 && P::answers(&flight.request, &response) => {
+            Some(flight) if flight.since < end && P::answers(&flight.request, &response) => {
                 let more = flight.answers().saturating_sub(1);
                 self.end(now, more);
                 Event::Answer(response)
@@ -584,6 +595,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
                 answers,
                 until: due + self.config.lateness,
                 sending: matches!(flight.state, State::Writing),
+                since: flight.since,
             });
         }
         self.flight = None;
@@ -908,6 +920,50 @@ mod tests {
         client.submit(Request::ReadJoints).unwrap();
         assert_eq!(transmit(&mut client, Micros(6)), 0, "held back");
         assert_eq!(hear(&mut client, Micros(400), &bytes(JOINTS)), [Event::Late(JOINTS)]);
+    }
+
+    /// What is not noise of all that silence frees.
+    fn fall_silent(client: &mut Lings, now: Micros) -> Vec<Event<Ling>> {
+        let mut input = Input::Idle;
+        let events = core::iter::from_fn(|| client.handle(now, &mut input));
+        events.filter(|event| !matches!(event, Event::Noise(_))).collect()
+    }
+
+    #[test]
+    fn an_answer_that_a_false_header_held_back_satisfies_no_later_request() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        let (now, _) = time_out(&mut client, Micros(0));
+        let line = [&[0xAA, 0x00, 0x00, 60][..], &bytes(JOINTS)].concat();
+        assert_eq!(hear(&mut client, now, &line), []);
+
+        client.submit(Request::ReadJoints).unwrap();
+        let now = client.poll_timeout().unwrap();
+        assert_eq!(transmit(&mut client, now), 7);
+        assert_eq!(fall_silent(&mut client, now), [Event::Unsolicited(JOINTS)]);
+        let events = hear(&mut client, now + Micros(300), &bytes(JOINTS));
+        assert_eq!(events, [Event::Answer(JOINTS)]);
+    }
+
+    #[test]
+    fn an_answer_that_a_false_header_held_back_is_not_that_of_a_later_cancelled_request() {
+        let line = [&[0xAA, 0x00, 0x00, 60][..], &bytes(JOINTS)].concat();
+        for sent in [2, 7] {
+            let mut client = Lings::new(Config::DEFAULT);
+            assert_eq!(hear(&mut client, Micros(0), &line), []);
+            client.submit(Request::ReadJoints).unwrap();
+            client.poll_transmit(Micros(0)).unwrap();
+            client.transmitted(Micros(0), sent);
+            client.cancel(Micros(0));
+            assert_eq!(transmit(&mut client, Micros(1)), 7 - sent);
+
+            assert_eq!(fall_silent(&mut client, Micros(2)), [Event::Unsolicited(JOINTS)]);
+            client.submit(Request::ReadJoints).unwrap();
+            assert_eq!(transmit(&mut client, Micros(3)), 0, "held back");
+            assert_eq!(hear(&mut client, Micros(400), &bytes(JOINTS)), [Event::Late(JOINTS)]);
+        }
     }
 
     #[test]
