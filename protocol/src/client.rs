@@ -186,7 +186,8 @@ struct Flight<P: Protocol> {
     sends: u8,
     /// How often it may be sent again.
     repeats: u8,
-    /// How many bytes had come when it was first sent; [`u64::MAX`] before. Its answers end after them.
+    /// How many bytes had come when it was first sent; [`u64::MAX`] before. Its answers begin after them: what began
+    /// before may have been held back by a false header since.
     since: u64,
 }
 
@@ -220,289 +221,24 @@ struct Owed<P: Protocol> {
     since: u64,
 }
 
-/// A host-side state machine with buffers of `N` bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
-///
-/// One request is in flight at a time. Bytes and time go in by [`handle`](Self::handle), bytes come out by
-/// [`poll_transmit`](Self::poll_transmit), and [`poll_timeout`](Self::poll_timeout) says when to call again if nothing
-/// happens. It does no I/O and reads no clock, so it runs in an interrupt, in a task, or in a test in no time at all.
-///
-/// A late answer never satisfies the next request: when answers to an earlier one may still come (it timed out, was
-/// repeated, or was cancelled), the next request that wants an answer is held back until they came or
-/// [`Config::lateness`] is over. Requests without an answer, such as torque off, are never held back, and none is where
-/// answers say which request they answer ([`Protocol::IDENTIFIED`]). For this to hold,
-/// hand in what has arrived before you ask for bytes to transmit: bytes that waited in a port's buffer are as old as
-/// they are, whenever they are read.
-///
-/// ```
-/// use armwire::ling::{self, JointState, Ling, MotionStatus, Request, Response};
-/// use armwire::{Client, Config, Event, Input, Micros, Protocol};
-///
-/// let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
-/// client.submit(Request::ReadJoints).unwrap();
-/// let bytes = client.poll_transmit(Micros(0)).unwrap();
-/// assert_eq!(bytes, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
-/// let n = bytes.len(); // what the port took
-/// client.transmitted(Micros(0), n);
-///
-/// # let state = JointState { joints: [2048; 6], gripper: 500, status: MotionStatus::Idle };
-/// # let mut line = [0; 21];
-/// # Ling::encode_response(&Response::Joints(state), &mut line).unwrap();
-/// let mut input = Input::Bytes(&line);
-/// let event = client.handle(Micros(350), &mut input);
-/// assert_eq!(event, Some(Event::Answer(Response::Joints(state))));
-/// assert_eq!(client.handle(Micros(350), &mut input), None);
-/// ```
-pub struct Client<P: Protocol, const N: usize> {
+/// The request in flight, and what may still come of those before it.
+struct Exchange<P: Protocol> {
     config: Config,
-    decoder: Decoder<P, N>,
-    /// When bytes last arrived.
-    heard: Micros,
-    tx: [u8; N],
-    /// The bytes still to be transmitted: `tx[tx_start..tx_end]`.
-    tx_start: usize,
-    tx_end: usize,
     flight: Option<Flight<P>>,
     owed: Option<Owed<P>>,
 }
 
-impl<P: Protocol, const N: usize> Client<P, N> {
-    /// An idle client. Does not compile when `N` is less than [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
-    pub const fn new(config: Config) -> Self {
-        Self {
-            config,
-            decoder: Decoder::new(),
-            heard: Micros(0),
-            tx: [0; N],
-            tx_start: 0,
-            tx_end: 0,
-            flight: None,
-            owed: None,
-        }
-    }
+/// Which request a response answers.
+enum Place {
+    /// The one in flight.
+    Answer,
+    /// One before it.
+    Late,
+    /// None.
+    Unsolicited,
+}
 
-    /// Starts a request.
-    ///
-    /// # Errors
-    ///
-    /// [`Busy`] gives it back while another is in flight.
-    ///
-    /// ```
-    /// # use armwire::ling::{self, Ling, Request};
-    /// use armwire::{Busy, Client, Config};
-    ///
-    /// let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
-    /// assert_eq!(client.submit(Request::ReadJoints), Ok(()));
-    /// assert_eq!(client.submit(Request::ReadInfo), Err(Busy(Request::ReadInfo)));
-    /// ```
-    pub fn submit(&mut self, request: P::Request) -> Result<(), Busy<P::Request>> {
-        if self.flight.is_some() {
-            return Err(Busy(request));
-        }
-        self.flight = Some(Flight {
-            request,
-            state: State::Ready,
-            sends: 0,
-            repeats: self.config.repeats,
-            since: u64::MAX,
-        });
-        Ok(())
-    }
-
-    /// Gives up the request in flight, if there is one.
-    ///
-    /// If it was not begun it is never sent. If it was, its remaining bytes still come out of
-    /// [`poll_transmit`](Self::poll_transmit), so that the arm is not left with half a frame, and its answer will be
-    /// [`Event::Late`].
-    ///
-    /// ```
-    /// # use armwire::ling::{self, Ling, Request};
-    /// # use armwire::{Client, Config, Micros};
-    /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
-    /// client.submit(Request::ReadJoints).unwrap();
-    /// client.cancel(Micros(0));
-    /// assert_eq!(client.poll_transmit(Micros(0)), None);
-    /// ```
-    pub fn cancel(&mut self, now: Micros) {
-        let Some(flight) = &mut self.flight else {
-            return;
-        };
-        if matches!(flight.state, State::Writing) && self.tx_start == 0 {
-            self.tx_end = 0;
-            flight.state = State::Ready;
-        }
-        let answers = flight.answers();
-        self.end(now, answers);
-    }
-
-    /// Whether no request is in flight.
-    ///
-    /// ```
-    /// # use armwire::ling::{self, Ling, Request};
-    /// # use armwire::{Client, Config};
-    /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
-    /// assert!(client.is_idle());
-    /// client.submit(Request::ReadJoints).unwrap();
-    /// assert!(!client.is_idle());
-    /// ```
-    pub const fn is_idle(&self) -> bool {
-        self.flight.is_none()
-    }
-
-    /// Bytes to transmit now, if there are any. Say with [`transmitted`](Self::transmitted) how many the line took.
-    pub fn poll_transmit(&mut self, now: Micros) -> Option<&[u8]> {
-        if self.tx_start == self.tx_end {
-            let _ = self.owed.take_if(|owed| owed.until <= now);
-            let held = self.is_held(now) || self.decoder.broken().is_some();
-            let flight = self.flight.as_mut()?;
-            if held || !matches!(flight.state, State::Ready) {
-                return None;
-            }
-            // The buffer holds the longest frame, so this cannot fail; if it could, silence would time out.
-            self.tx_end = P::encode_request(&flight.request, &mut self.tx).unwrap_or(0).min(N);
-            self.tx_start = 0;
-            flight.state = State::Writing;
-        }
-        self.tx.get(self.tx_start..self.tx_end)
-    }
-
-    /// The line took the first `n` bytes of what [`poll_transmit`](Self::poll_transmit) gave.
-    pub fn transmitted(&mut self, now: Micros, n: usize) {
-        if self.tx_start == self.tx_end {
-            return;
-        }
-        self.tx_start = self.tx_start.saturating_add(n).min(self.tx_end);
-        if self.tx_start < self.tx_end {
-            return;
-        }
-        let heard = self.decoder.offset().saturating_add(self.decoder.pending() as u64);
-        match &mut self.flight {
-            Some(flight) if matches!(flight.state, State::Writing) => {
-                flight.since = flight.since.min(heard);
-                flight.sends = flight.sends.saturating_add(1);
-                flight.state = match patience::<P>(&self.config, &flight.request, self.tx_end) {
-                    Some(patience) => State::Waiting {
-                        due: now + patience,
-                        extended: false,
-                    },
-                    None => State::Sent,
-                };
-            }
-            // The end of a request that is in flight no more: only now can its answer come.
-            _ => {
-                if let Some(owed) = self.owed.as_mut().filter(|owed| owed.sending) {
-                    let patience = patience::<P>(&self.config, &owed.request, self.tx_end).unwrap_or_default();
-                    owed.sending = false;
-                    owed.since = owed.since.min(heard);
-                    owed.until = now + patience + self.config.lateness;
-                }
-            }
-        }
-    }
-
-    /// When to call [`handle`](Self::handle) and then [`poll_transmit`](Self::poll_transmit) again if nothing happens
-    /// before. A time that is past, as zero is, means at once.
-    ///
-    /// `None` when there is nothing to wait for: the client is idle, or has bytes to transmit.
-    ///
-    /// ```
-    /// # use armwire::ling::{self, Ling, Request};
-    /// # use armwire::{Client, Config, Event, Input, Micros};
-    /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config { repeats: 0, ..Config::default() });
-    /// client.submit(Request::ReadJoints).unwrap();
-    /// let n = client.poll_transmit(Micros(0)).unwrap().len();
-    /// client.transmitted(Micros(0), n);
-    /// let due = client.poll_timeout().unwrap();
-    /// let event = client.handle(due, &mut Input::Tick);
-    /// assert_eq!(event, Some(Event::TimedOut { sends: 1 }));
-    /// ```
-    pub fn poll_timeout(&self) -> Option<Micros> {
-        if self.tx_start < self.tx_end {
-            return None;
-        }
-        match self.flight.as_ref()?.state {
-            State::Waiting { due, .. } => Some(due),
-            State::Ready if P::IDENTIFIED => Some(Micros(0)),
-            State::Ready => Some(self.owed.as_ref().map_or(Micros(0), |owed| owed.until)),
-            State::Sent => Some(Micros(0)),
-            State::Writing => None,
-        }
-    }
-
-    /// Takes the input and says what comes of it. Call again with the same input until it returns `None`.
-    pub fn handle(&mut self, now: Micros, input: &mut Input<'_>) -> Option<Event<P>> {
-        if let Some(Flight { state: State::Sent, .. }) = self.flight {
-            self.flight = None;
-            return Some(Event::Sent);
-        }
-        let expect = self.expect();
-        loop {
-            if self.decoder.pending() > 0
-                && let event @ Some(_) = self.read(now, expect)
-            {
-                return event;
-            }
-            match input {
-                Input::Bytes(bytes) if !bytes.is_empty() => {
-                    self.heard = now;
-                    *bytes = self.decoder.push(bytes);
-                }
-                Input::Idle => {
-                    let event = self.idle(expect);
-                    if event.is_some() {
-                        return event;
-                    }
-                    if self.decoder.need(expect) > 0 {
-                        break;
-                    }
-                }
-                Input::Bytes(_) | Input::Tick => break,
-            }
-        }
-        if self.decoder.broken().is_some() {
-            return self.end_broken();
-        }
-        if !self.is_overdue(now) {
-            return None;
-        }
-        if self.heard + self.config.latency <= now {
-            // A false header may be holding the answer back. After so long a silence it is not a frame.
-            let event = self.idle(expect);
-            if event.is_some() {
-                return event;
-            }
-            // Or it is an answer whose end only silence can tell.
-            let event = self.read(now, expect);
-            if event.is_some() {
-                return event;
-            }
-        }
-        self.give_up(now)
-    }
-
-    /// What the decoder has to say of silence.
-    #[inline(never)]
-    fn idle(&mut self, expect: P::Expect) -> Option<Event<P>> {
-        self.decoder.idle(expect).map(Event::Noise)
-    }
-
-    /// What the decoder has to say.
-    fn read(&mut self, now: Micros, expect: P::Expect) -> Option<Event<P>> {
-        let event = match self.decoder.next(expect)? {
-            Ok(frame) => match P::parse_response(frame, expect) {
-                Ok(response) => self.place(now, response),
-                Err(error) => P::parse_request(frame).map_or(Event::Unknown(error), Event::Echo),
-            },
-            Err(noise) if P::RELIABLE => {
-                self.flight = None;
-                // Not even the rest of a request: the arm would do what was given up.
-                self.tx_end = self.tx_start;
-                Event::Broken(noise)
-            }
-            Err(noise) => Event::Noise(noise),
-        };
-        Some(event)
-    }
-
+impl<P: Protocol> Exchange<P> {
     /// What the next frame may be: the answer that is owed or, if none is, that to the request in flight. Where both
     /// could come, the request is held back, has no answer, or is named by its answer.
     fn expect(&self) -> P::Expect {
@@ -512,59 +248,75 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         P::expect(owed.or(flight))
     }
 
-    /// What a response is to the request in flight.
-    fn place(&mut self, now: Micros, response: P::Response) -> Event<P> {
-        // A false header may have held it back since before the request was sent.
-        let end = self.decoder.offset();
+    /// What a frame is, before which at least `start` bytes came.
+    ///
+    /// A message is long. It is looked at where it lies, and moved by functions that are not inlined, so that few copies
+    /// of it are on the stack at a time.
+    #[inline(never)]
+    fn hear(&mut self, now: Micros, start: u64, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
+        let mut event = self.hear_response(now, start, frame, expect);
+        if let Event::Unknown(error) = event {
+            event = no_response(frame, &error);
+        }
+        event
+    }
+
+    /// What it is if only responses could come.
+    #[inline(never)]
+    fn hear_response(&mut self, now: Micros, start: u64, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
+        match &P::parse_response(frame, expect) {
+            Ok(response) => match self.place(now, start, response) {
+                Place::Answer => Event::Answer(*response),
+                Place::Late => Event::Late(*response),
+                Place::Unsolicited => Event::Unsolicited(*response),
+            },
+            Err(error) => Event::Unknown(*error),
+        }
+    }
+
+    /// Which request a response answers. It is waited for no more.
+    fn place(&mut self, now: Micros, start: u64, response: &P::Response) -> Place {
         if let Some(owed) = &mut self.owed
             && now < owed.until
-            && owed.since < end
+            && owed.since <= start
             // The one that is still being sent has no answer yet.
             && owed.answers > u8::from(owed.sending)
-            && P::answers(&owed.request, &response)
+            && P::answers(&owed.request, response)
         {
             owed.answers = owed.answers.saturating_sub(1);
             if owed.answers == 0 {
                 self.owed = None;
             }
-            return Event::Late(response);
+            return Place::Late;
         }
         match &self.flight {
             // Not only while it waits: a repeat may be on its way when the first answer comes after all.
-            Some(flight) if flight.since < end && P::answers(&flight.request, &response) => {
+            Some(flight) if flight.since <= start && P::answers(&flight.request, response) => {
                 let more = flight.answers().saturating_sub(1);
                 self.end(now, more);
-                Event::Answer(response)
+                Place::Answer
             }
-            _ => Event::Unsolicited(response),
+            _ => Place::Unsolicited,
         }
     }
 
-    /// Whether the answer to the request in flight is overdue by `now`.
-    fn is_overdue(&mut self, now: Micros) -> bool {
-        let Some(flight) = &mut self.flight else {
-            return false;
-        };
-        let State::Waiting { due, extended } = flight.state else {
-            return false;
-        };
-        let silence = self.heard + self.config.latency;
-        if due <= now && now < silence && !extended && self.decoder.pending() > 0 {
-            // An answer may have begun. Its end gets the time that one more packet takes, once.
-            flight.state = State::Waiting {
-                due: silence,
-                extended: true,
-            };
-            return false;
-        }
-        due <= now
+    /// Whether the answer to the request in flight should be here by now.
+    fn is_due(&self, now: Micros) -> bool {
+        matches!(&self.flight, Some(Flight { state: State::Waiting { due, .. }, .. }) if *due <= now)
     }
 
-    /// Ends the request in flight, for the stream is broken.
-    #[inline(never)]
-    fn end_broken(&mut self) -> Option<Event<P>> {
-        self.flight.take()?;
-        self.decoder.broken().map(Event::Broken)
+    /// Waits longer for the answer to the request in flight, but not twice. Returns whether it does.
+    fn put_off(&mut self, until: Micros) -> bool {
+        match &mut self.flight {
+            Some(Flight {
+                state: State::Waiting { due, extended },
+                ..
+            }) if !*extended => {
+                (*due, *extended) = (until, true);
+                true
+            }
+            _ => false,
+        }
     }
 
     /// Waits no longer for the answer to the request in flight: it is sent again, or has timed out.
@@ -612,6 +364,300 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     }
 }
 
+/// What a frame is that is no response, for this reason.
+#[inline(never)]
+fn no_response<P: Protocol>(frame: P::Frame<'_>, error: &P::Error) -> Event<P> {
+    match &P::parse_request(frame) {
+        Ok(request) => Event::Echo(*request),
+        Err(_) => Event::Unknown(*error),
+    }
+}
+
+/// What bytes are that are not part of a frame.
+#[inline(never)]
+fn not_a_frame<P: Protocol>(noise: &Noise) -> Event<P> {
+    match P::RELIABLE {
+        true => Event::Broken(*noise),
+        false => Event::Noise(*noise),
+    }
+}
+
+/// A host-side state machine with buffers of `N` bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
+///
+/// One request is in flight at a time. Bytes and time go in by [`handle`](Self::handle), bytes come out by
+/// [`poll_transmit`](Self::poll_transmit), and [`poll_timeout`](Self::poll_timeout) says when to call again if nothing
+/// happens. It does no I/O and reads no clock, so it runs in an interrupt, in a task, or in a test in no time at all.
+///
+/// A late answer never satisfies the next request: when answers to an earlier one may still come (it timed out, was
+/// repeated, or was cancelled), the next request that wants an answer is held back until they came or
+/// [`Config::lateness`] is over. Requests without an answer, such as torque off, are never held back, and none is where
+/// answers say which request they answer ([`Protocol::IDENTIFIED`]). For this to hold,
+/// hand in what has arrived before you ask for bytes to transmit: bytes that waited in a port's buffer are as old as
+/// they are, whenever they are read.
+///
+/// ```
+/// use armwire::ling::{self, JointState, Ling, MotionStatus, Request, Response};
+/// use armwire::{Client, Config, Event, Input, Micros, Protocol};
+///
+/// let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
+/// client.submit(Request::ReadJoints).unwrap();
+/// let bytes = client.poll_transmit(Micros(0)).unwrap();
+/// assert_eq!(bytes, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
+/// let n = bytes.len(); // what the port took
+/// client.transmitted(Micros(0), n);
+///
+/// # let state = JointState { joints: [2048; 6], gripper: 500, status: MotionStatus::Idle };
+/// # let mut line = [0; 21];
+/// # Ling::encode_response(&Response::Joints(state), &mut line).unwrap();
+/// let mut input = Input::Bytes(&line);
+/// let event = client.handle(Micros(350), &mut input);
+/// assert_eq!(event, Some(Event::Answer(Response::Joints(state))));
+/// assert_eq!(client.handle(Micros(350), &mut input), None);
+/// ```
+pub struct Client<P: Protocol, const N: usize> {
+    exchange: Exchange<P>,
+    decoder: Decoder<P, N>,
+    /// When bytes last arrived.
+    heard: Micros,
+    tx: [u8; N],
+    /// The bytes still to be transmitted: `tx[tx_start..tx_end]`.
+    tx_start: usize,
+    tx_end: usize,
+}
+
+impl<P: Protocol, const N: usize> Client<P, N> {
+    /// An idle client. Does not compile when `N` is less than [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
+    pub const fn new(config: Config) -> Self {
+        Self {
+            exchange: Exchange {
+                config,
+                flight: None,
+                owed: None,
+            },
+            decoder: Decoder::new(),
+            heard: Micros(0),
+            tx: [0; N],
+            tx_start: 0,
+            tx_end: 0,
+        }
+    }
+
+    /// Starts a request.
+    ///
+    /// # Errors
+    ///
+    /// [`Busy`] gives it back while another is in flight.
+    ///
+    /// ```
+    /// # use armwire::ling::{self, Ling, Request};
+    /// use armwire::{Busy, Client, Config};
+    ///
+    /// let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
+    /// assert_eq!(client.submit(Request::ReadJoints), Ok(()));
+    /// assert_eq!(client.submit(Request::ReadInfo), Err(Busy(Request::ReadInfo)));
+    /// ```
+    pub fn submit(&mut self, request: P::Request) -> Result<(), Busy<P::Request>> {
+        if self.exchange.flight.is_some() {
+            return Err(Busy(request));
+        }
+        self.exchange.flight = Some(Flight {
+            request,
+            state: State::Ready,
+            sends: 0,
+            repeats: self.exchange.config.repeats,
+            since: u64::MAX,
+        });
+        Ok(())
+    }
+
+    /// Gives up the request in flight, if there is one.
+    ///
+    /// If it was not begun it is never sent. If it was, its remaining bytes still come out of
+    /// [`poll_transmit`](Self::poll_transmit), so that the arm is not left with half a frame, and its answer will be
+    /// [`Event::Late`].
+    ///
+    /// ```
+    /// # use armwire::ling::{self, Ling, Request};
+    /// # use armwire::{Client, Config, Micros};
+    /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
+    /// client.submit(Request::ReadJoints).unwrap();
+    /// client.cancel(Micros(0));
+    /// assert_eq!(client.poll_transmit(Micros(0)), None);
+    /// ```
+    pub fn cancel(&mut self, now: Micros) {
+        let Some(flight) = &mut self.exchange.flight else {
+            return;
+        };
+        if matches!(flight.state, State::Writing) && self.tx_start == 0 {
+            self.tx_end = 0;
+            flight.state = State::Ready;
+        }
+        let answers = flight.answers();
+        self.exchange.end(now, answers);
+    }
+
+    /// Whether no request is in flight.
+    ///
+    /// ```
+    /// # use armwire::ling::{self, Ling, Request};
+    /// # use armwire::{Client, Config};
+    /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
+    /// assert!(client.is_idle());
+    /// client.submit(Request::ReadJoints).unwrap();
+    /// assert!(!client.is_idle());
+    /// ```
+    pub const fn is_idle(&self) -> bool {
+        self.exchange.flight.is_none()
+    }
+
+    /// Bytes to transmit now, if there are any. Say with [`transmitted`](Self::transmitted) how many the line took.
+    pub fn poll_transmit(&mut self, now: Micros) -> Option<&[u8]> {
+        if self.tx_start == self.tx_end {
+            let _ = self.exchange.owed.take_if(|owed| owed.until <= now);
+            let held = self.exchange.is_held(now) || self.decoder.broken().is_some();
+            let flight = self.exchange.flight.as_mut()?;
+            if held || !matches!(flight.state, State::Ready) {
+                return None;
+            }
+            // The buffer holds the longest frame, so this cannot fail; if it could, silence would time out.
+            self.tx_end = P::encode_request(&flight.request, &mut self.tx).unwrap_or(0).min(N);
+            self.tx_start = 0;
+            flight.state = State::Writing;
+        }
+        self.tx.get(self.tx_start..self.tx_end)
+    }
+
+    /// The line took the first `n` bytes of what [`poll_transmit`](Self::poll_transmit) gave.
+    pub fn transmitted(&mut self, now: Micros, n: usize) {
+        if self.tx_start == self.tx_end {
+            return;
+        }
+        self.tx_start = self.tx_start.saturating_add(n).min(self.tx_end);
+        if self.tx_start < self.tx_end {
+            return;
+        }
+        let came = self.decoder.offset().saturating_add(self.decoder.pending() as u64);
+        match &mut self.exchange.flight {
+            Some(flight) if matches!(flight.state, State::Writing) => {
+                flight.since = flight.since.min(came);
+                flight.sends = flight.sends.saturating_add(1);
+                flight.state = match patience::<P>(&self.exchange.config, &flight.request, self.tx_end) {
+                    Some(patience) => State::Waiting {
+                        due: now + patience,
+                        extended: false,
+                    },
+                    None => State::Sent,
+                };
+            }
+            // The end of a request that is in flight no more: only now can its answer come.
+            _ => {
+                if let Some(owed) = self.exchange.owed.as_mut().filter(|owed| owed.sending) {
+                    let patience = patience::<P>(&self.exchange.config, &owed.request, self.tx_end).unwrap_or_default();
+                    owed.sending = false;
+                    owed.since = owed.since.min(came);
+                    owed.until = now + patience + self.exchange.config.lateness;
+                }
+            }
+        }
+    }
+
+    /// When to call [`handle`](Self::handle) and then [`poll_transmit`](Self::poll_transmit) again if nothing happens
+    /// before. A time that is past, as zero is, means at once.
+    ///
+    /// `None` when there is nothing to wait for: the client is idle, or has bytes to transmit.
+    ///
+    /// ```
+    /// # use armwire::ling::{self, Ling, Request};
+    /// # use armwire::{Client, Config, Event, Input, Micros};
+    /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config { repeats: 0, ..Config::default() });
+    /// client.submit(Request::ReadJoints).unwrap();
+    /// let n = client.poll_transmit(Micros(0)).unwrap().len();
+    /// client.transmitted(Micros(0), n);
+    /// let due = client.poll_timeout().unwrap();
+    /// let event = client.handle(due, &mut Input::Tick);
+    /// assert_eq!(event, Some(Event::TimedOut { sends: 1 }));
+    /// ```
+    pub fn poll_timeout(&self) -> Option<Micros> {
+        if self.tx_start < self.tx_end {
+            return None;
+        }
+        match self.exchange.flight.as_ref()?.state {
+            State::Waiting { due, .. } => Some(due),
+            State::Ready if P::IDENTIFIED => Some(Micros(0)),
+            State::Ready => Some(self.exchange.owed.as_ref().map_or(Micros(0), |owed| owed.until)),
+            State::Sent => Some(Micros(0)),
+            State::Writing => None,
+        }
+    }
+
+    /// Takes the input and says what comes of it. Call again with the same input until it returns `None`.
+    pub fn handle(&mut self, now: Micros, input: &mut Input<'_>) -> Option<Event<P>> {
+        if let Some(Flight { state: State::Sent, .. }) = self.exchange.flight {
+            self.exchange.flight = None;
+            return Some(Event::Sent);
+        }
+        let expect = self.exchange.expect();
+        loop {
+            if self.decoder.pending() > 0 {
+                let start = self.decoder.offset();
+                match &self.decoder.next(expect) {
+                    Some(Ok(frame)) => return Some(self.exchange.hear(now, start, *frame, expect)),
+                    Some(Err(noise)) => {
+                        if P::RELIABLE {
+                            self.exchange.flight = None;
+                            // Not even the rest of a request: the arm would do what was given up.
+                            self.tx_end = self.tx_start;
+                        }
+                        return Some(not_a_frame(noise));
+                    }
+                    None => {}
+                }
+            }
+            match input {
+                Input::Bytes(bytes) if !bytes.is_empty() => {
+                    self.heard = now;
+                    *bytes = self.decoder.push(bytes);
+                    continue;
+                }
+                Input::Idle => {}
+                // A false header may be holding the answer back. After so long a silence it is not a frame. Or it is an
+                // answer whose end only silence can tell.
+                Input::Bytes(_) | Input::Tick if self.exchange.is_due(now) && self.silence() <= now => {}
+                Input::Bytes(_) | Input::Tick => break,
+            }
+            if let Some(noise) = &self.decoder.idle(expect) {
+                return Some(not_a_frame(noise));
+            }
+            if self.decoder.need(expect) > 0 {
+                break;
+            }
+        }
+        if self.decoder.broken().is_some() {
+            return self.end_broken();
+        }
+        if !self.exchange.is_due(now) {
+            return None;
+        }
+        // An answer may have begun. Its end gets the time that one more packet takes, once.
+        if now < self.silence() && self.decoder.pending() > 0 && self.exchange.put_off(self.silence()) {
+            return None;
+        }
+        self.exchange.give_up(now)
+    }
+
+    /// When the line has been silent for so long that no more of a frame comes.
+    fn silence(&self) -> Micros {
+        self.heard + self.exchange.config.latency
+    }
+
+    /// Ends the request in flight, for the stream is broken.
+    #[inline(never)]
+    fn end_broken(&mut self) -> Option<Event<P>> {
+        self.exchange.flight.take()?;
+        self.decoder.broken().map(Event::Broken)
+    }
+}
+
 /// How long to wait for the answer from when the last byte of the request was handed over.
 fn patience<P: Protocol>(config: &Config, request: &P::Request, len: usize) -> Option<Micros> {
     let reply = P::reply(request)?;
@@ -621,9 +667,9 @@ fn patience<P: Protocol>(config: &Config, request: &P::Request, len: usize) -> O
 impl<P: Protocol, const N: usize> fmt::Debug for Client<P, N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Client")
-            .field("config", &self.config)
+            .field("config", &self.exchange.config)
             .field("decoder", &self.decoder)
-            .field("in_flight", &self.flight.as_ref().map(|flight| flight.request))
+            .field("in_flight", &self.exchange.flight.as_ref().map(|flight| flight.request))
             .finish_non_exhaustive()
     }
 }
