@@ -186,6 +186,9 @@ struct Flight<P: Protocol> {
     sends: u8,
     /// How often it may be sent again.
     repeats: u8,
+    /// How many bytes had come when it was first sent; [`u64::MAX`] before. Its answers begin after them: what began
+    /// before may have been held back by a false header since.
+    since: u64,
 }
 
 impl<P: Protocol> Flight<P> {
@@ -214,6 +217,169 @@ struct Owed<P: Protocol> {
     until: Micros,
     /// The last of these requests is still being sent.
     sending: bool,
+    /// As [`Flight::since`] has it.
+    since: u64,
+}
+
+/// The request in flight, and what may still come of those before it.
+struct Exchange<P: Protocol> {
+    config: Config,
+    flight: Option<Flight<P>>,
+    owed: Option<Owed<P>>,
+}
+
+/// Which request a response answers.
+enum Place {
+    /// The one in flight.
+    Answer,
+    /// One before it.
+    Late,
+    /// None.
+    Unsolicited,
+}
+
+impl<P: Protocol> Exchange<P> {
+    /// What the next frame may be: the answer that is owed or, if none is, that to the request in flight. Where both
+    /// could come, the request is held back, has no answer, or is named by its answer.
+    fn expect(&self) -> P::Expect {
+        let begun = |flight: &&Flight<P>| flight.answers() > 0;
+        let flight = self.flight.as_ref().filter(begun).map(|flight| &flight.request);
+        let owed = self.owed.as_ref().map(|owed| &owed.request);
+        P::expect(owed.or(flight))
+    }
+
+    /// What a frame is, before which at least `start` bytes came.
+    ///
+    /// A message is long. It is looked at where it lies, and moved by functions that are not inlined, so that few copies
+    /// of it are on the stack at a time.
+    #[inline(never)]
+    fn hear(&mut self, now: Micros, start: u64, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
+        let mut event = self.hear_response(now, start, frame, expect);
+        if let Event::Unknown(error) = event {
+            event = no_response(frame, &error);
+        }
+        event
+    }
+
+    /// What it is if only responses could come.
+    #[inline(never)]
+    fn hear_response(&mut self, now: Micros, start: u64, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
+        match &P::parse_response(frame, expect) {
+            Ok(response) => match self.place(now, start, response) {
+                Place::Answer => Event::Answer(*response),
+                Place::Late => Event::Late(*response),
+                Place::Unsolicited => Event::Unsolicited(*response),
+            },
+            Err(error) => Event::Unknown(*error),
+        }
+    }
+
+    /// Which request a response answers. It is waited for no more.
+    fn place(&mut self, now: Micros, start: u64, response: &P::Response) -> Place {
+        if let Some(owed) = &mut self.owed
+            && now < owed.until
+            && owed.since <= start
+            // The one that is still being sent has no answer yet.
+            && owed.answers > u8::from(owed.sending)
+            && P::answers(&owed.request, response)
+        {
+            owed.answers = owed.answers.saturating_sub(1);
+            if owed.answers == 0 {
+                self.owed = None;
+            }
+            return Place::Late;
+        }
+        match &self.flight {
+            // Not only while it waits: a repeat may be on its way when the first answer comes after all.
+            Some(flight) if flight.since <= start && P::answers(&flight.request, response) => {
+                let more = flight.answers().saturating_sub(1);
+                self.end(now, more);
+                Place::Answer
+            }
+            _ => Place::Unsolicited,
+        }
+    }
+
+    /// Whether the answer to the request in flight should be here by now.
+    fn is_due(&self, now: Micros) -> bool {
+        matches!(&self.flight, Some(Flight { state: State::Waiting { due, .. }, .. }) if *due <= now)
+    }
+
+    /// Waits longer for the answer to the request in flight, but not twice. Returns whether it does.
+    fn put_off(&mut self, until: Micros) -> bool {
+        match &mut self.flight {
+            Some(Flight {
+                state: State::Waiting { due, extended },
+                ..
+            }) if !*extended => {
+                (*due, *extended) = (until, true);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Waits no longer for the answer to the request in flight: it is sent again, or has timed out.
+    fn give_up(&mut self, now: Micros) -> Option<Event<P>> {
+        let flight = self.flight.as_mut()?;
+        if flight.repeats > 0 && P::repeatable(&flight.request) {
+            flight.repeats -= 1;
+            flight.state = State::Ready;
+            return None;
+        }
+        let sends = flight.sends;
+        self.end(now, sends);
+        Some(Event::TimedOut { sends })
+    }
+
+    /// Ends the request in flight, and notes that this many answers to it may still come.
+    fn end(&mut self, now: Micros, answers: u8) {
+        if let Some(flight) = &self.flight
+            && answers > 0
+            && P::reply(&flight.request).is_some()
+        {
+            let due = match flight.state {
+                State::Waiting { due, .. } => due.max(now),
+                State::Ready | State::Writing | State::Sent => now,
+            };
+            self.owed = Some(Owed {
+                request: flight.request,
+                answers,
+                until: due + self.config.lateness,
+                sending: matches!(flight.state, State::Writing),
+                since: flight.since,
+            });
+        }
+        self.flight = None;
+    }
+
+    /// Whether the request in flight must not be sent yet.
+    fn is_held(&self, now: Micros) -> bool {
+        let owes = self.owed.as_ref().is_some_and(|owed| now < owed.until);
+        let waits = self
+            .flight
+            .as_ref()
+            .is_some_and(|flight| P::reply(&flight.request).is_some());
+        owes && waits && !P::IDENTIFIED
+    }
+}
+
+/// What a frame is that is no response, for this reason.
+#[inline(never)]
+fn no_response<P: Protocol>(frame: P::Frame<'_>, error: &P::Error) -> Event<P> {
+    match &P::parse_request(frame) {
+        Ok(request) => Event::Echo(*request),
+        Err(_) => Event::Unknown(*error),
+    }
+}
+
+/// What bytes are that are not part of a frame.
+#[inline(never)]
+fn not_a_frame<P: Protocol>(noise: &Noise) -> Event<P> {
+    match P::RELIABLE {
+        true => Event::Broken(*noise),
+        false => Event::Noise(*noise),
+    }
 }
 
 /// A host-side state machine with buffers of `N` bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
@@ -249,7 +415,7 @@ struct Owed<P: Protocol> {
 /// assert_eq!(client.handle(Micros(350), &mut input), None);
 /// ```
 pub struct Client<P: Protocol, const N: usize> {
-    config: Config,
+    exchange: Exchange<P>,
     decoder: Decoder<P, N>,
     /// When bytes last arrived.
     heard: Micros,
@@ -257,22 +423,22 @@ pub struct Client<P: Protocol, const N: usize> {
     /// The bytes still to be transmitted: `tx[tx_start..tx_end]`.
     tx_start: usize,
     tx_end: usize,
-    flight: Option<Flight<P>>,
-    owed: Option<Owed<P>>,
 }
 
 impl<P: Protocol, const N: usize> Client<P, N> {
     /// An idle client. Does not compile when `N` is less than [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
     pub const fn new(config: Config) -> Self {
         Self {
-            config,
+            exchange: Exchange {
+                config,
+                flight: None,
+                owed: None,
+            },
             decoder: Decoder::new(),
             heard: Micros(0),
             tx: [0; N],
             tx_start: 0,
             tx_end: 0,
-            flight: None,
-            owed: None,
         }
     }
 
@@ -291,14 +457,15 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// assert_eq!(client.submit(Request::ReadInfo), Err(Busy(Request::ReadInfo)));
     /// ```
     pub fn submit(&mut self, request: P::Request) -> Result<(), Busy<P::Request>> {
-        if self.flight.is_some() {
+        if self.exchange.flight.is_some() {
             return Err(Busy(request));
         }
-        self.flight = Some(Flight {
+        self.exchange.flight = Some(Flight {
             request,
             state: State::Ready,
             sends: 0,
-            repeats: self.config.repeats,
+            repeats: self.exchange.config.repeats,
+            since: u64::MAX,
         });
         Ok(())
     }
@@ -318,7 +485,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// assert_eq!(client.poll_transmit(Micros(0)), None);
     /// ```
     pub fn cancel(&mut self, now: Micros) {
-        let Some(flight) = &mut self.flight else {
+        let Some(flight) = &mut self.exchange.flight else {
             return;
         };
         if matches!(flight.state, State::Writing) && self.tx_start == 0 {
@@ -326,7 +493,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             flight.state = State::Ready;
         }
         let answers = flight.answers();
-        self.end(now, answers);
+        self.exchange.end(now, answers);
     }
 
     /// Whether no request is in flight.
@@ -340,15 +507,15 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// assert!(!client.is_idle());
     /// ```
     pub const fn is_idle(&self) -> bool {
-        self.flight.is_none()
+        self.exchange.flight.is_none()
     }
 
     /// Bytes to transmit now, if there are any. Say with [`transmitted`](Self::transmitted) how many the line took.
     pub fn poll_transmit(&mut self, now: Micros) -> Option<&[u8]> {
         if self.tx_start == self.tx_end {
-            let _ = self.owed.take_if(|owed| owed.until <= now);
-            let held = self.is_held(now) || self.decoder.broken().is_some();
-            let flight = self.flight.as_mut()?;
+            let _ = self.exchange.owed.take_if(|owed| owed.until <= now);
+            let held = self.exchange.is_held(now) || self.decoder.broken().is_some();
+            let flight = self.exchange.flight.as_mut()?;
             if held || !matches!(flight.state, State::Ready) {
                 return None;
             }
@@ -369,10 +536,12 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         if self.tx_start < self.tx_end {
             return;
         }
-        match &mut self.flight {
+        let came = self.decoder.offset().saturating_add(self.decoder.pending() as u64);
+        match &mut self.exchange.flight {
             Some(flight) if matches!(flight.state, State::Writing) => {
+                flight.since = flight.since.min(came);
                 flight.sends = flight.sends.saturating_add(1);
-                flight.state = match patience::<P>(&self.config, &flight.request, self.tx_end) {
+                flight.state = match patience::<P>(&self.exchange.config, &flight.request, self.tx_end) {
                     Some(patience) => State::Waiting {
                         due: now + patience,
                         extended: false,
@@ -382,10 +551,11 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             }
             // The end of a request that is in flight no more: only now can its answer come.
             _ => {
-                if let Some(owed) = self.owed.as_mut().filter(|owed| owed.sending) {
-                    let patience = patience::<P>(&self.config, &owed.request, self.tx_end).unwrap_or_default();
+                if let Some(owed) = self.exchange.owed.as_mut().filter(|owed| owed.sending) {
+                    let patience = patience::<P>(&self.exchange.config, &owed.request, self.tx_end).unwrap_or_default();
                     owed.sending = false;
-                    owed.until = now + patience + self.config.lateness;
+                    owed.since = owed.since.min(came);
+                    owed.until = now + patience + self.exchange.config.lateness;
                 }
             }
         }
@@ -411,10 +581,10 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         if self.tx_start < self.tx_end {
             return None;
         }
-        match self.flight.as_ref()?.state {
+        match self.exchange.flight.as_ref()?.state {
             State::Waiting { due, .. } => Some(due),
             State::Ready if P::IDENTIFIED => Some(Micros(0)),
-            State::Ready => Some(self.owed.as_ref().map_or(Micros(0), |owed| owed.until)),
+            State::Ready => Some(self.exchange.owed.as_ref().map_or(Micros(0), |owed| owed.until)),
             State::Sent => Some(Micros(0)),
             State::Writing => None,
         }
@@ -422,181 +592,69 @@ impl<P: Protocol, const N: usize> Client<P, N> {
 
     /// Takes the input and says what comes of it. Call again with the same input until it returns `None`.
     pub fn handle(&mut self, now: Micros, input: &mut Input<'_>) -> Option<Event<P>> {
-        if let Some(Flight { state: State::Sent, .. }) = self.flight {
-            self.flight = None;
+        if let Some(Flight { state: State::Sent, .. }) = self.exchange.flight {
+            self.exchange.flight = None;
             return Some(Event::Sent);
         }
-        let expect = self.expect();
+        let expect = self.exchange.expect();
         loop {
-            if self.decoder.pending() > 0
-                && let event @ Some(_) = self.read(now, expect)
-            {
-                return event;
+            if self.decoder.pending() > 0 {
+                let start = self.decoder.offset();
+                match &self.decoder.next(expect) {
+                    Some(Ok(frame)) => return Some(self.exchange.hear(now, start, *frame, expect)),
+                    Some(Err(noise)) => {
+                        if P::RELIABLE {
+                            self.exchange.flight = None;
+                            // Not even the rest of a request: the arm would do what was given up.
+                            self.tx_end = self.tx_start;
+                        }
+                        return Some(not_a_frame(noise));
+                    }
+                    None => {}
+                }
             }
             match input {
                 Input::Bytes(bytes) if !bytes.is_empty() => {
                     self.heard = now;
                     *bytes = self.decoder.push(bytes);
+                    continue;
                 }
-                Input::Idle => {
-                    let event = self.idle(expect);
-                    if event.is_some() {
-                        return event;
-                    }
-                    if self.decoder.need(expect) > 0 {
-                        break;
-                    }
-                }
+                Input::Idle => {}
+                // A false header may be holding the answer back. After so long a silence it is not a frame. Or it is an
+                // answer whose end only silence can tell.
+                Input::Bytes(_) | Input::Tick if self.exchange.is_due(now) && self.silence() <= now => {}
                 Input::Bytes(_) | Input::Tick => break,
+            }
+            if let Some(noise) = &self.decoder.idle(expect) {
+                return Some(not_a_frame(noise));
+            }
+            if self.decoder.need(expect) > 0 {
+                break;
             }
         }
         if self.decoder.broken().is_some() {
             return self.end_broken();
         }
-        if !self.is_overdue(now) {
+        if !self.exchange.is_due(now) {
             return None;
         }
-        if self.heard + self.config.latency <= now {
-            // A false header may be holding the answer back. After so long a silence it is not a frame.
-            let event = self.idle(expect);
-            if event.is_some() {
-                return event;
-            }
-            // Or it is an answer whose end only silence can tell.
-            let event = self.read(now, expect);
-            if event.is_some() {
-                return event;
-            }
+        // An answer may have begun. Its end gets the time that one more packet takes, once.
+        if now < self.silence() && self.decoder.pending() > 0 && self.exchange.put_off(self.silence()) {
+            return None;
         }
-        self.give_up(now)
+        self.exchange.give_up(now)
     }
 
-    /// What the decoder has to say of silence.
-    #[inline(never)]
-    fn idle(&mut self, expect: P::Expect) -> Option<Event<P>> {
-        self.decoder.idle(expect).map(Event::Noise)
-    }
-
-    /// What the decoder has to say.
-    fn read(&mut self, now: Micros, expect: P::Expect) -> Option<Event<P>> {
-        let event = match self.decoder.next(expect)? {
-            Ok(frame) => match P::parse_response(frame, expect) {
-                Ok(response) => self.place(now, response),
-                Err(error) => P::parse_request(frame).map_or(Event::Unknown(error), Event::Echo),
-            },
-            Err(noise) if P::RELIABLE => {
-                self.flight = None;
-                // Not even the rest of a request: the arm would do what was given up.
-                self.tx_end = self.tx_start;
-                Event::Broken(noise)
-            }
-            Err(noise) => Event::Noise(noise),
-        };
-        Some(event)
-    }
-
-    /// What the next frame may be: the answer that is owed or, if none is, that to the request in flight. Where both
-    /// could come, the request is held back, has no answer, or is named by its answer.
-    fn expect(&self) -> P::Expect {
-        let begun = |flight: &&Flight<P>| flight.answers() > 0;
-        let flight = self.flight.as_ref().filter(begun).map(|flight| &flight.request);
-        let owed = self.owed.as_ref().map(|owed| &owed.request);
-        P::expect(owed.or(flight))
-    }
-
-    /// What a response is to the request in flight.
-    fn place(&mut self, now: Micros, response: P::Response) -> Event<P> {
-        if let Some(owed) = &mut self.owed
-            && now < owed.until
-            // The one that is still being sent has no answer yet.
-            && owed.answers > u8::from(owed.sending)
-            && P::answers(&owed.request, &response)
-        {
-            owed.answers = owed.answers.saturating_sub(1);
-            if owed.answers == 0 {
-                self.owed = None;
-            }
-            return Event::Late(response);
-        }
-        match &self.flight {
-            // Not only while it waits: a repeat may be on its way when the first answer comes after all.
-            Some(flight) if flight.sends > 0 && P::answers(&flight.request, &response) => {
-                let more = flight.answers().saturating_sub(1);
-                self.end(now, more);
-                Event::Answer(response)
-            }
-            _ => Event::Unsolicited(response),
-        }
-    }
-
-    /// Whether the answer to the request in flight is overdue by `now`.
-    fn is_overdue(&mut self, now: Micros) -> bool {
-        let Some(flight) = &mut self.flight else {
-            return false;
-        };
-        let State::Waiting { due, extended } = flight.state else {
-            return false;
-        };
-        let silence = self.heard + self.config.latency;
-        if due <= now && now < silence && !extended && self.decoder.pending() > 0 {
-            // An answer may have begun. Its end gets the time that one more packet takes, once.
-            flight.state = State::Waiting {
-                due: silence,
-                extended: true,
-            };
-            return false;
-        }
-        due <= now
+    /// When the line has been silent for so long that no more of a frame comes.
+    fn silence(&self) -> Micros {
+        self.heard + self.exchange.config.latency
     }
 
     /// Ends the request in flight, for the stream is broken.
     #[inline(never)]
     fn end_broken(&mut self) -> Option<Event<P>> {
-        self.flight.take()?;
+        self.exchange.flight.take()?;
         self.decoder.broken().map(Event::Broken)
-    }
-
-    /// Waits no longer for the answer to the request in flight: it is sent again, or has timed out.
-    fn give_up(&mut self, now: Micros) -> Option<Event<P>> {
-        let flight = self.flight.as_mut()?;
-        if flight.repeats > 0 && P::repeatable(&flight.request) {
-            flight.repeats -= 1;
-            flight.state = State::Ready;
-            return None;
-        }
-        let sends = flight.sends;
-        self.end(now, sends);
-        Some(Event::TimedOut { sends })
-    }
-
-    /// Ends the request in flight, and notes that this many answers to it may still come.
-    fn end(&mut self, now: Micros, answers: u8) {
-        if let Some(flight) = &self.flight
-            && answers > 0
-            && P::reply(&flight.request).is_some()
-        {
-            let due = match flight.state {
-                State::Waiting { due, .. } => due.max(now),
-                State::Ready | State::Writing | State::Sent => now,
-            };
-            self.owed = Some(Owed {
-                request: flight.request,
-                answers,
-                until: due + self.config.lateness,
-                sending: matches!(flight.state, State::Writing),
-            });
-        }
-        self.flight = None;
-    }
-
-    /// Whether the request in flight must not be sent yet.
-    fn is_held(&self, now: Micros) -> bool {
-        let owes = self.owed.as_ref().is_some_and(|owed| now < owed.until);
-        let waits = self
-            .flight
-            .as_ref()
-            .is_some_and(|flight| P::reply(&flight.request).is_some());
-        owes && waits && !P::IDENTIFIED
     }
 }
 
@@ -609,9 +667,9 @@ fn patience<P: Protocol>(config: &Config, request: &P::Request, len: usize) -> O
 impl<P: Protocol, const N: usize> fmt::Debug for Client<P, N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Client")
-            .field("config", &self.config)
+            .field("config", &self.exchange.config)
             .field("decoder", &self.decoder)
-            .field("in_flight", &self.flight.as_ref().map(|flight| flight.request))
+            .field("in_flight", &self.exchange.flight.as_ref().map(|flight| flight.request))
             .finish_non_exhaustive()
     }
 }
@@ -908,6 +966,50 @@ mod tests {
         client.submit(Request::ReadJoints).unwrap();
         assert_eq!(transmit(&mut client, Micros(6)), 0, "held back");
         assert_eq!(hear(&mut client, Micros(400), &bytes(JOINTS)), [Event::Late(JOINTS)]);
+    }
+
+    /// What is not noise of all that silence frees.
+    fn fall_silent(client: &mut Lings, now: Micros) -> Vec<Event<Ling>> {
+        let mut input = Input::Idle;
+        let events = core::iter::from_fn(|| client.handle(now, &mut input));
+        events.filter(|event| !matches!(event, Event::Noise(_))).collect()
+    }
+
+    #[test]
+    fn an_answer_that_a_false_header_held_back_satisfies_no_later_request() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        let (now, _) = time_out(&mut client, Micros(0));
+        let line = [&[0xAA, 0x00, 0x00, 60][..], &bytes(JOINTS)].concat();
+        assert_eq!(hear(&mut client, now, &line), []);
+
+        client.submit(Request::ReadJoints).unwrap();
+        let now = client.poll_timeout().unwrap();
+        assert_eq!(transmit(&mut client, now), 7);
+        assert_eq!(fall_silent(&mut client, now), [Event::Unsolicited(JOINTS)]);
+        let events = hear(&mut client, now + Micros(300), &bytes(JOINTS));
+        assert_eq!(events, [Event::Answer(JOINTS)]);
+    }
+
+    #[test]
+    fn an_answer_that_a_false_header_held_back_is_not_that_of_a_later_cancelled_request() {
+        let line = [&[0xAA, 0x00, 0x00, 60][..], &bytes(JOINTS)].concat();
+        for sent in [2, 7] {
+            let mut client = Lings::new(Config::DEFAULT);
+            assert_eq!(hear(&mut client, Micros(0), &line), []);
+            client.submit(Request::ReadJoints).unwrap();
+            client.poll_transmit(Micros(0)).unwrap();
+            client.transmitted(Micros(0), sent);
+            client.cancel(Micros(0));
+            assert_eq!(transmit(&mut client, Micros(1)), 7 - sent);
+
+            assert_eq!(fall_silent(&mut client, Micros(2)), [Event::Unsolicited(JOINTS)]);
+            client.submit(Request::ReadJoints).unwrap();
+            assert_eq!(transmit(&mut client, Micros(3)), 0, "held back");
+            assert_eq!(hear(&mut client, Micros(400), &bytes(JOINTS)), [Event::Late(JOINTS)]);
+        }
     }
 
     #[test]

@@ -224,6 +224,11 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         self.broken
     }
 
+    /// Bytes that were given out as frames or noise, or dropped, since the decoder was made.
+    pub(crate) const fn offset(&self) -> u64 {
+        self.offset
+    }
+
     fn discard_if_broken(&mut self) {
         if self.broken.is_some() {
             self.advance(self.pending());

@@ -71,9 +71,10 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     };
     let mut client = Client::<Ling, MAX_FRAME>::new(config);
     let mut now = Micros(0);
-    // The request in flight and the one that is going out, each with its tag.
-    let mut flight = None;
-    let mut going: Option<(Request, u8)> = None;
+    // The request in flight and the one that is going out, each with its tag, and whether some of the latter is out.
+    let mut flight: Option<(Request, u8)> = None;
+    let mut going = None;
+    let mut begun = false;
     let mut tags = 0..u8::MAX;
     // What the arm says, and when.
     let mut voice: Vec<(Micros, Vec<u8>)> = Vec::new();
@@ -88,6 +89,8 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             }
             Step::Cancel => {
                 client.cancel(now);
+                // What was begun goes out whole, and so does a repeat of a request that was answered meanwhile.
+                going = going.filter(|_| begun || going != flight);
                 flight = None;
             }
             Step::Wait(micros) => now = now + Micros(u64::from(micros) * 4),
@@ -96,15 +99,13 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                 let Some(bytes) = client.poll_transmit(now) else {
                     continue;
                 };
-                let starts = bytes[0] == 0xAA;
                 let whole = usize::from(n) >= bytes.len();
                 let len = bytes.len().min(n.into());
                 client.transmitted(now, len);
-                if starts {
-                    going = flight;
-                }
+                going = going.or(flight);
+                begun = !whole && (begun || len > 0);
                 if whole
-                    && let Some((request, tag)) = going
+                    && let Some((request, tag)) = going.take()
                     && let Some(response) = answer(&request, tag)
                 {
                     voice.extend(says(&config, &request, &response, now, &manner));

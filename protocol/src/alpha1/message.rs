@@ -317,13 +317,13 @@ impl fmt::Display for ParseError {
 impl core::error::Error for ParseError {}
 
 /// Data of a known length, or the error that says which it should have.
-fn sized<const N: usize>(data: &[u8], expected: &'static [usize]) -> Result<[u8; N], Cause> {
+fn sized<'a, const N: usize>(data: &'a [u8], expected: &'static [usize]) -> Result<&'a [u8; N], Cause> {
     let got = data.len();
     data.try_into().map_err(|_| Cause::Length { expected, got })
 }
 
 /// Checks data that always is the same, `offset` bytes from the start of all data.
-fn constant<const N: usize>(offset: usize, data: [u8; N], expected: &'static [u8; N]) -> Result<(), Cause> {
+fn constant<const N: usize>(offset: usize, data: &[u8; N], expected: &'static [u8; N]) -> Result<(), Cause> {
     for (i, (got, expected)) in data.iter().zip(expected.chunks(1)).enumerate() {
         if expected != [*got] {
             return Err(Cause::Byte {
@@ -337,7 +337,7 @@ fn constant<const N: usize>(offset: usize, data: [u8; N], expected: &'static [u8
 }
 
 /// The text after its count, which counts itself.
-fn text(data: &[u8]) -> Result<Text, Cause> {
+fn text(data: &[u8]) -> Result<&[u8], Cause> {
     let [count, text @ ..] = data else {
         return Err(Cause::Length { expected: &[1], got: 0 });
     };
@@ -352,7 +352,8 @@ fn text(data: &[u8]) -> Result<Text, Cause> {
         };
         return Err(Cause::Value { offset: 0, error });
     }
-    Text::new(text).map_err(|error| Cause::Value { offset: 1, error })
+    let at = |error| Cause::Value { offset: 1, error };
+    Text::check(text).map(|()| text).map_err(at)
 }
 
 fn servo(offset: usize, id: u8) -> Result<ServoId, Cause> {
@@ -374,7 +375,7 @@ fn outcome(offset: usize, status: u8) -> Result<Outcome, Cause> {
 /// Data that is nothing but a status.
 fn status(data: &[u8]) -> Result<Outcome, Cause> {
     let [status] = sized(data, &[1])?;
-    outcome(0, status)
+    outcome(0, *status)
 }
 
 impl Action {
@@ -392,13 +393,13 @@ impl Action {
         data
     }
 
-    fn from_data(data: [u8; Self::LEN]) -> Result<Self, Cause> {
+    fn from_data(data: &[u8; Self::LEN]) -> Result<Self, Cause> {
         let [act, a, b, c, d, e, angles @ .., time, high, low] = data;
-        constant(0, [act, a, b, c, d, e], &[ACT, 0, 0, 0, 0, 0])?;
+        constant(0, &[*act, *a, *b, *c, *d, *e], &[ACT, 0, 0, 0, 0, 0])?;
         Ok(Self {
             angles: angles.map(Angle::from_wire),
-            time: MoveTime::new(time),
-            interval: Interval::new(u16::from_be_bytes([high, low])),
+            time: MoveTime::new(*time),
+            interval: Interval::new(u16::from_be_bytes([*high, *low])),
         })
     }
 }
@@ -426,8 +427,8 @@ impl ServoRequest {
     }
 
     /// From the data of a frame FA AF.
-    fn from_data(data: [u8; 6]) -> Result<Self, Cause> {
-        let [id, command, a, b, c, d] = data;
+    fn from_data(data: &[u8; 6]) -> Result<Self, Cause> {
+        let [id, command, a, b, c, d] = *data;
         match command {
             command::MOVE => {
                 let to = address(id)?;
@@ -440,21 +441,21 @@ impl ServoRequest {
                 }))
             }
             command::LED => {
-                constant(3, [b, c, d], &[0; 3])?;
+                constant(3, &[b, c, d], &[0; 3])?;
                 address(id).map(|to| Self::SetLed { to, led: Led(a) })
             }
             command::READ_ANGLES => {
-                constant(2, [a, b, c, d], &[0; 4])?;
+                constant(2, &[a, b, c, d], &[0; 4])?;
                 servo(0, id).map(Self::ReadAngles)
             }
             command::CHANGE_ID => {
-                constant(2, [a], &[0])?;
-                constant(4, [c, d], &[0; 2])?;
+                constant(2, &[a], &[0])?;
+                constant(4, &[c, d], &[0; 2])?;
                 let (from, to) = (servo(0, id)?, servo(3, b)?);
                 Ok(Self::ChangeId { from, to })
             }
             command::SET_OFFSET => {
-                constant(2, [a, b], &[0; 2])?;
+                constant(2, &[a, b], &[0; 2])?;
                 let offset = Offset::new(i16::from_be_bytes([c, d])).map_err(Cause::Offset)?;
                 Ok(Self::SetOffset(servo(0, id)?, offset))
             }
@@ -469,12 +470,12 @@ impl ServoRequest {
     }
 
     /// From the data of a frame FC CF.
-    fn from_version_data(data: [u8; 6]) -> Result<Self, Cause> {
+    fn from_version_data(data: &[u8; 6]) -> Result<Self, Cause> {
         let [id, command, rest @ ..] = data;
-        match command {
+        match *command {
             version_command::READ => {
                 constant(2, rest, &[0; 4])?;
-                servo(0, id).map(Self::ReadVersion)
+                servo(0, *id).map(Self::ReadVersion)
             }
             version_command::BOOT_LOADER => Err(Cause::BootLoader),
             got => Err(Cause::Byte {
@@ -503,8 +504,8 @@ impl ServoRequest {
 
 impl ServoResponse {
     /// From the data of a frame FA AF, as an answer of this kind.
-    fn from_data(data: [u8; 6], answer: Option<ServoAnswer>) -> Result<Self, Cause> {
-        let [id, status, a, b, c, d] = data;
+    fn from_data(data: &[u8; 6], answer: Option<ServoAnswer>) -> Result<Self, Cause> {
+        let [id, status, a, b, c, d] = *data;
         let (servo, outcome) = (servo(0, id)?, outcome(1, status)?);
         match answer {
             Some(ServoAnswer::Angles) => Ok(Self::Angles {
@@ -525,8 +526,8 @@ impl ServoResponse {
     }
 
     /// From the data of a frame FC CF.
-    fn from_version_data(data: [u8; 6]) -> Result<Self, Cause> {
-        let [id, status, version @ ..] = data;
+    fn from_version_data(data: &[u8; 6]) -> Result<Self, Cause> {
+        let [id, status, version @ ..] = *data;
         Ok(Self::Version {
             servo: servo(0, id)?,
             outcome: outcome(1, status)?,
@@ -594,9 +595,9 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
         header::ACT => Action::from_data(sized(data, &[Action::LEN])?).map(Request::Act),
         header::OFFSET_TOOL => {
             let [one, state, rest @ ..] = sized::<6>(data, &[6])?;
-            constant(0, [one], &[1])?;
+            constant(0, &[*one], &[1])?;
             constant(2, rest, &[0; 4])?;
-            match state {
+            match *state {
                 0 => Ok(Request::SetOffsetTool(OffsetTool::Disconnect)),
                 1 => Ok(Request::SetOffsetTool(OffsetTool::Connect)),
                 got => Err(Cause::Byte {
@@ -609,7 +610,7 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
         header::USB_TYPE => {
             let [usb, rest @ ..] = sized::<6>(data, &[6])?;
             constant(1, rest, &[0; 5])?;
-            match usb {
+            match *usb {
                 1 => Ok(Request::SetUsbType(UsbType::Disk)),
                 2 => Ok(Request::SetUsbType(UsbType::SerialPort)),
                 3 => Ok(Request::SetUsbType(UsbType::Hid)),
@@ -620,7 +621,7 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
                 }),
             }
         }
-        header::PLAY => text(data).map(Request::Play),
+        header::PLAY => Ok(Request::Play(Text::from_wire(text(data)?))),
         header::SERVO => ServoRequest::from_data(sized(data, &[6])?).map(Request::Servo),
         header::SERVO_VERSION => ServoRequest::from_version_data(sized(data, &[6])?).map(Request::Servo),
         _ => Err(Cause::Unknown),
@@ -629,11 +630,11 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
 
 fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<Response, Cause> {
     match command {
-        header::HARDWARE_VERSION => text(data).map(Response::HardwareVersion),
-        header::SERVO_STATES => sized(data, &[4]).map(ServoStates).map(Response::ServoStates),
+        header::HARDWARE_VERSION => Ok(Response::HardwareVersion(Text::from_wire(text(data)?))),
+        header::SERVO_STATES => sized(data, &[4]).copied().map(ServoStates).map(Response::ServoStates),
         header::STOP => status(data).map(Response::Stopped),
         header::FIRMWARE_VERSION => {
-            let [status, text @ ..] = sized::<11>(data, &[11])?;
+            let [status, text @ ..] = *sized::<11>(data, &[11])?;
             let outcome = outcome(0, status)?;
             Ok(Response::FirmwareVersion(FirmwareVersion { outcome, text }))
         }
@@ -641,7 +642,7 @@ fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Resu
         header::ACT => {
             let [_, status, rest @ ..] = sized::<6>(data, &[6])?;
             constant(2, rest, &[0; 4])?;
-            outcome(1, status).map(Response::Acted)
+            outcome(1, *status).map(Response::Acted)
         }
         header::OFFSET_TOOL => status(data).map(Response::OffsetTool),
         header::USB_TYPE => status(data).map(Response::UsbType),
@@ -711,11 +712,14 @@ impl Protocol for Alpha1 {
         }
     }
 
+    // Inlined, it would add to the stack of all that its caller calls besides.
+    #[inline(never)]
     fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
         match frame {
-            Frame::Message { command, data } => {
-                parse_request(command, data).map_err(|cause| ParseError { command, cause })
-            }
+            Frame::Message { command, data } => match &parse_request(command, data) {
+                Ok(request) => Ok(*request),
+                Err(cause) => Err(ParseError { command, cause: *cause }),
+            },
             Frame::Byte(command) => Err(ParseError {
                 command,
                 cause: Cause::Unexpected,
@@ -723,15 +727,18 @@ impl Protocol for Alpha1 {
         }
     }
 
+    // As above.
+    #[inline(never)]
     fn parse_response(frame: Frame<'_>, expect: Expect) -> Result<Response, ParseError> {
         let answer = match expect {
             Expect::Responses(answer) => answer,
             Expect::Requests => None,
         };
         match (frame, answer) {
-            (Frame::Message { command, data }, answer) => {
-                parse_response(command, data, answer).map_err(|cause| ParseError { command, cause })
-            }
+            (Frame::Message { command, data }, answer) => match &parse_response(command, data, answer) {
+                Ok(response) => Ok(*response),
+                Err(cause) => Err(ParseError { command, cause: *cause }),
+            },
             (Frame::Byte(byte), Some(ServoAnswer::Acknowledgement(servo))) if byte == acknowledgement(servo) => {
                 Ok(Response::Servo(ServoResponse::Acknowledged(servo)))
             }

@@ -348,21 +348,33 @@ impl Text {
     ///
     /// [`OutOfRange`] over 59 bytes.
     pub fn new(text: &[u8]) -> Result<Self, OutOfRange> {
-        if text.len() > MAX_TEXT {
-            return Err(OutOfRange {
-                what: "text length",
-                unit: "bytes",
-                got: u16::try_from(text.len()).unwrap_or(u16::MAX),
-                min: 0,
-                max: MAX_TEXT as u16,
-            });
+        Self::check(text).map(|()| Self::from_wire(text))
+    }
+
+    /// Whether a text may have so many bytes.
+    pub(super) fn check(text: &[u8]) -> Result<(), OutOfRange> {
+        if text.len() <= MAX_TEXT {
+            return Ok(());
         }
-        let mut bytes = [0; MAX_TEXT];
-        for (to, from) in bytes.iter_mut().zip(text) {
+        Err(OutOfRange {
+            what: "text length",
+            unit: "bytes",
+            got: u16::try_from(text.len()).unwrap_or(u16::MAX),
+            min: 0,
+            max: MAX_TEXT as u16,
+        })
+    }
+
+    /// The text of these bytes, which it may have.
+    pub(super) fn from_wire(text: &[u8]) -> Self {
+        let mut this = Self {
+            len: text.len() as u8,
+            bytes: [0; MAX_TEXT],
+        };
+        for (to, from) in this.bytes.iter_mut().zip(text) {
             *to = *from;
         }
-        let len = text.len() as u8;
-        Ok(Self { len, bytes })
+        this
     }
 
     /// The bytes.

@@ -266,14 +266,14 @@ impl fmt::Display for Cause {
 impl core::error::Error for ParseError {}
 
 /// Data of a known length, or the error that says which it should have.
-pub(super) fn sized<const N: usize>(data: &[u8], expected: &'static [usize]) -> Result<[u8; N], Cause> {
+pub(super) fn sized<'a, const N: usize>(data: &'a [u8], expected: &'static [usize]) -> Result<&'a [u8; N], Cause> {
     let got = data.len();
     data.try_into().map_err(|_| Cause::Length { expected, got })
 }
 
 /// The data of a request that carries no value.
 fn asked(data: &[u8]) -> Result<(), Cause> {
-    match sized(data, &[1])? {
+    match *sized(data, &[1])? {
         [ASK] => Ok(()),
         [got] => Err(Cause::Byte {
             offset: 0,
@@ -325,7 +325,7 @@ impl Move {
         data
     }
 
-    fn from_data(data: [u8; Self::LEN]) -> Result<Self, Cause> {
+    fn from_data(data: &[u8; Self::LEN]) -> Result<Self, Cause> {
         let at = |offset| move |error| Cause::Value { offset, error };
         let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
         for (i, (joint, bytes)) in joints.iter_mut().zip(data.as_chunks::<4>().0).enumerate() {
@@ -335,7 +335,7 @@ impl Move {
                 Speed::new(speed).map_err(at(4 * i + 2))?,
             );
         }
-        let [.., a, b, c, d] = data;
+        let [.., a, b, c, d] = *data;
         let [opening, speed] = words(&[a, b, c, d]);
         Ok(Self {
             joints,
@@ -353,7 +353,7 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
             let stroke = Stroke::from_code(code).map_err(|_| Cause::Unknown)?;
             asked(frame.data).map(|()| Request::SetStroke(stroke))
         }
-        (command::TORQUE, 0) => match sized(frame.data, &[1])? {
+        (command::TORQUE, 0) => match *sized(frame.data, &[1])? {
             [0] => Ok(Request::SetTorque(Torque::Off)),
             [1] => Ok(Request::SetTorque(Torque::On)),
             [got] => Err(Cause::Value {
@@ -368,7 +368,7 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
             }),
         },
         (command::JOINTS, function::STATE) => asked(frame.data).map(|()| Request::ReadJoints),
-        (command::JOINTS, function::TEMPERATURE) => match sized(frame.data, &[1])? {
+        (command::JOINTS, function::TEMPERATURE) => match *sized(frame.data, &[1])? {
             [ASK] => Ok(Request::ReadTemperatures),
             [celsius] => TemperatureLimit::new(celsius)
                 .map(Request::SetTemperatureLimit)
@@ -386,8 +386,8 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
 fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
     match (frame.command, frame.function) {
         (command::INFO, 0) => {
-            let data: [u8; 24] = sized(frame.data, &[24])?;
-            let [serial @ .., h0, h1, h2, h3, f0, f1, f2, f3] = data;
+            let data: &[u8; 24] = sized(frame.data, &[24])?;
+            let [serial @ .., h0, h1, h2, h3, f0, f1, f2, f3] = *data;
             Ok(Response::Info(Info {
                 serial: SerialNumber(serial),
                 hardware: Version(u32::from_le_bytes([h0, h1, h2, h3])),
@@ -395,23 +395,23 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
             }))
         }
         (command::STROKE, function::READ_STROKE) => {
-            let [code] = sized(frame.data, &[1])?;
+            let [code] = *sized(frame.data, &[1])?;
             Stroke::from_code(code)
                 .map(Response::Stroke)
                 .map_err(|error| Cause::Value { offset: 0, error })
         }
         (command::JOINTS, function::STATE) => {
-            let data: [u8; 15] = sized(frame.data, &[15])?;
+            let data: &[u8; 15] = sized(frame.data, &[15])?;
             let [joints @ .., low, high, status] = data;
             Ok(Response::Joints(JointState {
-                joints: words(&joints),
-                gripper: u16::from_le_bytes([low, high]),
-                status: status.into(),
+                joints: words(joints),
+                gripper: u16::from_le_bytes([*low, *high]),
+                status: (*status).into(),
             }))
         }
         (command::JOINTS, function::TEMPERATURE) => match frame.data.len() {
-            6 => sized(frame.data, &[6]).map(PerServo::Leader),
-            _ => sized(frame.data, &[6, 10]).map(PerServo::Follower),
+            6 => sized(frame.data, &[6]).copied().map(PerServo::Leader),
+            _ => sized(frame.data, &[6, 10]).copied().map(PerServo::Follower),
         }
         .map(Response::Temperatures),
         (command::JOINTS, function::VELOCITY) => match frame.data.len() {
@@ -424,7 +424,7 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
         }
         .map(Response::Velocities),
         (command::SELF_CHECK, 0) => {
-            sized(frame.data, &[2]).map(|mask| Response::SelfCheck(SelfCheck(u16::from_le_bytes(mask))))
+            sized(frame.data, &[2]).map(|mask| Response::SelfCheck(SelfCheck(u16::from_le_bytes(*mask))))
         }
         _ => Err(Cause::Unknown),
     }

@@ -370,17 +370,6 @@ impl fmt::Display for Cause {
 
 impl core::error::Error for ParseError {}
 
-/// Parameters of a known length, or the error that says which they should have.
-fn sized<const N: usize>(params: &[u8], expected: &'static [usize]) -> Result<[u8; N], Cause> {
-    let got = params.len();
-    params.try_into().map_err(|_| Cause::Length { expected, got })
-}
-
-/// The parameters of a request that has none.
-fn none(params: &[u8]) -> Result<(), Cause> {
-    sized(params, &[0]).map(|[]| ())
-}
-
 /// What the header of a frame says it is.
 enum Kind {
     Heartbeat,
@@ -407,68 +396,6 @@ fn kind(frame: Frame<'_>) -> Kind {
             })
         }
     }
-}
-
-fn parse_command(body: &[u8]) -> Result<Command, Cause> {
-    let &[register, ref params @ ..] = body else {
-        return Err(Cause::Body { min: 1, got: 0 });
-    };
-    let Some(register) = Register::from_code(register) else {
-        return Raw::new(register, params).map(Command::Raw).map_err(Cause::Raw);
-    };
-    let value = |error| Cause::Value { offset: 0, error };
-    match register {
-        Register::Version => none(params).map(|()| Command::ReadVersion),
-        Register::Serials => none(params).map(|()| Command::ReadSerials),
-        Register::ReloadDynamics => none(params).map(|()| Command::ReloadDynamics),
-        Register::TorqueSource => none(params).map(|()| Command::ReadTorqueSource),
-        Register::RotationRadius => {
-            let [joint] = sized(params, &[1])?;
-            Joint::new(joint).map(Command::ReadRotationRadius).map_err(value)
-        }
-        Register::SystemControl => match sized(params, &[1])? {
-            [control::SHUTDOWN] => Ok(Command::Shutdown),
-            [control::REBOOT] => Ok(Command::Reboot),
-            [got] => Err(value(OutOfRange {
-                what: "system control",
-                unit: "",
-                got: got.into(),
-                min: control::SHUTDOWN.into(),
-                max: control::REBOOT.into(),
-            })),
-        },
-    }
-}
-
-fn parse_reply(body: &[u8]) -> Result<(State, Reply), Cause> {
-    let &[register, state, ref params @ ..] = body else {
-        return Err(Cause::Body {
-            min: 2,
-            got: body.len(),
-        });
-    };
-    let reply = match Register::from_code(register) {
-        None => Raw::new(register, params).map(Reply::Raw).map_err(Cause::Raw),
-        Some(register) if params.is_empty() => Ok(Reply::Empty(register)),
-        Some(Register::Version) => sized(params, &[0, TEXT]).map(|text| Reply::Version(VersionText(text))),
-        Some(Register::Serials) => sized(params, &[0, TEXT]).map(|text| Reply::Serials(SerialsText(text))),
-        Some(Register::ReloadDynamics) => Err(Cause::Length {
-            expected: &[0],
-            got: params.len(),
-        }),
-        Some(Register::TorqueSource) => sized(params, &[0, 1]).and_then(|[code]| {
-            let source = TorqueSource::from_code(code).map(Reply::TorqueSource);
-            source.map_err(|error| Cause::Value { offset: 0, error })
-        }),
-        Some(Register::RotationRadius) => sized(params, &[0, 4]).map(|bytes| {
-            let millimetres = f32::from_le_bytes(bytes);
-            Reply::RotationRadius(RotationRadius { millimetres })
-        }),
-        Some(Register::SystemControl) => {
-            sized(params, &[0, 2]).map(|bytes| Reply::SystemControl(u16::from_be_bytes(bytes)))
-        }
-    };
-    Ok((State(state), reply?))
 }
 
 /// Writes a message of the arm's own protocol, whose body is in two parts.
@@ -534,12 +461,48 @@ impl Protocol for XArm {
             Kind::Other(error) => return Err(error),
             Kind::Call(header) => header,
         };
-        match parse_command(frame.body) {
-            Ok(command) => Ok(Request::Call { header, command }),
-            Err(cause) => Err(unusable(header, frame, cause)),
+        // Each message is made where it is returned: they are long.
+        let call = |command| Ok(Request::Call { header, command });
+        let wrong = |cause| Err(unusable(header, frame, cause));
+        let [register, params @ ..] = frame.body else {
+            return wrong(Cause::Body { min: 1, got: 0 });
+        };
+        let Some(typed) = Register::from_code(*register) else {
+            return match Raw::check(*register, params) {
+                Ok(()) => call(Command::Raw(Raw::from_wire(*register, params))),
+                Err(error) => wrong(Cause::Raw(error)),
+            };
+        };
+        let length = |expected| {
+            let got = params.len();
+            wrong(Cause::Length { expected, got })
+        };
+        let value = |error| wrong(Cause::Value { offset: 0, error });
+        match (typed, params) {
+            (Register::Version, []) => call(Command::ReadVersion),
+            (Register::Serials, []) => call(Command::ReadSerials),
+            (Register::ReloadDynamics, []) => call(Command::ReloadDynamics),
+            (Register::TorqueSource, []) => call(Command::ReadTorqueSource),
+            (Register::RotationRadius, [joint]) => match Joint::new(*joint) {
+                Ok(joint) => call(Command::ReadRotationRadius(joint)),
+                Err(error) => value(error),
+            },
+            (Register::SystemControl, [control::SHUTDOWN]) => call(Command::Shutdown),
+            (Register::SystemControl, [control::REBOOT]) => call(Command::Reboot),
+            (Register::SystemControl, [got]) => value(OutOfRange {
+                what: "system control",
+                unit: "",
+                got: (*got).into(),
+                min: control::SHUTDOWN.into(),
+                max: control::REBOOT.into(),
+            }),
+            (Register::RotationRadius | Register::SystemControl, _) => length(&[1]),
+            _ => length(&[0]),
         }
     }
 
+    // Inlined, it would add to the stack of all that its caller calls besides.
+    #[inline(never)]
     fn parse_response(frame: Frame<'_>, _expect: Direction) -> Result<Response, ParseError> {
         let header = match (kind(frame), frame.body) {
             (Kind::Heartbeat, _) => return Ok(Response::Heartbeat),
@@ -547,9 +510,48 @@ impl Protocol for XArm {
             (Kind::Other(error), _) => return Err(error),
             (Kind::Call(header), _) => header,
         };
-        match parse_reply(frame.body) {
-            Ok((state, reply)) => Ok(Response::Reply { header, state, reply }),
-            Err(cause) => Err(unusable(header, frame, cause)),
+        let answer = |state, reply| Ok(Response::Reply { header, state, reply });
+        let wrong = |cause| Err(unusable(header, frame, cause));
+        let [register, state, params @ ..] = frame.body else {
+            let got = frame.body.len();
+            return wrong(Cause::Body { min: 2, got });
+        };
+        let state = State(*state);
+        let Some(typed) = Register::from_code(*register) else {
+            return match Raw::check(*register, params) {
+                Ok(()) => answer(state, Reply::Raw(Raw::from_wire(*register, params))),
+                Err(error) => wrong(Cause::Raw(error)),
+            };
+        };
+        let length = |expected| {
+            let got = params.len();
+            wrong(Cause::Length { expected, got })
+        };
+        match (typed, params) {
+            (register, []) => answer(state, Reply::Empty(register)),
+            (Register::Version, text) => match text.try_into() {
+                Ok(text) => answer(state, Reply::Version(VersionText(text))),
+                Err(_) => length(&[0, TEXT]),
+            },
+            (Register::Serials, text) => match text.try_into() {
+                Ok(text) => answer(state, Reply::Serials(SerialsText(text))),
+                Err(_) => length(&[0, TEXT]),
+            },
+            (Register::TorqueSource, [code]) => match TorqueSource::from_code(*code) {
+                Ok(source) => answer(state, Reply::TorqueSource(source)),
+                Err(error) => wrong(Cause::Value { offset: 0, error }),
+            },
+            (Register::RotationRadius, &[a, b, c, d]) => {
+                let millimetres = f32::from_le_bytes([a, b, c, d]);
+                answer(state, Reply::RotationRadius(RotationRadius { millimetres }))
+            }
+            (Register::SystemControl, &[high, low]) => {
+                answer(state, Reply::SystemControl(u16::from_be_bytes([high, low])))
+            }
+            (Register::ReloadDynamics, _) => length(&[0]),
+            (Register::TorqueSource, _) => length(&[0, 1]),
+            (Register::RotationRadius, _) => length(&[0, 4]),
+            (Register::SystemControl, _) => length(&[0, 2]),
         }
     }
 

@@ -557,20 +557,26 @@ impl Raw {
     ///
     /// [`RawError`] when the register has types of its own, or there are more than [`MAX_PARAMS`] bytes of parameters.
     pub fn new(register: u8, params: &[u8]) -> Result<Self, RawError> {
+        Self::check(register, params).map(|()| Self::from_wire(register, params))
+    }
+
+    /// Whether there may be such.
+    pub(super) fn check(register: u8, params: &[u8]) -> Result<(), RawError> {
         if let Some(register) = Register::from_code(register) {
             return Err(RawError::Typed(register));
         }
-        let len = params.len();
-        if len > MAX_PARAMS {
-            return Err(RawError::TooLong {
-                max: MAX_PARAMS,
-                got: len,
-            });
+        match params.len() {
+            0..=MAX_PARAMS => Ok(()),
+            got => Err(RawError::TooLong { max: MAX_PARAMS, got }),
         }
+    }
+
+    /// A register and its parameters, of which it is known that there may be such.
+    pub(super) fn from_wire(register: u8, params: &[u8]) -> Self {
         let mut raw = Self::empty(register);
-        raw.len = len as u8;
+        raw.len = params.len() as u8;
         put(&mut raw.params, params.iter().copied());
-        Ok(raw)
+        raw
     }
 
     /// A register, which must not be one of [`Register`], without parameters.

@@ -188,16 +188,16 @@ impl fmt::Display for ParseError {
 impl core::error::Error for ParseError {}
 
 fn parse_joints(firmware: Firmware, data: &[u8]) -> Result<Response, Cause> {
-    let data: [u8; JointState::LEN] = sized(data, &[JointState::LEN])?;
+    let data: &[u8; JointState::LEN] = sized(data, &[JointState::LEN])?;
     Ok(Response::Joints(JointState {
         firmware,
-        servos: words(&data),
+        servos: words(data),
     }))
 }
 
 fn parse_gripper(firmware: Firmware, data: &[u8]) -> Result<Response, Cause> {
-    let data: [u8; GripperState::LEN] = sized(data, &[GripperState::LEN])?;
-    let [id, s0, s1, p0, p1, sync_button, attitude_button] = data;
+    let data: &[u8; GripperState::LEN] = sized(data, &[GripperState::LEN])?;
+    let [id, s0, s1, p0, p1, sync_button, attitude_button] = *data;
     Ok(Response::Gripper(GripperState {
         firmware,
         id,
