@@ -1,4 +1,4 @@
-//! `cargo xtask size`: how much flash and RAM the protocols take, each alone, and the firmware images.
+//! `cargo xtask size`: how much flash, RAM and stack the protocols take, each alone, and the firmware images.
 
 use std::ffi::OsString;
 use std::fs;
@@ -11,17 +11,15 @@ use serde_json::json;
 use crate::Result;
 use crate::baseline::{Baseline, Figures};
 use crate::board::Board;
-use crate::image::{self, Options, TARGET};
+use crate::image::{self, Options};
 use crate::process::run as run_command;
 use crate::program::Program;
+use crate::stack::{self, TARGETS};
 use crate::toolchain::Toolchain;
 use crate::workspace;
 
 /// Where the figures are kept.
 const FILE: &str = "host-tests/counts/size.txt";
-
-/// Cortex-M0, and Cortex-M4.
-const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
 
 /// Features of `armwire`.
 const PROTOCOLS: [&str; 6] = ["ling", "crc-table", "crc-table16", "xarm", "alpha1", "ling,xarm,alpha1"];
@@ -82,8 +80,15 @@ pub(crate) fn run(args: &[OsString]) -> Result {
         figures.insert(format!("{name}, RAM"), size.ram);
     }
     println!("goal of a protocol alone: {} and {}", GOAL.flash, GOAL.ram);
-    println!("stack: `cargo xtask stack`");
-    save(&rows)?;
+    println!("{:60}{:>10}{:>8}", "stack at worst, bytes", "Cortex-M0", "M4");
+    let depths = stack::of_decoder_and_client(toolchain)?;
+    for (entry_point, [m0, m4]) in &depths {
+        println!("{entry_point:60}{m0:>10}{m4:>8}");
+        for (target, depth) in TARGETS.iter().zip([m0, m4]) {
+            figures.insert(format!("{target}, stack: {entry_point}"), (*depth).into());
+        }
+    }
+    save(&rows, &depths)?;
     Baseline::of(figures, toolchain)?.check(FILE, "cargo xtask size", write)
 }
 
@@ -137,7 +142,7 @@ fn memory_functions(file: &[u8]) -> Result<u64> {
 }
 
 /// Writes `size.json` into the target directory.
-fn save(rows: &[(String, Size, Option<Size>)]) -> Result {
+fn save(rows: &[(String, Size, Option<Size>)], depths: &[(String, [u32; 2])]) -> Result {
     let row = |(name, size, goal): &(String, Size, Option<Size>)| {
         json!({
             "name": name, "flash": size.flash, "ram": size.ram,
@@ -145,7 +150,9 @@ fn save(rows: &[(String, Size, Option<Size>)]) -> Result {
         })
     };
     let file = workspace::target_dir()?.join("size.json");
-    let rows: Vec<_> = rows.iter().map(row).collect();
+    let depth =
+        |(name, stack): &(String, [u32; 2])| json!({ "name": name, "stack": stack, "stack_goal": stack::LIMIT });
+    let rows: Vec<_> = rows.iter().map(row).chain(depths.iter().map(depth)).collect();
     fs::write(&file, serde_json::to_string_pretty(&rows)?)?;
     println!("as JSON: {}", file.display());
     Ok(())

@@ -21,7 +21,7 @@ use call_graph::{CallGraph, Depth};
 const LIMITED: [&str; 2] = ["Decoder<", "Client<"];
 
 /// The most stack that these may take, in bytes.
-const LIMIT: u32 = 256;
+pub(crate) const LIMIT: u32 = 256;
 
 /// What takes more, and may not take more than it does now. A message is a value, of up to 272 bytes, and is in the
 /// hands of several functions on its way.
@@ -37,7 +37,10 @@ const MORE: [(&str, u32); 5] = [
 const PROGRAMS: [&str; 2] = ["protocol-stack", "bridge-stack"];
 
 /// Cortex-M0, and Cortex-M4.
-const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
+pub(crate) const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
+
+/// What is known of the stack of each entry point on each of [`TARGETS`], by its name.
+type Depths = BTreeMap<String, [Option<Result<Depth>>; TARGETS.len()]>;
 
 /// Prints the table, and checks that decoder and client stay within their limits.
 ///
@@ -45,31 +48,10 @@ const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
 ///
 /// All that takes more, or of which it cannot be told.
 pub(crate) fn run() -> Result {
-    let toolchain = Toolchain::find(&TARGETS)?;
-    let mut table = BTreeMap::<String, [String; TARGETS.len()]>::new();
-    let (mut unknown, mut refused) = (BTreeSet::new(), Vec::new());
-    for (column, target) in TARGETS.into_iter().enumerate() {
-        for program in PROGRAMS {
-            let graph = CallGraph::parse(&link(toolchain, target, program)?)?;
-            for (name, depth) in graph.entry_points() {
-                let limit = limit(name);
-                let shown = match &depth {
-                    Ok(depth) => depth.bytes.to_string(),
-                    Err(_) => "?".to_owned(),
-                };
-                table.entry(name.to_owned()).or_default()[column] = shown;
-                match depth {
-                    Ok(depth) if limit.is_none_or(|limit| depth.bytes <= limit) => {}
-                    Ok(depth) => refused.push(format!("{target}: {}", path(&depth))),
-                    Err(error) if limit.is_none() => drop(unknown.insert(error.to_string())),
-                    Err(error) => refused.push(format!("{target}: {name}: {error}")),
-                }
-            }
-        }
-    }
+    let depths = depths(Toolchain::find(&TARGETS)?)?;
     if !LIMITED
         .iter()
-        .all(|limited| table.keys().any(|name| name.starts_with(limited)))
+        .all(|limited| depths.keys().any(|name| name.starts_with(limited)))
     {
         return Err(format!("no entry point begins with one of {LIMITED:?}").into());
     }
@@ -77,8 +59,21 @@ pub(crate) fn run() -> Result {
         "{:40} {:>20} {:>24}",
         "stack at worst, in bytes", TARGETS[0], TARGETS[1]
     );
-    for (name, [first, second]) in table {
+    let (mut unknown, mut refused) = (BTreeSet::new(), Vec::new());
+    for (name, depths) in &depths {
+        let [first, second] = depths.each_ref().map(shown);
         println!("{name:40} {first:>20} {second:>24}");
+        let limit = limit(name);
+        for (target, depth) in TARGETS.iter().zip(depths) {
+            match depth {
+                Some(Ok(depth)) if limit.is_some_and(|limit| depth.bytes > limit) => {
+                    refused.push(format!("{target}: {}", path(depth)));
+                }
+                Some(Ok(_)) | None => {}
+                Some(Err(error)) if limit.is_none() => drop(unknown.insert(error.to_string())),
+                Some(Err(error)) => refused.push(format!("{target}: {name}: {error}")),
+            }
+        }
     }
     for why in unknown {
         println!("? for {why}");
@@ -86,6 +81,49 @@ pub(crate) fn run() -> Result {
     match refused.is_empty() {
         true => Ok(()),
         false => Err(format!("more stack than is allowed:\n{}", refused.join("\n")).into()),
+    }
+}
+
+/// The stack of decoder and client, in bytes: the entry point, and what it takes on each of the two targets.
+///
+/// # Errors
+///
+/// If they do not build, or what one takes cannot be told.
+pub(crate) fn of_decoder_and_client(toolchain: Toolchain) -> Result<Vec<(String, [u32; TARGETS.len()])>> {
+    let mut rows = Vec::new();
+    for (name, depths) in depths(toolchain)? {
+        if limit(&name).is_none() {
+            continue;
+        }
+        let mut row = [0; TARGETS.len()];
+        for (bytes, depth) in row.iter_mut().zip(depths) {
+            *bytes = depth.ok_or_else(|| format!("{name} is not on every target"))??.bytes;
+        }
+        rows.push((name, row));
+    }
+    Ok(rows)
+}
+
+/// Links the programs of entry points, and reads what each takes.
+fn depths(toolchain: Toolchain) -> Result<Depths> {
+    let mut depths = Depths::new();
+    for (column, target) in TARGETS.into_iter().enumerate() {
+        for program in PROGRAMS {
+            let graph = CallGraph::parse(&link(toolchain, target, program)?)?;
+            for (name, depth) in graph.entry_points() {
+                depths.entry(name.to_owned()).or_default()[column] = Some(depth);
+            }
+        }
+    }
+    Ok(depths)
+}
+
+/// A cell of the table.
+fn shown(depth: &Option<Result<Depth>>) -> String {
+    match depth {
+        Some(Ok(depth)) => depth.bytes.to_string(),
+        Some(Err(_)) => "?".to_owned(),
+        None => String::new(),
     }
 }
 

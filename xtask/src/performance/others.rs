@@ -82,17 +82,23 @@ fn counts(rows: &[Value]) -> String {
     table
 }
 
+/// Flash and RAM, then the stack.
 fn size(rows: &[Value]) -> String {
-    let mut table = "| What | Flash | RAM | Goal |\n|---|---:|---:|---:|\n".to_owned();
+    let mut sizes = "| What | Flash | RAM | Goal |\n|---|---:|---:|---:|\n".to_owned();
+    let mut stacks = "| Stack at worst | Cortex-M0 | Cortex-M4 | Goal |\n|---|---:|---:|---:|\n".to_owned();
     for row in rows {
-        let (name, flash, ram) = (text(row, "name"), &row["flash"], &row["ram"]);
+        let name = text(row, "name");
+        if let [m0, m4] = row["stack"].as_array().map_or(&[][..], Vec::as_slice) {
+            let _ = writeln!(stacks, "| `{name}` | {m0} B | {m4} B | ≤ {} B |", row["stack_goal"]);
+            continue;
+        }
         let goal = match (&row["flash_goal"], &row["ram_goal"]) {
             (Value::Number(flash), Value::Number(ram)) => format!("≤ {flash} and {ram} B"),
             _ => "-".to_owned(),
         };
-        let _ = writeln!(table, "| {name} | {flash} B | {ram} B | {goal} |");
+        let _ = writeln!(sizes, "| {name} | {} B | {} B | {goal} |", row["flash"], row["ram"]);
     }
-    table
+    format!("{sizes}\n{stacks}")
 }
 
 fn text<'a>(row: &'a Value, key: &str) -> &'a str {
