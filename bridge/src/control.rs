@@ -76,6 +76,12 @@ pub enum Request {
 }
 
 /// What a host wants to be told of.
+///
+/// It is told until it subscribes to something else. On USB that ends with the cable, a reset of the bus or another
+/// configuration of the device; on CAN when the bus or the node id is another one. The adapter cannot know that a program
+/// was killed: to it that looks like a host that is asleep, which is to be told on when it wakes. Until somebody reads, what
+/// does not fit is dropped and counted. So a program subscribes to what it wants, nothing perhaps, before all else, and
+/// passes over events that come before the reply.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Subscription {
     /// Every frame the arm sends: [`Event::Frame`].

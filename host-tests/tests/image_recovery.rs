@@ -172,6 +172,7 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
         let broken = session.traffic.broken_frames;
         session.expect_counters(|expected, counted| {
             expected.can_bus_offs += TIMES;
+            // All that were lost, for nobody can ask while the bus is shorted.
             expected.isotp_failures += lost;
             // Those of an error flag follow each other too fast for each to be seen.
             expected.can_bus_errors = counted.can_bus_errors;

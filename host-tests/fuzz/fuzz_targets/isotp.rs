@@ -108,7 +108,10 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             }
             Step::BusOff => {
                 bus.flawless = false;
-                bus.sides.iter_mut().for_each(|side| side.end.abort());
+                for side in &mut bus.sides {
+                    let (busy, given_up) = (side.end.is_sending(), side.end.abort());
+                    assert!((usize::from(busy)..=2).contains(&given_up));
+                }
             }
         }
     }

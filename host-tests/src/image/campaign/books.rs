@@ -384,6 +384,8 @@ impl Rig {
             + counted(|c| c.refused_can_requests)
             + counted(|c| c.can_receive_overruns)
             + counted(|c| c.overrun_errors)
+            // A request that came while it was off the bus.
+            + traffic.frames_of_nodes.saturating_sub(received)
             + can.failures.len() as u32;
         let given_up = can.asking.given_up - self.given_up_before;
         wrongs.expect(given_up <= excuses, || {
