@@ -304,11 +304,6 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         self.broken
     }
 
-    /// Bytes that were given out as frames or noise, or dropped, since the decoder was made.
-    pub(crate) const fn offset(&self) -> u64 {
-        self.offset
-    }
-
     fn discard_if_broken(&mut self) {
         if self.is_broken() {
             self.advance(self.pending());
@@ -396,8 +391,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         n
     }
 
-    /// Bytes before the window since the decoder was made.
-    const fn offset(&self) -> u64 {
+    /// Bytes that were given out as frames or noise, or dropped, since the decoder was made: those before the window.
+    pub(crate) const fn offset(&self) -> u64 {
         self.received.wrapping_sub(self.pending() as u64)
     }
 }
