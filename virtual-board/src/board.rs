@@ -19,7 +19,7 @@ use crate::can::Sender as CanSender;
 use crate::can::bus::Bus;
 use crate::flash::{self, Flash};
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte};
-use crate::machine::{self, Bench, Command, Reply, Run};
+use crate::machine::{self, Bench, Command, Reply, Run, Watched};
 use crate::report::{Crash, Report, Violation, Violations};
 use crate::stm32f405::port::{Shared, lock};
 use crate::stm32f405::{Reenabled, Stm32f405};
@@ -266,8 +266,6 @@ impl<A: Arm> VirtualBoard<A> {
             gdb,
             rtt,
             interrupt: interrupt.clone(),
-            host: host.clone(),
-            can: can.clone(),
             flash: flash.clone(),
             commands: command,
             replies: reply,
@@ -319,7 +317,7 @@ impl<A: Arm> VirtualBoard<A> {
     pub fn run_for(&mut self, span: impl Into<Nanos>) -> Result<(), Error> {
         let until = self.now + span.into();
         while self.now < until {
-            self.run(until, false)?;
+            self.run(until, Watched::Nothing)?;
         }
         Ok(())
     }
@@ -343,14 +341,29 @@ impl<A: Arm> VirtualBoard<A> {
             if left == Nanos(0) {
                 return Err(Error::TimedOut { limit });
             }
-            self.run(self.now + left.min(GLANCE), true)?;
+            self.run(self.now + left.min(GLANCE), Watched::Everything)?;
         }
         Ok(self.now.since(start))
     }
 
-    fn run(&mut self, until: Nanos, watchful: bool) -> Result<(), Error> {
+    /// Runs until the nodes on the CAN bus have [received](Can::unread) something from the board that was not read yet, for
+    /// `limit` at most, and returns whether they have. It looks after every frame on the bus, and nothing else stops the
+    /// board: where much happens, this is faster than [`run_until`](Self::run_until).
+    ///
+    /// # Errors
+    ///
+    /// As for [`run_for`](Self::run_for).
+    pub fn run_until_heard(&mut self, limit: impl Into<Nanos>) -> Result<bool, Error> {
+        let until = self.now + limit.into();
+        while self.can().unread() == 0 && self.now < until {
+            self.run(until, Watched::Heard)?;
+        }
+        Ok(self.can().unread() > 0)
+    }
+
+    fn run(&mut self, until: Nanos, watched: Watched) -> Result<(), Error> {
         self.powered()?;
-        self.send(Command::Run { until, watchful })?;
+        self.send(Command::Run { until, watched })?;
         self.stopped()?;
         self.powered()
     }

@@ -21,8 +21,6 @@ pub(crate) const ERASED: u8 = 0xFF;
 #[derive(Debug)]
 pub(crate) struct Flash {
     bytes: Vec<u8>,
-    /// An operation is under way.
-    pub(crate) busy: bool,
     /// How many operations were started.
     operations: u32,
     /// How many more end before one is interrupted.
@@ -38,7 +36,6 @@ impl Flash {
     pub(crate) fn new(bytes: Vec<u8>, cut_after: Option<u32>, seed: u64) -> Self {
         Self {
             bytes,
-            busy: false,
             operations: 0,
             left: cut_after,
             cut: None,
@@ -62,7 +59,6 @@ impl Flash {
 
     /// An operation that lasts at least `shortest` starts. Returns when the power goes within it, if it does.
     pub(crate) fn start(&mut self, shortest: Nanos) -> Option<Nanos> {
-        self.busy = true;
         self.operations += 1;
         match &mut self.left {
             Some(0) => {

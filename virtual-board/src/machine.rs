@@ -23,7 +23,6 @@ use rigless::snapshot::Store;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 
-use crate::can::bus::Bus;
 use crate::flash::Flash;
 use crate::report::{Crash, Report};
 use crate::stm32f405::Stm32f405;
@@ -31,7 +30,6 @@ use crate::stm32f405::map::{BOOT_LOADER, BOOT_LOADER_START, BOOT_LOADER_STUB, FL
 use crate::stm32f405::port::lock;
 use crate::time::Nanos;
 use crate::trace::Trace;
-use crate::usb::host::Host;
 
 /// The processor's clock once the firmware has set it up (RM0090, 7.2).
 const CORE_HZ: NonZeroU64 = NonZeroU64::new(168_000_000).expect("not zero");
@@ -106,12 +104,21 @@ impl Board for Bench {
     }
 }
 
+/// What lets a run stop early.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Watched {
+    Nothing,
+    /// Whatever happens on the USB wire, the end of a frame on the CAN bus, the start of the boot loader.
+    Everything,
+    /// The nodes on the CAN bus have received something from the board.
+    Heard,
+}
+
 /// What the program asks of the emulator.
 #[derive(Debug)]
 pub(crate) enum Command {
-    /// Run until this instant; if `watchful`, stop early whenever something happens on the USB wire or a frame ends on the
-    /// CAN bus.
-    Run { until: Nanos, watchful: bool },
+    /// Run until this instant, or until what is watched for happens.
+    Run { until: Nanos, watched: Watched },
     /// Say what the run has met.
     Report,
     /// Write a word, as a debugger does.
@@ -147,8 +154,6 @@ pub(crate) struct Run {
     pub(crate) gdb: Option<TcpListener>,
     pub(crate) rtt: TcpListener,
     pub(crate) interrupt: Arc<AtomicBool>,
-    pub(crate) host: Arc<Mutex<Host>>,
-    pub(crate) can: Arc<Mutex<Bus>>,
     pub(crate) flash: Arc<Mutex<Flash>>,
     pub(crate) commands: Receiver<Command>,
     pub(crate) replies: Sender<Reply>,
@@ -185,12 +190,10 @@ fn attempt(bench: Bench, run: Run) -> Result<(), emulator::Error> {
     let driver = Lockstep {
         commands: run.commands,
         replies: run.replies,
-        host: run.host,
-        can: run.can,
         flash: run.flash,
         held: false,
         stuck: None,
-        watchful: false,
+        watched: Watched::Nothing,
         trace: Trace::default(),
         crashes,
         crash: None,
@@ -216,14 +219,12 @@ pub(crate) fn symbols(image: &Image) -> BTreeMap<String, u64> {
 struct Lockstep {
     commands: Receiver<Command>,
     replies: Sender<Reply>,
-    host: Arc<Mutex<Host>>,
-    can: Arc<Mutex<Bus>>,
     flash: Arc<Mutex<Flash>>,
     /// The core waits for the flash.
     held: bool,
     /// The core stands still until there were more resets than these.
     stuck: Option<usize>,
-    watchful: bool,
+    watched: Watched,
     trace: Trace,
     crashes: BTreeMap<u64, Crash>,
     crash: Option<Crash>,
@@ -233,22 +234,24 @@ struct Lockstep {
 
 impl Driver<Bench> for Lockstep {
     fn on_settled(&mut self, session: &mut Session<Bench>, host: &mut dyn emulator::Host, settled: Settled) {
-        let now = match settled {
+        let (now, cut) = match settled {
             Settled::Access { access, value } => {
                 for part in [access.address, value, access.instruction_count, access.virtual_time.0] {
                     self.trace.add(part);
                 }
-                access.virtual_time
+                (access.virtual_time, false)
             }
             Settled::Stop(stop) => {
                 self.trace.add(stop.at.0);
                 self.trace.add(stop.instruction_count);
-                stop.at
+                // From now on nothing outside changes but by the models' own doing, until the program has its say.
+                session.board_mut().part.set_looking(false);
+                (stop.at, lock(&self.flash).cut == Some(stop.at.into()))
             }
             Settled::Hit(hit) => {
                 if hit.kind == HitKind::Instruction && hit.address == BOOT_LOADER_START {
                     self.boot_loader = Some(session.resets().len());
-                    if self.watchful {
+                    if self.watched == Watched::Everything {
                         session.run_until(hit.at);
                     }
                 } else if hit.kind == HitKind::Instruction {
@@ -259,21 +262,20 @@ impl Driver<Bench> for Lockstep {
             }
             _ => return,
         };
-        let (busy, cut) = {
-            let flash = lock(&self.flash);
-            (flash.busy, flash.cut == Some(now.into()))
-        };
+        let part = &mut session.board_mut().part;
+        let (busy, news) = (part.is_flash_busy(), part.take_news());
         let freed = self.stuck.take_if(|resets| session.resets().len() > *resets).is_some();
         if freed || busy != self.held {
             self.held = busy;
             host.hold(busy || self.stuck.is_some() || session.unpowered());
             session.pause_at(Some(now));
         }
-        if cut {
-            session.run_until(now);
-        }
-        let progress = [lock(&self.host).take_progress(), lock(&self.can).take_progress()];
-        if self.watchful && progress.contains(&true) {
+        let found = match self.watched {
+            Watched::Nothing => false,
+            Watched::Everything => news.any,
+            Watched::Heard => news.heard,
+        };
+        if cut || found {
             session.run_until(now);
         }
     }
@@ -292,10 +294,11 @@ impl Driver<Bench> for Lockstep {
             in_boot_loader: self.boot_loader == Some(session.resets().len()),
         };
         self.replies.send(stopped).ok()?;
+        session.board_mut().part.set_looking(true);
         loop {
             match self.commands.recv().ok()? {
-                Command::Run { until, watchful } => {
-                    self.watchful = watchful;
+                Command::Run { until, watched } => {
+                    self.watched = watched;
                     return Some(until.into());
                 }
                 Command::Report => self.replies.send(Reply::Report(Box::new(Report::of(session)))).ok()?,

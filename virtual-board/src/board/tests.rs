@@ -234,6 +234,12 @@ fn a_wait_ends_with_the_frame_on_the_can_bus() {
     assert_ne!(board.trace_hash(), without);
     board.can().forget_frames();
     assert!(board.can().frames().is_empty());
+    // The nodes do not hear each other here: the next frame is no news for them.
+    board.can().send(&frame).unwrap();
+    let start = board.now();
+    assert!(!board.run_until_heard(Nanos::from_millis(1)).unwrap());
+    assert_eq!(board.now(), start + Nanos::from_millis(1));
+    assert_eq!(board.can().unsent(), 0);
     let fd = Frame::new_fd(Id::new(1).unwrap(), &[0; 12]).unwrap();
     assert!(matches!(board.can().send(&fd), Err(Error::FdFrame)));
 }

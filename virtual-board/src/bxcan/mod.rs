@@ -28,6 +28,8 @@ pub(crate) struct Can {
     lines: [Level; 4],
     /// The next instant the bus wants, and its event.
     wake: Option<(Nanos, EventId)>,
+    /// A frame ended since this was last asked.
+    progress: bool,
 }
 
 impl Can {
@@ -37,18 +39,28 @@ impl Can {
             bus,
             lines: [Level::Low; 4],
             wake: None,
+            progress: false,
         }
+    }
+
+    /// Whether a frame ended since this was last asked.
+    pub(crate) fn take_progress(&mut self) -> bool {
+        std::mem::take(&mut self.progress)
+    }
+
+    /// Whether nodes have received frames from the board that were not read yet.
+    pub(crate) fn has_unread(&self) -> bool {
+        self.bus.lock().unwrap_or_else(PoisonError::into_inner).unread() > 0
     }
 
     /// Lets the bus see what changed, and drives the interrupt lines.
     fn settle(&mut self, context: &mut DeviceContext<'_>) {
         let now = Nanos::from(context.now());
         self.core.now = now;
-        let next = self
-            .bus
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .poll(now, &mut self.core);
+        let mut bus = self.bus.lock().unwrap_or_else(PoisonError::into_inner);
+        let next = bus.poll(now, &mut self.core);
+        self.progress |= bus.take_progress();
+        drop(bus);
         match (next, &self.wake) {
             (Some(next), Some((at, _))) if next == *at => {}
             (Some(next), _) => self.wake = Some((next, context.schedule(VirtualNanos::from(next)))),

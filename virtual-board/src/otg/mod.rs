@@ -40,6 +40,8 @@ pub(crate) struct Otg {
     told: Vec<&'static str>,
     /// The next instant the host wants, and its event.
     wake: Option<(Nanos, EventId)>,
+    /// Something happened on the wire since this was last asked.
+    progress: bool,
 }
 
 impl Otg {
@@ -50,18 +52,23 @@ impl Otg {
             line: Level::Low,
             told: Vec::new(),
             wake: None,
+            progress: false,
         }
+    }
+
+    /// Whether anything happened on the wire since this was last asked that a program may wait for.
+    pub(crate) fn take_progress(&mut self) -> bool {
+        std::mem::take(&mut self.progress)
     }
 
     /// Lets the host see what changed, and drives the interrupt line.
     fn settle(&mut self, context: &mut DeviceContext<'_>) {
         let now = Nanos::from(context.now());
         self.core.now = now;
-        let next = self
-            .host
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .poll(now, &mut self.core);
+        let mut host = self.host.lock().unwrap_or_else(PoisonError::into_inner);
+        let next = host.poll(now, &mut self.core);
+        self.progress |= host.take_progress();
+        drop(host);
         match (next, &self.wake) {
             (Some(next), Some((at, _))) if next == *at => {}
             (Some(next), _) => self.wake = Some((next, context.schedule(VirtualNanos::from(next)))),

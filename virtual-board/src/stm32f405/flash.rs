@@ -84,13 +84,17 @@ impl Interface {
     pub(super) fn new(flash: Arc<Mutex<Flash>>, supply: NonZeroU32) -> Self {
         let mut library = Library::with_clock(RESET_HZ);
         library.set_supply(supply);
-        lock(&flash).busy = false;
         Self {
             library,
             flash,
             operation: None,
             cut: None,
         }
+    }
+
+    /// Whether an operation is under way.
+    pub(super) fn is_busy(&self) -> bool {
+        self.operation.is_some()
     }
 
     /// The same after a reset of the part at the instant of `context`. What was under way is left half done.
@@ -145,7 +149,6 @@ impl Interface {
             }
             None => {}
         }
-        lock(&self.flash).busy = false;
     }
 
     /// Changes SR, and lets the library see to its interrupt.

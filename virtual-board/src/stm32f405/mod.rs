@@ -50,6 +50,15 @@ struct Slots {
     dbg: usize,
 }
 
+/// What happened that a program may wait for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct News {
+    /// Something on the USB wire, or a frame ended on the CAN bus.
+    pub(crate) any: bool,
+    /// A frame ended on the CAN bus, and nodes have some of the board's that were not read.
+    pub(crate) heard: bool,
+}
+
 /// The microcontroller, with an arm, a USB host and a CAN bus at its pins.
 #[derive(Debug)]
 pub(crate) struct Stm32f405 {
@@ -65,6 +74,8 @@ pub(crate) struct Stm32f405 {
     flash: Interface,
     dma1: Dma1,
     dma2: Dma,
+    /// Whether what is outside may have changed unseen.
+    looks: bool,
 }
 
 impl Stm32f405 {
@@ -113,10 +124,42 @@ impl Stm32f405 {
             flash: Interface::new(flash, SUPPLY_MV),
             dma1: Dma1::new(reenabled, starve),
             dma2: dma::controller(1),
+            looks: true,
         };
         part.supply();
         part.check()?;
         Ok(part)
+    }
+
+    /// Whether [`poll`](Mcu::poll) looks outside, as it does at first. It need not where nobody but the models themselves
+    /// changed anything: they ask for an event at whatever instant something is due out there.
+    pub(crate) fn set_looking(&mut self, looks: bool) {
+        self.looks = looks;
+    }
+
+    /// Whether the flash is busy: the core waits for it.
+    pub(crate) fn is_flash_busy(&self) -> bool {
+        self.flash.is_busy()
+    }
+
+    /// What happened since this was last asked that a program may wait for.
+    pub(crate) fn take_news(&mut self) -> News {
+        let can = self.can.take_progress();
+        News {
+            any: self.otg.take_progress() || can,
+            heard: can && self.can.has_unread(),
+        }
+    }
+
+    fn poll_outside(&mut self, now: VirtualNanos) {
+        let (registers, mut context) = self.bus.drive(now, self.slots.port);
+        Device::poll(&mut self.port, registers, &mut context);
+        let (registers, mut context) = self.bus.drive(now, self.slots.otg);
+        Device::poll(&mut self.otg, registers, &mut context);
+        let (registers, mut context) = self.bus.drive(now, self.slots.can);
+        Device::poll(&mut self.can, registers, &mut context);
+        let (registers, mut context) = self.bus.drive(now, self.slots.flash);
+        Device::poll(&mut self.flash, registers, &mut context);
     }
 
     /// The rail is there (5.1).
@@ -183,16 +226,11 @@ impl Mcu for Stm32f405 {
         self.flash.restarted(SUPPLY_MV, &mut context);
     }
 
-    /// What is outside the part speaks to these.
+    /// What is outside the part speaks to these. What the DMA holds back may go on at any time.
     fn poll(&mut self, now: VirtualNanos) {
-        let (registers, mut context) = self.bus.drive(now, self.slots.port);
-        Device::poll(&mut self.port, registers, &mut context);
-        let (registers, mut context) = self.bus.drive(now, self.slots.otg);
-        Device::poll(&mut self.otg, registers, &mut context);
-        let (registers, mut context) = self.bus.drive(now, self.slots.can);
-        Device::poll(&mut self.can, registers, &mut context);
-        let (registers, mut context) = self.bus.drive(now, self.slots.flash);
-        Device::poll(&mut self.flash, registers, &mut context);
+        if self.looks {
+            self.poll_outside(now);
+        }
         let (registers, mut context) = self.bus.drive(now, self.slots.dma1);
         Device::poll(&mut self.dma1, registers, &mut context);
     }

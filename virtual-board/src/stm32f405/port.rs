@@ -63,7 +63,7 @@ impl Port {
             line: line.clone(),
             arriving: None,
             parity_error: false,
-            flips: Flips::default(),
+            ahead: Errors::default(),
         });
         Self {
             usart,
@@ -87,7 +87,7 @@ impl Port {
     /// Readies the USART for the byte that is on its way, and the line's end for the next one.
     ///
     /// The library draws from a rate, when a byte has arrived, whether and how it is wrong. Rates of all or nothing, and
-    /// the flips it will draw known in advance, let the line decide instead.
+    /// its draws known in advance, let the line decide instead.
     fn prepare(&mut self) {
         let jammed = lock(&self.line).is_jammed();
         let mut arriving = self.end().arriving;
@@ -101,11 +101,7 @@ impl Port {
         if arriving.is_some() {
             ahead.next(DATA_BITS);
         }
-        let flips = Flips {
-            framing: flips(ahead, true, false),
-            noise: flips(ahead, false, true),
-        };
-        self.end().flips = flips;
+        self.end().ahead = ahead;
     }
 
     /// Tells the line of a byte that the transmitter has begun to send: its data register is free again.
@@ -237,20 +233,14 @@ fn flips(mut errors: Errors, framing: bool, noise: bool) -> u16 {
     errors.next(DATA_BITS).flipped
 }
 
-/// The bits that the library will flip in the byte after the one that is on its way.
-#[derive(Clone, Copy, Debug, Default)]
-struct Flips {
-    framing: u16,
-    noise: u16,
-}
-
 /// The line's end at the USART.
 struct End {
     line: AnyLine,
     arriving: Option<Arrival>,
     /// A byte with a wrong parity bit has arrived.
     parity_error: bool,
-    flips: Flips,
+    /// What the library will draw from for the byte after the one that is on its way.
+    ahead: Errors,
 }
 
 impl std::fmt::Debug for End {
@@ -275,8 +265,8 @@ impl Peer for End {
         let arrival = self.arriving?;
         // What the library will flip is flipped already: it arrives as the line has it.
         let flips = match (arrival.framing, arrival.noise) {
-            (true, _) => self.flips.framing,
-            (_, true) => self.flips.noise,
+            (true, _) => flips(self.ahead, true, false),
+            (_, true) => flips(self.ahead, false, true),
             _ => 0,
         };
         Some(u16::from(arrival.value) ^ flips)

@@ -156,8 +156,11 @@ impl Bench {
         value
     }
 
-    /// What a session does: each event at its instant, then a look outside.
+    /// What a session does: a look outside, where the test may have changed something, then each event at its instant.
     fn run_until(&mut self, until: Nanos) {
+        self.part.poll(self.now.into());
+        self.settle();
+        self.part.set_looking(false);
         loop {
             let next = self.part.next_event().map_or(until, Nanos::from).min(until);
             self.now = next;
@@ -165,9 +168,10 @@ impl Bench {
             self.part.poll(next.into());
             self.settle();
             if next == until && self.part.next_event().is_none_or(|event| Nanos::from(event) > until) {
-                return;
+                break;
             }
         }
+        self.part.set_looking(true);
     }
 
     fn say(&mut self, bytes: &[u8]) {
