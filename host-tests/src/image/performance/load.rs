@@ -10,7 +10,7 @@ use armwire_bridge::config::{Config, Poll};
 use armwire_sim::ling::LingArm;
 use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::line::Arm;
-use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, VirtualBoard};
+use armwire_virtual_board::{Config as BoardConfig, Nanos, VirtualBoard};
 
 use super::{configure, unsolicited};
 use crate::image::{CanProgram, MEGABAUD, Talker, counters, joint_answer, noise, on_board_with, path, plug_in, polled};
@@ -25,7 +25,7 @@ const BUS_RATE: u32 = 1_000_000;
 const WARM_UP: Nanos = Nanos::from_millis(20);
 
 /// How far the board runs between two looks of the hosts if nothing comes.
-const GLANCE: Nanos = Nanos(1_000_000);
+const GLANCE: Nanos = Nanos::from_millis(10);
 
 /// What there is to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,9 +168,8 @@ fn run<A: Arm>(
             board.usb().forget_packets();
             board.can().forget_frames();
             let limit = GLANCE.min(end.since(board.now()));
-            match board.run_until(limit, |board| board.can().unread() > 0) {
-                Ok(_) | Err(Error::TimedOut { .. }) => {}
-                Err(error) => panic!("{error}"),
+            if let Err(error) = board.run_until_heard(limit) {
+                panic!("{error}");
             }
         }
     };

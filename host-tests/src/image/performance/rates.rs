@@ -11,7 +11,7 @@ use armwire_bridge::control::Identity;
 use armwire_bridge::isotp::{self, Config as IsoTp, Endpoint, Link};
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Direction, LineByte};
-use armwire_virtual_board::{Config as BoardConfig, Error, Nanos};
+use armwire_virtual_board::{Config as BoardConfig, Nanos};
 
 use super::load::joints;
 use super::{configure, unsolicited};
@@ -133,9 +133,8 @@ pub fn classic_can(span: Nanos) -> Rate {
         let (begin, mut bytes) = (board.now(), 0);
         while board.now().since(begin) < span {
             bytes += program.poll(board).map_or(0, |frame| frame.len());
-            match board.run_until(Nanos::from_millis(1), |board| board.can().unread() > 0) {
-                Ok(_) | Err(Error::TimedOut { .. }) => {}
-                Err(error) => panic!("{error}"),
+            if let Err(error) = board.run_until_heard(Nanos::from_millis(1)) {
+                panic!("{error}");
             }
         }
         let frames = board.can().frames();
