@@ -49,7 +49,7 @@ impl Can {
     }
 
     /// Whether nodes have received frames from the board that were not read yet.
-    pub(crate) fn is_heard(&self) -> bool {
+    pub(crate) fn has_unread(&self) -> bool {
         self.bus.lock().unwrap_or_else(PoisonError::into_inner).unread() > 0
     }
 

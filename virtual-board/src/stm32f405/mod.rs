@@ -147,7 +147,7 @@ impl Stm32f405 {
         let can = self.can.take_progress();
         News {
             any: self.otg.take_progress() || can,
-            heard: can && self.can.is_heard(),
+            heard: can && self.can.has_unread(),
         }
     }
 
