@@ -24,12 +24,19 @@ pub(crate) const COUNTERS: &str = "--cfg fuzzing -Cpasses=sancov-module \
     -Cllvm-args=-sanitizer-coverage-trace-compares";
 
 const USAGE: &str = "\
-cargo xtask fuzz [--seconds N] [TARGET...]    run the fuzz targets, N seconds each, 60 without this option
-cargo xtask fuzz --minimise [TARGET...]       make the committed corpus of the project's vectors, of what is committed and
-                                              of what was found since, as few files as reach all of the code they reach";
+cargo xtask fuzz [--seconds N] [--seed N] [TARGET...]    run the fuzz targets, N seconds each, 60 without this option;
+                                                         without a seed each run tries other inputs
+cargo xtask fuzz --minimise [TARGET...]                  make the committed corpus of the project's vectors, of what is
+                                                         committed and of what was found since, as few files as reach
+                                                         all of the code they reach";
+
+/// How long one input may take, in seconds: far longer than any does, also on a machine that stands still for a while.
+const TIMEOUT: u32 = 60;
 
 struct Options {
     seconds: u32,
+    /// libFuzzer's seed, 0 for one of its own choice.
+    seed: u32,
     minimise: bool,
     targets: Vec<String>,
 }
@@ -39,6 +46,7 @@ impl Options {
         let all = targets()?;
         let mut options = Self {
             seconds: 60,
+            seed: 0,
             minimise: false,
             targets: Vec::new(),
         };
@@ -48,6 +56,10 @@ impl Options {
                 "--seconds" => {
                     let seconds = args.next().and_then(|seconds| seconds.parse().ok());
                     options.seconds = seconds.ok_or("`--seconds` needs a number of seconds")?;
+                }
+                "--seed" => {
+                    let seed = args.next().and_then(|seed| seed.parse().ok());
+                    options.seed = seed.ok_or("`--seed` needs a number")?;
                 }
                 "--minimise" => options.minimise = true,
                 target if all.iter().any(|name| name == target) => options.targets.push(target.to_owned()),
@@ -73,7 +85,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
         let vectors = vectors()?;
         return for_each(&options.targets, |target| minimise(&programs, target, &vectors)).map(drop);
     }
-    let runs = for_each(&options.targets, |target| fuzz(&programs, target, options.seconds))?;
+    let runs = for_each(&options.targets, |target| fuzz(&programs, target, &options))?;
     println!(
         "{:<16}{:>12}{:>10}{:>10}  result",
         "target", "executions", "features", "inputs"
@@ -115,15 +127,17 @@ impl Run {
     }
 }
 
-/// Runs a target for so many seconds.
-fn fuzz(programs: &Path, target: &str, seconds: u32) -> Result<Run> {
+/// Runs a target for so many seconds, from this seed on.
+fn fuzz(programs: &Path, target: &str, options: &Options) -> Result<Run> {
     let found = found(target)?;
     let artifacts = folder().join("artifacts").join(target);
     fs::create_dir_all(&artifacts)?;
     let mut fuzzer = libfuzzer(programs, target);
     fuzzer
-        .arg(format!("-max_total_time={seconds}"))
-        .args(["-timeout=10", "-print_final_stats=1"])
+        .arg(format!("-max_total_time={}", options.seconds))
+        .arg(format!("-seed={}", options.seed))
+        .arg(format!("-timeout={TIMEOUT}"))
+        .arg("-print_final_stats=1")
         .arg(format!("-artifact_prefix={}/", artifacts.display()))
         .arg(found)
         .arg(committed(target));
@@ -141,7 +155,9 @@ fn fuzz(programs: &Path, target: &str, seconds: u32) -> Result<Run> {
     let finding = (!ran.status.success()).then(|| {
         let panic = said.lines().skip_while(|line| !line.contains("panicked at")).take(4);
         let panic: Vec<_> = panic.collect();
-        eprintln!("{target}: {}", panic.join("\n"));
+        // Where the file is lost with the machine, the input is here.
+        let input = said.lines().find(|line| line.starts_with("Base64: "));
+        eprintln!("{target}: {}\n{}", panic.join("\n"), input.unwrap_or_default());
         word_after(&said, "Test unit written to ").unwrap_or_else(|| format!("{}: {}", ran.status, said.trim_end()))
     });
     let number = |text: &str, what: &str| word_after(text, what).unwrap_or_else(|| "?".to_owned());
