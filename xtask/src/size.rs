@@ -1,5 +1,6 @@
 //! `cargo xtask size`: how much flash, RAM and stack the protocols take, each alone, and the firmware images.
 
+use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fs;
 
@@ -81,11 +82,11 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     }
     println!("goal of a protocol alone: {} and {}", GOAL.flash, GOAL.ram);
     println!("{:60}{:>10}{:>8}", "stack at worst, bytes", "Cortex-M0", "M4");
-    let depths = stack::of_decoder_and_client(toolchain)?;
-    for (entry_point, [m0, m4]) in &depths {
-        println!("{entry_point:60}{m0:>10}{m4:>8}");
+    let depths = stack::worst(toolchain)?;
+    for (what, [m0, m4]) in &depths {
+        println!("{what:60}{m0:>10}{m4:>8}");
         for (target, depth) in TARGETS.iter().zip([m0, m4]) {
-            figures.insert(format!("{target}, stack: {entry_point}"), (*depth).into());
+            figures.insert(format!("{target}, stack: {what}"), (*depth).into());
         }
     }
     save(&rows, &depths)?;
@@ -129,7 +130,7 @@ fn memory_functions(file: &[u8]) -> Result<u64> {
     let symbols = elf
         .sections(endian, file)?
         .symbols(endian, file, object::elf::SHT_SYMTAB)?;
-    let mut functions = std::collections::BTreeMap::new();
+    let mut functions = BTreeMap::new();
     for symbol in symbols.iter() {
         let name = String::from_utf8_lossy(symbol.name(endian, symbols.strings())?);
         let is_one = MEMORY_FUNCTIONS.iter().any(|part| name.contains(part));
@@ -142,7 +143,7 @@ fn memory_functions(file: &[u8]) -> Result<u64> {
 }
 
 /// Writes `size.json` into the target directory.
-fn save(rows: &[(String, Size, Option<Size>)], depths: &[(String, [u32; 2])]) -> Result {
+fn save(rows: &[(String, Size, Option<Size>)], depths: &BTreeMap<String, [u32; 2]>) -> Result {
     let row = |(name, size, goal): &(String, Size, Option<Size>)| {
         json!({
             "name": name, "flash": size.flash, "ram": size.ram,
@@ -150,8 +151,7 @@ fn save(rows: &[(String, Size, Option<Size>)], depths: &[(String, [u32; 2])]) ->
         })
     };
     let file = workspace::target_dir()?.join("size.json");
-    let depth =
-        |(name, stack): &(String, [u32; 2])| json!({ "name": name, "stack": stack, "stack_goal": stack::LIMIT });
+    let depth = |(name, stack)| json!({ "name": name, "stack": stack, "stack_goal": stack::LIMIT });
     let rows: Vec<_> = rows.iter().map(row).chain(depths.iter().map(depth)).collect();
     fs::write(&file, serde_json::to_string_pretty(&rows)?)?;
     println!("as JSON: {}", file.display());

@@ -83,24 +83,23 @@ pub(crate) fn run() -> Result {
     }
 }
 
-/// The stack of decoder and client, in bytes: the entry point, and what it takes on each of the two targets.
+/// The most stack that decoder and client of each protocol take, in bytes, on each of [`TARGETS`].
 ///
 /// # Errors
 ///
-/// If they do not build, or what one takes cannot be told.
-pub(crate) fn of_decoder_and_client(toolchain: Toolchain) -> Result<Vec<(String, [u32; TARGETS.len()])>> {
-    let mut rows = Vec::new();
+/// If they do not build, or what an entry point takes cannot be told.
+pub(crate) fn worst(toolchain: Toolchain) -> Result<BTreeMap<String, [u32; TARGETS.len()]>> {
+    let mut worst = BTreeMap::<String, [u32; TARGETS.len()]>::new();
     for (name, depths) in depths(toolchain)? {
         if limit(&name).is_none() {
             continue;
         }
-        let mut row = [0; TARGETS.len()];
-        for (bytes, depth) in row.iter_mut().zip(depths) {
-            *bytes = depth.ok_or_else(|| format!("{name} is not on every target"))??.bytes;
+        let of = name.split("::").next().unwrap_or(&name).to_owned();
+        for (most, depth) in worst.entry(of).or_default().iter_mut().zip(depths) {
+            *most = depth.transpose()?.map_or(*most, |depth| depth.bytes.max(*most));
         }
-        rows.push((name, row));
     }
-    Ok(rows)
+    Ok(worst)
 }
 
 /// Links the programs of entry points, and reads what each takes.

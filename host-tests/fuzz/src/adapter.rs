@@ -244,7 +244,7 @@ impl World {
     }
 
     /// What is due besides a packet for the host on USB.
-    fn dues(&self) -> impl PartialEq {
+    fn dues(&self) -> impl PartialEq + use<> {
         let bridge = &self.bridge;
         let hosts = (bridge.usb_room(), bridge.control_room(), bridge.control_due());
         (
