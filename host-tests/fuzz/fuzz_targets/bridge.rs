@@ -108,7 +108,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                 world.arm_says(&bytes);
             }
             Step::ArmAnswers(data) => world.arm_answers(data),
-            Step::Idle => world.bridge.uart_idle(world.now),
+            Step::Idle => world.line_idles(),
             Step::UartErrors(errors) => world.uart_errors(errors),
             Step::UartTakes(room) => {
                 world.uart_takes(room.into());

@@ -236,11 +236,21 @@ impl World {
     /// The arm says bytes.
     pub fn arm_says(&mut self, bytes: &[u8]) {
         self.arm_said.extend(bytes);
-        let due = self.dues();
-        let frame = self.bridge.uart_received(bytes, self.now);
-        assert!(frame || self.dues() == due, "something is due without a frame");
+        self.hear(|bridge, now| bridge.uart_received(bytes, now));
         assert!(self.bridge.need() > 0);
         assert!(self.arm_said.is_empty() || !format!("{:?}", self.bridge.wake()).is_empty());
+    }
+
+    /// The line goes idle.
+    pub fn line_idles(&mut self) {
+        self.hear(Bridge::uart_idle);
+    }
+
+    /// Lets the bridge hear the arm. Without a frame nothing else is due than was.
+    fn hear(&mut self, hear: impl FnOnce(&mut Bridge, Micros) -> bool) {
+        let due = self.dues();
+        let frame = hear(&mut self.bridge, self.now);
+        assert!(frame || self.dues() == due, "something is due without a frame");
     }
 
     /// What is due besides a packet for the host on USB.
