@@ -562,8 +562,8 @@ impl World {
     /// are exact.
     pub fn end(mut self) {
         self.bridge.uart_idle(self.now);
-        // The longest that anything may take is the second that an Alpha1 has for an answer, and that twice in a row.
-        let end = self.now + Micros::from_millis(4_000);
+        // An Alpha1 has more than a second for an answer, and the requests of several hosts may wait one behind the other.
+        let end = self.now + Micros::from_millis(10_000);
         while self.now < end {
             while self.bridge.usb_due() || self.bridge.control_due() {
                 self.usb_takes();
