@@ -312,7 +312,7 @@ fn check_range(what: &'static str, unit: &'static str, got: u16, min: u16, max: 
 }
 
 /// The verdict on a window that starts with a header.
-fn scan_frame(window: &[u8], expect: Expect) -> Scan {
+fn scan_frame(window: &[u8], layout: Layout) -> Scan {
     let &[first, _, third, ..] = window else {
         return Scan::Need(1);
     };
@@ -320,16 +320,15 @@ fn scan_frame(window: &[u8], expect: Expect) -> Scan {
     if first == header::ACT && third != ACT {
         return scan_bluetooth(window, count);
     }
-    match layout(first, expect) {
-        Some(Layout::Data(len)) => verify(window, len + 4, 2, checksum, TAIL),
-        Some(Layout::Counted) if COUNT.contains(&count) => verify(window, count + 4, 2, checksum, TAIL),
-        Some(Layout::Counted) => {
+    match layout {
+        Layout::Data(len) => verify(window, len + 4, 2, checksum, TAIL),
+        Layout::Counted if COUNT.contains(&count) => verify(window, count + 4, 2, checksum, TAIL),
+        Layout::Counted => {
             let (min, max) = COUNT.into_inner();
             let got = count;
             Scan::Skip(1, Reason::Length { min, max, got })
         }
-        Some(Layout::Status) => scan_status(window),
-        None => Scan::Skip(1, Reason::Stray),
+        Layout::Status => scan_status(window),
     }
 }
 
@@ -362,19 +361,18 @@ impl Framing for Alpha1 {
     type Frame<'a> = Frame<'a>;
 
     fn scan(window: &[u8], expect: Expect) -> Scan {
+        let Some((&first, rest)) = window.split_first() else {
+            return Scan::Need(1);
+        };
         let byte = expect.byte();
-        match *window {
-            [] => Scan::Need(1),
+        match (layout(first, expect), rest.first()) {
             // The bytes of ten servos could begin a frame, such as the echo of what was sent. Those wait for what
             // follows, be it silence.
-            [first, ..] if Some(first) == byte && layout(first, expect).is_none() => Scan::Frame(1),
-            [0, ref rest @ ..] => Scan::Fill(1 + rest.iter().take_while(|&&byte| byte == 0).count()),
-            [first] if layout(first, expect).is_some() => Scan::Need(1),
-            [first, second, ..] if second == first.rotate_left(4) && layout(first, expect).is_some() => {
-                scan_frame(window, expect)
-            }
-            [first, ..] if Some(first) == byte => Scan::Frame(1),
-            [_, ref rest @ ..] => {
+            (Some(_), None) => Scan::Need(1),
+            (Some(layout), Some(&second)) if second == first.rotate_left(4) => scan_frame(window, layout),
+            _ if Some(first) == byte => Scan::Frame(1),
+            _ if first == 0 => Scan::Fill(1 + rest.iter().take_while(|&&byte| byte == 0).count()),
+            _ => {
                 let starts = |&next: &u8| next == 0 || Some(next) == byte || layout(next, expect).is_some();
                 let stray = rest.iter().position(starts).unwrap_or(rest.len());
                 Scan::Skip(1 + stray, Reason::Stray)
