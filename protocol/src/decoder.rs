@@ -35,10 +35,15 @@ pub struct Decoder<F: Framing, const N: usize> {
     /// The window not yet decided on: `buf[head..tail]`.
     head: usize,
     tail: usize,
-    /// Bytes before the window since the decoder was made.
-    offset: u64,
+    /// Bytes received since the decoder was made.
+    received: u64,
     /// Stray bytes just before the window that were not reported yet.
     stray: usize,
+    /// What was expected when the window was looked at, as long as it need not be looked at again: it takes `missing` more
+    /// bytes to say something of it or, if none is missing, `verdict` is what there is to say.
+    seen: Option<F::Expect>,
+    missing: usize,
+    verdict: Scan,
     /// Nothing came since the line went idle.
     idle: bool,
     /// What broke the stream.
@@ -54,8 +59,11 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             buf: [0; N],
             head: 0,
             tail: 0,
-            offset: 0,
+            received: 0,
             stray: 0,
+            seen: None,
+            missing: 0,
+            verdict: Scan::Need(0),
             idle: false,
             broken: None,
             framing: PhantomData,
@@ -77,43 +85,103 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// # Ok::<(), std::io::Error>(())
     /// ```
     pub fn space(&mut self) -> &mut [u8] {
-        if 0 < self.head && self.head <= self.tail && self.tail <= N {
-            // copy_within has a panic that is left when it is not inlined.
-            let cells = Cell::from_mut(&mut self.buf[..]).as_slice_of_cells();
-            for (to, from) in cells.iter().zip(cells.iter().take(self.tail).skip(self.head)) {
-                to.set(from.get());
-            }
-            self.tail -= self.head;
-            self.head = 0;
+        if self.head >= self.tail {
+            (self.head, self.tail) = (0, 0);
+        } else if self.head > 0 {
+            self.move_to_front();
         }
         self.buf.get_mut(self.tail..).unwrap_or_default()
     }
 
     /// Accepts the first `n` bytes of [`space`](Self::space), or all of it if `n` is more.
     pub fn commit(&mut self, n: usize) {
-        self.tail = self.tail.saturating_add(n).min(N);
-        self.idle &= n == 0;
-        self.discard_if_broken();
+        self.accept(n.min(N.saturating_sub(self.tail)));
     }
 
     /// Copies in as much of `bytes` as there is room for and returns the rest.
     ///
     /// Take all that [`next`](Self::next) has to give, then push the rest, until there is none.
-    pub fn push<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
-        let space = self.space();
-        let n = bytes.len().min(space.len());
-        let (now, later) = bytes.split_at(n);
-        if let Some(space) = space.get_mut(..n) {
-            space.copy_from_slice(now);
-        }
-        self.commit(n);
-        later
+    #[inline(never)]
+    pub fn push<'b>(&mut self, mut bytes: &'b [u8]) -> &'b [u8] {
+        self.take(&mut bytes, usize::MAX);
+        bytes
     }
 
     /// The next frame or the next run of noise; `None` when more bytes are needed to tell.
     pub fn next(&mut self, expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
-        let verdict = loop {
-            match self.scan(expect)? {
+        let verdict = self.decide(expect)?;
+        self.settle(verdict, expect)
+    }
+
+    /// [`push`](Self::push) and [`next`](Self::next) in one: the next frame or the next run of noise in what is pending
+    /// and then in `bytes`, from whose front it takes what it needs. `None` when it took all of them and needs more.
+    ///
+    /// This is the fastest way for bytes that are in memory: a frame that lies in `bytes` whole is not copied.
+    ///
+    /// ```
+    /// # use armwire::{Decoder, ling::{self, Ling}};
+    /// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
+    /// let mut line = &[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF, 0xAA, 0x06][..];
+    /// while let Some(next) = decoder.decode(&mut line, ()) {
+    ///     assert_eq!(next.unwrap().command, 0x06);
+    /// }
+    /// assert_eq!((line.len(), decoder.pending()), (0, 2));
+    /// ```
+    pub fn decode<'a, 'b: 'a>(
+        &'a mut self,
+        bytes: &mut &'b [u8],
+        expect: F::Expect,
+    ) -> Option<Result<F::Frame<'a>, Noise>> {
+        if bytes.len() < self.missing && self.seen == Some(expect) {
+            self.take(bytes, usize::MAX);
+            return None;
+        }
+        // Without anything before it, what lies here need not be copied to be looked at.
+        let nothing_held = self.head >= self.tail && self.stray == 0 && !self.is_broken();
+        if nothing_held && !bytes.is_empty() {
+            match F::scan(bytes, expect) {
+                Scan::Frame(n) if let Some((frame, rest)) = bytes.split_at_checked(n) => {
+                    let offset = self.received;
+                    self.received = offset.wrapping_add(n as u64);
+                    self.idle = false;
+                    *bytes = rest;
+                    return Some(view::<F>(frame, offset));
+                }
+                Scan::Need(n) => {
+                    self.take(bytes, usize::MAX);
+                    (self.seen, self.missing) = (Some(expect), n);
+                    return None;
+                }
+                _ => {}
+            }
+        }
+        loop {
+            if let Some(verdict) = self.decide(expect) {
+                return self.settle(verdict, expect);
+            }
+            // Nothing of what follows the frame that has begun is copied.
+            let wanted = if self.missing > 0 && self.head == 0 {
+                self.missing
+            } else {
+                usize::MAX
+            };
+            if bytes.is_empty() || self.take(bytes, wanted) == 0 {
+                return None;
+            }
+        }
+    }
+
+    /// The verdict on what follows stray bytes and filling; `None` when that takes more bytes.
+    ///
+    /// Inlined like what is around it: a verdict and what comes of it are large to hand on.
+    #[inline(always)]
+    fn decide(&mut self, expect: F::Expect) -> Option<Scan> {
+        if self.seen == Some(expect) {
+            return if self.missing == 0 { Some(self.verdict) } else { None };
+        }
+        self.missing = 0;
+        loop {
+            match self.scan(expect) {
                 Scan::Skip(n, Reason::Stray) if !F::RELIABLE => {
                     self.stray = self.stray.saturating_add(self.advance(n));
                 }
@@ -121,11 +189,28 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
                     self.advance(n);
                 }
                 // The stray bytes may go on here.
-                Scan::Need(_) => return None,
-                verdict => break verdict,
+                Scan::Need(n) => {
+                    if !self.idle {
+                        (self.seen, self.missing) = (Some(expect), n);
+                    }
+                    return None;
+                }
+                verdict => return Some(verdict),
             }
-        };
-        if let Some(noise) = self.take_stray() {
+        }
+    }
+
+    /// What comes of the verdict: first the stray bytes before, then itself.
+    #[inline(always)]
+    fn settle(&mut self, verdict: Scan, expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
+        if !F::RELIABLE
+            && let Some(noise) = self.take_stray()
+        {
+            // A checksum is worth calculating only once. Filling without stray bytes before it is passed.
+            if !matches!(verdict, Scan::Fill(_)) {
+                self.seen = Some(expect);
+                self.verdict = verdict;
+            }
             return Some(Err(noise));
         }
         match verdict {
@@ -139,14 +224,9 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
                 Some(Err(noise))
             }
             Scan::Frame(n) => {
-                let start = self.head;
-                let len = self.advance(n);
-                let frame = self.buf.get(start..self.head).and_then(F::view);
-                Some(frame.ok_or(Noise {
-                    offset: self.offset.wrapping_sub(len as u64),
-                    len,
-                    reason: Reason::Stray,
-                }))
+                let (start, offset) = (self.head, self.offset());
+                self.advance(n);
+                Some(view::<F>(self.buf.get(start..self.head)?, offset))
             }
         }
     }
@@ -166,12 +246,11 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// ```
     pub fn need(&self, expect: F::Expect) -> usize {
         match self.scan(expect) {
-            None => 1,
-            Some(Scan::Need(n)) => n.max(1),
+            Scan::Need(n) => n.max(1),
             // Where a run of stray bytes ends is not known yet; filling is nothing to say.
-            Some(Scan::Skip(n, Reason::Stray)) if !F::RELIABLE && n >= self.pending() => 1,
-            Some(Scan::Fill(n)) if n >= self.pending() && self.stray == 0 => 1,
-            Some(_) => 0,
+            Scan::Skip(n, Reason::Stray) if !F::RELIABLE && n >= self.pending() => 1,
+            Scan::Fill(n) if n >= self.pending() && self.stray == 0 => 1,
+            _ => 0,
         }
     }
 
@@ -196,12 +275,16 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             return None;
         }
         self.idle = true;
+        self.seen = None;
+        self.missing = 0;
+        if self.pending() == 0 {
+            return self.take_stray();
+        }
         match self.scan(expect) {
-            None => self.take_stray(),
-            Some(Scan::Skip(n, reason @ Reason::Truncated { .. })) => {
+            Scan::Skip(n, reason @ Reason::Truncated { .. }) => {
                 self.take_stray().or_else(|| Some(self.skip(n, reason)))
             }
-            Some(Scan::Need(_) | Scan::Frame(_) | Scan::Skip(..) | Scan::Fill(_)) => None,
+            Scan::Need(_) | Scan::Frame(_) | Scan::Skip(..) | Scan::Fill(_) => None,
         }
     }
 
@@ -225,22 +308,71 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     }
 
     fn discard_if_broken(&mut self) {
-        if self.broken.is_some() {
+        if self.is_broken() {
             self.advance(self.pending());
         }
     }
 
-    fn scan(&self, expect: F::Expect) -> Option<Scan> {
-        let window = self.buf.get(self.head..self.tail)?;
-        let scan = || match F::scan(window, expect) {
+    /// Moves up to `n` bytes from the front of `bytes` to the end of the window, as far as there is room, and returns how
+    /// many.
+    fn take(&mut self, bytes: &mut &[u8], n: usize) -> usize {
+        let space = self.space();
+        let n = n.min(space.len()).min(bytes.len());
+        let (now, later) = bytes.split_at(n);
+        *bytes = later;
+        if let Some(space) = space.get_mut(..n) {
+            space.copy_from_slice(now);
+        }
+        self.accept(n);
+        n
+    }
+
+    /// Counts `n` bytes that came to the end of the window.
+    fn accept(&mut self, n: usize) {
+        self.tail = self.tail.wrapping_add(n);
+        self.received = self.received.wrapping_add(n as u64);
+        self.missing = self.missing.saturating_sub(n);
+        if self.missing == 0 {
+            self.seen = None;
+        }
+        if n > 0 {
+            self.idle = false;
+        }
+        self.discard_if_broken();
+    }
+
+    /// Brings the window to the front of the buffer.
+    #[inline(never)]
+    fn move_to_front(&mut self) {
+        if self.head <= self.tail && self.tail <= N {
+            // copy_within has a panic that is left when it is not inlined.
+            let cells = Cell::from_mut(&mut self.buf[..]).as_slice_of_cells();
+            for (to, from) in cells.iter().zip(cells.iter().take(self.tail).skip(self.head)) {
+                to.set(from.get());
+            }
+            self.tail -= self.head;
+            self.head = 0;
+        }
+    }
+
+    fn is_broken(&self) -> bool {
+        F::RELIABLE && self.broken.is_some()
+    }
+
+    /// The verdict on the window. An empty one needs a byte.
+    #[inline(always)]
+    fn scan(&self, expect: F::Expect) -> Scan {
+        let Some(window @ [_, ..]) = self.buf.get(self.head..self.tail) else {
+            return Scan::Need(1);
+        };
+        match F::scan(window, expect) {
             Scan::Need(missing) if self.idle => F::scan_idle(window, expect, missing),
             verdict => verdict,
-        };
-        (!window.is_empty()).then(scan)
+        }
     }
 
     fn skip(&mut self, n: usize, reason: Reason) -> Noise {
-        let offset = self.offset;
+        let offset = self.offset();
         let len = self.advance(n);
         Noise { offset, len, reason }
     }
@@ -248,7 +380,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     fn take_stray(&mut self) -> Option<Noise> {
         let len = core::mem::take(&mut self.stray);
         (len > 0).then(|| Noise {
-            offset: self.offset.wrapping_sub(len as u64),
+            offset: self.offset().wrapping_sub(len as u64),
             len,
             reason: Reason::Stray,
         })
@@ -257,10 +389,24 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Leaves the first `n` bytes of the window behind, at least one, and returns how many they were.
     fn advance(&mut self, n: usize) -> usize {
         let n = n.max(1).min(self.pending());
-        self.head = self.head.saturating_add(n);
-        self.offset = self.offset.wrapping_add(n as u64);
+        self.head = self.head.wrapping_add(n);
+        self.seen = None;
         n
     }
+
+    /// Bytes before the window since the decoder was made.
+    const fn offset(&self) -> u64 {
+        self.received.wrapping_sub(self.pending() as u64)
+    }
+}
+
+/// The frame that a [`Framing`] found. Bytes that it then cannot view are noise.
+fn view<F: Framing>(bytes: &[u8], offset: u64) -> Result<F::Frame<'_>, Noise> {
+    F::view(bytes).ok_or(Noise {
+        offset,
+        len: bytes.len(),
+        reason: Reason::Stray,
+    })
 }
 
 impl<F: Framing, const N: usize> Default for Decoder<F, N> {
@@ -272,7 +418,7 @@ impl<F: Framing, const N: usize> Default for Decoder<F, N> {
 impl<F: Framing, const N: usize> fmt::Debug for Decoder<F, N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Decoder")
-            .field("offset", &self.offset)
+            .field("offset", &self.offset())
             .field("pending", &self.pending())
             .finish_non_exhaustive()
     }
@@ -342,7 +488,7 @@ mod tests {
             dropped += noise.len + drain(&mut decoder).1.iter().map(|n| n.len).sum::<usize>();
         }
         assert_eq!(dropped, 200);
-        assert_eq!((decoder.offset, decoder.pending()), (50 * 11, 0));
+        assert_eq!((decoder.offset(), decoder.pending()), (50 * 11, 0));
     }
 
     #[test]
@@ -383,6 +529,31 @@ mod tests {
 
         decoder.push(&[0xAA]);
         assert!(decoder.next(()).is_none(), "it is idle no more");
+    }
+
+    #[test]
+    fn a_frame_that_is_all_there_is_decoded_where_it_lies() {
+        let line = [&[0x11, 0x22][..], &QUERY, &QUERY, &QUERY[..5]].concat();
+        let mut decoder = Lings::new();
+        // Behind stray bytes it is copied.
+        for (mut rest, copied) in [(&line[..9], true), (&line[9..], false)] {
+            let ends = rest.as_ptr_range();
+            let mut frames = 0;
+            while let Some(next) = decoder.decode(&mut rest, ()) {
+                let Ok(frame) = next else { continue };
+                assert_eq!(!ends.contains(&frame.data.as_ptr()), copied);
+                frames += 1;
+            }
+            assert_eq!((frames, rest.len()), (1, 0));
+        }
+        assert_eq!((decoder.offset(), decoder.pending(), decoder.need(())), (16, 5, 2));
+        let mut end = &[&QUERY[5..], &[0x33]].concat()[..];
+        assert!(decoder.decode(&mut end, ()).is_some_and(|next| next.is_ok()));
+        assert_eq!(
+            (end, decoder.pending()),
+            (&[0x33][..], 0),
+            "it takes no more than it needs"
+        );
     }
 
     #[test]
@@ -437,6 +608,8 @@ mod reliable_tests {
         for _ in 0..100 {
             assert!(decoder.push(&HEARTBEAT).is_empty());
             assert!(decoder.next(REPLIES).is_none());
+            let mut line = &HEARTBEAT[..];
+            assert!(decoder.decode(&mut line, REPLIES).is_none() && line.is_empty());
             let room = decoder.space();
             assert_eq!(room.len(), xarm::MAX_FRAME);
             room.fill(0);
@@ -530,6 +703,7 @@ mod fill_tests {
                     Err(dropped) => noise.push((dropped.offset, dropped.len)),
                 }
             }
+            assert!(decoder.need(()) > 0, "something is due once next is done");
         };
         for mut rest in stream.chunks(chunk) {
             while !rest.is_empty() {

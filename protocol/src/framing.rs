@@ -114,8 +114,8 @@ pub trait Framing {
     const RELIABLE: bool;
 
     /// What the reader knows about the next frame, for protocols whose frames do not carry their own end. `()` where
-    /// framing stands alone.
-    type Expect: Copy;
+    /// framing stands alone. What was found holds as long as the same is expected.
+    type Expect: Copy + PartialEq;
 
     /// A frame whose envelope is good, borrowed from the decoder.
     type Frame<'a>: Copy;

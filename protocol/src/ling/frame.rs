@@ -151,7 +151,7 @@ impl Framing for Ling {
 
     fn view(bytes: &[u8]) -> Option<Frame<'_>> {
         match bytes {
-            [HEADER, command, function, _, data @ .., _, TAIL] => Some(Frame {
+            [_, command, function, _, data @ .., _, _] => Some(Frame {
                 command: *command,
                 function: *function,
                 data,
