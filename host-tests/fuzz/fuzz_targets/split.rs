@@ -1,5 +1,5 @@
-//! However a line is cut into chunks, the same comes out: in chunks, byte by byte, and in such pieces as a receiver takes
-//! that is told how many bytes are needed.
+//! However a line is cut into chunks, the same comes out: in chunks, in chunks that are all copied first, byte by byte, and
+//! in such pieces as a receiver takes that is told how many bytes are needed.
 #![no_main]
 
 use armwire::ling::legacy::Detector;
@@ -20,6 +20,7 @@ impl Check for Split {
         let cuts: &[u8] = u.arbitrary()?;
         let line = u.bytes(u.len())?;
         let mut chunked = Ear::<P, N>::new(expect);
+        let mut buffered = Ear::<P, N>::new(expect);
         let mut bytewise = Ear::<P, N>::new(expect);
         let mut needed = Ear::<P, N>::new(expect);
         let (mut whole, mut pieces) = (Detector::new(), Detector::new());
@@ -34,15 +35,18 @@ impl Check for Split {
             let (chunk, later) = rest.split_at(len.min(rest.len()));
             rest = later;
             chunked.hear(chunk);
+            buffered.hear_buffered(chunk);
             chunk.iter().for_each(|byte| bytewise.hear(&[*byte]));
             needed.hear_by_need(chunk);
             pieces.hear(chunk);
             if cut & IDLE != 0 {
                 chunked.idle();
+                buffered.idle();
                 bytewise.idle();
                 needed.idle();
             }
         }
+        assert_eq!(chunked.heard, buffered.heard);
         assert_eq!(chunked.heard, bytewise.heard);
         assert_eq!(chunked.heard, needed.heard);
         assert_eq!(pieces.hear(rest), told);

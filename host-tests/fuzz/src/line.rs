@@ -32,7 +32,7 @@ impl Out {
 pub struct Ear<P: Subject, const N: usize> {
     decoder: Decoder<P, N>,
     expect: P::Expect,
-    pushed: usize,
+    taken: usize,
     /// In the order in which it came.
     pub heard: Vec<Out>,
 }
@@ -43,7 +43,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
         Self {
             decoder: Decoder::new(),
             expect,
-            pushed: 0,
+            taken: 0,
             heard: Vec::new(),
         }
     }
@@ -51,10 +51,22 @@ impl<P: Subject, const N: usize> Ear<P, N> {
     /// Hears bytes, in one piece.
     pub fn hear(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
+        while let Some(next) = self.decoder.decode(&mut rest, self.expect) {
+            let next = next.map(P::wire_len);
+            let taken = bytes.len() - rest.len();
+            self.note(next, self.taken + taken - self.decoder.pending());
+        }
+        assert!(rest.is_empty(), "it says nothing and leaves bytes");
+        self.taken += bytes.len();
+    }
+
+    /// Hears bytes, in one piece, all of them by way of the decoder's buffer.
+    pub fn hear_buffered(&mut self, bytes: &[u8]) {
+        let mut rest = bytes;
         while !rest.is_empty() {
             let later = self.decoder.push(rest);
             assert!(later.len() < rest.len(), "no room once next is done");
-            self.pushed += rest.len() - later.len();
+            self.taken += rest.len() - later.len();
             rest = later;
             self.drain();
         }
@@ -102,14 +114,16 @@ impl<P: Subject, const N: usize> Ear<P, N> {
 
     fn drain(&mut self) {
         while let Some(next) = self.decoder.next(self.expect) {
-            let out = match next.map(P::wire_len) {
-                Ok(len) => {
-                    let end = self.pushed - self.decoder.pending();
-                    Out::Frame(end - len..end)
-                }
-                Err(noise) => Out::Noise(noise),
-            };
-            self.heard.push(out);
+            let next = next.map(P::wire_len);
+            self.note(next, self.taken - self.decoder.pending());
         }
+    }
+
+    /// Notes what came out and where it ended, if it is a frame.
+    fn note(&mut self, next: Result<usize, Noise>, end: usize) {
+        self.heard.push(match next {
+            Ok(len) => Out::Frame(end - len..end),
+            Err(noise) => Out::Noise(noise),
+        });
     }
 }

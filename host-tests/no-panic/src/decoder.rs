@@ -13,6 +13,9 @@ pub(crate) fn call_all<F: Framing, const N: usize>(expect: F::Expect) {
     black_box(decoder.space());
     black_box(&mut *decoder).commit(black_box(0));
     black_box(black_box(&mut *decoder).next(expect).is_some());
+    let mut line = [0; 300];
+    let mut line = &*bytes(&mut line);
+    black_box(black_box(&mut *decoder).decode(&mut line, expect).is_some());
     black_box(black_box(&mut *decoder).idle(expect));
     black_box(black_box(&*decoder).need(expect));
     black_box(black_box(&*decoder).pending());

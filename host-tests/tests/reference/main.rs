@@ -70,12 +70,15 @@ impl<F: Framing> Line<F> {
                 let (mut chunk, later) = rest.split_at(len.min(rest.len()));
                 rest = later;
                 let (silent, before) = (chunk.len() < need, pieces.len());
-                while !chunk.is_empty() {
+                let buffered = random.rand_range(0..2) == 0;
+                while buffered && !chunk.is_empty() {
                     let left = decoder.push(chunk);
                     pushed += chunk.len() - left.len();
                     chunk = left;
-                    self.take(&mut decoder, pushed, &mut pieces);
+                    self.take(&mut decoder, &[], pushed, &mut pieces);
                 }
+                self.take(&mut decoder, chunk, pushed, &mut pieces);
+                pushed += chunk.len();
                 assert!(!silent || pieces.len() == before, "it said that it needs {need} bytes");
             }
             self.fall_silent(&mut decoder, pushed, &mut pieces);
@@ -87,7 +90,7 @@ impl<F: Framing> Line<F> {
         loop {
             let before = pieces.len();
             pieces.extend(decoder.idle(self.expect).map(piece));
-            self.take(decoder, pushed, pieces);
+            self.take(decoder, &[], pushed, pieces);
             if pieces.len() == before {
                 break;
             }
@@ -95,12 +98,14 @@ impl<F: Framing> Line<F> {
         assert!(F::RELIABLE || decoder.pending() == 0, "undecided on a silent line");
     }
 
-    fn take<const N: usize>(&self, decoder: &mut Decoder<F, N>, pushed: usize, pieces: &mut Vec<Piece>) {
-        while let Some(next) = decoder.next(self.expect) {
+    /// What comes out of the decoder, which has taken `pushed` bytes and now gets these.
+    fn take<const N: usize>(&self, decoder: &mut Decoder<F, N>, bytes: &[u8], pushed: usize, pieces: &mut Vec<Piece>) {
+        let mut rest = bytes;
+        while let Some(next) = decoder.decode(&mut rest, self.expect) {
             match next.map(self.frame) {
                 Err(noise) => pieces.push(piece(noise)),
                 Ok((len, content)) => {
-                    let end = pushed - decoder.pending();
+                    let end = pushed + bytes.len() - rest.len() - decoder.pending();
                     pieces.push(Piece::Frame {
                         at: end - len..end,
                         content,
@@ -108,6 +113,7 @@ impl<F: Framing> Line<F> {
                 }
             }
         }
+        assert!(rest.is_empty(), "it says nothing and leaves bytes");
     }
 }
 

@@ -55,6 +55,15 @@ macro_rules! entry_points {
                 decoder.next(expect)
             }
 
+            #[unsafe(export_name = concat!("Decoder<", $name, ">::decode"))]
+            fn decoder_decode<'a, 'b: 'a>(
+                decoder: &'a mut Decoder<P, N>,
+                bytes: &mut &'b [u8],
+                expect: <P as Framing>::Expect,
+            ) -> Option<Result<<P as Framing>::Frame<'a>, Noise>> {
+                decoder.decode(bytes, expect)
+            }
+
             #[unsafe(export_name = concat!("Decoder<", $name, ">::need"))]
             fn decoder_need(decoder: &Decoder<P, N>, expect: <P as Framing>::Expect) -> usize {
                 decoder.need(expect)
