@@ -131,16 +131,10 @@ fn each_frame<F: Framing, const N: usize>(
     let mut decoder = Decoder::<F, N>::new();
     let mut count = 0;
     for mut bytes in stream.chunks(chunk) {
-        loop {
-            bytes = decoder.push(bytes);
-            while let Some(next) = decoder.next(expect) {
-                match next {
-                    Ok(frame) => count += usize::from(good(frame)),
-                    Err(noise) => drop(black_box(noise)),
-                }
-            }
-            if bytes.is_empty() {
-                break;
+        while let Some(next) = decoder.decode(&mut bytes, expect) {
+            match next {
+                Ok(frame) => count += usize::from(good(frame)),
+                Err(noise) => drop(black_box(noise)),
             }
         }
     }

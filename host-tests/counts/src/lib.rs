@@ -56,16 +56,10 @@ fn decode<F: Framing, const N: usize>(
 ) -> [usize; 2] {
     let [mut frames, mut noise] = [0, 0];
     for mut bytes in line.chunks(chunk) {
-        loop {
-            bytes = decoder.push(bytes);
-            while let Some(next) = decoder.next(expect) {
-                match next {
-                    Ok(_) => frames += 1,
-                    Err(dropped) => noise += dropped.len,
-                }
-            }
-            if bytes.is_empty() {
-                break;
+        while let Some(next) = decoder.decode(&mut bytes, expect) {
+            match next {
+                Ok(_) => frames += 1,
+                Err(dropped) => noise += dropped.len,
             }
         }
     }

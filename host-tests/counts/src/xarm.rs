@@ -65,7 +65,7 @@ pub(crate) fn run() {
 #[unsafe(no_mangle)]
 #[inline(never)]
 fn count_xarm_decode(decoder: &mut XArms, frame: &[u8]) -> bool {
-    decoder.push(frame).is_empty() && black_box(decoder.next(Direction::Responses)).is_some_and(|next| next.is_ok())
+    black_box(decoder.decode(&mut &*frame, Direction::Responses)).is_some_and(|next| next.is_ok())
 }
 
 #[unsafe(no_mangle)]
