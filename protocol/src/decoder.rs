@@ -39,7 +39,7 @@ pub struct Decoder<F: Framing, const N: usize> {
     received: u64,
     /// Stray bytes just before the window that were not reported yet.
     stray: usize,
-    /// For what expectation the window was looked at, if it need not be looked at again: then it takes `missing` more
+    /// What was expected when the window was looked at, as long as it need not be looked at again: it takes `missing` more
     /// bytes to say something of it or, if none is missing, `verdict` is what there is to say.
     seen: Option<F::Expect>,
     missing: usize,
@@ -101,6 +101,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Copies in as much of `bytes` as there is room for and returns the rest.
     ///
     /// Take all that [`next`](Self::next) has to give, then push the rest, until there is none.
+    #[inline(never)]
     pub fn push<'b>(&mut self, mut bytes: &'b [u8]) -> &'b [u8] {
         self.take(&mut bytes, usize::MAX);
         bytes
@@ -108,7 +109,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 
     /// The next frame or the next run of noise; `None` when more bytes are needed to tell.
     pub fn next(&mut self, expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
-        if self.decide(expect) { self.settle() } else { None }
+        let verdict = self.decide(expect)?;
+        self.settle(verdict, expect)
     }
 
     /// [`push`](Self::push) and [`next`](Self::next) in one: the next frame or the next run of noise in what is pending
@@ -153,7 +155,10 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
                 _ => {}
             }
         }
-        while !self.decide(expect) {
+        loop {
+            if let Some(verdict) = self.decide(expect) {
+                return self.settle(verdict, expect);
+            }
             // Nothing of what follows the frame that has begun is copied.
             let wanted = if self.missing > 0 && self.head == 0 {
                 self.missing
@@ -164,15 +169,15 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
                 return None;
             }
         }
-        self.settle()
     }
 
-    /// Passes stray bytes and filling, and says whether there is a verdict on what follows. Not inlined, so that its stack
-    /// is free again when bytes are copied.
-    #[inline(never)]
-    fn decide(&mut self, expect: F::Expect) -> bool {
+    /// The verdict on what follows stray bytes and filling; `None` when that takes more bytes.
+    ///
+    /// Inlined like what is around it: a verdict and what comes of it are large to hand on.
+    #[inline(always)]
+    fn decide(&mut self, expect: F::Expect) -> Option<Scan> {
         if self.seen == Some(expect) {
-            return self.missing == 0;
+            return if self.missing == 0 { Some(self.verdict) } else { None };
         }
         self.missing = 0;
         loop {
@@ -188,25 +193,23 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
                     if !self.idle {
                         (self.seen, self.missing) = (Some(expect), n);
                     }
-                    return false;
+                    return None;
                 }
-                verdict => {
-                    (self.seen, self.verdict) = (Some(expect), verdict);
-                    return true;
-                }
+                verdict => return Some(verdict),
             }
         }
     }
 
-    /// What comes of the verdict: first the stray bytes before, then itself. Inlined, for its result is large to copy.
+    /// What comes of the verdict: first the stray bytes before, then itself.
     #[inline(always)]
-    fn settle(&mut self) -> Option<Result<F::Frame<'_>, Noise>> {
+    fn settle(&mut self, verdict: Scan, expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
         if !F::RELIABLE
             && let Some(noise) = self.take_stray()
         {
-            if let Scan::Fill(_) = self.verdict {
-                // Without stray bytes before it, it is passed.
-                self.seen = None;
+            // A checksum is worth calculating only once. Filling without stray bytes before it is passed.
+            if !matches!(verdict, Scan::Fill(_)) {
+                self.seen = Some(expect);
+                self.verdict = verdict;
             }
             return Some(Err(noise));
         }
@@ -316,10 +319,10 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         let space = self.space();
         let n = n.min(space.len()).min(bytes.len());
         let (now, later) = bytes.split_at(n);
+        *bytes = later;
         if let Some(space) = space.get_mut(..n) {
             space.copy_from_slice(now);
         }
-        *bytes = later;
         self.accept(n);
         n
     }
@@ -356,7 +359,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         F::RELIABLE && self.broken.is_some()
     }
 
-    /// The verdict on the window. An empty one needs a byte. Inlined, for a verdict is large to copy.
+    /// The verdict on the window. An empty one needs a byte.
     #[inline(always)]
     fn scan(&self, expect: F::Expect) -> Scan {
         let Some(window @ [_, ..]) = self.buf.get(self.head..self.tail) else {
@@ -391,8 +394,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         n
     }
 
-    /// Bytes that were given out as frames or noise, or dropped, since the decoder was made: those before the window.
-    pub(crate) const fn offset(&self) -> u64 {
+    /// Bytes before the window since the decoder was made.
+    const fn offset(&self) -> u64 {
         self.received.wrapping_sub(self.pending() as u64)
     }
 }
