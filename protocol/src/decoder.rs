@@ -213,7 +213,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             }
             return Some(Err(noise));
         }
-        match self.verdict {
+        match verdict {
             Scan::Need(_) | Scan::Fill(_) => None,
             Scan::Skip(n, reason) => {
                 let noise = self.skip(n, reason);
@@ -394,8 +394,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         n
     }
 
-    /// Bytes before the window since the decoder was made.
-    const fn offset(&self) -> u64 {
+    /// Bytes that were given out as frames or noise, or dropped, since the decoder was made: those before the window.
+    pub(crate) const fn offset(&self) -> u64 {
         self.received.wrapping_sub(self.pending() as u64)
     }
 }
