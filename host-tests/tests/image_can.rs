@@ -126,10 +126,15 @@ fn a_bus_that_was_lost_is_counted_told_of_and_recovered() {
         assert_eq!(offs.last(), Some(&false), "{offs:?}");
         // The arm was asked all the time, and a host on the bus is served again.
         assert_eq!(counters(board).unanswered_requests, 0);
-        let joints = frame(Request::ReadJoints);
-        let answer = CanProgram::new(Node::default()).call(board, &joints);
-        assert_eq!(answer[..3], joints[..3]);
+        expect_served(board);
     });
+}
+
+/// Expects that a host on the bus gets what it asks for.
+fn expect_served(board: &mut VirtualBoard<LingArm>) {
+    let joints = frame(Request::ReadJoints);
+    let answer = CanProgram::new(Node::default()).call(board, &joints);
+    assert_eq!(answer[..3], joints[..3]);
 }
 
 #[test]
@@ -151,9 +156,7 @@ fn a_node_that_floods_the_adapter_with_what_is_no_request_keeps_neither_the_arm_
         assert_eq!((seen.can_receive_overruns, seen.watchdog_resets), (0, 0));
         board.can().flood(None).unwrap();
         board.run_for(Nanos::from_millis(10)).unwrap();
-        let joints = frame(Request::ReadJoints);
-        let answer = CanProgram::new(Node::default()).call(board, &joints);
-        assert_eq!(answer[..3], joints[..3]);
+        expect_served(board);
     });
 }
 
@@ -290,9 +293,7 @@ fn a_bus_that_is_lost_and_back_while_the_flash_is_erased_is_counted() {
         let seen = counters(board);
         assert_eq!((seen.can_bus_offs, seen.config_saves), (1, 1));
         // It is there again.
-        let joints = frame(Request::ReadJoints);
-        let answer = CanProgram::new(Node::default()).call(board, &joints);
-        assert_eq!(answer[..3], joints[..3]);
+        expect_served(board);
     });
 }
 

@@ -198,19 +198,7 @@ fn host_cargo() -> Command {
 
 /// Runs an image in the emulator. A line for each case comes out.
 fn emulate(image: &Path) -> Result<String> {
-    output(
-        cargo()
-            .args([
-                "run",
-                "--quiet",
-                "--ignore-rust-version",
-                "--package",
-                "armwire-host-tests",
-            ])
-            .args(["--features", "image", "--bin", "counts", "--"])
-            .arg(image)
-            .current_dir(workspace::root()),
-    )
+    output(on_the_emulator("counts").arg("--").arg(image))
 }
 
 /// Runs the adapter's firmware image on the virtual board. A line for each of [`PASSAGES`] comes out.
@@ -219,18 +207,18 @@ fn adapter() -> Result<String> {
         Some(image) => image.into(),
         None => image::build(&Options::of(Board::Stm32f405))?.path,
     };
+    output(on_the_emulator("adapter_counts").env("ARMWIRE_IMAGE", image))
+}
+
+/// Runs a program of `host-tests` that has the emulator in it.
+fn on_the_emulator(program: &str) -> Command {
     let mut cargo = cargo();
     cargo
-        .args([
-            "run",
-            "--quiet",
-            "--ignore-rust-version",
-            "--package",
-            "armwire-host-tests",
-        ])
-        .args(["--features", "image", "--bin", "adapter_counts"])
+        .args(["run", "--quiet", "--ignore-rust-version"])
+        .args(["--package", "armwire-host-tests", "--features", "image"])
+        .args(["--bin", program])
         .current_dir(workspace::root());
-    output(cargo.env("ARMWIRE_IMAGE", image))
+    cargo
 }
 
 /// The instructions of one case on this machine.

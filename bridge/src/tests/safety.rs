@@ -119,18 +119,23 @@ fn what_is_no_stream_or_never_silent_is_not_reported() {
     }
 }
 
-#[test]
-fn what_a_silent_host_had_sent_and_is_not_out_is_dropped() {
-    let mut rig = Rig::new(silence(300, false));
+/// A host on USB streams motion, until CAN has the arm check itself, which takes 500 ms.
+fn streams_until_can_has_the_arm(config: Config) -> Rig {
+    let mut rig = Rig::new(config);
     rig.subscribe();
     for _ in 0..3 {
         rig.usb_out.extend(motion());
         rig.run(10_000);
     }
-    // CAN has the arm check itself, which takes 500 ms, and the host on USB says its last.
     rig.manners = Box::new(|_| None);
-    rig.can_out.push_back(armwire::ling::SELF_CHECK.to_vec());
+    rig.can_out.push_back(ling::SELF_CHECK.to_vec());
     rig.run(1_000);
+    rig
+}
+
+#[test]
+fn what_a_silent_host_had_sent_and_is_not_out_is_dropped() {
+    let mut rig = streams_until_can_has_the_arm(silence(300, false));
     let last = [motion(), motion()].concat();
     rig.usb_out.extend(&last);
     rig.run(1_000_000);
@@ -353,16 +358,8 @@ fn a_silent_stream_of_commands_must_start_anew() {
 
 #[test]
 fn a_host_on_usb_that_is_held_back_is_not_silent() {
-    let mut rig = Rig::new(silence(100, true));
-    rig.subscribe();
-    for _ in 0..3 {
-        rig.usb_out.extend(motion());
-        rig.run(10_000);
-    }
-    // CAN has the arm check itself, which takes 500 ms, and the host on USB says more than there is room for.
-    rig.manners = Box::new(|_| None);
-    rig.can_out.push_back(ling::SELF_CHECK.to_vec());
-    rig.run(1_000);
+    let mut rig = streams_until_can_has_the_arm(silence(100, true));
+    // More than there is room for.
     let more = motion().repeat(30);
     rig.usb_out.extend(&more);
     rig.run(400_000);
