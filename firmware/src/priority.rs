@@ -6,15 +6,14 @@ use embassy_futures::yield_now;
 /// From the one that runs last to the one that runs first: what is nearer to a wire goes before what leads to it.
 #[derive(Clone, Copy)]
 pub(crate) enum Priority {
-    /// Gives way to all others, for one turn.
-    Last,
-    /// Nobody waits for it.
-    Background,
+    /// What hosts say and are told beside what the arm does: it can wait.
     Control,
     /// Looks what else there is to do.
     Time,
+    Background,
     Can,
     FromHost,
+    /// What the arm says.
     FromArm,
     ToArm,
     ToHost,
@@ -31,11 +30,11 @@ impl Priority {
     }
 }
 
-/// Lets all others run that have something to do.
+/// Lets all others run that have something to do, but those who can wait.
 pub(crate) async fn let_others_run() {
     let task = Metadata::for_current_task().await;
     let priority = task.priority();
-    task.set_priority(Priority::Last as u8);
+    task.set_priority(Priority::Time as u8);
     yield_now().await;
     task.set_priority(priority);
 }
