@@ -1,12 +1,10 @@
 //! `cargo xtask campaign`: the fault campaign, with the image for the STM32F405 on the virtual board.
 
-use std::env;
 use std::ffi::OsString;
 use std::path::Path;
 
 use crate::Result;
-use crate::board::Board;
-use crate::image::{self, Options};
+use crate::image;
 use crate::process;
 use crate::workspace;
 
@@ -19,10 +17,7 @@ const RUN: &str = "run --ignore-rust-version --package armwire-host-tests --feat
 ///
 /// If a run fails.
 pub(crate) fn run(options: &[OsString]) -> Result {
-    match env::var_os("ARMWIRE_IMAGE") {
-        Some(image) => run_on(Path::new(&image), options),
-        None => run_on(&image::build(&Options::of(Board::Stm32f405))?.path, options),
-    }
+    run_on(&image::for_virtual_board()?, options)
 }
 
 /// Runs the campaign on this image.

@@ -3,7 +3,6 @@
 //! On a Cortex-M in the emulator, and on this machine by valgrind's callgrind if there is one: see `host-tests/counts`.
 //! Compiled for speed, as the firmware has what is between the arm and its host.
 
-use std::env;
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,8 +12,7 @@ use serde_json::json;
 
 use crate::Result;
 use crate::baseline::{Baseline, Figures};
-use crate::board::Board;
-use crate::image::{self, Options, TARGET};
+use crate::image::{self, TARGET};
 use crate::process::{cargo, output, run as run_command};
 use crate::size;
 use crate::toolchain::Toolchain;
@@ -203,10 +201,7 @@ fn emulate(image: &Path) -> Result<String> {
 
 /// Runs the adapter's firmware image on the virtual board. A line for each of [`PASSAGES`] comes out.
 fn adapter() -> Result<String> {
-    let image = match env::var_os("ARMWIRE_IMAGE") {
-        Some(image) => image.into(),
-        None => image::build(&Options::of(Board::Stm32f405))?.path,
-    };
+    let image = image::for_virtual_board()?;
     output(on_the_emulator("adapter_counts").env("ARMWIRE_IMAGE", image))
 }
 

@@ -1,5 +1,6 @@
 //! The firmware image.
 
+use std::env;
 use std::ffi::OsString;
 use std::fmt;
 use std::fs;
@@ -138,6 +139,18 @@ impl fmt::Display for Image {
             self.flash,
             self.ram
         )
+    }
+}
+
+/// The image for the STM32F405 that the virtual board is to run: that which `ARMWIRE_IMAGE` names, or one that is built.
+///
+/// # Errors
+///
+/// If it does not build.
+pub(crate) fn for_virtual_board() -> Result<PathBuf> {
+    match env::var_os("ARMWIRE_IMAGE") {
+        Some(image) => Ok(image.into()),
+        None => Ok(build(&Options::of(Board::Stm32f405))?.path),
     }
 }
 

@@ -7,15 +7,13 @@ mod plot;
 mod records;
 mod times;
 
-use std::env;
 use std::ffi::OsString;
 use std::fs;
 use std::path::Path;
 
 use self::records::Records;
 use crate::Result;
-use crate::board::Board;
-use crate::image::{self, Options as Image};
+use crate::image;
 use crate::process;
 use crate::workspace;
 
@@ -110,10 +108,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
 
 /// Builds the image, or takes that which `ARMWIRE_IMAGE` names, and measures it.
 fn measure(frames: u32, costs: &str, folder: &Path) -> Result {
-    let image = match env::var_os("ARMWIRE_IMAGE") {
-        Some(image) => image.into(),
-        None => image::build(&Image::of(Board::Stm32f405))?.path,
-    };
+    let image = image::for_virtual_board()?;
     let mut cargo = process::cargo();
     cargo.args(RUN.split(' ')).arg("--out").arg(folder);
     cargo.args(["--frames", &frames.to_string(), "--costs", costs]);

@@ -283,8 +283,8 @@ fn commands_move_the_arm_when_they_are_whole_new_and_in_range() {
     assert_eq!(told.len(), 3);
 }
 
-#[test]
-fn a_command_that_still_waits_gives_way_to_the_next() {
+/// A host on USB waits for an answer that does not come, and a command behind it.
+fn command_waits() -> Rig {
     let mut rig = Rig::new(silence(0, false));
     rig.subscribe();
     rig.manners = Box::new(|_| None);
@@ -292,6 +292,12 @@ fn a_command_that_still_waits_gives_way_to_the_next() {
     rig.usb_out.extend(ling(0x06, 0, &[0xFE]));
     rig.run(1_000);
     send(&mut rig, command(1));
+    rig
+}
+
+#[test]
+fn a_command_that_still_waits_gives_way_to_the_next() {
+    let mut rig = command_waits();
     send(
         &mut rig,
         Command {
@@ -410,13 +416,7 @@ fn a_stream_of_motion_ends_when_the_arm_is_another_one() {
 
 #[test]
 fn a_command_that_waits_is_refused_when_the_arm_is_another_one() {
-    let mut rig = Rig::new(silence(0, false));
-    rig.subscribe();
-    rig.manners = Box::new(|_| None);
-    send(&mut rig, command(0));
-    rig.usb_out.extend(ling(0x06, 0, &[0xFE]));
-    rig.run(1_000);
-    send(&mut rig, command(1));
+    let mut rig = command_waits();
     let other = Config {
         arm: ArmKind::Alpha1,
         ..Config::default()

@@ -6,13 +6,12 @@ use std::time::{Duration, Instant};
 use armwire::Micros;
 use armwire::ling::JOINTS;
 use armwire_bridge::can::Node;
-use armwire_bridge::config::{Config, Poll};
 use armwire_sim::ling::LingArm;
 use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Config as BoardConfig, Nanos, VirtualBoard};
 
-use super::{configure, unsolicited};
+use super::{configure, fastest, unsolicited};
 use crate::image::{
     CORE_HZ, CanProgram, MEGABAUD, Talker, counters, joint_answer, noise, on_board_with, path, plug_in, polled,
 };
@@ -90,14 +89,7 @@ pub fn measure(cost: NonZeroU32, scene: Scene, span: Nanos) -> Run {
             run(board, cost, span, |_| ())
         }),
         Scene::Fastest => on(cost, ling(), MEGABAUD, |board| {
-            let poll = Poll::Fastest;
-            configure(
-                board,
-                Config {
-                    poll,
-                    ..Config::default()
-                },
-            );
+            configure(board, fastest());
             run(board, cost, span, |_| ())
         }),
         Scene::Saturated(baud) => on(cost, Talker::default(), baud, |board| {

@@ -22,6 +22,14 @@ fn frame(request: Request) -> Vec<u8> {
     bytes[..len].to_vec()
 }
 
+/// The arm is polled as fast as the wire allows.
+fn fastest() -> Config {
+    Config {
+        poll: config::Poll::Fastest,
+        ..Config::default()
+    }
+}
+
 /// The host on CAN is told of all that the arm says unasked.
 fn unsolicited() -> Config {
     let can = config::Can {

@@ -6,7 +6,7 @@ use armwire::Micros;
 use armwire::ling::MAX_FRAME;
 use armwire_bridge::Bridge;
 use armwire_bridge::can::{Function, Node};
-use armwire_bridge::config::{self, Config, Poll};
+use armwire_bridge::config::{self, Config};
 use armwire_bridge::control::Identity;
 use armwire_bridge::isotp::{self, Config as IsoTp, Endpoint, Link};
 use armwire_sim::ling::LingArm;
@@ -14,7 +14,7 @@ use armwire_virtual_board::line::{Direction, LineByte};
 use armwire_virtual_board::{Config as BoardConfig, Nanos};
 
 use super::load::joints;
-use super::{configure, unsolicited};
+use super::{configure, fastest, unsolicited};
 use crate::image::{
     CanProgram, MEGABAUD, Talker, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
 };
@@ -55,14 +55,7 @@ pub fn polls(turnaround: Micros) -> Rate {
     });
     on_board(arm, |board| {
         plug_in(board, MEGABAUD);
-        let poll = Poll::Fastest;
-        configure(
-            board,
-            Config {
-                poll,
-                ..Config::default()
-            },
-        );
+        configure(board, fastest());
         board.run_for(Nanos::from_millis(10)).unwrap();
         board.uart().forget_bytes();
         board.run_for(Nanos::from_millis(1_000)).unwrap();
