@@ -86,6 +86,8 @@ pub(crate) struct InterruptHandler;
 impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
         let at = now();
+        // Where the byte is to lie of which the status tells, if it waits: the DMA may fetch it from here on.
+        let next = tail();
         let status = usart::take_status();
         if DEAF.load(Ordering::Relaxed) && usart::is_transmitted() {
             usart::set_receiver(true);
@@ -94,7 +96,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
             SENT.signal(());
         }
         if status.is_error() {
-            count(status);
+            count(status, next);
             // Errors that wait for the DMA to fetch a byte would bring the handler here again and again until then.
             // Whoever restarts the receive path asks for errors again.
             usart::mute_errors();
@@ -104,7 +106,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
         let waits = (0..FETCH_TRIES).all(|_| usart::is_byte_waiting());
         if status.is_error() {
             match waits {
-                true => critical_section::with(|cs| COUNTED.borrow(cs).set(Some((tail(), status)))),
+                true => critical_section::with(|cs| COUNTED.borrow(cs).set(Some((next, status)))),
                 false => usart::clear_errors(),
             }
         }
@@ -131,11 +133,11 @@ impl Handler<UartInterrupt> for InterruptHandler {
     }
 }
 
-/// Counts errors, but not again those of a byte that still waits.
-fn count(status: Status) {
+/// Counts errors, but not again those of a byte that still waits for its place in the ring.
+fn count(status: Status, place: usize) {
     let counted = critical_section::with(|cs| COUNTED.borrow(cs).take());
     let counted = match counted {
-        Some((end, counted)) if end == tail() => counted,
+        Some((held, counted)) if held == place => counted,
         _ => Status::default(),
     };
     for (flag, was, counter) in [
@@ -227,9 +229,15 @@ impl Receiver {
         let mut options = TransferOptions::default();
         options.circular = true;
         options.half_transfer_ir = true;
-        // SAFETY: the source is the UART's data register, whose stream this is; the target is made of atomics, for
-        // good.
-        let transfer = unsafe { dma.read_raw(RX_REQUEST, usart::rx_data(), ring, options) };
+        let transfer = critical_section::with(|cs| {
+            // The byte that the UART holds is the ring's first now, and what was counted of it stays counted.
+            let counted = COUNTED.borrow(cs);
+            let held = counted.take().filter(|&(end, _)| end == tail());
+            counted.set(held.map(|(_, status)| (0, status)));
+            // SAFETY: the source is the UART's data register, whose stream this is; the target is made of atomics, for
+            // good.
+            unsafe { dma.read_raw(RX_REQUEST, usart::rx_data(), ring, options) }
+        });
         usart::start_receiving();
         transfer
     }
