@@ -536,10 +536,12 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         if self.tx_start < self.tx_end {
             return;
         }
-        let came = self.decoder.offset().saturating_add(self.decoder.pending() as u64);
+        let came = self.decoder.received();
         match &mut self.exchange.flight {
             Some(flight) if matches!(flight.state, State::Writing) => {
-                flight.since = flight.since.min(came);
+                if flight.sends == 0 {
+                    flight.since = came;
+                }
                 flight.sends = flight.sends.saturating_add(1);
                 flight.state = match patience::<P>(&self.exchange.config, &flight.request, self.tx_end) {
                     Some(patience) => State::Waiting {
@@ -598,9 +600,16 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         }
         let expect = self.exchange.expect();
         loop {
-            if self.decoder.pending() > 0 {
+            let bytes = match input {
+                Input::Bytes(bytes) if !bytes.is_empty() => {
+                    self.heard = now;
+                    bytes
+                }
+                _ => &mut &[][..],
+            };
+            if self.decoder.pending() > 0 || !bytes.is_empty() {
                 let start = self.decoder.offset();
-                match &self.decoder.next(expect) {
+                match &self.decoder.decode(bytes, expect) {
                     Some(Ok(frame)) => return Some(self.exchange.hear(now, start, *frame, expect)),
                     Some(Err(noise)) => {
                         if P::RELIABLE {
@@ -614,11 +623,6 @@ impl<P: Protocol, const N: usize> Client<P, N> {
                 }
             }
             match input {
-                Input::Bytes(bytes) if !bytes.is_empty() => {
-                    self.heard = now;
-                    *bytes = self.decoder.push(bytes);
-                    continue;
-                }
                 Input::Idle => {}
                 // A false header may be holding the answer back. After so long a silence it is not a frame. Or it is an
                 // answer whose end only silence can tell.

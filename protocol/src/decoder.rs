@@ -141,11 +141,11 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         if nothing_held && !bytes.is_empty() {
             match F::scan(bytes, expect) {
                 Scan::Frame(n) if let Some((frame, rest)) = bytes.split_at_checked(n) => {
-                    let offset = self.received;
-                    self.received = offset.wrapping_add(n as u64);
+                    self.received = self.received.wrapping_add(n as u64);
                     self.idle = false;
                     *bytes = rest;
-                    return Some(view::<F>(frame, offset));
+                    let end = self.received;
+                    return Some(view::<F>(frame, || end.wrapping_sub(n as u64)));
                 }
                 Scan::Need(n) => {
                     self.take(bytes, usize::MAX);
@@ -224,9 +224,10 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
                 Some(Err(noise))
             }
             Scan::Frame(n) => {
-                let (start, offset) = (self.head, self.offset());
-                self.advance(n);
-                Some(view::<F>(self.buf.get(start..self.head)?, offset))
+                let start = self.head;
+                let n = self.advance(n);
+                let frame = self.buf.get(start..self.head)?;
+                Some(view::<F>(frame, || self.offset().wrapping_sub(n as u64)))
             }
         }
     }
@@ -315,6 +316,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 
     /// Moves up to `n` bytes from the front of `bytes` to the end of the window, as far as there is room, and returns how
     /// many.
+    #[inline(always)]
     fn take(&mut self, bytes: &mut &[u8], n: usize) -> usize {
         let space = self.space();
         let n = n.min(space.len()).min(bytes.len());
@@ -394,6 +396,11 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         n
     }
 
+    /// Bytes received since the decoder was made.
+    pub(crate) const fn received(&self) -> u64 {
+        self.received
+    }
+
     /// Bytes that were given out as frames or noise, or dropped, since the decoder was made: those before the window.
     pub(crate) const fn offset(&self) -> u64 {
         self.received.wrapping_sub(self.pending() as u64)
@@ -401,9 +408,9 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 }
 
 /// The frame that a [`Framing`] found. Bytes that it then cannot view are noise.
-fn view<F: Framing>(bytes: &[u8], offset: u64) -> Result<F::Frame<'_>, Noise> {
-    F::view(bytes).ok_or(Noise {
-        offset,
+fn view<F: Framing>(bytes: &[u8], offset: impl Fn() -> u64) -> Result<F::Frame<'_>, Noise> {
+    F::view(bytes).ok_or_else(|| Noise {
+        offset: offset(),
         len: bytes.len(),
         reason: Reason::Stray,
     })

@@ -29,16 +29,16 @@ pub enum Reason {
     /// A frame seemed to start here, but no message of this protocol has such a length.
     Length {
         /// The least that the length field of a message may say.
-        min: usize,
+        min: u16,
         /// The most that the length field of a message may say.
-        max: usize,
+        max: u16,
         /// What it said.
-        got: usize,
+        got: u16,
     },
     /// A frame seemed to start here, but a byte that may have few values has another.
     Byte {
         /// Where it is, in bytes from the start of the frame.
-        offset: usize,
+        offset: u16,
         /// What it may be.
         expected: &'static [u8],
         /// What it is.

@@ -103,15 +103,15 @@ fn breach() -> impl Strategy<Value = (Vec<u8>, usize, Reason)> {
     let length = (id, 2..=3_u8, lengths).prop_map(|([a, b], protocol, got)| {
         let reason = Reason::Length {
             min: 2,
-            max: MAX_BODY,
-            got: got.into(),
+            max: MAX_BODY as u16,
+            got,
         };
         let [high, low] = got.to_be_bytes();
         (vec![a, b, 0, protocol, high, low], HEADER, reason)
     });
-    let heartbeat = (6..8_usize, 1..=255_u8).prop_map(|(offset, got)| {
+    let heartbeat = (6..8_u16, 1..=255_u8).prop_map(|(offset, got)| {
         let mut bytes = HEARTBEAT;
-        bytes[offset] = got;
+        bytes[usize::from(offset)] = got;
         let reason = Reason::Byte {
             offset,
             expected: &[0],

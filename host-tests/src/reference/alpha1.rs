@@ -3,7 +3,7 @@
 
 use armwire::Reason;
 
-use super::{Look, checked};
+use super::{Look, checked, length};
 
 /// Who speaks, and of which servo the single byte is expected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,7 +94,7 @@ fn look_at_row(bytes: &[u8], row: Row) -> Look {
         Row::Text => {
             let (min, max, got) = (1, MAX_FRAME - 4, third);
             if !(min..=max).contains(&got) {
-                return Look::Nothing(Reason::Length { min, max, got });
+                return Look::Nothing(length(min, max, got));
             }
             got + 4
         }

@@ -2,7 +2,7 @@
 
 use armwire::Reason;
 
-use super::{Look, checked};
+use super::{Look, checked, length};
 
 /// The most data bytes that the vendor's drivers take.
 const MAX_DATA: usize = 59;
@@ -17,8 +17,7 @@ pub fn look(bytes: &[u8]) -> Look {
     }
     let got = usize::from(bytes[2]);
     if got > MAX_DATA {
-        let (min, max) = (0, MAX_DATA);
-        return Look::Nothing(Reason::Length { min, max, got });
+        return Look::Nothing(length(0, MAX_DATA, got));
     }
     let len = 5 + got;
     match checked(bytes, len, 3, parity, 0xFF) {

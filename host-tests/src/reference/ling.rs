@@ -2,7 +2,7 @@
 
 use armwire::Reason;
 
-use super::{Look, checked};
+use super::{Look, checked, length};
 
 /// The most data bytes that armwire takes; the document sets no limit.
 const MAX_DATA: usize = 64;
@@ -17,8 +17,7 @@ pub fn look(bytes: &[u8]) -> Look {
     }
     let got = usize::from(bytes[3]);
     if got > MAX_DATA {
-        let (min, max) = (0, MAX_DATA);
-        return Look::Nothing(Reason::Length { min, max, got });
+        return Look::Nothing(length(0, MAX_DATA, got));
     }
     // Section 2.6 prints one request, AA FE 00 00 FE 93 FF, with length 0 and a data byte nevertheless.
     let printed = bytes.starts_with(&[0xAA, 0xFE, 0x00, 0x00, 0xFE]);

@@ -114,6 +114,12 @@ fn join_strays(pieces: Vec<Piece>) -> Vec<Piece> {
     joined
 }
 
+/// A length that is not one of `min` to `max`.
+fn length(min: usize, max: usize, got: usize) -> Reason {
+    let [min, max, got] = [min, max, got].map(|length| u16::try_from(length).unwrap());
+    Reason::Length { min, max, got }
+}
+
 /// What begins with a frame's header, if the frame has `len` bytes: the last is the end mark, and the one before it is
 /// `sum` of all but the first `uncovered`, which are what it gives.
 fn checked(bytes: &[u8], len: usize, uncovered: usize, sum: fn(&[u8]) -> u8, mark: u8) -> Result<Vec<u8>, Look> {

@@ -3,7 +3,7 @@
 
 use armwire::Reason;
 
-use super::Piece;
+use super::{Piece, length};
 
 /// The longest body that armwire takes: that of Modbus TCP.
 const MAX_BODY: usize = 254;
@@ -47,10 +47,11 @@ pub fn decode(recording: &[u8], speaker: Speaker) -> Vec<Piece> {
 /// there are too few.
 fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>> {
     // A protocol id is at most 3, so its first byte is 0.
-    for (offset, expected) in [(2, &[0][..]), (3, &[0, 1, 2, 3][..])] {
-        let got = *bytes.get(offset)?;
+    for (offset, expected) in [(2_u16, &[0][..]), (3, &[0, 1, 2, 3][..])] {
+        let at = usize::from(offset);
+        let got = *bytes.get(at)?;
         if !expected.contains(&got) {
-            return Some(Err((offset + 1, Reason::Byte { offset, expected, got })));
+            return Some(Err((at + 1, Reason::Byte { offset, expected, got })));
         }
     }
     let protocol = bytes[3];
@@ -62,13 +63,13 @@ fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>
         (_, Speaker::Host) => (1, MAX_BODY - 1),
     };
     if got < min || got > max {
-        return Some(Err((6, Reason::Length { min, max, got })));
+        return Some(Err((6, length(min, max, got))));
     }
     let frame = bytes.get(..6 + got)?;
     if protocol == 1 {
         // The heartbeat, 00 00 00 01 00 02 00 00, is always the same.
-        for offset in [0, 1, 6, 7] {
-            let got = frame[offset];
+        for offset in [0_u16, 1, 6, 7] {
+            let got = frame[usize::from(offset)];
             if got != 0 {
                 return Some(Err((
                     8,

@@ -325,7 +325,7 @@ fn scan_frame(window: &[u8], layout: Layout) -> Scan {
         Layout::Counted if COUNT.contains(&count) => verify(window, count + 4, 2, checksum, TAIL),
         Layout::Counted => {
             let (min, max) = COUNT.into_inner();
-            let got = count;
+            let (min, max, got) = (min as u16, max as u16, third.into());
             Scan::Skip(1, Reason::Length { min, max, got })
         }
         Layout::Status => scan_status(window),

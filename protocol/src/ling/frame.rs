@@ -137,8 +137,8 @@ impl Framing for Ling {
                 1,
                 Reason::Length {
                     min: 0,
-                    max: MAX_DATA,
-                    got: len,
+                    max: MAX_DATA as u16,
+                    got: len as u16,
                 },
             );
         }

@@ -59,11 +59,11 @@ pub enum Direction {
 }
 
 /// The least and the most that a frame's length field may say.
-const fn lengths(protocol: u16, direction: Direction) -> (usize, usize) {
+const fn lengths(protocol: u16, direction: Direction) -> (u16, u16) {
     match (protocol, direction) {
         (HEARTBEAT_ID, _) => (2, 2),
-        (MODBUS_ID, _) | (_, Direction::Responses) => (2, MAX_BODY),
-        (_, Direction::Requests) => (1, MAX_PARAMS + 1),
+        (MODBUS_ID, _) | (_, Direction::Responses) => (2, MAX_BODY as u16),
+        (_, Direction::Requests) => (1, MAX_PARAMS as u16 + 1),
     }
 }
 
@@ -113,10 +113,9 @@ impl Frame<'_> {
             return Err(range("protocol id", "", self.protocol, 0, LAST_ID));
         }
         let (min, max) = lengths(self.protocol, direction);
-        let len = self.body.len();
+        let len = u16::try_from(self.body.len()).unwrap_or(u16::MAX);
         if !(min..=max).contains(&len) {
-            let got = u16::try_from(len).unwrap_or(u16::MAX);
-            return Err(range("body", "bytes", got, min as u16, max as u16));
+            return Err(range("body", "bytes", len, min, max));
         }
         if self.protocol == HEARTBEAT_ID
             && let Some((offset, got)) = wrong_in_heartbeat(self.bytes())
@@ -162,13 +161,13 @@ fn bytes(transaction: u16, protocol: u16, body: [&[u8]; 2]) -> impl Iterator<Ite
 }
 
 /// A byte that breaks the stream: the bytes up to it, `seen` of them, are no frame.
-const fn broken(seen: usize, offset: usize, expected: &'static [u8], got: u8) -> Scan {
+const fn broken(seen: usize, offset: u16, expected: &'static [u8], got: u8) -> Scan {
     Scan::Skip(seen, Reason::Byte { offset, expected, got })
 }
 
 /// The first byte of a frame that is not the [`HEARTBEAT`]'s, and where it is.
-fn wrong_in_heartbeat(frame: impl Iterator<Item = u8>) -> Option<(usize, u8)> {
-    let mut pairs = frame.zip(HEARTBEAT).enumerate();
+fn wrong_in_heartbeat(frame: impl Iterator<Item = u8>) -> Option<(u16, u8)> {
+    let mut pairs = (0..).zip(frame.zip(HEARTBEAT));
     pairs.find_map(|(offset, (got, expected))| (got != expected).then_some((offset, got)))
 }
 
@@ -196,10 +195,11 @@ impl Framing for XArm {
         };
         let protocol = u16::from(low);
         let (min, max) = lengths(protocol, direction);
-        let got = usize::from(u16::from_be_bytes(length));
+        let got = u16::from_be_bytes(length);
         if !(min..=max).contains(&got) {
             return Scan::Skip(HEADER, Reason::Length { min, max, got });
         }
+        let got = usize::from(got);
         if let Some(missing @ 1..) = got.checked_sub(body.len()) {
             return Scan::Need(missing);
         }
