@@ -60,8 +60,6 @@ static HEAD: AtomicUsize = AtomicUsize::new(0);
 static NEEDED: AtomicUsize = AtomicUsize::new(SIZE);
 /// Where they did.
 static REACHED: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
-/// Where the ring ended when the interrupt handler last saw a byte come in. It sees none that it is not asked for.
-static SEEN: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
 /// Where the line went idle, and when that was known.
 static IDLE: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
 /// What the interrupt handler has to say.
@@ -87,49 +85,59 @@ impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
         let at = now();
         // Where the byte is to lie of which the status tells, if it waits: the DMA may fetch it from here on.
-        let next = tail();
+        let place = tail();
         let status = usart::take_status();
         if DEAF.load(Ordering::Relaxed) && usart::is_transmitted() {
-            usart::set_receiver(true);
-            usart::set_transmitted_interrupt(false);
-            DEAF.store(false, Ordering::Relaxed);
-            SENT.signal(());
+            listen();
         }
         if status.is_error() {
-            count(status, next);
-            // Errors that wait for the DMA to fetch a byte would bring the handler here again and again until then.
-            // Whoever restarts the receive path asks for errors again.
-            usart::mute_errors();
-            RESTART.store(true, Ordering::Relaxed);
+            note_errors(status, place);
         }
         // The byte that brought the handler here is in the ring a few cycles later.
-        let waits = (0..FETCH_TRIES).all(|_| usart::is_byte_waiting());
-        if status.is_error() {
-            match waits {
-                true => critical_section::with(|cs| COUNTED.borrow(cs).set(Some((next, status)))),
-                false => usart::clear_errors(),
-            }
-        }
+        is_fetched();
         let end = tail();
-        let mark = Some(Mark { end, at });
         let reached = untaken(end) >= NEEDED.load(Ordering::Relaxed);
-        let place = match status.idle {
-            true => &IDLE,
-            false => &SEEN,
-        };
-        critical_section::with(|cs| {
-            place.borrow(cs).set(mark);
-            if reached {
-                REACHED.borrow(cs).set(mark);
-            }
-        });
+        let mark = Some(Mark { end, at });
+        if status.idle {
+            critical_section::with(|cs| IDLE.borrow(cs).set(mark));
+        }
         if reached {
+            critical_section::with(|cs| REACHED.borrow(cs).set(mark));
             NEEDED.store(SIZE, Ordering::Relaxed);
             usart::set_byte_interrupt(false);
         }
         if reached || status.idle || status.is_error() {
             EVENT.signal(());
         }
+    }
+}
+
+/// Waits until the DMA has fetched what the UART holds, but not for long. Returns whether it has.
+fn is_fetched() -> bool {
+    (0..FETCH_TRIES).any(|_| !usart::is_byte_waiting())
+}
+
+/// On a single wire: the last bit is out.
+#[cold]
+fn listen() {
+    usart::set_receiver(true);
+    usart::set_transmitted_interrupt(false);
+    DEAF.store(false, Ordering::Relaxed);
+    SENT.signal(());
+}
+
+/// Counts the errors of a byte that is to lie at this place in the ring, if it waits, and has the receive path started
+/// anew.
+#[cold]
+fn note_errors(status: Status, place: usize) {
+    count(status, place);
+    // Errors that wait for the DMA to fetch a byte would bring the handler here again and again until then. Whoever
+    // restarts the receive path asks for errors again.
+    usart::mute_errors();
+    RESTART.store(true, Ordering::Relaxed);
+    match is_fetched() {
+        true => usart::clear_errors(),
+        false => critical_section::with(|cs| COUNTED.borrow(cs).set(Some((place, status)))),
     }
 }
 
@@ -315,7 +323,6 @@ impl Receiver {
         // Places in the ring mean nothing any more.
         let idle = critical_section::with(|cs| {
             REACHED.borrow(cs).set(None);
-            SEEN.borrow(cs).set(None);
             IDLE.borrow(cs).take()
         });
         self.adapter.with(|bridge| {
@@ -333,10 +340,8 @@ impl Receiver {
             let mut frames = false;
             // At once, or the line could go idle in between, short of the tail.
             let (mut reached, idle, all) = critical_section::with(|cs| {
-                let end = tail();
-                let seen = SEEN.borrow(cs).take().filter(|seen| seen.end == end);
-                let all = seen.unwrap_or_else(|| Mark { end, at: now() });
-                (REACHED.borrow(cs).take(), IDLE.borrow(cs).take(), all)
+                let (end, at) = (tail(), now());
+                (REACHED.borrow(cs).take(), IDLE.borrow(cs).take(), Mark { end, at })
             });
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // What the ring holds is of two turns: none of it can be told apart.
