@@ -6,7 +6,7 @@ use super::frame::{ACT, acknowledgement, header};
 use super::value::{
     Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, SERVOS, ServoId, ServoStates, Text, UsbType,
 };
-use super::{Alpha1, Expect, Frame, MAX_FRAME, MAX_TEXT, ServoAnswer};
+use super::{Alpha1, Expect, Frame, MAX_FRAME, ServoAnswer};
 use crate::error::write_either;
 use crate::{BufferTooShort, Micros, OutOfRange, Protocol, Reply};
 
@@ -381,15 +381,14 @@ fn status(data: &[u8]) -> Result<Outcome, Cause> {
 impl Action {
     const LEN: usize = 29;
 
-    fn to_data(self) -> [u8; Self::LEN] {
+    fn data(&self) -> [u8; Self::LEN] {
+        let angles = self.angles.iter().map(|angle| angle.map_or(NO_ANGLE, Angle::raw));
+        let [high, low] = self.interval.units().to_be_bytes();
+        let bytes = [ACT, 0, 0, 0, 0, 0].into_iter().chain(angles);
         let mut data = [0; Self::LEN];
-        let [act, _, _, _, _, _, angles @ .., time, high, low] = &mut data;
-        *act = ACT;
-        for (byte, angle) in angles.iter_mut().zip(&self.angles) {
-            *byte = angle.map_or(NO_ANGLE, Angle::raw);
+        for (to, from) in data.iter_mut().zip(bytes.chain([self.time.units(), high, low])) {
+            *to = from;
         }
-        *time = self.time.units();
-        [*high, *low] = self.interval.units().to_be_bytes();
         data
     }
 
@@ -658,17 +657,6 @@ fn encode(out: &mut [u8], expect: Expect, command: u8, data: &[u8]) -> Result<us
     Frame::Message { command, data }.put(expect, out)
 }
 
-/// Writes a text with its count.
-fn encode_text(out: &mut [u8], expect: Expect, command: u8, text: &Text) -> Result<usize, BufferTooShort> {
-    let text = text.as_bytes();
-    let mut data = [0; MAX_TEXT + 1];
-    let count = text.len().saturating_add(1);
-    for (to, from) in data.iter_mut().zip([count as u8].iter().chain(text)) {
-        *to = *from;
-    }
-    encode(out, expect, command, data.get(..count).unwrap_or_default())
-}
-
 impl Protocol for Alpha1 {
     const REQUESTS: Expect = Expect::Requests;
     const IDENTIFIED: bool = false;
@@ -683,10 +671,10 @@ impl Protocol for Alpha1 {
             Request::ReadServoStates => encode(header::SERVO_STATES, &[0; 6]),
             Request::Stop => encode(header::STOP, &[0; 6]),
             Request::ReadFirmwareVersion => encode(header::FIRMWARE_VERSION, &[1, 0, 0, 0, 0, 0]),
-            Request::Act(action) => encode(header::ACT, &action.to_data()),
+            Request::Act(action) => encode(header::ACT, &action.data()),
             Request::SetOffsetTool(tool) => encode(header::OFFSET_TOOL, &[1, *tool as u8, 0, 0, 0, 0]),
             Request::SetUsbType(usb) => encode(header::USB_TYPE, &[*usb as u8, 0, 0, 0, 0, 0]),
-            Request::Play(name) => encode_text(out, Expect::Requests, header::PLAY, name),
+            Request::Play(name) => encode(header::PLAY, name.as_wire()),
             Request::Servo(request) => {
                 let (command, data) = request.to_data();
                 encode(command, &data)
@@ -696,18 +684,21 @@ impl Protocol for Alpha1 {
 
     fn encode_response(response: &Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let mut encode = |command, data: &[u8]| encode(out, RESPONSES, command, data);
-        match *response {
-            Response::HardwareVersion(version) => encode_text(out, RESPONSES, header::HARDWARE_VERSION, &version),
+        match response {
+            Response::HardwareVersion(version) => encode(header::HARDWARE_VERSION, version.as_wire()),
             Response::ServoStates(states) => encode(header::SERVO_STATES, &states.0),
-            Response::Stopped(outcome) => encode(header::STOP, &[outcome as u8]),
+            Response::Stopped(outcome) => encode(header::STOP, &[*outcome as u8]),
             Response::FirmwareVersion(FirmwareVersion { outcome, text }) => {
-                let [a, b, c, d, e, f, g, h, i, j] = text;
-                encode(header::FIRMWARE_VERSION, &[outcome as u8, a, b, c, d, e, f, g, h, i, j])
+                let [a, b, c, d, e, f, g, h, i, j] = *text;
+                encode(
+                    header::FIRMWARE_VERSION,
+                    &[*outcome as u8, a, b, c, d, e, f, g, h, i, j],
+                )
             }
-            Response::Acted(outcome) => encode(header::ACT, &[ACT, outcome as u8, 0, 0, 0, 0]),
-            Response::OffsetTool(outcome) => encode(header::OFFSET_TOOL, &[outcome as u8]),
-            Response::UsbType(outcome) => encode(header::USB_TYPE, &[outcome as u8]),
-            Response::Playing(outcome) => encode(header::PLAY, &[outcome as u8]),
+            Response::Acted(outcome) => encode(header::ACT, &[ACT, *outcome as u8, 0, 0, 0, 0]),
+            Response::OffsetTool(outcome) => encode(header::OFFSET_TOOL, &[*outcome as u8]),
+            Response::UsbType(outcome) => encode(header::USB_TYPE, &[*outcome as u8]),
+            Response::Playing(outcome) => encode(header::PLAY, &[*outcome as u8]),
             Response::Servo(response) => response.encode(out),
         }
     }

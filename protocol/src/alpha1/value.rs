@@ -336,9 +336,8 @@ pub struct Led(pub u8);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Text {
-    len: u8,
-    /// The text, then zeros.
-    bytes: [u8; MAX_TEXT],
+    /// As on the wire: the count, which counts itself too, and the text. Then zeros.
+    data: [u8; MAX_TEXT + 1],
 }
 
 impl Text {
@@ -368,18 +367,25 @@ impl Text {
     /// The text of these bytes, which it may have.
     pub(super) fn from_wire(text: &[u8]) -> Self {
         let mut this = Self {
-            len: text.len() as u8,
-            bytes: [0; MAX_TEXT],
+            data: [0; MAX_TEXT + 1],
         };
-        for (to, from) in this.bytes.iter_mut().zip(text) {
+        let [count, data @ ..] = &mut this.data;
+        *count = (text.len() as u8).wrapping_add(1);
+        for (to, from) in data.iter_mut().zip(text) {
             *to = *from;
         }
         this
     }
 
+    /// The count and the text.
+    pub(super) fn as_wire(&self) -> &[u8] {
+        let [count, ..] = self.data;
+        self.data.get(..count.into()).unwrap_or_default()
+    }
+
     /// The bytes.
     pub fn as_bytes(&self) -> &[u8] {
-        self.bytes.get(..usize::from(self.len)).unwrap_or_default()
+        self.as_wire().get(1..).unwrap_or_default()
     }
 
     /// The text, or `None` if one of its bytes is no printable ASCII character.
