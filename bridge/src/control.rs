@@ -317,3 +317,21 @@ impl fmt::Display for Refusal {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_duration_counts_in_the_first_bucket_whose_limit_it_is_below() {
+        let limits = core::array::from_fn::<_, { Histogram::BUCKETS }, _>(Histogram::limit);
+        for micros in [0, 1, 2, 3, 4, 7, 8, 16_383, 16_384, 32_767, 32_768, 65_536, u64::MAX] {
+            let mut histogram = Histogram::default();
+            histogram.add(Micros(micros));
+            let below = |limit: &Option<Micros>| limit.is_none_or(|limit| micros < limit.0);
+            let bucket = limits.iter().position(below).unwrap();
+            assert_eq!(histogram.counts[bucket], 1, "{micros} µs");
+        }
+        assert_eq!(limits.iter().position(Option::is_none), Some(Histogram::BUCKETS - 1));
+    }
+}

@@ -370,6 +370,29 @@ fn a_configuration_is_saved_and_forgotten_by_firmware() {
 }
 
 #[test]
+fn who_asked_to_save_is_told_unless_it_has_gone() {
+    let mut rig = quiet();
+    rig.ask(Request::SaveConfig);
+    rig.bridge.usb_reset();
+    rig.bridge.usb_configured(true);
+    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.run(1_000);
+    assert_eq!(rig.replies, []);
+
+    rig.ask_on_can(1, Request::SaveConfig);
+    rig.run(10_000);
+    rig.bridge.usb_reset();
+    rig.bridge.usb_configured(true);
+    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.run(10_000);
+    let done = FromAdapter::Reply {
+        sequence: 1,
+        reply: Reply::Done,
+    };
+    assert_eq!((rig.can_control, rig.replies), (Vec::from([done]), Vec::new()));
+}
+
+#[test]
 fn a_restart_is_promised_and_left_to_firmware() {
     let mut rig = quiet();
     assert_eq!(rig.call(Request::Restart), Reply::Done);
