@@ -2,6 +2,7 @@
 
 extern crate std;
 
+use std::string::ToString;
 use std::vec::Vec;
 
 use super::*;
@@ -349,4 +350,35 @@ fn a_move_that_is_out_of_range_says_at_which_byte() {
             "{offset}: {error:?}"
         );
     }
+}
+
+#[test]
+fn what_follows_a_frame_that_was_pushed_half_is_left_to_the_caller() {
+    let query = hex("AA 06 00 01 FE 9A FF");
+    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+    decoder.push(&query[..5]);
+    assert!(decoder.next(()).is_none());
+    let mut rest = &[&query[5..], &query].concat()[..];
+    assert!(decoder.decode(&mut rest, ()).unwrap().is_ok());
+    assert_eq!((rest, decoder.pending()), (&query[..], 0));
+}
+
+#[test]
+fn there_is_nothing_to_wait_for_while_the_end_of_a_cancelled_request_is_not_sent() {
+    let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
+    client.submit(Request::ReadJoints).unwrap();
+    assert_eq!(client.poll_transmit(Micros(0)).unwrap().len(), 7);
+    client.transmitted(Micros(0), 3);
+    client.cancel(Micros(0));
+    client.submit(Request::ReadInfo).unwrap();
+    assert_eq!(client.poll_timeout(), None);
+    assert_eq!(client.poll_transmit(Micros(0)).unwrap().len(), 4);
+}
+
+#[test]
+fn a_request_that_comes_back_says_why() {
+    let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
+    client.submit(Request::ReadJoints).unwrap();
+    let busy = client.submit(Request::ReadInfo).unwrap_err();
+    assert_eq!(busy.to_string(), "a request is already in flight");
 }
