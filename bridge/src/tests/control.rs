@@ -13,7 +13,7 @@ use crate::can::telemetry::{Errors, Sample, event_from_frame};
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
 use crate::control::{ArmIdentity, Event, Failure, FromAdapter, Identity, Reply, Request, Subscription, VERSION};
-use crate::{Action, CanErrors, Line, LineCoding};
+use crate::{Action, Bridge, CanErrors, Line, LineCoding};
 
 fn quiet() -> Rig {
     Rig::new(Config::default())
@@ -66,6 +66,16 @@ fn simple_questions_are_answered_on_both_ports() {
         Reply::Latencies(latencies)
     );
     assert_eq!(rig.bridge.counters().control_unsupported, 0);
+}
+
+#[test]
+fn an_adapter_says_what_it_was_made_as() {
+    let identity = Identity {
+        board: "stm32f405".try_into().unwrap(),
+        ..Identity::default()
+    };
+    let bridge = Bridge::new(identity.clone(), Config::default());
+    assert_eq!(bridge.identity(), identity);
 }
 
 #[test]
