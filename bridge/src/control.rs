@@ -320,7 +320,19 @@ impl fmt::Display for Refusal {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
+    use std::string::ToString;
+
     use super::*;
+
+    #[test]
+    fn who_asked_and_why_it_was_refused_can_be_read() {
+        let askers = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
+        let names = ["usb", "can", "poll", "command", "adapter"];
+        assert_eq!(askers.map(|asker| asker.to_string()), names);
+        assert_eq!(Refusal::Stale.to_string(), "not a new command");
+    }
 
     #[test]
     fn a_duration_counts_in_the_first_bucket_whose_limit_it_is_below() {
