@@ -12,8 +12,11 @@ use super::rig::{Rig, ling, polite};
 use crate::can::telemetry::{Errors, Sample, event_from_frame};
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
-use crate::control::{ArmIdentity, Event, Failure, FromAdapter, Identity, Reply, Request, Subscription, VERSION};
-use crate::{Action, Bridge, CanErrors, Line, LineCoding};
+use crate::control::{
+    ArmIdentity, Event, Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_FRAME, Reply, Request, Subscription,
+    VERSION, encode_cobs,
+};
+use crate::{Action, Bridge, Burst, CanErrors, Line, LineCoding};
 
 fn quiet() -> Rig {
     Rig::new(Config::default())
@@ -197,6 +200,38 @@ fn whoever_waits_for_an_arm_that_another_takes_away_is_answered_at_once() {
         answer: None,
     };
     assert_eq!(rig.replies, [(sequence, Reply::Arm(nothing))]);
+}
+
+#[test]
+fn what_one_host_ends_for_another_is_told_before_it_has_its_own_reply() {
+    let mut rig = quiet();
+    rig.manners = Box::new(|_| None);
+    rig.ask(Request::IdentifyArm);
+    rig.run(1_000);
+    let alpha1 = Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    };
+    rig.ask_on_can(1, Request::SetConfig(alpha1));
+    while rig.can_control.is_empty() {
+        rig.run(1);
+        assert!(rig.can_control.is_empty() || !rig.replies.is_empty());
+    }
+}
+
+#[test]
+fn a_request_that_finds_too_little_room_waits_for_more() {
+    let mut bridge = Bridge::default();
+    let request = FromHost {
+        sequence: 1,
+        request: Request::IdentifyArm,
+    };
+    let mut bytes = [0; MAX_COBS];
+    let len = encode_cobs(&request, &mut bytes).unwrap();
+    bridge.control_received(&bytes[..len], Micros(0));
+    assert_eq!(bridge.uart_transmit(&mut [0; 6], Micros(0)), None);
+    let burst = bridge.uart_transmit(&mut [0; MAX_FRAME], Micros(0));
+    assert_eq!(burst, Some(Burst { len: 7, start: None }));
 }
 
 fn identity(count: Option<u8>) -> ArmIdentity {

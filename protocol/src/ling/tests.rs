@@ -382,3 +382,42 @@ fn a_request_that_comes_back_says_why() {
     let busy = client.submit(Request::ReadInfo).unwrap_err();
     assert_eq!(busy.to_string(), "a request is already in flight");
 }
+
+#[test]
+fn an_answer_that_has_begun_when_it_is_due_gets_the_time_to_end() {
+    let joints = hex("AA 06 00 0F 00 08 00 08 00 08 00 08 00 08 00 08 00 08 00");
+    let mut answer = [0; MAX_FRAME];
+    let frame = Frame {
+        command: 0x06,
+        function: 0,
+        data: &joints[4..],
+    };
+    let len = frame.encode(&mut answer).unwrap();
+    let (mut first, mut second) = answer[..len].split_at(10);
+
+    let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
+    client.submit(Request::ReadJoints).unwrap();
+    let sent = client.poll_transmit(Micros(0)).unwrap().len();
+    client.transmitted(Micros(0), sent);
+    let due = client.poll_timeout().unwrap();
+    assert_eq!(client.handle(Micros(due.0 - 1), &mut Input::Bytes(&mut first)), None);
+    assert_eq!(client.handle(due, &mut Input::Tick), None);
+    let later = due + Micros(5_000);
+    assert!(client.poll_timeout().unwrap() > later);
+    let event = client.handle(later, &mut Input::Bytes(&mut second));
+    assert!(matches!(event, Some(Event::Answer(Response::Joints(_)))), "{event:?}");
+}
+
+#[test]
+fn what_comes_first_behind_an_idle_line_is_taken_whole() {
+    let query = hex("AA 06 00 01 FE 9A FF");
+    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+    assert_eq!(decoder.idle(()), None);
+    let line = [&[0x11, 0x22][..], &query, &query[..2]].concat();
+    let mut rest = &line[..];
+    let mut frames = 0;
+    while let Some(next) = decoder.decode(&mut rest, ()) {
+        frames += usize::from(next.is_ok());
+    }
+    assert_eq!((frames, rest.len(), decoder.pending()), (1, 0, 2));
+}
