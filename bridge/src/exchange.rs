@@ -318,6 +318,18 @@ mod tests {
     }
 
     #[test]
+    fn a_late_answer_is_late_once_and_only_for_its_own_request() {
+        let mut exchange = Exchange::new();
+        exchange.begin(Asker::Usb, asked(0), Micros(0), MILLISECOND);
+        exchange.begin(Asker::Usb, asked(2), Micros(0), MILLISECOND);
+        assert_eq!(exchange.tick(MILLISECOND), 2);
+        assert_eq!(answer(&mut exchange, 0, MILLISECOND), Heard::Late);
+        assert_eq!(answer(&mut exchange, 0, MILLISECOND), Heard::Unasked);
+        assert_eq!(answer(&mut exchange, 2, MILLISECOND), Heard::Late);
+        assert!(exchange.owes_nothing());
+    }
+
+    #[test]
     fn what_is_abandoned_is_counted_and_owed_no_more() {
         let mut exchange = Exchange::new();
         assert_eq!(exchange.abandon(), 0);

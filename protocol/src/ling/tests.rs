@@ -421,3 +421,16 @@ fn what_comes_first_behind_an_idle_line_is_taken_whole() {
     }
     assert_eq!((frames, rest.len(), decoder.pending()), (1, 0, 2));
 }
+
+#[test]
+fn nothing_that_changes_the_arm_may_be_repeated() {
+    for request in [
+        Request::SetZero,
+        Request::SetStroke(Stroke::Mm50),
+        Request::SetTorque(Torque::On),
+        moving(0),
+    ] {
+        assert!(!Ling::repeatable(&request), "{request:?}");
+    }
+    assert!(Ling::repeatable(&Request::ReadJoints));
+}
