@@ -1056,7 +1056,7 @@ fn a_frame_that_is_not_expected_any_more_holds_nothing_back() {
     // Where a host is heard they begin a question. From servo 5, AF is an answer.
     let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(5))));
     let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
-    let mut line = &hex("F1 1F")[..];
+    let mut line = &hex("F1 1F 00")[..];
     assert!(decoder.decode(&mut line, Expect::Requests).is_none());
     let mut line = &hex("AF")[..];
     let mut frames = 0;
