@@ -564,6 +564,24 @@ fn error_counts_go_out_once_a_second() {
 }
 
 #[test]
+fn error_counts_go_out_while_telemetry_is_on() {
+    let mut rig = quiet();
+    let errors = |rig: &Rig| {
+        rig.frames
+            .iter()
+            .filter_map(|(_, frame)| Errors::from_frame(frame))
+            .count()
+    };
+    for (telemetry_hz, expected) in [(10, 6), (0, 6), (20, 12)] {
+        let mut config = rig.bridge.config();
+        config.can.telemetry_hz = telemetry_hz;
+        assert_eq!(rig.call(Request::SetConfig(config)), Reply::Done);
+        rig.run(5_500_000);
+        assert_eq!(errors(&rig), expected);
+    }
+}
+
+#[test]
 fn bus_off_is_told_and_counted_and_ends_what_was_under_way() {
     let mut rig = quiet();
     rig.subscribe();
