@@ -323,6 +323,33 @@ mod tests {
     }
 
     #[test]
+    fn what_no_bus_here_can_do_is_refused() {
+        let timeout = |got| ConfigError::CommandTimeout { max: 10_000, got };
+        let changes: [(fn(&mut Can), ConfigError); 5] = [
+            (|can| can.bit_rate = 300_000, ConfigError::BitRate(300_000)),
+            (
+                |can| can.data_bit_rate = Some(3_000_000),
+                ConfigError::DataBitRate(3_000_000),
+            ),
+            (
+                |can| can.telemetry_hz = 1_001,
+                ConfigError::Telemetry { max: 1_000, got: 1_001 },
+            ),
+            (|can| can.command_timeout_ms = 0, timeout(0)),
+            (|can| can.command_timeout_ms = 10_001, timeout(10_001)),
+        ];
+        for (change, error) in changes {
+            let mut config = Config::default();
+            change(&mut config.can);
+            assert_eq!(config.check(), Err(error));
+        }
+        let mut config = Config::default();
+        config.can.telemetry_hz = 1_000;
+        (config.can.data_bit_rate, config.can.command_timeout_ms) = (Some(5_000_000), 10_000);
+        assert_eq!(config.check(), Ok(()));
+    }
+
+    #[test]
     fn what_is_impossible_is_named_with_what_is_possible() {
         let hasty = Config {
             poll: Poll::Hertz(1_001),
