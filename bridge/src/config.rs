@@ -325,22 +325,49 @@ mod tests {
     #[test]
     fn what_no_bus_here_can_do_is_refused() {
         let timeout = |got| ConfigError::CommandTimeout { max: 10_000, got };
-        let changes: [(fn(&mut Can), ConfigError); 5] = [
-            (|can| can.bit_rate = 300_000, ConfigError::BitRate(300_000)),
+        let can = Can::default();
+        let cases = [
             (
-                |can| can.data_bit_rate = Some(3_000_000),
+                Can {
+                    bit_rate: 300_000,
+                    ..can
+                },
+                ConfigError::BitRate(300_000),
+            ),
+            (
+                Can {
+                    data_bit_rate: Some(3_000_000),
+                    ..can
+                },
                 ConfigError::DataBitRate(3_000_000),
             ),
             (
-                |can| can.telemetry_hz = 1_001,
+                Can {
+                    telemetry_hz: 1_001,
+                    ..can
+                },
                 ConfigError::Telemetry { max: 1_000, got: 1_001 },
             ),
-            (|can| can.command_timeout_ms = 0, timeout(0)),
-            (|can| can.command_timeout_ms = 10_001, timeout(10_001)),
+            (
+                Can {
+                    command_timeout_ms: 0,
+                    ..can
+                },
+                timeout(0),
+            ),
+            (
+                Can {
+                    command_timeout_ms: 10_001,
+                    ..can
+                },
+                timeout(10_001),
+            ),
         ];
-        for (change, error) in changes {
-            let mut config = Config::default();
-            change(&mut config.can);
+        for (can, error) in cases {
+            let config = Config {
+                can,
+                ..Config::default()
+            };
             assert_eq!(config.check(), Err(error));
         }
         let mut config = Config::default();

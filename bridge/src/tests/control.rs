@@ -213,10 +213,10 @@ fn what_one_host_ends_for_another_is_told_before_it_has_its_own_reply() {
         ..Config::default()
     };
     rig.ask_on_can(1, Request::SetConfig(alpha1));
-    while rig.can_control.is_empty() {
+    while rig.replies.is_empty() {
         rig.run(1);
-        assert!(rig.can_control.is_empty() || !rig.replies.is_empty());
     }
+    assert_eq!(rig.can_control, []);
 }
 
 #[test]
@@ -435,6 +435,26 @@ fn who_asked_to_save_is_told_unless_it_has_gone() {
         reply: Reply::Done,
     };
     assert_eq!((rig.can_control, rig.replies), (Vec::from([done]), Vec::new()));
+}
+
+#[test]
+fn who_asked_what_arm_there_is_is_told_unless_it_has_gone() {
+    let mut rig = quiet();
+    rig.ask(Request::IdentifyArm);
+    rig.bridge.usb_reset();
+    rig.bridge.usb_configured(true);
+    rig.run(1_000);
+    assert_eq!(rig.replies, []);
+
+    rig.ask_on_can(1, Request::IdentifyArm);
+    rig.run(200);
+    rig.bridge.usb_reset();
+    rig.run(10_000);
+    let told = FromAdapter::Reply {
+        sequence: 1,
+        reply: Reply::Arm(identity(Some(2))),
+    };
+    assert_eq!(rig.can_control, [told]);
 }
 
 #[test]
