@@ -434,3 +434,11 @@ fn nothing_that_changes_the_arm_may_be_repeated() {
     }
     assert!(Ling::repeatable(&Request::ReadJoints));
 }
+
+#[test]
+fn a_serial_number_says_which_arm_it_is() {
+    let kind = |text: &[u8; 16]| SerialNumber(*text).kind();
+    assert_eq!(kind(b"ADLS251205123456"), Some(Kind::Leader));
+    assert_eq!(kind(b"ADFS251205123456"), Some(Kind::Follower));
+    assert_eq!(kind(b"ADXS251205123456"), None);
+}
