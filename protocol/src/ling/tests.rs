@@ -393,18 +393,18 @@ fn an_answer_that_has_begun_when_it_is_due_gets_the_time_to_end() {
         data: &joints[4..],
     };
     let len = frame.encode(&mut answer).unwrap();
-    let (mut first, mut second) = answer[..len].split_at(10);
+    let (first, second) = answer[..len].split_at(10);
 
     let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
     client.submit(Request::ReadJoints).unwrap();
     let sent = client.poll_transmit(Micros(0)).unwrap().len();
     client.transmitted(Micros(0), sent);
     let due = client.poll_timeout().unwrap();
-    assert_eq!(client.handle(Micros(due.0 - 1), &mut Input::Bytes(&mut first)), None);
+    assert_eq!(client.handle(Micros(due.0 - 1), &mut Input::Bytes(first)), None);
     assert_eq!(client.handle(due, &mut Input::Tick), None);
     let later = due + Micros(5_000);
     assert!(client.poll_timeout().unwrap() > later);
-    let event = client.handle(later, &mut Input::Bytes(&mut second));
+    let event = client.handle(later, &mut Input::Bytes(second));
     assert!(matches!(event, Some(Event::Answer(Response::Joints(_)))), "{event:?}");
 }
 
