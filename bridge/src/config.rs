@@ -293,3 +293,103 @@ impl fmt::Display for ConfigError {
 }
 
 impl core::error::Error for ConfigError {}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::string::ToString;
+
+    use super::*;
+
+    #[test]
+    fn every_kind_of_arm_has_a_name_of_its_own() {
+        let names = ArmKind::ALL.map(|kind| kind.to_string());
+        assert_eq!(names, ["ling", "alpha1", "alpha1-servo", "raw"]);
+        assert_eq!(names, ArmKind::ALL.map(ArmKind::name));
+    }
+
+    #[test]
+    fn telemetry_leaves_room_on_a_slow_bus_and_is_no_faster_than_polls_on_a_fast_one() {
+        let hertz = CAN_BIT_RATES.map(|bit_rate| {
+            let can = Can {
+                bit_rate,
+                ..Can::default()
+            };
+            can.max_telemetry_hz()
+        });
+        // A sample has three frames of 135 bits at most, and 60 % of the bus.
+        assert_eq!(hertz, [185, 370, 740, 1_000]);
+    }
+
+    #[test]
+    fn what_no_bus_here_can_do_is_refused() {
+        let timeout = |got| ConfigError::CommandTimeout { max: 10_000, got };
+        let can = Can::default();
+        let cases = [
+            (
+                Can {
+                    bit_rate: 300_000,
+                    ..can
+                },
+                ConfigError::BitRate(300_000),
+            ),
+            (
+                Can {
+                    data_bit_rate: Some(3_000_000),
+                    ..can
+                },
+                ConfigError::DataBitRate(3_000_000),
+            ),
+            (
+                Can {
+                    telemetry_hz: 1_001,
+                    ..can
+                },
+                ConfigError::Telemetry { max: 1_000, got: 1_001 },
+            ),
+            (
+                Can {
+                    command_timeout_ms: 0,
+                    ..can
+                },
+                timeout(0),
+            ),
+            (
+                Can {
+                    command_timeout_ms: 10_001,
+                    ..can
+                },
+                timeout(10_001),
+            ),
+        ];
+        for (can, error) in cases {
+            let config = Config {
+                can,
+                ..Config::default()
+            };
+            assert_eq!(config.check(), Err(error));
+        }
+        let mut config = Config::default();
+        config.can.telemetry_hz = 1_000;
+        (config.can.data_bit_rate, config.can.command_timeout_ms) = (Some(5_000_000), 10_000);
+        assert_eq!(config.check(), Ok(()));
+    }
+
+    #[test]
+    fn what_is_impossible_is_named_with_what_is_possible() {
+        let hasty = Config {
+            poll: Poll::Hertz(1_001),
+            ..Config::default()
+        };
+        let error = hasty.check().unwrap_err();
+        assert_eq!(error.to_string(), "a poll rate of 1001 Hz, it is 1 to 1000 Hz");
+        let untold = Config {
+            arm: ArmKind::Raw,
+            poll: Poll::Fastest,
+            ..Config::default()
+        };
+        let error = untold.check().unwrap_err();
+        assert_eq!(error.to_string(), "the adapter does not poll: the arm is raw");
+    }
+}

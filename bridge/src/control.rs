@@ -317,3 +317,33 @@ impl fmt::Display for Refusal {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::string::ToString;
+
+    use super::*;
+
+    #[test]
+    fn who_asked_and_why_it_was_refused_can_be_read() {
+        let askers = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
+        let names = ["usb", "can", "poll", "command", "adapter"];
+        assert_eq!(askers.map(|asker| asker.to_string()), names);
+        assert_eq!(Refusal::Stale.to_string(), "not a new command");
+    }
+
+    #[test]
+    fn a_duration_counts_in_the_first_bucket_whose_limit_it_is_below() {
+        let limits = core::array::from_fn::<_, { Histogram::BUCKETS }, _>(Histogram::limit);
+        for micros in [0, 1, 2, 3, 4, 7, 8, 16_383, 16_384, 32_767, 32_768, 65_536, u64::MAX] {
+            let mut histogram = Histogram::default();
+            histogram.add(Micros(micros));
+            let below = |limit: &Option<Micros>| limit.is_none_or(|limit| micros < limit.0);
+            let bucket = limits.iter().position(below).unwrap();
+            assert_eq!(histogram.counts[bucket], 1, "{micros} µs");
+        }
+        assert_eq!(limits.iter().position(Option::is_none), Some(Histogram::BUCKETS - 1));
+    }
+}

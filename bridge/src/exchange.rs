@@ -264,3 +264,80 @@ impl Exchange {
         missing
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::ArmKind;
+
+    const MILLISECOND: Micros = Micros::from_millis(1);
+    const SECOND: Micros = Micros::from_millis(1_000);
+
+    /// A request that Ling's arm answers with `function`.
+    fn asked(function: u8) -> Asked {
+        ArmKind::Ling.asked(&[0xAA, 0x06, function, 1, 0xFE, 0, 0xFF])
+    }
+
+    fn answer(exchange: &mut Exchange, function: u8, now: Micros) -> Heard {
+        exchange.hear(Some(asked(function).key), true, now)
+    }
+
+    #[test]
+    fn the_patience_for_many_requests_ends_with_them() {
+        let mut exchange = Exchange::new();
+        for _ in 0..=FLIGHTS {
+            exchange.begin(Asker::Usb, asked(0), Micros(0), SECOND);
+        }
+        for _ in 0..=FLIGHTS {
+            assert!(matches!(answer(&mut exchange, 0, MILLISECOND), Heard::Answer(..)));
+        }
+        assert_eq!((exchange.holder(), exchange.timeout()), (None, None));
+
+        exchange.begin(Asker::Can, asked(0), SECOND, MILLISECOND);
+        assert_eq!(answer(&mut exchange, 2, SECOND), Heard::Unasked);
+        assert_eq!(exchange.timeout(), Some(SECOND + MILLISECOND));
+    }
+
+    #[test]
+    fn each_of_many_requests_is_answered_once_whatever_they_ask() {
+        let mut exchange = Exchange::new();
+        for n in 0..20 {
+            exchange.begin(Asker::Usb, asked(n), Micros(0), SECOND);
+        }
+        for n in 0..20 {
+            assert_eq!(exchange.holder(), Some(Asker::Usb));
+            assert!(matches!(
+                answer(&mut exchange, n, MILLISECOND),
+                Heard::Answer(Asker::Usb, _)
+            ));
+        }
+        assert_eq!(exchange.holder(), None);
+        for n in 0..20 {
+            assert_eq!(answer(&mut exchange, n, MILLISECOND), Heard::Unasked);
+        }
+    }
+
+    #[test]
+    fn a_late_answer_is_late_once_and_only_for_its_own_request() {
+        let mut exchange = Exchange::new();
+        exchange.begin(Asker::Usb, asked(0), Micros(0), MILLISECOND);
+        exchange.begin(Asker::Usb, asked(2), Micros(0), MILLISECOND);
+        assert_eq!(exchange.tick(MILLISECOND), 2);
+        assert_eq!(answer(&mut exchange, 0, MILLISECOND), Heard::Late);
+        assert_eq!(answer(&mut exchange, 0, MILLISECOND), Heard::Unasked);
+        assert_eq!(answer(&mut exchange, 2, MILLISECOND), Heard::Late);
+        assert!(exchange.owes_nothing());
+    }
+
+    #[test]
+    fn what_is_abandoned_is_counted_and_owed_no_more() {
+        let mut exchange = Exchange::new();
+        assert_eq!(exchange.abandon(), 0);
+        for n in 0..20 {
+            exchange.begin(Asker::Usb, asked(n), Micros(0), SECOND);
+        }
+        assert_eq!(exchange.abandon(), 20);
+        assert_eq!((exchange.holder(), exchange.timeout()), (None, None));
+        assert_eq!(answer(&mut exchange, 0, SECOND), Heard::Unasked);
+    }
+}

@@ -144,3 +144,24 @@ const fn out_of_range(unit: &'static str, got: u8, min: u16, max: u8) -> OutOfRa
         max: max as u16,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_separation_time_is_0_to_127_milliseconds_or_1_to_9_hundreds_of_microseconds() {
+        for value in 0..=u8::MAX {
+            let millis = SeparationTime::from_millis(value).map(SeparationTime::micros);
+            match value {
+                0..=127 => assert_eq!(millis, Ok(Micros::from_millis(value.into()))),
+                _ => assert_eq!(millis, Err(out_of_range("ms", value, 0, 127))),
+            }
+            let hundreds = SeparationTime::from_hundreds_of_micros(value).map(SeparationTime::micros);
+            match value {
+                1..=9 => assert_eq!(hundreds, Ok(Micros(u64::from(value) * 100))),
+                _ => assert_eq!(hundreds, Err(out_of_range("times 100 µs", value, 1, 9))),
+            }
+        }
+    }
+}

@@ -401,6 +401,16 @@ fn the_last_consecutive_frame_may_be_padded_or_not() {
 }
 
 #[test]
+fn flow_control_goes_in_frames_of_the_link() {
+    for link in [Link::Classic, Link::Fd] {
+        let mut receiver = endpoint(link);
+        events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
+        let frame = receiver.transmit(T0).unwrap();
+        assert_eq!((frame.id().get(), frame.is_fd()), (0x610, link == Link::Fd));
+    }
+}
+
+#[test]
 fn flow_control_asks_for_what_is_configured_after_each_block() {
     let mut receiver = Full::new(Config {
         block_size: 2,

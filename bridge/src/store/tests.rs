@@ -589,6 +589,8 @@ fn a_range_that_is_not_two_whole_pages_is_refused() {
 fn a_flash_that_does_not_write_is_reported() {
     let mut flash = filled::<4, 0x4000>(1);
     flash.power = Some((0, Damage::None));
-    assert_eq!(save(&mut flash, &config(2)), Err(Error::Flash(Fault::NoPower)));
+    let error = save(&mut flash, &config(2)).unwrap_err();
+    assert_eq!(error, Error::Flash(Fault::NoPower));
+    assert_eq!(format!("{error}"), "the flash reports NoPower");
     assert_eq!(load(&mut flash), Saved::Config(config(1)));
 }

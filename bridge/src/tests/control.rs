@@ -12,8 +12,11 @@ use super::rig::{Rig, ling, polite};
 use crate::can::telemetry::{Errors, Sample, event_from_frame};
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
-use crate::control::{ArmIdentity, Event, Failure, FromAdapter, Identity, Reply, Request, Subscription, VERSION};
-use crate::{Action, CanErrors, Line, LineCoding};
+use crate::control::{
+    ArmIdentity, Event, Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_FRAME, Reply, Request, Subscription,
+    VERSION, encode_cobs,
+};
+use crate::{Action, Bridge, Burst, CanErrors, Line, LineCoding};
 
 fn quiet() -> Rig {
     Rig::new(Config::default())
@@ -66,6 +69,16 @@ fn simple_questions_are_answered_on_both_ports() {
         Reply::Latencies(latencies)
     );
     assert_eq!(rig.bridge.counters().control_unsupported, 0);
+}
+
+#[test]
+fn an_adapter_says_what_it_was_made_as() {
+    let identity = Identity {
+        board: "stm32f405".try_into().unwrap(),
+        ..Identity::default()
+    };
+    let bridge = Bridge::new(identity.clone(), Config::default());
+    assert_eq!(bridge.identity(), identity);
 }
 
 #[test]
@@ -187,6 +200,38 @@ fn whoever_waits_for_an_arm_that_another_takes_away_is_answered_at_once() {
         answer: None,
     };
     assert_eq!(rig.replies, [(sequence, Reply::Arm(nothing))]);
+}
+
+#[test]
+fn what_one_host_ends_for_another_is_told_before_it_has_its_own_reply() {
+    let mut rig = quiet();
+    rig.manners = Box::new(|_| None);
+    rig.ask(Request::IdentifyArm);
+    rig.run(1_000);
+    let alpha1 = Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    };
+    rig.ask_on_can(1, Request::SetConfig(alpha1));
+    while rig.replies.is_empty() {
+        rig.run(1);
+    }
+    assert_eq!(rig.can_control, []);
+}
+
+#[test]
+fn a_request_that_finds_too_little_room_waits_for_more() {
+    let mut bridge = Bridge::default();
+    let request = FromHost {
+        sequence: 1,
+        request: Request::IdentifyArm,
+    };
+    let mut bytes = [0; MAX_COBS];
+    let len = encode_cobs(&request, &mut bytes).unwrap();
+    bridge.control_received(&bytes[..len], Micros(0));
+    assert_eq!(bridge.uart_transmit(&mut [0; 6], Micros(0)), None);
+    let burst = bridge.uart_transmit(&mut [0; MAX_FRAME], Micros(0));
+    assert_eq!(burst, Some(Burst { len: 7, start: None }));
 }
 
 fn identity(count: Option<u8>) -> ArmIdentity {
@@ -370,6 +415,49 @@ fn a_configuration_is_saved_and_forgotten_by_firmware() {
 }
 
 #[test]
+fn who_asked_to_save_is_told_unless_it_has_gone() {
+    let mut rig = quiet();
+    rig.ask(Request::SaveConfig);
+    rig.bridge.usb_reset();
+    rig.bridge.usb_configured(true);
+    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.run(1_000);
+    assert_eq!(rig.replies, []);
+
+    rig.ask_on_can(1, Request::SaveConfig);
+    rig.run(10_000);
+    rig.bridge.usb_reset();
+    rig.bridge.usb_configured(true);
+    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.run(10_000);
+    let done = FromAdapter::Reply {
+        sequence: 1,
+        reply: Reply::Done,
+    };
+    assert_eq!((rig.can_control, rig.replies), (Vec::from([done]), Vec::new()));
+}
+
+#[test]
+fn who_asked_what_arm_there_is_is_told_unless_it_has_gone() {
+    let mut rig = quiet();
+    rig.ask(Request::IdentifyArm);
+    rig.bridge.usb_reset();
+    rig.bridge.usb_configured(true);
+    rig.run(1_000);
+    assert_eq!(rig.replies, []);
+
+    rig.ask_on_can(1, Request::IdentifyArm);
+    rig.run(200);
+    rig.bridge.usb_reset();
+    rig.run(10_000);
+    let told = FromAdapter::Reply {
+        sequence: 1,
+        reply: Reply::Arm(identity(Some(2))),
+    };
+    assert_eq!(rig.can_control, [told]);
+}
+
+#[test]
 fn a_restart_is_promised_and_left_to_firmware() {
     let mut rig = quiet();
     assert_eq!(rig.call(Request::Restart), Reply::Done);
@@ -493,6 +581,24 @@ fn error_counts_go_out_once_a_second() {
     assert_eq!(errors.len(), 6);
     assert_eq!(errors[5], Errors::from(&rig.bridge.counters()));
     assert_eq!(errors[5].can, 4);
+}
+
+#[test]
+fn error_counts_go_out_while_telemetry_is_on() {
+    let mut rig = quiet();
+    let errors = |rig: &Rig| {
+        rig.frames
+            .iter()
+            .filter_map(|(_, frame)| Errors::from_frame(frame))
+            .count()
+    };
+    for (telemetry_hz, expected) in [(10, 6), (0, 6), (20, 12)] {
+        let mut config = rig.bridge.config();
+        config.can.telemetry_hz = telemetry_hz;
+        assert_eq!(rig.call(Request::SetConfig(config)), Reply::Done);
+        rig.run(5_500_000);
+        assert_eq!(errors(&rig), expected);
+    }
 }
 
 #[test]

@@ -181,12 +181,16 @@ impl Rig {
                 self.bridge.usb_received(&packet, now);
             }
             let mut packet = [0; PACKET];
-            while let Some(n) = self.bridge.usb_transmit(&mut packet) {
+            while self.bridge.usb_due() {
+                let n = self.bridge.usb_transmit(&mut packet).expect("one is due");
                 self.usb.extend(&packet[..n]);
             }
-            while let Some(n) = self.bridge.control_transmit(&mut packet, now) {
+            assert_eq!(self.bridge.usb_transmit(&mut packet), None);
+            while self.bridge.control_due() {
+                let n = self.bridge.control_transmit(&mut packet, now).expect("one is due");
                 self.hear_control(&packet[..n]);
             }
+            assert_eq!(self.bridge.control_transmit(&mut packet, now), None);
             if self.tx_free <= now.0 {
                 let mut out = [0; 70];
                 let due = self.bridge.uart_due(now);
@@ -263,8 +267,9 @@ impl Rig {
     /// Moves one frame over the bus, if there is one.
     fn use_bus(&mut self, now: Micros) -> bool {
         let due = self.bridge.can_due(now);
-        if let Some(frame) = self.bridge.can_transmit(now) {
-            assert!(due);
+        let frame = self.bridge.can_transmit(now);
+        assert_eq!(frame.is_some(), due);
+        if let Some(frame) = frame {
             self.bus_free = now.0 + CAN_FRAME;
             self.hear_bus(&frame, now);
             self.bridge.can_sent(0, now);

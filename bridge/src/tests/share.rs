@@ -89,6 +89,22 @@ fn a_frame_is_stamped_with_the_time_of_its_last_byte() {
 }
 
 #[test]
+fn a_request_of_the_host_on_usb_waits_from_its_first_byte_on() {
+    let mut rig = Rig::new(Config::default());
+    rig.can_out.push_back(info());
+    rig.run(200);
+    rig.usb_out.extend(&JOINTS[..3]);
+    rig.run(300);
+    rig.usb_out.extend(&JOINTS[3..]);
+    rig.run(10_000);
+    let waited = rig.said[1].0 - 200;
+    assert!((300..512).contains(&waited), "{waited}");
+    // CAN's did not wait at all.
+    let latencies = rig.bridge.latencies.turn.counts;
+    assert_eq!((latencies[0], latencies[8], latencies.iter().sum()), (1, 1, 2));
+}
+
+#[test]
 fn what_nobody_asked_for_goes_to_the_host_on_usb_and_to_subscribers_also_in_anothers_exchange() {
     let mut rig = Rig::new(Config::default());
     rig.subscribe();

@@ -1041,3 +1041,27 @@ fn a_text_is_itself_if_it_can_be_printed() {
     assert_eq!(name("dance").as_str(), Some("dance"));
     assert_eq!(Text::new(b"\x1b[31m").unwrap().as_str(), None);
 }
+
+#[test]
+fn bytes_that_begin_nothing_are_stray_all_at_once() {
+    let expect = Expect::Responses(None);
+    for (window, stray) in [(&[1][..], 1), (&[1, 2, 3], 3), (&[1, 2, 3, 0], 3), (&[1, 2, 0xFA], 2)] {
+        let verdict = Scan::Skip(stray, Reason::Stray);
+        assert_eq!(Alpha1::scan(window, expect), verdict, "{window:x?}");
+    }
+}
+
+#[test]
+fn a_frame_that_is_not_expected_any_more_holds_nothing_back() {
+    // Where a host is heard they begin a question. From servo 5, AF is an answer.
+    let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(5))));
+    let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
+    let mut line = &hex("F1 1F 00")[..];
+    assert!(decoder.decode(&mut line, Expect::Requests).is_none());
+    let mut line = &hex("AF")[..];
+    let mut frames = 0;
+    while let Some(next) = decoder.decode(&mut line, expect) {
+        frames += usize::from(next == Ok(Frame::Byte(0xAF)));
+    }
+    assert_eq!(frames, 1);
+}

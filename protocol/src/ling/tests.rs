@@ -2,6 +2,7 @@
 
 extern crate std;
 
+use std::string::ToString;
 use std::vec::Vec;
 
 use super::*;
@@ -349,4 +350,95 @@ fn a_move_that_is_out_of_range_says_at_which_byte() {
             "{offset}: {error:?}"
         );
     }
+}
+
+#[test]
+fn what_follows_a_frame_that_was_pushed_half_is_left_to_the_caller() {
+    let query = hex("AA 06 00 01 FE 9A FF");
+    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+    decoder.push(&query[..5]);
+    assert!(decoder.next(()).is_none());
+    let mut rest = &[&query[5..], &query].concat()[..];
+    assert!(decoder.decode(&mut rest, ()).unwrap().is_ok());
+    assert_eq!((rest, decoder.pending()), (&query[..], 0));
+}
+
+#[test]
+fn there_is_nothing_to_wait_for_while_the_end_of_a_cancelled_request_is_not_sent() {
+    let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
+    client.submit(Request::ReadJoints).unwrap();
+    assert_eq!(client.poll_transmit(Micros(0)).unwrap().len(), 7);
+    client.transmitted(Micros(0), 3);
+    client.cancel(Micros(0));
+    client.submit(Request::ReadInfo).unwrap();
+    assert_eq!(client.poll_timeout(), None);
+    assert_eq!(client.poll_transmit(Micros(0)).unwrap().len(), 4);
+}
+
+#[test]
+fn a_request_that_comes_back_says_why() {
+    let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
+    client.submit(Request::ReadJoints).unwrap();
+    let busy = client.submit(Request::ReadInfo).unwrap_err();
+    assert_eq!(busy.to_string(), "a request is already in flight");
+}
+
+#[test]
+fn an_answer_that_has_begun_when_it_is_due_gets_the_time_to_end() {
+    let joints = hex("AA 06 00 0F 00 08 00 08 00 08 00 08 00 08 00 08 00 08 00");
+    let mut answer = [0; MAX_FRAME];
+    let frame = Frame {
+        command: 0x06,
+        function: 0,
+        data: &joints[4..],
+    };
+    let len = frame.encode(&mut answer).unwrap();
+    let (first, second) = answer[..len].split_at(10);
+
+    let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
+    client.submit(Request::ReadJoints).unwrap();
+    let sent = client.poll_transmit(Micros(0)).unwrap().len();
+    client.transmitted(Micros(0), sent);
+    let due = client.poll_timeout().unwrap();
+    assert_eq!(client.handle(Micros(due.0 - 1), &mut Input::Bytes(first)), None);
+    assert_eq!(client.handle(due, &mut Input::Tick), None);
+    let later = due + Micros(5_000);
+    assert!(client.poll_timeout().unwrap() > later);
+    let event = client.handle(later, &mut Input::Bytes(second));
+    assert!(matches!(event, Some(Event::Answer(Response::Joints(_)))), "{event:?}");
+}
+
+#[test]
+fn what_comes_first_behind_an_idle_line_is_taken_whole() {
+    let query = hex("AA 06 00 01 FE 9A FF");
+    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+    assert_eq!(decoder.idle(()), None);
+    let line = [&[0x11, 0x22][..], &query, &query[..2]].concat();
+    let mut rest = &line[..];
+    let mut frames = 0;
+    while let Some(next) = decoder.decode(&mut rest, ()) {
+        frames += usize::from(next.is_ok());
+    }
+    assert_eq!((frames, rest.len(), decoder.pending()), (1, 0, 2));
+}
+
+#[test]
+fn nothing_that_changes_the_arm_may_be_repeated() {
+    for request in [
+        Request::SetZero,
+        Request::SetStroke(Stroke::Mm50),
+        Request::SetTorque(Torque::On),
+        moving(0),
+    ] {
+        assert!(!Ling::repeatable(&request), "{request:?}");
+    }
+    assert!(Ling::repeatable(&Request::ReadJoints));
+}
+
+#[test]
+fn a_serial_number_says_which_arm_it_is() {
+    let kind = |text: &[u8; 16]| SerialNumber(*text).kind();
+    assert_eq!(kind(b"ADLS251205123456"), Some(Kind::Leader));
+    assert_eq!(kind(b"ADFS251205123456"), Some(Kind::Follower));
+    assert_eq!(kind(b"ADXS251205123456"), None);
 }

@@ -6,7 +6,9 @@ use std::vec::Vec;
 
 use super::frame::HEARTBEAT_ID;
 use super::*;
-use crate::{Client, Config, Device, EncodeError, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan};
+use crate::{
+    Client, Config, Decoder, Device, EncodeError, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan,
+};
 
 /// A frame written in hex.
 fn hex(text: &str) -> Vec<u8> {
@@ -643,4 +645,27 @@ fn a_state_names_every_bit_it_has() {
     ] {
         assert_eq!(std::format!("{state}"), text);
     }
+}
+
+#[test]
+fn the_longest_frame_is_as_long_as_that_of_modbus_tcp() {
+    let frame = Frame {
+        transaction: 1,
+        protocol: 2,
+        body: &[1; MAX_BODY],
+    };
+    let mut out = [0; MAX_FRAME];
+    assert_eq!(frame.encode(Direction::Responses, &mut out), Ok(260));
+    assert_eq!(MAX_FRAME, 260);
+}
+
+#[test]
+fn no_more_bytes_are_waited_for_than_a_frame_has() {
+    let mut decoder = Decoder::<XArm, MAX_FRAME>::new();
+    for (at, byte) in HEARTBEAT.into_iter().enumerate() {
+        let need = decoder.need(Direction::Requests);
+        assert!((1..=HEARTBEAT.len() - at).contains(&need), "{need} behind {at}");
+        decoder.push(&[byte]);
+    }
+    assert!(decoder.next(Direction::Requests).is_some_and(|next| next.is_ok()));
 }
