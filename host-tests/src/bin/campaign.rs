@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 use std::{env, fs, io, panic};
 
@@ -11,6 +12,9 @@ use armwire_host_tests::image::campaign::{Outcome, Table, run};
 const DOC: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/faults.md");
 const BEGIN: &str = "<!-- campaign: begin -->\n";
 const END: &str = "<!-- campaign: end -->\n";
+
+/// After how many runs it says how far it is.
+const PROGRESS: u32 = 500;
 
 const USAGE: &str = "\
 campaign [--runs N] [--seed S] [--only NUMBER] [--write]
@@ -75,7 +79,16 @@ fn campaign(options: &Options) -> Result<bool, String> {
     let numbers: Vec<u32> = options
         .only
         .map_or_else(|| (0..options.runs).collect(), |only| vec![only]);
-    let outcomes = run(options.seed, &numbers, |outcome| tell(outcome, options.only.is_some()));
+    let done = AtomicU32::new(0);
+    let outcomes = run(options.seed, &numbers, |outcome| {
+        tell(outcome, options.only.is_some());
+        let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+        if done.is_multiple_of(PROGRESS) {
+            println!("{done} runs of {} in {:.0?}", numbers.len(), began.elapsed());
+        }
+        // Whoever waits for long wants to see it at once.
+        let _ = io::stdout().flush();
+    });
     let table = Table::of(&outcomes);
     println!("\n{table}");
     println!(
@@ -113,8 +126,6 @@ fn tell(outcome: &Outcome, always: bool) {
             );
         }
     }
-    // Whoever waits for hours wants to see them at once.
-    let _ = io::stdout().flush();
 }
 
 /// Puts the table into the document.
