@@ -17,9 +17,10 @@ const END: &str = "<!-- campaign: end -->\n";
 const PROGRESS: u32 = 500;
 
 const USAGE: &str = "\
-campaign [--runs N] [--seed S] [--only NUMBER] [--write]
+campaign [--runs N] [--from NUMBER] [--seed S] [--only NUMBER] [--write]
 
 --runs N        so many runs, 300 without this option
+--from NUMBER   of these those from this number on, all without this option
 --seed S        of what is drawn, 1 without this option
 --only NUMBER   just the run of this number
 --write         put the table into docs/faults.md";
@@ -27,6 +28,7 @@ campaign [--runs N] [--seed S] [--only NUMBER] [--write]
 /// What is wanted.
 struct Options {
     runs: u32,
+    from: u32,
     seed: u64,
     only: Option<u32>,
     write: bool,
@@ -35,6 +37,7 @@ struct Options {
 fn options() -> Result<Options, String> {
     let mut options = Options {
         runs: 300,
+        from: 0,
         seed: 1,
         only: None,
         write: false,
@@ -48,13 +51,14 @@ fn options() -> Result<Options, String> {
         let small = |number: u64| u32::try_from(number).map_err(|_| format!("{number} is more than {}", u32::MAX));
         match &*arg {
             "--runs" => options.runs = small(number()?)?,
+            "--from" => options.from = small(number()?)?,
             "--seed" => options.seed = number()?,
             "--only" => options.only = Some(small(number()?)?),
             "--write" => options.write = true,
             _ => return Err(format!("unknown option `{arg}`\n\n{USAGE}")),
         }
     }
-    if options.write && options.only.is_some() {
+    if options.write && (options.only.is_some() || options.from > 0) {
         return Err("`--write` needs all runs".to_owned());
     }
     Ok(options)
@@ -78,7 +82,7 @@ fn campaign(options: &Options) -> Result<bool, String> {
     let began = Instant::now();
     let numbers: Vec<u32> = options
         .only
-        .map_or_else(|| (0..options.runs).collect(), |only| vec![only]);
+        .map_or_else(|| (options.from..options.runs).collect(), |only| vec![only]);
     let done = AtomicU32::new(0);
     let outcomes = run(options.seed, &numbers, |outcome| {
         tell(outcome, options.only.is_some());

@@ -37,6 +37,8 @@ impl Rig {
     /// Whoever was idle asks again.
     pub(super) fn inject(&mut self, fault: Fault) -> Result<Nanos> {
         self.hosts.set_asking(true);
+        // What has been on the wires since they were last counted is none of it.
+        self.traffic.count(&mut self.board);
         match fault {
             Fault::ByteDropped => self.damage(Way::FromArm, Damage::Drop)?,
             Fault::ByteDuplicated => self.damage(Way::FromArm, Damage::Duplicate)?,
@@ -173,6 +175,7 @@ impl Rig {
             // A byte may be on its way that is none of these.
             let past = self.traffic.bytes_from_arm + after + 2;
             self.soon(&mut |rig| met(rig) > before || rig.traffic.bytes_from_arm >= past)?;
+            self.traffic.count(&mut self.board);
             if met(self) > before {
                 return Ok(());
             }
