@@ -1,17 +1,22 @@
-//! The fault campaign's checks can fail: each test here does behind their back what they are to find.
+//! The fault campaign's checks can fail: each test here does behind their back what they are to find. And what a run shows
+//! hangs on its seed and its number alone.
 
-use armwire_host_tests::image::campaign::{Case, Deceit, Fault, Moment};
+use armwire_host_tests::image::campaign::{self, Bench, Case, Deceit, Fault, Moment};
 
-/// A run in which a byte is lost, and something of which nobody tells the checks.
+/// A run in which a byte is lost.
+const RUN: Case = Case {
+    seed: 1,
+    number: 0,
+    fault: Fault::ByteDropped,
+    moment: Moment::Any,
+    second: None,
+};
+
+/// A run on a board that has had one, with something of which nobody tells the checks.
 fn run(deceit: Option<Deceit>) -> Result<(), String> {
-    let case = Case {
-        seed: 1,
-        number: 0,
-        fault: Fault::ByteDropped,
-        moment: Moment::Any,
-        second: None,
-    };
-    case.run_deceived(deceit).result.map(drop)
+    let mut bench = Bench::default();
+    bench.run(RUN).result?;
+    bench.run_deceived(RUN, deceit).result.map(drop)
 }
 
 fn expect_found(deceit: Deceit, complaint: &str) {
@@ -53,4 +58,34 @@ fn a_restart_is_found() {
 #[test]
 fn traffic_that_does_not_come_back_is_found() {
     expect_found(Deceit::StaysSilent, "no traffic of");
+}
+
+#[test]
+fn a_run_alone_is_the_same_as_among_others() {
+    let numbers = [0, 1, 2, 3];
+    let among = campaign::run(1, &numbers, |_| {}).pop().unwrap();
+    let [alone] = &campaign::run(1, &numbers[3..], |_| {})[..] else {
+        panic!("not one outcome");
+    };
+    assert_eq!(alone.case.number, 3);
+    assert_eq!(alone.result, among.result);
+}
+
+#[test]
+fn after_a_run_that_failed_or_started_the_part_anew_there_is_a_new_board() {
+    let first = Bench::default().run(RUN).result;
+    let power_loss = Case {
+        fault: Fault::PowerLossInSave,
+        ..RUN
+    };
+    let mut bench = Bench::default();
+    assert!(bench.run(power_loss).result.is_ok());
+    assert_eq!(bench.run(RUN).result, first);
+    assert!(bench.run_deceived(RUN, Some(Deceit::StaysSilent)).result.is_err());
+    assert_eq!(bench.run(RUN).result, first);
+    assert_ne!(
+        bench.run(RUN).result,
+        first,
+        "on a board that has had a run, other moments are met"
+    );
 }

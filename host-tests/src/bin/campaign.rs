@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 use std::{env, fs, io, panic};
 
@@ -12,10 +13,14 @@ const DOC: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/faults.md");
 const BEGIN: &str = "<!-- campaign: begin -->\n";
 const END: &str = "<!-- campaign: end -->\n";
 
+/// After how many runs it says how far it is.
+const PROGRESS: u32 = 500;
+
 const USAGE: &str = "\
-campaign [--runs N] [--seed S] [--only NUMBER] [--write]
+campaign [--runs N] [--from NUMBER] [--seed S] [--only NUMBER] [--write]
 
 --runs N        so many runs, 300 without this option
+--from NUMBER   of these those from this number on, all without this option
 --seed S        of what is drawn, 1 without this option
 --only NUMBER   just the run of this number
 --write         put the table into docs/faults.md";
@@ -23,6 +28,7 @@ campaign [--runs N] [--seed S] [--only NUMBER] [--write]
 /// What is wanted.
 struct Options {
     runs: u32,
+    from: u32,
     seed: u64,
     only: Option<u32>,
     write: bool,
@@ -31,6 +37,7 @@ struct Options {
 fn options() -> Result<Options, String> {
     let mut options = Options {
         runs: 300,
+        from: 0,
         seed: 1,
         only: None,
         write: false,
@@ -44,13 +51,14 @@ fn options() -> Result<Options, String> {
         let small = |number: u64| u32::try_from(number).map_err(|_| format!("{number} is more than {}", u32::MAX));
         match &*arg {
             "--runs" => options.runs = small(number()?)?,
+            "--from" => options.from = small(number()?)?,
             "--seed" => options.seed = number()?,
             "--only" => options.only = Some(small(number()?)?),
             "--write" => options.write = true,
             _ => return Err(format!("unknown option `{arg}`\n\n{USAGE}")),
         }
     }
-    if options.write && options.only.is_some() {
+    if options.write && (options.only.is_some() || options.from > 0) {
         return Err("`--write` needs all runs".to_owned());
     }
     Ok(options)
@@ -74,8 +82,17 @@ fn campaign(options: &Options) -> Result<bool, String> {
     let began = Instant::now();
     let numbers: Vec<u32> = options
         .only
-        .map_or_else(|| (0..options.runs).collect(), |only| vec![only]);
-    let outcomes = run(options.seed, &numbers, |outcome| tell(outcome, options.only.is_some()));
+        .map_or_else(|| (options.from..options.runs).collect(), |only| vec![only]);
+    let done = AtomicU32::new(0);
+    let outcomes = run(options.seed, &numbers, |outcome| {
+        tell(outcome, options.only.is_some());
+        let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+        if done.is_multiple_of(PROGRESS) {
+            println!("{done} runs of {} in {:.0?}", numbers.len(), began.elapsed());
+        }
+        // Whoever waits for long wants to see it at once.
+        let _ = io::stdout().flush();
+    });
     let table = Table::of(&outcomes);
     println!("\n{table}");
     println!(
@@ -113,8 +130,6 @@ fn tell(outcome: &Outcome, always: bool) {
             );
         }
     }
-    // Whoever waits for hours wants to see them at once.
-    let _ = io::stdout().flush();
 }
 
 /// Puts the table into the document.

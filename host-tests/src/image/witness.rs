@@ -26,6 +26,10 @@ const ANSWER_LEN: u32 = 15;
 /// Bits of a number that fit in a joint.
 const TICK_BITS: u32 = 12;
 
+/// How long the line must be quiet for the arm to give half a frame up: longer than the adapter lets a host pause in the
+/// middle of a request, shorter than it waits for an answer. How long a real one waits is not known.
+const PATIENCE: Micros = Micros::from_millis(20);
+
 /// A request that is like no other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ticket {
@@ -71,6 +75,9 @@ pub struct Witness {
     turnaround: Micros,
     silent: bool,
     decoder: Decoder<Ling, MAX_FRAME>,
+    /// When it last heard a byte, and when it looks next whether the line has been quiet since.
+    heard: Micros,
+    looks: Option<Micros>,
     /// Each byte, and from when on it may be said.
     says: VecDeque<(Micros, u8)>,
     deeds: Deeds,
@@ -128,6 +135,8 @@ impl Witness {
             turnaround,
             silent: false,
             decoder: Decoder::new(),
+            heard: Micros(0),
+            looks: None,
             says: VecDeque::new(),
             deeds: Deeds::default(),
             others: Vec::new(),
@@ -171,30 +180,24 @@ impl Witness {
         self.says.extend(bytes.iter().map(|&byte| (due, byte)));
     }
 
-    /// The answer to a frame, if it has one.
-    fn answer(&mut self, command: (u8, u8), data: &[u8]) -> Option<Vec<u8>> {
-        if command != JOINTS_COMMAND {
-            return None;
+    /// Lets time pass: half a frame is given up once the line has been quiet.
+    fn advance(&mut self, now: Micros) {
+        if self.looks.take_if(|at| *at <= now).is_none() {
+            return;
         }
-        let answer = if data == QUESTION {
-            self.deeds.polls += 1;
-            joints(self.deeds.polls - 1)
-        } else {
-            self.deeds.tickets[usize::from(data[0])] += 1;
-            let before = self.deeds.answers.to_le_bytes();
-            frame(&[data, &before].concat())
-        };
-        (!self.silent).then(|| {
-            self.deeds.answers += 1;
-            answer
-        })
+        let quiet = self.heard + PATIENCE;
+        if now < quiet {
+            self.looks = Some(quiet);
+            return;
+        }
+        while let Some(noise) = self.decoder.idle(()) {
+            self.deeds.noise_bytes += noise.len as u32;
+            self.hear(now);
+        }
     }
-}
 
-impl SerialDevice for Witness {
-    fn receive(&mut self, now: Micros, byte: u8) {
-        self.deeds.bytes_heard += 1;
-        self.decoder.push(&[byte]);
+    /// Does what is asked in the bytes that it has.
+    fn hear(&mut self, now: Micros) {
         loop {
             let (command, data) = match self.decoder.next(()) {
                 Some(Ok(frame)) => ((frame.command, frame.function), frame.data.to_vec()),
@@ -222,12 +225,44 @@ impl SerialDevice for Witness {
         }
     }
 
+    /// The answer to a frame, if it has one.
+    fn answer(&mut self, command: (u8, u8), data: &[u8]) -> Option<Vec<u8>> {
+        if command != JOINTS_COMMAND {
+            return None;
+        }
+        let answer = if data == QUESTION {
+            self.deeds.polls += 1;
+            joints(self.deeds.polls - 1)
+        } else {
+            self.deeds.tickets[usize::from(data[0])] += 1;
+            let before = self.deeds.answers.to_le_bytes();
+            frame(&[data, &before].concat())
+        };
+        (!self.silent).then(|| {
+            self.deeds.answers += 1;
+            answer
+        })
+    }
+}
+
+impl SerialDevice for Witness {
+    fn receive(&mut self, now: Micros, byte: u8) {
+        self.advance(now);
+        self.deeds.bytes_heard += 1;
+        self.heard = now;
+        self.looks.get_or_insert(now + PATIENCE);
+        self.decoder.push(&[byte]);
+        self.hear(now);
+    }
+
     fn transmit(&mut self, now: Micros) -> Option<u8> {
+        self.advance(now);
         self.says.pop_front_if(|(due, _)| *due <= now).map(|(_, byte)| byte)
     }
 
     fn poll_timeout(&self) -> Option<Micros> {
-        self.says.front().map(|&(due, _)| due)
+        let says = self.says.front().map(|&(due, _)| due);
+        [says, self.looks].into_iter().flatten().min()
     }
 }
 
@@ -267,4 +302,23 @@ pub fn joint_answer(joints: [u16; JOINTS]) -> Vec<u8> {
     let mut bytes = [0; MAX_FRAME];
     let len = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
     bytes[..len].to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_a_frame_is_given_up_in_silence_and_what_seemed_its_rest_is_answered() {
+        let mut witness = Witness::new(Micros(500));
+        let [first, second] = [0, 1].map(|number| Ticket { asker: USB, number }.request());
+        let mut longer = first;
+        longer[3] |= 0x20;
+        for byte in longer.into_iter().chain(second) {
+            witness.receive(Micros(100), byte);
+        }
+        assert_eq!(witness.transmit(Micros(100) + PATIENCE), None);
+        assert_eq!((witness.deeds().tickets_of_usb(), witness.deeds().noise_bytes), (1, 11));
+        assert!(witness.is_talking());
+    }
 }

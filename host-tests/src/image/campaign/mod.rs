@@ -1,7 +1,9 @@
 //! The fault campaign: the image with everybody at work, one thing that goes wrong, sometimes two, and the books of what
 //! must be true all the same.
 //!
-//! A case is made of a seed and a number, and is the same in every run: which fault, in which moment, and how exactly.
+//! A case is made of a seed and a number, and is the same in every run: which fault, in which moment, and how exactly. It
+//! runs on the board on which those before it in its [round](ROUND) ran: to translate the firmware for a new one takes
+//! several times as long as a case.
 
 mod books;
 mod cable;
@@ -15,10 +17,10 @@ mod table;
 use std::error::Error;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use armwire_virtual_board::Nanos;
+use armwire_virtual_board::{Nanos, VirtualBoard};
 
 pub use self::books::Losses;
 pub use self::cable::{Cable, Damage, Way};
@@ -33,6 +35,9 @@ pub type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
 
 /// How long everybody works after all that went wrong, with nothing more to be lost.
 const CLEAN: Nanos = Nanos::from_millis(30);
+
+/// How many cases are run on one [`Bench`], from each whole multiple of this number on: every fault in one moment.
+pub const ROUND: u32 = Fault::ALL.len() as u32;
 
 /// A run of the campaign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,9 +67,8 @@ pub struct Outcome {
 impl Case {
     /// The run of this number of the campaign with this seed. Each fault meets each moment, in turn.
     pub fn new(seed: u64, number: u32) -> Self {
-        let (faults, moments) = (Fault::ALL.len() as u32, Moment::ALL.len() as u32);
-        let fault = Fault::ALL[(number % faults) as usize];
-        let moment = Moment::ALL[(number / faults % moments) as usize];
+        let fault = Fault::ALL[(number % ROUND) as usize];
+        let moment = Moment::ALL[(number / ROUND) as usize % Moment::ALL.len()];
         let mut dice = Dice::new(!seed, number);
         let brief: Vec<Fault> = Fault::ALL.into_iter().filter(|fault| fault.is_brief()).collect();
         let second = (fault.restart().is_none() && dice.between(0, 3) == 0).then(|| dice.one_of(&brief));
@@ -76,31 +80,40 @@ impl Case {
             second,
         }
     }
+}
 
-    /// Runs it.
-    pub fn run(self) -> Outcome {
-        self.run_deceived(None)
+/// A board on which one case runs after the other.
+///
+/// There is a new one for the first, and after one that failed or had the part start over. Each case has its own arm and
+/// its own hosts.
+#[derive(Debug, Default)]
+pub struct Bench(Option<VirtualBoard<Cable>>);
+
+impl Bench {
+    /// Runs a case.
+    pub fn run(&mut self, case: Case) -> Outcome {
+        self.run_deceived(case, None)
     }
 
-    /// Runs it, with more wrong in it than it says.
-    pub fn run_deceived(self, deceit: Option<Deceit>) -> Outcome {
+    /// Runs a case, with more wrong in it than it says.
+    pub fn run_deceived(&mut self, case: Case, deceit: Option<Deceit>) -> Outcome {
         let attempt = catch_unwind(AssertUnwindSafe(|| {
-            self.attempt(deceit).map_err(|error| error.to_string())
+            self.attempt(case, deceit).map_err(|error| error.to_string())
         }));
         let result = attempt.unwrap_or_else(|panic| {
             let message = panic.downcast_ref::<String>().cloned();
             let message = message.or_else(|| panic.downcast_ref::<&str>().map(|message| (*message).to_owned()));
             Err(message.unwrap_or_else(|| "a panic".to_owned()))
         });
-        Outcome { case: self, result }
+        Outcome { case, result }
     }
 
-    fn attempt(self, deceit: Option<Deceit>) -> Result<(Nanos, Losses)> {
-        let mut rig = Rig::start(Dice::new(self.seed, self.number))?;
-        rig.reach(self.moment)?;
-        let mut over = rig.inject(self.fault)?;
-        let mut limit = self.fault.limit();
-        if let Some(second) = self.second {
+    fn attempt(&mut self, case: Case, deceit: Option<Deceit>) -> Result<(Nanos, Losses)> {
+        let mut rig = Rig::start(self.0.take(), Dice::new(case.seed, case.number))?;
+        rig.reach(case.moment)?;
+        let mut over = rig.inject(case.fault)?;
+        let mut limit = case.fault.limit();
+        if let Some(second) = case.second {
             rig.work_between(0, 5_000)?;
             over = rig.inject(second)?;
             limit = Nanos(limit.0.max(second.limit().0));
@@ -110,7 +123,8 @@ impl Case {
             over = rig.board.now();
         }
         let recovery = rig.recover(over, limit)?;
-        if self.fault.restart().is_some() {
+        let restarts = case.fault.restart().is_some();
+        if restarts {
             // The counters began anew with the part.
             rig.finish()?;
             rig.open_books();
@@ -118,23 +132,28 @@ impl Case {
         }
         rig.work(CLEAN)?;
         rig.finish()?;
-        let faults: Vec<Fault> = [self.fault].into_iter().chain(self.second).collect();
-        Ok((recovery, rig.check(&faults)?))
+        let faults: Vec<Fault> = [case.fault].into_iter().chain(case.second).collect();
+        let losses = rig.check(&faults)?;
+        self.0 = Some(rig.board).filter(|_| !restarts);
+        Ok((recovery, losses))
     }
 }
 
-/// Runs the cases of these numbers, as many at once as there are processors, and calls `done` after each.
+/// Runs the cases of these numbers, which ascend, as many rounds at once as there are processors, and calls `done` after
+/// each.
 pub fn run(seed: u64, numbers: &[u32], done: impl Fn(&Outcome) + Sync) -> Vec<Outcome> {
-    let next = AtomicU32::new(0);
+    let rounds: Vec<&[u32]> = numbers.chunk_by(|a, b| a / ROUND == b / ROUND).collect();
+    let next = AtomicUsize::new(0);
     let outcomes = Mutex::new(Vec::new());
     let workers = thread::available_parallelism().map_or(1, |count| count.get());
     thread::scope(|scope| {
         for _ in 0..workers {
             scope.spawn(|| {
-                while let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed) as usize) {
-                    let outcome = Case::new(seed, number).run();
-                    done(&outcome);
-                    outcomes.lock().unwrap().push(outcome);
+                while let Some(&round) = rounds.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    run_round(seed, round, |outcome| {
+                        done(&outcome);
+                        outcomes.lock().unwrap().push(outcome);
+                    });
                 }
             });
         }
@@ -142,4 +161,17 @@ pub fn run(seed: u64, numbers: &[u32], done: impl Fn(&Outcome) + Sync) -> Vec<Ou
     let mut outcomes = outcomes.into_inner().unwrap();
     outcomes.sort_by_key(|outcome| outcome.case.number);
     outcomes
+}
+
+/// Runs cases of one round, and before them those that they come after: nobody wants to know of these.
+fn run_round(seed: u64, numbers: &[u32], mut done: impl FnMut(Outcome)) {
+    let [first, ..] = *numbers else { return };
+    let last = numbers[numbers.len() - 1];
+    let mut bench = Bench::default();
+    for number in first / ROUND * ROUND..=last {
+        let outcome = bench.run(Case::new(seed, number));
+        if numbers.contains(&number) {
+            done(outcome);
+        }
+    }
 }

@@ -55,12 +55,20 @@ pub(super) struct Rig {
 }
 
 impl Rig {
-    /// Boots the board and begins.
-    pub(super) fn start(dice: Dice) -> Result<Self> {
+    /// Boots a board, if there is none, and begins. On one that is there nothing may be under way.
+    pub(super) fn start(board: Option<VirtualBoard<Cable>>, dice: Dice) -> Result<Self> {
         let arm = Cable::new(Witness::new(TURNAROUND));
-        let mut config = BoardConfig::new(path(), arm);
-        config.seed = dice.clone().next();
-        let mut board = VirtualBoard::start(config)?;
+        let mut board = match board {
+            Some(mut board) => {
+                board.with_arm(|cable| *cable = arm);
+                board
+            }
+            None => {
+                let mut config = BoardConfig::new(path(), arm);
+                config.seed = dice.clone().next();
+                VirtualBoard::start(config)?
+            }
+        };
         plug_in(&mut board, MEGABAUD);
         board.can().attach(RATE);
         let hosts = Hosts {
