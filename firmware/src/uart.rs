@@ -94,7 +94,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
             note_errors(status, place);
         }
         // The byte that brought the handler here is in the ring a few cycles later.
-        is_fetched();
+        wait_for_dma();
         let end = tail();
         let reached = untaken(end) >= NEEDED.load(Ordering::Relaxed);
         let mark = Some(Mark { end, at });
@@ -113,7 +113,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
 }
 
 /// Waits until the DMA has fetched what the UART holds, but not for long. Returns whether it has.
-fn is_fetched() -> bool {
+fn wait_for_dma() -> bool {
     (0..FETCH_TRIES).any(|_| !usart::is_byte_waiting())
 }
 
@@ -135,7 +135,7 @@ fn note_errors(status: Status, place: usize) {
     // restarts the receive path asks for errors again.
     usart::mute_errors();
     RESTART.store(true, Ordering::Relaxed);
-    match is_fetched() {
+    match wait_for_dma() {
         true => usart::clear_errors(),
         false => critical_section::with(|cs| COUNTED.borrow(cs).set(Some((place, status)))),
     }
