@@ -529,13 +529,14 @@ impl<P: Protocol, const N: usize> Client<P, N> {
 
     /// The line took the first `n` bytes of what [`poll_transmit`](Self::poll_transmit) gave.
     pub fn transmitted(&mut self, now: Micros, n: usize) {
-        if self.tx_start == self.tx_end {
+        let left = self.tx_end.saturating_sub(self.tx_start);
+        if n < left {
+            self.tx_start = self.tx_start.wrapping_add(n);
+        }
+        if n < left || left == 0 {
             return;
         }
-        self.tx_start = self.tx_start.saturating_add(n).min(self.tx_end);
-        if self.tx_start < self.tx_end {
-            return;
-        }
+        self.tx_start = self.tx_end;
         let came = self.decoder.received();
         match &mut self.exchange.flight {
             Some(flight) if matches!(flight.state, State::Writing) => {

@@ -144,8 +144,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
                     self.received = self.received.wrapping_add(n as u64);
                     self.idle = false;
                     *bytes = rest;
-                    let end = self.received;
-                    return Some(view::<F>(frame, || end.wrapping_sub(n as u64)));
+                    return Some(view::<F>(frame, self.received));
                 }
                 Scan::Need(n) => {
                     self.take(bytes, usize::MAX);
@@ -225,9 +224,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             }
             Scan::Frame(n) => {
                 let start = self.head;
-                let n = self.advance(n);
-                let frame = self.buf.get(start..self.head)?;
-                Some(view::<F>(frame, || self.offset().wrapping_sub(n as u64)))
+                self.advance(n);
+                Some(view::<F>(self.buf.get(start..self.head)?, self.offset()))
             }
         }
     }
@@ -407,10 +405,10 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     }
 }
 
-/// The frame that a [`Framing`] found. Bytes that it then cannot view are noise.
-fn view<F: Framing>(bytes: &[u8], offset: impl Fn() -> u64) -> Result<F::Frame<'_>, Noise> {
-    F::view(bytes).ok_or_else(|| Noise {
-        offset: offset(),
+/// The frame that a [`Framing`] found, after which `end` bytes have come. Bytes that it then cannot view are noise.
+fn view<F: Framing>(bytes: &[u8], end: u64) -> Result<F::Frame<'_>, Noise> {
+    F::view(bytes).ok_or(Noise {
+        offset: end.wrapping_sub(bytes.len() as u64),
         len: bytes.len(),
         reason: Reason::Stray,
     })
