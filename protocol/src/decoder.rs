@@ -314,7 +314,9 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
 
     /// Moves up to `n` bytes from the front of `bytes` to the end of the window, as far as there is room, and returns how
     /// many.
-    #[inline(always)]
+    ///
+    /// Inlined, it saves a microcontroller stack, and costs a computer time.
+    #[cfg_attr(target_pointer_width = "32", inline(always))]
     fn take(&mut self, bytes: &mut &[u8], n: usize) -> usize {
         let space = self.space();
         let n = n.min(space.len()).min(bytes.len());
