@@ -530,10 +530,11 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// The line took the first `n` bytes of what [`poll_transmit`](Self::poll_transmit) gave.
     pub fn transmitted(&mut self, now: Micros, n: usize) {
         let left = self.tx_end.saturating_sub(self.tx_start);
+        if left == 0 {
+            return;
+        }
         if n < left {
             self.tx_start = self.tx_start.wrapping_add(n);
-        }
-        if n < left || left == 0 {
             return;
         }
         self.tx_start = self.tx_end;

@@ -165,8 +165,9 @@ pub fn run(seed: u64, numbers: &[u32], done: impl Fn(&Outcome) + Sync) -> Vec<Ou
 
 /// Runs cases of one round, and before them those that they come after: nobody wants to know of these.
 fn run_round(seed: u64, numbers: &[u32], mut done: impl FnMut(Outcome)) {
-    let [first, ..] = *numbers else { return };
-    let last = numbers[numbers.len() - 1];
+    let (Some(first), Some(&last)) = (numbers.first(), numbers.last()) else {
+        return;
+    };
     let mut bench = Bench::default();
     for number in first / ROUND * ROUND..=last {
         let outcome = bench.run(Case::new(seed, number));
