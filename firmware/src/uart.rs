@@ -12,7 +12,7 @@
 //!
 //! The bridge says how many bytes it needs before anything can be due. The interrupt handler is asked to look at each
 //! of the last of them, so that it sees the one that completes the frame come in and notes when that was. What the
-//! tasks are doing in that moment does not matter.
+//! tasks and other interrupt handlers are doing in that moment does not matter: it interrupts all of them.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
@@ -58,7 +58,7 @@ static RING: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
 static HEAD: AtomicUsize = AtomicUsize::new(0);
 /// How many bytes must lie in the ring for the interrupt handler to say so.
 static NEEDED: AtomicUsize = AtomicUsize::new(SIZE);
-/// Where they did.
+/// Where they did, and when.
 static REACHED: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
 /// Where the line went idle, and when that was known.
 static IDLE: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
@@ -90,11 +90,11 @@ impl Handler<UartInterrupt> for InterruptHandler {
         if DEAF.load(Ordering::Relaxed) && usart::is_transmitted() {
             listen();
         }
-        if status.is_error() {
-            note_errors(status, place);
-        }
         // The byte that brought the handler here is in the ring a few cycles later.
-        wait_for_dma();
+        let is_fetched = wait_for_dma();
+        if status.is_error() {
+            note_errors(status, place, is_fetched);
+        }
         let end = tail();
         let reached = untaken(end) >= NEEDED.load(Ordering::Relaxed);
         let mark = Some(Mark { end, at });
@@ -112,6 +112,9 @@ impl Handler<UartInterrupt> for InterruptHandler {
     }
 }
 
+/// How often the interrupt handler looks whether the DMA has fetched a byte, which takes it less long.
+const FETCH_TRIES: usize = 16;
+
 /// Waits until the DMA has fetched what the UART holds, but not for long. Returns whether it has.
 fn wait_for_dma() -> bool {
     (0..FETCH_TRIES).any(|_| !usart::is_byte_waiting())
@@ -126,16 +129,16 @@ fn listen() {
     SENT.signal(());
 }
 
-/// Counts the errors of a byte that is to lie at this place in the ring, if it waits, and has the receive path started
-/// anew.
+/// Counts the errors of a byte that is to lie at this place in the ring, if the DMA has not fetched it yet, and has the
+/// receive path started anew.
 #[cold]
-fn note_errors(status: Status, place: usize) {
+fn note_errors(status: Status, place: usize, is_fetched: bool) {
     count(status, place);
     // Errors that wait for the DMA to fetch a byte would bring the handler here again and again until then. Whoever
     // restarts the receive path asks for errors again.
     usart::mute_errors();
     RESTART.store(true, Ordering::Relaxed);
-    match wait_for_dma() {
+    match is_fetched {
         true => usart::clear_errors(),
         false => critical_section::with(|cs| COUNTED.borrow(cs).set(Some((place, status)))),
     }
@@ -157,9 +160,6 @@ fn count(status: Status, place: usize) {
         counter.fetch_add((flag && !was).into(), Ordering::Relaxed);
     }
 }
-
-/// How often the interrupt handler looks whether the DMA has fetched a byte, which takes it less long.
-const FETCH_TRIES: usize = 16;
 
 /// Checks, each time the DMA enters a half of the ring, that what was in it had been taken.
 pub(crate) struct RingHandler;

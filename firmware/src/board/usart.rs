@@ -1,4 +1,7 @@
 //! The control registers of the arm's UART, which are the same in every STM32. What is not is the board's.
+//!
+//! Interrupt handlers change them, too, and the handler of one may interrupt that of another: nobody else may come in
+//! between the reading and the writing of one.
 
 use embassy_stm32::pac::gpio::vals::{Ot, Pupdr};
 
@@ -34,25 +37,28 @@ impl Status {
 /// Lets the DMA fetch what comes in, and asks for interrupts when the line goes idle and on errors.
 pub(crate) fn start_receiving() {
     set_receive_requests(true);
-    UART.cr1().modify(|w| {
-        w.set_idleie(true);
-        w.set_peie(w.pce());
+    critical_section::with(|_| {
+        UART.cr1().modify(|w| {
+            w.set_idleie(true);
+            w.set_peie(w.pce());
+        });
     });
 }
 
 /// Takes back all that [`start_receiving`] and [`set_byte_interrupt`] asked for.
 pub(crate) fn stop_receiving() {
-    UART.cr1().modify(|w| {
-        w.set_rxneie(false);
-        w.set_idleie(false);
-        w.set_peie(false);
+    critical_section::with(|_| {
+        UART.cr1().modify(|w| {
+            w.set_rxneie(false);
+            w.set_idleie(false);
+            w.set_peie(false);
+        });
     });
     set_receive_requests(false);
 }
 
 /// Whether the DMA is asked to fetch what comes in, and an interrupt when something is wrong with it.
 fn set_receive_requests(on: bool) {
-    // The interrupt handler of the clock changes the register, too.
     critical_section::with(|_| {
         UART.cr3().modify(|w| {
             w.set_eie(on);
@@ -63,13 +69,15 @@ fn set_receive_requests(on: bool) {
 
 /// Asks for no more interrupts on errors until [`start_receiving`].
 pub(crate) fn mute_errors() {
-    UART.cr3().modify(|w| w.set_eie(false));
-    UART.cr1().modify(|w| w.set_peie(false));
+    critical_section::with(|_| {
+        UART.cr3().modify(|w| w.set_eie(false));
+        UART.cr1().modify(|w| w.set_peie(false));
+    });
 }
 
 /// Whether there is to be an interrupt when a byte comes.
 pub(crate) fn set_byte_interrupt(on: bool) {
-    UART.cr1().modify(|w| w.set_rxneie(on));
+    critical_section::with(|_| UART.cr1().modify(|w| w.set_rxneie(on)));
 }
 
 /// Whether the DMA is asked to bring what goes out.
@@ -79,7 +87,7 @@ pub(crate) fn set_transmit_requests(on: bool) {
 
 /// Whether there is to be an interrupt when the last bit of what was sent is out.
 pub(crate) fn set_transmitted_interrupt(on: bool) {
-    UART.cr1().modify(|w| w.set_tcie(on));
+    critical_section::with(|_| UART.cr1().modify(|w| w.set_tcie(on)));
 }
 
 /// One wire for both ways, on the pin that sends, or two. Only while nothing is on the line.
@@ -95,12 +103,14 @@ pub(crate) fn set_half_duplex(on: bool) {
     port.otyper().modify(|w| w.set_ot(pin, output));
     port.pupdr().modify(|w| w.set_pupdr(pin, pull));
     // Newer UARTs keep HDSEL as it is while they are enabled.
-    UART.cr1().modify(|w| w.set_ue(false));
-    UART.cr3().modify(|w| w.set_hdsel(on));
-    UART.cr1().modify(|w| w.set_ue(true));
+    critical_section::with(|_| {
+        UART.cr1().modify(|w| w.set_ue(false));
+        UART.cr3().modify(|w| w.set_hdsel(on));
+        UART.cr1().modify(|w| w.set_ue(true));
+    });
 }
 
 /// Switches the receiver on or off.
 pub(crate) fn set_receiver(on: bool) {
-    UART.cr1().modify(|w| w.set_re(on));
+    critical_section::with(|_| UART.cr1().modify(|w| w.set_re(on)));
 }

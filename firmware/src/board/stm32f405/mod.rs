@@ -11,6 +11,7 @@ pub(super) mod uart;
 use armwire_bridge::PACKET;
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, USB_OTG_FS};
 use embassy_stm32::usart::{Config as UartConfig, Uart};
@@ -43,6 +44,15 @@ bind_interrupts!(struct Irqs {
     CAN1_RX0 => can::ReceiveHandler;
     CAN1_SCE => can::StatusHandler;
 });
+
+/// The interrupts whose handlers those of the UART and of its DMA may interrupt.
+const LESS_URGENT: [Interrupt; 5] = [
+    Interrupt::OTG_FS,
+    Interrupt::TIM5,
+    Interrupt::CAN1_TX,
+    Interrupt::CAN1_RX0,
+    Interrupt::CAN1_SCE,
+];
 
 /// A timer of 32 bits, its peripheral and its interrupt: the clock.
 pub(super) const TIMER: pac::timer::TimGp32 = pac::TIM5;
@@ -81,6 +91,9 @@ pub(crate) type UsbDriver = usb::Driver<'static, USB_OTG_FS>;
 pub(crate) fn init() -> Board {
     let p = embassy_stm32::init(clock::config());
     clock::accelerate_flash();
+    for interrupt in LESS_URGENT {
+        interrupt.set_priority(Priority::P1);
+    }
     time::start();
 
     let mut line = UartConfig::default();

@@ -11,6 +11,7 @@ pub(super) mod uart;
 
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH2, USB};
 use embassy_stm32::usart::{Config as UartConfig, Uart};
@@ -40,6 +41,9 @@ bind_interrupts!(struct Irqs {
     DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
     FDCAN1_IT0 => can::InterruptHandler;
 });
+
+/// The interrupts whose handlers those of the UART and of its DMA may interrupt.
+const LESS_URGENT: [Interrupt; 3] = [Interrupt::USB_LP, Interrupt::TIM2, Interrupt::FDCAN1_IT0];
 
 /// A timer of 32 bits, its peripheral and its interrupt: the clock.
 pub(super) const TIMER: pac::timer::TimGp32 = pac::TIM2;
@@ -75,6 +79,9 @@ pub(crate) type UsbDriver = usb::Driver<'static, USB>;
 pub(crate) fn init() -> Board {
     let p = embassy_stm32::init(clock::config());
     clock::accelerate_flash();
+    for interrupt in LESS_URGENT {
+        interrupt.set_priority(Priority::P1);
+    }
     time::start();
 
     let mut line = UartConfig::default();
