@@ -75,7 +75,7 @@ pub struct Bridge {
     pub(crate) asks: Tap,
     pub(crate) can: CanPort,
     /// The bus is to be another one than `can` is on, by request of a host there.
-    can_change: Option<Port>,
+    pub(crate) can_change: Option<Port>,
     pub(crate) can_requests: Deque<Waiting, CAN_REQUESTS>,
     pub(crate) command: Option<Waiting>,
     /// Since when the torque is to be switched off.
@@ -174,7 +174,8 @@ impl Bridge {
     /// An adapter that no host has found yet, at 1 Mbaud until [`line_change`](Self::line_change) says otherwise. It is
     /// configured as from the factory if it cannot be as `config` says.
     pub fn new(identity: Identity, config: Config) -> Self {
-        let config = match config.check() {
+        let control = ControlServer::new(identity);
+        let config = match control.check(&config) {
             Ok(()) => config,
             Err(_) => Config::default(),
         };
@@ -201,7 +202,7 @@ impl Bridge {
             torque_off: None,
             identify: None,
             streams: Streams::default(),
-            control: ControlServer::new(identity),
+            control,
             config,
             counters: Counters::default(),
             latencies: Latencies::default(),
@@ -352,12 +353,16 @@ impl Bridge {
     /// A frame came from the bus. Those with identifiers that are not this adapter's are passed over.
     pub fn can_received(&mut self, frame: &Frame, now: Micros) {
         match self.can.received(frame, now, &mut self.counters) {
-            Some(Received::Arm) => self.take_can_request(now),
+            Some(Received::Arm) => {
+                self.streams.can.hear(now);
+                self.take_can_request(now);
+            }
             Some(Received::Control) => self.serve(now),
             // The bus may be the one before a change of the configuration.
             Some(Received::Command(target)) if self.config.can.commands => self.take_command(&target, now),
             Some(Received::Refused(asker, refusal)) => {
-                // There is no room for what it says, but it says something.
+                // There is no room for what it says, but it says something. Not so commands: one that is repeated for ever
+                // is refused for ever.
                 if asker == Asker::Can {
                     self.streams.can.hear(now);
                 }
@@ -453,16 +458,16 @@ impl Bridge {
         while !self.can_requests.is_full()
             && let Some(pdu) = self.can.arm.received()
         {
+            let came = self.can.arm_came;
             let request = match self.config.arm.is_request(pdu) {
-                true => Waiting::new(self.config.arm, pdu, now),
+                true => Waiting::new(self.config.arm, pdu, came),
                 false => None,
             };
             self.can.arm.release();
             match request {
                 Some(request) => {
-                    self.streams.can.hear(now);
                     if request.asked.moves {
-                        self.streams.can.motion(self.config.silence.after(), now);
+                        self.streams.can.motion(self.config.silence.after(), came);
                     }
                     let _ = self.can_requests.push_back(request);
                 }
@@ -563,6 +568,7 @@ impl Bridge {
             self.poll.timeout(LEAD),
             self.exchange.timeout(),
             self.hold_timeout(),
+            self.command_timeout(),
             self.streams.timeout(self.config.silence.after()),
             self.can.timeout(),
         ])
@@ -596,7 +602,7 @@ impl Bridge {
             Asker::Usb => {
                 let dropped = self.down.len();
                 self.down.clear();
-                self.asks.clear();
+                self.cut_usb();
                 for (_, before) in [&mut self.wanted, &mut self.wanted_next].into_iter().flatten() {
                     *before = 0;
                 }
@@ -643,9 +649,12 @@ impl Bridge {
 
     /// The next thing that only firmware can do, once.
     pub fn action(&mut self) -> Option<Action> {
-        // The reply goes out as the bus was.
-        let replied = |port: &mut Port| *port == Port::Usb || !self.can.control.is_sending();
-        if self.can_change.take_if(replied).is_some() {
+        // The reply goes out as the bus was, and so does the answer that the arm owes a host there.
+        let replied =
+            |port: &mut Port| *port == Port::Usb || !self.can.control.is_sending() && !self.control.owes_can();
+        if self.exchange.holder() != Some(Asker::Can) && self.can_change.take_if(replied).is_some() {
+            count(&mut self.counters.refused_can_requests, self.can_requests.len());
+            self.can_requests.clear();
             self.can.close(&mut self.counters);
             self.can = CanPort::new(self.config.can);
             self.control.forget_can();
@@ -661,6 +670,12 @@ impl Bridge {
             Err(()) => &mut self.counters.config_failures,
         };
         count(counter, 1);
+        // While the flash was written nobody was heard.
+        for asker in Streams::ASKERS {
+            if let Some(stream) = self.streams.of(asker) {
+                stream.hear(now);
+            }
+        }
         self.control.saved(result.is_ok());
         self.serve(now);
     }
@@ -686,6 +701,9 @@ impl Bridge {
         if config.arm != was.arm {
             self.change_arm(now);
             self.want_line(config.arm.line(), now);
+        } else if !config.can.commands || config.can.bus() != was.can.bus() {
+            self.drop_command(now);
+            self.end_stream(Asker::Command, 0, false, now);
         }
         if config.poll != was.poll || config.arm != was.arm {
             self.poll = Poll::new(config.poll);

@@ -51,6 +51,8 @@ pub(crate) enum Received {
 pub(crate) struct CanPort {
     config: config::Can,
     pub(crate) arm: Endpoint<MAX_FRAME, MAX_FRAME>,
+    /// When the last frame of a request for the arm came.
+    pub(crate) arm_came: Micros,
     pub(crate) control: Endpoint<MAX_REQUEST, MAX_MESSAGE>,
     commands: Commands,
     answers: Deque<FrameBytes, ANSWERS>,
@@ -84,6 +86,7 @@ impl CanPort {
         Self {
             config,
             arm: Endpoint::new(answers(Function::ArmAnswer)),
+            arm_came: Micros(0),
             control: Endpoint::new(answers(Function::ControlAnswer)),
             commands: Commands::new(config.node, Micros::from_millis(config.command_timeout_ms.into())),
             answers: Deque::new(),
@@ -126,6 +129,9 @@ impl CanPort {
         match function {
             Function::ArmRequest => {
                 let refused = note(self.arm.receive(frame.data(), now), counters);
+                if !refused {
+                    self.arm_came = now;
+                }
                 Some(match refused {
                     true => Received::Refused(Asker::Can, Refusal::QueueFull),
                     false => Received::Arm,

@@ -125,7 +125,7 @@ pub enum ConfigError {
     NotPolled(ArmKind),
     /// A bit rate that is none of [`CAN_BIT_RATES`].
     BitRate(u32),
-    /// A bit rate of the data phase that is none of [`CAN_DATA_BIT_RATES`], or on a board without CAN FD.
+    /// A bit rate of the data phase that is none of [`CAN_DATA_BIT_RATES`].
     DataBitRate(u32),
     /// Telemetry would take more than its share of the bus.
     Telemetry {
@@ -143,6 +143,8 @@ pub enum ConfigError {
         /// What was asked for, in milliseconds.
         got: u16,
     },
+    /// A bit rate of the data phase for an adapter without CAN FD.
+    NoCanFd,
 }
 
 /// The longest time-out of commands, in milliseconds.
@@ -288,6 +290,7 @@ impl fmt::Display for ConfigError {
             Self::Telemetry { max, got } => write!(f, "telemetry at {got} Hz, on this bus it is {max} Hz at most"),
             Self::NotCommanded(arm) => write!(f, "there are no cyclic commands: the arm is {arm}"),
             Self::CommandTimeout { max, got } => write!(f, "a command time-out of {got} ms, it is 1 to {max} ms"),
+            Self::NoCanFd => f.write_str("a bit rate of data, this adapter's CAN is classic and has none"),
         }
     }
 }

@@ -42,7 +42,8 @@ pub(crate) struct ControlServer {
 
 /// A request that is not answered at once.
 struct Pending<T> {
-    port: Port,
+    /// Who waits for the answer. `None` when whoever asked has gone.
+    port: Option<Port>,
     sequence: u8,
     /// What to answer, once it is known.
     outcome: Option<T>,
@@ -51,10 +52,26 @@ struct Pending<T> {
 impl<T> Pending<T> {
     const fn new(port: Port, sequence: u8) -> Option<Self> {
         Some(Self {
-            port,
+            port: Some(port),
             sequence,
             outcome: None,
         })
+    }
+
+    /// The outcome is known. If nobody waits for it, that is the end of it.
+    fn end(pending: &mut Option<Self>, outcome: T) {
+        if let Some(pending) = pending {
+            pending.outcome = Some(outcome);
+        }
+        let _ = pending.take_if(|pending| pending.port.is_none());
+    }
+
+    /// Whoever waits on this port has gone. What was asked is not undone: nobody else may ask until it has ended.
+    fn forget(pending: &mut Option<Self>, port: Port) {
+        if let Some(pending) = pending.as_mut().filter(|pending| pending.port == Some(port)) {
+            pending.port = None;
+        }
+        let _ = pending.take_if(|pending| pending.port.is_none() && pending.outcome.is_some());
     }
 }
 
@@ -108,19 +125,37 @@ impl ControlServer {
         }
     }
 
+    /// Whether this adapter can be like that.
+    pub(crate) fn check(&self, config: &Config) -> Result<(), ConfigError> {
+        config.check()?;
+        match config.can.data_bit_rate {
+            Some(_) if !self.identity.can_fd => Err(ConfigError::NoCanFd),
+            _ => Ok(()),
+        }
+    }
+
     /// The host on USB has gone.
     pub(crate) fn forget_usb(&mut self) {
         self.usb.reader.clear();
         (self.usb.len, self.usb.read, self.usb.open) = (0, 0, false);
         self.usb.out.clear();
         self.usb_subscription = Subscription::default();
-        let _ = self.arm.take_if(|pending| pending.port == Port::Usb);
-        let _ = self.flash.take_if(|pending| pending.port == Port::Usb);
+        Pending::forget(&mut self.arm, Port::Usb);
+        Pending::forget(&mut self.flash, Port::Usb);
     }
 
-    /// The bus is another one, or the adapter is another node on it: whoever subscribed is not there.
+    /// The bus is another one, or the adapter is another node on it: whoever subscribed or asked is not there.
     pub(crate) fn forget_can(&mut self) {
         self.can_subscription = Subscription::default();
+        Pending::forget(&mut self.arm, Port::Can);
+        Pending::forget(&mut self.flash, Port::Can);
+    }
+
+    /// Whether a host on CAN waits for a reply that comes later.
+    pub(crate) fn owes_can(&self) -> bool {
+        let arm = self.arm.as_ref().and_then(|pending| pending.port);
+        let flash = self.flash.as_ref().and_then(|pending| pending.port);
+        [arm, flash].contains(&Some(Port::Can))
     }
 
     pub(crate) fn usb_room(&self) -> bool {
@@ -200,9 +235,7 @@ impl ControlServer {
 
     /// The arm has said what it is, or has not.
     pub(crate) fn arm_identified(&mut self, answer: Option<FrameBytes>) {
-        if let Some(pending) = &mut self.arm {
-            pending.outcome = Some(answer);
-        }
+        Pending::end(&mut self.arm, answer);
     }
 
     /// The next thing for firmware to do.
@@ -212,9 +245,7 @@ impl ControlServer {
 
     /// What became of [`Action::Save`] or [`Action::Reset`].
     pub(crate) fn saved(&mut self, done: bool) {
-        if let Some(pending) = &mut self.flash {
-            pending.outcome = Some(done);
-        }
+        Pending::end(&mut self.flash, done);
     }
 
     /// Queues a message for the host on USB where at least `spare` bytes of room are left then.
@@ -253,7 +284,7 @@ impl ControlServer {
 
     /// What a host on this port waits for and can now be told.
     fn finished(&mut self, port: Port, config: &Config) -> Option<(u8, Reply)> {
-        let mine = |pending: &mut Pending<_>| pending.port == port && pending.outcome.is_some();
+        let mine = |pending: &mut Pending<_>| pending.port == Some(port) && pending.outcome.is_some();
         if let Some(pending) = self.arm.take_if(mine) {
             let identity = ArmIdentity {
                 kind: config.arm,
@@ -261,7 +292,7 @@ impl ControlServer {
             };
             return Some((pending.sequence, Reply::Arm(identity)));
         }
-        let mine = |pending: &mut Pending<_>| pending.port == port && pending.outcome.is_some();
+        let mine = |pending: &mut Pending<_>| pending.port == Some(port) && pending.outcome.is_some();
         let pending = self.flash.take_if(mine)?;
         let reply = match pending.outcome {
             Some(true) => Reply::Done,
@@ -378,10 +409,7 @@ impl Bridge {
 
     /// Becomes what a host wants it to be, if it can.
     fn configure(&mut self, config: Config, by: Port, now: Micros) -> Result<(), ConfigError> {
-        config.check()?;
-        if let (Some(rate), false) = (config.can.data_bit_rate, self.control.identity.can_fd) {
-            return Err(ConfigError::DataBitRate(rate));
-        }
+        self.control.check(&config)?;
         self.adopt(config, by, now);
         Ok(())
     }

@@ -84,9 +84,11 @@ pub struct Counters {
     pub late_polls: u32,
     /// Slots that passed without a poll, because the one before had not ended.
     pub missed_polls: u32,
-    /// Requests from CAN refused because too many waited, or because they were longer than any frame.
+    /// Requests and control messages from CAN refused because too many waited, because they were longer than any, or
+    /// because the bus was set up anew; and commands from CAN that a newer one replaced.
     pub refused_can_requests: u32,
-    /// PDUs from CAN refused because they are no frame of this arm.
+    /// PDUs from CAN refused because they are no frame of this arm, command frames of another length than 8 bytes, and what
+    /// waited when the arm became another.
     pub refused_can_frames: u32,
     /// Frames of the arm for a host on CAN dropped because too many waited to go out, or because they waited when the bus was
     /// set up anew.
@@ -119,9 +121,10 @@ pub struct Counters {
     pub control_requests: u32,
     /// Those among them that this adapter does not know.
     pub control_unsupported: u32,
-    /// Events that a subscriber was not told of because too many waited, or because they waited when the bus was set up anew.
+    /// Events that a subscriber was not told of, and those that did not go out as plain CAN frames, because too many waited
+    /// or the bus was set up anew. Where no other node is on the bus, such frames never go out.
     pub dropped_events: u32,
-    /// Times a configuration was written to flash.
+    /// Times a configuration was saved in flash, or the one there forgotten.
     pub config_saves: u32,
     /// Times that failed, and one more if what was in flash at the start could not be read: the adapter is then as from the
     /// factory.

@@ -52,10 +52,11 @@ struct More {
     count: u32,
 }
 
-/// An answer that was missing and may still come.
+/// Answers of a kind that were missing and may still come.
 #[derive(Clone, Copy)]
 struct Owed {
     key: Key,
+    count: u32,
     until: Micros,
 }
 
@@ -154,14 +155,14 @@ impl Exchange {
         self.flights.first().map_or(UNASKED, |flight| flight.expect)
     }
 
-    /// The arm said a frame with this key, which ended at `now`. It is `fresh` if all of it came after the last request
-    /// was handed over.
-    pub(crate) fn hear(&mut self, key: Option<Key>, fresh: bool, now: Micros) -> Heard {
+    /// The arm said a frame with this key, the first byte of which was in at `began` and the last at `now`. It is `fresh`
+    /// if all of it came after the last request was handed over.
+    pub(crate) fn hear(&mut self, key: Option<Key>, fresh: bool, began: Micros, now: Micros) -> Heard {
         let Some(key) = key else { return Heard::Unasked };
         let mut answered = None;
         if fresh {
             self.flights.retain(|flight| {
-                let answers = answered.is_none() && flight.key == key && flight.sent <= now;
+                let answers = answered.is_none() && flight.key == key && flight.sent <= began;
                 if answers {
                     answered = Some(Some(flight.sent));
                 }
@@ -180,12 +181,13 @@ impl Exchange {
         if let Some(sent) = answered {
             return Heard::Answer(self.asker, sent.map(|sent| now.since(sent)));
         }
-        match self.is_owed(key) {
-            true => {
-                self.owed.retain(|owed| owed.key != key);
+        match self.owed.iter_mut().find(|owed| owed.key == key) {
+            Some(owed) => {
+                owed.count = owed.count.saturating_sub(1);
+                self.owed.retain(|owed| owed.count > 0);
                 Heard::Late
             }
-            false => Heard::Unasked,
+            None => Heard::Unasked,
         }
     }
 
@@ -239,12 +241,15 @@ impl Exchange {
     fn give_up(&mut self) -> usize {
         let until = self.due + LATENESS;
         let missing = self.open();
-        let flights = self.flights.iter().map(|flight| flight.key);
-        for key in flights.chain(self.more.iter().map(|more| more.key)) {
-            let oldest = self.owed.first().filter(|_| self.owed.is_full()).map(|owed| owed.key);
+        let flights = self.flights.iter().map(|flight| (flight.key, 1));
+        for (key, count) in flights.chain(self.more.iter().map(|more| (more.key, more.count))) {
+            let known = self.owed.iter().find(|owed| owed.key == key);
+            let before = known.map_or(0, |owed| owed.count);
+            let oldest = self.owed.first().filter(|_| known.is_none() && self.owed.is_full());
+            let (oldest, count) = (oldest.map(|owed| owed.key), before.saturating_add(count));
             self.owed.retain(|owed| owed.key != key && Some(owed.key) != oldest);
             // There is room.
-            let _ = self.owed.push(Owed { key, until });
+            let _ = self.owed.push(Owed { key, count, until });
         }
         self.forget();
         missing
@@ -279,7 +284,7 @@ mod tests {
     }
 
     fn answer(exchange: &mut Exchange, function: u8, now: Micros) -> Heard {
-        exchange.hear(Some(asked(function).key), true, now)
+        exchange.hear(Some(asked(function).key), true, now, now)
     }
 
     #[test]
@@ -339,5 +344,22 @@ mod tests {
         assert_eq!(exchange.abandon(), 20);
         assert_eq!((exchange.holder(), exchange.timeout()), (None, None));
         assert_eq!(answer(&mut exchange, 0, SECOND), Heard::Unasked);
+    }
+
+    #[test]
+    fn as_many_answers_are_late_as_were_missing() {
+        let mut exchange = Exchange::new();
+        for _ in 0..2 {
+            exchange.begin(Asker::Usb, asked(0), Micros(0), MILLISECOND);
+        }
+        assert_eq!(exchange.tick(MILLISECOND), 2);
+        exchange.begin(Asker::Usb, asked(1), MILLISECOND, MILLISECOND);
+        assert_eq!(exchange.tick(Micros(2_000)), 1);
+        for _ in 0..2 {
+            assert!(exchange.is_owed(asked(0).key));
+            assert_eq!(answer(&mut exchange, 0, Micros(3_000)), Heard::Late);
+        }
+        assert_eq!(answer(&mut exchange, 0, Micros(3_000)), Heard::Unasked);
+        assert!(exchange.is_owed(asked(1).key));
     }
 }

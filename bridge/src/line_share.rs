@@ -151,7 +151,9 @@ impl Bridge {
             any = true;
             count(&mut self.counters.frames, 1);
             let key = self.config.arm.key_of_answer(bytes);
-            let asker = match self.exchange.hear(key, fresh, now) {
+            // When its first byte was in: the last of the request may have been on its way until then.
+            let began = now.since(Micros(self.line.coding.micros(bytes.len().saturating_sub(1))));
+            let asker = match self.exchange.hear(key, fresh, began, now) {
                 Heard::Answer(asker, after) => {
                     if let Some(after) = after {
                         self.latencies.answer.add(after);
@@ -338,7 +340,7 @@ impl Bridge {
             Asker::Can => self
                 .can_requests
                 .front()
-                .is_some_and(|request| self.may_go(&request.bytes)),
+                .is_some_and(|request| self.can_change.is_none() && self.may_go(&request.bytes)),
             Asker::Command => self.command.is_some(),
             Asker::Poll => {
                 self.poll.due_since(LEAD, now).is_some() && self.config.arm.poll().is_some_and(|poll| self.may_go(poll))
@@ -423,7 +425,7 @@ impl Bridge {
                     let asked = self.config.arm.asked(frame);
                     let behind = rest.len().saturating_add(self.asks.pending());
                     let sent = end.since(Micros(self.line.coding.micros(behind)));
-                    (whole, self.turn.raw) = (true, false);
+                    (whole, self.turn.raw, self.turn.is_cut) = (true, false, false);
                     count(&mut self.counters.requests_usb, 1);
                     self.latencies.turn.add(self.turn.usb_waited());
                     self.begin(Asker::Usb, asked, sent);
@@ -458,6 +460,13 @@ impl Bridge {
     /// Moves the request of another to the front of `out`.
     fn say_waiting(&mut self, asker: Asker, out: &mut [u8], now: Micros) -> Option<usize> {
         let (len, since, asked) = match asker {
+            Asker::Adapter if self.torque_off.is_some() && core::mem::take(&mut self.turn.is_cut) => {
+                // Zeros end whatever had begun, and no frame ends with one.
+                let out = out.get_mut(..MAX_FRAME)?;
+                out.fill(0);
+                self.turn.went(now);
+                return Some(out.len());
+            }
             Asker::Can => {
                 let request = self.can_requests.pop_front()?;
                 self.take_can_request(now);
@@ -527,7 +536,27 @@ impl Bridge {
         Some(quiet.min(since.max(self.turn.usb_began) + RAW_TURN))
     }
 
-    /// It is `now`: answers that are late are given up, polls become due, and whoever has paused loses the turn.
+    /// When the command that waits for its turn is too old to move the arm.
+    pub(crate) fn command_timeout(&self) -> Option<Micros> {
+        let timeout = Micros::from_millis(self.config.can.command_timeout_ms.into());
+        self.command.as_ref().map(|command| command.since + timeout)
+    }
+
+    /// The command that waits for its turn moves nothing any more.
+    pub(crate) fn drop_command(&mut self, now: Micros) {
+        if self.command.take().is_some() {
+            self.refuse(Asker::Command, Refusal::Stale, now);
+        }
+    }
+
+    /// What the host on USB has begun to say is not waited for any more.
+    pub(crate) fn cut_usb(&mut self) {
+        self.turn.is_cut |= self.asks.pending() > 0;
+        self.asks.clear();
+    }
+
+    /// It is `now`: answers that are late are given up, polls become due, commands too old, and whoever has paused loses
+    /// the turn.
     pub(crate) fn tick_line(&mut self, now: Micros) {
         let holder = self.exchange.holder();
         let missing = self.exchange.tick(now);
@@ -536,8 +565,11 @@ impl Bridge {
             self.ended(asker, None, now);
         }
         self.poll.tick(LEAD, now);
+        if self.command_timeout().is_some_and(|at| at <= now) {
+            self.drop_command(now);
+        }
         if self.hold_timeout().is_some_and(|at| at <= now) {
-            self.asks.clear();
+            self.cut_usb();
             self.turn.raw = false;
         }
     }

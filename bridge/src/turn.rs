@@ -34,6 +34,8 @@ pub(crate) struct Turn {
     pub(crate) polled: Micros,
     /// Bytes of the host on USB went out that are in no request.
     pub(crate) raw: bool,
+    /// What the host on USB said last was cut short, so that the arm may wait for the rest of a frame.
+    pub(crate) is_cut: bool,
     /// When the host on USB began to speak.
     pub(crate) usb_began: Micros,
     /// When bytes of the host on USB last went out, or began to wait.
@@ -54,6 +56,7 @@ impl Turn {
             rotated: Asker::Adapter,
             polled: Micros(0),
             raw: false,
+            is_cut: false,
             usb_began: Micros(0),
             usb_moved: Micros(0),
             oldest: Micros(0),

@@ -131,6 +131,8 @@ pub struct Commands {
     half: Option<Half>,
     /// The last sequence number of the stream that started or moved, and when.
     last: Option<(u8, Micros)>,
+    /// Whether it has moved, so that 0 is a number like any other.
+    has_moved: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -159,6 +161,7 @@ impl Commands {
             timeout,
             half: None,
             last: None,
+            has_moved: false,
         }
     }
 
@@ -217,16 +220,17 @@ impl Commands {
     /// What becomes of a whole command.
     fn judge(&mut self, command: &Command, now: Micros) -> Option<Result<Move, Refusal>> {
         let running = self.last.filter(|&(_, at)| now < at + self.timeout);
+        let has_moved = self.has_moved && running.is_some();
         match running.map(|(last, _)| last) {
-            None | Some(0) if command.sequence == 0 => {
-                self.last = Some((0, now));
+            None | Some(0) if command.sequence == 0 && !has_moved => {
+                (self.last, self.has_moved) = (Some((0, now)), false);
                 None
             }
             Some(last) if (1..=127).contains(&command.sequence.wrapping_sub(last)) => {
                 let Ok(target) = command.target() else {
                     return Some(Err(Refusal::OutOfRange));
                 };
-                self.last = Some((command.sequence, now));
+                (self.last, self.has_moved) = (Some((command.sequence, now)), true);
                 Some(Ok(target))
             }
             _ => Some(Err(Refusal::Stale)),
@@ -567,5 +571,16 @@ mod tests {
                 prop_assert!(!matches!(moved, Some(Ok(_))), "{:?}", moved);
             }
         }
+    }
+
+    #[test]
+    fn after_a_turn_of_the_numbers_0_moves_and_again_is_stale() {
+        let mut bus = Bus::running(255);
+        assert!(bus.send(command(0)).unwrap().is_ok());
+        assert_eq!(bus.send(command(0)), Some(Err(Refusal::Stale)));
+        assert!(bus.send(command(1)).unwrap().is_ok());
+        bus.pass(100);
+        assert_eq!(bus.send(command(0)), None);
+        assert_eq!(bus.send(command(0)), None);
     }
 }

@@ -258,10 +258,7 @@ fn a_configuration_is_in_force_at_once_or_refused_whole() {
     assert_eq!(rig.call(Request::SetConfig(bad)), Reply::BadConfig(error));
     let mut fd = Config::default();
     fd.can.data_bit_rate = Some(5_000_000);
-    assert_eq!(
-        rig.call(Request::SetConfig(fd)),
-        Reply::BadConfig(ConfigError::DataBitRate(5_000_000))
-    );
+    assert_eq!(rig.call(Request::SetConfig(fd)), Reply::BadConfig(ConfigError::NoCanFd));
     assert_eq!(rig.bridge.config(), Config::default());
 
     let mut good = Config {
@@ -656,5 +653,76 @@ proptest! {
         prop_assert_eq!(rig.replies.len(), c.control_requests as usize);
         let reply = rig.call(Request::Identify);
         prop_assert!(matches!(reply, Reply::Identity(_)), "an answer to another");
+    }
+}
+
+#[test]
+fn the_reply_to_a_reset_on_can_goes_out_before_the_bus_is_another() {
+    let mut config = Config::default();
+    config.can.node = Node::new(5).unwrap();
+    let mut rig = Rig::new(config);
+    rig.ask_on_can(7, Request::ResetConfig);
+    rig.run(10_000);
+    assert_eq!(rig.actions, [Action::Reset]);
+    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.run(10_000);
+    let reply = Reply::Done;
+    assert_eq!(rig.can_control, [FromAdapter::Reply { sequence: 7, reply }]);
+    assert_eq!(rig.actions, [Action::Reset, Action::RestartCan(Can::default())]);
+}
+
+#[test]
+fn a_save_whose_host_has_gone_is_not_taken_for_that_of_the_next_who_asks() {
+    let mut rig = quiet();
+    rig.ask(Request::SaveConfig);
+    rig.bridge.usb_reset();
+    rig.bridge.usb_configured(true);
+    let busy = Reply::Failed(Failure::Busy);
+    assert_eq!(call_on_can(&mut rig, 1, Request::SaveConfig), busy);
+    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.run(10_000);
+    assert_eq!(rig.can_control, []);
+    rig.ask_on_can(2, Request::SaveConfig);
+    rig.run(10_000);
+    rig.bridge.saved(Err(()), Micros(rig.now));
+    rig.run(10_000);
+    let reply = Reply::Failed(Failure::Flash);
+    assert_eq!(rig.can_control, [FromAdapter::Reply { sequence: 2, reply }]);
+}
+
+#[test]
+fn what_arm_there_is_is_not_told_by_the_silence_that_met_another() {
+    let mut rig = quiet();
+    let (mut polite, mut first) = (polite(), true);
+    rig.manners = Box::new(move |request| polite(request).filter(|_| !core::mem::take(&mut first)));
+    rig.ask(Request::IdentifyArm);
+    rig.run(1_000);
+    rig.bridge.usb_reset();
+    rig.bridge.usb_configured(true);
+    let busy = Reply::Failed(Failure::Busy);
+    assert_eq!(call_on_can(&mut rig, 1, Request::IdentifyArm), busy);
+    rig.run(500_000);
+    let Reply::Arm(arm) = call_on_can(&mut rig, 2, Request::IdentifyArm) else {
+        panic!()
+    };
+    assert!(arm.answer.is_some());
+}
+
+#[test]
+fn a_configuration_for_can_fd_is_not_one_of_a_board_without() {
+    let can = Can {
+        data_bit_rate: Some(2_000_000),
+        ..Can::default()
+    };
+    let config = Config {
+        can,
+        ..Config::default()
+    };
+    for (can_fd, expected) in [(true, config), (false, Config::default())] {
+        let identity = Identity {
+            can_fd,
+            ..Identity::default()
+        };
+        assert_eq!(Bridge::new(identity, config).config(), expected);
     }
 }

@@ -11,7 +11,7 @@ use armwire::Micros;
 use armwire::alpha1::Expect;
 
 use crate::arm::{Piece, Tap};
-use crate::can::{Frame, Function};
+use crate::can::{Frame, Function, Node};
 use crate::config::Config;
 use crate::control::{
     Asker, Event, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request, Stamp, Subscription,
@@ -48,7 +48,8 @@ pub(super) struct Rig {
     pub(super) replies: Vec<(u8, Reply)>,
     pub(super) events: Vec<(Stamp, Event)>,
     sequence: u8,
-    /// The host on CAN: its two connections, what it heard on them, and all other frames.
+    /// The host on CAN: to which node it speaks, its two connections, what it heard on them, and all other frames.
+    node: Node,
     arm: Endpoint<100, 100>,
     control: Endpoint<300, 100>,
     pub(super) can_out: VecDeque<Vec<u8>>,
@@ -66,7 +67,11 @@ impl Rig {
             None => Link::Classic,
         };
         let end = |function: Function| isotp::Config::new(link, function.id(config.can.node));
-        let mut bridge = Bridge::new(Identity::default(), config);
+        let identity = Identity {
+            can_fd: link == Link::Fd,
+            ..Identity::default()
+        };
+        let mut bridge = Bridge::new(identity, config);
         bridge.usb_configured(true);
         Self {
             bridge,
@@ -84,6 +89,7 @@ impl Rig {
             replies: vec![],
             events: vec![],
             sequence: 0,
+            node: config.can.node,
             arm: Endpoint::new(end(Function::ArmRequest)),
             control: Endpoint::new(end(Function::ControlRequest)),
             can_out: VecDeque::new(),
@@ -289,15 +295,16 @@ impl Rig {
     }
 
     fn hear_bus(&mut self, frame: &Frame, now: Micros) {
-        match Function::of(frame.id()).unwrap().0 {
-            Function::ArmAnswer => {
+        let (function, node) = Function::of(frame.id()).unwrap();
+        match function {
+            Function::ArmAnswer if node == self.node => {
                 let _ = self.arm.receive(frame.data(), now);
                 if let Some(pdu) = self.arm.received() {
                     self.can.push(pdu.to_vec());
                     self.arm.release();
                 }
             }
-            Function::ControlAnswer => {
+            Function::ControlAnswer if node == self.node => {
                 let _ = self.control.receive(frame.data(), now);
                 if let Some(pdu) = self.control.received() {
                     self.can_control.push(decode(pdu).unwrap());

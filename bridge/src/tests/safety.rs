@@ -425,3 +425,163 @@ fn a_command_that_waits_is_refused_when_the_arm_is_another_one() {
     assert_eq!(refusals(&rig), [Refusal::NotAFrame]);
     assert_eq!(rig.bridge.counters().refused_can_frames, 1);
 }
+
+/// Asks the arm for what takes long, and never gets an answer: whoever else has something to say must wait.
+fn keep_busy(rig: &mut Rig) {
+    rig.manners = Box::new(|_| None);
+    rig.usb_out.extend(ling::SELF_CHECK);
+    rig.run(1_000);
+}
+
+#[test]
+fn a_command_that_has_waited_for_longer_than_its_time_out_moves_nothing() {
+    let mut rig = Rig::new(silence(0, false));
+    rig.subscribe();
+    send(&mut rig, command(0));
+    keep_busy(&mut rig);
+    send(&mut rig, command(1));
+    rig.run(1_000_000);
+    assert_eq!(rig.line(), ling::SELF_CHECK);
+    let refused = Event::Refused {
+        asker: Asker::Command,
+        reason: Refusal::Stale,
+    };
+    let told: Vec<_> = rig.events.iter().filter(|(_, event)| *event == refused).collect();
+    assert!(matches!(told[..], [(at, _)] if at.0 == 101_000), "{told:?}");
+    assert_eq!(rig.bridge.counters().commands_stale, 1);
+}
+
+#[test]
+fn a_command_that_waits_moves_nothing_once_commands_are_off_or_the_bus_is_another() {
+    let off = Config {
+        can: Can::default(),
+        ..silence(0, false)
+    };
+    let mut elsewhere = silence(0, false);
+    elsewhere.can.node = Node::new(5).unwrap();
+    for config in [off, elsewhere] {
+        let mut rig = Rig::new(silence(0, false));
+        send(&mut rig, command(0));
+        keep_busy(&mut rig);
+        send(&mut rig, command(1));
+        assert_eq!(rig.call(Request::SetConfig(config)), Reply::Done);
+        rig.run(1_000_000);
+        assert_eq!(rig.line(), ling::SELF_CHECK);
+        assert_eq!(rig.bridge.counters().commands_stale, 1);
+    }
+}
+
+#[test]
+fn a_stream_of_commands_that_are_switched_off_ends_and_the_torque_stays_on() {
+    let mut rig = Rig::new(silence(500, true));
+    for sequence in 0..10 {
+        send(&mut rig, command(sequence));
+        rig.run(10_000);
+    }
+    let off = Config {
+        can: Can::default(),
+        ..silence(500, true)
+    };
+    assert_eq!(rig.call(Request::SetConfig(off)), Reply::Done);
+    rig.run(1_000_000);
+    assert_eq!(rig.bridge.counters().host_silences, 1);
+    assert_ne!(rig.said.last().unwrap().1, TORQUE_OFF);
+}
+
+#[test]
+fn the_torque_goes_off_though_the_host_fell_silent_in_the_middle_of_a_frame() {
+    use armwire::{Device, Heard, Input};
+
+    for cut in 1..motion().len() {
+        let mut rig = Rig::new(silence(100, true));
+        rig.usb_out.extend(motion().repeat(3));
+        rig.run(10_000);
+        rig.usb_out.extend(&motion()[..cut]);
+        rig.run(1_000_000);
+        // An arm that waits for the end of a frame for ever.
+        let mut device = Device::<Ling, { ling::MAX_FRAME }>::new();
+        let line = rig.line();
+        let mut input = Input::Bytes(&line);
+        let heard = core::iter::from_fn(|| device.handle(&mut input));
+        let requests: Vec<_> = heard.filter(|heard| matches!(heard, Heard::Request(_))).collect();
+        assert_eq!(requests.len(), 4, "after {cut} bytes: {requests:?}");
+        assert_eq!(requests[3], Heard::Request(ling::Request::SetTorque(ling::Torque::Off)));
+    }
+}
+
+#[test]
+fn nothing_goes_out_before_torque_off_if_the_last_frame_was_whole() {
+    let mut rig = Rig::new(silence(100, true));
+    rig.usb_out.extend(motion().repeat(3));
+    rig.run(1_000_000);
+    assert_eq!(rig.line(), [motion().repeat(3), TORQUE_OFF.to_vec()].concat());
+}
+
+#[test]
+fn a_host_on_can_that_says_what_is_no_frame_is_not_silent() {
+    let mut rig = Rig::new(silence(100, true));
+    for _ in 0..5 {
+        rig.can_out.push_back(motion());
+        rig.run(10_000);
+    }
+    for _ in 0..40 {
+        rig.can_out.push_back(vec![1, 2, 3]);
+        rig.run(10_000);
+    }
+    assert_eq!(rig.bridge.counters().host_silences, 0);
+}
+
+#[test]
+fn a_sender_whose_commands_are_all_refused_is_silent() {
+    let mut rig = Rig::new(silence(500, false));
+    rig.subscribe();
+    for sequence in 0..10 {
+        send(&mut rig, command(sequence));
+        rig.run(10_000);
+    }
+    let last = rig.now - 10_000;
+    for sequence in 10..100 {
+        let too_far = Command {
+            gripper: 251,
+            ..command(sequence)
+        };
+        send(&mut rig, too_far);
+        rig.run(10_000);
+    }
+    let silent = silences(&rig);
+    assert!(matches!(silent[..], [(at, _)] if at == last + 500_000), "{silent:?}");
+}
+
+#[test]
+fn a_request_on_can_has_waited_and_its_host_is_heard_since_it_came() {
+    let mut rig = Rig::new(silence(600, false));
+    rig.subscribe();
+    keep_busy(&mut rig);
+    for _ in 0..3 {
+        rig.can_out.push_back(motion());
+    }
+    rig.run(10_000);
+    let came = rig.now;
+    rig.run(3_000_000);
+    let silent = silences(&rig);
+    assert!(matches!(silent[..], [(at, _)] if at <= came + 600_000), "{silent:?}");
+    // Nobody asks for longer than 16 ms in vain.
+    assert_eq!(rig.bridge.latencies.turn.counts[15], 3);
+}
+
+#[test]
+fn while_the_flash_is_written_nobody_is_silent() {
+    let mut rig = Rig::new(silence(200, true));
+    for _ in 0..5 {
+        rig.can_out.push_back(motion());
+        rig.run(20_000);
+    }
+    rig.ask(Request::SaveConfig);
+    // The core of an STM32F405 stands still.
+    rig.now += 250_000;
+    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.run(100_000);
+    assert_eq!(rig.bridge.counters().host_silences, 0);
+    rig.run(200_000);
+    assert_eq!(rig.bridge.counters().host_silences, 1);
+}

@@ -10,8 +10,10 @@ use armwire::Micros;
 use proptest::prelude::*;
 
 use super::rig::{Rig, ling, polite};
+use crate::Action;
+use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, Poll};
-use crate::control::{Asker, Event, Refusal};
+use crate::control::{Asker, Event, Refusal, Reply, Request};
 
 const JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 
@@ -600,6 +602,60 @@ fn step() -> impl Strategy<Value = Step> {
         (0..30_000_u64).prop_map(Step::Run),
         (0..300_u64).prop_map(Step::Run),
     ]
+}
+
+#[test]
+fn each_of_two_late_answers_of_a_kind_is_late() {
+    let mut rig = polling(Poll::Off);
+    let (mut polite, mut n) = (polite(), 0);
+    rig.manners = Box::new(move |request| {
+        let (after, answer) = polite(request)?;
+        n += 1;
+        Some(([80_000, 5_000].get(n - 1).copied().unwrap_or(after), answer))
+    });
+    rig.usb_out.extend(JOINTS.repeat(2));
+    rig.run(60_000);
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(200_000);
+    let c = rig.bridge.counters();
+    assert_eq!((c.late_answers, c.unasked_frames), (2, 0));
+    assert_eq!(rig.can.iter().map(|pdu| pdu[4]).collect::<Vec<_>>(), [3]);
+}
+
+#[test]
+fn a_frame_that_began_before_the_request_was_out_is_no_answer_to_it() {
+    for (ahead, answers) in [(1, true), (3, false), (8, false)] {
+        let mut rig = polling(Poll::Off);
+        rig.subscribe();
+        rig.manners = Box::new(|_| None);
+        rig.usb_out.extend(JOINTS);
+        // It is out after 70 µs.
+        rig.run(70 - 10 * (ahead - 1));
+        rig.arm_says(&ling(0x06, 0, &[99; 15]));
+        rig.run(1_000);
+        let asker = answers.then_some(Asker::Usb);
+        let heard = |(_, event): &(_, Event)| matches!(event, Event::Frame { asker: of, .. } if *of == asker);
+        assert!(rig.events.iter().any(heard), "{ahead} bytes ahead: {:?}", rig.events);
+    }
+}
+
+#[test]
+fn what_a_host_on_another_bus_asked_is_answered_there_or_refused() {
+    let mut rig = polling(Poll::Off);
+    let mut polite = polite();
+    rig.manners = Box::new(move |request| polite(request).map(|(_, answer)| (20_000, answer)));
+    rig.can_out.extend([JOINTS.to_vec(), info(), temperatures()]);
+    rig.run(5_000);
+    let mut other = Config::default();
+    other.can.node = Node::new(5).unwrap();
+    assert_eq!(rig.call(Request::SetConfig(other)), Reply::Done);
+    assert_eq!(rig.actions, []);
+    rig.run(100_000);
+    assert_eq!(rig.actions, [Action::RestartCan(other.can)]);
+    let c = rig.bridge.counters();
+    assert_eq!((c.requests_can, c.refused_can_requests, c.isotp_failures), (1, 2, 1));
+    assert_eq!(rig.line(), JOINTS);
+    assert_eq!((c.dropped_can_answers, rig.can.len(), rig.frames.len()), (0, 0, 0));
 }
 
 proptest! {
