@@ -55,6 +55,8 @@ pub struct Bridge {
     pub(crate) turn: Turn,
     pub(crate) poll: Poll,
     pub(crate) line: Line,
+    /// How long a byte takes on it, in nanoseconds.
+    pub(crate) byte_nanos: u32,
     /// What the line is to be, and how many bytes of the host on USB go out before it is.
     pub(crate) wanted: Option<(Line, usize)>,
     /// What it is to be after that, and how many bytes go out between the two.
@@ -187,6 +189,7 @@ impl Bridge {
             turn: Turn::new(),
             poll: Poll::new(config.poll),
             line: Line::default(),
+            byte_nanos: LineCoding::LING.nanos_a_byte(),
             wanted: (line != Line::default()).then_some((line, 0)),
             wanted_next: None,
             looked: Micros(0),

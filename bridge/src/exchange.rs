@@ -162,6 +162,7 @@ impl Exchange {
         let mut answered = None;
         if fresh {
             self.flights.retain(|flight| {
+                // The last byte of the request may have been on its way until then.
                 let answers = answered.is_none() && flight.key == key && flight.sent <= began;
                 if answers {
                     answered = Some(Some(flight.sent));

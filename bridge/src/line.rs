@@ -154,15 +154,26 @@ impl LineCoding {
     /// assert_eq!(armwire_bridge::LineCoding::default().micros(21), 210);
     /// ```
     pub fn micros(self, bytes: usize) -> u64 {
-        let parity = u32::from(self.parity != Parity::None);
-        let stop = 1 + u32::from(self.stop_bits == StopBits::Two);
-        let bits = (bytes as u32).saturating_mul(1 + u32::from(DATA_BITS) + parity + stop);
+        let bits = self.bits(bytes);
         // Three decimal digits at a time: the core divides no more than 32 bits.
         let bits = bits.saturating_mul(1_000);
         let millis = bits.checked_div(self.baud).unwrap_or(0);
         let rest = bits.checked_rem(self.baud).unwrap_or(0);
         let micros = rest.saturating_mul(1_000).checked_div(self.baud).unwrap_or(0);
         Micros::from_millis(millis.into()).0.saturating_add(micros.into())
+    }
+
+    /// The time that a byte takes on the line, in nanoseconds, rounded down.
+    pub(crate) fn nanos_a_byte(self) -> u32 {
+        let hundreds = self.bits(1).saturating_mul(100_000_000).checked_div(self.baud);
+        hundreds.unwrap_or(0).saturating_mul(10)
+    }
+
+    /// How many bits so many bytes have on the line.
+    fn bits(self, bytes: usize) -> u32 {
+        let parity = u32::from(self.parity != Parity::None);
+        let stop = 1 + u32::from(self.stop_bits == StopBits::Two);
+        (bytes as u32).saturating_mul(1 + u32::from(DATA_BITS) + parity + stop)
     }
 }
 
@@ -207,6 +218,22 @@ mod tests {
                     let accepted = coding(baud, stop_bits, parity, 8).unwrap();
                     assert_eq!(LineCoding::from_cdc(accepted.to_cdc()), Ok(accepted));
                     assert_eq!(accepted.to_cdc()[4..], [stop_bits, parity, 8]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_time_of_a_byte_is_right_to_a_microsecond_in_a_frame() {
+        for baud in [MIN_BAUD, 9_600, 115_200, 1_000_000, MAX_BAUD] {
+            for (stop_bits, parity) in [(0, 0), (2, 1)] {
+                let coding = coding(baud, stop_bits, parity, 8).unwrap();
+                for bytes in [1, 21, 70] {
+                    let micros = u64::from(bytes as u32 * coding.nanos_a_byte() / 1_000);
+                    assert!(
+                        coding.micros(bytes).abs_diff(micros) <= 3,
+                        "{bytes} at {baud}: {micros}"
+                    );
                 }
             }
         }

@@ -151,8 +151,7 @@ impl Bridge {
             any = true;
             count(&mut self.counters.frames, 1);
             let key = self.config.arm.key_of_answer(bytes);
-            // When its first byte was in: the last of the request may have been on its way until then.
-            let began = now.since(Micros(self.line.coding.micros(bytes.len().saturating_sub(1))));
+            let began = now.since(on_wire(self.byte_nanos, bytes.len().saturating_sub(1)));
             let asker = match self.exchange.hear(key, fresh, began, now) {
                 Heard::Answer(asker, after) => {
                     if let Some(after) = after {
@@ -277,7 +276,7 @@ impl Bridge {
             None if line != self.line => self.wanted = Some((self.line, 0)),
             _ => {}
         }
-        self.line = line;
+        (self.line, self.byte_nanos) = (line, line.coding.nanos_a_byte());
         count(&mut self.counters.line_codings, 1);
     }
 
@@ -501,14 +500,14 @@ impl Bridge {
         count(counter, 1);
         self.turn.taken(asker, asker != Asker::Poll || !self.poll.is_urgent());
         self.turn.went(start);
-        self.begin(asker, asked, start + Micros(self.line.coding.micros(len)));
+        self.begin(asker, asked, start + on_wire(self.byte_nanos, len));
     }
 
     /// A request is out at `sent`.
     fn begin(&mut self, asker: Asker, asked: Asked, sent: Micros) {
         if let Some(reply) = asked.reply {
-            let on_wire = self.line.coding.micros(reply.len.into());
-            let patience = Micros(reply.turnaround.into()) + Micros(on_wire) + MARGIN;
+            let on_wire = on_wire(self.byte_nanos, reply.len.into());
+            let patience = Micros(reply.turnaround.into()) + on_wire + MARGIN;
             self.exchange.begin(asker, asked, sent, patience);
         }
     }
@@ -543,6 +542,8 @@ impl Bridge {
     }
 
     /// The command that waits for its turn moves nothing any more.
+    // Not inlined: it is seldom needed.
+    #[inline(never)]
     pub(crate) fn drop_command(&mut self, now: Micros) {
         if self.command.take().is_some() {
             self.refuse(Asker::Command, Refusal::Stale, now);
@@ -609,6 +610,12 @@ impl Bridge {
         }
         self.take_can_request(now);
     }
+}
+
+/// How long a frame takes on a line on which a byte takes so many nanoseconds. To divide by the baud rate each time would
+/// cost more than all else that is done with it.
+fn on_wire(byte_nanos: u32, len: usize) -> Micros {
+    Micros(u64::from((len as u32).saturating_mul(byte_nanos) / 1_000))
 }
 
 /// Copies a whole request.
