@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::{self, ErrorKind};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use socketcan::{CanAnyFrame, CanDataFrame, CanFdSocket, EmbeddedFrame, Socket, SocketOptions, StandardId};
@@ -13,7 +13,7 @@ use crate::problem::Problem;
 
 /// How long the interface may take no frame.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
-/// The least that can be waited for: none at all would mean forever.
+/// The least that a socket can be told to wait: none at all would mean forever.
 const LEAST: Duration = Duration::from_micros(1);
 /// What Linux calls an interface for CAN (`ARPHRD_CAN`).
 const CAN_TYPE: &str = "280";
@@ -59,6 +59,18 @@ impl SocketBus {
         }
     }
 
+    /// The next frame of whatever kind, waiting so long for it.
+    fn read(&self, wait: Duration) -> io::Result<CanAnyFrame> {
+        if wait < LEAST {
+            self.socket.set_nonblocking(true)?;
+            let frame = self.socket.read_frame();
+            self.socket.set_nonblocking(false)?;
+            return frame;
+        }
+        self.socket.set_read_timeout(wait)?;
+        self.socket.read_frame()
+    }
+
     fn problem(&self, error: io::Error) -> Problem {
         let name = self.name.clone();
         Problem::CanInterface { name, error }
@@ -88,11 +100,10 @@ impl Bus for SocketBus {
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Problem> {
-        self.socket
-            .set_read_timeout(wait.max(LEAST))
-            .map_err(|error| self.problem(error))?;
+        let until = Instant::now() + wait;
         loop {
-            let frame = match self.socket.read_frame() {
+            // What has come already is heard even when the time is up.
+            let frame = match self.read(until.saturating_duration_since(Instant::now())) {
                 Ok(frame) => frame,
                 Err(error) if is_nothing_yet(&error) => return Ok(None),
                 Err(error) => return Err(self.problem(error)),
@@ -126,5 +137,59 @@ fn id(frame: &impl EmbeddedFrame) -> Option<Id> {
     match frame.id() {
         socketcan::Id::Standard(id) => Id::new(id.as_raw()).ok(),
         socketcan::Id::Extended(_) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::fd::OwnedFd;
+    use std::os::unix::net::UnixDatagram;
+    use std::thread;
+
+    use socketcan::CanErrorFrame;
+
+    use super::*;
+
+    /// A socket that stands for one of an interface, and its other end.
+    fn bus() -> (SocketBus, CanFdSocket) {
+        let (ours, theirs) = UnixDatagram::pair().unwrap();
+        let [socket, interface] = [ours, theirs].map(|end| CanFdSocket::from(OwnedFd::from(end)));
+        let name = "can:fake".to_owned();
+        let trouble = None;
+        (SocketBus { name, socket, trouble }, interface)
+    }
+
+    /// The controller is off the bus.
+    fn bus_off() -> CanErrorFrame {
+        CanErrorFrame::new_error(0x40, &[]).unwrap()
+    }
+
+    #[test]
+    fn error_frames_do_not_prolong_the_wait() {
+        let (mut bus, interface) = bus();
+        let controller = thread::spawn(move || {
+            (0..1000).any(|_| {
+                thread::sleep(Duration::from_millis(20));
+                interface.write_frame(&bus_off()).is_err()
+            })
+        });
+        assert_eq!(bus.receive(Duration::from_millis(100)).unwrap(), None);
+        drop(bus);
+        assert!(
+            controller.join().unwrap(),
+            "it heard the last error frame before it returned"
+        );
+    }
+
+    #[test]
+    fn what_came_behind_an_error_frame_is_heard_without_a_wait() {
+        let (mut bus, interface) = bus();
+        let data = CanDataFrame::new(StandardId::new(0x123).unwrap(), &[1, 2]).unwrap();
+        interface.write_frame(&bus_off()).unwrap();
+        interface.write_frame(&data).unwrap();
+        let frame = bus.receive(Duration::ZERO).unwrap().unwrap();
+        assert!(bus.trouble().is_some());
+        assert_eq!((frame.id().get(), frame.data()), (0x123, &[1, 2][..]));
+        assert_eq!(bus.receive(Duration::ZERO).unwrap(), None);
     }
 }
