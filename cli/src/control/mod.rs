@@ -122,7 +122,6 @@ impl ControlLink {
 
     /// The next thing that the adapter tells of unasked, waiting so long for it. It has to be
     /// [subscribed](Request::Subscribe) to.
-    #[allow(dead_code, reason = "the live monitor is next")]
     pub(crate) fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Problem> {
         let until = Instant::now() + wait;
         loop {
