@@ -1,5 +1,7 @@
 //! `armwire`: virtual arms, and real ones to look at and talk to, from the command line.
 #![forbid(unsafe_code)]
+// They panic when nobody reads any more.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod adapter;
 mod call;
@@ -23,6 +25,8 @@ mod sim;
 mod tcp;
 mod update;
 
+use std::fmt::Display;
+use std::io::{Write, stderr};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -143,7 +147,7 @@ pub fn main() -> ExitCode {
         Err(Problem::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(Problem::Usage(text)) => Cli::command().error(ErrorKind::ValueValidation, text).exit(),
         Err(problem) => {
-            eprintln!("armwire: {problem}");
+            complain(&problem);
             ExitCode::FAILURE
         }
     }
@@ -163,6 +167,11 @@ fn run(command: &Command) -> Result<(), Problem> {
         Command::Counters(counters) => counters.run(),
         Command::Update(update) => update.run(),
     }
+}
+
+/// Tells what is wrong where it does not get into the data. That nobody reads it is no other problem.
+fn complain(what: &impl Display) {
+    let _ = writeln!(stderr(), "armwire: {what}");
 }
 
 /// A flag that Ctrl-C, or a request to terminate, sets.

@@ -75,7 +75,7 @@ impl Monitor {
                 let Err(problem @ Problem::Older { .. }) = watched else {
                     return watched;
                 };
-                eprintln!("armwire: {problem}");
+                crate::complain(&problem);
                 let link = connection.arm::<Legacy>()?;
                 self.watch(&mut legacy::Heard::new(link), Some(&connection), stop)
             }

@@ -197,7 +197,7 @@ fn row(model: &Model, now: Micros, step: Step) -> Option<Map<String, Value>> {
 /// Tells what there is to tell where it does not get into the data.
 fn complain(model: &Model, step: Step) {
     if let (Step::TimedOut | Step::Notice, Some(notice)) = (step, &model.notice) {
-        eprintln!("armwire: {notice}");
+        crate::complain(notice);
     }
 }
 

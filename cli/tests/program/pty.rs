@@ -348,6 +348,24 @@ fn decode_reads_bytes_and_hexadecimal_text_from_a_file_or_standard_input() {
     assert_eq!(finish(child).stdout, of_bytes.as_bytes());
 }
 
+/// Runs a program whose standard error goes to nobody.
+fn run_unread(args: &[&str]) -> Output {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut command = Command::new(PROGRAM);
+    let child = command
+        .args(args)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(writer);
+    finish(child.spawn().unwrap())
+}
+
+#[test]
+fn an_error_that_nobody_reads_is_an_error_like_any_other() {
+    assert_eq!(run_unread(&["info", "/dev/no-such-port"]).status.code(), Some(1));
+}
+
 #[test]
 fn wrong_usage_exits_with_2() {
     for args in [
