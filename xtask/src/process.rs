@@ -31,10 +31,19 @@ pub(crate) fn forget_our_package(command: &mut Command) {
 ///
 /// If it cannot be started or does not succeed.
 pub(crate) fn run(command: &mut Command) -> Result {
+    run_to(&[0], command)
+}
+
+/// Runs a command to its end, which is good with any of these exit codes, its output in plain sight.
+///
+/// # Errors
+///
+/// If it cannot be started or ends otherwise.
+pub(crate) fn run_to(good: &[i32], command: &mut Command) -> Result {
     let status = command
         .status()
         .map_err(|error| format!("cannot run `{}`: {error}", shown(command)))?;
-    if !status.success() {
+    if !status.code().is_some_and(|code| good.contains(&code)) {
         return Err(format!("`{}` failed: {status}", shown(command)).into());
     }
     Ok(())
@@ -87,4 +96,17 @@ pub(crate) fn shown(command: &Command) -> String {
     let program = Path::new(command.get_program());
     let words = program.file_name().into_iter().chain(command.get_args());
     words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_good_exit_codes_are_a_good_end() {
+        let end = |good: &[i32], script| run_to(good, Command::new("sh").args(["-c", script])).is_ok();
+        assert!(end(&[0, 2], "exit 0") && end(&[0, 2], "exit 2"));
+        assert!(!end(&[0, 2], "exit 1") && !end(&[0], "exit 2"));
+        assert!(!end(&[0, 2], "kill -KILL $$"), "it has no exit code");
+    }
 }
