@@ -9,7 +9,7 @@ use crate::board::Board;
 use crate::image::{self, Image, Options, TARGET};
 use crate::process::{self, shown};
 use crate::toolchain::Toolchain;
-use crate::workspace;
+use crate::workspace::{self, ALONE};
 use crate::{
     campaign, counts, coverage, deny, features, fuzz, integrity, no_panic, performance, semver, size, stack,
     unsafe_code, vendor,
@@ -20,14 +20,8 @@ const HOST: &str = "--ignore-rust-version --workspace --exclude armwire-firmware
 /// Where the crates without `std` must build.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";
-/// What is no member of the workspace: what only they need is compiled for nobody else.
-const ALONE: [&str; 4] = [
-    LINK_TEST,
-    "--manifest-path host-tests/fuzz/Cargo.toml",
-    "--manifest-path host-tests/benches/Cargo.toml",
-    "--manifest-path host-tests/counts/Cargo.toml",
-];
-const LINK_TEST: &str = "--manifest-path host-tests/no-panic/Cargo.toml";
+/// The one of [`ALONE`] for a microcontroller only.
+const LINK_TEST: &str = ALONE[0];
 /// Those that run on a host.
 const ALONE_ON_HOST: [&str; 2] = [ALONE[1], ALONE[2]];
 

@@ -7,6 +7,14 @@ use serde_json::Value;
 use crate::Result;
 use crate::process::{cargo, output};
 
+/// What is no member of the workspace, as an argument of cargo: what only they need is compiled for nobody else.
+pub(crate) const ALONE: [&str; 4] = [
+    "--manifest-path=host-tests/no-panic/Cargo.toml",
+    "--manifest-path=host-tests/fuzz/Cargo.toml",
+    "--manifest-path=host-tests/benches/Cargo.toml",
+    "--manifest-path=host-tests/counts/Cargo.toml",
+];
+
 /// The root of the workspace.
 pub(crate) fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
