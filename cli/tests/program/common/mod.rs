@@ -46,23 +46,36 @@ pub(crate) fn run(args: &[&str]) -> Output {
 /// What is said of an arm that does not answer.
 pub(crate) const NO_ANSWER: &str = "no answer in";
 
+/// What is said where the system gave an arm or an adapter no time: it is silent, or says what somebody before asked.
+const BUSY: [&str; 4] = [
+    NO_ANSWER,
+    "the adapter does not answer in",
+    "no answer to SLCAN",
+    "frames arrive, but not the answer",
+];
+
 /// Runs it again while it complains in these words: an arm that the system gives no time is silent.
-pub(crate) fn again_while(complaint: &str, mut run: impl FnMut() -> Output) -> Output {
+pub(crate) fn again_while(complaint: &str, run: impl FnMut() -> Output) -> Output {
+    again_while_any(&[complaint], run)
+}
+
+/// Runs it again while it complains in some of these words.
+fn again_while_any(complaints: &[&str], mut run: impl FnMut() -> Output) -> Output {
     let deadline = Instant::now() + PATIENCE;
     loop {
         let output = run();
-        let complains = String::from_utf8_lossy(&output.stderr).contains(complaint);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        let complains = complaints.iter().any(|complaint| stderr.contains(complaint));
         if !complains || Instant::now() > deadline {
             return output;
         }
     }
 }
 
-/// What a program prints that succeeds, though perhaps not at once: an arm that the system gives no time is silent, or
-/// says what somebody before asked.
+/// What a program prints that succeeds and complains of nothing, though perhaps not at once on a [busy](BUSY) system.
 pub(crate) fn success(args: &[&str]) -> String {
-    let output = again_while("armwire: ", || run(args));
-    assert!(output.status.success(), "{output:?}");
+    let output = again_while_any(&BUSY, || run(args));
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
     String::from_utf8(output.stdout).unwrap()
 }
 
