@@ -54,6 +54,8 @@ const SPEED_GOAL: [(&str, f64); 2] = [("saturated-with-can", 3.0), ("polled-200"
 /// What no image may exceed: where the goals are not reached, a little more than what is, so that it gets no worse.
 const LATENCY_LIMIT: f64 = 85.0;
 const LOAD_LIMIT: f64 = 0.26;
+/// The part of the stamps that must be right to a microsecond.
+const STAMP_LIMIT: f64 = 0.999;
 const SATURATED: &str = "saturated-1000000";
 const RATE_LIMIT: f64 = 0.95;
 
@@ -84,6 +86,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     let tables = [
         ("latency", page::latency(&records)),
         ("sweep", page::sweep(&records)),
+        ("stamps", page::stamps(&records)),
         ("load", page::load(&records)),
         ("rates", page::rates(&records)),
         ("speed", page::speed(&records)),
@@ -152,6 +155,12 @@ fn check(records: &Records) -> Result {
                 "{name}: {worst} µs at worst of {count}, the limit is {LATENCY_LIMIT}"
             ));
         }
+    }
+    let (exact, worst) = records.stamps(FULL);
+    if exact < STAMP_LIMIT {
+        failures.push(format!(
+            "{exact:.4} of the stamps are a microsecond late at most, the latest {worst} µs; it must be {STAMP_LIMIT}"
+        ));
     }
     let saturated = records
         .loads

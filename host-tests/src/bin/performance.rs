@@ -9,7 +9,7 @@ use std::{env, fs, thread};
 
 use armwire::Micros;
 use armwire_host_tests::image::MEGABAUD;
-use armwire_host_tests::image::performance::latency::{self, Passage};
+use armwire_host_tests::image::performance::latency::{self, Run};
 use armwire_host_tests::image::performance::load::{self, SCENES};
 use armwire_host_tests::image::performance::rates::{self, Rate};
 use armwire_virtual_board::Nanos;
@@ -74,7 +74,7 @@ fn measure(options: &Options) -> Result<(), String> {
     // First what takes our time to measure, while nothing else runs.
     write("load.csv", loads(&options.costs))?;
     write("rates.csv", rates())?;
-    let passages: Vec<Vec<Passage>> = thread::scope(|scope| {
+    let runs: Vec<Run> = thread::scope(|scope| {
         let frames = |cost: NonZeroU32| match Some(cost) == full {
             true => options.frames,
             false => options.frames / 10,
@@ -88,14 +88,15 @@ fn measure(options: &Options) -> Result<(), String> {
             .map(|run| run.join().map_err(|_| "a run of the latency failed".to_owned()))
             .collect::<Result<_, _>>()
     })?;
-    write("latency.csv", latencies(&options.costs, &passages))
+    write("latency.csv", latencies(&options.costs, &runs))?;
+    write("stamps.csv", stamps(&options.costs, &runs))
 }
 
 /// How often each span was measured.
-fn latencies(costs: &[NonZeroU32], runs: &[Vec<Passage>]) -> String {
+fn latencies(costs: &[NonZeroU32], runs: &[Run]) -> String {
     let mut counts: BTreeMap<_, u32> = BTreeMap::new();
-    for (cost, passages) in costs.iter().zip(runs) {
-        for passage in passages {
+    for (cost, run) in costs.iter().zip(runs) {
+        for passage in &run.passages {
             let waited = passage.waited > Nanos(0);
             *counts.entry((*cost, passage.way, waited, passage.added)).or_default() += 1;
         }
@@ -103,6 +104,21 @@ fn latencies(costs: &[NonZeroU32], runs: &[Vec<Passage>]) -> String {
     let mut text = "cost_percent,way,waited,added_ns,count\n".to_owned();
     for ((cost, way, waited, added), count) in counts {
         let _ = writeln!(text, "{cost},{},{},{},{count}", way.name(), u8::from(waited), added.0);
+    }
+    text
+}
+
+/// How often stamps were how late.
+fn stamps(costs: &[NonZeroU32], runs: &[Run]) -> String {
+    let mut counts: BTreeMap<_, u32> = BTreeMap::new();
+    for (cost, run) in costs.iter().zip(runs) {
+        for late in &run.stamps {
+            *counts.entry((*cost, *late)).or_default() += 1;
+        }
+    }
+    let mut text = "cost_percent,late_us,count\n".to_owned();
+    for ((cost, late), count) in counts {
+        let _ = writeln!(text, "{cost},{},{count}", late.0);
     }
     text
 }

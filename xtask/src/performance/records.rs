@@ -10,6 +10,7 @@ use crate::Result;
 #[derive(Debug)]
 pub(super) struct Records {
     pub(super) latencies: Vec<Latency>,
+    pub(super) stamps: Vec<Stamps>,
     pub(super) loads: Vec<Load>,
     pub(super) rates: Vec<Rate>,
 }
@@ -23,6 +24,15 @@ pub(super) struct Latency {
     /// Whether it had to wait for others before.
     pub(super) waited: bool,
     pub(super) nanos: u64,
+    pub(super) count: u64,
+}
+
+/// How many stamps were so late, in microseconds.
+#[derive(Debug)]
+pub(super) struct Stamps {
+    /// As above.
+    pub(super) cost: u32,
+    pub(super) late: u64,
     pub(super) count: u64,
 }
 
@@ -61,6 +71,13 @@ impl Records {
                     count: number(count)?,
                 })
             })?,
+            stamps: rows(&folder.join("stamps.csv"), |[cost, late, count]| {
+                Some(Stamps {
+                    cost: number(cost)?,
+                    late: number(late)?,
+                    count: number(count)?,
+                })
+            })?,
             loads: rows(&folder.join("load.csv"), |[cost, scene, time, busy, real]| {
                 Some(Load {
                     cost: number(cost)?,
@@ -78,6 +95,18 @@ impl Records {
                 })
             })?,
         })
+    }
+
+    /// The share of stamps that are a microsecond late at most, and how late the worst is.
+    pub(super) fn stamps(&self, cost: u32) -> (f64, u64) {
+        let ours = || self.stamps.iter().filter(|stamps| stamps.cost == cost);
+        let exact: u64 = ours()
+            .filter(|stamps| stamps.late <= 1)
+            .map(|stamps| stamps.count)
+            .sum();
+        let all: u64 = ours().map(|stamps| stamps.count).sum();
+        let worst = ours().map(|stamps| stamps.late).max();
+        (exact as f64 / all.max(1) as f64, worst.unwrap_or_default())
     }
 
     /// The spans of this way, from the shortest on, each with how often it was measured.

@@ -12,6 +12,7 @@ use std::num::NonZeroU32;
 use armwire::Micros;
 use armwire::ling::Request;
 use armwire_bridge::can::{Frame, Function, Id, Node};
+use armwire_bridge::control::{Event, Stamp};
 use armwire_virtual_board::can::{BusFrame, Outcome, Sender};
 use armwire_virtual_board::line::{Direction, LineByte};
 use armwire_virtual_board::usb::Direction as UsbDirection;
@@ -20,9 +21,7 @@ use armwire_virtual_board::usb::host::Packet;
 use armwire_virtual_board::{Config, Error, Nanos, VirtualBoard};
 
 use super::{configure, frame};
-use crate::image::{
-    CanProgram, MEGABAUD, Subscriber, Witness, byte_time, counters, on_board_with, path, plug_in, polled,
-};
+use crate::image::{CanProgram, Control, MEGABAUD, Witness, byte_time, counters, on_board_with, path, plug_in, polled};
 
 /// How long the arm thinks.
 const TURNAROUND: Micros = Micros(100);
@@ -96,12 +95,22 @@ impl Passage {
     }
 }
 
+/// What was measured.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// All passages.
+    pub passages: Vec<Passage>,
+    /// How late the stamp of each answer is that the subscriber was told of, after the earliest: the adapter's clock does
+    /// not begin when that of the line does.
+    pub stamps: Vec<Micros>,
+}
+
 /// Measures until the arm has answered `frames` times. An instruction takes `cost` percent of a cycle.
 ///
 /// # Panics
 ///
 /// If the firmware did what it must not, or lost, changed or swapped an answer.
-pub fn measure(cost: NonZeroU32, frames: usize) -> Vec<Passage> {
+pub fn measure(cost: NonZeroU32, frames: usize) -> Run {
     let mut config = Config::new(path(), Witness::new(TURNAROUND));
     config.instruction_cost = cost;
     on_board_with(config, |board| {
@@ -120,13 +129,17 @@ pub fn measure(cost: NonZeroU32, frames: usize) -> Vec<Passage> {
         records.take(board);
         let counters = counters(board);
         assert_eq!((counters.unanswered_requests, counters.dropped_bytes), (0, 0));
-        records.passages()
+        Run {
+            passages: records.passages(),
+            stamps: records.late_stamps(),
+        }
     })
 }
 
 /// Everybody who uses the arm.
 struct Hosts {
-    subscriber: Subscriber,
+    /// Is told of every frame.
+    subscriber: Control,
     can: CanProgram,
     /// Whether the host on CAN waits for an answer, and when it asks next if not.
     can_waits: bool,
@@ -144,8 +157,10 @@ struct Hosts {
 
 impl Hosts {
     fn new(board: &mut VirtualBoard<Witness>) -> Self {
+        let mut subscriber = Control::open(board);
+        subscriber.subscribe(board);
         Self {
-            subscriber: Subscriber::open(board),
+            subscriber,
             can: CanProgram::new(Node::default()),
             can_waits: false,
             can_next: board.now(),
@@ -194,7 +209,11 @@ impl Hosts {
             board.can().send_from(1, &other).expect("it is classic");
             self.other_next = now + self.pause(1_900_000);
         }
-        self.subscriber.poll(board);
+        for (stamp, event) in self.subscriber.take_events(board) {
+            if let Event::Frame { bytes, .. } = event {
+                records.stamps.push((number_of(&bytes), stamp));
+            }
+        }
         self.looks += 1;
         if self.looks.is_multiple_of(LOOKS) {
             records.take(board);
@@ -240,6 +259,8 @@ struct Records {
     can_frames: Vec<(Nanos, Nanos, bool)>,
     /// Each answer for the host on CAN: which of the arm's it is.
     can_answers: Vec<usize>,
+    /// Each answer that the subscriber was told of: which of the arm's it is, and its stamp.
+    stamps: Vec<(usize, Stamp)>,
 }
 
 impl Records {
@@ -260,6 +281,7 @@ impl Records {
             can_requests: Vec::new(),
             can_frames: Vec::new(),
             can_answers: Vec::new(),
+            stamps: Vec::new(),
         };
         records.take(board);
         records
@@ -332,6 +354,17 @@ impl Records {
             _ if is(Function::ArmRequest, 0) => self.can_requests.push(seen.end),
             _ => {}
         }
+    }
+
+    /// How late each stamp is, after the earliest.
+    fn late_stamps(&self) -> Vec<Micros> {
+        let ahead = |&(number, stamp): &(usize, Stamp)| {
+            let end: Micros = self.exchanges[number].end.micros();
+            stamp.0.wrapping_sub(end.0) as i64
+        };
+        let ahead: Vec<i64> = self.stamps.iter().map(ahead).collect();
+        let least = ahead.iter().min().copied().unwrap_or_default();
+        ahead.into_iter().map(|ahead| Micros((ahead - least) as u64)).collect()
     }
 
     /// What all of it says about the adapter.

@@ -157,8 +157,12 @@ pub fn can_fd(span: Nanos) -> Rate {
         unsolicited: true,
         ..config::Can::default()
     };
+    let identity = Identity {
+        can_fd: true,
+        ..Identity::default()
+    };
     let mut bridge = Bridge::new(
-        Identity::default(),
+        identity,
         Config {
             can,
             ..Config::default()
