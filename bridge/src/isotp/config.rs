@@ -14,7 +14,7 @@ pub enum Link {
     Fd,
 }
 
-/// How an [`Endpoint`](super::Endpoint) sends, what it asks of those who send to it, and how long it waits for them.
+/// How an [`Endpoint`](super::Endpoint) sends, what it asks of those who send to it, and how long it waits.
 ///
 /// ```
 /// use armwire::Micros;
@@ -40,9 +40,12 @@ pub struct Config {
     pub block_size: u8,
     /// STmin, what it asks for: the least time between consecutive frames.
     pub st_min: SeparationTime,
+    /// N_As: how long a frame of a PDU that has begun may take to [leave](super::Endpoint::transmitted) once it is due.
+    pub n_as: Micros,
     /// N_Bs: how long the other side may take for a flow control frame.
     pub n_bs: Micros,
-    /// N_Cr: how long the other side may take for a consecutive frame.
+    /// N_Cr: how long the other side may take for a consecutive frame. It begins when flow control is handed over, and anew
+    /// when that has left; so it ends the wait for that, too, and there is no N_Ar.
     pub n_cr: Micros,
     /// How often in a row the other side may say that it is not ready. The standard has it limit itself (N_WFTmax); one that
     /// does not would hold the endpoint for ever.
@@ -50,7 +53,7 @@ pub struct Config {
 }
 
 impl Config {
-    /// Anything may come at once; both time-outs are the 1000 ms of the standard (section 9.8), and the tenth wait
+    /// Anything may come at once; all time-outs are the 1000 ms of the standard (section 9.8), and the tenth wait
     /// in a row is one too many.
     pub const fn new(link: Link, tx: Id) -> Self {
         Self {
@@ -58,6 +61,7 @@ impl Config {
             tx,
             block_size: 0,
             st_min: SeparationTime::ZERO,
+            n_as: Micros::from_millis(1_000),
             n_bs: Micros::from_millis(1_000),
             n_cr: Micros::from_millis(1_000),
             max_waits: 9,

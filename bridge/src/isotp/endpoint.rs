@@ -137,7 +137,8 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// The next frame for the bus, if one is due: flow control before all else.
     ///
     /// Hand it over, in this order, and say when it has [left](Self::transmitted). More may be handed over before, but the
-    /// next consecutive frame is not due until then if the other side asked for a separation.
+    /// next consecutive frame is not due until then if the other side asked for a separation. What is not said to have left
+    /// counts as stuck after [`n_as`](Config::n_as), unless it is answered.
     ///
     /// Then ask [`is_sending`](Self::is_sending), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
     pub fn transmit(&mut self, now: Micros) -> Option<Frame> {
@@ -165,17 +166,19 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// ```
     pub fn transmitted(&mut self, now: Micros) {
         self.receiver.transmitted(&self.config, now);
-        self.sender.transmitted(&self.config, now);
+        self.sender.transmitted(now);
     }
 
     // ---- Time ----
 
-    /// When to call [`tick`](Self::tick), unless something happens before. `None` when nobody is waited for.
+    /// When to call [`tick`](Self::tick), unless something happens before. `None` when nothing is waited for.
     pub fn timeout(&self) -> Option<Micros> {
-        some(self.receiver.timeout().min(self.sender.timeout()))
+        some(self.receiver.timeout().min(self.sender.timeout(&self.config)))
     }
 
-    /// It is `now`: a PDU whose next frame is late is given up.
+    /// It is `now`: a PDU whose next frame is late, in coming or in leaving, is given up. What was handed over of it
+    /// and has not left may be taken back; what leaves later does no harm here, and an answer to it is ignored while nothing
+    /// else is being sent.
     ///
     /// Call [`receive`](Self::receive) first with what came before. Then ask [`is_sending`](Self::is_sending).
     pub fn tick(&mut self, now: Micros) -> Events {

@@ -58,6 +58,15 @@ impl Iterator for Events {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Error {
+    /// Sending: a frame did not leave in time (N_TIMEOUT_A).
+    NotTransmitted {
+        /// How long it was waited for.
+        waited: Micros,
+        /// The length of the PDU.
+        len: usize,
+        /// The bytes of it that were handed over, those that have not left included.
+        handed: usize,
+    },
     /// Sending: flow control did not come in time (N_TIMEOUT_Bs).
     NoFlowControl {
         /// How long it was waited for.
@@ -106,6 +115,11 @@ pub enum Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
+            Self::NotTransmitted { waited, len, handed } => write!(
+                f,
+                "sending: a frame did not leave in {} µs, with {handed} of {len} bytes handed over",
+                waited.0
+            ),
             Self::NoFlowControl { waited } => write!(f, "sending: no flow control in {} µs", waited.0),
             Self::TooManyWaits { max } => write!(f, "sending: the receiver asked to wait more than {max} times"),
             Self::Overflow { len } => write!(f, "sending: the receiver has no room for {len} bytes"),

@@ -4,7 +4,7 @@ use armwire::Micros;
 
 use super::pci::{CONTINUE, FLOW_CONTROL, OVERFLOW};
 use super::{Config, Error, Event, Events, Ignored, Link, NEVER, Refused, block};
-use crate::can::Frame;
+use crate::can::{Frame, MAX_FD};
 
 /// Where it is in the PDU. The bytes themselves are the endpoint's, so that this is compiled once for all lengths.
 pub(super) struct Receiver {
@@ -15,7 +15,7 @@ pub(super) struct Receiver {
     len: usize,
     got: usize,
     /// The length of the first frame, which all others have but the last.
-    frame_len: usize,
+    frame_len: u8,
     /// The sequence number of the next consecutive frame.
     number: u8,
     /// Consecutive frames until the sender must be told to go on.
@@ -145,7 +145,8 @@ impl Receiver {
                 self.len = len as usize;
                 self.got = 0;
                 self.take(buffer, data);
-                self.frame_len = frame_len;
+                // No frame is longer.
+                self.frame_len = frame_len.min(MAX_FD) as u8;
                 self.number = 1;
                 self.go_on(config);
                 self.state = State::Receiving;
@@ -176,12 +177,13 @@ impl Receiver {
         }
         let got = data.len().saturating_add(1);
         let rest = self.len.saturating_sub(self.got).saturating_add(1);
-        let expected = rest.min(self.frame_len);
+        let frame_len = usize::from(self.frame_len);
+        let expected = rest.min(frame_len);
         if got < expected {
             return Some(Event::Ignored(Ignored::Short { expected, got }));
         }
-        if got > self.frame_len {
-            let expected = self.frame_len;
+        if got > frame_len {
+            let expected = frame_len;
             return Some(Event::Ignored(Ignored::Long { expected, got }));
         }
         if number != self.number {

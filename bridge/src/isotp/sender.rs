@@ -9,7 +9,7 @@ use crate::can::{Frame, MAX_CLASSIC, MAX_FD};
 /// Where it is in the PDU. The bytes themselves are the endpoint's, so that this is compiled once for all lengths.
 pub(super) struct Sender {
     state: State,
-    /// When the next frame is due, or flow control is late.
+    /// When the next frame is due. Otherwise since when the last one was handed over, or flow control is waited for.
     at: Micros,
     /// Bytes in the PDU, and how many of them were handed over.
     len: usize,
@@ -71,23 +71,37 @@ impl Sender {
         is_sending
     }
 
-    pub(super) fn timeout(&self) -> Micros {
+    // Not inlined: it is asked for at many places, and each would have the sums.
+    #[inline(never)]
+    pub(super) fn timeout(&self, config: &Config) -> Micros {
         match self.state {
-            State::Wait => self.at,
-            _ => NEVER,
+            State::Idle | State::Begin => NEVER,
+            State::Wait if !self.handed => self.at + config.n_bs,
+            // Also where the controller has no room for a frame that is due: the receiver waits no longer for that one.
+            State::Wait | State::Go => self.at + config.n_as,
         }
     }
 
     pub(super) fn tick(&mut self, config: &Config, now: Micros) -> Option<Event> {
-        if self.state != State::Wait || now < self.at {
+        if matches!(self.state, State::Idle | State::Begin) || now < self.timeout(config) {
             return None;
         }
-        self.state = State::Idle;
-        Some(Event::Failed(Error::NoFlowControl { waited: config.n_bs }))
+        let error = match self.state {
+            State::Wait if !self.handed => Error::NoFlowControl { waited: config.n_bs },
+            _ => Error::NotTransmitted {
+                waited: config.n_as,
+                len: self.len,
+                handed: self.sent,
+            },
+        };
+        self.abort();
+        Some(Event::Failed(error))
     }
 
     pub(super) fn transmit_at(&self) -> Micros {
         match self.state {
+            // The separation begins when the frame before has left.
+            State::Go if self.handed && self.gap != SeparationTime::ZERO => NEVER,
             State::Begin | State::Go => self.at,
             State::Idle | State::Wait => NEVER,
         }
@@ -95,7 +109,7 @@ impl Sender {
 
     /// The next frame of the PDU at the start of `buffer`, if one is due.
     pub(super) fn transmit(&mut self, buffer: &[u8], config: &Config, now: Micros) -> Option<Frame> {
-        if !matches!(self.state, State::Begin | State::Go) || now < self.at {
+        if !matches!(self.state, State::Begin | State::Go) || now < self.transmit_at() {
             return None;
         }
         let (room, max_single) = match config.link {
@@ -112,34 +126,26 @@ impl Sender {
         let rest = buffer.get(self.sent..self.len).unwrap_or_default();
         let frame = Frame::padded(config.tx, config.link == Link::Fd, head, rest);
 
-        self.handed = true;
+        (self.handed, self.at) = (true, now);
         self.number = (self.number + 1) & 0x0F;
         self.sent = self.sent.saturating_add(room.saturating_sub(head.len()));
         if self.sent >= self.len {
             self.state = State::Idle;
         } else if self.state == State::Begin || self.left == 1 {
-            self.waits = 0;
-            self.wait(config, now);
+            (self.state, self.waits) = (State::Wait, 0);
         } else {
             self.left = self.left.saturating_sub(1);
-            // The separation begins when the frame has left.
-            self.at = match self.gap {
-                SeparationTime::ZERO => now,
-                _ => NEVER,
-            };
         }
         Some(frame)
     }
 
     /// The last frame has left, unless that was said before.
-    pub(super) fn transmitted(&mut self, config: &Config, now: Micros) {
-        if !core::mem::take(&mut self.handed) {
-            return;
-        }
-        match self.state {
-            State::Wait => self.wait(config, now),
-            State::Go => self.at = now + self.gap.micros(),
-            State::Idle | State::Begin => {}
+    pub(super) fn transmitted(&mut self, now: Micros) {
+        if core::mem::take(&mut self.handed) {
+            self.at = match self.state {
+                State::Go => now + self.gap.micros(),
+                _ => now,
+            };
         }
     }
 
@@ -153,19 +159,17 @@ impl Sender {
         if self.state != State::Wait {
             return Some(Event::Ignored(Ignored::UnexpectedFlowControl { got: status }));
         }
-        // What is answered has left, whether or not that was said.
-        self.handed = false;
+        // What is answered has left, whether or not that was said. What comes next has its full time from now.
+        (self.handed, self.at) = (false, now);
         let error = match status {
             CONTINUE => {
                 self.state = State::Go;
-                self.at = now;
                 self.left = block(block_size);
                 self.gap = gap;
                 return None;
             }
             WAIT if self.waits < config.max_waits => {
                 self.waits += 1;
-                self.wait(config, now);
                 return None;
             }
             WAIT => Error::TooManyWaits { max: config.max_waits },
@@ -174,11 +178,5 @@ impl Sender {
         };
         self.state = State::Idle;
         Some(Event::Failed(error))
-    }
-
-    /// Flow control has its full time from now.
-    fn wait(&mut self, config: &Config, now: Micros) {
-        self.state = State::Wait;
-        self.at = now + config.n_bs;
     }
 }

@@ -212,7 +212,10 @@ fn consecutive_frames_keep_the_separation_time() {
         assert_eq!(next(&mut sender, T0)[0], 0x21);
         sender.transmitted(T0);
         let due = T0 + Micros(micros);
-        assert_eq!((sender.transmit_at(), sender.timeout()), (Some(due), None));
+        assert_eq!(
+            (sender.transmit_at(), sender.timeout()),
+            (Some(due), Some(due + SECOND))
+        );
         if micros > 0 {
             assert_eq!(sender.transmit(Micros(due.0 - 1)), None);
         }
@@ -282,7 +285,8 @@ fn flow_control_tells_that_the_frame_before_has_left() {
 #[test]
 fn without_flow_control_sending_ends_after_n_bs() {
     let mut sender = waiting(20);
-    let deadline = T0 + SECOND;
+    sender.transmitted(T0 + Micros(100));
+    let deadline = T0 + Micros(100) + SECOND;
     assert_eq!(sender.timeout(), Some(deadline));
     events([], sender.tick(Micros(deadline.0 - 1)));
     assert!(sender.is_sending());
@@ -295,6 +299,74 @@ fn without_flow_control_sending_ends_after_n_bs() {
         sender.receive(&[0x30, 0, 0], deadline),
     );
     is_usable(&mut sender, deadline);
+}
+
+/// It fails at `deadline` and no sooner, for a frame did not leave. Those that leave later are of nothing.
+fn does_not_get_rid_of_a_frame(mut sender: Full, handed: usize, deadline: Micros) {
+    assert_eq!(sender.timeout(), Some(deadline));
+    events([], sender.tick(Micros(deadline.0 - 1)));
+    assert!(sender.is_sending());
+    let (waited, len) = (SECOND, 40);
+    events(
+        [Event::Failed(Error::NotTransmitted { waited, len, handed })],
+        sender.tick(deadline),
+    );
+    assert_eq!((sender.transmit(deadline), sender.transmit_at()), (None, None));
+    sender.transmitted(deadline);
+    is_usable(&mut sender, deadline);
+}
+
+#[test]
+fn a_frame_that_never_leaves_ends_the_pdu() {
+    // The first one.
+    does_not_get_rid_of_a_frame(waiting(40), 6, T0 + SECOND);
+
+    // A consecutive one, which the next must keep its distance from.
+    let mut sender = waiting(40);
+    sender.transmitted(T0);
+    events([], sender.receive(&[0x30, 0, 1], T0));
+    assert_eq!(all(&mut sender, T0 + Micros(200)).len(), 1);
+    does_not_get_rid_of_a_frame(sender, 13, T0 + Micros(200) + SECOND);
+
+    // The last one of a block.
+    let mut sender = waiting(40);
+    events([], sender.receive(&[0x30, 2, 0], T0));
+    assert_eq!(all(&mut sender, T0 + Micros(200)).len(), 2);
+    does_not_get_rid_of_a_frame(sender, 20, T0 + Micros(200) + SECOND);
+
+    // One of many that are handed over as there is room: while there is, they leave.
+    let mut sender = waiting(40);
+    events([], sender.receive(&[0x30, 0, 0], T0));
+    for passed in [0, 700_000, 1_400_000] {
+        let now = T0 + Micros(passed);
+        events([], sender.tick(now));
+        assert!(sender.transmit(now).is_some());
+    }
+    does_not_get_rid_of_a_frame(sender, 27, T0 + Micros(1_400_000) + SECOND);
+}
+
+#[test]
+fn a_frame_that_is_due_and_cannot_be_handed_over_ends_the_pdu() {
+    let mut sender = waiting(40);
+    events([], sender.receive(&[0x30, 0, 0], T0 + Micros(300)));
+    does_not_get_rid_of_a_frame(sender, 6, T0 + Micros(300) + SECOND);
+
+    let mut sender = waiting(40);
+    events([], sender.receive(&[0x30, 0, 5], T0));
+    assert_eq!(all(&mut sender, T0).len(), 1);
+    sender.transmitted(T0 + Micros(100));
+    does_not_get_rid_of_a_frame(sender, 13, T0 + Micros(5_100) + SECOND);
+}
+
+#[test]
+fn what_waits_to_begin_may_wait_for_ever() {
+    let mut sender = endpoint(Link::Classic);
+    sender.send(&pdu(20)).unwrap();
+    let late = T0 + SECOND + SECOND;
+    assert_eq!(sender.timeout(), None);
+    events([], sender.tick(late));
+    assert_eq!(all(&mut sender, late).len(), 1);
+    assert_eq!(sender.timeout(), Some(late + SECOND));
 }
 
 #[test]
@@ -521,6 +593,7 @@ fn both_time_outs_are_told_at_once() {
     let mut both = receiving();
     both.send(&pdu(20)).unwrap();
     assert_eq!(all(&mut both, T0).len(), 1);
+    both.transmitted(T0);
     let (waited, expected, got) = (SECOND, 20, 6);
     events(
         [
@@ -535,12 +608,16 @@ fn both_time_outs_are_told_at_once() {
 #[test]
 fn time_outs_are_what_the_configuration_says() {
     let mut both = Full::new(Config {
+        n_as: Micros(90),
         n_bs: Micros(70),
         n_cr: Micros(50),
         ..config(Link::Classic)
     });
     both.send(&pdu(20)).unwrap();
     assert_eq!(all(&mut both, T0).len(), 1);
+    assert_eq!(both.timeout(), Some(T0 + Micros(90)));
+    both.transmitted(T0);
+    assert_eq!(both.timeout(), Some(T0 + Micros(70)));
     events([], both.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
     assert_eq!(both.timeout(), Some(T0 + Micros(50)));
     let (waited, expected, got) = (Micros(50), 20, 6);
@@ -552,6 +629,18 @@ fn time_outs_are_what_the_configuration_says() {
     events(
         [Event::Failed(Error::NoFlowControl { waited: Micros(70) })],
         both.tick(T0 + Micros(70)),
+    );
+    both.send(&pdu(20)).unwrap();
+    assert_eq!(all(&mut both, T0).len(), 1);
+    let error = Error::NotTransmitted {
+        waited: Micros(90),
+        len: 20,
+        handed: 6,
+    };
+    events([Event::Failed(error)], both.tick(T0 + Micros(90)));
+    assert_eq!(
+        error.to_string(),
+        "sending: a frame did not leave in 90 µs, with 6 of 20 bytes handed over"
     );
 }
 

@@ -110,6 +110,29 @@ fn counted(bridge: &mut Bridge, f: impl FnOnce(&mut Bridge)) -> [u32; 4] {
 }
 
 #[test]
+fn a_transfer_of_which_a_frame_never_leaves_the_controller_is_given_up_and_counted() {
+    let mut bridge = answering(1);
+    assert_eq!(hand(&mut bridge, Micros(300)), Some(Function::ControlAnswer));
+    assert_eq!(bridge.timeout(), Some(Micros(1_000_300)));
+    assert_eq!(counted(&mut bridge, |bridge| bridge.tick(Micros(1_000_299))), [0; 4]);
+    assert_eq!(
+        counted(&mut bridge, |bridge| bridge.tick(Micros(1_000_300))),
+        [1, 0, 0, 0]
+    );
+    assert_eq!((hand(&mut bridge, Micros(1_000_300)), bridge.timeout()), (None, None));
+    // The next is handed over behind that frame, and its time begins when both have left.
+    let now = Micros(60_000_000);
+    ask(&mut bridge, Request::GetLatencies, now);
+    assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
+    assert!(!bridge.can_sent(1, now + Micros(100)));
+    assert_eq!(bridge.timeout(), Some(now + Micros(1_000_000)));
+    assert!(bridge.can_sent(0, now + Micros(200)));
+    assert_eq!(bridge.timeout(), Some(now + Micros(1_000_200)));
+    hear(&mut bridge, Function::ControlRequest, &[0x30, 0, 0], now + Micros(400));
+    assert_eq!(hand(&mut bridge, now + Micros(400)), Some(Function::ControlAnswer));
+}
+
+#[test]
 fn transfers_under_way_when_the_bus_is_lost_are_counted_each_way() {
     let now = Micros(300);
     let mut bridge = answering(0);

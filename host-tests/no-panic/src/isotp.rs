@@ -34,6 +34,7 @@ pub(crate) fn call_all() {
     let config = Config {
         block_size: black_box(0),
         st_min,
+        n_as: Micros(black_box(0)),
         n_bs: Micros(black_box(0)),
         n_cr: Micros(black_box(0)),
         max_waits: black_box(0),
