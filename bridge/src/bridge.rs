@@ -447,6 +447,7 @@ impl Bridge {
         if off {
             count(&mut self.counters.can_bus_offs, 1);
             self.can.left(&mut self.counters);
+            self.serve(now);
         }
         self.tell(Event::BusOff { off }, now);
     }
@@ -594,8 +595,13 @@ impl Bridge {
                 _ => {}
             }
         }
+        let was_replying = self.can.control.is_sending();
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
             self.refuse(Asker::Command, refusal, now);
+        }
+        // A reply was given up, and there may be room for the next one.
+        if was_replying && !self.can.control.is_sending() {
+            self.serve(now);
         }
     }
 

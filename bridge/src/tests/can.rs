@@ -2,6 +2,8 @@
 
 extern crate std;
 
+use std::vec::Vec;
+
 use armwire::Micros;
 
 use super::rig::ling;
@@ -130,6 +132,22 @@ fn a_transfer_of_which_a_frame_never_leaves_the_controller_is_given_up_and_count
     assert_eq!(bridge.timeout(), Some(now + Micros(1_000_200)));
     hear(&mut bridge, Function::ControlRequest, &[0x30, 0, 0], now + Micros(400));
     assert_eq!(hand(&mut bridge, now + Micros(400)), Some(Function::ControlAnswer));
+}
+
+#[test]
+fn a_request_that_waits_for_a_reply_to_go_out_is_heeded_when_that_is_given_up() {
+    let give_up: [fn(&mut Bridge, Micros); 2] = [Bridge::tick, |bridge, now| bridge.can_bus_off(true, now)];
+    for give_up in give_up {
+        let mut bridge = answering(1);
+        assert_eq!(hand(&mut bridge, Micros(300)), Some(Function::ControlAnswer));
+        ask(&mut bridge, Request::GetConfig, Micros(400));
+        assert_eq!(bridge.counters().control_requests, 1);
+        let now = Micros(1_000_300);
+        assert_eq!(counted(&mut bridge, |bridge| give_up(bridge, now)), [1, 0, 0, 0]);
+        assert_eq!(bridge.counters().control_requests, 2);
+        let handed: Vec<_> = core::iter::from_fn(|| hand(&mut bridge, now)).collect();
+        assert_eq!(handed.last(), Some(&Function::ControlAnswer));
+    }
 }
 
 #[test]
