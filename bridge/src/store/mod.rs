@@ -1,7 +1,8 @@
 //! The configuration in flash: saved whole or not at all, whenever the power goes.
 //!
 //! A save appends a record to a page. When the page is full, the next one is erased and taken; so all pages wear alike,
-//! and the newest record is never on a page that is being erased. The record with the highest sequence number counts.
+//! and the newest record is never on a page that is being erased. The record with the highest sequence number counts; these
+//! wrap, and no two in flash are half of all numbers apart.
 //!
 //! A record with a wrong checksum is passed over, for it is what is left of a save that was cut. One whose bytes went bad
 //! later looks the same: what counts then is the one before it. If there is none, that is not taken for a store to
@@ -222,11 +223,7 @@ impl<F: NorFlash> Store<F> {
             let mut front = [ERASED; FRONT];
             self.flash.read(page, &mut front).await.map_err(Error::Flash)?;
             written |= front.iter().any(|byte| *byte != ERASED);
-            let is_newer = |record: &Record| {
-                newest
-                    .as_ref()
-                    .is_none_or(|(_, newest)| newest.sequence() < record.sequence())
-            };
+            let is_newer = |record: &Record| newest.as_ref().is_none_or(|(_, newest)| record.is_newer_than(newest));
             match self.last(page).await {
                 Ok(Some(record)) if is_newer(&record) => newest = Some((page, record)),
                 Err(Error::Flash(error)) => return Err(Error::Flash(error)),
@@ -283,6 +280,11 @@ impl Record {
 
     fn sequence(&self) -> u32 {
         self.0.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes))
+    }
+
+    /// Whether it was saved later. Sequence numbers wrap.
+    fn is_newer_than(&self, other: &Self) -> bool {
+        self.sequence().wrapping_sub(other.sequence()).cast_signed() > 0
     }
 
     fn content(&self) -> &[u8] {

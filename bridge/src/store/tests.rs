@@ -514,6 +514,24 @@ fn all_pages_wear_alike() {
 }
 
 #[test]
+fn the_newest_counts_also_when_sequence_numbers_have_wrapped() {
+    // So many records before the wrap that it comes with one page full and with the other, and between the two.
+    for left in 0..20 {
+        let sequence = u32::MAX - left;
+        let mut flash = Tiny::new(2);
+        let range = flash.range();
+        let record = Record::new(sequence, &[]).unwrap();
+        now(Store::new(&mut flash, range).unwrap().push(0, &record)).unwrap();
+        // More than both pages take.
+        for number in 0..30 {
+            save(&mut flash, &config(number)).unwrap();
+            assert_eq!(load(&mut flash), Saved::Config(config(number)));
+        }
+        assert!(flash.erased.iter().all(|&erased| erased > 1), "{:?}", flash.erased);
+    }
+}
+
+#[test]
 fn a_sector_of_an_f405_takes_hundreds_of_saves() {
     let saves = saves_a_page::<4, 0x4000>();
     assert!(saves > 300, "{saves}");
