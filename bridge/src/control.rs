@@ -4,8 +4,11 @@
 //! [`FromHost`], from the adapter a [`FromAdapter`]. On USB each is COBS-encoded and ends with a zero byte; on CAN each is
 //! one ISO-TP PDU.
 //!
-//! Variants and fields are only ever added at the end, with a new [`VERSION`]. A request that an adapter does not know, or
-//! that it cannot read, gets [`Reply::Unsupported`], so a host that is newer than the adapter finds out at once.
+//! Variants are only ever added behind the others, and fields where a message ends, with a new [`VERSION`]. A request that
+//! an adapter does not know, or that it cannot read, gets [`Reply::Unsupported`], so a host that is newer than the adapter
+//! finds out at once; so does an older one whose request has more fields by now. A host that is older than the adapter passes
+//! over what comes behind the fields that it knows, so it can read the version in an [`Identity`] that has grown. The
+//! adapter does nothing that it understands in part only.
 //!
 //! [postcard]: https://postcard.jamesmunns.com
 

@@ -21,18 +21,27 @@ use crate::control::{FromAdapter, FromHost, MAX_MESSAGE};
 /// assert_eq!(FromAdapter::sequence(&[1, 7, 99, 1, 2, 3]), None); // an event
 /// ```
 pub trait Message: Serialize + DeserializeOwned {
+    /// Whether bytes behind the last field are passed over, as fields that a later version has added. A host does so, to
+    /// learn what it can from a newer adapter. The adapter does not: a host that says more than is understood would take
+    /// for done what is not.
+    const MAY_GROW: bool;
+
     /// The sequence number in a message in postcard format, also where the rest of it cannot be read. `None` if there is
     /// none.
     fn sequence(bytes: &[u8]) -> Option<u8>;
 }
 
 impl Message for FromHost {
+    const MAY_GROW: bool = false;
+
     fn sequence(bytes: &[u8]) -> Option<u8> {
         bytes.first().copied()
     }
 }
 
 impl Message for FromAdapter {
+    const MAY_GROW: bool = true;
+
     fn sequence(bytes: &[u8]) -> Option<u8> {
         match bytes {
             [0, sequence, ..] => Some(*sequence),
@@ -88,7 +97,8 @@ pub fn encode_cobs<T: Message>(message: &T, out: &mut [u8]) -> Result<usize, NoR
     Ok(len.saturating_add(1))
 }
 
-/// Reads a message in postcard format, of which `bytes` must be all.
+/// Reads a message in postcard format, which `bytes` is all of; but a [`FromAdapter`] may have fields of a later version at
+/// its end, which are passed over.
 ///
 /// # Errors
 ///
@@ -102,7 +112,7 @@ pub fn encode_cobs<T: Message>(message: &T, out: &mut [u8]) -> Result<usize, NoR
 /// ```
 pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
     let reason = match postcard::take_from_bytes(bytes) {
-        Ok((message, [])) => return Ok(message),
+        Ok((message, rest)) if rest.is_empty() || T::MAY_GROW => return Ok(message),
         Ok((_, rest)) => Reason::Surplus { bytes: rest.len() },
         Err(postcard::Error::DeserializeUnexpectedEnd) => Reason::EndsEarly,
         Err(_) => Reason::Unknown,
@@ -250,7 +260,7 @@ impl fmt::Display for NoRoom {
 
 impl core::error::Error for NoRoom {}
 
-/// Bytes that are no message of this version.
+/// Bytes that are no message of this version, nor a longer one of a later version.
 ///
 /// ```
 /// use armwire_bridge::control::{Malformed, Reason};
@@ -280,7 +290,7 @@ pub enum Reason {
     EndsEarly,
     /// A field has a value that it cannot have.
     Unknown,
-    /// There is more behind the message's last field.
+    /// There is more behind the last field of a message from a host.
     Surplus {
         /// How many bytes.
         bytes: usize,

@@ -14,7 +14,7 @@ use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll, Silence};
 use crate::control::{
     ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, MAX_COBS, MAX_FRAME, Refusal,
-    Reply, Request, Stamp, Subscription,
+    Reply, Request, Stamp, Subscription, VERSION,
 };
 
 fn arm() -> impl Strategy<Value = ArmKind> {
@@ -296,7 +296,15 @@ proptest! {
     }
 
     #[test]
-    fn a_message_with_more_behind_it_is_refused(message in from_host(), more in prop::collection::vec(any::<u8>(), 1..20)) {
+    fn a_host_passes_over_what_a_newer_adapter_says_behind_it(
+        message in from_adapter(),
+        more in prop::collection::vec(any::<u8>(), 1..20),
+    ) {
+        prop_assert_eq!(decode(&[encoded(&message), more].concat()), Ok(message));
+    }
+
+    #[test]
+    fn a_message_of_a_host_with_more_behind_it_is_refused(message in from_host(), more in prop::collection::vec(any::<u8>(), 1..20)) {
         let bytes = [encoded(&message), more.clone()].concat();
         let malformed = Malformed { sequence: Some(message.sequence), reason: Reason::Surplus { bytes: more.len() } };
         prop_assert_eq!(decode::<FromHost>(&bytes), Err(malformed));
@@ -363,6 +371,33 @@ fn a_cleared_reader_has_forgotten_half_a_message() {
     reader.push(&bytes[..2]);
     reader.clear();
     assert_eq!(read(&mut reader, &[&bytes]), [Ok(message)]);
+}
+
+#[test]
+fn an_older_host_learns_the_version_of_a_newer_adapter() {
+    let identity = Identity {
+        version: VERSION + 1,
+        firmware: "9.0.0".try_into().unwrap(),
+        can_fd: true,
+        ..Identity::default()
+    };
+    let known = FromAdapter::Reply {
+        sequence: 7,
+        reply: Reply::Identity(identity),
+    };
+    // It has one field more.
+    let newer = [&encoded(&known)[..], &[1]].concat();
+    assert_eq!(decode(&newer), Ok(known.clone()));
+
+    let mut stream = [0; MAX_COBS];
+    let len = cobs::try_encode(&newer, &mut stream).unwrap();
+    let next = FromAdapter::Reply {
+        sequence: 8,
+        reply: Reply::Done,
+    };
+    let stream = [&stream[..=len], &encoded_cobs(&next)].concat();
+    let heard = read(&mut Reader::<MAX_MESSAGE>::new(), &[&stream]);
+    assert_eq!(heard, [Ok(known), Ok(next)]);
 }
 
 #[test]
