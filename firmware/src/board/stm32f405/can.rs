@@ -1,5 +1,7 @@
 //! The registers of CAN1, a bxCAN (RM0090 section 32.9): classic CAN, on PB8 and PB9.
 
+use core::sync::atomic::{AtomicBool, Ordering};
+
 use armwire_bridge::can::{Frame, Id};
 use armwire_bridge::config;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
@@ -33,6 +35,9 @@ const ALTERNATE_FUNCTION: u8 = 9;
 
 /// The mailboxes that frames leave from.
 const MAILBOXES: usize = ROOM as usize;
+
+/// In bus-off: the way back was started.
+static RETURNING: AtomicBool = AtomicBool::new(false);
 
 /// The controller.
 pub(crate) struct Controller {
@@ -119,9 +124,14 @@ impl Controller {
         });
     }
 
-    /// Whether the controller has left the bus because of too many errors.
+    /// Whether the controller has left the bus because of too many errors. To be asked now and then: nothing else sees to
+    /// a way back that was not started.
     pub(crate) fn is_bus_off(&self) -> bool {
-        CAN.esr().read().boff()
+        let is_off = CAN.esr().read().boff();
+        if !RETURNING.swap(is_off, Ordering::Relaxed) && is_off {
+            CAN1_SCE::pend();
+        }
+        is_off
     }
 }
 
@@ -207,6 +217,9 @@ pub(crate) struct StatusHandler;
 
 impl Handler<CAN1_SCE> for StatusHandler {
     unsafe fn on_interrupt() {
+        // Before ESR is read: what is set in it from here on brings the handler here again (RM0090 32.9.2). Writing 1
+        // clears.
+        CAN.msr().write(|w| w.set_erri(true));
         let status = CAN.esr().read();
         if !matches!(status.lec(), Lec::NO_ERROR | Lec::CUSTOM) {
             error();
@@ -215,12 +228,11 @@ impl Handler<CAN1_SCE> for StatusHandler {
         }
         if status.boff() {
             lost();
+            RETURNING.store(true, Ordering::Relaxed);
             // To enter and leave this mode is what starts the way back, as soon as the standard allows (32.7.6).
             CAN.mcr().modify(|w| w.set_inrq(true));
             while !CAN.msr().read().inak() {}
             CAN.mcr().modify(|w| w.set_inrq(false));
         }
-        // Writing 1 clears.
-        CAN.msr().write(|w| w.set_erri(true));
     }
 }

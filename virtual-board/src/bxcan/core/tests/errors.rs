@@ -128,6 +128,57 @@ fn an_error_that_nobody_asked_for_raises_no_flag() {
 }
 
 #[test]
+fn bus_off_while_a_handler_runs_is_seen_if_the_handler_clears_its_flag_before_it_reads_the_status() {
+    #[derive(Debug, PartialEq)]
+    enum Step {
+        Clear,
+        Read,
+    }
+    use Step::{Clear, Read};
+    // What the handler does, where in it the 32nd frame is destroyed, and whether it or its next call sees bus-off.
+    for (steps, off_before, is_seen) in [
+        ([Clear, Read], 0, true),
+        ([Clear, Read], 1, true),
+        ([Clear, Read], 2, true),
+        ([Read, Clear], 0, true),
+        ([Read, Clear], 1, false),
+        ([Read, Clear], 2, true),
+    ] {
+        let mut bench = Bench::new();
+        bench.write(IER, ier::ERRIE | ier::LECIE | ier::BOFIE);
+        bench.bus.destroy(32);
+        bench.request(0, 1, 0);
+        for _ in 0..30 {
+            bench.run_through_a_frame();
+            bench.write(MSR, msr::ERRI);
+            bench.write(ESR, 7 << esr::LEC_AT);
+        }
+        bench.run_through_a_frame();
+        assert_eq!(bench.core.interrupts(), [false, false, false, true]);
+        let mut seen = 0;
+        for (at, step) in steps.iter().enumerate() {
+            if at == off_before {
+                bench.run_through_a_frame();
+            }
+            match step {
+                Clear => bench.write(MSR, msr::ERRI),
+                Read => seen |= bench.flags() & esr::BOFF,
+            }
+        }
+        if off_before == steps.len() {
+            bench.run_through_a_frame();
+        }
+        assert_ne!(bench.flags() & esr::BOFF, 0);
+        let is_called_again = bench.core.interrupts()[3];
+        assert_eq!(
+            seen != 0 || is_called_again,
+            is_seen,
+            "{steps:?}, off before {off_before}"
+        );
+    }
+}
+
+#[test]
 fn in_bus_off_it_neither_receives_nor_sends() {
     let mut bench = Bench::off(0);
     bench.say(0, 5, &[]);
