@@ -73,8 +73,6 @@ static PARITY: AtomicU32 = AtomicU32::new(0);
 static NOISE: AtomicU32 = AtomicU32::new(0);
 static OVERRUN: AtomicU32 = AtomicU32::new(0);
 static RING_OVERRUN: AtomicBool = AtomicBool::new(false);
-/// On a single wire: the receiver is off until the last bit is out.
-static DEAF: AtomicBool = AtomicBool::new(false);
 /// On a single wire: the last bit is out.
 static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
@@ -87,7 +85,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
         // Where the byte is to lie of which the status tells, if it waits: the DMA may fetch it from here on.
         let place = tail();
         let status = usart::take_status();
-        if DEAF.load(Ordering::Relaxed) && usart::is_transmitted() {
+        if usart::is_transmitted_interrupt() {
             listen();
         }
         // The byte that brought the handler here is in the ring a few cycles later.
@@ -125,7 +123,6 @@ fn wait_for_dma() -> bool {
 fn listen() {
     usart::set_receiver(true);
     usart::set_transmitted_interrupt(false);
-    DEAF.store(false, Ordering::Relaxed);
     SENT.signal(());
 }
 
@@ -446,7 +443,6 @@ async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Micros>, h
     }
     transfer.await;
     if half_duplex {
-        DEAF.store(true, Ordering::Relaxed);
         usart::set_transmitted_interrupt(true);
         SENT.wait().await;
     }

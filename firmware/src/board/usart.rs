@@ -90,6 +90,11 @@ pub(crate) fn set_transmitted_interrupt(on: bool) {
     critical_section::with(|_| UART.cr1().modify(|w| w.set_tcie(on)));
 }
 
+/// Whether the interrupt that [`set_transmitted_interrupt`] asks for is there.
+pub(crate) fn is_transmitted_interrupt() -> bool {
+    UART.cr1().read().tcie() && is_transmitted()
+}
+
 /// One wire for both ways, on the pin that sends, or two. Only while nothing is on the line.
 ///
 /// What goes out on one wire also comes in, unless the receiver is off meanwhile: [`set_receiver`].
