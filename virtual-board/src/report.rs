@@ -248,5 +248,6 @@ pub struct Allowed {
 pub const ALLOWED: [Allowed; 1] = [Allowed {
     instance: "SYSCFG",
     register: "MEMRM",
-    reason: "what it puts at address 0 matters to the boot loader alone, in whose place there is one that does nothing",
+    reason: "what it puts at address 0 matters to the boot loader alone, in whose place there is one that does nothing: \
+             the firmware sets VTOR to where its own vectors are",
 }];
