@@ -89,6 +89,14 @@ impl Options {
         [&["armwire", self.board.name()][..], &self.extras()].concat().join("-")
     }
 
+    /// What the firmware in this image calls its board, for `armwire update` to compare.
+    fn board_name(self) -> &'static str {
+        match (self.board, self.crystal_12mhz) {
+            (Board::Stm32f405, true) => "stm32f405-12mhz",
+            (board, _) => board.name(),
+        }
+    }
+
     /// The features besides the board's.
     fn extras(self) -> Vec<&'static str> {
         let all = [(self.crystal_12mhz, "crystal-12mhz"), (self.defmt, "defmt")];
@@ -157,7 +165,7 @@ pub(crate) fn for_virtual_board() -> Result<PathBuf> {
 /// Builds the image and puts it in the target directory under a name of its own.
 pub(crate) fn build(options: &Options) -> Result<Image> {
     let toolchain = Toolchain::find(&[TARGET])?;
-    let board = options.board.name();
+    let board = options.board_name();
     println!("building the firmware image for {board}, one or two minutes the first time");
     let mut cargo = toolchain.cargo("build", TARGET)?;
     cargo.args(["--package", "armwire-firmware", "--profile", "firmware"]);
@@ -206,6 +214,15 @@ mod tests {
         assert_eq!(options, Options::all(Board::Stm32g431));
         assert_eq!(options.features(), "board-stm32g431,defmt");
         assert_eq!(options.name(), "armwire-stm32g431-defmt");
+        assert_eq!(options.board_name(), "stm32g431");
+    }
+
+    #[test]
+    fn an_image_for_another_crystal_is_for_another_board() {
+        assert_eq!(parse("").unwrap().board_name(), "stm32f405");
+        let options = parse("--crystal-12mhz").unwrap();
+        assert_eq!(options.board_name(), "stm32f405-12mhz");
+        assert_eq!(options.name(), "armwire-stm32f405-crystal-12mhz");
     }
 
     #[test]

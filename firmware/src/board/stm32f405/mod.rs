@@ -27,8 +27,11 @@ pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash};
 
-/// What the board is called.
-pub(crate) const NAME: &str = "stm32f405";
+/// What the board is called. With another crystal it is another board: an image for the one does not run on the other.
+pub(crate) const NAME: &str = match cfg!(feature = "crystal-12mhz") {
+    true => "stm32f405-12mhz",
+    false => "stm32f405",
+};
 
 /// Whether its CAN is CAN FD.
 pub(crate) const CAN_FD: bool = false;
