@@ -1,6 +1,6 @@
 //! What the tasks share: the bridge, and signals that say where there may be something to do.
 
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 
 use armwire::Micros;
 use armwire_bridge::control::Identity;
@@ -15,6 +15,8 @@ pub(crate) type Notice<T = ()> = Signal<NoopRawMutex, T>;
 /// The bridge and its signals.
 pub(crate) struct Adapter {
     bridge: RefCell<Bridge>,
+    /// How long the last packet was that was put in the serial port's endpoint.
+    pub(crate) last_packet: Cell<usize>,
     /// There are bytes for the arm, or the line is to change.
     pub(crate) bytes: Notice,
     /// A packet for the host on the serial port is due.
@@ -44,6 +46,7 @@ impl Adapter {
     pub(crate) fn new(identity: Identity, config: config::Config) -> Self {
         Self {
             bridge: RefCell::new(Bridge::new(identity, config)),
+            last_packet: Cell::new(0),
             bytes: Notice::new(),
             packet: Notice::new(),
             room: Notice::new(),

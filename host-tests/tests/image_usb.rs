@@ -291,6 +291,28 @@ fn a_program_that_closes_the_port_and_opens_it_again_gets_only_what_comes_then()
 }
 
 #[test]
+fn a_program_gets_nothing_of_what_the_one_before_it_left_unread() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        exchange_some(board, 0);
+        // Less than a packet, one, two and more: one lies in the endpoint, one waits for it.
+        for (nth, len) in [17, 64, 128, 300].into_iter().enumerate() {
+            let before = counters(board).unheard_bytes;
+            board.usb().set_reading(false);
+            board.with_arm(|arm| arm.say(&noise(nth as u64, len)));
+            board.run_for(Nanos::from_millis(50)).unwrap();
+            board.usb().set_control_lines(false, false).unwrap();
+            board.run_for(Nanos::from_millis(10_000)).unwrap();
+            board.usb().set_control_lines(true, true).unwrap();
+            board.usb().set_reading(true);
+            assert_eq!(read_all(board), [], "of {len} bytes");
+            assert_eq!(counters(board).unheard_bytes - before, len as u32);
+            exchange_some(board, nth as u64);
+        }
+    });
+}
+
+#[test]
 fn an_arm_is_read_again_after_each_thing_that_can_happen_to_the_cable() {
     on_board(LingArm::new(armwire_sim::ling::Config::follower()), |board| {
         let mut program = Program::default();

@@ -9,6 +9,7 @@
 //! | `init()` | starts the clocks, takes the pins and makes a [`Board`] of them |
 //! | `UsbDriver` | the driver of the USB peripheral |
 //! | `cancel_unfetched_packets()` | takes back what waits in an endpoint for a host that will not fetch it |
+//! | `cancel_unfetched_packet()` | takes back what waits in one endpoint, while the host asks for packets |
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
 //! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
 //! | `TIMER`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits, for the clock |

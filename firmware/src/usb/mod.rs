@@ -5,6 +5,7 @@ mod windows;
 
 use armwire_bridge::{Counters, PACKET};
 use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
+use embassy_usb::driver::Endpoint;
 use embassy_usb::types::StringIndex;
 use embassy_usb::{Builder, Config, FunctionBuilder, Handler, UsbDevice};
 use static_cell::StaticCell;
@@ -79,8 +80,12 @@ pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
         CONTROL_BUFFER.init([0; Counters::MAX_LEN]),
     );
     let control_name = builder.string();
-    builder.handler(REQUESTS.init(Requests { adapter, control_name }));
     let port = serial_port(builder.function(COMMUNICATIONS, ABSTRACT_CONTROL_MODEL, 0));
+    builder.handler(REQUESTS.init(Requests {
+        adapter,
+        control_name,
+        to_host: port.to_host.info().addr.index(),
+    }));
     let control = control_interface(builder.function(VENDOR_SPECIFIC, 0, 0), control_name);
     Usb {
         device: builder.build(),
@@ -122,6 +127,8 @@ fn control_interface(mut function: FunctionBuilder<'_, 'static, UsbDriver>, name
 struct Requests {
     adapter: &'static Adapter,
     control_name: StringIndex,
+    /// The endpoint of the serial port's packets to the host.
+    to_host: usize,
 }
 
 impl Requests {
@@ -165,6 +172,10 @@ impl Handler for Requests {
             SET_CONTROL_LINE_STATE => {
                 let dtr = request.value & 1 != 0;
                 if self.adapter.with(|bridge| bridge.usb_dtr(dtr)) {
+                    if board::cancel_unfetched_packet(self.to_host) {
+                        let len = self.adapter.last_packet.get();
+                        self.adapter.take(|bridge| bridge.usb_lost(len));
+                    }
                     self.adapter.session.signal(());
                 }
                 Some(OutResponse::Accepted)

@@ -33,6 +33,14 @@ impl Pipe {
         }
     }
 
+    /// A packet of `len` bytes waits for the host to fetch it.
+    fn sent(self, adapter: &Adapter, len: usize) {
+        match self {
+            Self::Port => adapter.last_packet.set(len),
+            Self::Control => {}
+        }
+    }
+
     /// A packet of `len` bytes could not be sent.
     fn lost(self, bridge: &mut Bridge, len: usize) {
         match self {
@@ -107,16 +115,18 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
                 drop(resting);
                 continue;
             };
-            // A packet that waits for the host to fetch the one before it is not for the next host.
-            let sending = select(endpoint.write(&packet[..n]), session.wait());
+            // A packet that waits for the host to fetch the one before it is not for the next host. Nor may it go when that
+            // one was taken back: the end of the session comes first.
+            let sending = select(session.wait(), endpoint.write(&packet[..n]));
             let resting = rest(task);
             let sent = sending.await;
             drop(resting);
-            if !matches!(sent, Either::First(Ok(()))) {
-                adapter.take(|bridge| pipe.lost(bridge, n));
+            match sent {
+                Either::Second(Ok(())) => pipe.sent(adapter, n),
+                _ => adapter.take(|bridge| pipe.lost(bridge, n)),
             }
             pipe.taken(adapter);
-            if matches!(sent, Either::First(Err(_))) {
+            if matches!(sent, Either::Second(Err(_))) {
                 break;
             }
         }

@@ -155,3 +155,33 @@ pub(crate) fn cancel_unfetched_packets() {
         }
     }
 }
+
+/// Takes back the packet that waits in an IN endpoint for the host to fetch it. Returns whether there was one (RM0090
+/// 34.17.6, "IN endpoint disable").
+pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
+    let (control, flags) = (pac::USB_OTG_FS.diepctl(endpoint), pac::USB_OTG_FS.diepint(endpoint));
+    // The HAL's interrupt handler clears the flags of an endpoint.
+    critical_section::with(|_| {
+        if !control.read().epena() {
+            return false;
+        }
+        control.modify(|w| w.set_snak(true));
+        // A packet on the wire goes on to its end, for up to 50 µs. Then it was fetched.
+        while !flags.read().inepne() {}
+        if !control.read().epena() {
+            return false;
+        }
+        control.modify(|w| {
+            w.set_snak(true);
+            w.set_epdis(true);
+        });
+        while control.read().epena() {}
+        let resets = pac::USB_OTG_FS.grstctl();
+        resets.write(|w| {
+            w.set_txfnum(endpoint as u8);
+            w.set_txfflsh(true);
+        });
+        while resets.read().txfflsh() {}
+        true
+    })
+}

@@ -115,3 +115,11 @@ fn reset_by_watchdog() -> bool {
 /// Takes back what waits in an endpoint for a host that will not fetch it: here the bus reset has done that, for it
 /// disables the endpoints.
 pub(crate) fn cancel_unfetched_packets() {}
+
+/// Takes back the packet that waits in an IN endpoint for the host to fetch it. Returns whether there was one.
+///
+/// Here it takes back none. STATTX can only be toggled, and the host may fetch the packet between reading and writing it:
+/// the packet would be sent again (RM0440, USB_EPnR).
+pub(crate) fn cancel_unfetched_packet(_endpoint: usize) -> bool {
+    false
+}
