@@ -313,6 +313,27 @@ fn a_program_gets_nothing_of_what_the_one_before_it_left_unread() {
 }
 
 #[test]
+fn every_byte_is_heard_or_counted_when_the_port_closes_and_opens_while_the_arm_talks() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let said = noise(1, 60_000);
+        board.with_arm(|arm| arm.say(&said));
+        // At other places of a packet's way each time.
+        for nth in 0..200 {
+            board.run_for(Nanos((2_000 + 37 * nth % 1_300) * 1_000)).unwrap();
+            board.usb().set_control_lines(nth % 2 == 1, true).unwrap();
+        }
+        let heard = read_all(board);
+        let missed: usize = missing(&said, &heard).iter().sum();
+        let counters = counters(board);
+        assert_eq!(heard.len() + missed, said.len());
+        assert_eq!(missed, (counters.unheard_bytes + counters.dropped_bytes) as usize);
+        assert!(counters.unheard_bytes > 1_000 && heard.len() > 1_000);
+        exchange_some(board, 1);
+    });
+}
+
+#[test]
 fn an_arm_is_read_again_after_each_thing_that_can_happen_to_the_cable() {
     on_board(LingArm::new(armwire_sim::ling::Config::follower()), |board| {
         let mut program = Program::default();

@@ -46,6 +46,8 @@ struct InEndpoint {
     allocation: u32,
     /// When the packet that would now be sent was ready to be sent.
     armed: Option<Nanos>,
+    /// Whether a packet of it is on the wire.
+    sends: bool,
 }
 
 /// One OUT endpoint.
@@ -327,10 +329,10 @@ impl Core {
         if value & epctl::CNAK != 0 {
             input.interrupts &= !epint::INEPNE;
         }
-        if value & epctl::SNAK != 0 {
-            input.interrupts |= epint::INEPNE;
-        }
         input.control = control(endpoint, input.control, value);
+        if value & epctl::SNAK != 0 {
+            input.take_nak();
+        }
     }
 
     fn write_reset(&mut self, value: u32) {
@@ -546,6 +548,7 @@ impl Function for Core {
         self.latched |= gint::USBRST;
         // Endpoints but 0 leave the bus, and nothing is armed any more (34.16.4, USBAEP; 34.17.3).
         for (endpoint, input) in self.input.iter_mut().enumerate() {
+            input.sends = false;
             input.control = after_reset(endpoint, input.control);
         }
         for (endpoint, output) in self.output.iter_mut().enumerate() {
@@ -560,6 +563,8 @@ impl Function for Core {
     }
 
     fn start_of_frame(&mut self, number: u16) {
+        // What was on the wire and not acknowledged is over.
+        self.input.iter_mut().for_each(InEndpoint::end);
         self.frame = number;
         self.latched |= gint::SOF;
     }
@@ -667,6 +672,7 @@ impl Function for Core {
                     .take(length)
                     .collect();
                 bytes.truncate(length);
+                input.sends = true;
                 Reply::Data {
                     toggle: input.control & epctl::DPID != 0,
                     bytes,
@@ -692,6 +698,7 @@ impl Function for Core {
             input.control &= !epctl::EPENA;
             input.interrupts |= epint::XFRC;
         }
+        input.end();
         self.arm();
     }
 }
@@ -711,6 +718,20 @@ impl InEndpoint {
     /// The length of the packet it would send next, in bytes.
     fn next(&self, endpoint: usize) -> usize {
         ((self.size & eptsiz::XFRSIZ) as usize).min(packet(endpoint, self.control))
+    }
+
+    /// SNAK takes effect as soon as no packet is on the wire (34.16.4, INEPNE).
+    fn take_nak(&mut self) {
+        if self.control & epctl::NAKSTS != 0 && !self.sends {
+            self.interrupts |= epint::INEPNE;
+        }
+    }
+
+    /// The packet on the wire is through.
+    fn end(&mut self) {
+        if std::mem::take(&mut self.sends) {
+            self.take_nak();
+        }
     }
 
     /// Whether it would send now.

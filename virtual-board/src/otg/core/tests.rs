@@ -263,6 +263,44 @@ fn a_disabled_in_endpoint_says_so() {
 }
 
 #[test]
+fn a_nak_takes_effect_when_the_packet_on_the_wire_is_through() {
+    for is_acknowledged in [true, false] {
+        let mut core = with_bulk();
+        send(&mut core, b"x");
+        assert!(matches!(core.input(0, 1), Reply::Data { .. }));
+        let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
+        core.write(DIEP + ENDPOINT_SPAN + CTL, control | epctl::SNAK);
+        assert_eq!(core.read(DIEP + ENDPOINT_SPAN + INT) & epint::INEPNE, 0);
+        match is_acknowledged {
+            true => core.acknowledged(1),
+            false => core.start_of_frame(1),
+        }
+        assert_eq!(core.read(DIEP + ENDPOINT_SPAN + INT) & epint::INEPNE, epint::INEPNE);
+        let enabled = core.read(DIEP + ENDPOINT_SPAN + CTL) & epctl::EPENA != 0;
+        assert_eq!(enabled, !is_acknowledged);
+    }
+}
+
+#[test]
+fn a_packet_that_is_taken_back_leaves_the_endpoint_as_it_was_before() {
+    let mut core = with_bulk();
+    send(&mut core, b"gone");
+    let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, control | epctl::SNAK | epctl::EPDIS);
+    core.write(GRSTCTL, grstctl::TXFFLSH | 1 << grstctl::TXFNUM_AT);
+    assert_eq!(core.read(DIEP + ENDPOINT_SPAN + TXFSTS), 16);
+    send(&mut core, b"next");
+    let Reply::Data { toggle, bytes, .. } = core.input(0, 1) else {
+        panic!("a packet is ready");
+    };
+    assert_eq!(
+        (toggle, &bytes[..]),
+        (false, &b"next"[..]),
+        "the host has seen none before"
+    );
+}
+
+#[test]
 fn a_stalled_endpoint_stalls_and_a_stranger_is_silent() {
     let mut core = with_bulk();
     let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
