@@ -35,10 +35,10 @@ pub(crate) struct Update {
 impl Update {
     pub(crate) fn run(&self) -> Result<(), Problem> {
         let image = self.image()?;
-        let listed = is_listed();
         let [write, leave] = commands(&self.image);
         let by_hand = format!("'{}' and then '{}'", shown(&write), shown(&leave));
-        if matches!(listed, Ok(true)) {
+        // Before anything is restarted: without dfu-util the arm would be left without its adapter.
+        if is_listed().map_err(unusable)? {
             let what = format!(
                 "a board is in its boot loader already: unplug it; or, if it is the one to update, run {by_hand}"
             );
@@ -63,17 +63,6 @@ impl Update {
             image.len
         ))?;
 
-        if let Err(error) = listed {
-            let why = match error.kind() {
-                ErrorKind::NotFound => "dfu-util is not installed".to_owned(),
-                _ => format!("dfu-util cannot be run ({error})"),
-            };
-            say(&format!(
-                "{why}: once it can be, on the computer that the adapter's USB is on, run"
-            ))?;
-            say(&shown(&write))?;
-            return say(&shown(&leave));
-        }
         self.write(&name, write, leave, &by_hand)
     }
 
@@ -168,6 +157,19 @@ fn shown(command: &Command) -> String {
         }
     }
     text
+}
+
+/// Why dfu-util cannot be used, and what helps.
+fn unusable(error: io::Error) -> Problem {
+    let what = match error.kind() {
+        ErrorKind::NotFound => {
+            "not installed: 'sudo apt install dfu-util' or the like installs it, on Windows and macOS \
+                                see docs/update.md; nothing was restarted"
+                .to_owned()
+        }
+        _ => format!("cannot be run ({error}); nothing was restarted"),
+    };
+    refused(DFU_UTIL, what)
 }
 
 fn refused(name: &str, what: String) -> Problem {

@@ -346,25 +346,27 @@ fn a_failure_of_dfu_util_is_told_with_the_way_on() {
 }
 
 #[test]
-fn without_dfu_util_the_commands_are_told() {
+fn without_a_dfu_util_that_runs_nothing_is_restarted() {
     let board = Board::start("without");
-    let folder = free_path("without-tools");
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir(&folder).unwrap();
+    let folder = tools("without", &board.boot_loader, 0);
     let file = folder.join("new.dfu");
     fs::write(&file, image("virtual")).unwrap();
-    let output = finish(start(
-        Command::new(PROGRAM)
-            .args(["update", &board.control])
-            .arg(&file)
-            .env("PATH", &folder),
-    ));
-    assert!(output.status.success(), "{output:?}");
-    let out = String::from_utf8(output.stdout).unwrap();
-    let last: Vec<_> = out.lines().skip(2).collect();
-    assert!(last[0].starts_with("dfu-util is not installed: "), "{out}");
-    assert_eq!(last[1], format!("dfu-util -d ,0483:df11 -a 0 -D {}", file.display()));
-    assert_eq!(last[2], "dfu-util -d ,0483:df11 -a 0 -s 0x08000000:leave");
-    assert!(board.boot_loader.exists());
+    let update = || {
+        let mut command = Command::new(PROGRAM);
+        command.args(["update", &board.control]).arg(&file).env("PATH", &folder);
+        let output = finish(start(&mut command));
+        assert_eq!(output.stdout, b"");
+        assert!(!board.boot_loader.exists());
+        failure(&output)
+    };
+    fs::set_permissions(folder.join("dfu-util"), Permissions::from_mode(0o644)).unwrap();
+    let line = update();
+    assert!(line.starts_with("dfu-util: cannot be run ("), "{line}");
+    fs::remove_file(folder.join("dfu-util")).unwrap();
+    let line = update();
+    assert!(
+        line.starts_with("dfu-util: not installed: 'sudo apt install dfu-util' or the like installs it"),
+        "{line}"
+    );
     fs::remove_dir_all(folder).unwrap();
 }
