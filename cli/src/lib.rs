@@ -89,8 +89,9 @@ struct Place {
     arm: ArmKind,
     #[command(flatten)]
     baud: Baud,
-    /// The adapter's control port, where it cannot be found from the arm's port: control:PORT, as of a virtual board.
-    #[arg(long, value_name = "PORT")]
+    /// The adapter's control port, where it cannot be found from the arm's port, as that of a virtual board: control:PORT,
+    /// or PORT alone.
+    #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
     control: Option<Port>,
 }
 
@@ -111,9 +112,11 @@ impl Place {
 
     /// The host that an xArm is on.
     fn host(&self) -> Result<Host, Problem> {
-        match self.baud.baud {
-            None => self.port.parse().map_err(Problem::Usage),
-            Some(_) => Err(Problem::Usage("an xarm is on a host, which has no --baud".to_owned())),
+        let refused = |option| Err(Problem::Usage(format!("an xarm is on a host, which has no {option}")));
+        match (self.baud.baud, &self.control) {
+            (None, None) => self.port.parse().map_err(Problem::Usage),
+            (Some(_), _) => refused("--baud"),
+            (None, Some(_)) => refused("--control"),
         }
     }
 }

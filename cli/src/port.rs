@@ -129,6 +129,14 @@ pub(crate) fn available() -> Vec<String> {
 }
 
 impl Port {
+    /// What is typed where only a control port can stand: a path alone is that of one.
+    pub(crate) fn of_control(text: &str) -> Result<Self, String> {
+        Ok(match text.parse()? {
+            Self::Serial(port) => Self::Control(port),
+            other => other,
+        })
+    }
+
     /// Reaches for what is there; a serial port is opened only when its arm is asked for. `baud` is that of the serial
     /// port, of this computer's that is.
     pub(crate) fn connect(&self, baud: Option<u32>) -> Result<Connection, Problem> {
@@ -253,6 +261,14 @@ mod tests {
             assert_eq!(port.to_string(), told);
             assert_eq!(told.parse(), Ok(port));
         }
+    }
+
+    #[test]
+    fn a_path_alone_is_a_control_port_where_only_that_can_stand() {
+        let control = Ok(Port::Control("/tmp/control".to_owned()));
+        assert_eq!(Port::of_control("/tmp/control"), control);
+        assert_eq!(Port::of_control("control:/tmp/control"), control);
+        assert_eq!(Port::of_control("can:can0/3"), "can:can0/3".parse());
     }
 
     #[test]

@@ -20,6 +20,8 @@ pub(crate) fn run(place: &Place) -> Result<(), Problem> {
     let connection = place.connect()?;
     match place.control(&connection) {
         Ok(mut control) => adapter::run(&mut control)?,
+        // Whoever names a control port is to have it.
+        Err(problem) if place.control.is_some() => return Err(problem),
         // There may be no adapter, or an arm that can be asked without it.
         Err(Problem::NoControl { .. }) => {}
         Err(problem @ Problem::Usb { .. }) => show("adapter", format_args!("not told: {problem}"))?,

@@ -104,7 +104,10 @@ impl Monitor {
         let mut model = Model::new(&self.place.port, source.arm(), source.servos(), rate);
         let mut celsius = Timer::new(CELSIUS);
         let mut told = Timer::new(ADAPTER);
-        let mut control = None;
+        let mut control = match connection {
+            Some(connection) if self.place.control.is_some() => Some(self.named(connection)?),
+            _ => None,
+        };
         // Not before there is something to show: an arm that does not answer at all is an error, and no screen.
         let mut output = None;
         let mut readings = 0;
@@ -119,9 +122,10 @@ impl Monitor {
             model.line_errors = source.line_errors();
             if output.is_none() && (model.answered > 0 || rate.is_none()) {
                 output = Some(form.open()?);
-                control = connection
-                    .filter(|_| form == Form::Screen)
-                    .and_then(|connection| self.open(connection, &mut model));
+                control = control.or_else(|| {
+                    let connection = connection.filter(|_| form == Form::Screen)?;
+                    self.open(connection, &mut model)
+                });
             }
             if form == Form::Screen
                 && told.is_due(now())
@@ -140,6 +144,13 @@ impl Monitor {
             }
         }
         Ok(())
+    }
+
+    /// The control port that the user named, with an adapter that answers there.
+    fn named(&self, connection: &Connection) -> Result<ControlLink, Problem> {
+        let mut control = self.place.control(connection)?;
+        identify(&mut control)?;
+        Ok(control)
     }
 
     /// The control port of the adapter there, if there is one, and if it can be opened: a monitor can do without.

@@ -5,6 +5,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use armwire_sim::pty::Pty;
 use crc::{CRC_32_JAMCRC, Crc};
 
 use crate::common::board::Board;
@@ -49,6 +50,35 @@ fn info_tells_the_adapter_and_the_arm() {
     assert!(out.starts_with("arm "), "a pty tells of no adapter: {out}");
     let out = success(&["info", &board.control]);
     assert!(out.starts_with("adapter ") && !out.contains("arm          "), "{out}");
+}
+
+#[test]
+fn a_control_port_that_is_named_is_used_or_it_is_an_error() {
+    let board = Board::start("named");
+    let info = |control: &str| run(&["info", &board.port, "--control", control]);
+    let monitor = |control: &str| run(&["monitor", &board.port, "--count", "1", "--control", control]);
+    let out = success(&["info", &board.port, "--control", name(&board)]);
+    assert!(out.starts_with("adapter      virtual, "), "{out}");
+    success(&["monitor", &board.port, "--count", "1", "--control", name(&board)]);
+    for run in [&info as &dyn Fn(&str) -> Output, &monitor] {
+        let line = failure(&run("/dev/no-such-port"));
+        assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
+        let line = failure(&run("tcp:127.0.0.1:1"));
+        assert!(
+            line.contains("not the port of an armwire adapter") && line.ends_with("(of a virtual board: control:PATH)"),
+            "{line}"
+        );
+        let silent = Pty::open(None).unwrap();
+        let line = failure(&run(silent.path().to_str().unwrap()));
+        assert!(
+            line.ends_with("is it the control port of an armwire adapter?"),
+            "{line}"
+        );
+    }
+    for command in ["info", "monitor"] {
+        let text = usage(&[command, "--arm", "xarm", "127.0.0.1:1", "--control", &board.control]);
+        assert!(text.contains("an xarm is on a host, which has no --control"), "{text}");
+    }
 }
 
 #[test]
