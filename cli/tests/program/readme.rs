@@ -1,23 +1,41 @@
-//! The commands of the README, as printed but for the places of the virtual arms.
+//! The commands of the README, as printed but for the places of what is served.
 
+use std::any::Any;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Command};
 
+use crate::common::adapter::CanBus;
+use crate::common::board::Board;
 use crate::common::{PROGRAM, free_path, start, success};
 
 const README: &str = include_str!("../../../README.md");
 
-/// A running `armwire sim`: where the README has it, and where it is.
+/// What a command of the README serves, until this is dropped.
+struct Served {
+    /// Where the README has it, and where it is.
+    places: Vec<(String, String)>,
+    _running: Vec<Box<dyn Any>>,
+}
+
+/// A running `armwire sim`.
 struct Sim {
     child: Child,
     /// Its last words need a reader.
     _out: BufReader<ChildStdout>,
-    printed: String,
     place: String,
 }
 
-impl Sim {
-    fn start(args: &[&str]) -> Self {
+impl Drop for Sim {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_file(&self.place);
+    }
+}
+
+impl Served {
+    /// What `armwire sim` serves.
+    fn sim(args: &[&str]) -> Self {
         let (printed, place) = match args {
             ["sim", "xarm", "--listen", printed] => (*printed, "127.0.0.1:0".to_owned()),
             ["sim", _, "--pty", printed] => (*printed, free_path("readme").to_str().unwrap().to_owned()),
@@ -34,47 +52,74 @@ impl Sim {
         out.read_line(&mut line).unwrap();
         let mut words = line.split([' ', ',', ';']);
         let place = words.find(|word| word.starts_with("127.0.0.1:") || **word == place);
-        Self {
-            child,
-            _out: out,
-            printed: printed.to_owned(),
-            place: place.unwrap_or_else(|| panic!("{args:?} says {line}")).to_owned(),
-        }
+        let place = place.unwrap_or_else(|| panic!("{args:?} says {line}")).to_owned();
+        let places = vec![(printed.to_owned(), place.clone())];
+        let _out = out;
+        let _running: Vec<Box<dyn Any>> = vec![Box::new(Sim { child, _out, place })];
+        Self { places, _running }
     }
-}
 
-impl Drop for Sim {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-        let _ = std::fs::remove_file(&self.place);
+    /// What `cargo demo` serves: here an adapter and a bus that need no firmware image.
+    fn demo(args: &[&str]) -> Self {
+        let board = Board::start("readme");
+        let bus = CanBus::start_as(1_000_000, 0);
+        let mut places = Vec::new();
+        for (option, place) in [
+            ("--serve", &*board.port),
+            ("--control", board.control.strip_prefix("control:").unwrap()),
+            ("--slcan", &bus.path),
+        ] {
+            let at = args.iter().position(|&arg| arg == option);
+            places.extend(at.map(|at| (args[at + 1].to_owned(), place.to_owned())));
+        }
+        let _running: Vec<Box<dyn Any>> = vec![Box::new(board), Box::new(bus)];
+        Self { places, _running }
+    }
+
+    /// These arguments with the places that are meant, if there is one in them.
+    fn placed(&self, args: &[&str]) -> Option<Vec<String>> {
+        let mut is_meant = false;
+        let place = |arg: &&str| match self.places.iter().find(|(printed, _)| arg.ends_with(printed)) {
+            Some((printed, place)) => {
+                is_meant = true;
+                arg.replace(printed, place)
+            }
+            None => (*arg).to_owned(),
+        };
+        let args = args.iter().map(place).collect();
+        is_meant.then_some(args)
     }
 }
 
 #[test]
-fn every_command_of_the_readme_works_on_the_virtual_arm_above_it() {
-    let mut sim: Option<Sim> = None;
-    let (mut sims, mut calls) = (0, 0);
-    for line in README.lines().filter_map(|line| line.strip_prefix("$ armwire ")) {
+fn every_command_of_the_readme_works_on_what_is_served_above_it() {
+    let mut served: Option<Served> = None;
+    let (mut serves, mut calls) = (0, 0);
+    for line in README.lines().filter_map(|line| line.strip_prefix("$ ")) {
         let command = line.split('#').next().unwrap_or_default();
         let args = command.split_whitespace().collect::<Vec<_>>();
-        if args[0] == "sim" {
-            sim = Some(Sim::start(&args));
-            sims += 1;
-            continue;
+        match args[..] {
+            ["armwire", "sim", ..] => {
+                served = Some(Served::sim(&args[1..]));
+                serves += 1;
+            }
+            ["cargo", "demo", "--", "--serve", ..] => {
+                served = Some(Served::demo(&args));
+                serves += 1;
+            }
+            ["armwire", ref args @ ..] => match served.as_ref().and_then(|served| served.placed(args)) {
+                Some(args) => {
+                    let args: Vec<_> = args.iter().map(String::as_str).collect();
+                    assert_ne!(success(&args), "", "{command}");
+                    calls += 1;
+                }
+                None => assert!(command.contains("/dev/tty"), "{command}: nothing is served above it"),
+            },
+            _ => {}
         }
-        let Some(sim) = sim.as_ref().filter(|sim| args.contains(&&*sim.printed)) else {
-            assert!(command.contains("/dev/tty"), "{command}: there is no arm above it");
-            continue;
-        };
-        let args = args
-            .iter()
-            .map(|&arg| if arg == sim.printed { &sim.place } else { arg });
-        assert_ne!(success(&args.collect::<Vec<_>>()), "", "{command}");
-        calls += 1;
     }
     assert!(
-        sims >= 3 && calls >= 6,
-        "{sims} virtual arms, {calls} commands: where are the others?"
+        serves >= 6 && calls >= 9,
+        "{serves} of sims and demos, {calls} commands: where are the others?"
     );
 }

@@ -16,9 +16,9 @@ use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
 use armwire_sim::slcan::{Adapter as Slcan, Status};
 
-/// The bit rate of the bus.
+/// The bit rate of the bus, unless a test wants another.
 pub(crate) const BIT_RATE: u32 = 500_000;
-/// The adapter on it.
+/// The adapter on it, unless a test wants another.
 pub(crate) const NODE: u8 = 3;
 
 /// A bus that is served until this is dropped.
@@ -33,11 +33,17 @@ pub(crate) struct CanBus {
 
 impl CanBus {
     pub(crate) fn start() -> Self {
+        Self::start_as(BIT_RATE, NODE)
+    }
+
+    /// With this bit rate, and the adapter as this node.
+    pub(crate) fn start_as(bit_rate: u32, node: u8) -> Self {
+        let node = Node::new(node).unwrap();
         let pty = Pty::open(None).unwrap();
         let path = pty.path().to_str().unwrap().to_owned();
         let (stop, sent) = (Arc::default(), Arc::default());
         let (stopped, log) = (Arc::clone(&stop), Arc::clone(&sent));
-        let thread = Some(thread::spawn(move || serve(&pty, &stopped, &log)));
+        let thread = Some(thread::spawn(move || serve(&pty, bit_rate, node, &stopped, &log)));
         Self {
             stop,
             thread,
@@ -55,10 +61,10 @@ impl Drop for CanBus {
     }
 }
 
-fn serve(pty: &Pty, stop: &AtomicBool, log: &Mutex<Vec<Frame>>) {
+fn serve(pty: &Pty, bit_rate: u32, node: Node, stop: &AtomicBool, log: &Mutex<Vec<Frame>>) {
     let start = Instant::now();
     let mut slcan = Slcan::new();
-    let mut adapter = Adapter::new();
+    let mut adapter = Adapter::new(node);
     let mut bytes = [0; 1024];
     while !stop.load(Ordering::Relaxed) {
         let now = Micros(start.elapsed().as_micros() as u64);
@@ -72,7 +78,7 @@ fn serve(pty: &Pty, stop: &AtomicBool, log: &Mutex<Vec<Frame>>) {
             let Some(frame) = sent else { continue };
             log.lock().unwrap().push(frame);
             match slcan.bit_rate() {
-                Some(BIT_RATE) => adapter.receive(&frame, now),
+                Some(rate) if rate == bit_rate => adapter.receive(&frame, now),
                 _ => slcan.report(Status::BUS_ERROR.and(Status::ERROR_PASSIVE)),
             }
         }
@@ -95,8 +101,7 @@ struct Adapter {
 }
 
 impl Adapter {
-    fn new() -> Self {
-        let node = Node::new(NODE).unwrap();
+    fn new(node: Node) -> Self {
         let mut config = AdapterConfig::default();
         config.can.node = node;
         Self {
@@ -110,8 +115,12 @@ impl Adapter {
 
     fn receive(&mut self, frame: &Frame, now: Micros) {
         let events = match Function::of(frame.id()) {
-            Some((Function::ArmRequest, node)) if node.get() == NODE => self.to_arm.receive(frame.data(), now),
-            Some((Function::ControlRequest, node)) if node.get() == NODE => self.control.receive(frame.data(), now),
+            Some((Function::ArmRequest, node)) if node == self.config.can.node => {
+                self.to_arm.receive(frame.data(), now)
+            }
+            Some((Function::ControlRequest, node)) if node == self.config.can.node => {
+                self.control.receive(frame.data(), now)
+            }
             _ => return,
         };
         // Nothing is lost on this bus.
