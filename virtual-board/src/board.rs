@@ -5,7 +5,7 @@ mod usb;
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
-use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -194,6 +194,8 @@ pub struct VirtualBoard<A: Arm> {
     interrupt: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     log: TcpStream,
+    /// Where gdb may attach.
+    gdb: Option<SocketAddr>,
     now: Nanos,
     instructions: u64,
     trace: Trace,
@@ -246,6 +248,7 @@ impl<A: Arm> VirtualBoard<A> {
         };
 
         let gdb = config.gdb.map(listen).transpose()?;
+        let gdb_address = gdb.as_ref().and_then(|gdb| gdb.local_addr().ok());
         let rtt = listen(0)?;
         let log = rtt.local_addr().and_then(TcpStream::connect).and_then(|log| {
             log.set_nonblocking(true)?;
@@ -285,6 +288,7 @@ impl<A: Arm> VirtualBoard<A> {
             interrupt,
             thread: Some(thread),
             log,
+            gdb: gdb_address,
             now: Nanos(0),
             instructions: 0,
             trace: Trace::default(),
@@ -421,6 +425,11 @@ impl<A: Arm> VirtualBoard<A> {
     /// A flag that ends the run once it is set, even while a debugger holds the processor.
     pub(crate) fn interrupt(&self) -> Arc<AtomicBool> {
         self.interrupt.clone()
+    }
+
+    /// Where gdb may attach, if it may.
+    pub(crate) fn gdb(&self) -> Option<SocketAddr> {
+        self.gdb
     }
 
     /// Gives the arm to `use_it`, while time stands still.
@@ -659,4 +668,4 @@ impl<A: Arm> Uart<'_, A> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

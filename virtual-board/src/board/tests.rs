@@ -12,7 +12,7 @@ use crate::report::{Cause, Restart};
 
 /// Nobody on the UART.
 #[derive(Debug, Default)]
-struct Nobody;
+pub(crate) struct Nobody;
 
 impl armwire_sim::serial::SerialDevice for Nobody {
     fn receive(&mut self, _: Micros, _: u8) {}
@@ -68,10 +68,26 @@ fn board_with(
     VirtualBoard::start_image(image, change(Config::new("test", Nobody))).unwrap()
 }
 
+/// A board that goes into its boot loader.
+pub(crate) fn board_into_boot_loader() -> VirtualBoard<Nobody> {
+    // Twenty instructions, then ldr r0, =the boot loader's reset vector; ldr r0, [r0]; bx r0.
+    let mut code = vec![NOP; 20];
+    code.extend([ldr(0, 1), load(0, 0), 0x4700, NOP]);
+    board(&code, &[0x1FFF_0004])
+}
+
 #[test]
 fn nothing_runs_before_it_is_told_to() {
     let board = board(&[HANG, NOP], &[]);
     assert_eq!(board.now(), Nanos(0));
+}
+
+#[test]
+fn where_gdb_may_attach_is_known() {
+    assert_eq!(board(&[HANG, NOP], &[]).gdb(), None);
+    let board = board_with(&[HANG, NOP], &[], |config| Config { gdb: Some(0), ..config });
+    let gdb = board.gdb().unwrap();
+    assert!(gdb.ip().is_loopback() && gdb.port() != 0, "{gdb}");
 }
 
 #[test]
@@ -424,10 +440,7 @@ fn flash_contents_of_another_size_are_refused() {
 
 #[test]
 fn firmware_that_jumps_to_the_boot_loader_is_seen_there_until_a_reset() {
-    // Twenty instructions, then ldr r0, =the boot loader's reset vector; ldr r0, [r0]; bx r0.
-    let mut code = vec![NOP; 20];
-    code.extend([ldr(0, 1), load(0, 0), 0x4700, NOP]);
-    let mut board = board(&code, &[0x1FFF_0004]);
+    let mut board = board_into_boot_loader();
     assert!(!board.is_in_boot_loader());
     let took = board.run_until(Micros(10), |board| board.is_in_boot_loader()).unwrap();
     assert!(took < Nanos(200), "{took}");

@@ -66,7 +66,8 @@ pub fn serve<A: Arm>(mut board: VirtualBoard<A>, places: Places<'_>) -> Result<(
     board.usb().open(0, LineCoding::new(BAUD))?;
     let mut ports = Ports::open(places)?;
     ports.reopen(&mut board)?;
-    println!("serving on {}; Ctrl-C ends it", ports.names());
+    let gdb = board.gdb().map_or(String::new(), |gdb| format!(", gdb {gdb}"));
+    println!("serving on {}{gdb}; Ctrl-C ends it", ports.names());
     match run(&mut board, &mut ports, &stop) {
         Err(_) if stop.load(Ordering::Relaxed) => Ok(()),
         result => result,
@@ -101,13 +102,14 @@ impl Ports {
         })
     }
 
+    /// As `armwire` takes them.
     fn names(&self) -> String {
         let mut names = self.serial.pty().path().display().to_string();
         if let Some(control) = &self.control {
-            names += &format!(", control port {}", control.pty().path().display());
+            names += &format!(", control port control:{}", control.pty().path().display());
         }
         if let Some(can) = &self.can {
-            names += &format!(", CAN bus {} (SLCAN)", can.pty().path().display());
+            names += &format!(", CAN bus slcan:{}", can.pty().path().display());
         }
         names
     }
@@ -165,10 +167,14 @@ fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool
     let (mut wall, mut virtual_time) = (Instant::now(), board.now());
     while !stop.load(Ordering::Relaxed) {
         if board.is_in_boot_loader() {
-            println!("the firmware has started the chip's boot loader, which is not modelled");
+            println!("the firmware is in its boot loader, which the virtual board does not have");
             return Ok(());
         }
-        ports.reopen(board)?;
+        match ports.reopen(board) {
+            // It went there while the host waited for it.
+            Err(_) if board.is_in_boot_loader() => continue,
+            opened => opened?,
+        }
         ports.take(board)?;
         let target = virtual_time + Nanos(u64::try_from(wall.elapsed().as_nanos()).unwrap_or(u64::MAX));
         let behind = target.since(board.now());
@@ -190,4 +196,19 @@ fn run<A: Arm>(board: &mut VirtualBoard<A>, ports: &mut Ports, stop: &AtomicBool
         board.can().forget_frames();
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::tests::board_into_boot_loader;
+
+    #[test]
+    fn firmware_that_goes_into_its_boot_loader_while_the_host_waits_for_it_is_served_no_more() {
+        let mut board = board_into_boot_loader();
+        board.usb().attach();
+        let mut ports = Ports::open(Places::default()).unwrap();
+        run(&mut board, &mut ports, &AtomicBool::new(false)).unwrap();
+        assert!(board.is_in_boot_loader());
+    }
 }
