@@ -42,6 +42,7 @@ fn reading(states: ServoStates) -> Reading {
             column: format!("servo_{n}_runs"),
             name: format!("servo {n}"),
             value: Some(f64::from(u8::from(runs))),
+            is_whole: true,
             text: if runs { "runs" } else { "-" }.to_owned(),
         }
     });

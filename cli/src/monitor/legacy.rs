@@ -83,6 +83,7 @@ fn reading(ticks: [u16; 6], state: Option<&GripperState>) -> Reading {
             column: format!("{}_raw", name.replace(' ', "_")),
             name: name.to_owned(),
             value: value.map(f64::from),
+            is_whole: true,
             text: value.map_or("-".to_owned(), |value| value.to_string()),
         }
     };

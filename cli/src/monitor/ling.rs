@@ -60,6 +60,7 @@ fn reading(state: &JointState) -> Reading {
         value: Opening::new(state.gripper)
             .ok()
             .map(|opening| f64::from(opening.per_mille()) / 10.0),
+        is_whole: false,
         text: opening,
     });
     Reading {

@@ -24,6 +24,8 @@ pub(super) struct Quantity {
     pub(super) name: String,
     /// Its value in that unit; `None` where what the arm says is none.
     pub(super) value: Option<f64>,
+    /// Whether it is counted, or is yes or no: 0 and more, without decimals.
+    pub(super) is_whole: bool,
     /// In words.
     pub(super) text: String,
 }
@@ -95,6 +97,7 @@ impl Reading {
             column: format!("joint_{n}_rad"),
             name: format!("joint {n}"),
             value: radians.map(f64::from),
+            is_whole: false,
             text,
         });
         joints.collect()

@@ -24,7 +24,11 @@ pub(super) fn row(model: &Model, now: Micros, latest: Option<&Latest>) -> Map<St
     if let Some(known) = latest.or(model.latest.as_ref()) {
         for quantity in &known.reading.quantities {
             let value = quantity.value.filter(|_| latest.is_some());
-            put(&quantity.column, value.map_or(Value::Null, number));
+            let shown = |value| match quantity.is_whole {
+                true => json!(value as u64),
+                false => number(value),
+            };
+            put(&quantity.column, value.map_or(Value::Null, shown));
         }
     }
     put(
@@ -89,6 +93,16 @@ mod tests {
              temperature_3_celsius"
         );
         assert_eq!(csv_line(&line), "1.5,,900,0.1,,\"odd, \"\"very\"\"\",31,30,");
+    }
+
+    #[test]
+    fn what_is_counted_has_no_decimals() {
+        let mut latest = latest(0, 0, &[Some(1.0), Some(2048.0), None]);
+        for quantity in &mut latest.reading.quantities {
+            quantity.is_whole = true;
+        }
+        let line = row(&Model::new("COM3", "Alpha1", 0, Some(20)), Micros(0), Some(&latest));
+        assert_eq!(csv_line(&line), "0.0,,0,1,2048,,locked");
     }
 
     #[test]
