@@ -30,7 +30,7 @@ use std::io::{Write, stderr};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 
 pub use decode::{Speaker, decode};
@@ -144,7 +144,8 @@ pub enum ArmKind {
 
 /// Does what the command line says.
 pub fn main() -> ExitCode {
-    match run(&Cli::parse().command) {
+    let cli = Cli::try_parse().unwrap_or_else(|error| with_names(error).exit());
+    match run(&cli.command) {
         Ok(()) => ExitCode::SUCCESS,
         // Who no longer reads what we print has had enough.
         Err(Problem::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
@@ -154,6 +155,29 @@ pub fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// The error with the names there are, where a request or the like was expected: behind a port clap takes a wrong one for
+/// an argument too many.
+fn with_names(error: clap::Error) -> clap::Error {
+    let wrong = match (error.kind(), error.get(ContextKind::InvalidArg)) {
+        (ErrorKind::UnknownArgument, Some(ContextValue::String(wrong))) if !wrong.starts_with('-') => wrong,
+        _ => return error,
+    };
+    let mut cli = Cli::command();
+    cli.build();
+    let mut command = &mut cli;
+    for arg in std::env::args_os().skip(1) {
+        if command.find_subcommand(&arg).is_some() {
+            command = command.find_subcommand_mut(&arg).expect("it was found");
+        }
+    }
+    let names: Vec<_> = command.get_subcommands().map(clap::Command::get_name).collect();
+    if names.is_empty() {
+        return error;
+    }
+    let text = format!("'{wrong}' is none of these: {}", names.join(", "));
+    command.error(ErrorKind::InvalidSubcommand, text)
 }
 
 fn run(command: &Command) -> Result<(), Problem> {

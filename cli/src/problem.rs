@@ -16,7 +16,7 @@ use armwire_bridge::isotp;
 use rustix::io::Errno;
 
 use crate::control::usb;
-use crate::{hex, port};
+use crate::{can, hex, port};
 
 /// Why a command fails.
 #[derive(Debug)]
@@ -187,7 +187,9 @@ impl fmt::Display for Problem {
             }
             Self::Lost { port, error } => write!(f, "{port}: the port is gone ({error}): was it unplugged?"),
             Self::Stuck { port } => write!(f, "{port}: the port takes no bytes: is the adapter stuck?"),
-            Self::Older { port, older } => write!(f, "{port}: this is {older}"),
+            Self::Older { port, older } => {
+                write!(f, "{port}: this is {older} 'armwire monitor' shows its joints.")
+            }
             Self::Silent { port } => write!(f, "{port}: the arm has stopped talking: is it still powered?"),
             Self::CanInterface { name, error } => {
                 write!(f, "{name}: ")?;
@@ -325,10 +327,17 @@ fn fmt_no_such_port(f: &mut fmt::Formatter<'_>) -> fmt::Result {
     }
 }
 
+fn fmt_no_such_interface(f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    match can::interfaces().as_slice() {
+        [] => f.write_str("no such CAN interface, nor any other: 'ip link' lists the interfaces there are"),
+        names => write!(f, "no such CAN interface; there are: {}", names.join(", ")),
+    }
+}
+
 /// `name` is the port's, `can:` and the interface.
 fn fmt_can(f: &mut fmt::Formatter<'_>, name: &str, error: &io::Error) -> fmt::Result {
     match error.kind() {
-        ErrorKind::NotFound => fmt_no_such_port(f),
+        ErrorKind::NotFound => fmt_no_such_interface(f),
         ErrorKind::NetworkDown => {
             let interface = name.strip_prefix("can:").unwrap_or(name);
             let interface = interface.split('/').next().unwrap_or(interface);

@@ -72,10 +72,10 @@ impl Monitor {
                 let connection = self.place.connect()?;
                 let watched = older::open(&connection)
                     .and_then(|link| self.watch(&mut ling::Asked(link), Some(&connection), stop));
-                let Err(problem @ Problem::Older { .. }) = watched else {
+                let Err(Problem::Older { port, older }) = watched else {
                     return watched;
                 };
-                crate::complain(&problem);
+                crate::complain(&format_args!("{port}: this is {older}"));
                 let link = connection.arm::<Legacy>()?;
                 self.watch(&mut legacy::Heard::new(link), Some(&connection), stop)
             }

@@ -340,3 +340,18 @@ fn monitor_of_an_alpha1_asks_for_nothing_but_which_servos_run() {
         "{out}"
     );
 }
+
+#[test]
+fn a_request_that_there_is_not_is_told_with_those_there_are() {
+    for (arm, wrong, names) in [
+        ("ling", "joints", "read-info, set-zero, set-stroke"),
+        ("alpha1", "dance", "hardware-version, servo-states, stop"),
+        ("xarm", "turn", "version, serials, reload-dynamics"),
+    ] {
+        let text = usage(&["call", arm, "/dev/null", wrong]);
+        let told = format!("error: '{wrong}' is none of these: {names}, ");
+        assert!(text.starts_with(&told), "{text}");
+    }
+    let text = usage(&["call", "ling", "/dev/null", "read-info", "joints"]);
+    assert!(text.contains("unexpected argument 'joints'"), "{text}");
+}

@@ -127,9 +127,9 @@ fn an_slcan_adapter_that_refuses_is_told() {
 }
 
 #[test]
-fn an_unknown_interface_is_told_with_the_ports_there_are() {
+fn an_unknown_interface_is_told_as_one() {
     let line = failure(&run(&["info", "can:can99"]));
-    assert!(line.starts_with("can:can99: no such port"), "{line}");
+    assert!(line.starts_with("can:can99: no such CAN interface"), "{line}");
 }
 
 #[test]

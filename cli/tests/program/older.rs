@@ -45,6 +45,7 @@ fn an_arm_of_the_older_generation_is_named() {
             "{line}"
         );
         assert!(line.contains("1000000 or 921600 baud"), "{line}");
+        assert!(line.ends_with("'armwire monitor' shows its joints."), "{line}");
     }
 }
 
