@@ -104,7 +104,7 @@ impl core::error::Error for Noise {}
 /// Where frames begin and end on one kind of line.
 ///
 /// An implementation is stateless: it is shown the bytes received so far and says what the front of them is. All
-/// state lives in the [`Decoder`](crate::Decoder). [`Ling`](crate::ling::Ling) is the one to read as an example.
+/// state lives in the [`Decoder`](crate::Decoder). `ling::Ling` is the one to read as an example.
 pub trait Framing {
     /// The longest frame, in bytes. A decoder's buffer must hold one.
     const MAX_FRAME: usize;

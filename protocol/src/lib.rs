@@ -12,7 +12,8 @@
 //! | [`Client`], [`Device`] | the host's and the arm's side of a conversation |
 //! | `driver` (feature `async`) | a client over `embedded-io-async` |
 //!
-//! The protocols are [`ling`] (Ling / Alicia-D), [`xarm`] (UFACTORY xArm) and [`alpha1`] (UBTECH Alpha1).
+//! The protocols are `ling` (Ling / Alicia-D), `xarm` (UFACTORY xArm) and `alpha1` (UBTECH Alpha1), a module and a feature
+//! each.
 //!
 //! # Features
 //!
@@ -23,10 +24,10 @@
 //!
 //! # Panics
 //!
-//! None, whatever arrives: a link test on Cortex-M4 proves that no path to a panic is left in decoder, client, device
-//! and messages. Three things are outside the proof: the futures of the driver, which the language makes panic when
-//! they are polled after they are done; formatting errors as text, where `core` has panics of its own; and
-//! `crc-table16`, where the `crc` crate keeps bounds checks.
+//! None, whatever arrives: a link test on Cortex-M0 and Cortex-M4 proves, for every set of protocols, that no path to a
+//! panic is left in decoder, client, device and messages. Outside the proof are formatting as text, where `core` has panics
+//! of its own, and three features: `async`, as a future panics when it is polled after it is done; `defmt`, which formats;
+//! and `crc-table16`, where the `crc` crate keeps bounds checks.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -17,7 +17,7 @@ pub struct Reply {
 /// The messages of one kind of arm.
 ///
 /// Both directions are here, so that a [`Client`](crate::Client) and a [`Device`](crate::Device) are made of the same
-/// definitions and tested against each other. [`Ling`](crate::ling::Ling) is the one to read as an example.
+/// definitions and tested against each other. `ling::Ling` is the one to read as an example.
 pub trait Protocol: Framing {
     /// What the arm may expect of the next frame: any request.
     const REQUESTS: Self::Expect;
