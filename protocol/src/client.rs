@@ -397,7 +397,7 @@ fn not_a_frame<P: Protocol>(noise: &Noise) -> Event<P> {
 ///
 /// ```
 /// use armwire::ling::{self, JointState, Ling, MotionStatus, Request, Response};
-/// use armwire::{Client, Config, Event, Input, Micros, Protocol};
+/// use armwire::{Client, Config, Event, Input, Micros};
 ///
 /// let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config::default());
 /// client.submit(Request::ReadJoints).unwrap();
@@ -406,13 +406,98 @@ fn not_a_frame<P: Protocol>(noise: &Noise) -> Event<P> {
 /// let n = bytes.len(); // what the port took
 /// client.transmitted(Micros(0), n);
 ///
-/// # let state = JointState { joints: [2048; 6], gripper: 500, status: MotionStatus::Idle };
-/// # let mut line = [0; 21];
-/// # Ling::encode_response(&Response::Joints(state), &mut line).unwrap();
-/// let mut input = Input::Bytes(&line);
+/// let mut input = Input::Bytes(&[
+///     0xAA, 0x06, 0x00, 0x0F, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0xF4, 0x01,
+///     0x00, 0xB4, 0xFF,
+/// ]);
 /// let event = client.handle(Micros(350), &mut input);
+/// let state = JointState { joints: [2048; 6], gripper: 500, status: MotionStatus::Idle };
 /// assert_eq!(event, Some(Event::Answer(Response::Joints(state))));
 /// assert_eq!(client.handle(Micros(350), &mut input), None);
+/// ```
+///
+/// A whole loop, over a line in memory: what arrived goes in first, then the next request, then bytes come out.
+///
+/// ```
+/// use armwire::ling::{self, Ling, Request, Response};
+/// use armwire::{Client, Config, Event, Input, Micros};
+///
+/// /// Takes three bytes at a time, and gives each of `arrivals` at its time.
+/// struct Line<'a> {
+///     now: Micros,
+///     arrivals: &'a [(Micros, &'a [u8])],
+///     sent: usize,
+/// }
+///
+/// impl Line<'_> {
+///     fn write(&mut self, bytes: &[u8]) -> usize {
+///         let n = bytes.len().min(3);
+///         self.sent += n;
+///         n
+///     }
+///
+///     /// Waits until this time, or for bytes.
+///     fn read(&mut self, until: Micros) -> &[u8] {
+///         match *self.arrivals {
+///             [(at, bytes), ref later @ ..] if at <= until => {
+///                 self.arrivals = later;
+///                 self.now = self.now.max(at);
+///                 bytes
+///             }
+///             _ => {
+///                 self.now = self.now.max(until);
+///                 &[]
+///             }
+///         }
+///     }
+/// }
+///
+/// /// Makes a request and returns the answer, if there is one.
+/// fn call(
+///     client: &mut Client<Ling, { ling::MAX_FRAME }>,
+///     line: &mut Line<'_>,
+///     request: Request,
+/// ) -> Option<Response> {
+///     let mut request = Some(request);
+///     let mut answer = None;
+///     loop {
+///         // An idle client waits for nothing: what is there already is read.
+///         let until = client.poll_timeout().unwrap_or(line.now);
+///         let bytes = line.read(until).to_vec();
+///         let mut input = if bytes.is_empty() { Input::Tick } else { Input::Bytes(&bytes) };
+///         while let Some(event) = client.handle(line.now, &mut input) {
+///             match event {
+///                 Event::Answer(response) => answer = Some(response),
+///                 Event::TimedOut { sends } => println!("no answer, asked {sends} times"),
+///                 // Noise and the like end nothing: the request is still in flight.
+///                 other => println!("{other:?}"),
+///             }
+///         }
+///         match request.take() {
+///             Some(request) => client.submit(request).unwrap(),
+///             None if client.is_idle() => return answer,
+///             None => {}
+///         }
+///         while let Some(bytes) = client.poll_transmit(line.now) {
+///             let n = line.write(bytes);
+///             client.transmitted(line.now, n);
+///         }
+///     }
+/// }
+///
+/// let answer = [
+///     0xAA, 0x06, 0x00, 0x0F, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0xF4, 0x01,
+///     0x00, 0xB4, 0xFF,
+/// ];
+/// let arrivals = [(Micros(200), &[0x42][..]), (Micros(350), &answer[..12]), (Micros(400), &answer[12..])];
+/// let mut line = Line { now: Micros(0), arrivals: &arrivals, sent: 0 };
+/// let mut client = Client::new(Config::default());
+/// let joints = call(&mut client, &mut line, Request::ReadJoints);
+/// assert!(matches!(joints, Some(Response::Joints(state)) if state.gripper == 500));
+/// // Nothing more arrives: it is asked for three times, seven bytes each.
+/// line.sent = 0;
+/// assert_eq!(call(&mut client, &mut line, Request::ReadJoints), None);
+/// assert_eq!(line.sent, 3 * 7);
 /// ```
 pub struct Client<P: Protocol, const N: usize> {
     exchange: Exchange<P>,
