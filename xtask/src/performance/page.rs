@@ -10,7 +10,7 @@ use super::{FULL, LATENCY_GOAL, LOAD_GOAL, RATE_GOAL, SPEED_GOAL, WAYS};
 pub(super) fn latency(records: &Records) -> String {
     let mut table = "| Way | Passages | Had to wait before | Median | 99 % | 99.9 % | Worst | Goal |\n".to_owned();
     table += "|---|---:|---:|---:|---:|---:|---:|---:|\n";
-    for (way, name) in WAYS {
+    for (way, name, _) in WAYS {
         let spans = records.spans(FULL, way);
         let waited = 100.0 * spans.waited as f64 / spans.count.max(1) as f64;
         let at = |share| spans.quantile(share);
@@ -42,7 +42,7 @@ fn head_of_costs(costs: &[u32]) -> String {
 pub(super) fn sweep(records: &Records) -> String {
     let costs = costs(records);
     let mut table = head_of_costs(&costs);
-    for (way, name) in WAYS {
+    for (way, name, _) in WAYS {
         let _ = write!(table, "| {name}: median / worst |");
         for cost in &costs {
             let spans = records.spans(*cost, way);
@@ -139,7 +139,7 @@ fn goal(name: String, at: f64, upright: bool) -> Goal {
 
 /// Which share takes longer, over how long, with a logarithm: the rare ones count.
 fn latency_plot(records: &Records) -> String {
-    let series = WAYS.map(|(way, name)| {
+    let series = WAYS.map(|(way, name, _)| {
         let spans = records.spans(FULL, way);
         let mut points = Vec::new();
         let mut left = spans.count;
@@ -160,7 +160,7 @@ fn latency_plot(records: &Records) -> String {
     });
     let worst = WAYS
         .iter()
-        .map(|(way, _)| records.spans(FULL, way).worst())
+        .map(|(way, ..)| records.spans(FULL, way).worst())
         .fold(LATENCY_GOAL, f64::max);
     let x = steps(
         "Time that the adapter adds, in µs",
@@ -208,7 +208,7 @@ fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
 fn sweep_plot(records: &Records) -> String {
     let costs = costs(records);
     let at = |way: &str, cost: u32| records.spans(cost, way).worst();
-    let series = WAYS.map(|(way, name)| Series {
+    let series = WAYS.map(|(way, name, _)| Series {
         name,
         points: costs
             .iter()
