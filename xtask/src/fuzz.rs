@@ -23,7 +23,8 @@ pub(crate) const COUNTERS: &str = "--cfg fuzzing -Cpasses=sancov-module \
     -Cllvm-args=-sanitizer-coverage-pc-table \
     -Cllvm-args=-sanitizer-coverage-trace-compares";
 
-const USAGE: &str = "\
+/// What `--help` prints.
+pub(crate) const USAGE: &str = "\
 cargo xtask fuzz [--seconds N] [--seed N] [TARGET...]    run the fuzz targets, N seconds each, 60 without this option;
                                                          without a seed each run tries other inputs
 cargo xtask fuzz --minimise [TARGET...]                  make the committed corpus of the project's vectors, of what is

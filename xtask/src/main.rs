@@ -46,7 +46,8 @@ cargo ci                  run every check there is
 
 cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python; with
                           `differential`, only compare the parser of Ling's SDK and ours on damaged streams
-cargo xtask campaign      let things go wrong around the firmware image: --runs N, --seed S, --only NUMBER, --write
+cargo xtask campaign      let things go wrong around the firmware image: --runs N, --from NUMBER, --seed S, --only NUMBER,
+                          --write
 cargo xtask performance   measure latency, load and rates of the image in virtual time, and check the limits; --write
                           measures all of docs/performance.md and writes it, --times builds and tests too
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
@@ -66,7 +67,9 @@ cargo xtask coverage      print how much of the protocol and bridge crates the f
 
 IMAGE: --board NAME       stm32f405, which it is without this option, or stm32g431
        --crystal-12mhz    for an STM32F405 with a 12 MHz crystal instead of 8 MHz
-       --defmt            log over RTT";
+       --defmt            log over RTT
+
+`--help` behind a command tells what it does and which options it has.";
 
 fn main() -> ExitCode {
     let args: Vec<OsString> = env::args_os().skip(1).collect();
@@ -83,6 +86,14 @@ fn dispatch(args: &[OsString]) -> Result {
     let Some((command, rest)) = args.split_first() else {
         return Err(format!("no command\n\n{USAGE}").into());
     };
+    // What stands behind `--` is for another program.
+    let mut ours = rest.iter().take_while(|&arg| arg != "--");
+    if ours.any(|arg| arg == "--help" || arg == "-h")
+        && let Some(usage) = command.to_str().and_then(usage_of)
+    {
+        println!("{usage}");
+        return Ok(());
+    }
     match command.to_str() {
         Some("demo") => demo::run(rest),
         Some("fw") => image::build(&image::Options::parse(rest)?).map(|image| println!("{image}")),
@@ -119,5 +130,62 @@ fn no_options(args: &[OsString]) -> Result {
     match args.first() {
         Some(arg) => Err(format!("unknown option `{}`\n\n{USAGE}", arg.display()).into()),
         None => Ok(()),
+    }
+}
+
+/// What there is to say of one command, if there is such a one.
+fn usage_of(command: &str) -> Option<String> {
+    match command {
+        "campaign" => return Some(campaign::USAGE.to_owned()),
+        "fuzz" => return Some(fuzz::USAGE.to_owned()),
+        "performance" => return Some(performance::USAGE.to_owned()),
+        _ => {}
+    }
+    let mut lines = USAGE.lines().skip_while(|line| name_in(line) != Some(command));
+    let mut usage = lines.next()?.to_owned();
+    for line in lines.take_while(|line| line.starts_with(' ')) {
+        usage += &format!("\n{line}");
+    }
+    if usage.contains("[IMAGE]") {
+        let image = USAGE.split("\n\n").find(|part| part.starts_with("IMAGE:"));
+        usage += &format!("\n\n{}", image.unwrap_or_default());
+    }
+    Some(usage)
+}
+
+/// The command with which a line of [`USAGE`] begins, if it does.
+fn name_in(line: &str) -> Option<&str> {
+    let rest = line.strip_prefix("cargo xtask ").or(line.strip_prefix("cargo "))?;
+    rest.split_whitespace().next()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_command_says_what_it_does_and_does_nothing_else() {
+        let mut commands = 0;
+        for command in USAGE.lines().filter_map(name_in) {
+            let usage = usage_of(command).unwrap();
+            assert!(usage.contains(command), "{usage}");
+            for help in ["--help", "-h"] {
+                dispatch(&[command.into(), help.into()]).unwrap();
+            }
+            commands += 1;
+        }
+        assert!(commands >= 20, "{commands} commands: where are the others?");
+        let usage = usage_of("flash").unwrap();
+        assert!(
+            usage.starts_with("cargo flash [IMAGE]") && usage.ends_with("log over RTT"),
+            "{usage}"
+        );
+        assert!(
+            usage_of("coverage")
+                .unwrap()
+                .ends_with("the lines that it does not reach")
+        );
+        let error = dispatch(&["flush".into(), "--help".into()]).unwrap_err();
+        assert!(error.to_string().starts_with("unknown command `flush`"), "{error}");
     }
 }

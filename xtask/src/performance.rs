@@ -17,7 +17,8 @@ use crate::image;
 use crate::process;
 use crate::workspace;
 
-const USAGE: &str = "\
+/// What `--help` prints.
+pub(crate) const USAGE: &str = "\
 usage: cargo xtask performance [--frames N] [--write] [--again] [--times]
 
 --frames N   measure latency in N answers of the arm, 2000 without this option
