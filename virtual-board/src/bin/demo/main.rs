@@ -27,13 +27,13 @@ struct Args {
     #[arg(long, value_name = "PATH")]
     serve: Option<Option<PathBuf>>,
 
-    /// Serves the adapter's control port too, on a pty, at PATH if given.
+    /// Serves the adapter's control port too, on a pty, at PATH if given. `armwire` knows it as control:PATH.
     #[arg(long, value_name = "PATH", requires = "serve")]
     control: Option<Option<PathBuf>>,
 
     /// Serves the CAN bus too, behind an SLCAN adapter on a pty, at PATH if given.
     ///
-    /// python-can opens it with the interface `slcan`. A program has to set the bit rate, as with LAWICEL's adapters.
+    /// `armwire` knows it as slcan:PATH. python-can opens it with the interface `slcan`. A program has to set the bit rate, as with LAWICEL's adapters.
     #[arg(long, value_name = "PATH", requires = "serve")]
     slcan: Option<Option<PathBuf>>,
 
