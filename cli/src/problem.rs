@@ -204,8 +204,8 @@ impl fmt::Display for Problem {
             Self::TooLong { name, error } => write!(f, "{name}: {error}: does another program talk to the adapter?"),
             Self::NoControl { name } => write!(
                 f,
-                "{name}: this is not the port of an armwire adapter, which has a control port beside it (of a virtual board: \
-                 control:PATH)"
+                "{name}: this is not the port of an armwire adapter, which has a control port beside it (of a virtual \
+                 board: control:PATH)"
             ),
             Self::Usb { name, error } => {
                 write!(f, "{name}: ")?;

@@ -35,8 +35,8 @@ const FULL: u32 = 100;
 /// What else an instruction is made to take, in percent of a cycle.
 const COSTS: &str = "100,150,200,300";
 
-/// The ways through the adapter, by their names in the records and on the page; and what none may exceed, in microseconds: a
-/// little more than the worst case that is, so that it gets no worse.
+/// The ways through the adapter, by their names in the records and on the page; and what none may exceed, in
+/// microseconds: a little more than the worst case that is, so that it gets no worse.
 const WAYS: [(&str, &str, f64); 4] = [
     ("answer-to-usb", "answer to USB", 45.0),
     ("request-from-usb", "request from USB", 66.0),

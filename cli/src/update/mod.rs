@@ -163,13 +163,11 @@ fn shown(command: &Command) -> String {
 fn unusable(error: io::Error) -> Problem {
     let what = match error.kind() {
         ErrorKind::NotFound => {
-            "not installed: 'sudo apt install dfu-util' or the like installs it, on Windows and macOS \
-                                see docs/update.md; nothing was restarted"
-                .to_owned()
+            "not installed: 'sudo apt install dfu-util' or the like installs it (docs/update.md)".to_owned()
         }
-        _ => format!("cannot be run ({error}); nothing was restarted"),
+        _ => format!("cannot be run: {error}"),
     };
-    refused(DFU_UTIL, what)
+    refused(DFU_UTIL, format!("{what}; nothing was restarted"))
 }
 
 fn refused(name: &str, what: String) -> Problem {

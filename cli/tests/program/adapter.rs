@@ -391,12 +391,13 @@ fn without_a_dfu_util_that_runs_nothing_is_restarted() {
     };
     fs::set_permissions(folder.join("dfu-util"), Permissions::from_mode(0o644)).unwrap();
     let line = update();
-    assert!(line.starts_with("dfu-util: cannot be run ("), "{line}");
+    assert!(line.starts_with("dfu-util: cannot be run: "), "{line}");
     fs::remove_file(folder.join("dfu-util")).unwrap();
     let line = update();
     assert!(
         line.starts_with("dfu-util: not installed: 'sudo apt install dfu-util' or the like installs it"),
         "{line}"
     );
+    assert!(line.ends_with("; nothing was restarted"), "{line}");
     fs::remove_dir_all(folder).unwrap();
 }
