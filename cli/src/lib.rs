@@ -89,8 +89,8 @@ struct Place {
     arm: ArmKind,
     #[command(flatten)]
     baud: Baud,
-    /// The adapter's control port, where it cannot be found from the arm's port, as that of a virtual board: control:PORT,
-    /// or PORT alone.
+    /// The adapter's control port, where it cannot be found from the arm's port, as that of a virtual board:
+    /// control:PORT, or PORT alone.
     #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
     control: Option<Port>,
 }
@@ -157,8 +157,8 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// The error with the names there are, where a request or the like was expected: behind a port clap takes a wrong one for
-/// an argument too many.
+/// The error with the names there are, where a request or the like was expected: behind a port clap takes a wrong one
+/// for an argument too many.
 fn with_names(error: clap::Error) -> clap::Error {
     let wrong = match (error.kind(), error.get(ContextKind::InvalidArg)) {
         (ErrorKind::UnknownArgument, Some(ContextValue::String(wrong))) if !wrong.starts_with('-') => wrong,

@@ -12,8 +12,8 @@
 //! | [`Client`], [`Device`] | the host's and the arm's side of a conversation |
 //! | `driver` (feature `async`) | a client over `embedded-io-async` |
 //!
-//! The protocols are `ling` (Ling / Alicia-D), `xarm` (UFACTORY xArm) and `alpha1` (UBTECH Alpha1), a module and a feature
-//! each.
+//! The protocols are `ling` (Ling / Alicia-D), `xarm` (UFACTORY xArm) and `alpha1` (UBTECH Alpha1), each a module and a
+//! feature.
 //!
 //! # Features
 //!
@@ -25,9 +25,9 @@
 //! # Panics
 //!
 //! None, whatever arrives: a link test on Cortex-M0 and Cortex-M4 proves, for every set of protocols, that no path to a
-//! panic is left in decoder, client, device and messages. Outside the proof are formatting as text, where `core` has panics
-//! of its own, and three features: `async`, as a future panics when it is polled after it is done; `defmt`, which formats;
-//! and `crc-table16`, where the `crc` crate keeps bounds checks.
+//! panic is left in decoder, client, device and messages. Outside the proof are formatting as text, where `core` has
+//! panics of its own, and three features: `async`, as a future panics when it is polled after it is done; `defmt`, which
+//! formats; and `crc-table16`, where the `crc` crate keeps bounds checks.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -46,8 +46,8 @@ cargo ci                  run every check there is
 
 cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python; with
                           `differential`, only compare the parser of Ling's SDK and ours on damaged streams
-cargo xtask campaign      let things go wrong around the firmware image: --runs N, --from NUMBER, --seed S, --only NUMBER,
-                          --write
+cargo xtask campaign      let things go wrong around the firmware image: --runs N, --from NUMBER, --seed S,
+                          --only NUMBER, --write
 cargo xtask performance   measure latency, load and rates of the image in virtual time, and check the limits; --write
                           measures all of docs/performance.md and writes it, --times builds and tests too
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error

@@ -33,8 +33,8 @@ struct Args {
 
     /// Serves the CAN bus too, behind an SLCAN adapter on a pty, at PATH if given.
     ///
-    /// `armwire` knows it as slcan:PATH. python-can opens it with the interface `slcan`. A program has to set the bit rate,
-    /// as with LAWICEL's adapters.
+    /// `armwire` knows it as slcan:PATH. python-can opens it with the interface `slcan`. A program has to set the bit
+    /// rate, as with LAWICEL's adapters.
     #[arg(long, value_name = "PATH", requires = "serve")]
     slcan: Option<Option<PathBuf>>,
 
