@@ -93,8 +93,8 @@ pub struct Can {
     pub telemetry_hz: u16,
     /// Whether cyclic command frames move the arm.
     pub commands: bool,
-    /// How long a command may take to be complete, and how long after the last one the stream counts as ended, in
-    /// milliseconds, 1 to 10 000.
+    /// How long a command may take to be complete, how long it may then wait for its turn, and how long after the last one
+    /// the stream counts as ended, in milliseconds, 1 to 10 000.
     pub command_timeout_ms: u16,
     /// Whether what the arm says unasked goes out as ISO-TP too.
     pub unsolicited: bool,

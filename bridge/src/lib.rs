@@ -32,7 +32,10 @@
 //!   both send what is no frame are cut in pieces, of which each of those from CAN is a whole PDU. Switch polling off
 //!   for such a time.
 //! * **A host that streamed motion and says nothing any more** is [reported](control::Event::HostSilent); what it had
-//!   sent and is not out by then is dropped.
+//!   sent and is not out by then is dropped. If the torque is to go off and the host on USB had stopped in the middle of a
+//!   frame, zeros go out before: an arm that waits for the rest of it would take the torque-off for that.
+//! * **A cyclic command** that has waited for its turn for longer than [its time-out](config::Can::command_timeout_ms)
+//!   moves nothing.
 //!
 //! ```
 //! use armwire::Micros;
