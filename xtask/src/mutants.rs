@@ -65,7 +65,9 @@ pub(crate) fn run(rest: &[OsString]) -> Result {
                 .args(["--package", package, "--output"])
                 .arg(&out)
                 .args(rest)
-                .args(stage);
+                .args(stage)
+                // Jobs that build in one place would run each other's changes.
+                .env_remove("CARGO_TARGET_DIR");
             run_to(&TRIED_ALL, &mut mutants)?;
             noticed += count("caught.txt");
             if count("missed.txt") + count("timeout.txt") == 0 {
