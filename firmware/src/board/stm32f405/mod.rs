@@ -167,7 +167,10 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
         }
         control.modify(|w| w.set_snak(true));
         // A packet on the wire goes on to its end, for up to 50 µs. Then it was fetched.
-        while !flags.read().inepne() {}
+        if !soon(|| flags.read().inepne()) {
+            control.modify(|w| w.set_cnak(true));
+            return false;
+        }
         if !control.read().epena() {
             return false;
         }
@@ -175,13 +178,18 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
             w.set_snak(true);
             w.set_epdis(true);
         });
-        while control.read().epena() {}
+        let is_back = soon(|| !control.read().epena());
         let resets = pac::USB_OTG_FS.grstctl();
         resets.write(|w| {
             w.set_txfnum(endpoint as u8);
             w.set_txfflsh(true);
         });
-        while resets.read().txfflsh() {}
-        true
+        soon(|| !resets.read().txfflsh()) && is_back
     })
+}
+
+/// Waits for what comes within 50 µs, but not for ever. Returns whether it has come.
+fn soon(has_come: impl Fn() -> bool) -> bool {
+    const TRIES: usize = 2_000;
+    (0..TRIES).any(|_| has_come())
 }
