@@ -375,7 +375,8 @@ impl Bridge {
         }
     }
 
-    /// Whether [`can_transmit`](Self::can_transmit) has a frame.
+    /// Whether to ask for [`can_transmit`](Self::can_transmit): it has a frame, or what it has can only be queued, behind
+    /// what goes to the same subscriber. Then nothing is due after it.
     pub fn can_due(&self, now: Micros) -> bool {
         self.can.is_due(now) || self.control.can_due()
     }
