@@ -224,6 +224,28 @@ fn what_waits_when_the_bus_is_another_one_is_counted() {
 }
 
 #[test]
+fn a_frame_for_a_subscriber_who_has_not_read_the_last_is_due_once() {
+    let now = Micros(0);
+    let mut bridge = Bridge::default();
+    let frames = Subscription {
+        frames: true,
+        events: false,
+    };
+    ask(&mut bridge, Request::Subscribe(frames), now);
+    assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
+    bridge.can_sent(0, now);
+    // The first frame of the first event is out, and waits for flow control; the second event can only be queued.
+    bridge.uart_received(&ling(0x06, 0, &[1; 15]), now);
+    assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
+    bridge.can_sent(0, now);
+    bridge.uart_received(&ling(0x06, 0, &[2; 15]), now);
+    assert!(bridge.can_due(now));
+    assert_eq!(bridge.can_transmit(now), None);
+    assert!(!bridge.can_due(now));
+    assert_eq!(bridge.counters().dropped_events, 0);
+}
+
+#[test]
 fn half_a_command_is_counted_when_others_are_configured() {
     let can = Can {
         commands: true,
