@@ -209,12 +209,12 @@ mod tests {
             rates: Vec::new(),
         };
         assert_eq!(too_slow(&records), [""; 0]);
-        records.latencies.push(passage("answer-to-usb", 45.1));
+        records.latencies.push(passage("answer-to-usb", 56.1));
         records.latencies.retain(|row| row.way != "request-from-can");
         assert_eq!(
             too_slow(&records),
             [
-                "answer to USB: 45.1 µs at worst of 2, the limit is 45",
+                "answer to USB: 56.1 µs at worst of 2, the limit is 56",
                 "request from CAN: 0 µs at worst of 0, the limit is 85"
             ]
         );
