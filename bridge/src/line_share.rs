@@ -463,6 +463,7 @@ impl Bridge {
                 // Zeros end whatever had begun, and no frame ends with one.
                 let out = out.get_mut(..MAX_FRAME)?;
                 out.fill(0);
+                count(&mut self.counters.requests_adapter, 1);
                 self.turn.went(now);
                 return Some(out.len());
             }

@@ -506,6 +506,7 @@ fn the_torque_goes_off_though_the_host_fell_silent_in_the_middle_of_a_frame() {
         let requests: Vec<_> = heard.filter(|heard| matches!(heard, Heard::Request(_))).collect();
         assert_eq!(requests.len(), 4, "after {cut} bytes: {requests:?}");
         assert_eq!(requests[3], Heard::Request(ling::Request::SetTorque(ling::Torque::Off)));
+        assert_eq!(rig.bridge.counters().requests_adapter, 2);
     }
 }
 

@@ -341,12 +341,7 @@ impl World {
             now.requests_adapter - before.requests_adapter,
         ];
         if others == [0; 4] {
-            // Zeros before the torque goes off, for an arm that waits for the rest of a frame.
-            let unsent = self.usb_said.get(self.usb_sent.len()..).unwrap_or_default();
-            let ends_a_frame = *bytes == [0; MAX_FRAME] && !unsent.starts_with(bytes);
-            if !(ends_a_frame && self.bridge.config().silence.torque_off && now.host_silences > 0) {
-                self.usb_sent.extend(bytes);
-            }
+            self.usb_sent.extend(bytes);
             return;
         }
         assert_eq!((others.iter().sum::<u32>(), now.requests_usb), (1, before.requests_usb));
