@@ -232,6 +232,14 @@ fn send(rig: &mut Rig, command: Command) {
     }
 }
 
+/// Starts a stream of commands and goes on with it, ten in all, one each 10 ms.
+fn stream_commands(rig: &mut Rig) {
+    for sequence in 0..10 {
+        send(rig, command(sequence));
+        rig.run(10_000);
+    }
+}
+
 fn refusals(rig: &Rig) -> Vec<Refusal> {
     let refused = |event: &Event| match event {
         Event::Refused {
@@ -474,10 +482,7 @@ fn a_command_that_waits_moves_nothing_once_commands_are_off_or_the_bus_is_anothe
 #[test]
 fn a_stream_of_commands_that_are_switched_off_ends_and_the_torque_stays_on() {
     let mut rig = Rig::new(silence(500, true));
-    for sequence in 0..10 {
-        send(&mut rig, command(sequence));
-        rig.run(10_000);
-    }
+    stream_commands(&mut rig);
     let off = Config {
         can: Can::default(),
         ..silence(500, true)
@@ -536,10 +541,7 @@ fn a_host_on_can_that_says_what_is_no_frame_is_not_silent() {
 fn a_sender_whose_commands_are_all_refused_is_silent() {
     let mut rig = Rig::new(silence(500, false));
     rig.subscribe();
-    for sequence in 0..10 {
-        send(&mut rig, command(sequence));
-        rig.run(10_000);
-    }
+    stream_commands(&mut rig);
     let last = rig.now - 10_000;
     for sequence in 10..100 {
         let too_far = Command {
