@@ -12,7 +12,7 @@ use crate::config::{self, Config};
 use crate::control::{Asker, Event, Identity, Latencies, MAX_FRAME, Refusal, Stamp};
 use crate::control_server::{ControlServer, Port};
 use crate::counters::count;
-use crate::earliest::earliest;
+use crate::earliest::Earliest;
 use crate::exchange::Exchange;
 use crate::poll::Poll;
 use crate::queue::Queue;
@@ -113,11 +113,10 @@ impl Streams {
     }
 
     fn timeout(&self, after: Micros) -> Option<Micros> {
-        earliest([
-            self.usb.timeout(after),
-            self.can.timeout(after),
-            self.command.timeout(after),
-        ])
+        Earliest::of(self.usb.timeout(after))
+            .or(self.can.timeout(after))
+            .or(self.command.timeout(after))
+            .get()
     }
 }
 
@@ -345,8 +344,7 @@ impl Bridge {
     /// Moves the next packet of the control interface into `packet` and returns its length, 0 for one without data. `None`
     /// when nothing is due.
     pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Micros) -> Option<usize> {
-        self.tell_frames();
-        let len = self.control.usb_transmit(packet)?;
+        let len = self.control.usb_transmit(packet, &mut self.can, &mut self.counters)?;
         self.serve(now);
         Some(len)
     }
@@ -386,7 +384,9 @@ impl Bridge {
     /// Hand it to the controller at once, and ask only when the controller has room: what waits here can still be overtaken
     /// by what is more urgent. When it has left, say [so](Self::can_sent).
     pub fn can_transmit(&mut self, now: Micros) -> Option<Frame> {
-        self.tell_frames();
+        if self.control.can_due() {
+            self.tell_frames();
+        }
         let replied = self.can.control.is_sending();
         let frame = self.can.transmit(now, &mut self.counters);
         if replied && !self.can.control.is_sending() {
@@ -569,14 +569,13 @@ impl Bridge {
     /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed. `None` when
     /// nothing waits for the time.
     pub fn timeout(&self) -> Option<Micros> {
-        earliest([
-            self.poll.timeout(LEAD),
-            self.exchange.timeout(),
-            self.hold_timeout(),
-            self.command_timeout(),
-            self.streams.timeout(self.config.silence.after()),
-            self.can.timeout(),
-        ])
+        Earliest::of(self.poll.timeout(LEAD))
+            .or(self.exchange.timeout())
+            .or(self.hold_timeout())
+            .or(self.command_timeout())
+            .or(self.streams.timeout(self.config.silence.after()))
+            .or(self.can.timeout())
+            .get()
     }
 
     /// It is `now`: what is late is given up, and what is due becomes so.

@@ -11,7 +11,7 @@ use crate::can::{Frame, Function, MAX_CLASSIC};
 use crate::config;
 use crate::control::{Asker, Event, FrameBytes, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
 use crate::counters::count;
-use crate::earliest::earliest;
+use crate::earliest::Earliest;
 use crate::isotp::{self, Endpoint, Link};
 use crate::queue::Queue;
 
@@ -234,7 +234,10 @@ impl CanPort {
     fn transmit_at(&self) -> Option<Micros> {
         match self.has_next() {
             true => Some(Micros(0)),
-            false => earliest(self.times()),
+            false => {
+                let [sample, errors, arm, control] = self.times();
+                Earliest::of(sample).or(errors).or(arm).or(control).get()
+            }
         }
     }
 
@@ -260,10 +263,12 @@ impl CanPort {
 
     /// The next frame for the bus, the most urgent first.
     pub(crate) fn transmit(&mut self, now: Micros, counters: &mut Counters) -> Option<Frame> {
-        let frame = self.next_frame(now, counters)?;
-        count(&mut counters.can_frames_sent, 1);
-        self.handed = self.handed.saturating_add(1);
-        Some(frame)
+        let frame = self.next_frame(now, counters);
+        if frame.is_some() {
+            count(&mut counters.can_frames_sent, 1);
+            self.handed = self.handed.saturating_add(1);
+        }
+        frame
     }
 
     /// The controller still has `waiting` of the frames that it was handed. Whether there may be something new to wait for.
@@ -289,7 +294,7 @@ impl CanPort {
             self.begin_sample(now);
         }
         if let Some((sample, sent)) = &mut self.sample {
-            let frame = sample.to_frames(self.config.node).get(*sent).copied();
+            let frame = sample.frame(*sent, self.config.node);
             *sent = sent.saturating_add(1);
             if *sent >= SAMPLE_FRAMES {
                 self.sample = None;
@@ -333,12 +338,11 @@ impl CanPort {
     pub(crate) fn timeout(&self) -> Option<Micros> {
         // What is due since the last tick waits for the controller, not for the time.
         let transmit_at = self.transmit_at().filter(|at| *at > self.ticked);
-        earliest([
-            transmit_at,
-            self.arm.timeout(),
-            self.control.timeout(),
-            self.commands.timeout(),
-        ])
+        Earliest::of(transmit_at)
+            .or(self.arm.timeout())
+            .or(self.control.timeout())
+            .or(self.commands.timeout())
+            .get()
     }
 
     /// It is `now`. A command whose other half did not come is refused.

@@ -29,8 +29,14 @@ pub const VERSION: u16 = 1;
 /// The longest message in postcard format, in bytes.
 pub const MAX_MESSAGE: usize = 288;
 
+/// The longest event in postcard format, in bytes: a frame of [`MAX_FRAME`] bytes, and when and for whom it came.
+pub const MAX_EVENT: usize = 96;
+
 /// The longest message on USB, in bytes: COBS adds a byte in 254 and one, and the zero that ends it.
-pub const MAX_COBS: usize = MAX_MESSAGE + 4;
+pub const MAX_COBS: usize = MAX_MESSAGE + COBS;
+
+/// Bytes that COBS and the zero add to a message of any kind at most.
+pub(crate) const COBS: usize = 4;
 
 /// The longest frame of any arm that the adapter knows, in bytes.
 pub const MAX_FRAME: usize = if ling::MAX_FRAME > alpha1::MAX_FRAME {

@@ -6,11 +6,12 @@ use crate::bridge::{Action, Bridge};
 use crate::can_port::{CanPort, MAX_REQUEST};
 use crate::config::{Config, ConfigError};
 use crate::control::{
-    ArmIdentity, Asker, Event, Failure, FrameBytes, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed,
-    Reader, Reply, Request, Stamp, Subscription, VERSION, decode, encode, encode_cobs,
+    ArmIdentity, Asker, COBS, Event, Failure, FrameBytes, FromAdapter, FromHost, Identity, MAX_COBS, MAX_EVENT,
+    MAX_MESSAGE, Malformed, Reader, Reply, Request, Stamp, Subscription, VERSION, decode, encode, encode_cobs,
 };
+use crate::control_codec::add_cobs;
 use crate::counters::count;
-use crate::frame_queue::{Frame, FrameQueue};
+use crate::frame_queue::FrameQueue;
 use crate::queue::Queue;
 use crate::{Counters, PACKET};
 
@@ -180,7 +181,14 @@ impl ControlServer {
         self.can_subscription.frames && !self.untold.is_empty()
     }
 
-    pub(crate) fn usb_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
+    /// The next packet for the host, for which no more frames are told than it has room for.
+    pub(crate) fn usb_transmit(
+        &mut self,
+        packet: &mut [u8; PACKET],
+        can: &mut CanPort,
+        counters: &mut Counters,
+    ) -> Option<usize> {
+        while self.usb.out.len() < PACKET && self.tell_frame(can, counters) {}
         if self.usb.out.is_empty() && !self.usb.open {
             return None;
         }
@@ -200,9 +208,20 @@ impl ControlServer {
 
     /// Tells subscribers of the frames that they were not told of yet.
     pub(crate) fn tell_frames(&mut self, can: &mut CanPort, counters: &mut Counters) {
-        while let Some(Frame { at, asker, bytes }) = self.untold.pop() {
-            self.tell(Event::Frame { asker, bytes }, at, can, counters);
+        while self.tell_frame(can, counters) {}
+    }
+
+    /// Tells subscribers of one of them, and returns whether there was one.
+    fn tell_frame(&mut self, can: &mut CanPort, counters: &mut Counters) -> bool {
+        let mut event = FromAdapter::Event {
+            at: Stamp(0),
+            event: Event::BusOff { off: false },
+        };
+        let any = self.untold.pop(&mut event);
+        if any {
+            self.publish(&event, |subscription| subscription.frames, can, counters);
         }
+        any
     }
 
     /// Whether anybody wants to be told of what is no frame.
@@ -210,26 +229,34 @@ impl ControlServer {
         self.usb_subscription.events || self.can_subscription.events
     }
 
-    /// Tells subscribers, as far as there is room.
+    /// Tells subscribers of what is no frame.
     pub(crate) fn tell(&mut self, event: Event, now: Micros, can: &mut CanPort, counters: &mut Counters) {
-        let wants = |subscription: Subscription| match event {
-            Event::Frame { .. } => subscription.frames,
-            _ => subscription.events,
-        };
-        let (usb, on_can) = (wants(self.usb_subscription), wants(self.can_subscription));
-        let message = FromAdapter::Event {
-            at: Stamp(now.0),
-            event,
-        };
-        if usb && !self.send_usb(&message, MAX_COBS) {
-            count(&mut counters.dropped_events, 1);
+        let at = Stamp(now.0);
+        let event = FromAdapter::Event { at, event };
+        self.publish(&event, |subscription| subscription.events, can, counters);
+    }
+
+    /// Tells those who want it of an event, as far as there is room.
+    fn publish(
+        &mut self,
+        event: &FromAdapter,
+        wants: fn(Subscription) -> bool,
+        can: &mut CanPort,
+        counters: &mut Counters,
+    ) {
+        let mut bytes = [0; MAX_EVENT];
+        let len = encode(event, &mut bytes).unwrap_or(0);
+        let bytes = bytes.get(..len).unwrap_or_default();
+        if wants(self.usb_subscription) {
+            let mut message = [0; MAX_EVENT + COBS];
+            let len = add_cobs(bytes, &mut message).unwrap_or(0);
+            // Replies go before events.
+            let told = self.queue_usb(message.get(..len).unwrap_or_default(), MAX_COBS);
+            count(&mut counters.dropped_events, usize::from(!told));
         }
-        if on_can {
-            let mut bytes = [0; MAX_MESSAGE];
-            let len = encode(&message, &mut bytes).unwrap_or(0);
-            if !can.event(bytes.get(..len).unwrap_or_default()) {
-                count(&mut counters.dropped_events, 1);
-            }
+        if wants(self.can_subscription) {
+            let told = can.event(bytes);
+            count(&mut counters.dropped_events, usize::from(!told));
         }
     }
 
@@ -248,13 +275,11 @@ impl ControlServer {
         Pending::end(&mut self.flash, done);
     }
 
-    /// Queues a message for the host on USB where at least `spare` bytes of room are left then.
-    fn send_usb(&mut self, message: &FromAdapter, spare: usize) -> bool {
-        let mut bytes = [0; MAX_COBS];
-        let len = encode_cobs(message, &mut bytes).unwrap_or(0);
-        let fits = len.saturating_add(spare) <= self.usb.out.room();
+    /// Queues a message for the host on USB if at least `spare` bytes of room are left then, and returns whether it did.
+    fn queue_usb(&mut self, message: &[u8], spare: usize) -> bool {
+        let fits = message.len().saturating_add(spare) <= self.usb.out.room();
         if fits {
-            self.usb.out.push(bytes.get(..len).unwrap_or_default());
+            self.usb.out.push(message);
         }
         fits
     }
@@ -271,7 +296,9 @@ impl ControlServer {
         let message = FromAdapter::Reply { sequence, reply };
         match port {
             Port::Usb => {
-                self.send_usb(&message, 0);
+                let mut bytes = [0; MAX_COBS];
+                let len = encode_cobs(&message, &mut bytes).unwrap_or(0);
+                self.queue_usb(bytes.get(..len).unwrap_or_default(), 0);
             }
             Port::Can => {
                 let mut bytes = [0; MAX_MESSAGE];

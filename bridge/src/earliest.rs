@@ -2,18 +2,31 @@
 
 use armwire::Micros;
 
-/// The earliest of those that there are.
-#[inline]
-pub(crate) fn earliest<const N: usize>(instants: [Option<Micros>; N]) -> Option<Micros> {
-    let mut earliest = None;
-    for instant in instants {
-        earliest = match (earliest, instant) {
-            (Some(a), Some(b)) if b < a => instant,
-            (None, _) => instant,
-            _ => earliest,
-        };
+/// Later than every instant that there is.
+const NEVER: Micros = Micros(u64::MAX);
+
+/// The earliest instant so far, if there is one.
+///
+/// It is asked for after everything that happens: options in an array take three times as long.
+#[derive(Clone, Copy)]
+pub(crate) struct Earliest(Micros);
+
+impl Earliest {
+    #[inline]
+    pub(crate) fn of(instant: Option<Micros>) -> Self {
+        Self(instant.unwrap_or(NEVER))
     }
-    earliest
+
+    /// That, or this one if it is earlier.
+    #[inline]
+    pub(crate) fn or(self, instant: Option<Micros>) -> Self {
+        Self(self.0.min(instant.unwrap_or(NEVER)))
+    }
+
+    #[inline]
+    pub(crate) fn get(self) -> Option<Micros> {
+        (self.0 != NEVER).then_some(self.0)
+    }
 }
 
 #[cfg(test)]
@@ -23,10 +36,9 @@ mod tests {
     #[test]
     fn none_is_never() {
         let [a, b] = [Some(Micros(1)), Some(Micros(2))];
-        assert_eq!(earliest([]), None);
-        assert_eq!(earliest([None, None]), None);
-        for instants in [[a, b, None], [None, b, a], [b, None, a]] {
-            assert_eq!(earliest(instants), a);
+        assert_eq!(Earliest::of(None).or(None).get(), None);
+        for [first, second, third] in [[a, b, None], [None, b, a], [b, None, a]] {
+            assert_eq!(Earliest::of(first).or(second).or(third).get(), a);
         }
     }
 }

@@ -6,7 +6,7 @@ use heapless::Vec;
 
 use crate::arm::{Asked, Key, UNASKED};
 use crate::control::Asker;
-use crate::earliest::earliest;
+use crate::earliest::Earliest;
 
 /// Requests that are remembered at a time. Only the host on USB can send one before the last is answered.
 const FLIGHTS: usize = 8;
@@ -220,7 +220,7 @@ impl Exchange {
     pub(crate) fn timeout(&self) -> Option<Micros> {
         // What is owed first ends first.
         let owed = self.owed.first().map(|owed| owed.until);
-        earliest([owed, self.holder().map(|_| self.due)])
+        Earliest::of(owed).or(self.holder().map(|_| self.due)).get()
     }
 
     /// It is `now`: how many answers are given up.

@@ -2,7 +2,7 @@
 
 use armwire::Micros;
 
-use crate::control::{Asker, FrameBytes};
+use crate::control::{Asker, Event, FrameBytes, FromAdapter, Stamp};
 use crate::queue::Queue;
 use crate::turn::ASKERS;
 
@@ -18,16 +18,6 @@ const NOBODY: u8 = u8::MAX;
 /// First in, first out.
 pub(crate) struct FrameQueue {
     bytes: Queue<ROOM>,
-}
-
-/// A frame of the arm.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Frame {
-    /// When its last byte came.
-    pub(crate) at: Micros,
-    /// Who had asked for it.
-    pub(crate) asker: Option<Asker>,
-    pub(crate) bytes: FrameBytes,
 }
 
 impl FrameQueue {
@@ -54,23 +44,32 @@ impl FrameQueue {
         fits
     }
 
-    /// The frame that came first.
-    pub(crate) fn pop(&mut self) -> Option<Frame> {
+    /// Makes of `message` what to tell of the frame that came first, and returns whether there was one.
+    ///
+    /// It is filled where it lies: to move one takes as long as all else that is done with it.
+    pub(crate) fn pop(&mut self, message: &mut FromAdapter) -> bool {
         if self.is_empty() {
-            return None;
+            return false;
         }
         let mut header = [0; HEADER];
         self.bytes.pop(&mut header);
         let [stamp @ .., by, len] = header;
-        let mut bytes = FrameBytes::new();
-        // No longer frame was pushed.
-        let _ = bytes.resize(len.into(), 0);
-        self.bytes.pop(&mut bytes);
-        Some(Frame {
-            at: Micros(u64::from_le_bytes(stamp)),
-            asker: ASKERS.get(usize::from(by)).copied(),
-            bytes,
-        })
+        let asker = ASKERS.get(usize::from(by)).copied();
+        let bytes = FrameBytes::new();
+        *message = FromAdapter::Event {
+            at: Stamp(u64::from_le_bytes(stamp)),
+            event: Event::Frame { asker, bytes },
+        };
+        if let FromAdapter::Event {
+            event: Event::Frame { bytes, .. },
+            ..
+        } = message
+        {
+            // No longer frame was pushed.
+            let _ = bytes.resize(len.into(), 0);
+            self.bytes.pop(bytes);
+        }
+        true
     }
 }
 
@@ -83,26 +82,35 @@ mod tests {
     use super::*;
     use crate::control::MAX_FRAME;
 
-    fn frames(len: usize) -> impl Iterator<Item = Frame> {
+    fn frames(len: usize) -> impl Iterator<Item = (u64, Option<Asker>, FrameBytes)> {
         let askers = ASKERS.map(Some).into_iter().chain([None]).cycle();
-        askers.enumerate().map(move |(n, asker)| Frame {
-            at: Micros(u64::MAX - n as u64),
-            asker,
-            bytes: FrameBytes::from_slice(&[n as u8; MAX_FRAME][..len]).unwrap(),
+        askers.enumerate().map(move |(n, asker)| {
+            let bytes = FrameBytes::from_slice(&[n as u8; MAX_FRAME][..len]).unwrap();
+            (u64::MAX - n as u64, asker, bytes)
         })
     }
 
     #[test]
     fn frames_come_out_as_they_went_in() {
         let mut queue = FrameQueue::new();
+        let mut message = FromAdapter::Event {
+            at: Stamp(0),
+            event: Event::BusOff { off: false },
+        };
         for len in [1, 7, 21, MAX_FRAME] {
             let frames: Vec<_> = frames(len)
-                .take_while(|frame| queue.push(frame.at, frame.asker, &frame.bytes))
+                .take_while(|(at, asker, bytes)| queue.push(Micros(*at), *asker, bytes))
+                .map(|(at, asker, bytes)| FromAdapter::Event {
+                    at: Stamp(at),
+                    event: Event::Frame { asker, bytes },
+                })
                 .collect();
             assert_eq!(frames.len(), ROOM / (len + HEADER));
-            let popped: Vec<_> = core::iter::from_fn(|| queue.pop()).collect();
-            assert_eq!(popped, frames);
-            assert!(queue.is_empty());
+            for frame in frames {
+                assert!(queue.pop(&mut message));
+                assert_eq!(message, frame);
+            }
+            assert!(queue.is_empty() && !queue.pop(&mut message));
         }
     }
 }

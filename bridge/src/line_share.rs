@@ -11,7 +11,6 @@ use crate::arm::{Asked, Piece};
 use crate::bridge::{Bridge, Burst, LEAD, Streams, Wake};
 use crate::control::{Asker, FrameBytes, MAX_FRAME, Refusal};
 use crate::counters::count;
-use crate::earliest::earliest;
 use crate::exchange::Heard;
 use crate::turn::{ASKERS, behind};
 use crate::{Line, UartErrors};
@@ -109,7 +108,7 @@ impl Bridge {
     /// sender's clock nor a pause in the middle of a frame makes the end of it late.
     pub fn wake(&self) -> Wake {
         match self.need().saturating_sub(1) {
-            certain @ 1.. if !self.quiet => Wake::At(self.looked + Micros(self.line.coding.micros(certain))),
+            certain @ 1.. if !self.quiet => Wake::At(self.looked + on_wire(self.byte_nanos, certain)),
             _ => Wake::Byte,
         }
     }
@@ -401,7 +400,7 @@ impl Bridge {
             }
             self.turn.usb_went(self.asks.pending() == 0, now);
             said = said.saturating_add(taken);
-            let end = now + Micros(self.line.coding.micros(said));
+            let end = now + on_wire(self.byte_nanos, said);
             let whole = self.hear_usb(room.get(..taken).unwrap_or_default(), end, now);
             if others && whole && self.asks.pending() == 0 {
                 break;
@@ -423,7 +422,7 @@ impl Bridge {
                 if let Piece::Frame(frame) = piece {
                     let asked = self.config.arm.asked(frame);
                     let behind = rest.len().saturating_add(self.asks.pending());
-                    let sent = end.since(Micros(self.line.coding.micros(behind)));
+                    let sent = end.since(on_wire(self.byte_nanos, behind));
                     (whole, self.turn.raw, self.turn.is_cut) = (true, false, false);
                     count(&mut self.counters.requests_usb, 1);
                     self.latencies.turn.add(self.turn.usb_waited());
@@ -524,11 +523,9 @@ impl Bridge {
             return None;
         }
         let now = Micros(0);
-        let [_, others @ ..] = ASKERS.map(|asker| match self.is_ready(asker, now) {
-            true => self.since(asker, now),
-            false => None,
-        });
-        let since = earliest(others)?;
+        let [_, others @ ..] = ASKERS;
+        let ready = others.into_iter().filter(|asker| self.is_ready(*asker, now));
+        let since = ready.filter_map(|asker| self.since(asker, now)).min()?;
         let quiet = match self.asks.pending() {
             0 => self.turn.usb_moved.max(self.heard) + QUIET,
             _ => self.turn.usb_moved + STALL,

@@ -32,8 +32,9 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         // One frame at a time: a full bus must not keep the arm waiting. No more in one round than there can be at its
         // start: of those that come later there is an event.
         for _ in 0..CAN_CAPACITY {
-            let Some(frame) = can.receive() else { break };
-            adapter.with(|bridge| bridge.can_received(&frame, now()));
+            if !receive(adapter, &mut can) {
+                break;
+            }
             yield_now().await;
         }
         let errors = can.take_errors();
@@ -51,12 +52,7 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
             adapter.with(|bridge| bridge.can_bus_off(false, now()));
         }
         // What the controller has no room for waits in the bridge, where what is more urgent overtakes it.
-        while can.has_room()
-            && adapter.look(|bridge| bridge.can_due(now()))
-            && let Some(frame) = adapter.take(|bridge| bridge.can_transmit(now()))
-        {
-            can.transmit(&frame);
-            adapter.taken();
+        while transmit(adapter, &mut can) {
             yield_now().await;
         }
         let room = can.has_room();
@@ -80,4 +76,28 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
             can.start(&config);
         }
     }
+}
+
+// A frame that lives in a task is copied there byte by byte: these two are no part of it.
+
+/// Passes a frame from the controller to the bridge, and returns whether there was one.
+fn receive(adapter: &Adapter, can: &mut Can) -> bool {
+    let frame = can.receive();
+    if let Some(frame) = &frame {
+        adapter.with(|bridge| bridge.can_received(frame, now()));
+    }
+    frame.is_some()
+}
+
+/// Passes a frame from the bridge to the controller, and returns whether there was one, and room for it.
+fn transmit(adapter: &Adapter, can: &mut Can) -> bool {
+    if !can.has_room() || !adapter.look(|bridge| bridge.can_due(now())) {
+        return false;
+    }
+    let frame = adapter.take(|bridge| bridge.can_transmit(now()));
+    if let Some(frame) = &frame {
+        can.transmit(frame);
+        adapter.taken();
+    }
+    frame.is_some()
 }

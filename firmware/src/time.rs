@@ -12,6 +12,8 @@ use crate::watchdog::{Task, progress, rest};
 pub(crate) async fn tick(adapter: &'static Adapter) {
     loop {
         progress(Task::Time);
+        // What was said until now is looked at now, all of it.
+        adapter.changed.reset();
         let timeout = adapter.tell();
         let resting = rest(Task::Time);
         let due = match timeout {

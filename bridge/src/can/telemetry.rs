@@ -51,13 +51,23 @@ pub struct Sample {
 impl Sample {
     /// JOINTS_A, JOINTS_B and STATE.
     pub fn to_frames(&self, node: Node) -> [Frame; 3] {
+        self.words().map(|(function, words)| frame(function.id(node), words))
+    }
+
+    /// The one at this place of [these](Self::to_frames), which leave one by one.
+    pub(crate) fn frame(&self, place: usize, node: Node) -> Option<Frame> {
+        let (function, words) = *self.words().get(place)?;
+        Some(frame(function.id(node), words))
+    }
+
+    fn words(&self) -> [(Function, [u16; 4]); 3] {
         let [joint_1, joint_2, joint_3, joint_4, joint_5, joint_6] = self.state.joints;
         let [low, high] = halves(self.stamp);
         let status = u16::from_le_bytes([self.state.status.into(), self.count]);
         [
-            frame(Function::JointsA.id(node), [joint_1, joint_2, joint_3, low]),
-            frame(Function::JointsB.id(node), [joint_4, joint_5, joint_6, low]),
-            frame(Function::State.id(node), [self.state.gripper, status, low, high]),
+            (Function::JointsA, [joint_1, joint_2, joint_3, low]),
+            (Function::JointsB, [joint_4, joint_5, joint_6, low]),
+            (Function::State, [self.state.gripper, status, low, high]),
         ]
     }
 

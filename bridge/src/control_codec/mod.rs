@@ -88,10 +88,14 @@ pub fn encode<T: Message>(message: &T, out: &mut [u8]) -> Result<usize, NoRoom> 
 /// assert_eq!(out[..len], [3, 7, 6, 0]);
 /// ```
 pub fn encode_cobs<T: Message>(message: &T, out: &mut [u8]) -> Result<usize, NoRoom> {
-    let no_room = NoRoom { room: out.len() };
     let mut scratch = [0; MAX_MESSAGE];
     let len = encode(message, &mut scratch)?;
-    let bytes = scratch.get(..len).unwrap_or_default();
+    add_cobs(scratch.get(..len).unwrap_or_default(), out)
+}
+
+/// Writes a message in postcard format to the front of `out` as it goes over USB, and returns its length.
+pub(crate) fn add_cobs(bytes: &[u8], out: &mut [u8]) -> Result<usize, NoRoom> {
+    let no_room = NoRoom { room: out.len() };
     let len = cobs::try_encode(bytes, out).map_err(|_| no_room)?;
     *out.get_mut(len).ok_or(no_room)? = 0;
     Ok(len.saturating_add(1))

@@ -13,8 +13,8 @@ use crate::Counters;
 use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll, Silence};
 use crate::control::{
-    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, MAX_COBS, MAX_FRAME, Refusal,
-    Reply, Request, Stamp, Subscription, VERSION,
+    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, MAX_COBS, MAX_EVENT, MAX_FRAME,
+    Refusal, Reply, Request, Stamp, Subscription, VERSION,
 };
 
 fn arm() -> impl Strategy<Value = ArmKind> {
@@ -187,6 +187,18 @@ fn encoded_cobs<T: Message>(message: &T) -> Vec<u8> {
     let mut out = [0; MAX_COBS];
     let len = encode_cobs(message, &mut out).unwrap();
     out[..len].to_vec()
+}
+
+#[test]
+fn the_longest_frame_fits_in_an_event() {
+    let event = FromAdapter::Event {
+        at: Stamp(u64::MAX),
+        event: Event::Frame {
+            asker: Some(Asker::Adapter),
+            bytes: FrameBytes::from_slice(&[0xFF; MAX_FRAME]).unwrap(),
+        },
+    };
+    assert!(encode(&event, &mut [0; MAX_EVENT]).is_ok());
 }
 
 /// All that a reader finds in these pieces of a stream.

@@ -6,7 +6,7 @@
 //!
 //! It also starts the UART at a time that was said before: see [`transmit_at`].
 
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Waker;
 
@@ -33,11 +33,14 @@ struct Clock {
     /// Only the interrupt handler writes it. It may be late by almost a half-turn: see [`now`](Self::now).
     half_turns: AtomicU32,
     queue: Mutex<RefCell<Queue>>,
+    /// When the queue is looked at next.
+    alarm: Mutex<Cell<u64>>,
 }
 
 embassy_time_driver::time_driver_impl!(static CLOCK: Clock = Clock {
     half_turns: AtomicU32::new(0),
     queue: Mutex::new(RefCell::new(Queue::new())),
+    alarm: Mutex::new(Cell::new(u64::MAX)),
 });
 
 /// Starts the clock at 0.
@@ -101,7 +104,9 @@ impl Driver for Clock {
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
         critical_section::with(|cs| {
-            if self.queue.borrow_ref_mut(cs).schedule_wake(at, waker) {
+            let is_new = self.queue.borrow_ref_mut(cs).schedule_wake(at, waker);
+            // What is due no sooner than the alarm is seen to then.
+            if is_new && at < self.alarm.borrow(cs).get() {
                 self.arm(cs);
             }
         });
@@ -114,6 +119,7 @@ impl Clock {
         loop {
             let now = self.now();
             let next = self.queue.borrow_ref_mut(cs).next_expiration(now);
+            self.alarm.borrow(cs).set(next);
             // What is further away is looked at again when the half-turn ends.
             let is_near = next - now < 1 << HALF_TURN;
             TIMER.ccr(ALARM).write_value(next as u32);
