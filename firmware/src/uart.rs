@@ -81,33 +81,48 @@ pub(crate) struct InterruptHandler;
 
 impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
-        let at = now();
-        // Where the byte is to lie of which the status tells, if it waits: the DMA may fetch it from here on.
-        let place = tail();
-        let status = usart::take_status();
-        if usart::is_transmitted_interrupt() {
-            listen();
-        }
-        // The byte that brought the handler here is in the ring a few cycles later.
-        let is_fetched = wait_for_dma();
-        if status.is_error() {
-            note_errors(status, place, is_fetched);
-        }
-        let end = tail();
-        let reached = untaken(end) >= NEEDED.load(Ordering::Relaxed);
-        let mark = Some(Mark { end, at });
-        if status.idle {
-            critical_section::with(|cs| IDLE.borrow(cs).set(mark));
-        }
-        if reached {
-            critical_section::with(|cs| REACHED.borrow(cs).set(mark));
-            NEEDED.store(SIZE, Ordering::Relaxed);
-            usart::set_byte_interrupt(false);
-        }
-        if reached || status.idle || status.is_error() {
-            EVENT.signal(());
+        // Nearly always it is one more of the bytes before the one that is needed.
+        let is_byte = usart::has_only_bytes() && wait_for_dma();
+        if !is_byte || is_reached(tail()) {
+            note();
         }
     }
+}
+
+/// Notes what the UART has to say.
+#[inline(never)]
+fn note() {
+    let at = now();
+    // Where the byte is to lie of which the status tells, if it waits: the DMA may fetch it from here on.
+    let place = tail();
+    let status = usart::take_status();
+    if usart::is_transmitted_interrupt() {
+        listen();
+    }
+    // The byte that brought the handler here is in the ring a few cycles later.
+    let is_fetched = wait_for_dma();
+    if status.is_error() {
+        note_errors(status, place, is_fetched);
+    }
+    let end = tail();
+    let reached = is_reached(end);
+    let mark = Some(Mark { end, at });
+    if status.idle {
+        critical_section::with(|cs| IDLE.borrow(cs).set(mark));
+    }
+    if reached {
+        critical_section::with(|cs| REACHED.borrow(cs).set(mark));
+        NEEDED.store(SIZE, Ordering::Relaxed);
+        usart::set_byte_interrupt(false);
+    }
+    if reached || status.idle || status.is_error() {
+        EVENT.signal(());
+    }
+}
+
+/// Whether as many bytes lie in the ring before `end` as are needed.
+fn is_reached(end: usize) -> bool {
+    untaken(end) >= NEEDED.load(Ordering::Relaxed)
 }
 
 /// How often the interrupt handler looks whether the DMA has fetched a byte, which takes it less long.
