@@ -161,9 +161,9 @@ impl CanPort {
 
     /// Whether an answer of the arm was queued. It is dropped where there is no room.
     pub(crate) fn answer(&mut self, frame: &[u8]) -> bool {
-        let queued = FrameBytes::from_slice(frame).is_ok_and(|frame| self.answers.push_back(frame).is_ok());
-        self.feed();
-        queued
+        // Nearly always the connection is free, and nothing waits for it.
+        let sent = self.answers.is_empty() && self.arm.send(frame).is_ok();
+        sent || FrameBytes::from_slice(frame).is_ok_and(|frame| self.answers.push_back(frame).is_ok())
     }
 
     /// Whether an event in postcard format was queued for the control connection.

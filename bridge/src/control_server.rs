@@ -181,14 +181,18 @@ impl ControlServer {
         self.can_subscription.frames && !self.untold.is_empty()
     }
 
-    /// The next packet for the host, for which no more frames are told than it has room for.
+    /// Tells subscribers of one frame if the host on USB has less than a packet to fetch, and returns whether it did.
+    pub(crate) fn prepare(&mut self, can: &mut CanPort, counters: &mut Counters) -> bool {
+        self.usb.out.len() < PACKET && self.tell_frame(can, counters)
+    }
+
     pub(crate) fn usb_transmit(
         &mut self,
         packet: &mut [u8; PACKET],
         can: &mut CanPort,
         counters: &mut Counters,
     ) -> Option<usize> {
-        while self.usb.out.len() < PACKET && self.tell_frame(can, counters) {}
+        while self.prepare(can, counters) {}
         if self.usb.out.is_empty() && !self.usb.open {
             return None;
         }
@@ -335,6 +339,17 @@ impl Bridge {
         self.tell_frames();
         // What one asks may end what another waits for.
         while self.serve_port(Port::Usb, now) | self.serve_port(Port::Can, now) {}
+    }
+
+    /// Makes what [`control_transmit`](Self::control_transmit) would have to make first, a message each time, and returns
+    /// whether it did. Where others wait for the processor, call it before, until it returns that there is no more.
+    ///
+    /// ```
+    /// let mut bridge = armwire_bridge::Bridge::default();
+    /// assert!(!bridge.control_prepare()); // nobody has subscribed
+    /// ```
+    pub fn control_prepare(&mut self) -> bool {
+        self.control.prepare(&mut self.can, &mut self.counters)
     }
 
     /// Tells subscribers of the frames that they were not told of yet.

@@ -41,9 +41,9 @@ use crate::watchdog::{Task, progress, rest};
 /// Bytes the receive ring holds. Half of them may wait to be taken: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
 
-/// How many bytes before the one that is needed the interrupt handler begins to look at each. Until then a task may be
-/// held up without making a stamp late: 120 µs at 1 Mbaud.
-const NEAR: usize = 12;
+/// How many bytes before the one that is needed the interrupt handler begins to look at each: those take it as long as
+/// one look of a task. Until then a task may be held up without making a stamp late: 320 µs at 1 Mbaud.
+const NEAR: usize = 32;
 
 /// A place in the ring, and when the byte before it came in.
 #[derive(Clone, Copy)]

@@ -3,6 +3,7 @@
 
 use armwire_bridge::{Bridge, PACKET};
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
 
 use crate::adapter::{Adapter, Notice, now};
@@ -26,6 +27,14 @@ pub(crate) enum Pipe {
 }
 
 impl Pipe {
+    /// Makes a part of what is to be transmitted, and returns whether it did.
+    fn prepare(self, bridge: &mut Bridge) -> bool {
+        match self {
+            Self::Port => false,
+            Self::Control => bridge.control_prepare(),
+        }
+    }
+
     fn transmit(self, bridge: &mut Bridge, packet: &mut [u8; PACKET]) -> Option<usize> {
         match self {
             Self::Port => bridge.usb_transmit(packet),
@@ -109,6 +118,9 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
         drop(resting);
         loop {
             session.reset();
+            while adapter.take(|bridge| pipe.prepare(bridge)) {
+                yield_now().await;
+            }
             let Some(n) = adapter.take(|bridge| pipe.transmit(bridge, &mut packet)) else {
                 let resting = rest(task);
                 pipe.packet(adapter).wait().await;
