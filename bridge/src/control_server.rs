@@ -241,6 +241,8 @@ impl ControlServer {
     }
 
     /// Tells those who want it of an event, as far as there is room.
+    // One piece of code, not one for each call.
+    #[inline(never)]
     fn publish(
         &mut self,
         event: &FromAdapter,
