@@ -82,15 +82,25 @@ pub(crate) struct InterruptHandler;
 impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
         // Nearly always it is one more of the bytes before the one that is needed.
-        let is_byte = usart::has_only_bytes() && wait_for_dma();
-        if !is_byte || is_reached(tail()) {
+        if !usart::has_only_bytes() || !wait_for_dma() {
             note();
+        } else if is_reached(tail()) {
+            reach();
+            EVENT.signal(());
         }
     }
 }
 
-/// Notes what the UART has to say.
-#[inline(never)]
+/// Notes that the byte that is needed has come, and asks for no more.
+fn reach() {
+    let (end, at) = (tail(), now());
+    critical_section::with(|cs| REACHED.borrow(cs).set(Some(Mark { end, at })));
+    NEEDED.store(SIZE, Ordering::Relaxed);
+    usart::set_byte_interrupt(false);
+}
+
+/// Notes what the UART has to say besides.
+#[cold]
 fn note() {
     let at = now();
     // Where the byte is to lie of which the status tells, if it waits: the DMA may fetch it from here on.
@@ -106,14 +116,11 @@ fn note() {
     }
     let end = tail();
     let reached = is_reached(end);
-    let mark = Some(Mark { end, at });
     if status.idle {
-        critical_section::with(|cs| IDLE.borrow(cs).set(mark));
+        critical_section::with(|cs| IDLE.borrow(cs).set(Some(Mark { end, at })));
     }
     if reached {
-        critical_section::with(|cs| REACHED.borrow(cs).set(mark));
-        NEEDED.store(SIZE, Ordering::Relaxed);
-        usart::set_byte_interrupt(false);
+        reach();
     }
     if reached || status.idle || status.is_error() {
         EVENT.signal(());

@@ -411,7 +411,7 @@ impl<A: Arm> VirtualBoard<A> {
                 }
             }
             Ok(Reply::Ended(why)) => Err(Error::Ended(why)),
-            Ok(Reply::Report(_) | Reply::Written(_)) | Err(_) => Err(self.ended()),
+            Ok(Reply::Report(_) | Reply::Profile(_) | Reply::Written(_)) | Err(_) => Err(self.ended()),
         }
     }
 
@@ -508,6 +508,20 @@ impl<A: Arm> VirtualBoard<A> {
         match self.replies.recv() {
             Ok(Reply::Written(true)) => Ok(()),
             Ok(Reply::Written(false)) => Err(Error::Nothing { address }),
+            _ => Err(self.ended()),
+        }
+    }
+
+    /// How often the core came to each instruction since this was last asked, by its address. The first time nothing was
+    /// counted, and the count begins; the board is slower from then on.
+    ///
+    /// # Errors
+    ///
+    /// When the emulator is gone.
+    pub fn profile(&mut self) -> Result<BTreeMap<u64, u64>, Error> {
+        self.send(Command::Profile)?;
+        match self.replies.recv() {
+            Ok(Reply::Profile(profile)) => Ok(profile),
             _ => Err(self.ended()),
         }
     }

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::net::TcpListener;
 use std::num::{NonZeroU32, NonZeroU64};
+use std::ops::Range;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, Sender};
@@ -121,6 +122,8 @@ pub(crate) enum Command {
     Run { until: Nanos, watched: Watched },
     /// Say what the run has met.
     Report,
+    /// Say how often the core came to each instruction since this was last asked, and count on.
+    Profile,
     /// Write a word, as a debugger does.
     Write { address: u64, value: u32 },
     /// Let the core stand still until the next reset, or let it go.
@@ -140,6 +143,8 @@ pub(crate) enum Reply {
     },
     /// What the run has met.
     Report(Box<Report>),
+    /// How often the core came to each instruction, by its address.
+    Profile(BTreeMap<u64, u64>),
     /// The word is written, or there is nothing at its address.
     Written(bool),
     /// The run is over and will not go on.
@@ -173,6 +178,8 @@ pub(crate) fn run(bench: Bench, run: Run) {
 fn attempt(bench: Bench, run: Run) -> Result<(), emulator::Error> {
     let mut session = Session::new(Box::new(bench), 0, VirtualNanos(0))?;
     let symbols = symbols(&run.image);
+    let segments = run.image.segments().map(|(at, bytes)| at..at + bytes.len() as u64);
+    let segments = segments.collect();
     let mut crashes = BTreeMap::new();
     for (name, address) in &symbols {
         if let Some((_, crash)) = CRASHES.iter().find(|(part, _)| name.contains(part)) {
@@ -198,6 +205,8 @@ fn attempt(bench: Bench, run: Run) -> Result<(), emulator::Error> {
         crashes,
         crash: None,
         boot_loader: None,
+        segments,
+        profile: None,
     };
     emulator::run(session, &start, driver).map(|_| ())
 }
@@ -230,6 +239,23 @@ struct Lockstep {
     crash: Option<Crash>,
     /// How many resets there had been when the boot loader started.
     boot_loader: Option<usize>,
+    /// Where the image lies.
+    segments: Vec<Range<u64>>,
+    /// How often the core came to each instruction, if that is counted.
+    profile: Option<BTreeMap<u64, u64>>,
+}
+
+impl Lockstep {
+    /// How often the core came to each instruction since this was last asked. The first time, it begins to count.
+    fn take_profile(&mut self, session: &mut Session<Bench>) -> BTreeMap<u64, u64> {
+        if self.profile.is_none() {
+            // An instruction has 2 or 4 bytes. The core never comes to the middle of one, nor to what is no instruction.
+            for address in self.segments.iter().cloned().flat_map(|segment| segment.step_by(2)) {
+                session.watch(Watch::Instruction(address));
+            }
+        }
+        self.profile.replace(BTreeMap::new()).unwrap_or_default()
+    }
 }
 
 impl Driver<Bench> for Lockstep {
@@ -249,13 +275,18 @@ impl Driver<Bench> for Lockstep {
                 (stop.at, lock(&self.flash).cut == Some(stop.at.into()))
             }
             Settled::Hit(hit) => {
+                if let Some(profile) = &mut self.profile {
+                    *profile.entry(hit.address).or_default() += 1;
+                }
                 if hit.kind == HitKind::Instruction && hit.address == BOOT_LOADER_START {
                     self.boot_loader = Some(session.resets().len());
                     if self.watched == Watched::Everything {
                         session.run_until(hit.at);
                     }
-                } else if hit.kind == HitKind::Instruction {
-                    self.crash = self.crashes.get(&hit.address).copied();
+                } else if hit.kind == HitKind::Instruction
+                    && let Some(crash) = self.crashes.get(&hit.address)
+                {
+                    self.crash = Some(*crash);
                     session.run_until(hit.at);
                 }
                 return;
@@ -300,6 +331,10 @@ impl Driver<Bench> for Lockstep {
                 Command::Run { until, watched } => {
                     self.watched = watched;
                     return Some(until.into());
+                }
+                Command::Profile => {
+                    let profile = self.take_profile(session);
+                    self.replies.send(Reply::Profile(profile)).ok()?;
                 }
                 Command::Report => self.replies.send(Reply::Report(Box::new(Report::of(session)))).ok()?,
                 Command::Write { address, value } => {

@@ -227,6 +227,21 @@ fn instructions_are_counted_and_a_core_that_sleeps_executes_none() {
 }
 
 #[test]
+fn a_profile_has_every_instruction_since_the_last_one() {
+    // Adds for ever.
+    let mut board = board(&[ADD, BACK], &[]);
+    assert!(board.profile().unwrap().is_empty());
+    for _ in 0..2 {
+        let before = board.instructions();
+        board.run_for(Nanos::from_millis(1)).unwrap();
+        let profile = board.profile().unwrap();
+        assert_eq!(profile.values().sum::<u64>(), board.instructions() - before);
+        let [add, back] = [0x0800_0008, 0x0800_000A].map(|address| profile[&address]);
+        assert!(add + back == board.instructions() - before && add.abs_diff(back) <= 1);
+    }
+}
+
+#[test]
 fn a_wait_ends_with_the_frame_on_the_can_bus() {
     let mut board = board(&[HANG, NOP], &[]);
     board.can().attach(500_000);

@@ -1,5 +1,6 @@
 //! How much of its time the core works, and how fast the virtual board is meanwhile.
 
+use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 use std::time::{Duration, Instant};
 
@@ -63,6 +64,9 @@ impl Scene {
     }
 }
 
+/// What a scene took, and its profile if there is one.
+type Measured = (Run, BTreeMap<u64, u64>);
+
 /// What a scene took.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Run {
@@ -80,27 +84,40 @@ pub struct Run {
 ///
 /// If the firmware did what it must not, or lost bytes.
 pub fn measure(cost: NonZeroU32, scene: Scene, span: Nanos) -> Run {
+    play(cost, scene, span, false).0
+}
+
+/// Plays a scene for `span`, and returns how often the core came to each instruction, by its address.
+///
+/// # Panics
+///
+/// As [`measure`].
+pub fn profile(scene: Scene, span: Nanos) -> BTreeMap<u64, u64> {
+    play(NonZeroU32::new(100).expect("not zero"), scene, span, true).1
+}
+
+fn play(cost: NonZeroU32, scene: Scene, span: Nanos, profiled: bool) -> Measured {
     let ling = || LingArm::new(armwire_sim::ling::Config::follower());
     match scene {
-        Scene::Idle => on(cost, ling(), MEGABAUD, |board| run(board, cost, span, |_| ())),
+        Scene::Idle => on(cost, ling(), MEGABAUD, |board| run(board, cost, span, profiled, |_| ())),
         Scene::Polled(hertz) => on(cost, ling(), MEGABAUD, |board| {
             board.can().attach(BUS_RATE);
             configure(board, polled(hertz));
-            run(board, cost, span, |_| ())
+            run(board, cost, span, profiled, |_| ())
         }),
         Scene::Fastest => on(cost, ling(), MEGABAUD, |board| {
             configure(board, fastest());
-            run(board, cost, span, |_| ())
+            run(board, cost, span, profiled, |_| ())
         }),
         Scene::Saturated(baud) => on(cost, Talker::default(), baud, |board| {
             let bytes = bytes_in(span, baud);
-            saturate(board, cost, span, &noise(1, bytes), &noise(2, bytes))
+            saturate(board, cost, span, profiled, &noise(1, bytes), &noise(2, bytes))
         }),
         Scene::SaturatedWithCan => on(cost, Talker::default(), MEGABAUD, |board| {
             board.can().attach(BUS_RATE);
             configure(board, unsolicited());
             let bytes = bytes_in(span, MEGABAUD);
-            saturate(board, cost, span, &noise(1, bytes), &joints(bytes))
+            saturate(board, cost, span, profiled, &noise(1, bytes), &joints(bytes))
         }),
     }
 }
@@ -117,7 +134,7 @@ pub(super) fn joints(bytes: usize) -> Vec<u8> {
     frame.repeat(bytes.div_ceil(frame.len()))
 }
 
-fn on<A: Arm>(cost: NonZeroU32, arm: A, baud: u32, play: impl FnOnce(&mut VirtualBoard<A>) -> Run) -> Run {
+fn on<A: Arm>(cost: NonZeroU32, arm: A, baud: u32, play: impl FnOnce(&mut VirtualBoard<A>) -> Measured) -> Measured {
     let mut config = BoardConfig::new(path(), arm);
     config.instruction_cost = cost;
     config.arm_baud = baud;
@@ -128,10 +145,17 @@ fn on<A: Arm>(cost: NonZeroU32, arm: A, baud: u32, play: impl FnOnce(&mut Virtua
 }
 
 /// Lets both sides say `down` and `up` without a pause; they must not end before the measurement does.
-fn saturate(board: &mut VirtualBoard<Talker>, cost: NonZeroU32, span: Nanos, down: &[u8], up: &[u8]) -> Run {
+fn saturate(
+    board: &mut VirtualBoard<Talker>,
+    cost: NonZeroU32,
+    span: Nanos,
+    profiled: bool,
+    down: &[u8],
+    up: &[u8],
+) -> Measured {
     board.with_arm(|arm| arm.say(up));
     board.usb().write(down).expect("it is open");
-    let result = run(board, cost, span, |board| {
+    let result = run(board, cost, span, profiled, |board| {
         board.usb().read();
     });
     let still = board.usb().unsent() > 0 && board.with_arm(|arm| arm.poll_timeout()) == Some(Micros(0));
@@ -146,8 +170,9 @@ fn run<A: Arm>(
     board: &mut VirtualBoard<A>,
     cost: NonZeroU32,
     span: Nanos,
+    profiled: bool,
     mut use_it: impl FnMut(&mut VirtualBoard<A>),
-) -> Run {
+) -> Measured {
     let mut can = CanProgram::new(Node::default());
     let mut pass = |board: &mut VirtualBoard<A>, span: Nanos| {
         let end = board.now() + span;
@@ -165,12 +190,17 @@ fn run<A: Arm>(
         }
     };
     pass(board, WARM_UP);
+    if profiled {
+        board.profile().expect("it counts from here on");
+    }
     let (began, time, instructions) = (Instant::now(), board.now(), board.instructions());
     pass(board, span);
     let cycles = (board.instructions() - instructions) * u64::from(cost.get()) / 100;
-    Run {
+    let run = Run {
         time: board.now().since(time),
         busy: Nanos(cycles * 1_000_000_000 / CORE_HZ),
         took: began.elapsed(),
-    }
+    };
+    let profile = profiled.then(|| board.profile().expect("it has counted"));
+    (run, profile.unwrap_or_default())
 }

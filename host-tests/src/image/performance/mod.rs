@@ -4,6 +4,7 @@
 
 pub mod latency;
 pub mod load;
+pub mod profile;
 pub mod rates;
 
 use armwire::Protocol;

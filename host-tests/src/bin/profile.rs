@@ -1,0 +1,58 @@
+//! Shows what the firmware image's instructions belong to, as `cargo xtask profile` asks for it.
+
+use std::collections::BTreeMap;
+use std::env;
+use std::error::Error;
+use std::process::ExitCode;
+
+use armwire_host_tests::image::path;
+use armwire_host_tests::image::performance::load::{self, SCENES, Scene};
+use armwire_host_tests::image::performance::profile::by_owner;
+use armwire_virtual_board::Nanos;
+
+/// How long a scene is played.
+const SPAN: Nanos = Nanos::from_millis(100);
+
+/// How many functions are shown.
+const SHOWN: usize = 40;
+
+fn main() -> ExitCode {
+    match show(env::args().nth(1).as_deref()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn show(scene: Option<&str>) -> Result<(), Box<dyn Error>> {
+    let names: Vec<String> = SCENES.map(Scene::name).into();
+    let chosen = SCENES.into_iter().find(|known| Some(known.name().as_str()) == scene);
+    let Some(chosen) = chosen else {
+        return Err(format!("name a scene: {}", names.join(", ")).into());
+    };
+    let owners = by_owner(&path(), &load::profile(chosen, SPAN))?;
+    let all: u64 = owners.values().sum();
+    let mut packages = BTreeMap::<_, u64>::new();
+    for (owner, count) in &owners {
+        *packages.entry(owner.package.clone()).or_default() += count;
+    }
+    let functions = owners
+        .into_iter()
+        .map(|(owner, count)| (format!("{}/{}: {}", owner.package, owner.file, owner.function), count));
+    println!("{all} instructions in {} ms", SPAN.0 / 1_000_000);
+    table(all, packages.into_iter(), usize::MAX);
+    println!();
+    table(all, functions, SHOWN);
+    Ok(())
+}
+
+/// Prints the most, from the first on.
+fn table(all: u64, rows: impl Iterator<Item = (String, u64)>, most: usize) {
+    let mut rows: Vec<_> = rows.collect();
+    rows.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    for (name, count) in rows.iter().take(most) {
+        println!("{:5.1} % {count:9}  {name}", 100.0 * *count as f64 / all as f64);
+    }
+}
