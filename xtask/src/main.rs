@@ -20,6 +20,7 @@ mod mutants;
 mod no_panic;
 mod performance;
 mod process;
+mod profile;
 mod program;
 mod semver;
 mod size;
@@ -50,6 +51,8 @@ cargo xtask campaign      let things go wrong around the firmware image: --runs 
                           --only NUMBER, --write
 cargo xtask performance   measure latency, load and rates of the image in virtual time, and check the limits; --write
                           measures all of docs/performance.md and writes it, --times builds and tests too
+cargo xtask profile SCENE print which of the image's functions take how many instructions in a scene of the load; without
+                          one, the scenes
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
 cargo xtask bench         measure on this machine, beside other crates, and print the ratios
@@ -102,6 +105,7 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("vendor") => vendor::run(rest),
         Some("campaign") => campaign::run(rest),
         Some("performance") => performance::run(rest),
+        Some("profile") => profile::run(rest),
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
         Some("stack") => no_options(rest).and_then(|()| stack::run()),
         Some("bench") => bench::run(rest),

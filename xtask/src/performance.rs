@@ -89,6 +89,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
         ("sweep", page::sweep(&records)),
         ("stamps", page::stamps(&records)),
         ("load", page::load(&records)),
+        ("profile", page::profile(&records)),
         ("rates", page::rates(&records)),
         ("speed", page::speed(&records)),
     ];
@@ -207,6 +208,7 @@ mod tests {
             stamps: Vec::new(),
             loads: Vec::new(),
             rates: Vec::new(),
+            profiles: Vec::new(),
         };
         assert_eq!(too_slow(&records), [""; 0]);
         records.latencies.push(passage("answer-to-usb", 56.1));

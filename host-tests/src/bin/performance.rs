@@ -8,10 +8,11 @@ use std::process::ExitCode;
 use std::{env, fs, thread};
 
 use armwire::Micros;
-use armwire_host_tests::image::MEGABAUD;
 use armwire_host_tests::image::performance::latency::{self, Run};
-use armwire_host_tests::image::performance::load::{self, SCENES};
+use armwire_host_tests::image::performance::load::{self, SCENES, Scene};
+use armwire_host_tests::image::performance::profile::by_owner;
 use armwire_host_tests::image::performance::rates::{self, Rate};
+use armwire_host_tests::image::{MEGABAUD, path};
 use armwire_virtual_board::Nanos;
 
 const USAGE: &str = "\
@@ -24,6 +25,9 @@ performance --out FOLDER [--frames N] [--costs PERCENT,...]
 
 /// How long each scene is played.
 const SPAN: Nanos = Nanos::from_millis(1_000);
+
+/// How long a scene is played for its profile.
+const PROFILED: Nanos = Nanos::from_millis(100);
 
 struct Options {
     out: PathBuf,
@@ -74,6 +78,7 @@ fn measure(options: &Options) -> Result<(), String> {
     // First what takes our time to measure, while nothing else runs.
     write("load.csv", loads(&options.costs))?;
     write("rates.csv", rates())?;
+    write("profile.csv", profiles()?)?;
     let runs: Vec<Run> = thread::scope(|scope| {
         let frames = |cost: NonZeroU32| match Some(cost) == full {
             true => options.frames,
@@ -134,6 +139,23 @@ fn loads(costs: &[NonZeroU32]) -> String {
         }
     }
     text
+}
+
+/// How many instructions of each crate ran, by scene.
+fn profiles() -> Result<String, String> {
+    let mut text = "scene,package,instructions\n".to_owned();
+    for scene in [Scene::Saturated(MEGABAUD), Scene::SaturatedWithCan, Scene::Polled(200)] {
+        let profile = load::profile(scene, PROFILED);
+        let owners = by_owner(&path(), &profile).map_err(|error| format!("the profile: {error}"))?;
+        let mut packages = BTreeMap::<_, u64>::new();
+        for (owner, count) in owners {
+            *packages.entry(owner.package).or_default() += count;
+        }
+        for (package, count) in packages {
+            let _ = writeln!(text, "{},{package},{count}", scene.name());
+        }
+    }
+    Ok(text)
 }
 
 /// What passed.

@@ -1,10 +1,14 @@
 //! What was measured, as tables and plots for the page.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use super::plot::{Axis, Goal, Series, bars, lines};
 use super::records::{Load, Records};
 use super::{FULL, LATENCY_GOAL, LOAD_GOAL, RATE_GOAL, SPEED_GOAL, WAYS};
+
+/// A crate that has less of the instructions, in percent, is not shown by itself.
+const SHOWN: f64 = 1.0;
 
 /// How latency is distributed where an instruction takes one cycle.
 pub(super) fn latency(records: &Records) -> String {
@@ -79,6 +83,49 @@ pub(super) fn load(records: &Records) -> String {
         table.push('\n');
     }
     table
+}
+
+/// Which crates the instructions belong to, from the one with the most in the first scene on.
+pub(super) fn profile(records: &Records) -> String {
+    let mut scenes: Vec<&str> = records.profiles.iter().map(|row| row.scene.as_str()).collect();
+    scenes.dedup();
+    let share = |scene: &str, package: &str| {
+        let of_scene = records.profiles.iter().filter(|row| row.scene == scene);
+        let (ours, all) = of_scene.fold((0, 0), |(ours, all), row| {
+            (
+                ours + if row.package == package { row.count } else { 0 },
+                all + row.count,
+            )
+        });
+        100.0 * ours as f64 / all.max(1) as f64
+    };
+    let first = scenes.first().copied().unwrap_or_default();
+    let packages: BTreeSet<&str> = records.profiles.iter().map(|row| row.package.as_str()).collect();
+    let mut packages: Vec<&str> = packages.into_iter().collect();
+    packages.sort_by(|a, b| share(first, b).total_cmp(&share(first, a)));
+    let mut table = "| Crate |".to_owned();
+    let mut rule = "|---|".to_owned();
+    for scene in &scenes {
+        let _ = write!(table, " {} |", scene_name(scene));
+        rule += "---:|";
+    }
+    table += &format!("\n{rule}\n");
+    let (shown, others): (Vec<&str>, _) = packages
+        .into_iter()
+        .partition(|package| scenes.iter().any(|scene| share(scene, package) >= SHOWN));
+    for package in shown {
+        let _ = write!(table, "| {package} |");
+        for scene in &scenes {
+            let _ = write!(table, " {:.1} % |", share(scene, package));
+        }
+        table.push('\n');
+    }
+    table += "| all others |";
+    for scene in &scenes {
+        let rest: f64 = others.iter().map(|package| share(scene, package)).sum();
+        let _ = write!(table, " {rest:.1} % |");
+    }
+    table + "\n"
 }
 
 /// What passes, beside what the wires allow.

@@ -13,6 +13,7 @@ pub(super) struct Records {
     pub(super) stamps: Vec<Stamps>,
     pub(super) loads: Vec<Load>,
     pub(super) rates: Vec<Rate>,
+    pub(super) profiles: Vec<Instructions>,
 }
 
 /// How often something took so long on its way through the adapter.
@@ -54,6 +55,14 @@ pub(super) struct Rate {
     pub(super) limit: f64,
 }
 
+/// How many instructions of a crate ran.
+#[derive(Debug)]
+pub(super) struct Instructions {
+    pub(super) scene: String,
+    pub(super) package: String,
+    pub(super) count: u64,
+}
+
 impl Records {
     /// Reads those in this folder.
     ///
@@ -92,6 +101,13 @@ impl Records {
                     what: what.to_owned(),
                     achieved: number(achieved)?,
                     limit: number(limit)?,
+                })
+            })?,
+            profiles: rows(&folder.join("profile.csv"), |[scene, package, count]| {
+                Some(Instructions {
+                    scene: scene.to_owned(),
+                    package: package.to_owned(),
+                    count: number(count)?,
                 })
             })?,
         })

@@ -70,18 +70,19 @@ fn owner(context: &Context<EndianSlice<'_, LittleEndian>>, address: u64) -> Resu
 }
 
 /// The crate of a source file, and its path in there: `/somewhere/embassy-sync-0.8.0/src/signal.rs` is `signal.rs` of
-/// `embassy-sync`.
+/// `embassy-sync`. What a build script has made is in `out`, in a folder with a hash instead of a version.
 fn place(path: &str) -> (&str, &str) {
-    let Some((folder, file)) = path.rsplit_once("/src/") else {
+    let last = |folder: &'static str| path.rsplit_once(folder);
+    let Some((folder, file)) = last("/src/").or_else(|| last("/out/")) else {
         return (path, "");
     };
     let package = folder.rsplit_once('/').map_or(folder, |(_, package)| package);
-    let version = package.rmatch_indices('-').map(|(at, _)| at);
-    let is_version = |at: &usize| package[at + 1..].starts_with(|c: char| c.is_ascii_digit());
-    (
-        version.filter(is_version).last().map_or(package, |at| &package[..at]),
-        file,
-    )
+    let is_no_name = |part: &str| part.len() == 16 || part.starts_with(|c: char| c.is_ascii_digit());
+    let ends = package.match_indices('-').map(|(at, _)| at);
+    let end = ends
+        .into_iter()
+        .find(|at| is_no_name(package[at + 1..].split('-').next().unwrap_or_default()));
+    (end.map_or(package, |end| &package[..end]), file)
 }
 
 /// A demangled name without the hash at its end.
@@ -104,6 +105,10 @@ mod tests {
             (
                 "/r/stm32-metapac-21.0.0-rc.1/src/common.rs",
                 ("stm32-metapac", "common.rs"),
+            ),
+            (
+                "/t/build/embassy-stm32-fdb56bc17cf96b90/out/_generated.rs",
+                ("embassy-stm32", "_generated.rs"),
             ),
             ("/rustc/1.95/library/core/src/cell.rs", ("core", "cell.rs")),
             ("elsewhere.rs", ("elsewhere.rs", "")),
