@@ -111,8 +111,8 @@ impl Adapter {
         }
     }
 
-    /// Tells all tasks for which there is something to do, and returns when the bridge wants to be told the time.
-    pub(crate) fn tell(&self) -> Option<Micros> {
+    /// Tells all tasks for which there is something to do.
+    pub(crate) fn tell(&self) {
         let bridge = &mut *self.bridge.borrow_mut();
         // One at a time: the next is fetched when this one was taken.
         if !self.action.signaled()
@@ -133,7 +133,6 @@ impl Adapter {
                 notice.signal(());
             }
         }
-        bridge.timeout()
     }
 }
 

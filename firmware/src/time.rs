@@ -1,5 +1,6 @@
 //! Tells the tasks what there is to do, and the bridge the time when it wants to know it.
 
+use armwire_bridge::Bridge;
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_time::{Instant, Timer};
@@ -14,7 +15,10 @@ pub(crate) async fn tick(adapter: &'static Adapter) {
         progress(Task::Time);
         // What was said until now is looked at now, all of it.
         adapter.changed.reset();
-        let timeout = adapter.tell();
+        adapter.tell();
+        // Who was told does not wait for the rest.
+        yield_now().await;
+        let timeout = adapter.look(Bridge::timeout);
         let resting = rest(Task::Time);
         let due = match timeout {
             Some(at) => {
