@@ -339,6 +339,16 @@ impl Tap {
         self.buf.get(self.head..self.tail).unwrap_or_default()
     }
 
+    /// Where they begin.
+    pub(crate) const fn head(&self) -> usize {
+        self.head
+    }
+
+    /// The `len` bytes from `start` on, which [`next`](Self::next) has given since the last [`push`](Self::push).
+    pub(crate) fn given(&self, start: usize, len: usize) -> &[u8] {
+        self.buf.get(start..start.saturating_add(len)).unwrap_or_default()
+    }
+
     /// How many these are.
     pub(crate) const fn pending(&self) -> usize {
         self.tail.saturating_sub(self.head)

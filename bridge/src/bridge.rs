@@ -14,6 +14,7 @@ use crate::control_server::{ControlServer, Port};
 use crate::counters::count;
 use crate::earliest::Earliest;
 use crate::exchange::Exchange;
+use crate::line_share::Unshared;
 use crate::poll::Poll;
 use crate::queue::Queue;
 use crate::stream::Stream;
@@ -51,6 +52,7 @@ pub struct Bridge {
     pub(crate) tap: Tap,
     /// How many bytes at the front of what the tap has not decided on were passed to the host on USB already.
     pub(crate) passed: usize,
+    pub(crate) unshared: Option<Unshared>,
     pub(crate) exchange: Exchange,
     pub(crate) turn: Turn,
     pub(crate) poll: Poll,
@@ -184,6 +186,7 @@ impl Bridge {
         Self {
             tap: Tap::new(),
             passed: 0,
+            unshared: None,
             exchange: Exchange::new(),
             turn: Turn::new(),
             poll: Poll::new(config.poll),
@@ -338,12 +341,13 @@ impl Bridge {
 
     /// Whether [`control_transmit`](Self::control_transmit) has a packet.
     pub fn control_due(&self) -> bool {
-        self.control.usb_due()
+        self.control.usb_due() || self.unshared.is_some() && self.control.tells_usb()
     }
 
     /// Moves the next packet of the control interface into `packet` and returns its length, 0 for one without data. `None`
     /// when nothing is due.
     pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Micros) -> Option<usize> {
+        self.share();
         let len = self.control.usb_transmit(packet, &mut self.can, &mut self.counters)?;
         self.serve(now);
         Some(len)
@@ -376,7 +380,7 @@ impl Bridge {
     /// Whether to ask for [`can_transmit`](Self::can_transmit): it has a frame, or what it has can only be queued, behind
     /// what goes to the same subscriber. Then nothing is due after it.
     pub fn can_due(&self, now: Micros) -> bool {
-        self.can.is_due(now) || self.control.can_due()
+        self.unshared.is_some() || self.can.is_due(now) || self.control.can_due()
     }
 
     /// The next frame for the bus, the most urgent first. `None` when there is none now.
@@ -384,6 +388,7 @@ impl Bridge {
     /// Hand it to the controller at once, and ask only when the controller has room: what waits here can still be overtaken
     /// by what is more urgent. When it has left, say [so](Self::can_sent).
     pub fn can_transmit(&mut self, now: Micros) -> Option<Frame> {
+        self.share();
         if self.control.can_due() {
             self.tell_frames();
         }
@@ -445,6 +450,7 @@ impl Bridge {
 
     /// The CAN controller left the bus (`off`), or is back on it. What was under way by ISO-TP is given up.
     pub fn can_bus_off(&mut self, off: bool, now: Micros) {
+        self.share();
         if off {
             count(&mut self.counters.can_bus_offs, 1);
             self.can.left(&mut self.counters);
@@ -658,6 +664,7 @@ impl Bridge {
 
     /// The next thing that only firmware can do, once.
     pub fn action(&mut self) -> Option<Action> {
+        self.share();
         // The reply goes out as the bus was, and so does the answer that the arm owes a host there.
         let replied =
             |port: &mut Port| *port == Port::Usb || !self.can.control.is_sending() && !self.control.owes_can();
@@ -701,6 +708,7 @@ impl Bridge {
 
     /// Is from now on as `config` says.
     pub(crate) fn adopt(&mut self, config: Config, by: Port, now: Micros) {
+        self.share();
         let was = core::mem::replace(&mut self.config, config);
         if config.can.bus() != was.can.bus() {
             self.can_change = Some(by);
@@ -725,6 +733,7 @@ impl Bridge {
         if !self.can.note(&event, Stamp(now.0)) {
             count(&mut self.counters.dropped_events, 1);
         }
+        self.share();
         if self.control.is_heard() {
             self.tell_frames();
             self.control.tell(event, now, &mut self.can, &mut self.counters);

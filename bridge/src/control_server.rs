@@ -176,6 +176,11 @@ impl ControlServer {
         !self.usb.out.is_empty() || self.usb.open || untold
     }
 
+    /// Whether the host on USB is told of frames.
+    pub(crate) const fn tells_usb(&self) -> bool {
+        self.usb_subscription.frames
+    }
+
     /// Whether there is something to tell on the bus.
     pub(crate) const fn can_due(&self) -> bool {
         self.can_subscription.frames && !self.untold.is_empty()
@@ -338,6 +343,7 @@ impl ControlServer {
 impl Bridge {
     /// Answers what hosts have asked on the control port, as far as there is room for the answers.
     pub(crate) fn serve(&mut self, now: Micros) {
+        self.share();
         self.tell_frames();
         // What one asks may end what another waits for.
         while self.serve_port(Port::Usb, now) | self.serve_port(Port::Can, now) {}
@@ -351,6 +357,7 @@ impl Bridge {
     /// assert!(!bridge.control_prepare()); // nobody has subscribed
     /// ```
     pub fn control_prepare(&mut self) -> bool {
+        self.share();
         self.control.prepare(&mut self.can, &mut self.counters)
     }
 

@@ -27,6 +27,15 @@ const RAW_TURN: Micros = Micros::from_millis(100);
 /// What the adapter itself may add to the time of an answer: two bytes in the transmitter, a look at the receiver.
 const MARGIN: Micros = Micros::from_millis(1);
 
+/// A frame of the arm that only the host on USB has been told of. It lies in the tap until more comes.
+pub(crate) struct Unshared {
+    /// Where in the tap.
+    start: u8,
+    len: u8,
+    asker: Option<Asker>,
+    at: Micros,
+}
+
 impl Bridge {
     // ---- What the arm says ----
 
@@ -45,6 +54,7 @@ impl Bridge {
         let mut any = false;
         let mut rest = bytes;
         while !rest.is_empty() {
+            self.share();
             rest = self.tap.push(rest);
             self.pass();
             if self.take_pieces(false, now) {
@@ -127,6 +137,8 @@ impl Bridge {
     fn take_pieces(&mut self, idle: bool, now: Micros) -> bool {
         let mut any = false;
         while self.tap.pending() > 0 {
+            self.share();
+            let start = self.tap.head();
             let expect = self.exchange.expect();
             let Some(piece) = self.tap.next(self.config.arm, expect, idle) else {
                 break;
@@ -170,18 +182,12 @@ impl Bridge {
             if matches!(asker, None | Some(Asker::Usb)) {
                 self.port.push(unpassed, &mut self.counters);
             }
-            let telemetry = self.config.can.telemetry_hz > 0;
-            if telemetry && let Some(state) = self.config.arm.joints(bytes) {
-                self.can.state(state, now);
-            }
-            let on_can = match asker {
-                Some(asker) => asker == Asker::Can,
-                None => self.config.can.unsolicited,
-            };
-            if on_can && !self.can.answer(bytes) {
-                count(&mut self.counters.dropped_can_answers, 1);
-            }
-            self.control.frame(now, asker, bytes, &mut self.counters);
+            self.unshared = Some(Unshared {
+                start: start as u8,
+                len: bytes.len() as u8,
+                asker,
+                at: now,
+            });
             if let Some(asker) = asker.filter(|_| self.exchange.holder().is_none()) {
                 let answer = match asker {
                     Asker::Adapter => FrameBytes::from_slice(bytes).ok(),
@@ -191,6 +197,42 @@ impl Bridge {
             }
         }
         any
+    }
+
+    /// Passes the last frame to a host on CAN and to whoever else is to be told of it, unless that was done.
+    ///
+    /// Whatever tells them something does so first. Call it when there is time: until then, the host on USB and the next
+    /// request need not wait for it.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::Bridge;
+    /// use armwire_bridge::config::{Can, Config};
+    /// use armwire_bridge::control::Identity;
+    ///
+    /// let can = Can { unsolicited: true, ..Can::default() };
+    /// let mut bridge = Bridge::new(Identity::default(), Config { can, ..Config::default() });
+    /// assert!(bridge.uart_received(&[0xAA, 0x04, 0x0E, 0x01, 0x02, 0x2C, 0xFF], Micros(100)));
+    /// bridge.share();
+    /// assert!(bridge.can_due(Micros(100)));
+    /// ```
+    pub fn share(&mut self) {
+        let Some(Unshared { start, len, asker, at }) = self.unshared.take() else {
+            return;
+        };
+        let bytes = self.tap.given(start.into(), len.into());
+        let telemetry = self.config.can.telemetry_hz > 0;
+        if telemetry && let Some(state) = self.config.arm.joints(bytes) {
+            self.can.state(state, at);
+        }
+        let on_can = match asker {
+            Some(asker) => asker == Asker::Can,
+            None => self.config.can.unsolicited,
+        };
+        if on_can && !self.can.answer(bytes) {
+            count(&mut self.counters.dropped_can_answers, 1);
+        }
+        self.control.frame(at, asker, bytes, &mut self.counters);
     }
 
     /// The exchange of `asker` is over, with this answer if there is one and somebody wants it.
@@ -589,6 +631,7 @@ impl Bridge {
         if let Some(asker) = holder {
             self.close(asker, None, now);
         }
+        self.share();
         self.tap.clear();
         self.asks.clear();
         (self.passed, self.turn.raw) = (0, false);

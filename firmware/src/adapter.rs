@@ -98,6 +98,7 @@ impl Adapter {
 
     /// Tells those who can wait, but who sends to the bus before all others.
     pub(crate) fn tell_the_others(&self) {
+        self.take(Bridge::share);
         if self.bridge.borrow().can_due(now()) {
             self.frame.signal(());
         }
