@@ -264,3 +264,65 @@ fn half_a_command_is_counted_when_others_are_configured() {
     let lost = counted(&mut bridge, |bridge| configure(bridge, other, Micros(0)));
     assert_eq!(lost, [0, 0, 0, 1]);
 }
+
+/// An adapter whose host on CAN is told what the arm says unasked, with two such frames heard, the second only just.
+fn told_of_two() -> (Bridge, [Vec<u8>; 2]) {
+    let can = Can {
+        unsolicited: true,
+        ..Can::default()
+    };
+    let mut bridge = Bridge::new(
+        Identity::default(),
+        Config {
+            can,
+            ..Config::default()
+        },
+    );
+    let frames = [ling(0x04, 0x0E, &[2]), ling(0x04, 0x0E, &[1])];
+    for (at, frame) in frames.iter().enumerate() {
+        assert!(bridge.uart_received(frame, Micros(100 * (1 + at as u64))));
+    }
+    (bridge, frames)
+}
+
+#[test]
+fn what_the_arm_says_reaches_the_bus_in_its_order_whenever_it_is_passed_on() {
+    for shared in [false, true] {
+        let (mut bridge, frames) = told_of_two();
+        if shared {
+            bridge.share();
+        }
+        for frame in frames {
+            assert!(bridge.can_due(Micros(300)));
+            let sent = bridge.can_transmit(Micros(300)).unwrap();
+            assert_eq!(sent.data()[..=frame.len()], [&[frame.len() as u8], &frame[..]].concat());
+            bridge.can_sent(0, Micros(300));
+        }
+        assert!(!bridge.can_due(Micros(300)));
+    }
+}
+
+#[test]
+fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
+    let others: [fn(&mut Bridge); 3] = [
+        // Nobody is told of what comes from here on.
+        |bridge| configure(bridge, Can::default(), Micros(300)),
+        |bridge| bridge.can_bus_off(false, Micros(300)),
+        |bridge| bridge.line_changed(bridge.line),
+    ];
+    for other in others {
+        let (mut bridge, [_, last]) = told_of_two();
+        other(&mut bridge);
+        let mut answers = 0;
+        for _ in 0..8 {
+            let frame = bridge.can_transmit(Micros(300));
+            bridge.can_sent(0, Micros(300));
+            let of_the_arm = |frame: &Frame| Function::of(frame.id()).unwrap().0 == Function::ArmAnswer;
+            if let Some(frame) = frame.filter(of_the_arm) {
+                answers += 1;
+                assert_eq!(answers == 2, frame.data()[1..=last.len()] == last);
+            }
+        }
+        assert_eq!(answers, 2);
+    }
+}

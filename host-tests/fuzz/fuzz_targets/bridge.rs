@@ -97,7 +97,12 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                     world.uart_takes(MAX_FRAME);
                 }
             }
-            Step::UsbTakes(packets) => (0..packets % 32).for_each(|_| world.usb_takes()),
+            Step::UsbTakes(packets) => {
+                if packets >= 0x80 {
+                    world.share();
+                }
+                (0..packets % 32).for_each(|_| world.usb_takes());
+            }
             Step::Control => {
                 let request = any_request(u)?;
                 world.control_asks(request);
