@@ -30,6 +30,7 @@ pub(crate) fn call_all() {
     black_box(&mut *bridge).uart_idle(now);
     black_box(&mut *bridge).uart_errors(black_box(UartErrors::default()));
     black_box(&mut *bridge).uart_ring_overrun();
+    black_box(&mut *bridge).share();
     black_box(black_box(&*bridge).uart_due(now));
     black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
     black_box(black_box(&*bridge).need());
@@ -49,6 +50,7 @@ pub(crate) fn call_all() {
     black_box(black_box(&*bridge).control_room());
     black_box(&mut *bridge).control_received(bytes(&mut [0; 300]), now);
     black_box(black_box(&*bridge).control_due());
+    black_box(black_box(&mut *bridge).control_prepare());
     black_box(black_box(&mut *bridge).control_transmit(&mut [0; PACKET], now));
 
     if let (Ok(id), Ok(fd_id)) = (Id::new(black_box(0)), Id::new(black_box(0))) {

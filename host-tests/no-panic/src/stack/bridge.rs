@@ -70,6 +70,16 @@ fn control_received(bridge: &mut Bridge, packet: &[u8], now: Micros) {
     bridge.control_received(packet, now);
 }
 
+#[unsafe(export_name = "Bridge::share")]
+fn share(bridge: &mut Bridge) {
+    bridge.share();
+}
+
+#[unsafe(export_name = "Bridge::control_prepare")]
+fn control_prepare(bridge: &mut Bridge) -> bool {
+    bridge.control_prepare()
+}
+
 #[unsafe(export_name = "Bridge::control_transmit")]
 fn control_transmit(bridge: &mut Bridge, packet: &mut [u8; PACKET], now: Micros) -> Option<usize> {
     bridge.control_transmit(packet, now)
