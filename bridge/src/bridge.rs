@@ -52,6 +52,7 @@ pub struct Bridge {
     pub(crate) tap: Tap,
     /// How many bytes at the front of what the tap has not decided on were passed to the host on USB already.
     pub(crate) passed: usize,
+    /// The last frame, if only the host on USB was told of it so far.
     pub(crate) unshared: Option<Unshared>,
     pub(crate) exchange: Exchange,
     pub(crate) turn: Turn,
@@ -730,10 +731,10 @@ impl Bridge {
 
     /// Tells whoever wants to be told of what is no frame.
     pub(crate) fn tell(&mut self, event: Event, now: Micros) {
+        self.share();
         if !self.can.note(&event, Stamp(now.0)) {
             count(&mut self.counters.dropped_events, 1);
         }
-        self.share();
         if self.control.is_heard() {
             self.tell_frames();
             self.control.tell(event, now, &mut self.can, &mut self.counters);

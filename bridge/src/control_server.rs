@@ -222,6 +222,7 @@ impl ControlServer {
 
     /// Tells subscribers of one of them, and returns whether there was one.
     fn tell_frame(&mut self, can: &mut CanPort, counters: &mut Counters) -> bool {
+        // Whatever it is, it is overwritten.
         let mut event = FromAdapter::Event {
             at: Stamp(0),
             event: Event::BusOff { off: false },

@@ -27,7 +27,7 @@ const RAW_TURN: Micros = Micros::from_millis(100);
 /// What the adapter itself may add to the time of an answer: two bytes in the transmitter, a look at the receiver.
 const MARGIN: Micros = Micros::from_millis(1);
 
-/// A frame of the arm that only the host on USB has been told of. It lies in the tap until more comes.
+/// A frame of the arm that is not [shared](Bridge::share) yet. It lies in the tap until more comes.
 pub(crate) struct Unshared {
     /// Where in the tap.
     start: u8,
@@ -42,8 +42,8 @@ impl Bridge {
     /// The UART was looked at, at the time `now`, and has received `bytes`, perhaps none. The last of them came then:
     /// that is the stamp of the frame it ends.
     ///
-    /// Returns whether there was a frame: then ask everything that can be due, and [`wake`](Self::wake). Without one
-    /// only [`usb_due`](Self::usb_due) and `wake` can have changed.
+    /// Returns whether there was a frame: then ask everything that can be due, and [`wake`](Self::wake), and
+    /// [`share`](Self::share) it when there is time. Without one only [`usb_due`](Self::usb_due) and `wake` can have changed.
     pub fn uart_received(&mut self, bytes: &[u8], now: Micros) -> bool {
         self.looked = now;
         if bytes.is_empty() {
