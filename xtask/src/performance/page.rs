@@ -63,7 +63,7 @@ pub(super) fn stamps(records: &Records) -> String {
     let (mut right, mut latest) = ("| a microsecond late at most |".to_owned(), "| the latest |".to_owned());
     for cost in &costs {
         let (exact, worst) = records.stamps(*cost);
-        let _ = write!(right, " {:.2} % |", 100.0 * exact);
+        let _ = write!(right, " {:.3} % |", 100.0 * exact);
         let _ = write!(latest, " {worst} µs |");
     }
     format!("{}{right}\n{latest}\n", head_of_costs(&costs))
