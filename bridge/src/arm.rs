@@ -39,6 +39,16 @@ impl ArmKind {
         }
     }
 
+    /// The byte with which every frame ends, if there is one.
+    const fn end_mark(self, expect: Expect) -> Option<u8> {
+        match (self, expect) {
+            (Self::Ling, _) => Some(ling::TAIL),
+            (_, Expect::Responses(Some(ServoAnswer::Acknowledgement(_)))) => None,
+            (Self::Alpha1 | Self::Alpha1Servo, _) => Some(alpha1::TAIL),
+            (Self::Raw, _) => None,
+        }
+    }
+
     fn scan(self, window: &[u8], expect: Expect) -> Scan {
         match self {
             Self::Ling => Ling::scan(window, ()),
@@ -332,6 +342,12 @@ impl Tap {
             _ => 0,
         };
         header.max(kind.shortest(expect).saturating_sub(window.len())).max(1)
+    }
+
+    /// The byte with which the next frame ends and the least that it has, as long as nothing is known of it but that.
+    pub(crate) fn ending(&self, kind: ArmKind, expect: Expect) -> Option<(u8, usize)> {
+        let mark = kind.end_mark(expect).filter(|_| self.pending() == 0)?;
+        Some((mark, kind.shortest(expect)))
     }
 
     /// The bytes that are not decided on yet.

@@ -68,9 +68,6 @@ pub struct Bridge {
     pub(crate) looked: Micros,
     /// When the arm was last heard.
     pub(crate) heard: Micros,
-    /// Nothing has arrived since the last frame ended or the line went idle, so there is nothing to time the next look
-    /// by.
-    pub(crate) quiet: bool,
 
     // ---- The hosts ----
     pub(crate) port: HostPort,
@@ -123,14 +120,23 @@ impl Streams {
     }
 }
 
-/// When to look at the UART next, unless it reports an idle line or an error before.
+/// What the UART must receive before anything can be due, an idle line and errors aside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Wake {
-    /// As soon as the next byte arrives.
-    Byte,
-    /// At this time: nothing can be due before.
-    At(Micros),
+pub struct Need {
+    /// So many bytes, at least 1, whatever they are.
+    pub most: usize,
+    /// Or at least so many, if the last of them is `mark`.
+    pub least: usize,
+    /// The byte with which the next frame ends. `None` if that is not known, or it is known how many bytes are missing.
+    pub mark: Option<u8>,
+}
+
+impl Need {
+    /// Whether it takes no more than these `bytes`, of which the last is `last`.
+    pub fn is_met(&self, bytes: usize, last: u8) -> bool {
+        bytes >= self.most || bytes >= self.least && self.mark == Some(last)
+    }
 }
 
 /// Bytes for the arm that [`Bridge::uart_transmit`] gave.
@@ -197,7 +203,6 @@ impl Bridge {
             wanted_next: None,
             looked: Micros(0),
             heard: Micros(0),
-            quiet: true,
             port: HostPort::new(),
             down: Queue::new(),
             asks: Tap::new(),
@@ -379,7 +384,7 @@ impl Bridge {
     }
 
     /// Whether to ask for [`can_transmit`](Self::can_transmit): it has a frame, or what it has can only be queued, behind
-    /// what goes to the same subscriber. Then nothing is due after it.
+    /// what goes to the same subscriber, or turns out to be for nobody. Then nothing is due after it.
     pub fn can_due(&self, now: Micros) -> bool {
         self.unshared.is_some() || self.can.is_due(now) || self.control.can_due()
     }

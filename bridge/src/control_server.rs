@@ -206,16 +206,29 @@ impl ControlServer {
         Some(len)
     }
 
-    /// Subscribers, if there are any, are to be told of this frame, as far as there is room.
-    pub(crate) fn frame(&mut self, at: Micros, asker: Option<Asker>, bytes: &[u8], counters: &mut Counters) {
+    /// Subscribers, if there are any, are to be told of this frame, as far as there is room: with what waits already, if
+    /// there is none behind it.
+    pub(crate) fn frame(
+        &mut self,
+        at: Micros,
+        asker: Option<Asker>,
+        bytes: &[u8],
+        can: &mut CanPort,
+        counters: &mut Counters,
+    ) {
         let subscribers = [self.usb_subscription, self.can_subscription];
         let subscribers = subscribers.iter().filter(|subscription| subscription.frames).count();
-        if subscribers > 0 && !self.untold.push(at, asker, bytes) {
-            count(&mut counters.dropped_events, subscribers);
+        if subscribers == 0 || self.untold.push(at, asker, bytes) {
+            return;
         }
+        self.tell_frames(can, counters);
+        let kept = self.untold.push(at, asker, bytes);
+        count(&mut counters.dropped_events, if kept { 0 } else { subscribers });
     }
 
     /// Tells subscribers of the frames that they were not told of yet.
+    // One piece of code, not one for each call.
+    #[inline(never)]
     pub(crate) fn tell_frames(&mut self, can: &mut CanPort, counters: &mut Counters) {
         while self.tell_frame(can, counters) {}
     }

@@ -39,7 +39,7 @@
 //!
 //! ```
 //! use armwire::Micros;
-//! use armwire_bridge::{Bridge, PACKET, Wake};
+//! use armwire_bridge::{Bridge, PACKET};
 //!
 //! let mut bridge = Bridge::default();
 //! bridge.usb_configured(true);
@@ -52,7 +52,7 @@
 //! // … and the arm answers. Before the end of the frame is in, nothing is sent; then all of it is, at once.
 //! let answer = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
 //! bridge.uart_received(&answer[..5], Micros(350));
-//! assert_eq!((bridge.need(), bridge.wake()), (2, Wake::At(Micros(360))));
+//! assert_eq!(bridge.need().most, 2);
 //! let mut packet = [0; PACKET];
 //! assert_eq!(bridge.usb_transmit(&mut packet), None);
 //!
@@ -93,6 +93,6 @@ mod usb;
 #[cfg(test)]
 mod tests;
 
-pub use bridge::{Action, Bridge, Burst, CanErrors, DOWN, LEAD, PACKET, UP, Wake};
+pub use bridge::{Action, Bridge, Burst, CanErrors, DOWN, LEAD, Need, PACKET, UP};
 pub use counters::{Counters, UartErrors};
 pub use line::{Line, LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits};

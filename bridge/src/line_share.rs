@@ -8,7 +8,7 @@ use armwire::Micros;
 use armwire::alpha1::Expect;
 
 use crate::arm::{Asked, Piece};
-use crate::bridge::{Bridge, Burst, LEAD, Streams, Wake};
+use crate::bridge::{Bridge, Burst, LEAD, Need, Streams};
 use crate::control::{Asker, FrameBytes, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::exchange::Heard;
@@ -17,6 +17,9 @@ use crate::{Line, UartErrors};
 
 /// How long the host on USB may pause inside a frame before others get their turn.
 const STALL: Micros = Micros::from_millis(10);
+
+/// How old what is known of the line may be while bytes come, in nanoseconds.
+const AGE: u32 = 1_000_000;
 
 /// How long the line must be quiet, both ways, after bytes that are no frame.
 const QUIET: Micros = Micros::from_millis(5);
@@ -42,14 +45,14 @@ impl Bridge {
     /// The UART was looked at, at the time `now`, and has received `bytes`, perhaps none. The last of them came then:
     /// that is the stamp of the frame it ends.
     ///
-    /// Returns whether there was a frame: then ask everything that can be due, and [`wake`](Self::wake), and
-    /// [`share`](Self::share) it when there is time. Without one only [`usb_due`](Self::usb_due) and `wake` can have changed.
+    /// Returns whether there was a frame: then ask everything that can be due, and [`share`](Self::share) it when there is
+    /// time. Without one only [`usb_due`](Self::usb_due) can have come true. Then ask what to [look for](Self::need).
     pub fn uart_received(&mut self, bytes: &[u8], now: Micros) -> bool {
         self.looked = now;
         if bytes.is_empty() {
             return false;
         }
-        (self.heard, self.quiet) = (now, false);
+        self.heard = now;
         count(&mut self.counters.arm_to_host_bytes, bytes.len());
         let mut any = false;
         let mut rest = bytes;
@@ -59,7 +62,6 @@ impl Bridge {
             self.pass();
             if self.take_pieces(false, now) {
                 // What the tap still holds may begin the next frame.
-                self.quiet = self.tap.pending() == 0;
                 self.port.release(self.passed);
                 any = true;
             }
@@ -73,7 +75,7 @@ impl Bridge {
     ///
     /// ```
     /// use armwire::Micros;
-    /// use armwire_bridge::{Bridge, PACKET, Wake};
+    /// use armwire_bridge::{Bridge, PACKET};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.usb_configured(true);
@@ -81,11 +83,9 @@ impl Bridge {
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
     /// bridge.uart_idle(Micros(110));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));
-    /// assert_eq!(bridge.wake(), Wake::Byte);
     /// ```
     pub fn uart_idle(&mut self, now: Micros) -> bool {
         let any = self.take_pieces(true, now);
-        self.quiet = true;
         self.port.release(self.passed);
         any
     }
@@ -104,22 +104,39 @@ impl Bridge {
         count(&mut self.counters.ring_overruns, 1);
     }
 
-    /// How many more bytes must arrive before anything can be due: the end of the current frame or a full packet, at
-    /// least 1.
-    pub fn need(&self) -> usize {
-        self.tap
-            .need(self.config.arm, self.exchange.expect())
-            .min(self.port.need())
-    }
-
-    /// When to look at the UART next.
+    /// What to look for on the UART: the end of the next frame, or a full packet.
     ///
-    /// The wait is timed up to the last byte but one. From there the last byte itself is the signal, so that neither a
-    /// sender's clock nor a pause in the middle of a frame makes the end of it late.
-    pub fn wake(&self) -> Wake {
-        match self.need().saturating_sub(1) {
-            certain @ 1.. if !self.quiet => Wake::At(self.looked + on_wire(self.byte_nanos, certain)),
-            _ => Wake::Byte,
+    /// An interrupt handler that sees each byte as it comes needs to wake nobody before.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::{Bridge, Need};
+    ///
+    /// let mut bridge = Bridge::default();
+    /// let need = bridge.need();
+    /// assert_eq!(need, Need { most: 64, least: 6, mark: Some(0xFF) });
+    /// assert!(need.is_met(7, 0xFF) && !need.is_met(7, 0xFE));
+    /// bridge.uart_received(&[0xAA, 0x06, 0x00, 0x0F], Micros(0));
+    /// assert_eq!(bridge.need(), Need { most: 17, least: 17, mark: None });
+    /// ```
+    pub fn need(&self) -> Need {
+        let (kind, expect) = (self.config.arm, self.exchange.expect());
+        let heard = AGE.checked_div(self.byte_nanos).unwrap_or(0) as usize;
+        let room = self.port.need();
+        match self.tap.ending(kind, expect) {
+            Some((mark, least)) => Need {
+                most: heard.max(least).min(room),
+                least,
+                mark: Some(mark),
+            },
+            None => {
+                let most = self.tap.need(kind, expect).min(heard.max(1)).min(room);
+                Need {
+                    most,
+                    least: most,
+                    mark: None,
+                }
+            }
         }
     }
 
@@ -202,7 +219,8 @@ impl Bridge {
     /// Passes the last frame to a host on CAN and to whoever else is to be told of it, unless that was done.
     ///
     /// Whatever tells them something does so first. Call it when there is time: until then, the host on USB and the next
-    /// request need not wait for it.
+    /// request need not wait for it. Then ask [`can_due`](Self::can_due), [`control_due`](Self::control_due) and
+    /// [`timeout`](Self::timeout).
     ///
     /// ```
     /// use armwire::Micros;
@@ -232,7 +250,7 @@ impl Bridge {
         if on_can && !self.can.answer(bytes) {
             count(&mut self.counters.dropped_can_answers, 1);
         }
-        self.control.frame(at, asker, bytes, &mut self.counters);
+        self.control.frame(at, asker, bytes, &mut self.can, &mut self.counters);
     }
 
     /// The exchange of `asker` is over, with this answer if there is one and somebody wants it.
@@ -631,7 +649,6 @@ impl Bridge {
         if let Some(asker) = holder {
             self.close(asker, None, now);
         }
-        self.share();
         self.tap.clear();
         self.asks.clear();
         (self.passed, self.turn.raw) = (0, false);

@@ -15,7 +15,7 @@ use armwire::Micros;
 use armwire::ling::{Frame, MAX_FRAME};
 use proptest::prelude::*;
 
-use crate::{Bridge, DOWN, Line, LineCoding, PACKET, Refused, UP, UartErrors, Wake};
+use crate::{Bridge, DOWN, Line, LineCoding, Need, PACKET, Refused, UP, UartErrors};
 
 /// An adapter whose host has the port open.
 fn open() -> Bridge {
@@ -105,7 +105,6 @@ fn bytes_in_no_frame_go_out_when_the_line_is_idle() {
     bridge.uart_idle(NOW);
     assert_eq!(packets(&mut bridge), [[1, 2, 0xAA, 3]]);
     assert_eq!((bridge.counters().noise_bytes, bridge.counters().frames), (4, 0));
-    assert_eq!(bridge.wake(), Wake::Byte);
 }
 
 #[test]
@@ -371,40 +370,65 @@ fn dtr_without_a_configuration_means_nothing() {
     assert_eq!(packet(&mut bridge), None);
 }
 
-#[test]
-fn the_next_look_is_timed_to_the_last_byte_but_one() {
-    let mut bridge = open();
-    let frame = frame(&[9; 15]);
-    assert_eq!(bridge.wake(), Wake::Byte); // a quiet line
-
-    bridge.uart_received(&frame[..1], Micros(1_000));
-    assert_eq!((bridge.need(), bridge.wake()), (5, Wake::At(Micros(1_040))));
-    bridge.uart_received(&frame[1..6], Micros(1_050));
-    assert_eq!((bridge.need(), bridge.wake()), (15, Wake::At(Micros(1_190))));
-    // The sender paused: the look found nothing, and the rest is timed anew.
-    bridge.uart_received(&[], Micros(1_190));
-    assert_eq!(bridge.wake(), Wake::At(Micros(1_330)));
-    bridge.uart_received(&frame[6..20], Micros(1_340));
-    assert_eq!((bridge.need(), bridge.wake()), (1, Wake::Byte));
-    bridge.uart_received(&frame[20..], Micros(1_350));
-    assert_eq!(bridge.wake(), Wake::Byte);
+/// Any frame, and a packet or what comes in a millisecond.
+const fn any_frame(most: usize) -> Need {
+    Need {
+        most,
+        least: 6,
+        mark: Some(0xFF),
+    }
 }
 
 #[test]
-fn the_next_look_follows_the_baud_rate_and_a_full_packet() {
+fn of_a_frame_that_has_begun_all_of_it_is_needed() {
     let mut bridge = open();
-    bridge.line_changed(line(BAUD_115200));
-    bridge.uart_received(&[0x11; 62], Micros(0));
-    assert_eq!((bridge.need(), bridge.wake()), (2, Wake::At(Micros(86))));
-    bridge.uart_received(&[0x11; 3], Micros(200));
-    assert_eq!(bridge.need(), 6); // the packet is full and due, the next frame could be as short as this
+    let frame = frame(&[9; 15]);
+    assert_eq!(bridge.need(), any_frame(PACKET));
+    for (at, missing) in [(1, 5), (6, 15), (6, 15), (20, 1)] {
+        let from = bridge.counters().arm_to_host_bytes as usize;
+        bridge.uart_received(&frame[from..at], NOW);
+        let need = Need {
+            most: missing,
+            least: missing,
+            mark: None,
+        };
+        assert_eq!(bridge.need(), need);
+        assert!(need.is_met(missing, 0) && !need.is_met(missing - 1, 0xFF));
+    }
+    bridge.uart_received(&frame[20..], NOW);
+    // The host has not fetched the 21 bytes.
+    assert_eq!(bridge.need(), any_frame(PACKET - 21));
+}
+
+#[test]
+fn a_packet_that_is_nearly_full_needs_the_rest_of_it() {
+    let mut bridge = open();
+    bridge.uart_received(&[0x11; 62], NOW);
+    assert_eq!(bridge.need(), any_frame(2));
+    bridge.uart_received(&[0x11; 3], NOW);
+    assert_eq!(bridge.need(), any_frame(PACKET));
+}
+
+#[test]
+fn what_is_known_of_a_slow_line_is_not_old_while_bytes_come() {
+    for (baud, most, rest) in [(115_200, 11, 11), (9_600, 6, 1)] {
+        let mut bridge = open();
+        let coding = LineCoding {
+            baud,
+            ..LineCoding::LING
+        };
+        bridge.line_changed(line(coding.to_cdc()));
+        assert_eq!(bridge.need(), any_frame(most));
+        bridge.uart_received(&frame(&[9; 15])[..6], NOW);
+        assert_eq!(bridge.need().most, rest);
+    }
 }
 
 #[test]
 fn a_host_that_does_not_read_costs_no_extra_looks() {
     let mut bridge = open();
     bridge.uart_received(&[0x11; 500], Micros(0));
-    assert_eq!(bridge.need(), 6);
+    assert_eq!(bridge.need(), any_frame(PACKET));
 }
 
 #[test]
@@ -493,7 +517,7 @@ proptest! {
             }
             let (now, later) = rest.split_at(n.min(rest.len()));
             bridge.uart_received(now, NOW);
-            prop_assert!(bridge.need() >= 1);
+            prop_assert!(bridge.need().most >= 1);
             if idle {
                 bridge.uart_idle(NOW);
             }
@@ -514,6 +538,28 @@ proptest! {
     }
 
     #[test]
+    fn no_frame_is_there_before_the_need_is_met(
+        says in prop::collection::vec(speech(), 0..12),
+        late in prop::collection::vec(0..30_usize, 1..20),
+    ) {
+        let says = says.concat();
+        // One is told of each byte, the other of none before what it says it waits for.
+        let (mut eager, mut lazy) = (Bridge::default(), Bridge::default());
+        let mut from = 0;
+        let mut late = late.iter().cycle();
+        for (at, &byte) in says.iter().enumerate() {
+            let due = eager.uart_received(&[byte], NOW);
+            let untold = &says[from..=at];
+            if lazy.need().is_met(untold.len(), byte) || untold.len() > *late.next().unwrap() + 40 {
+                prop_assert_eq!(lazy.uart_received(untold, NOW), due, "at {}", at);
+                from = at + 1;
+            } else {
+                prop_assert!(!due, "a frame at {} of which nobody is told", at);
+            }
+        }
+    }
+
+    #[test]
     fn a_frame_never_waits_for_the_idle_line(
         before in prop::collection::vec(any::<u8>().prop_filter("no header", |&b| b != 0xAA), 0..200),
         data in prop::collection::vec(any::<u8>(), 0..60),
@@ -529,32 +575,6 @@ proptest! {
         }
         prop_assert_eq!(host.bytes, line);
         prop_assert!(!host.open);
-    }
-
-    #[test]
-    fn a_look_asked_for_is_never_after_the_end_of_the_frame(
-        data in prop::collection::vec(any::<u8>(), 0..60),
-        late in prop::collection::vec(0..9_u64, 80),
-    ) {
-        // The k-th byte is in at 10 k µs. Look when asked, up to 9 µs late, and see the end within that.
-        let frame = frame(&data);
-        let mut bridge = open();
-        let (mut now, mut taken) = (10, 0);
-        for late in late {
-            let arrived = ((now + late) / 10).min(frame.len() as u64) as usize;
-            bridge.uart_received(&frame[taken..arrived], Micros(now + late));
-            taken = arrived;
-            if taken == frame.len() {
-                break;
-            }
-            prop_assert!(!bridge.usb_due() || taken >= PACKET);
-            now = match bridge.wake() {
-                Wake::Byte => 10 * (taken as u64 + 1),
-                Wake::At(time) => time.0,
-            };
-            prop_assert!(now <= 10 * frame.len() as u64 + 9, "a look at {} for an end at {}", now, frame.len() * 10);
-        }
-        prop_assert_eq!(taken, frame.len());
     }
 
     #[test]

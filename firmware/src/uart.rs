@@ -10,19 +10,19 @@
 //!
 //! # Time stamps
 //!
-//! The bridge says how many bytes it needs before anything can be due. The interrupt handler is asked to look at each
-//! of the last of them, so that it sees the one that completes the frame come in and notes when that was. What the
-//! tasks and other interrupt handlers are doing in that moment does not matter: it interrupts all of them.
+//! The bridge says with which byte the next frame ends or, once it knows, how many bytes it needs before anything can be due.
+//! The interrupt handler is asked to look at each byte, or at each of the last of them, so that it sees the one that
+//! completes the frame come in and notes when that was. What the tasks and other interrupt handlers are doing in that
+//! moment does not matter: it interrupts all of them.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
 use armwire::Micros;
 use armwire_bridge::control::MAX_FRAME;
-use armwire_bridge::{Bridge, Line, Parity, StopBits, UartErrors, Wake};
+use armwire_bridge::{Bridge, Line, Need, Parity, StopBits, UartErrors};
 use critical_section::Mutex;
 use embassy_futures::join::join;
-use embassy_futures::select::select;
 use embassy_futures::yield_now;
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
@@ -30,7 +30,7 @@ use embassy_stm32::mode::Blocking;
 use embassy_stm32::usart::{self as hal, Uart};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use embassy_time::{Instant, Timer};
+use embassy_time::Timer;
 
 use crate::adapter::{Adapter, now};
 use crate::board::usart::{self, Status};
@@ -40,10 +40,6 @@ use crate::watchdog::{Task, progress, rest};
 
 /// Bytes the receive ring holds. Half of them may wait to be taken: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
-
-/// How many bytes before the one that is needed the interrupt handler begins to look at each: those take it as long as
-/// one look of a task. Until then a task may be held up without making a stamp late: 320 µs at 1 Mbaud.
-const NEAR: usize = 32;
 
 /// A place in the ring, and when the byte before it came in.
 #[derive(Clone, Copy)]
@@ -58,6 +54,9 @@ static RING: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
 static HEAD: AtomicUsize = AtomicUsize::new(0);
 /// How many bytes must lie in the ring for the interrupt handler to say so.
 static NEEDED: AtomicUsize = AtomicUsize::new(SIZE);
+/// Or how many, if the last of them is this one.
+static LEAST: AtomicUsize = AtomicUsize::new(SIZE);
+static MARK: AtomicU8 = AtomicU8::new(0);
 /// Where they did, and when.
 static REACHED: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
 /// Where the line went idle, and when that was known.
@@ -81,9 +80,13 @@ pub(crate) struct InterruptHandler;
 
 impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
+        // Where the byte is to lie of which the status tells, if it waits: the DMA may fetch it from here on.
+        let place = tail();
+        let status = usart::take_status();
+        let is_byte = !status.is_error() && !status.idle && !usart::is_transmitted_interrupt();
         // Nearly always it is one more of the bytes before the one that is needed.
-        if !usart::has_only_bytes() || !wait_for_dma() {
-            note();
+        if !is_byte || !wait_for_dma() {
+            note(status, place);
         } else if is_reached(tail()) {
             reach();
             EVENT.signal(());
@@ -96,16 +99,14 @@ fn reach() {
     let (end, at) = (tail(), now());
     critical_section::with(|cs| REACHED.borrow(cs).set(Some(Mark { end, at })));
     NEEDED.store(SIZE, Ordering::Relaxed);
+    LEAST.store(SIZE, Ordering::Relaxed);
     usart::set_byte_interrupt(false);
 }
 
-/// Notes what the UART has to say besides.
+/// Notes what the UART has to say besides, of a byte that is to lie at this place in the ring if it waits.
 #[cold]
-fn note() {
+fn note(status: Status, place: usize) {
     let at = now();
-    // Where the byte is to lie of which the status tells, if it waits: the DMA may fetch it from here on.
-    let place = tail();
-    let status = usart::take_status();
     if usart::is_transmitted_interrupt() {
         listen();
     }
@@ -129,7 +130,19 @@ fn note() {
 
 /// Whether as many bytes lie in the ring before `end` as are needed.
 fn is_reached(end: usize) -> bool {
-    untaken(end) >= NEEDED.load(Ordering::Relaxed)
+    let n = untaken(end);
+    let last = RING.get(end.wrapping_sub(1) % SIZE);
+    let is_mark = || last.is_some_and(|last| last.load(Ordering::Relaxed) == MARK.load(Ordering::Relaxed));
+    n >= NEEDED.load(Ordering::Relaxed) || n >= LEAST.load(Ordering::Relaxed) && is_mark()
+}
+
+/// Asks the interrupt handler to say when this is met.
+fn look_for(need: Need) {
+    // Without a mark it is not asked for fewer than the most.
+    MARK.store(need.mark.unwrap_or(0), Ordering::Relaxed);
+    LEAST.store(need.least, Ordering::Relaxed);
+    NEEDED.store(need.most, Ordering::Relaxed);
+    usart::set_byte_interrupt(true);
 }
 
 /// How often the interrupt handler looks whether the DMA has fetched a byte, which takes it less long.
@@ -212,14 +225,6 @@ pub(crate) fn wake() {
     EVENT.signal(());
 }
 
-/// Until when there is nothing to take from the ring, unless the line goes idle.
-enum Until {
-    /// This many bytes are in.
-    Bytes(usize),
-    /// It is this late.
-    Time(Instant),
-}
-
 /// Passes what the arm says to the bridge.
 #[embassy_executor::task]
 pub(crate) async fn receive(adapter: &'static Adapter, mut dma: Channel<'static>) {
@@ -252,6 +257,7 @@ impl Receiver {
     fn start<'a>(&self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
         HEAD.store(0, Ordering::Relaxed);
         NEEDED.store(SIZE, Ordering::Relaxed);
+        LEAST.store(SIZE, Ordering::Relaxed);
         let ring = core::ptr::slice_from_raw_parts_mut(RING.as_ptr().cast::<u8>().cast_mut(), SIZE);
         let mut options = TransferOptions::default();
         options.circular = true;
@@ -280,42 +286,16 @@ impl Receiver {
                 yield_now().await;
                 self.adapter.tell_the_others();
             }
-            match self.until() {
-                // Bytes that came before the interrupt handler knew of the need give no signal. What came before them, and
-                // what is asked next, goes out before they are looked at.
-                Until::Bytes(needed) if untaken(tail()) >= needed => let_others_run().await,
-                Until::Bytes(_) => {
-                    let resting = rest(Task::Receive);
-                    EVENT.wait().await;
-                    drop(resting);
-                }
-                Until::Time(time) => {
-                    let resting = rest(Task::Receive);
-                    select(EVENT.wait(), Timer::at(time)).await;
-                    drop(resting);
-                }
-            }
-        }
-    }
-
-    /// What the bridge needs next, of which the interrupt handler is told.
-    fn until(&self) -> Until {
-        let need = self.adapter.look(Bridge::need);
-        let wake = match need {
-            ..=NEAR => Wake::Byte,
-            _ => self.adapter.look(Bridge::wake),
-        };
-        match wake {
-            Wake::At(Micros(time)) => {
-                let near = self.adapter.look(|bridge| bridge.line_coding().micros(NEAR));
-                Until::Time(Instant::from_micros(time.saturating_sub(near)))
-            }
-            Wake::Byte => {
-                // The first byte of many begins the time that they take.
-                let needed = if need > NEAR { 1 } else { need };
-                NEEDED.store(needed, Ordering::Relaxed);
-                usart::set_byte_interrupt(true);
-                Until::Bytes(needed)
+            let need = self.adapter.look(Bridge::need);
+            look_for(need);
+            // Bytes that came before the interrupt handler knew of the need give no signal. What came before them, and what
+            // is asked next, goes out before they are looked at.
+            if untaken(tail()) >= need.least.min(need.most) {
+                let_others_run().await;
+            } else {
+                let resting = rest(Task::Receive);
+                EVENT.wait().await;
+                drop(resting);
             }
         }
     }
@@ -410,15 +390,18 @@ fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], mark: Mark) -> bool {
 fn copy(chunk: &mut [u8; 64], end: usize) -> usize {
     let n = untaken(end).min(chunk.len());
     let head = HEAD.load(Ordering::Relaxed);
-    let (later, sooner) = RING.split_at(head);
-    let mut chunk = chunk[..n].iter_mut();
-    for part in [sooner, later] {
-        for (from, to) in part.iter().zip(chunk.by_ref()) {
-            *to = from.load(Ordering::Relaxed);
-        }
-    }
+    let (sooner, later) = chunk[..n].split_at_mut(n.min(SIZE - head));
+    load(sooner, &RING[head..]);
+    load(later, &RING);
     HEAD.store((head + n) % SIZE, Ordering::Relaxed);
     n
+}
+
+/// Loads as many bytes as there is room for.
+fn load(to: &mut [u8], from: &[AtomicU8]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = from.load(Ordering::Relaxed);
+    }
 }
 
 /// Sends what the bridge has for the arm, and changes the line between two bytes.

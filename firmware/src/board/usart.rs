@@ -5,7 +5,6 @@
 
 use embassy_stm32::pac::gpio::vals::{Ot, Pupdr};
 
-use super::uart::has_more_than_bytes;
 use super::{TX_PIN, UART};
 
 pub(crate) use super::uart::{
@@ -94,11 +93,6 @@ pub(crate) fn set_transmitted_interrupt(on: bool) {
 /// Whether the interrupt that [`set_transmitted_interrupt`] asks for is there.
 pub(crate) fn is_transmitted_interrupt() -> bool {
     UART.cr1().read().tcie() && is_transmitted()
-}
-
-/// Whether there is nothing to say but that bytes came.
-pub(crate) fn has_only_bytes() -> bool {
-    !has_more_than_bytes() && !is_transmitted_interrupt()
 }
 
 /// One wire for both ways, on the pin that sends, or two. Only while nothing is on the line.

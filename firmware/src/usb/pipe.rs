@@ -117,10 +117,10 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
         endpoint.wait_enabled().await;
         drop(resting);
         loop {
-            session.reset();
             while adapter.take(|bridge| pipe.prepare(bridge)) {
                 yield_now().await;
             }
+            session.reset();
             let Some(n) = adapter.take(|bridge| pipe.transmit(bridge, &mut packet)) else {
                 let resting = rest(task);
                 pipe.packet(adapter).wait().await;

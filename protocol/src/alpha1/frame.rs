@@ -38,7 +38,8 @@ pub const MAX_FRAME: usize = 64;
 /// The most bytes that a version or a name has: [`MAX_FRAME`] less header, count, CHECK and end mark.
 pub const MAX_TEXT: usize = MAX_FRAME - 5;
 
-const TAIL: u8 = 0xED;
+/// The end mark: the last byte of every frame but a servo's acknowledgement, which is a byte by itself.
+pub const TAIL: u8 = 0xED;
 
 /// What the status in an answer may be.
 const STATUS: &[u8] = &[Outcome::Success as u8, Outcome::Failure as u8];

@@ -32,7 +32,7 @@ mod value;
 
 #[cfg(feature = "async")]
 pub use driver::Arm;
-pub use frame::{Expect, Frame, MAX_FRAME, MAX_TEXT, ServoAnswer, checksum};
+pub use frame::{Expect, Frame, MAX_FRAME, MAX_TEXT, ServoAnswer, TAIL, checksum};
 pub use message::{Action, Cause, FirmwareVersion, ParseError, Request, Response, ServoRequest, ServoResponse};
 pub use value::{
     Address, Angle, Interval, Led, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS, ServoId,

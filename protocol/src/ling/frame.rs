@@ -34,7 +34,9 @@ pub const MAX_FRAME: usize = MAX_DATA + OVERHEAD;
 pub const SELF_CHECK: [u8; 7] = [HEADER, 0xFE, 0x00, 0x00, 0xFE, 0x93, TAIL];
 
 const HEADER: u8 = 0xAA;
-const TAIL: u8 = 0xFF;
+
+/// The end mark: the last byte of every frame.
+pub const TAIL: u8 = 0xFF;
 
 #[cfg(feature = "crc-table16")]
 static CRC: crc::Crc<u32, crc::Table<16>> = crc::Crc::<u32, crc::Table<16>>::new(&crc::CRC_32_ISO_HDLC);

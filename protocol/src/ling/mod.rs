@@ -25,7 +25,7 @@ mod value;
 
 #[cfg(feature = "async")]
 pub use driver::Arm;
-pub use frame::{Frame, MAX_DATA, MAX_FRAME, OVERHEAD, SELF_CHECK, checksum};
+pub use frame::{Frame, MAX_DATA, MAX_FRAME, OVERHEAD, SELF_CHECK, TAIL, checksum};
 pub use message::{Cause, GripperSpeed, Info, JointState, Move, ParseError, Request, Response, Torque};
 pub use value::{
     JOINTS, Kind, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TICKS_PER_TURN,

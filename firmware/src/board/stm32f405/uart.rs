@@ -26,12 +26,6 @@ pub(crate) fn take_status() -> Status {
     status
 }
 
-/// Whether the line is idle, or something is wrong.
-pub(crate) fn has_more_than_bytes() -> bool {
-    let sr = UART.sr().read();
-    sr.fe() || sr.pe() || sr.ne() || sr.ore() || sr.idle()
-}
-
 /// Clears errors that still stand after the DMA has fetched their byte: a byte that is sent between the two reads breaks
 /// the sequence.
 pub(crate) fn clear_errors() {

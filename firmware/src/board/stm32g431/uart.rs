@@ -26,12 +26,6 @@ pub(crate) fn take_status() -> Status {
     }
 }
 
-/// Whether the line is idle, or something is wrong.
-pub(crate) fn has_more_than_bytes() -> bool {
-    let isr = UART.isr().read();
-    isr.fe() || isr.pe() || isr.ne() || isr.ore() || isr.idle()
-}
-
 /// Clears errors that still stand: there are none, they were cleared when they were read.
 pub(crate) fn clear_errors() {}
 
