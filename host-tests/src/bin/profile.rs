@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::env;
 use std::error::Error;
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use armwire_host_tests::image::path;
@@ -41,18 +42,20 @@ fn show(scene: Option<&str>) -> Result<(), Box<dyn Error>> {
     let functions = owners
         .into_iter()
         .map(|(owner, count)| (format!("{}/{}: {}", owner.package, owner.file, owner.function), count));
-    println!("{all} instructions in {} ms", SPAN.0 / 1_000_000);
-    table(all, packages.into_iter(), usize::MAX);
-    println!();
-    table(all, functions, SHOWN);
-    Ok(())
+    let packages = table(all, packages.into_iter(), usize::MAX);
+    let functions = table(all, functions, SHOWN);
+    let millis = SPAN.0 / 1_000_000;
+    let text = format!("{all} instructions in {millis} ms\n{packages}\n{functions}");
+    Ok(io::stdout().write_all(text.as_bytes())?)
 }
 
-/// Prints the most, from the first on.
-fn table(all: u64, rows: impl Iterator<Item = (String, u64)>, most: usize) {
+/// The most, from the first on.
+fn table(all: u64, rows: impl Iterator<Item = (String, u64)>, most: usize) -> String {
     let mut rows: Vec<_> = rows.collect();
     rows.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-    for (name, count) in rows.iter().take(most) {
-        println!("{:5.1} % {count:9}  {name}", 100.0 * *count as f64 / all as f64);
-    }
+    let share = |count: u64| 100.0 * count as f64 / all as f64;
+    rows.iter()
+        .take(most)
+        .map(|(name, count)| format!("{:5.1} % {count:9}  {name}\n", share(*count)))
+        .collect()
 }
