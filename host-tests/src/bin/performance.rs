@@ -10,7 +10,7 @@ use std::{env, fs, thread};
 use armwire::Micros;
 use armwire_host_tests::image::performance::latency::{self, Run};
 use armwire_host_tests::image::performance::load::{self, SCENES, Scene};
-use armwire_host_tests::image::performance::profile::by_owner;
+use armwire_host_tests::image::performance::profile::{by_owner, by_package};
 use armwire_host_tests::image::performance::rates::{self, Rate};
 use armwire_host_tests::image::{MEGABAUD, path};
 use armwire_virtual_board::Nanos;
@@ -147,11 +147,7 @@ fn profiles() -> Result<String, String> {
     for scene in [Scene::Saturated(MEGABAUD), Scene::SaturatedWithCan, Scene::Polled(200)] {
         let profile = load::profile(scene, PROFILED);
         let owners = by_owner(&path(), &profile).map_err(|error| format!("the profile: {error}"))?;
-        let mut packages = BTreeMap::<_, u64>::new();
-        for (owner, count) in owners {
-            *packages.entry(owner.package).or_default() += count;
-        }
-        for (package, count) in packages {
+        for (package, count) in by_package(&owners) {
             let _ = writeln!(text, "{},{package},{count}", scene.name());
         }
     }

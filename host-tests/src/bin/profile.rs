@@ -1,6 +1,5 @@
 //! Shows what the firmware image's instructions belong to, as `cargo xtask profile` asks for it.
 
-use std::collections::BTreeMap;
 use std::env;
 use std::error::Error;
 use std::io::{self, Write};
@@ -8,7 +7,7 @@ use std::process::ExitCode;
 
 use armwire_host_tests::image::path;
 use armwire_host_tests::image::performance::load::{self, SCENES, Scene};
-use armwire_host_tests::image::performance::profile::by_owner;
+use armwire_host_tests::image::performance::profile::{by_owner, by_package};
 use armwire_virtual_board::Nanos;
 
 /// How long a scene is played.
@@ -35,14 +34,15 @@ fn show(scene: Option<&str>) -> Result<(), Box<dyn Error>> {
     };
     let owners = by_owner(&path(), &load::profile(chosen, SPAN))?;
     let all: u64 = owners.values().sum();
-    let mut packages = BTreeMap::<_, u64>::new();
-    for (owner, count) in &owners {
-        *packages.entry(owner.package.clone()).or_default() += count;
-    }
+    let packages = by_package(&owners).into_iter();
+    let packages = table(
+        all,
+        packages.map(|(package, count)| (package.to_owned(), count)),
+        usize::MAX,
+    );
     let functions = owners
-        .into_iter()
-        .map(|(owner, count)| (format!("{}/{}: {}", owner.package, owner.file, owner.function), count));
-    let packages = table(all, packages.into_iter(), usize::MAX);
+        .iter()
+        .map(|(owner, count)| (format!("{}/{}: {}", owner.package, owner.file, owner.function), *count));
     let functions = table(all, functions, SHOWN);
     let millis = SPAN.0 / 1_000_000;
     let text = format!("{all} instructions in {millis} ms\n{packages}\n{functions}");

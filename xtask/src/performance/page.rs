@@ -1,7 +1,7 @@
 //! What was measured, as tables and plots for the page.
 
 use std::collections::BTreeSet;
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 
 use super::plot::{Axis, Goal, Series, bars, lines};
 use super::records::{Load, Records};
@@ -33,10 +33,14 @@ pub(super) fn latency(records: &Records) -> String {
 
 /// The first two lines of a table with a column for each cost.
 fn head_of_costs(costs: &[u32]) -> String {
-    let mut head = "| Cycles per instruction |".to_owned();
-    let mut rule = "|---|".to_owned();
-    for cost in costs {
-        let _ = write!(head, " {} |", factor(*cost));
+    head("Cycles per instruction", costs.iter().map(|cost| factor(*cost)))
+}
+
+/// The first two lines of a table: what its rows are, and a column of numbers for each of these.
+fn head(rows: &str, columns: impl Iterator<Item = impl Display>) -> String {
+    let (mut head, mut rule) = (format!("| {rows} |"), "|---|".to_owned());
+    for column in columns {
+        let _ = write!(head, " {column} |");
         rule += "---:|";
     }
     format!("{head}\n{rule}\n")
@@ -103,13 +107,7 @@ pub(super) fn profile(records: &Records) -> String {
     let packages: BTreeSet<&str> = records.profiles.iter().map(|row| row.package.as_str()).collect();
     let mut packages: Vec<&str> = packages.into_iter().collect();
     packages.sort_by(|a, b| share(first, b).total_cmp(&share(first, a)));
-    let mut table = "| Crate |".to_owned();
-    let mut rule = "|---|".to_owned();
-    for scene in &scenes {
-        let _ = write!(table, " {} |", scene_name(scene));
-        rule += "---:|";
-    }
-    table += &format!("\n{rule}\n");
+    let mut table = head("Crate", scenes.iter().map(|scene| scene_name(scene)));
     let (shown, others): (Vec<&str>, _) = packages
         .into_iter()
         .partition(|package| scenes.iter().any(|scene| share(scene, package) >= SHOWN));

@@ -45,6 +45,15 @@ pub fn by_owner(image: &Path, profile: &BTreeMap<u64, u64>) -> Result<BTreeMap<O
     Ok(owners)
 }
 
+/// How many instructions of each crate ran.
+pub fn by_package(owners: &BTreeMap<Owner, u64>) -> BTreeMap<&str, u64> {
+    let mut packages = BTreeMap::new();
+    for (owner, count) in owners {
+        *packages.entry(&*owner.package).or_default() += count;
+    }
+    packages
+}
+
 /// The innermost function at this address that is not the standard library's.
 fn owner(context: &Context<EndianSlice<'_, LittleEndian>>, address: u64) -> Result<Owner, gimli::Error> {
     let mut frames = context.find_frames(address).skip_all_loads()?;
