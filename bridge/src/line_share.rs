@@ -353,6 +353,10 @@ impl Bridge {
             let usb = ready(Asker::Usb) && !self.others_wait(now);
             return usb.then_some(Asker::Usb);
         }
+        // Nearly always only the poll is left.
+        if self.down.is_empty() && self.all_but_the_poll_are_silent() {
+            return ready(Asker::Poll).then_some(Asker::Poll);
+        }
         // A poll must be on time, but whoever has waited for one does not wait for the next.
         let urgent = self.poll.is_urgent();
         let passed_over = |asker: Asker| {
@@ -377,11 +381,12 @@ impl Bridge {
 
     /// Whether nobody but the host on USB has anything to say, which is so nearly always.
     fn others_are_silent(&self, now: Micros) -> bool {
-        self.can_requests.is_empty()
-            && self.command.is_none()
-            && self.torque_off.is_none()
-            && self.identify.is_none()
-            && self.poll.due_since(LEAD, now).is_none()
+        self.all_but_the_poll_are_silent() && self.poll.due_since(LEAD, now).is_none()
+    }
+
+    /// The same, the poll aside.
+    fn all_but_the_poll_are_silent(&self) -> bool {
+        self.can_requests.is_empty() && self.command.is_none() && self.torque_off.is_none() && self.identify.is_none()
     }
 
     /// Whether anybody but the host on USB could speak.

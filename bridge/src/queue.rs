@@ -50,8 +50,9 @@ impl<const N: usize> Queue<N> {
         let out = out.get_mut(..len).unwrap_or_default();
         let n = copy(out, self.bytes.get(self.head..).unwrap_or_default());
         let n = n + copy(out.get_mut(n..).unwrap_or_default(), &self.bytes);
-        self.head = (self.head + n) % N;
         self.len -= n;
+        // Where it begins anew, it takes one copy, and words at a time.
+        self.head = if self.len == 0 { 0 } else { (self.head + n) % N };
         n
     }
 }

@@ -15,7 +15,7 @@
 //! completes the frame come in and notes when that was. What the tasks and other interrupt handlers are doing in that
 //! moment does not matter: it interrupts all of them.
 
-use core::cell::Cell;
+use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
 use armwire::Micros;
@@ -31,6 +31,7 @@ use embassy_stm32::usart::{self as hal, Uart};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Timer;
+use heapless::Deque;
 
 use crate::adapter::{Adapter, now};
 use crate::board::usart::{self, Status};
@@ -41,11 +42,13 @@ use crate::watchdog::{Task, progress, rest};
 /// Bytes the receive ring holds. Half of them may wait to be taken: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
 
-/// A place in the ring, and when the byte before it came in.
+/// A place in the ring, and what happened there.
 #[derive(Clone, Copy)]
 struct Mark {
     end: usize,
+    /// When the byte before it came in or, where the line went idle, when that was known.
     at: Micros,
+    idle: bool,
 }
 
 /// The receive ring, which the DMA writes.
@@ -56,11 +59,9 @@ static HEAD: AtomicUsize = AtomicUsize::new(0);
 static NEEDED: AtomicUsize = AtomicUsize::new(SIZE);
 /// Or how many, if the last of them is this one.
 static LEAST: AtomicUsize = AtomicUsize::new(SIZE);
-static MARK: AtomicU8 = AtomicU8::new(0);
-/// Where they did, and when.
-static REACHED: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
-/// Where the line went idle, and when that was known.
-static IDLE: Mutex<Cell<Option<Mark>>> = Mutex::new(Cell::new(None));
+static LAST: AtomicU8 = AtomicU8::new(0);
+/// Where they did, and where the line went idle. Several, as a frame may have such a byte just before its last, too.
+static MARKS: Mutex<RefCell<Deque<Mark, 3>>> = Mutex::new(RefCell::new(Deque::new()));
 /// What the interrupt handler has to say.
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 /// What was counted of a byte that the DMA did not fetch in time, and where in the ring it is to lie.
@@ -86,21 +87,43 @@ impl Handler<UartInterrupt> for InterruptHandler {
         let is_byte = !status.is_error() && !status.idle && !usart::is_transmitted_interrupt();
         // Nearly always it is one more of the bytes before the one that is needed.
         if !is_byte || !wait_for_dma() {
-            note(status, place);
-        } else if is_reached(tail()) {
-            reach();
+            return note(status, place);
+        }
+        let end = tail();
+        if is_reached(end) {
+            reach(end, now());
             EVENT.signal(());
         }
     }
 }
 
-/// Notes that the byte that is needed has come, and asks for no more.
-fn reach() {
-    let (end, at) = (tail(), now());
-    critical_section::with(|cs| REACHED.borrow(cs).set(Some(Mark { end, at })));
+/// Notes that a byte has come that is needed, and asks only for others with which a frame can end, as long as there is
+/// room to note them.
+fn reach(end: usize, at: Micros) {
+    let is_full = critical_section::with(|cs| {
+        let mut marks = MARKS.borrow_ref_mut(cs);
+        let _ = marks.push_back(Mark { end, at, idle: false });
+        marks.is_full()
+    });
     NEEDED.store(SIZE, Ordering::Relaxed);
-    LEAST.store(SIZE, Ordering::Relaxed);
-    usart::set_byte_interrupt(false);
+    if is_full || LEAST.load(Ordering::Relaxed) == SIZE {
+        LEAST.store(SIZE, Ordering::Relaxed);
+        usart::set_byte_interrupt(false);
+    } else {
+        // Whatever is taken from here on, until it is known what is needed next.
+        LEAST.store(1, Ordering::Relaxed);
+    }
+}
+
+/// Notes where the line went idle. Without room, what was noted last was not long before.
+fn fall_idle(end: usize, at: Micros) {
+    critical_section::with(|cs| {
+        let mut marks = MARKS.borrow_ref_mut(cs);
+        if marks.is_full() {
+            marks.pop_back();
+        }
+        let _ = marks.push_back(Mark { end, at, idle: true });
+    });
 }
 
 /// Notes what the UART has to say besides, of a byte that is to lie at this place in the ring if it waits.
@@ -117,11 +140,11 @@ fn note(status: Status, place: usize) {
     }
     let end = tail();
     let reached = is_reached(end);
-    if status.idle {
-        critical_section::with(|cs| IDLE.borrow(cs).set(Some(Mark { end, at })));
-    }
     if reached {
-        reach();
+        reach(end, at);
+    }
+    if status.idle {
+        fall_idle(end, at);
     }
     if reached || status.idle || status.is_error() {
         EVENT.signal(());
@@ -132,15 +155,15 @@ fn note(status: Status, place: usize) {
 fn is_reached(end: usize) -> bool {
     let n = untaken(end);
     let last = RING.get(end.wrapping_sub(1) % SIZE);
-    let is_mark = || last.is_some_and(|last| last.load(Ordering::Relaxed) == MARK.load(Ordering::Relaxed));
+    let is_mark = || last.is_some_and(|last| last.load(Ordering::Relaxed) == LAST.load(Ordering::Relaxed));
     n >= NEEDED.load(Ordering::Relaxed) || n >= LEAST.load(Ordering::Relaxed) && is_mark()
 }
 
 /// Asks the interrupt handler to say when this is met.
 fn look_for(need: Need) {
-    // Without a mark it is not asked for fewer than the most.
-    MARK.store(need.mark.unwrap_or(0), Ordering::Relaxed);
-    LEAST.store(need.least, Ordering::Relaxed);
+    let (last, least) = need.mark.map_or((0, SIZE), |mark| (mark, need.least));
+    LAST.store(last, Ordering::Relaxed);
+    LEAST.store(least, Ordering::Relaxed);
     NEEDED.store(need.most, Ordering::Relaxed);
     usart::set_byte_interrupt(true);
 }
@@ -320,13 +343,10 @@ impl Receiver {
     /// Passes what was kept when the stream was stopped to the bridge.
     fn pass_rest(&mut self) {
         // Places in the ring mean nothing any more.
-        let idle = critical_section::with(|cs| {
-            REACHED.borrow(cs).set(None);
-            IDLE.borrow(cs).take()
-        });
+        let marks = critical_section::with(|cs| MARKS.take(cs));
         self.adapter.with(|bridge| {
             bridge.uart_received(&self.chunk[..self.rest], now());
-            if let Some(idle) = idle {
+            if let Some(idle) = marks.iter().rfind(|mark| mark.idle) {
                 bridge.uart_idle(idle.at);
             }
         });
@@ -336,33 +356,28 @@ impl Receiver {
     fn look(&mut self) -> bool {
         let chunk = &mut self.chunk;
         let frames = self.adapter.take(|bridge| {
-            let mut frames = false;
-            // At once, or the line could go idle in between, short of the tail.
-            let (mut reached, idle, all) = critical_section::with(|cs| {
-                let (end, at) = (tail(), now());
-                (REACHED.borrow(cs).take(), IDLE.borrow(cs).take(), Mark { end, at })
-            });
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // What the ring holds is of two turns: none of it can be told apart.
-                HEAD.store(all.end, Ordering::Relaxed);
-                reached = None;
+                HEAD.store(tail(), Ordering::Relaxed);
+                critical_section::with(|cs| MARKS.borrow_ref_mut(cs).clear());
                 bridge.uart_ring_overrun();
-            } else if let Some(mut idle) = idle {
-                // What was reached after the line was idle is of the next frame, and not taken here.
-                if let Some(reached) = reached.take_if(|reached| untaken(reached.end) <= untaken(idle.end)) {
-                    frames |= take(bridge, chunk, reached);
+            }
+            // What comes from here on is looked at the next time.
+            let (end, at) = (tail(), now());
+            let (mut frames, mut nothing) = (false, true);
+            while let Some(mark) = take_mark(end) {
+                nothing = false;
+                if mark.idle {
+                    // It takes the time of a byte to know.
+                    let at = mark.at.0.saturating_sub(bridge.line_coding().micros(1));
+                    frames |= take(bridge, chunk, mark.end, Micros(at));
+                    frames |= bridge.uart_idle(mark.at);
+                } else {
+                    frames |= take(bridge, chunk, mark.end, mark.at);
                 }
-                // It takes the time of a byte to know. What comes after it belongs to the next frame.
-                let known = idle.at;
-                idle.at = Micros(known.0.saturating_sub(bridge.line_coding().micros(1)));
-                frames |= take(bridge, chunk, idle);
-                frames |= bridge.uart_idle(known);
             }
-            if let Some(reached) = reached.filter(|reached| untaken(reached.end) > 0) {
-                frames |= take(bridge, chunk, reached);
-            }
-            if untaken(all.end) > 0 || (reached.is_none() && idle.is_none()) {
-                frames |= take(bridge, chunk, all);
+            if nothing || untaken(end) > 0 {
+                frames |= take(bridge, chunk, end, at);
             }
             frames
         });
@@ -374,13 +389,25 @@ impl Receiver {
     }
 }
 
-/// Passes the bytes before the mark to the bridge, or tells it that there are none. Returns whether a frame ended.
-fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], mark: Mark) -> bool {
+/// The first mark that is not after `end`.
+fn take_mark(end: usize) -> Option<Mark> {
+    critical_section::with(|cs| {
+        let mut marks = MARKS.borrow_ref_mut(cs);
+        let first = marks.front()?;
+        if untaken(first.end) > untaken(end) {
+            return None;
+        }
+        marks.pop_front()
+    })
+}
+
+/// Passes the bytes before `end` to the bridge, or tells it that there are none. Returns whether a frame ended.
+fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], end: usize, at: Micros) -> bool {
     let mut frames = false;
     loop {
-        let n = copy(chunk, mark.end);
-        frames |= bridge.uart_received(&chunk[..n], mark.at);
-        if untaken(mark.end) == 0 {
+        let n = copy(chunk, end);
+        frames |= bridge.uart_received(&chunk[..n], at);
+        if untaken(end) == 0 {
             return frames;
         }
     }

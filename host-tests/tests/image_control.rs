@@ -1,6 +1,7 @@
 //! The control interface of the firmware image: what the adapter is, how it is configured, what it saw and when.
 
-use armwire::ling::{Request, Response};
+use armwire::Protocol;
+use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{self, Asker, Event, Reply, Stamp};
 use armwire_host_tests::image::{
@@ -9,6 +10,7 @@ use armwire_host_tests::image::{
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Arm, Direction};
 use armwire_virtual_board::report::Cause;
+use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::{Nanos, VirtualBoard, flash};
 
 fn ling() -> LingArm {
@@ -154,14 +156,59 @@ fn frames_are_stamped_when_their_last_byte_is_in() {
             };
             stamps.push(*at);
         }
-        assert!(stamps.is_sorted());
-        // The two clocks began at different times; from then on they go alike.
-        let offset = |(instant, stamp): (&Nanos, &Stamp)| instant.0.abs_diff(stamp.0 * 1_000);
-        let offsets: Vec<_> = instants.iter().zip(&stamps).map(offset).collect();
-        let (least, most) = (offsets.iter().min().unwrap(), offsets.iter().max().unwrap());
-        println!("stamps differ from the last stop bits by up to {} ns", most - least);
-        assert!(most - least <= 2_000, "{} ns", most - least);
+        expect_exact(&stamps, &instants);
     });
+}
+
+/// Each stamp is that of the last stop bit, which ended in this instant.
+fn expect_exact(stamps: &[Stamp], instants: &[Nanos]) {
+    assert_eq!(stamps.len(), instants.len());
+    assert!(stamps.is_sorted());
+    // The two clocks began at different times; from then on they go alike.
+    let offset = |(instant, stamp): (&Nanos, &Stamp)| instant.0.abs_diff(stamp.0 * 1_000);
+    let offsets: Vec<_> = instants.iter().zip(stamps).map(offset).collect();
+    let (least, most) = (offsets.iter().min().unwrap(), offsets.iter().max().unwrap());
+    println!("stamps differ from the last stop bits by up to {} ns", most - least);
+    assert!(most - least <= 2_000, "{} ns", most - least);
+}
+
+#[test]
+fn a_byte_like_the_end_mark_just_before_the_end_makes_no_stamp_late() {
+    const BAUD: u32 = 2_000_000;
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        board.usb().set_line_coding(LineCoding::new(BAUD)).unwrap();
+        let mut control = Control::open(board);
+        control.subscribe(board);
+        board.run_for(Nanos::from_millis(5)).unwrap();
+        board.uart().set_arm_baud(BAUD);
+        let (mut stamps, mut instants) = (Vec::new(), Vec::new());
+        for joint in 0..2_000 {
+            let frame = joints(joint);
+            // Besides those of which the checksum is like the mark, some to compare them with.
+            if joint % 100 > 0 && frame[frame.len() - 2] != 0xFF {
+                continue;
+            }
+            board.uart().forget_bytes();
+            board.with_arm(|arm| arm.say(&frame));
+            board.run_for(Nanos::from_millis(2)).unwrap();
+            instants.push(board.uart().bytes().last().unwrap().at);
+            stamps.extend(control.take_events(board).iter().map(|&(at, _)| at));
+        }
+        expect_exact(&stamps, &instants);
+    });
+}
+
+/// An answer with this angle for all joints.
+fn joints(joint: u16) -> Vec<u8> {
+    let state = JointState {
+        joints: [joint; JOINTS],
+        gripper: 0,
+        status: MotionStatus::Idle,
+    };
+    let mut bytes = [0; MAX_FRAME];
+    let n = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
+    bytes[..n].to_vec()
 }
 
 #[test]

