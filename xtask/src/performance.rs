@@ -211,12 +211,12 @@ mod tests {
             profiles: Vec::new(),
         };
         assert_eq!(too_slow(&records), [""; 0]);
-        records.latencies.push(passage("answer-to-usb", 40.1));
+        records.latencies.push(passage("answer-to-usb", 45.1));
         records.latencies.retain(|row| row.way != "request-from-can");
         assert_eq!(
             too_slow(&records),
             [
-                "answer to USB: 40.1 µs at worst of 2, the limit is 40",
+                "answer to USB: 45.1 µs at worst of 2, the limit is 45",
                 "request from CAN: 0 µs at worst of 0, the limit is 52"
             ]
         );
