@@ -322,8 +322,14 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         let n = n.min(space.len()).min(bytes.len());
         let (now, later) = bytes.split_at(n);
         *bytes = later;
-        if let Some(space) = space.get_mut(..n) {
-            space.copy_from_slice(now);
+        match (now, space) {
+            // Byte by byte, a call to copy one takes longer than all else.
+            ([byte], [place, ..]) => *place = *byte,
+            (_, space) => {
+                if let Some(space) = space.get_mut(..n) {
+                    space.copy_from_slice(now);
+                }
+            }
         }
         self.accept(n);
         n
