@@ -158,7 +158,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     }
     let mut flash = Vec::new();
     for (_, feature) in CHECKSUMS {
-        flash.push(size::protocol(toolchain, TARGET, feature)?.flash);
+        flash.push(size::protocol(toolchain, TARGET, &format!("client,{feature}"))?.flash);
     }
     print(&figures, &flash);
     save(&figures)?;

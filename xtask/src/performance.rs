@@ -90,6 +90,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
         ("stamps", page::stamps(&records)),
         ("load", page::load(&records)),
         ("profile", page::profile(&records)),
+        ("code", page::code(&records)),
         ("rates", page::rates(&records)),
         ("speed", page::speed(&records)),
     ];
@@ -209,6 +210,7 @@ mod tests {
             loads: Vec::new(),
             rates: Vec::new(),
             profiles: Vec::new(),
+            code: Vec::new(),
         };
         assert_eq!(too_slow(&records), [""; 0]);
         records.latencies.push(passage("answer-to-usb", 45.1));

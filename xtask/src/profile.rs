@@ -1,4 +1,4 @@
-//! `cargo xtask profile`: what the firmware image's instructions are spent on, counted on the virtual board.
+//! `cargo xtask profile`: what the firmware image's instructions are spent on, counted on the virtual board, and its flash.
 
 use std::ffi::OsString;
 

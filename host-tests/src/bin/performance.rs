@@ -10,7 +10,7 @@ use std::{env, fs, thread};
 use armwire::Micros;
 use armwire_host_tests::image::performance::latency::{self, Run};
 use armwire_host_tests::image::performance::load::{self, SCENES, Scene};
-use armwire_host_tests::image::performance::profile::{by_owner, by_package};
+use armwire_host_tests::image::performance::profile::{by_owner, by_package, code};
 use armwire_host_tests::image::performance::rates::{self, Rate};
 use armwire_host_tests::image::{MEGABAUD, path};
 use armwire_virtual_board::Nanos;
@@ -79,6 +79,7 @@ fn measure(options: &Options) -> Result<(), String> {
     write("load.csv", loads(&options.costs))?;
     write("rates.csv", rates())?;
     write("profile.csv", profiles()?)?;
+    write("code.csv", sizes()?)?;
     let runs: Vec<Run> = thread::scope(|scope| {
         let frames = |cost: NonZeroU32| match Some(cost) == full {
             true => options.frames,
@@ -139,6 +140,18 @@ fn loads(costs: &[NonZeroU32]) -> String {
         }
     }
     text
+}
+
+/// How many bytes of code each crate has.
+fn sizes() -> Result<String, String> {
+    let image = path();
+    let owners = code(&image).and_then(|code| by_owner(&image, &code));
+    let owners = owners.map_err(|error| format!("the image's code: {error}"))?;
+    let mut text = "package,bytes\n".to_owned();
+    for (package, bytes) in by_package(&owners) {
+        let _ = writeln!(text, "{package},{bytes}");
+    }
+    Ok(text)
 }
 
 /// How many instructions of each crate ran, by scene.

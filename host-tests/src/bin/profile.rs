@@ -1,4 +1,4 @@
-//! Shows what the firmware image's instructions belong to, as `cargo xtask profile` asks for it.
+//! Shows what the firmware image's instructions or its bytes of code belong to, as `cargo xtask profile` asks for it.
 
 use std::env;
 use std::error::Error;
@@ -7,11 +7,14 @@ use std::process::ExitCode;
 
 use armwire_host_tests::image::path;
 use armwire_host_tests::image::performance::load::{self, SCENES, Scene};
-use armwire_host_tests::image::performance::profile::{by_owner, by_package};
+use armwire_host_tests::image::performance::profile::{by_owner, by_package, code};
 use armwire_virtual_board::Nanos;
 
 /// How long a scene is played.
 const SPAN: Nanos = Nanos::from_millis(100);
+
+/// What is asked for instead of a scene if it is about the image's size.
+const CODE: &str = "code";
 
 /// How many functions are shown.
 const SHOWN: usize = 40;
@@ -29,10 +32,15 @@ fn main() -> ExitCode {
 fn show(scene: Option<&str>) -> Result<(), Box<dyn Error>> {
     let names: Vec<String> = SCENES.map(Scene::name).into();
     let chosen = SCENES.into_iter().find(|known| Some(known.name().as_str()) == scene);
-    let Some(chosen) = chosen else {
-        return Err(format!("name a scene: {}", names.join(", ")).into());
+    let (counts, unit) = match chosen {
+        Some(chosen) => {
+            let millis = SPAN.0 / 1_000_000;
+            (load::profile(chosen, SPAN), format!("instructions in {millis} ms"))
+        }
+        None if scene == Some(CODE) => (code(&path())?, "bytes of code".to_owned()),
+        None => return Err(format!("name a scene: {}, or {CODE}", names.join(", ")).into()),
     };
-    let owners = by_owner(&path(), &load::profile(chosen, SPAN))?;
+    let owners = by_owner(&path(), &counts)?;
     let all: u64 = owners.values().sum();
     let packages = by_package(&owners).into_iter();
     let packages = table(
@@ -44,8 +52,7 @@ fn show(scene: Option<&str>) -> Result<(), Box<dyn Error>> {
         .iter()
         .map(|(owner, count)| (format!("{}/{}: {}", owner.package, owner.file, owner.function), *count));
     let functions = table(all, functions, SHOWN);
-    let millis = SPAN.0 / 1_000_000;
-    let text = format!("{all} instructions in {millis} ms\n{packages}\n{functions}");
+    let text = format!("{all} {unit}\n{packages}\n{functions}");
     Ok(io::stdout().write_all(text.as_bytes())?)
 }
 

@@ -1,5 +1,6 @@
 //! What was measured, as tables and plots for the page.
 
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::fmt::{Display, Write as _};
 
@@ -7,7 +8,7 @@ use super::plot::{Axis, Goal, Series, bars, lines};
 use super::records::{Load, Records};
 use super::{FULL, LATENCY_GOAL, LOAD_GOAL, RATE_GOAL, SPEED_GOAL, WAYS};
 
-/// A crate that has less of the instructions, in percent, is not shown by itself.
+/// A crate that has less of the instructions or of the code, in percent, is not shown by itself.
 const SHOWN: f64 = 1.0;
 
 /// How latency is distributed where an instruction takes one cycle.
@@ -124,6 +125,29 @@ pub(super) fn profile(records: &Records) -> String {
         let _ = write!(table, " {rest:.1} % |");
     }
     table + "\n"
+}
+
+/// How much of the image's code is whose, from the crate with the most on.
+pub(super) fn code(records: &Records) -> String {
+    let mut crates: Vec<_> = records.code.iter().collect();
+    crates.sort_by_key(|code| Reverse(code.bytes));
+    let all: u64 = crates.iter().map(|code| code.bytes).sum();
+    let share = |bytes: u64| 100.0 * bytes as f64 / all.max(1) as f64;
+    let (shown, others): (Vec<_>, Vec<_>) = crates.into_iter().partition(|code| share(code.bytes) >= SHOWN);
+    let mut table = head("Crate", ["Code", "Share"].iter());
+    for code in shown {
+        let _ = writeln!(
+            table,
+            "| {} | {} B | {:.1} % |",
+            code.package,
+            code.bytes,
+            share(code.bytes)
+        );
+    }
+    let others = others.iter().map(|code| code.bytes).sum();
+    let _ = writeln!(table, "| all others | {others} B | {:.1} % |", share(others));
+    let _ = writeln!(table, "| **all** | {all} B | |");
+    table
 }
 
 /// What passes, beside what the wires allow.

@@ -14,6 +14,7 @@ pub(super) struct Records {
     pub(super) loads: Vec<Load>,
     pub(super) rates: Vec<Rate>,
     pub(super) profiles: Vec<Instructions>,
+    pub(super) code: Vec<Code>,
 }
 
 /// How often something took so long on its way through the adapter.
@@ -63,6 +64,13 @@ pub(super) struct Instructions {
     pub(super) count: u64,
 }
 
+/// How many bytes of code a crate has.
+#[derive(Debug)]
+pub(super) struct Code {
+    pub(super) package: String,
+    pub(super) bytes: u64,
+}
+
 impl Records {
     /// Reads those in this folder.
     ///
@@ -108,6 +116,12 @@ impl Records {
                     scene: scene.to_owned(),
                     package: package.to_owned(),
                     count: number(count)?,
+                })
+            })?,
+            code: rows(&folder.join("code.csv"), |[package, bytes]| {
+                Some(Code {
+                    package: package.to_owned(),
+                    bytes: number(bytes)?,
                 })
             })?,
         })

@@ -8,7 +8,10 @@ use std::path::Path;
 
 use addr2line::Context;
 use addr2line::gimli::{self, Dwarf, EndianSlice, LittleEndian};
-use object::{Object, ObjectSection};
+use object::{Object, ObjectSection, SectionKind};
+
+/// What an instruction is a multiple of, in bytes.
+const HALFWORD: usize = 2;
 
 /// The standard library's crates: what is inlined of them belongs to whoever uses it.
 const STANDARD: [&str; 2] = ["core", "alloc"];
@@ -24,7 +27,7 @@ pub struct Owner {
     pub function: String,
 }
 
-/// How many instructions of each function ran, by what the debug information of the image says.
+/// How many instructions of each function ran, or how many bytes of code it has, by what the debug information of the image says.
 ///
 /// # Errors
 ///
@@ -45,7 +48,20 @@ pub fn by_owner(image: &Path, profile: &BTreeMap<u64, u64>) -> Result<BTreeMap<O
     Ok(owners)
 }
 
-/// How many instructions of each crate ran.
+/// How many bytes of code lie at each place of the image where an instruction can begin.
+///
+/// # Errors
+///
+/// If the image cannot be read.
+pub fn code(image: &Path) -> Result<BTreeMap<u64, u64>, Box<dyn Error>> {
+    let bytes = fs::read(image)?;
+    let file = object::File::parse(&*bytes)?;
+    let sections = file.sections().filter(|section| section.kind() == SectionKind::Text);
+    let places = sections.flat_map(|section| (section.address()..section.address() + section.size()).step_by(HALFWORD));
+    Ok(places.map(|place| (place, HALFWORD as u64)).collect())
+}
+
+/// How many instructions of each crate ran, or how many bytes of code it has.
 pub fn by_package(owners: &BTreeMap<Owner, u64>) -> BTreeMap<&str, u64> {
     let mut packages = BTreeMap::new();
     for (owner, count) in owners {
