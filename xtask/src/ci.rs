@@ -17,6 +17,8 @@ use crate::{
 
 /// Everything but the firmware. The emulator asks for a newer compiler than it needs.
 const HOST: &str = "--ignore-rust-version --workspace --exclude armwire-firmware";
+/// How many streams of each line, of which there are seven.
+const STREAMS: &str = "300000";
 /// Where the crates without `std` must build.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";
@@ -59,6 +61,10 @@ pub(crate) fn run() -> Result {
         doc("--package armwire --no-default-features --features ling")
     })?;
     ci.step("tests", || check(&mut cargo("test")))?;
+    ci.step("decoders and the reference on millions of streams", || {
+        let mut test = cargo("test --release --package armwire-host-tests --test reference");
+        check(test.env("ARMWIRE_STREAMS", STREAMS))
+    })?;
     ci.step("docs/integrity.md", || integrity::run(&[]))?;
     ci.step("every set of features, and the oldest compiler", features::run)?;
     ci.step("public API", semver::run)?;

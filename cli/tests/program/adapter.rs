@@ -53,28 +53,40 @@ fn info_tells_the_adapter_and_the_arm() {
 }
 
 #[test]
-fn a_control_port_that_is_named_is_used_or_it_is_an_error() {
+fn a_control_port_that_is_named_is_used_by_info_or_it_is_an_error() {
     let board = Board::start("named");
-    let info = |control: &str| run(&["info", &board.port, "--control", control]);
-    let monitor = |control: &str| run(&["monitor", &board.port, "--count", "1", "--control", control]);
-    let out = success(&["info", &board.port, "--control", name(&board)]);
+    let out = expect_control(&board, &["info", &board.port]);
     assert!(out.starts_with("adapter      virtual, "), "{out}");
-    success(&["monitor", &board.port, "--count", "1", "--control", name(&board)]);
-    for run in [&info as &dyn Fn(&str) -> Output, &monitor] {
-        let line = failure(&run("/dev/no-such-port"));
-        assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
-        let line = failure(&run("tcp:127.0.0.1:1"));
-        assert!(
-            line.contains("not the port of an armwire adapter") && line.ends_with("(of a virtual board: control:PATH)"),
-            "{line}"
-        );
-        let silent = Pty::open(None).unwrap();
-        let line = failure(&run(silent.path().to_str().unwrap()));
-        assert!(
-            line.ends_with("is it the control port of an armwire adapter?"),
-            "{line}"
-        );
-    }
+}
+
+#[test]
+fn a_control_port_that_is_named_is_used_by_monitor_or_it_is_an_error() {
+    let board = Board::start("named-too");
+    expect_control(&board, &["monitor", &board.port, "--count", "1"]);
+}
+
+/// The command takes the control port of the adapter, and no other. Returns what it prints.
+fn expect_control(board: &Board, command: &[&str]) -> String {
+    let with = |control: &str| run(&[command, &["--control", control]].concat());
+    let line = failure(&with("/dev/no-such-port"));
+    assert!(line.starts_with("/dev/no-such-port: no such port"), "{line}");
+    let line = failure(&with("tcp:127.0.0.1:1"));
+    assert!(
+        line.contains("not the port of an armwire adapter") && line.ends_with("(of a virtual board: control:PATH)"),
+        "{line}"
+    );
+    let silent = Pty::open(None).unwrap();
+    let line = failure(&with(silent.path().to_str().unwrap()));
+    assert!(
+        line.ends_with("is it the control port of an armwire adapter?"),
+        "{line}"
+    );
+    success(&[command, &["--control", name(board)]].concat())
+}
+
+#[test]
+fn an_xarm_has_no_control_port() {
+    let board = Board::start("xarm");
     for command in ["info", "monitor"] {
         let text = usage(&[command, "--arm", "xarm", "127.0.0.1:1", "--control", &board.control]);
         assert!(text.contains("an xarm is on a host, which has no --control"), "{text}");

@@ -22,7 +22,7 @@ use oorandom::Rand32;
 use streams::{Dialect, below};
 
 /// How many streams of each line are tried, unless `ARMWIRE_STREAMS` says otherwise.
-const STREAMS: u64 = 30_000;
+const STREAMS: u64 = 3_000;
 
 /// Says what is in a recording.
 type Reference = Box<dyn Fn(&[u8]) -> Vec<Piece>>;
