@@ -55,7 +55,9 @@ struct Mark {
 static RING: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
 /// Where in the ring the next byte to take lies.
 static HEAD: AtomicUsize = AtomicUsize::new(0);
-/// How many bytes must lie in the ring for the interrupt handler to say so.
+/// From where in the ring on the bytes are counted that are needed.
+static FROM: AtomicUsize = AtomicUsize::new(0);
+/// How many they must be for the interrupt handler to say so.
 static NEEDED: AtomicUsize = AtomicUsize::new(SIZE);
 /// Or how many, if the last of them is this one.
 static LEAST: AtomicUsize = AtomicUsize::new(SIZE);
@@ -102,16 +104,16 @@ impl Handler<UartInterrupt> for InterruptHandler {
 fn reach(end: usize, at: Micros) {
     let is_full = critical_section::with(|cs| {
         let mut marks = MARKS.borrow_ref_mut(cs);
-        let _ = marks.push_back(Mark { end, at, idle: false });
+        // What is not one more byte, such as the idle line behind it, brings the handler here again.
+        if marks.back().is_none_or(|last| last.end != end) {
+            let _ = marks.push_back(Mark { end, at, idle: false });
+        }
         marks.is_full()
     });
     NEEDED.store(SIZE, Ordering::Relaxed);
     if is_full || LEAST.load(Ordering::Relaxed) == SIZE {
         LEAST.store(SIZE, Ordering::Relaxed);
         usart::set_byte_interrupt(false);
-    } else {
-        // Whatever is taken from here on, until it is known what is needed next.
-        LEAST.store(1, Ordering::Relaxed);
     }
 }
 
@@ -151,9 +153,9 @@ fn note(status: Status, place: usize) {
     }
 }
 
-/// Whether as many bytes lie in the ring before `end` as are needed.
+/// Whether as many bytes have come before `end` as are needed.
 fn is_reached(end: usize) -> bool {
-    let n = untaken(end);
+    let n = (end + SIZE - FROM.load(Ordering::Relaxed)) % SIZE;
     let last = RING.get(end.wrapping_sub(1) % SIZE);
     let is_mark = || last.is_some_and(|last| last.load(Ordering::Relaxed) == LAST.load(Ordering::Relaxed));
     n >= NEEDED.load(Ordering::Relaxed) || n >= LEAST.load(Ordering::Relaxed) && is_mark()
@@ -162,10 +164,14 @@ fn is_reached(end: usize) -> bool {
 /// Asks the interrupt handler to say when this is met.
 fn look_for(need: Need) {
     let (last, least) = need.mark.map_or((0, SIZE), |mark| (mark, need.least));
-    LAST.store(last, Ordering::Relaxed);
-    LEAST.store(least, Ordering::Relaxed);
-    NEEDED.store(need.most, Ordering::Relaxed);
-    usart::set_byte_interrupt(true);
+    // The handler is not to see a part of it.
+    critical_section::with(|_| {
+        FROM.store(HEAD.load(Ordering::Relaxed), Ordering::Relaxed);
+        LAST.store(last, Ordering::Relaxed);
+        LEAST.store(least, Ordering::Relaxed);
+        NEEDED.store(need.most, Ordering::Relaxed);
+        usart::set_byte_interrupt(true);
+    });
 }
 
 /// How often the interrupt handler looks whether the DMA has fetched a byte, which takes it less long.
@@ -255,6 +261,7 @@ pub(crate) async fn receive(adapter: &'static Adapter, mut dma: Channel<'static>
         adapter,
         chunk: [0; 64],
         rest: 0,
+        idle: false,
     };
     loop {
         let transfer = receiver.start(&mut dma);
@@ -270,6 +277,8 @@ struct Receiver {
     chunk: [u8; 64],
     /// How many bytes of `chunk` were in the ring when the stream was stopped.
     rest: usize,
+    /// Whether the line was idle behind them.
+    idle: bool,
 }
 
 impl Receiver {
@@ -338,16 +347,18 @@ impl Receiver {
         transfer.request_pause();
         while transfer.is_running() {}
         self.rest = copy(&mut self.chunk, tail());
+        // Places in the ring mean nothing from here on.
+        let marks = critical_section::with(|cs| MARKS.take(cs));
+        self.idle = marks.iter().any(|mark| mark.idle);
     }
 
     /// Passes what was kept when the stream was stopped to the bridge.
     fn pass_rest(&mut self) {
-        // Places in the ring mean nothing any more.
-        let marks = critical_section::with(|cs| MARKS.take(cs));
+        let at = now();
         self.adapter.with(|bridge| {
-            bridge.uart_received(&self.chunk[..self.rest], now());
-            if let Some(idle) = marks.iter().rfind(|mark| mark.idle) {
-                bridge.uart_idle(idle.at);
+            bridge.uart_received(&self.chunk[..self.rest], at);
+            if self.idle {
+                bridge.uart_idle(at);
             }
         });
     }
@@ -358,12 +369,14 @@ impl Receiver {
         let frames = self.adapter.take(|bridge| {
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // What the ring holds is of two turns: none of it can be told apart.
-                HEAD.store(tail(), Ordering::Relaxed);
-                critical_section::with(|cs| MARKS.borrow_ref_mut(cs).clear());
+                critical_section::with(|cs| {
+                    HEAD.store(tail(), Ordering::Relaxed);
+                    MARKS.borrow_ref_mut(cs).clear();
+                });
                 bridge.uart_ring_overrun();
             }
             // What comes from here on is looked at the next time.
-            let (end, at) = (tail(), now());
+            let (end, at) = critical_section::with(|_| (tail(), now()));
             let (mut frames, mut nothing) = (false, true);
             while let Some(mark) = take_mark(end) {
                 nothing = false;

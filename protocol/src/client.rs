@@ -1127,8 +1127,9 @@ mod tests {
         let line = [&[0xAA, 0x00, 0x00, 60][..], &bytes(JOINTS)].concat();
         assert_eq!(hear(&mut client, Micros(300), &line), []);
 
+        // Nor is it a sign of life that there are no bytes.
         let due = client.poll_timeout().unwrap();
-        let mut input = Input::Tick;
+        let mut input = Input::Bytes(&[]);
         let events: Vec<_> = core::iter::from_fn(|| client.handle(due, &mut input)).collect();
         assert_eq!(events.last(), Some(&Event::Answer(JOINTS)));
         assert!(
@@ -1136,6 +1137,22 @@ mod tests {
                 .iter()
                 .all(|event| matches!(event, Event::Noise(_)))
         );
+    }
+
+    #[test]
+    fn what_has_not_been_sent_whole_has_no_answer_yet() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let due = client.poll_timeout().unwrap();
+        assert_eq!(client.handle(due, &mut Input::Tick), None);
+        assert!(client.poll_transmit(due).is_some(), "again");
+        client.transmitted(due, 2);
+        client.cancel(due);
+        assert_eq!(hear(&mut client, due, &bytes(JOINTS)), [Event::Late(JOINTS)]);
+        assert_eq!(hear(&mut client, due, &bytes(JOINTS)), [Event::Unsolicited(JOINTS)]);
+        assert_eq!(transmit(&mut client, due), 5);
+        assert_eq!(hear(&mut client, due, &bytes(JOINTS)), [Event::Late(JOINTS)]);
     }
 
     #[test]

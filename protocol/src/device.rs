@@ -267,6 +267,19 @@ mod idle_tests {
     }
 
     #[test]
+    fn noise_breaks_no_line_that_is_not_reliable() {
+        let mut device = Device::<Terse, 2>::new();
+        let mut input = Input::Bytes(&[1, 0x7E, 5]);
+        let noise = Noise {
+            offset: 0,
+            len: 1,
+            reason: Reason::Stray,
+        };
+        assert_eq!(device.handle(&mut input), Some(Heard::Noise(noise)));
+        assert_eq!(device.handle(&mut input), Some(Heard::Request(Some(5))));
+    }
+
+    #[test]
     fn a_request_that_silence_ends_is_heard_when_the_line_goes_idle() {
         let mut device = Device::<Terse, 2>::new();
         assert_eq!(device.handle(&mut Input::Bytes(&[0x7E])), None);

@@ -52,7 +52,7 @@ cargo xtask campaign      let things go wrong around the firmware image: --runs 
 cargo xtask performance   measure latency, load and rates of the image in virtual time, and check the limits; --write
                           measures all of docs/performance.md and writes it, --times builds and tests too
 cargo xtask profile SCENE print which of the image's functions take how many instructions in a scene of the load, or with
-                          `code` how many bytes of flash; without a scene, the scenes
+                          `code` how many bytes of code they are; without a scene, the scenes
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
 cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
 cargo xtask bench         measure on this machine, beside other crates, and print the ratios

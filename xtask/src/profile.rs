@@ -1,4 +1,5 @@
-//! `cargo xtask profile`: what the firmware image's instructions are spent on, counted on the virtual board, and its flash.
+//! `cargo xtask profile`: what the firmware image's instructions are spent on, counted on the virtual board, and whose its
+//! bytes of code are.
 
 use std::ffi::OsString;
 

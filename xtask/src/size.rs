@@ -99,7 +99,8 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     Baseline::of(figures, toolchain)?.check(FILE, "cargo xtask size", write)
 }
 
-/// What decoder and client take with these features of `armwire`, besides functions that move memory.
+/// What these features of the program take, with `client` decoder and client, without it the decoder alone, besides functions
+/// that move memory.
 ///
 /// # Errors
 ///
