@@ -32,6 +32,15 @@ struct World {
     joint: u16,
 }
 
+const INFO: Info = Info {
+    serial: SerialNumber(*b"ADFS251205123456"),
+    hardware: Version(610),
+    firmware: Version(703),
+};
+const TEMPERATURES: PerServo<u8> = PerServo::Leader([30, 31, 32, 33, 34, 35]);
+const VELOCITIES: PerServo<u16> = PerServo::Leader([0, 1, 2, 3, 4, 5]);
+const CHECK: SelfCheck = SelfCheck(0b11_1011);
+
 type Shared = RefCell<World>;
 
 fn world() -> Shared {
@@ -71,6 +80,10 @@ impl World {
                     })
                 }
                 Request::ReadStroke => Response::Stroke(Stroke::Mm75),
+                Request::ReadInfo => Response::Info(INFO),
+                Request::ReadTemperatures => Response::Temperatures(TEMPERATURES),
+                Request::ReadVelocities => Response::Velocities(VELOCITIES),
+                Request::SelfCheck => Response::SelfCheck(CHECK),
                 _ => continue,
             };
             let mut out = [0; MAX_FRAME];
@@ -190,6 +203,19 @@ fn a_read_returns_the_answer_as_soon_as_it_is_there() {
 }
 
 #[test]
+fn each_read_returns_what_its_answer_says() {
+    let world = world();
+    let mut arm = arm(&world);
+    run(&world, async {
+        assert_eq!(arm.read_info().await, Ok(INFO));
+        assert_eq!(arm.read_temperatures().await, Ok(TEMPERATURES));
+        assert_eq!(arm.read_velocities().await, Ok(VELOCITIES));
+        assert_eq!(arm.read_stroke().await, Ok(Stroke::Mm75));
+        assert_eq!(arm.self_check().await, Ok(CHECK));
+    });
+}
+
+#[test]
 fn requests_without_an_answer_return_once_written() {
     let world = world();
     let mut arm = arm(&world);
@@ -219,6 +245,7 @@ fn requests_without_an_answer_return_once_written() {
 #[test]
 fn silence_is_an_error_that_says_how_often_it_was_asked() {
     let world = world();
+    world.borrow_mut().turnaround = Micros::from_millis(10_000);
     let error = run(&world, arm(&world).self_check()).unwrap_err();
     assert_eq!(error, CallError::TimedOut { sends: 3 });
     assert_eq!(world.borrow().requests, [Request::SelfCheck; 3]);

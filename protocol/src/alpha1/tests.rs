@@ -703,6 +703,13 @@ fn an_idle_line_tells_the_byte_of_servo_80_from_an_echo_at_once() {
     assert!(decoder.next(expect).is_none());
     let noise = decoder.idle(expect).unwrap();
     assert_eq!((noise.offset, noise.reason), (1, Reason::Truncated { missing: 1 }));
+    // As is the byte while another servo is to acknowledge.
+    let other = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(1))));
+    let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
+    decoder.push(&[0xFA]);
+    assert!(decoder.next(other).is_none());
+    let noise = decoder.idle(other).map(|noise| (noise.offset, noise.len));
+    assert_eq!(noise, Some((0, 1)));
 }
 
 #[test]

@@ -463,6 +463,12 @@ pub enum Outcome {
 
 impl Outcome {
     /// Whether it did.
+    ///
+    /// ```
+    /// use armwire::alpha1::Outcome;
+    ///
+    /// assert!(Outcome::Success.is_success() && !Outcome::Failure.is_success());
+    /// ```
     pub const fn is_success(self) -> bool {
         matches!(self, Self::Success)
     }

@@ -645,6 +645,7 @@ fn a_state_names_every_bit_it_has() {
     ] {
         assert_eq!(std::format!("{state}"), text);
     }
+    assert_eq!(State::ERROR | State::ERROR, State::ERROR);
 }
 
 #[test]
