@@ -1118,25 +1118,26 @@ mod tests {
 
     #[test]
     fn an_answer_behind_a_false_header_is_found_when_the_line_stays_silent() {
-        let mut client = Lings::new(Config {
-            repeats: 0,
-            ..Config::DEFAULT
-        });
-        client.submit(Request::ReadJoints).unwrap();
-        transmit(&mut client, Micros(0));
-        let line = [&[0xAA, 0x00, 0x00, 60][..], &bytes(JOINTS)].concat();
-        assert_eq!(hear(&mut client, Micros(300), &line), []);
-
         // Nor is it a sign of life that there are no bytes.
-        let due = client.poll_timeout().unwrap();
-        let mut input = Input::Bytes(&[]);
-        let events: Vec<_> = core::iter::from_fn(|| client.handle(due, &mut input)).collect();
-        assert_eq!(events.last(), Some(&Event::Answer(JOINTS)));
-        assert!(
-            events[..events.len() - 1]
-                .iter()
-                .all(|event| matches!(event, Event::Noise(_)))
-        );
+        for mut input in [Input::Tick, Input::Bytes(&[])] {
+            let mut client = Lings::new(Config {
+                repeats: 0,
+                ..Config::DEFAULT
+            });
+            client.submit(Request::ReadJoints).unwrap();
+            transmit(&mut client, Micros(0));
+            let line = [&[0xAA, 0x00, 0x00, 60][..], &bytes(JOINTS)].concat();
+            assert_eq!(hear(&mut client, Micros(300), &line), []);
+
+            let due = client.poll_timeout().unwrap();
+            let events: Vec<_> = core::iter::from_fn(|| client.handle(due, &mut input)).collect();
+            assert_eq!(events.last(), Some(&Event::Answer(JOINTS)));
+            assert!(
+                events[..events.len() - 1]
+                    .iter()
+                    .all(|event| matches!(event, Event::Noise(_)))
+            );
+        }
     }
 
     #[test]
