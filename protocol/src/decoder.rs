@@ -322,15 +322,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         let n = n.min(space.len()).min(bytes.len());
         let (now, later) = bytes.split_at(n);
         *bytes = later;
-        match (now, space) {
-            // Byte by byte, a call to copy one takes longer than all else.
-            ([byte], [place, ..]) => *place = *byte,
-            (_, space) => {
-                if let Some(space) = space.get_mut(..n) {
-                    space.copy_from_slice(now);
-                }
-            }
-        }
+        copy(now, space);
         self.accept(n);
         n
     }
@@ -410,6 +402,34 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Bytes that were given out as frames or noise, or dropped, since the decoder was made: those before the window.
     pub(crate) const fn offset(&self) -> u64 {
         self.received.wrapping_sub(self.pending() as u64)
+    }
+}
+
+/// Copies `from` to the front of `to`, as far as there is room.
+///
+/// A microcontroller takes more stack to call what copies than for all else here, and for a part of a frame more time. A loop
+/// that may end early is not made such a call.
+#[cfg(target_pointer_width = "32")]
+#[inline(always)]
+fn copy(from: &[u8], to: &mut [u8]) {
+    for (at, byte) in from.iter().enumerate() {
+        let Some(place) = to.get_mut(at) else { break };
+        *place = *byte;
+    }
+}
+
+/// Copies `from` to the front of `to`, if there is room.
+#[cfg(not(target_pointer_width = "32"))]
+#[inline(always)]
+fn copy(from: &[u8], to: &mut [u8]) {
+    match (from, to) {
+        // Byte by byte, a call to copy one takes longer than all else.
+        ([byte], [place, ..]) => *place = *byte,
+        (_, to) => {
+            if let Some(to) = to.get_mut(..from.len()) {
+                to.copy_from_slice(from);
+            }
+        }
     }
 }
 
