@@ -541,4 +541,30 @@ mod tests {
         assert_eq!(asked, Asked::answered(Key(0x77, 3), 50_000, 30));
         assert_eq!(ArmKind::Raw.asked(b"anything"), Asked::NOTHING);
     }
+
+    #[test]
+    fn a_raw_request_has_as_many_bytes_as_a_frame_may_have() {
+        for (len, is_request) in [(0, false), (1, true), (MAX_FRAME, true), (MAX_FRAME + 1, false)] {
+            let bytes = [7; MAX_FRAME + 1];
+            assert_eq!(ArmKind::Raw.is_request(&bytes[..len]), is_request, "{len} bytes");
+        }
+    }
+
+    #[test]
+    fn zeros_between_frames_of_alpha1_are_no_noise() {
+        let mut tap = Tap::new();
+        assert!(tap.push(&[0, 0, 0xF2]).is_empty());
+        assert_eq!(tap.next(ArmKind::Alpha1, UNASKED, false), Some(Piece::Fill(&[0, 0])));
+        assert_eq!(tap.next(ArmKind::Alpha1, UNASKED, false), None);
+    }
+
+    #[test]
+    fn what_a_tap_has_given_ends_where_what_it_has_not_decided_on_begins() {
+        let mut tap = Tap::new();
+        assert!(tap.push(&[&READ_JOINTS[..], &READ_INFO[..3]].concat()).is_empty());
+        let frame = tap.next(ArmKind::Ling, UNASKED, false);
+        assert_eq!(frame, Some(Piece::Frame(&READ_JOINTS)));
+        assert_eq!(tap.given(0, tap.head()), READ_JOINTS);
+        assert_eq!(tap.window(), &READ_INFO[..3]);
+    }
 }

@@ -404,3 +404,22 @@ fn note(events: isotp::Events, counters: &mut Counters) -> bool {
     }
     refused
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_event_waits_with_its_length_or_not_at_all() {
+        let mut port = CanPort::new(config::Can::default());
+        assert!(port.event(&[1; 20]), "the connection takes it at once");
+        assert!(!port.event(&[2; EVENTS]));
+        assert!(port.event(&[3; EVENTS - 1]));
+        assert!(!port.event(&[4; 1]));
+        port.control.abort();
+        let mut message = [0; EVENTS];
+        assert_eq!(port.next_event(&mut message), EVENTS - 1);
+        assert_eq!(message[..EVENTS - 1], [3; EVENTS - 1]);
+        assert_eq!(port.next_event(&mut message), 0);
+    }
+}

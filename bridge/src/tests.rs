@@ -308,6 +308,7 @@ fn a_bus_reset_drops_what_the_last_host_did_not_read_and_keeps_what_it_said() {
     packet(&mut bridge).unwrap();
     bridge.uart_received(&[7; 100], NOW);
     bridge.usb_received(&[1, 2], NOW);
+    assert!(bridge.is_attached());
     bridge.usb_reset();
     assert!(!bridge.is_attached());
     bridge.uart_received(&[7; 20], NOW); // nobody is there
@@ -597,4 +598,24 @@ proptest! {
         prop_assert_eq!(got, packets.concat());
         prop_assert_eq!(bridge.counters().refused_bytes, 0);
     }
+}
+
+#[test]
+fn what_is_needed_has_come_with_the_mark_or_with_as_many_bytes_as_it_can_be() {
+    let need = Need {
+        most: 5,
+        least: 2,
+        mark: Some(0xFF),
+    };
+    for (bytes, last, is_met) in [
+        (5, 0, true),
+        (4, 0, false),
+        (4, 0xFF, true),
+        (2, 0xFF, true),
+        (1, 0xFF, false),
+    ] {
+        assert_eq!(need.is_met(bytes, last), is_met, "{bytes} bytes, the last {last}");
+    }
+    let unmarked = Need { mark: None, ..need };
+    assert!(!unmarked.is_met(4, 0xFF) && unmarked.is_met(5, 0xFF));
 }

@@ -10,7 +10,7 @@ use super::rig::ling;
 use crate::can::command::Command;
 use crate::can::{Frame, Function};
 use crate::config::{Can, Config};
-use crate::control::{FromHost, Identity, MAX_COBS, Request, Subscription, encode, encode_cobs};
+use crate::control::{FromHost, Identity, MAX_COBS, MAX_FRAME, Request, Subscription, encode, encode_cobs};
 use crate::{Action, Bridge, Counters};
 
 /// An adapter that hears a frame of this function.
@@ -325,4 +325,53 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
         }
         assert_eq!(answers, 2);
     }
+}
+
+/// An adapter that takes commands from the bus, or does not.
+fn commanded(commands: bool) -> Bridge {
+    let can = Can {
+        commands,
+        ..Can::default()
+    };
+    let config = Config {
+        can,
+        ..Config::default()
+    };
+    Bridge::new(Identity::default(), config)
+}
+
+#[test]
+fn half_a_command_is_nothing_where_commands_are_not_configured() {
+    let mut bridge = commanded(false);
+    hear(&mut bridge, Function::CommandA, &[0; 8], Micros(0));
+    assert_eq!(bridge.timeout(), None);
+    assert_eq!(bridge.counters().can_frames_received, 1);
+}
+
+#[test]
+fn to_configure_what_is_in_force_changes_nothing_of_a_command() {
+    let now = Micros(0);
+    let mut bridge = commanded(true);
+    let can = bridge.can_config();
+    let frames = |sequence| {
+        let command = Command {
+            sequence,
+            joints: [2048; 6],
+            speed: 1,
+            gripper: 0,
+        };
+        command.to_frames(can.node)
+    };
+    for half in frames(0) {
+        bridge.can_received(&half, now);
+    }
+    let [half, other] = frames(1);
+    bridge.can_received(&half, now);
+    assert_eq!(counted(&mut bridge, |bridge| configure(bridge, can, now)), [0; 4]);
+    bridge.can_received(&other, now);
+    configure(&mut bridge, can, now);
+    let mut out = [0; MAX_FRAME];
+    let sent = bridge.uart_transmit(&mut out, now).unwrap();
+    assert_eq!((sent.len, &out[..3]), (34, &[0xAA, 0x06, 0x03][..]));
+    assert_eq!(bridge.counters().requests_command, 1);
 }
