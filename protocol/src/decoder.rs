@@ -127,6 +127,8 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// }
     /// assert_eq!((line.len(), decoder.pending()), (0, 2));
     /// ```
+    // A computer calls nothing for a frame that it finds whole. A microcontroller would take more stack for that.
+    #[cfg_attr(not(target_pointer_width = "32"), inline(always))]
     pub fn decode<'a, 'b: 'a>(
         &'a mut self,
         bytes: &mut &'b [u8],
@@ -154,6 +156,13 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
                 _ => {}
             }
         }
+        self.decode_held(bytes, expect)
+    }
+
+    /// [`decode`](Self::decode) where what lies in `bytes` must be copied behind what is there.
+    #[cfg_attr(target_pointer_width = "32", inline(always))]
+    #[cfg_attr(not(target_pointer_width = "32"), inline(never))]
+    fn decode_held(&mut self, bytes: &mut &[u8], expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
         loop {
             if let Some(verdict) = self.decide(expect) {
                 return self.settle(verdict, expect);
