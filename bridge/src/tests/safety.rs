@@ -14,7 +14,8 @@ use crate::can::Node;
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::config::{ArmKind, Can, Config, Silence};
-use crate::control::{Asker, Event, FromHost, MAX_COBS, Refusal, Reply, Request, encode_cobs};
+use crate::control::{Asker, Event, FromHost, Identity, MAX_COBS, MAX_FRAME, Refusal, Reply, Request, encode_cobs};
+use crate::{Bridge, DOWN, PACKET};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
@@ -91,6 +92,32 @@ fn a_host_that_streams_motion_and_falls_silent_is_reported_once() {
             .collect();
         assert_eq!(told, [(1_400_000, event)]);
     }
+}
+
+#[test]
+fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
+    let mut bridge = Bridge::new(Identity::default(), silence(500, false));
+    bridge.usb_configured(true);
+    for _ in 0..3 {
+        bridge.usb_received(&motion(), Micros(0));
+        assert!(bridge.uart_transmit(&mut [0; MAX_FRAME], Micros(0)).is_some());
+    }
+    let moves = motion().into_iter().cycle().take(DOWN + 4 - PACKET).collect::<Vec<_>>();
+    for packet in moves.chunks(PACKET) {
+        assert!(bridge.usb_room());
+        bridge.usb_received(packet, Micros(0));
+    }
+    assert!(!bridge.usb_room());
+    let room = Micros::from_millis(400);
+    // The first bytes of the next move.
+    let burst = bridge.uart_transmit(&mut [0; 10], room).unwrap();
+    assert_eq!(burst.len, 10);
+    assert!(bridge.usb_room());
+    let silent = room + Micros::from_millis(500);
+    bridge.tick(Micros(silent.0 - 1));
+    assert_eq!(bridge.counters().host_silences, 0);
+    bridge.tick(silent);
+    assert_eq!(bridge.counters().host_silences, 1);
 }
 
 #[test]

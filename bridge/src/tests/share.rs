@@ -324,6 +324,28 @@ fn nobody_waits_for_more_than_one_turn_of_each_other() {
 }
 
 #[test]
+fn the_fastest_poll_takes_its_turn_like_all_others() {
+    let mut rig = polling(Poll::Fastest);
+    for _ in 0..500 {
+        if rig.usb_out.len() < 100 {
+            rig.usb_out.extend(temperatures());
+        }
+        if rig.can_out.is_empty() {
+            rig.can_out.push_back(velocities());
+        }
+        rig.run(200);
+    }
+    // At first CAN has not said anything yet.
+    let turns = &rig.askers[6..];
+    assert!(turns.len() > 100);
+    for round in turns.windows(3) {
+        for asker in [Asker::Usb, Asker::Can, Asker::Poll] {
+            assert!(round.contains(&asker), "{round:?}");
+        }
+    }
+}
+
+#[test]
 fn a_partial_frame_keeps_the_line_for_ten_milliseconds() {
     let mut rig = Rig::new(Config::default());
     rig.usb_out.extend(&JOINTS[..3]);
