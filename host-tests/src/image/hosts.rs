@@ -109,7 +109,9 @@ impl Asking {
         }
     }
 
-    fn give_up(&mut self, now: Nanos) {
+    /// Gives up what is open for too long, and returns whether anything was.
+    fn give_up(&mut self, now: Nanos) -> bool {
+        let before = self.given_up;
         while self
             .open
             .pop_front_if(|(_, since)| now.since(*since) > PATIENCE)
@@ -117,6 +119,7 @@ impl Asking {
         {
             self.given_up += 1;
         }
+        self.given_up > before
     }
 }
 
@@ -173,14 +176,15 @@ impl UsbHost {
         let mut rest = &*bytes;
         while !rest.is_empty() {
             rest = self.decoder.push(rest);
-            while let Some(next) = self.decoder.next(()) {
-                match next {
-                    Ok(frame) => self.asking.hear(&encoded(frame)),
-                    Err(noise) => self.noise_bytes += noise.len as u32,
-                }
+            self.decode();
+        }
+        if self.asking.give_up(board.now()) {
+            // What looks like the beginning of a frame may hold back the answers behind it.
+            while let Some(noise) = self.decoder.idle(()) {
+                self.noise_bytes += noise.len as u32;
+                self.decode();
             }
         }
-        self.asking.give_up(board.now());
         // Now more, now fewer at a time.
         let window = 1 + self.asking.answered % WINDOW;
         while self.asking.asks
@@ -188,6 +192,16 @@ impl UsbHost {
         {
             let request = self.asking.ask(board.now());
             board.usb().write(&request).unwrap();
+        }
+    }
+
+    /// Takes what has come whole.
+    fn decode(&mut self) {
+        while let Some(next) = self.decoder.next(()) {
+            match next {
+                Ok(frame) => self.asking.hear(&encoded(frame)),
+                Err(noise) => self.noise_bytes += noise.len as u32,
+            }
         }
     }
 }
