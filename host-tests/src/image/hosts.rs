@@ -123,6 +123,9 @@ impl Asking {
     }
 }
 
+/// After how long without a byte no more of a frame comes.
+const SILENCE: Nanos = Nanos::from_millis(10);
+
 /// Requests of the host on USB that are open at once, at most.
 const WINDOW: u32 = 3;
 
@@ -132,6 +135,8 @@ pub struct UsbHost {
     /// What it asks and gets.
     pub asking: Asking,
     decoder: Decoder<Ling, MAX_FRAME>,
+    /// When bytes last came.
+    heard: Nanos,
     /// Bytes that came.
     pub bytes: u32,
     /// Those among them that were in no frame.
@@ -145,6 +150,7 @@ impl Default for UsbHost {
         Self {
             asking: Asking::new(USB),
             decoder: Decoder::new(),
+            heard: Nanos(0),
             bytes: 0,
             noise_bytes: 0,
             insists: false,
@@ -178,7 +184,11 @@ impl UsbHost {
             rest = self.decoder.push(rest);
             self.decode();
         }
-        if self.asking.give_up(board.now()) {
+        let now = board.now();
+        if !bytes.is_empty() {
+            self.heard = now;
+        }
+        if self.asking.give_up(now) && now.since(self.heard) > SILENCE {
             // What looks like the beginning of a frame may hold back the answers behind it.
             while let Some(noise) = self.decoder.idle(()) {
                 self.noise_bytes += noise.len as u32;
