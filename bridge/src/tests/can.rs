@@ -13,6 +13,15 @@ use crate::config::{Can, Config};
 use crate::control::{FromHost, Identity, MAX_COBS, MAX_FRAME, Request, Subscription, encode, encode_cobs};
 use crate::{Action, Bridge, Counters};
 
+/// An adapter on this bus.
+fn on_bus(can: Can) -> Bridge {
+    let config = Config {
+        can,
+        ..Config::default()
+    };
+    Bridge::new(Identity::default(), config)
+}
+
 /// An adapter that hears a frame of this function.
 fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: Micros) {
     let id = function.id(bridge.can_config().node);
@@ -183,11 +192,7 @@ fn what_waits_when_the_bus_is_another_one_is_counted() {
         commands: true,
         ..Can::default()
     };
-    let config = Config {
-        can,
-        ..Config::default()
-    };
-    let mut bridge = Bridge::new(Identity::default(), config);
+    let mut bridge = on_bus(can);
     let everything = Subscription {
         frames: true,
         events: true,
@@ -251,11 +256,7 @@ fn half_a_command_is_counted_when_others_are_configured() {
         commands: true,
         ..Can::default()
     };
-    let config = Config {
-        can,
-        ..Config::default()
-    };
-    let mut bridge = Bridge::new(Identity::default(), config);
+    let mut bridge = on_bus(can);
     hear(&mut bridge, Function::CommandA, &[0; 8], Micros(0));
     let other = Can {
         command_timeout_ms: 50,
@@ -271,13 +272,7 @@ fn told_of_two() -> (Bridge, [Vec<u8>; 2]) {
         unsolicited: true,
         ..Can::default()
     };
-    let mut bridge = Bridge::new(
-        Identity::default(),
-        Config {
-            can,
-            ..Config::default()
-        },
-    );
+    let mut bridge = on_bus(can);
     let frames = [ling(0x04, 0x0E, &[2]), ling(0x04, 0x0E, &[1])];
     for (at, frame) in frames.iter().enumerate() {
         assert!(bridge.uart_received(frame, Micros(100 * (1 + at as u64))));
@@ -327,22 +322,10 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
     }
 }
 
-/// An adapter that takes commands from the bus, or does not.
-fn commanded(commands: bool) -> Bridge {
-    let can = Can {
-        commands,
-        ..Can::default()
-    };
-    let config = Config {
-        can,
-        ..Config::default()
-    };
-    Bridge::new(Identity::default(), config)
-}
-
 #[test]
 fn half_a_command_is_nothing_where_commands_are_not_configured() {
-    let mut bridge = commanded(false);
+    let mut bridge = on_bus(Can::default());
+    assert!(!bridge.can_config().commands);
     hear(&mut bridge, Function::CommandA, &[0; 8], Micros(0));
     assert_eq!(bridge.timeout(), None);
     assert_eq!(bridge.counters().can_frames_received, 1);
@@ -351,8 +334,11 @@ fn half_a_command_is_nothing_where_commands_are_not_configured() {
 #[test]
 fn to_configure_what_is_in_force_changes_nothing_of_a_command() {
     let now = Micros(0);
-    let mut bridge = commanded(true);
-    let can = bridge.can_config();
+    let can = Can {
+        commands: true,
+        ..Can::default()
+    };
+    let mut bridge = on_bus(can);
     let frames = |sequence| {
         let command = Command {
             sequence,

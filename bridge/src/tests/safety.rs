@@ -102,6 +102,7 @@ fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
         bridge.usb_received(&motion(), Micros(0));
         assert!(bridge.uart_transmit(&mut [0; MAX_FRAME], Micros(0)).is_some());
     }
+    // Room is left for four bytes less than a packet.
     let moves = motion().into_iter().cycle().take(DOWN + 4 - PACKET).collect::<Vec<_>>();
     for packet in moves.chunks(PACKET) {
         assert!(bridge.usb_room());
