@@ -124,7 +124,7 @@ impl<P: Arm, L: Line> Link<P, L> {
                     Event::Unknown(error) => {
                         heard.unknown.get_or_insert_with(|| error.to_string());
                     }
-                    Event::Echo(_) => heard.echoes += 1,
+                    Event::Echo => heard.echoes += 1,
                     Event::Noise(noise) => {
                         self.dropped += noise.len;
                         let checksum = usize::from(matches!(noise.reason, Reason::Checksum { .. }));

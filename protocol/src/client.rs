@@ -93,7 +93,7 @@ pub enum Event<P: Protocol> {
     /// A response that answers nothing.
     Unsolicited(P::Response),
     /// The line gave a request back.
-    Echo(P::Request),
+    Echo,
     /// A good frame that is no message of the protocol.
     Unknown(P::Error),
     /// Bytes that are not part of a frame.
@@ -111,7 +111,7 @@ impl<P: Protocol> fmt::Debug for Event<P> {
             Self::TimedOut { sends } => f.debug_struct("TimedOut").field("sends", sends).finish(),
             Self::Late(response) => f.debug_tuple("Late").field(response).finish(),
             Self::Unsolicited(response) => f.debug_tuple("Unsolicited").field(response).finish(),
-            Self::Echo(request) => f.debug_tuple("Echo").field(request).finish(),
+            Self::Echo => f.write_str("Echo"),
             Self::Unknown(error) => f.debug_tuple("Unknown").field(error).finish(),
             Self::Noise(noise) => f.debug_tuple("Noise").field(noise).finish(),
             Self::Broken(noise) => f.debug_tuple("Broken").field(noise).finish(),
@@ -133,7 +133,7 @@ where
             Self::TimedOut { sends } => defmt::write!(f, "TimedOut {{ sends: {} }}", sends),
             Self::Late(response) => defmt::write!(f, "Late({})", response),
             Self::Unsolicited(response) => defmt::write!(f, "Unsolicited({})", response),
-            Self::Echo(request) => defmt::write!(f, "Echo({})", request),
+            Self::Echo => defmt::write!(f, "Echo"),
             Self::Unknown(error) => defmt::write!(f, "Unknown({})", error),
             Self::Noise(noise) => defmt::write!(f, "Noise({})", noise),
             Self::Broken(noise) => defmt::write!(f, "Broken({})", noise),
@@ -155,9 +155,8 @@ impl<P: Protocol> PartialEq for Event<P> {
             (Self::Answer(a), Self::Answer(b))
             | (Self::Late(a), Self::Late(b))
             | (Self::Unsolicited(a), Self::Unsolicited(b)) => a == b,
-            (Self::Sent, Self::Sent) => true,
+            (Self::Sent, Self::Sent) | (Self::Echo, Self::Echo) => true,
             (Self::TimedOut { sends: a }, Self::TimedOut { sends: b }) => a == b,
-            (Self::Echo(a), Self::Echo(b)) => a == b,
             (Self::Unknown(a), Self::Unknown(b)) => a == b,
             (Self::Noise(a), Self::Noise(b)) | (Self::Broken(a), Self::Broken(b)) => a == b,
             _ => false,
@@ -255,8 +254,10 @@ impl<P: Protocol> Exchange<P> {
     #[inline(never)]
     fn hear(&mut self, now: Micros, start: u64, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
         let mut event = self.hear_response(now, start, frame, expect);
-        if let Event::Unknown(error) = event {
-            event = no_response(frame, &error);
+        match event {
+            Event::Answer(_) => self.answered(now),
+            Event::Unknown(_) if is_request::<P>(frame) => event = Event::Echo,
+            _ => {}
         }
         event
     }
@@ -274,7 +275,7 @@ impl<P: Protocol> Exchange<P> {
         }
     }
 
-    /// Which request a response answers. It is waited for no more.
+    /// Which request a response answers. What is owed is waited for no more.
     fn place(&mut self, now: Micros, start: u64, response: &P::Response) -> Place {
         if let Some(owed) = &mut self.owed
             && now < owed.until
@@ -291,13 +292,19 @@ impl<P: Protocol> Exchange<P> {
         }
         match &self.flight {
             // Not only while it waits: a repeat may be on its way when the first answer comes after all.
-            Some(flight) if flight.since <= start && P::answers(&flight.request, response) => {
-                let more = flight.answers().saturating_sub(1);
-                self.end(now, more);
-                Place::Answer
-            }
+            Some(flight) if flight.since <= start && P::answers(&flight.request, response) => Place::Answer,
             _ => Place::Unsolicited,
         }
+    }
+
+    /// Ends the request in flight, whose answer has come.
+    #[inline(never)]
+    fn answered(&mut self, now: Micros) {
+        let more = self
+            .flight
+            .as_ref()
+            .map_or(0, |flight| flight.answers().saturating_sub(1));
+        self.end(now, more);
     }
 
     /// Whether the answer to the request in flight should be here by now.
@@ -364,13 +371,12 @@ impl<P: Protocol> Exchange<P> {
     }
 }
 
-/// What a frame is that is no response, for this reason.
+/// Whether a frame is a request.
+///
+/// None is made of it, where [`Protocol::parse_request`] is inlined: it would be longer than all else on the stack.
 #[inline(never)]
-fn no_response<P: Protocol>(frame: P::Frame<'_>, error: &P::Error) -> Event<P> {
-    match &P::parse_request(frame) {
-        Ok(request) => Event::Echo(*request),
-        Err(_) => Event::Unknown(*error),
-    }
+fn is_request<P: Protocol>(frame: P::Frame<'_>) -> bool {
+    P::parse_request(frame).is_ok()
 }
 
 /// What bytes are that are not part of a frame.
@@ -713,7 +719,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
                 Input::Idle => {}
                 // A false header may be holding the answer back. After so long a silence it is not a frame. Or it is an
                 // answer whose end only silence can tell.
-                Input::Bytes(_) | Input::Tick if self.exchange.is_due(now) && self.silence() <= now => {}
+                Input::Bytes(_) | Input::Tick if self.is_overdue(now) => {}
                 Input::Bytes(_) | Input::Tick => break,
             }
             if let Some(noise) = &self.decoder.idle(expect) {
@@ -723,8 +729,14 @@ impl<P: Protocol, const N: usize> Client<P, N> {
                 break;
             }
         }
-        if self.decoder.broken().is_some() {
-            return self.end_broken();
+        self.expire(now)
+    }
+
+    /// What comes of time, when nothing comes of bytes.
+    #[inline(never)]
+    fn expire(&mut self, now: Micros) -> Option<Event<P>> {
+        if let Some(noise) = self.decoder.broken() {
+            return self.exchange.flight.take().map(|_| Event::Broken(noise));
         }
         if !self.exchange.is_due(now) {
             return None;
@@ -736,16 +748,15 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         self.exchange.give_up(now)
     }
 
+    /// Whether the answer should be here, and the line is silent.
+    #[inline(never)]
+    fn is_overdue(&self, now: Micros) -> bool {
+        self.exchange.is_due(now) && self.silence() <= now
+    }
+
     /// When the line has been silent for so long that no more of a frame comes.
     fn silence(&self) -> Micros {
         self.heard + self.exchange.config.latency
-    }
-
-    /// Ends the request in flight, for the stream is broken.
-    #[inline(never)]
-    fn end_broken(&mut self) -> Option<Event<P>> {
-        self.exchange.flight.take()?;
-        self.decoder.broken().map(Event::Broken)
     }
 }
 
@@ -883,7 +894,7 @@ mod tests {
         client.transmitted(Micros(0), echo.len());
         let line = [echo, bytes(JOINTS)].concat();
         let events = hear(&mut client, Micros(300), &line);
-        assert_eq!(events, [Event::Echo(Request::ReadJoints), Event::Answer(JOINTS)]);
+        assert_eq!(events, [Event::Echo, Event::Answer(JOINTS)]);
     }
 
     #[test]

@@ -244,7 +244,7 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
             Event::Unknown(_) => (&mut self.counters.unknown, 1),
             Event::Late(_) => (&mut self.counters.late, 1),
             Event::Unsolicited(_) => (&mut self.counters.unsolicited, 1),
-            Event::Echo(_) => (&mut self.counters.echoes, 1),
+            Event::Echo => (&mut self.counters.echoes, 1),
             Event::Answer(_) | Event::Sent | Event::TimedOut { .. } | Event::Broken(_) => return,
         };
         *count = count.wrapping_add(n);

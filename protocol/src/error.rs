@@ -100,7 +100,7 @@ pub enum EncodeError {
     /// A byte that may have few values has another.
     Byte {
         /// Where it is, in bytes from the start of the frame.
-        offset: u16,
+        offset: u8,
         /// What it may be.
         expected: &'static [u8],
         /// What it is.

@@ -23,6 +23,9 @@ pub enum Scan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
+// With a tag of two bytes all that is copied lies at even addresses. For three bytes that do not, a Cortex-M0 calls `memcpy`,
+// which takes more stack than the decoder.
+#[repr(u16)]
 pub enum Reason {
     /// No frame starts here.
     Stray,
@@ -38,11 +41,11 @@ pub enum Reason {
     /// A frame seemed to start here, but a byte that may have few values has another.
     Byte {
         /// Where it is, in bytes from the start of the frame.
-        offset: u16,
-        /// What it may be.
-        expected: &'static [u8],
+        offset: u8,
         /// What it is.
         got: u8,
+        /// What it may be.
+        expected: &'static [u8],
     },
     /// A frame seemed to start here, but its checksum does not match.
     Checksum {

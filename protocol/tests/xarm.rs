@@ -109,7 +109,7 @@ fn breach() -> impl Strategy<Value = (Vec<u8>, usize, Reason)> {
         let [high, low] = got.to_be_bytes();
         (vec![a, b, 0, protocol, high, low], HEADER, reason)
     });
-    let heartbeat = (6..8_u16, 1..=255_u8).prop_map(|(offset, got)| {
+    let heartbeat = (6..8_u8, 1..=255_u8).prop_map(|(offset, got)| {
         let mut bytes = HEARTBEAT;
         bytes[usize::from(offset)] = got;
         let reason = Reason::Byte {

@@ -191,7 +191,7 @@ impl<P: Subject, const N: usize> World<P, N> {
             Event::Noise(_) => assert!(!P::RELIABLE),
             // They end nothing.
             Event::Late(response) | Event::Unsolicited(response) => assert!(!format!("{response:?}").is_empty()),
-            Event::Echo(_) | Event::Unknown(_) => {}
+            Event::Echo | Event::Unknown(_) => {}
         }
     }
 

@@ -47,7 +47,7 @@ pub fn decode(recording: &[u8], speaker: Speaker) -> Vec<Piece> {
 /// there are too few.
 fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>> {
     // A protocol id is at most 3, so its first byte is 0.
-    for (offset, expected) in [(2_u16, &[0][..]), (3, &[0, 1, 2, 3][..])] {
+    for (offset, expected) in [(2_u8, &[0][..]), (3, &[0, 1, 2, 3][..])] {
         let at = usize::from(offset);
         let got = *bytes.get(at)?;
         if !expected.contains(&got) {
@@ -68,7 +68,7 @@ fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>
     let frame = bytes.get(..6 + got)?;
     if protocol == 1 {
         // The heartbeat, 00 00 00 01 00 02 00 00, is always the same.
-        for offset in [0_u16, 1, 6, 7] {
+        for offset in [0_u8, 1, 6, 7] {
             let got = frame[usize::from(offset)];
             if got != 0 {
                 return Some(Err((

@@ -392,6 +392,7 @@ impl Action {
         data
     }
 
+    #[inline(always)]
     fn from_data(data: &[u8; Self::LEN]) -> Result<Self, Cause> {
         let [act, a, b, c, d, e, angles @ .., time, high, low] = data;
         constant(0, &[*act, *a, *b, *c, *d, *e], &[ACT, 0, 0, 0, 0, 0])?;
@@ -426,6 +427,7 @@ impl ServoRequest {
     }
 
     /// From the data of a frame FA AF.
+    #[inline(always)]
     fn from_data(data: &[u8; 6]) -> Result<Self, Cause> {
         let [id, command, a, b, c, d] = *data;
         match command {
@@ -582,6 +584,7 @@ impl ServoResponse {
     }
 }
 
+#[inline(always)]
 fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
     match command {
         header::HARDWARE_VERSION => constant(0, sized(data, &[6])?, &[0; 6]).map(|()| Request::ReadHardwareVersion),
@@ -703,14 +706,13 @@ impl Protocol for Alpha1 {
         }
     }
 
-    // Inlined, it would add to the stack of all that its caller calls besides.
-    #[inline(never)]
+    // Inlined, with all it calls, no request is made where it is only asked whether a frame is one.
+    #[inline(always)]
     fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
         match frame {
-            Frame::Message { command, data } => match &parse_request(command, data) {
-                Ok(request) => Ok(*request),
-                Err(cause) => Err(ParseError { command, cause: *cause }),
-            },
+            Frame::Message { command, data } => {
+                parse_request(command, data).map_err(|cause| ParseError { command, cause })
+            }
             Frame::Byte(command) => Err(ParseError {
                 command,
                 cause: Cause::Unexpected,
@@ -718,7 +720,7 @@ impl Protocol for Alpha1 {
         }
     }
 
-    // As above.
+    // Inlined, it would add to the stack of all that its caller calls besides.
     #[inline(never)]
     fn parse_response(frame: Frame<'_>, expect: Expect) -> Result<Response, ParseError> {
         let answer = match expect {
@@ -726,10 +728,9 @@ impl Protocol for Alpha1 {
             Expect::Requests => None,
         };
         match (frame, answer) {
-            (Frame::Message { command, data }, answer) => match &parse_response(command, data, answer) {
-                Ok(response) => Ok(*response),
-                Err(cause) => Err(ParseError { command, cause: *cause }),
-            },
+            (Frame::Message { command, data }, answer) => {
+                parse_response(command, data, answer).map_err(|cause| ParseError { command, cause })
+            }
             (Frame::Byte(byte), Some(ServoAnswer::Acknowledgement(servo))) if byte == acknowledgement(servo) => {
                 Ok(Response::Servo(ServoResponse::Acknowledged(servo)))
             }

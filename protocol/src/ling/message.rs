@@ -325,6 +325,7 @@ impl Move {
         data
     }
 
+    #[inline(always)]
     fn from_data(data: &[u8; Self::LEN]) -> Result<Self, Cause> {
         let at = |offset| move |error| Cause::Value { offset, error };
         let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
@@ -344,6 +345,7 @@ impl Move {
     }
 }
 
+#[inline(always)]
 fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
     match (frame.command, frame.function) {
         (command::INFO, 0) => asked(frame.data).map(|()| Request::ReadInfo),
@@ -500,6 +502,8 @@ impl Protocol for Ling {
         }
     }
 
+    // Inlined, with all it calls, no request is made where it is only asked whether a frame is one.
+    #[inline(always)]
     fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
         let Frame { command, function, .. } = frame;
         parse_request(frame).map_err(|cause| ParseError {

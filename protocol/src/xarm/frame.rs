@@ -161,12 +161,12 @@ fn bytes(transaction: u16, protocol: u16, body: [&[u8]; 2]) -> impl Iterator<Ite
 }
 
 /// A byte that breaks the stream: the bytes up to it, `seen` of them, are no frame.
-const fn broken(seen: usize, offset: u16, expected: &'static [u8], got: u8) -> Scan {
+const fn broken(seen: usize, offset: u8, expected: &'static [u8], got: u8) -> Scan {
     Scan::Skip(seen, Reason::Byte { offset, expected, got })
 }
 
 /// The first byte of a frame that is not the [`HEARTBEAT`]'s, and where it is.
-fn wrong_in_heartbeat(frame: impl Iterator<Item = u8>) -> Option<(u16, u8)> {
+fn wrong_in_heartbeat(frame: impl Iterator<Item = u8>) -> Option<(u8, u8)> {
     let mut pairs = (0..).zip(frame.zip(HEARTBEAT));
     pairs.find_map(|(offset, (got, expected))| (got != expected).then_some((offset, got)))
 }

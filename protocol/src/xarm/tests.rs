@@ -375,7 +375,7 @@ fn a_length_too_short_or_too_long_is_fatal_and_named() {
 
 #[test]
 fn a_protocol_id_over_3_is_fatal_and_named() {
-    let byte = |offset: u16, expected, got| Scan::Skip(usize::from(offset) + 1, Reason::Byte { offset, expected, got });
+    let byte = |offset: u8, expected, got| Scan::Skip(usize::from(offset) + 1, Reason::Byte { offset, expected, got });
     for id in 4..=u8::MAX {
         let scan = XArm::scan(&[0, 1, 0, id], Direction::Requests);
         assert_eq!(scan, byte(3, &[0, 1, 2, 3], id));
