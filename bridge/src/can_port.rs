@@ -188,11 +188,9 @@ impl CanPort {
         }
     }
 
-    /// Where the arm is.
-    pub(crate) fn state(&mut self, state: JointState, at: Micros) {
-        if self.config.telemetry_hz > 0 {
-            self.newest = Some((state, at));
-        }
+    /// Where the arm is, for telemetry, which is on.
+    pub(crate) const fn state(&mut self, state: JointState, at: Micros) {
+        self.newest = Some((state, at));
     }
 
     /// Begins to send what waits for a connection that is free.

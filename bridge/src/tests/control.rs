@@ -16,7 +16,7 @@ use crate::control::{
     ArmIdentity, Event, Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_FRAME, Reply, Request, Subscription,
     VERSION, encode_cobs,
 };
-use crate::{Action, Bridge, Burst, CanErrors, Line, LineCoding};
+use crate::{Action, Bridge, Burst, CanErrors, Line, LineCoding, PACKET};
 
 fn quiet() -> Rig {
     Rig::new(Config::default())
@@ -508,6 +508,37 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
     assert_eq!((rig.events.len() - 1, rig.can_control.len() - 1), (usb, can + 1));
 }
 
+/// An adapter whose host on USB is told of frames, and has had the reply.
+fn subscribed() -> Bridge {
+    let mut bridge = Bridge::default();
+    let request = Request::Subscribe(Subscription {
+        frames: true,
+        events: false,
+    });
+    let mut bytes = [0; MAX_COBS];
+    let len = encode_cobs(&FromHost { sequence: 1, request }, &mut bytes).unwrap();
+    bridge.control_received(&bytes[..len], Micros(0));
+    assert!(bridge.control_transmit(&mut [0; PACKET], Micros(0)).is_some());
+    bridge
+}
+
+#[test]
+fn what_subscribers_are_told_ends_with_a_short_packet_on_usb() {
+    let mut packet = [0; PACKET];
+    for len in 0..=63 {
+        let mut bridge = subscribed();
+        bridge.uart_received(&ling(0x06, 0, &[0x55; 63][..len]), Micros(0));
+        assert!(bridge.control_prepare());
+        assert!(!bridge.control_prepare());
+        let mut last = PACKET;
+        while bridge.control_due() {
+            last = bridge.control_transmit(&mut packet, Micros(0)).expect("one is due");
+        }
+        assert!(last < PACKET, "{len}");
+        assert_eq!(bridge.control_transmit(&mut packet, Micros(0)), None);
+    }
+}
+
 fn telemetry(telemetry_hz: u16, poll: Poll) -> Rig {
     Rig::new(Config {
         poll,
@@ -578,6 +609,16 @@ fn error_counts_go_out_once_a_second() {
     assert_eq!(errors.len(), 6);
     assert_eq!(errors[5], Errors::from(&rig.bridge.counters()));
     assert_eq!(errors[5].can, 4);
+}
+
+#[test]
+fn error_counts_that_had_to_wait_go_out_once() {
+    let mut bridge = telemetry(10, Poll::Off).bridge;
+    for now in [Micros(0), Micros(1_000_000), Micros(2_500_000)] {
+        assert!(bridge.can_transmit(now).is_some());
+        bridge.can_sent(0, now);
+        assert_eq!(bridge.can_transmit(now), None);
+    }
 }
 
 #[test]
