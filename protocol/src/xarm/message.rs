@@ -521,7 +521,7 @@ impl Protocol for XArm {
         let state = State(*state);
         let Some(typed) = Register::from_code(*register) else {
             return match Raw::check(*register, params) {
-                Ok(()) => answer(state, Reply::Raw(Raw::from_wire(*register, params))),
+                Ok(()) => raw_reply(header, state, *register, params),
                 Err(error) => wrong(Cause::Raw(error)),
             };
         };
@@ -598,6 +598,13 @@ impl Protocol for XArm {
             }
         )
     }
+}
+
+/// A reply of a register that may have these parameters. It is made where it is returned, as it is long.
+#[inline(never)]
+fn raw_reply(header: Header, state: State, register: u8, params: &[u8]) -> Result<Response, ParseError> {
+    let reply = Reply::Raw(Raw::from_wire(register, params));
+    Ok(Response::Reply { header, state, reply })
 }
 
 /// A frame with this header whose body is wrong.

@@ -572,11 +572,13 @@ impl Raw {
     }
 
     /// A register and its parameters, of which it is known that there may be such.
+    #[inline(always)]
     pub(super) fn from_wire(register: u8, params: &[u8]) -> Self {
-        let mut raw = Self::empty(register);
-        raw.len = params.len() as u8;
-        put(&mut raw.params, params.iter().copied());
-        raw
+        Self {
+            register,
+            len: params.len() as u8,
+            params: padded(params),
+        }
     }
 
     /// A register, which must not be one of [`Register`], without parameters.
@@ -597,6 +599,19 @@ impl Raw {
     pub fn params(&self) -> &[u8] {
         self.params.get(..usize::from(self.len)).unwrap_or_default()
     }
+}
+
+/// These parameters, and zeros behind them. What is only indexed is made where it is returned.
+#[inline(never)]
+#[allow(clippy::needless_range_loop, reason = "to borrow all of it takes a copy of it")]
+fn padded(params: &[u8]) -> [u8; MAX_PARAMS] {
+    let mut all = [0; MAX_PARAMS];
+    for at in 0..MAX_PARAMS {
+        if let Some(byte) = params.get(at) {
+            all[at] = *byte;
+        }
+    }
+    all
 }
 
 impl fmt::Debug for Raw {
