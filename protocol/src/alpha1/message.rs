@@ -630,28 +630,43 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
     }
 }
 
-fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<Response, Cause> {
+/// What a frame of the robot or a servo says. A message is made where it is returned, as it is long.
+fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<Response, ParseError> {
+    let wrong = |cause| ParseError { command, cause };
+    let status = || status(data).map_err(wrong);
     match command {
-        header::HARDWARE_VERSION => Ok(Response::HardwareVersion(Text::from_wire(text(data)?))),
-        header::SERVO_STATES => sized(data, &[4]).copied().map(ServoStates).map(Response::ServoStates),
-        header::STOP => status(data).map(Response::Stopped),
+        header::HARDWARE_VERSION => {
+            let text = text(data).map_err(wrong)?;
+            Ok(Response::HardwareVersion(Text::from_wire(text)))
+        }
+        header::SERVO_STATES => {
+            let states = sized(data, &[4]).map_err(wrong)?;
+            Ok(Response::ServoStates(ServoStates(*states)))
+        }
+        header::STOP => Ok(Response::Stopped(status()?)),
         header::FIRMWARE_VERSION => {
-            let [status, text @ ..] = *sized::<11>(data, &[11])?;
-            let outcome = outcome(0, status)?;
+            let [status, text @ ..] = *sized::<11>(data, &[11]).map_err(wrong)?;
+            let outcome = outcome(0, status).map_err(wrong)?;
             Ok(Response::FirmwareVersion(FirmwareVersion { outcome, text }))
         }
-        header::ACT if data.first() != Some(&ACT) => Err(Cause::Bluetooth),
+        header::ACT if data.first() != Some(&ACT) => Err(wrong(Cause::Bluetooth)),
         header::ACT => {
-            let [_, status, rest @ ..] = sized::<6>(data, &[6])?;
-            constant(2, rest, &[0; 4])?;
-            outcome(1, *status).map(Response::Acted)
+            let [_, status, rest @ ..] = sized::<6>(data, &[6]).map_err(wrong)?;
+            constant(2, rest, &[0; 4]).map_err(wrong)?;
+            Ok(Response::Acted(outcome(1, *status).map_err(wrong)?))
         }
-        header::OFFSET_TOOL => status(data).map(Response::OffsetTool),
-        header::USB_TYPE => status(data).map(Response::UsbType),
-        header::PLAY => status(data).map(Response::Playing),
-        header::SERVO => ServoResponse::from_data(sized(data, &[6])?, answer).map(Response::Servo),
-        header::SERVO_VERSION => ServoResponse::from_version_data(sized(data, &[6])?).map(Response::Servo),
-        _ => Err(Cause::Unknown),
+        header::OFFSET_TOOL => Ok(Response::OffsetTool(status()?)),
+        header::USB_TYPE => Ok(Response::UsbType(status()?)),
+        header::PLAY => Ok(Response::Playing(status()?)),
+        header::SERVO => {
+            let data = sized(data, &[6]).map_err(wrong)?;
+            Ok(Response::Servo(ServoResponse::from_data(data, answer).map_err(wrong)?))
+        }
+        header::SERVO_VERSION => {
+            let data = sized(data, &[6]).map_err(wrong)?;
+            Ok(Response::Servo(ServoResponse::from_version_data(data).map_err(wrong)?))
+        }
+        _ => Err(wrong(Cause::Unknown)),
     }
 }
 
@@ -728,9 +743,7 @@ impl Protocol for Alpha1 {
             Expect::Requests => None,
         };
         match (frame, answer) {
-            (Frame::Message { command, data }, answer) => {
-                parse_response(command, data, answer).map_err(|cause| ParseError { command, cause })
-            }
+            (Frame::Message { command, data }, answer) => parse_response(command, data, answer),
             (Frame::Byte(byte), Some(ServoAnswer::Acknowledgement(servo))) if byte == acknowledgement(servo) => {
                 Ok(Response::Servo(ServoResponse::Acknowledged(servo)))
             }

@@ -366,15 +366,7 @@ impl Text {
 
     /// The text of these bytes, which it may have.
     pub(super) fn from_wire(text: &[u8]) -> Self {
-        let mut this = Self {
-            data: [0; MAX_TEXT + 1],
-        };
-        let [count, data @ ..] = &mut this.data;
-        *count = (text.len() as u8).wrapping_add(1);
-        for (to, from) in data.iter_mut().zip(text) {
-            *to = *from;
-        }
-        this
+        Self { data: counted(text) }
     }
 
     /// The count and the text.
@@ -394,6 +386,19 @@ impl Text {
         let printable = text.iter().all(|byte| matches!(byte, b' '..=b'~'));
         str::from_utf8(text).ok().filter(|_| printable)
     }
+}
+
+/// The count, which counts itself too, this text, and zeros. What is only indexed is made where it is returned.
+#[inline(never)]
+fn counted(text: &[u8]) -> [u8; MAX_TEXT + 1] {
+    let mut data = [0; MAX_TEXT + 1];
+    data[0] = (text.len() as u8).wrapping_add(1);
+    for at in 0..MAX_TEXT {
+        if let Some(byte) = text.get(at) {
+            data[at + 1] = *byte;
+        }
+    }
+    data
 }
 
 /// What is not printable is escaped: it came from outside.
