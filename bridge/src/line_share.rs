@@ -239,7 +239,8 @@ impl Bridge {
             return;
         };
         let bytes = self.tap.given(start.into(), len.into());
-        let telemetry = self.config.can.telemetry_hz > 0;
+        // Of the bus there is, which is not yet another.
+        let telemetry = self.can.config().telemetry_hz > 0;
         if telemetry && let Some(state) = self.config.arm.joints(bytes) {
             self.can.state(state, at);
         }

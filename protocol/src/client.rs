@@ -92,7 +92,8 @@ pub enum Event<P: Protocol> {
     Late(P::Response),
     /// A response that answers nothing.
     Unsolicited(P::Response),
-    /// The line gave a request back.
+    /// A request: the line gave it back, or another host is on it. A [`RELIABLE`](crate::Framing::RELIABLE) line gives none
+    /// back.
     Echo,
     /// A good frame that is no message of the protocol.
     Unknown(P::Error),
@@ -122,7 +123,6 @@ impl<P: Protocol> fmt::Debug for Event<P> {
 #[cfg(feature = "defmt")]
 impl<P: Protocol> defmt::Format for Event<P>
 where
-    P::Request: defmt::Format,
     P::Response: defmt::Format,
     P::Error: defmt::Format,
 {
@@ -256,13 +256,13 @@ impl<P: Protocol> Exchange<P> {
         let mut event = self.hear_response(now, start, frame, expect);
         match event {
             Event::Answer(_) => self.answered(now),
-            Event::Unknown(_) if is_request::<P>(frame) => event = Event::Echo,
+            Event::Unknown(_) if is_echo::<P>(frame) => event = Event::Echo,
             _ => {}
         }
         event
     }
 
-    /// What it is if only responses could come.
+    /// What it is if only responses could come. The request in flight is not ended yet.
     #[inline(never)]
     fn hear_response(&mut self, now: Micros, start: u64, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
         match &P::parse_response(frame, expect) {
@@ -275,7 +275,7 @@ impl<P: Protocol> Exchange<P> {
         }
     }
 
-    /// Which request a response answers. What is owed is waited for no more.
+    /// Which request a response answers. If it is one that was owed, that is counted off.
     fn place(&mut self, now: Micros, start: u64, response: &P::Response) -> Place {
         if let Some(owed) = &mut self.owed
             && now < owed.until
@@ -298,7 +298,8 @@ impl<P: Protocol> Exchange<P> {
     }
 
     /// Ends the request in flight, whose answer has come.
-    #[inline(never)]
+    // Here and below what is not inlined has its place on the stack only while it runs.
+    #[cfg_attr(target_pointer_width = "32", inline(never))]
     fn answered(&mut self, now: Micros) {
         let more = self
             .flight
@@ -371,12 +372,10 @@ impl<P: Protocol> Exchange<P> {
     }
 }
 
-/// Whether a frame is a request.
-///
-/// None is made of it, where [`Protocol::parse_request`] is inlined: it would be longer than all else on the stack.
+/// Whether a frame is a request, which a reliable line does not give back.
 #[inline(never)]
-fn is_request<P: Protocol>(frame: P::Frame<'_>) -> bool {
-    P::parse_request(frame).is_ok()
+fn is_echo<P: Protocol>(frame: P::Frame<'_>) -> bool {
+    !P::RELIABLE && P::is_request(frame)
 }
 
 /// What bytes are that are not part of a frame.
@@ -733,9 +732,11 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     }
 
     /// What comes of time, when nothing comes of bytes.
-    #[inline(never)]
+    #[cfg_attr(target_pointer_width = "32", inline(never))]
     fn expire(&mut self, now: Micros) -> Option<Event<P>> {
-        if let Some(noise) = self.decoder.broken() {
+        if P::RELIABLE
+            && let Some(noise) = self.decoder.broken()
+        {
             return self.exchange.flight.take().map(|_| Event::Broken(noise));
         }
         if !self.exchange.is_due(now) {
@@ -749,7 +750,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     }
 
     /// Whether the answer should be here, and the line is silent.
-    #[inline(never)]
+    #[cfg_attr(target_pointer_width = "32", inline(never))]
     fn is_overdue(&self, now: Micros) -> bool {
         self.exchange.is_due(now) && self.silence() <= now
     }

@@ -23,8 +23,8 @@ pub enum Scan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-// With a tag of two bytes all that is copied lies at even addresses. For three bytes that do not, a Cortex-M0 calls `memcpy`,
-// which takes more stack than the decoder.
+// Fields lie as declared: behind a tag of two bytes there are two or four, then words. To copy three bytes at an odd address a
+// Cortex-M0 calls `memcpy`, which takes nearly as much stack as the decoder. The layout is no promise.
 #[repr(u16)]
 pub enum Reason {
     /// No frame starts here.

@@ -56,6 +56,11 @@ pub trait Protocol: Framing {
     /// When it is no request of this protocol: what is wrong, and where.
     fn parse_request(frame: Self::Frame<'_>) -> Result<Self::Request, Self::Error>;
 
+    /// Whether [`parse_request`](Self::parse_request) takes a frame, for who has no use for the request.
+    fn is_request(frame: Self::Frame<'_>) -> bool {
+        Self::parse_request(frame).is_ok()
+    }
+
     /// What a frame from the arm means, where `expect` is what it was expected to be: some answers do not say what they
     /// answer.
     ///

@@ -304,6 +304,22 @@ fn the_reply_on_can_goes_out_before_the_bus_is_another() {
 }
 
 #[test]
+fn telemetry_begins_with_the_bus_it_is_for() {
+    let mut rig = telemetry(0, Poll::Hertz(1_000));
+    rig.run(10_000);
+    let mut other = rig.bridge.config();
+    other.can.bit_rate = 125_000;
+    other.can.telemetry_hz = 100;
+    rig.ask_on_can(5, Request::SetConfig(other));
+    while rig.actions.is_empty() {
+        rig.run(1);
+        assert_eq!(rig.frames, []);
+    }
+    rig.run(20_000);
+    assert!(!samples(&rig).is_empty());
+}
+
+#[test]
 fn a_subscription_on_can_ends_with_the_bus() {
     let mut rig = quiet();
     let all = Subscription {
@@ -525,6 +541,7 @@ fn subscribed() -> Bridge {
 #[test]
 fn what_subscribers_are_told_ends_with_a_short_packet_on_usb() {
     let mut packet = [0; PACKET];
+    let mut empty = 0;
     for len in 0..=63 {
         let mut bridge = subscribed();
         bridge.uart_received(&ling(0x06, 0, &[0x55; 63][..len]), Micros(0));
@@ -535,8 +552,10 @@ fn what_subscribers_are_told_ends_with_a_short_packet_on_usb() {
             last = bridge.control_transmit(&mut packet, Micros(0)).expect("one is due");
         }
         assert!(last < PACKET, "{len}");
+        empty += usize::from(last == 0);
         assert_eq!(bridge.control_transmit(&mut packet, Micros(0)), None);
     }
+    assert_eq!(empty, 1, "one of them fills its packet");
 }
 
 fn telemetry(telemetry_hz: u16, poll: Poll) -> Rig {
@@ -614,7 +633,8 @@ fn error_counts_go_out_once_a_second() {
 #[test]
 fn error_counts_that_had_to_wait_go_out_once() {
     let mut bridge = telemetry(10, Poll::Off).bridge;
-    for now in [Micros(0), Micros(1_000_000), Micros(2_500_000)] {
+    // First on an instant of its grid, then long after one.
+    for now in [Micros(1_000_000), Micros(2_500_000), Micros(4_500_000)] {
         assert!(bridge.can_transmit(now).is_some());
         bridge.can_sent(0, now);
         assert_eq!(bridge.can_transmit(now), None);

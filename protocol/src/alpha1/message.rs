@@ -584,6 +584,7 @@ impl ServoResponse {
     }
 }
 
+// Inlined, the optimiser makes no request where it is only asked whether a frame is one.
 #[inline(always)]
 fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
     match command {
@@ -633,7 +634,7 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
 /// What a frame of the robot or a servo says. A message is made where it is returned, as it is long.
 fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<Response, ParseError> {
     let wrong = |cause| ParseError { command, cause };
-    let status = || status(data).map_err(wrong);
+    let only_status = || status(data).map_err(wrong);
     match command {
         header::HARDWARE_VERSION => {
             let text = text(data).map_err(wrong)?;
@@ -643,7 +644,7 @@ fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Resu
             let states = sized(data, &[4]).map_err(wrong)?;
             Ok(Response::ServoStates(ServoStates(*states)))
         }
-        header::STOP => Ok(Response::Stopped(status()?)),
+        header::STOP => Ok(Response::Stopped(only_status()?)),
         header::FIRMWARE_VERSION => {
             let [status, text @ ..] = *sized::<11>(data, &[11]).map_err(wrong)?;
             let outcome = outcome(0, status).map_err(wrong)?;
@@ -655,9 +656,9 @@ fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Resu
             constant(2, rest, &[0; 4]).map_err(wrong)?;
             Ok(Response::Acted(outcome(1, *status).map_err(wrong)?))
         }
-        header::OFFSET_TOOL => Ok(Response::OffsetTool(status()?)),
-        header::USB_TYPE => Ok(Response::UsbType(status()?)),
-        header::PLAY => Ok(Response::Playing(status()?)),
+        header::OFFSET_TOOL => Ok(Response::OffsetTool(only_status()?)),
+        header::USB_TYPE => Ok(Response::UsbType(only_status()?)),
+        header::PLAY => Ok(Response::Playing(only_status()?)),
         header::SERVO => {
             let data = sized(data, &[6]).map_err(wrong)?;
             Ok(Response::Servo(ServoResponse::from_data(data, answer).map_err(wrong)?))
@@ -721,8 +722,6 @@ impl Protocol for Alpha1 {
         }
     }
 
-    // Inlined, with all it calls, no request is made where it is only asked whether a frame is one.
-    #[inline(always)]
     fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
         match frame {
             Frame::Message { command, data } => {
@@ -732,6 +731,17 @@ impl Protocol for Alpha1 {
                 command,
                 cause: Cause::Unexpected,
             }),
+        }
+    }
+
+    fn is_request(frame: Frame<'_>) -> bool {
+        match frame {
+            Frame::Message {
+                command: header::PLAY,
+                data,
+            } => text(data).is_ok(),
+            Frame::Message { command, data } => parse_request(command, data).is_ok(),
+            Frame::Byte(_) => false,
         }
     }
 

@@ -388,15 +388,16 @@ impl Text {
     }
 }
 
-/// The count, which counts itself too, this text, and zeros. What is only indexed is made where it is returned.
+/// The count, which counts itself too, this text, and zeros.
+///
+/// The compiler builds a local in the place of what is returned only if it is never borrowed, as it is to iterate over it.
 #[inline(never)]
 fn counted(text: &[u8]) -> [u8; MAX_TEXT + 1] {
     let mut data = [0; MAX_TEXT + 1];
     data[0] = (text.len() as u8).wrapping_add(1);
     for at in 0..MAX_TEXT {
-        if let Some(byte) = text.get(at) {
-            data[at + 1] = *byte;
-        }
+        let Some(byte) = text.get(at) else { break };
+        data[at + 1] = *byte;
     }
     data
 }

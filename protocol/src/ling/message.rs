@@ -502,7 +502,7 @@ impl Protocol for Ling {
         }
     }
 
-    // Inlined, with all it calls, no request is made where it is only asked whether a frame is one.
+    // Inlined, the optimiser makes no request where it is only asked whether a frame is one.
     #[inline(always)]
     fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
         let Frame { command, function, .. } = frame;

@@ -455,8 +455,6 @@ impl Protocol for XArm {
         }
     }
 
-    // Inlined, no request is made where it is only asked whether a frame is one.
-    #[inline(always)]
     fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
         let header = match kind(frame) {
             Kind::Heartbeat => return Ok(Request::Heartbeat),

@@ -601,15 +601,16 @@ impl Raw {
     }
 }
 
-/// These parameters, and zeros behind them. What is only indexed is made where it is returned.
+/// These parameters, and zeros behind them.
+///
+/// The compiler builds a local in the place of what is returned only if it is never borrowed, as it is to iterate over it.
 #[inline(never)]
-#[allow(clippy::needless_range_loop, reason = "to borrow all of it takes a copy of it")]
+#[allow(clippy::needless_range_loop, reason = "see above")]
 fn padded(params: &[u8]) -> [u8; MAX_PARAMS] {
     let mut all = [0; MAX_PARAMS];
     for at in 0..MAX_PARAMS {
-        if let Some(byte) = params.get(at) {
-            all[at] = *byte;
-        }
+        let Some(byte) = params.get(at) else { break };
+        all[at] = *byte;
     }
     all
 }
