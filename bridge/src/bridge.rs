@@ -398,11 +398,9 @@ impl Bridge {
         if self.control.can_due() {
             self.tell_frames();
         }
-        let replied = self.can.control.is_sending();
+        let was_replying = self.can.control.is_sending();
         let frame = self.can.transmit(now, &mut self.counters);
-        if replied && !self.can.control.is_sending() {
-            self.serve(now);
-        }
+        self.serve_behind_reply(was_replying, now);
         frame
     }
 
@@ -611,7 +609,11 @@ impl Bridge {
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
             self.refuse(Asker::Command, refusal, now);
         }
-        // A reply was given up, and there may be room for the next one.
+        self.serve_behind_reply(was_replying, now);
+    }
+
+    /// Serves hosts if a reply on CAN that was under way is out or given up: there may be room for the next one.
+    fn serve_behind_reply(&mut self, was_replying: bool, now: Micros) {
         if was_replying && !self.can.control.is_sending() {
             self.serve(now);
         }

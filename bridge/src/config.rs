@@ -113,6 +113,7 @@ pub struct Silence {
 /// Why a configuration is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum ConfigError {
     /// A poll rate of 0 or above the fastest, in hertz.
     PollRate {

@@ -237,6 +237,11 @@ pub enum Asker {
     Adapter,
 }
 
+impl Asker {
+    /// Everybody, in the order of turns.
+    pub(crate) const ALL: [Self; 5] = [Self::Usb, Self::Can, Self::Poll, Self::Command, Self::Adapter];
+}
+
 /// Why something was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -337,9 +342,8 @@ mod tests {
 
     #[test]
     fn who_asked_and_why_it_was_refused_can_be_read() {
-        let askers = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
         let names = ["usb", "can", "poll", "command", "adapter"];
-        assert_eq!(askers.map(|asker| asker.to_string()), names);
+        assert_eq!(Asker::ALL.map(|asker| asker.to_string()), names);
         assert_eq!(Refusal::Stale.to_string(), "not a new command");
     }
 

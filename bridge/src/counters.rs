@@ -1,7 +1,9 @@
 //! What the adapter has seen, lost and refused.
 
-use postcard::Error;
 use serde::{Deserialize, Serialize};
+
+use crate::control::{Malformed, NoRoom};
+use crate::control_codec::{read, write};
 
 /// Counts since the adapter started, and how often it did. Each wraps at 2³².
 ///
@@ -149,18 +151,28 @@ impl Counters {
     ///
     /// # Errors
     ///
-    /// When `buf` is too short; never with [`MAX_LEN`](Self::MAX_LEN) bytes.
-    pub fn to_bytes<'a>(&self, buf: &'a mut [u8]) -> Result<&'a [u8], Error> {
-        postcard::to_slice(self, buf).map(|bytes| &*bytes)
+    /// [`NoRoom`] if `buf` is too short; never with [`MAX_LEN`](Self::MAX_LEN) bytes.
+    pub fn to_bytes<'a>(&self, buf: &'a mut [u8]) -> Result<&'a [u8], NoRoom> {
+        let len = write(self, buf)?;
+        Ok(buf.get(..len).unwrap_or_default())
     }
 
-    /// The counts that an adapter of this version sent.
+    /// The counts that an adapter of this version sent, or of a later one: those that this one does not know are passed over.
     ///
     /// # Errors
     ///
-    /// When they are another version's.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
-        postcard::from_bytes(bytes)
+    /// [`Malformed`] if they are an older version's, or no counts.
+    ///
+    /// ```
+    /// use armwire_bridge::Counters;
+    /// use armwire_bridge::control::Reason;
+    ///
+    /// let error = Counters::from_bytes(&[7, 1]).unwrap_err();
+    /// assert_eq!(error.reason, Reason::EndsEarly);
+    /// ```
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
+        let counters = read(bytes).map(|(counters, _)| counters);
+        counters.map_err(|reason| Malformed { sequence: None, reason })
     }
 }
 

@@ -4,7 +4,6 @@ use armwire::Micros;
 
 use crate::control::{Asker, Event, FrameBytes, FromAdapter, Stamp};
 use crate::queue::Queue;
-use crate::turn::ASKERS;
 
 /// Bytes of room: 6 answers with the joints of a Ling arm.
 const ROOM: usize = 192;
@@ -54,7 +53,7 @@ impl FrameQueue {
         let mut header = [0; HEADER];
         self.bytes.pop(&mut header);
         let [stamp @ .., by, len] = header;
-        let asker = ASKERS.get(usize::from(by)).copied();
+        let asker = Asker::ALL.get(usize::from(by)).copied();
         let bytes = FrameBytes::new();
         *message = FromAdapter::Event {
             at: Stamp(u64::from_le_bytes(stamp)),
@@ -83,7 +82,7 @@ mod tests {
     use crate::control::MAX_FRAME;
 
     fn frames(len: usize) -> impl Iterator<Item = (u64, Option<Asker>, FrameBytes)> {
-        let askers = ASKERS.map(Some).into_iter().chain([None]).cycle();
+        let askers = Asker::ALL.map(Some).into_iter().chain([None]).cycle();
         askers.enumerate().map(move |(n, asker)| {
             let bytes = FrameBytes::from_slice(&[n as u8; MAX_FRAME][..len]).unwrap();
             (u64::MAX - n as u64, asker, bytes)

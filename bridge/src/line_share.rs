@@ -12,7 +12,7 @@ use crate::bridge::{Bridge, Burst, LEAD, Need, Streams};
 use crate::control::{Asker, FrameBytes, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::exchange::Heard;
-use crate::turn::{ASKERS, behind};
+use crate::turn::behind;
 use crate::{Line, UartErrors};
 
 /// How long the host on USB may pause inside a frame before others get their turn.
@@ -366,11 +366,11 @@ impl Bridge {
                 && self.turn.last == Asker::Poll
                 && self.since(asker, now) <= Some(self.turn.polled)
         };
-        if urgent && ready(Asker::Poll) && !ASKERS.into_iter().any(passed_over) {
+        if urgent && ready(Asker::Poll) && !Asker::ALL.into_iter().any(passed_over) {
             return Some(Asker::Poll);
         }
         let mut asker = self.turn.rotated;
-        for _ in ASKERS {
+        for _ in Asker::ALL {
             asker = behind(asker);
             // If a poll that must be on time is still here, it is not its turn.
             if ready(asker) && !(asker == Asker::Poll && urgent) {
@@ -392,7 +392,7 @@ impl Bridge {
 
     /// Whether anybody but the host on USB could speak.
     fn others_wait(&self, now: Micros) -> bool {
-        let [_, others @ ..] = ASKERS;
+        let [_, others @ ..] = Asker::ALL;
         !self.others_are_silent(now) && others.into_iter().any(|asker| self.is_ready(asker, now))
     }
 
@@ -589,7 +589,7 @@ impl Bridge {
             return None;
         }
         let now = Micros(0);
-        let [_, others @ ..] = ASKERS;
+        let [_, others @ ..] = Asker::ALL;
         let ready = others.into_iter().filter(|asker| self.is_ready(*asker, now));
         let since = ready.filter_map(|asker| self.since(asker, now)).min()?;
         let quiet = match self.asks.pending() {

@@ -107,9 +107,6 @@ impl Turn {
     }
 }
 
-/// Everybody, in the order of turns.
-pub(crate) const ASKERS: [Asker; 5] = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
-
 /// Whose turn comes after that of `asker`.
 pub(crate) const fn behind(asker: Asker) -> Asker {
     match asker {

@@ -221,7 +221,7 @@ pub fn event_to_frame(event: &Event, at: Stamp, node: Node) -> Option<Frame> {
 pub fn event_from_frame(frame: &Frame) -> Option<(u32, Event)> {
     let (_, [what, dropped, low, high]) = words(frame, Function::Event)?;
     let [what, asker] = what.to_le_bytes();
-    let who = ASKERS.into_iter().find(|&who| asker_code(who) == asker);
+    let who = Asker::ALL.into_iter().find(|&who| asker_code(who) == asker);
     let event = match (what, dropped) {
         (BUS_OFF | BUS_ON, 0) if asker == NOBODY => Event::BusOff { off: what == BUS_OFF },
         (HOST_SILENT | HOST_SILENT_TORQUE_OFF, _) => Event::HostSilent {
@@ -264,8 +264,6 @@ const fn refusal_code(reason: Refusal) -> u8 {
 
 /// Whose it was, if it was nobody's.
 const NOBODY: u8 = 0;
-
-const ASKERS: [Asker; 5] = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
 
 const fn asker_code(asker: Asker) -> u8 {
     match asker {
@@ -325,7 +323,7 @@ mod tests {
     }
 
     fn event() -> impl Strategy<Value = Event> {
-        let asker = || prop::sample::select(&ASKERS[..]);
+        let asker = || prop::sample::select(&Asker::ALL[..]);
         prop_oneof![
             (asker(), prop::sample::select(&REFUSALS[..])).prop_map(|(asker, reason)| Event::Refused { asker, reason }),
             (asker(), any::<(u16, bool)>()).prop_map(|(asker, (dropped, torque_off))| Event::HostSilent {

@@ -66,8 +66,13 @@ impl Message for FromAdapter {
 /// assert_eq!(decode(&pdu[..len]), Ok(message));
 /// ```
 pub fn encode<T: Message>(message: &T, out: &mut [u8]) -> Result<usize, NoRoom> {
+    write(message, out)
+}
+
+/// Writes whatever it is to the front of `out` in postcard format, and returns its length.
+pub(crate) fn write<T: Serialize>(value: &T, out: &mut [u8]) -> Result<usize, NoRoom> {
     let room = out.len();
-    match postcard::to_slice(message, out) {
+    match postcard::to_slice(value, out) {
         Ok(bytes) => Ok(bytes.len()),
         Err(_) => Err(NoRoom { room }),
     }
@@ -115,15 +120,22 @@ pub(crate) fn add_cobs(bytes: &[u8], out: &mut [u8]) -> Result<usize, NoRoom> {
 /// assert_eq!((malformed.sequence, malformed.reason), (Some(7), Reason::Unknown));
 /// ```
 pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
-    let reason = match postcard::take_from_bytes(bytes) {
+    let reason = match read(bytes) {
         Ok((message, rest)) if rest.is_empty() || T::MAY_GROW => return Ok(message),
         Ok((_, rest)) => Reason::Surplus { bytes: rest.len() },
-        Err(postcard::Error::DeserializeUnexpectedEnd) => Reason::EndsEarly,
-        Err(_) => Reason::Unknown,
+        Err(reason) => reason,
     };
     Err(Malformed {
         sequence: T::sequence(bytes),
         reason,
+    })
+}
+
+/// Reads whatever it is in postcard format from the front of `bytes`, and returns what is behind it, too.
+pub(crate) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<(T, &[u8]), Reason> {
+    postcard::take_from_bytes(bytes).map_err(|error| match error {
+        postcard::Error::DeserializeUnexpectedEnd => Reason::EndsEarly,
+        _ => Reason::Unknown,
     })
 }
 
@@ -282,6 +294,7 @@ pub struct Malformed {
 
 /// Why bytes are no message of this version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Reason {
     /// They are not COBS-encoded.
     NotCobs,

@@ -57,6 +57,7 @@ impl Iterator for Events {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Error {
     /// Sending: a frame did not leave in time (N_TIMEOUT_A).
     NotTransmitted {
@@ -150,6 +151,7 @@ impl core::error::Error for Error {}
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Refused {
     /// The PDU before it has not been released.
     Occupied {
@@ -185,6 +187,7 @@ impl core::error::Error for Refused {}
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum Ignored {
     /// The frame is shorter than what it says it is.
     Short {
@@ -254,6 +257,7 @@ impl fmt::Display for Ignored {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
 pub enum SendError {
     /// Another is being sent. Nothing was changed.
     Busy,

@@ -115,6 +115,7 @@ pub enum Saved {
 
 /// Why something was not saved. What was saved before still is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Error<E> {
     /// No adapter can be like that.
     Config(ConfigError),
