@@ -119,6 +119,16 @@ fn a_full_packet_waits_for_nothing() {
 }
 
 #[test]
+fn the_first_packet_of_a_longer_frame_does_not_wait_for_its_end() {
+    let mut bridge = open();
+    let frame = frame(&[7; 63]);
+    bridge.uart_received(&frame[..PACKET], NOW);
+    assert_eq!(packets(&mut bridge), [&frame[..PACKET]]);
+    bridge.uart_received(&frame[PACKET..], NOW);
+    assert_eq!(packets(&mut bridge), [&frame[PACKET..]]);
+}
+
+#[test]
 fn a_transfer_that_ends_with_a_full_packet_is_ended_by_an_empty_one() {
     let mut bridge = open();
     bridge.uart_received(&[7; PACKET], NOW);
@@ -259,6 +269,9 @@ fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
     bridge.request_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
     assert_eq!(bridge.line_change(), None);
     assert_eq!(bridge.line_coding(), LineCoding::LING);
+    // One may have been under way already.
+    bridge.line_changed(bridge.line);
+    assert_eq!(bridge.line_change(), None);
 }
 
 #[test]

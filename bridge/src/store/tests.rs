@@ -33,6 +33,8 @@ struct Nor<const WRITE: usize, const ERASE: usize> {
     bytes: Vec<u8>,
     /// How many steps there is power for, and what becomes of the one behind them.
     power: Option<(usize, Damage)>,
+    /// It says that it writes and erases, and does nothing.
+    worn: bool,
     /// The steps there were, those without power not counted.
     steps: Vec<Step>,
     /// How often each page was erased.
@@ -132,6 +134,7 @@ impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
         Self {
             bytes: vec![0xFF; pages * ERASE],
             power: None,
+            worn: false,
             steps: Vec::new(),
             erased: vec![0; pages],
         }
@@ -142,6 +145,9 @@ impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
     }
 
     fn step(&mut self, step: Step) -> Result<(), Fault> {
+        if self.worn {
+            return Ok(());
+        }
         match &mut self.power {
             None => {}
             Some((steps @ 1.., _)) => *steps -= 1,
@@ -632,4 +638,15 @@ fn a_flash_that_does_not_write_is_reported() {
     assert_eq!(error, Error::Flash(Fault::NoPower));
     assert_eq!(format!("{error}"), "the flash reports NoPower");
     assert_eq!(load(&mut flash), Saved::Config(config(1)));
+}
+
+#[test]
+fn a_flash_that_keeps_nothing_of_what_it_says_it_writes_is_reported() {
+    for saves in [0, 1] {
+        let mut flash = filled::<4, 0x4000>(saves);
+        flash.worn = true;
+        let error = save(&mut flash, &config(2)).unwrap_err();
+        assert_eq!(error, Error::NotKept);
+        assert_eq!(format!("{error}"), "the flash does not keep what is written");
+    }
 }

@@ -6,7 +6,8 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::Micros;
+use armwire::alpha1::{self, Alpha1};
+use armwire::{Micros, Protocol};
 use proptest::prelude::*;
 
 use super::rig::{Rig, ling, polite};
@@ -754,4 +755,30 @@ proptest! {
         prop_assert!(rig.bridge.down.is_empty() && rig.bridge.can_requests.is_empty());
         prop_assert!(rig.usb_out.is_empty());
     }
+}
+
+#[test]
+fn bytes_that_waited_for_an_answer_that_never_came_do_not_look_stuck() {
+    let mut rig = Rig::new(Config {
+        arm: ArmKind::Alpha1,
+        ..Config::default()
+    });
+    rig.manners = Box::new(|_| None);
+    // The robot may take a second for it.
+    let mut slow = [0; alpha1::MAX_FRAME];
+    let len = Alpha1::encode_request(&alpha1::Request::SetUsbType(alpha1::UsbType::Disk), &mut slow).unwrap();
+    rig.can_out.push_back(slow[..len].to_vec());
+    while rig.said.is_empty() {
+        rig.run(1);
+    }
+    rig.bridge.usb_received(&[1; 10], Micros(rig.now));
+    let mut now = Micros(rig.now);
+    while !rig.bridge.uart_due(now) {
+        now = rig.bridge.timeout().unwrap();
+        rig.bridge.uart_received(&[], now);
+        rig.bridge.tick(now);
+    }
+    assert!(now > Micros(rig.now + 1_000_000));
+    assert!(!rig.bridge.is_stuck(now));
+    assert!(rig.bridge.is_stuck(now + Micros(1_000_001)));
 }
