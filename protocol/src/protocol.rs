@@ -56,7 +56,7 @@ pub trait Protocol: Framing {
     /// When it is no request of this protocol: what is wrong, and where.
     fn parse_request(frame: Self::Frame<'_>) -> Result<Self::Request, Self::Error>;
 
-    /// Whether [`parse_request`](Self::parse_request) takes a frame, for who has no use for the request.
+    /// Whether [`parse_request`](Self::parse_request) takes a frame, for whoever has no use for the request.
     fn is_request(frame: Self::Frame<'_>) -> bool {
         Self::parse_request(frame).is_ok()
     }

@@ -341,6 +341,29 @@ fn every_response_of_the_documents_holds_in_both_directions() {
 }
 
 #[test]
+fn what_is_a_request_is_what_is_parsed_as_one() {
+    assert!(!Alpha1::is_request(Frame::Byte(0xAB)));
+    for (row, bytes, _) in requests() {
+        let Frame::Message { command, data } = frame_of(&bytes, Expect::Requests) else {
+            panic!("{row}");
+        };
+        assert!(Alpha1::is_request(Frame::Message { command, data }), "{row}");
+        // With every byte another, and shorter.
+        for command in 0..=u8::MAX {
+            for (at, change) in (0..data.len()).flat_map(|at| [(at, 1), (at, 0x80)]) {
+                let mut data = data.to_vec();
+                data[at] ^= change;
+                for data in [&data, &data[..at]] {
+                    let frame = Frame::Message { command, data };
+                    let parsed = Alpha1::parse_request(frame);
+                    assert_eq!(Alpha1::is_request(frame), parsed.is_ok(), "{row}: {parsed:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn every_request_has_a_response_of_the_documents_unless_it_is_for_all() {
     for (row, _, request) in requests() {
         let answered = responses()
