@@ -23,9 +23,10 @@ pub enum Scan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-// Fields lie as declared: behind a tag of two bytes there are two or four, then words. To copy three bytes at an odd address a
-// Cortex-M0 calls `memcpy`, which takes nearly as much stack as the decoder. The layout is no promise.
-#[repr(u16)]
+// On a microcontroller fields lie as declared: behind a tag of two bytes there are two or four, then words. To copy three bytes
+// at an odd address a Cortex-M0 calls `memcpy`, which takes nearly as much stack as the decoder. A computer is faster with what
+// the compiler chooses. The layout is no promise.
+#[cfg_attr(target_pointer_width = "32", repr(u16))]
 pub enum Reason {
     /// No frame starts here.
     Stray,
