@@ -6,11 +6,11 @@ use std::vec::Vec;
 
 use armwire::Micros;
 
-use super::rig::ling;
+use super::rig::{self, ling};
 use crate::can::command::Command;
 use crate::can::{Frame, Function};
 use crate::config::{Can, Config};
-use crate::control::{FromHost, Identity, MAX_COBS, MAX_FRAME, Request, Subscription, encode, encode_cobs};
+use crate::control::{FromHost, Identity, MAX_FRAME, Request, Subscription, encode};
 use crate::{Action, Bridge, Counters};
 
 /// An adapter on this bus.
@@ -174,13 +174,7 @@ fn transfers_under_way_when_the_bus_is_lost_are_counted_each_way() {
 /// On this bus, if the host on USB has it so.
 fn configure(bridge: &mut Bridge, can: Can, now: Micros) {
     let config = Config { can, ..bridge.config() };
-    let request = FromHost {
-        sequence: 1,
-        request: Request::SetConfig(config),
-    };
-    let mut bytes = [0; MAX_COBS];
-    let len = encode_cobs(&request, &mut bytes).unwrap();
-    bridge.control_received(&bytes[..len], now);
+    rig::ask(bridge, 1, Request::SetConfig(config), now);
     assert_eq!(bridge.config(), config);
 }
 

@@ -8,13 +8,12 @@ use std::vec::Vec;
 use armwire::Micros;
 use proptest::prelude::*;
 
-use super::rig::{Rig, ling, polite};
+use super::rig::{Rig, ask, ling, polite};
 use crate::can::telemetry::{Errors, Sample, event_from_frame};
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
 use crate::control::{
-    ArmIdentity, Event, Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_FRAME, Reply, Request, Subscription,
-    VERSION, encode_cobs,
+    ArmIdentity, Event, Failure, FromAdapter, Identity, MAX_FRAME, Reply, Request, Subscription, VERSION,
 };
 use crate::{Action, Bridge, Burst, CanErrors, Line, LineCoding, PACKET};
 
@@ -222,13 +221,7 @@ fn what_one_host_ends_for_another_is_told_before_it_has_its_own_reply() {
 #[test]
 fn a_request_that_finds_too_little_room_waits_for_more() {
     let mut bridge = Bridge::default();
-    let request = FromHost {
-        sequence: 1,
-        request: Request::IdentifyArm,
-    };
-    let mut bytes = [0; MAX_COBS];
-    let len = encode_cobs(&request, &mut bytes).unwrap();
-    bridge.control_received(&bytes[..len], Micros(0));
+    ask(&mut bridge, 1, Request::IdentifyArm, Micros(0));
     assert_eq!(bridge.uart_transmit(&mut [0; 6], Micros(0)), None);
     let burst = bridge.uart_transmit(&mut [0; MAX_FRAME], Micros(0));
     assert_eq!(burst, Some(Burst { len: 7, start: None }));
@@ -527,13 +520,11 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
 /// An adapter whose host on USB is told of frames, and has had the reply.
 fn subscribed() -> Bridge {
     let mut bridge = Bridge::default();
-    let request = Request::Subscribe(Subscription {
+    let frames = Subscription {
         frames: true,
         events: false,
-    });
-    let mut bytes = [0; MAX_COBS];
-    let len = encode_cobs(&FromHost { sequence: 1, request }, &mut bytes).unwrap();
-    bridge.control_received(&bytes[..len], Micros(0));
+    };
+    ask(&mut bridge, 1, Request::Subscribe(frames), Micros(0));
     assert!(bridge.control_transmit(&mut [0; PACKET], Micros(0)).is_some());
     bridge
 }

@@ -325,10 +325,8 @@ impl Rig {
     pub(super) fn ask(&mut self, request: Request) -> u8 {
         self.sequence += 1;
         let sequence = self.sequence;
-        let mut bytes = [0; MAX_COBS];
-        let len = encode_cobs(&FromHost { sequence, request }, &mut bytes).unwrap();
         assert!(self.bridge.control_room());
-        self.bridge.control_received(&bytes[..len], Micros(self.now));
+        ask(&mut self.bridge, sequence, request, Micros(self.now));
         self.pump();
         sequence
     }
@@ -361,6 +359,13 @@ impl Rig {
     pub(super) fn line(&self) -> Vec<u8> {
         self.said.iter().flat_map(|(_, bytes)| bytes.clone()).collect()
     }
+}
+
+/// The host on USB asks something on the control interface.
+pub(super) fn ask(bridge: &mut Bridge, sequence: u8, request: Request, now: Micros) {
+    let mut bytes = [0; MAX_COBS];
+    let len = encode_cobs(&FromHost { sequence, request }, &mut bytes).unwrap();
+    bridge.control_received(&bytes[..len], now);
 }
 
 /// A Ling arm that answers what it knows, 200 µs after it was asked. The first data byte of its answers counts them.

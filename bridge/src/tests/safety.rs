@@ -9,12 +9,12 @@ use std::vec::Vec;
 use armwire::ling::{self, Ling};
 use armwire::{Micros, Protocol};
 
-use super::rig::{Rig, ling};
+use super::rig::{Rig, ask, ling};
 use crate::can::Node;
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::config::{ArmKind, Can, Config, Silence};
-use crate::control::{Asker, Event, FromHost, Identity, MAX_COBS, MAX_FRAME, Refusal, Reply, Request, encode_cobs};
+use crate::control::{Asker, Event, Identity, MAX_FRAME, Refusal, Reply, Request};
 use crate::{Bridge, DOWN, PACKET};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
@@ -365,14 +365,8 @@ fn commands_end_with_the_configuration_though_the_bus_is_still_the_one_before() 
     let mut off = Config::default();
     off.can.node = Node::new(5).unwrap();
     // Nobody has set up the controller anew yet.
-    let request = FromHost {
-        sequence: 1,
-        request: Request::SetConfig(off),
-    };
-    let mut bytes = [0; MAX_COBS];
-    let len = encode_cobs(&request, &mut bytes).unwrap();
     let now = Micros(rig.now);
-    rig.bridge.control_received(&bytes[..len], now);
+    ask(&mut rig.bridge, 1, Request::SetConfig(off), now);
     for frame in command(1).to_frames(Node::default()) {
         rig.bridge.can_received(&frame, now);
     }
