@@ -178,8 +178,7 @@ impl<R> fmt::Display for Busy<R> {
 impl<R: fmt::Debug> core::error::Error for Busy<R> {}
 
 /// The request in flight.
-struct Flight<P: Protocol> {
-    request: P::Request,
+struct Flight {
     state: State,
     /// How often all of it was sent.
     sends: u8,
@@ -190,7 +189,7 @@ struct Flight<P: Protocol> {
     since: u64,
 }
 
-impl<P: Protocol> Flight<P> {
+impl Flight {
     /// How many answers may come: one for each time it was sent, or is being sent.
     const fn answers(&self) -> u8 {
         self.sends.saturating_add(matches!(self.state, State::Writing) as u8)
@@ -210,8 +209,7 @@ enum State {
 }
 
 /// Answers that were not waited for and may still come.
-struct Owed<P: Protocol> {
-    request: P::Request,
+struct Owed {
     answers: u8,
     until: Micros,
     /// The last of these requests is still being sent.
@@ -223,8 +221,51 @@ struct Owed<P: Protocol> {
 /// The request in flight, and what may still come of those before it.
 struct Exchange<P: Protocol> {
     config: Config,
-    flight: Option<Flight<P>>,
-    owed: Option<Owed<P>>,
+    /// The time, as it was told last.
+    now: Micros,
+    /// How many bytes came before those that the decoder looks at.
+    before: u64,
+    flight: Option<Flight>,
+    owed: Option<Owed>,
+    requests: Requests<P::Request>,
+}
+
+/// The request in flight, and the one that answers are owed to: what [`Flight`] and [`Owed`] are of, where there are any.
+///
+/// A request is too long to be moved from one to the other. It stays in its place, and the places change their roles.
+struct Requests<R> {
+    places: [Option<R>; 2],
+    /// Whether the second place is that of the request in flight.
+    second: bool,
+}
+
+impl<R: Copy> Requests<R> {
+    const fn new() -> Self {
+        Self {
+            places: [None; 2],
+            second: false,
+        }
+    }
+
+    const fn in_flight(&self) -> Option<&R> {
+        let [first, second] = &self.places;
+        if self.second { second.as_ref() } else { first.as_ref() }
+    }
+
+    const fn owed(&self) -> Option<&R> {
+        let [first, second] = &self.places;
+        if self.second { first.as_ref() } else { second.as_ref() }
+    }
+
+    fn put_in_flight(&mut self, request: R) {
+        let [first, second] = &mut self.places;
+        *if self.second { second } else { first } = Some(request);
+    }
+
+    /// Answers to the request in flight are owed from now on.
+    const fn owe(&mut self) {
+        self.second = !self.second;
+    }
 }
 
 /// Which request a response answers.
@@ -238,51 +279,65 @@ enum Place {
 }
 
 impl<P: Protocol> Exchange<P> {
+    const fn new(config: Config) -> Self {
+        Self {
+            config,
+            now: Micros(0),
+            before: 0,
+            flight: None,
+            owed: None,
+            requests: Requests::new(),
+        }
+    }
+
+    /// Puts a request in flight.
+    fn begin(&mut self, request: P::Request) {
+        self.requests.put_in_flight(request);
+        self.flight = Some(Flight {
+            state: State::Ready,
+            sends: 0,
+            repeats: self.config.repeats,
+            since: u64::MAX,
+        });
+    }
+
     /// What the next frame may be: the answer that is owed or, if none is, that to the request in flight. Where both
     /// could come, the request is held back, has no answer, or is named by its answer.
+    #[cfg_attr(target_pointer_width = "32", inline(never))]
     fn expect(&self) -> P::Expect {
-        let begun = |flight: &&Flight<P>| flight.answers() > 0;
-        let flight = self.flight.as_ref().filter(begun).map(|flight| &flight.request);
-        let owed = self.owed.as_ref().map(|owed| &owed.request);
-        P::expect(owed.or(flight))
+        P::expect(match (&self.owed, &self.flight) {
+            (Some(_), _) => self.requests.owed(),
+            (None, Some(flight)) if flight.answers() > 0 => self.requests.in_flight(),
+            _ => None,
+        })
     }
 
-    /// What a frame is, before which at least `start` bytes came.
+    /// What a frame is.
     ///
-    /// A message is long. It is looked at where it lies, and moved by functions that are not inlined, so that few copies
-    /// of it are on the stack at a time.
+    /// A response is long: it is made where it is returned, of what is borrowed from the frame until then.
     #[inline(never)]
-    fn hear(&mut self, now: Micros, start: u64, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
-        let mut event = self.hear_response(now, start, frame, expect);
-        match event {
-            Event::Answer(_) => self.answered(now),
-            Event::Unknown(_) if is_echo::<P>(frame) => event = Event::Echo,
-            _ => {}
-        }
-        event
-    }
-
-    /// What it is if only responses could come. The request in flight is not ended yet.
-    #[inline(never)]
-    fn hear_response(&mut self, now: Micros, start: u64, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
-        match &P::parse_response(frame, expect) {
-            Ok(response) => match self.place(now, start, response) {
-                Place::Answer => Event::Answer(*response),
-                Place::Late => Event::Late(*response),
-                Place::Unsolicited => Event::Unsolicited(*response),
+    fn hear(&mut self, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
+        match &parse_response::<P>(frame, expect) {
+            Ok(response) => match self.place(response) {
+                Place::Answer => Event::Answer(P::to_response(response)),
+                Place::Late => Event::Late(P::to_response(response)),
+                Place::Unsolicited => Event::Unsolicited(P::to_response(response)),
             },
+            Err(_) if is_echo::<P>(frame) => Event::Echo,
             Err(error) => Event::Unknown(*error),
         }
     }
 
-    /// Which request a response answers. If it is one that was owed, that is counted off.
-    fn place(&mut self, now: Micros, start: u64, response: &P::Response) -> Place {
+    /// Which request a response answers. If it is the one in flight, that is ended; if it is one that was owed, that is
+    /// counted off.
+    fn place(&mut self, response: &P::ResponseRef<'_>) -> Place {
+        let answers = |request: &P::Request| P::answers(request, response);
         if let Some(owed) = &mut self.owed
-            && now < owed.until
-            && owed.since <= start
+            && self.now < owed.until
+            && owed.since <= self.before
             // The one that is still being sent has no answer yet.
             && owed.answers > u8::from(owed.sending)
-            && P::answers(&owed.request, response)
+            && self.requests.owed().is_some_and(answers)
         {
             owed.answers = owed.answers.saturating_sub(1);
             if owed.answers == 0 {
@@ -290,27 +345,20 @@ impl<P: Protocol> Exchange<P> {
             }
             return Place::Late;
         }
-        match &self.flight {
-            // Not only while it waits: a repeat may be on its way when the first answer comes after all.
-            Some(flight) if flight.since <= start && P::answers(&flight.request, response) => Place::Answer,
-            _ => Place::Unsolicited,
+        // Not only while it waits: a repeat may be on its way when the first answer comes after all.
+        if let Some(flight) = &self.flight
+            && flight.since <= self.before
+            && self.requests.in_flight().is_some_and(answers)
+        {
+            self.end(flight.answers().saturating_sub(1));
+            return Place::Answer;
         }
-    }
-
-    /// Ends the request in flight, whose answer has come.
-    // Here and below what is not inlined has its place on the stack only while it runs.
-    #[cfg_attr(target_pointer_width = "32", inline(never))]
-    fn answered(&mut self, now: Micros) {
-        let more = self
-            .flight
-            .as_ref()
-            .map_or(0, |flight| flight.answers().saturating_sub(1));
-        self.end(now, more);
+        Place::Unsolicited
     }
 
     /// Whether the answer to the request in flight should be here by now.
-    fn is_due(&self, now: Micros) -> bool {
-        matches!(&self.flight, Some(Flight { state: State::Waiting { due, .. }, .. }) if *due <= now)
+    fn is_due(&self) -> bool {
+        matches!(&self.flight, Some(Flight { state: State::Waiting { due, .. }, .. }) if *due <= self.now)
     }
 
     /// Waits longer for the answer to the request in flight, but not twice. Returns whether it does.
@@ -328,63 +376,54 @@ impl<P: Protocol> Exchange<P> {
     }
 
     /// Waits no longer for the answer to the request in flight: it is sent again, or has timed out.
-    fn give_up(&mut self, now: Micros) -> Option<Event<P>> {
+    fn give_up(&mut self) -> Option<Event<P>> {
         let flight = self.flight.as_mut()?;
-        if flight.repeats > 0 && P::repeatable(&flight.request) {
+        if flight.repeats > 0 && self.requests.in_flight().is_some_and(P::repeatable) {
             flight.repeats -= 1;
             flight.state = State::Ready;
             return None;
         }
         let sends = flight.sends;
-        self.end(now, sends);
+        self.end(sends);
         Some(Event::TimedOut { sends })
     }
 
     /// Ends the request in flight, and notes that this many answers to it may still come.
-    fn end(&mut self, now: Micros, answers: u8) {
-        if let Some(flight) = &self.flight
-            && answers > 0
-            && P::reply(&flight.request).is_some()
-        {
-            let due = match flight.state {
-                State::Waiting { due, .. } => due.max(now),
-                State::Ready | State::Writing | State::Sent => now,
-            };
-            self.owed = Some(Owed {
-                request: flight.request,
-                answers,
-                until: due + self.config.lateness,
-                sending: matches!(flight.state, State::Writing),
-                since: flight.since,
-            });
+    fn end(&mut self, answers: u8) {
+        if answers > 0 {
+            self.owe(answers);
         }
         self.flight = None;
     }
 
-    /// Whether the request in flight must not be sent yet.
-    fn is_held(&self, now: Micros) -> bool {
-        let owes = self.owed.as_ref().is_some_and(|owed| now < owed.until);
-        let waits = self
-            .flight
-            .as_ref()
-            .is_some_and(|flight| P::reply(&flight.request).is_some());
-        owes && waits && !P::IDENTIFIED
+    /// Notes that this many answers to the request in flight may still come when it is no more.
+    #[cfg_attr(target_pointer_width = "32", inline(never))]
+    fn owe(&mut self, answers: u8) {
+        let Some(flight) = &self.flight else { return };
+        let due = match flight.state {
+            State::Waiting { due, .. } => due.max(self.now),
+            State::Ready | State::Writing | State::Sent => self.now,
+        };
+        self.owed = Some(Owed {
+            answers,
+            until: due + self.config.lateness,
+            sending: matches!(flight.state, State::Writing),
+            since: flight.since,
+        });
+        self.requests.owe();
     }
+}
+
+/// What a frame says if only responses could come.
+#[inline(never)]
+fn parse_response<P: Protocol>(frame: P::Frame<'_>, expect: P::Expect) -> Result<P::ResponseRef<'_>, P::Error> {
+    P::parse_response_ref(frame, expect)
 }
 
 /// Whether a frame is a request, which a reliable line does not give back.
 #[inline(never)]
 fn is_echo<P: Protocol>(frame: P::Frame<'_>) -> bool {
     !P::RELIABLE && P::is_request(frame)
-}
-
-/// What bytes are that are not part of a frame.
-#[inline(never)]
-fn not_a_frame<P: Protocol>(noise: &Noise) -> Event<P> {
-    match P::RELIABLE {
-        true => Event::Broken(*noise),
-        false => Event::Noise(*noise),
-    }
 }
 
 /// A host-side state machine with buffers of `N` bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
@@ -519,11 +558,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// An idle client. Does not compile when `N` is less than [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
     pub const fn new(config: Config) -> Self {
         Self {
-            exchange: Exchange {
-                config,
-                flight: None,
-                owed: None,
-            },
+            exchange: Exchange::new(config),
             decoder: Decoder::new(),
             heard: Micros(0),
             tx: [0; N],
@@ -550,13 +585,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         if self.exchange.flight.is_some() {
             return Err(Busy(request));
         }
-        self.exchange.flight = Some(Flight {
-            request,
-            state: State::Ready,
-            sends: 0,
-            repeats: self.exchange.config.repeats,
-            since: u64::MAX,
-        });
+        self.exchange.begin(request);
         Ok(())
     }
 
@@ -582,8 +611,10 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             self.tx_end = 0;
             flight.state = State::Ready;
         }
-        let answers = flight.answers();
-        self.exchange.end(now, answers);
+        let reply = self.exchange.requests.in_flight().and_then(P::reply);
+        let answers = reply.map_or(0, |_| flight.answers());
+        self.exchange.now = now;
+        self.exchange.end(answers);
     }
 
     /// Whether no request is in flight.
@@ -603,14 +634,17 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// Bytes to transmit now, if there are any. Say with [`transmitted`](Self::transmitted) how many the line took.
     pub fn poll_transmit(&mut self, now: Micros) -> Option<&[u8]> {
         if self.tx_start == self.tx_end {
-            let _ = self.exchange.owed.take_if(|owed| owed.until <= now);
-            let held = self.exchange.is_held(now) || self.decoder.broken().is_some();
-            let flight = self.exchange.flight.as_mut()?;
-            if held || !matches!(flight.state, State::Ready) {
+            let Exchange {
+                flight, owed, requests, ..
+            } = &mut self.exchange;
+            let _ = owed.take_if(|owed| owed.until <= now);
+            let (flight, request) = (flight.as_mut()?, requests.in_flight()?);
+            let held = owed.is_some() && !P::IDENTIFIED && P::reply(request).is_some();
+            if held || self.decoder.is_broken() || !matches!(flight.state, State::Ready) {
                 return None;
             }
             // The buffer holds the longest frame, so this cannot fail; if it could, silence would time out.
-            self.tx_end = P::encode_request(&flight.request, &mut self.tx).unwrap_or(0).min(N);
+            self.tx_end = P::encode_request(request, &mut self.tx).unwrap_or(0).min(N);
             self.tx_start = 0;
             flight.state = State::Writing;
         }
@@ -619,7 +653,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
 
     /// The line took the first `n` bytes of what [`poll_transmit`](Self::poll_transmit) gave.
     pub fn transmitted(&mut self, now: Micros, n: usize) {
-        let left = self.tx_end.saturating_sub(self.tx_start);
+        let left = self.tx_end.wrapping_sub(self.tx_start);
         if left == 0 {
             return;
         }
@@ -629,13 +663,20 @@ impl<P: Protocol, const N: usize> Client<P, N> {
         }
         self.tx_start = self.tx_end;
         let came = self.decoder.received();
-        match &mut self.exchange.flight {
+        let Exchange {
+            config,
+            flight,
+            owed,
+            requests,
+            ..
+        } = &mut self.exchange;
+        match flight {
             Some(flight) if matches!(flight.state, State::Writing) => {
                 if flight.sends == 0 {
                     flight.since = came;
                 }
                 flight.sends = flight.sends.saturating_add(1);
-                flight.state = match patience::<P>(&self.exchange.config, &flight.request, self.tx_end) {
+                flight.state = match patience::<P>(config, requests.in_flight(), self.tx_end) {
                     Some(patience) => State::Waiting {
                         due: now + patience,
                         extended: false,
@@ -645,11 +686,11 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             }
             // The end of a request that is in flight no more: only now can its answer come.
             _ => {
-                if let Some(owed) = self.exchange.owed.as_mut().filter(|owed| owed.sending) {
-                    let patience = patience::<P>(&self.exchange.config, &owed.request, self.tx_end).unwrap_or_default();
+                if let Some(owed) = owed.as_mut().filter(|owed| owed.sending) {
+                    let patience = patience::<P>(config, requests.owed(), self.tx_end).unwrap_or_default();
                     owed.sending = false;
                     owed.since = owed.since.min(came);
-                    owed.until = now + patience + self.exchange.config.lateness;
+                    owed.until = now + patience + config.lateness;
                 }
             }
         }
@@ -690,27 +731,21 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             self.exchange.flight = None;
             return Some(Event::Sent);
         }
+        self.exchange.now = now;
+        if let Input::Bytes([_, ..]) = input {
+            self.heard = now;
+        }
         let expect = self.exchange.expect();
         loop {
             let bytes = match input {
-                Input::Bytes(bytes) if !bytes.is_empty() => {
-                    self.heard = now;
-                    bytes
-                }
-                _ => &mut &[][..],
+                Input::Bytes(bytes) => bytes,
+                Input::Idle | Input::Tick => &mut &[][..],
             };
             if self.decoder.pending() > 0 || !bytes.is_empty() {
-                let start = self.decoder.offset();
+                self.exchange.before = self.decoder.offset();
                 match &self.decoder.decode(bytes, expect) {
-                    Some(Ok(frame)) => return Some(self.exchange.hear(now, start, *frame, expect)),
-                    Some(Err(noise)) => {
-                        if P::RELIABLE {
-                            self.exchange.flight = None;
-                            // Not even the rest of a request: the arm would do what was given up.
-                            self.tx_end = self.tx_start;
-                        }
-                        return Some(not_a_frame(noise));
-                    }
+                    Some(Ok(frame)) => return Some(self.exchange.hear(*frame, expect)),
+                    Some(Err(noise)) => return Some(self.hear_noise(noise)),
                     None => {}
                 }
             }
@@ -718,41 +753,53 @@ impl<P: Protocol, const N: usize> Client<P, N> {
                 Input::Idle => {}
                 // A false header may be holding the answer back. After so long a silence it is not a frame. Or it is an
                 // answer whose end only silence can tell.
-                Input::Bytes(_) | Input::Tick if self.is_overdue(now) => {}
+                Input::Bytes(_) | Input::Tick if self.is_overdue() => {}
                 Input::Bytes(_) | Input::Tick => break,
             }
             if let Some(noise) = &self.decoder.idle(expect) {
-                return Some(not_a_frame(noise));
+                return Some(self.hear_noise(noise));
             }
             if self.decoder.need(expect) > 0 {
                 break;
             }
         }
-        self.expire(now)
+        self.expire()
+    }
+
+    /// What comes of bytes that are not part of a frame.
+    #[inline(never)]
+    fn hear_noise(&mut self, noise: &Noise) -> Event<P> {
+        if !P::RELIABLE {
+            return Event::Noise(*noise);
+        }
+        self.exchange.flight = None;
+        // Not even the rest of a request: the arm would do what was given up.
+        self.tx_end = self.tx_start;
+        Event::Broken(*noise)
     }
 
     /// What comes of time, when nothing comes of bytes.
     #[cfg_attr(target_pointer_width = "32", inline(never))]
-    fn expire(&mut self, now: Micros) -> Option<Event<P>> {
+    fn expire(&mut self) -> Option<Event<P>> {
         if P::RELIABLE
             && let Some(noise) = self.decoder.broken()
         {
             return self.exchange.flight.take().map(|_| Event::Broken(noise));
         }
-        if !self.exchange.is_due(now) {
+        if !self.exchange.is_due() {
             return None;
         }
         // An answer may have begun. Its end gets the time that one more packet takes, once.
-        if now < self.silence() && self.decoder.pending() > 0 && self.exchange.put_off(self.silence()) {
+        if self.exchange.now < self.silence() && self.decoder.pending() > 0 && self.exchange.put_off(self.silence()) {
             return None;
         }
-        self.exchange.give_up(now)
+        self.exchange.give_up()
     }
 
     /// Whether the answer should be here, and the line is silent.
     #[cfg_attr(target_pointer_width = "32", inline(never))]
-    fn is_overdue(&self, now: Micros) -> bool {
-        self.exchange.is_due(now) && self.silence() <= now
+    fn is_overdue(&self) -> bool {
+        self.exchange.is_due() && self.silence() <= self.exchange.now
     }
 
     /// When the line has been silent for so long that no more of a frame comes.
@@ -762,8 +809,8 @@ impl<P: Protocol, const N: usize> Client<P, N> {
 }
 
 /// How long to wait for the answer from when the last byte of the request was handed over.
-fn patience<P: Protocol>(config: &Config, request: &P::Request, len: usize) -> Option<Micros> {
-    let reply = P::reply(request)?;
+fn patience<P: Protocol>(config: &Config, request: Option<&P::Request>, len: usize) -> Option<Micros> {
+    let reply = request.and_then(P::reply)?;
     Some(config.on_wire(len + reply.len) + reply.turnaround + config.latency)
 }
 
@@ -772,7 +819,10 @@ impl<P: Protocol, const N: usize> fmt::Debug for Client<P, N> {
         f.debug_struct("Client")
             .field("config", &self.exchange.config)
             .field("decoder", &self.decoder)
-            .field("in_flight", &self.exchange.flight.as_ref().map(|flight| flight.request))
+            .field(
+                "in_flight",
+                &self.exchange.flight.as_ref().and(self.exchange.requests.in_flight()),
+            )
             .finish_non_exhaustive()
     }
 }

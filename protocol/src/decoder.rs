@@ -4,6 +4,7 @@ use core::cell::Cell;
 use core::fmt;
 use core::marker::PhantomData;
 
+use crate::copy::copy;
 use crate::{Framing, Noise, Reason, Scan};
 
 /// A streaming decoder over an inline buffer of `N` bytes, at least [`Framing::MAX_FRAME`].
@@ -84,6 +85,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// assert!(decoder.next(()).is_some_and(|frame| frame.is_ok()));
     /// # Ok::<(), std::io::Error>(())
     /// ```
+    #[cfg_attr(target_pointer_width = "32", inline(always))]
     pub fn space(&mut self) -> &mut [u8] {
         if self.head >= self.tail {
             (self.head, self.tail) = (0, 0);
@@ -305,7 +307,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// assert_eq!(decoder.pending(), 2);
     /// ```
     pub const fn pending(&self) -> usize {
-        self.tail.saturating_sub(self.head)
+        self.tail.wrapping_sub(self.head)
     }
 
     /// What broke the stream, on a [`RELIABLE`](Framing::RELIABLE) line: close the connection and make a new decoder.
@@ -353,18 +355,17 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Brings the window to the front of the buffer.
     #[inline(never)]
     fn move_to_front(&mut self) {
-        if self.head <= self.tail && self.tail <= N {
-            // copy_within has a panic that is left when it is not inlined.
-            let cells = Cell::from_mut(&mut self.buf[..]).as_slice_of_cells();
-            for (to, from) in cells.iter().zip(cells.iter().take(self.tail).skip(self.head)) {
-                to.set(from.get());
-            }
-            self.tail -= self.head;
-            self.head = 0;
+        // copy_within has a panic that is left when it is not inlined.
+        let cells = Cell::from_mut(&mut self.buf[..]).as_slice_of_cells();
+        let window = cells.get(self.head..self.tail).unwrap_or_default();
+        for (to, from) in cells.iter().zip(window) {
+            to.set(from.get());
         }
+        self.head = 0;
+        self.tail = window.len();
     }
 
-    fn is_broken(&self) -> bool {
+    pub(crate) fn is_broken(&self) -> bool {
         F::RELIABLE && self.broken.is_some()
     }
 
@@ -411,34 +412,6 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Bytes that were given out as frames or noise, or dropped, since the decoder was made: those before the window.
     pub(crate) const fn offset(&self) -> u64 {
         self.received.wrapping_sub(self.pending() as u64)
-    }
-}
-
-/// Copies `from` to the front of `to`, as far as there is room.
-///
-/// A microcontroller takes more stack to call what copies than for all else here, and for a part of a frame more time. A loop
-/// that may end early is not made such a call.
-#[cfg(target_pointer_width = "32")]
-#[inline(always)]
-fn copy(from: &[u8], to: &mut [u8]) {
-    for (at, byte) in from.iter().enumerate() {
-        let Some(place) = to.get_mut(at) else { break };
-        *place = *byte;
-    }
-}
-
-/// Copies `from` to the front of `to`, if there is room.
-#[cfg(not(target_pointer_width = "32"))]
-#[inline(always)]
-fn copy(from: &[u8], to: &mut [u8]) {
-    match (from, to) {
-        // Byte by byte, a call to copy one takes longer than all else.
-        ([byte], [place, ..]) => *place = *byte,
-        (_, to) => {
-            if let Some(to) = to.get_mut(..from.len()) {
-                to.copy_from_slice(from);
-            }
-        }
     }
 }
 

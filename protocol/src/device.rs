@@ -211,6 +211,7 @@ mod idle_tests {
         const IDENTIFIED: bool = false;
         type Request = Option<u8>;
         type Response = ();
+        type ResponseRef<'a> = ();
         type Error = Infallible;
 
         fn encode_request(_request: &Option<u8>, _out: &mut [u8]) -> Result<usize, BufferTooShort> {
@@ -225,9 +226,13 @@ mod idle_tests {
             Ok(frame)
         }
 
-        fn parse_response(_frame: Option<u8>, (): ()) -> Result<(), Infallible> {
+        fn parse_response_ref<'a>(_frame: Self::Frame<'a>, (): ()) -> Result<Self::ResponseRef<'a>, Infallible> {
             Ok(())
         }
+
+        fn to_response((): &()) {}
+
+        fn response_ref((): &()) {}
 
         fn expect(_request: Option<&Option<u8>>) {}
 

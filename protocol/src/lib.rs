@@ -34,6 +34,7 @@
 #[cfg(feature = "alpha1")]
 pub mod alpha1;
 mod client;
+mod copy;
 mod decoder;
 mod device;
 #[cfg(feature = "async")]

@@ -32,6 +32,10 @@ pub trait Protocol: Framing {
     /// What the arm says.
     type Response: Copy + PartialEq + Debug;
 
+    /// The same where what is long in it, such as a text, is borrowed: a [`Client`](crate::Client) looks at this, so that a
+    /// response is not on the stack besides. [`Response`](Self::Response) itself where nothing is long.
+    type ResponseRef<'a>: Copy + PartialEq + Debug;
+
     /// Why a good frame is not a message.
     type Error: core::error::Error + Copy + PartialEq;
 
@@ -67,7 +71,40 @@ pub trait Protocol: Framing {
     /// # Errors
     ///
     /// When it is no response of this protocol: what is wrong, and where.
-    fn parse_response(frame: Self::Frame<'_>, expect: Self::Expect) -> Result<Self::Response, Self::Error>;
+    fn parse_response(frame: Self::Frame<'_>, expect: Self::Expect) -> Result<Self::Response, Self::Error> {
+        match &Self::parse_response_ref(frame, expect) {
+            Ok(response) => Ok(Self::to_response(response)),
+            Err(error) => Err(*error),
+        }
+    }
+
+    /// The same, and nothing of the frame is copied that is long.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`parse_response`](Self::parse_response).
+    fn parse_response_ref<'a>(
+        frame: Self::Frame<'a>,
+        expect: Self::Expect,
+    ) -> Result<Self::ResponseRef<'a>, Self::Error>;
+
+    /// The response with all that was borrowed.
+    fn to_response(response: &Self::ResponseRef<'_>) -> Self::Response;
+
+    /// The response with what is long borrowed from it.
+    ///
+    /// ```
+    /// use armwire::Protocol;
+    /// use armwire::xarm::{Command, Header, ProtocolId, Raw, Reply, Request, Response, State, XArm};
+    ///
+    /// let header = Header { transaction: 7, protocol: ProtocolId::Private };
+    /// let request = Request::Call { header, command: Command::Raw(Raw::new(19, &[1])?) };
+    /// let reply = Reply::Raw(Raw::new(19, &[])?);
+    /// let response = Response::Reply { header, state: State::OK, reply };
+    /// assert!(XArm::answers(&request, &XArm::response_ref(&response)));
+    /// # Ok::<(), armwire::xarm::RawError>(())
+    /// ```
+    fn response_ref(response: &Self::Response) -> Self::ResponseRef<'_>;
 
     /// What the host may expect of the next frame while `request`, or none, is in flight.
     fn expect(request: Option<&Self::Request>) -> Self::Expect;
@@ -76,7 +113,7 @@ pub trait Protocol: Framing {
     fn reply(request: &Self::Request) -> Option<Reply>;
 
     /// Whether `response` is the answer to `request`.
-    fn answers(request: &Self::Request, response: &Self::Response) -> bool;
+    fn answers(request: &Self::Request, response: &Self::ResponseRef<'_>) -> bool;
 
     /// Whether sending `request` again after silence is harmless: reads are, motion, torque and settings are not.
     fn repeatable(request: &Self::Request) -> bool;

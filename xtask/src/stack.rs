@@ -23,10 +23,6 @@ const LIMITED: [&str; 2] = ["Decoder<", "Client<"];
 /// The most stack that these may take, in bytes.
 pub(crate) const LIMIT: u32 = 256;
 
-/// What takes more, and may not take more than it does now. A response is a value, of up to 272 bytes, and is in the
-/// hands of several functions on its way.
-const MORE: [(&str, u32); 2] = [("Client<Alpha1>::handle", 464), ("Client<XArm>::handle", 712)];
-
 /// The programs of entry points in `host-tests/no-panic`. One by one, as what is inlined depends on what else is there.
 const PROGRAMS: [&str; 2] = ["protocol-stack", "bridge-stack"];
 
@@ -57,14 +53,14 @@ pub(crate) fn run() -> Result {
     for (name, depths) in &depths {
         let [first, second] = depths.each_ref().map(shown);
         println!("{name:40} {first:>20} {second:>24}");
-        let limit = limit(name);
+        let limited = is_limited(name);
         for (target, depth) in TARGETS.iter().zip(depths) {
             match depth {
-                Some(Ok(depth)) if limit.is_some_and(|limit| depth.bytes > limit) => {
+                Some(Ok(depth)) if limited && depth.bytes > LIMIT => {
                     refused.push(format!("{target}: {}", path(depth)));
                 }
                 Some(Ok(_)) | None => {}
-                Some(Err(error)) if limit.is_none() => drop(unknown.insert(error.to_string())),
+                Some(Err(error)) if !limited => drop(unknown.insert(error.to_string())),
                 Some(Err(error)) => refused.push(format!("{target}: {name}: {error}")),
             }
         }
@@ -86,7 +82,7 @@ pub(crate) fn run() -> Result {
 pub(crate) fn worst(toolchain: Toolchain) -> Result<BTreeMap<String, [u32; TARGETS.len()]>> {
     let mut worst = BTreeMap::<String, [u32; TARGETS.len()]>::new();
     for (name, depths) in depths(toolchain)? {
-        if limit(&name).is_none() {
+        if !is_limited(&name) {
             continue;
         }
         let of = name.split("::").next().unwrap_or(&name).to_owned();
@@ -120,11 +116,9 @@ fn shown(depth: &Option<Result<Depth>>) -> String {
     }
 }
 
-/// The most stack that an entry point may take, in bytes, if there is a limit.
-fn limit(name: &str) -> Option<u32> {
-    let more = MORE.iter().find(|(more, _)| *more == name).map(|(_, limit)| *limit);
-    let limited = LIMITED.iter().any(|limited| name.starts_with(limited));
-    more.or(limited.then_some(LIMIT))
+/// Whether an entry point may take [`LIMIT`] and no more.
+fn is_limited(name: &str) -> bool {
+    LIMITED.iter().any(|limited| name.starts_with(limited))
 }
 
 /// Links a program of entry points, and returns it.

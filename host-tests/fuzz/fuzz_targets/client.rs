@@ -154,7 +154,7 @@ impl<P: Subject, const N: usize> World<P, N> {
         match event {
             Event::Answer(response) => {
                 let flight = self.flight.take().expect("nothing was asked");
-                assert!(P::answers(&flight.request, &response));
+                assert!(P::answers(&flight.request, &P::response_ref(&response)));
                 assert!(flight.sends > 0, "answered before it was sent");
                 // If it was being sent again, the rest of it still goes out.
                 self.of_flight = false;

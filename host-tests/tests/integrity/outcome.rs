@@ -155,7 +155,11 @@ impl<P: Sorted> Subject<P> {
         let frame = P::view(&vector.bytes).expect(vector.name);
         let response = P::parse_response(frame, expect).expect(vector.name);
         if let Some(request) = &request {
-            assert!(P::answers(request, &response), "{} answers something else", vector.name);
+            assert!(
+                P::answers(request, &P::response_ref(&response)),
+                "{} answers something else",
+                vector.name
+            );
         }
         Self {
             bytes: vector.bytes.clone(),
@@ -217,7 +221,9 @@ impl<P: Sorted> Subject<P> {
             Message::Response(sent, request) => match P::parse_response(frame, self.expect) {
                 Err(error) => P::refused(&error),
                 Ok(response) if response == *sent => Outcome::Unharmed,
-                Ok(response) if request.is_some_and(|request| !P::answers(&request, &response)) => Outcome::NoAnswer,
+                Ok(response) if request.is_some_and(|request| !P::answers(&request, &P::response_ref(&response))) => {
+                    Outcome::NoAnswer
+                }
                 Ok(_) => Outcome::Undetected,
             },
         }

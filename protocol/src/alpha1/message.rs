@@ -136,13 +136,13 @@ pub enum ServoRequest {
     ReadVersion(ServoId),
 }
 
-/// What the robot or a servo says.
+/// What the robot or a servo says; `T` is a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Response {
+pub enum Response<T = Text> {
     /// Answers [`Request::ReadHardwareVersion`].
-    HardwareVersion(Text),
+    HardwareVersion(T),
     /// Answers [`Request::ReadServoStates`].
     ServoStates(ServoStates),
     /// Answers [`Request::Stop`].
@@ -159,6 +159,29 @@ pub enum Response {
     Playing(Outcome),
     /// Answers [`Request::Servo`].
     Servo(ServoResponse),
+}
+
+impl<T> Response<T> {
+    /// The same with another text.
+    #[inline(always)]
+    fn map_text<'a, U>(&'a self, text: impl Fn(&'a T) -> U) -> Response<U> {
+        match self {
+            Self::HardwareVersion(version) => Response::HardwareVersion(text(version)),
+            Self::ServoStates(states) => Response::ServoStates(*states),
+            Self::Stopped(outcome) => Response::Stopped(*outcome),
+            Self::FirmwareVersion(FirmwareVersion { outcome, text }) => {
+                // As a whole a Cortex-M0 calls `memcpy` for it, which takes 88 B of stack.
+                let [a, b, c, d, e, f, g, h, i, j] = *text;
+                let (outcome, text) = (*outcome, [a, b, c, d, e, f, g, h, i, j]);
+                Response::FirmwareVersion(FirmwareVersion { outcome, text })
+            }
+            Self::Acted(outcome) => Response::Acted(*outcome),
+            Self::OffsetTool(outcome) => Response::OffsetTool(*outcome),
+            Self::UsbType(outcome) => Response::UsbType(*outcome),
+            Self::Playing(outcome) => Response::Playing(*outcome),
+            Self::Servo(response) => Response::Servo(*response),
+        }
+    }
 }
 
 /// The version of the robot's firmware (row F5).
@@ -396,8 +419,12 @@ impl Action {
     fn from_data(data: &[u8; Self::LEN]) -> Result<Self, Cause> {
         let [act, a, b, c, d, e, angles @ .., time, high, low] = data;
         constant(0, &[*act, *a, *b, *c, *d, *e], &[ACT, 0, 0, 0, 0, 0])?;
+        let mut targets = [None; SERVOS];
+        for (target, byte) in targets.iter_mut().zip(angles) {
+            *target = Angle::from_wire(*byte);
+        }
         Ok(Self {
-            angles: angles.map(Angle::from_wire),
+            angles: targets,
             time: MoveTime::new(*time),
             interval: Interval::new(u16::from_be_bytes([*high, *low])),
         })
@@ -631,14 +658,14 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
     }
 }
 
-/// What a frame of the robot or a servo says. A message is made where it is returned, as it is long.
-fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<Response, ParseError> {
+/// What a frame of the robot or a servo says.
+fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<Response<&[u8]>, ParseError> {
     let wrong = |cause| ParseError { command, cause };
     let only_status = || status(data).map_err(wrong);
     match command {
         header::HARDWARE_VERSION => {
             let text = text(data).map_err(wrong)?;
-            Ok(Response::HardwareVersion(Text::from_wire(text)))
+            Ok(Response::HardwareVersion(text))
         }
         header::SERVO_STATES => {
             let states = sized(data, &[4]).map_err(wrong)?;
@@ -646,8 +673,9 @@ fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Resu
         }
         header::STOP => Ok(Response::Stopped(only_status()?)),
         header::FIRMWARE_VERSION => {
-            let [status, text @ ..] = *sized::<11>(data, &[11]).map_err(wrong)?;
-            let outcome = outcome(0, status).map_err(wrong)?;
+            // As above.
+            let [status, a, b, c, d, e, f, g, h, i, j] = *sized::<11>(data, &[11]).map_err(wrong)?;
+            let (outcome, text) = (outcome(0, status).map_err(wrong)?, [a, b, c, d, e, f, g, h, i, j]);
             Ok(Response::FirmwareVersion(FirmwareVersion { outcome, text }))
         }
         header::ACT if data.first() != Some(&ACT) => Err(wrong(Cause::Bluetooth)),
@@ -681,6 +709,7 @@ impl Protocol for Alpha1 {
     const IDENTIFIED: bool = false;
     type Request = Request;
     type Response = Response;
+    type ResponseRef<'a> = Response<&'a [u8]>;
     type Error = ParseError;
 
     fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
@@ -745,9 +774,7 @@ impl Protocol for Alpha1 {
         }
     }
 
-    // Inlined, it would add to the stack of all that its caller calls besides.
-    #[inline(never)]
-    fn parse_response(frame: Frame<'_>, expect: Expect) -> Result<Response, ParseError> {
+    fn parse_response_ref<'a>(frame: Self::Frame<'a>, expect: Expect) -> Result<Self::ResponseRef<'a>, ParseError> {
         let answer = match expect {
             Expect::Responses(answer) => answer,
             Expect::Requests => None,
@@ -762,6 +789,16 @@ impl Protocol for Alpha1 {
                 cause: Cause::Unexpected,
             }),
         }
+    }
+
+    // Inlined, it would add to the stack of all that its caller calls besides.
+    #[inline(never)]
+    fn to_response(response: &Response<&[u8]>) -> Response {
+        response.map_text(|text| Text::from_wire(text))
+    }
+
+    fn response_ref(response: &Response) -> Response<&[u8]> {
+        response.map_text(Text::as_bytes)
     }
 
     fn expect(request: Option<&Request>) -> Expect {
@@ -790,7 +827,7 @@ impl Protocol for Alpha1 {
         Some(Reply { len, turnaround })
     }
 
-    fn answers(request: &Request, response: &Response) -> bool {
+    fn answers(request: &Request, response: &Response<&[u8]>) -> bool {
         match (request, response) {
             (Request::ReadHardwareVersion, Response::HardwareVersion(_))
             | (Request::ReadServoStates, Response::ServoStates(_))

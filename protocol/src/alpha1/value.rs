@@ -6,6 +6,7 @@ use core::time::Duration;
 
 use super::MAX_TEXT;
 use crate::OutOfRange;
+use crate::copy::hidden;
 
 /// Servos that an action has room for (row FB). An Alpha1 has 16.
 pub const SERVOS: usize = 20;
@@ -388,16 +389,15 @@ impl Text {
     }
 }
 
-/// The count, which counts itself too, this text, and zeros.
+/// The count, which counts itself too, this text as far as there is room, and zeros.
 ///
 /// The compiler builds a local in the place of what is returned only if it is never borrowed, as it is to iterate over it.
 #[inline(never)]
 fn counted(text: &[u8]) -> [u8; MAX_TEXT + 1] {
     let mut data = [0; MAX_TEXT + 1];
     data[0] = (text.len() as u8).wrapping_add(1);
-    for at in 0..MAX_TEXT {
-        let Some(byte) = text.get(at) else { break };
-        data[at + 1] = *byte;
+    for (at, byte) in (1..=MAX_TEXT).zip(text) {
+        data[at] = hidden(*byte);
     }
     data
 }

@@ -437,6 +437,7 @@ impl Protocol for Ling {
     const IDENTIFIED: bool = false;
     type Request = Request;
     type Response = Response;
+    type ResponseRef<'a> = Response;
     type Error = ParseError;
 
     fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
@@ -513,13 +514,26 @@ impl Protocol for Ling {
         })
     }
 
+    // Nothing is long: what would be borrowed is the response itself.
     fn parse_response(frame: Frame<'_>, (): ()) -> Result<Response, ParseError> {
+        Self::parse_response_ref(frame, ())
+    }
+
+    fn parse_response_ref<'a>(frame: Self::Frame<'a>, (): ()) -> Result<Self::ResponseRef<'a>, ParseError> {
         let Frame { command, function, .. } = frame;
         parse_response(frame).map_err(|cause| ParseError {
             command,
             function,
             cause,
         })
+    }
+
+    fn to_response(response: &Response) -> Response {
+        *response
+    }
+
+    fn response_ref(response: &Response) -> Response {
+        *response
     }
 
     fn expect(_request: Option<&Request>) {}

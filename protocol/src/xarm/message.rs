@@ -5,6 +5,7 @@ use core::fmt;
 use super::frame::{HEARTBEAT_ID, MODBUS_ID, put};
 use super::value::{
     Joint, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
+    padded,
 };
 use super::{Direction, Frame, MAX_FRAME, XArm};
 use crate::error::write_either;
@@ -138,11 +139,11 @@ impl Command {
     }
 }
 
-/// What the arm says.
+/// What the arm says; `R` is what was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Response {
+pub enum Response<R = Reply> {
     /// Says that the arm is there. Answers nothing.
     Heartbeat,
     /// Answers [`Request::Call`].
@@ -152,7 +153,7 @@ pub enum Response {
         /// How the arm is.
         state: State,
         /// What was asked for.
-        reply: Reply,
+        reply: R,
     },
     /// Answers a request in standard Modbus, which is none of [`Request`]: exception 01, no such function.
     ModbusRefused {
@@ -209,7 +210,64 @@ impl Reply {
     /// ```
     /// assert_eq!(armwire::xarm::Reply::SystemControl(1).register(), 10);
     /// ```
-    pub const fn register(&self) -> u8 {
+    pub fn register(&self) -> u8 {
+        self.borrowed().register()
+    }
+
+    /// The reply with its text or parameters borrowed.
+    pub fn borrowed(&self) -> ReplyRef<'_> {
+        match self {
+            Self::Empty(register) => ReplyRef::Empty(*register),
+            Self::Version(text) => ReplyRef::Version(&text.0),
+            Self::Serials(text) => ReplyRef::Serials(&text.0),
+            Self::TorqueSource(source) => ReplyRef::TorqueSource(*source),
+            Self::RotationRadius(radius) => ReplyRef::RotationRadius(*radius),
+            Self::SystemControl(number) => ReplyRef::SystemControl(*number),
+            Self::Raw(raw) => ReplyRef::Raw {
+                register: raw.register(),
+                params: raw.params(),
+            },
+        }
+    }
+}
+
+/// A [`Reply`] whose text or parameters are borrowed.
+///
+/// ```
+/// use armwire::xarm::{Raw, Reply, ReplyRef};
+///
+/// let reply = Reply::Raw(Raw::new(19, &[1])?);
+/// assert_eq!(reply.borrowed(), ReplyRef::Raw { register: 19, params: &[1] });
+/// # Ok::<(), armwire::xarm::RawError>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum ReplyRef<'a> {
+    /// [`Reply::Empty`].
+    Empty(Register),
+    /// [`Reply::Version`].
+    Version(&'a [u8; TEXT]),
+    /// [`Reply::Serials`].
+    Serials(&'a [u8; TEXT]),
+    /// [`Reply::TorqueSource`].
+    TorqueSource(TorqueSource),
+    /// [`Reply::RotationRadius`].
+    RotationRadius(RotationRadius),
+    /// [`Reply::SystemControl`].
+    SystemControl(u16),
+    /// [`Reply::Raw`].
+    Raw {
+        /// The register.
+        register: u8,
+        /// The parameters.
+        params: &'a [u8],
+    },
+}
+
+impl ReplyRef<'_> {
+    /// The register.
+    const fn register(&self) -> u8 {
         match self {
             Self::Empty(register) => *register as u8,
             Self::Version(_) => Register::Version as u8,
@@ -217,7 +275,7 @@ impl Reply {
             Self::TorqueSource(_) => Register::TorqueSource as u8,
             Self::RotationRadius(_) => Register::RotationRadius as u8,
             Self::SystemControl(_) => Register::SystemControl as u8,
-            Self::Raw(raw) => raw.register(),
+            Self::Raw { register, .. } => *register,
         }
     }
 }
@@ -408,6 +466,7 @@ impl Protocol for XArm {
     const IDENTIFIED: bool = true;
     type Request = Request;
     type Response = Response;
+    type ResponseRef<'a> = Response<ReplyRef<'a>>;
     type Error = ParseError;
 
     fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
@@ -501,12 +560,16 @@ impl Protocol for XArm {
         }
     }
 
-    // Inlined, it would add to the stack of all that its caller calls besides.
-    #[inline(never)]
-    fn parse_response(frame: Frame<'_>, _expect: Direction) -> Result<Response, ParseError> {
+    fn parse_response_ref<'a>(frame: Self::Frame<'a>, _expect: Direction) -> Result<Self::ResponseRef<'a>, ParseError> {
         let header = match (kind(frame), frame.body) {
             (Kind::Heartbeat, _) => return Ok(Response::Heartbeat),
-            (Kind::Other(error), &[_, MODBUS_REFUSED..=u8::MAX, ILLEGAL_FUNCTION]) => return Ok(error.refusal()),
+            (Kind::Other(_), &[unit, function @ MODBUS_REFUSED..=u8::MAX, ILLEGAL_FUNCTION]) => {
+                return Ok(Response::ModbusRefused {
+                    transaction: frame.transaction,
+                    unit,
+                    function: function & !MODBUS_REFUSED,
+                });
+            }
             (Kind::Other(error), _) => return Err(error),
             (Kind::Call(header), _) => header,
         };
@@ -519,7 +582,10 @@ impl Protocol for XArm {
         let state = State(*state);
         let Some(typed) = Register::from_code(*register) else {
             return match Raw::check(*register, params) {
-                Ok(()) => raw_reply(header, state, *register, params),
+                Ok(()) => {
+                    let register = *register;
+                    answer(state, ReplyRef::Raw { register, params })
+                }
                 Err(error) => wrong(Cause::Raw(error)),
             };
         };
@@ -528,30 +594,84 @@ impl Protocol for XArm {
             wrong(Cause::Length { expected, got })
         };
         match (typed, params) {
-            (register, []) => answer(state, Reply::Empty(register)),
+            (register, []) => answer(state, ReplyRef::Empty(register)),
             (Register::Version, text) => match text.try_into() {
-                Ok(text) => answer(state, Reply::Version(VersionText(text))),
+                Ok(text) => answer(state, ReplyRef::Version(text)),
                 Err(_) => length(&[0, TEXT]),
             },
             (Register::Serials, text) => match text.try_into() {
-                Ok(text) => answer(state, Reply::Serials(SerialsText(text))),
+                Ok(text) => answer(state, ReplyRef::Serials(text)),
                 Err(_) => length(&[0, TEXT]),
             },
             (Register::TorqueSource, [code]) => match TorqueSource::from_code(*code) {
-                Ok(source) => answer(state, Reply::TorqueSource(source)),
+                Ok(source) => answer(state, ReplyRef::TorqueSource(source)),
                 Err(error) => wrong(Cause::Value { offset: 0, error }),
             },
             (Register::RotationRadius, &[a, b, c, d]) => {
                 let millimetres = f32::from_le_bytes([a, b, c, d]);
-                answer(state, Reply::RotationRadius(RotationRadius { millimetres }))
+                answer(state, ReplyRef::RotationRadius(RotationRadius { millimetres }))
             }
             (Register::SystemControl, &[high, low]) => {
-                answer(state, Reply::SystemControl(u16::from_be_bytes([high, low])))
+                answer(state, ReplyRef::SystemControl(u16::from_be_bytes([high, low])))
             }
             (Register::ReloadDynamics, _) => length(&[0]),
             (Register::TorqueSource, _) => length(&[0, 1]),
             (Register::RotationRadius, _) => length(&[0, 4]),
             (Register::SystemControl, _) => length(&[0, 2]),
+        }
+    }
+
+    // Inlined, it would add to the stack of all that its caller calls besides.
+    #[inline(never)]
+    fn to_response(response: &Response<ReplyRef<'_>>) -> Response {
+        match response {
+            Response::Heartbeat => Response::Heartbeat,
+            Response::Reply { header, state, reply } => {
+                // A response is made by each arm, where it is returned: it is long.
+                let answer = |reply| Response::Reply {
+                    header: *header,
+                    state: *state,
+                    reply,
+                };
+                match *reply {
+                    ReplyRef::Empty(register) => answer(Reply::Empty(register)),
+                    ReplyRef::Version(text) => answer(Reply::Version(VersionText(padded(text)))),
+                    ReplyRef::Serials(text) => answer(Reply::Serials(SerialsText(padded(text)))),
+                    ReplyRef::TorqueSource(source) => answer(Reply::TorqueSource(source)),
+                    ReplyRef::RotationRadius(radius) => answer(Reply::RotationRadius(radius)),
+                    ReplyRef::SystemControl(number) => answer(Reply::SystemControl(number)),
+                    ReplyRef::Raw { register, params } => answer(Reply::Raw(Raw::from_wire(register, params))),
+                }
+            }
+            &Response::ModbusRefused {
+                transaction,
+                unit,
+                function,
+            } => Response::ModbusRefused {
+                transaction,
+                unit,
+                function,
+            },
+        }
+    }
+
+    fn response_ref(response: &Response) -> Response<ReplyRef<'_>> {
+        match response {
+            Response::Heartbeat => Response::Heartbeat,
+            Response::Reply { header, state, reply } => Response::Reply {
+                header: *header,
+                state: *state,
+                reply: reply.borrowed(),
+            },
+            &Response::ModbusRefused {
+                transaction,
+                unit,
+                function,
+            } => Response::ModbusRefused {
+                transaction,
+                unit,
+                function,
+            },
         }
     }
 
@@ -575,7 +695,7 @@ impl Protocol for XArm {
         })
     }
 
-    fn answers(request: &Request, response: &Response) -> bool {
+    fn answers(request: &Request, response: &Response<ReplyRef<'_>>) -> bool {
         match (request, response) {
             (Request::Call { header, command }, Response::Reply { header: of, reply, .. }) => {
                 header == of && command.register() == reply.register()
@@ -596,13 +716,6 @@ impl Protocol for XArm {
             }
         )
     }
-}
-
-/// A reply of a register that may have these parameters. It is made where it is returned, as it is long.
-#[inline(never)]
-fn raw_reply(header: Header, state: State, register: u8, params: &[u8]) -> Result<Response, ParseError> {
-    let reply = Reply::Raw(Raw::from_wire(register, params));
-    Ok(Response::Reply { header, state, reply })
 }
 
 /// A frame with this header whose body is wrong.

@@ -6,6 +6,7 @@ use core::str;
 
 use super::MAX_PARAMS;
 use crate::OutOfRange;
+use crate::copy::hidden;
 
 /// How many axes an arm has at most.
 pub const MAX_JOINTS: u8 = 7;
@@ -601,16 +602,14 @@ impl Raw {
     }
 }
 
-/// These parameters, and zeros behind them.
+/// These bytes, as far as there is room, and zeros behind them.
 ///
 /// The compiler builds a local in the place of what is returned only if it is never borrowed, as it is to iterate over it.
 #[inline(never)]
-#[allow(clippy::needless_range_loop, reason = "see above")]
-fn padded(params: &[u8]) -> [u8; MAX_PARAMS] {
-    let mut all = [0; MAX_PARAMS];
-    for at in 0..MAX_PARAMS {
-        let Some(byte) = params.get(at) else { break };
-        all[at] = *byte;
+pub(super) fn padded<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    let mut all = [0; N];
+    for (at, byte) in (0..N).zip(hidden(bytes)) {
+        all[at] = hidden(*byte);
     }
     all
 }

@@ -167,6 +167,9 @@ pub(crate) fn a_response_survives_the_wire<P: Subject, const N: usize>(
     let frame = P::view(&bytes).unwrap();
     prop_assert_eq!(P::wire_len(frame), bytes.len());
     prop_assert_eq!(P::parse_response(frame, expect), Ok(response));
+    let borrowed = P::response_ref(&response);
+    prop_assert_eq!(P::parse_response_ref(frame, expect), Ok(borrowed));
+    prop_assert_eq!(P::to_response(&borrowed), response);
     let mut short = vec![0; bytes.len() - 1];
     let error = P::encode_response(&response, &mut short).unwrap_err();
     prop_assert_eq!((error.needed, error.got), (bytes.len(), short.len()));

@@ -213,6 +213,7 @@ impl Protocol for Legacy {
     const IDENTIFIED: bool = false;
     type Request = Request;
     type Response = Response;
+    type ResponseRef<'a> = Response;
     type Error = ParseError;
 
     fn encode_request(request: &Request, _out: &mut [u8]) -> Result<usize, BufferTooShort> {
@@ -245,7 +246,12 @@ impl Protocol for Legacy {
         })
     }
 
+    // Nothing is long: what would be borrowed is the response itself.
     fn parse_response(frame: Frame<'_>, (): ()) -> Result<Response, ParseError> {
+        Self::parse_response_ref(frame, ())
+    }
+
+    fn parse_response_ref<'a>(frame: Self::Frame<'a>, (): ()) -> Result<Self::ResponseRef<'a>, ParseError> {
         let Frame { command, data } = frame;
         let parsed = match command {
             command::JOINTS_V5 => parse_joints(Firmware::V5, data),
@@ -255,6 +261,14 @@ impl Protocol for Legacy {
             _ => Err(Cause::Unknown),
         };
         parsed.map_err(|cause| ParseError { command, cause })
+    }
+
+    fn to_response(response: &Response) -> Response {
+        *response
+    }
+
+    fn response_ref(response: &Response) -> Response {
+        *response
     }
 
     fn expect(_request: Option<&Request>) {}
