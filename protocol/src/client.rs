@@ -1104,6 +1104,40 @@ mod tests {
     }
 
     #[test]
+    fn a_cancelled_request_without_an_answer_holds_nothing_back() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::SetZero).unwrap();
+        let len = client.poll_transmit(Micros(0)).unwrap().len();
+        client.transmitted(Micros(0), len - 1);
+        client.cancel(Micros(0));
+        client.submit(Request::ReadJoints).unwrap();
+        assert_eq!(transmit(&mut client, Micros(0)), 1);
+        assert_eq!(transmit(&mut client, Micros(0)), 7);
+    }
+
+    #[test]
+    fn one_request_after_the_other_gets_its_own_late_answer() {
+        let mut client = Lings::new(Config {
+            repeats: 0,
+            ..Config::DEFAULT
+        });
+        let stroke = Response::Stroke(Stroke::Mm50);
+        let mut now = Micros(0);
+        for (request, response) in [
+            (Request::ReadJoints, JOINTS),
+            (Request::ReadStroke, stroke),
+            (Request::ReadJoints, JOINTS),
+            (Request::ReadStroke, stroke),
+        ] {
+            client.submit(request).unwrap();
+            assert_eq!(transmit(&mut client, now), 7);
+            now = client.poll_timeout().unwrap();
+            assert_eq!(client.handle(now, &mut Input::Tick), Some(Event::TimedOut { sends: 1 }));
+            assert_eq!(hear(&mut client, now, &bytes(response)), [Event::Late(response)]);
+        }
+    }
+
+    #[test]
     fn what_comes_before_a_cancelled_request_is_sent_is_not_its_answer() {
         let mut client = Lings::new(Config::DEFAULT);
         client.submit(Request::ReadJoints).unwrap();
