@@ -262,8 +262,8 @@ impl<R: Copy> Requests<R> {
         *if self.second { second } else { first } = Some(request);
     }
 
-    /// Answers to the request in flight are owed from now on.
-    const fn owe(&mut self) {
+    /// The request in flight is from now on the one that answers are owed to.
+    const fn change_roles(&mut self) {
         self.second = !self.second;
     }
 }
@@ -388,7 +388,7 @@ impl<P: Protocol> Exchange<P> {
         Some(Event::TimedOut { sends })
     }
 
-    /// Ends the request in flight, and notes that this many answers to it may still come.
+    /// Ends the request in flight, and notes that this many answers to it may still come: none, if the arm does not answer it.
     fn end(&mut self, answers: u8) {
         if answers > 0 {
             self.owe(answers);
@@ -396,7 +396,7 @@ impl<P: Protocol> Exchange<P> {
         self.flight = None;
     }
 
-    /// Notes that this many answers to the request in flight may still come when it is no more.
+    /// Notes that this many answers to the request in flight may still come, which is so no more after that.
     #[cfg_attr(target_pointer_width = "32", inline(never))]
     fn owe(&mut self, answers: u8) {
         let Some(flight) = &self.flight else { return };
@@ -410,7 +410,7 @@ impl<P: Protocol> Exchange<P> {
             sending: matches!(flight.state, State::Writing),
             since: flight.since,
         });
-        self.requests.owe();
+        self.requests.change_roles();
     }
 }
 
@@ -643,7 +643,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
             if held || self.decoder.is_broken() || !matches!(flight.state, State::Ready) {
                 return None;
             }
-            // The buffer holds the longest frame, so this cannot fail; if it could, silence would time out.
+            // The buffer holds the longest frame, so this cannot fail.
             self.tx_end = P::encode_request(request, &mut self.tx).unwrap_or(0).min(N);
             self.tx_start = 0;
             flight.state = State::Writing;
@@ -1113,6 +1113,19 @@ mod tests {
         client.submit(Request::ReadJoints).unwrap();
         assert_eq!(transmit(&mut client, Micros(0)), 1);
         assert_eq!(transmit(&mut client, Micros(0)), 7);
+    }
+
+    #[test]
+    fn lateness_of_a_request_that_is_cancelled_before_it_is_repeated_counts_from_then() {
+        let mut client = Lings::new(Config::DEFAULT);
+        client.submit(Request::ReadJoints).unwrap();
+        transmit(&mut client, Micros(0));
+        let due = client.poll_timeout().unwrap();
+        assert_eq!(client.handle(due, &mut Input::Tick), None);
+        let cancelled = due + Micros::from_millis(70);
+        client.cancel(cancelled);
+        client.submit(Request::ReadInfo).unwrap();
+        assert_eq!(client.poll_timeout(), Some(cancelled + Config::DEFAULT.lateness));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use core::hint;
 
 /// Copies `from` to the front of `to`, as far as there is room.
 ///
-/// For a part of a frame a call takes more time, too. A loop that may end early is not made one.
+/// A loop that may end early is not made a call, which would take more time, too, for a part of a frame.
 #[cfg(target_pointer_width = "32")]
 #[inline(always)]
 pub(crate) fn copy(from: &[u8], to: &mut [u8]) {
@@ -30,8 +30,8 @@ pub(crate) fn copy(from: &[u8], to: &mut [u8]) {
     }
 }
 
-/// The same value, of which the compiler of a microcontroller knows nothing: not that a loop over hidden bytes copies them,
-/// nor how often one over a hidden slice runs, which it would unroll.
+/// The same value, of which the compiler of a microcontroller knows nothing. It makes no call of a loop over bytes that each are
+/// hidden, and unrolls none over a slice that is.
 #[cfg(any(feature = "alpha1", feature = "xarm"))]
 pub(crate) fn hidden<T>(value: T) -> T {
     match cfg!(target_pointer_width = "32") {

@@ -89,6 +89,16 @@ pub trait Protocol: Framing {
     ) -> Result<Self::ResponseRef<'a>, Self::Error>;
 
     /// The response with all that was borrowed.
+    ///
+    /// ```
+    /// use armwire::Protocol;
+    /// use armwire::xarm::{Direction, Frame, XArm};
+    ///
+    /// let frame = Frame { transaction: 7, protocol: 2, body: &[19, 0, 1] };
+    /// let response = XArm::parse_response_ref(frame, Direction::Responses)?;
+    /// assert_eq!(XArm::parse_response(frame, Direction::Responses), Ok(XArm::to_response(&response)));
+    /// # Ok::<(), armwire::xarm::ParseError>(())
+    /// ```
     fn to_response(response: &Self::ResponseRef<'_>) -> Self::Response;
 
     /// The response with what is long borrowed from it.

@@ -4,7 +4,8 @@ use core::fmt;
 
 use super::frame::{ACT, acknowledgement, header};
 use super::value::{
-    Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, SERVOS, ServoId, ServoStates, Text, UsbType,
+    Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, SERVOS, ServoId, ServoStates, Text, TextRef,
+    UsbType,
 };
 use super::{Alpha1, Expect, Frame, MAX_FRAME, ServoAnswer};
 use crate::error::write_either;
@@ -136,13 +137,13 @@ pub enum ServoRequest {
     ReadVersion(ServoId),
 }
 
-/// What the robot or a servo says; `T` is a text.
+/// What the robot or a servo says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Response<T = Text> {
+pub enum Response {
     /// Answers [`Request::ReadHardwareVersion`].
-    HardwareVersion(T),
+    HardwareVersion(Text),
     /// Answers [`Request::ReadServoStates`].
     ServoStates(ServoStates),
     /// Answers [`Request::Stop`].
@@ -161,27 +162,29 @@ pub enum Response<T = Text> {
     Servo(ServoResponse),
 }
 
-impl<T> Response<T> {
-    /// The same with another text.
-    #[inline(always)]
-    fn map_text<'a, U>(&'a self, text: impl Fn(&'a T) -> U) -> Response<U> {
-        match self {
-            Self::HardwareVersion(version) => Response::HardwareVersion(text(version)),
-            Self::ServoStates(states) => Response::ServoStates(*states),
-            Self::Stopped(outcome) => Response::Stopped(*outcome),
-            Self::FirmwareVersion(FirmwareVersion { outcome, text }) => {
-                // As a whole a Cortex-M0 calls `memcpy` for it, which takes 88 B of stack.
-                let [a, b, c, d, e, f, g, h, i, j] = *text;
-                let (outcome, text) = (*outcome, [a, b, c, d, e, f, g, h, i, j]);
-                Response::FirmwareVersion(FirmwareVersion { outcome, text })
-            }
-            Self::Acted(outcome) => Response::Acted(*outcome),
-            Self::OffsetTool(outcome) => Response::OffsetTool(*outcome),
-            Self::UsbType(outcome) => Response::UsbType(*outcome),
-            Self::Playing(outcome) => Response::Playing(*outcome),
-            Self::Servo(response) => Response::Servo(*response),
-        }
-    }
+/// A [`Response`] whose texts are borrowed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum ResponseRef<'a> {
+    /// [`Response::HardwareVersion`].
+    HardwareVersion(TextRef<'a>),
+    /// [`Response::ServoStates`].
+    ServoStates(ServoStates),
+    /// [`Response::Stopped`].
+    Stopped(Outcome),
+    /// [`Response::FirmwareVersion`].
+    FirmwareVersion(Outcome, &'a [u8; 10]),
+    /// [`Response::Acted`].
+    Acted(Outcome),
+    /// [`Response::OffsetTool`].
+    OffsetTool(Outcome),
+    /// [`Response::UsbType`].
+    UsbType(Outcome),
+    /// [`Response::Playing`].
+    Playing(Outcome),
+    /// [`Response::Servo`].
+    Servo(ServoResponse),
 }
 
 /// The version of the robot's firmware (row F5).
@@ -659,41 +662,43 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
 }
 
 /// What a frame of the robot or a servo says.
-fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<Response<&[u8]>, ParseError> {
+fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<ResponseRef<'_>, ParseError> {
     let wrong = |cause| ParseError { command, cause };
     let only_status = || status(data).map_err(wrong);
     match command {
         header::HARDWARE_VERSION => {
             let text = text(data).map_err(wrong)?;
-            Ok(Response::HardwareVersion(text))
+            Ok(ResponseRef::HardwareVersion(TextRef::from_wire(text)))
         }
         header::SERVO_STATES => {
             let states = sized(data, &[4]).map_err(wrong)?;
-            Ok(Response::ServoStates(ServoStates(*states)))
+            Ok(ResponseRef::ServoStates(ServoStates(*states)))
         }
-        header::STOP => Ok(Response::Stopped(only_status()?)),
+        header::STOP => Ok(ResponseRef::Stopped(only_status()?)),
         header::FIRMWARE_VERSION => {
-            // As above.
-            let [status, a, b, c, d, e, f, g, h, i, j] = *sized::<11>(data, &[11]).map_err(wrong)?;
-            let (outcome, text) = (outcome(0, status).map_err(wrong)?, [a, b, c, d, e, f, g, h, i, j]);
-            Ok(Response::FirmwareVersion(FirmwareVersion { outcome, text }))
+            let [status, text @ ..] = sized::<11>(data, &[11]).map_err(wrong)?;
+            Ok(ResponseRef::FirmwareVersion(outcome(0, *status).map_err(wrong)?, text))
         }
         header::ACT if data.first() != Some(&ACT) => Err(wrong(Cause::Bluetooth)),
         header::ACT => {
             let [_, status, rest @ ..] = sized::<6>(data, &[6]).map_err(wrong)?;
             constant(2, rest, &[0; 4]).map_err(wrong)?;
-            Ok(Response::Acted(outcome(1, *status).map_err(wrong)?))
+            Ok(ResponseRef::Acted(outcome(1, *status).map_err(wrong)?))
         }
-        header::OFFSET_TOOL => Ok(Response::OffsetTool(only_status()?)),
-        header::USB_TYPE => Ok(Response::UsbType(only_status()?)),
-        header::PLAY => Ok(Response::Playing(only_status()?)),
+        header::OFFSET_TOOL => Ok(ResponseRef::OffsetTool(only_status()?)),
+        header::USB_TYPE => Ok(ResponseRef::UsbType(only_status()?)),
+        header::PLAY => Ok(ResponseRef::Playing(only_status()?)),
         header::SERVO => {
             let data = sized(data, &[6]).map_err(wrong)?;
-            Ok(Response::Servo(ServoResponse::from_data(data, answer).map_err(wrong)?))
+            Ok(ResponseRef::Servo(
+                ServoResponse::from_data(data, answer).map_err(wrong)?,
+            ))
         }
         header::SERVO_VERSION => {
             let data = sized(data, &[6]).map_err(wrong)?;
-            Ok(Response::Servo(ServoResponse::from_version_data(data).map_err(wrong)?))
+            Ok(ResponseRef::Servo(
+                ServoResponse::from_version_data(data).map_err(wrong)?,
+            ))
         }
         _ => Err(wrong(Cause::Unknown)),
     }
@@ -709,7 +714,7 @@ impl Protocol for Alpha1 {
     const IDENTIFIED: bool = false;
     type Request = Request;
     type Response = Response;
-    type ResponseRef<'a> = Response<&'a [u8]>;
+    type ResponseRef<'a> = ResponseRef<'a>;
     type Error = ParseError;
 
     fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
@@ -782,7 +787,7 @@ impl Protocol for Alpha1 {
         match (frame, answer) {
             (Frame::Message { command, data }, answer) => parse_response(command, data, answer),
             (Frame::Byte(byte), Some(ServoAnswer::Acknowledgement(servo))) if byte == acknowledgement(servo) => {
-                Ok(Response::Servo(ServoResponse::Acknowledged(servo)))
+                Ok(ResponseRef::Servo(ServoResponse::Acknowledged(servo)))
             }
             (Frame::Byte(command), _) => Err(ParseError {
                 command,
@@ -793,12 +798,37 @@ impl Protocol for Alpha1 {
 
     // Inlined, it would add to the stack of all that its caller calls besides.
     #[inline(never)]
-    fn to_response(response: &Response<&[u8]>) -> Response {
-        response.map_text(|text| Text::from_wire(text))
+    fn to_response(response: &ResponseRef<'_>) -> Response {
+        match response {
+            ResponseRef::HardwareVersion(text) => Response::HardwareVersion(Text::from_wire(text.as_bytes())),
+            ResponseRef::FirmwareVersion(outcome, text) => {
+                // As a whole a Cortex-M0 calls `memcpy` for it, which takes 88 B of stack.
+                let [a, b, c, d, e, f, g, h, i, j] = **text;
+                let (outcome, text) = (*outcome, [a, b, c, d, e, f, g, h, i, j]);
+                Response::FirmwareVersion(FirmwareVersion { outcome, text })
+            }
+            ResponseRef::ServoStates(states) => Response::ServoStates(*states),
+            ResponseRef::Stopped(outcome) => Response::Stopped(*outcome),
+            ResponseRef::Acted(outcome) => Response::Acted(*outcome),
+            ResponseRef::OffsetTool(outcome) => Response::OffsetTool(*outcome),
+            ResponseRef::UsbType(outcome) => Response::UsbType(*outcome),
+            ResponseRef::Playing(outcome) => Response::Playing(*outcome),
+            ResponseRef::Servo(response) => Response::Servo(*response),
+        }
     }
 
-    fn response_ref(response: &Response) -> Response<&[u8]> {
-        response.map_text(Text::as_bytes)
+    fn response_ref(response: &Response) -> ResponseRef<'_> {
+        match response {
+            Response::HardwareVersion(text) => ResponseRef::HardwareVersion(text.borrowed()),
+            Response::FirmwareVersion(version) => ResponseRef::FirmwareVersion(version.outcome, &version.text),
+            Response::ServoStates(states) => ResponseRef::ServoStates(*states),
+            Response::Stopped(outcome) => ResponseRef::Stopped(*outcome),
+            Response::Acted(outcome) => ResponseRef::Acted(*outcome),
+            Response::OffsetTool(outcome) => ResponseRef::OffsetTool(*outcome),
+            Response::UsbType(outcome) => ResponseRef::UsbType(*outcome),
+            Response::Playing(outcome) => ResponseRef::Playing(*outcome),
+            Response::Servo(response) => ResponseRef::Servo(*response),
+        }
     }
 
     fn expect(request: Option<&Request>) -> Expect {
@@ -827,17 +857,17 @@ impl Protocol for Alpha1 {
         Some(Reply { len, turnaround })
     }
 
-    fn answers(request: &Request, response: &Response<&[u8]>) -> bool {
+    fn answers(request: &Request, response: &ResponseRef<'_>) -> bool {
         match (request, response) {
-            (Request::ReadHardwareVersion, Response::HardwareVersion(_))
-            | (Request::ReadServoStates, Response::ServoStates(_))
-            | (Request::Stop, Response::Stopped(_))
-            | (Request::ReadFirmwareVersion, Response::FirmwareVersion(_))
-            | (Request::Act(_), Response::Acted(_))
-            | (Request::SetOffsetTool(_), Response::OffsetTool(_))
-            | (Request::SetUsbType(_), Response::UsbType(_))
-            | (Request::Play(_), Response::Playing(_)) => true,
-            (Request::Servo(request), Response::Servo(response)) => response.answers(*request),
+            (Request::ReadHardwareVersion, ResponseRef::HardwareVersion(_))
+            | (Request::ReadServoStates, ResponseRef::ServoStates(_))
+            | (Request::Stop, ResponseRef::Stopped(_))
+            | (Request::ReadFirmwareVersion, ResponseRef::FirmwareVersion(..))
+            | (Request::Act(_), ResponseRef::Acted(_))
+            | (Request::SetOffsetTool(_), ResponseRef::OffsetTool(_))
+            | (Request::SetUsbType(_), ResponseRef::UsbType(_))
+            | (Request::Play(_), ResponseRef::Playing(_)) => true,
+            (Request::Servo(request), ResponseRef::Servo(response)) => response.answers(*request),
             _ => false,
         }
     }

@@ -33,10 +33,12 @@ mod value;
 #[cfg(feature = "async")]
 pub use driver::Arm;
 pub use frame::{Expect, Frame, MAX_FRAME, MAX_TEXT, ServoAnswer, TAIL, checksum};
-pub use message::{Action, Cause, FirmwareVersion, ParseError, Request, Response, ServoRequest, ServoResponse};
+pub use message::{
+    Action, Cause, FirmwareVersion, ParseError, Request, Response, ResponseRef, ServoRequest, ServoResponse,
+};
 pub use value::{
     Address, Angle, Interval, Led, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS, ServoId,
-    ServoStates, Text, UsbType,
+    ServoStates, Text, TextRef, UsbType,
 };
 
 /// The Alpha1 protocol: a name for [`Decoder`](crate::Decoder), [`Client`](crate::Client) and

@@ -1099,3 +1099,24 @@ fn a_frame_that_is_not_expected_any_more_holds_nothing_back() {
     }
     assert_eq!(frames, 1);
 }
+
+#[test]
+fn what_is_expected_is_the_same_only_if_all_of_it_is() {
+    let servo = |id| ServoAnswer::Acknowledgement(ServoId::new(id).unwrap());
+    let all = [
+        Expect::Requests,
+        Expect::Responses(None),
+        Expect::Responses(Some(servo(1))),
+        Expect::Responses(Some(servo(2))),
+        Expect::Responses(Some(ServoAnswer::Angles)),
+        Expect::Responses(Some(ServoAnswer::IdChanged)),
+        Expect::Responses(Some(ServoAnswer::OffsetSet)),
+        Expect::Responses(Some(ServoAnswer::Offset)),
+        Expect::Responses(Some(ServoAnswer::Version)),
+    ];
+    for (i, one) in all.iter().enumerate() {
+        for (j, other) in all.iter().enumerate() {
+            assert_eq!(one == other, i == j, "{one:?} and {other:?}");
+        }
+    }
+}

@@ -381,6 +381,11 @@ impl Text {
         self.as_wire().get(1..).unwrap_or_default()
     }
 
+    /// The same, borrowed.
+    pub fn borrowed(&self) -> TextRef<'_> {
+        TextRef(self.as_bytes())
+    }
+
     /// The text, or `None` if one of its bytes is no printable ASCII character.
     pub fn as_str(&self) -> Option<&str> {
         let text = self.as_bytes();
@@ -389,7 +394,31 @@ impl Text {
     }
 }
 
-/// The count, which counts itself too, this text as far as there is room, and zeros.
+/// A [`Text`], borrowed.
+///
+/// ```
+/// use armwire::alpha1::Text;
+///
+/// assert_eq!(Text::new(b"dance")?.borrowed().as_bytes(), b"dance");
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TextRef<'a>(&'a [u8]);
+
+impl<'a> TextRef<'a> {
+    /// The text of these bytes, which it may have.
+    pub(super) const fn from_wire(text: &'a [u8]) -> Self {
+        Self(text)
+    }
+
+    /// The bytes of the text.
+    pub const fn as_bytes(self) -> &'a [u8] {
+        self.0
+    }
+}
+
+/// The count, which counts itself too, this text, which has room, and zeros.
 ///
 /// The compiler builds a local in the place of what is returned only if it is never borrowed, as it is to iterate over it.
 #[inline(never)]

@@ -4,8 +4,8 @@ use core::fmt;
 
 use super::frame::{HEARTBEAT_ID, MODBUS_ID, put};
 use super::value::{
-    Joint, ProtocolId, Raw, RawError, Register, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
-    padded,
+    Joint, ProtocolId, Raw, RawError, RawRef, Register, RotationRadius, SerialsText, State, TEXT, TorqueSource,
+    VersionText, padded,
 };
 use super::{Direction, Frame, MAX_FRAME, XArm};
 use crate::error::write_either;
@@ -139,11 +139,11 @@ impl Command {
     }
 }
 
-/// What the arm says; `R` is what was asked for.
+/// What the arm says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Response<R = Reply> {
+pub enum Response {
     /// Says that the arm is there. Answers nothing.
     Heartbeat,
     /// Answers [`Request::Call`].
@@ -153,7 +153,7 @@ pub enum Response<R = Reply> {
         /// How the arm is.
         state: State,
         /// What was asked for.
-        reply: R,
+        reply: Reply,
     },
     /// Answers a request in standard Modbus, which is none of [`Request`]: exception 01, no such function.
     ModbusRefused {
@@ -210,8 +210,16 @@ impl Reply {
     /// ```
     /// assert_eq!(armwire::xarm::Reply::SystemControl(1).register(), 10);
     /// ```
-    pub fn register(&self) -> u8 {
-        self.borrowed().register()
+    pub const fn register(&self) -> u8 {
+        match self {
+            Self::Empty(register) => *register as u8,
+            Self::Version(_) => Register::Version as u8,
+            Self::Serials(_) => Register::Serials as u8,
+            Self::TorqueSource(_) => Register::TorqueSource as u8,
+            Self::RotationRadius(_) => Register::RotationRadius as u8,
+            Self::SystemControl(_) => Register::SystemControl as u8,
+            Self::Raw(raw) => raw.register(),
+        }
     }
 
     /// The reply with its text or parameters borrowed.
@@ -223,12 +231,36 @@ impl Reply {
             Self::TorqueSource(source) => ReplyRef::TorqueSource(*source),
             Self::RotationRadius(radius) => ReplyRef::RotationRadius(*radius),
             Self::SystemControl(number) => ReplyRef::SystemControl(*number),
-            Self::Raw(raw) => ReplyRef::Raw {
-                register: raw.register(),
-                params: raw.params(),
-            },
+            Self::Raw(raw) => ReplyRef::Raw(raw.borrowed()),
         }
     }
+}
+
+/// A [`Response`] whose reply is borrowed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum ResponseRef<'a> {
+    /// [`Response::Heartbeat`].
+    Heartbeat,
+    /// [`Response::Reply`].
+    Reply {
+        /// That of the request.
+        header: Header,
+        /// How the arm is.
+        state: State,
+        /// What was asked for.
+        reply: ReplyRef<'a>,
+    },
+    /// [`Response::ModbusRefused`].
+    ModbusRefused {
+        /// Transaction id of the request.
+        transaction: u16,
+        /// The Modbus unit it was for.
+        unit: u8,
+        /// The Modbus function it asked for, `0..=127`.
+        function: u8,
+    },
 }
 
 /// A [`Reply`] whose text or parameters are borrowed.
@@ -237,7 +269,8 @@ impl Reply {
 /// use armwire::xarm::{Raw, Reply, ReplyRef};
 ///
 /// let reply = Reply::Raw(Raw::new(19, &[1])?);
-/// assert_eq!(reply.borrowed(), ReplyRef::Raw { register: 19, params: &[1] });
+/// assert!(matches!(reply.borrowed(), ReplyRef::Raw(raw) if raw.params() == [1]));
+/// assert_eq!(reply.borrowed().register(), 19);
 /// # Ok::<(), armwire::xarm::RawError>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -257,17 +290,12 @@ pub enum ReplyRef<'a> {
     /// [`Reply::SystemControl`].
     SystemControl(u16),
     /// [`Reply::Raw`].
-    Raw {
-        /// The register.
-        register: u8,
-        /// The parameters.
-        params: &'a [u8],
-    },
+    Raw(RawRef<'a>),
 }
 
 impl ReplyRef<'_> {
     /// The register.
-    const fn register(&self) -> u8 {
+    pub const fn register(&self) -> u8 {
         match self {
             Self::Empty(register) => *register as u8,
             Self::Version(_) => Register::Version as u8,
@@ -275,7 +303,7 @@ impl ReplyRef<'_> {
             Self::TorqueSource(_) => Register::TorqueSource as u8,
             Self::RotationRadius(_) => Register::RotationRadius as u8,
             Self::SystemControl(_) => Register::SystemControl as u8,
-            Self::Raw { register, .. } => *register,
+            Self::Raw(raw) => raw.register(),
         }
     }
 }
@@ -466,7 +494,7 @@ impl Protocol for XArm {
     const IDENTIFIED: bool = true;
     type Request = Request;
     type Response = Response;
-    type ResponseRef<'a> = Response<ReplyRef<'a>>;
+    type ResponseRef<'a> = ResponseRef<'a>;
     type Error = ParseError;
 
     fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
@@ -562,9 +590,9 @@ impl Protocol for XArm {
 
     fn parse_response_ref<'a>(frame: Self::Frame<'a>, _expect: Direction) -> Result<Self::ResponseRef<'a>, ParseError> {
         let header = match (kind(frame), frame.body) {
-            (Kind::Heartbeat, _) => return Ok(Response::Heartbeat),
+            (Kind::Heartbeat, _) => return Ok(ResponseRef::Heartbeat),
             (Kind::Other(_), &[unit, function @ MODBUS_REFUSED..=u8::MAX, ILLEGAL_FUNCTION]) => {
-                return Ok(Response::ModbusRefused {
+                return Ok(ResponseRef::ModbusRefused {
                     transaction: frame.transaction,
                     unit,
                     function: function & !MODBUS_REFUSED,
@@ -573,7 +601,7 @@ impl Protocol for XArm {
             (Kind::Other(error), _) => return Err(error),
             (Kind::Call(header), _) => header,
         };
-        let answer = |state, reply| Ok(Response::Reply { header, state, reply });
+        let answer = |state, reply| Ok(ResponseRef::Reply { header, state, reply });
         let wrong = |cause| Err(unusable(header, frame, cause));
         let [register, state, params @ ..] = frame.body else {
             let got = frame.body.len();
@@ -582,10 +610,7 @@ impl Protocol for XArm {
         let state = State(*state);
         let Some(typed) = Register::from_code(*register) else {
             return match Raw::check(*register, params) {
-                Ok(()) => {
-                    let register = *register;
-                    answer(state, ReplyRef::Raw { register, params })
-                }
+                Ok(()) => answer(state, ReplyRef::Raw(RawRef::from_wire(*register, params))),
                 Err(error) => wrong(Cause::Raw(error)),
             };
         };
@@ -623,10 +648,10 @@ impl Protocol for XArm {
 
     // Inlined, it would add to the stack of all that its caller calls besides.
     #[inline(never)]
-    fn to_response(response: &Response<ReplyRef<'_>>) -> Response {
+    fn to_response(response: &ResponseRef<'_>) -> Response {
         match response {
-            Response::Heartbeat => Response::Heartbeat,
-            Response::Reply { header, state, reply } => {
+            ResponseRef::Heartbeat => Response::Heartbeat,
+            ResponseRef::Reply { header, state, reply } => {
                 // A response is made by each arm, where it is returned: it is long.
                 let answer = |reply| Response::Reply {
                     header: *header,
@@ -640,10 +665,10 @@ impl Protocol for XArm {
                     ReplyRef::TorqueSource(source) => answer(Reply::TorqueSource(source)),
                     ReplyRef::RotationRadius(radius) => answer(Reply::RotationRadius(radius)),
                     ReplyRef::SystemControl(number) => answer(Reply::SystemControl(number)),
-                    ReplyRef::Raw { register, params } => answer(Reply::Raw(Raw::from_wire(register, params))),
+                    ReplyRef::Raw(raw) => answer(Reply::Raw(Raw::from_wire(raw.register(), raw.params()))),
                 }
             }
-            &Response::ModbusRefused {
+            &ResponseRef::ModbusRefused {
                 transaction,
                 unit,
                 function,
@@ -655,10 +680,10 @@ impl Protocol for XArm {
         }
     }
 
-    fn response_ref(response: &Response) -> Response<ReplyRef<'_>> {
+    fn response_ref(response: &Response) -> ResponseRef<'_> {
         match response {
-            Response::Heartbeat => Response::Heartbeat,
-            Response::Reply { header, state, reply } => Response::Reply {
+            Response::Heartbeat => ResponseRef::Heartbeat,
+            Response::Reply { header, state, reply } => ResponseRef::Reply {
                 header: *header,
                 state: *state,
                 reply: reply.borrowed(),
@@ -667,7 +692,7 @@ impl Protocol for XArm {
                 transaction,
                 unit,
                 function,
-            } => Response::ModbusRefused {
+            } => ResponseRef::ModbusRefused {
                 transaction,
                 unit,
                 function,
@@ -695,9 +720,9 @@ impl Protocol for XArm {
         })
     }
 
-    fn answers(request: &Request, response: &Response<ReplyRef<'_>>) -> bool {
+    fn answers(request: &Request, response: &ResponseRef<'_>) -> bool {
         match (request, response) {
-            (Request::Call { header, command }, Response::Reply { header: of, reply, .. }) => {
+            (Request::Call { header, command }, ResponseRef::Reply { header: of, reply, .. }) => {
                 header == of && command.register() == reply.register()
             }
             _ => false,

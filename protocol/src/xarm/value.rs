@@ -600,6 +600,44 @@ impl Raw {
     pub fn params(&self) -> &[u8] {
         self.params.get(..usize::from(self.len)).unwrap_or_default()
     }
+
+    /// The same with its parameters borrowed.
+    pub fn borrowed(&self) -> RawRef<'_> {
+        RawRef::from_wire(self.register, self.params())
+    }
+}
+
+/// A [`Raw`] whose parameters are borrowed.
+///
+/// ```
+/// use armwire::xarm::Raw;
+///
+/// let mode = Raw::new(19, &[1])?;
+/// assert_eq!((mode.borrowed().register(), mode.borrowed().params()), (19, &[1][..]));
+/// # Ok::<(), armwire::xarm::RawError>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RawRef<'a> {
+    register: u8,
+    params: &'a [u8],
+}
+
+impl<'a> RawRef<'a> {
+    /// A register and its parameters, of which it is known that there may be such.
+    pub(super) const fn from_wire(register: u8, params: &'a [u8]) -> Self {
+        Self { register, params }
+    }
+
+    /// The register.
+    pub const fn register(self) -> u8 {
+        self.register
+    }
+
+    /// The parameters.
+    pub const fn params(self) -> &'a [u8] {
+        self.params
+    }
 }
 
 /// These bytes, as far as there is room, and zeros behind them.

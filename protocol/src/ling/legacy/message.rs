@@ -246,7 +246,7 @@ impl Protocol for Legacy {
         })
     }
 
-    // Nothing is long: what would be borrowed is the response itself.
+    // What is borrowed is the response itself, and need not be copied.
     fn parse_response(frame: Frame<'_>, (): ()) -> Result<Response, ParseError> {
         Self::parse_response_ref(frame, ())
     }
