@@ -63,6 +63,7 @@ fn check_frame<P: Subject, const N: usize>(bytes: &[u8], expect: P::Expect) {
             let bytes = response_bytes::<P>(&response);
             let again = P::view(&bytes).map(|frame| P::parse_response(frame, expect));
             assert_eq!(again, Some(Ok(response)));
+            assert_eq!(P::to_response(&P::response_ref(&response)), response);
         }
         Err(error) => assert!(!error.to_string().is_empty()),
     }

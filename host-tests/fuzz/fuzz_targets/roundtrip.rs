@@ -74,6 +74,9 @@ impl Check for Messages {
                 (P::wire_len(frame), P::parse_response(frame, expect)),
                 (bytes.len(), Ok(response))
             );
+            let borrowed = P::response_ref(&response);
+            assert_eq!(P::parse_response_ref(frame, expect), Ok(borrowed));
+            assert_eq!(P::to_response(&borrowed), response);
             let mut short = vec![0; bytes.len() - 1];
             let error = P::encode_response(&response, &mut short).expect_err("it is too short");
             assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
