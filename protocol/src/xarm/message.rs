@@ -211,19 +211,11 @@ impl Reply {
     /// assert_eq!(armwire::xarm::Reply::SystemControl(1).register(), 10);
     /// ```
     pub const fn register(&self) -> u8 {
-        match self {
-            Self::Empty(register) => *register as u8,
-            Self::Version(_) => Register::Version as u8,
-            Self::Serials(_) => Register::Serials as u8,
-            Self::TorqueSource(_) => Register::TorqueSource as u8,
-            Self::RotationRadius(_) => Register::RotationRadius as u8,
-            Self::SystemControl(_) => Register::SystemControl as u8,
-            Self::Raw(raw) => raw.register(),
-        }
+        self.borrowed().register()
     }
 
     /// The reply with its text or parameters borrowed.
-    pub fn borrowed(&self) -> ReplyRef<'_> {
+    pub const fn borrowed(&self) -> ReplyRef<'_> {
         match self {
             Self::Empty(register) => ReplyRef::Empty(*register),
             Self::Version(text) => ReplyRef::Version(&text.0),
@@ -591,11 +583,19 @@ impl Protocol for XArm {
     fn parse_response_ref<'a>(frame: Self::Frame<'a>, _expect: Direction) -> Result<Self::ResponseRef<'a>, ParseError> {
         let header = match (kind(frame), frame.body) {
             (Kind::Heartbeat, _) => return Ok(ResponseRef::Heartbeat),
-            (Kind::Other(_), &[unit, function @ MODBUS_REFUSED..=u8::MAX, ILLEGAL_FUNCTION]) => {
-                return Ok(ResponseRef::ModbusRefused {
-                    transaction: frame.transaction,
+            (
+                Kind::Other(ParseError::Protocol {
+                    transaction,
                     unit,
-                    function: function & !MODBUS_REFUSED,
+                    function,
+                    ..
+                }),
+                &[_, MODBUS_REFUSED..=u8::MAX, ILLEGAL_FUNCTION],
+            ) => {
+                return Ok(ResponseRef::ModbusRefused {
+                    transaction,
+                    unit,
+                    function,
                 });
             }
             (Kind::Other(error), _) => return Err(error),

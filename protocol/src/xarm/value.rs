@@ -597,12 +597,15 @@ impl Raw {
     }
 
     /// The parameters.
-    pub fn params(&self) -> &[u8] {
-        self.params.get(..usize::from(self.len)).unwrap_or_default()
+    pub const fn params(&self) -> &[u8] {
+        match self.params.as_slice().split_at_checked(self.len as usize) {
+            Some((params, _)) => params,
+            None => &[],
+        }
     }
 
     /// The same with its parameters borrowed.
-    pub fn borrowed(&self) -> RawRef<'_> {
+    pub const fn borrowed(&self) -> RawRef<'_> {
         RawRef::from_wire(self.register, self.params())
     }
 }
