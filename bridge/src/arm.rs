@@ -29,6 +29,14 @@ impl ArmKind {
         }
     }
 
+    /// What the first request of these bytes asks for. `None` if they do not begin with a whole one.
+    pub(crate) fn asked_first(self, bytes: &[u8]) -> Option<Asked> {
+        match self.scan(bytes, Expect::Requests) {
+            Scan::Frame(len) => Some(self.asked(bytes.get(..len)?)),
+            _ => None,
+        }
+    }
+
     /// The shortest frame while `expect` is expected, in bytes.
     const fn shortest(self, expect: Expect) -> usize {
         match (self, expect) {
@@ -154,6 +162,8 @@ pub(crate) struct Asked {
     pub(crate) reply: Option<Answer>,
     /// Whether it moves the arm.
     pub(crate) moves: bool,
+    /// Whether it switches the torque on: the arm is to stay where it is.
+    pub(crate) holds: bool,
 }
 
 /// How long to wait for an answer: a [`Reply`](armwire::Reply) in fewer bytes.
@@ -171,6 +181,7 @@ impl Asked {
         expect: UNASKED,
         reply: None,
         moves: false,
+        holds: false,
     };
 
     const fn answered(key: Key, turnaround: u32, len: u8) -> Self {
@@ -207,6 +218,7 @@ fn asked_of_ling(frame: &[u8]) -> Asked {
         true => Asked {
             key,
             moves: key == Key(0x06, 0x03),
+            holds: (command, function, data) == (0x05, 0, 1),
             ..Asked::NOTHING
         },
         false if command == 0xFE => Asked::answered(key, 500_000, 30),
@@ -234,6 +246,7 @@ fn asked_of_alpha1(frame: &[u8]) -> Asked {
             }),
             // FF in place of an angle switches the motor off.
             moves: second == MOVE && third != 0xFF,
+            holds: false,
         },
         (SERVO, CHANGE_ID) => Asked::answered(Key(SERVO, fourth), SERVO_TURNAROUND, 10),
         (SERVO | SERVO_VERSION, _) => Asked::answered(Key(command, first), SERVO_TURNAROUND, 10),

@@ -12,10 +12,10 @@ use crate::earliest::Earliest;
 const FLIGHTS: usize = 8;
 
 /// Kinds of requests besides, of which only the number is remembered.
-const KINDS: usize = 4;
+const KINDS: usize = 8;
 
-/// Missing answers that are remembered at a time.
-const OWED: usize = 4;
+/// Kinds of missing answers that are remembered at a time: as many as can be with the arm.
+const OWED: usize = FLIGHTS + KINDS;
 
 /// How long after it was due an answer may still come.
 pub(crate) const LATENESS: Micros = Micros::from_millis(50);
@@ -32,7 +32,10 @@ pub(crate) struct Exchange {
     more_patience: Micros,
     /// When all answers that are still missing are given up.
     due: Micros,
+    /// In the order in which they were given up.
     owed: Vec<Owed, OWED>,
+    /// Until when an answer of any kind may still be late: more kinds were missing than are remembered.
+    saturated: Micros,
 }
 
 /// A request that is with the arm.
@@ -81,6 +84,7 @@ impl Exchange {
             more_patience: Micros(0),
             due: Micros(0),
             owed: Vec::new(),
+            saturated: Micros(0),
         }
     }
 
@@ -159,6 +163,12 @@ impl Exchange {
     /// if all of it came after the last request was handed over.
     pub(crate) fn hear(&mut self, key: Option<Key>, fresh: bool, began: Micros, now: Micros) -> Heard {
         let Some(key) = key else { return Heard::Unasked };
+        // An arm answers in turn: the oldest request of the kind is the one that was given up.
+        if let Some(owed) = self.owed.iter_mut().find(|owed| owed.key == key) {
+            owed.count = owed.count.saturating_sub(1);
+            self.owed.retain(|owed| owed.count > 0);
+            return Heard::Late;
+        }
         let mut answered = None;
         if fresh {
             self.flights.retain(|flight| {
@@ -173,23 +183,13 @@ impl Exchange {
                 answered = Some(None);
             }
         }
+        let Some(sent) = answered else { return Heard::Unasked };
         // An arm answers one after the other: those behind this one have their time from now on.
-        let behind = self.flights.iter().filter(|_| answered.is_some());
         let more = self.has_more().then_some(self.more_patience);
-        for patience in behind.map(|flight| flight.patience).chain(more) {
+        for patience in self.flights.iter().map(|flight| flight.patience).chain(more) {
             self.due = self.due.max(now + patience);
         }
-        if let Some(sent) = answered {
-            return Heard::Answer(self.asker, sent.map(|sent| now.since(sent)));
-        }
-        match self.owed.iter_mut().find(|owed| owed.key == key) {
-            Some(owed) => {
-                owed.count = owed.count.saturating_sub(1);
-                self.owed.retain(|owed| owed.count > 0);
-                Heard::Late
-            }
-            None => Heard::Unasked,
-        }
+        Heard::Answer(self.asker, sent.map(|sent| now.since(sent)))
     }
 
     /// Whether a frame with this key answers a request that is not remembered by itself, which it then has.
@@ -208,25 +208,28 @@ impl Exchange {
 
     /// Whether a request with this key must wait, because its answer could not be told from one that was given up.
     pub(crate) fn is_owed(&self, key: Key) -> bool {
-        self.owed.iter().any(|owed| owed.key == key)
+        self.saturated > Micros(0) || self.owed.iter().any(|owed| owed.key == key)
     }
 
     /// Whether no answer was given up that may still come.
     pub(crate) fn owes_nothing(&self) -> bool {
-        self.owed.is_empty()
+        self.owed.is_empty() && self.saturated == Micros(0)
     }
 
     /// When to call [`tick`](Self::tick), unless something happens before.
     pub(crate) fn timeout(&self) -> Option<Micros> {
-        // What is owed first ends first.
-        let owed = self.owed.first().map(|owed| owed.until);
-        Earliest::of(owed).or(self.holder().map(|_| self.due)).get()
+        let owed = self.owed.iter().map(|owed| owed.until).min();
+        let saturated = Some(self.saturated).filter(|until| *until > Micros(0));
+        Earliest::of(owed)
+            .or(saturated)
+            .or(self.holder().map(|_| self.due))
+            .get()
     }
 
     /// It is `now`: how many answers are given up.
     pub(crate) fn tick(&mut self, now: Micros) -> usize {
         // Nearly always there is nothing to look after.
-        if self.owed.is_empty() && self.holder().is_none() {
+        if self.owes_nothing() && self.holder().is_none() {
             return 0;
         }
         let missing = match self.holder() {
@@ -234,6 +237,9 @@ impl Exchange {
             _ => 0,
         };
         self.owed.retain(|owed| now < owed.until);
+        if self.saturated <= now {
+            self.saturated = Micros(0);
+        }
         missing
     }
 
@@ -244,13 +250,15 @@ impl Exchange {
         let missing = self.open();
         let flights = self.flights.iter().map(|flight| (flight.key, 1));
         for (key, count) in flights.chain(self.more.iter().map(|more| (more.key, more.count))) {
-            let known = self.owed.iter().find(|owed| owed.key == key);
-            let before = known.map_or(0, |owed| owed.count);
-            let oldest = self.owed.first().filter(|_| known.is_none() && self.owed.is_full());
-            let (oldest, count) = (oldest.map(|owed| owed.key), before.saturating_add(count));
-            self.owed.retain(|owed| owed.key != key && Some(owed.key) != oldest);
-            // There is room.
-            let _ = self.owed.push(Owed { key, count, until });
+            if let Some(owed) = self.owed.iter_mut().find(|owed| owed.key == key) {
+                (owed.count, owed.until) = (owed.count.saturating_add(count), until);
+            } else if self.owed.push(Owed { key, count, until }).is_err() {
+                // None of those remembered is forgotten for it: then any may be late.
+                self.saturated = until;
+            }
+        }
+        if self.others > 0 {
+            self.saturated = until;
         }
         self.forget();
         missing
@@ -267,6 +275,7 @@ impl Exchange {
         let missing = self.open();
         self.forget();
         self.owed.clear();
+        self.saturated = Micros(0);
         missing
     }
 }

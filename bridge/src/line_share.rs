@@ -342,6 +342,10 @@ impl Bridge {
 
     /// Whose turn it is now, if anybody's.
     fn next(&self, now: Micros) -> Option<Asker> {
+        if self.torque_off.is_some() && !self.usb_speaks() {
+            // It waits for nobody's answer.
+            return Some(Asker::Adapter);
+        }
         if self.exchange.is_not_usbs() {
             return None;
         }
@@ -390,31 +394,69 @@ impl Bridge {
         self.can_requests.is_empty() && self.command.is_none() && self.torque_off.is_none() && self.identify.is_none()
     }
 
-    /// Whether anybody but the host on USB could speak.
+    /// Whether anybody but the host on USB could speak, or could but for an answer that may be late.
     fn others_wait(&self, now: Micros) -> bool {
         let [_, others @ ..] = Asker::ALL;
-        !self.others_are_silent(now) && others.into_iter().any(|asker| self.is_ready(asker, now))
+        !self.others_are_silent(now)
+            && others
+                .into_iter()
+                .any(|asker| self.is_ready(asker, now) || self.is_held_back(asker, now))
     }
 
     /// Whether `asker` could speak if it were its turn: it has something to say, and an answer to that could be told from
     /// one that is late.
     fn is_ready(&self, asker: Asker, now: Micros) -> bool {
         match asker {
-            Asker::Usb => !self.down.is_empty() && self.wanted.is_none_or(|(_, before)| before > 0),
-            Asker::Can => self
-                .can_requests
-                .front()
-                .is_some_and(|request| self.can_change.is_none() && self.may_go(&request.bytes)),
+            Asker::Usb => {
+                !self.down.is_empty() && self.wanted.is_none_or(|(_, before)| before > 0) && self.usb_may_go(now)
+            }
             Asker::Command => self.command.is_some(),
-            Asker::Poll => {
-                self.poll.due_since(LEAD, now).is_some() && self.config.arm.poll().is_some_and(|poll| self.may_go(poll))
-            }
-            Asker::Adapter => {
-                self.torque_off.is_some()
-                    || self.identify.is_some()
-                        && self.config.arm.identify().is_some_and(|identify| self.may_go(identify))
-            }
+            Asker::Adapter if self.torque_off.is_some() => true,
+            _ => self.asks(asker, now).is_some_and(|request| self.may_go(request)),
         }
+    }
+
+    /// The request with which `asker` waits, of those that get an answer.
+    fn asks(&self, asker: Asker, now: Micros) -> Option<&[u8]> {
+        match asker {
+            Asker::Usb | Asker::Command => None,
+            Asker::Can => {
+                let request = self.can_requests.front().filter(|_| self.can_change.is_none())?;
+                Some(&request.bytes)
+            }
+            Asker::Poll => self
+                .config
+                .arm
+                .poll()
+                .filter(|_| self.poll.due_since(LEAD, now).is_some()),
+            Asker::Adapter => self.config.arm.identify().filter(|_| self.identify.is_some()),
+        }
+    }
+
+    /// Whether `asker` waits only because its answer could not be told from one that is late.
+    fn is_held_back(&self, asker: Asker, now: Micros) -> bool {
+        !self.exchange.owes_nothing() && self.asks(asker, now).is_some_and(|request| !self.may_go(request))
+    }
+
+    /// Whether the host on USB may go on: with others on the line, it does not ask again what may be answered late either.
+    /// Alone it may, for it hears every answer.
+    fn usb_may_go(&self, now: Micros) -> bool {
+        // Nearly always no answer is late. What was begun is not held back.
+        if self.exchange.owes_nothing() || self.usb_speaks() {
+            return true;
+        }
+        let alone = !self.turn.is_shared(now) && self.others_are_silent(now);
+        alone || self.usb_asks_anew()
+    }
+
+    /// Whether what the host on USB asks next is answered unlike all that may be late.
+    // Not inlined: it is seldom needed.
+    #[inline(never)]
+    fn usb_asks_anew(&self) -> bool {
+        let mut next = [0; MAX_FRAME];
+        let len = self.down.peek(&mut next);
+        let asked = self.config.arm.asked_first(next.get(..len).unwrap_or_default());
+        asked.is_none_or(|asked| asked.reply.is_none() || !self.exchange.is_owed(asked.key))
     }
 
     /// Since when `asker` has had something to say.
@@ -445,7 +487,8 @@ impl Bridge {
         if !self.usb_room() {
             self.streams.usb.hear(now);
         }
-        let others = self.others_wait(now);
+        // A request at a time while it matters which.
+        let others = self.others_wait(now) || !self.exchange.owes_nothing();
         if !self.usb_speaks() {
             self.turn.usb_began = now;
         }
@@ -495,6 +538,8 @@ impl Bridge {
                     self.begin(Asker::Usb, asked, sent);
                     if asked.moves {
                         self.streams.usb.motion(self.config.silence.after(), now);
+                    } else if asked.holds {
+                        self.streams.usb.end();
                     }
                 } else {
                     self.turn.raw = true;
@@ -506,6 +551,9 @@ impl Bridge {
 
     /// Moves the poll to the front of `out`. It is to start at its slot.
     fn say_poll(&mut self, out: &mut [u8], now: Micros) -> Option<(usize, Option<Micros>)> {
+        if self.turn.is_cut {
+            return Some((self.end_cut(out, now)?, None));
+        }
         let request = self.config.arm.poll()?;
         let len = copy(request, out)?;
         let slot = self.poll.slot();
@@ -523,17 +571,15 @@ impl Bridge {
 
     /// Moves the request of another to the front of `out`.
     fn say_waiting(&mut self, asker: Asker, out: &mut [u8], now: Micros) -> Option<usize> {
+        if self.turn.is_cut {
+            return self.end_cut(out, now);
+        }
         let (len, since, asked) = match asker {
-            Asker::Adapter if self.torque_off.is_some() && core::mem::take(&mut self.turn.is_cut) => {
-                // Zeros end whatever had begun, and no frame ends with one.
-                let out = out.get_mut(..MAX_FRAME)?;
-                out.fill(0);
-                count(&mut self.counters.requests_adapter, 1);
-                self.turn.went(now);
-                return Some(out.len());
-            }
             Asker::Can => {
                 let request = self.can_requests.pop_front()?;
+                if request.asked.holds {
+                    self.streams.can.end();
+                }
                 self.take_can_request(now);
                 (copy(&request.bytes, out)?, request.since, request.asked)
             }
@@ -554,6 +600,18 @@ impl Bridge {
         Some(len)
     }
 
+    /// Moves zeros to the front of `out`: they end whatever the host on USB had begun, and no frame ends with one. An arm
+    /// that waits for the rest of a frame would take another's request for that.
+    fn end_cut(&mut self, out: &mut [u8], now: Micros) -> Option<usize> {
+        let out = out.get_mut(..MAX_FRAME)?;
+        out.fill(0);
+        self.turn.is_cut = false;
+        count(&mut self.counters.requests_adapter, 1);
+        self.turn.taken(Asker::Adapter, false);
+        self.turn.went(now);
+        Some(out.len())
+    }
+
     /// A request of `len` bytes goes out at `start`.
     fn say(&mut self, asker: Asker, asked: Asked, len: usize, start: Micros) {
         let counter = match asker {
@@ -565,6 +623,7 @@ impl Bridge {
         };
         count(counter, 1);
         self.turn.taken(asker, asker != Asker::Poll || !self.poll.is_urgent());
+        self.turn.others_had = Some(start);
         self.turn.went(start);
         self.begin(asker, asked, start + on_wire(self.byte_nanos, len));
     }
@@ -585,7 +644,7 @@ impl Bridge {
 
     /// Until when the host on USB has the line to itself while others wait and it is silent.
     pub(crate) fn hold_timeout(&self) -> Option<Micros> {
-        if !self.usb_speaks() || self.exchange.holder().is_some() {
+        if !self.usb_speaks() || self.exchange.holder().is_some() && self.torque_off.is_none() {
             return None;
         }
         let now = Micros(0);

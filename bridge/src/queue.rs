@@ -44,12 +44,17 @@ impl<const N: usize> Queue<N> {
         bytes.len().saturating_sub(n)
     }
 
-    /// Moves bytes from the front into `out` and returns how many.
-    pub(crate) fn pop(&mut self, out: &mut [u8]) -> usize {
+    /// Copies bytes from the front into `out` and returns how many.
+    pub(crate) fn peek(&self, out: &mut [u8]) -> usize {
         let len = out.len().min(self.len);
         let out = out.get_mut(..len).unwrap_or_default();
         let n = copy(out, self.bytes.get(self.head..).unwrap_or_default());
-        let n = n + copy(out.get_mut(n..).unwrap_or_default(), &self.bytes);
+        n + copy(out.get_mut(n..).unwrap_or_default(), &self.bytes)
+    }
+
+    /// Moves bytes from the front into `out` and returns how many.
+    pub(crate) fn pop(&mut self, out: &mut [u8]) -> usize {
+        let n = self.peek(out);
         self.len -= n;
         // Where it begins anew, it takes one copy, and words at a time.
         self.head = if self.len == 0 { 0 } else { (self.head + n) % N };

@@ -25,6 +25,9 @@ impl Waiting {
     }
 }
 
+/// How long after another's turn the host on USB counts as one of several.
+const SHARED: Micros = Micros::from_millis(1_000);
+
 /// Who had the line last, and for how long the host on USB has had or wanted it.
 pub(crate) struct Turn {
     pub(crate) last: Asker,
@@ -32,6 +35,8 @@ pub(crate) struct Turn {
     pub(crate) rotated: Asker,
     /// When the last poll went out.
     pub(crate) polled: Micros,
+    /// When another than the host on USB last had the line.
+    pub(crate) others_had: Option<Micros>,
     /// Bytes of the host on USB went out that are in no request.
     pub(crate) raw: bool,
     /// What the host on USB said last was cut short, so that the arm may wait for the rest of a frame.
@@ -55,6 +60,7 @@ impl Turn {
             last: Asker::Adapter,
             rotated: Asker::Adapter,
             polled: Micros(0),
+            others_had: None,
             raw: false,
             is_cut: false,
             usb_began: Micros(0),
@@ -86,6 +92,11 @@ impl Turn {
     /// How long the request of the host on USB has waited that went out last.
     pub(crate) const fn usb_waited(&self) -> Micros {
         self.waited
+    }
+
+    /// Whether another than the host on USB had the line not long ago.
+    pub(crate) fn is_shared(&self, now: Micros) -> bool {
+        self.others_had.is_some_and(|at| now.since(at) < SHARED)
     }
 
     /// `asker` has the line, and goes to the end of the row if it is `in_turn`.

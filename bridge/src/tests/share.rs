@@ -364,7 +364,8 @@ fn a_partial_frame_keeps_the_line_for_ten_milliseconds() {
     rig.run(100);
     rig.can_out.push_back(info());
     rig.run(20_000);
-    assert_eq!(rig.said[1], (10_000, info()));
+    // An arm that waits for the rest would take what follows for that: zeros end it.
+    assert_eq!(rig.said[1..], [(10_000, vec![0; 70]), (10_700, info())]);
     assert_eq!(rig.can.len(), 1);
 }
 
@@ -646,6 +647,71 @@ fn each_of_two_late_answers_of_a_kind_is_late() {
 }
 
 #[test]
+fn a_late_answer_goes_to_no_other_host() {
+    // The host on USB asks again before its first answer, and another asks the same: at 61 ms, or when the first is there.
+    for can_at in [61_000, 95_000] {
+        let mut rig = polling(Poll::Off);
+        let (mut polite, mut n) = (polite(), 0);
+        // Each is 90 ms late: the second one that long after the request, not after the first answer.
+        rig.manners = Box::new(move |request| {
+            n += 1;
+            polite(request).map(|(_, answer)| (if n == 2 { 59_000 } else { 90_000 }, answer))
+        });
+        rig.run(1_000);
+        rig.usb_out.extend(JOINTS);
+        rig.run(59_000);
+        rig.usb_out.extend(JOINTS);
+        rig.run(can_at - 60_000);
+        rig.can_out.push_back(JOINTS.to_vec());
+        rig.run(500_000);
+        assert_eq!(rig.bridge.counters().late_answers, 3);
+        assert_eq!(rig.usb.chunks(21).map(|frame| frame[4]).collect::<Vec<_>>(), [1, 2, 3]);
+        assert_eq!(rig.can, Vec::<Vec<u8>>::new());
+    }
+}
+
+#[test]
+fn no_missing_answer_is_forgotten_for_another() {
+    let mut rig = polling(Poll::Off);
+    rig.manners = Box::new(|_| None);
+    // Seven kinds, and 20 of the last.
+    for function in 0..6 {
+        rig.usb_out.extend(ling(0x77, function, &[]));
+    }
+    rig.usb_out.extend(JOINTS.repeat(20));
+    rig.run(60_000);
+    assert_eq!(rig.bridge.counters().unanswered_requests, 26);
+    rig.can_out.push_back(ling(0x77, 0, &[]));
+    rig.run(1_000);
+    assert_eq!(rig.bridge.counters().requests_can, 0);
+    // Late: it is not what the host on CAN has asked for.
+    rig.arm_says(&ling(0x77, 0, &[1]));
+    rig.run(5_000);
+    assert_eq!((rig.bridge.counters().late_answers, rig.can.len()), (1, 0));
+    assert_eq!(rig.bridge.counters().requests_can, 1);
+}
+
+#[test]
+fn a_host_on_usb_does_not_ask_again_what_another_may_be_answered_late() {
+    let mut rig = polling(Poll::Off);
+    let (mut polite, mut n) = (polite(), 0);
+    rig.manners = Box::new(move |request| {
+        n += 1;
+        polite(request).map(|(after, answer)| (if n == 1 { 70_000 } else { after }, answer))
+    });
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(60_000);
+    rig.usb_out.extend(JOINTS);
+    rig.usb_out.extend(temperatures());
+    rig.run(100_000);
+    let asked = [&JOINTS.repeat(2)[..], &temperatures()].concat();
+    assert_eq!(rig.line(), asked);
+    // The second request of the kind went out when the first was answered.
+    assert!(rig.said[1].0 > 70_000 && rig.said[1].0 < 72_000, "{:?}", rig.said);
+    assert_eq!(rig.bridge.counters().late_answers, 1);
+}
+
+#[test]
 fn a_frame_that_began_before_the_request_was_out_is_no_answer_to_it() {
     for (ahead, answers) in [(1, true), (3, false), (8, false)] {
         let mut rig = polling(Poll::Off);
@@ -735,7 +801,8 @@ proptest! {
         let of_usb: Vec<u8> = of_usb.flat_map(|(_, (_, bytes))| bytes.clone()).collect();
         prop_assert_eq!(of_usb, from_usb);
         for (asker, (_, bytes)) in bursts() {
-            prop_assert!(*asker == Asker::Usb || kinds(bytes).len() == 1);
+            let ends_half_a_frame = *asker == Asker::Adapter && bytes[..] == [0; 70];
+            prop_assert!(*asker == Asker::Usb || ends_half_a_frame || kinds(bytes).len() == 1);
         }
         prop_assert_eq!(rig.askers.iter().filter(|asker| **asker == Asker::Can).count() as u32, c.requests_can);
         prop_assert_eq!(rig.askers.iter().filter(|asker| **asker == Asker::Poll).count() as u32, c.requests_poll);
