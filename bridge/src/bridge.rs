@@ -40,6 +40,9 @@ const _: () = assert!(
 /// How long bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
 const PATIENCE: Micros = Micros::from_millis(1_000);
 
+/// How long a motion of a host on CAN may wait for its turn before the host can count as silent.
+const MOTION_WAIT: Micros = Micros::from_millis(150);
+
 /// Requests from CAN that wait for their turn.
 const CAN_REQUESTS: usize = 2;
 
@@ -112,11 +115,8 @@ impl Streams {
         }
     }
 
-    fn timeout(&self, after: Micros) -> Option<Micros> {
-        Earliest::of(self.usb.timeout(after))
-            .or(self.can.timeout(after))
-            .or(self.command.timeout(after))
-            .get()
+    const fn is_armed(&self) -> bool {
+        self.usb.is_armed() || self.can.is_armed() || self.command.is_armed()
     }
 }
 
@@ -364,21 +364,11 @@ impl Bridge {
     /// A frame came from the bus. Those with identifiers that are not this adapter's are passed over.
     pub fn can_received(&mut self, frame: &Frame, now: Micros) {
         match self.can.received(frame, now, &mut self.counters) {
-            Some(Received::Arm) => {
-                self.streams.can.hear(now);
-                self.take_can_request(now);
-            }
+            Some(Received::Arm) => self.take_can_request(now),
             Some(Received::Control) => self.serve(now),
             // The bus may be the one before a change of the configuration.
             Some(Received::Command(target)) if self.config.can.commands => self.take_command(&target, now),
-            Some(Received::Refused(asker, refusal)) => {
-                // There is no room for what it says, but it says something. Not so commands: one that is repeated for ever
-                // is refused for ever.
-                if asker == Asker::Can {
-                    self.streams.can.hear(now);
-                }
-                self.refuse(asker, refusal, now);
-            }
+            Some(Received::Refused(asker, refusal)) => self.refuse(asker, refusal, now),
             Some(Received::Command(_)) | None => {}
         }
     }
@@ -583,7 +573,9 @@ impl Bridge {
             .or(self.exchange.timeout())
             .or(self.hold_timeout())
             .or(self.command_timeout())
-            .or(self.streams.timeout(self.config.silence.after()))
+            .or(self.silence_timeout(Asker::Usb))
+            .or(self.silence_timeout(Asker::Can))
+            .or(self.silence_timeout(Asker::Command))
             .or(self.can.timeout())
             .get()
     }
@@ -594,15 +586,13 @@ impl Bridge {
     pub fn tick(&mut self, now: Micros) {
         self.tick_line(now);
         for asker in Streams::ASKERS {
-            let after = self.config.silence.after();
-            let is_held_back = asker == Asker::Usb && !self.usb_room();
-            match self.streams.of(asker) {
-                Some(stream) if stream.timeout(after).is_some_and(|at| at <= now) => match is_held_back {
-                    // USB does not tell whether it wants to say something.
-                    true => stream.hear(now),
-                    false => self.silent(asker, now),
-                },
-                _ => {}
+            if self.silence_timeout(asker).is_none_or(|at| at > now) {
+                continue;
+            }
+            match asker {
+                // USB does not tell whether it wants to say something.
+                Asker::Usb if !self.usb_room() => self.streams.usb.hear(now),
+                _ => self.silent(asker, now),
             }
         }
         let was_replying = self.can.control.is_sending();
@@ -616,6 +606,22 @@ impl Bridge {
     fn serve_behind_reply(&mut self, was_replying: bool, now: Micros) {
         if was_replying && !self.can.control.is_sending() {
             self.serve(now);
+        }
+    }
+
+    /// When `asker` counts as silent, unless it says something before. While its motion waits for another's turn it has more
+    /// time: a host on CAN cannot be heard when there is no room for more.
+    fn silence_timeout(&self, asker: Asker) -> Option<Micros> {
+        let stream = match asker {
+            Asker::Can => &self.streams.can,
+            Asker::Command => &self.streams.command,
+            _ => &self.streams.usb,
+        };
+        let timeout = stream.timeout(self.config.silence.after())?;
+        let mut waiting = self.can_requests.iter().filter(|request| request.asked.moves);
+        match waiting.next() {
+            Some(oldest) if asker == Asker::Can => Some(timeout.max(oldest.since + MOTION_WAIT)),
+            _ => Some(timeout),
         }
     }
 
@@ -643,11 +649,59 @@ impl Bridge {
                 self.command.take().map_or(0, |request| request.bytes.len())
             }
         };
-        let torque_off = self.config.silence.torque_off && self.config.arm.torque_off().is_some();
+        let torque_off = self.silence_switches_off();
         if torque_off {
             self.torque_off.get_or_insert(now);
         }
         self.end_stream(asker, dropped, torque_off, now);
+    }
+
+    /// Whether the torque is to go off if the adapter starts again now: a host streams motion, and its silence would switch
+    /// the torque off, or that is just being done.
+    ///
+    /// Keep it over a restart, and tell the next adapter [so](Self::restarted_while_armed).
+    pub fn is_armed(&self) -> bool {
+        self.torque_off.is_some() || self.silence_switches_off() && self.streams.is_armed()
+    }
+
+    /// The adapter before this one stopped while it [was armed](Self::is_armed): the torque goes off before all else, if it
+    /// is to go off when a host falls silent.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::Bridge;
+    /// use armwire_bridge::config::{Config, Silence};
+    /// use armwire_bridge::control::Identity;
+    ///
+    /// let silence = Silence { torque_off: true, ..Silence::default() };
+    /// let mut bridge = Bridge::new(Identity::default(), Config { silence, ..Config::default() });
+    /// bridge.restarted_while_armed();
+    /// let mut buf = [0; 256];
+    /// // Zeros end a frame that the arm may have heard half of.
+    /// assert_eq!(bridge.uart_transmit(&mut buf, Micros(0)).unwrap().len, 70);
+    /// assert_eq!(bridge.uart_transmit(&mut buf, Micros(0)).unwrap().len, 7);
+    /// assert_eq!(buf[..7], [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF]);
+    /// ```
+    pub fn restarted_while_armed(&mut self) {
+        if self.silence_switches_off() {
+            self.torque_off = Some(Micros(0));
+            self.turn.is_cut = true;
+        }
+    }
+
+    /// Whether the torque goes off when a host that streams motion falls silent.
+    fn silence_switches_off(&self) -> bool {
+        let silence = self.config.silence;
+        silence.torque_off && silence.after() > Micros(0) && self.config.arm.torque_off().is_some()
+    }
+
+    /// The adapter is about to stop: no stream stays behind with its torque on.
+    pub(crate) fn disarm(&mut self, now: Micros) {
+        for asker in Streams::ASKERS {
+            if self.silence_switches_off() && self.streams.of(asker).is_some_and(|stream| stream.is_armed()) {
+                self.silent(asker, now);
+            }
+        }
     }
 
     /// Reports that `asker` streams motion no more, if it did.
@@ -684,7 +738,8 @@ impl Bridge {
             self.control.forget_can();
             return Some(Action::RestartCan(self.config.can));
         }
-        self.control.action()
+        let may_restart = self.torque_off.is_none(); // the arm hears that before
+        self.control.action(may_restart)
     }
 
     /// What became of [`Action::Save`] or [`Action::Reset`].

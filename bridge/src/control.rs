@@ -24,7 +24,7 @@ use crate::config::{ArmKind, Config, ConfigError};
 pub use crate::control_codec::{Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
 /// The version of this schema.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 
 /// The longest message in postcard format, in bytes.
 pub const MAX_MESSAGE: usize = 288;
@@ -78,10 +78,14 @@ pub enum Request {
     GetLatencies,
     /// Tell me of these things as they happen, on the port that this came by. Answered by [`Reply::Done`].
     Subscribe(Subscription),
-    /// Start again. Answered by [`Reply::Done`] before it happens.
+    /// Start again. Answered by [`Reply::Done`] before it happens. If a stream of motion is
+    /// [armed](crate::Bridge::is_armed), torque-off goes out first.
     Restart,
     /// Start the chip's own boot loader, for an update. Answered by [`Reply::Done`] before it happens.
     RestartIntoBootLoader,
+    /// End the stream of motion of this port's host without switching the torque off: of USB's serial port, or of all hosts
+    /// on CAN. Answered by [`Reply::Done`]. Since version 2.
+    EndStream,
 }
 
 /// What a host wants to be told of.
@@ -158,6 +162,8 @@ pub enum Failure {
     Flash,
     /// Another request of this kind is still being answered.
     Busy,
+    /// A stream of motion is [armed](crate::Bridge::is_armed), and the core stands still while it writes flash. Since version 2.
+    StreamArmed,
 }
 
 /// What an adapter is.

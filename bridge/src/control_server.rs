@@ -291,8 +291,8 @@ impl ControlServer {
     }
 
     /// The next thing for firmware to do.
-    pub(crate) fn action(&mut self) -> Option<Action> {
-        self.save.take().or_else(|| self.restart.take())
+    pub(crate) fn action(&mut self, may_restart: bool) -> Option<Action> {
+        self.save.take().or_else(|| self.restart.take_if(|_| may_restart))
     }
 
     /// What became of [`Action::Save`] or [`Action::Reset`].
@@ -440,6 +440,7 @@ impl Bridge {
             {
                 Reply::Failed(Failure::Busy)
             }
+            Request::SaveConfig | Request::ResetConfig if self.is_armed() => Reply::Failed(Failure::StreamArmed),
             Request::SaveConfig => {
                 self.control.flash = Pending::new(port, sequence);
                 self.control.save = Some(Action::Save(self.config));
@@ -461,11 +462,20 @@ impl Bridge {
                 Reply::Done
             }
             Request::Restart => {
+                self.disarm(now);
                 self.control.restart = Some(Action::Restart);
                 Reply::Done
             }
             Request::RestartIntoBootLoader => {
+                self.disarm(now);
                 self.control.restart = Some(Action::RestartIntoBootLoader);
+                Reply::Done
+            }
+            Request::EndStream => {
+                match port {
+                    Port::Usb => self.streams.usb.end(),
+                    Port::Can => self.streams.can.end() | self.streams.command.end(),
+                };
                 Reply::Done
             }
         };

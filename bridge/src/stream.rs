@@ -25,6 +25,8 @@ impl Stream {
     /// The host asked for motion.
     pub(crate) fn motion(&mut self, after: Micros, now: Micros) {
         self.run = match self.run {
+            // A stream ends when its host falls silent or ends it. A gap is no end: another may have had the line.
+            STREAM.. => STREAM,
             1.. if now.since(self.moved) < after => self.run.saturating_add(1),
             _ => 1,
         };
@@ -34,7 +36,12 @@ impl Stream {
 
     /// When the host counts as silent. `None` when it streams nothing, or when `after` is zero.
     pub(crate) fn timeout(&self, after: Micros) -> Option<Micros> {
-        (self.run >= STREAM && after > Micros(0)).then(|| self.heard + after)
+        (self.is_armed() && after > Micros(0)).then(|| self.heard + after)
+    }
+
+    /// Whether the host streams motion.
+    pub(crate) const fn is_armed(&self) -> bool {
+        self.run >= STREAM
     }
 
     /// The stream is over, if there was one: the next must start anew.

@@ -233,6 +233,10 @@ impl fmt::Display for Problem {
             Self::Failed { name, failure } => match failure {
                 Failure::Flash => write!(f, "{name}: the adapter's flash does not take the configuration"),
                 Failure::Busy => write!(f, "{name}: the adapter is busy with another such request: try again"),
+                Failure::StreamArmed => write!(
+                    f,
+                    "{name}: a host streams motion, and flash is not written meanwhile: stop it and try again"
+                ),
             },
             Self::Resolve { name, error } => write!(f, "{name}: no such host ({error}): give its address instead?"),
             Self::Connect { name, error } => {

@@ -9,6 +9,8 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
 
+use crate::restart;
+
 /// A signal between tasks. All of them run on one executor, so it needs no interrupt lock.
 pub(crate) type Notice<T = ()> = Signal<NoopRawMutex, T>;
 
@@ -115,6 +117,7 @@ impl Adapter {
     /// Tells all tasks for which there is something to do.
     pub(crate) fn tell(&self) {
         let bridge = &mut *self.bridge.borrow_mut();
+        restart::armed(bridge.is_armed());
         // One at a time: the next is fetched when this one was taken.
         if !self.action.signaled()
             && let Some(action) = bridge.action()

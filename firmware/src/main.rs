@@ -51,6 +51,9 @@ async fn main(spawner: Spawner) {
     let adapter = ADAPTER.init_with(|| Adapter::new(identity::identity(), config));
     adapter.with(|bridge| {
         bridge.started_after(restarts.panics, restarts.watchdog);
+        if restarts.while_armed {
+            bridge.restarted_while_armed();
+        }
         if is_lost {
             bridge.started_without_config();
         }

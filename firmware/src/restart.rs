@@ -12,6 +12,11 @@ const MARK: u32 = 0xA23D_914E;
 /// The boot loader is to start instead of the firmware.
 const BOOT_LOADER: u32 = 0x5C6B_07E1;
 
+/// A stream of motion is armed.
+const ARMED_MARK: u32 = 0x5EA1_D0FF;
+
+#[unsafe(link_section = ".uninit.restart")]
+static ARMED: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.restart")]
 static MARKED: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.restart")]
@@ -21,11 +26,13 @@ static WATCHDOG_RESETS: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.restart")]
 static NEXT: AtomicU32 = AtomicU32::new(0);
 
-/// Panics and resets by the watchdog since power-on.
+/// Panics and resets by the watchdog since power-on, and what the firmware was doing when it stopped.
 #[derive(Clone, Copy)]
 pub(crate) struct Restarts {
     pub(crate) panics: u32,
     pub(crate) watchdog: u32,
+    /// Whether a stream of motion was armed.
+    pub(crate) while_armed: bool,
 }
 
 /// Takes note of a start, and whether the watchdog caused it.
@@ -38,7 +45,13 @@ pub(crate) fn started(by_watchdog: bool) -> Restarts {
     Restarts {
         panics: PANICS.load(Ordering::Relaxed),
         watchdog: WATCHDOG_RESETS.load(Ordering::Relaxed),
+        while_armed: ARMED.swap(0, Ordering::Relaxed) == ARMED_MARK,
     }
+}
+
+/// Takes note of whether a stream of motion is armed, for the next start.
+pub(crate) fn armed(is: bool) {
+    ARMED.store(if is { ARMED_MARK } else { 0 }, Ordering::Relaxed);
 }
 
 /// Takes note of a panic, for the next start.

@@ -418,8 +418,8 @@ fn a_request_that_is_not_known_says_whose_it_is() {
         sequence: Some(200),
         reason: Reason::Unknown,
     };
-    assert_eq!(decode::<FromHost>(&[200, 11]), Err(malformed));
-    assert_eq!(decode::<FromHost>(&[200, 11, 1, 2, 3]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 12]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 12, 1, 2, 3]), Err(malformed));
 }
 
 #[test]

@@ -9,13 +9,13 @@ use std::vec::Vec;
 use armwire::ling::{self, Ling};
 use armwire::{Micros, Protocol};
 
-use super::rig::{Rig, ask, ling};
-use crate::can::Node;
+use super::rig::{Rig, ask, ling, polite};
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
+use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, Silence};
-use crate::control::{Asker, Event, Identity, MAX_FRAME, Refusal, Reply, Request};
-use crate::{Bridge, DOWN, PACKET};
+use crate::control::{Asker, Event, Failure, Identity, MAX_FRAME, Refusal, Reply, Request};
+use crate::{Action, Bridge, DOWN, PACKET};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
@@ -217,17 +217,140 @@ fn streaming_on_can_into_a_self_check(config: Config) -> Rig {
 }
 
 #[test]
-fn a_host_on_can_that_is_refused_is_not_silent() {
+fn motion_that_waits_on_can_is_given_150_ms() {
     let mut rig = streaming_on_can_into_a_self_check(silence(100, true));
+    let first = rig.now;
     for _ in 0..40 {
         rig.can_out.push_back(motion());
         rig.run(10_000);
     }
+    // The queue was full before: the rest of its host's motion is refused, and cannot be told from another's words.
     assert!(rig.bridge.counters().refused_can_requests > 30);
-    assert_eq!(silences(&rig), []);
-    // Now it is.
-    rig.run(100_000);
-    assert_eq!(silences(&rig).len(), 1);
+    let silent = silences(&rig);
+    assert!(
+        matches!(silent[..], [(at, _)] if (first + 150_000..first + 152_000).contains(&at)),
+        "{silent:?}"
+    );
+}
+
+#[test]
+fn requests_that_find_no_room_do_not_disarm() {
+    let mut rig = streaming_on_can_into_a_self_check(silence(500, true));
+    for _ in 0..40 {
+        rig.can_out.push_back(motion());
+        rig.run(20_000);
+    }
+    assert!(rig.bridge.counters().refused_can_requests > 10);
+    let last = rig.now;
+    rig.run(1_000_000);
+    assert!(matches!(silences(&rig)[..], [(at, _)] if at < last + 500_000));
+    assert_eq!(rig.said.last().unwrap().1, TORQUE_OFF);
+}
+
+#[test]
+fn a_stream_stays_armed_while_another_has_the_line() {
+    let mut rig = Rig::new(silence(500, true));
+    rig.subscribe();
+    for _ in 0..10 {
+        rig.usb_out.extend(motion());
+        rig.run(200_000);
+    }
+    rig.manners = Box::new(|_| None);
+    rig.can_out.push_back(ling::SELF_CHECK.to_vec());
+    for _ in 0..4 {
+        rig.usb_out.extend(motion());
+        rig.run(200_000);
+    }
+    let last = rig.now - 200_000;
+    rig.run(2_000_000);
+    let event = Event::HostSilent {
+        asker: Asker::Usb,
+        dropped: 0,
+        torque_off: true,
+    };
+    assert_eq!(silences(&rig), [(last + 500_000, event)]);
+    assert_eq!(rig.said.last().unwrap(), &(last + 500_000, TORQUE_OFF.to_vec()));
+}
+
+#[test]
+fn torque_off_waits_for_nobodys_answer() {
+    let mut rig = streams_until_can_has_the_arm(silence(300, true));
+    rig.run(2_000_000);
+    assert_eq!(rig.said.last().unwrap(), &(20_000 + 300_000, TORQUE_OFF.to_vec()));
+}
+
+#[test]
+fn unasked_frames_do_not_hold_up_torque_off() {
+    let mut rig = Rig::new(silence(500, true));
+    for _ in 0..3 {
+        rig.usb_out.extend(motion());
+        rig.run(10_000);
+    }
+    let (mut polite, mut n) = (polite(), 0);
+    rig.manners = Box::new(move |request| {
+        n += 1;
+        polite(request).filter(|_| n < 9)
+    });
+    rig.usb_out.extend(ling(0x06, 0, &[0xFE]).repeat(9));
+    let last = rig.now;
+    for _ in 0..500 {
+        rig.run(40_000);
+        rig.arm_says(&ling(0x77, 0, &[]));
+    }
+    let off = rig.said.iter().find(|(_, bytes)| bytes == &TORQUE_OFF);
+    assert_eq!(off, Some(&(last + 500_000, TORQUE_OFF.to_vec())));
+    assert_eq!(rig.bridge.counters().unanswered_requests, 1);
+}
+
+#[test]
+fn a_host_ends_its_stream_and_keeps_the_torque() {
+    for by_request in [false, true] {
+        let mut rig = Rig::new(silence(500, true));
+        rig.usb_out.extend(motion().repeat(3));
+        rig.run(10_000);
+        assert!(rig.bridge.is_armed());
+        match by_request {
+            true => assert_eq!(rig.call(Request::EndStream), Reply::Done),
+            false => rig.usb_out.extend(ling(0x05, 0, &[1])),
+        }
+        rig.run(2_000_000);
+        assert!(!rig.bridge.is_armed());
+        assert_eq!(rig.bridge.counters().requests_adapter, 0);
+    }
+}
+
+#[test]
+fn the_torque_goes_off_before_a_restart() {
+    for (request, action) in [
+        (Request::Restart, Action::Restart),
+        (Request::RestartIntoBootLoader, Action::RestartIntoBootLoader),
+    ] {
+        let mut rig = Rig::new(silence(500, true));
+        rig.usb_out.extend(motion().repeat(3));
+        rig.run(10_000);
+        let now = Micros(rig.now);
+        ask(&mut rig.bridge, 1, request, now);
+        assert_eq!(rig.bridge.action(), None);
+        let mut out = [0; MAX_FRAME];
+        let burst = rig.bridge.uart_transmit(&mut out, now).unwrap();
+        assert_eq!(out[..burst.len], TORQUE_OFF);
+        assert_eq!(rig.bridge.action(), Some(action));
+        assert!(!rig.bridge.is_armed());
+    }
+}
+
+#[test]
+fn flash_is_not_written_while_a_stream_is_armed() {
+    for request in [Request::SaveConfig, Request::ResetConfig] {
+        let mut rig = Rig::new(silence(500, true));
+        rig.usb_out.extend(motion().repeat(3));
+        rig.run(10_000);
+        assert_eq!(rig.call(request), Reply::Failed(Failure::StreamArmed));
+        assert_eq!((rig.actions.len(), rig.bridge.is_armed()), (0, true));
+        rig.run(1_000_000);
+        rig.ask(request);
+        assert_eq!(rig.actions.len(), 1);
+    }
 }
 
 #[test]
@@ -546,17 +669,28 @@ fn nothing_goes_out_before_torque_off_if_the_last_frame_was_whole() {
 }
 
 #[test]
-fn a_host_on_can_that_says_what_is_no_frame_is_not_silent() {
-    let mut rig = Rig::new(silence(100, true));
-    for _ in 0..5 {
-        rig.can_out.push_back(motion());
-        rig.run(10_000);
+fn a_stream_on_can_lives_by_motion_only() {
+    let said: [fn(&mut Rig); 3] = [
+        |rig| {
+            let flow = Frame::new(Function::ArmRequest.id(Node::default()), &[0x30, 0, 0]).unwrap();
+            rig.can_frame(&flow);
+        },
+        |rig| rig.can_out.push_back(vec![1, 2, 3]),
+        |rig| rig.can_out.push_back(ling(0x06, 0, &[0xFE])),
+    ];
+    for say in said {
+        let mut rig = Rig::new(silence(100, true));
+        for _ in 0..8 {
+            rig.can_out.push_back(motion());
+            rig.run(10_000);
+        }
+        for _ in 0..40 {
+            say(&mut rig);
+            rig.run(40_000);
+        }
+        assert_eq!(rig.bridge.counters().host_silences, 1);
+        assert!(rig.said.iter().any(|(_, bytes)| bytes == &TORQUE_OFF));
     }
-    for _ in 0..40 {
-        rig.can_out.push_back(vec![1, 2, 3]);
-        rig.run(10_000);
-    }
-    assert_eq!(rig.bridge.counters().host_silences, 0);
 }
 
 #[test]
@@ -596,7 +730,7 @@ fn a_request_on_can_has_waited_and_its_host_is_heard_since_it_came() {
 
 #[test]
 fn while_the_flash_is_written_nobody_is_silent() {
-    let mut rig = Rig::new(silence(200, true));
+    let mut rig = Rig::new(silence(200, false));
     for _ in 0..5 {
         rig.can_out.push_back(motion());
         rig.run(20_000);

@@ -189,7 +189,9 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -
         Request::SaveConfig | Request::ResetConfig => matches!(reply, Reply::Done | Reply::Failed(_)),
         Request::GetCounters => matches!(reply, Reply::Counters(_)),
         Request::GetLatencies => matches!(reply, Reply::Latencies(_)),
-        Request::Subscribe(_) | Request::Restart | Request::RestartIntoBootLoader => *reply == Reply::Done,
+        Request::Subscribe(_) | Request::Restart | Request::RestartIntoBootLoader | Request::EndStream => {
+            *reply == Reply::Done
+        }
     }
 }
 

@@ -83,6 +83,7 @@ pub fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
             events: u.arbitrary()?,
         }),
         9 => Request::Restart,
+        _ if u.arbitrary()? => Request::EndStream,
         _ => Request::RestartIntoBootLoader,
     })
 }
@@ -162,6 +163,6 @@ pub fn any_reply(u: &mut Unstructured<'_>) -> Result<Reply> {
             turn: Histogram { counts: u.arbitrary()? },
             poll: Histogram { counts: u.arbitrary()? },
         }),
-        _ => Reply::Failed(*u.choose(&[Failure::Flash, Failure::Busy])?),
+        _ => Reply::Failed(*u.choose(&[Failure::Flash, Failure::Busy, Failure::StreamArmed])?),
     })
 }
