@@ -18,6 +18,7 @@ mod monitor;
 mod motion;
 mod older;
 mod port;
+mod printable;
 mod problem;
 mod serial;
 #[cfg(unix)]
@@ -37,6 +38,7 @@ pub use decode::{Speaker, decode};
 
 use control::ControlLink;
 use port::{Connection, Port};
+use printable::escaped;
 use problem::Problem;
 use tcp::Host;
 
@@ -198,7 +200,7 @@ fn run(command: &Command) -> Result<(), Problem> {
 
 /// Tells what is wrong where it does not get into the data. That nobody reads it is no other problem.
 fn complain(what: &impl Display) {
-    let _ = writeln!(stderr(), "armwire: {what}");
+    let _ = writeln!(stderr(), "armwire: {}", escaped(&what.to_string()));
 }
 
 /// A flag that Ctrl-C, or a request to terminate, sets.

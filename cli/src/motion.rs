@@ -11,6 +11,7 @@ use crate::call::{Switch, Target, seconds};
 use crate::describe::Arm as _;
 use crate::link::{Line, Link};
 use crate::port::Port;
+use crate::printable::escaped;
 use crate::problem::Problem;
 use crate::{Baud, older};
 
@@ -125,7 +126,7 @@ fn far(target: &Move, state: &JointState) -> Vec<String> {
 }
 
 fn say(line: &str) -> Result<(), Problem> {
-    writeln!(stdout(), "{line}").map_err(Problem::Output)
+    writeln!(stdout(), "{}", escaped(line)).map_err(Problem::Output)
 }
 
 #[cfg(test)]

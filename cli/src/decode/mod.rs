@@ -16,6 +16,7 @@ use clap::{Args, ValueEnum};
 use crate::ArmKind;
 use crate::describe::Arm;
 use crate::hex;
+use crate::printable::cut;
 use crate::problem::Problem;
 
 /// What some editors begin UTF-8 text with.
@@ -116,6 +117,7 @@ fn decode_log(name: &str, text: &str, arm: ArmKind) -> Result<Vec<String>, Probl
         ArmKind::Xarm => return Err(Problem::Usage("an xarm is not on a CAN bus".to_owned())),
     };
     lines.map_err(|(line, text)| {
+        let text = cut(&text);
         let what = format!("line {line}: '{text}' is not such as (1.000000) can0 600#0201FE, as 'candump -L' writes");
         let name = name.to_owned();
         Problem::Refused { name, what }
@@ -144,7 +146,7 @@ fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Problem> {
         bytes.extend(hex::parse(line).map_err(|word| Problem::Text {
             name: name.to_owned(),
             line: i + 1,
-            word: word.to_owned(),
+            word: cut(word),
         })?);
     }
     Ok(bytes)

@@ -9,6 +9,7 @@ use std::fmt::Display;
 use std::io::{Write, stdout};
 
 use crate::link::Link;
+use crate::printable::escaped;
 use crate::problem::Problem;
 use crate::{ArmKind, Place, older};
 
@@ -50,5 +51,5 @@ pub(crate) fn run(place: &Place) -> Result<(), Problem> {
 
 /// Prints one thing there is to know.
 fn show(name: &str, value: impl Display) -> Result<(), Problem> {
-    writeln!(stdout(), "{name:<13}{value}").map_err(Problem::Output)
+    writeln!(stdout(), "{name:<13}{}", escaped(&value.to_string())).map_err(Problem::Output)
 }

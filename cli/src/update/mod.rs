@@ -13,6 +13,7 @@ use armwire_bridge::control::Request;
 use clap::Args;
 
 use crate::adapter::{AdapterPort, describe, identify};
+use crate::printable::escaped;
 use crate::problem::Problem;
 use dfuse::Image;
 
@@ -176,7 +177,7 @@ fn refused(name: &str, what: String) -> Problem {
 }
 
 fn say(line: &str) -> Result<(), Problem> {
-    writeln!(stdout(), "{line}").map_err(Problem::Output)
+    writeln!(stdout(), "{}", escaped(line)).map_err(Problem::Output)
 }
 
 #[cfg(test)]

@@ -345,6 +345,10 @@ fn nothing_is_restarted_for_an_image_that_is_none_or_another_boards() {
             &image("stm32g431"),
             "the image is for the board stm32g431, the adapter is a virtual",
         ),
+        (
+            &image("\x1B[2J"),
+            r"the image is for the board \u{1b}[2J, the adapter is a virtual",
+        ),
     ] {
         fs::write(&file, image).unwrap();
         let line = failure(&update(&board, &file, &folder));

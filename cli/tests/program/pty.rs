@@ -391,3 +391,24 @@ fn wrong_usage_exits_with_2() {
         assert_eq!(run(args).status.code(), Some(2), "{args:?}");
     }
 }
+
+#[test]
+fn text_from_outside_is_escaped_and_cut() {
+    let path = free_path("\x1B]0;title\x07");
+    for (input, what) in [
+        ("AA \x1B[2J", r"line 1: '\u{1b}[2J' is not a byte"),
+        (
+            "(1.000000) can0 \x1B[2J",
+            r"line 1: '(1.000000) can0 \u{1b}[2J' is not such as",
+        ),
+    ] {
+        std::fs::write(&path, input).unwrap();
+        let line = failure(&run(&["decode", path.to_str().unwrap()]));
+        assert!(line.contains(what), "{line}");
+        assert!(line.contains(r"\u{1b}]0;title\u{7}"), "{line}");
+        std::fs::write(&path, input.repeat(400_000)).unwrap();
+        let line = failure(&run(&["decode", path.to_str().unwrap()]));
+        assert!(line.len() < 600 && !line.contains(char::is_control), "{line}");
+    }
+    std::fs::remove_file(path).unwrap();
+}

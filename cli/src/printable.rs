@@ -1,0 +1,46 @@
+//! Text from outside, as a terminal may show it: a file name, a line of a log, what an adapter says that it is.
+
+/// The longest text from a file that is shown, in characters.
+const MAX_SHOWN: usize = 120;
+
+/// The text in one line, with escapes in place of characters that a terminal would act on.
+pub(crate) fn escaped(text: &str) -> String {
+    let mut line = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '\'' | '"' | '\\' => line.push(character),
+            _ => line.extend(character.escape_debug()),
+        }
+    }
+    line
+}
+
+/// The text, cut after [`MAX_SHOWN`] characters.
+pub(crate) fn cut(text: &str) -> String {
+    match text.char_indices().nth(MAX_SHOWN) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_escaped() {
+        assert_eq!(escaped("a\x1B[2Jb\r\n\u{202E}\0"), r"a\u{1b}[2Jb\r\n\u{202e}\0");
+    }
+
+    #[test]
+    fn printable_text_stays() {
+        let text = r#"/dev/ttyÄ0: 'a' "b" \c 20 °C, 30 µs"#;
+        assert_eq!(escaped(text), text);
+    }
+
+    #[test]
+    fn long_text_is_cut() {
+        assert_eq!(cut(&"µ".repeat(MAX_SHOWN)), "µ".repeat(MAX_SHOWN));
+        assert_eq!(cut(&"µ".repeat(4_000_000)).chars().count(), MAX_SHOWN + 1);
+    }
+}
