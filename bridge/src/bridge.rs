@@ -664,17 +664,14 @@ impl Bridge {
         self.torque_off.is_some() || self.silence_switches_off() && self.streams.is_armed()
     }
 
-    /// The adapter before this one stopped while it [was armed](Self::is_armed): the torque goes off before all else, if it
-    /// is to go off when a host falls silent.
+    /// The adapter before this one stopped while it [was armed](Self::is_armed): the torque goes off before all else, also
+    /// if the configuration that said so was not saved.
     ///
     /// ```
     /// use armwire::Micros;
     /// use armwire_bridge::Bridge;
-    /// use armwire_bridge::config::{Config, Silence};
-    /// use armwire_bridge::control::Identity;
     ///
-    /// let silence = Silence { torque_off: true, ..Silence::default() };
-    /// let mut bridge = Bridge::new(Identity::default(), Config { silence, ..Config::default() });
+    /// let mut bridge = Bridge::default();
     /// bridge.restarted_while_armed();
     /// let mut buf = [0; 256];
     /// // Zeros end a frame that the arm may have heard half of.
@@ -683,7 +680,7 @@ impl Bridge {
     /// assert_eq!(buf[..7], [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF]);
     /// ```
     pub fn restarted_while_armed(&mut self) {
-        if self.silence_switches_off() {
+        if self.config.arm.torque_off().is_some() {
             self.torque_off = Some(Micros(0));
             self.turn.is_cut = true;
         }

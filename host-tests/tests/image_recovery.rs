@@ -5,11 +5,14 @@ use armwire::{Micros, Protocol};
 use armwire_bridge::PACKET;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::{Config, Silence};
-use armwire_bridge::control::{Asker, Event, Refusal};
+use armwire_bridge::control::{self, Asker, Event, Refusal};
 use armwire_bridge::isotp;
-use armwire_host_tests::image::{Asking, MEGABAUD, Session, Ticket, byte_time, plug_in, polled, session};
-use armwire_virtual_board::Nanos;
+use armwire_host_tests::image::{
+    Asking, Control, MEGABAUD, Session, Ticket, Witness, byte_time, path, plug_in, polled, session,
+};
 use armwire_virtual_board::line::{Direction, Fault, LineByte};
+use armwire_virtual_board::report::Cause;
+use armwire_virtual_board::{Config as BoardConfig, Nanos, VirtualBoard};
 
 const TURNAROUND: Micros = Micros(100);
 
@@ -505,6 +508,36 @@ fn the_torque_goes_off_when_a_host_on_can_falls_silent_and_that_is_configured() 
     fall_silent(Asker::Can, true, |session, motion| {
         session.can().orders.push_back(motion.to_vec())
     });
+}
+
+#[test]
+fn the_torque_goes_off_when_the_watchdog_restarts_an_armed_adapter() {
+    let mut board = VirtualBoard::start(BoardConfig::new(path(), Witness::new(TURNAROUND))).unwrap();
+    plug_in(&mut board, MEGABAUD);
+    let mut control = Control::open(&mut board);
+    let silence = Silence {
+        after_ms: 300,
+        torque_off: true,
+    };
+    let config = Config {
+        silence,
+        ..Config::default()
+    };
+    control.order(&mut board, control::Request::SetConfig(config));
+    for _ in 0..10 {
+        board.usb().write(&motion()).unwrap();
+        board.run_for(millis(20)).unwrap();
+    }
+    assert_eq!(board.with_arm(Witness::take_others), vec![motion(); 10]);
+    board.hold_core().unwrap();
+    board.run_for(millis(5_000)).unwrap();
+    let torque_off = frame(Request::SetTorque(Torque::Off));
+    assert_eq!(board.with_arm(Witness::take_others), [torque_off]);
+
+    let report = board.report().unwrap();
+    report.check().unwrap();
+    let restarts: Vec<_> = report.restarts.iter().map(|restart| restart.cause).collect();
+    assert_eq!(restarts, [Cause::Watchdog]);
 }
 
 #[test]
