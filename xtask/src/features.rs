@@ -1,4 +1,4 @@
-//! `cargo xtask features`: the protocol and bridge crates with every set of features, and with the oldest compiler.
+//! The protocol and bridge crates with their features, and with the oldest compiler.
 
 use std::env;
 use std::process::Command;
@@ -11,18 +11,31 @@ use crate::workspace;
 /// The oldest compiler that is supported, as in `Cargo.toml`.
 const OLDEST: &str = env!("CARGO_PKG_RUST_VERSION");
 
-/// Clippy on every set of features of the two crates, the tests of `armwire` with each set of up to two, and a build with
-/// the oldest compiler.
-///
-/// With defmt, tests need a logger to link. The examples in the documentation are of Ling's messages, and not run here.
+/// Clippy on the two crates with no feature, each alone, and all; the tests of `armwire` with no feature and each alone;
+/// and a build with the oldest compiler.
 ///
 /// # Errors
 ///
 /// The first set that fails, or what [`oldest_compiler`] has to say.
-pub(crate) fn run() -> Result {
-    let sets = ["--feature-powerset", "--skip", "default"];
-    let mut clippy = cargo_tool("hack")?;
-    clippy.args([
+pub(crate) fn each() -> Result {
+    clippy(&["--each-feature"])?;
+    test(&["--each-feature", "--exclude-all-features"])?;
+    oldest_compiler()
+}
+
+/// Clippy on the two crates with every set of features, and the tests of `armwire` with each set of up to two.
+///
+/// # Errors
+///
+/// The first set that fails.
+pub(crate) fn every_set() -> Result {
+    clippy(&["--feature-powerset"])?;
+    test(&["--feature-powerset", "--depth", "2"])
+}
+
+fn clippy(sets: &[&str]) -> Result {
+    let mut hack = cargo_tool("hack")?;
+    hack.args([
         "clippy",
         "--quiet",
         "--package",
@@ -30,20 +43,14 @@ pub(crate) fn run() -> Result {
         "--package",
         "armwire-bridge",
     ]);
-    run_command(clippy.args(sets).args(["--", "-D", "warnings"]))?;
-    let mut test = cargo_tool("hack")?;
-    test.args([
-        "test",
-        "--quiet",
-        "--lib",
-        "--tests",
-        "--package",
-        "armwire",
-        "--depth",
-        "2",
-    ]);
-    run_command(test.args(sets).args(["--skip", "defmt"]))?;
-    oldest_compiler()
+    run_command(hack.args(sets).args(["--skip", "default", "--", "-D", "warnings"]))
+}
+
+/// With defmt, tests need a logger to link. The examples in the documentation are of Ling's messages, and not run here.
+fn test(sets: &[&str]) -> Result {
+    let mut hack = cargo_tool("hack")?;
+    hack.args(["test", "--quiet", "--lib", "--tests", "--package", "armwire"]);
+    run_command(hack.args(sets).args(["--skip", "default", "--skip", "defmt"]))
 }
 
 /// The two crates build with the oldest compiler that is supported.

@@ -24,7 +24,9 @@ mod profile;
 mod program;
 mod semver;
 mod size;
+mod soak;
 mod stack;
+mod steps;
 mod toolchain;
 mod unsafe_code;
 mod vendor;
@@ -43,7 +45,7 @@ cargo demo [-- OPTIONS]   run the firmware image on the virtual board and drive 
                           OPTIONS are the demo's own, see `cargo demo -- --help`
 cargo fw [IMAGE]          build the firmware image, as .elf, .bin and .dfu
 cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
-cargo ci                  run every check there is
+cargo ci                  run the checks that find the mistakes of a change
 
 cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python; with
                           `differential`, only compare the parser of Ling's SDK and ours on damaged streams
@@ -60,9 +62,9 @@ cargo xtask counts        count instructions on a Cortex-M and this machine, and
 cargo xtask size          print how much flash and RAM protocols and images take, and check growth; --write keeps it
 cargo xtask integrity     compare docs/integrity.md with what becomes of damaged frames; --write writes it
 cargo xtask unsafe-code   check that the crates in which unsafe code is forbidden say so
-cargo xtask features      check the protocol and bridge crates with every set of features
 cargo xtask deny          check the licences, versions, sources and known vulnerabilities of all dependencies
 cargo xtask semver        compare what is public with the last release
+cargo xtask soak [PART]   run what takes hours: streams, features, fuzz, campaign, endurance, mutants
 cargo xtask mutants       change the code and see whether tests notice: for hours; options are those of cargo-mutants
 cargo xtask fuzz          run the fuzz targets, each for 60 s or `--seconds N`; `--minimise` makes their corpus anew
 cargo xtask coverage      print how much of the protocol and bridge crates the fuzz corpus reaches, and check the limit;
@@ -113,9 +115,9 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("size") => size::run(rest),
         Some("integrity") => integrity::run(rest),
         Some("unsafe-code") => no_options(rest).and_then(|()| unsafe_code::run()),
-        Some("features") => no_options(rest).and_then(|()| features::run()),
         Some("deny") => no_options(rest).and_then(|()| deny::run()),
         Some("semver") => no_options(rest).and_then(|()| semver::run()),
+        Some("soak") => soak::run(rest),
         Some("mutants") => mutants::run(rest),
         Some("fuzz") => fuzz::run(rest),
         Some("coverage") => match rest {
@@ -143,6 +145,7 @@ fn usage_of(command: &str) -> Option<String> {
         "campaign" => return Some(campaign::USAGE.to_owned()),
         "fuzz" => return Some(fuzz::USAGE.to_owned()),
         "performance" => return Some(performance::USAGE.to_owned()),
+        "soak" => return Some(soak::USAGE.to_owned()),
         _ => {}
     }
     let mut lines = USAGE.lines().skip_while(|line| name_in(line) != Some(command));

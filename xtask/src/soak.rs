@@ -1,0 +1,125 @@
+//! `cargo xtask soak`: what takes hours. It finds what is rare; what a change broke, `cargo ci` finds.
+
+use std::ffi::OsString;
+
+use crate::Result;
+use crate::steps::Steps;
+use crate::workspace;
+use crate::{campaign, features, fuzz, image, mutants, process};
+
+/// One part: its name, and what it does.
+type Part = (&'static str, fn() -> Result);
+
+/// In the order in which they run.
+const PARTS: [Part; 6] = [
+    ("streams", streams),
+    ("features", features::every_set),
+    ("fuzz", fuzz),
+    ("campaign", campaign),
+    ("endurance", endurance),
+    ("mutants", mutants),
+];
+
+/// What `--help` prints.
+pub(crate) const USAGE: &str = "\
+usage: cargo xtask soak [PART...]
+
+All parts run one after another, or only those that are named:
+
+streams     decoders and an independent reference on 2.1 million streams
+features    clippy and tests with every set of features
+fuzz        each fuzz target for 30 minutes, with inputs that no other run tries
+campaign    10 000 runs of the fault campaign
+endurance   the firmware image for 24 hours of virtual time
+mutants     changes to the code, each of which a test must notice";
+
+/// Runs these parts, or all.
+///
+/// # Errors
+///
+/// If one of the names is not a part's, or the first part that fails.
+pub(crate) fn run(names: &[OsString]) -> Result {
+    let chosen = choose(names)?;
+    let mut steps = Steps::default();
+    for (name, part) in chosen {
+        steps.step(name, part)?;
+    }
+    steps.finish();
+    Ok(())
+}
+
+/// The parts with these names, or all if there are none.
+fn choose(names: &[OsString]) -> Result<Vec<Part>> {
+    if names.is_empty() {
+        return Ok(PARTS.to_vec());
+    }
+    let find = |name: &OsString| {
+        let part = PARTS.into_iter().find(|(known, _)| name == known);
+        part.ok_or_else(|| format!("unknown part `{}`\n\n{USAGE}", name.display()).into())
+    };
+    names.iter().map(find).collect()
+}
+
+/// 300 000 streams of each of the seven lines.
+fn streams() -> Result {
+    let mut test = process::cargo();
+    test.args([
+        "test",
+        "--release",
+        "--package",
+        "armwire-host-tests",
+        "--test",
+        "reference",
+    ]);
+    process::run(test.env("ARMWIRE_STREAMS", "300000").current_dir(workspace::root()))
+}
+
+fn fuzz() -> Result {
+    fuzz::run(&["--seconds".into(), "1800".into()])
+}
+
+fn campaign() -> Result {
+    campaign::run(&["--runs".into(), "10000".into()])
+}
+
+/// The emulator asks for a newer compiler than it needs.
+fn endurance() -> Result {
+    let image = image::for_virtual_board()?;
+    let mut test = process::cargo();
+    test.args(["test", "--ignore-rust-version", "--package", "armwire-host-tests"]);
+    test.args(["--features", "image", "--test", "image_endurance"]);
+    test.args(["--", "--ignored", "--nocapture"]);
+    process::run(test.env("ARMWIRE_IMAGE", image).current_dir(workspace::root()))
+}
+
+fn mutants() -> Result {
+    mutants::run(&[])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chosen(names: &[&str]) -> Result<Vec<&'static str>, String> {
+        let names: Vec<OsString> = names.iter().map(OsString::from).collect();
+        let parts = choose(&names).map_err(|error| error.to_string())?;
+        Ok(parts.into_iter().map(|(name, _)| name).collect())
+    }
+
+    #[test]
+    fn every_part_is_in_the_help() {
+        let helped = USAGE.lines().skip(4).map(|line| line.split(' ').next().unwrap());
+        assert!(helped.eq(PARTS.map(|(name, _)| name)));
+    }
+
+    #[test]
+    fn parts_are_chosen_by_name() {
+        assert_eq!(chosen(&[]).unwrap().len(), PARTS.len());
+        assert_eq!(chosen(&["fuzz", "streams"]), Ok(vec!["fuzz", "streams"]));
+        assert!(
+            chosen(&["fuzz", "fuss"])
+                .unwrap_err()
+                .starts_with("unknown part `fuss`")
+        );
+    }
+}

@@ -1,0 +1,38 @@
+//! Steps of a long command: each says its name before and its time after, and the first that fails ends all.
+
+use std::time::{Duration, Instant};
+
+use crate::Result;
+
+/// What was done so far.
+#[derive(Default)]
+pub(crate) struct Steps {
+    done: u32,
+    time: Duration,
+}
+
+impl Steps {
+    /// Does one step.
+    ///
+    /// # Errors
+    ///
+    /// Those of the step, with its name.
+    pub(crate) fn step<T>(&mut self, name: &str, step: impl FnOnce() -> Result<T>) -> Result<T> {
+        println!("\n== {name}");
+        let start = Instant::now();
+        let result = step();
+        let time = start.elapsed();
+        self.done += 1;
+        self.time += time;
+        match &result {
+            Ok(_) => println!("== {name}: passed in {time:.1?}"),
+            Err(_) => println!("== {name}: FAILED after {time:.1?}"),
+        }
+        result.map_err(|error| format!("step \"{name}\": {error}").into())
+    }
+
+    /// Prints how many steps there were and how long they took.
+    pub(crate) fn finish(self) {
+        println!("\nall {} steps passed in {:.0?}", self.done, self.time);
+    }
+}
