@@ -9,7 +9,7 @@ use crate::arm::Tap;
 use crate::can::Frame;
 use crate::can_port::{CanPort, Received};
 use crate::config::{self, Config};
-use crate::control::{Asker, Event, Identity, Latencies, MAX_FRAME, Refusal, Stamp};
+use crate::control::{Asker, Event, Failure, Identity, Latencies, MAX_FRAME, Refusal, Stamp};
 use crate::control_server::{ControlServer, Port};
 use crate::counters::count;
 use crate::earliest::Earliest;
@@ -740,10 +740,10 @@ impl Bridge {
     }
 
     /// What became of [`Action::Save`] or [`Action::Reset`].
-    pub fn saved(&mut self, result: Result<(), ()>, now: Micros) {
+    pub fn saved(&mut self, result: Result<(), Failure>, now: Micros) {
         let counter = match result {
             Ok(()) => &mut self.counters.config_saves,
-            Err(()) => &mut self.counters.config_failures,
+            Err(_) => &mut self.counters.config_failures,
         };
         count(counter, 1);
         // While the flash was written nobody was heard.
@@ -752,7 +752,7 @@ impl Bridge {
                 stream.hear(now);
             }
         }
-        self.control.saved(result.is_ok());
+        self.control.saved(result);
         self.serve(now);
     }
 

@@ -164,6 +164,11 @@ pub enum Failure {
     Busy,
     /// A stream of motion is [armed](crate::Bridge::is_armed), and the core stands still while it writes flash. Since version 2.
     StreamArmed,
+    /// The adapter was told to save so often that its flash would wear out (see [`store`](crate::store)). Since version 2.
+    TooManySaves {
+        /// In how many seconds the next save may come.
+        wait_s: u16,
+    },
 }
 
 /// What an adapter is.

@@ -35,8 +35,8 @@ pub(crate) struct ControlServer {
     untold: FrameQueue,
     /// A request to identify the arm, and the arm's answer, `None` for none.
     arm: Option<Pending<Option<FrameBytes>>>,
-    /// A request to write or forget what is in flash, and whether that was done.
-    flash: Option<Pending<bool>>,
+    /// A request to write or forget what is in flash, and what became of it.
+    flash: Option<Pending<Result<(), Failure>>>,
     save: Option<Action>,
     restart: Option<Action>,
 }
@@ -296,8 +296,8 @@ impl ControlServer {
     }
 
     /// What became of [`Action::Save`] or [`Action::Reset`].
-    pub(crate) fn saved(&mut self, done: bool) {
-        Pending::end(&mut self.flash, done);
+    pub(crate) fn saved(&mut self, result: Result<(), Failure>) {
+        Pending::end(&mut self.flash, result);
     }
 
     /// Queues a message for the host on USB if at least `spare` bytes of room are left then, and returns whether it did.
@@ -347,8 +347,8 @@ impl ControlServer {
         let mine = |pending: &mut Pending<_>| pending.port == Some(port) && pending.outcome.is_some();
         let pending = self.flash.take_if(mine)?;
         let reply = match pending.outcome {
-            Some(true) => Reply::Done,
-            _ => Reply::Failed(Failure::Flash),
+            Some(Err(failure)) => Reply::Failed(failure),
+            Some(Ok(())) | None => Reply::Done,
         };
         Some((pending.sequence, reply))
     }

@@ -237,6 +237,10 @@ impl fmt::Display for Problem {
                     f,
                     "{name}: a host streams motion, and flash is not written meanwhile: stop it and try again"
                 ),
+                Failure::TooManySaves { wait_s } => write!(
+                    f,
+                    "{name}: not saved: so many saves would wear the flash out; the next may come in {wait_s} s"
+                ),
             },
             Self::Resolve { name, error } => write!(f, "{name}: no such host ({error}): give its address instead?"),
             Self::Connect { name, error } => {

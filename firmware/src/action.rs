@@ -44,11 +44,11 @@ pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>
         drop(resting);
         match action {
             Action::Save(config) => {
-                let result = block_on(store.save(&config)).map_err(drop);
+                let result = block_on(store.save(&config, now())).map_err(Into::into);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }
             Action::Reset => {
-                let result = block_on(store.reset()).map_err(drop);
+                let result = block_on(store.reset(now())).map_err(Into::into);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }
             Action::RestartCan(config) => adapter.can_restart.signal(config),

@@ -4,6 +4,7 @@ use armwire::Protocol;
 use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{self, Asker, Event, Reply, Stamp};
+use armwire_bridge::store::SAVE_BUDGET;
 use armwire_host_tests::image::{
     Control, MEGABAUD, Program, Talker, counters, on_board, open, path, plug_in, read_all,
 };
@@ -197,6 +198,36 @@ fn a_byte_like_the_end_mark_just_before_the_end_makes_no_stamp_late() {
         }
         expect_exact(&stamps, &instants);
     });
+}
+
+#[test]
+fn saves_that_would_wear_the_flash_out_are_refused_also_after_a_power_cycle() {
+    let mut board = board(ling());
+    let board = &mut board;
+    let mut control = Control::open(board);
+    let mut save = |board: &mut VirtualBoard<_>, after_ms| {
+        let mut config = Config::default();
+        config.silence.after_ms = after_ms;
+        control.order(board, control::Request::SetConfig(config));
+        control.call(board, control::Request::SaveConfig)
+    };
+    for nth in 0..SAVE_BUDGET {
+        assert_eq!(save(board, nth), Reply::Done, "save {nth}");
+    }
+    let reply = save(board, SAVE_BUDGET);
+    let Reply::Failed(control::Failure::TooManySaves { wait_s }) = reply else {
+        panic!("{reply:?}")
+    };
+    assert!((500..600).contains(&wait_s), "{wait_s} s");
+
+    board.power_cycle().unwrap();
+    open(board, MEGABAUD);
+    let mut control = Control::open(board);
+    control.order(board, control::Request::SetConfig(Config::default()));
+    let reply = control.call(board, control::Request::SaveConfig);
+    let failure = control::Failure::TooManySaves { wait_s: 600 };
+    assert_eq!(reply, Reply::Failed(failure));
+    expect_restarts(board, &[Cause::Power]);
 }
 
 /// An answer with this angle for all joints.

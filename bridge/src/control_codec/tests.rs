@@ -136,7 +136,16 @@ fn reply() -> impl Strategy<Value = Reply> {
         config_error().prop_map(Reply::BadConfig),
         counters().prop_map(Reply::Counters),
         latencies.prop_map(Reply::Latencies),
-        prop::sample::select(vec![Failure::Flash, Failure::Busy]).prop_map(Reply::Failed),
+        failure().prop_map(Reply::Failed),
+    ]
+}
+
+fn failure() -> impl Strategy<Value = Failure> {
+    prop_oneof![
+        Just(Failure::Flash),
+        Just(Failure::Busy),
+        Just(Failure::StreamArmed),
+        any::<u16>().prop_map(|wait_s| Failure::TooManySaves { wait_s }),
     ]
 }
 

@@ -8,6 +8,11 @@
 //! later looks the same: what counts then is the one before it. If there is none, that is not taken for a store to
 //! which nothing was ever saved.
 //!
+//! Flash wears out: a page is good for some 10 000 erases. Saves are therefore counted against a budget that lasts
+//! [ten years](SAVE_INTERVAL) on every board, however often a host asks. What is left of it stands in each record, so that a
+//! restart gives nothing back. What is saved already is not written again, and costs nothing. A save that the power cuts is not
+//! counted.
+//!
 //! Each page is a queue of its own of `sequential_storage`, which finds the free place, skips what was cut off, and tells
 //! by a checksum whether a record is whole. Its map over all pages would not do: it moves the newest record from page to
 //! page, and marks at both ends of a page tell it whether an erase was cut. What a page has in it after a cut erase is
@@ -20,15 +25,23 @@
 use core::fmt;
 use core::ops::Range;
 
+use armwire::Micros;
 use embedded_storage_async::nor_flash::NorFlash;
 use heapless::Vec;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::queue::{QueueConfig, QueueStorage};
 
 use crate::config::{Config, ConfigError};
+use crate::control::Failure;
+
+/// Saves that may come one after another, from flash that nothing was saved to.
+pub const SAVE_BUDGET: u16 = 1_000;
+
+/// How long an adapter must be on to earn one more save. In ten years these are 525 960.
+pub const SAVE_INTERVAL: Micros = Micros::from_millis(10 * 60 * 1_000);
 
 /// The layout of what is saved. A field more in [`Config`] is another layout.
-const LAYOUT: u8 = 1;
+const LAYOUT: u8 = 2;
 
 /// The longest record of this and every later layout, in bytes.
 const MAX_RECORD: usize = 128;
@@ -39,8 +52,8 @@ const ERASED: u8 = 0xFF;
 /// So many bytes at the front of a page tell whether it was written to: a mark of a word, and a record's header.
 const FRONT: usize = 16;
 
-/// The length of a sequence number, in bytes.
-const SEQUENCE: usize = size_of::<u32>();
+/// The length of what stands before the content of a record, in bytes.
+const HEAD: usize = size_of::<u32>() + size_of::<u16>();
 
 /// Where the configuration is kept: two pages of flash or more.
 ///
@@ -76,6 +89,7 @@ const SEQUENCE: usize = size_of::<u32>();
 /// # }
 /// # let flash = ram::Flash([0xFF; 4096]);
 /// # let example = async {
+/// use armwire::Micros;
 /// use armwire_bridge::config::{Config, Poll};
 /// use armwire_bridge::store::{Saved, Store};
 ///
@@ -83,10 +97,10 @@ const SEQUENCE: usize = size_of::<u32>();
 /// assert_eq!(store.load().await?, Saved::Nothing);
 ///
 /// let config = Config { poll: Poll::Hertz(200), ..Config::default() };
-/// store.save(&config).await?;
+/// store.save(&config, Micros(0)).await?;
 /// assert_eq!(store.load().await?, Saved::Config(config));
 ///
-/// store.reset().await?;
+/// store.reset(Micros(0)).await?;
 /// assert_eq!(store.load().await?, Saved::Nothing);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// # };
@@ -98,6 +112,8 @@ const SEQUENCE: usize = size_of::<u32>();
 pub struct Store<F> {
     flash: F,
     range: Range<u32>,
+    /// Until when time has earned saves that a record counts.
+    credited: Micros,
 }
 
 /// What is saved.
@@ -123,6 +139,11 @@ pub enum Error<E> {
     Flash(E),
     /// What was written is not what is read.
     NotKept,
+    /// The [budget](SAVE_BUDGET) is spent.
+    TooManySaves {
+        /// In how many seconds the next save may come, at least 1.
+        wait_s: u16,
+    },
 }
 
 /// A range of flash that is not made of two whole pages or more.
@@ -153,7 +174,11 @@ impl<F: NorFlash> Store<F> {
                 page: F::ERASE_SIZE,
             });
         }
-        Ok(Self { flash, range })
+        Ok(Self {
+            flash,
+            range,
+            credited: Micros(0),
+        })
     }
 
     /// What is saved.
@@ -171,14 +196,16 @@ impl<F: NorFlash> Store<F> {
 
     /// Saves a configuration, unless it is the one that is saved. Until this is done, what was saved before still is.
     ///
+    /// `uptime` is the time since the adapter started.
+    ///
     /// # Errors
     ///
     /// [`Error`] says what is wrong.
-    pub async fn save(&mut self, config: &Config) -> Result<(), Error<F::Error>> {
+    pub async fn save(&mut self, config: &Config, uptime: Micros) -> Result<(), Error<F::Error>> {
         config.check().map_err(Error::Config)?;
-        let mut content = [0; MAX_RECORD - SEQUENCE];
+        let mut content = [0; MAX_RECORD - HEAD];
         let content = postcard::to_slice(&(LAYOUT, config), &mut content).map_err(|_| Error::NotKept)?;
-        self.append(content).await
+        self.append(content, uptime).await
     }
 
     /// Forgets the configuration that is saved, in the same way as another is [saved](Self::save).
@@ -186,24 +213,45 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     ///
     /// [`Error`] says what is wrong.
-    pub async fn reset(&mut self) -> Result<(), Error<F::Error>> {
-        self.append(&[]).await
+    pub async fn reset(&mut self, uptime: Micros) -> Result<(), Error<F::Error>> {
+        self.append(&[], uptime).await
     }
 
     /// Puts a record behind the newest, or on the next page if that one is full or spoilt.
-    async fn append(&mut self, content: &[u8]) -> Result<(), Error<F::Error>> {
-        let (page, sequence) = match self.newest().await?.0 {
+    async fn append(&mut self, content: &[u8], uptime: Micros) -> Result<(), Error<F::Error>> {
+        let (page, sequence, left) = match self.newest().await?.0 {
             Some((_, newest)) if newest.content() == content => return Ok(()),
-            Some((page, newest)) => (page, newest.sequence().wrapping_add(1)),
-            None => (self.range.start, 0),
+            Some((page, newest)) => (page, newest.sequence().wrapping_add(1), newest.left()),
+            None => (self.range.start, 0, SAVE_BUDGET),
         };
-        let record = Record::new(sequence, content).ok_or(Error::NotKept)?;
-        if self.push(page, &record).await.is_ok() {
-            return Ok(());
+        let (left, credited) = self.earn(left, uptime);
+        let Some(left) = left.checked_sub(1) else {
+            let wait = (credited + SAVE_INTERVAL).since(uptime).0;
+            return Err(Error::TooManySaves {
+                wait_s: (wait as u32).div_ceil(1_000_000) as u16,
+            });
+        };
+        let record = Record::new(sequence, left, content).ok_or(Error::NotKept)?;
+        if self.push(page, &record).await.is_err() {
+            let next = self.page_after(page);
+            self.queue(next).erase_all().await.map_err(error)?;
+            self.push(next, &record).await?;
         }
-        let next = self.page_after(page);
-        self.queue(next).erase_all().await.map_err(error)?;
-        self.push(next, &record).await
+        self.credited = credited;
+        Ok(())
+    }
+
+    /// What is left of the budget with what time has earned, and until when that is. A full budget earns nothing.
+    fn earn(&self, left: u16, uptime: Micros) -> (u16, Micros) {
+        let (mut left, mut credited) = (left, self.credited);
+        while left < SAVE_BUDGET {
+            let next = credited + SAVE_INTERVAL;
+            if next > uptime {
+                return (left, credited);
+            }
+            (left, credited) = (left.saturating_add(1), next);
+        }
+        (SAVE_BUDGET, uptime)
     }
 
     /// Puts a record behind the last of a page, and looks whether it is there.
@@ -262,25 +310,32 @@ impl<F: NorFlash> Store<F> {
     }
 }
 
-/// A sequence number, little endian, and what is saved: nothing after a reset; otherwise the layout and, in postcard
-/// format, the configuration.
+/// A sequence number and what is left of the budget, both little endian, and what is saved: nothing after a reset; otherwise
+/// the layout and, in postcard format, the configuration.
 #[derive(PartialEq)]
 struct Record(Vec<u8, MAX_RECORD>);
 
 impl Record {
-    fn new(sequence: u32, content: &[u8]) -> Option<Self> {
+    fn new(sequence: u32, left: u16, content: &[u8]) -> Option<Self> {
         let mut bytes = Vec::from_slice(&sequence.to_le_bytes()).ok()?;
+        bytes.extend_from_slice(&left.to_le_bytes()).ok()?;
         bytes.extend_from_slice(content).ok()?;
         Some(Self(bytes))
     }
 
     fn read(bytes: &[u8]) -> Option<Self> {
-        let (sequence, content) = bytes.split_first_chunk()?;
-        Self::new(u32::from_le_bytes(*sequence), content)
+        let bytes = Vec::from_slice(bytes).ok()?;
+        (bytes.len() >= HEAD).then_some(Self(bytes))
     }
 
     fn sequence(&self) -> u32 {
         self.0.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes))
+    }
+
+    /// Saves that may follow this one.
+    fn left(&self) -> u16 {
+        let bytes = self.0.get(size_of::<u32>()..).and_then(<[u8]>::first_chunk);
+        bytes.map_or(0, |bytes| u16::from_le_bytes(*bytes))
     }
 
     /// Whether it was saved later. Sequence numbers wrap.
@@ -289,7 +344,7 @@ impl Record {
     }
 
     fn content(&self) -> &[u8] {
-        self.0.get(SEQUENCE..).unwrap_or_default()
+        self.0.get(HEAD..).unwrap_or_default()
     }
 
     fn saved(&self) -> Saved {
@@ -300,6 +355,15 @@ impl Record {
                 _ => Saved::Unreadable,
             },
             _ => Saved::Unreadable,
+        }
+    }
+}
+
+impl<E> From<Error<E>> for Failure {
+    fn from(error: Error<E>) -> Self {
+        match error {
+            Error::TooManySaves { wait_s } => Self::TooManySaves { wait_s },
+            Error::Config(_) | Error::Flash(_) | Error::NotKept => Self::Flash,
         }
     }
 }
@@ -317,6 +381,9 @@ impl<E: fmt::Debug> fmt::Display for Error<E> {
             Self::Config(error) => error.fmt(f),
             Self::Flash(error) => write!(f, "the flash reports {error:?}"),
             Self::NotKept => f.write_str("the flash does not keep what is written"),
+            Self::TooManySaves { wait_s } => {
+                write!(f, "the flash would wear out: the next save may come in {wait_s} s")
+            }
         }
     }
 }

@@ -232,6 +232,9 @@ fn now<T>(future: impl Future<Output = T>) -> T {
     }
 }
 
+/// When the budget is full, whatever was saved before.
+const UPTIME: Micros = Micros::from_millis(10 * 86_400_000);
+
 fn load<F: NorFlash>(flash: &mut F) -> Saved {
     let range = 0..flash.capacity() as u32;
     now(Store::new(flash, range).unwrap().load()).unwrap()
@@ -239,17 +242,17 @@ fn load<F: NorFlash>(flash: &mut F) -> Saved {
 
 fn save<F: NorFlash>(flash: &mut F, config: &Config) -> Result<(), Error<F::Error>> {
     let range = 0..flash.capacity() as u32;
-    now(Store::new(flash, range).unwrap().save(config))
+    now(Store::new(flash, range).unwrap().save(config, UPTIME))
 }
 
 fn reset<F: NorFlash>(flash: &mut F) -> Result<(), Error<F::Error>> {
     let range = 0..flash.capacity() as u32;
-    now(Store::new(flash, range).unwrap().reset())
+    now(Store::new(flash, range).unwrap().reset(UPTIME))
 }
 
 fn append<F: NorFlash>(flash: &mut F, content: &[u8]) {
     let range = 0..flash.capacity() as u32;
-    now(Store::new(flash, range).unwrap().append(content)).unwrap();
+    now(Store::new(flash, range).unwrap().append(content, UPTIME)).unwrap();
 }
 
 /// A configuration of that number.
@@ -509,6 +512,105 @@ fn what_is_saved_already_is_not_written_again() {
     assert_eq!(flash.steps.len(), before);
 }
 
+/// The configuration whose record is longest.
+fn longest() -> Config {
+    Config {
+        arm: ArmKind::Ling,
+        poll: PollRate::Hertz(1_000),
+        can: Can {
+            data_bit_rate: Some(5_000_000),
+            telemetry_hz: 1_000,
+            commands: true,
+            command_timeout_ms: 10_000,
+            unsolicited: true,
+            ..Can::default()
+        },
+        silence: Silence {
+            after_ms: u16::MAX,
+            torque_off: true,
+        },
+    }
+}
+
+/// Saves configurations that differ, one after another and the adapter started anew before each, until one is refused.
+/// Returns how many were saved, and how long to wait for the next, in seconds.
+fn save_until_refused<F: NorFlash>(flash: &mut F, uptime: Micros) -> (u32, u16) {
+    let range = 0..flash.capacity() as u32;
+    let mut saves = 0;
+    loop {
+        let differs = Silence {
+            after_ms: u16::MAX - (saves % 2) as u16,
+            torque_off: true,
+        };
+        let config = Config {
+            silence: differs,
+            ..longest()
+        };
+        match now(Store::new(&mut *flash, range.clone()).unwrap().save(&config, uptime)) {
+            Ok(()) => saves += 1,
+            Err(Error::TooManySaves { wait_s }) => return (saves, wait_s),
+            Err(_) => panic!("the flash is whole"),
+        }
+    }
+}
+
+#[test]
+fn saves_are_refused_when_the_budget_is_spent_also_after_restarts() {
+    let mut flash = G431::new(2);
+    let start = Micros::from_millis(1_000);
+    assert_eq!(save_until_refused(&mut flash, start), (SAVE_BUDGET.into(), 599));
+    assert_eq!(save_until_refused(&mut flash, start), (0, 599));
+    let kept = load(&mut flash);
+    assert!(matches!(reset(&mut flash), Ok(())), "in ten days there is time for it");
+    assert_eq!(load(&mut flash), Saved::Nothing);
+    assert_ne!(kept, Saved::Nothing);
+}
+
+#[test]
+fn time_earns_saves_one_by_one() {
+    let mut flash = G431::new(2);
+    save_until_refused(&mut flash, Micros(0));
+    let range = flash.range();
+    let mut store = Store::new(&mut flash, range).unwrap();
+    let mut refused = Vec::new();
+    // Twice an hour for a minute, a save each second.
+    for second in (1_795..1_855).chain(3_595..3_655) {
+        let uptime = Micros::from_millis(second * 1_000);
+        match now(store.save(&config(second as u16), uptime)) {
+            Ok(()) => refused.push(None),
+            Err(Error::TooManySaves { wait_s }) => refused.push(Some(wait_s)),
+            Err(error) => panic!("{error}"),
+        }
+    }
+    let earned = |refused: &[Option<u16>]| refused.iter().filter(|refused| refused.is_none()).count();
+    assert_eq!(
+        refused[..8],
+        [None, None, Some(3), Some(2), Some(1), None, Some(599), Some(598)]
+    );
+    assert_eq!((earned(&refused[..60]), earned(&refused[60..])), (3, 3));
+}
+
+#[test]
+fn the_budget_of_ten_years_does_not_wear_the_flash_out() {
+    const ERASES: u32 = 10_000; // the endurance of a page in both chips' datasheets
+    let ten_years = Micros::from_millis(3_652 * 86_400_000 + 12 * 3_600_000);
+    let saves = u32::from(SAVE_BUDGET) + (ten_years.0 / SAVE_INTERVAL.0) as u32;
+    fn erases_of<const WRITE: usize, const ERASE: usize>() -> u32 {
+        let mut flash = Nor::<WRITE, ERASE>::new(2);
+        let saves = save_until_refused(&mut flash, Micros(0)).0;
+        // The part of a page that is written and not erased yet counts as a whole one.
+        let erases = flash.erased.iter().sum::<u32>() + 2;
+        saves / erases
+    }
+    for saves_per_erase in [erases_of::<4, 0x4000>(), erases_of::<8, 0x800>()] {
+        let erases = saves / saves_per_erase / 2;
+        assert!(
+            erases < ERASES,
+            "{saves_per_erase} saves an erase: {erases} erases a page"
+        );
+    }
+}
+
 #[test]
 fn all_pages_wear_alike() {
     let mut flash = G431::new(3);
@@ -526,7 +628,7 @@ fn the_newest_counts_also_when_sequence_numbers_have_wrapped() {
         let sequence = u32::MAX - left;
         let mut flash = Tiny::new(2);
         let range = flash.range();
-        let record = Record::new(sequence, &[]).unwrap();
+        let record = Record::new(sequence, 0, &[]).unwrap();
         now(Store::new(&mut flash, range).unwrap().push(0, &record)).unwrap();
         // More than both pages take.
         for number in 0..30 {
@@ -587,26 +689,11 @@ fn a_configuration_that_no_adapter_can_have_is_neither_saved_nor_loaded() {
 
 #[test]
 fn the_longest_record_fits() {
-    let longest = Config {
-        arm: ArmKind::Ling,
-        poll: PollRate::Hertz(1_000),
-        can: Can {
-            data_bit_rate: Some(5_000_000),
-            telemetry_hz: 1_000,
-            commands: true,
-            command_timeout_ms: 10_000,
-            unsolicited: true,
-            ..Can::default()
-        },
-        silence: Silence {
-            after_ms: u16::MAX,
-            torque_off: true,
-        },
-    };
+    let longest = longest();
     let mut flash = Tiny::new(2);
     save(&mut flash, &longest).unwrap();
     assert_eq!(load(&mut flash), Saved::Config(longest));
-    append(&mut flash, &[0xA5; MAX_RECORD - SEQUENCE]);
+    append(&mut flash, &[0xA5; MAX_RECORD - HEAD]);
     assert_eq!(load(&mut flash), Saved::Unreadable);
     save(&mut flash, &config(1)).unwrap();
     assert_eq!(load(&mut flash), Saved::Config(config(1)));

@@ -413,11 +413,21 @@ fn a_configuration_is_saved_and_forgotten_by_firmware() {
     let reset = rig.ask(Request::ResetConfig);
     assert_eq!(rig.actions.last(), Some(&Action::Reset));
     assert_eq!(rig.bridge.config(), Config::default());
-    rig.bridge.saved(Err(()), Micros(rig.now));
+    rig.bridge.saved(Err(Failure::Flash), Micros(rig.now));
     rig.run(10);
     assert_eq!(rig.replies.last(), Some(&(reset, Reply::Failed(Failure::Flash))));
     let c = rig.bridge.counters();
     assert_eq!((c.config_saves, c.config_failures), (1, 1));
+}
+
+#[test]
+fn whoever_saves_too_often_is_told_how_long_to_wait() {
+    let mut rig = quiet();
+    let saving = rig.ask(Request::SaveConfig);
+    let failure = Failure::TooManySaves { wait_s: 599 };
+    rig.bridge.saved(Err(failure), Micros(rig.now));
+    rig.run(10);
+    assert_eq!(rig.replies, [(saving, Reply::Failed(failure))]);
 }
 
 #[test]
@@ -736,7 +746,7 @@ fn a_save_whose_host_has_gone_is_not_taken_for_that_of_the_next_who_asks() {
     assert_eq!(rig.can_control, []);
     rig.ask_on_can(2, Request::SaveConfig);
     rig.run(10_000);
-    rig.bridge.saved(Err(()), Micros(rig.now));
+    rig.bridge.saved(Err(Failure::Flash), Micros(rig.now));
     rig.run(10_000);
     let reply = Reply::Failed(Failure::Flash);
     assert_eq!(rig.can_control, [FromAdapter::Reply { sequence: 2, reply }]);

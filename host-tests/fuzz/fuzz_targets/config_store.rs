@@ -6,6 +6,7 @@ use core::future::Future;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 
+use armwire::Micros;
 use armwire_bridge::config::Config;
 use armwire_bridge::store::{Error, Saved, Store};
 use armwire_fuzz::config::{any_config, any_good_config};
@@ -17,6 +18,9 @@ fuzz_target!(|input: &[u8]| {
     // Too short an input is none.
     let _ = check(&mut Unstructured::new(input));
 });
+
+/// After ten days, each save is one that time has earned.
+const UPTIME: Micros = Micros::from_millis(10 * 86_400_000);
 
 const PAGE: usize = 256;
 const SIZE: usize = 2 * PAGE;
@@ -198,8 +202,8 @@ fn saved_as(config: Option<Config>) -> Option<Saved> {
 fn write(flash: &mut Flash, config: Option<Config>) -> core::result::Result<(), Error<PowerWent>> {
     let mut store = Store::new(flash, 0..SIZE as u32).expect("two pages");
     match config {
-        Some(config) => now(store.save(&config)),
-        None => now(store.reset()),
+        Some(config) => now(store.save(&config, UPTIME)),
+        None => now(store.reset(UPTIME)),
     }
 }
 

@@ -6,8 +6,8 @@
 use armwire::Micros;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{
-    FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reader, Reason, Reply, Request, decode,
-    encode, encode_cobs,
+    Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reader, Reason, Reply,
+    Request, decode, encode, encode_cobs,
 };
 use armwire_bridge::{Action, Bridge, PACKET};
 use armwire_fuzz::config::any_request;
@@ -125,7 +125,7 @@ impl Host {
     /// Does what only firmware can do.
     fn act(&mut self, done: bool) {
         if let Some(Action::Save(_) | Action::Reset) = self.bridge.action() {
-            let result = if done { Ok(()) } else { Err(()) };
+            let result = if done { Ok(()) } else { Err(Failure::Flash) };
             self.bridge.saved(result, self.now);
         }
     }

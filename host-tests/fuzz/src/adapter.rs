@@ -8,7 +8,8 @@ use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame};
 use armwire_bridge::can::{Frame, Function, Id};
 use armwire_bridge::config::{ArmKind, Config, Poll};
 use armwire_bridge::control::{
-    FromAdapter, FromHost, Identity, MAX_COBS, MAX_FRAME, MAX_MESSAGE, Reader, Request, decode, encode, encode_cobs,
+    Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_FRAME, MAX_MESSAGE, Reader, Request, decode, encode,
+    encode_cobs,
 };
 use armwire_bridge::isotp::{self, Endpoint, Link};
 use armwire_bridge::{Action, Bridge, CanErrors, Counters, PACKET, UartErrors};
@@ -492,9 +493,12 @@ impl World {
         match action {
             Some(Action::Save(config)) => {
                 assert_eq!(config.check(), Ok(()));
-                self.bridge.saved(if done { Ok(()) } else { Err(()) }, self.now);
+                self.bridge
+                    .saved(if done { Ok(()) } else { Err(Failure::Flash) }, self.now);
             }
-            Some(Action::Reset) => self.bridge.saved(if done { Ok(()) } else { Err(()) }, self.now),
+            Some(Action::Reset) => self
+                .bridge
+                .saved(if done { Ok(()) } else { Err(Failure::Flash) }, self.now),
             Some(Action::RestartCan(can)) => {
                 assert!(self.reconfigured);
                 assert_eq!(can, self.bridge.can_config());

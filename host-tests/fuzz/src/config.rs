@@ -163,6 +163,11 @@ pub fn any_reply(u: &mut Unstructured<'_>) -> Result<Reply> {
             turn: Histogram { counts: u.arbitrary()? },
             poll: Histogram { counts: u.arbitrary()? },
         }),
-        _ => Reply::Failed(*u.choose(&[Failure::Flash, Failure::Busy, Failure::StreamArmed])?),
+        _ => Reply::Failed(match u.int_in_range(0..=3)? {
+            0 => Failure::Flash,
+            1 => Failure::Busy,
+            2 => Failure::StreamArmed,
+            _ => Failure::TooManySaves { wait_s: u.arbitrary()? },
+        }),
     })
 }

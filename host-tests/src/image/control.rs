@@ -6,8 +6,8 @@ use armwire_bridge::control::{
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
-/// Longer than any request takes that needs no arm and no flash to be erased.
-const PATIENCE: Nanos = Nanos::from_millis(200);
+/// Longer than any request takes that needs no arm: half a second where a sector of flash is erased.
+const PATIENCE: Nanos = Nanos::from_millis(1_000);
 
 /// A program that talks to the adapter itself.
 #[derive(Debug, Default)]

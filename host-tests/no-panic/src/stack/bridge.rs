@@ -12,7 +12,7 @@ use core::panic::PanicInfo;
 use armwire::Micros;
 use armwire_bridge::can::Frame;
 use armwire_bridge::config::Config;
-use armwire_bridge::control::Identity;
+use armwire_bridge::control::{Failure, Identity};
 use armwire_bridge::{Bridge, Burst, Line, PACKET, Refused};
 
 #[panic_handler]
@@ -111,6 +111,6 @@ fn tick(bridge: &mut Bridge, now: Micros) {
 }
 
 #[unsafe(export_name = "Bridge::saved")]
-fn saved(bridge: &mut Bridge, result: Result<(), ()>, now: Micros) {
+fn saved(bridge: &mut Bridge, result: Result<(), Failure>, now: Micros) {
     bridge.saved(result, now);
 }
