@@ -46,6 +46,12 @@ impl<C: Clock> Clock for &C {
     }
 }
 
+/// The most reads that give bytes before [`Driver::call`] sends a request, where the bytes do not end.
+///
+/// What has arrived is read first, so that an old answer is not taken for the new one. A port that keeps more than this
+/// many reads give may pass an old answer off as a new one.
+pub const READS_BEFORE_SEND: usize = 256;
+
 /// Why a call failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -157,6 +163,9 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
 
     /// Sends a request and waits for its answer; `None` for a request the arm does not answer, once it is written.
     ///
+    /// What has arrived is read before the request is sent, with at most [`READS_BEFORE_SEND`] reads. Bytes that do not
+    /// end delay neither the answer nor the time-out.
+    ///
     /// # Errors
     ///
     /// [`CallError`] when the port fails, the connection is broken, or the arm does not answer.
@@ -165,6 +174,7 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
         self.client.cancel(self.clock.now());
         // So this cannot be refused.
         let _ = self.client.submit(request);
+        let mut reads = 0_usize;
         loop {
             let mut buf = [0; N];
             // With nothing to wait for this takes what has arrived, so that no old answer is taken for a new one.
@@ -190,8 +200,9 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
             if let Some(outcome) = outcome {
                 return outcome;
             }
+            reads = reads.saturating_add(1);
             // Torque off does not wait for an arm that never stops talking.
-            if drained || P::reply(&request).is_none() {
+            if drained || reads >= READS_BEFORE_SEND || P::reply(&request).is_none() {
                 self.write().await?;
             }
         }

@@ -7,7 +7,7 @@ use std::future::{Future, poll_fn};
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
-use armwire::driver::{CallError, Clock, Counters};
+use armwire::driver::{CallError, Clock, Counters, READS_BEFORE_SEND};
 use armwire::ling::*;
 use armwire::{Config, Device, Input, Micros, Protocol};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
@@ -30,6 +30,12 @@ struct World {
     /// How long the arm thinks.
     turnaround: Micros,
     joint: u16,
+    /// A byte that the port always has where the arm says nothing, 10 µs after the one before, and until when.
+    flood: Option<(u8, Micros)>,
+    /// How many reads gave bytes before each write.
+    reads_before_write: Vec<usize>,
+    reads: usize,
+    flooded: u32,
 }
 
 const INFO: Info = Info {
@@ -55,6 +61,10 @@ fn world() -> Shared {
         after: Vec::new(),
         turnaround: Micros(100),
         joint: 2000,
+        flood: None,
+        reads_before_write: Vec::new(),
+        reads: 0,
+        flooded: 0,
     })
 }
 
@@ -105,6 +115,17 @@ impl Read for Port<'_> {
         poll_fn(|_| {
             let mut world = self.0.borrow_mut();
             let (now, chunk) = (world.now, world.chunk);
+            let waits = world.replies.front().is_some_and(|(at, _)| *at <= now);
+            if let Some((byte, until)) = world.flood
+                && !waits
+                && now < until
+            {
+                world.now = now + Micros(10);
+                world.reads += 1;
+                world.flooded += 1;
+                buf[0] = byte;
+                return Poll::Ready(Ok(1));
+            }
             match world.replies.front_mut() {
                 Some((at, bytes)) if *at <= now => {
                     let n = bytes.len().min(buf.len()).min(chunk);
@@ -113,6 +134,7 @@ impl Read for Port<'_> {
                     if bytes.is_empty() {
                         world.replies.pop_front();
                     }
+                    world.reads += 1;
                     Poll::Ready(Ok(n))
                 }
                 Some(&mut (at, _)) => {
@@ -135,6 +157,8 @@ impl Write for Port<'_> {
                 return Poll::Pending;
             }
             world.room -= n;
+            let reads = std::mem::take(&mut world.reads);
+            world.reads_before_write.push(reads);
             world.hear(&buf[..n]);
             Poll::Ready(Ok(n))
         })
@@ -333,6 +357,50 @@ fn answers_after_a_time_out_are_not_taken_for_new_ones_however_long_nobody_reads
     rest(&world, Micros::from_millis(5_000));
     world.borrow_mut().turnaround = Micros(100);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2004; 6]);
+}
+
+/// A port that for a minute always has this byte where the arm says nothing.
+fn flooded(byte: u8) -> Shared {
+    let world = world();
+    world.borrow_mut().flood = Some((byte, Micros::from_millis(60_000)));
+    world
+}
+
+#[test]
+fn a_port_that_always_has_a_byte_delays_no_answer() {
+    let world = flooded(0x11);
+    let mut arm = arm(&world);
+    for expected in 2001..2010 {
+        world.borrow_mut().reads = 0;
+        assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [expected; 6]);
+    }
+    assert_eq!(world.borrow().reads_before_write, [READS_BEFORE_SEND; 9]);
+    assert!(world.borrow().now < Micros::from_millis(100));
+    assert_eq!(arm.counters().noise_bytes, world.borrow().flooded, "no byte is lost");
+}
+
+#[test]
+fn a_port_that_always_has_a_byte_delays_no_time_out() {
+    for byte in [0x11, 0xAA] {
+        let world = flooded(byte);
+        world.borrow_mut().turnaround = Micros::from_millis(100_000);
+        let mut arm = arm(&world);
+        for calls in 1..4_usize {
+            let begun = world.borrow().now;
+            assert_eq!(run(&world, arm.read_joints()), Err(CallError::TimedOut { sends: 3 }));
+            // Three times 60 to 70 ms, and 100 ms in which the answers to the call before may still come.
+            let took = world.borrow().now.since(begun);
+            assert!(took < Micros::from_millis(320), "{took:?}");
+            assert_eq!(world.borrow().requests.len(), 3 * calls);
+        }
+    }
+}
+
+#[test]
+fn torque_off_goes_out_after_one_read_however_many_bytes_there_are() {
+    let world = flooded(0x11);
+    run(&world, arm(&world).set_torque(Torque::Off)).unwrap();
+    assert_eq!(world.borrow().reads_before_write, [1]);
 }
 
 #[test]
