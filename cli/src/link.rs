@@ -114,6 +114,12 @@ impl<P: Arm, L: Line> Link<P, L> {
             while let Some(event) = self.client.handle(now, &mut input) {
                 match event {
                     Event::Answer(response) => outcome = Some(Ok(Some(response))),
+                    Event::Unacceptable(error) => {
+                        outcome = Some(Err(Problem::Unacceptable {
+                            name: self.line.name().to_owned(),
+                            error: error.to_string(),
+                        }));
+                    }
                     Event::Sent => outcome = Some(Ok(None)),
                     Event::TimedOut { sends } => {
                         heard.sends = sends;
@@ -237,7 +243,7 @@ mod tests {
     use std::collections::VecDeque;
 
     use armwire::Protocol;
-    use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
+    use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
 
     use super::*;
 
@@ -279,6 +285,59 @@ mod tests {
         fn doubts(&mut self, _: Came, _: &str) -> String {
             unreachable!("it answers")
         }
+    }
+
+    /// An arm that answers whatever it is asked with the same bytes.
+    struct Stubborn {
+        answer: Vec<u8>,
+        said: VecDeque<Vec<u8>>,
+        asked: usize,
+    }
+
+    impl Line for &mut Stubborn {
+        fn name(&self) -> &str {
+            "fake"
+        }
+
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Problem> {
+            let said = self.said.pop_front().unwrap_or_default();
+            buf[..said.len()].copy_from_slice(&said);
+            Ok(said.len())
+        }
+
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+            self.asked += 1;
+            self.said.push_back(self.answer.clone());
+            Ok(bytes.len())
+        }
+
+        fn doubts(&mut self, _: Came, _: &str) -> String {
+            unreachable!("it answers")
+        }
+    }
+
+    #[test]
+    fn an_unacceptable_answer_ends_the_call_at_once_with_the_reason() {
+        let mut out = [0; MAX_FRAME];
+        let frame = Frame {
+            command: 0x04,
+            function: 0x0E,
+            data: &[3],
+        };
+        let n = frame.encode(&mut out).unwrap();
+        let mut arm = Stubborn {
+            answer: out[..n].to_vec(),
+            said: VecDeque::new(),
+            asked: 0,
+        };
+        let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
+        let problem = link.call(Request::ReadStroke).unwrap_err();
+        assert_eq!(
+            problem.to_string(),
+            "fake: the arm's answer cannot be accepted: command 04 function 0E: gripper stroke type is 3, must be 0..=2 \
+             (data byte 0)"
+        );
+        assert_eq!(link.line.asked, 1);
     }
 
     #[test]

@@ -86,6 +86,8 @@ pub(crate) enum Problem {
         doubts: String,
         heard: Box<Heard>,
     },
+    /// The arm's answer has a value or a length that its protocol does not have.
+    Unacceptable { name: String, error: String },
     /// The arm answered that it did not do what it was asked.
     Refused { name: String, what: String },
     /// What was decoded up to here cannot be read any further.
@@ -270,6 +272,7 @@ impl fmt::Display for Problem {
                 write!(f, "{name}: ")?;
                 heard.fmt_cause(f, arm, doubts)
             }
+            Self::Unacceptable { name, error } => write!(f, "{name}: the arm's answer cannot be accepted: {error}"),
             Self::Refused { name, what } => write!(f, "{name}: {what}"),
             Self::Undecodable { name, noise } => write!(
                 f,

@@ -79,6 +79,9 @@ impl Config {
 pub enum Event<P: Protocol> {
     /// The answer to the request in flight, which is done.
     Answer(P::Response),
+    /// The answer to the request in flight has a value or a length that the protocol does not have, for this reason. The
+    /// request is done, and is not repeated: the arm would answer the same.
+    Unacceptable(P::Error),
     /// The request in flight, which the arm does not answer, is with the line: it is done.
     Sent,
     /// The request in flight got no answer and is given up.
@@ -95,7 +98,7 @@ pub enum Event<P: Protocol> {
     /// A request: the line gave it back, or another host is on it. A [`RELIABLE`](crate::Framing::RELIABLE) line gives none
     /// back.
     Echo,
-    /// A good frame that is no message of the protocol.
+    /// A good frame that is no message of the protocol, and not the answer to the request in flight.
     Unknown(P::Error),
     /// Bytes that are not part of a frame.
     Noise(Noise),
@@ -108,6 +111,7 @@ impl<P: Protocol> fmt::Debug for Event<P> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Answer(response) => f.debug_tuple("Answer").field(response).finish(),
+            Self::Unacceptable(error) => f.debug_tuple("Unacceptable").field(error).finish(),
             Self::Sent => f.write_str("Sent"),
             Self::TimedOut { sends } => f.debug_struct("TimedOut").field("sends", sends).finish(),
             Self::Late(response) => f.debug_tuple("Late").field(response).finish(),
@@ -129,6 +133,7 @@ where
     fn format(&self, f: defmt::Formatter<'_>) {
         match self {
             Self::Answer(response) => defmt::write!(f, "Answer({})", response),
+            Self::Unacceptable(error) => defmt::write!(f, "Unacceptable({})", error),
             Self::Sent => defmt::write!(f, "Sent"),
             Self::TimedOut { sends } => defmt::write!(f, "TimedOut {{ sends: {} }}", sends),
             Self::Late(response) => defmt::write!(f, "Late({})", response),
@@ -157,7 +162,7 @@ impl<P: Protocol> PartialEq for Event<P> {
             | (Self::Unsolicited(a), Self::Unsolicited(b)) => a == b,
             (Self::Sent, Self::Sent) | (Self::Echo, Self::Echo) => true,
             (Self::TimedOut { sends: a }, Self::TimedOut { sends: b }) => a == b,
-            (Self::Unknown(a), Self::Unknown(b)) => a == b,
+            (Self::Unknown(a), Self::Unknown(b)) | (Self::Unacceptable(a), Self::Unacceptable(b)) => a == b,
             (Self::Noise(a), Self::Noise(b)) | (Self::Broken(a), Self::Broken(b)) => a == b,
             _ => false,
         }
@@ -268,7 +273,7 @@ impl<R: Copy> Requests<R> {
     }
 }
 
-/// Which request a response answers.
+/// Which request a frame answers.
 enum Place {
     /// The one in flight.
     Answer,
@@ -318,26 +323,28 @@ impl<P: Protocol> Exchange<P> {
     #[inline(never)]
     fn hear(&mut self, frame: P::Frame<'_>, expect: P::Expect) -> Event<P> {
         match &parse_response::<P>(frame, expect) {
-            Ok(response) => match self.place(response) {
+            Ok(response) => match self.place(|request| P::answers(request, response)) {
                 Place::Answer => Event::Answer(P::to_response(response)),
                 Place::Late => Event::Late(P::to_response(response)),
                 Place::Unsolicited => Event::Unsolicited(P::to_response(response)),
             },
             Err(_) if is_echo::<P>(frame) => Event::Echo,
-            Err(error) => Event::Unknown(*error),
+            Err(error) => match self.place(|request| P::is_response_to(request, frame)) {
+                Place::Answer => Event::Unacceptable(*error),
+                Place::Late | Place::Unsolicited => Event::Unknown(*error),
+            },
         }
     }
 
-    /// Which request a response answers. If it is the one in flight, that is ended; if it is one that was owed, that is
+    /// Which request a frame answers. If it is the one in flight, that is ended; if it is one that was owed, that is
     /// counted off.
-    fn place(&mut self, response: &P::ResponseRef<'_>) -> Place {
-        let answers = |request: &P::Request| P::answers(request, response);
+    fn place(&mut self, answers: impl Fn(&P::Request) -> bool) -> Place {
         if let Some(owed) = &mut self.owed
             && self.now < owed.until
             && owed.since <= self.before
             // The one that is still being sent has no answer yet.
             && owed.answers > u8::from(owed.sending)
-            && self.requests.owed().is_some_and(answers)
+            && self.requests.owed().is_some_and(&answers)
         {
             owed.answers = owed.answers.saturating_sub(1);
             if owed.answers == 0 {

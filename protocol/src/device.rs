@@ -244,6 +244,10 @@ mod idle_tests {
             false
         }
 
+        fn is_response_to(_request: &Option<u8>, _frame: Option<u8>) -> bool {
+            false
+        }
+
         fn repeatable(_request: &Option<u8>) -> bool {
             false
         }

@@ -52,17 +52,19 @@ impl<C: Clock> Clock for &C {
 /// many reads give may pass an old answer off as a new one.
 pub const READS_BEFORE_SEND: usize = 256;
 
-/// Why a call failed.
+/// Why a call failed: `E` is the error of the port, `R` the [`Protocol::Error`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum CallError<E> {
+pub enum CallError<E, R> {
     /// The port failed.
     Io(E),
     /// The port took or gave no bytes where it must: it is closed.
     Closed,
     /// What arrived cannot be read, nor can anything after it: the connection must be closed.
     Broken(Noise),
+    /// The arm's answer has a value or a length that the protocol does not have, for this reason.
+    Unacceptable(R),
     /// The arm did not answer.
     TimedOut {
         /// How often the request was sent.
@@ -70,23 +72,29 @@ pub enum CallError<E> {
     },
 }
 
-impl<E: fmt::Display> fmt::Display for CallError<E> {
+impl<E: fmt::Display, R: fmt::Display> fmt::Display for CallError<E, R> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Io(error) => write!(f, "the port failed: {error}"),
             Self::Closed => f.write_str("the port is closed"),
             Self::Broken(noise) => write!(f, "the connection is broken: {noise}"),
+            Self::Unacceptable(error) => write!(f, "the arm's answer cannot be accepted: {error}"),
             Self::TimedOut { sends: 1 } => f.write_str("the arm did not answer"),
             Self::TimedOut { sends } => write!(f, "the arm did not answer, asked {sends} times"),
         }
     }
 }
 
-impl<E: core::error::Error + 'static> core::error::Error for CallError<E> {
+impl<E, R> core::error::Error for CallError<E, R>
+where
+    E: core::error::Error + 'static,
+    R: core::error::Error + 'static,
+{
     fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
         match self {
             Self::Io(error) => Some(error),
             Self::Broken(noise) => Some(noise),
+            Self::Unacceptable(error) => Some(error),
             Self::Closed | Self::TimedOut { .. } => None,
         }
     }
@@ -125,8 +133,8 @@ pub struct Counters {
 /// ```
 /// # use armwire::driver::Clock;
 /// # use embedded_io_async::{Read, Write};
-/// use armwire::driver::{CallError, Counters, Driver};
-/// use armwire::ling::{Ling, MAX_FRAME, Request, Response};
+/// use armwire::driver::{Counters, Driver};
+/// use armwire::ling::{CallError, Ling, MAX_FRAME, Request, Response};
 /// use armwire::Config;
 ///
 /// async fn listen<P: Read + Write>(port: P, clock: impl Clock) -> Result<(P, Counters), CallError<P::Error>> {
@@ -168,8 +176,9 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
     ///
     /// # Errors
     ///
-    /// [`CallError`] when the port fails, the connection is broken, or the arm does not answer.
-    pub async fn call(&mut self, request: P::Request) -> Result<Option<P::Response>, CallError<Port::Error>> {
+    /// [`CallError`] when the port fails, the connection is broken, or the arm does not answer or gives an answer that is
+    /// none.
+    pub async fn call(&mut self, request: P::Request) -> Result<Option<P::Response>, CallError<Port::Error, P::Error>> {
         // Whatever is in flight here belongs to a call that was dropped, or failed.
         self.client.cancel(self.clock.now());
         // So this cannot be refused.
@@ -191,6 +200,7 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
             while let Some(event) = self.client.handle(self.clock.now(), &mut input) {
                 match event {
                     Event::Answer(response) => outcome = Some(Ok(Some(response))),
+                    Event::Unacceptable(error) => outcome = Some(Err(CallError::Unacceptable(error))),
                     Event::Sent => outcome = Some(Ok(None)),
                     Event::TimedOut { sends } => outcome = Some(Err(CallError::TimedOut { sends })),
                     Event::Broken(noise) => outcome = Some(outcome.unwrap_or(Err(CallError::Broken(noise)))),
@@ -214,7 +224,7 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
         &mut self,
         request: P::Request,
         take: fn(P::Response) -> Option<T>,
-    ) -> Result<T, CallError<Port::Error>> {
+    ) -> Result<T, CallError<Port::Error, P::Error>> {
         loop {
             // The client lets only answers to this request through, so the first one is it.
             if let Some(answer) = self.call(request).await?.and_then(take) {
@@ -233,7 +243,7 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
         (self.port, self.clock)
     }
 
-    async fn write(&mut self) -> Result<(), CallError<Port::Error>> {
+    async fn write(&mut self) -> Result<(), CallError<Port::Error, P::Error>> {
         let mut wrote = false;
         while let Some(bytes) = self.client.poll_transmit(self.clock.now()) {
             match self.port.write(bytes).await {
@@ -256,7 +266,9 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
             Event::Late(_) => (&mut self.counters.late, 1),
             Event::Unsolicited(_) => (&mut self.counters.unsolicited, 1),
             Event::Echo => (&mut self.counters.echoes, 1),
-            Event::Answer(_) | Event::Sent | Event::TimedOut { .. } | Event::Broken(_) => return,
+            Event::Answer(_) | Event::Unacceptable(_) | Event::Sent | Event::TimedOut { .. } | Event::Broken(_) => {
+                return;
+            }
         };
         *count = count.wrapping_add(n);
     }

@@ -125,6 +125,20 @@ pub trait Protocol: Framing {
     /// Whether `response` is the answer to `request`.
     fn answers(request: &Self::Request, response: &Self::ResponseRef<'_>) -> bool;
 
+    /// Whether `frame`, which [`parse_response`](Self::parse_response) does not take, is the answer to `request` by all that
+    /// names one: then the request is answered, though by nothing of use. Never so for a request that is not answered.
+    ///
+    /// ```
+    /// use armwire::Protocol;
+    /// use armwire::ling::{Frame, Ling, Request};
+    ///
+    /// let stroke = Frame { command: 0x04, function: 0x0E, data: &[3] }; // no gripper has this code
+    /// assert!(Ling::parse_response(stroke, ()).is_err());
+    /// assert!(Ling::is_response_to(&Request::ReadStroke, stroke));
+    /// assert!(!Ling::is_response_to(&Request::ReadJoints, stroke));
+    /// ```
+    fn is_response_to(request: &Self::Request, frame: Self::Frame<'_>) -> bool;
+
     /// Whether sending `request` again after silence is harmless: reads are, motion, torque and settings are not.
     fn repeatable(request: &Self::Request) -> bool;
 }

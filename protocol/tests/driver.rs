@@ -27,6 +27,8 @@ struct World {
     chunk: usize,
     /// What the arm says right after each answer.
     after: Vec<u8>,
+    /// What the arm says in place of each answer.
+    instead: Option<Vec<u8>>,
     /// How long the arm thinks.
     turnaround: Micros,
     joint: u16,
@@ -59,6 +61,7 @@ fn world() -> Shared {
         room: usize::MAX,
         chunk: 8,
         after: Vec::new(),
+        instead: None,
         turnaround: Micros(100),
         joint: 2000,
         flood: None,
@@ -98,7 +101,8 @@ impl World {
             };
             let mut out = [0; MAX_FRAME];
             let n = Ling::encode_response(&response, &mut out).unwrap();
-            let reply = [&out[..n], &self.after].concat();
+            let answer = self.instead.as_deref().unwrap_or(&out[..n]);
+            let reply = [answer, &self.after].concat();
             self.replies.push_back((self.now + self.turnaround, reply));
         }
     }
@@ -273,6 +277,31 @@ fn silence_is_an_error_that_says_how_often_it_was_asked() {
     let error = run(&world, arm(&world).self_check()).unwrap_err();
     assert_eq!(error, CallError::TimedOut { sends: 3 });
     assert_eq!(world.borrow().requests, [Request::SelfCheck; 3]);
+}
+
+#[test]
+fn an_answer_that_cannot_be_accepted_is_an_error_at_once_with_the_reason() {
+    let world = world();
+    let mut out = [0; MAX_FRAME];
+    let frame = Frame {
+        command: 0x06,
+        function: 0x01,
+        data: &[30; 7],
+    };
+    let n = frame.encode(&mut out).unwrap();
+    world.borrow_mut().instead = Some(out[..n].to_vec());
+    let mut arm = arm(&world);
+    let error = run(&world, arm.read_temperatures()).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "the arm's answer cannot be accepted: command 06 function 01: 7 data bytes, expected 6 or 10"
+    );
+    assert_eq!(world.borrow().requests, [Request::ReadTemperatures]);
+    assert_eq!(world.borrow().now, Micros(100));
+    assert_eq!(arm.counters(), Counters::default());
+
+    world.borrow_mut().instead = None;
+    assert_eq!(run(&world, arm.read_temperatures()), Ok(TEMPERATURES));
 }
 
 #[test]
@@ -457,7 +486,14 @@ fn what_follows_an_answer_in_the_same_read_is_heard() {
 
 #[test]
 fn an_error_says_what_failed() {
-    type Error = CallError<ErrorKind>;
+    type Error = CallError<ErrorKind, ParseError>;
+    let unacceptable = ParseError {
+        command: 4,
+        function: 14,
+        cause: Cause::Unknown,
+    };
+    let reason = std::error::Error::source(&Error::Unacceptable(unacceptable)).map(ToString::to_string);
+    assert_eq!(reason, Some(unacceptable.to_string()));
     for (error, text) in [
         (Error::Io(ErrorKind::TimedOut), "the port failed: "),
         (Error::Closed, "the port is closed"),

@@ -72,6 +72,10 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
     /// # Errors
     ///
     /// [`Silence`] when the client gives up.
+    ///
+    /// # Panics
+    ///
+    /// If the client cannot accept the device's answer.
     pub fn call(&mut self, request: P::Request) -> Result<Option<P::Response>, Silence> {
         // Every call runs to its end.
         self.client.submit(request).expect("no request is in flight");
@@ -81,6 +85,7 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
                 match event {
                     Event::Answer(response) => outcome = Some(Ok(Some(response))),
                     Event::Sent => outcome = Some(Ok(None)),
+                    Event::Unacceptable(error) => panic!("the answer to {request:?} cannot be accepted: {error}"),
                     Event::TimedOut { sends } => outcome = Some(Err(Silence { sends })),
                     other => self.events.push(other),
                 }

@@ -159,6 +159,13 @@ impl<P: Subject, const N: usize> World<P, N> {
                 // If it was being sent again, the rest of it still goes out.
                 self.of_flight = false;
             }
+            Event::Unacceptable(error) => {
+                let flight = self.flight.take().expect("nothing was asked");
+                assert!(P::reply(&flight.request).is_some(), "it is not answered");
+                assert!(flight.sends > 0, "answered before it was sent");
+                assert!(!error.to_string().is_empty());
+                self.of_flight = false;
+            }
             Event::Sent => {
                 let flight = self.flight.take().expect("nothing was asked");
                 assert_eq!((P::reply(&flight.request), flight.sends), (None, 1));

@@ -131,7 +131,7 @@ fn hear(client: &mut Client<Ling, MAX_FRAME>, now: Micros, mut input: Input<'_>,
                 let (request, tag) = flight.take().expect("nothing was asked");
                 assert_eq!(Some(response), answer(&request, tag), "an answer to an earlier request");
             }
-            Event::Sent | Event::TimedOut { .. } => *flight = None,
+            Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_) => *flight = None,
             _ => {}
         }
     }

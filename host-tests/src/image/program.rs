@@ -65,7 +65,7 @@ impl<P: Protocol, const N: usize> ProgramOf<P, N> {
             let mut input = Input::Bytes(&bytes);
             while let Some(event) = self.client.handle(board.now().micros(), &mut input) {
                 match event {
-                    Event::Answer(_) | Event::TimedOut { .. } => return event,
+                    Event::Answer(_) | Event::Unacceptable(_) | Event::TimedOut { .. } => return event,
                     Event::Sent => {
                         board
                             .run_until(Nanos::from_millis(100), |board| board.usb().unsent() == 0)

@@ -4,9 +4,9 @@ use embedded_io_async::{Read, Write};
 
 use super::{
     Action, Address, Alpha1, Angle, FirmwareVersion, Interval, Led, MAX_FRAME, MoveTime, Offset, OffsetTool, Outcome,
-    Request, Response, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
+    ParseError, Request, Response, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
 };
-use crate::driver::{CallError, Clock, Driver};
+use crate::driver::{self, Clock, Driver};
 
 /// An Alpha1, or a bus of its servos, at the other end of a port.
 ///
@@ -17,10 +17,10 @@ use crate::driver::{CallError, Clock, Driver};
 /// The servo bus is a line of 115 200 baud: say so in the [`Config`](crate::Config).
 ///
 /// ```
-/// # use armwire::driver::{CallError, Clock};
+/// # use armwire::driver::Clock;
 /// # use embedded_io_async::{Read, Write};
 /// use armwire::Config;
-/// use armwire::alpha1::{Arm, Outcome, Text};
+/// use armwire::alpha1::{Arm, CallError, Outcome, Text};
 ///
 /// async fn play<P: Read + Write>(port: P, clock: impl Clock, name: Text) -> Result<Outcome, CallError<P::Error>> {
 ///     let mut arm = Arm::new(port, clock, Config { baud: 115_200, ..Config::DEFAULT });
@@ -32,8 +32,8 @@ use crate::driver::{CallError, Clock, Driver};
 /// All the calls:
 ///
 /// ```
-/// # use armwire::driver::{CallError, Clock};
-/// # use armwire::alpha1::{Action, Address, Angle, Arm, ServoId};
+/// # use armwire::driver::Clock;
+/// # use armwire::alpha1::{Action, Address, Angle, Arm, CallError, ServoId};
 /// # use embedded_io_async::{Read, Write};
 /// use armwire::alpha1::{Interval, Led, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Text, UsbType};
 ///
@@ -72,6 +72,9 @@ use crate::driver::{CallError, Clock, Driver};
 /// }
 /// ```
 pub type Arm<Port, C> = Driver<Alpha1, Port, C, MAX_FRAME>;
+
+/// Why a call to an Alpha1 failed: `E` is the error of the port.
+pub type CallError<E> = driver::CallError<E, ParseError>;
 
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// The robot's hardware version.

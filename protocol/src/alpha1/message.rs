@@ -534,6 +534,21 @@ impl ServoRequest {
     }
 }
 
+impl ServoRequest {
+    /// Whether a frame with this header comes from the servo that is asked. Not where a single byte is the answer.
+    fn is_answered_by(self, command: u8, data: &[u8]) -> bool {
+        let from = |servo: ServoId| data.first() == Some(&servo.get());
+        match self {
+            Self::Move { .. } | Self::Release(_) | Self::SetLed { .. } => false,
+            Self::ReadAngles(servo) | Self::SetOffset(servo, _) | Self::ReadOffset(servo) => {
+                command == header::SERVO && from(servo)
+            }
+            Self::ChangeId { from: old, to } => command == header::SERVO && (from(old) || from(to)),
+            Self::ReadVersion(servo) => command == header::SERVO_VERSION && from(servo),
+        }
+    }
+}
+
 impl ServoResponse {
     /// From the data of a frame FA AF, as an answer of this kind.
     fn from_data(data: &[u8; 6], answer: Option<ServoAnswer>) -> Result<Self, Cause> {
@@ -870,6 +885,24 @@ impl Protocol for Alpha1 {
             | (Request::Play(_), ResponseRef::Playing(_)) => true,
             (Request::Servo(request), ResponseRef::Servo(response)) => response.answers(*request),
             _ => false,
+        }
+    }
+
+    fn is_response_to(request: &Request, frame: Frame<'_>) -> bool {
+        let Frame::Message { command, data } = frame else {
+            return false;
+        };
+        match request {
+            Request::ReadHardwareVersion => command == header::HARDWARE_VERSION,
+            Request::ReadServoStates => command == header::SERVO_STATES,
+            Request::Stop => command == header::STOP,
+            Request::ReadFirmwareVersion => command == header::FIRMWARE_VERSION,
+            // A frame of the robot's Bluetooth protocol has the same header.
+            Request::Act(_) => command == header::ACT && data.first() == Some(&ACT),
+            Request::SetOffsetTool(_) => command == header::OFFSET_TOOL,
+            Request::SetUsbType(_) => command == header::USB_TYPE,
+            Request::Play(_) => command == header::PLAY,
+            Request::Servo(request) => request.is_answered_by(command, data),
         }
     }
 

@@ -31,7 +31,7 @@ mod tests;
 mod value;
 
 #[cfg(feature = "async")]
-pub use driver::Arm;
+pub use driver::{Arm, CallError};
 pub use frame::{Expect, Frame, MAX_FRAME, MAX_TEXT, ServoAnswer, TAIL, checksum};
 pub use message::{
     Action, Cause, FirmwareVersion, ParseError, Request, Response, ResponseRef, ServoRequest, ServoResponse,

@@ -3,9 +3,10 @@
 use embedded_io_async::{Read, Write};
 
 use super::{
-    Info, JointState, Ling, MAX_FRAME, Move, PerServo, Request, Response, SelfCheck, Stroke, TemperatureLimit, Torque,
+    Info, JointState, Ling, MAX_FRAME, Move, ParseError, PerServo, Request, Response, SelfCheck, Stroke,
+    TemperatureLimit, Torque,
 };
-use crate::driver::{CallError, Clock, Driver};
+use crate::driver::{self, Clock, Driver};
 
 /// A Ling arm at the other end of a port.
 ///
@@ -13,10 +14,10 @@ use crate::driver::{CallError, Clock, Driver};
 /// [`Driver`](crate::driver::Driver) on dropping a call.
 ///
 /// ```
-/// # use armwire::driver::{CallError, Clock};
+/// # use armwire::driver::Clock;
 /// # use embedded_io_async::{Read, Write};
 /// use armwire::Config;
-/// use armwire::ling::Arm;
+/// use armwire::ling::{Arm, CallError};
 ///
 /// async fn is_sound<P: Read + Write>(port: P, clock: impl Clock) -> Result<bool, CallError<P::Error>> {
 ///     let mut arm = Arm::new(port, clock, Config::default());
@@ -29,8 +30,8 @@ use crate::driver::{CallError, Clock, Driver};
 /// All the calls:
 ///
 /// ```
-/// # use armwire::driver::{CallError, Clock};
-/// # use armwire::ling::{Arm, Move};
+/// # use armwire::driver::Clock;
+/// # use armwire::ling::{Arm, CallError, Move};
 /// # use embedded_io_async::{Read, Write};
 /// use armwire::ling::{Info, JOINTS, Stroke, TemperatureLimit, Torque};
 ///
@@ -48,6 +49,9 @@ use crate::driver::{CallError, Clock, Driver};
 /// }
 /// ```
 pub type Arm<Port, C> = Driver<Ling, Port, C, MAX_FRAME>;
+
+/// Why a call to a Ling arm failed: `E` is the error of the port.
+pub type CallError<E> = driver::CallError<E, ParseError>;
 
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// Who the arm is.

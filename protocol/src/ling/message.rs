@@ -572,6 +572,23 @@ impl Protocol for Ling {
         )
     }
 
+    fn is_response_to(request: &Request, frame: Frame<'_>) -> bool {
+        let answer = match request {
+            Request::ReadInfo => (command::INFO, 0),
+            Request::ReadStroke => (command::STROKE, function::READ_STROKE),
+            Request::ReadJoints => (command::JOINTS, function::STATE),
+            Request::ReadTemperatures => (command::JOINTS, function::TEMPERATURE),
+            Request::ReadVelocities => (command::JOINTS, function::VELOCITY),
+            Request::SelfCheck => (command::SELF_CHECK, 0),
+            Request::SetZero
+            | Request::SetStroke(_)
+            | Request::SetTorque(_)
+            | Request::SetTemperatureLimit(_)
+            | Request::Move(_) => return false,
+        };
+        answer == (frame.command, frame.function)
+    }
+
     fn repeatable(request: &Request) -> bool {
         // All that is answered is a read, and the self-check changes nothing.
         Self::reply(request).is_some()

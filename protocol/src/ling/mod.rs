@@ -24,7 +24,7 @@ mod tests;
 mod value;
 
 #[cfg(feature = "async")]
-pub use driver::Arm;
+pub use driver::{Arm, CallError};
 pub use frame::{Frame, MAX_DATA, MAX_FRAME, OVERHEAD, SELF_CHECK, TAIL, checksum};
 pub use message::{Cause, GripperSpeed, Info, JointState, Move, ParseError, Request, Response, Torque};
 pub use value::{

@@ -5,11 +5,11 @@ use core::fmt;
 use embedded_io_async::{Read, Write};
 
 use super::{
-    Command, Header, Joint, MAX_FRAME, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, State,
-    TorqueSource, Transactions, VersionText, XArm,
+    Command, Header, Joint, MAX_FRAME, ParseError, ProtocolId, Raw, Reply, Request, Response, RotationRadius,
+    SerialsText, State, TorqueSource, Transactions, VersionText, XArm,
 };
 use crate::Config;
-use crate::driver::{CallError, Clock, Counters, Driver};
+use crate::driver::{self, Clock, Counters, Driver};
 
 /// An xArm at the other end of a TCP connection.
 ///
@@ -75,12 +75,15 @@ pub struct Answer<T> {
     pub state: State,
 }
 
+/// Why a call to an xArm got no answer: `E` is the error of the port.
+pub type CallError<E> = driver::CallError<E, ParseError>;
+
 /// Why a call failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ArmError<E> {
-    /// There was no answer.
+    /// There was no answer, or none that can be accepted.
     Call(CallError<E>),
     /// The arm answered, but that its state is invalid, or without what was asked for.
     Refused(State),

@@ -729,6 +729,15 @@ impl Protocol for XArm {
         }
     }
 
+    fn is_response_to(request: &Request, frame: Frame<'_>) -> bool {
+        match (request, kind(frame)) {
+            (Request::Call { header, command }, Kind::Call(of)) => {
+                *header == of && frame.body.first() == Some(&command.register())
+            }
+            _ => false,
+        }
+    }
+
     fn repeatable(request: &Request) -> bool {
         matches!(
             request,

@@ -29,7 +29,7 @@ mod tests;
 mod value;
 
 #[cfg(feature = "async")]
-pub use driver::{Answer, Arm, ArmError};
+pub use driver::{Answer, Arm, ArmError, CallError};
 pub use frame::{Direction, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME, MAX_PARAMS};
 pub use message::{Cause, Command, Header, ParseError, Reply, ReplyRef, Request, Response, ResponseRef, Transactions};
 pub use value::{

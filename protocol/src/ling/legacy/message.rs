@@ -281,6 +281,10 @@ impl Protocol for Legacy {
         match *request {}
     }
 
+    fn is_response_to(request: &Request, _frame: Frame<'_>) -> bool {
+        match *request {}
+    }
+
     fn repeatable(request: &Request) -> bool {
         match *request {}
     }

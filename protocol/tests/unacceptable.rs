@@ -1,0 +1,305 @@
+//! Answers that match their request and cannot be accepted.
+
+use armwire::alpha1::{self, Alpha1, Expect, Interval, MoveTime, Offset, Outcome, ServoId, ServoRequest};
+use armwire::ling::{self, Ling, SelfCheck, Stroke};
+use armwire::xarm::{self, Command, Direction, Header, ProtocolId, Raw, XArm};
+use armwire::{Client, Config, Event, Input, Micros, Protocol};
+
+/// A client on a line that answers at once.
+struct Host<P: Protocol, const N: usize> {
+    client: Client<P, N>,
+    now: Micros,
+}
+
+impl<P: Protocol, const N: usize> Host<P, N> {
+    fn new() -> Self {
+        Self {
+            client: Client::new(Config::DEFAULT),
+            now: Micros(0),
+        }
+    }
+
+    /// Sends what there is to send, and returns how many bytes that is.
+    fn transmit(&mut self) -> usize {
+        let n = self.client.poll_transmit(self.now).map_or(0, <[u8]>::len);
+        self.client.transmitted(self.now, n);
+        n
+    }
+
+    fn ask(&mut self, request: P::Request) {
+        self.client.submit(request).unwrap();
+        assert!(self.transmit() > 0);
+    }
+
+    fn hear(&mut self, bytes: &[u8]) -> Vec<Event<P>> {
+        self.now = self.now + Micros(1);
+        let mut input = Input::Bytes(bytes);
+        std::iter::from_fn(|| self.client.handle(self.now, &mut input)).collect()
+    }
+}
+
+fn ling(command: u8, function: u8, data: &[u8]) -> Vec<u8> {
+    let mut out = [0; ling::MAX_FRAME];
+    let frame = ling::Frame {
+        command,
+        function,
+        data,
+    };
+    let n = frame.encode(&mut out).unwrap();
+    out[..n].to_vec()
+}
+
+fn xarm(transaction: u16, body: &[u8]) -> Vec<u8> {
+    let mut out = [0; xarm::MAX_FRAME];
+    let frame = xarm::Frame {
+        transaction,
+        protocol: 2,
+        body,
+    };
+    let n = frame.encode(Direction::Responses, &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+fn alpha1(command: u8, data: &[u8]) -> Vec<u8> {
+    let mut out = [0; alpha1::MAX_FRAME];
+    let frame = alpha1::Frame::Message { command, data };
+    let n = frame.encode(Expect::Responses(None), &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+fn call(command: Command) -> xarm::Request {
+    let protocol = ProtocolId::Private;
+    xarm::Request::Call {
+        header: Header {
+            transaction: 7,
+            protocol,
+        },
+        command,
+    }
+}
+
+/// The answer ends the request at once, with this reason, and the next request goes out at once.
+#[track_caller]
+fn ends<P: Protocol, const N: usize>(request: P::Request, answer: &[u8], reason: &str) {
+    let mut host = Host::<P, N>::new();
+    host.ask(request);
+    match host.hear(answer)[..] {
+        [Event::Unacceptable(error)] => assert_eq!(error.to_string(), reason),
+        ref other => panic!("{other:?} after {request:?}"),
+    }
+    assert!(host.client.is_idle());
+    host.ask(request);
+}
+
+/// The frame is none that answers the request, which goes on waiting.
+#[track_caller]
+fn ends_nothing<P: Protocol, const N: usize>(request: P::Request, frame: &[u8]) {
+    let mut host = Host::<P, N>::new();
+    host.ask(request);
+    match host.hear(frame)[..] {
+        [Event::Unknown(_)] => {}
+        ref other => panic!("{other:?} after {request:?}"),
+    }
+    assert!(host.client.poll_timeout().is_some());
+}
+
+const LING: usize = ling::MAX_FRAME;
+const XARM: usize = xarm::MAX_FRAME;
+const ALPHA1: usize = alpha1::MAX_FRAME;
+
+#[test]
+fn an_unacceptable_answer_of_a_ling_arm_ends_the_request() {
+    use ling::Request::*;
+    for (request, answer, reason) in [
+        (
+            ReadInfo,
+            ling(1, 0, &[0; 23]),
+            "command 01 function 00: 23 data bytes, expected 24",
+        ),
+        (
+            ReadStroke,
+            ling(4, 0x0E, &[3]),
+            "command 04 function 0E: gripper stroke type is 3, must be 0..=2 (data byte 0)",
+        ),
+        (
+            ReadJoints,
+            ling(6, 0, &[0; 14]),
+            "command 06 function 00: 14 data bytes, expected 15",
+        ),
+        (
+            ReadTemperatures,
+            ling(6, 1, &[30; 7]),
+            "command 06 function 01: 7 data bytes, expected 6 or 10",
+        ),
+        (
+            ReadVelocities,
+            ling(6, 2, &[0; 14]),
+            "command 06 function 02: 14 data bytes, expected 12 or 20",
+        ),
+        (
+            SelfCheck,
+            ling(0xFE, 0, &[0; 3]),
+            "command FE function 00: 3 data bytes, expected 2",
+        ),
+    ] {
+        ends::<Ling, LING>(request, &answer, reason);
+    }
+}
+
+#[test]
+fn an_unacceptable_answer_of_an_xarm_ends_the_request() {
+    for (command, body, reason) in [
+        (
+            Command::ReadTorqueSource,
+            &[5, 0, 2][..],
+            "register 5: torque source is 2, must be 0..=1 (parameter byte 0)",
+        ),
+        (
+            Command::ReadVersion,
+            &[1; 32],
+            "register 1: 30 bytes of parameters, expected 0 or 40",
+        ),
+        (
+            Command::Shutdown,
+            &[10, 0, 0],
+            "register 10: 1 bytes of parameters, expected 0 or 2",
+        ),
+    ] {
+        ends::<XArm, XARM>(call(command), &xarm(7, body), reason);
+    }
+}
+
+#[test]
+fn an_unacceptable_answer_of_an_alpha1_ends_the_request() {
+    let [one, two] = [1, 2].map(|id| ServoId::new(id).unwrap());
+    let action = alpha1::Action {
+        angles: [None; 20],
+        time: MoveTime::MAX,
+        interval: Interval::MAX,
+    };
+    let servo = alpha1::Request::Servo;
+    let status = "data byte 1 is 55, must be AA or EE";
+    for (request, answer, reason) in [
+        (
+            alpha1::Request::ReadFirmwareVersion,
+            alpha1(0xF5, &[0x55; 11]),
+            "command F5: data byte 0 is 55, must be AA or EE".to_owned(),
+        ),
+        (
+            alpha1::Request::Act(action),
+            alpha1(0xFB, &[1, 0x55, 0, 0, 0, 0]),
+            format!("command FB: {status}"),
+        ),
+        (
+            servo(ServoRequest::ReadAngles(one)),
+            alpha1(0xFA, &[1, 0x55, 0, 0, 0, 0]),
+            format!("command FA: {status}"),
+        ),
+        (
+            servo(ServoRequest::ChangeId { from: one, to: two }),
+            alpha1(0xFA, &[2, 0x55, 0, 1, 0, 0]),
+            format!("command FA: {status}"),
+        ),
+        (
+            servo(ServoRequest::ReadOffset(one)),
+            alpha1(0xFA, &[1, 0x55, 0, 0, 0, 0]),
+            format!("command FA: {status}"),
+        ),
+        (
+            servo(ServoRequest::SetOffset(one, Offset::MAX)),
+            alpha1(0xFA, &[1, 0x55, 0, 0, 0, 0]),
+            format!("command FA: {status}"),
+        ),
+        (
+            servo(ServoRequest::ReadVersion(one)),
+            alpha1(0xFC, &[1, 0x55, 0, 0, 0, 0]),
+            format!("command FC: {status}"),
+        ),
+    ] {
+        ends::<Alpha1, ALPHA1>(request, &answer, &reason);
+    }
+}
+
+#[test]
+fn a_frame_that_answers_something_else_ends_nothing() {
+    use ling::Request::*;
+    ends_nothing::<Ling, LING>(ReadJoints, &ling(4, 0x0E, &[3]));
+    ends_nothing::<Ling, LING>(ReadJoints, &ling(6, 1, &[30; 7]));
+    ends_nothing::<Ling, LING>(ReadJoints, &ling(0xEE, 0, &[1]));
+
+    let torque = call(Command::ReadTorqueSource);
+    ends_nothing::<XArm, XARM>(torque, &xarm(8, &[5, 0, 2]));
+    ends_nothing::<XArm, XARM>(torque, &xarm(7, &[6, 0, 2]));
+    let raw = call(Command::Raw(Raw::new(13, &[]).unwrap()));
+    ends_nothing::<XArm, XARM>(raw, &xarm(7, &[5, 0, 2]));
+
+    let [one, two] = [1, 2].map(|id| ServoId::new(id).unwrap());
+    let other = alpha1(0xFA, &[3, 0x55, 0, 0, 0, 0]);
+    for asked in [
+        ServoRequest::ReadAngles(one),
+        ServoRequest::ChangeId { from: one, to: two },
+        ServoRequest::ReadOffset(two),
+    ] {
+        ends_nothing::<Alpha1, ALPHA1>(alpha1::Request::Servo(asked), &other);
+    }
+    // A frame of the Bluetooth protocol, which has the header of an action.
+    let act = alpha1::Request::Act(alpha1::Action {
+        angles: [None; 20],
+        time: MoveTime::MAX,
+        interval: Interval::MAX,
+    });
+    let bluetooth = [0xFB, 0xBF, 6, 1, 0, 7, 0xED];
+    ends_nothing::<Alpha1, ALPHA1>(act, &bluetooth);
+}
+
+#[test]
+fn an_echo_is_no_unacceptable_answer() {
+    let mut host = Host::<Ling, LING>::new();
+    host.ask(ling::Request::ReadStroke);
+    assert_eq!(host.hear(&ling(4, 0x0E, &[0xFE])), [Event::Echo]);
+    assert!(!host.client.is_idle());
+}
+
+#[test]
+fn a_request_without_an_answer_is_not_ended_by_one() {
+    let mut host = Host::<Ling, LING>::new();
+    host.client.submit(ling::Request::SetStroke(Stroke::Mm100)).unwrap();
+    host.client.poll_transmit(host.now).unwrap();
+    host.client.transmitted(host.now, 3);
+    assert!(matches!(host.hear(&ling(4, 2, &[3]))[..], [Event::Unknown(_)]));
+    assert_eq!(host.transmit(), 4);
+    assert_eq!(host.hear(&[]), [Event::Sent]);
+}
+
+#[test]
+fn an_unacceptable_answer_before_the_request_is_sent_ends_nothing() {
+    let mut host = Host::<Ling, LING>::new();
+    host.client.submit(ling::Request::ReadStroke).unwrap();
+    assert!(matches!(host.hear(&ling(4, 0x0E, &[3]))[..], [Event::Unknown(_)]));
+    assert_eq!(host.transmit(), 7);
+}
+
+#[test]
+fn a_late_unacceptable_answer_does_not_end_the_next_request() {
+    let mut host = Host::<Ling, LING>::new();
+    host.ask(ling::Request::ReadStroke);
+    host.client.cancel(host.now);
+    host.client.submit(ling::Request::ReadStroke).unwrap();
+    assert_eq!(host.transmit(), 0, "held back");
+    assert!(matches!(host.hear(&ling(4, 0x0E, &[3]))[..], [Event::Unknown(_)]));
+    assert_eq!(host.transmit(), 7, "nothing else can be late");
+    let stroke = host.hear(&ling(4, 0x0E, &[1]));
+    assert_eq!(stroke, [Event::Answer(ling::Response::Stroke(Stroke::Mm75))]);
+}
+
+#[test]
+fn an_acceptable_answer_is_still_an_answer() {
+    let mut host = Host::<Ling, LING>::new();
+    host.ask(ling::Request::SelfCheck);
+    let check = ling::Response::SelfCheck(SelfCheck(0x03FF));
+    assert_eq!(host.hear(&ling(0xFE, 0, &[0xFF, 0x03])), [Event::Answer(check)]);
+    let mut host = Host::<Alpha1, ALPHA1>::new();
+    host.ask(alpha1::Request::Stop);
+    let stopped = alpha1::Response::Stopped(Outcome::Success);
+    assert_eq!(host.hear(&alpha1(0xF2, &[0xAA])), [Event::Answer(stopped)]);
+}
