@@ -332,7 +332,7 @@ impl Tap {
             verdict = kind.scan_idle(window, expect, missing);
         }
         let head = self.head;
-        let (Scan::Frame(n) | Scan::Skip(n, _) | Scan::Fill(n)) = verdict else {
+        let (Scan::Frame(n) | Scan::Skip(n, _) | Scan::Broken(n, _) | Scan::Fill(n)) = verdict else {
             return None;
         };
         self.head = head.saturating_add(n.max(1)).min(self.tail);

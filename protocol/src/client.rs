@@ -102,7 +102,7 @@ pub enum Event<P: Protocol> {
     Unknown(P::Error),
     /// Bytes that are not part of a frame.
     Noise(Noise),
-    /// The same on a [`RELIABLE`](crate::Framing::RELIABLE) line: nothing after them can be read, the request in flight
+    /// Bytes that break a [`RELIABLE`](crate::Framing::RELIABLE) line: nothing after them can be read, the request in flight
     /// if any is given up, and so is every later one. Close the connection.
     Broken(Noise),
 }
@@ -776,7 +776,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// What comes of bytes that are not part of a frame.
     #[inline(never)]
     fn hear_noise(&mut self, noise: &Noise) -> Event<P> {
-        if !P::RELIABLE {
+        if !self.decoder.is_broken() {
             return Event::Noise(*noise);
         }
         self.exchange.flight = None;

@@ -14,8 +14,9 @@ use crate::{Framing, Noise, Reason, Scan};
 /// missed only where another that is good by its own checksum began before it and reaches into it. A run of stray bytes
 /// is reported whole, once its end is known.
 ///
-/// On a [`RELIABLE`](Framing::RELIABLE) line the first noise is the last: it is given once by [`next`](Self::next),
-/// kept in [`broken`](Self::broken), and nothing that follows is read.
+/// On a [`RELIABLE`](Framing::RELIABLE) line a frame that is none, but whose length is known, is skipped whole, as noise.
+/// What breaks the stream is given once by [`next`](Self::next), as noise too, kept in [`broken`](Self::broken), and
+/// nothing that follows is read.
 ///
 /// ```
 /// use armwire::Decoder;
@@ -47,6 +48,8 @@ pub struct Decoder<F: Framing, const N: usize> {
     verdict: Scan,
     /// Nothing came since the line went idle.
     idle: bool,
+    /// Noise that began before the window, and goes on in it or ends where it begins.
+    skipping: Option<Noise>,
     /// What broke the stream.
     broken: Option<Noise>,
     framing: PhantomData<F>,
@@ -66,6 +69,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             missing: 0,
             verdict: Scan::Need(0),
             idle: false,
+            skipping: None,
             broken: None,
             framing: PhantomData,
         }
@@ -141,7 +145,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             return None;
         }
         // Without anything before it, what lies here need not be copied to be looked at.
-        let nothing_held = self.head >= self.tail && self.stray == 0 && !self.is_broken();
+        let nothing_held = self.head >= self.tail && self.stray == 0 && !self.is_skipping() && !self.is_broken();
         if nothing_held && !bytes.is_empty() {
             match F::scan(bytes, expect) {
                 Scan::Frame(n) if let Some((frame, rest)) = bytes.split_at_checked(n) => {
@@ -190,8 +194,17 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             return if self.missing == 0 { Some(self.verdict) } else { None };
         }
         self.missing = 0;
+        if let Some(noise) = self.skipping.filter(|_| F::RELIABLE) {
+            return self.skip_on(noise);
+        }
         loop {
             match self.scan(expect) {
+                Scan::Skip(len, reason) if F::RELIABLE && len > self.pending() => {
+                    let offset = self.offset();
+                    self.skipping = Some(Noise { offset, len, reason });
+                    self.advance(self.pending());
+                    return None;
+                }
                 Scan::Skip(n, Reason::Stray) if !F::RELIABLE => {
                     self.stray = self.stray.saturating_add(self.advance(n));
                 }
@@ -210,6 +223,27 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         }
     }
 
+    /// Leaves behind what is there of noise that goes on. The verdict when that is all of it.
+    #[cfg_attr(target_pointer_width = "32", inline(never))]
+    fn skip_on(&mut self, noise: Noise) -> Option<Scan> {
+        let left = self.left_to_skip(noise);
+        if left > 0 && self.pending() > 0 {
+            self.advance(left);
+        }
+        (self.left_to_skip(noise) == 0).then_some(Scan::Skip(noise.len, noise.reason))
+    }
+
+    /// How many bytes of noise are still to come or in the window.
+    fn left_to_skip(&self, noise: Noise) -> usize {
+        noise
+            .len
+            .saturating_sub(self.offset().wrapping_sub(noise.offset) as usize)
+    }
+
+    fn is_skipping(&self) -> bool {
+        F::RELIABLE && self.skipping.is_some()
+    }
+
     /// What comes of the verdict: first the stray bytes before, then itself.
     #[inline(always)]
     fn settle(&mut self, verdict: Scan, expect: F::Expect) -> Option<Result<F::Frame<'_>, Noise>> {
@@ -226,6 +260,10 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         match verdict {
             Scan::Need(_) | Scan::Fill(_) => None,
             Scan::Skip(n, reason) => {
+                let passed = if F::RELIABLE { self.skipping.take() } else { None };
+                Some(Err(passed.unwrap_or_else(|| self.skip(n, reason))))
+            }
+            Scan::Broken(n, reason) => {
                 let noise = self.skip(n, reason);
                 if F::RELIABLE {
                     self.broken = Some(noise);
@@ -255,8 +293,12 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// assert_eq!(decoder.need(()), 17); // 15 data bytes, the checksum and the end mark
     /// ```
     pub fn need(&self, expect: F::Expect) -> usize {
+        if let Some(noise) = self.skipping.filter(|_| F::RELIABLE) {
+            return self.left_to_skip(noise).saturating_sub(self.pending());
+        }
         match self.scan(expect) {
             Scan::Need(n) => n.max(1),
+            Scan::Skip(n, _) if F::RELIABLE && n > self.pending() => n - self.pending(),
             // Where a run of stray bytes ends is not known yet; filling is nothing to say.
             Scan::Skip(n, Reason::Stray) if !F::RELIABLE && n >= self.pending() => 1,
             Scan::Fill(n) if n >= self.pending() && self.stray == 0 => 1,
@@ -294,7 +336,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
             Scan::Skip(n, reason @ Reason::Truncated { .. }) => {
                 self.take_stray().or_else(|| Some(self.skip(n, reason)))
             }
-            Scan::Need(_) | Scan::Frame(_) | Scan::Skip(..) | Scan::Fill(_) => None,
+            Scan::Need(_) | Scan::Frame(_) | Scan::Skip(..) | Scan::Broken(..) | Scan::Fill(_) => None,
         }
     }
 
@@ -644,7 +686,7 @@ mod reliable_tests {
         type Frame<'a> = ();
 
         fn scan(window: &[u8], (): ()) -> Scan {
-            Scan::Skip(window.len(), Reason::Stray)
+            Scan::Broken(window.len(), Reason::Stray)
         }
 
         fn view(_bytes: &[u8]) -> Option<()> {

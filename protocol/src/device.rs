@@ -12,7 +12,7 @@ pub enum Heard<P: Protocol> {
     Unknown(P::Error),
     /// Bytes that are not part of a frame.
     Noise(Noise),
-    /// The same on a [`RELIABLE`](crate::Framing::RELIABLE) line: nothing after them can be read. Close the connection.
+    /// Bytes that break a [`RELIABLE`](crate::Framing::RELIABLE) line: nothing after them can be read. Close the connection.
     Broken(Noise),
 }
 
@@ -103,8 +103,14 @@ impl<P: Protocol, const N: usize> Device<P, N> {
                         Err(error) => Heard::Unknown(error),
                     });
                 }
-                Some(Err(noise)) if P::RELIABLE => return Some(Heard::Broken(noise)),
-                Some(Err(noise)) => return Some(Heard::Noise(noise)),
+                Some(Err(noise)) => {
+                    let broken = self.decoder.is_broken();
+                    return Some(if broken {
+                        Heard::Broken(noise)
+                    } else {
+                        Heard::Noise(noise)
+                    });
+                }
                 None => {}
             }
             match input {

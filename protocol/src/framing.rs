@@ -12,8 +12,12 @@ pub enum Scan {
     Need(usize),
     /// The first `n` bytes are a frame.
     Frame(usize),
-    /// The first `n` bytes (at least one) belong to no frame.
+    /// The first `n` bytes (at least one) belong to no frame. They may be more than the window has, where a length says
+    /// where the next frame begins.
     Skip(usize, Reason),
+    /// The first `n` bytes (at least one) show that nothing from here on can be read. Only on a
+    /// [`RELIABLE`](Framing::RELIABLE) line.
+    Broken(usize, Reason),
     /// The first `n` bytes (at least one) fill the room between frames, as zeros fill a USB HID report. They are no
     /// error and are dropped without a word.
     Fill(usize),
@@ -113,8 +117,8 @@ pub trait Framing {
     /// The longest frame, in bytes. A decoder's buffer must hold one.
     const MAX_FRAME: usize;
 
-    /// Whether the line gives every byte, in order, as TCP does. Then there is no noise to look past: bytes that are no
-    /// frame break the stream for good, and a pause means nothing.
+    /// Whether the line gives every byte, in order, as TCP does. Then there is no noise to look past: bytes that cannot
+    /// begin a frame break the stream for good ([`Scan::Broken`]), and a pause means nothing.
     const RELIABLE: bool;
 
     /// What the reader knows about the next frame, for protocols whose frames do not carry their own end. `()` where

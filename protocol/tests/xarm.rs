@@ -13,7 +13,7 @@ use std::task::{Context, Poll, Waker};
 
 use armwire::driver::{CallError, Clock};
 use armwire::xarm::*;
-use armwire::{Client, Config, Device, Event, Framing, Heard, Input, Micros, Noise, Reason, Scan};
+use armwire::{Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Noise, Reason, Scan};
 use common::{Out, Subject};
 use embedded_io_async::{ErrorType, Read, Write};
 use proptest::collection::vec;
@@ -80,6 +80,38 @@ fn response() -> impl Strategy<Value = Response> {
     prop_oneof![1 => Just(Response::Heartbeat), 1 => refused, 8 => reply]
 }
 
+/// A frame that no message has, all of whose bytes are skipped, and why.
+fn skipped() -> impl Strategy<Value = (Vec<u8>, Reason)> {
+    let id = any::<[u8; 2]>();
+    let lengths = prop_oneof![
+        8 => 0..=1_u16,
+        8 => MAX_BODY as u16 + 1..=600,
+        1 => 65_000..=u16::MAX,
+    ];
+    let length = (id, 2..=3_u8, lengths).prop_map(|([a, b], protocol, got)| {
+        let reason = Reason::Length {
+            min: 2,
+            max: MAX_BODY as u16,
+            got,
+        };
+        let [high, low] = got.to_be_bytes();
+        let mut bytes = vec![a, b, 0, protocol, high, low];
+        bytes.resize(HEADER + usize::from(got), a);
+        (bytes, reason)
+    });
+    let heartbeat = (prop::sample::select(vec![0_u8, 1, 6, 7]), 1..=255_u8).prop_map(|(offset, got)| {
+        let mut bytes = HEARTBEAT;
+        bytes[usize::from(offset)] = got;
+        let reason = Reason::Byte {
+            offset,
+            expected: &[0],
+            got,
+        };
+        (bytes.to_vec(), reason)
+    });
+    prop_oneof![length, heartbeat]
+}
+
 /// The start of a frame that breaks the stream, how much of it is dropped, and why.
 fn breach() -> impl Strategy<Value = (Vec<u8>, usize, Reason)> {
     let id = any::<[u8; 2]>();
@@ -99,27 +131,7 @@ fn breach() -> impl Strategy<Value = (Vec<u8>, usize, Reason)> {
         };
         (vec![a, b, 0, got], 4, reason)
     });
-    let lengths = prop_oneof![0..=1_u16, MAX_BODY as u16 + 1..=u16::MAX];
-    let length = (id, 2..=3_u8, lengths).prop_map(|([a, b], protocol, got)| {
-        let reason = Reason::Length {
-            min: 2,
-            max: MAX_BODY as u16,
-            got,
-        };
-        let [high, low] = got.to_be_bytes();
-        (vec![a, b, 0, protocol, high, low], HEADER, reason)
-    });
-    let heartbeat = (6..8_u8, 1..=255_u8).prop_map(|(offset, got)| {
-        let mut bytes = HEARTBEAT;
-        bytes[usize::from(offset)] = got;
-        let reason = Reason::Byte {
-            offset,
-            expected: &[0],
-            got,
-        };
-        (bytes.to_vec(), bytes.len(), reason)
-    });
-    prop_oneof![high, low, length, heartbeat]
+    prop_oneof![high, low]
 }
 
 fn bytes_of(response: &Response) -> Vec<u8> {
@@ -233,6 +245,42 @@ proptest! {
     }
 
     #[test]
+    fn a_frame_that_no_message_has_is_skipped_whole_and_those_around_it_are_read(
+        before in vec(response(), 0..3),
+        skips in vec(skipped(), 1..3),
+        after in vec(response(), 1..3),
+        cuts in common::cuts(),
+    ) {
+        let (mut stream, mut expected) = (Vec::new(), Vec::new());
+        let frame = |stream: &mut Vec<u8>, expected: &mut Vec<Out>, response| {
+            let bytes = bytes_of(response);
+            expected.push(Out::Frame(stream.len()..stream.len() + bytes.len()));
+            stream.extend(bytes);
+        };
+        before.iter().for_each(|response| frame(&mut stream, &mut expected, response));
+        for (bytes, reason) in skips {
+            expected.push(Out::Noise(Noise { offset: stream.len() as u64, len: bytes.len(), reason }));
+            stream.extend(bytes);
+        }
+        after.iter().for_each(|response| frame(&mut stream, &mut expected, response));
+        for chunks in [vec![&stream[..]], common::cut(&stream, &cuts), stream.chunks(1).collect()] {
+            prop_assert_eq!(&common::decode::<XArm, MAX_FRAME>(&chunks, Direction::Responses), &expected);
+        }
+        // From memory as well, where frames are not copied.
+        let mut decoder = Decoder::<XArm, MAX_FRAME>::new();
+        let mut rest = &stream[..];
+        let mut noise = Vec::new();
+        while let Some(next) = decoder.decode(&mut rest, Direction::Responses) {
+            noise.push(next.err());
+        }
+        let expected: Vec<_> = expected.into_iter().map(|out| match out {
+            Out::Frame(_) => None,
+            Out::Noise(noise) => Some(noise),
+        }).collect();
+        prop_assert_eq!((noise, rest.len()), (expected, 0));
+    }
+
+    #[test]
     fn only_a_reply_with_the_same_header_and_register_is_an_answer(
         header in header(), command in command(), response in response(), same in any::<bool>(),
     ) {
@@ -315,7 +363,6 @@ proptest! {
                 while let Some(event) = client.handle(now, &mut input) {
                     match event {
                         Event::Broken(noise) => prop_assert_eq!(*broken.get_or_insert(noise), noise),
-                        Event::Noise(_) => prop_assert!(false, "{event:?}"),
                         // Said of a heartbeat that was with the line before.
                         Event::Sent => {}
                         _ => prop_assert_eq!(broken, None, "{:?}", event),
@@ -604,4 +651,78 @@ fn an_answer_that_comes_with_the_break_is_given_and_the_next_call_fails() {
     assert!(matches!(error, ArmError::Call(CallError::Broken(_))), "{error}");
     let noise = std::error::Error::source(&error).and_then(|source| source.downcast_ref::<Noise>());
     assert_eq!(noise.map(|noise| noise.offset), Some(48));
+}
+
+#[test]
+fn a_reply_too_long_and_a_strange_heartbeat_are_skipped_and_the_answer_behind_them_is_given() {
+    let header = Header {
+        transaction: 1,
+        protocol: ProtocolId::Private,
+    };
+    let answer = Response::Reply {
+        header,
+        state: State::OK,
+        reply: Reply::TorqueSource(TorqueSource::Current),
+    };
+    let heartbeat = [0, 7, 0, 1, 0, 2, 0, 0];
+    let mut long = vec![0, 1, 0, 2, 1, 44];
+    long.resize(HEADER + 300, 0);
+    for chunk in [1, 7, 260, 1_000] {
+        let mut client = Client::<XArm, MAX_FRAME>::new(Config::TCP);
+        let command = Command::ReadTorqueSource;
+        client.submit(Request::Call { header, command }).unwrap();
+        transmit(&mut client, Micros(0));
+        let stream = [&heartbeat[..], &long, &bytes_of(&answer)].concat();
+        let events: Vec<_> = stream
+            .chunks(chunk)
+            .flat_map(|bytes| hear(&mut client, Micros(1), bytes))
+            .collect();
+        let noise = |offset, len, reason| Event::Noise(Noise { offset, len, reason });
+        let expected = &[0];
+        let strange = Reason::Byte {
+            offset: 1,
+            expected,
+            got: 7,
+        };
+        let too_long = Reason::Length {
+            min: 2,
+            max: 254,
+            got: 300,
+        };
+        let expected = [noise(0, 8, strange), noise(8, 306, too_long), Event::Answer(answer)];
+        assert_eq!(events, expected, "by {chunk}");
+    }
+}
+
+#[test]
+fn a_device_skips_a_request_too_long_and_hears_the_next() {
+    let mut long = vec![0, 1, 0, 2, 1, 44];
+    long.resize(HEADER + 300, 0);
+    let mut device = Device::<XArm, MAX_FRAME>::new();
+    let stream = [&long[..], &HEARTBEAT].concat();
+    let mut input = Input::Bytes(&stream);
+    let heard: Vec<_> = std::iter::from_fn(|| device.handle(&mut input)).collect();
+    assert!(
+        matches!(
+            heard[..],
+            [Heard::Noise(Noise { len: 306, .. }), Heard::Request(Request::Heartbeat)]
+        ),
+        "{heard:?}"
+    );
+}
+
+#[test]
+fn a_decoder_needs_no_more_than_what_is_left_of_what_it_skips() {
+    let mut decoder = Decoder::<XArm, MAX_FRAME>::new();
+    decoder.push(&[0, 1, 0, 2, 1, 44, 0, 0]);
+    assert!(decoder.next(Direction::Responses).is_none());
+    assert_eq!(decoder.need(Direction::Responses), 298);
+    assert_eq!(decoder.pending(), 0, "what is skipped is not kept");
+    assert_eq!(decoder.push(&[0; 250]).len(), 0);
+    assert!(decoder.next(Direction::Responses).is_none());
+    assert_eq!(decoder.need(Direction::Responses), 48);
+    assert_eq!(decoder.push(&[0; 48]).len(), 0);
+    assert_eq!(decoder.need(Direction::Responses), 0);
+    let noise = decoder.next(Direction::Responses).unwrap().unwrap_err();
+    assert_eq!((noise.offset, noise.len), (0, 306));
 }

@@ -104,7 +104,7 @@ fn frame_meaning<P: Arm>(pdu: &[u8], from: Speaker) -> String {
     };
     match (P::scan(pdu, expect), P::view(pdu)) {
         (Scan::Frame(len), Some(frame)) if len == pdu.len() => meaning::<P>(frame, expect, Some(from)),
-        (Scan::Skip(_, reason), _) => format!("no frame of {}: {reason}", P::NAME),
+        (Scan::Skip(_, reason) | Scan::Broken(_, reason), _) => format!("no frame of {}: {reason}", P::NAME),
         _ => format!("not one whole frame of {}", P::NAME),
     }
 }

@@ -180,6 +180,7 @@ fn decode_line<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
             Scan::Need(missing) if !P::RELIABLE => P::scan_idle(rest, expect, missing),
             verdict => verdict,
         };
+        let breaks = matches!(verdict, Scan::Broken(..));
         let (len, reason) = match verdict {
             Scan::Frame(len) => {
                 let meaning = P::view(&rest[..len]).map(|frame| meaning::<P>(frame, expect, from));
@@ -194,7 +195,13 @@ fn decode_line<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
                 continue;
             }
             Scan::Skip(_, Reason::Stray) => (stray::<P>(rest, expect), Reason::Stray),
-            Scan::Skip(len, reason) => (len, reason),
+            Scan::Skip(len, reason) if len > rest.len() => {
+                let text = format!("noise: {reason}; the recording ends within it");
+                lines.push(entry(offset, rest, &text));
+                noise_bytes += rest.len();
+                break;
+            }
+            Scan::Skip(len, reason) | Scan::Broken(len, reason) => (len, reason),
             Scan::Need(_) => {
                 lines.push(entry(offset, rest, "the recording ends within a frame"));
                 noise_bytes += rest.len();
@@ -214,7 +221,7 @@ fn decode_line<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
         if start < end {
             lines.push(entry(start, &bytes[start..end], &format!("noise: {reason}")));
         }
-        if P::RELIABLE {
+        if breaks {
             let offset = offset as u64;
             broken = Some(Noise { offset, len, reason });
         }

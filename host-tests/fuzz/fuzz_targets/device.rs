@@ -2,7 +2,7 @@
 //! protocol writes.
 #![no_main]
 
-use armwire::{Device, Heard, Input};
+use armwire::{Device, Heard, Input, Noise};
 use armwire_fuzz::line::{Ear, Out};
 use armwire_fuzz::{Arbitrary, Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
@@ -53,7 +53,8 @@ impl Check for Hears {
             ear.hear(&bytes);
             line.extend(bytes);
         }
-        let found: Vec<Heard<P>> = ear.heard.iter().map(|out| meaning(out, &line)).collect();
+        let broken = ear.broken();
+        let found: Vec<Heard<P>> = ear.heard.iter().map(|out| meaning(out, &line, broken)).collect();
         assert_eq!(heard, found);
         Ok(())
     }
@@ -69,13 +70,13 @@ fn hear<P: Subject, const N: usize>(device: &mut Device<P, N>, mut input: Input<
 }
 
 /// What a device must make of what a decoder found.
-fn meaning<P: Subject>(out: &Out, line: &[u8]) -> Heard<P> {
+fn meaning<P: Subject>(out: &Out, line: &[u8], broken: Option<Noise>) -> Heard<P> {
     match out {
         Out::Frame(range) => {
             let frame = P::view(&line[range.clone()]).expect("it was found");
             P::parse_request(frame).map_or_else(Heard::Unknown, Heard::Request)
         }
-        Out::Noise(noise) if P::RELIABLE => Heard::Broken(*noise),
+        Out::Noise(noise) if Some(*noise) == broken => Heard::Broken(*noise),
         Out::Noise(noise) => Heard::Noise(*noise),
     }
 }

@@ -17,8 +17,8 @@ pub enum Speaker {
     Arm,
 }
 
-/// The pieces of all that came over a connection. The first bytes that are no frame are the last piece: they break the
-/// connection. Of a frame that is not complete nothing is said.
+/// The pieces of all that came over a connection. Bytes with another protocol id are the last piece: they break the
+/// connection. Of a frame, or of what is skipped as one, nothing is said before it is complete.
 ///
 /// A frame's content is its transaction id, its protocol id and its body.
 pub fn decode(recording: &[u8], speaker: Speaker) -> Vec<Piece> {
@@ -35,16 +35,22 @@ pub fn decode(recording: &[u8], speaker: Speaker) -> Vec<Piece> {
             }
             Err((seen, reason)) => {
                 let at = start..start + seen;
+                start = at.end;
+                if start > recording.len() {
+                    break;
+                }
                 pieces.push(Piece::Noise { at, reason });
-                break;
+                if seen < 6 {
+                    break;
+                }
             }
         }
     }
     pieces
 }
 
-/// How long the frame at the front of `bytes` is, or after how many bytes it is known to be none, and why; nothing if
-/// there are too few.
+/// How long the frame at the front of `bytes` is, or how long what is none and why: less than a header where that breaks
+/// the connection. Nothing if there are too few bytes.
 fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>> {
     // A protocol id is at most 3, so its first byte is 0.
     for (offset, expected) in [(2_u8, &[0][..]), (3, &[0, 1, 2, 3][..])] {
@@ -63,7 +69,7 @@ fn look(bytes: &[u8], speaker: Speaker) -> Option<Result<usize, (usize, Reason)>
         (_, Speaker::Host) => (1, MAX_BODY - 1),
     };
     if got < min || got > max {
-        return Some(Err((6, length(min, max, got))));
+        return Some(Err((6 + got, length(min, max, got))));
     }
     let frame = bytes.get(..6 + got)?;
     if protocol == 1 {

@@ -15,8 +15,9 @@
 //! | 1 | two zero bytes, transaction 0: a heartbeat ([`HEARTBEAT`]) |
 //! | 2, 3 | register, [state], parameters |
 //!
-//! TCP neither loses nor invents bytes. So there is nothing to look past: bytes that cannot start a frame mean that
-//! both ends disagree, and the connection is broken.
+//! TCP neither loses nor invents bytes. So there is nothing to look past: bytes with another protocol id mean that both
+//! ends disagree, and the connection is broken. Of any other frame it is known where it ends: one that is too short or too
+//! long, or a heartbeat that is none, is skipped.
 
 use super::XArm;
 use crate::{BufferTooShort, EncodeError, Framing, OutOfRange, Reason, Scan};
@@ -162,7 +163,7 @@ fn bytes(transaction: u16, protocol: u16, body: [&[u8]; 2]) -> impl Iterator<Ite
 
 /// A byte that breaks the stream: the bytes up to it, `seen` of them, are no frame.
 const fn broken(seen: usize, offset: u8, expected: &'static [u8], got: u8) -> Scan {
-    Scan::Skip(seen, Reason::Byte { offset, expected, got })
+    Scan::Broken(seen, Reason::Byte { offset, expected, got })
 }
 
 /// The first byte of a frame that is not the [`HEARTBEAT`]'s, and where it is.
@@ -197,7 +198,7 @@ impl Framing for XArm {
         let (min, max) = lengths(protocol, direction);
         let got = u16::from_be_bytes(length);
         if !(min..=max).contains(&got) {
-            return Scan::Skip(HEADER, Reason::Length { min, max, got });
+            return Scan::Skip(HEADER + usize::from(got), Reason::Length { min, max, got });
         }
         let got = usize::from(got);
         if let Some(missing @ 1..) = got.checked_sub(body.len()) {
@@ -206,7 +207,8 @@ impl Framing for XArm {
         if protocol == HEARTBEAT_ID
             && let Some((offset, got)) = wrong_in_heartbeat(window.iter().copied())
         {
-            return broken(HEARTBEAT.len(), offset, &[0], got);
+            let expected = &[0];
+            return Scan::Skip(HEARTBEAT.len(), Reason::Byte { offset, expected, got });
         }
         Scan::Frame(HEADER + got)
     }

@@ -355,8 +355,8 @@ fn after_the_printed_reply_of_register_10_no_call_is_answered_and_the_third_brea
 }
 
 #[test]
-fn a_length_too_short_or_too_long_is_fatal_and_named() {
-    let length = |min, max, got| Scan::Skip(HEADER, Reason::Length { min, max, got });
+fn a_length_too_short_or_too_long_is_skipped_and_named() {
+    let length = |min, max, got| Scan::Skip(HEADER + usize::from(got), Reason::Length { min, max, got });
     let cases = [
         ("00 01 00 02 00 00", Direction::Requests, length(1, 253, 0)),
         ("00 01 00 02 00 FE", Direction::Requests, length(1, 253, 254)),
@@ -375,7 +375,8 @@ fn a_length_too_short_or_too_long_is_fatal_and_named() {
 
 #[test]
 fn a_protocol_id_over_3_is_fatal_and_named() {
-    let byte = |offset: u8, expected, got| Scan::Skip(usize::from(offset) + 1, Reason::Byte { offset, expected, got });
+    let byte =
+        |offset: u8, expected, got| Scan::Broken(usize::from(offset) + 1, Reason::Byte { offset, expected, got });
     for id in 4..=u8::MAX {
         let scan = XArm::scan(&[0, 1, 0, id], Direction::Requests);
         assert_eq!(scan, byte(3, &[0, 1, 2, 3], id));

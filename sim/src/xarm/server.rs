@@ -115,7 +115,7 @@ pub struct Served {
     pub clients: u64,
     /// Requests, heartbeats included.
     pub requests: u64,
-    /// Good frames that were no request: standard Modbus, and parameters that a register does not have.
+    /// Frames that were no request: standard Modbus, parameters that a register does not have, and what was skipped.
     pub unknown: u64,
     /// Connections that were closed because what came could not be a frame.
     pub broken: u64,
@@ -307,7 +307,9 @@ impl Service<'_> {
                     self.served.unknown += 1;
                     client.tell(&self.arm.refuse(now, &error));
                 }
-                Heard::Noise(noise) | Heard::Broken(noise) => {
+                // A frame that is too long or too short, or a heartbeat that is none: nobody can say to what request.
+                Heard::Noise(_) => self.served.unknown += 1,
+                Heard::Broken(noise) => {
                     self.served.broken += 1;
                     (self.notice)(Notice::Broken(client.peer, noise));
                     client.dismiss();
