@@ -11,7 +11,9 @@ use std::task::{Context, Poll, Waker};
 
 use armwire::alpha1::*;
 use armwire::driver::{CallError, Clock, Counters};
-use armwire::{BufferTooShort, Client, Config, Device, EncodeError, Event, Framing, Heard, Input, Micros, Scan};
+use armwire::{
+    BufferTooShort, Client, Config, Device, EncodeError, Event, Framing, Heard, Input, Micros, Protocol, Scan,
+};
 use common::Subject;
 use embedded_io_async::{ErrorType, Read, Write};
 use proptest::array::{uniform4, uniform10, uniform20};
@@ -553,5 +555,50 @@ fn a_servo_whose_byte_is_a_header_is_heard_once_the_line_is_silent() {
             assert_eq!(robot.run(robot.arm().release_servo(to)), Ok(()));
             assert!(Micros(0) < robot.now.get() && robot.now.get() < Micros::from_millis(30));
         }
+    }
+}
+
+#[test]
+fn only_moves_releases_and_lights_are_to_all_servos() {
+    fn frame(command: u8, data: &[u8]) -> Frame<'_> {
+        Frame::Message { command, data }
+    }
+    for (data, request) in [
+        ([0, 0x01, 0xFF, 0, 0, 0], ServoRequest::Release(Address::All)),
+        (
+            [0, 0x01, 90, 50, 0, 50],
+            ServoRequest::Move {
+                to: Address::All,
+                angle: Angle::new(90).unwrap(),
+                time: MoveTime::new(50),
+                lock: Interval::new(50),
+            },
+        ),
+        (
+            [0, 0x04, 1, 0, 0, 0],
+            ServoRequest::SetLed {
+                to: Address::All,
+                led: Led(1),
+            },
+        ),
+    ] {
+        assert_eq!(Alpha1::parse_request(frame(0xFA, &data)), Ok(Request::Servo(request)));
+        let mut out = [0; MAX_FRAME];
+        let n = Alpha1::encode_request(&Request::Servo(request), &mut out).unwrap();
+        assert_eq!((n, &out[2..8]), (10, &data[..]));
+    }
+    let refused = "servo id is 0, must be 1..=240";
+    assert_eq!(ServoId::new(0).unwrap_err().to_string(), refused);
+    // Angles, a change of id, from all and to all, offsets, the version.
+    for (command, data) in [
+        (0xFA, [0, 0x02, 0, 0, 0, 0]),
+        (0xFA, [0, 0xCD, 0, 2, 0, 0]),
+        (0xFA, [1, 0xCD, 0, 0, 0, 0]),
+        (0xFA, [0, 0xD2, 0, 0, 0, 1]),
+        (0xFA, [0, 0xD4, 0, 0, 0, 0]),
+        (0xFC, [0, 0x01, 0, 0, 0, 0]),
+    ] {
+        let error = Alpha1::parse_request(frame(command, &data)).unwrap_err();
+        assert!(error.to_string().contains(refused), "{error}");
     }
 }

@@ -93,7 +93,7 @@ pub struct Action {
 /// What the host says to a servo (servo manual).
 ///
 /// Moves, releases and lights are answered by a single byte, [`ServoResponse::Acknowledged`], or by nothing where all
-/// servos are told. The rest is answered by a frame.
+/// servos are told. The rest is answered by a frame, and is never to all servos ([`ServoId`] says why).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

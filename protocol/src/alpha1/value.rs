@@ -183,6 +183,10 @@ fn nearest(what: &'static str, duration: Duration, max: Duration) -> Result<u16,
 
 /// The id of a servo on the bus, `1..=240`.
 ///
+/// Id 0 is none: it means all servos, see [`Address`]. Only moves, releases and lights take it. The version cannot be read
+/// from all (servo manual), and of the other commands the manual says nothing with id 0: all servos would answer at once,
+/// and after a change of id all would have the same. They are not sent, and not accepted.
+///
 /// ```
 /// use armwire::alpha1::ServoId;
 ///
@@ -223,7 +227,8 @@ impl ServoId {
     }
 }
 
-/// Who is meant: a servo, or all of them. Nobody answers what all are told.
+/// Who is meant by a move, a release or a light: a servo, or all of them. Nobody answers what all are told. All other
+/// requests are to one [`ServoId`].
 ///
 /// ```
 /// use armwire::alpha1::{Address, ServoId};
