@@ -29,47 +29,16 @@ use crate::driver::{self, Clock, Driver};
 /// }
 /// ```
 ///
-/// All the calls:
+/// All the calls to a robot:
 ///
 /// ```
-/// # use armwire::driver::Clock;
-/// # use armwire::alpha1::{Action, Address, Angle, Arm, CallError, ServoId};
-/// # use embedded_io_async::{Read, Write};
-/// use armwire::alpha1::{Interval, Led, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Text, UsbType};
+#[doc = include_str!("../../doc/alpha1_robot.rs")]
+/// ```
 ///
-/// async fn robot<P: Read + Write>(arm: &mut Arm<P, impl Clock>, action: Action) -> Result<(), CallError<P::Error>> {
-///     let hardware = arm.read_hardware_version().await?;
-///     if arm.read_firmware_version().await?.text >= OLDEST_FIRMWARE {
-///         arm.act(action).await?;
-///         while arm.read_servo_states().await?.bits() != 0 {}
-///     }
-///     if let Ok(name) = Text::new(b"dance") {
-///         arm.play(name).await?;
-///         arm.stop().await?;
-///     }
-///     arm.set_offset_tool(OffsetTool::Disconnect).await?;
-///     arm.set_usb_type(UsbType::SerialPort).await.map(drop)
-/// }
+/// All the calls to a servo:
 ///
-/// async fn servo<P: Read + Write>(
-///     arm: &mut Arm<P, impl Clock>,
-///     servo: ServoId,
-///     target: Angle,
-/// ) -> Result<(), CallError<P::Error>> {
-///     let (_outcome, version) = arm.read_servo_version(servo).await?;
-///     let (_outcome, thirds) = arm.read_servo_offset(servo).await?;
-///     if let Ok(offset) = Offset::new(thirds.saturating_neg()) {
-///         arm.set_servo_offset(servo, offset).await?;
-///     }
-///     let (second, lock) = (MoveTime::new(50), Interval::new(50));
-///     arm.move_servo(Address::One(servo), target, second, lock).await?;
-///     arm.set_servo_led(Address::All, Led(0)).await?;
-///     let (_outcome, _target, actual) = arm.read_servo_angles(servo).await?; // and its motor is off
-///     if let Ok(free) = ServoId::new(17) {
-///         arm.change_servo_id(servo, free).await?;
-///     }
-///     arm.release_servo(Address::All).await // and what they hold up falls
-/// }
+/// ```
+#[doc = include_str!("../../doc/alpha1_servo.rs")]
 /// ```
 pub type Arm<Port, C> = Driver<Alpha1, Port, C, MAX_FRAME>;
 

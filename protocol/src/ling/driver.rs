@@ -30,23 +30,7 @@ use crate::driver::{self, Clock, Driver};
 /// All the calls:
 ///
 /// ```
-/// # use armwire::driver::Clock;
-/// # use armwire::ling::{Arm, CallError, Move};
-/// # use embedded_io_async::{Read, Write};
-/// use armwire::ling::{Info, JOINTS, Stroke, TemperatureLimit, Torque};
-///
-/// async fn tour<P: Read + Write>(arm: &mut Arm<P, impl Clock>, target: Move) -> Result<(), CallError<P::Error>> {
-///     let Info { serial, hardware, firmware } = arm.read_info().await?;
-///     if arm.read_stroke().await? != Stroke::Mm50 {
-///         arm.set_stroke(Stroke::Mm50).await?;
-///     }
-///     arm.set_temperature_limit(TemperatureLimit::FACTORY).await?;
-///     arm.set_torque(Torque::On).await?;
-///     arm.move_to(target).await?;
-///     while arm.read_velocities().await?.as_slice()[..JOINTS] != [0; JOINTS] {}
-///     let [base, ..] = arm.read_joints().await?.joints;
-///     arm.set_zero().await // and the torque is off
-/// }
+#[doc = include_str!("../../doc/ling_tour.rs")]
 /// ```
 pub type Arm<Port, C> = Driver<Ling, Port, C, MAX_FRAME>;
 

@@ -1,0 +1,202 @@
+//! The examples of the drivers' documentation, run against the virtual arms in virtual time.
+
+use std::cell::RefCell;
+use std::convert::Infallible;
+use std::future::{Future, poll_fn};
+use std::pin::pin;
+use std::task::{Context, Poll, Waker};
+
+use armwire::driver;
+use armwire::{Config, Micros};
+use armwire_sim::serial::SerialDevice;
+use embedded_io_async::ErrorType;
+
+/// The longest that an example takes.
+const LIMIT: Micros = Micros::from_millis(30_000);
+/// What a byte takes at 1 Mbaud. The virtual arms do not mind on which line they are.
+const BYTE: Micros = Micros(10);
+
+/// A device, and what time it is.
+struct World<D> {
+    device: D,
+    now: Micros,
+    wake: Option<Micros>,
+}
+
+impl<D> World<D> {
+    fn wake_at(&mut self, at: Micros) {
+        self.wake = Some(self.wake.map_or(at, |wake| wake.min(at)));
+    }
+}
+
+struct Port<'w, D>(&'w RefCell<World<D>>);
+
+impl<D> ErrorType for Port<'_, D> {
+    type Error = Infallible;
+}
+
+impl<D: SerialDevice> embedded_io_async::Read for Port<'_, D> {
+    async fn read(&mut self, buf: &mut [u8]) -> Result<usize, Infallible> {
+        poll_fn(|_| {
+            let world = &mut *self.0.borrow_mut();
+            if let Some(byte) = world.device.transmit(world.now) {
+                buf[0] = byte;
+                world.now = world.now + BYTE;
+                return Poll::Ready(Ok(1));
+            }
+            if let Some(at) = world.device.poll_timeout() {
+                world.wake_at(at);
+            }
+            Poll::Pending
+        })
+        .await
+    }
+}
+
+impl<D: SerialDevice> embedded_io_async::Write for Port<'_, D> {
+    async fn write(&mut self, buf: &[u8]) -> Result<usize, Infallible> {
+        let world = &mut *self.0.borrow_mut();
+        for byte in buf {
+            world.now = world.now + BYTE;
+            world.device.receive(world.now, *byte);
+        }
+        Ok(buf.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+struct Clock<'w, D>(&'w RefCell<World<D>>);
+
+impl<D> driver::Clock for Clock<'_, D> {
+    fn now(&self) -> Micros {
+        self.0.borrow().now
+    }
+
+    async fn wait_until(&self, instant: Micros) {
+        poll_fn(|_| {
+            let mut world = self.0.borrow_mut();
+            if instant <= world.now {
+                return Poll::Ready(());
+            }
+            world.wake_at(instant);
+            Poll::Pending
+        })
+        .await;
+    }
+}
+
+fn world<D>(device: D) -> RefCell<World<D>> {
+    RefCell::new(World {
+        device,
+        now: Micros(0),
+        wake: None,
+    })
+}
+
+/// Runs a future to its end, which must come within [`LIMIT`].
+fn run<D, T>(world: &RefCell<World<D>>, future: impl Future<Output = T>) -> T {
+    let mut future = pin!(future);
+    loop {
+        world.borrow_mut().wake = None;
+        if let Poll::Ready(output) = future.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
+            return output;
+        }
+        let mut world = world.borrow_mut();
+        let wake = world.wake.expect("somebody waits for something");
+        world.now = world.now.max(wake);
+        assert!(world.now < LIMIT, "it does not end");
+    }
+}
+
+mod ling {
+    use armwire::ling::{GripperSpeed, JOINTS, Opening, Position, Speed};
+    use armwire_sim::ling::{Config as ArmConfig, LingArm};
+
+    use super::{Clock as VirtualClock, Config, Port, run, world};
+
+    include!("../../protocol/doc/ling_tour.rs");
+
+    #[test]
+    fn the_tour_of_a_ling_arm_ends_where_it_is_sent() {
+        // The last joints have the longest way: they are in the last servos.
+        for joint in 0..JOINTS {
+            let mut joints = [(Position::CENTRE, Speed::new(2_000).unwrap()); JOINTS];
+            joints[joint].0 = Position::new(2_048 + 400).unwrap();
+            let target = Move {
+                joints,
+                gripper: (Opening::new(500).unwrap(), GripperSpeed(1_000)),
+            };
+            let world = world(LingArm::new(ArmConfig::follower()));
+            let clock = VirtualClock(&world);
+            let mut arm = Arm::new(Port(&world), &clock, Config::default());
+            let (info, arrived) = run(&world, tour(&mut arm, &clock, target)).unwrap();
+            assert!(arrived);
+            assert_eq!(info.serial, ArmConfig::follower().serial);
+            let world = world.borrow();
+            let arm = &world.device;
+            assert!(!arm.is_moving() && !arm.is_holding());
+            assert_eq!(arm.stroke(), Stroke::Mm50);
+            assert_eq!(arm.joints(), [Position::CENTRE.ticks(); JOINTS], "the pose is the zero");
+            assert_eq!((arm.counters().refused, arm.counters().unknown), (0, 0));
+        }
+    }
+}
+
+mod alpha1_robot {
+    use armwire::alpha1::{Angle, Interval, MoveTime};
+    use armwire_sim::alpha1::{Alpha1Robot, RobotConfig, SERVOS};
+
+    use super::{Clock as VirtualClock, Config, Port, run, world};
+
+    include!("../../protocol/doc/alpha1_robot.rs");
+
+    #[test]
+    fn the_example_of_a_robot_ends_and_the_robot_is_where_it_is_sent() {
+        let mut angles = [None; 20];
+        angles[..SERVOS].fill(Some(Angle::new(100).unwrap()));
+        let action = Action {
+            angles,
+            time: MoveTime::new(50),
+            interval: Interval::new(50),
+        };
+        let world = world(Alpha1Robot::new(RobotConfig::default()));
+        let clock = VirtualClock(&world);
+        let mut arm = Arm::new(Port(&world), &clock, Config::default());
+        let name = Text::new(b"dance").unwrap();
+        assert_eq!(run(&world, robot(&mut arm, &clock, action, name)), Ok(true));
+        assert_eq!(world.borrow().device.usb(), UsbType::SerialPort);
+        assert!(world.borrow().now >= Micros::from_millis(1_000), "it waited");
+    }
+}
+
+mod alpha1_servo {
+    use armwire_sim::alpha1::{BusConfig, ServoBus};
+
+    use super::{Clock as VirtualClock, Config, Port, run, world};
+
+    include!("../../protocol/doc/alpha1_servo.rs");
+
+    fn example(faulty: bool) -> (bool, i16) {
+        let mut bus = ServoBus::new(BusConfig::default());
+        bus.servos_mut()[0].set_faulty(faulty);
+        let world = world(bus);
+        let mut arm = Arm::new(Port(&world), VirtualClock(&world), Config::default());
+        let [one, free] = [1, 17].map(|id| ServoId::new(id).unwrap());
+        let done = run(&world, servo(&mut arm, one, Angle::new(90).unwrap(), free)).unwrap();
+        let world = world.borrow();
+        (done, world.device.servos()[0].offset().thirds())
+    }
+
+    #[test]
+    fn the_example_of_a_servo_puts_its_zero_off() {
+        assert_eq!(example(false), (true, 3));
+    }
+
+    #[test]
+    fn the_example_of_a_servo_does_not_take_the_offset_of_one_that_fails() {
+        assert_eq!(example(true), (false, 0));
+    }
+}

@@ -1,0 +1,34 @@
+use armwire::Micros;
+use armwire::alpha1::{Action, Arm, CallError, OLDEST_FIRMWARE, OffsetTool, Outcome, Text, UsbType};
+use armwire::driver::Clock;
+use embedded_io_async::{Read, Write};
+
+/// Moves the robot and waits until it is there, then starts what it has by this name. Returns whether it did both.
+async fn robot<P: Read + Write>(
+    arm: &mut Arm<P, impl Clock>,
+    clock: impl Clock,
+    action: Action,
+    name: Text,
+) -> Result<bool, CallError<P::Error>> {
+    let firmware = arm.read_firmware_version().await?;
+    if firmware.outcome != Outcome::Success || firmware.text < OLDEST_FIRMWARE {
+        let hardware = arm.read_hardware_version().await?;
+        println!("{hardware:?} has a firmware too old: {firmware:?}");
+        return Ok(false);
+    }
+    if arm.act(action).await? == Outcome::Failure {
+        return Ok(false);
+    }
+    // The robot does not say when a servo is there: its states say which servos are powered, moving or not.
+    let time = action.time.duration().as_millis() as u64;
+    clock.wait_until(clock.now() + Micros::from_millis(time)).await;
+    println!("powered: {:032b}", arm.read_servo_states().await?.bits());
+
+    let played = arm.play(name).await?.is_success();
+    let stopped = arm.stop().await?.is_success();
+    let settings = [
+        arm.set_offset_tool(OffsetTool::Disconnect).await?,
+        arm.set_usb_type(UsbType::SerialPort).await?,
+    ];
+    Ok(played && stopped && settings.iter().all(|outcome| outcome.is_success()))
+}

@@ -1,0 +1,32 @@
+use armwire::alpha1::{Address, Angle, Arm, CallError, Interval, Led, MoveTime, Offset, Outcome, ServoId};
+use armwire::driver::Clock;
+use embedded_io_async::{Read, Write};
+
+/// Puts the zero of a servo off by 1° more, moves it, and gives it another id. Returns whether it did all that.
+async fn servo<P: Read + Write>(
+    arm: &mut Arm<P, impl Clock>,
+    servo: ServoId,
+    target: Angle,
+    free: ServoId,
+) -> Result<bool, CallError<P::Error>> {
+    let (outcome, version) = arm.read_servo_version(servo).await?;
+    println!("{outcome:?}: {version:02x?}");
+    // Of a servo that fails to tell, the number means nothing.
+    let (Outcome::Success, thirds) = arm.read_servo_offset(servo).await? else {
+        return Ok(false);
+    };
+    let Ok(offset) = Offset::new(thirds.saturating_add(3)) else {
+        return Ok(false);
+    };
+    if arm.set_servo_offset(servo, offset).await? == Outcome::Failure {
+        return Ok(false);
+    }
+    let (second, lock) = (MoveTime::new(50), Interval::new(50));
+    arm.move_servo(Address::One(servo), target, second, lock).await?;
+    arm.set_servo_led(Address::All, Led(0)).await?;
+    let (outcome, _target, actual) = arm.read_servo_angles(servo).await?; // and its motor is off
+    println!("{outcome:?}: {actual}°");
+    let changed = arm.change_servo_id(servo, free).await?;
+    arm.release_servo(Address::All).await?; // and what they hold up falls
+    Ok(changed.is_success())
+}

@@ -1,0 +1,33 @@
+use armwire::Micros;
+use armwire::driver::Clock;
+use armwire::ling::{Arm, CallError, Info, Move, Stroke, TemperatureLimit, Torque};
+use embedded_io_async::{Read, Write};
+
+/// Moves, and makes that pose the zero if the arm gets there within 10 s. Returns who the arm is, and whether it did.
+async fn tour<P: Read + Write>(
+    arm: &mut Arm<P, impl Clock>,
+    clock: impl Clock,
+    target: Move,
+) -> Result<(Info, bool), CallError<P::Error>> {
+    let info = arm.read_info().await?;
+    if arm.read_stroke().await? != Stroke::Mm50 {
+        arm.set_stroke(Stroke::Mm50).await?;
+    }
+    arm.set_temperature_limit(TemperatureLimit::FACTORY).await?;
+    arm.set_torque(Torque::On).await?;
+    arm.move_to(target).await?;
+
+    let deadline = clock.now() + Micros::from_millis(10_000);
+    while clock.now() < deadline {
+        let joints = arm.read_joints().await?.joints;
+        let goals = target.joints.map(|(position, _speed)| position.ticks());
+        let near = joints.iter().zip(goals).all(|(joint, goal)| joint.abs_diff(goal) <= 3);
+        // One velocity for each servo, of which a joint may have two.
+        let still = arm.read_velocities().await?.as_slice().iter().all(|&speed| speed == 0);
+        if near && still {
+            arm.set_zero().await?; // and the torque is off: what the arm holds falls
+            return Ok((info, true));
+        }
+    }
+    Ok((info, false))
+}
