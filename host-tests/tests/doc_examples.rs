@@ -141,6 +141,8 @@ mod ling {
             assert_eq!(arm.stroke(), Stroke::Mm50);
             assert_eq!(arm.joints(), [Position::CENTRE.ticks(); JOINTS], "the pose is the zero");
             assert_eq!((arm.counters().refused, arm.counters().unknown), (0, 0));
+            // 400 ticks at 2000 ticks/s.
+            assert!(world.now >= Micros::from_millis(190), "joint {joint} had not arrived");
         }
     }
 }
