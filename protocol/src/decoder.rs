@@ -107,6 +107,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// Copies in as much of `bytes` as there is room for and returns the rest.
     ///
     /// Take all that [`next`](Self::next) has to give, then push the rest, until there is none.
+    #[must_use = "bytes for which there is no room are returned"]
     #[inline(never)]
     pub fn push<'b>(&mut self, mut bytes: &'b [u8]) -> &'b [u8] {
         self.take(&mut bytes, usize::MAX);
@@ -289,7 +290,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// use armwire::ling::{self, Ling};
     ///
     /// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
-    /// decoder.push(&[0xAA, 0x06, 0x00, 0x0F]);
+    /// assert!(decoder.push(&[0xAA, 0x06, 0x00, 0x0F]).is_empty());
     /// assert_eq!(decoder.need(()), 17); // 15 data bytes, the checksum and the end mark
     /// ```
     pub fn need(&self, expect: F::Expect) -> usize {
@@ -318,7 +319,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// use armwire::ling::{self, Ling};
     ///
     /// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
-    /// decoder.push(&[0xAA, 0x06, 0x00, 0x0F, 0x02]);
+    /// assert!(decoder.push(&[0xAA, 0x06, 0x00, 0x0F, 0x02]).is_empty());
     /// assert!(decoder.next(()).is_none());
     /// assert_eq!(decoder.idle(()).unwrap().reason, Reason::Truncated { missing: 16 });
     /// ```
@@ -345,7 +346,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// ```
     /// # use armwire::{Decoder, ling::{self, Ling}};
     /// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
-    /// decoder.push(&[0xAA, 0x06]);
+    /// assert!(decoder.push(&[0xAA, 0x06]).is_empty());
     /// assert_eq!(decoder.pending(), 2);
     /// ```
     pub const fn pending(&self) -> usize {
@@ -508,8 +509,8 @@ mod tests {
     #[test]
     fn a_false_header_does_not_cost_the_frame_that_follows() {
         let mut decoder = Lings::new();
-        decoder.push(&[0xAA, 0x06, 0x00, 0x03]);
-        decoder.push(&QUERY);
+        assert!(decoder.push(&[0xAA, 0x06, 0x00, 0x03]).is_empty());
+        assert!(decoder.push(&QUERY).is_empty());
         let (frames, noise) = drain(&mut decoder);
         assert_eq!(frames, 1);
         assert_eq!(noise.iter().map(|n| n.len).sum::<usize>(), 4);
@@ -519,8 +520,8 @@ mod tests {
     #[test]
     fn an_idle_line_frees_frames_behind_a_false_header() {
         let mut decoder = Lings::new();
-        decoder.push(&[0xAA, 0x06, 0x00, 64]);
-        decoder.push(&QUERY);
+        assert!(decoder.push(&[0xAA, 0x06, 0x00, 64]).is_empty());
+        assert!(decoder.push(&QUERY).is_empty());
         assert_eq!(drain(&mut decoder).0, 0);
         assert_eq!(decoder.need(()), 64 + ling::OVERHEAD - 11);
 
@@ -551,10 +552,10 @@ mod tests {
     #[test]
     fn stray_bytes_before_a_frame_that_never_ends_are_reported_in_order() {
         let mut decoder = Lings::new();
-        decoder.push(&[0x11]);
+        assert!(decoder.push(&[0x11]).is_empty());
         assert_eq!(decoder.need(()), 1);
         assert!(decoder.next(()).is_none());
-        decoder.push(&[0xAA]);
+        assert!(decoder.push(&[0xAA]).is_empty());
         let noise: Vec<_> = core::iter::from_fn(|| decoder.idle(()))
             .map(|noise| noise.offset)
             .collect();
@@ -576,7 +577,7 @@ mod tests {
     #[test]
     fn a_line_on_which_nothing_comes_stays_idle() {
         let mut decoder = Lings::new();
-        decoder.push(&[0xAA, 0xAA]);
+        assert!(decoder.push(&[0xAA, 0xAA]).is_empty());
         let truncated = Reason::Truncated { missing: 3 };
         assert!(decoder.next(()).is_none());
         assert!(decoder.idle(()).is_some());
@@ -584,7 +585,7 @@ mod tests {
         assert!(decoder.push(&[]).is_empty());
         assert!(matches!(decoder.next(()), Some(Err(noise)) if noise.reason == truncated));
 
-        decoder.push(&[0xAA]);
+        assert!(decoder.push(&[0xAA]).is_empty());
         assert!(decoder.next(()).is_none(), "it is idle no more");
     }
 
@@ -645,7 +646,7 @@ mod reliable_tests {
     #[test]
     fn the_first_noise_on_a_reliable_line_is_given_once_and_kept() {
         let mut decoder = Arms::new();
-        decoder.push(&STREAM);
+        assert!(decoder.push(&STREAM).is_empty());
         assert!(decoder.next(REPLIES).unwrap().is_ok());
         let noise = decoder.next(REPLIES).unwrap().unwrap_err();
         let reason = Reason::Byte {
@@ -697,7 +698,7 @@ mod reliable_tests {
     #[test]
     fn stray_bytes_break_a_reliable_line_at_once() {
         let mut decoder = Decoder::<Deaf, 4>::new();
-        decoder.push(&[1, 2]);
+        assert!(decoder.push(&[1, 2]).is_empty());
         assert_eq!(decoder.need(()), 0);
         let noise = decoder.next(()).unwrap().unwrap_err();
         assert_eq!((noise.offset, noise.len, noise.reason), (0, 2, Reason::Stray));
@@ -708,10 +709,10 @@ mod reliable_tests {
     fn a_pause_on_a_reliable_line_means_nothing() {
         let (start, end) = HEARTBEAT.split_at(5);
         let mut decoder = Arms::new();
-        decoder.push(start);
+        assert!(decoder.push(start).is_empty());
         assert!(decoder.next(REPLIES).is_none());
         assert_eq!((decoder.idle(REPLIES), decoder.pending()), (None, 5));
-        decoder.push(end);
+        assert!(decoder.push(end).is_empty());
         assert!(decoder.next(REPLIES).is_some_and(|next| next.is_ok()));
         assert_eq!(broken().idle(REPLIES), None);
     }
@@ -793,15 +794,15 @@ mod fill_tests {
     #[test]
     fn filling_is_nothing_to_say() {
         let mut decoder = Decoder::<Reports, 4>::new();
-        decoder.push(&[0, 0]);
+        assert!(decoder.push(&[0, 0]).is_empty());
         assert_eq!(decoder.need(()), 1);
         assert_eq!(decoder.idle(()), None);
         assert!(decoder.next(()).is_none());
         assert_eq!(decoder.pending(), 0);
         // But where it ends a run of stray bytes, that run is.
-        decoder.push(&[5]);
+        assert!(decoder.push(&[5]).is_empty());
         assert!(decoder.next(()).is_none());
-        decoder.push(&[0]);
+        assert!(decoder.push(&[0]).is_empty());
         assert_eq!(decoder.need(()), 0);
         assert!(decoder.next(()).is_some_and(|next| next.is_err()));
     }

@@ -714,7 +714,7 @@ fn a_device_skips_a_request_too_long_and_hears_the_next() {
 #[test]
 fn a_decoder_needs_no_more_than_what_is_left_of_what_it_skips() {
     let mut decoder = Decoder::<XArm, MAX_FRAME>::new();
-    decoder.push(&[0, 1, 0, 2, 1, 44, 0, 0]);
+    assert!(decoder.push(&[0, 1, 0, 2, 1, 44, 0, 0]).is_empty());
     assert!(decoder.next(Direction::Responses).is_none());
     assert_eq!(decoder.need(Direction::Responses), 298);
     assert_eq!(decoder.pending(), 0, "what is skipped is not kept");

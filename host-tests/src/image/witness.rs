@@ -251,7 +251,7 @@ impl SerialDevice for Witness {
         self.deeds.bytes_heard += 1;
         self.heard = now;
         self.looks.get_or_insert(now + PATIENCE);
-        self.decoder.push(&[byte]);
+        assert!(self.decoder.push(&[byte]).is_empty());
         self.hear(now);
     }
 

@@ -627,7 +627,7 @@ fn a_bluetooth_frame_is_named_and_passed_over_whole_whoever_sends_it() {
         let bytes = hex(bytes);
         for expect in [Expect::Requests, Expect::Responses(None)] {
             let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
-            decoder.push(&report(&bytes));
+            assert!(decoder.push(&report(&bytes)).is_empty());
             let frame = decoder.next(expect).unwrap().unwrap();
             assert_eq!(Alpha1::parse_request(frame), Err(error));
             assert_eq!(Alpha1::parse_response(frame, expect), Err(error));
@@ -710,7 +710,7 @@ fn every_servo_is_heard_with_and_without_an_echo_before_it() {
 fn an_idle_line_tells_the_byte_of_servo_80_from_an_echo_at_once() {
     let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(80))));
     let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
-    decoder.push(&[0xFA]);
+    assert!(decoder.push(&[0xFA]).is_empty());
     assert!(decoder.next(expect).is_none());
     assert_eq!(decoder.need(expect), 1);
     assert_eq!(decoder.idle(expect), None);
@@ -726,14 +726,14 @@ fn an_idle_line_tells_the_byte_of_servo_80_from_an_echo_at_once() {
     let idle = client.handle(Micros(950), &mut Input::Idle);
     assert_eq!(idle, Some(Event::Answer(answer)));
     // An echo that breaks off is still none.
-    decoder.push(&[0xFA, 0xAF]);
+    assert!(decoder.push(&[0xFA, 0xAF]).is_empty());
     assert!(decoder.next(expect).is_none());
     let noise = decoder.idle(expect).unwrap();
     assert_eq!((noise.offset, noise.reason), (1, Reason::Truncated { missing: 1 }));
     // As is the byte while another servo is to acknowledge.
     let other = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(1))));
     let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
-    decoder.push(&[0xFA]);
+    assert!(decoder.push(&[0xFA]).is_empty());
     assert!(decoder.next(other).is_none());
     let noise = decoder.idle(other).map(|noise| (noise.offset, noise.len));
     assert_eq!(noise, Some((0, 1)));

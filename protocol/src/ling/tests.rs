@@ -198,7 +198,7 @@ fn the_two_frames_printed_with_a_wrong_checksum_are_rejected_and_say_so() {
     // Section 2.3 prints the checksum of "set 100 mm" in the query and in its answer.
     for (printed, expected) in [("AA 04 0E 01 FE 7F FF", 0x1B), ("AA 04 0E 01 01 7F FF", 0x96)] {
         let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
-        decoder.push(&hex(printed));
+        assert!(decoder.push(&hex(printed)).is_empty());
         let noise = decoder.next(()).unwrap().unwrap_err();
         assert_eq!(noise.reason, Reason::Checksum { expected, got: 0x7F });
     }
@@ -229,7 +229,11 @@ fn a_device_accepts_the_self_check_as_printed_and_in_both_well_formed_spellings(
 fn only_the_self_check_has_slack_in_its_length() {
     let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
     let body = [0x06, 0x00, 0x00, 0xFE];
-    decoder.push(&[0xAA, 0x06, 0x00, 0x00, 0xFE, checksum(&body), 0xFF]);
+    assert!(
+        decoder
+            .push(&[0xAA, 0x06, 0x00, 0x00, 0xFE, checksum(&body), 0xFF])
+            .is_empty()
+    );
     assert!(decoder.next(()).unwrap().is_err());
 }
 
@@ -356,7 +360,7 @@ fn a_move_that_is_out_of_range_says_at_which_byte() {
 fn what_follows_a_frame_that_was_pushed_half_is_left_to_the_caller() {
     let query = hex("AA 06 00 01 FE 9A FF");
     let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
-    decoder.push(&query[..5]);
+    assert!(decoder.push(&query[..5]).is_empty());
     assert!(decoder.next(()).is_none());
     let mut rest = &[&query[5..], &query].concat()[..];
     assert!(decoder.decode(&mut rest, ()).unwrap().is_ok());

@@ -667,7 +667,7 @@ fn no_more_bytes_are_waited_for_than_a_frame_has() {
     for (at, byte) in HEARTBEAT.into_iter().enumerate() {
         let need = decoder.need(Direction::Requests);
         assert!((1..=HEARTBEAT.len() - at).contains(&need), "{need} behind {at}");
-        decoder.push(&[byte]);
+        assert!(decoder.push(&[byte]).is_empty());
     }
     assert!(decoder.next(Direction::Requests).is_some_and(|next| next.is_ok()));
 }

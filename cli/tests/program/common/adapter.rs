@@ -139,7 +139,7 @@ impl Adapter {
         }
         if !self.to_arm.is_sending() {
             while let Some(byte) = self.arm.transmit(now) {
-                self.answers.push(&[byte]);
+                assert!(self.answers.push(&[byte]).is_empty());
                 if let Some(answer) = self.answers.next(()) {
                     let mut pdu = [0; MAX_FRAME];
                     let n = answer.unwrap().encode(&mut pdu).unwrap();

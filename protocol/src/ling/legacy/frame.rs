@@ -49,7 +49,7 @@ pub fn parity(data: &[u8]) -> u8 {
 /// use armwire::ling::legacy::{Legacy, MAX_FRAME};
 ///
 /// let mut decoder = Decoder::<Legacy, MAX_FRAME>::new();
-/// decoder.push(&[0xAA, 0x0A, 0x03, 0x05, 0x04, 0x13, 0x00, 0xFF]);
+/// assert!(decoder.push(&[0xAA, 0x0A, 0x03, 0x05, 0x04, 0x13, 0x00, 0xFF]).is_empty());
 /// let frame = decoder.next(()).unwrap().unwrap();
 /// assert_eq!((frame.command, frame.data), (0x0A, &[5, 4, 19][..]));
 /// ```
