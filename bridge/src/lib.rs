@@ -25,15 +25,15 @@
 //!   when it began. All else that the arm says goes to the serial port, and on CAN if that is
 //!   [wanted](config::Can::unsolicited).
 //! * **An answer that is missing** ends the turn. For 50 ms after it was due no other request of its kind goes out, for
-//!   the answer to that could not be told from the late one; the host on USB is free to do so, as it hears both.
-//! * **Half a request on USB** keeps the line for 10 ms after its last byte.
+//!   the answer to that could not be told from the late one. A host on USB that has the line alone may ask, as it hears both.
+//! * **Half a request on USB** keeps the line for 10 ms after its last byte. Before another's request zeros end it.
 //! * **Bytes that are no request**, such as a firmware update by the vendor's tool, keep the line until it has been
 //!   quiet both ways for 5 ms. With others waiting that ends after 100 ms, in the middle of whatever it is: two who
 //!   both send what is no frame are cut in pieces, of which each of those from CAN is a whole PDU. Switch polling off
 //!   for such a time.
 //! * **A host that streamed motion and says nothing any more** is [reported](control::Event::HostSilent); what it had
-//!   sent and is not out by then is dropped. If the torque is to go off and the host on USB had stopped in the middle of a
-//!   frame, zeros go out before: an arm that waits for the rest of it would take the torque-off for that.
+//!   sent and is not out by then is dropped. The torque goes off if that is [wanted](config::Silence::torque_off), and waits
+//!   for nobody's answer.
 //! * **A cyclic command** that has waited for its turn for longer than [its time-out](config::Can::command_timeout_ms)
 //!   moves nothing.
 //!
