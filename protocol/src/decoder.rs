@@ -5,7 +5,7 @@ use core::fmt;
 use core::marker::PhantomData;
 
 use crate::copy::copy;
-use crate::{Framing, Noise, Reason, Scan};
+use crate::{Framing, Noise, OutOfRange, Reason, Scan};
 
 /// A streaming decoder over an inline buffer of `N` bytes, at least [`Framing::MAX_FRAME`].
 ///
@@ -85,9 +85,9 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
     /// # let mut port = &[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF][..];
     /// let mut decoder = Decoder::<Ling, { ling::MAX_FRAME }>::new();
     /// let n = port.read(decoder.space())?;
-    /// decoder.commit(n);
+    /// decoder.commit(n)?;
     /// assert!(decoder.next(()).is_some_and(|frame| frame.is_ok()));
-    /// # Ok::<(), std::io::Error>(())
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     #[cfg_attr(target_pointer_width = "32", inline(always))]
     pub fn space(&mut self) -> &mut [u8] {
@@ -99,9 +99,24 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         self.buf.get_mut(self.tail..).unwrap_or_default()
     }
 
-    /// Accepts the first `n` bytes of [`space`](Self::space), or all of it if `n` is more.
-    pub fn commit(&mut self, n: usize) {
-        self.accept(n.min(N.saturating_sub(self.tail)));
+    /// Accepts the first `n` bytes of [`space`](Self::space).
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when that is more than there is room for. Nothing is accepted then.
+    pub fn commit(&mut self, n: usize) -> Result<(), OutOfRange<usize>> {
+        let max = N.saturating_sub(self.tail);
+        if n > max {
+            return Err(OutOfRange {
+                what: "committed",
+                unit: "bytes",
+                got: n,
+                min: 0,
+                max,
+            });
+        }
+        self.accept(n);
+        Ok(())
     }
 
     /// Copies in as much of `bytes` as there is room for and returns the rest.
@@ -299,7 +314,7 @@ impl<F: Framing, const N: usize> Decoder<F, N> {
         }
         match self.scan(expect) {
             Scan::Need(n) => n.max(1),
-            Scan::Skip(n, _) if F::RELIABLE && n > self.pending() => n - self.pending(),
+            Scan::Skip(n, _) if F::RELIABLE && n > self.pending() => n.saturating_sub(self.pending()),
             // Where a run of stray bytes ends is not known yet; filling is nothing to say.
             Scan::Skip(n, Reason::Stray) if !F::RELIABLE && n >= self.pending() => 1,
             Scan::Fill(n) if n >= self.pending() && self.stray == 0 => 1,
@@ -569,7 +584,7 @@ mod tests {
             let n = decoder.space().len();
             assert!(n > 0);
             decoder.space().fill(if i % 3 == 0 { 0xAA } else { i as u8 });
-            decoder.commit(n);
+            decoder.commit(n).unwrap();
             drain(&mut decoder);
         }
     }
@@ -581,7 +596,7 @@ mod tests {
         let truncated = Reason::Truncated { missing: 3 };
         assert!(decoder.next(()).is_none());
         assert!(decoder.idle(()).is_some());
-        decoder.commit(0);
+        decoder.commit(0).unwrap();
         assert!(decoder.push(&[]).is_empty());
         assert!(matches!(decoder.next(()), Some(Err(noise)) if noise.reason == truncated));
 
@@ -615,9 +630,13 @@ mod tests {
     }
 
     #[test]
-    fn committing_more_than_the_room_takes_all_of_it() {
+    fn committing_more_than_the_room_is_an_error_and_takes_nothing() {
         let mut decoder = Lings::new();
-        decoder.commit(usize::MAX);
+        let error = decoder.commit(ling::MAX_FRAME + 1).unwrap_err();
+        assert_eq!((error.got, error.max), (ling::MAX_FRAME + 1, ling::MAX_FRAME));
+        assert_eq!((decoder.pending(), decoder.next(())), (0, None));
+        decoder.commit(ling::MAX_FRAME).unwrap();
+        assert!(decoder.commit(1).is_err());
         assert_eq!(decoder.pending(), ling::MAX_FRAME);
     }
 }
@@ -671,7 +690,7 @@ mod reliable_tests {
             let room = decoder.space();
             assert_eq!(room.len(), xarm::MAX_FRAME);
             room.fill(0);
-            decoder.commit(8);
+            decoder.commit(8).unwrap();
             assert!(decoder.next(REPLIES).is_none());
             assert_eq!(decoder.pending(), 0);
         }

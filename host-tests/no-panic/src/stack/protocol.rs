@@ -38,8 +38,8 @@ macro_rules! entry_points {
             }
 
             #[unsafe(export_name = concat!("Decoder<", $name, ">::commit"))]
-            fn decoder_commit(decoder: &mut Decoder<P, N>, n: usize) {
-                decoder.commit(n);
+            fn decoder_commit(decoder: &mut Decoder<P, N>, n: usize) -> bool {
+                decoder.commit(n).is_ok()
             }
 
             #[unsafe(export_name = concat!("Decoder<", $name, ">::push"))]
