@@ -3,7 +3,7 @@
 mod common;
 
 use armwire::ling::{self, *};
-use armwire::{Framing, Reason, Scan};
+use armwire::{Framing, Protocol, Reason, Scan};
 use common::Subject;
 use proptest::array::{uniform6, uniform10, uniform16};
 use proptest::prelude::*;
@@ -162,4 +162,43 @@ fn a_length_no_message_has_is_named() {
             }
         )
     );
+}
+
+/// The data of a joint answer with this status.
+fn joint_data(status: u8) -> [u8; 15] {
+    [1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 1, 0xF4, 0x01, status]
+}
+
+#[test]
+fn every_motion_status_is_the_one_of_the_document() {
+    for code in 0..=u8::MAX {
+        let expected = match code {
+            0x00 => MotionStatus::Idle,
+            0x01 => MotionStatus::Locked,
+            0x10 => MotionStatus::Syncing,
+            0x11 => MotionStatus::SyncLocked,
+            0xE1 => MotionStatus::Overheating,
+            0xE2 => MotionStatus::OverheatProtection,
+            other => MotionStatus::Other(other),
+        };
+        let data = &joint_data(code);
+        let (command, function) = (0x06, 0x00);
+        let response = Ling::parse_response(
+            Frame {
+                command,
+                function,
+                data,
+            },
+            (),
+        );
+        let expected = Response::Joints(JointState {
+            joints: [1, 2, 3, 4, 5, 0x0106],
+            gripper: 500,
+            status: expected,
+        });
+        assert_eq!(response, Ok(expected), "status {code:02X}");
+        let mut out = [0; MAX_FRAME];
+        Ling::encode_response(&expected, &mut out).unwrap();
+        assert_eq!(&out[4..19], data, "status {code:02X}");
+    }
 }
