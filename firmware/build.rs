@@ -1,4 +1,5 @@
-//! Hands the linker the board's memory map, so that a plain `cargo build --target …` links.
+//! Hands the linker the board's memory map, which the workspace's `memory.x` includes, so that a plain `cargo build --target …`
+//! links.
 
 use std::path::Path;
 use std::process::Command;
@@ -21,7 +22,7 @@ fn main() {
     };
     let memory = Path::new(&here).join("memory").join(board).with_extension("x");
 
-    fs::copy(&memory, Path::new(&out).join("memory.x")).expect("each board has a memory file");
+    fs::copy(&memory, Path::new(&out).join("board-memory.x")).expect("each board has a memory file");
     println!("cargo:rerun-if-changed={}", memory.display());
     println!("cargo:rustc-link-search={out}");
     println!("cargo:rustc-link-arg-bins=--nmagic");

@@ -44,6 +44,14 @@ impl Board {
         }
     }
 
+    /// Where its RAM ends that the stack is in: the stack's first address, which grows down from there.
+    pub(crate) const fn stack_top(self) -> u32 {
+        match self {
+            Self::Stm32f405 => 0x2000_0000 + 128 * 1024,
+            Self::Stm32g431 => 0x2000_0000 + 22 * 1024,
+        }
+    }
+
     /// As probe-rs calls its microcontroller.
     pub(crate) const fn chip(self) -> &'static str {
         match self {

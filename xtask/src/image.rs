@@ -162,7 +162,11 @@ pub(crate) fn for_virtual_board() -> Result<PathBuf> {
     }
 }
 
-/// Builds the image and puts it in the target directory under a name of its own.
+/// Builds the image, sees that the board's chip starts it, and puts it in the target directory under a name of its own.
+///
+/// # Errors
+///
+/// If it does not build, or its vector table is that of another board.
 pub(crate) fn build(options: &Options) -> Result<Image> {
     let toolchain = Toolchain::find(&[TARGET])?;
     let board = options.board_name();
@@ -179,6 +183,7 @@ pub(crate) fn build(options: &Options) -> Result<Image> {
         .join("armwire-firmware");
     let elf = fs::read(&built).map_err(|error| format!("cannot read {}: {error}", built.display()))?;
     let program = Program::parse(&elf)?;
+    program.check_vectors(options.board.stack_top())?;
     let path = workspace::target_dir()?.join(options.name() + ".elf");
     let write = |extension, bytes: &[u8]| {
         let path = path.with_extension(extension);

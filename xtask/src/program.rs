@@ -9,6 +9,9 @@ use crate::Result;
 /// Where RAM begins on every Cortex-M.
 const RAM: u32 = 0x2000_0000;
 
+/// Where the vector table of every board here is: the start of flash.
+const VECTORS: u32 = 0x0800_0000;
+
 /// A gap in flash that is filled rather than left out, in bytes: alignment between parts of a program, which may lie in
 /// one sector. All sectors are longer.
 const SMALL_GAP: u32 = 1024;
@@ -67,6 +70,33 @@ impl Program {
             return Err("nothing in the ELF file goes to flash".into());
         }
         Ok(Self { segments, ram })
+    }
+
+    /// Checks that the chip starts this program: that its flash begins with a vector table whose stack begins at
+    /// `stack_top` and whose reset handler is in flash.
+    ///
+    /// # Errors
+    ///
+    /// If not, as when it was linked for another board.
+    pub(crate) fn check_vectors(&self, stack_top: u32) -> Result {
+        let first = &self.segments[0];
+        let word = |nth: usize| {
+            let bytes = first.bytes.get(4 * nth..)?.first_chunk()?;
+            Some(u32::from_le_bytes(*bytes))
+        };
+        let (Some(stack), Some(reset), VECTORS) = (word(0), word(1), first.address) else {
+            return Err(format!("no vector table at {VECTORS:#x}").into());
+        };
+        if stack != stack_top {
+            return Err(format!("the stack begins at {stack:#x}, the board's RAM ends at {stack_top:#x}").into());
+        }
+        // The lowest bit says that it is Thumb code.
+        let code = reset & !1;
+        let in_flash = |segment: &Segment| (segment.address..segment.end()).contains(&code);
+        match reset & 1 == 1 && self.segments.iter().any(in_flash) {
+            true => Ok(()),
+            false => Err(format!("the reset handler is at {reset:#x}, which is not the program's").into()),
+        }
     }
 
     /// Flash it takes, in bytes, without the gaps.
@@ -153,6 +183,41 @@ mod tests {
         };
         assert_eq!(program.bin(), [1, 2, 0xFF, 0xFF, 0xFF, 3]);
         assert_eq!(program.flash(), 3);
+    }
+
+    #[test]
+    fn a_program_for_another_board_is_refused() {
+        let program = |address, words: [u32; 3]| Program {
+            segments: vec![segment(address, &words.map(u32::to_le_bytes).concat())],
+            ram: 0,
+        };
+        let good = [0x2000_5800, VECTORS + 9, 0];
+        assert!(program(VECTORS, good).check_vectors(0x2000_5800).is_ok());
+        for (program, stack_top, error) in [
+            (
+                program(VECTORS, good),
+                0x2002_0000,
+                "the stack begins at 0x20005800, the board's RAM ends at 0x20020000",
+            ),
+            (
+                program(VECTORS + 0x4000, good),
+                0x2000_5800,
+                "no vector table at 0x8000000",
+            ),
+            (
+                program(VECTORS, [0x2000_5800, VECTORS + 8, 0]),
+                0x2000_5800,
+                "the reset handler is at 0x8000008,",
+            ),
+            (
+                program(VECTORS, [0x2000_5800, VECTORS + 13, 0]),
+                0x2000_5800,
+                "the reset handler is at 0x800000d,",
+            ),
+        ] {
+            let refused = program.check_vectors(stack_top).unwrap_err().to_string();
+            assert!(refused.starts_with(error), "{refused}");
+        }
     }
 
     #[test]
