@@ -22,6 +22,16 @@ const CONNECT_LIMIT: Nanos = Nanos::from_millis(2_000);
 /// The address that the host gives the device.
 const ADDRESS: u8 = 1;
 
+/// Standard requests that write (USB 2.0, tables 9-2 to 9-6).
+const TO_DEVICE: u8 = 0x00;
+const TO_INTERFACE: u8 = 0x01;
+const TO_ENDPOINT: u8 = 0x02;
+const CLEAR_FEATURE: u8 = 1;
+const SET_FEATURE: u8 = 3;
+const SET_CONFIGURATION: u8 = 9;
+const SET_INTERFACE: u8 = 11;
+const ENDPOINT_HALT: u16 = 0;
+
 /// The USB host and the serial port that it has open.
 #[derive(Debug)]
 pub struct Usb<'a, A: Arm> {
@@ -143,6 +153,113 @@ impl<A: Arm> Usb<'_, A> {
     pub fn control(&mut self, request: Request) -> Result<Vec<u8>, Error> {
         let packet = self.device().map_or(64, |device| device.device.packet);
         Ok(self.board.control(ADDRESS, packet, request)??)
+    }
+
+    /// Begins a control transfer with the device and gives it up after `span`, in whatever stage it is then. Returns
+    /// whether it was over before.
+    ///
+    /// # Errors
+    ///
+    /// As the run fails.
+    pub fn abandon(&mut self, request: Request, span: impl Into<Nanos>) -> Result<bool, Error> {
+        let packet = self.device().map_or(64, |device| device.device.packet);
+        self.host(|host| host.start_control(ADDRESS, packet, request));
+        self.board.run_for(span)?;
+        Ok(self.host(|host| {
+            host.abandon_control();
+            host.take_control().is_some()
+        }))
+    }
+
+    /// Halts a direction of the open port, as a test of a device does (USB 2.0, 9.4.9).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or as the request ends.
+    pub fn set_halt(&mut self, direction: Direction) -> Result<(), Error> {
+        let endpoint = self.port_endpoint(direction)?;
+        let request = Request::write(
+            TO_ENDPOINT,
+            SET_FEATURE,
+            ENDPOINT_HALT,
+            address_of(endpoint),
+            Vec::new(),
+        );
+        self.control(request).map(|_| ())
+    }
+
+    /// Clears the halt of a direction of the open port, and takes it to be at DATA0 then (USB 2.0, 9.4.5).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or as the request ends.
+    pub fn clear_halt(&mut self, direction: Direction) -> Result<(), Error> {
+        let endpoint = self.port_endpoint(direction)?;
+        let request = Request::write(
+            TO_ENDPOINT,
+            CLEAR_FEATURE,
+            ENDPOINT_HALT,
+            address_of(endpoint),
+            Vec::new(),
+        );
+        self.control_anew(&[endpoint], request)
+    }
+
+    /// Chooses the first setting of the open port's data interface again, and takes its endpoints to be at DATA0 then
+    /// (USB 2.0, 9.4.10).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotOpen`], or as the request ends.
+    pub fn set_interface(&mut self) -> Result<(), Error> {
+        let endpoints = [self.port_endpoint(Direction::Out)?, self.port_endpoint(Direction::In)?];
+        let interface = self.port()?.data.into();
+        self.control_anew(
+            &endpoints,
+            Request::write(TO_INTERFACE, SET_INTERFACE, 0, interface, Vec::new()),
+        )
+    }
+
+    /// Chooses a configuration, 0 for none, while the device has one, and takes all endpoints to be at DATA0 then (USB
+    /// 2.0, 9.1.1.5, 9.4.7).
+    ///
+    /// # Errors
+    ///
+    /// As the request ends.
+    pub fn set_configuration(&mut self, value: u8) -> Result<(), Error> {
+        let endpoints = self.host(|host| host.open_endpoints());
+        self.control_anew(
+            &endpoints,
+            Request::write(TO_DEVICE, SET_CONFIGURATION, value.into(), 0, Vec::new()),
+        )
+    }
+
+    /// Whether the next packet of a direction of the open port is DATA1, as the host counts.
+    pub fn toggle(&self, direction: Direction) -> Option<bool> {
+        let (endpoint, direction) = self.port_endpoint(direction).ok()?;
+        self.host(|host| host.toggle(endpoint, direction))
+    }
+
+    /// Runs a control transfer that puts endpoints back to DATA0. No packet of theirs is on the wire meanwhile.
+    fn control_anew(&mut self, endpoints: &[(u8, Direction)], request: Request) -> Result<(), Error> {
+        let each = |host: &Mutex<Host>, act: fn(&mut Host, u8, Direction)| {
+            for &(endpoint, direction) in endpoints {
+                act(&mut lock(host), endpoint, direction);
+            }
+        };
+        each(&self.board.host, Host::pause);
+        let result = self.control(request);
+        each(&self.board.host, Host::start_anew);
+        result.map(|_| ())
+    }
+
+    fn port_endpoint(&self, direction: Direction) -> Result<(u8, Direction), Error> {
+        let port = self.port()?;
+        let endpoint = match direction {
+            Direction::Out => port.output,
+            Direction::In => port.input,
+        };
+        Ok((endpoint.number, direction))
     }
 
     /// Sets the line coding of the open port.
@@ -289,6 +406,15 @@ impl<A: Arm> VirtualBoard<A> {
             (Err(error), None) => Err(error),
         }
     }
+}
+
+/// An endpoint as a request names it (USB 2.0, 9.3.4).
+fn address_of((endpoint, direction): (u8, Direction)) -> u16 {
+    let direction = match direction {
+        Direction::Out => 0,
+        Direction::In => 0x80,
+    };
+    direction | u16::from(endpoint)
 }
 
 /// The bytes of one of the device's interfaces, both ways. One that is not open takes none and has none.

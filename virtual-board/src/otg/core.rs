@@ -242,6 +242,9 @@ impl Core {
 
     pub(super) fn write(&mut self, offset: u32, value: u32) {
         if let Some((direction, endpoint, register)) = endpoint_register(offset) {
+            if register == CTL && value & epctl::CNAK != 0 && value & epctl::SNAK != 0 {
+                self.misuse = Some("34.16.4: one write sets and clears an endpoint's NAK");
+            }
             match (direction, register) {
                 (Direction::In, CTL) => self.write_in_control(endpoint, value),
                 (Direction::In, INT) => self.input[endpoint].interrupts &= !value,

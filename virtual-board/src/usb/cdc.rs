@@ -26,6 +26,8 @@ const FROM_INTERFACE: u8 = 0xA1;
 pub struct Port {
     /// The interface that takes the class requests.
     pub interface: u8,
+    /// The interface that has the data.
+    pub data: u8,
     /// Where the device reports its line state, if it does.
     pub notify: Option<Endpoint>,
     /// Where bytes go.
@@ -52,6 +54,7 @@ impl Port {
                     .find(|interface| interface.number == data && interface.class[0] == DATA_CLASS)?;
                 Some(Self {
                     interface: control.number,
+                    data: data.number,
                     notify: control.endpoint(Transfer::Interrupt, Direction::In),
                     output: data.endpoint(Transfer::Bulk, Direction::Out)?,
                     input: data.endpoint(Transfer::Bulk, Direction::In)?,

@@ -135,6 +135,8 @@ struct Control {
     received: Vec<u8>,
     toggle: bool,
     attempts: u8,
+    /// The program gave it up while a transaction of it was on the wire, which goes on to its end.
+    abandoned: bool,
 }
 
 impl Control {
@@ -176,6 +178,8 @@ struct Pipe {
     outbox: VecDeque<Vec<u8>>,
     /// Whether IN tokens are sent.
     reading: bool,
+    /// No token goes to it, for a request under way changes it.
+    paused: bool,
     /// What came and was not read yet.
     inbox: VecDeque<u8>,
     /// How many more transactions end in a NAK, whatever the device would say.
@@ -234,6 +238,8 @@ pub struct Host {
     free: Nanos,
     transaction: Option<Transaction>,
     control: Option<Control>,
+    /// The control transfer that begins once the one that was given up is off the wire.
+    next_control: Option<Control>,
     result: Option<Result<Vec<u8>, TransferError>>,
     pipes: BTreeMap<(u8, Direction), Pipe>,
     /// Who had the wire last, so that pipes take turns.
@@ -259,6 +265,7 @@ impl Default for Host {
             free: Nanos(0),
             transaction: None,
             control: None,
+            next_control: None,
             result: None,
             pipes: BTreeMap::new(),
             last: (0, Direction::Out),
@@ -309,8 +316,9 @@ impl Host {
     /// Starts a control transfer with the device at `address`, whose endpoint 0 takes `packet` bytes. One that is
     /// under way is abandoned.
     pub fn start_control(&mut self, address: u8, packet: u8, request: Request) {
+        self.abandon_control();
         self.result = None;
-        self.control = Some(Control {
+        let control = Control {
             address,
             packet: usize::from(packet.max(8)),
             request,
@@ -319,12 +327,23 @@ impl Host {
             received: Vec::new(),
             toggle: true,
             attempts: 0,
-        });
+            abandoned: false,
+        };
+        if self.control.is_some() {
+            self.next_control = Some(control);
+        } else {
+            self.control = Some(control);
+        }
     }
 
-    /// Gives up the control transfer that is under way.
+    /// Gives up the control transfer that is under way. A transaction of it that is on the wire goes on to its end.
     pub fn abandon_control(&mut self) {
-        self.control = None;
+        self.next_control = None;
+        let is_on_the_wire = self.transaction.as_ref().is_some_and(|one| one.job == Job::Control);
+        match &mut self.control {
+            Some(control) if is_on_the_wire => control.abandoned = true,
+            control => *control = None,
+        }
     }
 
     /// How the last control transfer ended, once: the bytes that the device sent.
@@ -345,6 +364,7 @@ impl Host {
                 due: false,
                 outbox: VecDeque::new(),
                 reading: true,
+                paused: false,
                 inbox: VecDeque::new(),
                 naks: 0,
                 attempts: 0,
@@ -409,6 +429,32 @@ impl Host {
         if let Some(pipe) = self.pipes.get_mut(&(endpoint, direction)) {
             pipe.naks += count;
         }
+    }
+
+    /// Sends no more tokens to an endpoint until it is started again: a request that changes it is on its way.
+    pub fn pause(&mut self, endpoint: u8, direction: Direction) {
+        if let Some(pipe) = self.pipes.get_mut(&(endpoint, direction)) {
+            pipe.paused = true;
+        }
+    }
+
+    /// Serves an endpoint again after a request that put it back to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
+    pub fn start_anew(&mut self, endpoint: u8, direction: Direction) {
+        if let Some(pipe) = self.pipes.get_mut(&(endpoint, direction)) {
+            pipe.paused = false;
+            pipe.toggle = false;
+            pipe.failed = None;
+        }
+    }
+
+    /// The endpoints in use.
+    pub fn open_endpoints(&self) -> Vec<(u8, Direction)> {
+        self.pipes.keys().copied().collect()
+    }
+
+    /// Whether the next packet of an endpoint in use is DATA1.
+    pub fn toggle(&self, endpoint: u8, direction: Direction) -> Option<bool> {
+        self.pipes.get(&(endpoint, direction)).map(|pipe| pipe.toggle)
     }
 
     /// Why an endpoint is no longer served, if it is not.
@@ -488,7 +534,8 @@ impl Host {
         self.epoch += 1;
         self.transaction = None;
         self.pipes.clear();
-        if self.control.take().is_some() {
+        let control = self.control.take().filter(|control| !control.abandoned);
+        if control.or(self.next_control.take()).is_some() {
             self.result = Some(Err(error));
         }
     }
@@ -585,7 +632,7 @@ impl Host {
                 Direction::In => pipe.reading,
             };
             let turn = pipe.interval.is_none() || pipe.due;
-            (pipe.failed.is_none() && busy && turn && device.ready(endpoint, direction))
+            (pipe.failed.is_none() && !pipe.paused && busy && turn && device.ready(endpoint, direction))
                 .then_some(Job::Pipe(endpoint, direction))
         };
         let (after, before) = (
@@ -687,6 +734,13 @@ impl Host {
         let Some(mut control) = self.control.take() else {
             return;
         };
+        if control.abandoned {
+            if let Answer::Data { .. } = answer {
+                device.acknowledged(0);
+            }
+            self.control = self.next_control.take();
+            return;
+        }
         match answer {
             Answer::Nak => {}
             Answer::Stall => return self.finish_control(Err(TransferError::Stalled)),

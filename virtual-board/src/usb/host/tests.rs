@@ -388,3 +388,41 @@ fn no_token_goes_out_for_bytes_that_were_not_there_yet() {
         assert!(packet.start >= written, "{} before {written}", packet.start);
     }
 }
+
+#[test]
+fn a_control_transfer_that_is_given_up_leaves_the_wire_to_the_next() {
+    let read = || Request::read(0x80, 6, 0x0100, 0, 18);
+    for micros in 0..100 {
+        let (mut wire, port) = open();
+        wire.host
+            .start_control(9, 64, port.set_line_coding(LineCoding::new(115_200)));
+        wire.advance(Nanos(1_000 * micros));
+        wire.host.abandon_control();
+        assert_eq!(wire.control(9, 64, read()), Ok(DEVICE.to_vec()), "after {micros} us");
+
+        wire.host.start_control(9, 64, read());
+        wire.advance(Nanos(1_000 * micros));
+        let setups = wire.device.setup.len();
+        assert_eq!(wire.control(9, 64, read()), Ok(DEVICE.to_vec()), "after {micros} us");
+        assert!(wire.device.setup.len() > setups, "after {micros} us: its own setup");
+    }
+}
+
+#[test]
+fn a_paused_endpoint_gets_no_token_and_starts_anew_at_data0() {
+    let (mut wire, port) = open();
+    wire.host.write(port.output.number, b"one");
+    wire.advance(Nanos::from_millis(2));
+    assert_eq!(wire.host.toggle(port.output.number, Direction::Out), Some(true));
+
+    wire.host.pause(port.output.number, Direction::Out);
+    wire.host.write(port.output.number, b"two");
+    wire.advance(Nanos::from_millis(2));
+    assert_eq!(wire.host.unsent(port.output.number), 3);
+
+    wire.host.start_anew(port.output.number, Direction::Out);
+    wire.device.toggles[0] = false;
+    wire.advance(Nanos::from_millis(2));
+    assert_eq!(wire.host.unsent(port.output.number), 0);
+    assert_eq!(wire.host.read(port.input.number), b"onetwo");
+}

@@ -175,3 +175,25 @@ fn a_reset_leaves_the_address_and_a_stall_to_the_firmware() {
     core.write(DIEP + ENDPOINT_SPAN + CTL, epctl::USBAEP | 64);
     assert_eq!(core.input(0, 1), Reply::Nak);
 }
+
+#[test]
+fn one_write_that_sets_and_clears_a_nak_is_noticed() {
+    for register in [DIEP + ENDPOINT_SPAN + CTL, DOEP + ENDPOINT_SPAN + CTL] {
+        let mut core = with_bulk();
+        core.write(register, epctl::USBAEP | epctl::SNAK);
+        core.write(register, epctl::USBAEP | epctl::CNAK);
+        assert_eq!(core.take_misuse(), None);
+        core.write(register, epctl::USBAEP | epctl::SNAK | epctl::CNAK);
+        assert!(core.take_misuse().is_some());
+    }
+}
+
+#[test]
+fn a_setup_leaves_an_answer_that_was_not_fetched_enabled_but_silent() {
+    let mut core = connected();
+    core.write(DIEP + TSIZ, 1 << eptsiz::PKTCNT_AT);
+    core.write(DIEP + CTL, epctl::CNAK | epctl::EPENA);
+    assert!(core.setup(0, [0; 8]));
+    assert_eq!(core.input(0, 0), Reply::Nak);
+    assert_ne!(core.read(DIEP + CTL) & epctl::EPENA, 0);
+}
