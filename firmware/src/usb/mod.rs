@@ -69,7 +69,7 @@ pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
     config.manufacturer = Some("armwire");
     config.product = Some("armwire adapter");
     config.serial_number = Some(board::serial_number());
-    config.max_power = 100;
+    config.max_power = 250;
 
     let mut builder = Builder::new(
         driver,
@@ -132,6 +132,14 @@ struct Requests {
 }
 
 impl Requests {
+    /// Takes back what waits in the serial port's endpoint for a host that is no longer the one that it was for.
+    fn cancel_unfetched_packet(&self) {
+        if board::cancel_unfetched_packet(self.to_host) {
+            let len = self.adapter.last_packet.get();
+            self.adapter.take(|bridge| bridge.usb_lost(len));
+        }
+    }
+
     /// What is on its way to the host is for nobody now.
     fn end_sessions(&self) {
         self.adapter.session.signal(());
@@ -141,12 +149,14 @@ impl Requests {
 
 impl Handler for Requests {
     fn reset(&mut self) {
+        self.cancel_unfetched_packet();
         board::cancel_unfetched_packets();
         self.adapter.with(|bridge| bridge.usb_reset());
         self.end_sessions();
     }
 
     fn configured(&mut self, configured: bool) {
+        self.cancel_unfetched_packet();
         self.adapter.with(|bridge| bridge.usb_configured(configured));
         self.end_sessions();
     }
@@ -172,10 +182,7 @@ impl Handler for Requests {
             SET_CONTROL_LINE_STATE => {
                 let dtr = request.value & 1 != 0;
                 if self.adapter.with(|bridge| bridge.usb_dtr(dtr)) {
-                    if board::cancel_unfetched_packet(self.to_host) {
-                        let len = self.adapter.last_packet.get();
-                        self.adapter.take(|bridge| bridge.usb_lost(len));
-                    }
+                    self.cancel_unfetched_packet();
                     self.adapter.session.signal(());
                 }
                 Some(OutResponse::Accepted)

@@ -7,6 +7,7 @@ mod can;
 mod clock;
 mod flash;
 pub(super) mod uart;
+mod usb;
 
 use armwire_bridge::PACKET;
 use embassy_stm32::dma::{self, Channel, Request};
@@ -15,7 +16,7 @@ use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, USB_OTG_FS};
 use embassy_stm32::usart::{Config as UartConfig, Uart};
-use embassy_stm32::{bind_interrupts, usb};
+use embassy_stm32::{bind_interrupts, usb as hal_usb};
 use static_cell::StaticCell;
 
 use super::Board;
@@ -26,6 +27,7 @@ use crate::uart::{InterruptHandler, RingHandler};
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash};
+pub(crate) use usb::UsbDriver;
 
 /// What the board is called. With another crystal it is another board: an image for the one does not run on the other.
 pub(crate) const NAME: &str = match cfg!(feature = "crystal-12mhz") {
@@ -37,7 +39,8 @@ pub(crate) const NAME: &str = match cfg!(feature = "crystal-12mhz") {
 pub(crate) const CAN_FD: bool = false;
 
 bind_interrupts!(struct Irqs {
-    OTG_FS => usb::InterruptHandler<USB_OTG_FS>;
+    // Before the HAL's, as below.
+    OTG_FS => usb::SetupHandler, hal_usb::InterruptHandler<USB_OTG_FS>;
     TIM5 => TimerHandler;
     USART2 => InterruptHandler;
     // Before the HAL's, which clears the flags.
@@ -87,9 +90,6 @@ pub(crate) const TX_REQUEST: Request = 4;
 /// The endpoints of the USB peripheral, each way (RM0090 34.1).
 const USB_ENDPOINTS: usize = 4;
 
-/// The driver of the USB peripheral.
-pub(crate) type UsbDriver = usb::Driver<'static, USB_OTG_FS>;
-
 /// Starts the clocks and takes the pins.
 pub(crate) fn init() -> Board {
     let p = embassy_stm32::init(clock::config());
@@ -109,7 +109,7 @@ pub(crate) fn init() -> Board {
 
     // One for each of the three OUT endpoints.
     static OUT_PACKETS: StaticCell<[u8; 3 * PACKET]> = StaticCell::new();
-    let mut usb = usb::Config::default();
+    let mut usb = hal_usb::Config::default();
     // VBUS is not wired to PA9 on most boards; without it the adapter counts as plugged in.
     usb.vbus_detection = false;
 
@@ -118,14 +118,14 @@ pub(crate) fn init() -> Board {
         uart,
         rx_dma: Channel::new(p.DMA1_CH5, Irqs),
         tx_dma: Channel::new(p.DMA1_CH6, Irqs),
-        usb: UsbDriver::new_fs(
+        usb: UsbDriver(hal_usb::Driver::new_fs(
             p.USB_OTG_FS,
             Irqs,
             p.PA12,
             p.PA11,
             OUT_PACKETS.init([0; 3 * PACKET]),
             usb,
-        ),
+        )),
         can: Can::new(Controller::new(p.CAN1, p.PB8, p.PB9)),
         flash: flash::new(p.FLASH),
         reset_by_watchdog: reset_by_watchdog(),
@@ -179,13 +179,18 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
             w.set_epdis(true);
         });
         let is_back = soon(|| !control.read().epena());
-        let resets = pac::USB_OTG_FS.grstctl();
-        resets.write(|w| {
-            w.set_txfnum(endpoint as u8);
-            w.set_txfflsh(true);
-        });
-        soon(|| !resets.read().txfflsh()) && is_back
+        flush(endpoint) && is_back
     })
+}
+
+/// Empties the transmit FIFO of an endpoint that is disabled. Returns whether it is empty.
+fn flush(endpoint: usize) -> bool {
+    let resets = pac::USB_OTG_FS.grstctl();
+    resets.write(|w| {
+        w.set_txfnum(endpoint as u8);
+        w.set_txfflsh(true);
+    });
+    soon(|| !resets.read().txfflsh())
 }
 
 /// Waits for what comes within 50 µs, but not for ever. Returns whether it has come.

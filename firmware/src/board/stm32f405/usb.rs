@@ -1,0 +1,275 @@
+//! The driver of the USB peripheral: the HAL's, which here also gets over a host that gives up a request, clears a halt or
+//! configures again.
+//!
+//! The HAL's waits for the end of each stage of a request, though the host may begin another request at any time (USB 2.0,
+//! 8.5.3), and leaves data toggles as they are.
+
+use core::future::{Future, poll_fn};
+use core::pin::pin;
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::task::Poll;
+
+use embassy_stm32::interrupt::typelevel::{Handler, OTG_FS};
+use embassy_stm32::pac::USB_OTG_FS;
+use embassy_stm32::pac::otg::vals::Pktstsd;
+use embassy_stm32::{peripherals, usb};
+use embassy_sync::waitqueue::AtomicWaker;
+use embassy_usb::driver::{
+    self, ControlPipe as _, Direction, EndpointAddress, EndpointAllocError, EndpointError, EndpointType, Event,
+    Unsupported,
+};
+
+use super::{USB_ENDPOINTS, flush, soon};
+
+/// The HAL's driver and what it consists of.
+type Hal = usb::Driver<'static, peripherals::USB_OTG_FS>;
+type HalBus = <Hal as driver::Driver<'static>>::Bus;
+type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
+
+/// For how many SETUP packets the HAL makes room. The controller counts down with each (RM0090 34.17.5).
+const SETUP_PACKETS: u8 = 3;
+
+/// The longest packet of endpoint 0.
+const CONTROL_PACKET: usize = 64;
+
+/// A SETUP packet came since the last request was taken. A bus reset does not lose it, as it loses the controller's count.
+static IS_SET_UP: AtomicBool = AtomicBool::new(false);
+
+/// Who waits for the end of a stage.
+static WAITING: AtomicWaker = AtomicWaker::new();
+
+/// Tells whoever waits for a stage of a request that the host has gone on. It runs before the HAL's.
+pub(super) struct SetupHandler;
+
+impl Handler<OTG_FS> for SetupHandler {
+    unsafe fn on_interrupt() {
+        if is_set_up() {
+            IS_SET_UP.store(true, Ordering::Relaxed);
+        }
+        if is_over() {
+            WAITING.wake();
+        }
+    }
+}
+
+/// Whether a SETUP packet came since the last request was taken.
+fn is_set_up() -> bool {
+    IS_SET_UP.load(Ordering::Relaxed) || USB_OTG_FS.doeptsiz(0).read().rxdpid_stupcnt() != SETUP_PACKETS
+}
+
+/// Whether the request under way is over for the host: it began another, or the bus was reset or suspended.
+fn is_over() -> bool {
+    let events = USB_OTG_FS.gintsts().read();
+    is_set_up() || events.usbrst() || events.enumdne() || events.usbsusp()
+}
+
+/// Waits for the end of a stage of a request. `None` once the request is over for the host.
+async fn unless_over<R>(stage: impl Future<Output = R>) -> Option<R> {
+    let mut stage = pin!(stage);
+    poll_fn(|cx| {
+        WAITING.register(cx.waker());
+        // What the stage gives the host just when that begins another request is taken back before the host asks for it:
+        // that takes 5 µs, an interrupt may take as long.
+        critical_section::with(|_| {
+            if is_over() {
+                return Poll::Ready(None);
+            }
+            let polled = stage.as_mut().poll(cx).map(Some);
+            if is_over() {
+                cancel_answer();
+                return Poll::Ready(None);
+            }
+            polled
+        })
+    })
+    .await
+}
+
+/// Takes back what endpoint 0 has for a host that has begun another request, which has set the endpoint's NAK (RM0090
+/// 34.17.6, "IN endpoint disable").
+fn cancel_answer() {
+    let control = USB_OTG_FS.diepctl(0);
+    if control.read().epena() {
+        control.modify(|w| {
+            w.set_snak(true);
+            w.set_epdis(true);
+        });
+        soon(|| !control.read().epena());
+        flush(0);
+    }
+}
+
+/// Lets an endpoint begin at DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
+fn start_at_data0(endpoint: EndpointAddress) {
+    let index = endpoint.index();
+    // A one that is written back would begin the transfer anew that ended meanwhile.
+    critical_section::with(|_| match endpoint.direction() {
+        Direction::In => USB_OTG_FS.diepctl(index).modify(|w| {
+            w.set_epena(false);
+            w.set_sd0pid_sevnfrm(true);
+        }),
+        Direction::Out => USB_OTG_FS.doepctl(index).modify(|w| {
+            w.set_epena(false);
+            w.set_sd0pid_sevnfrm(true);
+        }),
+    });
+}
+
+/// Whether an endpoint is in use.
+fn is_active(endpoint: EndpointAddress) -> bool {
+    match endpoint.direction() {
+        Direction::In => USB_OTG_FS.diepctl(endpoint.index()).read().usbaep(),
+        Direction::Out => USB_OTG_FS.doepctl(endpoint.index()).read().usbaep(),
+    }
+}
+
+/// The driver.
+pub(crate) struct UsbDriver(pub(super) Hal);
+
+impl driver::Driver<'static> for UsbDriver {
+    type EndpointOut = <Hal as driver::Driver<'static>>::EndpointOut;
+    type EndpointIn = <Hal as driver::Driver<'static>>::EndpointIn;
+    type ControlPipe = ControlPipe;
+    type Bus = Bus;
+
+    fn alloc_endpoint_out(
+        &mut self,
+        kind: EndpointType,
+        address: Option<EndpointAddress>,
+        max_packet_size: u16,
+        interval_ms: u8,
+    ) -> Result<Self::EndpointOut, EndpointAllocError> {
+        self.0.alloc_endpoint_out(kind, address, max_packet_size, interval_ms)
+    }
+
+    fn alloc_endpoint_in(
+        &mut self,
+        kind: EndpointType,
+        address: Option<EndpointAddress>,
+        max_packet_size: u16,
+        interval_ms: u8,
+    ) -> Result<Self::EndpointIn, EndpointAllocError> {
+        self.0.alloc_endpoint_in(kind, address, max_packet_size, interval_ms)
+    }
+
+    fn start(self, control_max_packet_size: u16) -> (Bus, ControlPipe) {
+        let (bus, control) = self.0.start(control_max_packet_size);
+        (Bus(bus), ControlPipe(control))
+    }
+}
+
+/// The bus.
+pub(crate) struct Bus(HalBus);
+
+impl driver::Bus for Bus {
+    async fn enable(&mut self) {
+        self.0.enable().await;
+    }
+
+    async fn disable(&mut self) {
+        self.0.disable().await;
+    }
+
+    async fn poll(&mut self) -> Event {
+        self.0.poll().await
+    }
+
+    fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {
+        // The HAL would let one that is in use take a packet for which it has no room, and lose the one that waits there.
+        if !enabled || !is_active(endpoint) {
+            self.0.endpoint_set_enabled(endpoint, enabled);
+        }
+        start_at_data0(endpoint);
+    }
+
+    fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
+        // The HAL panics at one that the controller does not have.
+        if endpoint.index() >= USB_ENDPOINTS {
+            return;
+        }
+        self.0.endpoint_set_stalled(endpoint, stalled);
+        if !stalled && endpoint.index() != 0 {
+            start_at_data0(endpoint);
+        }
+    }
+
+    fn endpoint_is_stalled(&mut self, endpoint: EndpointAddress) -> bool {
+        endpoint.index() < USB_ENDPOINTS && self.0.endpoint_is_stalled(endpoint)
+    }
+
+    async fn remote_wakeup(&mut self) -> Result<(), Unsupported> {
+        self.0.remote_wakeup().await
+    }
+}
+
+/// Endpoint 0.
+pub(crate) struct ControlPipe(HalControlPipe);
+
+impl ControlPipe {
+    /// Drops data of a request that was given up: none of the next one is let in before that is taken.
+    fn drop_data(&mut self, cx: &mut core::task::Context<'_>) {
+        let mut data = [0; CONTROL_PACKET];
+        let _ = pin!(self.0.data_out(&mut data, true, true)).poll(cx);
+    }
+}
+
+impl driver::ControlPipe for ControlPipe {
+    fn max_packet_size(&self) -> usize {
+        self.0.max_packet_size()
+    }
+
+    async fn setup(&mut self) -> [u8; 8] {
+        poll_fn(|cx| {
+            critical_section::with(|_| {
+                let received = USB_OTG_FS.gintsts();
+                if received.read().rxflvl() {
+                    // Perhaps another SETUP packet, which the HAL's interrupt handler fetches next.
+                    cx.waker().wake_by_ref();
+                    return Poll::Pending;
+                }
+                let is_new = is_set_up();
+                self.drop_data(cx);
+                let Poll::Ready(request) = pin!(self.0.setup()).poll(cx) else {
+                    return Poll::Pending;
+                };
+                let next = USB_OTG_FS.grxstsr();
+                if received.read().rxflvl() && next.read().pktstsd() == Pktstsd::SETUP_DATA_RX {
+                    // It came just now, and the HAL has put back the count of them.
+                    IS_SET_UP.store(true, Ordering::Relaxed);
+                    cx.waker().wake_by_ref();
+                    return Poll::Pending;
+                }
+                if !is_new {
+                    // The end of the SETUP stage of a request that was taken already.
+                    return Poll::Pending;
+                }
+                IS_SET_UP.store(false, Ordering::Relaxed);
+                cancel_answer();
+                Poll::Ready(request)
+            })
+        })
+        .await
+    }
+
+    async fn data_out(&mut self, buf: &mut [u8], first: bool, last: bool) -> Result<usize, EndpointError> {
+        let stage = unless_over(self.0.data_out(buf, first, last)).await;
+        stage.unwrap_or(Err(EndpointError::Disabled))
+    }
+
+    async fn data_in(&mut self, data: &[u8], first: bool, last: bool) -> Result<(), EndpointError> {
+        let stage = unless_over(self.0.data_in(data, first, last)).await;
+        stage.unwrap_or(Err(EndpointError::Disabled))
+    }
+
+    async fn accept(&mut self) {
+        unless_over(self.0.accept()).await;
+    }
+
+    async fn reject(&mut self) {
+        unless_over(self.0.reject()).await;
+    }
+
+    async fn accept_set_address(&mut self, address: u8) {
+        unless_over(self.0.accept_set_address(address)).await;
+    }
+}
