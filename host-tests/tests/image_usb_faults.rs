@@ -1,0 +1,322 @@
+//! What a USB host may do to the adapter that well-behaved ones do not: give up requests, reset in the middle of one, halt
+//! and clear endpoints, configure again.
+
+use armwire_bridge::Counters;
+use armwire_host_tests::image::{
+    MEGABAUD, Talker, counters, exchange, noise, on_board, open, plug_in, read_all, same_bytes,
+};
+use armwire_virtual_board::usb::Direction;
+use armwire_virtual_board::usb::cdc::LineCoding;
+use armwire_virtual_board::usb::host::Request;
+use armwire_virtual_board::{Nanos, VirtualBoard};
+
+type Board = VirtualBoard<Talker>;
+
+/// In which time the adapter must answer again.
+const READY: Nanos = Nanos::from_millis(100);
+
+fn get_line_coding() -> Request {
+    Request::read(0xA1, 0x21, 0, 0, 7)
+}
+
+/// For 1 000 000 baud.
+fn set_line_coding() -> Request {
+    Request::write(0x21, 0x20, 0, 0, vec![0x40, 0x42, 0x0F, 0x00, 0, 0, 8])
+}
+
+fn read_counters() -> Request {
+    let (kind, request) = Counters::READ_REQUEST;
+    Request::read(kind, request, 0, 0, Counters::MAX_LEN as u16)
+}
+
+/// Asks for something, and expects the answer in time.
+fn answers(board: &mut Board, after: &str) {
+    let before = board.now();
+    let coding = board.usb().line_coding();
+    assert_eq!(coding.ok().flatten(), Some(LineCoding::new(MEGABAUD)), "{after}");
+    let took = board.now().since(before);
+    assert!(took < READY, "{after}: answered after {took}");
+}
+
+/// A byte goes each way.
+fn passes_bytes(board: &mut Board, byte: u8, after: &str) {
+    board.with_arm(|arm| arm.say(&[byte]));
+    board.usb().write(&[!byte]).unwrap();
+    let mut got = (Vec::new(), Vec::new());
+    let passed = board.run_until(READY, |board| {
+        got.0.extend(board.usb().read());
+        got.1.extend(board.with_arm(Talker::take_heard));
+        !got.0.is_empty() && !got.1.is_empty()
+    });
+    assert!(passed.is_ok(), "{after}: {got:?}");
+    assert_eq!(got, (vec![byte], vec![!byte]), "{after}");
+}
+
+fn works_when_it_is_given_up(request: fn() -> Request) {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for micros in 0..=400_u16 {
+            let after = format!("given up after {micros} us");
+            board
+                .usb()
+                .abandon(request(), Nanos(1_000 * u64::from(micros)))
+                .unwrap();
+            // The next request comes at once, or when the adapter has nothing else left to do.
+            if micros % 2 == 1 {
+                board.run_for(Nanos(300_000)).unwrap();
+            }
+            match micros / 2 % 3 {
+                0 => answers(board, &after),
+                1 => board.usb().set_line_coding(LineCoding::new(MEGABAUD)).expect(&after),
+                _ => drop(counters(board)),
+            }
+            passes_bytes(board, micros as u8, &after);
+        }
+        answers(board, "at the end");
+        assert_eq!(counters(board).refused_line_codings, 0);
+    });
+}
+
+#[test]
+fn a_read_of_seven_bytes_may_be_given_up_at_any_microsecond() {
+    works_when_it_is_given_up(get_line_coding);
+}
+
+#[test]
+fn a_write_may_be_given_up_at_any_microsecond() {
+    works_when_it_is_given_up(set_line_coding);
+}
+
+#[test]
+fn a_read_of_many_packets_may_be_given_up_at_any_microsecond() {
+    works_when_it_is_given_up(read_counters);
+}
+
+#[test]
+fn requests_given_up_one_after_the_other_leave_the_next_one_whole() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for micros in (1..60).step_by(3) {
+            for request in [get_line_coding, set_line_coding, read_counters, set_line_coding] {
+                board.usb().abandon(request(), Nanos(1_000 * micros)).unwrap();
+            }
+            answers(board, &format!("given up after {micros} us, four times"));
+        }
+        passes_bytes(board, 7, "at the end");
+    });
+}
+
+#[test]
+fn the_bus_may_be_reset_in_the_middle_of_a_request() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for micros in (5..80).step_by(15) {
+            for request in [get_line_coding, set_line_coding, read_counters] {
+                let after = format!("reset after {micros} us");
+                board.usb().abandon(request(), Nanos(1_000 * micros)).unwrap();
+                board.usb().reset_bus();
+                board.run_for(Nanos::from_millis(20)).unwrap();
+                open(board, MEGABAUD);
+                answers(board, &after);
+                passes_bytes(board, 1, &after);
+            }
+        }
+    });
+}
+
+#[test]
+fn the_cable_may_be_pulled_in_the_middle_of_a_request() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for micros in (5..80).step_by(15) {
+            for request in [get_line_coding, set_line_coding, read_counters] {
+                let after = format!("pulled after {micros} us");
+                board.usb().abandon(request(), Nanos(1_000 * micros)).unwrap();
+                board.usb().detach();
+                board.run_for(Nanos::from_millis(50)).unwrap();
+                plug_in(board, MEGABAUD);
+                answers(board, &after);
+                passes_bytes(board, 1, &after);
+            }
+        }
+    });
+}
+
+#[test]
+fn the_bus_may_be_suspended_in_the_middle_of_a_request() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for micros in (5..80).step_by(15) {
+            for request in [get_line_coding, set_line_coding, read_counters] {
+                let after = format!("suspended after {micros} us");
+                let before = counters(board).usb_suspends;
+                board.usb().abandon(request(), Nanos(1_000 * micros)).unwrap();
+                board.usb().suspend();
+                board.run_for(Nanos::from_millis(20)).unwrap();
+                board.usb().resume();
+                board.run_for(Nanos::from_millis(30)).unwrap();
+                answers(board, &after);
+                passes_bytes(board, 1, &after);
+                assert_eq!(counters(board).usb_suspends, before + 1, "{after}");
+            }
+        }
+    });
+}
+
+/// Lets `act` happen at both toggles of both directions, and expects each byte before and after.
+fn costs_no_byte(act: impl Fn(&mut Board)) {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let mut seen = [[0; 2]; 2];
+        for nth in 0..6 {
+            for (way, direction) in [Direction::Out, Direction::In].into_iter().enumerate() {
+                seen[way][usize::from(board.usb().toggle(direction).unwrap())] += 1;
+            }
+            act(board);
+            answers(board, "a request after it");
+            for byte in 0..=nth {
+                passes_bytes(board, byte, &format!("byte {byte} after the {nth}th time"));
+            }
+        }
+        assert!(seen.iter().flatten().all(|&times| times > 0), "{seen:?}");
+    });
+}
+
+#[test]
+fn a_halt_that_is_cleared_where_there_was_none_costs_no_byte() {
+    costs_no_byte(|board| board.usb().clear_halt(Direction::In).unwrap());
+    costs_no_byte(|board| board.usb().clear_halt(Direction::Out).unwrap());
+}
+
+#[test]
+fn an_endpoint_that_was_halted_passes_bytes_again() {
+    costs_no_byte(|board| {
+        for direction in [Direction::In, Direction::Out] {
+            board.usb().set_halt(direction).unwrap();
+            board.run_for(Nanos::from_millis(2)).unwrap();
+            board.usb().clear_halt(direction).unwrap();
+        }
+    });
+}
+
+#[test]
+fn a_halt_of_an_endpoint_that_is_not_there_costs_no_byte() {
+    costs_no_byte(|board| {
+        for endpoint in [0x04, 0x0F, 0x84, 0x8F] {
+            for request in [1, 3] {
+                let halt = Request::write(0x02, request, 0, endpoint, Vec::new());
+                board.usb().control(halt).unwrap();
+            }
+            board.usb().control(Request::read(0x82, 0, 0, endpoint, 2)).unwrap();
+        }
+    });
+}
+
+#[test]
+fn an_interface_that_is_set_again_costs_no_byte() {
+    costs_no_byte(|board| board.usb().set_interface().unwrap());
+}
+
+#[test]
+fn a_configuration_that_is_set_again_costs_no_byte() {
+    costs_no_byte(|board| board.usb().set_configuration(1).unwrap());
+}
+
+#[test]
+fn a_configuration_that_is_taken_away_and_set_again_costs_no_byte() {
+    costs_no_byte(|board| {
+        board.usb().set_configuration(0).unwrap();
+        board.usb().set_configuration(1).unwrap();
+    });
+}
+
+#[test]
+fn what_waits_for_the_host_is_there_after_a_halt_is_cleared_or_the_interface_set() {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        for (nth, len) in [5, 64, 70, 200, 300].into_iter().enumerate() {
+            let said = noise(nth as u64, len);
+            board.usb().set_reading(false);
+            board.with_arm(|arm| arm.say(&said));
+            board.run_for(Nanos::from_millis(20)).unwrap();
+            match nth % 2 {
+                0 => board.usb().clear_halt(Direction::In).unwrap(),
+                _ => board.usb().set_interface().unwrap(),
+            }
+            board.usb().set_reading(true);
+            same_bytes("the host", &read_all(board), &said);
+        }
+    });
+}
+
+/// Lets `act` happen again and again while both sides talk: what the host says comes to the arm, and what the arm says to
+/// the host or into the books.
+fn loses_nothing_uncounted(act: impl Fn(&mut Board, u64)) {
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        exchange(board, &noise(1, 500), &noise(2, 500));
+        let before = counters(board);
+        board.usb().forget_packets();
+        let (said, asked) = (noise(3, 30_000), noise(4, 10_000));
+        board.with_arm(|arm| arm.say(&said));
+        for (nth, part) in asked.chunks(500).enumerate() {
+            board.usb().write(part).unwrap();
+            board.run_for(Nanos(2_000_000 + 137_000 * (nth as u64 % 9))).unwrap();
+            act(board, nth as u64);
+        }
+        board.run_for(Nanos::from_millis(300)).unwrap();
+        board.usb().read();
+        let packets = board.usb().packets();
+        let sent = |direction| -> Vec<u8> {
+            let port = packets.iter().filter(|one| one.direction == direction);
+            port.flat_map(|packet| packet.data.iter().copied()).collect()
+        };
+        same_bytes("the arm", &board.with_arm(Talker::take_heard), &sent(Direction::Out));
+        let after = counters(board);
+        let missed = after.unheard_bytes + after.dropped_bytes - before.unheard_bytes - before.dropped_bytes;
+        let heard = sent(Direction::In).len();
+        assert_eq!(heard + missed as usize, said.len(), "{heard} heard, {missed} counted");
+        assert!(heard > 1_000, "{heard}");
+        assert_eq!(after.refused_bytes, before.refused_bytes);
+        exchange(board, &noise(5, 500), &noise(6, 500));
+    });
+}
+
+#[test]
+fn a_configuration_that_is_set_again_in_full_flow_loses_nothing_uncounted() {
+    loses_nothing_uncounted(|board, _| {
+        board.usb().set_configuration(1).unwrap();
+        board.usb().set_control_lines(true, true).unwrap();
+    });
+}
+
+#[test]
+fn a_halt_that_is_cleared_in_full_flow_loses_nothing() {
+    loses_nothing_uncounted(|board, nth| {
+        board
+            .usb()
+            .clear_halt([Direction::In, Direction::Out][nth as usize % 2])
+            .unwrap();
+    });
+}
+
+#[test]
+fn requests_given_up_in_full_flow_lose_nothing() {
+    loses_nothing_uncounted(|board, nth| {
+        for request in [get_line_coding, set_line_coding, read_counters] {
+            board.usb().abandon(request(), Nanos(1_000 * (nth * 7 % 97))).unwrap();
+        }
+        answers(board, "in full flow");
+    });
+}
+
+#[test]
+fn a_bus_reset_in_full_flow_loses_nothing_uncounted() {
+    loses_nothing_uncounted(|board, nth| {
+        if nth % 5 == 4 {
+            board.usb().reset_bus();
+            board.run_for(Nanos::from_millis(20)).unwrap();
+            open(board, MEGABAUD);
+        }
+    });
+}
