@@ -43,7 +43,7 @@ pub(super) struct SetupHandler;
 
 impl Handler<OTG_FS> for SetupHandler {
     unsafe fn on_interrupt() {
-        if is_set_up() {
+        if is_set_up() || setup_waits() {
             IS_SET_UP.store(true, Ordering::Relaxed);
         }
         if is_over() {
@@ -55,6 +55,11 @@ impl Handler<OTG_FS> for SetupHandler {
 /// Whether a SETUP packet came since the last request was taken.
 fn is_set_up() -> bool {
     IS_SET_UP.load(Ordering::Relaxed) || USB_OTG_FS.doeptsiz(0).read().rxdpid_stupcnt() != SETUP_PACKETS
+}
+
+/// Whether the next that the HAL will fetch is a SETUP packet (RM0090 34.16.2, OTG_FS_GRXSTSR).
+fn setup_waits() -> bool {
+    USB_OTG_FS.gintsts().read().rxflvl() && USB_OTG_FS.grxstsr().read().pktstsd() == Pktstsd::SETUP_DATA_RX
 }
 
 /// Whether the request under way is over for the host: it began another, or the bus was reset or suspended.
@@ -221,8 +226,7 @@ impl driver::ControlPipe for ControlPipe {
     async fn setup(&mut self) -> [u8; 8] {
         poll_fn(|cx| {
             critical_section::with(|_| {
-                let received = USB_OTG_FS.gintsts();
-                if received.read().rxflvl() {
+                if USB_OTG_FS.gintsts().read().rxflvl() {
                     // Perhaps another SETUP packet, which the HAL's interrupt handler fetches next.
                     cx.waker().wake_by_ref();
                     return Poll::Pending;
@@ -232,8 +236,7 @@ impl driver::ControlPipe for ControlPipe {
                 let Poll::Ready(request) = pin!(self.0.setup()).poll(cx) else {
                     return Poll::Pending;
                 };
-                let next = USB_OTG_FS.grxstsr();
-                if received.read().rxflvl() && next.read().pktstsd() == Pktstsd::SETUP_DATA_RX {
+                if setup_waits() {
                     // It came just now, and the HAL has put back the count of them.
                     IS_SET_UP.store(true, Ordering::Relaxed);
                     cx.waker().wake_by_ref();
