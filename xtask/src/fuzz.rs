@@ -34,6 +34,9 @@ cargo xtask fuzz --minimise [TARGET...]                  make the committed corp
 /// How long one input may take, in seconds: far longer than any does, also on a machine that stands still for a while.
 const TIMEOUT: u32 = 60;
 
+/// What the names of inputs begin with that are frames of the documents: `host-tests/tests/fuzz_corpus.rs` writes them.
+const DOCUMENT: &str = "document-";
+
 struct Options {
     seconds: u32,
     /// libFuzzer's seed, 0 for one of its own choice.
@@ -188,8 +191,13 @@ fn minimise(programs: &Path, target: &str, vectors: &BTreeSet<Vec<u8>>) -> Resul
     let mut merge = libfuzzer(programs, target);
     merge.args(["-set_cover_merge=1", "-use_counters=0", "-max_len=4096"]);
     output(merge.arg(&fresh).arg(&found).arg(committed(target)))?;
-    fs::remove_dir_all(committed(target))?;
-    fs::create_dir_all(committed(target))?;
+    // The frames of the documents stay, also where others reach the same code.
+    for file in fs::read_dir(committed(target))? {
+        let file = file?;
+        if !file.file_name().to_string_lossy().starts_with(DOCUMENT) {
+            fs::remove_file(file.path())?;
+        }
+    }
     for file in fs::read_dir(&fresh)? {
         let file = file?;
         fs::copy(file.path(), committed(target).join(file.file_name()))?;

@@ -1,0 +1,55 @@
+//! The fuzz corpus has every frame of the documents.
+//!
+//! `ARMWIRE_WRITE=1 cargo test --test fuzz_corpus` writes the files.
+
+use std::path::Path;
+use std::{env, fs};
+
+use armwire_host_tests::reference::vectors::{
+    Vector, alpha1_answers, alpha1_requests, alpha1_servo_answers, legacy, ling_answers, ling_requests, xarm_answers,
+    xarm_requests,
+};
+
+/// What the target `decode` reads before the bytes of a line: the protocol, and what the reader expects where there is a
+/// choice.
+const LING: &[u8] = &[0];
+const LEGACY: &[u8] = &[1];
+const ALPHA1_REQUESTS: &[u8] = &[2, 0];
+const ALPHA1_RESPONSES: &[u8] = &[2, 1];
+const SERVO_ACKNOWLEDGES: &[u8] = &[2, 2, 0, 0];
+const SERVO_ANGLES: &[u8] = &[2, 2, 1];
+const XARM_REQUESTS: &[u8] = &[3, 0];
+const XARM_RESPONSES: &[u8] = &[3, 1];
+
+fn inputs() -> Vec<(String, Vec<u8>)> {
+    let mut inputs = Vec::new();
+    let mut add = |name: &str, start: &[u8], vectors: Vec<Vector>| {
+        for (nth, vector) in vectors.iter().enumerate() {
+            inputs.push((format!("document-{name}-{nth}"), [start, &vector.bytes].concat()));
+        }
+    };
+    add("ling-request", LING, ling_requests());
+    add("ling-response", LING, ling_answers());
+    add("legacy", LEGACY, legacy());
+    add("alpha1-request", ALPHA1_REQUESTS, alpha1_requests());
+    add("alpha1-response", ALPHA1_RESPONSES, alpha1_answers());
+    add("servo-acknowledges", SERVO_ACKNOWLEDGES, alpha1_servo_answers());
+    add("servo-angles", SERVO_ANGLES, alpha1_servo_answers());
+    add("xarm-request", XARM_REQUESTS, xarm_requests());
+    add("xarm-response", XARM_RESPONSES, xarm_answers());
+    inputs
+}
+
+#[test]
+fn the_corpus_has_every_frame_of_the_documents() {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus/decode");
+    let inputs = inputs();
+    assert!(inputs.len() > 100, "{} frames", inputs.len());
+    for (name, input) in inputs {
+        let path = corpus.join(&name);
+        if env::var_os("ARMWIRE_WRITE").is_some() {
+            fs::write(&path, &input).unwrap();
+        }
+        assert_eq!(fs::read(&path).unwrap_or_default(), input, "{name}");
+    }
+}
