@@ -72,6 +72,8 @@ struct World<P: Subject, const N: usize> {
     out: usize,
     of_flight: bool,
     broken: bool,
+    /// The longest time that an arm may take for one of the requests so far.
+    turnaround: Micros,
 }
 
 impl<P: Subject, const N: usize> World<P, N> {
@@ -85,6 +87,7 @@ impl<P: Subject, const N: usize> World<P, N> {
             out: 0,
             of_flight: false,
             broken: false,
+            turnaround: Micros(0),
         }
     }
 
@@ -96,6 +99,8 @@ impl<P: Subject, const N: usize> World<P, N> {
             return;
         }
         assert_eq!(submitted, Ok(()));
+        let turnaround = P::reply(&request).map_or(Micros(0), |reply| reply.turnaround);
+        self.turnaround = self.turnaround.max(turnaround);
         self.flight = Some(Flight {
             request,
             sends: 0,
@@ -207,8 +212,9 @@ impl<P: Subject, const N: usize> World<P, N> {
         self.hear(Input::Tick);
     }
 
-    /// Nothing comes any more: what is in flight ends.
+    /// Nothing comes any more: what is in flight ends, within the time that the configuration gives it.
     fn end(mut self) {
+        let end = self.now + self.longest();
         // Each is sent, falls due, and may be given a little more time; noise that is waited for ends as well.
         for _ in 0..6 * (u32::from(self.config.repeats) + 2) {
             self.transmit(N);
@@ -224,5 +230,21 @@ impl<P: Subject, const N: usize> World<P, N> {
         );
         assert_eq!(self.client.poll_transmit(self.now), None);
         assert_eq!(self.client.poll_timeout(), None);
+        assert!(
+            self.now <= end,
+            "{:?} is over at {:?}, not by {end:?}",
+            self.client,
+            self.now
+        );
+    }
+
+    /// The time after which all is over: the answer to an earlier request is late, and then each send of this one falls due, a
+    /// frame that has begun included.
+    fn longest(&self) -> Micros {
+        let frame = N as u64 * 10_000_000 / u64::from(self.config.baud.max(1));
+        let answer = self.turnaround.0 + self.config.latency.0 + 3 * frame;
+        // Each of these times may be rounded up.
+        let rounding = 100;
+        Micros((u64::from(self.config.repeats) + 2) * answer + 2 * self.config.lateness.0 + rounding)
     }
 }

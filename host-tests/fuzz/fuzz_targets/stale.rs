@@ -120,7 +120,48 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         }
         hear(&mut client, now, Input::Tick, &mut flight);
     }
+    is_answered(&mut client, now);
     Ok(())
+}
+
+/// Whatever was before: once it is over, the next request is answered.
+fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Micros) {
+    // What was begun goes out, and nobody answers any more.
+    client.cancel(now);
+    let mut flight = None;
+    loop {
+        if let Some(bytes) = client.poll_transmit(now) {
+            let len = bytes.len();
+            client.transmitted(now, len);
+        } else if let Some(due) = client.poll_timeout() {
+            now = now.max(due);
+            hear(client, now, Input::Tick, &mut flight);
+        } else {
+            break;
+        }
+    }
+    hear(client, now, Input::Idle, &mut flight);
+
+    let (request, tag) = (Request::ReadJoints, u8::MAX);
+    client.submit(request).expect("nothing is in flight");
+    flight = Some((request, tag));
+    // An answer that is missing may hold it back.
+    while client.poll_transmit(now).is_none() {
+        let due = client.poll_timeout().expect("it is held back for ever");
+        now = now.max(due);
+        hear(client, now, Input::Tick, &mut flight);
+        assert!(flight.is_some(), "it ends before it is sent");
+    }
+    let len = client.poll_transmit(now).expect("it is there").len();
+    client.transmitted(now, len);
+    let response = answer(&request, tag).expect("it has an answer");
+    hear(
+        client,
+        now,
+        Input::Bytes(&response_bytes::<Ling>(&response)),
+        &mut flight,
+    );
+    assert_eq!(flight, None, "the answer is not taken");
 }
 
 /// Gives an input until nothing comes of it any more.
