@@ -75,7 +75,7 @@ fn response() -> impl Strategy<Value = Response> {
         (any::<u16>(), any::<u8>(), 0..=127_u8).prop_map(|(transaction, unit, function)| Response::ModbusRefused {
             transaction,
             unit,
-            function,
+            function: ModbusFunction::new(function).unwrap(),
         });
     prop_oneof![1 => Just(Response::Heartbeat), 1 => refused, 8 => reply]
 }

@@ -2,8 +2,8 @@
 
 use armwire::EncodeError;
 use armwire::xarm::{
-    Command, Direction, Frame, HEADER, Header, Joint, MAX_PARAMS, ProtocolId, Raw, Register, Reply, Request, Response,
-    RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText, XArm,
+    Command, Direction, Frame, HEADER, Header, Joint, MAX_PARAMS, ModbusFunction, ProtocolId, Raw, Register, Reply,
+    Request, Response, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText, XArm,
 };
 
 use crate::subject::{request_bytes, response_bytes};
@@ -62,7 +62,7 @@ impl Subject for XArm {
                 let refused = Response::ModbusRefused {
                     transaction: u.arbitrary()?,
                     unit: u.arbitrary()?,
-                    function: u.int_in_range(0..=127)?,
+                    function: ModbusFunction::new(u.int_in_range(0..=127)?).expect("in range"),
                 };
                 return Ok((refused, Direction::Responses));
             }

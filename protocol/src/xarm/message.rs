@@ -4,8 +4,8 @@ use core::fmt;
 
 use super::frame::{HEARTBEAT_ID, MODBUS_ID, put};
 use super::value::{
-    Joint, ProtocolId, Raw, RawError, RawRef, Register, RotationRadius, SerialsText, State, TEXT, TorqueSource,
-    VersionText, padded,
+    Joint, ModbusFunction, ProtocolId, Raw, RawError, RawRef, Register, RotationRadius, SerialsText, State, TEXT,
+    TorqueSource, VersionText, padded,
 };
 use super::{Direction, Frame, MAX_FRAME, XArm};
 use crate::error::write_either;
@@ -16,9 +16,6 @@ mod control {
     pub(super) const SHUTDOWN: u8 = 1;
     pub(super) const REBOOT: u8 = 2;
 }
-
-/// The bit that Modbus sets in the function code of a refusal.
-const MODBUS_REFUSED: u8 = 0x80;
 
 /// Modbus: the server has no such function.
 const ILLEGAL_FUNCTION: u8 = 0x01;
@@ -161,8 +158,8 @@ pub enum Response {
         transaction: u16,
         /// The Modbus unit it was for.
         unit: u8,
-        /// The Modbus function it asked for, `0..=127`; bit 7 is not part of it.
-        function: u8,
+        /// The Modbus function it asked for.
+        function: ModbusFunction,
     },
 }
 
@@ -250,8 +247,8 @@ pub enum ResponseRef<'a> {
         transaction: u16,
         /// The Modbus unit it was for.
         unit: u8,
-        /// The Modbus function it asked for, `0..=127`.
-        function: u8,
+        /// The Modbus function it asked for.
+        function: ModbusFunction,
     },
 }
 
@@ -326,8 +323,8 @@ pub enum ParseError {
         protocol: u16,
         /// Modbus unit.
         unit: u8,
-        /// Modbus function, without bit 7.
-        function: u8,
+        /// The Modbus function it asks for.
+        function: ModbusFunction,
     },
     /// A register with parameters that it does not have.
     Call {
@@ -470,7 +467,7 @@ fn kind(frame: Frame<'_>) -> Kind {
                 transaction,
                 protocol,
                 unit: body.next().unwrap_or_default(),
-                function: body.next().unwrap_or_default() & !MODBUS_REFUSED,
+                function: ModbusFunction::of_byte(body.next().unwrap_or_default()),
             })
         }
     }
@@ -517,7 +514,7 @@ impl Protocol for XArm {
                 let frame = Frame {
                     transaction: *transaction,
                     protocol: MODBUS_ID,
-                    body: &[*unit, function | MODBUS_REFUSED, ILLEGAL_FUNCTION],
+                    body: &[*unit, function.refused(), ILLEGAL_FUNCTION],
                 };
                 return frame.put(out);
             }
@@ -590,7 +587,7 @@ impl Protocol for XArm {
                     function,
                     ..
                 }),
-                &[_, MODBUS_REFUSED..=u8::MAX, ILLEGAL_FUNCTION],
+                &[_, ModbusFunction::REFUSED..=u8::MAX, ILLEGAL_FUNCTION],
             ) => {
                 return Ok(ResponseRef::ModbusRefused {
                     transaction,

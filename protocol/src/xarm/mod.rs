@@ -33,8 +33,8 @@ pub use driver::{Answer, Arm, ArmError, CallError};
 pub use frame::{Direction, Frame, HEADER, HEARTBEAT, MAX_BODY, MAX_FRAME, MAX_PARAMS};
 pub use message::{Cause, Command, Header, ParseError, Reply, ReplyRef, Request, Response, ResponseRef, Transactions};
 pub use value::{
-    Joint, MAX_JOINTS, ProtocolId, Raw, RawError, RawRef, Register, RotationRadius, SerialsText, State, TEXT,
-    TorqueSource, Version, VersionError, VersionText,
+    Joint, MAX_JOINTS, ModbusFunction, ProtocolId, Raw, RawError, RawRef, Register, RotationRadius, SerialsText, State,
+    TEXT, TorqueSource, Version, VersionError, VersionText,
 };
 
 /// The xArm protocol: a name for [`Decoder`](crate::Decoder), [`Client`](crate::Client) and

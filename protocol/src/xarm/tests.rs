@@ -165,7 +165,7 @@ fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
             Response::ModbusRefused {
                 transaction: 7,
                 unit: 1,
-                function: 3,
+                function: ModbusFunction::new(3).unwrap(),
             },
         ),
     ])
@@ -670,4 +670,11 @@ fn no_more_bytes_are_waited_for_than_a_frame_has() {
         assert!(decoder.push(&[byte]).is_empty());
     }
     assert!(decoder.next(Direction::Requests).is_some_and(|next| next.is_ok()));
+}
+
+#[test]
+fn a_modbus_function_that_no_byte_has_room_for_is_refused() {
+    let error = ModbusFunction::new(0x83).unwrap_err();
+    assert_eq!(std::format!("{error}"), "Modbus function is 131, must be 0..=127");
+    assert_eq!(ModbusFunction::new(127).map(ModbusFunction::number), Ok(127));
 }

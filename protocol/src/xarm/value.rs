@@ -32,6 +32,64 @@ pub enum ProtocolId {
     Supervised = 3,
 }
 
+/// The number of a function in standard Modbus, `0..=127`: bit 7 of its byte marks a refusal (Modbus application protocol
+/// V1.1b3, section 7).
+///
+/// ```
+/// use armwire::xarm::ModbusFunction;
+///
+/// assert_eq!(ModbusFunction::new(3)?.number(), 3);
+/// assert!(ModbusFunction::new(0x83).is_err());
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ModbusFunction(u8);
+
+impl ModbusFunction {
+    /// The bit that marks a refusal.
+    pub(super) const REFUSED: u8 = 0x80;
+
+    /// The function with this number.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] unless it is in `0..=127`.
+    pub const fn new(number: u8) -> Result<Self, OutOfRange> {
+        match number {
+            0..Self::REFUSED => Ok(Self(number)),
+            _ => Err(OutOfRange {
+                what: "Modbus function",
+                unit: "",
+                got: number as u16,
+                min: 0,
+                max: Self::REFUSED as u16 - 1,
+            }),
+        }
+    }
+
+    /// That of a request or of a refusal, by the byte in it.
+    pub(super) const fn of_byte(byte: u8) -> Self {
+        Self(byte & !Self::REFUSED)
+    }
+
+    /// The byte in a refusal.
+    pub(super) const fn refused(self) -> u8 {
+        self.0 | Self::REFUSED
+    }
+
+    /// Its number, `0..=127`.
+    pub const fn number(self) -> u8 {
+        self.0
+    }
+}
+
+impl fmt::Display for ModbusFunction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
 /// The registers of the document, each of which has its own types.
 ///
 /// ```

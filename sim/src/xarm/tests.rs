@@ -3,7 +3,7 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use armwire::Protocol;
-use armwire::xarm::{Frame, Header, Joint, ProtocolId, Register, XArm};
+use armwire::xarm::{Frame, Header, Joint, ModbusFunction, ProtocolId, Register, XArm};
 use proptest::prelude::*;
 
 use super::*;
@@ -193,7 +193,7 @@ fn standard_modbus_is_refused_in_its_own_words() {
     let expected = Response::ModbusRefused {
         transaction: 7,
         unit: 1,
-        function: 3,
+        function: ModbusFunction::new(3).unwrap(),
     };
     assert_eq!(arm().refuse(Micros(0), &error), expected);
 }
