@@ -2,6 +2,7 @@
 //! reaches into it. On a line that loses nothing, frames come out as long as there are only frames.
 #![no_main]
 
+use armwire::Scan;
 use armwire_fuzz::line::{Ear, Out};
 use armwire_fuzz::{Check, Result, Subject, Unstructured, check};
 use libfuzzer_sys::fuzz_target;
@@ -34,7 +35,10 @@ impl Check for Resync {
         for frame in intact {
             let reaches_into_it = |out: &Out| {
                 let range = out.range();
-                matches!(out, Out::Frame(_)) && range.start < frame.start && frame.start < range.end
+                matches!(out, Out::Frame(_))
+                    && range.start < frame.start
+                    && frame.start < range.end
+                    && P::scan(&line[range.clone()], expect) == Scan::Frame(range.len())
             };
             assert!(
                 ear.heard.contains(&Out::Frame(frame.clone())) || ear.heard.iter().any(reaches_into_it),

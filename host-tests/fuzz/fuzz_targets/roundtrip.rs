@@ -285,8 +285,11 @@ fn texts(u: &mut Unstructured<'_>) -> Result<()> {
     assert!(serial.to_string().is_ascii());
     assert!(serial.kind().is_none_or(|kind| [6, 10].contains(&kind.servos())));
     let check = SelfCheck(u.arbitrary()?);
-    for kind in [Kind::Leader, Kind::Follower] {
-        assert_eq!(check.all_normal(kind), check.faulty(kind).next().is_none());
+    // A bit a servo, 1 is normal: a leader has 6, a follower 10.
+    for (kind, servos) in [(Kind::Leader, 0x03F), (Kind::Follower, 0x3FF)] {
+        assert_eq!(check.all_normal(kind), check.0 & servos == servos);
+        let faulty = check.faulty(kind).map(|id| 1 << (id - 1));
+        assert_eq!(faulty.sum::<u16>(), !check.0 & servos);
     }
     let servos = PerServo::Leader(u.arbitrary::<[u8; 6]>()?);
     assert_eq!(servos.as_slice().len(), servos.kind().servos());

@@ -130,29 +130,36 @@ fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
             Step::Report(bits) => adapter.report(Status(bits)),
             Step::Room(is) => room = is,
             Step::Read => {
-                for byte in adapter.output().drain(..) {
-                    match reader.push(byte) {
-                        Some(Ok(Reply::Frame { frame, millis })) => {
-                            assert_eq!(Some(&frame), heard.get(told));
-                            assert!(millis.is_none_or(|millis| millis < 60_000));
-                            told += 1;
-                        }
-                        Some(Ok(reply)) => {
-                            if let Reply::Status(status) = reply {
-                                assert!(!status.to_string().is_empty());
-                            }
-                            answers += 1;
-                        }
-                        Some(Err(error)) => panic!("the adapter said what nobody reads: {error}"),
-                        None => {}
-                    }
-                }
+                read(&mut adapter, &mut reader, &heard, &mut told, &mut answers);
                 assert_eq!((answers, told), (line_ends, heard.len()));
             }
         }
         assert!(!adapter.is_listening() || adapter.bit_rate().is_some());
     }
+    read(&mut adapter, &mut reader, &heard, &mut told, &mut answers);
+    assert_eq!((answers, told), (line_ends, heard.len()));
     Ok(())
+}
+
+/// Reads what the adapter says: frames are those that it heard, in order.
+fn read(adapter: &mut Adapter, reader: &mut Replies, heard: &[Frame], told: &mut usize, answers: &mut usize) {
+    for byte in adapter.output().drain(..) {
+        match reader.push(byte) {
+            Some(Ok(Reply::Frame { frame, millis })) => {
+                assert_eq!(Some(&frame), heard.get(*told));
+                assert!(millis.is_none_or(|millis| millis < 60_000));
+                *told += 1;
+            }
+            Some(Ok(reply)) => {
+                if let Reply::Status(status) = reply {
+                    assert!(!status.to_string().is_empty());
+                }
+                *answers += 1;
+            }
+            Some(Err(error)) => panic!("the adapter said what nobody reads: {error}"),
+            None => {}
+        }
+    }
 }
 
 /// Gives bytes of a program, and says how many lines they ended.
