@@ -26,6 +26,9 @@ ARM_REQUEST, ARM_ANSWER = 0x600, 0x610
 CONTROL_REQUEST, CONTROL_ANSWER = 0x640, 0x650
 CYCLIC = range(0x200, 0x250)
 
+# The version of the control port's messages.
+VERSION = 2
+
 # What EVENT says.
 QUEUE_FULL, NOT_A_FRAME, INCOMPLETE, STALE, OUT_OF_RANGE, HOST_SILENT = 1, 2, 3, 4, 5, 16
 BY_CAN, BY_COMMAND = 2, 4
@@ -265,7 +268,7 @@ def main(port: str, node: int) -> None:
 def configure(adapter: Adapter) -> None:
     """Polls the arm, and switches telemetry and commands on."""
     reply = adapter.call(bytes([0]))
-    expect("the adapter says what it is", reply[:2] == bytes([2, 1]))
+    expect("the adapter says what it is", reply[:2] == bytes([2, VERSION]))
     # A Config: a Ling arm; Poll::Hertz; CAN; silence.
     config = b"".join([
         bytes([0]),
