@@ -259,42 +259,24 @@ mod tests {
         out[..n].to_vec()
     }
 
-    /// An arm that says the next position to each request.
-    struct Counting {
+    /// An arm that gives each request an answer, by how many there were.
+    struct Answering {
+        answer: fn(u16) -> Vec<u8>,
         said: VecDeque<Vec<u8>>,
-        ticks: u16,
+        asked: u16,
     }
 
-    impl Line for &mut Counting {
-        fn name(&self) -> &str {
-            "fake"
-        }
-
-        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Problem> {
-            let said = self.said.pop_front().unwrap_or_default();
-            buf[..said.len()].copy_from_slice(&said);
-            Ok(said.len())
-        }
-
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
-            self.ticks += 1;
-            self.said.push_back(joints(self.ticks));
-            Ok(bytes.len())
-        }
-
-        fn doubts(&mut self, _: Came, _: &str) -> String {
-            unreachable!("it answers")
+    impl Answering {
+        fn new(answer: fn(u16) -> Vec<u8>) -> Self {
+            Self {
+                answer,
+                said: VecDeque::new(),
+                asked: 0,
+            }
         }
     }
 
-    /// An arm that answers whatever it is asked with the same bytes.
-    struct Stubborn {
-        answer: Vec<u8>,
-        said: VecDeque<Vec<u8>>,
-        asked: usize,
-    }
-
-    impl Line for &mut Stubborn {
+    impl Line for &mut Answering {
         fn name(&self) -> &str {
             "fake"
         }
@@ -307,7 +289,7 @@ mod tests {
 
         fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
             self.asked += 1;
-            self.said.push_back(self.answer.clone());
+            self.said.push_back((self.answer)(self.asked));
             Ok(bytes.len())
         }
 
@@ -316,8 +298,8 @@ mod tests {
         }
     }
 
-    #[test]
-    fn an_unacceptable_answer_ends_the_call_at_once_with_the_reason() {
+    /// The answer with a gripper stroke that no gripper has.
+    fn unknown_stroke(_: u16) -> Vec<u8> {
         let mut out = [0; MAX_FRAME];
         let frame = Frame {
             command: 0x04,
@@ -325,11 +307,12 @@ mod tests {
             data: &[3],
         };
         let n = frame.encode(&mut out).unwrap();
-        let mut arm = Stubborn {
-            answer: out[..n].to_vec(),
-            said: VecDeque::new(),
-            asked: 0,
-        };
+        out[..n].to_vec()
+    }
+
+    #[test]
+    fn an_unacceptable_answer_ends_the_call_at_once_with_the_reason() {
+        let mut arm = Answering::new(unknown_stroke);
         let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
         let problem = link.call(Request::ReadStroke).unwrap_err();
         assert_eq!(
@@ -342,17 +325,14 @@ mod tests {
 
     #[test]
     fn an_answer_that_waits_on_the_line_is_not_taken_for_that_to_the_next_request() {
-        let mut arm = Counting {
-            said: VecDeque::new(),
-            ticks: 0,
-        };
+        let mut arm = Answering::new(joints);
         let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
         for _ in 0..3 {
             link.line.said.push_back(joints(4000));
             let Ok(Some(Response::Joints(state))) = link.call(Request::ReadJoints) else {
                 panic!("no answer");
             };
-            assert_eq!(state.joints, [link.line.ticks; 6]);
+            assert_eq!(state.joints, [link.line.asked; 6]);
         }
     }
 }

@@ -13,7 +13,7 @@ use embedded_io_async::ErrorType;
 
 /// The longest that an example takes.
 const LIMIT: Micros = Micros::from_millis(30_000);
-/// What a byte takes at 1 Mbaud. The virtual arms do not mind on which line they are.
+/// The time of a byte at 1 Mbaud. The virtual arms work at any rate.
 const BYTE: Micros = Micros(10);
 
 /// A device, and what time it is.

@@ -10,7 +10,7 @@ use armwire_host_tests::reference::vectors::{
     xarm_requests,
 };
 
-/// What the target `decode` reads before the bytes of a line: the protocol, and what the reader expects where there is a
+/// The bytes of an input to `decode` before those of a line: the protocol, and what the reader expects where there is a
 /// choice.
 const LING: &[u8] = &[0];
 const LEGACY: &[u8] = &[1];

@@ -1,5 +1,4 @@
-//! What a USB host may do to the adapter that well-behaved ones do not: give up requests, reset in the middle of one, halt
-//! and clear endpoints, configure again.
+//! Rude USB hosts: they give up requests, reset in the middle of one, halt and clear endpoints, and configure again.
 
 use armwire_bridge::Counters;
 use armwire_host_tests::image::{

@@ -241,7 +241,7 @@ impl<F: NorFlash> Store<F> {
         Ok(())
     }
 
-    /// What is left of the budget with what time has earned, and until when that is. A full budget earns nothing.
+    /// The budget with the saves that time has earned, and the instant up to which time is counted. A full budget earns nothing.
     fn earn(&self, left: u16, uptime: Micros) -> (u16, Micros) {
         let (mut left, mut credited) = (left, self.credited);
         while left < SAVE_BUDGET {

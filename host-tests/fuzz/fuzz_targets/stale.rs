@@ -126,7 +126,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
 
 /// Whatever was before: once it is over, the next request is answered.
 fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Micros) {
-    // What was begun goes out, and nobody answers any more.
+    // The request that was begun goes out, and nobody answers any more.
     client.cancel(now);
     let mut flight = None;
     loop {

@@ -532,9 +532,7 @@ impl ServoRequest {
             Self::ReadVersion(_) => Some(ServoAnswer::Version),
         }
     }
-}
 
-impl ServoRequest {
     /// Whether a frame with this header comes from the servo that is asked. Not where a single byte is the answer.
     fn is_answered_by(self, command: u8, data: &[u8]) -> bool {
         let from = |servo: ServoId| data.first() == Some(&servo.get());

@@ -227,8 +227,8 @@ impl ServoId {
     }
 }
 
-/// Who is meant by a move, a release or a light: a servo, or all of them. Nobody answers what all are told. All other
-/// requests are to one [`ServoId`].
+/// The servo that a move, a release or a light is for, or all of them. A request to all is not answered. All other requests
+/// are to one [`ServoId`].
 ///
 /// ```
 /// use armwire::alpha1::{Address, ServoId};

@@ -35,7 +35,7 @@ const CONTROL_PACKET: usize = 64;
 /// A SETUP packet came since the last request was taken. A bus reset does not lose it, as it loses the controller's count.
 static IS_SET_UP: AtomicBool = AtomicBool::new(false);
 
-/// Who waits for the end of a stage.
+/// The task that waits for the end of a stage.
 static WAITING: AtomicWaker = AtomicWaker::new();
 
 /// Tells whoever waits for a stage of a request that the host has gone on. It runs before the HAL's.
@@ -73,8 +73,8 @@ async fn unless_over<R>(stage: impl Future<Output = R>) -> Option<R> {
     let mut stage = pin!(stage);
     poll_fn(|cx| {
         WAITING.register(cx.waker());
-        // What the stage gives the host just when that begins another request is taken back before the host asks for it:
-        // that takes 5 µs, an interrupt may take as long.
+        // An answer that is armed just as the host begins another request is taken back before the host fetches it. The host
+        // needs 5 µs, and an interrupt handler in between may take as long.
         critical_section::with(|_| {
             if is_over() {
                 return Poll::Ready(None);
