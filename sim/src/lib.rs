@@ -8,11 +8,13 @@
 //! | [`alpha1`] | an Alpha1 robot, and its servos on a bus of their own |
 //! | [`faults`] | a line that drops, corrupts, repeats, delays and makes up bytes |
 //! | [`wire`] | a host and a device on a line in virtual time |
+//! | [`can`] | a frame on a CAN bus, and how long it takes |
 //! | [`slcan`] | a CAN adapter on a serial port, both ends of its protocol |
 //! | `pty`, `serve` | a device on a pseudo-terminal in real time (Unix) |
 #![forbid(unsafe_code)]
 
 pub mod alpha1;
+pub mod can;
 pub mod faults;
 pub mod ling;
 #[cfg(unix)]

@@ -1,0 +1,192 @@
+//! The bits of a frame, stuff bits included, and how long they take (ISO 11898-1:2015, 10.4 and 10.5).
+//!
+//! | Part | Stuff bits | Rate |
+//! |---|---|---|
+//! | Start of frame to data, classic; and the CRC sequence of 15 bits | after five equal bits | nominal |
+//! | Start of frame to BRS, FD | after five equal bits | nominal |
+//! | ESI to data, FD | after five equal bits | data, if BRS is recessive |
+//! | Stuff count of 4 bits, CRC sequence of 17 bits (up to 16 bytes) or 21, FD | one before, one after each four bits | the same |
+//! | CRC delimiter | none | the same |
+//! | Acknowledge slot and delimiter, end of frame | none | nominal |
+//!
+//! The rate switches at the sample points of BRS and of the CRC delimiter. BRS is therefore shorter than a nominal bit,
+//! by the same time by which the CRC delimiter is longer than a data bit. Here the first is a whole nominal bit and the
+//! second a whole data bit: every instant outside the data phase is exact, and one within it is late by less than a
+//! nominal bit.
+//!
+//! The values of an FD frame's stuff count and CRC sequence change no length, for their stuff bits are fixed.
+
+use std::cmp::Ordering;
+
+use super::{Frame, Id};
+
+/// Bits of the end of frame.
+pub const END_OF_FRAME_BITS: u32 = 7;
+/// Bits of the intermission, before the next frame.
+pub const INTERMISSION_BITS: u32 = 3;
+/// Bits of an error flag.
+pub const ERROR_FLAG_BITS: u32 = 6;
+/// Bits of the delimiter after error flags.
+pub const ERROR_DELIMITER_BITS: u32 = 8;
+/// Bits that an error passive sender waits after the intermission.
+pub const SUSPEND_BITS: u32 = 8;
+/// Recessive bits after which the bus is idle to a node that joins it.
+pub const BUS_IDLE_BITS: u32 = 11;
+
+/// After so many equal bits a stuff bit comes.
+const STUFF_RUN: u32 = 5;
+/// The generator polynomial of the CRC sequence of classic frames, without its highest bit.
+const CRC_15: u16 = 0x4599;
+const CRC_15_BITS: u32 = 15;
+const STUFF_COUNT_BITS: u32 = 4;
+/// The longest FD frame whose CRC sequence has 17 bits.
+const MAX_CRC_17: usize = 16;
+/// The CRC delimiter, the acknowledge slot and the acknowledge delimiter.
+const DELIMITERS_AND_SLOT: u32 = 3;
+
+/// How long the bits of a node take, in picoseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BitTimes {
+    /// In the arbitration phase.
+    pub nominal: u64,
+    /// In the data phase of a frame that switches the bit rate.
+    pub data: u64,
+}
+
+impl BitTimes {
+    /// Of rates in bits per second. A rate of 0 is taken for 1.
+    pub fn new(rate: u32, data_rate: u32) -> Self {
+        let bit = |rate: u32| 1_000_000_000_000 / u64::from(rate.max(1));
+        Self {
+            nominal: bit(rate),
+            data: bit(data_rate),
+        }
+    }
+}
+
+impl Frame {
+    /// [`Ordering::Less`] wins the bus against `other`, and no bit of the arbitration tells [`Ordering::Equal`] apart. A
+    /// classic frame wins against an FD frame with the same identifier: the bit that tells them apart is dominant in it.
+    pub fn arbitrates(&self, other: &Self) -> Ordering {
+        self.arbitration().cmp(&other.arbitration())
+    }
+
+    /// The bits from the start of frame to the last of the CRC sequence, or the fixed stuff bit after it.
+    pub fn bits_before_crc_delimiter(&self) -> u32 {
+        if self.fd.is_none() {
+            return stuffed(self.checked().into_iter().chain(crc_15(&self.checked())), true);
+        }
+        let crc = STUFF_COUNT_BITS + if self.payload().len() <= MAX_CRC_17 { 17 } else { 21 };
+        // Five equal bits before the first fixed stuff bit get no other.
+        stuffed(self.checked(), false) + 1 + crc + crc / 4
+    }
+
+    /// The bits from the start of frame to the acknowledge slot, which is the last of them.
+    pub fn bits_through_acknowledge(&self) -> u32 {
+        self.bits_before_crc_delimiter() + 2
+    }
+
+    /// The bits from the start of frame to the last but one of the end of frame: a receiver has the frame then.
+    pub fn bits_until_valid(&self) -> u32 {
+        self.bits_on_the_wire() - 1
+    }
+
+    /// The bits from the start of frame to the end of the end of frame: the sender is done then.
+    pub fn bits_on_the_wire(&self) -> u32 {
+        self.bits_before_crc_delimiter() + DELIMITERS_AND_SLOT + END_OF_FRAME_BITS
+    }
+
+    /// How long its first `bits` bits take, in picoseconds.
+    pub fn picoseconds(&self, bits: u32, times: BitTimes) -> u64 {
+        let (start, end) = self.data_phase();
+        let fast = bits.clamp(start, end) - start;
+        u64::from(bits - fast) * times.nominal + u64::from(fast) * times.data
+    }
+
+    /// The first bit of the data phase, and the first after it. The same if there is none.
+    fn data_phase(&self) -> (u32, u32) {
+        if !self.switches_bit_rate() {
+            return (0, 0);
+        }
+        (stuffed(self.through_brs(), false), self.bits_before_crc_delimiter() + 1)
+    }
+
+    /// What arbitrates: from the identifier to the bit that tells FD frames from classic ones.
+    fn arbitration(&self) -> Vec<bool> {
+        let mut bits = Vec::with_capacity(33);
+        match self.id {
+            Id::Standard(id) => {
+                push(&mut bits, id.into(), 11);
+                // RTR or RRS, IDE.
+                bits.extend([self.remote, false]);
+            }
+            Id::Extended(id) => {
+                push(&mut bits, id >> 18, 11);
+                // SRR, IDE.
+                bits.extend([true, true]);
+                push(&mut bits, id & 0x3_FFFF, 18);
+                bits.push(self.remote);
+            }
+        }
+        bits.push(self.fd.is_some());
+        bits
+    }
+
+    /// From the start of frame to BRS, or to the bit before the DLC of a classic frame.
+    fn through_brs(&self) -> Vec<bool> {
+        let mut bits = vec![false];
+        bits.extend(self.arbitration());
+        match (self.fd, self.id) {
+            (Some(flags), _) => bits.extend([false, flags.bit_rate_switch]),
+            // r0 behind r1.
+            (None, Id::Extended(_)) => bits.push(false),
+            (None, Id::Standard(_)) => {}
+        }
+        bits
+    }
+
+    /// From the start of frame to the end of the data.
+    fn checked(&self) -> Vec<bool> {
+        let mut bits = self.through_brs();
+        bits.extend(self.fd.map(|flags| flags.error_passive));
+        push(&mut bits, self.dlc.into(), 4);
+        for byte in self.payload() {
+            push(&mut bits, u32::from(*byte), 8);
+        }
+        bits
+    }
+}
+
+/// Appends the low `width` bits of `value`, the highest first.
+fn push(bits: &mut Vec<bool>, value: u32, width: u32) {
+    bits.extend((0..width).rev().map(|bit| value >> bit & 1 == 1));
+}
+
+/// The CRC sequence of a classic frame.
+fn crc_15(bits: &[bool]) -> Vec<bool> {
+    let step = |crc: u16, &bit: &bool| {
+        let next = crc << 1 & 0x7FFF;
+        if (crc >> (CRC_15_BITS - 1) & 1 == 1) != bit {
+            next ^ CRC_15
+        } else {
+            next
+        }
+    };
+    let mut sequence = Vec::new();
+    push(&mut sequence, bits.iter().fold(0, step).into(), CRC_15_BITS);
+    sequence
+}
+
+/// How many bits these are with their stuff bits, and whether one follows five equal bits at the end.
+fn stuffed(bits: impl IntoIterator<Item = bool>, at_end: bool) -> u32 {
+    let (mut count, mut run, mut last) = (0, 0, None);
+    for bit in bits {
+        if run == STUFF_RUN {
+            (count, run, last) = (count + 1, 1, last.map(|last: bool| !last));
+        }
+        count += 1;
+        run = if last == Some(bit) { run + 1 } else { 1 };
+        last = Some(bit);
+    }
+    count + u32::from(at_end && run == STUFF_RUN)
+}
