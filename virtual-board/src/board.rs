@@ -169,8 +169,8 @@ pub enum Error {
     /// The interface is not open.
     #[error("the interface of the device is not open")]
     NotOpen,
-    /// A classic CAN bus carries no FD frames.
-    #[error("an FD frame, the bus is a classic one")]
+    /// The node knows no FD frames, or only listens.
+    #[error("the CAN node cannot send this frame: it knows no FD frames, or only listens")]
     FdFrame,
     /// The pty that stands in for the serial port fails.
     #[error("pty: {0}")]

@@ -7,7 +7,7 @@ use armwire_bridge::can::{Frame, Id};
 use rigless::image::Image;
 
 use super::*;
-use crate::can::{BusFrame, Outcome, Sender};
+use crate::can::{BusFrame, ErrorState, NodeConfig, Outcome, Sender};
 use crate::report::{Cause, Restart};
 
 /// Nobody on the UART.
@@ -259,6 +259,7 @@ fn a_wait_ends_with_the_frame_on_the_can_bus() {
         end: Nanos(92 * 2_000),
         sender: Sender::Node(0),
         frame: Some(frame),
+        on_the_wire: frame.into(),
         outcome: Outcome::Sent,
     };
     assert_eq!(board.can().frames(), [expected]);
@@ -273,6 +274,36 @@ fn a_wait_ends_with_the_frame_on_the_can_bus() {
     assert_eq!(board.can().unsent(), 0);
     let fd = Frame::new_fd(Id::new(1).unwrap(), &[0; 12]).unwrap();
     assert!(matches!(board.can().send(&fd), Err(Error::FdFrame)));
+}
+
+#[test]
+fn fd_frames_pass_between_nodes_that_know_them() {
+    let mut board = board(&[HANG, NOP], &[]);
+    let can = board.can();
+    can.attach_as(NodeConfig::fd(1_000_000, 2_000_000));
+    can.join(3, NodeConfig::fd(1_000_000, 2_000_000));
+    can.join(4, NodeConfig::classic(1_000_000).silent());
+    board.run_for(Nanos::from_millis(1)).unwrap();
+    let can = board.can();
+    let data: Vec<u8> = (0..24).collect();
+    let frame = Frame::new_fd(Id::new(0x610).unwrap(), &data).unwrap();
+    can.send(&frame).unwrap();
+    assert!(matches!(can.send_from(4, &frame), Err(Error::FdFrame)));
+    assert_eq!((can.unsent_by(0), can.unsent_by(4)), (1, 0));
+    board.run_for(Nanos::from_millis(1)).unwrap();
+    let [sent] = board.can().frames()[..] else {
+        panic!("{:?}", board.can().frames());
+    };
+    assert_eq!((sent.frame, sent.outcome), (Some(frame), Outcome::Sent));
+    // 27 bits of 1 us and 246 of 0.5 us.
+    assert_eq!(sent.end.since(sent.start), Nanos(150_000));
+    assert!(board.can().read().is_empty(), "it is not the board's");
+    let heard = board.can().read_by(3);
+    assert_eq!(
+        heard.iter().map(|frame| frame.to_adapter()).collect::<Vec<_>>(),
+        [Some(frame)]
+    );
+    assert_eq!(board.can().errors(3), Some((0, 0, ErrorState::Active)));
 }
 
 #[test]

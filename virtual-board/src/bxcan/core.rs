@@ -8,7 +8,7 @@
 //! | Transmit mailboxes: priority by identifier or by request, abort, no automatic retransmission | 32.7.1 |
 //! | Receive FIFOs: overrun, locked or not | 32.7.3 |
 //! | Filters | 32.7.4, in [`filter`](super::filter) |
-//! | Error counters, bus-off and its recovery by 128 times 11 recessive bits | 32.7.6, in [`confinement`](super::confinement) |
+//! | Error counters, bus-off and its recovery by 128 times 11 recessive bits | 32.7.6, in [`confinement`](crate::can::confinement) |
 //! | Bit time | 32.7.7 |
 //! | Interrupts | 32.8 |
 //! | Write protection of BTR, of mailboxes in use and of filters | 32.9.1 to 32.9.4 |
@@ -18,12 +18,13 @@
 
 use std::collections::VecDeque;
 
-use rigless::chip::can::{BUS_IDLE_BITS, Frame, INTERMISSION_BITS, Id};
+use armwire_sim::can::{Frame, INTERMISSION_BITS, Id};
 
-use super::confinement::Confinement;
 use super::filter::Filters;
 use super::registers::*;
-use crate::can::{BusError, Controller, ErrorState, span};
+use crate::can::confinement::Confinement;
+use crate::can::wait::Wait;
+use crate::can::{BusError, Capability, Controller, ErrorState, Fault, span};
 use crate::line::SECOND;
 use crate::time::Nanos;
 
@@ -41,14 +42,6 @@ enum Mode {
     Initialization,
     Normal,
     Sleep,
-}
-
-/// A wait for `left` times 11 recessive bits in a row: to join the bus, or to recover from bus-off.
-#[derive(Clone, Copy, Debug)]
-struct Wait {
-    left: u32,
-    /// Since when the bus is recessive, unless there is a frame on it.
-    since: Option<Nanos>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -79,12 +72,8 @@ impl Mailbox {
         {
             *byte = value;
         }
-        Frame {
-            id,
-            remote: identifier & identifier::RTR != 0,
-            dlc: (length & length::DLC) as u8,
-            data,
-        }
+        let remote = identifier & identifier::RTR != 0;
+        Frame::classic(id, remote, (length & length::DLC) as u8, &data)
     }
 
     /// The request is done with.
@@ -385,10 +374,7 @@ impl Core {
     }
 
     fn wait_for(&mut self, left: u32) {
-        self.wait = Some(Wait {
-            left,
-            since: (!self.busy).then_some(self.now.max(self.free)),
-        });
+        self.wait = Some(Wait::new(left, (!self.busy).then_some(self.now.max(self.free))));
     }
 
     /// Follows INRQ and SLEEP (32.4), once no frame is on the bus that it is part of.
@@ -562,10 +548,7 @@ impl Core {
     }
 
     fn wait_due(&self) -> Option<Nanos> {
-        let Wait { left, since } = self.wait?;
-        let bit = self.picoseconds();
-        let since = since.filter(|_| bit > 0)?;
-        Some(since + span(left * BUS_IDLE_BITS, bit))
+        self.wait?.due(self.picoseconds())
     }
 }
 
@@ -573,6 +556,11 @@ impl Core {
 impl Controller for Core {
     fn bit(&self) -> u64 {
         self.picoseconds()
+    }
+
+    /// It knows nothing of FD frames (32.2).
+    fn capability(&self) -> Capability {
+        Capability::Classic
     }
 
     fn listens(&self) -> bool {
@@ -614,14 +602,9 @@ impl Controller for Core {
                 self.change_mode();
             }
         }
-        // The recessive bits so far count in whole elevens.
         let bit = self.picoseconds();
-        if let Some(wait) = &mut self.wait
-            && let Some(since) = wait.since.take()
-        {
-            let eleven = span(BUS_IDLE_BITS, bit).0.max(1);
-            let passed = u32::try_from(self.now.since(since).0 / eleven).unwrap_or(u32::MAX);
-            wait.left = wait.left.saturating_sub(passed).max(1);
+        if let Some(wait) = &mut self.wait {
+            wait.begin(self.now, bit);
         }
     }
 
@@ -643,14 +626,14 @@ impl Controller for Core {
         self.store(frame);
     }
 
-    fn receive_error(&mut self, error: BusError) {
-        self.note_error(error);
-        self.watch_errors(Confinement::receive_error);
+    fn receive_error(&mut self, fault: Fault) {
+        self.note_error(fault.error);
+        self.watch_errors(|confinement| confinement.receive_fault(fault));
     }
 
-    fn transmit_error(&mut self, error: BusError) {
-        self.note_error(error);
-        self.watch_errors(|confinement| confinement.transmit_error(error));
+    fn transmit_error(&mut self, fault: Fault) {
+        self.note_error(fault.error);
+        self.watch_errors(|confinement| confinement.transmit_error(fault.error));
     }
 
     fn end(&mut self, sent: bool, free: Nanos) {
@@ -659,13 +642,9 @@ impl Controller for Core {
         if self.sends() {
             self.finish(sent);
         }
-        // Every frame ends with 11 recessive bits, which are over when the next may begin.
-        if let Some(wait) = &mut self.wait
-            && wait.since.is_none()
-        {
-            wait.left -= 1;
-            wait.since = Some(free);
-        } else if self.bus_off() && self.has(mcr::ABOM) && self.wait.is_none() {
+        if let Some(wait) = &mut self.wait {
+            wait.end(free);
+        } else if self.bus_off() && self.has(mcr::ABOM) {
             self.wait_for(RECOVERY);
         }
         self.change_mode();

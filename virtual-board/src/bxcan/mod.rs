@@ -1,7 +1,6 @@
 //! CAN1, a bxCAN (RM0090, chapter 32): [`core`] is the controller, this joins it to the peripheral bus and to the CAN
 //! bus.
 
-mod confinement;
 mod core;
 mod filter;
 mod registers;

@@ -8,7 +8,8 @@
 //! | Arbitration: frames that are ready when the bus becomes free | at the start of frame |
 //! | A frame is valid for who receives it | at the last but one bit of its end of frame |
 //! | A frame is valid for who sends it | at the end of its end of frame |
-//! | No acknowledge, a node's error flag, rates that do not fit | at the acknowledge slot |
+//! | No acknowledge, a node's error flag, nominal rates that do not fit | at the acknowledge slot |
+//! | An FD frame meets a node that knows classic ones only, data rates that do not fit | at the CRC delimiter |
 //! | A shorted bus | at the first bit, then at every bit of an active error flag |
 //! | The end of a frame with an error | six bits of error flag and eight of delimiter later |
 //! | The next frame | three bits later, eight more for a sender that is error passive |
@@ -18,15 +19,15 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use rigless::chip::can::{ERROR_DELIMITER_BITS, ERROR_FLAG_BITS, Frame, INTERMISSION_BITS, SUSPEND_BITS};
+use armwire_sim::can::{BitTimes, ERROR_DELIMITER_BITS, ERROR_FLAG_BITS, Frame, INTERMISSION_BITS, SUSPEND_BITS};
 
-use super::{BusError, Controller, ErrorState, Outcome, Sender, span};
-use crate::line::SECOND;
+use super::node::{Node, NodeConfig, Reception, reception, times};
+use super::wait::Wait;
+use super::{BusError, Controller, ErrorState, Fault, Outcome, Sender, span};
 use crate::time::Nanos;
 
-/// How far two rates may differ and still understand each other, in parts per thousand. Oscillators may each be off by
-/// 1.58 % at best (ISO 11898-1).
-const TOLERANCE: u64 = 10;
+/// How many times 11 recessive bits bring a node back from bus-off (ISO 11898-1).
+const RECOVERY: u32 = 128;
 
 /// A frame that was on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,15 +42,26 @@ pub(crate) struct Record {
 }
 
 /// A frame on the bus.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Flight {
     sender: Sender,
     frame: Frame,
     requested: Option<Nanos>,
     start: Nanos,
-    /// One of its sender's bits, in picoseconds.
-    bit: u64,
+    /// Its sender's bits.
+    times: BitTimes,
+    /// How the attached nodes meet it, if there are any.
+    attached: Option<Reception>,
+    /// How each joined node meets it that takes part.
+    joined: Vec<(u8, Reception)>,
     phase: Phase,
+}
+
+impl Flight {
+    /// When its first `bits` bits are over.
+    fn after(&self, bits: u32) -> Nanos {
+        self.start + Nanos(self.frame.picoseconds(bits, self.times).div_ceil(1_000))
+    }
 }
 
 /// What happens next to it, and when.
@@ -57,26 +69,84 @@ struct Flight {
 enum Phase {
     /// Who receives it has it.
     Valid(Nanos),
-    /// The controller finds an error.
-    Fault(Nanos, BusError, Outcome),
+    /// There is an error in it.
+    Fault(Nanos, Trouble),
     /// It is over.
     Close(Nanos, Outcome),
+}
+
+/// What goes wrong with a frame.
+#[derive(Clone, Copy, Debug)]
+struct Trouble {
+    /// The error to its sender.
+    error: BusError,
+    in_data_phase: bool,
+    outcome: Outcome,
+}
+
+impl Trouble {
+    const fn new(error: BusError, outcome: Outcome) -> Self {
+        Self {
+            error,
+            in_data_phase: false,
+            outcome,
+        }
+    }
+
+    fn to_sender(self) -> Fault {
+        Fault {
+            error: self.error,
+            in_data_phase: self.in_data_phase,
+            is_own: true,
+        }
+    }
+
+    /// The error to a node that meets the frame so. `None` if it does not mind.
+    fn to_receiver(self, reception: Reception) -> Option<Fault> {
+        let fails = match reception {
+            Reception::Ignores => return None,
+            Reception::Follows => false,
+            Reception::Fails(_) => true,
+        };
+        Some(Fault {
+            error: match self.outcome {
+                Outcome::Shorted => self.error,
+                _ => BusError::Stuff,
+            },
+            in_data_phase: self.in_data_phase,
+            is_own: match self.outcome {
+                Outcome::Garbled => fails,
+                Outcome::Destroyed | Outcome::Unacknowledged => false,
+                Outcome::Sent | Outcome::Shorted | Outcome::Cut => true,
+            },
+        })
+    }
+}
+
+/// A frame that another node wants to send.
+struct Offer {
+    sender: Sender,
+    frame: Frame,
+    times: BitTimes,
+    /// From when on its node may send.
+    from: Nanos,
 }
 
 /// The bus, and the nodes on it.
 #[derive(Debug, Default)]
 pub(crate) struct Bus {
-    /// One bit of the nodes in picoseconds, while there are any.
-    bit: Option<u64>,
-    /// Whether the nodes leave the board's frames unacknowledged.
+    /// What the attached nodes are, while there are any.
+    attached: Option<NodeConfig>,
+    /// Whether they leave the frames of others unacknowledged.
     deaf: bool,
     shorted: bool,
     /// How many more of the board's frames a node destroys.
     failing: u32,
+    joined: BTreeMap<u8, Node>,
     /// What each node wants to send.
     queues: BTreeMap<u8, VecDeque<Frame>>,
     flood: Option<Frame>,
-    /// What the nodes received from the board.
+    /// What the attached nodes received from the board.
     heard: VecDeque<Frame>,
     /// From when on a frame may begin, and one of the board's.
     free: Nanos,
@@ -88,20 +158,50 @@ pub(crate) struct Bus {
 
 /// What a program does with the bus. It takes effect at the next [`poll`](Bus::poll).
 impl Bus {
-    /// Puts nodes of `rate` bits per second on the bus.
+    /// Puts nodes of `rate` bits per second on the bus that know classic frames only.
     pub(crate) fn attach(&mut self, rate: u32) {
-        self.bit = Some(SECOND / u64::from(rate.max(1)));
+        self.attach_as(NodeConfig::classic(rate));
     }
 
-    /// Takes the nodes off the bus. What they wanted to send is gone.
+    /// Puts nodes of this kind on the bus.
+    pub(crate) fn attach_as(&mut self, config: NodeConfig) {
+        self.attached = Some(config);
+    }
+
+    /// Takes the attached nodes off the bus. What they wanted to send is gone.
     pub(crate) fn detach(&mut self) {
-        self.bit = None;
-        self.queues.clear();
+        self.attached = None;
+        self.queues.retain(|node, _| self.joined.contains_key(node));
         self.flood = None;
     }
 
     pub(crate) fn is_attached(&self) -> bool {
-        self.bit.is_some()
+        self.attached.is_some()
+    }
+
+    /// Puts a node on the bus that is not one of the attached ones. It takes part after 11 recessive bits.
+    pub(crate) fn join(&mut self, node: u8, config: NodeConfig) {
+        let since = self.flight.is_none().then_some(self.free);
+        self.joined.insert(node, Node::new(config, since));
+    }
+
+    /// Takes a node that joined off the bus. What it wanted to send and what it received is gone.
+    pub(crate) fn leave(&mut self, node: u8) {
+        if self.joined.remove(&node).is_some() {
+            self.queues.remove(&node);
+        }
+    }
+
+    /// The transmit and the receive error counter of a node that joined, and its state.
+    pub(crate) fn errors(&self, node: u8) -> Option<(u32, u32, ErrorState)> {
+        let Node { confinement, .. } = self.joined.get(&node)?;
+        Some((confinement.transmit(), confinement.receive(), confinement.state()))
+    }
+
+    /// Takes what a node that joined received.
+    pub(crate) fn take_heard_by(&mut self, node: u8) -> Vec<Frame> {
+        let node = self.joined.get_mut(&node);
+        node.map_or_else(Vec::new, |node| node.heard.drain(..).collect())
     }
 
     pub(crate) fn set_acknowledging(&mut self, acknowledging: bool) {
@@ -120,6 +220,19 @@ impl Bus {
         self.flood = frame;
     }
 
+    /// Whether `node` knows such frames and may send.
+    pub(crate) fn can_send(&self, node: u8, frame: &Frame) -> bool {
+        match self.joined.get(&node) {
+            Some(node) => node.config.sends(frame),
+            None => self.attached_can_send(frame),
+        }
+    }
+
+    /// Whether the attached nodes know such frames and may send. While there are none: whether the frame is classic.
+    pub(crate) fn attached_can_send(&self, frame: &Frame) -> bool {
+        self.attached.map_or(frame.fd.is_none(), |config| config.sends(frame))
+    }
+
     /// Queues a frame of `node`.
     pub(crate) fn send(&mut self, node: u8, frame: Frame) {
         self.queues.entry(node).or_default().push_back(frame);
@@ -130,13 +243,19 @@ impl Bus {
         self.queues.values().map(VecDeque::len).sum()
     }
 
-    /// Takes what the nodes received from the board.
+    /// How many frames of `node` wait, the one on the bus included.
+    pub(crate) fn unsent_by(&self, node: u8) -> usize {
+        self.queues.get(&node).map_or(0, VecDeque::len)
+    }
+
+    /// Takes what the attached nodes received from the board.
     pub(crate) fn take_heard(&mut self) -> Vec<Frame> {
         self.heard.drain(..).collect()
     }
 
+    /// How many frames the nodes received that were not taken yet.
     pub(crate) fn unread(&self) -> usize {
-        self.heard.len()
+        self.heard.len() + self.joined.values().map(|node| node.heard.len()).sum::<usize>()
     }
 
     pub(crate) fn records(&self) -> &[Record] {
@@ -159,13 +278,14 @@ impl Bus {
     pub(crate) fn poll(&mut self, now: Nanos, controller: &mut dyn Controller) -> Option<Nanos> {
         self.sense(now, controller);
         loop {
-            let wire = match self.flight {
-                Some(Flight { phase, .. }) => match phase {
-                    Phase::Valid(at) | Phase::Fault(at, ..) | Phase::Close(at, _) => Some(at),
+            let wire = match &self.flight {
+                Some(Flight { phase, .. }) => match *phase {
+                    Phase::Valid(at) | Phase::Fault(at, _) | Phase::Close(at, _) => Some(at),
                 },
                 None => self.next_start(now, controller),
             };
-            let due = [wire, controller.due()].into_iter().flatten().min()?;
+            let waited = self.joined.values().filter_map(Node::due).min();
+            let due = [wire, waited, controller.due()].into_iter().flatten().min()?;
             if due > now {
                 return Some(due);
             }
@@ -173,7 +293,12 @@ impl Bus {
                 controller.tick();
                 continue;
             }
-            match self.flight {
+            if waited == Some(due) {
+                let over = self.joined.values_mut().filter(|node| node.due() == Some(due));
+                over.for_each(Node::waited);
+                continue;
+            }
+            match self.flight.take() {
                 Some(flight) => self.carry_on(flight, controller),
                 None => self.begin(now, controller),
             }
@@ -182,159 +307,279 @@ impl Bus {
 
     /// A frame does not survive that its sender goes, nor a short.
     fn sense(&mut self, now: Nanos, controller: &mut dyn Controller) {
-        let Some(flight) = &mut self.flight else {
+        let Some(Flight { sender, phase, .. }) = &self.flight else {
             return;
         };
-        if matches!(flight.phase, Phase::Close(..)) {
-            return;
-        }
-        let gone = match flight.sender {
+        let gone = match *sender {
             Sender::Board => !controller.sends(),
-            Sender::Node(_) | Sender::Flood => self.bit.is_none(),
+            Sender::Node(node) => self.config(node).is_none(),
+            Sender::Flood => self.attached.is_none(),
         };
-        if gone {
-            flight.phase = Phase::Fault(now, BusError::Stuff, Outcome::Cut);
-        } else if self.shorted && !matches!(flight.phase, Phase::Fault(_, _, Outcome::Shorted)) {
-            flight.phase = Phase::Fault(now, BusError::DominantBit, Outcome::Shorted);
+        let trouble = match *phase {
+            Phase::Close(..) => return,
+            _ if gone => Trouble::new(BusError::Stuff, Outcome::Cut),
+            Phase::Fault(_, trouble) if trouble.outcome == Outcome::Shorted => return,
+            _ if self.shorted => Trouble::new(BusError::DominantBit, Outcome::Shorted),
+            _ => return,
+        };
+        if let Some(flight) = &mut self.flight {
+            flight.phase = Phase::Fault(now, trouble);
         }
     }
 
-    /// The node's frame that would win against those of the other nodes.
-    fn node_offer(&self) -> Option<(Sender, Frame)> {
-        let bit = self.bit.filter(|_| !self.shorted);
-        let queued = self
-            .queues
-            .iter()
-            .filter_map(|(&node, queue)| Some((Sender::Node(node), *queue.front()?)));
-        let flood = self.flood.map(|frame| (Sender::Flood, frame));
-        bit.and_then(|_| queued.chain(flood).min_by(|(_, a), (_, b)| a.arbitrates(b)))
+    /// What a node is: one that joined, or one of the attached.
+    fn config(&self, node: u8) -> Option<NodeConfig> {
+        self.joined.get(&node).map(|node| node.config).or(self.attached)
+    }
+
+    /// Each frame that a node would send if the bus were free.
+    fn offers(&self) -> impl Iterator<Item = Offer> {
+        let flood = self.flood.iter().filter_map(|frame| {
+            self.attached.filter(|config| config.sends(frame)).map(|config| Offer {
+                sender: Sender::Flood,
+                frame: *frame,
+                times: config.times(),
+                from: self.free,
+            })
+        });
+        let queued = self.queues.iter().filter_map(|(&node, queue)| {
+            let mut frame = *queue.front()?;
+            let config = self.config(node).filter(|config| config.sends(&frame))?;
+            let mut from = self.free;
+            if let Some(joined) = self.joined.get(&node) {
+                if !joined.takes_part() {
+                    return None;
+                }
+                from = from.max(joined.free);
+                if let Some(flags) = &mut frame.fd {
+                    flags.error_passive |= joined.confinement.state() == ErrorState::Passive;
+                }
+            }
+            Some(Offer {
+                sender: Sender::Node(node),
+                frame,
+                times: config.times(),
+                from,
+            })
+        });
+        queued.chain(flood).filter(|_| !self.shorted)
     }
 
     /// When the next frame begins.
     fn next_start(&self, now: Nanos, controller: &dyn Controller) -> Option<Nanos> {
         let board = controller.offer().map(|_| self.free_for_board.max(self.free));
-        let nodes = self.node_offer().map(|_| self.free);
+        let nodes = self.offers().map(|offer| offer.from).min();
         [board, nodes].into_iter().flatten().min().map(|start| start.max(now))
     }
 
     fn begin(&mut self, now: Nanos, controller: &mut dyn Controller) {
         let board = controller.offer().filter(|_| self.free_for_board <= now);
-        let nodes = self.node_offer();
-        let nodes_win = |&(_, frame): &(Sender, Frame)| board.is_none_or(|own| frame.arbitrates(&own).is_lt());
-        match (board, nodes.filter(nodes_win)) {
-            (own, Some((sender, frame))) => {
+        let ready = self.offers().filter(|offer| offer.from <= now);
+        let nodes = ready.min_by(|a, b| a.frame.arbitrates(&b.frame));
+        let nodes_win = |offer: &Offer| board.is_none_or(|own| offer.frame.arbitrates(&own).is_lt());
+        let (sender, frame, times) = match (board, nodes.filter(nodes_win)) {
+            (own, Some(offer)) => {
                 if own.is_some() {
                     controller.lose();
                 }
-                controller.begin(false);
-                let bit = self.bit.unwrap_or_default();
-                self.flight = Some(self.node_flight(sender, frame, now, bit, controller));
+                (offer.sender, offer.frame, offer.times)
             }
-            (Some(frame), None) => {
-                controller.begin(true);
-                self.flight = Some(self.board_flight(frame, now, controller));
-            }
-            (None, None) => {}
-        }
-    }
-
-    fn node_flight(&self, sender: Sender, frame: Frame, start: Nanos, bit: u64, controller: &dyn Controller) -> Flight {
-        let destroyed = controller.listens()
-            && controller.drives()
-            && controller.state() == ErrorState::Active
-            && !fit(bit, controller.bit());
-        let phase = if destroyed {
-            let at = start + span(frame.bits_through_acknowledge(), bit);
-            Phase::Fault(at, BusError::Stuff, Outcome::Garbled)
-        } else {
-            Phase::Valid(start + span(frame.bits_until_valid(), bit))
+            (Some(own), None) => (Sender::Board, own, times(controller.bit(), controller.capability())),
+            (None, None) => return,
         };
-        Flight {
+        controller.begin(sender == Sender::Board);
+        for node in self.joined.values_mut() {
+            let bit = node.config.bit;
+            if let Some(wait) = &mut node.wait {
+                wait.begin(now, bit);
+            }
+        }
+        let others = self.joined.iter().filter(|(node, _)| sender != Sender::Node(**node));
+        let mut flight = Flight {
             sender,
             frame,
-            requested: None,
-            start,
-            bit,
-            phase,
+            requested: controller.requested().filter(|_| sender == Sender::Board),
+            start: now,
+            times,
+            attached: self.attached.map(|config| config.reception(&frame, times)),
+            joined: others
+                .filter(|(_, node)| node.takes_part())
+                .map(|(&id, node)| (id, node.config.reception(&frame, times)))
+                .collect(),
+            phase: Phase::Valid(now),
+        };
+        flight.phase = self.destiny(&flight, controller);
+        self.flight = Some(flight);
+    }
+
+    /// What becomes of a frame that begins.
+    fn destiny(&mut self, flight: &Flight, controller: &dyn Controller) -> Phase {
+        let slot = flight.after(flight.frame.bits_through_acknowledge());
+        let is_board = flight.sender == Sender::Board;
+        if self.shorted {
+            let trouble = Trouble::new(BusError::DominantBit, Outcome::Shorted);
+            return Phase::Fault(flight.after(1), trouble);
+        }
+        if is_board && self.failing > 0 {
+            self.failing -= 1;
+            return Phase::Fault(slot, Trouble::new(BusError::RecessiveBit, Outcome::Destroyed));
+        }
+        let board = (!is_board && controller.listens() && controller.drives()).then(|| meets(controller, flight));
+
+        let destroyed = |reception: Reception| match reception {
+            Reception::Fails(bits) => Some(bits),
+            Reception::Follows | Reception::Ignores => None,
+        };
+        let by_board = board.filter(|_| controller.state() == ErrorState::Active);
+        let by_joined = flight.joined.iter().filter(|(node, _)| self.joined[node].destroys());
+        let by_joined = by_joined.map(|&(_, reception)| reception);
+        let by_attached = flight.attached.filter(|_| !self.is_silent());
+        let destroyers = by_joined.chain(by_board).chain(by_attached);
+        if let Some(bits) = destroyers.filter_map(destroyed).min() {
+            let trouble = Trouble {
+                in_data_phase: flight.frame.switches_bit_rate() && bits == flight.frame.bits_before_crc_delimiter(),
+                ..Trouble::new(BusError::RecessiveBit, Outcome::Garbled)
+            };
+            return Phase::Fault(flight.after(bits), trouble);
+        }
+
+        let is_attached = match flight.sender {
+            Sender::Board => false,
+            Sender::Node(node) => !self.joined.contains_key(&node),
+            Sender::Flood => true,
+        };
+        let follows = |reception: Reception| reception == Reception::Follows;
+        let by_joined = flight.joined.iter();
+        let is_acknowledged = is_attached
+            || board.is_some_and(follows)
+            || flight.attached.is_some_and(follows) && !self.deaf && !self.is_silent()
+            || by_joined
+                .into_iter()
+                .any(|&(node, reception)| follows(reception) && !self.joined[&node].config.is_silent);
+        if is_acknowledged {
+            Phase::Valid(flight.after(flight.frame.bits_until_valid()))
+        } else {
+            Phase::Fault(slot, Trouble::new(BusError::Acknowledge, Outcome::Unacknowledged))
         }
     }
 
-    fn board_flight(&mut self, frame: Frame, start: Nanos, controller: &dyn Controller) -> Flight {
-        let bit = controller.bit();
-        let slot = start + span(frame.bits_through_acknowledge(), bit);
-        let phase = match self.bit {
-            _ if self.shorted => Phase::Fault(start + span(1, bit), BusError::DominantBit, Outcome::Shorted),
-            _ if self.failing > 0 => {
-                self.failing -= 1;
-                Phase::Fault(slot, BusError::RecessiveBit, Outcome::Destroyed)
-            }
-            Some(nodes) if !fit(nodes, bit) => Phase::Fault(slot, BusError::RecessiveBit, Outcome::Garbled),
-            Some(_) if !self.deaf => Phase::Valid(start + span(frame.bits_until_valid(), bit)),
-            _ => Phase::Fault(slot, BusError::Acknowledge, Outcome::Unacknowledged),
-        };
-        Flight {
-            sender: Sender::Board,
-            frame,
-            requested: controller.requested(),
-            start,
-            bit,
-            phase,
-        }
+    /// Whether the attached nodes only listen.
+    fn is_silent(&self) -> bool {
+        self.attached.is_some_and(|config| config.is_silent)
     }
 
     fn carry_on(&mut self, mut flight: Flight, controller: &mut dyn Controller) {
         match flight.phase {
             Phase::Valid(_) => {
-                match flight.sender {
-                    Sender::Board => self.heard.push_back(flight.frame),
-                    Sender::Node(_) | Sender::Flood if !controller.listens() => {}
-                    Sender::Node(_) | Sender::Flood if fit(flight.bit, controller.bit()) => {
-                        controller.receive(&flight.frame);
-                    }
-                    Sender::Node(_) | Sender::Flood => controller.receive_error(BusError::Stuff),
-                }
-                let end = flight.start + span(flight.frame.bits_on_the_wire(), flight.bit);
+                self.hand_over(&flight, controller);
+                let end = flight.after(flight.frame.bits_on_the_wire());
                 flight.phase = Phase::Close(end, Outcome::Sent);
                 self.flight = Some(flight);
             }
-            Phase::Fault(at, error, outcome) => {
-                if flight.sender != Sender::Board {
-                    if controller.listens() {
-                        controller.receive_error(error);
-                    }
-                } else if controller.sends() {
-                    controller.transmit_error(error);
-                }
+            Phase::Fault(at, trouble) => {
+                self.fail(&flight, trouble, controller);
                 // An active error flag that a short swallows is an error at each of its bits.
-                let swallowed = outcome == Outcome::Shorted
+                let swallowed = trouble.outcome == Outcome::Shorted
                     && self.shorted
                     && controller.sends()
                     && controller.state() == ErrorState::Active;
+                let bit = flight.times.nominal;
                 flight.phase = if swallowed {
-                    Phase::Fault(at + span(1, flight.bit), error, outcome)
+                    Phase::Fault(at + span(1, bit), trouble)
                 } else {
-                    Phase::Close(at + span(ERROR_FLAG_BITS + ERROR_DELIMITER_BITS, flight.bit), outcome)
+                    Phase::Close(at + span(ERROR_FLAG_BITS + ERROR_DELIMITER_BITS, bit), trouble.outcome)
                 };
                 self.flight = Some(flight);
             }
-            Phase::Close(end, outcome) => self.close(flight, end, outcome, controller),
+            Phase::Close(end, outcome) => self.close(&flight, end, outcome, controller),
         }
     }
 
-    fn close(&mut self, flight: Flight, end: Nanos, outcome: Outcome, controller: &mut dyn Controller) {
-        self.flight = None;
-        self.free = end + span(INTERMISSION_BITS, flight.bit);
+    /// The frame is valid for those that receive it. To a node that does not understand it and may not destroy it, it is
+    /// an error of its own.
+    fn hand_over(&mut self, flight: &Flight, controller: &mut dyn Controller) {
+        let error = Trouble::new(BusError::Stuff, Outcome::Garbled);
+        if flight.sender == Sender::Board {
+            if flight.attached == Some(Reception::Follows) {
+                self.heard.push_back(flight.frame);
+            }
+        } else if controller.listens() {
+            match meets(controller, flight) {
+                Reception::Follows => controller.receive(&flight.frame),
+                reception => error
+                    .to_receiver(reception)
+                    .into_iter()
+                    .for_each(|fault| controller.receive_error(fault)),
+            }
+        }
+        for &(node, reception) in &flight.joined {
+            let Some(node) = self.joined.get_mut(&node) else {
+                continue;
+            };
+            match error.to_receiver(reception) {
+                _ if reception == Reception::Follows => {
+                    node.heard.push_back(flight.frame);
+                    node.confinement.received();
+                }
+                Some(fault) => node.confinement.receive_fault(fault),
+                None => {}
+            }
+        }
+    }
+
+    /// Everybody sees the error in the frame.
+    fn fail(&mut self, flight: &Flight, trouble: Trouble, controller: &mut dyn Controller) {
+        if flight.sender != Sender::Board {
+            let fault = trouble.to_receiver(meets(controller, flight));
+            if let Some(fault) = fault.filter(|_| controller.listens()) {
+                controller.receive_error(fault);
+            }
+        } else if controller.sends() {
+            controller.transmit_error(trouble.to_sender());
+        }
+        for &(node, reception) in &flight.joined {
+            if let Some(node) = self.joined.get_mut(&node)
+                && let Some(fault) = trouble.to_receiver(reception)
+            {
+                node.confinement.receive_fault(fault);
+            }
+        }
+        if let Sender::Node(node) = flight.sender
+            && let Some(node) = self.joined.get_mut(&node)
+        {
+            node.confinement.transmit_error(trouble.error);
+            if node.confinement.state() == ErrorState::BusOff {
+                node.wait = Some(Wait::new(RECOVERY, None));
+            }
+        }
+    }
+
+    fn close(&mut self, flight: &Flight, end: Nanos, outcome: Outcome, controller: &mut dyn Controller) {
+        let bit = flight.times.nominal;
+        self.free = end + span(INTERMISSION_BITS, bit);
+        let suspended = self.free + span(SUSPEND_BITS, bit);
         let sent = outcome == Outcome::Sent;
         match flight.sender {
-            Sender::Board if controller.state() == ErrorState::Passive => {
-                self.free_for_board = self.free + span(SUSPEND_BITS, flight.bit);
-            }
-            Sender::Node(node) if sent => {
-                if let Some(queue) = self.queues.get_mut(&node) {
+            Sender::Board if controller.state() == ErrorState::Passive => self.free_for_board = suspended,
+            Sender::Node(node) => {
+                if sent && let Some(queue) = self.queues.get_mut(&node) {
                     queue.pop_front();
+                }
+                if let Some(node) = self.joined.get_mut(&node) {
+                    if sent {
+                        node.confinement.transmitted();
+                    }
+                    if node.confinement.state() == ErrorState::Passive {
+                        node.free = suspended;
+                    }
                 }
             }
             _ => {}
+        }
+        for node in self.joined.values_mut() {
+            if let Some(wait) = &mut node.wait {
+                wait.end(self.free);
+            }
         }
         controller.end(sent && flight.sender == Sender::Board, self.free);
         self.records.push(Record {
@@ -349,7 +594,7 @@ impl Bus {
     }
 }
 
-/// Whether bits of `a` and `b` picoseconds understand each other.
-fn fit(a: u64, b: u64) -> bool {
-    a.abs_diff(b) * 1_000 <= TOLERANCE * a.max(b)
+/// How the board's controller meets a frame.
+fn meets(controller: &dyn Controller, flight: &Flight) -> Reception {
+    reception(&flight.frame, flight.times, controller.bit(), controller.capability())
 }

@@ -1,15 +1,26 @@
 //! The CAN bus at the board's edge: other nodes, faults, and a record of every frame.
 //!
 //! `bus` is the wire and the nodes on it. It drives any `Controller`; nothing here knows a register or an emulator.
-//! Whole frames cross it, each as long as its bits with the stuff bits that they really have.
+//! Whole frames cross it, classic or FD, each as long as its bits with the stuff bits that they really have
+//! ([`armwire_sim::can`]).
 //!
-//! The other nodes are one party of any size: they acknowledge each other, so that a frame of theirs passes even if the
-//! board does not listen.
+//! There are two kinds of other nodes. The attached nodes are one party of any size with one [`NodeConfig`]: they
+//! acknowledge each other, so that a frame of theirs passes even if the board does not listen, and they are never error
+//! passive. A joined node is one node with its own configuration, error counters and received frames.
 
+#[cfg(test)]
+pub(crate) mod absent;
 pub(crate) mod bus;
+pub(crate) mod confinement;
+mod node;
+#[cfg(test)]
+mod tests;
+pub(crate) mod wait;
 
-use armwire_bridge::can::{Frame, Id};
-use rigless::chip::can as wire;
+use armwire_bridge::can::Frame;
+use armwire_sim::can as wire;
+
+pub use node::NodeConfig;
 
 use crate::time::Nanos;
 
@@ -33,7 +44,7 @@ pub enum Outcome {
     Unacknowledged,
     /// A node destroyed it with an error flag.
     Destroyed,
-    /// The two sides run at different rates: it ended in an error.
+    /// A node did not understand it: its rates are others, or it knows no FD frames. The frame ended in an error.
     Garbled,
     /// The bus was shorted.
     Shorted,
@@ -52,13 +63,15 @@ pub struct BusFrame {
     pub end: Nanos,
     /// Who sent it.
     pub sender: Sender,
-    /// The frame. `None` for a remote frame or one with a 29-bit identifier, which only a board's firmware can send.
+    /// The frame. `None` for a remote frame or one with a 29-bit identifier.
     pub frame: Option<Frame>,
+    /// The frame with all that the bus carries: 29-bit identifiers, remote frames, and the flags of FD frames.
+    pub on_the_wire: wire::Frame,
     /// What became of it.
     pub outcome: Outcome,
 }
 
-/// What a controller finds wrong on the bus, by the codes of its last-error field (32.9.2 ESR).
+/// What a controller finds wrong on the bus, by the codes of its last-error field (32.9.2 ESR; an FDCAN has the same).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum BusError {
     Stuff = 1,
@@ -69,22 +82,52 @@ pub(crate) enum BusError {
     DominantBit = 5,
 }
 
-/// How much a controller may still say (ISO 11898-1, fault confinement).
+/// An error in a frame, as a controller finds it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ErrorState {
+pub(crate) struct Fault {
+    pub(crate) error: BusError,
+    /// Whether it is in the data phase of a frame that switches the bit rate.
+    pub(crate) in_data_phase: bool,
+    /// Whether the controller found it itself. Otherwise it saw the error flag of a node that did.
+    pub(crate) is_own: bool,
+}
+
+/// How much a node may still say (ISO 11898-1, fault confinement).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ErrorState {
+    /// It destroys a frame that it finds wrong.
     Active,
+    /// It destroys nothing, and waits longer before it sends.
     Passive,
+    /// It takes no part in the bus.
     BusOff,
+}
+
+/// Which frames a node knows (ISO 11898-1: the three implementations).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Capability {
+    /// Classic frames. An FD frame is an error to it.
+    Classic,
+    /// Classic frames. It neither receives nor disturbs an FD frame.
+    FdTolerant,
+    /// Classic and FD frames, with bits of so many picoseconds in the data phase.
+    Fd {
+        /// One bit of the data phase.
+        data_bit: u64,
+    },
 }
 
 /// A controller as the bus sees it.
 ///
 /// Every call happens at its instant on the bus, in order.
 pub(crate) trait Controller {
-    /// One of its bits in picoseconds, 0 while it has no clock.
+    /// One of its nominal bits in picoseconds, 0 while it has no clock.
     fn bit(&self) -> u64;
 
-    /// Whether it hears the bus.
+    /// Which frames it knows, as it is configured now.
+    fn capability(&self) -> Capability;
+
+    /// Whether it hears the bus. Never in bus-off.
     fn listens(&self) -> bool;
 
     /// Whether it drives the bus: it acknowledges, and destroys what it finds wrong while it is error active.
@@ -93,7 +136,7 @@ pub(crate) trait Controller {
     /// How much it may say.
     fn state(&self) -> ErrorState;
 
-    /// The frame that it would send now.
+    /// The frame that it would send now. An FD frame only if its capability is FD.
     fn offer(&self) -> Option<wire::Frame>;
 
     /// When the frame that it sends was requested.
@@ -111,11 +154,11 @@ pub(crate) trait Controller {
     /// A frame of another node is valid.
     fn receive(&mut self, frame: &wire::Frame);
 
-    /// It found an error in the frame of another node.
-    fn receive_error(&mut self, error: BusError);
+    /// There is an error in the frame of another node.
+    fn receive_error(&mut self, fault: Fault);
 
-    /// It found an error in its own frame.
-    fn transmit_error(&mut self, error: BusError);
+    /// There is an error in its own frame.
+    fn transmit_error(&mut self, fault: Fault);
 
     /// The frame is over, and the next may begin at `free`. `sent` says whether it was its own and everybody has it.
     fn end(&mut self, sent: bool, free: Nanos);
@@ -130,18 +173,4 @@ pub(crate) trait Controller {
 /// The span of `bits` bits of `bit` picoseconds.
 pub(crate) fn span(bits: u32, bit: u64) -> Nanos {
     Nanos((u64::from(bits) * bit).div_ceil(1_000))
-}
-
-/// The frame as the wire has it, `None` for an FD frame.
-pub(crate) fn to_wire(frame: &Frame) -> Option<wire::Frame> {
-    let data = frame.data();
-    (!frame.is_fd()).then(|| wire::Frame::data_frame(wire::Id::Standard(frame.id().get()), data))
-}
-
-/// The frame as a program has it, if it can.
-pub(crate) fn from_wire(frame: &wire::Frame) -> Option<Frame> {
-    match frame.id {
-        wire::Id::Standard(id) if !frame.remote => Frame::new(Id::new(id).ok()?, frame.payload()).ok(),
-        _ => None,
-    }
 }

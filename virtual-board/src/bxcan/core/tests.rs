@@ -165,7 +165,8 @@ fn a_frame_takes_its_bits_with_stuff_bits() {
     ] {
         let mut bench = Bench::new();
         let at = MAILBOXES + MAILBOX_SPAN;
-        let [low, high] = [&frame.data[..4], &frame.data[4..]].map(|half| u32::from_le_bytes(half.try_into().unwrap()));
+        let [low, high] =
+            [&frame.data[..4], &frame.data[4..8]].map(|half| u32::from_le_bytes(half.try_into().unwrap()));
         for (offset, value) in [(4, frame.dlc.into()), (8, low), (12, high)] {
             bench.write(at + offset, value);
         }

@@ -1,6 +1,6 @@
 //! Fault confinement (RM0090, 32.7.6; ISO 11898-1): the two error counters and what they mean.
 
-use crate::can::{BusError, ErrorState};
+use super::{BusError, ErrorState, Fault};
 
 /// From where on the bus is heavily disturbed, and the controller says so.
 const WARNING: u16 = 96;
@@ -14,14 +14,14 @@ const RECOVERS: u16 = 128;
 
 /// The counters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Confinement {
+pub(crate) struct Confinement {
     transmit: u16,
     receive: u16,
     bus_off: bool,
 }
 
 impl Confinement {
-    pub(super) fn state(self) -> ErrorState {
+    pub(crate) fn state(self) -> ErrorState {
         match (self.bus_off, self.transmit.max(self.receive) > ACTIVE) {
             (true, _) => ErrorState::BusOff,
             (false, true) => ErrorState::Passive,
@@ -29,26 +29,26 @@ impl Confinement {
         }
     }
 
-    pub(super) fn warns(self) -> bool {
+    pub(crate) fn warns(self) -> bool {
         self.transmit.max(self.receive) >= WARNING
     }
 
-    pub(super) fn is_passive(self) -> bool {
+    pub(crate) fn is_passive(self) -> bool {
         self.transmit.max(self.receive) > ACTIVE
     }
 
     /// TEC: the eight low bits of a counter of nine.
-    pub(super) fn transmit(self) -> u32 {
+    pub(crate) fn transmit(self) -> u32 {
         u32::from(self.transmit & 0xFF)
     }
 
     /// REC.
-    pub(super) fn receive(self) -> u32 {
+    pub(crate) fn receive(self) -> u32 {
         u32::from(self.receive)
     }
 
     /// A frame of its own failed. A missing acknowledge does not count any more once it is error passive.
-    pub(super) fn transmit_error(&mut self, error: BusError) {
+    pub(crate) fn transmit_error(&mut self, error: BusError) {
         if error == BusError::Acknowledge && self.state() == ErrorState::Passive {
             return;
         }
@@ -57,16 +57,26 @@ impl Confinement {
     }
 
     /// Another's frame failed here: one more, and eight more if the others answer its error flag with theirs.
-    pub(super) fn receive_error(&mut self) {
+    pub(crate) fn receive_error(&mut self) {
         let more = if self.state() == ErrorState::Active { 9 } else { 1 };
         self.receive = (self.receive + more).min(MOST);
     }
 
-    pub(super) fn transmitted(&mut self) {
+    /// The same, or one more if a third node destroyed the frame: its error flag is an error here, and nobody answers
+    /// this node's.
+    pub(crate) fn receive_fault(&mut self, fault: Fault) {
+        if fault.is_own {
+            self.receive_error();
+        } else {
+            self.receive = (self.receive + 1).min(MOST);
+        }
+    }
+
+    pub(crate) fn transmitted(&mut self) {
         self.transmit = self.transmit.saturating_sub(1);
     }
 
-    pub(super) fn received(&mut self) {
+    pub(crate) fn received(&mut self) {
         self.receive = match self.receive {
             0..=RECOVERS => self.receive.saturating_sub(1),
             _ => RECOVERED,
@@ -74,7 +84,7 @@ impl Confinement {
     }
 
     /// It is back on the bus.
-    pub(super) fn recover(&mut self) {
+    pub(crate) fn recover(&mut self) {
         *self = Self::default();
     }
 }
@@ -82,6 +92,17 @@ impl Confinement {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_error_flag_of_another_receiver_counts_one() {
+        let mut counters = Confinement::default();
+        counters.receive_fault(Fault {
+            error: BusError::Stuff,
+            in_data_phase: false,
+            is_own: false,
+        });
+        assert_eq!(counters.receive(), 1);
+    }
 
     #[test]
     fn errors_make_it_warn_then_passive_then_off() {
