@@ -599,6 +599,9 @@ impl<A: Arm> VirtualBoard<A> {
             trace.add(record.frame.id.value().into());
             trace.bytes(&[record.frame.remote.into(), record.frame.dlc, record.outcome as u8]);
             trace.bytes(record.frame.payload());
+            if let Some(flags) = record.frame.fd {
+                trace.bytes(&[flags.bit_rate_switch.into(), flags.error_passive.into()]);
+            }
             trace.add(match record.sender {
                 CanSender::Board => 0,
                 CanSender::Node(node) => 1 + u64::from(node),

@@ -138,7 +138,7 @@ impl Bus for SlcanBus {
 
     fn send(&mut self, frame: &Frame) -> Result<(), Problem> {
         self.sent = Some(Instant::now());
-        self.tell(Command::Transmit(*frame))
+        self.tell(Command::Transmit((*frame).into()))
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Problem> {
@@ -146,7 +146,12 @@ impl Bus for SlcanBus {
         loop {
             let left = until.saturating_duration_since(Instant::now());
             match self.hear(left)? {
-                Some(Ok(Reply::Frame { frame, .. })) => return Ok(Some(frame)),
+                // Frames with 29-bit identifiers and remote frames are others'.
+                Some(Ok(Reply::Frame { frame, .. })) => {
+                    if let Some(frame) = frame.to_adapter() {
+                        return Ok(Some(frame));
+                    }
+                }
                 // Nothing but a frame of ours can have been refused.
                 Some(Ok(Reply::Refused)) => {
                     let trouble = self.trouble().unwrap_or_else(|| "it does not say why".to_owned());

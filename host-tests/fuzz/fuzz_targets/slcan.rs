@@ -3,8 +3,8 @@
 #![no_main]
 
 use armwire::Micros;
-use armwire_bridge::can::{Frame, Id};
 use armwire_fuzz::{Arbitrary, Result, Unstructured};
+use armwire_sim::can::{Frame, Id};
 use armwire_sim::slcan::{Adapter, Commands, Replies, Reply, Status};
 use libfuzzer_sys::fuzz_target;
 
@@ -44,10 +44,8 @@ fn lines(bytes: &[u8]) {
                     line.iter().filter_map(|byte| fresh.push(*byte)).collect::<Vec<_>>(),
                     [Ok(command)]
                 );
-                assert!(
-                    alone.eq_ignore_ascii_case(&line) || alone[0] == b'd',
-                    "{alone:?} is {line:?}"
-                );
+                assert_eq!(alone[..1], line[..1]);
+                assert!(alone.eq_ignore_ascii_case(&line), "{alone:?} is {line:?}");
             }
             Err(error) => assert!(!error.to_string().is_empty()),
         }
@@ -78,9 +76,11 @@ enum Step<'a> {
     /// A line that there is.
     Line(u8),
     Hear {
-        id: u16,
+        id: u32,
+        is_extended: bool,
         data: &'a [u8],
-        fd: bool,
+        /// An FD frame, and whether it switches the bit rate.
+        fd: Option<bool>,
     },
     Report(u8),
     /// There is room for frames on the bus, or none.
@@ -114,14 +114,21 @@ fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
         match u.arbitrary()? {
             Step::Program(bytes) => line_ends += program(&mut adapter, bytes, room),
             Step::Line(n) => line_ends += program(&mut adapter, LINES[usize::from(n) % LINES.len()], room),
-            Step::Hear { id, data, fd } => {
-                let id = Id::new(id & Id::MAX.get()).expect("in range");
-                let frame = if fd {
-                    Frame::new_fd(id, data)
-                } else {
-                    Frame::new(id, data)
+            Step::Hear {
+                id,
+                is_extended,
+                data,
+                fd,
+            } => {
+                let id = match is_extended {
+                    true => Id::Extended(id & Id::MAX_EXTENDED),
+                    false => Id::Standard((id & 0x7FF) as u16),
                 };
-                let Ok(frame) = frame else { continue };
+                let frame = match fd {
+                    Some(bit_rate_switch) => Frame::fd_frame(id, data, bit_rate_switch),
+                    None => (data.len() <= 8).then(|| Frame::data_frame(id, data)),
+                };
+                let Some(frame) = frame else { continue };
                 adapter.hear(&frame, now);
                 if adapter.bit_rate().is_some() {
                     heard.push(frame);

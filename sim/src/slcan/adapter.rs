@@ -1,9 +1,9 @@
 //! The adapter's end.
 
 use armwire::Micros;
-use armwire_bridge::can::Frame;
 
-use super::{BitRate, Command, Commands, MINUTE, Reply, Status};
+use super::{BitRate, Command, Commands, DataBitRate, MINUTE, Reply, Status};
+use crate::can::{Frame, Id};
 
 /// Bytes for a program that does not read. Frames that find no room are lost, and the [`Status`] tells.
 const MAX_OUTPUT: usize = 65_536;
@@ -22,6 +22,7 @@ const SERIAL_NUMBER: Reply = Reply::SerialNumber(*b"ARMW");
 pub struct Adapter {
     commands: Commands,
     bit_rate: Option<BitRate>,
+    data_bit_rate: DataBitRate,
     channel: Channel,
     time_stamps: bool,
     /// Until the program has read it.
@@ -38,7 +39,7 @@ enum Channel {
 }
 
 impl Adapter {
-    /// An adapter that is closed and has no bit rate.
+    /// An adapter that is closed and has no bit rate. Its data phase has 2 Mbit/s.
     pub fn new() -> Self {
         Self::default()
     }
@@ -49,6 +50,11 @@ impl Adapter {
             Channel::Closed => None,
             Channel::Open | Channel::Listening => self.bit_rate.map(BitRate::bits_per_second),
         }
+    }
+
+    /// The bit rate of the data phase of FD frames that switch it, in bits per second.
+    pub fn data_bit_rate(&self) -> u32 {
+        self.data_bit_rate.bits_per_second()
     }
 
     /// Whether it only listens to the bus: it acknowledges no frames.
@@ -72,6 +78,7 @@ impl Adapter {
         match command {
             Command::Nothing => {}
             Command::BitRate(rate) if is_closed => self.bit_rate = Some(rate),
+            Command::DataBitRate(rate) if is_closed => self.data_bit_rate = rate,
             Command::TimeStamps(on) if is_closed => self.time_stamps = on,
             Command::Open if can_open => self.channel = Channel::Open,
             Command::Listen if can_open => self.channel = Channel::Listening,
@@ -81,7 +88,9 @@ impl Adapter {
                     self.report(Status::TRANSMIT_QUEUE_FULL);
                     return None;
                 }
-                return Some(Reply::Sent);
+                return Some(Reply::Sent {
+                    is_extended: matches!(frame.id, Id::Extended(_)),
+                });
             }
             Command::Status if !is_closed => return Some(Reply::Status(std::mem::take(&mut self.status))),
             Command::Version => return Some(VERSION),

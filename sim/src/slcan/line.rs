@@ -4,8 +4,8 @@ use armwire::OutOfRange;
 
 use super::{Cause, Malformed};
 
-/// The longest line that is kept: an FD frame of 64 bytes with a time stamp.
-const MAX_LINE: usize = 1 + 3 + 1 + 2 * 64 + 4;
+/// The longest line that is kept: an FD frame of 64 bytes with a 29-bit identifier and a time stamp.
+const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64 + 4;
 
 /// The line that is coming in.
 #[derive(Clone, Debug, Default)]
@@ -60,8 +60,8 @@ impl Field<'_> {
         self.at == self.line.len()
     }
 
-    /// A hexadecimal number of so many digits, four at most.
-    pub(super) fn number(&mut self, digits: usize) -> Result<u16, Cause> {
+    /// A hexadecimal number of so many digits, eight at most.
+    pub(super) fn number(&mut self, digits: usize) -> Result<u32, Cause> {
         let end = self.at + digits;
         let mut number = 0;
         while self.at < end {
@@ -73,7 +73,7 @@ impl Field<'_> {
             };
             let digit = char::from(got).to_digit(16);
             let digit = digit.ok_or(Cause::Digit { at: self.at, got })?;
-            number = number << 4 | digit as u16;
+            number = number << 4 | digit;
             self.at += 1;
         }
         Ok(number)
@@ -81,7 +81,7 @@ impl Field<'_> {
 
     /// One hexadecimal digit, at most `max`.
     pub(super) fn digit(&mut self, what: &'static str, max: u8) -> Result<u8, Cause> {
-        match self.number(1)? {
+        match self.number(1)? as u16 {
             got if got > u16::from(max) => Err(Cause::OutOfRange(OutOfRange {
                 what,
                 unit: "",

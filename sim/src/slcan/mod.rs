@@ -4,15 +4,23 @@
 //! reads the other's byte by byte, in whatever pieces they come. An [`Adapter`] is the adapter's end of it, without its
 //! CAN controller and without I/O.
 //!
-//! FD frames are as in the firmware of CANable 2, which python-can speaks too: `b`, and a length in one hexadecimal
-//! digit. Frames with 29-bit identifiers and remote frames are told from garbage, and not carried.
+//! FD frames are as in the firmware of CANable 2, which python-can speaks too. `Y` sets the rate of the data phase.
+//!
+//! | Frame | 11 bits | 29 bits | Length |
+//! |---|---|---|---|
+//! | classic | `t` | `T` | 0 to 8 |
+//! | remote | `r` | `R` | 0 to 8 |
+//! | FD | `d` | `D` | DLC, 0 to F |
+//! | FD with bit rate switching | `b` | `B` | DLC, 0 to F |
+//!
+//! No line carries ESI of an FD frame, nor a classic DLC above 8.
 //!
 //! ```
 //! use armwire::Micros;
-//! use armwire_bridge::can::{Frame, Id};
+//! use armwire_sim::can::{Frame, Id};
 //! use armwire_sim::slcan::{Adapter, BitRate, Command, Replies, Reply};
 //!
-//! let frame = Frame::new(Id::new(0x600).unwrap(), &[1, 2, 3]).unwrap();
+//! let frame = Frame::data_frame(Id::Standard(0x600), &[1, 2, 3]);
 //! let mut program = Vec::new();
 //! for command in [
 //!     Command::BitRate(BitRate::new(1_000_000).unwrap()),
@@ -36,7 +44,8 @@
 //! let mut replies = Replies::default();
 //! let heard: Vec<_> = adapter.output().drain(..).filter_map(|byte| replies.push(byte)).collect();
 //! let came = Reply::Frame { frame, millis: None };
-//! assert_eq!(heard, [Ok(Reply::Done), Ok(Reply::Done), Ok(Reply::Sent), Ok(came)]);
+//! let sent = Reply::Sent { is_extended: false };
+//! assert_eq!(heard, [Ok(Reply::Done), Ok(Reply::Done), Ok(sent), Ok(came)]);
 //! ```
 //!
 //! It is our own because slcan 0.1.3, the crate there is, has the program's end only, owns its port, and reads what it
@@ -50,8 +59,9 @@ mod tests;
 use std::fmt;
 
 use armwire::OutOfRange;
-use armwire_bridge::can::{FD_LENGTHS, Frame, Id, MAX_CLASSIC};
+use armwire_bridge::can::{FD_LENGTHS, MAX_CLASSIC, MAX_FD};
 
+use crate::can::{FdFlags, Frame, Id};
 pub use adapter::Adapter;
 use line::{Field, Line};
 
@@ -59,6 +69,10 @@ use line::{Field, Line};
 pub const BIT_RATES: [u32; 9] = [
     10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000,
 ];
+
+/// The rates of the data phase that a program can choose, in bits per second. The digit of the `Y` command is the rate in
+/// Mbit/s.
+pub const DATA_BIT_RATES: [u32; 4] = [1_000_000, 2_000_000, 4_000_000, 5_000_000];
 
 /// The carriage return that ends every line.
 const CR: u8 = b'\r';
@@ -87,6 +101,30 @@ impl BitRate {
     }
 }
 
+/// One of [`DATA_BIT_RATES`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DataBitRate(u8);
+
+impl DataBitRate {
+    /// The rate of so many bits per second, if it is one of [`DATA_BIT_RATES`].
+    pub fn new(bits_per_second: u32) -> Option<Self> {
+        let is_known = DATA_BIT_RATES.contains(&bits_per_second);
+        is_known.then_some(Self((bits_per_second / 1_000_000) as u8))
+    }
+
+    /// Bits per second.
+    pub fn bits_per_second(self) -> u32 {
+        u32::from(self.0) * 1_000_000
+    }
+}
+
+/// 2 Mbit/s, as in the firmware of CANable 2.
+impl Default for DataBitRate {
+    fn default() -> Self {
+        Self(2)
+    }
+}
+
 /// What a program wants of an adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
@@ -94,13 +132,15 @@ pub enum Command {
     Nothing,
     /// `S`: the bus has this bit rate. While the channel is closed.
     BitRate(BitRate),
+    /// `Y`: the data phase of FD frames that switch the bit rate has this one. While the channel is closed.
+    DataBitRate(DataBitRate),
     /// `O`: take part in the bus. Once it has a bit rate.
     Open,
     /// `L`: listen to the bus only. Once it has a bit rate.
     Listen,
     /// `C`: leave the bus.
     Close,
-    /// `t`, or `b` for an FD frame: send it. While the channel is open.
+    /// A frame: send it. While the channel is open.
     Transmit(Frame),
     /// `F`: tell the [`Status`]. While the channel is open or listening.
     Status,
@@ -120,8 +160,11 @@ pub enum Reply {
     /// BELL: it is not done.
     Refused,
     /// `z`, or `Z` for a 29-bit identifier: the frame goes out.
-    Sent,
-    /// `t`, or `b` for an FD frame: a frame from the bus.
+    Sent {
+        /// Whether the identifier has 29 bits.
+        is_extended: bool,
+    },
+    /// A frame from the bus.
     Frame {
         /// The frame.
         frame: Frame,
@@ -221,8 +264,10 @@ pub enum Cause {
     },
     /// A value that there is not.
     OutOfRange(OutOfRange),
-    /// A frame with a 29-bit identifier, or a remote frame: nobody here carries them.
-    NotCarried,
+    /// An identifier of more than 29 bits.
+    Identifier(u32),
+    /// A rate of the data phase, in Mbit/s, that is none of [`DATA_BIT_RATES`].
+    DataBitRate(u8),
 }
 
 impl fmt::Display for Malformed {
@@ -233,7 +278,8 @@ impl fmt::Display for Malformed {
             Cause::Digit { at, got } => write!(f, "'{}' at {at} is not a digit that may be there", got.escape_ascii()),
             Cause::Length { expected, got } => write!(f, "{got} characters, must be {expected}"),
             Cause::OutOfRange(error) => error.fmt(f),
-            Cause::NotCarried => f.write_str("29-bit identifiers and remote frames are not carried"),
+            Cause::Identifier(id) => write!(f, "CAN identifier is {id:#X}, must be up to {:#X}", Id::MAX_EXTENDED),
+            Cause::DataBitRate(rate) => write!(f, "data bit rate is {rate} Mbit/s, must be 1, 2, 4 or 5 Mbit/s"),
         }
     }
 }
@@ -270,6 +316,7 @@ impl Commands {
         Ok(match field.command() {
             None => Command::Nothing,
             Some(b'S') => Command::BitRate(BitRate(field.digit("bit rate", 8)?)),
+            Some(b'Y') => Command::DataBitRate(data_bit_rate(field)?),
             Some(b'O') => Command::Open,
             Some(b'L') => Command::Listen,
             Some(b'C') => Command::Close,
@@ -319,7 +366,9 @@ impl Replies {
     fn parse(field: &mut Field<'_>) -> Result<Reply, Cause> {
         Ok(match field.command() {
             None => Reply::Done,
-            Some(b'z' | b'Z') => Reply::Sent,
+            Some(kind @ (b'z' | b'Z')) => Reply::Sent {
+                is_extended: kind == b'Z',
+            },
             Some(kind @ (b't' | b'd' | b'b' | b'T' | b'D' | b'B' | b'r' | b'R')) => Reply::Frame {
                 frame: frame(kind, field)?,
                 millis: if field.is_at_end() { None } else { Some(millis(field)?) },
@@ -337,27 +386,50 @@ impl Replies {
 
 /// What follows the first character of a frame, but for a time stamp.
 fn frame(kind: u8, field: &mut Field<'_>) -> Result<Frame, Cause> {
-    let is_fd = match kind {
-        b't' => false,
-        b'd' | b'b' => true,
-        _ => return Err(Cause::NotCarried),
+    let id = if kind.is_ascii_uppercase() {
+        match field.number(8)? {
+            id @ ..=Id::MAX_EXTENDED => Id::Extended(id),
+            id => return Err(Cause::Identifier(id)),
+        }
+    } else {
+        let id = armwire_bridge::can::Id::new(field.number(3)? as u16);
+        Id::Standard(id.map_err(Cause::OutOfRange)?.get())
     };
-    let id = Id::new(field.number(3)?).map_err(Cause::OutOfRange)?;
-    let max = if is_fd { FD_LENGTHS.len() - 1 } else { MAX_CLASSIC };
-    let len = usize::from(FD_LENGTHS[usize::from(field.digit("length of a frame", max as u8)?)]);
-    let mut data = [0; 64];
+    let flags = match kind.to_ascii_lowercase() {
+        b'd' => Some(FdFlags::default()),
+        b'b' => Some(FdFlags {
+            bit_rate_switch: true,
+            error_passive: false,
+        }),
+        _ => None,
+    };
+    let max = if flags.is_some() {
+        FD_LENGTHS.len() - 1
+    } else {
+        MAX_CLASSIC
+    };
+    let dlc = field.digit("length of a frame", max as u8)?;
+    if let b'r' | b'R' = kind {
+        return Ok(Frame::remote_frame(id, dlc));
+    }
+    let len = usize::from(FD_LENGTHS[usize::from(dlc)]);
+    let mut data = [0; MAX_FD];
     for byte in &mut data[..len] {
         *byte = field.byte()?;
     }
-    let made = match is_fd {
-        true => Frame::new_fd(id, &data[..len]),
-        false => Frame::new(id, &data[..len]),
-    };
-    Ok(made.expect("a length that its kind has"))
+    Ok(match flags {
+        Some(flags) => Frame::fd(id, flags, dlc, &data),
+        None => Frame::classic(id, false, dlc, &data),
+    })
+}
+
+fn data_bit_rate(field: &mut Field<'_>) -> Result<DataBitRate, Cause> {
+    let rate = field.digit("data bit rate", 0xF)?;
+    DataBitRate::new(u32::from(rate) * 1_000_000).ok_or(Cause::DataBitRate(rate))
 }
 
 fn millis(field: &mut Field<'_>) -> Result<u16, Cause> {
-    match field.number(4)? {
+    match field.number(4)? as u16 {
         got @ MINUTE.. => Err(Cause::OutOfRange(OutOfRange {
             what: "time stamp",
             unit: "ms",
@@ -375,6 +447,7 @@ impl Command {
         match self {
             Self::Nothing => {}
             Self::BitRate(BitRate(digit)) => out.extend([b'S', b'0' + digit]),
+            Self::DataBitRate(DataBitRate(digit)) => out.extend([b'Y', b'0' + digit]),
             Self::Open => out.push(b'O'),
             Self::Listen => out.push(b'L'),
             Self::Close => out.push(b'C'),
@@ -397,7 +470,7 @@ impl Reply {
                 out.push(BELL);
                 return;
             }
-            Self::Sent => out.push(b'z'),
+            Self::Sent { is_extended } => out.push(if *is_extended { b'Z' } else { b'z' }),
             Self::Frame { frame, millis } => {
                 encode_frame(frame, out);
                 if let Some(millis) = millis {
@@ -416,12 +489,16 @@ impl Reply {
 }
 
 fn encode_frame(frame: &Frame, out: &mut Vec<u8>) {
-    let data = frame.data();
-    // The place of the length is its DLC, and of the short ones the length itself.
-    let dlc = FD_LENGTHS.iter().position(|&len| usize::from(len) == data.len());
-    let (kind, dlc) = (if frame.is_fd() { 'b' } else { 't' }, dlc.unwrap_or_default());
-    out.extend(format!("{kind}{:03X}{dlc:X}", frame.id().get()).bytes());
-    for byte in data {
+    let (kind, dlc) = match frame.fd {
+        Some(flags) => (if flags.bit_rate_switch { 'b' } else { 'd' }, frame.dlc),
+        None => (if frame.remote { 'r' } else { 't' }, frame.dlc.min(MAX_CLASSIC as u8)),
+    };
+    let line = match frame.id {
+        Id::Standard(id) => format!("{kind}{id:03X}{dlc:X}"),
+        Id::Extended(id) => format!("{}{id:08X}{dlc:X}", kind.to_ascii_uppercase()),
+    };
+    out.extend(line.bytes());
+    for byte in frame.payload() {
         out.extend(format!("{byte:02X}").bytes());
     }
 }

@@ -1,17 +1,28 @@
 use armwire::Micros;
-use armwire_bridge::can::{FD_LENGTHS, Frame, Id};
 use proptest::prelude::*;
 
 use super::*;
 
-fn frames() -> impl Strategy<Value = Frame> {
-    let classic = (0..=0x7FF_u16, prop::collection::vec(any::<u8>(), 0..=8));
-    let fd = (0..=0x7FF_u16, 0..FD_LENGTHS.len(), any::<[u8; 64]>());
+fn ids() -> impl Strategy<Value = Id> {
     prop_oneof![
-        classic.prop_map(|(id, data)| Frame::new(Id::new(id).unwrap(), &data).unwrap()),
-        fd.prop_map(|(id, dlc, data)| {
-            let len = usize::from(FD_LENGTHS[dlc]);
-            Frame::new_fd(Id::new(id).unwrap(), &data[..len]).unwrap()
+        (0..=0x7FF_u16).prop_map(Id::Standard),
+        (0..=Id::MAX_EXTENDED).prop_map(Id::Extended),
+    ]
+}
+
+/// All that a line can carry.
+fn frames() -> impl Strategy<Value = Frame> {
+    let classic = (ids(), prop::collection::vec(any::<u8>(), 0..=8));
+    let fd = (ids(), any::<bool>(), 0..16_u8, any::<[u8; 64]>());
+    prop_oneof![
+        classic.prop_map(|(id, data)| Frame::data_frame(id, &data)),
+        (ids(), 0..=8_u8).prop_map(|(id, dlc)| Frame::remote_frame(id, dlc)),
+        fd.prop_map(|(id, bit_rate_switch, dlc, data)| {
+            let flags = FdFlags {
+                bit_rate_switch,
+                error_passive: false,
+            };
+            Frame::fd(id, flags, dlc, &data)
         }),
     ]
 }
@@ -21,6 +32,8 @@ fn all_commands() -> impl Strategy<Value = Command> {
     prop_oneof![
         Just(Command::Nothing),
         (0..BIT_RATES.len()).prop_map(rate),
+        prop::sample::select(&DATA_BIT_RATES[..])
+            .prop_map(|rate| Command::DataBitRate(DataBitRate::new(rate).unwrap())),
         Just(Command::Open),
         Just(Command::Listen),
         Just(Command::Close),
@@ -37,7 +50,7 @@ fn all_replies() -> impl Strategy<Value = Reply> {
     prop_oneof![
         Just(Reply::Done),
         Just(Reply::Refused),
-        Just(Reply::Sent),
+        any::<bool>().prop_map(|is_extended| Reply::Sent { is_extended }),
         frame.prop_map(|(frame, millis)| Reply::Frame { frame, millis }),
         any::<u8>().prop_map(|bits| Reply::Status(Status(bits))),
         any::<(u8, u8)>().prop_map(|(hardware, software)| Reply::Version { hardware, software }),
@@ -99,9 +112,13 @@ fn what_is_wrong_with_a_line_is_told() {
         ("S9", "'S': bit rate is 9, must be 0..=8"),
         ("Z2", "'Z': time stamps is 2, must be 0..=1"),
         (
-            "T000000010",
-            "'T': 29-bit identifiers and remote frames are not carried",
+            "T200000000",
+            "'T': CAN identifier is 0x20000000, must be up to 0x1FFFFFFF",
         ),
+        ("r12309", "'r': 6 characters, must be 5"),
+        ("b123900", "'b': 7 characters, must be 9"),
+        ("b123G", "'b': 'G' at 4 is not a digit that may be there"),
+        ("Y3", "'Y': data bit rate is 3 Mbit/s, must be 1, 2, 4 or 5 Mbit/s"),
         ("\u{7}", "'\\x07': no line begins like that"),
     ] {
         let read = read_commands(&[line.as_bytes(), b"\r"].concat());
@@ -150,7 +167,7 @@ fn a_channel_opens_once_it_has_a_bit_rate_and_closes() {
 #[test]
 fn frames_pass_while_it_is_open_and_are_stamped_if_that_is_wanted() {
     let mut desk = Desk::default();
-    let frame = Frame::new(Id::new(0x612).unwrap(), &[0x30, 0, 0xA5]).unwrap();
+    let frame = Frame::data_frame(Id::Standard(0x612), &[0x30, 0, 0xA5]);
     desk.adapter.hear(&frame, Micros(0));
     assert_eq!(desk.say(b"S8\rZ1\rO\rt61233000a5\r"), b"\r\r\rz\r");
     assert_eq!(desk.bus, [frame]);
@@ -165,7 +182,7 @@ fn what_was_refused_and_lost_shows_in_the_status_until_that_is_read() {
         ..Desk::default()
     };
     assert_eq!(desk.say(b"S8\rO\rt1230\rF\rF\r"), b"\r\r\x07F02\rF00\r");
-    let frame = Frame::new(Id::new(0).unwrap(), &[0; 8]).unwrap();
+    let frame = Frame::data_frame(Id::Standard(0), &[0; 8]);
     for _ in 0..10_000 {
         desk.adapter.hear(&frame, Micros(0));
     }
@@ -174,4 +191,63 @@ fn what_was_refused_and_lost_shows_in_the_status_until_that_is_read() {
     desk.adapter.report(Status::BUS_ERROR);
     assert_eq!(desk.say(b"F\r"), b"F81\r");
     assert_eq!(Status(0x81).to_string(), "receive queue full, bus error");
+}
+
+#[test]
+fn each_kind_of_frame_has_its_line() {
+    let twelve = [0x5A; 12];
+    let (short, long) = (Id::Standard(0x123), Id::Extended(0x123));
+    let fd = |id, bit_rate_switch| Frame::fd_frame(id, &twelve, bit_rate_switch).unwrap();
+    let hex = "5A".repeat(12);
+    for (frame, line) in [
+        (Frame::data_frame(short, &[1, 2]), "t12320102".to_owned()),
+        (Frame::data_frame(long, &[1, 2]), "T0000012320102".to_owned()),
+        (Frame::remote_frame(short, 8), "r1238".to_owned()),
+        (Frame::remote_frame(long, 0), "R000001230".to_owned()),
+        (fd(short, false), format!("d1239{hex}")),
+        (fd(long, false), format!("D000001239{hex}")),
+        (fd(short, true), format!("b1239{hex}")),
+        (fd(long, true), format!("B000001239{hex}")),
+        (
+            Frame::classic(short, false, 15, &[7; 8]),
+            format!("t1238{}", "07".repeat(8)),
+        ),
+    ] {
+        let mut written = Vec::new();
+        Command::Transmit(frame).encode(&mut written);
+        assert_eq!(String::from_utf8(written.clone()).unwrap(), line + "\r");
+        let Ok(Command::Transmit(read)) = read_commands(&written)[0] else {
+            panic!("{written:?}");
+        };
+        assert_eq!(
+            (read.id, read.fd, read.payload()),
+            (frame.id, frame.fd, frame.payload())
+        );
+    }
+    let mut lower = Vec::new();
+    Command::Transmit(Frame::fd_frame(short, &[0xAB; 64], true).unwrap()).encode(&mut lower);
+    let lower = [&lower[..1], &lower[1..].to_ascii_lowercase()].concat();
+    assert!(lower.starts_with(b"b123fab"));
+    assert!(read_commands(&lower)[0].is_ok(), "digits of either case are read");
+}
+
+#[test]
+fn python_can_opens_an_fd_channel_as_it_speaks() {
+    // slcanBus with BitTimingFd: close, both rates, open, and open again.
+    let mut desk = Desk::default();
+    assert_eq!(desk.adapter.data_bit_rate(), 2_000_000);
+    assert_eq!(desk.say(b"C\rS8\rY5\rO\rO\r"), b"\x07\r\r\r\x07");
+    assert_eq!(
+        (desk.adapter.bit_rate(), desk.adapter.data_bit_rate()),
+        (Some(1_000_000), 5_000_000)
+    );
+    assert_eq!(desk.say(b"Y2\r"), [BELL], "not while the channel is open");
+    assert_eq!(desk.say(b"B1FFFFFFF1AB\rb7FF0\rd7FF0\r"), b"Z\rz\rz\r");
+    assert_eq!(
+        desk.bus[0],
+        Frame::fd_frame(Id::Extended(0x1FFF_FFFF), &[0xAB], true).unwrap()
+    );
+    assert!(desk.bus[1].switches_bit_rate() && !desk.bus[2].switches_bit_rate());
+    // Without a data rate it sends an empty line.
+    assert_eq!(desk.say(b"C\rS8\r\rO\r"), b"\r\r\r\r");
 }

@@ -15,7 +15,7 @@ use crate::stm32f405::port::lock;
 /// Nobody is on it until nodes are [attached](Can::attach). What is changed here takes effect when the board next runs.
 #[derive(Debug)]
 pub struct Can<'a> {
-    pub(super) bus: &'a Mutex<Bus>,
+    pub(crate) bus: &'a Mutex<Bus>,
 }
 
 impl Can<'_> {

@@ -8,7 +8,7 @@
 //! acknowledge each other, so that a frame of theirs passes even if the board does not listen, and they are never error
 //! passive. A joined node is one node with its own configuration, error counters and received frames.
 
-#[cfg(test)]
+#[cfg(any(test, unix))]
 pub(crate) mod absent;
 pub(crate) mod bus;
 pub(crate) mod confinement;

@@ -1,30 +1,39 @@
-//! The CAN bus, behind an SLCAN adapter.
+//! An SLCAN adapter on the CAN bus, as a node of its own that knows FD frames.
 
 use armwire_sim::pty::Pty;
 use armwire_sim::slcan::{Adapter, Status};
 
 use super::BACKLOG;
-use crate::board::{Error, VirtualBoard};
-use crate::can::Outcome;
-use crate::line::Arm;
+use crate::board::{Can, Error};
+use crate::can::{ErrorState, NodeConfig, Outcome};
+use crate::time::Nanos;
 
 /// How many frames wait for the bus before the adapter refuses the next: an eighth of a second at 1 Mbit/s.
 const QUEUE: usize = 1024;
+
+/// How long a channel that closes waits for its frames to go. A bus may let none through.
+const LEAVE: Nanos = Nanos::from_millis(200);
 
 /// The pty that stands in for the adapter's serial port.
 pub(super) struct CanPort {
     pty: Pty,
     adapter: Adapter,
-    /// The bit rate at which the adapter is on the bus.
-    attached: Option<u32>,
+    node: u8,
+    /// As what the adapter is on the bus.
+    joined: Option<NodeConfig>,
+    /// Since when its channel is closed while frames of it wait.
+    leaving: Option<Nanos>,
 }
 
 impl CanPort {
-    pub(super) fn new(pty: Pty) -> Self {
+    /// The adapter is `node` on the bus.
+    pub(super) fn new(pty: Pty, node: u8) -> Self {
         Self {
             pty,
             adapter: Adapter::new(),
-            attached: None,
+            node,
+            joined: None,
+            leaving: None,
         }
     }
 
@@ -32,46 +41,58 @@ impl CanPort {
         &self.pty
     }
 
-    pub(super) fn take<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Result<(), Error> {
-        if self.adapter.output().len() >= BACKLOG {
-            return Ok(());
+    /// Takes to the bus what the program wrote.
+    pub(super) fn take(&mut self, can: &Can<'_>, now: Nanos) -> Result<(), Error> {
+        if self.adapter.output().len() < BACKLOG {
+            let mut bytes = [0; BACKLOG];
+            let count = self.pty.read(&mut bytes).map_err(Error::Serve)?;
+            for &byte in &bytes[..count] {
+                let node = self.node;
+                self.adapter.receive(byte, |frame| {
+                    can.unsent_by(node) < QUEUE && can.send_on_the_wire(node, &frame).is_ok()
+                });
+                self.join(can, now);
+            }
         }
-        let mut bytes = [0; BACKLOG];
-        let count = self.pty.read(&mut bytes).map_err(Error::Serve)?;
-        for &byte in &bytes[..count] {
-            let bus = board.can();
-            // An FD frame is refused too: this bus carries none.
-            self.adapter
-                .receive(byte, |frame| bus.unsent() < QUEUE && bus.send(&frame).is_ok());
-            self.attach(board);
-        }
-        self.attach(board);
+        self.join(can, now);
         Ok(())
     }
 
     /// Takes part in the bus as far as the program wants it. What it has sent goes out before the adapter leaves.
-    fn attach<A: Arm>(&mut self, board: &VirtualBoard<A>) {
-        let wanted = self.adapter.bit_rate();
-        let is_leaving = wanted.is_none() && board.can().unsent() > 0;
-        if wanted == self.attached || is_leaving {
+    fn join(&mut self, can: &Can<'_>, now: Nanos) {
+        let config = |rate| NodeConfig::fd(rate, self.adapter.data_bit_rate());
+        let wanted = match (self.adapter.bit_rate().map(config), self.adapter.is_listening()) {
+            (Some(config), true) => Some(config.silent()),
+            (wanted, _) => wanted,
+        };
+        if wanted == self.joined {
+            self.leaving = None;
             return;
         }
-        match wanted {
-            Some(rate) => board.can().attach(rate),
-            None => board.can().detach(),
+        let waits = wanted.is_none() && can.unsent_by(self.node) > 0;
+        if waits && now.since(*self.leaving.get_or_insert(now)) < LEAVE {
+            return;
         }
-        board.can().set_acknowledging(!self.adapter.is_listening());
-        self.attached = wanted;
+        self.leaving = None;
+        self.joined = wanted;
+        match wanted {
+            Some(config) => can.join(self.node, config),
+            None => can.leave(self.node),
+        }
     }
 
-    pub(super) fn give<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Result<(), Error> {
-        let now = board.now().micros();
-        for frame in board.can().read() {
-            self.adapter.hear(&frame, now);
+    /// Gives the program what the adapter received and what went wrong.
+    pub(super) fn give(&mut self, can: &Can<'_>, now: Nanos) -> Result<(), Error> {
+        for frame in can.read_by(self.node) {
+            self.adapter.hear(&frame, now.micros());
         }
         let is_wrong = |outcome| outcome != Outcome::Sent;
-        if self.attached.is_some() && board.can().frames().iter().any(|frame| is_wrong(frame.outcome)) {
+        if self.joined.is_some() && can.frames().iter().any(|frame| is_wrong(frame.outcome)) {
             self.adapter.report(Status::BUS_ERROR);
+        }
+        let state = can.errors(self.node).map(|(.., state)| state);
+        if let Some(ErrorState::Passive | ErrorState::BusOff) = state {
+            self.adapter.report(Status::ERROR_PASSIVE);
         }
         let output = self.adapter.output();
         let count = self.pty.write(output).map_err(Error::Serve)?;

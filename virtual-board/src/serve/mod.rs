@@ -5,13 +5,17 @@
 //! * The arm's serial port. The baud rate that a program sets reaches the firmware as a line coding; DTR and RTS cannot, a
 //!   pty has no modem lines, and are on.
 //! * The control port: the bytes of the adapter's vendor-specific interface.
-//! * The CAN bus, behind an adapter that speaks [SLCAN](armwire_sim::slcan) and is the only other node. While its channel
-//!   is closed nobody acknowledges what the firmware sends.
+//! * The CAN bus, behind an adapter that speaks [SLCAN](armwire_sim::slcan) and is the only other node. It knows FD
+//!   frames. While its channel is closed nobody acknowledges what the firmware sends.
+//!
+//! [`serve_bus`] serves a CAN bus without a board.
 
+mod bus;
 mod bytes;
 mod can;
 
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -21,6 +25,7 @@ use crate::board::{Error, VirtualBoard};
 use crate::line::Arm;
 use crate::time::Nanos;
 use crate::usb::cdc::LineCoding;
+pub use bus::serve_bus;
 use bytes::BytePort;
 use can::CanPort;
 
@@ -38,6 +43,9 @@ const BAUD: u32 = 1_000_000;
 
 /// How many bytes wait for either side before the other is not read any more.
 const BACKLOG: usize = 4096;
+
+/// The node that the adapter is on the board's CAN bus.
+const NODE: u8 = 0;
 
 /// What is served, and where: a symbolic link to each pty if there is to be one.
 #[derive(Clone, Copy, Debug, Default)]
@@ -58,9 +66,7 @@ pub struct Places<'a> {
 pub fn serve<A: Arm>(mut board: VirtualBoard<A>, places: Places<'_>) -> Result<(), Error> {
     // It ends the emulator too: a debugger may hold that, and us with it.
     let stop = board.interrupt();
-    let stopped = stop.clone();
-    ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed))
-        .map_err(|error| Error::Serve(std::io::Error::other(error)))?;
+    stop_at(stop.clone())?;
     board.usb().attach();
     // Whoever finds a pty is to find the board behind it.
     board.usb().open(0, LineCoding::new(BAUD))?;
@@ -72,6 +78,12 @@ pub fn serve<A: Arm>(mut board: VirtualBoard<A>, places: Places<'_>) -> Result<(
         Err(_) if stop.load(Ordering::Relaxed) => Ok(()),
         result => result,
     }
+}
+
+/// Sets `stop` on Ctrl-C.
+fn stop_at(stop: Arc<AtomicBool>) -> Result<(), Error> {
+    ctrlc::set_handler(move || stop.store(true, Ordering::Relaxed))
+        .map_err(|error| Error::Serve(std::io::Error::other(error)))
 }
 
 /// Whether there is something to give to a program.
@@ -98,7 +110,7 @@ impl Ports {
             baud: BAUD,
             serial: BytePort::new(serial),
             control: places.control.map(open).transpose()?.map(BytePort::new),
-            can: places.can.map(open).transpose()?.map(CanPort::new),
+            can: places.can.map(open).transpose()?.map(|pty| CanPort::new(pty, NODE)),
         })
     }
 
@@ -135,7 +147,7 @@ impl Ports {
             control.take(board.usb().vendor())?;
         }
         if let Some(can) = &mut self.can {
-            can.take(board)?;
+            can.take(&board.can(), board.now())?;
         }
         Ok(())
     }
@@ -147,7 +159,7 @@ impl Ports {
             control.give(board.usb().vendor())?;
         }
         if let Some(can) = &mut self.can {
-            can.give(board)?;
+            can.give(&board.can(), board.now())?;
         }
         Ok(())
     }

@@ -72,7 +72,7 @@ fn serve(pty: &Pty, bit_rate: u32, node: Node, stop: &AtomicBool, log: &Mutex<Ve
         for &byte in &bytes[..n] {
             let mut sent = None;
             slcan.receive(byte, |frame| {
-                sent = Some(frame);
+                sent = frame.to_adapter();
                 true
             });
             let Some(frame) = sent else { continue };
@@ -83,7 +83,7 @@ fn serve(pty: &Pty, bit_rate: u32, node: Node, stop: &AtomicBool, log: &Mutex<Ve
             }
         }
         for frame in adapter.transmit(now) {
-            slcan.hear(&frame, now);
+            slcan.hear(&frame.into(), now);
         }
         let n = pty.write(slcan.output()).unwrap();
         slcan.output().drain(..n);
