@@ -19,6 +19,11 @@ pub(crate) fn run(args: &[OsString]) -> Result {
 
 /// `cargo build` or `cargo run` for the demo.
 pub(crate) fn command(subcommand: &str) -> Command {
+    virtual_board(subcommand, "demo")
+}
+
+/// `cargo build` or `cargo run` for a program of the virtual board.
+pub(crate) fn virtual_board(subcommand: &str, program: &str) -> Command {
     let mut command = cargo();
     // The emulator asks for a newer compiler than it needs.
     command.args([
@@ -27,7 +32,7 @@ pub(crate) fn command(subcommand: &str) -> Command {
         "--package",
         "armwire-virtual-board",
         "--bin",
-        "demo",
+        program,
     ]);
     command
 }

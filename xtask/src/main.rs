@@ -48,7 +48,8 @@ cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
 cargo ci                  run the checks that find the mistakes of a change
 
 cargo xtask vendor        drive virtual arms with CAN software and the arm vendors' SDKs, all in Python; with
-                          `differential`, only compare the parser of Ling's SDK and ours on damaged streams
+                          `differential`, only compare the parser of Ling's SDK and ours on damaged streams, with
+                          `can-fd`, only exchange CAN FD frames between programs on a virtual bus
 cargo xtask campaign      let things go wrong around the firmware image: --runs N, --from NUMBER, --seed S,
                           --only NUMBER, --write
 cargo xtask performance   measure latency, load and rates of the image in virtual time, and check the limits; --write

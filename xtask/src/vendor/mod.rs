@@ -28,11 +28,13 @@ pub(crate) fn run(args: &[OsString]) -> Result {
         [] => {
             can::check_dbc()?;
             can::drive()?;
+            can::exchange_fd()?;
             sdk::drive_xarm()?;
             sdk::drive_ling()?;
             differential::compare()
         }
         [check] if check == "differential" => differential::compare(),
-        _ => Err("usage: cargo xtask vendor [differential]".into()),
+        [check] if check == "can-fd" => can::exchange_fd(),
+        _ => Err("usage: cargo xtask vendor [differential | can-fd]".into()),
     }
 }

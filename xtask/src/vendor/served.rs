@@ -11,9 +11,9 @@ use crate::process::run;
 use crate::vendor::background::Background;
 
 /// How long the board may take until its ports are there.
-const BOOT: Duration = Duration::from_secs(30);
+pub(super) const BOOT: Duration = Duration::from_secs(30);
 /// How long it may take to end when asked to.
-const END: Duration = Duration::from_secs(10);
+pub(super) const END: Duration = Duration::from_secs(10);
 
 /// A virtual board with the image that ships, just switched on, and a Ling arm.
 pub(super) struct ServedBoard {
