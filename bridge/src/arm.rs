@@ -29,6 +29,11 @@ impl ArmKind {
         }
     }
 
+    /// Whether the arm's rate is known: a raw one has the rate that the host on USB sets.
+    pub(crate) const fn has_own_rate(self) -> bool {
+        !matches!(self, Self::Raw)
+    }
+
     /// What the first request of these bytes asks for. `None` if they do not begin with a whole one.
     pub(crate) fn asked_first(self, bytes: &[u8]) -> Option<Asked> {
         match self.scan(bytes, Expect::Requests) {

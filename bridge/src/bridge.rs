@@ -14,13 +14,14 @@ use crate::control_server::{ControlServer, Port};
 use crate::counters::count;
 use crate::earliest::Earliest;
 use crate::exchange::Exchange;
+use crate::line_rate::LineRate;
 use crate::line_share::Unshared;
 use crate::poll::Poll;
 use crate::queue::Queue;
 use crate::stream::Stream;
 use crate::turn::{Turn, Waiting};
 use crate::usb::HostPort;
-use crate::{Counters, Line, LineCoding, Refused};
+use crate::{Counters, LineCoding, Refused};
 
 /// Bytes in a full USB packet (full speed, bulk).
 pub const PACKET: usize = 64;
@@ -60,13 +61,9 @@ pub struct Bridge {
     pub(crate) exchange: Exchange,
     pub(crate) turn: Turn,
     pub(crate) poll: Poll,
-    pub(crate) line: Line,
-    /// How long a byte takes on it, in nanoseconds.
-    pub(crate) byte_nanos: u32,
-    /// What the line is to be, and how many bytes of the host on USB go out before it is.
-    pub(crate) wanted: Option<(Line, usize)>,
-    /// What it is to be after that, and how many bytes go out between the two.
-    pub(crate) wanted_next: Option<(Line, usize)>,
+    pub(crate) rate: LineRate,
+    /// Whether polls and CAN are being refused because the host on USB holds the line.
+    pub(crate) is_held: bool,
     /// When the UART was last looked at.
     pub(crate) looked: Micros,
     /// When the arm was last heard.
@@ -115,8 +112,14 @@ impl Streams {
         }
     }
 
-    const fn is_armed(&self) -> bool {
-        self.usb.is_armed() || self.can.is_armed() || self.command.is_armed()
+    /// Whether anybody streams motion.
+    pub(crate) const fn is_armed(&self) -> bool {
+        self.usb.is_armed() || self.is_armed_on_can()
+    }
+
+    /// Whether a host on CAN does.
+    const fn is_armed_on_can(&self) -> bool {
+        self.can.is_armed() || self.command.is_armed()
     }
 }
 
@@ -189,7 +192,6 @@ impl Bridge {
             Ok(()) => config,
             Err(_) => Config::default(),
         };
-        let line = config.arm.line();
         Self {
             tap: Tap::new(),
             passed: 0,
@@ -197,10 +199,8 @@ impl Bridge {
             exchange: Exchange::new(),
             turn: Turn::new(),
             poll: Poll::new(config.poll),
-            line: Line::default(),
-            byte_nanos: LineCoding::LING.nanos_a_byte(),
-            wanted: (line != Line::default()).then_some((line, 0)),
-            wanted_next: None,
+            rate: LineRate::new(config.arm),
+            is_held: false,
             looked: Micros(0),
             heard: Micros(0),
             port: HostPort::new(),
@@ -230,7 +230,9 @@ impl Bridge {
     /// The host enabled or disabled the adapter's configuration.
     pub fn usb_configured(&mut self, configured: bool) {
         self.port.configured(configured, &mut self.counters);
-        self.control.forget_usb();
+        self.rate.reset(self.down.len());
+        self.forget_usb();
+        self.follow_holder(self.looked);
     }
 
     /// The USB bus was reset: a new host, or the same one anew.
@@ -242,15 +244,17 @@ impl Bridge {
         self.usb_configured(false);
     }
 
-    /// The USB bus was suspended. The queue keeps what fits until the host reads again.
+    /// The USB bus was suspended. The queue keeps what fits until the host reads again. The line becomes the arm's.
     pub fn usb_suspended(&mut self) {
         count(&mut self.counters.usb_suspends, 1);
+        self.rate.release(self.down.len());
+        self.follow_holder(self.looked);
     }
 
     /// The host raised or lowered DTR: it opened or closed the port.
     ///
-    /// Whoever opens the port does not get what was said before. Returns whether it was opened or closed by this: a
-    /// packet on its way is then for nobody.
+    /// Whoever opens the port does not get what was said before. The line of a port that is closed is the arm's. Returns
+    /// whether it was opened or closed by this: a packet on its way is then for nobody.
     ///
     /// ```
     /// use armwire::Micros;
@@ -259,7 +263,7 @@ impl Bridge {
     /// let mut bridge = Bridge::default();
     /// bridge.usb_configured(true);
     /// bridge.uart_received(b"old", Micros(0));
-    /// bridge.usb_dtr(true);
+    /// bridge.usb_dtr(true, Micros(50));
     /// bridge.uart_received(b"new", Micros(100));
     /// bridge.uart_idle(Micros(200));
     ///
@@ -268,7 +272,11 @@ impl Bridge {
     /// assert_eq!(&packet[..3], b"new");
     /// assert_eq!(bridge.counters().unheard_bytes, 3);
     /// ```
-    pub fn usb_dtr(&mut self, high: bool) -> bool {
+    pub fn usb_dtr(&mut self, high: bool, now: Micros) -> bool {
+        if self.is_attached() {
+            self.rate.dtr(high, self.down.len(), now);
+            self.follow_holder(now);
+        }
         self.port.dtr(high, &mut self.counters)
     }
 
@@ -276,7 +284,7 @@ impl Bridge {
     ///
     /// Not while a line coding waits to take effect: what comes then is for the new one.
     pub fn usb_room(&self) -> bool {
-        self.wanted.is_none() && self.down.room() >= PACKET
+        !self.rate.changes() && self.down.room() >= PACKET
     }
 
     /// The host sent a packet. Ask [`usb_room`](Self::usb_room) before.
@@ -284,7 +292,13 @@ impl Bridge {
     /// Then ask [`uart_due`](Self::uart_due).
     pub fn usb_received(&mut self, packet: &[u8], now: Micros) {
         count(&mut self.counters.packets_from_host, 1);
-        self.streams.usb.hear(now);
+        if self.rate.is_unmet() && !packet.is_empty() && !self.take_rate(now) {
+            self.refuse_usb(packet.len(), now);
+            return;
+        }
+        if !self.is_held {
+            self.streams.usb.hear(now);
+        }
         self.turn.usb_queued(self.down.is_empty(), now);
         let refused = self.down.push(packet);
         count(&mut self.counters.refused_bytes, refused);
@@ -470,6 +484,7 @@ impl Bridge {
             };
             self.can.arm.release();
             match request {
+                Some(_) if self.is_held => self.refuse(Asker::Can, Refusal::LineHeld, now),
                 Some(request) => {
                     if request.asked.moves {
                         self.streams.can.motion(self.config.silence.after(), came);
@@ -487,6 +502,10 @@ impl Bridge {
         let Some(len) = self.config.arm.moving(target, &mut bytes) else {
             return;
         };
+        if self.is_held {
+            self.refuse(Asker::Command, Refusal::LineHeld, now);
+            return;
+        }
         let waiting = self.command.take();
         self.command = Waiting::new(self.config.arm, bytes.get(..len).unwrap_or_default(), now);
         self.streams.command.motion(self.config.silence.after(), now);
@@ -505,6 +524,8 @@ impl Bridge {
             (_, Refusal::Incomplete) => &mut c.commands_incomplete,
             (_, Refusal::Stale) => &mut c.commands_stale,
             (_, Refusal::OutOfRange) => &mut c.commands_out_of_range,
+            (_, Refusal::LineHeld) => &mut c.refused_line_held,
+            (_, Refusal::OtherRate) => &mut c.refused_other_rate,
         };
         count(counter, 1);
         self.tell(Event::Refused { asker, reason }, now);
@@ -513,6 +534,9 @@ impl Bridge {
     // ---- The line coding ----
 
     /// The host asks for a line coding, as it came with SET_LINE_CODING.
+    ///
+    /// The arm's own takes effect behind the bytes that came before. Another one takes effect with the host's next byte,
+    /// or after 100 ms if the port is open, unless a host on CAN streams motion.
     ///
     /// # Errors
     ///
@@ -528,6 +552,8 @@ impl Bridge {
     /// assert_eq!(bridge.line_coding().baud, 1_000_000);
     ///
     /// bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 0, 8], Micros(0)).unwrap();
+    /// assert_eq!(bridge.line_change(), None);
+    /// bridge.usb_received(b"at 115200 baud", Micros(0));
     /// let line = bridge.line_change().unwrap();
     /// // Here firmware waits for the last bit to leave, and changes the UART.
     /// bridge.line_changed(line);
@@ -535,33 +561,118 @@ impl Bridge {
     /// ```
     pub fn request_line_coding(&mut self, bytes: [u8; 7], now: Micros) -> Result<(), Refused> {
         let coding = LineCoding::from_cdc(bytes).inspect_err(|_| count(&mut self.counters.refused_line_codings, 1))?;
-        let half_duplex = self.newest_line().half_duplex;
-        self.want_line(Line { coding, half_duplex }, now);
+        self.turn.usb_queued(self.down.is_empty(), now);
+        self.rate.request(coding, self.down.len(), now);
+        self.follow_holder(now);
         Ok(())
     }
 
-    /// The line coding the host may count on: the one it last asked for successfully.
+    /// The line coding that the host last asked for successfully, whether it has taken effect or not.
     pub fn line_coding(&self) -> LineCoding {
-        self.newest_line().coding
+        self.rate.requested()
     }
 
-    /// What the line will be once all that waits has gone out.
-    fn newest_line(&self) -> Line {
-        self.wanted_next.or(self.wanted).map_or(self.line, |(wanted, _)| wanted)
+    /// Whether the bytes that the UART is sending are to be cut: torque-off waits, and the arm does not understand the rate
+    /// at which they go out.
+    ///
+    /// ```
+    /// assert!(!armwire_bridge::Bridge::default().uart_cut());
+    /// ```
+    pub fn uart_cut(&self) -> bool {
+        self.torque_off.is_some() && !self.rate.is_arms()
     }
 
-    /// The line is to be like this for what the host on USB says from now on.
-    fn want_line(&mut self, line: Line, now: Micros) {
-        self.turn.usb_queued(self.down.is_empty(), now);
-        // No packet is taken while one waits, but one may have been on its way: so there can be two, and no more.
-        match (self.wanted, self.wanted_next) {
-            (None, _) => self.wanted = (line != self.line).then_some((line, self.down.len())),
-            (Some((_, before)), None) if before == self.down.len() => {
-                self.wanted = (line != self.line).then_some((line, before));
-            }
-            (Some((_, before)), None) => self.wanted_next = Some((line, self.down.len().saturating_sub(before))),
-            (Some(_), Some((_, between))) => self.wanted_next = Some((line, between)),
+    /// Whether the host on USB may have another rate than the arm's.
+    fn may_change_rate(&self) -> bool {
+        !self.streams.is_armed_on_can() && self.torque_off.is_none()
+    }
+
+    /// The rate that the host on USB has set takes effect with its next byte. Returns whether it does.
+    // Not inlined: it is seldom needed.
+    #[inline(never)]
+    fn take_rate(&mut self, now: Micros) -> bool {
+        let takes = self.may_change_rate() && !self.rate.is_revoked();
+        if takes {
+            self.rate.take(self.down.len(), now);
+            self.follow_holder(now);
         }
+        takes
+    }
+
+    /// Bytes of the host on USB are dropped, because the line does not have their rate.
+    #[inline(never)]
+    fn refuse_usb(&mut self, bytes: usize, now: Micros) {
+        count(&mut self.counters.refused_rate_bytes, bytes);
+        if self.rate.refuse() {
+            self.refuse(Asker::Usb, Refusal::OtherRate, now);
+        }
+    }
+
+    /// Torque-off goes out at the arm's rate: what the host on USB says at another is cut.
+    fn take_line_back(&mut self) {
+        if self.rate.revoke() {
+            count(&mut self.counters.refused_rate_bytes, self.down.len());
+            self.down.clear();
+            self.asks.clear();
+            (self.turn.raw, self.turn.is_cut) = (false, true);
+            self.follow_holder(self.looked);
+        }
+    }
+
+    /// Refuses what polls and CAN have to say when the host on USB begins to hold the line, and lets polls go on when that
+    /// ends.
+    // Not inlined: it is seldom needed.
+    #[inline(never)]
+    pub(crate) fn follow_holder(&mut self, now: Micros) {
+        let held = self.rate.is_held(self.down.len());
+        if core::mem::replace(&mut self.is_held, held) == held {
+            return;
+        }
+        let missed = self.poll.pause(held, now);
+        count(&mut self.counters.missed_polls, missed);
+        if !held {
+            return;
+        }
+        if self.config.poll != config::Poll::Off {
+            self.refuse(Asker::Poll, Refusal::LineHeld, now);
+        }
+        if self.command.take().is_some() {
+            self.refuse(Asker::Command, Refusal::LineHeld, now);
+        }
+        while self.can_requests.pop_front().is_some() {
+            self.refuse(Asker::Can, Refusal::LineHeld, now);
+        }
+        self.take_can_request(now);
+        if self.identify.take().is_some() {
+            self.identify_arm(now);
+        }
+    }
+
+    // ---- Who holds the line ----
+
+    /// A host on the control port wants the line for USB alone.
+    #[inline(never)]
+    pub(crate) fn hold_line(&mut self, port: Port, now: Micros) -> Result<(), Failure> {
+        if self.torque_off.is_some() || self.streams.is_armed() {
+            return Err(Failure::StreamArmed);
+        }
+        match self.rate.hold(port, now) {
+            true => Ok(self.follow_holder(now)),
+            false => Err(Failure::Busy),
+        }
+    }
+
+    /// The host on the control port wants it no more.
+    #[inline(never)]
+    pub(crate) fn release_line(&mut self, port: Port, now: Micros) {
+        self.rate.unhold(port);
+        self.follow_holder(now);
+    }
+
+    /// The host on the control interface of USB has gone.
+    fn forget_usb(&mut self) {
+        self.rate.unhold(Port::Usb);
+        self.control.forget_usb();
     }
 
     // ---- Time, and what only firmware can do ----
@@ -576,6 +687,7 @@ impl Bridge {
             .or(self.silence_timeout(Asker::Usb))
             .or(self.silence_timeout(Asker::Can))
             .or(self.silence_timeout(Asker::Command))
+            .or(self.rate_timeout())
             .or(self.can.timeout())
             .get()
     }
@@ -585,13 +697,16 @@ impl Bridge {
     /// Then ask everything that can be due.
     pub fn tick(&mut self, now: Micros) {
         self.tick_line(now);
+        if self.rate_timeout().is_some_and(|at| at <= now) {
+            self.tick_rate(now);
+        }
         for asker in Streams::ASKERS {
             if self.silence_timeout(asker).is_none_or(|at| at > now) {
                 continue;
             }
             match asker {
                 // USB does not tell whether it wants to say something.
-                Asker::Usb if !self.usb_room() => self.streams.usb.hear(now),
+                Asker::Usb if self.usb_is_held_back() => self.streams.usb.hear(now),
                 _ => self.silent(asker, now),
             }
         }
@@ -600,6 +715,31 @@ impl Bridge {
             self.refuse(Asker::Command, refusal, now);
         }
         self.serve_behind_reply(was_replying, now);
+    }
+
+    /// When the line's rate changes or its holder loses it, unless something happens before.
+    // Not inlined: it is asked for in a task that is large already.
+    #[inline(never)]
+    fn rate_timeout(&self) -> Option<Micros> {
+        self.rate.timeout(self.may_change_rate())
+    }
+
+    /// The line's rate changes, or its holder loses it.
+    #[inline(never)]
+    fn tick_rate(&mut self, now: Micros) {
+        self.rate
+            .tick(self.may_change_rate(), self.moved(), self.down.len(), now);
+        self.follow_holder(now);
+    }
+
+    /// When a byte of the host on USB or of the arm last moved.
+    fn moved(&self) -> Micros {
+        self.turn.usb_moved.max(self.heard)
+    }
+
+    /// Whether the host on USB cannot be heard because there is no room for what it says to the arm.
+    pub(crate) fn usb_is_held_back(&self) -> bool {
+        !self.usb_room() && !self.is_held
     }
 
     /// Serves hosts if a reply on CAN that was under way is out or given up: there may be room for the next one.
@@ -632,9 +772,7 @@ impl Bridge {
                 let dropped = self.down.len();
                 self.down.clear();
                 self.cut_usb();
-                for (_, before) in [&mut self.wanted, &mut self.wanted_next].into_iter().flatten() {
-                    *before = 0;
-                }
+                self.rate.dropped();
                 dropped
             }
             Asker::Can => {
@@ -652,6 +790,7 @@ impl Bridge {
         let torque_off = self.silence_switches_off();
         if torque_off {
             self.torque_off.get_or_insert(now);
+            self.take_line_back();
         }
         self.end_stream(asker, dropped, torque_off, now);
     }
@@ -732,6 +871,8 @@ impl Bridge {
             self.can_requests.clear();
             self.can.close(&mut self.counters);
             self.can = CanPort::new(self.config.can);
+            self.rate.unhold(Port::Can);
+            self.follow_holder(self.looked);
             self.control.forget_can();
             return Some(Action::RestartCan(self.config.can));
         }
@@ -777,13 +918,16 @@ impl Bridge {
         }
         if config.arm != was.arm {
             self.change_arm(now);
-            self.want_line(config.arm.line(), now);
+            self.turn.usb_queued(self.down.is_empty(), now);
+            self.rate.set_arm(config.arm, self.down.len());
+            self.follow_holder(now);
         } else if !config.can.commands || config.can.bus() != was.can.bus() {
             self.drop_command(now);
             self.end_stream(Asker::Command, 0, false, now);
         }
         if config.poll != was.poll || config.arm != was.arm {
             self.poll = Poll::new(config.poll);
+            self.poll.pause(self.is_held, now);
             self.poll.tick(LEAD, now);
         }
     }
@@ -837,7 +981,7 @@ impl Bridge {
     /// assert!(bridge.is_stuck(Micros::from_millis(1_100)));
     /// ```
     pub fn is_stuck(&self, now: Micros) -> bool {
-        let unsent = !self.down.is_empty() || self.wanted.is_some();
+        let unsent = !self.down.is_empty() || self.rate.changes();
         // While the arm owes somebody an answer, bytes may wait for that. It ends by itself.
         let stands = self.exchange.holder().is_none();
         now.since(self.looked) > PATIENCE || unsent && stands && now.since(self.turn.moved()) > PATIENCE
@@ -855,7 +999,7 @@ impl fmt::Debug for Bridge {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Bridge")
             .field("config", &self.config)
-            .field("line", &self.line)
+            .field("line", &self.rate.line())
             .field("up", &self.port.len())
             .field("down", &self.down.len())
             .field("counters", &self.counters)

@@ -18,13 +18,13 @@ use armwire::{Micros, alpha1, ling};
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
-use crate::Counters;
 use crate::config::{ArmKind, Config, ConfigError};
+use crate::{Counters, LineCoding};
 
 pub use crate::control_codec::{Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
 /// The version of this schema.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 
 /// The longest message in postcard format, in bytes.
 pub const MAX_MESSAGE: usize = 288;
@@ -86,7 +86,21 @@ pub enum Request {
     /// End the stream of motion of this port's host without switching the torque off: of USB's serial port, or of all hosts
     /// on CAN. Answered by [`Reply::Done`]. Since version 2.
     EndStream,
+    /// Answered by [`Reply::Line`]. Since version 3.
+    GetLine,
+    /// Hold the line for the host on USB alone for [`HOLD_LEASE_MS`]: no polls, no CAN, no torque-off. Answered by
+    /// [`Reply::Done`]; by [`Failure::StreamArmed`] while a host streams motion, and by [`Failure::Busy`] while a host on the
+    /// other control port holds the line. Each further request renews the lease. Since version 3.
+    ///
+    /// A USB device does not see that a program closes the control port. So the hold ends with
+    /// [`ReleaseLine`](Self::ReleaseLine), with the lease, and when the host on that port is gone.
+    HoldLine,
+    /// End what [`HoldLine`](Self::HoldLine) on the same port began. Answered by [`Reply::Done`]. Since version 3.
+    ReleaseLine,
 }
+
+/// How long [`Request::HoldLine`] holds the line, in milliseconds. Renew it at least every third of that.
+pub const HOLD_LEASE_MS: u16 = 10_000;
 
 /// What a host wants to be told of.
 ///
@@ -153,6 +167,34 @@ pub enum Reply {
     Latencies(Latencies),
     /// It could not be done.
     Failed(Failure),
+    /// The line to the arm. Since version 3.
+    Line(LineState),
+}
+
+/// The line to the arm, and who holds it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LineState {
+    /// How the UART works.
+    pub coding: LineCoding,
+    /// The arm's own line coding, of the configured [`ArmKind`].
+    pub arm: LineCoding,
+    /// Who holds the line.
+    pub holder: LineHolder,
+    /// The line coding that has not taken effect yet: the UART changes to it once the bytes before are out, or the host on
+    /// USB has set it and it may not take effect now.
+    pub waiting: Option<LineCoding>,
+}
+
+/// Who has the line to the arm alone. Polls and CAN are [refused](Refusal::LineHeld) meanwhile.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LineHolder {
+    /// Nobody. All take turns.
+    #[default]
+    Nobody,
+    /// The host on USB, because it has set another rate than the arm's.
+    OtherRate,
+    /// The host on USB, by [`Request::HoldLine`].
+    HoldLine,
 }
 
 /// Why something could not be done.
@@ -162,13 +204,16 @@ pub enum Failure {
     Flash,
     /// Another request of this kind is still being answered.
     Busy,
-    /// A stream of motion is [armed](crate::Bridge::is_armed), and the core stands still while it writes flash. Since version 2.
+    /// A host streams motion. For a save or reset, only where its stream is [armed](crate::Bridge::is_armed): the core stands
+    /// still while it writes flash. Since version 2.
     StreamArmed,
     /// The adapter was told to save so often that its flash would wear out (see [`store`](crate::store)). Since version 2.
     TooManySaves {
         /// In how many seconds the next save may come.
         wait_s: u16,
     },
+    /// The host on USB [holds the line](LineHolder). Since version 3.
+    LineHeld,
 }
 
 /// What an adapter is.
@@ -267,6 +312,11 @@ pub enum Refusal {
     Stale,
     /// A command with a value out of range.
     OutOfRange,
+    /// The host on USB [holds the line](LineHolder). Of polls only the first is told. Since version 3.
+    LineHeld,
+    /// Bytes of the host on USB for another rate than the arm's, which does not take effect while a host on CAN streams
+    /// motion, nor after a torque-off before the host sets it again. Of these only the first are told. Since version 3.
+    OtherRate,
 }
 
 /// How long things took, each as counts of how often it took how long.
@@ -339,6 +389,8 @@ impl fmt::Display for Refusal {
             Self::Incomplete => "half a command",
             Self::Stale => "not a new command",
             Self::OutOfRange => "a value out of range",
+            Self::LineHeld => "the host on USB holds the line",
+            Self::OtherRate => "another rate than the line has",
         })
     }
 }

@@ -34,7 +34,7 @@ pub(crate) struct ControlServer {
     /// Of which subscribers are told when there is time: until then, others have something to send.
     untold: FrameQueue,
     /// A request to identify the arm, and the arm's answer, `None` for none.
-    arm: Option<Pending<Option<FrameBytes>>>,
+    arm: Option<Pending<Result<Option<FrameBytes>, Failure>>>,
     /// A request to write or forget what is in flash, and what became of it.
     flash: Option<Pending<Result<(), Failure>>>,
     save: Option<Action>,
@@ -285,8 +285,8 @@ impl ControlServer {
         }
     }
 
-    /// The arm has said what it is, or has not.
-    pub(crate) fn arm_identified(&mut self, answer: Option<FrameBytes>) {
+    /// The arm has said what it is, or has not; or it could not be asked.
+    pub(crate) fn arm_identified(&mut self, answer: Result<Option<FrameBytes>, Failure>) {
         Pending::end(&mut self.arm, answer);
     }
 
@@ -338,11 +338,14 @@ impl ControlServer {
     fn finished(&mut self, port: Port, config: &Config) -> Option<(u8, Reply)> {
         let mine = |pending: &mut Pending<_>| pending.port == Some(port) && pending.outcome.is_some();
         if let Some(pending) = self.arm.take_if(mine) {
-            let identity = ArmIdentity {
-                kind: config.arm,
-                answer: pending.outcome.flatten(),
+            let reply = match pending.outcome {
+                Some(Err(failure)) => Reply::Failed(failure),
+                outcome => Reply::Arm(ArmIdentity {
+                    kind: config.arm,
+                    answer: outcome.and_then(Result::ok).flatten(),
+                }),
             };
-            return Some((pending.sequence, Reply::Arm(identity)));
+            return Some((pending.sequence, reply));
         }
         let mine = |pending: &mut Pending<_>| pending.port == Some(port) && pending.outcome.is_some();
         let pending = self.flash.take_if(mine)?;
@@ -476,6 +479,15 @@ impl Bridge {
                     Port::Usb => self.streams.usb.end(),
                     Port::Can => self.streams.can.end() | self.streams.command.end(),
                 };
+                Reply::Done
+            }
+            Request::GetLine => Reply::Line(self.rate.state(self.down.len())),
+            Request::HoldLine => match self.hold_line(port, now) {
+                Ok(()) => Reply::Done,
+                Err(failure) => Reply::Failed(failure),
+            },
+            Request::ReleaseLine => {
+                self.release_line(port, now);
                 Reply::Done
             }
         };

@@ -1,6 +1,6 @@
 //! What the adapter has seen, lost and refused.
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::control::{Malformed, NoRoom};
 use crate::control_codec::{read, write};
@@ -134,11 +134,26 @@ pub struct Counters {
     pub config_failures: u32,
     /// CAN frames that had not left the CAN controller 10 ms after the bus was to be set up anew.
     pub dropped_can_frames: u32,
+    /// Requests and commands from CAN and requests of the adapter refused because the host on USB held the line, and times it
+    /// began to while there were polls.
+    #[serde(deserialize_with = "if_any")]
+    pub refused_line_held: u32,
+    /// Times the host on USB began to send bytes at a rate that was not in effect.
+    #[serde(deserialize_with = "if_any")]
+    pub refused_other_rate: u32,
+    /// Those bytes, and those that waited at another rate when torque-off took the line.
+    #[serde(deserialize_with = "if_any")]
+    pub refused_rate_bytes: u32,
+}
+
+/// A count that adapters before version 3 of the control port do not have: 0 behind their last one.
+fn if_any<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
+    Ok(u32::deserialize(deserializer).unwrap_or(0))
 }
 
 impl Counters {
     /// How many there are.
-    pub const COUNT: usize = 51;
+    pub const COUNT: usize = 54;
 
     /// The most bytes they take on the control port.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -157,11 +172,11 @@ impl Counters {
         Ok(buf.get(..len).unwrap_or_default())
     }
 
-    /// The counts that an adapter of this version sent, or of a later one: those that this one does not know are passed over.
+    /// The counts that an adapter sent. Counts of a later version are passed over; those that version 2 does not have are 0.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] if they are an older version's, or no counts.
+    /// [`Malformed`] if they are those of version 1, or no counts.
     ///
     /// ```
     /// use armwire_bridge::Counters;

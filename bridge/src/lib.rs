@@ -13,7 +13,10 @@
 //! * **Host to arm**: a packet is taken only when there is room for it, so that USB holds the host back.
 //! * **A host that does not read** costs bytes, never the arm's time: the queue towards it is bounded, what does not
 //!   fit is dropped and counted.
-//! * **Line coding** takes effect after the bytes that came before it.
+//! * **The line's rate** is the arm's. A host's other [line coding](Bridge::request_line_coding) takes effect with its next byte,
+//!   or after 100 ms if DTR is up, behind the bytes that came before. It ends when DTR falls, at USB reset, deconfiguration or
+//!   suspend, and without DTR after 10 s without a byte either way. It waits while a host on CAN streams motion, and torque-off
+//!   takes the line back.
 //!
 //! # Several who use one arm
 //!
@@ -29,8 +32,10 @@
 //! * **Half a request on USB** keeps the line for 10 ms after its last byte. Before another's request zeros end it.
 //! * **Bytes that are no request**, such as a firmware update by the vendor's tool, keep the line until it has been
 //!   quiet both ways for 5 ms. With others waiting that ends after 100 ms, in the middle of whatever it is: two who
-//!   both send what is no frame are cut in pieces, of which each of those from CAN is a whole PDU. Switch polling off
-//!   for such a time.
+//!   both send what is no frame are cut in pieces, of which each of those from CAN is a whole PDU.
+//!   [`HoldLine`](control::Request::HoldLine) keeps the others away for such a time.
+//! * **A host on USB that holds another rate, or the line**, has it alone: polls, commands and requests of others are
+//!   [refused](control::Refusal::LineHeld). [`GetLine`](control::Request::GetLine) tells the holder.
 //! * **A host that streamed motion and says nothing any more** is [reported](control::Event::HostSilent); what it had
 //!   sent and is not out by then is dropped. The torque goes off if that is [wanted](config::Silence::torque_off), and waits
 //!   for nobody's answer.
@@ -82,6 +87,7 @@ mod exchange;
 mod frame_queue;
 pub mod isotp;
 mod line;
+mod line_rate;
 mod line_share;
 mod poll;
 mod queue;

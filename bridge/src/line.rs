@@ -3,6 +3,7 @@
 use core::fmt;
 
 use armwire::Micros;
+use serde::{Deserialize, Serialize};
 
 /// The slowest line, in baud.
 pub const MIN_BAUD: u32 = 1_200;
@@ -22,7 +23,7 @@ const DATA_BITS: u8 = 8;
 /// assert_eq!(coding, LineCoding { baud: 115_200, ..LineCoding::default() });
 /// assert_eq!(coding.to_cdc(), [0x00, 0xC2, 0x01, 0x00, 0, 0, 8]);
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineCoding {
     /// Bits per second, [`MIN_BAUD`] to [`MAX_BAUD`].
@@ -52,7 +53,7 @@ pub struct Line {
 }
 
 /// The parity bit after the data bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Parity {
     /// There is none.
@@ -64,7 +65,7 @@ pub enum Parity {
 }
 
 /// Stop bits after each byte.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StopBits {
     /// One.

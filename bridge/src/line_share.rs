@@ -9,7 +9,7 @@ use armwire::alpha1::Expect;
 
 use crate::arm::{Asked, Piece};
 use crate::bridge::{Bridge, Burst, LEAD, Need, Streams};
-use crate::control::{Asker, FrameBytes, MAX_FRAME, Refusal};
+use crate::control::{Asker, Failure, FrameBytes, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::exchange::Heard;
 use crate::turn::behind;
@@ -121,7 +121,7 @@ impl Bridge {
     /// ```
     pub fn need(&self) -> Need {
         let (kind, expect) = (self.config.arm, self.exchange.expect());
-        let heard = AGE.checked_div(self.byte_nanos).unwrap_or(0) as usize;
+        let heard = AGE.checked_div(self.rate.byte_nanos()).unwrap_or(0) as usize;
         let room = self.port.need();
         match self.tap.ending(kind, expect) {
             Some((mark, least)) => Need {
@@ -179,7 +179,7 @@ impl Bridge {
             any = true;
             count(&mut self.counters.frames, 1);
             let key = self.config.arm.key_of_answer(bytes);
-            let began = now.since(on_wire(self.byte_nanos, bytes.len().saturating_sub(1)));
+            let began = now.since(on_wire(self.rate.byte_nanos(), bytes.len().saturating_sub(1)));
             let asker = match self.exchange.hear(key, fresh, began, now) {
                 Heard::Answer(asker, after) => {
                     if let Some(after) = after {
@@ -270,7 +270,7 @@ impl Bridge {
                 let missed = self.poll.ended(now);
                 count(&mut self.counters.missed_polls, missed);
             }
-            Asker::Adapter => self.control.arm_identified(answer),
+            Asker::Adapter => self.control.arm_identified(Ok(answer)),
             Asker::Usb | Asker::Can | Asker::Command => {}
         }
         self.pass();
@@ -323,20 +323,16 @@ impl Bridge {
     /// What the line is to be, once every byte before that has been handed to the UART and the answer to another's
     /// request is in.
     pub fn line_change(&self) -> Option<Line> {
-        let (line, _) = self.wanted.filter(|&(_, before)| before == 0)?;
-        (!self.exchange.is_not_usbs()).then_some(line)
+        let line = self.rate.change(self.down.len())?;
+        // Torque-off waits for nobody's answer.
+        (self.torque_off.is_some() || !self.exchange.is_not_usbs()).then_some(line)
     }
 
     /// The UART works like this from here on. A frame that had begun will not end.
     pub fn line_changed(&mut self, line: Line) {
         self.uart_idle(self.looked);
-        match self.wanted {
-            Some((wanted, _)) if wanted == line => self.wanted = self.wanted_next.take(),
-            // The host has asked for the line as it was, while this one was being set up.
-            None if line != self.line => self.wanted = Some((self.line, 0)),
-            _ => {}
-        }
-        (self.line, self.byte_nanos) = (line, line.coding.nanos_a_byte());
+        self.rate.changed(line);
+        self.follow_holder(self.looked);
         count(&mut self.counters.line_codings, 1);
     }
 
@@ -407,9 +403,7 @@ impl Bridge {
     /// one that is late.
     fn is_ready(&self, asker: Asker, now: Micros) -> bool {
         match asker {
-            Asker::Usb => {
-                !self.down.is_empty() && self.wanted.is_none_or(|(_, before)| before > 0) && self.usb_may_go(now)
-            }
+            Asker::Usb => !self.down.is_empty() && self.rate.change(self.down.len()).is_none() && self.usb_may_go(now),
             Asker::Command => self.command.is_some(),
             Asker::Adapter if self.torque_off.is_some() => true,
             _ => self.asks(asker, now).is_some_and(|request| self.may_go(request)),
@@ -484,7 +478,7 @@ impl Bridge {
 
     /// Moves bytes of the host on USB to the front of `out`, up to the end of a request if others wait.
     fn say_usb(&mut self, out: &mut [u8], now: Micros) -> usize {
-        if !self.usb_room() {
+        if self.usb_is_held_back() {
             self.streams.usb.hear(now);
         }
         // A request at a time while it matters which.
@@ -493,7 +487,7 @@ impl Bridge {
             self.turn.usb_began = now;
         }
         self.turn.taken(Asker::Usb, true);
-        let before = self.wanted.map_or(out.len(), |(_, before)| before.min(out.len()));
+        let before = self.rate.before_change(out.len());
         let out = out.get_mut(..before).unwrap_or_default();
         let mut said = 0;
         while said < out.len() {
@@ -509,15 +503,13 @@ impl Bridge {
             }
             self.turn.usb_went(self.asks.pending() == 0, now);
             said = said.saturating_add(taken);
-            let end = now + on_wire(self.byte_nanos, said);
+            let end = now + on_wire(self.rate.byte_nanos(), said);
             let whole = self.hear_usb(room.get(..taken).unwrap_or_default(), end, now);
             if others && whole && self.asks.pending() == 0 {
                 break;
             }
         }
-        if let Some((_, before)) = &mut self.wanted {
-            *before = before.saturating_sub(said);
-        }
+        self.rate.sent(said);
         said
     }
 
@@ -531,14 +523,16 @@ impl Bridge {
                 if let Piece::Frame(frame) = piece {
                     let asked = self.config.arm.asked(frame);
                     let behind = rest.len().saturating_add(self.asks.pending());
-                    let sent = end.since(on_wire(self.byte_nanos, behind));
+                    let sent = end.since(on_wire(self.rate.byte_nanos(), behind));
                     (whole, self.turn.raw, self.turn.is_cut) = (true, false, false);
                     count(&mut self.counters.requests_usb, 1);
                     self.latencies.turn.add(self.turn.usb_waited());
                     self.begin(Asker::Usb, asked, sent);
-                    if asked.moves {
+                    // No arm understands another rate, and under `hold-line` nobody's torque goes off.
+                    let counts = self.rate.is_arms() && !self.rate.is_on_hold();
+                    if asked.moves && counts {
                         self.streams.usb.motion(self.config.silence.after(), now);
-                    } else if asked.holds {
+                    } else if asked.holds && counts {
                         self.streams.usb.end();
                     }
                 } else {
@@ -625,13 +619,13 @@ impl Bridge {
         self.turn.taken(asker, asker != Asker::Poll || !self.poll.is_urgent());
         self.turn.others_had = Some(start);
         self.turn.went(start);
-        self.begin(asker, asked, start + on_wire(self.byte_nanos, len));
+        self.begin(asker, asked, start + on_wire(self.rate.byte_nanos(), len));
     }
 
     /// A request is out at `sent`.
     fn begin(&mut self, asker: Asker, asked: Asked, sent: Micros) {
         if let Some(reply) = asked.reply {
-            let on_wire = on_wire(self.byte_nanos, reply.len.into());
+            let on_wire = on_wire(self.rate.byte_nanos(), reply.len.into());
             let patience = Micros(reply.turnaround.into()) + on_wire + MARGIN;
             self.exchange.begin(asker, asked, sent, patience);
         }
@@ -688,7 +682,8 @@ impl Bridge {
         if let (Some(asker), None) = (holder, self.exchange.holder()) {
             self.ended(asker, None, now);
         }
-        self.poll.tick(LEAD, now);
+        let missed = self.poll.tick(LEAD, now);
+        count(&mut self.counters.missed_polls, missed);
         if self.command_timeout().is_some_and(|at| at <= now) {
             self.drop_command(now);
         }
@@ -701,8 +696,12 @@ impl Bridge {
     /// Asks the arm what it is, when it is its turn.
     pub(crate) fn identify_arm(&mut self, now: Micros) {
         match self.config.arm.identify() {
+            Some(_) if self.is_held => {
+                self.refuse(Asker::Adapter, Refusal::LineHeld, now);
+                self.control.arm_identified(Err(Failure::LineHeld));
+            }
             Some(_) => self.identify = Some(now),
-            None => self.control.arm_identified(None),
+            None => self.control.arm_identified(Ok(None)),
         }
     }
 

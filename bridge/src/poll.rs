@@ -15,6 +15,7 @@ pub(crate) struct Poll {
     /// What was rounded off there, in parts of a microsecond of which `rate` make a whole one.
     rest: u32,
     state: State,
+    is_paused: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -34,12 +35,14 @@ impl Poll {
             slot: None,
             rest: 0,
             state: State::Early,
+            is_paused: false,
         }
     }
 
     /// Since when the next poll may go out, which is `lead` before its slot. `None` while it may not.
     pub(crate) fn due_since(&self, lead: Micros, now: Micros) -> Option<Micros> {
         match self.state {
+            _ if self.is_paused => None,
             State::Due(since) => Some(since),
             _ => self.timeout(lead).filter(|at| *at <= now),
         }
@@ -78,10 +81,10 @@ impl Poll {
         }
     }
 
-    /// It is `now`.
-    pub(crate) fn tick(&mut self, lead: Micros, now: Micros) {
+    /// It is `now`. Returns how many slots have passed in a [pause](Self::pause).
+    pub(crate) fn tick(&mut self, lead: Micros, now: Micros) -> usize {
         if self.timeout(lead).is_none() {
-            return;
+            return 0;
         }
         if self.slot.is_none() {
             self.slot = self.after(now);
@@ -89,6 +92,28 @@ impl Poll {
         if let Some(at) = self.timeout(lead).filter(|at| *at <= now) {
             self.state = State::Due(at);
         }
+        match self.is_paused {
+            true => self.miss(now),
+            false => 0,
+        }
+    }
+
+    /// From here on no poll goes out, or polls go out again. Returns how many slots have passed by that.
+    pub(crate) fn pause(&mut self, pause: bool, now: Micros) -> usize {
+        self.is_paused = pause;
+        match pause {
+            true => self.miss(now),
+            false => 0,
+        }
+    }
+
+    /// Passes over the slot of a poll at a set rate that may not go out, and those up to `now`. Returns how many.
+    fn miss(&mut self, now: Micros) -> usize {
+        if !self.is_urgent() || !matches!(self.state, State::Due(_)) {
+            return 0;
+        }
+        self.began();
+        self.ended(now).saturating_add(1)
     }
 
     /// The poll went out.

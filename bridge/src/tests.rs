@@ -4,6 +4,7 @@ extern crate std;
 
 mod can;
 mod control;
+mod line_rate;
 mod polls;
 mod rig;
 mod safety;
@@ -21,7 +22,7 @@ use crate::{Bridge, DOWN, Line, LineCoding, Need, PACKET, Refused, UP, UartError
 fn open() -> Bridge {
     let mut bridge = Bridge::default();
     bridge.usb_configured(true);
-    bridge.usb_dtr(true);
+    bridge.usb_dtr(true, NOW);
     bridge
 }
 
@@ -70,6 +71,8 @@ fn line(coding: [u8; 7]) -> Line {
 }
 
 const NOW: Micros = Micros(0);
+/// When a rate that was set takes effect on an open port.
+const SETTLED: Micros = Micros::from_millis(100);
 const BAUD_115200: [u8; 7] = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
 
 #[test]
@@ -216,7 +219,9 @@ fn a_line_coding_takes_effect_between_the_bytes_before_and_after_it() {
     let mut bridge = open();
     bridge.usb_received(&[1, 2, 3], NOW);
     bridge.request_line_coding(BAUD_115200, NOW).unwrap();
+    assert!(bridge.usb_room(), "the first byte for it has room");
     bridge.usb_received(&[4, 5], NOW);
+    assert!(!bridge.usb_room(), "the next packet waits");
     assert_eq!(bridge.line_coding().baud, 115_200);
     assert_eq!(bridge.line_change(), None);
 
@@ -236,12 +241,11 @@ fn bytes_between_two_line_codings_go_out_at_the_first() {
         let mut bridge = open();
         bridge.usb_received(b"AAA", NOW);
         bridge.request_line_coding(BAUD_115200, NOW).unwrap();
-        assert!(!bridge.usb_room(), "the next packet waits");
-        // One may have been on its way all the same.
         bridge.usb_received(b"BBB", NOW);
         bridge.request_line_coding(last, NOW).unwrap();
         let last = LineCoding::from_cdc(last).unwrap();
         assert_eq!(bridge.line_coding(), last);
+        bridge.tick(SETTLED);
 
         let mut sent = Vec::new();
         let mut buf = [0; 64];
@@ -264,13 +268,16 @@ fn bytes_between_two_line_codings_go_out_at_the_first() {
 fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
     let mut bridge = open();
     bridge.request_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
+    bridge.tick(SETTLED);
     assert_eq!(bridge.line_change(), None);
-    bridge.request_line_coding(BAUD_115200, NOW).unwrap();
+    bridge.request_line_coding(BAUD_115200, SETTLED).unwrap();
+    bridge.tick(SETTLED + SETTLED);
+    assert!(bridge.line_change().is_some());
     bridge.request_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
     assert_eq!(bridge.line_change(), None);
     assert_eq!(bridge.line_coding(), LineCoding::LING);
     // One may have been under way already.
-    bridge.line_changed(bridge.line);
+    bridge.line_changed(bridge.rate.line());
     assert_eq!(bridge.line_change(), None);
 }
 
@@ -280,9 +287,11 @@ fn a_line_coding_that_comes_while_the_uart_is_changed_takes_effect_after_that() 
     for last in [BAUD_2M, LineCoding::LING.to_cdc()] {
         let mut bridge = open();
         bridge.request_line_coding(BAUD_115200, NOW).unwrap();
+        bridge.tick(SETTLED);
         let first = bridge.line_change().unwrap();
         // Firmware waits for the last bit to leave. Meanwhile:
-        bridge.request_line_coding(last, NOW).unwrap();
+        bridge.request_line_coding(last, SETTLED).unwrap();
+        bridge.tick(SETTLED + SETTLED);
         bridge.line_changed(first);
         assert_eq!(bridge.line_coding().to_cdc(), last);
         let line = bridge.line_change().unwrap();
@@ -352,7 +361,7 @@ fn a_packet_that_could_not_be_sent_is_counted() {
 fn a_host_that_never_raises_dtr_gets_everything() {
     let mut bridge = Bridge::default();
     bridge.usb_configured(true);
-    bridge.usb_dtr(false);
+    bridge.usb_dtr(false, NOW);
     bridge.uart_received(&[1, 2], NOW);
     bridge.uart_idle(NOW);
     assert_eq!(packets(&mut bridge), [[1, 2]]);
@@ -362,14 +371,14 @@ fn a_host_that_never_raises_dtr_gets_everything() {
 fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
     let mut bridge = open();
     bridge.uart_received(&[1, 2], NOW);
-    assert!(bridge.usb_dtr(false));
+    assert!(bridge.usb_dtr(false, NOW));
     bridge.uart_received(&[3; 100], NOW);
     bridge.uart_idle(NOW);
     assert_eq!(packet(&mut bridge), None);
-    assert!(bridge.usb_dtr(true));
+    assert!(bridge.usb_dtr(true, NOW));
     bridge.uart_received(&[4], NOW);
     bridge.uart_idle(NOW);
-    assert!(!bridge.usb_dtr(true)); // says nothing new
+    assert!(!bridge.usb_dtr(true, NOW)); // says nothing new
     assert_eq!(packets(&mut bridge), [[4]]);
     assert_eq!(bridge.counters().unheard_bytes, 102);
 }
@@ -377,7 +386,7 @@ fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
 #[test]
 fn dtr_without_a_configuration_means_nothing() {
     let mut bridge = Bridge::default();
-    bridge.usb_dtr(true);
+    bridge.usb_dtr(true, NOW);
     assert!(!bridge.is_attached());
     bridge.uart_received(&[1], NOW);
     bridge.uart_idle(NOW);
@@ -478,6 +487,7 @@ fn bytes_that_stop_moving_are_a_fault_and_a_host_that_does_not_read_is_none() {
     assert!(!bridge.is_stuck(at(7_500)));
 
     bridge.request_line_coding(BAUD_115200, at(6_501)).unwrap();
+    bridge.usb_received(&[1; 10], at(6_501));
     assert!(!bridge.is_stuck(at(7_500)));
     bridge.uart_received(&[], at(7_502));
     assert!(bridge.is_stuck(at(7_502)));

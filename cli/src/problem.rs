@@ -235,9 +235,11 @@ impl fmt::Display for Problem {
             Self::Failed { name, failure } => match failure {
                 Failure::Flash => write!(f, "{name}: the adapter's flash does not take the configuration"),
                 Failure::Busy => write!(f, "{name}: the adapter is busy with another such request: try again"),
-                Failure::StreamArmed => write!(
+                Failure::StreamArmed => write!(f, "{name}: refused while a host streams motion: stop it and try again"),
+                Failure::LineHeld => write!(
                     f,
-                    "{name}: a host streams motion, and flash is not written meanwhile: stop it and try again"
+                    "{name}: the host on USB holds the line to the arm: close the program on the adapter's serial port, \
+                     or end 'armwire hold'"
                 ),
                 Failure::TooManySaves { wait_s } => write!(
                     f,

@@ -21,6 +21,8 @@ pub(crate) struct Adapter {
     pub(crate) last_packet: Cell<usize>,
     /// There are bytes for the arm, or the line is to change.
     pub(crate) bytes: Notice,
+    /// What the UART is sending is to be cut.
+    pub(crate) cut: Notice,
     /// A packet for the host on the serial port is due.
     pub(crate) packet: Notice,
     /// There is room for a packet from the host on the serial port.
@@ -50,6 +52,7 @@ impl Adapter {
             bridge: RefCell::new(Bridge::new(identity, config)),
             last_packet: Cell::new(0),
             bytes: Notice::new(),
+            cut: Notice::new(),
             packet: Notice::new(),
             room: Notice::new(),
             session: Notice::new(),
@@ -132,6 +135,7 @@ impl Adapter {
             (bridge.usb_room(), &self.room),
             (bridge.usb_due(), &self.packet),
             (bridge.uart_due(now), &self.bytes),
+            (bridge.uart_cut(), &self.cut),
         ] {
             if due {
                 notice.signal(());

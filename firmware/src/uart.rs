@@ -23,6 +23,7 @@ use armwire_bridge::control::MAX_FRAME;
 use armwire_bridge::{Bridge, Line, Need, Parity, StopBits, UartErrors};
 use critical_section::Mutex;
 use embassy_futures::join::join;
+use embassy_futures::select::select;
 use embassy_futures::yield_now;
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
@@ -453,9 +454,11 @@ pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, 
     loop {
         progress(Task::Transmit);
         if let Some(burst) = adapter.take(|bridge| bridge.uart_transmit(&mut chunk, now())) {
+            // What was to be cut before this burst has been.
+            adapter.cut.reset();
             let sending = send(&mut dma, &chunk[..burst.len], burst.start, line.half_duplex);
             let room = async { adapter.taken() };
-            join(sending, room).await;
+            select(join(sending, room), adapter.cut.wait()).await;
         } else if let Some(wanted) = adapter.look(|bridge| bridge.line_change()) {
             change(&mut uart, line, wanted).await;
             line = wanted;
@@ -471,7 +474,8 @@ pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, 
 }
 
 /// Hands `bytes` to the UART, the first of which is to start at `start`. Returns when the last one waits behind the one
-/// on the line; on a single wire, when it is out and the receiver listens again.
+/// on the line; on a single wire, when it is out and the receiver listens again. When it is dropped, no further byte goes to
+/// the UART.
 async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Micros>, half_duplex: bool) {
     if half_duplex {
         usart::set_receiver(false);

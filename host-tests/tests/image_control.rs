@@ -181,7 +181,8 @@ fn a_byte_like_the_end_mark_just_before_the_end_makes_no_stamp_late() {
         board.usb().set_line_coding(LineCoding::new(BAUD)).unwrap();
         let mut control = Control::open(board);
         control.subscribe(board);
-        board.run_for(Nanos::from_millis(5)).unwrap();
+        // The rate takes effect after 100 ms.
+        board.run_for(Nanos::from_millis(105)).unwrap();
         board.uart().set_arm_baud(BAUD);
         let (mut stamps, mut instants) = (Vec::new(), Vec::new());
         for joint in 0..2_000 {

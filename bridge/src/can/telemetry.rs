@@ -151,6 +151,7 @@ impl From<&Counters> for Errors {
                 counters.commands_incomplete,
                 counters.commands_stale,
                 counters.commands_out_of_range,
+                counters.refused_line_held,
             ]) as u8,
         }
     }
@@ -244,12 +245,14 @@ const HOST_SILENT_TORQUE_OFF: u8 = 17;
 const BUS_OFF: u8 = 32;
 const BUS_ON: u8 = 33;
 
-const REFUSALS: [Refusal; 5] = [
+const REFUSALS: [Refusal; 7] = [
     Refusal::QueueFull,
     Refusal::NotAFrame,
     Refusal::Incomplete,
     Refusal::Stale,
     Refusal::OutOfRange,
+    Refusal::LineHeld,
+    Refusal::OtherRate,
 ];
 
 const fn refusal_code(reason: Refusal) -> u8 {
@@ -259,6 +262,8 @@ const fn refusal_code(reason: Refusal) -> u8 {
         Refusal::Incomplete => 3,
         Refusal::Stale => 4,
         Refusal::OutOfRange => 5,
+        Refusal::LineHeld => 6,
+        Refusal::OtherRate => 7,
     }
 }
 

@@ -9,13 +9,13 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::*;
-use crate::Counters;
 use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll, Silence};
 use crate::control::{
-    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, MAX_COBS, MAX_EVENT, MAX_FRAME,
-    Refusal, Reply, Request, Stamp, Subscription, VERSION,
+    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, LineHolder, LineState, MAX_COBS,
+    MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
 };
+use crate::{Counters, LineCoding, Parity, StopBits};
 
 fn arm() -> impl Strategy<Value = ArmKind> {
     prop::sample::select(&ArmKind::ALL[..])
@@ -78,6 +78,10 @@ fn from_host() -> impl Strategy<Value = FromHost> {
         any::<(bool, bool)>().prop_map(|(frames, events)| Request::Subscribe(Subscription { frames, events })),
         Just(Request::Restart),
         Just(Request::RestartIntoBootLoader),
+        Just(Request::EndStream),
+        Just(Request::GetLine),
+        Just(Request::HoldLine),
+        Just(Request::ReleaseLine),
     ];
     (any::<u8>(), request).prop_map(|(sequence, request)| FromHost { sequence, request })
 }
@@ -137,7 +141,28 @@ fn reply() -> impl Strategy<Value = Reply> {
         counters().prop_map(Reply::Counters),
         latencies.prop_map(Reply::Latencies),
         failure().prop_map(Reply::Failed),
+        line_state().prop_map(Reply::Line),
     ]
+}
+
+fn coding() -> impl Strategy<Value = LineCoding> {
+    let parity = prop::sample::select(vec![Parity::None, Parity::Odd, Parity::Even]);
+    let stop_bits = prop::sample::select(vec![StopBits::One, StopBits::Two]);
+    (any::<u32>(), parity, stop_bits).prop_map(|(baud, parity, stop_bits)| LineCoding {
+        baud,
+        parity,
+        stop_bits,
+    })
+}
+
+fn line_state() -> impl Strategy<Value = LineState> {
+    let holder = prop::sample::select(vec![LineHolder::Nobody, LineHolder::OtherRate, LineHolder::HoldLine]);
+    (coding(), coding(), holder, prop::option::of(coding())).prop_map(|(coding, arm, holder, waiting)| LineState {
+        coding,
+        arm,
+        holder,
+        waiting,
+    })
 }
 
 fn failure() -> impl Strategy<Value = Failure> {
@@ -145,6 +170,7 @@ fn failure() -> impl Strategy<Value = Failure> {
         Just(Failure::Flash),
         Just(Failure::Busy),
         Just(Failure::StreamArmed),
+        Just(Failure::LineHeld),
         any::<u16>().prop_map(|wait_s| Failure::TooManySaves { wait_s }),
     ]
 }
@@ -166,6 +192,8 @@ fn event() -> impl Strategy<Value = Event> {
         Refusal::Incomplete,
         Refusal::Stale,
         Refusal::OutOfRange,
+        Refusal::LineHeld,
+        Refusal::OtherRate,
     ]);
     prop_oneof![
         (prop::option::of(asker()), frame_bytes()).prop_map(|(asker, bytes)| Event::Frame { asker, bytes }),
@@ -421,14 +449,59 @@ fn an_older_host_learns_the_version_of_a_newer_adapter() {
     assert_eq!(heard, [Ok(known), Ok(next)]);
 }
 
+/// As many counts as version 2 has.
+const OLDER_COUNTS: [u8; 51] = [1; 51];
+
+#[test]
+fn counters_of_version_2_lack_only_newer_ones() {
+    let older = [&[0, 7, 6][..], &OLDER_COUNTS].concat();
+    let Ok(FromAdapter::Reply {
+        reply: Reply::Counters(counters),
+        ..
+    }) = decode(&older)
+    else {
+        panic!("{:?}", decode::<FromAdapter>(&older))
+    };
+    assert_eq!((counters.arm_to_host_bytes, counters.dropped_can_frames), (1, 1));
+    assert_eq!(
+        (
+            counters.refused_line_held,
+            counters.refused_other_rate,
+            counters.refused_rate_bytes
+        ),
+        (0, 0, 0)
+    );
+    assert_eq!(
+        decode::<FromAdapter>(&older[..53]).unwrap_err().reason,
+        Reason::EndsEarly
+    );
+}
+
+#[test]
+fn the_requests_of_version_2_are_those_of_version_3() {
+    let end_stream = FromHost {
+        sequence: 7,
+        request: Request::EndStream,
+    };
+    assert_eq!(decode(&[7, 11]), Ok(end_stream));
+    // Their numbers come behind those.
+    for (number, request) in [
+        (12, Request::GetLine),
+        (13, Request::HoldLine),
+        (14, Request::ReleaseLine),
+    ] {
+        assert_eq!(decode(&[7, number]), Ok(FromHost { sequence: 7, request }));
+    }
+}
+
 #[test]
 fn a_request_that_is_not_known_says_whose_it_is() {
     let malformed = Malformed {
         sequence: Some(200),
         reason: Reason::Unknown,
     };
-    assert_eq!(decode::<FromHost>(&[200, 12]), Err(malformed));
-    assert_eq!(decode::<FromHost>(&[200, 12, 1, 2, 3]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 15]), Err(malformed));
+    assert_eq!(decode::<FromHost>(&[200, 15, 1, 2, 3]), Err(malformed));
 }
 
 #[test]

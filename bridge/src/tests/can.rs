@@ -297,7 +297,7 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
         // Nobody is told of what comes from here on.
         |bridge| configure(bridge, Can::default(), Micros(300)),
         |bridge| bridge.can_bus_off(false, Micros(300)),
-        |bridge| bridge.line_changed(bridge.line),
+        |bridge| bridge.line_changed(bridge.rate.line()),
     ];
     for other in others {
         let (mut bridge, [_, last]) = told_of_two();

@@ -269,7 +269,7 @@ fn a_configuration_is_in_force_at_once_or_refused_whole() {
         ..LineCoding::LING
     };
     assert_eq!(
-        rig.bridge.line,
+        rig.bridge.rate.line(),
         Line {
             coding: baud_115200,
             half_duplex: false

@@ -33,6 +33,8 @@ pub(super) struct Rig {
     pub(super) said: Vec<(u64, Vec<u8>)>,
     /// Who said each of them.
     pub(super) askers: Vec<Asker>,
+    /// The baud rate of each of them.
+    pub(super) bauds: Vec<u32>,
     /// When the UART can take more.
     tx_free: u64,
     /// What the arm hears, from when on, and its answers' bytes with the time each is in.
@@ -78,6 +80,7 @@ impl Rig {
             now: 0,
             said: vec![],
             askers: vec![],
+            bauds: vec![],
             tx_free: 0,
             ear: Tap::new(),
             manners: Box::new(polite()),
@@ -102,7 +105,7 @@ impl Rig {
     }
 
     fn byte_time(&self) -> u64 {
-        self.bridge.line.coding.micros(1)
+        self.bridge.rate.line().coding.micros(1)
     }
 
     /// Lets `micros` pass.
@@ -197,6 +200,10 @@ impl Rig {
                 self.hear_control(&packet[..n]);
             }
             assert_eq!(self.bridge.control_transmit(&mut packet, now), None);
+            if self.bridge.uart_cut() {
+                // The byte on the line goes out, and perhaps the one behind it.
+                self.tx_free = self.tx_free.min(now.0 + self.bridge.rate.line().coding.micros(2));
+            }
             if self.tx_free <= now.0 {
                 let mut out = [0; 70];
                 let due = self.bridge.uart_due(now);
@@ -208,8 +215,9 @@ impl Rig {
                     assert!(due);
                     let start = burst.start.map_or(now.0, |at| at.0);
                     assert!(start >= now.0);
-                    self.tx_free = start + self.bridge.line.coding.micros(burst.len);
+                    self.tx_free = start + self.bridge.rate.line().coding.micros(burst.len);
                     self.askers.push(self.bridge.turn.last);
+                    self.bauds.push(self.bridge.rate.line().coding.baud);
                     self.said.push((start, out[..burst.len].to_vec()));
                     self.tell_arm(&out[..burst.len], start);
                     idle = false;
@@ -242,7 +250,7 @@ impl Rig {
 
     /// The arm hears bytes that are on the line from `start` on, and answers one request after the other.
     fn tell_arm(&mut self, bytes: &[u8], start: u64) {
-        let coding = self.bridge.line.coding;
+        let coding = self.bridge.rate.line().coding;
         for (n, byte) in bytes.iter().enumerate() {
             assert!(self.ear.push(&[*byte]).is_empty());
             let heard = start + coding.micros(n + 1);
@@ -261,7 +269,7 @@ impl Rig {
     /// The arm says something of its own accord.
     pub(super) fn arm_says(&mut self, bytes: &[u8]) {
         let start = self.voice.back().map_or(0, |&(at, _)| at).max(self.now);
-        let coding = self.bridge.line.coding;
+        let coding = self.bridge.rate.line().coding;
         self.voice.extend(
             bytes
                 .iter()

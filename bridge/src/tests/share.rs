@@ -560,7 +560,7 @@ fn an_arm_of_another_kind_is_shared_by_its_own_frames() {
         });
         rig.run(1_000);
         assert_eq!(
-            (rig.bridge.line.coding.baud, rig.bridge.line.half_duplex),
+            (rig.bridge.rate.line().coding.baud, rig.bridge.rate.line().half_duplex),
             (115_200, half_duplex)
         );
         rig.manners = Box::new(|request| match request[0] {
@@ -584,12 +584,13 @@ fn a_line_coding_waits_for_the_answer_to_anothers_request() {
     rig.run(250);
     let coding = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
     rig.bridge.request_line_coding(coding, Micros(rig.now)).unwrap();
+    rig.bridge.usb_received(&[1], Micros(rig.now));
     assert_eq!(
         (rig.bridge.line_change(), rig.bridge.uart_due(Micros(rig.now))),
         (None, false)
     );
     rig.run(10_000);
-    assert_eq!((rig.can.len(), rig.bridge.line.coding.baud), (1, 115_200));
+    assert_eq!((rig.can.len(), rig.bridge.rate.line().coding.baud), (1, 115_200));
 }
 
 /// What a host may say to the arm on USB.

@@ -181,7 +181,7 @@ impl Handler for Requests {
             }
             SET_CONTROL_LINE_STATE => {
                 let dtr = request.value & 1 != 0;
-                if self.adapter.with(|bridge| bridge.usb_dtr(dtr)) {
+                if self.adapter.with(|bridge| bridge.usb_dtr(dtr, now())) {
                     self.cancel_unfetched_packet();
                     self.adapter.session.signal(());
                 }

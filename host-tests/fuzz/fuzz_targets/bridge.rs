@@ -77,7 +77,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             Step::Reset => world.reset(),
             Step::Suspended => world.bridge.usb_suspended(),
             Step::Dtr(high) => {
-                world.bridge.usb_dtr(high);
+                world.bridge.usb_dtr(high, world.now);
             }
             Step::LineCoding(coding) => world.line_coding(coding),
             Step::GoodLineCoding { fast, parity, two } => {

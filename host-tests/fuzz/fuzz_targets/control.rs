@@ -192,6 +192,9 @@ fn answers(message: &core::result::Result<FromHost, Malformed>, reply: &Reply) -
         Request::Subscribe(_) | Request::Restart | Request::RestartIntoBootLoader | Request::EndStream => {
             *reply == Reply::Done
         }
+        Request::GetLine => matches!(reply, Reply::Line(_)),
+        Request::HoldLine => matches!(reply, Reply::Done | Reply::Failed(Failure::StreamArmed | Failure::Busy)),
+        Request::ReleaseLine => *reply == Reply::Done,
     }
 }
 

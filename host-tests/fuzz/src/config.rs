@@ -1,12 +1,12 @@
 //! Arbitrary configurations of an adapter, and messages of its control port.
 
-use armwire_bridge::Counters;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, CAN_BIT_RATES, CAN_DATA_BIT_RATES, Can, Config, Poll, Silence};
 use armwire_bridge::control::{
-    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, Refusal, Reply, Request,
-    Subscription,
+    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, LineHolder, LineState, Refusal,
+    Reply, Request, Subscription,
 };
+use armwire_bridge::{Counters, LineCoding, Parity, StopBits};
 
 use crate::{Result, Unstructured};
 
@@ -68,7 +68,7 @@ pub fn any_good_config(u: &mut Unstructured<'_>) -> Result<Config> {
 
 /// Any request on the control port.
 pub fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
-    Ok(match u.int_in_range(0..=10)? {
+    Ok(match u.int_in_range(0..=13)? {
         0 => Request::Identify,
         1 => Request::IdentifyArm,
         2 => Request::GetConfig,
@@ -83,6 +83,9 @@ pub fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
             events: u.arbitrary()?,
         }),
         9 => Request::Restart,
+        10 => Request::GetLine,
+        11 => Request::HoldLine,
+        12 => Request::ReleaseLine,
         _ if u.arbitrary()? => Request::EndStream,
         _ => Request::RestartIntoBootLoader,
     })
@@ -90,12 +93,14 @@ pub fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
 
 const ASKERS: [Asker; 5] = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
 
-const REFUSALS: [Refusal; 5] = [
+const REFUSALS: [Refusal; 7] = [
     Refusal::QueueFull,
     Refusal::NotAFrame,
     Refusal::Incomplete,
     Refusal::Stale,
     Refusal::OutOfRange,
+    Refusal::LineHeld,
+    Refusal::OtherRate,
 ];
 
 fn any_frame(u: &mut Unstructured<'_>) -> Result<FrameBytes> {
@@ -130,9 +135,17 @@ fn any_string<const N: usize>(u: &mut Unstructured<'_>) -> Result<heapless::Stri
     Ok(text.try_into().unwrap_or_default())
 }
 
+fn any_coding(u: &mut Unstructured<'_>) -> Result<LineCoding> {
+    Ok(LineCoding {
+        baud: u.arbitrary()?,
+        parity: *u.choose(&[Parity::None, Parity::Odd, Parity::Even])?,
+        stop_bits: *u.choose(&[StopBits::One, StopBits::Two])?,
+    })
+}
+
 /// Any reply that an adapter gives, but for [`Reply::BadConfig`].
 pub fn any_reply(u: &mut Unstructured<'_>) -> Result<Reply> {
-    Ok(match u.int_in_range(0..=7)? {
+    Ok(match u.int_in_range(0..=8)? {
         0 => Reply::Done,
         1 => Reply::Unsupported {
             version: u.arbitrary()?,
@@ -163,10 +176,20 @@ pub fn any_reply(u: &mut Unstructured<'_>) -> Result<Reply> {
             turn: Histogram { counts: u.arbitrary()? },
             poll: Histogram { counts: u.arbitrary()? },
         }),
-        _ => Reply::Failed(match u.int_in_range(0..=3)? {
+        7 => Reply::Line(LineState {
+            coding: any_coding(u)?,
+            arm: any_coding(u)?,
+            holder: *u.choose(&[LineHolder::Nobody, LineHolder::OtherRate, LineHolder::HoldLine])?,
+            waiting: match u.arbitrary()? {
+                true => Some(any_coding(u)?),
+                false => None,
+            },
+        }),
+        _ => Reply::Failed(match u.int_in_range(0..=4)? {
             0 => Failure::Flash,
             1 => Failure::Busy,
             2 => Failure::StreamArmed,
+            3 => Failure::LineHeld,
             _ => Failure::TooManySaves { wait_s: u.arbitrary()? },
         }),
     })

@@ -16,7 +16,7 @@ pub(crate) fn call_all() {
     let mut bridge = Bridge::new(black_box(Identity::default()), black_box(Config::default()));
     let bridge = black_box(&mut bridge);
     bridge.usb_configured(black_box(true));
-    black_box(&mut *bridge).usb_dtr(black_box(true));
+    black_box(&mut *bridge).usb_dtr(black_box(true), now);
     black_box(&mut *bridge).usb_reset();
     black_box(&mut *bridge).usb_suspended();
     black_box(black_box(&*bridge).usb_room());
@@ -43,6 +43,7 @@ pub(crate) fn call_all() {
     black_box(black_box(&*bridge).line_change());
     black_box(&mut *bridge).line_changed(black_box(Line::default()));
     black_box(black_box(&*bridge).line_coding());
+    black_box(black_box(&*bridge).uart_cut());
     black_box(black_box(LineCoding::LING).to_cdc());
     black_box(black_box(LineCoding::LING).micros(black_box(0)));
 

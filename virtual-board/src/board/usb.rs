@@ -89,6 +89,16 @@ impl<A: Arm> Usb<'_, A> {
     ///
     /// As for [`enumerate`](Self::enumerate), and when there is no such port.
     pub fn open(&mut self, nth: usize, coding: LineCoding) -> Result<(), Error> {
+        self.open_without_dtr(nth, coding)?;
+        self.set_control_lines(true, true)
+    }
+
+    /// Opens a port as [`open`](Self::open) does, and leaves DTR and RTS as they are.
+    ///
+    /// # Errors
+    ///
+    /// The same.
+    pub fn open_without_dtr(&mut self, nth: usize, coding: LineCoding) -> Result<(), Error> {
         if self.device().is_none() {
             self.enumerate()?;
         }
@@ -101,8 +111,7 @@ impl<A: Arm> Usb<'_, A> {
         })?;
         self.use_endpoints([Some(port.output), Some(port.input), port.notify].into_iter().flatten());
         self.board.port = Some(port);
-        self.set_line_coding(coding)?;
-        self.set_control_lines(true, true)
+        self.set_line_coding(coding)
     }
 
     /// Opens the device's vendor-specific interface, beside its serial port. The device is enumerated first if it was not

@@ -77,7 +77,7 @@ impl Served {
         };
         let mut bridge = Bridge::new(identity, Config::default());
         bridge.usb_configured(true);
-        bridge.usb_dtr(true);
+        bridge.usb_dtr(true, Micros(0));
         Self {
             bridge,
             arm: LingArm::new(ArmConfig::follower()),

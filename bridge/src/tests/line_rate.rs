@@ -1,0 +1,556 @@
+//! The line's rate: when a host on USB gets another one, when the line is the arm's again, and `hold-line`.
+
+extern crate std;
+
+use std::vec;
+use std::vec::Vec;
+
+use armwire::Micros;
+use armwire::Protocol;
+use armwire::ling::{self, Ling};
+
+use super::rig::{Rig, ling};
+use crate::can::Node;
+use crate::can::command::Command;
+use crate::can::telemetry::event_from_frame;
+use crate::config::{ArmKind, Can, Config, Poll, Silence};
+use crate::control::{
+    Asker, Event, Failure, FromAdapter, HOLD_LEASE_MS, LineHolder, LineState, Refusal, Reply, Request,
+};
+use crate::{LineCoding, PACKET};
+
+const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
+
+const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+
+const MS: u64 = 1_000;
+const SECOND: u64 = 1_000_000;
+
+/// How long a lease of the line is.
+const LEASE: u64 = HOLD_LEASE_MS as u64 * MS;
+
+fn coding(baud: u32) -> LineCoding {
+    LineCoding {
+        baud,
+        ..LineCoding::LING
+    }
+}
+
+fn set_rate(rig: &mut Rig, baud: u32) {
+    let bytes = coding(baud).to_cdc();
+    rig.bridge.request_line_coding(bytes, Micros(rig.now)).unwrap();
+    rig.run(0);
+}
+
+fn dtr(rig: &mut Rig, high: bool) {
+    rig.bridge.usb_dtr(high, Micros(rig.now));
+    rig.run(0);
+}
+
+fn baud(rig: &Rig) -> u32 {
+    rig.bridge.rate.line().coding.baud
+}
+
+/// An adapter that polls, takes commands and switches the torque off, whose port is open.
+fn open(poll: Poll) -> Rig {
+    let mut rig = Rig::new(Config {
+        poll,
+        can: Can {
+            commands: true,
+            ..Can::default()
+        },
+        silence: Silence {
+            after_ms: 500,
+            torque_off: true,
+        },
+        ..Config::default()
+    });
+    rig.subscribe();
+    dtr(&mut rig, true);
+    rig
+}
+
+/// One whose host holds 9600 baud.
+fn open_at_9600(poll: Poll) -> Rig {
+    let mut rig = open(poll);
+    set_rate(&mut rig, 9_600);
+    rig.usb_out.push_back(1);
+    rig.run(10 * MS);
+    assert_eq!(baud(&rig), 9_600);
+    rig
+}
+
+const COMMAND: Command = Command {
+    sequence: 1,
+    joints: [2048; 6],
+    speed: 10,
+    gripper: 0,
+};
+
+/// Sends a cyclic command.
+fn command(rig: &mut Rig, sequence: u8) {
+    for frame in (Command { sequence, ..COMMAND }).to_frames(Node::default()) {
+        rig.can_frame(&frame);
+    }
+}
+
+fn motion() -> Vec<u8> {
+    let mut out = [0; 70];
+    let n = Ling::encode_request(&ling::Request::Move(COMMAND.target().unwrap()), &mut out).unwrap();
+    out[..n].to_vec()
+}
+
+/// What was refused, and of whom.
+fn refusals(rig: &Rig) -> Vec<(Asker, Refusal)> {
+    let refused = rig.events.iter().filter_map(|(_, event)| match event {
+        Event::Refused { asker, reason } => Some((*asker, *reason)),
+        _ => None,
+    });
+    refused.collect()
+}
+
+fn line_state(rig: &mut Rig) -> LineState {
+    match rig.call(Request::GetLine) {
+        Reply::Line(state) => state,
+        reply => panic!("{reply:?}"),
+    }
+}
+
+fn polls(rig: &Rig) -> usize {
+    rig.askers.iter().filter(|&&asker| asker == Asker::Poll).count()
+}
+
+#[test]
+fn a_rate_takes_effect_with_the_first_byte() {
+    // With DTR, without it, and where a port was closed.
+    for dtrs in [&[true][..], &[], &[true, false]] {
+        let mut rig = Rig::new(Config::default());
+        dtrs.iter().for_each(|&high| dtr(&mut rig, high));
+        rig.usb_out.extend([1; 5]);
+        rig.run(0);
+        set_rate(&mut rig, 115_200);
+        assert_eq!((baud(&rig), rig.bridge.line_coding().baud), (1_000_000, 115_200));
+        rig.usb_out.extend([2; 5]);
+        rig.run(MS);
+        assert_eq!(
+            rig.said.iter().map(|(_, bytes)| bytes.clone()).collect::<Vec<_>>(),
+            [[1; 5], [2; 5]]
+        );
+        assert_eq!(rig.bauds, [1_000_000, 115_200]);
+    }
+}
+
+#[test]
+fn a_rate_takes_effect_on_an_open_port_after_100_ms() {
+    for high in [true, false] {
+        let mut rig = Rig::new(Config::default());
+        dtr(&mut rig, high);
+        set_rate(&mut rig, 115_200);
+        rig.run(100 * MS - 1);
+        assert_eq!(baud(&rig), 1_000_000);
+        rig.run(1);
+        assert_eq!(baud(&rig), if high { 115_200 } else { 1_000_000 });
+    }
+}
+
+#[test]
+fn of_two_rates_in_a_row_only_the_second_is_meant() {
+    let mut rig = open(Poll::Hertz(100));
+    rig.run(100 * MS);
+    let before = polls(&rig);
+    set_rate(&mut rig, 9_600);
+    rig.run(50 * MS);
+    set_rate(&mut rig, 1_000_000);
+    rig.run(450 * MS);
+    assert_eq!(polls(&rig) - before, 50);
+    let c = rig.bridge.counters();
+    assert_eq!((c.line_codings, c.missed_polls, c.refused_line_held), (0, 0, 0));
+}
+
+#[test]
+fn the_line_is_the_arms_when_the_host_goes() {
+    type Goes = fn(&mut Rig);
+    let ways: [Goes; 4] = [
+        |rig| {
+            rig.bridge.usb_dtr(false, Micros(rig.now));
+        },
+        |rig| rig.bridge.usb_reset(),
+        |rig| rig.bridge.usb_configured(false),
+        |rig| rig.bridge.usb_suspended(),
+    ];
+    for goes in ways {
+        let mut rig = open_at_9600(Poll::Hertz(100));
+        // What the host had said goes out as it meant it.
+        rig.usb_out.extend([2; 40]);
+        rig.run(0);
+        goes(&mut rig);
+        rig.run(200 * MS);
+        assert_eq!(baud(&rig), 1_000_000);
+        let last = rig
+            .said
+            .iter()
+            .zip(&rig.bauds)
+            .filter(|((_, bytes), _)| bytes.contains(&2));
+        let last: Vec<_> = last.map(|((_, bytes), &baud)| (bytes.len(), baud)).collect();
+        assert_eq!(last, [(40, 9_600)]);
+        let late = |n: &usize| rig.askers[*n] == Asker::Poll && rig.said[*n].0 > 100 * MS;
+        assert!((0..rig.said.len()).filter(late).count() > 10);
+        assert_eq!(rig.bridge.timeout().map(|at| at.0 > rig.now), Some(true));
+    }
+}
+
+#[test]
+fn the_rate_of_a_program_before_returns_with_a_byte_only() {
+    let mut rig = open_at_9600(Poll::Off);
+    dtr(&mut rig, false);
+    rig.run(SECOND);
+    assert_eq!((baud(&rig), rig.bridge.line_coding().baud), (1_000_000, 9_600));
+    // Its driver does not set again what it has set.
+    dtr(&mut rig, true);
+    rig.run(50 * MS);
+    assert_eq!(baud(&rig), 1_000_000);
+    rig.usb_out.push_back(1);
+    rig.run(MS);
+    assert_eq!(baud(&rig), 9_600);
+}
+
+#[test]
+fn another_program_may_open_a_port_whose_dtr_stayed_up() {
+    let mut rig = open_at_9600(Poll::Hertz(100));
+    rig.run(20 * SECOND);
+    assert_eq!((baud(&rig), polls(&rig)), (9_600, 0));
+    set_rate(&mut rig, 1_000_000);
+    rig.run(100 * MS);
+    assert_eq!((baud(&rig), polls(&rig)), (1_000_000, 10));
+}
+
+#[test]
+fn a_host_without_dtr_loses_its_rate_after_10_s_of_quiet() {
+    let mut rig = Rig::new(Config::default());
+    set_rate(&mut rig, 9_600);
+    rig.usb_out.push_back(1);
+    // Bytes of either side keep it.
+    rig.run(9 * SECOND);
+    rig.arm_says(&[0x11; 3]);
+    rig.run(9 * SECOND);
+    rig.usb_out.push_back(2);
+    rig.run(10 * SECOND - 1);
+    assert_eq!(baud(&rig), 9_600);
+    rig.run(1);
+    assert_eq!(baud(&rig), 1_000_000);
+    rig.usb_out.push_back(3);
+    rig.run(MS);
+    assert_eq!(rig.bauds, [9_600; 3]);
+}
+
+#[test]
+fn another_rate_waits_for_the_stream_on_can() {
+    for by_command in [false, true] {
+        let mut rig = open(Poll::Off);
+        let mut sequence = 255_u8;
+        let mut moves = |rig: &mut Rig| {
+            sequence = sequence.wrapping_add(1);
+            match by_command {
+                true => command(rig, sequence),
+                false => rig.can_out.push_back(motion()),
+            }
+            rig.run(20 * MS);
+        };
+        // The first command starts a stream, and moves nothing.
+        (0..5 + u8::from(by_command)).for_each(|_| moves(&mut rig));
+        set_rate(&mut rig, 9_600);
+        for _ in 0..10 {
+            rig.usb_out.extend([7; 100]);
+            moves(&mut rig);
+        }
+        assert_eq!((baud(&rig), rig.bridge.line_coding().baud), (1_000_000, 9_600));
+        let c = rig.bridge.counters();
+        assert_eq!(
+            (c.refused_rate_bytes, c.refused_other_rate, c.refused_line_held),
+            (1_000, 1, 0)
+        );
+        assert_eq!(refusals(&rig), [(Asker::Usb, Refusal::OtherRate)]);
+        assert_eq!(rig.line(), motion().repeat(15));
+        let waits = LineState {
+            waiting: Some(coding(9_600)),
+            ..LineState::default()
+        };
+        assert_eq!(line_state(&mut rig), waits);
+        // The stream ends.
+        rig.ask_on_can(1, Request::EndStream);
+        rig.run(10 * MS);
+        assert_eq!(baud(&rig), 9_600);
+    }
+}
+
+#[test]
+fn polls_and_can_are_refused_while_another_rate_is_held() {
+    for poll in [Poll::Hertz(100), Poll::Fastest] {
+        let mut rig = open(poll);
+        rig.run(50 * MS);
+        set_rate(&mut rig, 9_600);
+        rig.usb_out.push_back(1);
+        rig.run(50 * MS);
+        let said = rig.said.len();
+        rig.can_out.push_back(READ_JOINTS.to_vec());
+        rig.run(50 * MS);
+        for sequence in [0, 1] {
+            command(&mut rig, sequence);
+        }
+        assert_eq!(rig.call(Request::IdentifyArm), Reply::Failed(Failure::LineHeld));
+        rig.run(100 * MS);
+        assert_eq!(rig.said.len(), said, "{:?}", rig.said);
+        let askers = [Asker::Poll, Asker::Can, Asker::Command, Asker::Adapter];
+        let expected = askers.map(|asker| (asker, Refusal::LineHeld));
+        assert_eq!(refusals(&rig), expected);
+        let told = rig.frames.iter().filter_map(|(_, frame)| event_from_frame(frame));
+        let told: Vec<_> = told.map(|(_, event)| event).collect();
+        assert_eq!(told, expected.map(|(asker, reason)| Event::Refused { asker, reason }));
+        let c = rig.bridge.counters();
+        assert_eq!(
+            (c.refused_line_held, c.missed_polls),
+            (4, if poll == Poll::Fastest { 0 } else { 20 })
+        );
+        let state = LineState {
+            coding: coding(9_600),
+            arm: coding(1_000_000),
+            holder: LineHolder::OtherRate,
+            waiting: None,
+        };
+        assert_eq!(line_state(&mut rig), state);
+
+        set_rate(&mut rig, 1_000_000);
+        rig.can_out.push_back(READ_JOINTS.to_vec());
+        rig.run(50 * MS);
+        assert_eq!(rig.can.len(), 1);
+        assert!(polls(&rig) >= 9 && *rig.bauds.last().unwrap() == 1_000_000);
+        let sequence = rig.ask(Request::IdentifyArm);
+        rig.run(10 * MS);
+        assert!(matches!(rig.replies.last(), Some((of, Reply::Arm(_))) if *of == sequence));
+        assert_eq!(line_state(&mut rig), LineState::default());
+    }
+}
+
+#[test]
+fn a_request_that_waits_is_refused_when_the_line_is_held() {
+    let mut rig = open(Poll::Off);
+    // The arm checks itself for the first, which it does not answer.
+    rig.manners = std::boxed::Box::new(|_| None);
+    rig.can_out.push_back(ling::SELF_CHECK.to_vec());
+    rig.can_out.push_back(READ_JOINTS.to_vec());
+    rig.run(10 * MS);
+    let identify = rig.ask(Request::IdentifyArm);
+    set_rate(&mut rig, 9_600);
+    rig.usb_out.push_back(1);
+    rig.run(SECOND);
+    assert_eq!(
+        refusals(&rig),
+        [(Asker::Can, Refusal::LineHeld), (Asker::Adapter, Refusal::LineHeld)]
+    );
+    assert_eq!(rig.replies.last(), Some(&(identify, Reply::Failed(Failure::LineHeld))));
+    // The answer that was waited for had its time at the arm's rate.
+    assert_eq!(rig.bauds, [1_000_000, 9_600]);
+}
+
+/// A host on USB streams motion at the arm's rate, and then sets another one and sends without end.
+fn streams_then_sends_at(baud: u32) -> Rig {
+    let mut rig = open(Poll::Off);
+    for _ in 0..5 {
+        rig.usb_out.extend(motion());
+        rig.run(20 * MS);
+    }
+    set_rate(&mut rig, baud);
+    rig.usb_out.extend(vec![0x55; 10_000]);
+    rig
+}
+
+#[test]
+fn torque_off_goes_out_at_the_arms_rate_whatever_a_host_has_set() {
+    for baud in [1_200, 9_600, 115_200, 2_000_000] {
+        let mut rig = streams_then_sends_at(baud);
+        while rig.now < 2 * SECOND {
+            // At a high rate all would be out.
+            if rig.usb_out.len() < 1_000 {
+                rig.usb_out.extend(vec![0x55; 10_000]);
+            }
+            rig.run(MS);
+        }
+        // The last motion came after 80 ms.
+        let due = 80 * MS + 500 * MS;
+        let n = rig.said.iter().position(|(_, bytes)| *bytes == TORQUE_OFF).unwrap();
+        assert!(
+            (due..due + 50 * MS).contains(&rig.said[n].0),
+            "{baud}: {}",
+            rig.said[n].0
+        );
+        assert_eq!(
+            (rig.bauds[n - 1], rig.bauds[n], rig.bauds[n - 2]),
+            (1_000_000, 1_000_000, baud)
+        );
+        assert_eq!(rig.said[n - 1].1, [0; 70]);
+        assert_eq!(rig.said.len(), n + 1, "the host's rate does not come back by itself");
+        assert!(rig.bridge.counters().refused_rate_bytes > 0);
+        assert_eq!(refusals(&rig), [(Asker::Usb, Refusal::OtherRate)]);
+        let state = LineState {
+            waiting: Some(coding(baud)),
+            ..LineState::default()
+        };
+        assert_eq!(line_state(&mut rig), state);
+        rig.usb_out.clear();
+        set_rate(&mut rig, baud);
+        rig.usb_out.extend([0xA5; 3]);
+        rig.run(100 * MS);
+        assert_eq!((rig.line().last(), rig.bauds.last()), (Some(&0xA5), Some(&baud)));
+    }
+}
+
+#[test]
+fn what_goes_out_at_another_rate_is_no_motion() {
+    let mut rig = open_at_9600(Poll::Off);
+    for _ in 0..10 {
+        rig.usb_out.extend(motion());
+        rig.run(100 * MS);
+    }
+    rig.run(2 * SECOND);
+    assert_eq!((rig.bridge.is_armed(), rig.bridge.counters().host_silences), (false, 0));
+}
+
+#[test]
+fn a_raw_arm_has_the_rate_that_the_host_sets() {
+    let mut rig = Rig::new(Config {
+        arm: ArmKind::Raw,
+        ..Config::default()
+    });
+    dtr(&mut rig, true);
+    set_rate(&mut rig, 115_200);
+    dtr(&mut rig, false);
+    rig.can_out.push_back(b"anything".to_vec());
+    rig.run(10 * MS);
+    assert_eq!((rig.line(), rig.bauds.clone()), (b"anything".to_vec(), vec![115_200]));
+    let state = LineState {
+        coding: coding(115_200),
+        arm: coding(115_200),
+        ..LineState::default()
+    };
+    assert_eq!(line_state(&mut rig), state);
+}
+
+#[test]
+fn hold_line_gives_usb_the_line_alone() {
+    let mut rig = open(Poll::Hertz(100));
+    rig.run(50 * MS);
+    let before = polls(&rig);
+    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    rig.run(10 * MS);
+    let start = rig.said.len();
+    let image: Vec<u8> = (0..20_000_u32).map(|n| (n * 7 / 3) as u8).collect();
+    rig.usb_out.extend(&image);
+    rig.can_out.push_back(READ_JOINTS.to_vec());
+    rig.run(500 * MS);
+    assert_eq!(
+        rig.said[start..]
+            .iter()
+            .flat_map(|(_, bytes)| bytes.clone())
+            .collect::<Vec<_>>(),
+        image
+    );
+    assert!(polls(&rig) <= before + 1);
+    assert_eq!(
+        refusals(&rig),
+        [(Asker::Poll, Refusal::LineHeld), (Asker::Can, Refusal::LineHeld)]
+    );
+    assert_eq!(line_state(&mut rig).holder, LineHolder::HoldLine);
+    let others = polls(&rig);
+    assert_eq!(rig.call(Request::ReleaseLine), Reply::Done);
+    rig.run(100 * MS);
+    assert_eq!(polls(&rig) - others, 10);
+    assert_eq!(line_state(&mut rig), LineState::default());
+}
+
+#[test]
+fn hold_line_ends_with_its_lease_unless_it_is_renewed() {
+    let mut rig = open(Poll::Hertz(100));
+    for _ in 0..3 {
+        assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+        rig.run(LEASE - 1);
+        assert_eq!(line_state(&mut rig).holder, LineHolder::HoldLine);
+    }
+    rig.run(1);
+    assert_eq!(line_state(&mut rig), LineState::default());
+    rig.run(100 * MS);
+    assert_eq!(polls(&rig), 10);
+}
+
+#[test]
+fn hold_line_ends_when_its_host_is_gone() {
+    type Goes = fn(&mut Rig);
+    let ways: [Goes; 2] = [|rig| rig.bridge.usb_reset(), |rig| rig.bridge.usb_configured(true)];
+    for goes in ways {
+        let mut rig = open(Poll::Off);
+        assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+        goes(&mut rig);
+        rig.run(MS);
+        assert_eq!(line_state(&mut rig), LineState::default());
+    }
+}
+
+#[test]
+fn hold_line_is_refused_while_a_host_streams_motion() {
+    for on_can in [true, false] {
+        let mut rig = open(Poll::Off);
+        for _ in 0..3 {
+            match on_can {
+                true => rig.can_out.push_back(motion()),
+                false => rig.usb_out.extend(motion()),
+            }
+            rig.run(20 * MS);
+        }
+        assert_eq!(rig.call(Request::HoldLine), Reply::Failed(Failure::StreamArmed));
+        assert_eq!(line_state(&mut rig), LineState::default());
+        rig.run(SECOND);
+        assert_eq!(rig.said.last().unwrap().1, TORQUE_OFF);
+        assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    }
+}
+
+#[test]
+fn nobodys_torque_goes_off_under_hold_line() {
+    let mut rig = open(Poll::Off);
+    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    for _ in 0..5 {
+        rig.usb_out.extend(motion());
+        rig.run(20 * MS);
+    }
+    rig.run(5 * SECOND);
+    assert_eq!((rig.line(), rig.bridge.is_armed()), (motion().repeat(5), false));
+}
+
+#[test]
+fn one_control_port_does_not_end_the_hold_of_the_other() {
+    let mut rig = open(Poll::Off);
+    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    rig.ask_on_can(1, Request::HoldLine);
+    rig.ask_on_can(2, Request::ReleaseLine);
+    rig.run(10 * MS);
+    let reply = |sequence, reply| FromAdapter::Reply { sequence, reply };
+    let replies = [reply(1, Reply::Failed(Failure::Busy)), reply(2, Reply::Done)];
+    assert_eq!(rig.can_control, replies);
+    assert_eq!(line_state(&mut rig).holder, LineHolder::HoldLine);
+}
+
+#[test]
+fn under_hold_line_any_rate_is_the_hosts() {
+    let mut rig = open(Poll::Hertz(100));
+    assert_eq!(rig.call(Request::HoldLine), Reply::Done);
+    set_rate(&mut rig, 115_200);
+    rig.usb_out.extend([0x7F; PACKET]);
+    rig.run(100 * MS);
+    assert_eq!(rig.bauds.last(), Some(&115_200));
+    assert_eq!(line_state(&mut rig).holder, LineHolder::HoldLine);
+    assert_eq!(rig.call(Request::ReleaseLine), Reply::Done);
+    assert_eq!(line_state(&mut rig).holder, LineHolder::OtherRate);
+    dtr(&mut rig, false);
+    rig.run(100 * MS);
+    assert_eq!((baud(&rig), polls(&rig)), (1_000_000, 10));
+    assert_eq!(ling(0x05, 0, &[0]), TORQUE_OFF);
+}
