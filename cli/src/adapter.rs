@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Write, stdout};
 use std::path::Path;
 
 use armwire_bridge::config::Can;
-use armwire_bridge::control::{Histogram, Identity, Latencies, Reply, Request};
+use armwire_bridge::control::{Histogram, Identity, Latencies, LineState, Reply, Request};
 use armwire_sim::slcan::BitRate;
 use clap::Args;
 use serde_json::{Map, Value, json};
@@ -12,6 +12,7 @@ use serde_json::{Map, Value, json};
 use crate::control::ControlLink;
 use crate::port::Port;
 use crate::problem::Problem;
+use crate::{complain, held};
 
 /// Where an adapter is.
 #[derive(Args, Debug, PartialEq, Eq)]
@@ -92,6 +93,24 @@ pub(crate) fn latencies(control: &mut ControlLink) -> Result<Latencies, Problem>
         Reply::Latencies(latencies) => Ok(latencies),
         reply => Err(odd(control, &reply)),
     }
+}
+
+/// The line between an adapter and its arm. `None` from an adapter that is older than the question.
+pub(crate) fn line(control: &mut ControlLink) -> Result<Option<LineState>, Problem> {
+    match control.call(Request::GetLine) {
+        Ok(Reply::Line(line)) => Ok(Some(line)),
+        Ok(reply) => Err(odd(control, &reply)),
+        Err(Problem::Unsupported { .. }) => Ok(None),
+        Err(problem) => Err(problem),
+    }
+}
+
+/// Tells on standard error who holds the line, if anybody does.
+pub(crate) fn tell_holder(control: &mut ControlLink) -> Result<(), Problem> {
+    if let Some(told) = line(control)?.as_ref().and_then(held::describe) {
+        complain(&format_args!("{}: the line runs at {told}", control.name()));
+    }
+    Ok(())
 }
 
 /// What is measured, by its name.

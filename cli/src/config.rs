@@ -235,6 +235,7 @@ impl Configure {
                 control = self.follow(control, &Config::default())?;
             }
         }
+        adapter::tell_holder(&mut control)?;
         let config = get(&mut control)?;
         if self.json {
             let object: Map<_, _> = KEYS

@@ -11,7 +11,9 @@ mod control;
 mod counters;
 mod decode;
 mod describe;
+mod held;
 mod hex;
+mod hold;
 mod info;
 mod link;
 mod monitor;
@@ -75,6 +77,9 @@ enum Command {
     Config(config::Configure),
     /// Show all that an adapter has counted, and how long things took.
     Counters(counters::Counters),
+    /// Hold the line to the arm for USB alone, until Ctrl-C: no polls, no CAN, no torque-off. For updates of the arm's own
+    /// firmware.
+    Hold(hold::Hold),
     /// Give an adapter another firmware, over USB with dfu-util.
     Update(update::Update),
 }
@@ -194,6 +199,7 @@ fn run(command: &Command) -> Result<(), Problem> {
         Command::Decode(decode) => decode.run(),
         Command::Config(config) => config.run(),
         Command::Counters(counters) => counters.run(),
+        Command::Hold(hold) => hold.run(stop_on_ctrl_c()?),
         Command::Update(update) => update.run(),
     }
 }

@@ -10,11 +10,12 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use armwire::Micros;
-use armwire_bridge::can::{Frame, Id, Node};
-use armwire_bridge::control::{MAX_FRAME, MAX_MESSAGE};
+use armwire_bridge::can::{Frame, Function, Id, Node};
+use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_FRAME, MAX_MESSAGE, Reply, Request};
 use armwire_bridge::isotp::{self, Endpoint, Event};
 use armwire_sim::slcan::BitRate;
 
+use crate::held;
 use crate::link::{Came, Line};
 use crate::problem::Problem;
 use crate::serial::Serial;
@@ -22,6 +23,8 @@ use crate::serial::Serial;
 /// The longest PDU: a message of the control port, for no frame of an arm is longer.
 const MAX_PDU: usize = MAX_MESSAGE;
 const _: () = assert!(MAX_FRAME <= MAX_PDU);
+/// How long an adapter may take to say who holds the line to its arm.
+const HOLDER_PATIENCE: Duration = Duration::from_millis(300);
 
 /// What this computer has of a CAN bus.
 pub(crate) trait Bus {
@@ -276,6 +279,32 @@ impl CanLine {
         received.map_err(|lost| lost.problem(&self.channel.bus, &self.name, self.node))
     }
 
+    /// Who holds the line to the arm, as the adapter says. `None` if nobody does, and if it says nothing or knows no such
+    /// question.
+    fn holder(&self) -> Option<String> {
+        let ids = [Function::ControlRequest, Function::ControlAnswer].map(|function| function.id(self.node));
+        let mut channel = Channel::new(&self.channel.bus, ids[0], ids[1]);
+        let sequence = std::process::id() as u8;
+        let mut pdu = [0; MAX_MESSAGE];
+        let request = FromHost {
+            sequence,
+            request: Request::GetLine,
+        };
+        let n = control::encode(&request, &mut pdu).ok()?;
+        channel.send(&pdu[..n]).ok()?;
+        let until = Instant::now() + HOLDER_PATIENCE;
+        while let Some(pdu) = channel.receive(until.saturating_duration_since(Instant::now())).ok()? {
+            match control::decode(&pdu) {
+                Ok(FromAdapter::Reply {
+                    sequence: of,
+                    reply: Reply::Line(line),
+                }) if of == sequence => return held::describe(&line),
+                _ => {}
+            }
+        }
+        None
+    }
+
     /// What to ask oneself when the adapter does not answer.
     pub(crate) fn adapter_doubts(&self) -> String {
         self.channel.bus.doubts("", self.node)
@@ -305,7 +334,10 @@ impl Line for CanLine {
 
     fn doubts(&mut self, came: Came, _: &str) -> String {
         match came {
-            Came::Nothing => self.channel.bus.doubts("is the arm powered, ", self.node),
+            Came::Nothing => match self.holder() {
+                Some(told) => format!("the line to the arm runs at {told}"),
+                None => self.channel.bus.doubts("is the arm powered, ", self.node),
+            },
             Came::Garbage => "is the adapter configured for this arm?".to_owned(),
         }
     }

@@ -3,10 +3,10 @@
 use armwire_bridge::config::{Can, Poll};
 
 use super::show;
-use crate::adapter::{describe, identify};
-use crate::config;
+use crate::adapter::{describe, identify, line};
 use crate::control::ControlLink;
 use crate::problem::Problem;
+use crate::{config, held};
 
 pub(super) fn run(control: &mut ControlLink) -> Result<(), Problem> {
     show("adapter", describe(&identify(control)?))?;
@@ -25,7 +25,11 @@ pub(super) fn run(control: &mut ControlLink) -> Result<(), Problem> {
         "configured",
         format_args!("arm {}, poll {poll}, silence {silence}", config.arm),
     )?;
-    show("can", can(&config.can))
+    show("can", can(&config.can))?;
+    match line(control)?.as_ref().and_then(held::describe) {
+        Some(told) => show("rate", told),
+        None => Ok(()),
+    }
 }
 
 fn can(can: &Can) -> String {

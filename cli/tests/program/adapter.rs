@@ -1,12 +1,14 @@
 //! The built program and an adapter with its control port: what a user sees of it, changes in it, and is refused.
 
 use std::fs::{self, Permissions};
+use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
 use armwire_sim::pty::Pty;
 use crc::{CRC_32_JAMCRC, Crc};
+use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
 use crate::common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
@@ -189,6 +191,46 @@ fn counters_have_their_names_and_latencies_their_bars() {
     );
     assert_eq!(json["latencies"]["answer"][0]["below_us"], 2);
     assert_eq!(json["latencies"]["answer"][15]["below_us"], serde_json::Value::Null);
+}
+
+#[test]
+fn the_line_is_held_until_hold_is_interrupted() {
+    let board = Board::start("hold");
+    let mut hold = start(Command::new(PROGRAM).args(["hold", &board.control]));
+    let mut told = String::new();
+    let mut out = BufReader::new(hold.stdout.take().unwrap());
+    out.read_line(&mut told).unwrap();
+    let name = name(&board);
+    assert_eq!(
+        told,
+        format!("{name}: the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it\n")
+    );
+    kill_process(Pid::from_child(&hold), Signal::INT).unwrap();
+    told.clear();
+    out.read_line(&mut told).unwrap();
+    assert_eq!(told, format!("{name}: the line is released\n"));
+    assert!(finish(hold).status.success());
+    assert!(!success(&["info", &board.control]).contains("\nrate "));
+}
+
+#[test]
+fn a_held_line_is_told_by_info_config_and_counters() {
+    let board = Board::start("held");
+    let mut hold = start(Command::new(PROGRAM).args(["hold", &board.control]));
+    BufReader::new(hold.stdout.take().unwrap())
+        .read_line(&mut String::new())
+        .unwrap();
+    // It is killed: its lease goes on for a while.
+    hold.kill().unwrap();
+    finish(hold);
+    let told = "1000000 baud, held for USB ('armwire hold'): polls and CAN are refused";
+    let out = success(&["info", &board.control]);
+    assert!(out.ends_with(&format!("\nrate         {told}\n")), "{out}");
+    for command in ["config", "counters"] {
+        let output = run(&[command, &board.control]);
+        let line = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(line, format!("armwire: {}: the line runs at {told}\n", name(&board)));
+    }
 }
 
 #[test]

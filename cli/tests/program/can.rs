@@ -1,5 +1,7 @@
 //! The built program on CAN: an arm and its adapter behind an SLCAN adapter, and each error a user meets there.
 
+use std::sync::atomic::Ordering;
+
 use armwire_bridge::can::Function;
 
 use crate::common::adapter::{BIT_RATE, CanBus, NODE};
@@ -102,6 +104,28 @@ fn an_adapter_that_is_not_there_does_not_answer() {
         line.contains("the adapter does not answer in 3000 ms: is the adapter on this bus as node 4"),
         "{line}"
     );
+}
+
+#[test]
+fn a_held_line_is_why_can_gets_no_answer() {
+    let bus = CanBus::start();
+    bus.is_held.store(true, Ordering::Relaxed);
+    let line = failure(&run(&["call", "ling", &port(&bus), "read-joints"]));
+    let told = "9600 baud instead of the arm's 1000000 baud, set by the host on USB: polls and CAN are refused";
+    assert!(line.contains(&format!("the line to the arm runs at {told}")), "{line}");
+    let output = run(&["info", &port(&bus)]);
+    let out = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        out.lines().any(|line| line == format!("rate         {told}")),
+        "{output:?}"
+    );
+}
+
+#[test]
+fn an_older_adapter_does_not_know_hold() {
+    let bus = CanBus::start();
+    let line = failure(&run(&["hold", &port(&bus)]));
+    assert!(line.contains("the adapter does not know this request"), "{line}");
 }
 
 #[test]

@@ -7,9 +7,12 @@ use std::time::{Duration, Instant};
 
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire::{Decoder, Micros};
+use armwire_bridge::LineCoding;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::Config as AdapterConfig;
-use armwire_bridge::control::{self, FromAdapter, FromHost, Identity, MAX_MESSAGE, Reply, Request};
+use armwire_bridge::control::{
+    self, FromAdapter, FromHost, Identity, LineHolder, LineState, MAX_MESSAGE, Reply, Request,
+};
 use armwire_bridge::isotp::{Config, Endpoint, Link};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
@@ -29,6 +32,8 @@ pub(crate) struct CanBus {
     pub(crate) path: String,
     /// Every frame that a program sent.
     pub(crate) sent: Arc<Mutex<Vec<Frame>>>,
+    /// Whether a host on USB holds the line at 9600 baud. Before that, the adapter is older than the question.
+    pub(crate) is_held: Arc<AtomicBool>,
 }
 
 impl CanBus {
@@ -41,14 +46,17 @@ impl CanBus {
         let node = Node::new(node).unwrap();
         let pty = Pty::open(None).unwrap();
         let path = pty.path().to_str().unwrap().to_owned();
-        let (stop, sent) = (Arc::default(), Arc::default());
-        let (stopped, log) = (Arc::clone(&stop), Arc::clone(&sent));
-        let thread = Some(thread::spawn(move || serve(&pty, bit_rate, node, &stopped, &log)));
+        let (stop, sent, is_held) = (Arc::default(), Arc::default(), Arc::default());
+        let (stopped, log, held) = (Arc::clone(&stop), Arc::clone(&sent), Arc::clone(&is_held));
+        let thread = Some(thread::spawn(move || {
+            serve(&pty, bit_rate, Adapter::new(node, held), &stopped, &log);
+        }));
         Self {
             stop,
             thread,
             path,
             sent,
+            is_held,
         }
     }
 }
@@ -61,10 +69,9 @@ impl Drop for CanBus {
     }
 }
 
-fn serve(pty: &Pty, bit_rate: u32, node: Node, stop: &AtomicBool, log: &Mutex<Vec<Frame>>) {
+fn serve(pty: &Pty, bit_rate: u32, mut adapter: Adapter, stop: &AtomicBool, log: &Mutex<Vec<Frame>>) {
     let start = Instant::now();
     let mut slcan = Slcan::new();
-    let mut adapter = Adapter::new(node);
     let mut bytes = [0; 1024];
     while !stop.load(Ordering::Relaxed) {
         let now = Micros(start.elapsed().as_micros() as u64);
@@ -98,10 +105,11 @@ struct Adapter {
     to_arm: Endpoint<MAX_FRAME, MAX_FRAME>,
     control: Endpoint<MAX_MESSAGE, MAX_MESSAGE>,
     config: AdapterConfig,
+    is_held: Arc<AtomicBool>,
 }
 
 impl Adapter {
-    fn new(node: Node) -> Self {
+    fn new(node: Node, is_held: Arc<AtomicBool>) -> Self {
         let mut config = AdapterConfig::default();
         config.can.node = node;
         Self {
@@ -110,6 +118,7 @@ impl Adapter {
             to_arm: Endpoint::new(Config::new(Link::Classic, Function::ArmAnswer.id(node))),
             control: Endpoint::new(Config::new(Link::Classic, Function::ControlAnswer.id(node))),
             config,
+            is_held,
         }
     }
 
@@ -131,8 +140,9 @@ impl Adapter {
 
     /// What the adapter sends now.
     fn transmit(&mut self, now: Micros) -> Vec<Frame> {
+        let is_held = self.is_held.load(Ordering::Relaxed);
         if let Some(request) = self.to_arm.received() {
-            for &byte in request {
+            for &byte in request.iter().filter(|_| !is_held) {
                 self.arm.receive(now, byte);
             }
             self.to_arm.release();
@@ -171,6 +181,14 @@ impl Adapter {
                 ..Identity::default()
             }),
             Request::GetConfig => Reply::Config(self.config),
+            Request::GetLine if self.is_held.load(Ordering::Relaxed) => Reply::Line(LineState {
+                coding: LineCoding {
+                    baud: 9_600,
+                    ..LineCoding::LING
+                },
+                holder: LineHolder::OtherRate,
+                ..LineState::default()
+            }),
             _ => Reply::Unsupported {
                 version: control::VERSION,
             },

@@ -1,0 +1,44 @@
+//! `armwire hold`: gives the line between an adapter and its arm to the host on USB alone.
+
+use std::io::{Write, stdout};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire_bridge::control::{HOLD_LEASE_MS, Request};
+use clap::Args;
+
+use crate::adapter::AdapterPort;
+use crate::problem::Problem;
+
+/// How often the lease of the line is renewed: several times before it ends.
+const RENEWAL: Duration = Duration::from_millis(HOLD_LEASE_MS as u64 / 5);
+/// How often Ctrl-C is looked for.
+const GLANCE: Duration = Duration::from_millis(50);
+
+/// The arguments of `armwire hold`.
+#[derive(Args)]
+pub(crate) struct Hold {
+    #[command(flatten)]
+    adapter: AdapterPort,
+}
+
+impl Hold {
+    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+        let mut control = self.adapter.open()?;
+        control.call(Request::HoldLine)?;
+        let name = control.name().to_owned();
+        let tell = |what: &str| writeln!(stdout(), "{name}: {what}").map_err(Problem::Output);
+        tell("the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it")?;
+        let mut renewal = Instant::now() + RENEWAL;
+        while !stop.load(Ordering::Relaxed) {
+            if renewal <= Instant::now() {
+                control.call(Request::HoldLine)?;
+                renewal = Instant::now() + RENEWAL;
+            }
+            thread::sleep(GLANCE);
+        }
+        control.call(Request::ReleaseLine)?;
+        tell("the line is released")
+    }
+}
