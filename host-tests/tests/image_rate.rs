@@ -1,0 +1,341 @@
+//! The firmware image and the line's rate: who may change it, when it is the arm's again, and `hold-line`.
+
+use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed, Torque};
+use armwire::{Micros, Protocol};
+use armwire_bridge::can::Node;
+use armwire_bridge::can::command::Command;
+use armwire_bridge::config::{Can, Config, Poll, Silence};
+use armwire_bridge::control::{self, Failure, HOLD_LEASE_MS, LineHolder, LineState, Reply};
+use armwire_host_tests::image::{Control, MEGABAUD, Talker, counters, noise, on_board, plug_in, same_bytes};
+use armwire_virtual_board::line::{Direction, LineByte, Outcome};
+use armwire_virtual_board::usb::cdc::LineCoding;
+use armwire_virtual_board::{Nanos, VirtualBoard};
+
+type Board = VirtualBoard<Talker>;
+
+const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+
+/// Bytes of an image for the arm's own firmware.
+const IMAGE: usize = 300_000;
+
+const fn millis(millis: u64) -> Nanos {
+    Nanos::from_millis(millis)
+}
+
+fn frame(request: Request) -> Vec<u8> {
+    let mut bytes = [0; MAX_FRAME];
+    let len = Ling::encode_request(&request, &mut bytes).unwrap();
+    bytes[..len].to_vec()
+}
+
+fn motion() -> Vec<u8> {
+    frame(Request::Move(Move {
+        joints: [(Position::CENTRE, Speed::MAX); JOINTS],
+        gripper: (Opening::CLOSED, GripperSpeed(1_000)),
+    }))
+}
+
+/// Plugs the adapter in, and has it poll, take commands and switch the torque off.
+fn set_up(board: &mut Board, poll: Poll) -> Control {
+    plug_in(board, MEGABAUD);
+    let mut control = Control::open(board);
+    let config = Config {
+        poll,
+        can: Can {
+            commands: true,
+            ..Can::default()
+        },
+        silence: Silence {
+            after_ms: 300,
+            torque_off: true,
+        },
+        ..Config::default()
+    };
+    control.order(board, control::Request::SetConfig(config));
+    control
+}
+
+/// Whether the UART runs at this rate, give or take what its divider cannot do.
+fn runs_at(board: &mut Board, baud: u32) -> bool {
+    let actual = board.uart().baud().unwrap();
+    actual.abs_diff(baud.into()) * 100 < u64::from(baud)
+}
+
+fn line_state(board: &mut Board, control: &mut Control) -> LineState {
+    match control.call(board, control::Request::GetLine) {
+        Reply::Line(state) => state,
+        reply => panic!("{reply:?}"),
+    }
+}
+
+/// How often the arm was polled since this was last asked.
+fn polls(board: &mut Board) -> usize {
+    let heard = board.with_arm(Talker::take_heard);
+    heard.windows(7).filter(|bytes| *bytes == READ_JOINTS).count()
+}
+
+/// What went to the arm.
+fn to_arm(board: &mut Board) -> Vec<LineByte> {
+    let mut bytes = board.uart().bytes();
+    bytes.retain(|byte| byte.direction == Direction::ToArm);
+    bytes
+}
+
+#[test]
+fn a_host_without_dtr_loses_its_rate_after_10_s_of_quiet() {
+    on_board(Talker::default(), |board| {
+        board.usb().attach();
+        board.usb().open_without_dtr(0, LineCoding::new(9_600)).unwrap();
+        board.run_for(millis(1_000)).unwrap();
+        assert!(runs_at(board, MEGABAUD), "a host that says nothing gets no rate");
+        board.usb().write(&[1]).unwrap();
+        board.run_for(millis(9_900)).unwrap();
+        assert!(runs_at(board, 9_600));
+        board.run_for(millis(200)).unwrap();
+        assert!(runs_at(board, MEGABAUD));
+        assert_eq!(board.usb().line_coding().unwrap(), Some(LineCoding::new(9_600)));
+    });
+}
+
+#[test]
+fn the_line_is_the_arms_when_the_port_closes_or_usb_sleeps() {
+    on_board(Talker::default(), |board| {
+        let mut control = set_up(board, Poll::Hertz(100));
+        let close = |board: &mut Board| board.usb().set_control_lines(false, false).unwrap();
+        let suspend = |board: &mut Board| {
+            board.usb().suspend();
+            board.run_for(millis(20)).unwrap();
+        };
+        for ends in [close as fn(&mut Board), suspend] {
+            board.usb().set_control_lines(true, true).unwrap();
+            board.usb().set_line_coding(LineCoding::new(9_600)).unwrap();
+            board.run_for(millis(120)).unwrap();
+            assert!(runs_at(board, 9_600));
+            assert_eq!(line_state(board, &mut control).holder, LineHolder::OtherRate);
+            polls(board);
+            board.run_for(millis(500)).unwrap();
+            assert_eq!(polls(board), 0);
+            ends(board);
+            board.run_for(millis(500)).unwrap();
+            assert!(runs_at(board, MEGABAUD) && polls(board) >= 3);
+        }
+    });
+}
+
+#[test]
+fn the_next_program_may_set_the_rate_where_dtr_stays_up() {
+    on_board(Talker::default(), |board| {
+        let mut control = set_up(board, Poll::Hertz(100));
+        board.usb().set_line_coding(LineCoding::new(9_600)).unwrap();
+        board.run_for(millis(5_000)).unwrap();
+        polls(board);
+        board.run_for(millis(5_000)).unwrap();
+        // The port was closed, but nothing tells that.
+        assert_eq!((runs_at(board, 9_600), polls(board)), (true, 0));
+        board.usb().open(0, LineCoding::new(MEGABAUD)).unwrap();
+        board.run_for(millis(500)).unwrap();
+        assert!(runs_at(board, MEGABAUD) && polls(board) >= 3);
+        assert_eq!(line_state(board, &mut control), LineState::default());
+    });
+}
+
+#[test]
+fn a_port_opened_at_9600_and_then_1_m_costs_a_stream_on_can_nothing() {
+    on_board(Talker::default(), |board| {
+        set_up(board, Poll::Off);
+        board.can().attach(1_000_000);
+        let mut sequence = 0;
+        let mut moves = |board: &mut Board| {
+            let command = Command {
+                sequence,
+                joints: [2048; JOINTS],
+                speed: 10,
+                gripper: 0,
+            };
+            for frame in command.to_frames(Node::default()) {
+                board.can().send(&frame).unwrap();
+            }
+            sequence += 1;
+            board.run_for(millis(20)).unwrap();
+        };
+        // The first one starts the stream, and moves nothing.
+        (0..6).for_each(|_| moves(board));
+        board.usb().open(0, LineCoding::new(9_600)).unwrap();
+        (0..2).for_each(|_| moves(board));
+        board.usb().set_line_coding(LineCoding::new(MEGABAUD)).unwrap();
+        (0..10).for_each(|_| moves(board));
+        let before = counters(board);
+        assert_eq!((before.requests_command, before.line_codings), (17, 0));
+
+        // A program that stays at 9600 does not get the line either.
+        board.usb().open(0, LineCoding::new(9_600)).unwrap();
+        (0..10).for_each(|_| moves(board));
+        board.usb().write(&noise(1, 200)).unwrap();
+        (0..10).for_each(|_| moves(board));
+        assert_eq!(board.usb().line_coding().unwrap(), Some(LineCoding::new(9_600)));
+        let after = counters(board);
+        assert_eq!((after.requests_command, after.line_codings), (37, 0));
+        assert_eq!(
+            (
+                after.refused_rate_bytes,
+                after.refused_other_rate,
+                after.refused_line_held
+            ),
+            (200, 1, 0)
+        );
+        let heard = board.with_arm(Talker::take_heard);
+        let one = heard.len() / 37;
+        same_bytes("the arm", &heard, &heard[..one].repeat(37));
+        assert!(to_arm(board).iter().all(|byte| byte.outcome == Outcome::Arrived));
+    });
+}
+
+/// A host on USB streams motion, sets another rate and sends on at that.
+fn torque_off_at_the_arms_rate(baud: u32) {
+    on_board(Talker::default(), |board| {
+        let mut control = set_up(board, Poll::Off);
+        for _ in 0..5 {
+            board.usb().write(&motion()).unwrap();
+            board.run_for(millis(20)).unwrap();
+        }
+        let sent = to_arm(board).last().unwrap().at;
+        board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
+        // More than goes out until the time is up.
+        board.usb().write(&noise(1, baud as usize / 10)).unwrap();
+        board.run_for(millis(700)).unwrap();
+
+        let torque_off = frame(Request::SetTorque(Torque::Off));
+        let expected = [&motion().repeat(5)[..], &[0; 70], &torque_off].concat();
+        let line = to_arm(board);
+        let understood = line.iter().filter(|byte| byte.outcome == Outcome::Arrived);
+        same_bytes(
+            "the arm",
+            &understood.map(|byte| byte.sent).collect::<Vec<_>>(),
+            &expected,
+        );
+        let (last, before) = (line[line.len() - 1], line[line.len() - expected.len().min(78)]);
+        assert_eq!(last.outcome, Outcome::Arrived, "nothing goes out behind it");
+        // The bytes at the other rate were cut just before.
+        assert_eq!(before.outcome, Outcome::Garbled);
+        assert!(last.at.since(before.at) < millis(10), "{:?}", last.at.since(before.at));
+        let after = last.at.since(sent).0;
+        assert!(
+            (300_000_000..450_000_000).contains(&after),
+            "{after} ns after the last motion"
+        );
+
+        assert_eq!(board.usb().line_coding().unwrap(), Some(LineCoding::new(baud)));
+        assert_eq!(line_state(board, &mut control).holder, LineHolder::Nobody);
+        assert!(counters(board).refused_rate_bytes > 0);
+        // The host's rate comes back when it sets it.
+        let before = line.len();
+        board
+            .run_until(millis(2_000), |board| board.usb().unsent() == 0)
+            .unwrap();
+        board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
+        board.run_for(millis(120)).unwrap();
+        board.usb().write(&[0x5A]).unwrap();
+        board.run_for(millis(20)).unwrap();
+        let line = to_arm(board);
+        assert_eq!(
+            (line.len(), line[before].sent, line[before].outcome),
+            (before + 1, 0x5A, Outcome::Garbled)
+        );
+    });
+}
+
+#[test]
+fn torque_off_cuts_a_burst_at_9600_baud() {
+    torque_off_at_the_arms_rate(9_600);
+}
+
+#[test]
+fn torque_off_cuts_a_burst_at_115200_baud() {
+    torque_off_at_the_arms_rate(115_200);
+}
+
+#[test]
+fn under_hold_line_an_upload_goes_out_byte_for_byte() {
+    on_board(Talker::default(), |board| {
+        let mut control = set_up(board, Poll::Hertz(100));
+        board.run_for(millis(200)).unwrap();
+        assert!(polls(board) > 1);
+        control.order(board, control::Request::HoldLine);
+        board.run_for(millis(100)).unwrap();
+        polls(board);
+        let image = noise(1, IMAGE);
+        board.usb().write(&image).unwrap();
+        while board.usb().unsent() > 0 {
+            board.run_for(millis(1_000)).unwrap();
+            control.order(board, control::Request::HoldLine);
+        }
+        board.run_for(millis(1_000)).unwrap();
+        same_bytes("the arm", &board.with_arm(Talker::take_heard), &image);
+        assert_eq!(line_state(board, &mut control).holder, LineHolder::HoldLine);
+        control.order(board, control::Request::ReleaseLine);
+        board.run_for(millis(500)).unwrap();
+        assert!(polls(board) >= 3);
+    });
+}
+
+#[test]
+fn without_hold_line_polls_go_between_the_bytes_of_an_upload() {
+    on_board(Talker::default(), |board| {
+        set_up(board, Poll::Hertz(100));
+        // No zeros, to tell those of the adapter.
+        let image: Vec<u8> = noise(1, IMAGE).iter().map(|byte| byte | 1).collect();
+        board.usb().write(&image).unwrap();
+        while board.usb().unsent() > 0 {
+            board.run_for(millis(1_000)).unwrap();
+        }
+        board.run_for(millis(1_000)).unwrap();
+        let mut heard = board.with_arm(Talker::take_heard);
+        heard.retain(|&byte| byte != 0);
+        // All of it in order, but for what the adapter says.
+        let mut rest = &heard[..];
+        let (mut uploaded, mut polls) = (Vec::with_capacity(IMAGE), 0);
+        while let Some((&byte, behind)) = rest.split_first() {
+            let poll: Vec<u8> = READ_JOINTS.iter().copied().filter(|&byte| byte != 0).collect();
+            match rest.strip_prefix(&poll[..]) {
+                Some(behind) => (rest, polls) = (behind, polls + 1),
+                None => {
+                    uploaded.push(byte);
+                    rest = behind;
+                }
+            }
+        }
+        same_bytes("the arm", &uploaded, &image);
+        assert!((10..100).contains(&polls), "{polls} polls");
+    });
+}
+
+#[test]
+fn the_hold_of_a_program_that_was_killed_ends_with_its_lease() {
+    on_board(Talker::default(), |board| {
+        let mut control = set_up(board, Poll::Hertz(100));
+        control.order(board, control::Request::HoldLine);
+        board.run_for(millis(u64::from(HOLD_LEASE_MS) - 100)).unwrap();
+        assert_eq!(line_state(board, &mut control).holder, LineHolder::HoldLine);
+        polls(board);
+        board.run_for(millis(600)).unwrap();
+        assert_eq!(line_state(board, &mut control), LineState::default());
+        assert!(polls(board) >= 3);
+    });
+}
+
+#[test]
+fn hold_line_is_refused_while_a_host_streams_motion() {
+    on_board(Talker::default(), |board| {
+        let mut control = set_up(board, Poll::Off);
+        for _ in 0..3 {
+            board.usb().write(&motion()).unwrap();
+            board.run_for(millis(20)).unwrap();
+        }
+        let refused = Reply::Failed(Failure::StreamArmed);
+        assert_eq!(control.call(board, control::Request::HoldLine), refused);
+        control.order(board, control::Request::EndStream);
+        control.order(board, control::Request::HoldLine);
+        board.run_for(Micros::from_millis(1_000)).unwrap();
+        assert_eq!(board.with_arm(Talker::take_heard), motion().repeat(3));
+    });
+}
