@@ -4,9 +4,11 @@ use std::fs;
 use std::path::Path;
 
 /// Where the tests are that it names.
-const TESTS: [&str; 3] = [
+const TESTS: [&str; 5] = [
+    "bridge/src/tests/line_rate.rs",
     "bridge/src/tests/safety.rs",
     "bridge/src/tests/share.rs",
+    "host-tests/tests/image_rate.rs",
     "host-tests/tests/image_recovery.rs",
 ];
 
