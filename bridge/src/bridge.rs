@@ -950,12 +950,13 @@ impl Bridge {
     ///
     /// ```
     /// let mut bridge = armwire_bridge::Bridge::default();
-    /// bridge.started_after(1, 0);
-    /// assert_eq!(bridge.counters().panics, 1);
+    /// bridge.started_after(1, 0, 2);
+    /// assert_eq!((bridge.counters().panics, bridge.counters().hard_faults), (1, 2));
     /// ```
-    pub fn started_after(&mut self, panics: u32, watchdog_resets: u32) {
+    pub fn started_after(&mut self, panics: u32, watchdog_resets: u32, hard_faults: u32) {
         self.counters.panics = panics;
         self.counters.watchdog_resets = watchdog_resets;
+        self.counters.hard_faults = hard_faults;
     }
 
     /// What is saved could not be read at the start, so that the adapter is as from the factory.

@@ -144,6 +144,9 @@ pub struct Counters {
     /// Those bytes, and those that waited at another rate when torque-off took the line.
     #[serde(deserialize_with = "if_any")]
     pub refused_rate_bytes: u32,
+    /// Hard faults of the firmware since power-on.
+    #[serde(deserialize_with = "if_any")]
+    pub hard_faults: u32,
 }
 
 /// A count that adapters before version 3 of the control port do not have: 0 behind their last one.
@@ -153,7 +156,7 @@ fn if_any<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
 
 impl Counters {
     /// How many there are.
-    pub const COUNT: usize = 54;
+    pub const COUNT: usize = 55;
 
     /// The most bytes they take on the control port.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -227,7 +230,7 @@ mod tests {
         // Every count at its largest takes five bytes; `from_bytes` takes them from that many of the same byte.
         let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
         let counters = Counters::from_bytes(most.as_flattened()).unwrap();
-        assert_eq!(counters.dropped_can_frames, u32::MAX);
+        assert_eq!(counters.hard_faults, u32::MAX);
         let mut buf = [0; Counters::MAX_LEN];
         assert_eq!(counters.to_bytes(&mut buf).unwrap(), most.as_flattened());
         assert!(counters.to_bytes(&mut [0; Counters::MAX_LEN - 1]).is_err());

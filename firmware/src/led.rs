@@ -5,6 +5,8 @@
 //! | short flash each second | running, no host |
 //! | on | a host has found the adapter |
 //! | flickering | bytes are passing |
+//!
+//! Before the tasks run, the board may show that its crystal does not.
 
 use embassy_stm32::gpio::Output;
 use embassy_time::Timer;

@@ -16,6 +16,7 @@ mod action;
 mod adapter;
 mod board;
 mod can;
+mod fault;
 mod identity;
 mod led;
 mod panic;
@@ -27,7 +28,6 @@ mod usb;
 mod watchdog;
 
 use embassy_executor::Spawner;
-use embassy_stm32::wdg::IndependentWatchdog;
 use static_cell::StaticCell;
 
 #[cfg(feature = "defmt")]
@@ -44,13 +44,14 @@ async fn main(spawner: Spawner) {
     if restart::is_into_boot_loader() {
         board::enter_boot_loader();
     }
-    let board = board::init();
+    let mut watchdog = watchdog::start();
+    let board = board::init(&mut watchdog);
     let restarts = restart::started(board.reset_by_watchdog);
     let mut store = action::store(board.flash);
     let (config, is_lost) = action::load(&mut store);
     let adapter = ADAPTER.init_with(|| Adapter::new(identity::identity(), config));
     adapter.with(|bridge| {
-        bridge.started_after(restarts.panics, restarts.watchdog);
+        bridge.started_after(restarts.panics, restarts.watchdog, restarts.hard_faults);
         if restarts.while_armed {
             bridge.restarted_while_armed();
         }
@@ -59,7 +60,6 @@ async fn main(spawner: Spawner) {
         }
     });
     let usb = usb::new(board.usb, adapter);
-    let watchdog = IndependentWatchdog::new(board.watchdog, watchdog::TIMEOUT_US);
 
     Priority::FromArm.start(spawner, uart::receive(adapter, board.rx_dma));
     Priority::ToArm.start(spawner, uart::transmit(adapter, board.uart, board.tx_dma));

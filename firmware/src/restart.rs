@@ -7,7 +7,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::SCB;
 
 /// The counts below are counts.
-const MARK: u32 = 0xA23D_914E;
+const MARK: u32 = 0x71C4_E80B;
 
 /// The boot loader is to start instead of the firmware.
 const BOOT_LOADER: u32 = 0x5C6B_07E1;
@@ -24,13 +24,16 @@ static PANICS: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.restart")]
 static WATCHDOG_RESETS: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.restart")]
+static HARD_FAULTS: AtomicU32 = AtomicU32::new(0);
+#[unsafe(link_section = ".uninit.restart")]
 static NEXT: AtomicU32 = AtomicU32::new(0);
 
-/// Panics and resets by the watchdog since power-on, and what the firmware was doing when it stopped.
+/// Panics, resets by the watchdog and hard faults since power-on, and what the firmware was doing when it stopped.
 #[derive(Clone, Copy)]
 pub(crate) struct Restarts {
     pub(crate) panics: u32,
     pub(crate) watchdog: u32,
+    pub(crate) hard_faults: u32,
     /// Whether a stream of motion was armed.
     pub(crate) while_armed: bool,
 }
@@ -40,11 +43,13 @@ pub(crate) fn started(by_watchdog: bool) -> Restarts {
     if MARKED.swap(MARK, Ordering::Relaxed) != MARK {
         PANICS.store(0, Ordering::Relaxed);
         WATCHDOG_RESETS.store(0, Ordering::Relaxed);
+        HARD_FAULTS.store(0, Ordering::Relaxed);
     }
     WATCHDOG_RESETS.fetch_add(by_watchdog.into(), Ordering::Relaxed);
     Restarts {
         panics: PANICS.load(Ordering::Relaxed),
         watchdog: WATCHDOG_RESETS.load(Ordering::Relaxed),
+        hard_faults: HARD_FAULTS.load(Ordering::Relaxed),
         while_armed: ARMED.swap(0, Ordering::Relaxed) == ARMED_MARK,
     }
 }
@@ -57,6 +62,11 @@ pub(crate) fn armed(is: bool) {
 /// Takes note of a panic, for the next start.
 pub(crate) fn panicked() {
     PANICS.fetch_add(1, Ordering::Relaxed);
+}
+
+/// Takes note of a hard fault, for the next start.
+pub(crate) fn faulted() {
+    HARD_FAULTS.fetch_add(1, Ordering::Relaxed);
 }
 
 /// Starts again.

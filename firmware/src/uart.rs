@@ -28,7 +28,7 @@ use embassy_futures::yield_now;
 use embassy_stm32::dma::{Channel, Transfer, TransferOptions};
 use embassy_stm32::interrupt::typelevel::Handler;
 use embassy_stm32::mode::Blocking;
-use embassy_stm32::usart::{self as hal, Uart};
+use embassy_stm32::usart::{self as hal, UartRx};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Timer;
@@ -447,7 +447,11 @@ fn load(to: &mut [u8], from: &[AtomicU8]) {
 
 /// Sends what the bridge has for the arm, and changes the line between two bytes.
 #[embassy_executor::task]
-pub(crate) async fn transmit(adapter: &'static Adapter, mut uart: Uart<'static, Blocking>, mut dma: Channel<'static>) {
+pub(crate) async fn transmit(
+    adapter: &'static Adapter,
+    mut uart: UartRx<'static, Blocking>,
+    mut dma: Channel<'static>,
+) {
     usart::set_transmit_requests(true);
     let mut line = Line::default();
     let mut chunk = [0; MAX_FRAME];
@@ -498,7 +502,7 @@ async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Micros>, h
 }
 
 /// Waits for the last bit to leave the line as it was, and changes it.
-async fn change(uart: &mut Uart<'static, Blocking>, was: Line, wanted: Line) {
+async fn change(uart: &mut UartRx<'static, Blocking>, was: Line, wanted: Line) {
     while !usart::is_transmitted() {
         Timer::after_micros(10).await;
     }
@@ -517,10 +521,12 @@ async fn change(uart: &mut Uart<'static, Blocking>, was: Line, wanted: Line) {
         StopBits::One => hal::StopBits::STOP1,
         StopBits::Two => hal::StopBits::STOP2,
     };
-    let (uart, _) = uart.split_ref();
+    // The UART is disabled meanwhile.
+    usart::hold_tx_high();
     // The bridge lets through only what this UART can do.
     if uart.set_config(&config).is_err() {
         unreachable!()
     }
     usart::set_half_duplex(wanted.half_duplex);
+    usart::release_tx();
 }

@@ -8,6 +8,8 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use embassy_stm32::peripherals::IWDG;
+use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Timer;
 
 use crate::adapter::{Adapter, now};
@@ -16,7 +18,7 @@ use crate::uart;
 
 /// How long it may go unfed, by its own clock, which may be off by half. The erasing of a flash sector stops the core
 /// for up to half a second.
-pub(crate) const TIMEOUT_US: u32 = 2_000_000;
+const TIMEOUT_US: u32 = 2_000_000;
 
 /// How often the tasks are looked at.
 const ROUND_MS: u64 = 100;
@@ -69,10 +71,19 @@ pub(crate) fn progress(task: Task) {
     HEARD[task as usize].store(ROUND.load(Ordering::Relaxed), Ordering::Relaxed);
 }
 
+/// Starts the watchdog, which runs on an oscillator of its own: whoever waits for a clock is restarted. Nothing stops it
+/// but a reset. To be called once, and not before the boot loader, which does not feed it.
+pub(crate) fn start() -> Watchdog {
+    // SAFETY: nobody else takes it.
+    let mut watchdog = IndependentWatchdog::new(unsafe { IWDG::steal() }, TIMEOUT_US);
+    watchdog.unleash();
+    watchdog
+}
+
 /// Feeds the watchdog while all tasks make progress.
 #[embassy_executor::task]
 pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog) {
-    watchdog.unleash();
+    watchdog.pet();
     // Out of step with the LED: both at once would hold up the end of a frame for longer.
     Timer::after_millis(ROUND_MS / 4).await;
     loop {

@@ -17,6 +17,7 @@ use rigless::image::Image;
 
 use crate::can::Sender as CanSender;
 use crate::can::bus::Bus;
+use crate::crystal::{Crystal, Oscillator};
 use crate::flash::{self, Flash};
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte};
 use crate::machine::{self, Bench, Command, Reply, Run, Watched};
@@ -48,8 +49,8 @@ pub struct Config<A> {
     pub arm: A,
     /// The rate of the arm's own UART, in bits per second.
     pub arm_baud: u32,
-    /// The crystal, in hertz.
-    pub crystal_hz: u32,
+    /// The crystal.
+    pub crystal: Crystal,
     /// The part's unique id.
     pub unique_id: [u8; 12],
     /// Which bytes meet faults, where rates say how many do, and what a power cut leaves in the flash.
@@ -76,7 +77,7 @@ impl<A> Config<A> {
             image: image.into(),
             arm,
             arm_baud: 1_000_000,
-            crystal_hz: 8_000_000,
+            crystal: Crystal::new(8_000_000),
             unique_id: *b"\x20\x00\x41\x00\x0B51P\x35V03",
             seed: 0,
             flash: None,
@@ -125,8 +126,8 @@ pub enum Error {
         /// Which operation, from 1.
         operation: u32,
     },
-    /// There is neither memory nor a register at an address that was to be written.
-    #[error("nothing to write at {address:#010x}")]
+    /// There is neither memory nor a register at an address that was to be read or written.
+    #[error("nothing at {address:#010x}")]
     Nothing {
         /// The address.
         address: u64,
@@ -189,6 +190,7 @@ pub struct VirtualBoard<A: Arm> {
     host: Arc<Mutex<Host>>,
     can: Arc<Mutex<Bus>>,
     flash: Arc<Mutex<Flash>>,
+    oscillator: Arc<Mutex<Oscillator>>,
     commands: Option<Sender<Command>>,
     replies: Receiver<Reply>,
     interrupt: Arc<AtomicBool>,
@@ -232,8 +234,9 @@ impl<A: Arm> VirtualBoard<A> {
         let (contents, flash_images) = flash::around(&image, config.flash)?;
         let flash = Arc::new(Mutex::new(Flash::new(contents, config.power_cut_after, config.seed)));
         let can = Arc::new(Mutex::new(Bus::default()));
+        let oscillator = Arc::new(Mutex::new(Oscillator::new(config.crystal)));
         let part = Stm32f405::new(
-            config.crystal_hz,
+            oscillator.clone(),
             line.clone(),
             starve,
             config.reenabled,
@@ -283,6 +286,7 @@ impl<A: Arm> VirtualBoard<A> {
             host,
             can,
             flash,
+            oscillator,
             commands: Some(commands),
             replies,
             interrupt,
@@ -411,7 +415,7 @@ impl<A: Arm> VirtualBoard<A> {
                 }
             }
             Ok(Reply::Ended(why)) => Err(Error::Ended(why)),
-            Ok(Reply::Report(_) | Reply::Profile(_) | Reply::Written(_)) | Err(_) => Err(self.ended()),
+            Ok(Reply::Report(_) | Reply::Profile(_) | Reply::Read(_) | Reply::Written(_)) | Err(_) => Err(self.ended()),
         }
     }
 
@@ -476,6 +480,11 @@ impl<A: Arm> VirtualBoard<A> {
         Ok(())
     }
 
+    /// Puts another crystal on the board. One that runs goes on as it was until it is switched off.
+    pub fn set_crystal(&mut self, crystal: Crystal) {
+        lock(&self.oscillator).crystal = crystal;
+    }
+
     /// The UART line to the arm.
     pub fn uart(&self) -> Uart<'_, A> {
         Uart { line: &self.line }
@@ -508,6 +517,20 @@ impl<A: Arm> VirtualBoard<A> {
         match self.replies.recv() {
             Ok(Reply::Written(true)) => Ok(()),
             Ok(Reply::Written(false)) => Err(Error::Nothing { address }),
+            _ => Err(self.ended()),
+        }
+    }
+
+    /// Reads a word of memory or of a register, as a debugger does while time stands still: nothing is changed by it.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Nothing`] if there is nothing at `address`.
+    pub fn read_word(&mut self, address: u64) -> Result<u32, Error> {
+        self.send(Command::Read { address })?;
+        match self.replies.recv() {
+            Ok(Reply::Read(Some(value))) => Ok(value),
+            Ok(Reply::Read(None)) => Err(Error::Nothing { address }),
             _ => Err(self.ended()),
         }
     }

@@ -32,6 +32,7 @@
 mod board;
 mod bxcan;
 pub mod can;
+mod crystal;
 pub mod flash;
 pub mod latency;
 pub mod line;
@@ -46,6 +47,7 @@ mod trace;
 pub mod usb;
 
 pub use board::{Can, Config, Error, Pipe, Uart, Usb, VirtualBoard};
+pub use crystal::Crystal;
 pub use line::Arm;
 pub use stm32f405::Reenabled;
 pub use time::Nanos;

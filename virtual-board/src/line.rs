@@ -151,6 +151,21 @@ struct Own {
     collided: bool,
 }
 
+/// Who drives the board's pin that sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Pin {
+    /// It is an output that is high, or an input: the line idles.
+    Free,
+    /// It is an output that is low.
+    Low,
+    /// The UART, if it transmits.
+    Uart,
+}
+
+/// What a pin that sends and is low says of the firmware.
+pub(crate) const LOW: &str =
+    "8.3.7, 30.3.2: nothing drives PA2, or it is low, and the arm may take that for a start bit";
+
 /// The line, and the arm at the end of it.
 #[derive(Debug)]
 pub(crate) struct Line<A: ?Sized> {
@@ -163,6 +178,9 @@ pub(crate) struct Line<A: ?Sized> {
     free: Nanos,
     flight: Option<Flight>,
     half_duplex: bool,
+    /// The board's pin that sends, and whether its UART drives it.
+    pin: Pin,
+    transmits: bool,
     /// The byte that the board is sending, in half-duplex mode.
     own: Option<Own>,
     /// What the board's receiver has of its own last byte collided.
@@ -192,6 +210,8 @@ impl<A: SerialDevice> Line<A> {
             free: Nanos(0),
             flight: None,
             half_duplex: false,
+            pin: Pin::Free,
+            transmits: false,
             own: None,
             spoiled: false,
             jammed: Nanos(0),
@@ -266,6 +286,21 @@ impl<A: SerialDevice + ?Sized> Line<A> {
     /// When the arm next wants to send, if it knows.
     pub(crate) fn due(&self) -> Option<Nanos> {
         Some(Nanos::from(self.arm.poll_timeout()?).max(self.free))
+    }
+
+    /// Sets who drives the board's pin that sends.
+    pub(crate) fn set_pin(&mut self, pin: Pin) {
+        self.pin = pin;
+    }
+
+    /// Whether the board's UART and its transmitter are enabled.
+    pub(crate) fn set_transmits(&mut self, transmits: bool) {
+        self.transmits = transmits;
+    }
+
+    /// Whether the arm may see the line low though the board sends nothing.
+    pub(crate) fn is_pin_low(&self) -> bool {
+        self.pin == Pin::Low || self.pin == Pin::Uart && !self.transmits
     }
 
     /// Whether one wire carries both ways.

@@ -18,7 +18,7 @@ use rigless::emulator::{self, Access, AccessKind, CoreSpec, Driver, HitKind, Set
 use rigless::image::Image;
 use rigless::machine::armv7m::{self, Fpu, MpuRegions};
 use rigless::machine::{Board, Target};
-use rigless::mcu::Mcu;
+use rigless::mcu::{Mcu, Operate};
 use rigless::session::Session;
 use rigless::snapshot::Store;
 use rigless::soc::Width;
@@ -124,6 +124,8 @@ pub(crate) enum Command {
     Report,
     /// Say how often the core came to each instruction since this was last asked, and count on.
     Profile,
+    /// Read a word, as a debugger does.
+    Read { address: u64 },
     /// Write a word, as a debugger does.
     Write { address: u64, value: u32 },
     /// Let the core stand still until the next reset, or let it go.
@@ -145,6 +147,8 @@ pub(crate) enum Reply {
     Report(Box<Report>),
     /// How often the core came to each instruction, by its address.
     Profile(BTreeMap<u64, u64>),
+    /// The word, or there is nothing at its address.
+    Read(Option<u32>),
     /// The word is written, or there is nothing at its address.
     Written(bool),
     /// The run is over and will not go on.
@@ -337,6 +341,11 @@ impl Driver<Bench> for Lockstep {
                     self.replies.send(Reply::Profile(profile)).ok()?;
                 }
                 Command::Report => self.replies.send(Reply::Report(Box::new(Report::of(session)))).ok()?,
+                Command::Read { address } => {
+                    let memory = host.read(address, Width::W32).ok();
+                    let value = memory.or_else(|| session.mcu().peek(stop.at, address, Width::W32).ok());
+                    self.replies.send(Reply::Read(value.map(|value| value as u32))).ok()?;
+                }
                 Command::Write { address, value } => {
                     let written = write(session, stop, host, address, value);
                     self.replies.send(Reply::Written(written)).ok()?;

@@ -30,8 +30,6 @@ const MAX_RAM: u64 = 14 * 1024;
 pub(crate) struct Options {
     /// For which board.
     pub(crate) board: Board,
-    /// For an STM32F405 with a 12 MHz crystal instead of 8 MHz.
-    pub(crate) crystal_12mhz: bool,
     /// Log over RTT.
     pub(crate) defmt: bool,
 }
@@ -47,18 +45,14 @@ impl Options {
 
     /// All that this board has.
     pub(crate) fn all(board: Board) -> Self {
-        Self {
-            board,
-            crystal_12mhz: board == Board::Stm32f405,
-            defmt: true,
-        }
+        Self { board, defmt: true }
     }
 
     /// From the command line.
     ///
     /// # Errors
     ///
-    /// If there is an option that is none of these, or a board that is not there or has no such option.
+    /// If there is an option that is none of these, or a board that is not there.
     pub(crate) fn parse(args: &[OsString]) -> Result<Self> {
         let mut options = Self::default();
         let mut args = args.iter();
@@ -68,13 +62,9 @@ impl Options {
                     let name = args.next().ok_or("`--board` needs the name of a board")?;
                     options.board = Board::parse(&name.to_string_lossy())?;
                 }
-                Some("--crystal-12mhz") => options.crystal_12mhz = true,
                 Some("--defmt") => options.defmt = true,
                 _ => return Err(format!("unknown option `{}`\n\n{USAGE}", arg.display()).into()),
             }
-        }
-        if options.crystal_12mhz && options.board != Board::Stm32f405 {
-            return Err(format!("`--crystal-12mhz` is not for {}", options.board.name()).into());
         }
         Ok(options)
     }
@@ -89,20 +79,9 @@ impl Options {
         [&["armwire", self.board.name()][..], &self.extras()].concat().join("-")
     }
 
-    /// What the firmware in this image calls its board, for `armwire update` to compare.
-    fn board_name(self) -> &'static str {
-        match (self.board, self.crystal_12mhz) {
-            (Board::Stm32f405, true) => "stm32f405-12mhz",
-            (board, _) => board.name(),
-        }
-    }
-
     /// The features besides the board's.
     fn extras(self) -> Vec<&'static str> {
-        let all = [(self.crystal_12mhz, "crystal-12mhz"), (self.defmt, "defmt")];
-        all.into_iter()
-            .filter_map(|(wanted, feature)| wanted.then_some(feature))
-            .collect()
+        self.defmt.then_some("defmt").into_iter().collect()
     }
 }
 
@@ -169,7 +148,7 @@ pub(crate) fn for_virtual_board() -> Result<PathBuf> {
 /// If it does not build, or its vector table is that of another board.
 pub(crate) fn build(options: &Options) -> Result<Image> {
     let toolchain = Toolchain::find(&[TARGET])?;
-    let board = options.board_name();
+    let board = options.board.name();
     println!("building the firmware image for {board}, one or two minutes the first time");
     let mut cargo = toolchain.cargo("build", TARGET)?;
     cargo.args(["--package", "armwire-firmware", "--profile", "firmware"]);
@@ -211,23 +190,11 @@ mod tests {
     #[test]
     fn options_say_which_image() {
         assert_eq!(parse("").unwrap(), Options::of(Board::Stm32f405));
-        assert_eq!(
-            parse("--defmt --crystal-12mhz").unwrap(),
-            Options::all(Board::Stm32f405)
-        );
+        assert_eq!(parse("--defmt").unwrap(), Options::all(Board::Stm32f405));
         let options = parse("--board stm32g431 --defmt").unwrap();
         assert_eq!(options, Options::all(Board::Stm32g431));
         assert_eq!(options.features(), "board-stm32g431,defmt");
         assert_eq!(options.name(), "armwire-stm32g431-defmt");
-        assert_eq!(options.board_name(), "stm32g431");
-    }
-
-    #[test]
-    fn an_image_for_another_crystal_is_for_another_board() {
-        assert_eq!(parse("").unwrap().board_name(), "stm32f405");
-        let options = parse("--crystal-12mhz").unwrap();
-        assert_eq!(options.board_name(), "stm32f405-12mhz");
-        assert_eq!(options.name(), "armwire-stm32f405-crystal-12mhz");
     }
 
     #[test]
@@ -235,10 +202,7 @@ mod tests {
         let refused = [
             ("--board", "`--board` needs the name of a board"),
             ("--board f405", "there is no board `f405`"),
-            (
-                "--board stm32g431 --crystal-12mhz",
-                "`--crystal-12mhz` is not for stm32g431",
-            ),
+            ("--crystal-12mhz", "unknown option `--crystal-12mhz`"),
             ("--release", "unknown option `--release`"),
         ];
         for (args, reason) in refused {

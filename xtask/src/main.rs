@@ -72,7 +72,6 @@ cargo xtask coverage      print how much of the protocol and bridge crates the f
                           `--list` tells the lines that it does not reach
 
 IMAGE: --board NAME       stm32f405, which it is without this option, or stm32g431
-       --crystal-12mhz    for an STM32F405 with a 12 MHz crystal instead of 8 MHz
        --defmt            log over RTT
 
 `--help` behind a command tells what it does and which options it has.";

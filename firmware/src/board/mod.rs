@@ -6,14 +6,14 @@
 //! | Item | What it is |
 //! |---|---|
 //! | `NAME`, `CAN_FD` | what the board is called, and whether its CAN is CAN FD |
-//! | `init()` | starts the clocks, takes the pins and makes a [`Board`] of them |
+//! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a [`Board`] of them |
 //! | `UsbDriver` | the driver of the USB peripheral |
 //! | `cancel_unfetched_packets()` | takes back what waits in an endpoint for a host that will not fetch it |
 //! | `cancel_unfetched_packet()` | takes back what waits in one endpoint, while the host asks for packets |
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
 //! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
 //! | `TIMER`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits, for the clock |
-//! | `UART`, `TX_PIN` | the UART's registers, and the pin that it sends on |
+//! | `UART`, `TX_PIN` | the UART's registers, and the pin that it sends on with its alternate function |
 //! | `uart` | what is the chip's own in them, behind [`usart`] |
 //! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a frame from it that waits there |
 //! | `ConfigFlash`, `CONFIG_FLASH` | where the configuration is kept: a `NorFlash`, and which part of it |
@@ -27,12 +27,11 @@ mod stm32g431;
 mod time;
 pub(crate) mod usart;
 
-use embassy_stm32::Peri;
 use embassy_stm32::dma::Channel;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::usart::Uart;
+use embassy_stm32::usart::UartRx;
 use embassy_stm32::wdg::IndependentWatchdog;
 
 pub(crate) use can::{CAPACITY as CAN_CAPACITY, Can};
@@ -51,8 +50,9 @@ compile_error!("two boards: `board-stm32g431` needs `--no-default-features`");
 pub(crate) struct Board {
     /// The status LED.
     pub(crate) led: Output<'static>,
-    /// The arm's UART, with its pins. Its line coding is set later.
-    pub(crate) uart: Uart<'static, Blocking>,
+    /// The arm's UART, to set its line coding with. The pin that it sends on is not the HAL's, which would leave it to a UART
+    /// that is disabled: see [`usart`].
+    pub(crate) uart: UartRx<'static, Blocking>,
     /// The DMA for bytes from the arm.
     pub(crate) rx_dma: Channel<'static>,
     /// The DMA for bytes to the arm.
@@ -65,8 +65,6 @@ pub(crate) struct Board {
     pub(crate) flash: ConfigFlash,
     /// Whether the watchdog reset the chip.
     pub(crate) reset_by_watchdog: bool,
-    /// The independent watchdog, not yet started.
-    pub(crate) watchdog: Peri<'static, IWDG>,
 }
 
 /// The independent watchdog.

@@ -3,7 +3,7 @@
 //! Interrupt handlers change them, too, and the handler of one may interrupt that of another: nobody else may come in
 //! between the reading and the writing of one.
 
-use embassy_stm32::pac::gpio::vals::{Ot, Pupdr};
+use embassy_stm32::pac::gpio::vals::{Moder, Ot, Pupdr};
 
 use super::{TX_PIN, UART};
 
@@ -95,6 +95,27 @@ pub(crate) fn is_transmitted_interrupt() -> bool {
     UART.cr1().read().tcie() && is_transmitted()
 }
 
+/// Holds the pin that sends high, whatever becomes of the UART. Nothing drives the pin while the UART is disabled, and the arm
+/// may take that for a start bit. The pin's port must have its clock.
+pub(crate) fn hold_tx_high() {
+    let (port, pin, _) = TX_PIN;
+    port.bsrr().write(|w| w.set_bs(pin, true));
+    port.moder().modify(|w| w.set_moder(pin, Moder::OUTPUT));
+}
+
+/// Gives the pin that sends to the UART, which must be enabled.
+pub(crate) fn release_tx() {
+    let (port, pin, function) = TX_PIN;
+    port.afr(pin / 8).modify(|w| w.set_afr(pin % 8, function));
+    port.moder().modify(|w| w.set_moder(pin, Moder::ALTERNATE));
+}
+
+/// Lets a UART that is enabled send.
+pub(crate) fn start_transmitter() {
+    critical_section::with(|_| UART.cr1().modify(|w| w.set_te(true)));
+    release_tx();
+}
+
 /// One wire for both ways, on the pin that sends, or two. Only while nothing is on the line.
 ///
 /// What goes out on one wire also comes in, unless the receiver is off meanwhile: [`set_receiver`].
@@ -104,7 +125,7 @@ pub(crate) fn set_half_duplex(on: bool) {
         true => (Ot::OPEN_DRAIN, Pupdr::PULL_UP),
         false => (Ot::PUSH_PULL, Pupdr::FLOATING),
     };
-    let (port, pin) = TX_PIN;
+    let (port, pin, _) = TX_PIN;
     port.otyper().modify(|w| w.set_ot(pin, output));
     port.pupdr().modify(|w| w.set_pupdr(pin, pull));
     // Newer UARTs keep HDSEL as it is while they are enabled.

@@ -78,7 +78,7 @@ pub(crate) fn call_all() {
     black_box(black_box(&*bridge).config());
     black_box(black_box(&*bridge).identity());
 
-    black_box(&mut *bridge).started_after(black_box(0), black_box(0));
+    black_box(&mut *bridge).started_after(black_box(0), black_box(0), black_box(0));
     black_box(black_box(&*bridge).is_stuck(now));
     let counters = black_box(black_box(&*bridge).counters());
     black_box(counters.to_bytes(bytes(&mut [0; 300])).is_ok());

@@ -27,6 +27,9 @@ pub(super) const PWR: &str = "PWR";
 /// The flash interface.
 pub(super) const FLASH: &str = "FLASH";
 
+/// The timer that can measure the crystal (7.2.11).
+pub(super) const CAPTURE: &str = "TIM11";
+
 /// Core-coupled memory.
 pub(super) const CCM: Region = Region::ram("ccm", 0x1000_0000, 64 << 10);
 
@@ -113,7 +116,7 @@ const RESETS: [(&str, &str, u64); 4] = [
 
 /// The bit of RCC that lets an instance answer (7.3.10 to 7.3.14) and the one that resets it (7.3.5 to 7.3.9), for the
 /// instances that have a model. The names of the registers and bits are those of the vendor's description.
-const CLOCKED: [(&str, &str, &str, &str, &str); 38] = [
+const CLOCKED: [(&str, &str, &str, &str, &str); 39] = [
     ("I2C1", "APB1ENR", "I2C1EN", "APB1RSTR", "I2C1RST"),
     ("I2C2", "APB1ENR", "I2C2EN", "APB1RSTR", "I2C2RST"),
     ("I2C3", "APB1ENR", "I2C3EN", "APB1RSTR", "I2C3RST"),
@@ -135,6 +138,7 @@ const CLOCKED: [(&str, &str, &str, &str, &str); 38] = [
     ("TIM4", "APB1ENR", "TIM4EN", "APB1RSTR", "TIM4RST"),
     ("TIM5", "APB1ENR", "TIM5EN", "APB1RSTR", "TIM5RST"),
     ("TIM8", "APB2ENR", "TIM8EN", "APB2RSTR", "TIM8RST"),
+    (CAPTURE, "APB2ENR", "TIM11EN", "APB2RSTR", "TIM11RST"),
     ("SPI1", "APB2ENR", "SPI1EN", "APB2RSTR", "SPI1RST"),
     ("SPI2", "APB1ENR", "SPI2EN", "APB1RSTR", "SPI2RST"),
     ("SPI3", "APB1ENR", "SPI3EN", "APB1RSTR", "SPI3RST"),
@@ -190,7 +194,8 @@ pub(super) fn bus() -> Result<Bus, Error> {
     }
     builder = builder
         .clocked_by(otg::PERIPHERAL.name, Clock::output(RCC, rcc::PLL48))
-        .clocked_by(bxcan::CAN, Clock::output(RCC, rcc::PCLK1));
+        .clocked_by(bxcan::CAN, Clock::output(RCC, rcc::PCLK1))
+        .clocked_by(CAPTURE, Clock::output(RCC, rcc::APB2_TIMERS));
 
     // Write rules that the vendor's description lacks, and write protection of the backup domain (5.4.1, DBP).
     for timer in TIMERS {

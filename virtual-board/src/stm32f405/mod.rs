@@ -4,9 +4,12 @@
 //! [`map`] says what there is. To add a model: give it a field here, hand it out in [`Mcu::split`], and let
 //! [`Stm32f405::new`] know its slot; if something outside it speaks to it, add the slot to those that are polled.
 
+mod capture;
+mod clocks;
 mod dma;
 mod flash;
 pub(crate) mod map;
+mod pins;
 pub(crate) mod port;
 
 use std::num::NonZeroU32;
@@ -21,13 +24,17 @@ use rigless::soc::stm32f427::peripherals::dma::Dma;
 use rigless::soc::{Bus, Error};
 use rigless::time::VirtualNanos;
 
+use self::capture::Capture;
+use self::clocks::Clocks;
 use self::dma::Dma1;
 pub use self::dma::Reenabled;
 use self::flash::Interface;
-use self::map::{ARM_PORT, FLASH, PWR, RCC};
+use self::map::{ARM_PORT, CAPTURE, FLASH, PWR, RCC};
+use self::pins::PortA;
 use self::port::{AnyLine, Port};
 use crate::bxcan::{self, Can};
 use crate::can::bus::Bus as CanBus;
+use crate::crystal::Oscillator;
 use crate::flash::Flash;
 use crate::otg::Otg;
 use crate::usb::host::Host;
@@ -45,6 +52,8 @@ struct Slots {
     dma1: usize,
     dma2: usize,
     rcc: usize,
+    capture: usize,
+    pins: usize,
     pwr: usize,
     rtc: usize,
     dbg: usize,
@@ -68,6 +77,9 @@ pub(crate) struct Stm32f405 {
     shared: Stm32f427,
     /// The slot that each of our slots has on the F427's bus.
     twins: Vec<Option<usize>>,
+    clocks: Clocks,
+    capture: Capture,
+    pins: PortA,
     port: Port,
     otg: Otg,
     can: Can,
@@ -79,13 +91,13 @@ pub(crate) struct Stm32f405 {
 }
 
 impl Stm32f405 {
-    /// A part with a crystal of `crystal_hz`.
+    /// A part with a crystal.
     ///
     /// # Errors
     ///
     /// Only if its description contradicts itself.
     pub(crate) fn new(
-        crystal_hz: u32,
+        oscillator: Arc<Mutex<Oscillator>>,
         line: AnyLine,
         starve: Arc<AtomicBool>,
         reenabled: Reenabled,
@@ -94,8 +106,7 @@ impl Stm32f405 {
         flash: Arc<Mutex<Flash>>,
     ) -> Result<Self, Error> {
         let bus = map::bus()?;
-        let mut shared = Stm32f427::new()?;
-        shared.rcc.attach_crystals(crystal_hz.into(), 0);
+        let shared = Stm32f427::new()?;
         let twins = bus
             .slots()
             .iter()
@@ -109,6 +120,8 @@ impl Stm32f405 {
             dma1: bus.slot("DMA1")?,
             dma2: bus.slot("DMA2")?,
             rcc: bus.slot(RCC)?,
+            capture: bus.slot(CAPTURE)?,
+            pins: bus.slot("GPIOA")?,
             pwr: bus.slot(PWR)?,
             rtc: bus.slot("RTC")?,
             dbg: bus.slot("DBG")?,
@@ -118,6 +131,9 @@ impl Stm32f405 {
             slots,
             shared,
             twins,
+            clocks: Clocks::new(oscillator.clone()),
+            capture: Capture::new(oscillator),
+            pins: PortA::new(line.clone()),
             port: Port::new(line),
             otg: Otg::new(host),
             can: Can::new(can),
@@ -160,6 +176,8 @@ impl Stm32f405 {
         Device::poll(&mut self.can, registers, &mut context);
         let (registers, mut context) = self.bus.drive(now, self.slots.flash);
         Device::poll(&mut self.flash, registers, &mut context);
+        let (registers, mut context) = self.bus.drive(now, self.slots.rcc);
+        Device::poll(&mut self.clocks, registers, &mut context);
     }
 
     /// The rail is there (5.1).
@@ -188,16 +206,15 @@ impl Mcu for Stm32f405 {
         let calendar = registers(self.slots.rtc).clone();
         let debug = registers(self.slots.dbg).clone();
 
-        let (crystal, lse) = self.shared.rcc.crystals();
         self.shared = Stm32f427::new().expect("it was made once");
-        self.shared.rcc.attach_crystals(crystal, lse);
+        self.clocks = self.clocks.restarted();
         self.bus.reset();
 
         // Without power, none of it lasts.
         if cause != ResetCause::PowerOn {
             let registers = self.bus.slot_mut(self.slots.rcc).registers_mut();
             registers.set(rcc::Register::Bdcr, bdcr);
-            self.shared.rcc.restarted(cause, csr, registers);
+            self.clocks.library.restarted(cause, csr, registers);
             let registers = self.bus.slot_mut(self.slots.pwr).registers_mut();
             self.shared.pwr.keep_backup_regulator(regulator, registers);
             let registers = self.bus.slot_mut(self.slots.rtc).registers_mut();
@@ -211,6 +228,8 @@ impl Mcu for Stm32f405 {
         }
         self.supply();
 
+        Device::reset(&mut self.capture);
+        Device::reset(&mut self.pins);
         Device::reset(&mut self.dma1);
         Device::reset(&mut self.port);
         Device::reset(&mut self.otg);
@@ -239,6 +258,12 @@ impl Mcu for Stm32f405 {
         let slots = self.slots;
         let model: Option<&mut dyn ErasedDevice> = if slot == slots.port {
             Some(&mut self.port)
+        } else if slot == slots.rcc {
+            Some(&mut self.clocks)
+        } else if slot == slots.capture {
+            Some(&mut self.capture)
+        } else if slot == slots.pins {
+            Some(&mut self.pins)
         } else if slot == slots.otg {
             Some(&mut self.otg)
         } else if slot == slots.can {

@@ -14,10 +14,10 @@ use rigless::device::{Device, DeviceContext, Level, RegisterFile, RequestChange}
 use rigless::snapshot::Store;
 use rigless::soc::stm32f427::generated::usart6::{Register, brr, cr1, cr2, cr3, sr};
 use rigless::soc::stm32f427::peripherals::usart::{Kind, Usart};
-use rigless::soc::{FieldSpec, RegisterSpec};
+use rigless::soc::{FieldSpec, Layout, RegisterSpec};
 use rigless::time::{EventId, VirtualNanos};
 
-use crate::line::{Arm, Arrival, Format, Line, Parity, SECOND};
+use crate::line::{Arm, Arrival, Format, LOW, Line, Parity, SECOND};
 use crate::time::Nanos;
 
 /// What the USART's clock is until the firmware sets the clock tree up: the internal oscillator (RM0090, 7.2.2).
@@ -153,6 +153,11 @@ impl Port {
         line.set_board_bit(bit(registers, self.clock_hz));
         line.set_board_format(format(registers));
         line.set_half_duplex(cr3::HDSEL.is_set(registers.get(Register::Cr3)));
+        let was_low = line.is_pin_low();
+        line.set_transmits(cr1::UE.is_set(control) && cr1::TE.is_set(control));
+        if line.is_pin_low() && !was_low {
+            context.tell(Register::Cr1.spec().name, LOW);
+        }
         if !listens {
             line.nobody_receives(now);
         }

@@ -9,6 +9,7 @@ use rigless::emulator::{Error as EmulatorError, Memory};
 use rigless::soc::Width;
 
 use super::*;
+use crate::crystal::Crystal;
 use crate::line::{Direction, Fault, Format, Line, LineByte, Outcome, Parity};
 use crate::time::Nanos;
 
@@ -73,6 +74,7 @@ struct Bench {
     can: Arc<Mutex<CanBus>>,
     flash: Arc<Mutex<Flash>>,
     host: Arc<Mutex<Host>>,
+    oscillator: Arc<Mutex<Oscillator>>,
     ram: Ram,
     now: Nanos,
 }
@@ -106,8 +108,9 @@ impl Bench {
         let can = Arc::new(Mutex::new(CanBus::default()));
         let flash = Arc::new(Mutex::new(Flash::new(vec![0; crate::flash::SIZE], None, 0)));
         let host = Arc::new(Mutex::new(Host::default()));
+        let oscillator = Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000))));
         let part = Stm32f405::new(
-            8_000_000,
+            oscillator.clone(),
             line.clone(),
             starve,
             reenabled,
@@ -122,6 +125,7 @@ impl Bench {
             can,
             flash,
             host,
+            oscillator,
             ram: Ram::default(),
             now: Nanos(0),
         };

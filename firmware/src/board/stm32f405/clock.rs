@@ -2,31 +2,23 @@
 
 use embassy_stm32::Config;
 use embassy_stm32::pac;
-use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource, Sysclk, mux,
-};
+use embassy_stm32::rcc::{AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllPDiv, PllQDiv, PllSource, Sysclk, mux};
 use embassy_stm32::time::Hertz;
 
-/// The crystal, and what divides it to the PLL's 2 MHz.
-const CRYSTAL: (Hertz, PllPreDiv) = if cfg!(feature = "crystal-12mhz") {
-    (Hertz(12_000_000), PllPreDiv::DIV6)
-} else {
-    (Hertz(8_000_000), PllPreDiv::DIV4)
-};
+use super::crystal::Crystal;
 
-/// The configuration of the chip.
-pub(crate) fn config() -> Config {
-    let (freq, prediv) = CRYSTAL;
+/// The configuration of the chip with this crystal.
+pub(super) fn config(crystal: &Crystal) -> Config {
     let mut config = Config::default();
     let rcc = &mut config.rcc;
     rcc.hse = Some(Hse {
-        freq,
+        freq: Hertz::mhz(crystal.megahertz),
         mode: HseMode::Oscillator,
     });
     rcc.pll_src = PllSource::HSE;
     rcc.pll = Some(Pll {
-        prediv,
-        mul: PllMul::MUL168,
+        prediv: crystal.divider,
+        mul: crystal.multiplier,
         divp: Some(PllPDiv::DIV2),
         divq: Some(PllQDiv::DIV7),
         divr: None,

@@ -5,6 +5,7 @@
 mod boot;
 mod can;
 mod clock;
+mod crystal;
 mod flash;
 pub(super) mod uart;
 mod usb;
@@ -15,13 +16,13 @@ use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, USB_OTG_FS};
-use embassy_stm32::usart::{Config as UartConfig, Uart};
+use embassy_stm32::usart::{Config as UartConfig, UartRx};
 use embassy_stm32::{bind_interrupts, usb as hal_usb};
 use static_cell::StaticCell;
 
-use super::Board;
 use super::can::Can;
 use super::time::{self, TimerHandler};
+use super::{Board, Watchdog, usart};
 use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
@@ -29,11 +30,8 @@ pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash};
 pub(crate) use usb::UsbDriver;
 
-/// What the board is called. With another crystal it is another board: an image for the one does not run on the other.
-pub(crate) const NAME: &str = match cfg!(feature = "crystal-12mhz") {
-    true => "stm32f405-12mhz",
-    false => "stm32f405",
-};
+/// What the board is called.
+pub(crate) const NAME: &str = "stm32f405";
 
 /// Whether its CAN is CAN FD.
 pub(crate) const CAN_FD: bool = false;
@@ -70,8 +68,8 @@ pub(super) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM5;
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
 
-/// The pin that it sends on, PA2.
-pub(super) const TX_PIN: (pac::gpio::Gpio, usize) = (pac::GPIOA, 2);
+/// The pin that it sends on, PA2, and the number of the alternate function that this is (DS8626, table 9).
+pub(super) const TX_PIN: (pac::gpio::Gpio, usize, u8) = (pac::GPIOA, 2, 7);
 
 /// The interrupt of the arm's UART.
 pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
@@ -90,9 +88,15 @@ pub(crate) const TX_REQUEST: Request = 4;
 /// The endpoints of the USB peripheral, each way (RM0090 34.1).
 const USB_ENDPOINTS: usize = 4;
 
-/// Starts the clocks and takes the pins.
-pub(crate) fn init() -> Board {
-    let p = embassy_stm32::init(clock::config());
+/// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
+pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
+    pac::RCC.ahb1enr().modify(|w| {
+        w.set_gpioaen(true);
+        w.set_gpioben(true);
+    });
+    usart::hold_tx_high();
+    let crystal = crystal::start(watchdog);
+    let p = embassy_stm32::init(clock::config(crystal));
     clock::accelerate_flash();
     for interrupt in LESS_URGENT {
         interrupt.set_priority(Priority::P1);
@@ -103,9 +107,10 @@ pub(crate) fn init() -> Board {
     line.baudrate = 1_000_000;
     // An arm that is not plugged in shall look like an idle line.
     line.rx_pull = Pull::Up;
-    let Ok(uart) = Uart::new_blocking(p.USART2, p.PA3, p.PA2, line) else {
+    let Ok(uart) = UartRx::new_blocking(p.USART2, p.PA3, line) else {
         unreachable!()
     };
+    usart::start_transmitter();
 
     // One for each of the three OUT endpoints.
     static OUT_PACKETS: StaticCell<[u8; 3 * PACKET]> = StaticCell::new();
@@ -129,7 +134,6 @@ pub(crate) fn init() -> Board {
         can: Can::new(Controller::new(p.CAN1, p.PB8, p.PB9)),
         flash: flash::new(p.FLASH),
         reset_by_watchdog: reset_by_watchdog(),
-        watchdog: p.IWDG,
     }
 }
 

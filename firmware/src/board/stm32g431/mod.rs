@@ -14,12 +14,12 @@ use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH2, USB};
-use embassy_stm32::usart::{Config as UartConfig, Uart};
+use embassy_stm32::usart::{Config as UartConfig, UartRx};
 use embassy_stm32::{bind_interrupts, usb};
 
-use super::Board;
 use super::can::Can;
 use super::time::{self, TimerHandler};
+use super::{Board, Watchdog, usart};
 use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
@@ -55,8 +55,8 @@ pub(super) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM2;
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
 
-/// The pin that it sends on, PA2.
-pub(super) const TX_PIN: (pac::gpio::Gpio, usize) = (pac::GPIOA, 2);
+/// The pin that it sends on, PA2, and the number of the alternate function that this is (DS12589, table 13).
+pub(super) const TX_PIN: (pac::gpio::Gpio, usize, u8) = (pac::GPIOA, 2, 7);
 
 /// The interrupt of the arm's UART.
 pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
@@ -75,8 +75,11 @@ pub(crate) const TX_REQUEST: Request = 27;
 /// The driver of the USB peripheral.
 pub(crate) type UsbDriver = usb::Driver<'static, USB>;
 
-/// Starts the clocks and takes the pins.
-pub(crate) fn init() -> Board {
+/// Starts the clocks and takes the pins. The line to the arm is high from the beginning. A crystal that does not start is
+/// waited for until the watchdog restarts the chip.
+pub(crate) fn init(_watchdog: &mut Watchdog) -> Board {
+    pac::RCC.ahb2enr().modify(|w| w.set_gpioaen(true));
+    usart::hold_tx_high();
     let p = embassy_stm32::init(clock::config());
     clock::accelerate_flash();
     for interrupt in LESS_URGENT {
@@ -88,9 +91,10 @@ pub(crate) fn init() -> Board {
     line.baudrate = 1_000_000;
     // An arm that is not plugged in shall look like an idle line.
     line.rx_pull = Pull::Up;
-    let Ok(uart) = Uart::new_blocking(p.USART2, p.PA3, p.PA2, line) else {
+    let Ok(uart) = UartRx::new_blocking(p.USART2, p.PA3, line) else {
         unreachable!()
     };
+    usart::start_transmitter();
 
     Board {
         led: Output::new(p.PC6, Level::Low, Speed::Low),
@@ -101,7 +105,6 @@ pub(crate) fn init() -> Board {
         can: Can::new(Controller::new(p.FDCAN1, p.PB8, p.PB9)),
         flash: flash::new(p.FLASH),
         reset_by_watchdog: reset_by_watchdog(),
-        watchdog: p.IWDG,
     }
 }
 

@@ -8,6 +8,8 @@ const PLLCFGR: u64 = RCC + 0x04;
 const CFGR: u64 = RCC + 0x08;
 const APB1RSTR: u64 = RCC + 0x20;
 const AHB2ENR: u64 = RCC + 0x34;
+const APB2RSTR: u64 = RCC + 0x24;
+const APB2ENR: u64 = RCC + 0x44;
 const CSR: u64 = RCC + 0x74;
 const ACR: u64 = 0x4002_3C00;
 
@@ -109,5 +111,200 @@ fn the_reset_flags_name_the_cause_until_they_are_removed() {
         bench.part.reset(bench.now.into(), cause);
         bench.settle();
         assert_eq!(bench.read(CSR) & (POWER | WATCHDOG | SOFTWARE), flags, "{cause:?}");
+    }
+}
+
+/// TIM11, which captures the crystal's clock (7.2.11).
+const TIM11: u64 = 0x4001_4800;
+const TIM_CR1: u64 = TIM11;
+const TIM_SR: u64 = TIM11 + 0x10;
+const TIM_CCMR1: u64 = TIM11 + 0x18;
+const TIM_CCER: u64 = TIM11 + 0x20;
+const TIM_ARR: u64 = TIM11 + 0x2C;
+const TIM_CCR1: u64 = TIM11 + 0x34;
+const TIM_OR: u64 = TIM11 + 0x50;
+const CC1IF: u64 = 1 << 1;
+const CC1OF: u64 = 1 << 9;
+const RTCPRE_AT: u64 = 16;
+
+/// The part with this crystal, which is switched on.
+fn with_crystal(crystal: Crystal) -> Bench {
+    let mut bench = Bench::new(Reenabled::Restarts);
+    port::lock(&bench.oscillator).crystal = crystal;
+    let control = bench.read(CR);
+    bench.write(CR, control | HSEON);
+    bench
+}
+
+fn is_ready(bench: &mut Bench) -> bool {
+    bench.read(CR) & HSERDY != 0
+}
+
+#[test]
+fn a_crystal_is_ready_after_its_time_and_reads_as_on_until_then() {
+    let mut bench = with_crystal(Crystal::new(8_000_000));
+    assert_eq!(bench.read(CR) & (HSEON | HSERDY), HSEON);
+    bench.run_until(Nanos(1_999_000));
+    assert!(!is_ready(&mut bench));
+    bench.run_until(Nanos(2_002_000));
+    assert!(is_ready(&mut bench));
+    let control = bench.read(CR);
+    bench.write(CR, control & !HSEON);
+    assert_eq!(bench.read(CR) & (HSEON | HSERDY), 0);
+}
+
+#[test]
+fn a_crystal_that_is_switched_off_while_it_starts_starts_over() {
+    let mut bench = with_crystal(Crystal::new(8_000_000));
+    bench.run_until(Nanos(1_500_000));
+    let control = bench.read(CR);
+    bench.write(CR, control & !HSEON);
+    bench.write(CR, control | HSEON);
+    bench.run_until(Nanos(3_400_000));
+    assert!(!is_ready(&mut bench));
+    bench.run_until(Nanos(3_502_000));
+    assert!(is_ready(&mut bench));
+}
+
+#[test]
+fn a_dead_crystal_is_never_ready_until_it_is_replaced() {
+    let mut bench = with_crystal(Crystal::dead());
+    bench.run_until(Nanos::from_millis(5_000));
+    assert!(!is_ready(&mut bench));
+    port::lock(&bench.oscillator).crystal = Crystal::new(12_000_000);
+    bench.run_until(Nanos::from_millis(5_003));
+    assert!(is_ready(&mut bench));
+}
+
+/// Cycles of HSI from one capture of each eighth edge of the crystal's clock by 30 to the next.
+fn captured(bench: &mut Bench) -> u64 {
+    let mut capture = || {
+        while bench.read(TIM_SR) & CC1IF == 0 {
+            bench.run_until(bench.now + Nanos(1_000));
+        }
+        bench.read(TIM_CCR1)
+    };
+    let first = capture();
+    capture().wrapping_sub(first) & 0xFFFF
+}
+
+fn start_capturing(bench: &mut Bench) {
+    bench.write(APB2ENR, 1 << 18);
+    for (address, value) in [
+        (CFGR, 30 << RTCPRE_AT),
+        (TIM_OR, 2),
+        (TIM_ARR, 0xFFFF),
+        (TIM_CCMR1, 3 << 2 | 1),
+        (TIM_CCER, 1),
+        (TIM_CR1, 1),
+    ] {
+        bench.write(address, value);
+    }
+}
+
+#[test]
+fn a_timer_captures_the_divided_clock_of_the_crystal_that_runs() {
+    for (hertz, cycles) in [
+        (8_000_000, 480..=480),
+        (12_000_000, 320..=320),
+        (16_000_000, 240..=240),
+        (25_000_000, 153..=154),
+    ] {
+        let mut bench = with_crystal(Crystal::new(hertz));
+        bench.run_until(Nanos::from_millis(3));
+        start_capturing(&mut bench);
+        for _ in 0..10 {
+            let captured = captured(&mut bench);
+            assert!(cycles.contains(&captured), "{hertz} Hz: {captured}");
+        }
+        assert!(bench.part.drain_told().is_empty());
+    }
+}
+
+#[test]
+fn a_capture_that_nobody_read_is_flagged_when_the_next_one_comes() {
+    let mut bench = with_crystal(Crystal::new(8_000_000));
+    bench.run_until(Nanos::from_millis(3));
+    start_capturing(&mut bench);
+    bench.run_until(bench.now + Nanos(31_000));
+    assert_eq!(bench.read(TIM_SR) & (CC1IF | CC1OF), CC1IF);
+    bench.run_until(bench.now + Nanos(60_000));
+    assert_eq!(bench.read(TIM_SR) & (CC1IF | CC1OF), CC1IF | CC1OF);
+    bench.read(TIM_CCR1);
+    assert_eq!(bench.read(TIM_SR) & (CC1IF | CC1OF), CC1OF);
+    bench.write(TIM_SR, 0);
+    assert_eq!(bench.read(TIM_SR), 0);
+}
+
+#[test]
+fn a_timer_captures_nothing_without_crystal_divider_or_input() {
+    let silent = |bench: &mut Bench| {
+        bench.run_until(bench.now + Nanos::from_millis(1));
+        assert_eq!(bench.read(TIM_SR), 0);
+    };
+    let mut bench = with_crystal(Crystal::dead());
+    start_capturing(&mut bench);
+    silent(&mut bench);
+    for (address, value) in [(CFGR, 1 << RTCPRE_AT), (TIM_OR, 0), (TIM_CCER, 0), (TIM_CR1, 0)] {
+        let mut bench = with_crystal(Crystal::new(8_000_000));
+        bench.run_until(Nanos::from_millis(3));
+        start_capturing(&mut bench);
+        bench.write(address, value);
+        bench.write(TIM_SR, 0);
+        silent(&mut bench);
+    }
+    let mut bench = with_crystal(Crystal::new(8_000_000));
+    bench.run_until(Nanos::from_millis(3));
+    start_capturing(&mut bench);
+    bench.write(APB2RSTR, 1 << 18);
+    bench.write(APB2RSTR, 0);
+    silent(&mut bench);
+}
+
+#[test]
+fn to_measure_the_crystal_while_the_core_runs_from_it_is_told() {
+    let mut bench = tree(PLL);
+    bench.write(APB2ENR, 1 << 18);
+    bench.write(TIM_CCER, 1);
+    assert_eq!(bench.part.drain_told().len(), 1);
+}
+
+/// PA2's mode and level (8.4).
+const MODER: u64 = 0x4002_0000;
+const BSRR: u64 = 0x4002_0018;
+const HIGH: u64 = 1 << 2;
+const LOW: u64 = 1 << 18;
+const OUTPUT: u64 = 1 << 4;
+const ALTERNATE: u64 = 2 << 4;
+
+#[test]
+fn a_pin_to_the_arm_that_nothing_holds_high_is_told() {
+    // What is told of the UART's transmitter on or off, its pin, and the level of that pin.
+    let on = 1 << 13 | 1 << 3;
+    for (steps, told) in [
+        (&[(USART_CR1, on), (MODER, ALTERNATE)][..], 0),
+        (&[(USART_CR1, on), (MODER, ALTERNATE), (USART_CR1, 1 << 3)], 1),
+        (&[(USART_CR1, on), (MODER, ALTERNATE), (USART_CR1, 1 << 13)], 1),
+        (&[(USART_CR1, 0), (MODER, ALTERNATE)], 1),
+        (
+            &[
+                (USART_CR1, 0),
+                (BSRR, HIGH),
+                (MODER, OUTPUT),
+                (USART_CR1, on),
+                (MODER, ALTERNATE),
+            ],
+            0,
+        ),
+        (&[(MODER, OUTPUT)], 1),
+        (&[(BSRR, HIGH), (MODER, OUTPUT), (BSRR, LOW)], 1),
+    ] {
+        let mut bench = Bench::new(Reenabled::Restarts);
+        let clocks = bench.read(RCC_AHB1ENR);
+        bench.write(RCC_AHB1ENR, clocks | 1);
+        for &(address, value) in steps {
+            bench.write(address, value);
+        }
+        assert_eq!(bench.part.drain_told().len(), told, "{steps:x?}");
     }
 }

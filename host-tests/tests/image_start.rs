@@ -1,0 +1,204 @@
+//! The firmware image as it starts: with any crystal, without one, and after a hard fault.
+
+use armwire_host_tests::image::{MEGABAUD, Talker, counters, exchange, on_board_with, path, plug_in};
+use armwire_virtual_board::report::{Cause, Crash};
+use armwire_virtual_board::{Config, Crystal, Error, Nanos, VirtualBoard};
+
+type Board = VirtualBoard<Talker>;
+
+/// RCC_CR and the bits that switch the crystal on and say that it runs (RM0090 7.3.1).
+const RCC_CR: u64 = 0x4002_3800;
+const HSEON: u32 = 1 << 16;
+const HSERDY: u32 = 1 << 17;
+/// MODER and ODR of GPIOA and GPIOB (RM0090 8.4).
+const GPIOA: u64 = 0x4002_0000;
+const GPIOB: u64 = 0x4002_0400;
+const ODR: u64 = 0x14;
+const OUTPUT: u32 = 0b01;
+
+/// The LED, and the line to the arm.
+const PB2: usize = 2;
+const PA2: usize = 2;
+
+/// How often the firmware starts a crystal anew.
+const RETRY_MS: u64 = 2_000;
+
+const fn millis(millis: u64) -> Nanos {
+    Nanos::from_millis(millis)
+}
+
+fn config(crystal: Crystal) -> Config<Talker> {
+    Config {
+        crystal,
+        ..Config::new(path(), Talker::default())
+    }
+}
+
+/// Whether a pin is an output, and high.
+fn output(board: &mut Board, port: u64, pin: usize) -> Option<bool> {
+    let mode = board.read_word(port).unwrap() >> (2 * pin) & 0b11;
+    let is_high = board.read_word(port + ODR).unwrap() >> pin & 1 != 0;
+    (mode == OUTPUT).then_some(is_high)
+}
+
+fn expect_served(board: &mut Board) {
+    plug_in(board, MEGABAUD);
+    assert_eq!(board.uart().baud(), Some(MEGABAUD.into()));
+    exchange(board, &[1, 2, 3, 4], &[5, 6, 7, 8]);
+}
+
+/// Runs for a while with a crystal that is of no use, and returns when the LED went on and off, in milliseconds since it was
+/// first switched on.
+fn expect_waiting(board: &mut Board, span: u64) -> Vec<u64> {
+    const STEP: u64 = 5;
+    board.run_for(millis(STEP)).unwrap();
+    let mut changes = Vec::new();
+    let mut was_on = false;
+    for at in (0..span).step_by(STEP as usize) {
+        assert_eq!(
+            output(board, GPIOA, PA2),
+            Some(true),
+            "the line to the arm, after {at} ms"
+        );
+        let is_on = output(board, GPIOB, PB2).unwrap();
+        if is_on != was_on {
+            changes.push(at);
+        }
+        was_on = is_on;
+        board.run_for(millis(STEP)).unwrap();
+    }
+    changes
+}
+
+/// Three flashes of 100 ms each 2 s.
+fn expect_error_flashes(changes: &[u64], rounds: u64) {
+    let expected: Vec<u64> = (0..rounds)
+        .flat_map(|round| [200, 300, 500, 600, 800, 900].map(|at| round * RETRY_MS + at))
+        .collect();
+    assert_eq!(changes.len(), expected.len(), "{changes:?}");
+    for (&change, expected) in changes.iter().zip(expected) {
+        assert!(change.abs_diff(expected) <= 15, "{changes:?}");
+    }
+}
+
+#[test]
+fn one_image_runs_with_each_crystal() {
+    for megahertz in [8, 12, 16, 25] {
+        on_board_with(config(Crystal::new(megahertz * 1_000_000)), |board| {
+            board.run_for(millis(20)).unwrap();
+            expect_served(board);
+        });
+    }
+}
+
+#[test]
+fn a_crystal_is_known_though_the_internal_oscillator_is_off() {
+    // What counts is the ratio of the two: an oscillator that is 4 % slow is a crystal that is 4 % fast.
+    for (hertz, baud) in [
+        (8_320_000, 1_040_000),
+        (7_680_000, 960_000),
+        (12_480_000, 1_040_000),
+        (15_360_000, 960_000),
+        (25_500_000, 1_020_000),
+        (24_000_000, 960_000),
+    ] {
+        on_board_with(config(Crystal::new(hertz)), |board| {
+            board.run_for(millis(20)).unwrap();
+            let runs = board.uart().baud().unwrap();
+            assert!(runs.abs_diff(baud) < 10, "{hertz} Hz: {runs} baud");
+        });
+    }
+}
+
+#[test]
+fn a_dead_crystal_is_told_by_the_led_and_started_again_and_again() {
+    on_board_with(config(Crystal::dead()), |board| {
+        let changes = expect_waiting(board, 3 * RETRY_MS);
+        expect_error_flashes(&changes, 3);
+        let control = board.read_word(RCC_CR).unwrap();
+        assert_eq!(control & (HSEON | HSERDY), HSEON);
+        // A joint that was cold.
+        board.set_crystal(Crystal::new(8_000_000));
+        board.run_for(millis(RETRY_MS + 100)).unwrap();
+        expect_served(board);
+        let counters = counters(board);
+        assert_eq!((counters.watchdog_resets, counters.panics), (0, 0));
+    });
+}
+
+#[test]
+fn a_crystal_that_is_none_of_those_is_told_by_the_led() {
+    for hertz in [4_000_000, 6_500_000, 10_000_000, 14_000_000, 20_000_000] {
+        on_board_with(config(Crystal::new(hertz)), |board| {
+            let changes = expect_waiting(board, RETRY_MS);
+            expect_error_flashes(&changes, 1);
+        });
+    }
+}
+
+#[test]
+fn a_crystal_that_starts_late_is_waited_for() {
+    for startup in [60, 500, 1_900] {
+        let crystal = Crystal {
+            startup: Some(millis(startup)),
+            ..Crystal::new(12_000_000)
+        };
+        on_board_with(config(crystal), |board| {
+            board.run_for(millis(startup - 5)).unwrap();
+            assert_eq!(board.uart().baud(), None);
+            board.run_for(millis(20)).unwrap();
+            expect_served(board);
+        });
+    }
+}
+
+#[test]
+fn the_watchdog_watches_before_the_clocks_run() {
+    let mut board = VirtualBoard::start(config(Crystal::dead())).unwrap();
+    board.run_for(millis(10)).unwrap();
+    board.hold_core().unwrap();
+    board.run_for(millis(4_200)).unwrap();
+    let report = board.report().unwrap();
+    report.check().unwrap();
+    let causes: Vec<_> = report.restarts.iter().map(|restart| restart.cause).collect();
+    assert_eq!(causes, [Cause::Watchdog]);
+    board.set_crystal(Crystal::new(8_000_000));
+    board.run_for(millis(100)).unwrap();
+    expect_served(&mut board);
+    assert_eq!(counters(&mut board).watchdog_resets, 1);
+}
+
+#[test]
+fn a_hard_fault_is_counted_and_the_adapter_starts_again() {
+    let mut board = VirtualBoard::start(config(Crystal::new(8_000_000))).unwrap();
+    let board = &mut board;
+    expect_served(board);
+    // The function of the LED's task becomes one where nothing is.
+    let task = board.symbol("led4show4POOL").unwrap();
+    let is_code = |word: u32| (0x0800_C000..0x0810_0000).contains(&word) && word % 2 == 1;
+    let function = (task..task + 64)
+        .step_by(4)
+        .find(|&at| is_code(board.read_word(at).unwrap()));
+    board.write_word(function.unwrap(), 0x7000_0001).unwrap();
+    let crashed = board.run_for(millis(200)).unwrap_err();
+    assert!(
+        matches!(
+            crashed,
+            Error::Crashed {
+                crash: Crash::HardFault,
+                ..
+            }
+        ),
+        "{crashed}"
+    );
+    board.run_for(millis(100)).unwrap();
+    expect_served(board);
+    let counters = counters(board);
+    assert_eq!(
+        (counters.hard_faults, counters.panics, counters.watchdog_resets),
+        (1, 0, 0)
+    );
+    let restarts = board.report().unwrap().restarts;
+    let causes: Vec<_> = restarts.iter().map(|restart| restart.cause).collect();
+    assert_eq!(causes, [Cause::Software]);
+}

@@ -1,0 +1,61 @@
+//! The crystal at the part's OSC_IN and OSC_OUT.
+
+use crate::time::Nanos;
+
+/// A crystal as the part sees it. It keeps its frequency once it runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Crystal {
+    /// Its frequency, in hertz.
+    pub hertz: u32,
+    /// The time from when it is switched on until the part calls it ready (RM0090, 7.3.1, HSERDY). `None`: it does not
+    /// oscillate, or there is none.
+    pub startup: Option<Nanos>,
+}
+
+impl Crystal {
+    /// A crystal that starts in 2 ms, which is typical (DS8626, 5.3.8).
+    pub const fn new(hertz: u32) -> Self {
+        Self {
+            hertz,
+            startup: Some(Nanos::from_millis(2)),
+        }
+    }
+
+    /// No crystal, or one that does not oscillate.
+    pub const fn dead() -> Self {
+        Self {
+            hertz: 0,
+            startup: None,
+        }
+    }
+}
+
+/// What the crystal does, as the clock controller, the timer that measures it and whoever runs the board share it.
+#[derive(Debug)]
+pub(crate) struct Oscillator {
+    pub(crate) crystal: Crystal,
+    /// Its edges, divided for the real-time clock and for TIM11 (RM0090, 7.3.3, RTCPRE). `None` while it does not run, or
+    /// nothing divides it.
+    pub(crate) divided: Option<Divided>,
+    /// Whether the core runs from the internal oscillator.
+    pub(crate) core_is_internal: bool,
+}
+
+impl Oscillator {
+    pub(crate) fn new(crystal: Crystal) -> Self {
+        Self {
+            crystal,
+            divided: None,
+            core_is_internal: true,
+        }
+    }
+}
+
+/// The crystal's clock, divided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Divided {
+    /// When it began.
+    pub(crate) since: Nanos,
+    pub(crate) hertz: u32,
+    pub(crate) divider: u32,
+}
