@@ -214,6 +214,8 @@ pub enum Failure {
     },
     /// The host on USB [holds the line](LineHolder). Since version 3.
     LineHeld,
+    /// The supply is too low to erase or program the flash. What was saved before still is. Since version 3.
+    SupplyLow,
 }
 
 /// What an adapter is.

@@ -245,6 +245,10 @@ impl fmt::Display for Problem {
                     f,
                     "{name}: not saved: so many saves would wear the flash out; the next may come in {wait_s} s"
                 ),
+                Failure::SupplyLow => write!(
+                    f,
+                    "{name}: not saved: the adapter's 3.3 V supply is below 2.9 V, too low to write flash"
+                ),
             },
             Self::Resolve { name, error } => write!(f, "{name}: no such host ({error}): give its address instead?"),
             Self::Connect { name, error } => {

@@ -1,18 +1,19 @@
 //! What the bridge decides and only firmware can do: keep the configuration in flash, and start again.
 //!
-//! The F405 can fetch no code from its flash while that is erased or written, so the core stands still: for up to half
-//! a second when a sector of 16 kB is erased, which is once in some hundred times that a configuration is saved.
+//! The F405 can fetch no code from its flash while that is erased or written, so the core stands still: for 250 ms, and
+//! 500 ms at worst, when a sector of 16 kB is erased, which is once in some hundred times that a configuration is saved.
 //! Meanwhile USB and CAN answer nothing, and bytes from the arm are lost and counted as an overrun of the ring. The
 //! watchdog waits longer.
 
 use armwire_bridge::Action;
 use armwire_bridge::config::Config;
-use armwire_bridge::store::{Saved, Store};
+use armwire_bridge::control::Failure;
+use armwire_bridge::store::{Error, Saved, Store};
 use embassy_futures::block_on;
 use embassy_time::Timer;
 
 use crate::adapter::{Adapter, now};
-use crate::board::{CONFIG_FLASH, ConfigFlash};
+use crate::board::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 use crate::restart;
 use crate::watchdog::{Task, rest};
 
@@ -35,6 +36,14 @@ pub(crate) fn load(store: &mut Store<ConfigFlash>) -> (Config, bool) {
     }
 }
 
+/// What the host hears of it.
+fn failure(error: Error<FlashError>) -> Failure {
+    match error {
+        Error::Flash(error) if is_supply_low(&error) => Failure::SupplyLow,
+        error => error.into(),
+    }
+}
+
 /// Does what the bridge asks for.
 #[embassy_executor::task]
 pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>) {
@@ -44,11 +53,11 @@ pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>
         drop(resting);
         match action {
             Action::Save(config) => {
-                let result = block_on(store.save(&config, now())).map_err(Into::into);
+                let result = block_on(store.save(&config, now())).map_err(failure);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }
             Action::Reset => {
-                let result = block_on(store.reset(now())).map_err(Into::into);
+                let result = block_on(store.reset(now())).map_err(failure);
                 adapter.with(|bridge| bridge.saved(result, now()));
             }
             Action::RestartCan(config) => adapter.can_restart.signal(config),

@@ -17,7 +17,7 @@ use crate::board::Watchdog;
 use crate::uart;
 
 /// How long it may go unfed, by its own clock, which may be off by half. The erasing of a flash sector stops the core
-/// for up to half a second.
+/// for 500 ms at worst.
 const TIMEOUT_US: u32 = 2_000_000;
 
 /// How often the tasks are looked at.

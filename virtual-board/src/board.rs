@@ -25,6 +25,7 @@ use crate::report::{Crash, Report, Violation, Violations};
 use crate::stm32f405::port::{Shared, lock};
 use crate::stm32f405::{Reenabled, Stm32f405};
 use crate::time::Nanos;
+use crate::timing::{Clock, Timing};
 use crate::trace::Trace;
 use crate::usb::cdc::Port;
 use crate::usb::enumerate::{EnumerateError, Enumerated};
@@ -53,8 +54,11 @@ pub struct Config<A> {
     pub crystal: Crystal,
     /// The part's unique id.
     pub unique_id: [u8; 12],
-    /// Which bytes meet faults, where rates say how many do, and what a power cut leaves in the flash.
+    /// Which bytes meet faults, where rates say how many do, what a power cut leaves in the flash, and the times that
+    /// [`timing`](Self::timing) draws.
     pub seed: u64,
+    /// How long flash operations take, and the USB controller's own steps.
+    pub timing: Timing,
     /// What the flash holds where the image has nothing, [`SIZE`](flash::SIZE) bytes: what
     /// [`VirtualBoard::flash`] of an earlier board gave. `None` is erased.
     pub flash: Option<Vec<u8>>,
@@ -80,6 +84,7 @@ impl<A> Config<A> {
             crystal: Crystal::new(8_000_000),
             unique_id: *b"\x20\x00\x41\x00\x0B51P\x35V03",
             seed: 0,
+            timing: Timing::default(),
             flash: None,
             power_cut_after: None,
             reenabled: Reenabled::default(),
@@ -232,7 +237,11 @@ impl<A: Arm> VirtualBoard<A> {
         )));
         let host = Arc::new(Mutex::new(Host::default()));
         let (contents, flash_images) = flash::around(&image, config.flash)?;
-        let flash = Arc::new(Mutex::new(Flash::new(contents, config.power_cut_after, config.seed)));
+        let flash = Arc::new(Mutex::new(Flash::new(
+            contents,
+            config.power_cut_after,
+            Clock::new(config.timing, config.seed),
+        )));
         let can = Arc::new(Mutex::new(Bus::default()));
         let oscillator = Arc::new(Mutex::new(Oscillator::new(config.crystal)));
         let part = Stm32f405::new(
@@ -461,6 +470,17 @@ impl<A: Arm> VirtualBoard<A> {
     /// the board then fails with [`Error::PowerCut`].
     pub fn cut_power_after(&mut self, operations: u32) {
         lock(&self.flash).cut_after(Some(operations));
+    }
+
+    /// When each erase of a sector began and ended.
+    pub fn erases(&self) -> Vec<(Nanos, Nanos)> {
+        lock(&self.flash).erases.clone()
+    }
+
+    /// Sets the supply's voltage, 3300 mV at first. A flash operation below 2.7 V fails and is a
+    /// [violation](crate::report::Violation::Forbidden); nothing else is affected.
+    pub fn set_supply(&mut self, millivolts: u32) {
+        lock(&self.flash).millivolts = millivolts;
     }
 
     /// Takes the board's power away, if it still has it, and gives it back 10 ms later. The flash keeps what it held,

@@ -7,12 +7,16 @@ use rigless::image::Image;
 
 use crate::board::Error;
 use crate::time::Nanos;
+use crate::timing::Clock;
 
 /// Where the flash is (RM0090, 3.4).
 pub(crate) const BASE: u64 = 0x0800_0000;
 
 /// How many bytes the flash has.
 pub const SIZE: usize = 1 << 20;
+
+/// The board's rail, in millivolts.
+pub(crate) const SUPPLY_MV: u32 = 3_300;
 
 /// What every byte of an erased sector reads.
 pub(crate) const ERASED: u8 = 0xFF;
@@ -29,18 +33,27 @@ pub(crate) struct Flash {
     pub(crate) cut: Option<Nanos>,
     /// What the program wants done to the supply.
     pub(crate) supply: Option<bool>,
+    /// The supply's voltage, in millivolts.
+    pub(crate) millivolts: u32,
+    /// How long operations take.
+    pub(crate) clock: Clock,
+    /// Each sector that was erased: when that began and ended.
+    pub(crate) erases: Vec<(Nanos, Nanos)>,
     seed: u64,
 }
 
 impl Flash {
-    pub(crate) fn new(bytes: Vec<u8>, cut_after: Option<u32>, seed: u64) -> Self {
+    pub(crate) fn new(bytes: Vec<u8>, cut_after: Option<u32>, clock: Clock) -> Self {
         Self {
             bytes,
             operations: 0,
             left: cut_after,
             cut: None,
             supply: None,
-            seed,
+            millivolts: SUPPLY_MV,
+            clock,
+            erases: Vec::new(),
+            seed: clock.seed,
         }
     }
 
@@ -140,7 +153,7 @@ mod tests {
 
     #[test]
     fn the_operation_after_those_that_end_is_interrupted_and_only_that() {
-        let mut flash = Flash::new(vec![ERASED; SIZE], Some(2), 1);
+        let mut flash = Flash::new(vec![ERASED; SIZE], Some(2), Clock::default());
         let cuts: Vec<bool> = (0..5).map(|_| flash.start(Nanos(16_000)).is_some()).collect();
         assert_eq!(cuts, [false, false, true, false, false]);
         assert_eq!(flash.operations(), 5);

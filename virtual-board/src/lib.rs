@@ -43,6 +43,7 @@ pub mod report;
 pub mod serve;
 mod stm32f405;
 mod time;
+mod timing;
 mod trace;
 pub mod usb;
 
@@ -51,3 +52,4 @@ pub use crystal::Crystal;
 pub use line::Arm;
 pub use stm32f405::Reenabled;
 pub use time::Nanos;
+pub use timing::Timing;

@@ -171,6 +171,7 @@ fn failure() -> impl Strategy<Value = Failure> {
         Just(Failure::Busy),
         Just(Failure::StreamArmed),
         Just(Failure::LineHeld),
+        Just(Failure::SupplyLow),
         any::<u16>().prop_map(|wait_s| Failure::TooManySaves { wait_s }),
     ]
 }

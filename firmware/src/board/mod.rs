@@ -17,6 +17,7 @@
 //! | `uart` | what is the chip's own in them, behind [`usart`] |
 //! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a frame from it that waits there |
 //! | `ConfigFlash`, `CONFIG_FLASH` | where the configuration is kept: a `NorFlash`, and which part of it |
+//! | `FlashError`, `is_supply_low()` | why that was not changed, and whether because the supply is too low |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
 mod can;

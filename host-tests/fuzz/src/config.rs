@@ -185,11 +185,12 @@ pub fn any_reply(u: &mut Unstructured<'_>) -> Result<Reply> {
                 false => None,
             },
         }),
-        _ => Reply::Failed(match u.int_in_range(0..=4)? {
+        _ => Reply::Failed(match u.int_in_range(0..=5)? {
             0 => Failure::Flash,
             1 => Failure::Busy,
             2 => Failure::StreamArmed,
             3 => Failure::LineHeld,
+            4 => Failure::SupplyLow,
             _ => Failure::TooManySaves { wait_s: u.arbitrary()? },
         }),
     })

@@ -12,6 +12,9 @@
 //! | EOP as an operation ends, if EOPIE | 3.6.6 |
 //! | There are 12 sectors | 3.4 |
 //!
+//! An operation takes from the typical to the longest time of the data sheet (DS8626, 5.3.12), as
+//! [`Timing`](crate::Timing) says. One that starts below 2.7 V is told, and goes wrong (DS8626, 5.3.1; RM0090, 3.6.2).
+//!
 //! While an operation lasts, the core stands still, as one does that runs from the flash (3.6). Timers and DMA go on. So
 //! nobody can write to the interface meanwhile, but a debugger. Power that goes, and a reset, leave an operation half
 //! done.
@@ -27,14 +30,20 @@ use rigless::soc::{Layout, Width};
 use rigless::time::{EventId, VirtualNanos};
 
 use super::port::lock;
-use crate::flash::{BASE, ERASED, Flash, SIZE, erased_in_part, programmed_in_part};
+use crate::flash::{BASE, ERASED, Flash, SIZE, SUPPLY_MV, erased_in_part, programmed_in_part};
 use crate::time::Nanos;
 
 /// What HCLK is until the firmware sets the clock tree up: the internal oscillator (7.2.2).
 const RESET_HZ: u64 = 16_000_000;
 
-/// How long a word takes, whatever its width (DS8626, 5.3.12, typical).
-const PROGRAM: Nanos = Nanos(16_000);
+/// How long a word takes, whatever its width: typical, and at worst (DS8626, 5.3.12).
+const PROGRAM: (Nanos, Nanos) = (Nanos(16_000), Nanos(100_000));
+
+/// At worst an erase takes twice the typical time (DS8626, 5.3.12).
+const WORST_ERASE: u64 = 2;
+
+/// The least supply for words of 32 bits, in millivolts (RM0090, 3.6.2, table 13).
+const LEAST_MV: u32 = 2_700;
 
 /// What every erase lasts at least: the shortest one (DS8626, 5.3.12: 16 kB at x32, typical).
 const SHORTEST_ERASE: Nanos = Nanos::from_millis(250);
@@ -64,8 +73,13 @@ const SECTORS: [usize; 13] = {
 /// What the flash is busy with.
 #[derive(Clone, Debug)]
 enum Operation {
-    /// Erasing these bytes.
-    Erase(Range<usize>),
+    /// Erasing these bytes, since an instant. The library ends it after the typical time, and `end` is what it is to be told
+    /// later then.
+    Erase {
+        bytes: Range<usize>,
+        since: Nanos,
+        end: Option<(EventId, EventId)>,
+    },
     /// Programming a word with bits clear where they are to be clear, until an instant.
     Program { word: usize, bits: u64, done: EventId },
 }
@@ -76,18 +90,24 @@ pub(super) struct Interface {
     library: Library,
     flash: Arc<Mutex<Flash>>,
     operation: Option<Operation>,
+    /// Whether the operation goes wrong: the supply was too low for it.
+    fails: bool,
     /// When the power goes.
     cut: Option<EventId>,
 }
 
 impl Interface {
-    pub(super) fn new(flash: Arc<Mutex<Flash>>, supply: NonZeroU32) -> Self {
+    pub(super) fn new(flash: Arc<Mutex<Flash>>) -> Self {
         let mut library = Library::with_clock(RESET_HZ);
-        library.set_supply(supply);
+        // What an operation needs of the supply is seen to here, when it starts.
+        if let Some(supply) = NonZeroU32::new(SUPPLY_MV) {
+            library.set_supply(supply);
+        }
         Self {
             library,
             flash,
             operation: None,
+            fails: false,
             cut: None,
         }
     }
@@ -97,20 +117,31 @@ impl Interface {
         self.operation.is_some()
     }
 
+    /// The supply, in millivolts.
+    pub(super) fn millivolts(&self) -> u32 {
+        lock(&self.flash).millivolts
+    }
+
     /// The same after a reset of the part at the instant of `context`. What was under way is left half done.
-    pub(super) fn restarted(&mut self, supply: NonZeroU32, context: &mut DeviceContext<'_>) {
-        match self.operation.take() {
-            Some(Operation::Erase(bytes)) => {
+    pub(super) fn restarted(&mut self, context: &mut DeviceContext<'_>) {
+        if let Some(operation) = self.operation.take() {
+            self.half_do(operation, context);
+        }
+        *self = Self::new(self.flash.clone());
+    }
+
+    /// Leaves an operation half done.
+    fn half_do(&self, operation: Operation, context: &mut DeviceContext<'_>) {
+        match operation {
+            Operation::Erase { bytes, .. } => {
                 self.change(bytes.start / WORD..bytes.end / WORD, context, erased_in_part);
             }
-            Some(Operation::Program { word, bits, .. }) => {
+            Operation::Program { word, bits, .. } => {
                 self.change(word..word + 1, context, |old, chance| {
                     programmed_in_part(old, bits, chance)
                 });
             }
-            None => {}
         }
-        *self = Self::new(self.flash.clone(), supply);
     }
 
     /// Changes words, given what each held and a chance.
@@ -128,33 +159,75 @@ impl Interface {
 
     fn start(&mut self, operation: Operation, shortest: Nanos, context: &mut DeviceContext<'_>) {
         self.operation = Some(operation);
+        self.fails = self.millivolts() < LEAST_MV;
+        if self.fails {
+            context.tell(Register::Cr.spec().name, "3.6.2: a flash operation below 2.7 V");
+        }
         let cut = lock(&self.flash).start(shortest);
         self.cut = cut.map(|after| context.schedule(VirtualNanos::from(Nanos::from(context.now()) + after)));
     }
 
     /// The operation is over.
     fn finish(&mut self, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
-        match self.operation.take() {
-            Some(Operation::Erase(bytes)) => {
+        let Some(operation) = self.operation.take() else {
+            return;
+        };
+        if let Operation::Erase { since, .. } = &operation {
+            lock(&self.flash).erases.push((*since, context.now().into()));
+        }
+        let is_word = matches!(operation, Operation::Program { .. });
+        match operation {
+            operation if self.fails => self.half_do(operation, context),
+            Operation::Erase { bytes, .. } => {
                 let erased = u64::from_le_bytes([ERASED; WORD]);
                 self.change(bytes.start / WORD..bytes.end / WORD, context, |_, _| erased);
             }
-            Some(Operation::Program { word, bits, .. }) => {
+            Operation::Program { word, bits, .. } => {
                 self.change(word..word + 1, context, |old, _| old & bits);
-                let mut status = sr::BSY.set(registers.get(Register::Sr), 0);
-                if cr::EOPIE.is_set(registers.get(Register::Cr)) {
-                    status = sr::EOP.set(status, 1);
-                }
-                self.set_status(status, registers, context);
             }
-            None => {}
         }
+        if is_word {
+            let mut status = sr::BSY.set(registers.get(Register::Sr), 0);
+            if cr::EOPIE.is_set(registers.get(Register::Cr)) {
+                status = sr::EOP.set(status, 1);
+            }
+            self.set_status(status, registers, context);
+        }
+    }
+
+    /// What an erase takes beyond the typical time that it has taken by now.
+    fn erase_longer(&self, typical: Nanos) -> Nanos {
+        let worst = Nanos(typical.0 * WORST_ERASE);
+        lock(&self.flash).clock.span("erase", typical, worst).since(typical)
     }
 
     /// Changes SR, and lets the library see to its interrupt.
     fn set_status(&mut self, status: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         registers.set(Register::Sr, status);
         self.library.write(Register::Sr, 0, registers, context);
+    }
+
+    /// The event that the library is to have now. That of an erase which takes longer it has later.
+    fn put_off(&mut self, event: EventId, context: &mut DeviceContext<'_>) -> Option<EventId> {
+        let now = Nanos::from(context.now());
+        match &self.operation {
+            Some(Operation::Erase {
+                end: Some((late, library)),
+                ..
+            }) => (*late == event).then_some(*library),
+            Some(Operation::Erase { since, .. }) => {
+                let longer = self.erase_longer(now.since(*since));
+                if longer == Nanos(0) {
+                    return Some(event);
+                }
+                let late = context.schedule(VirtualNanos::from(now + longer));
+                if let Some(Operation::Erase { end, .. }) = &mut self.operation {
+                    *end = Some((late, event));
+                }
+                None
+            }
+            _ => Some(event),
+        }
     }
 
     /// What is wrong with a store of `width` at `address`, if anything: its flag.
@@ -201,7 +274,13 @@ impl Device for Interface {
                 let sector = cr::SNB.get(control) as usize;
                 SECTORS[sector]..SECTORS[sector + 1]
             };
-            self.start(Operation::Erase(bytes), SHORTEST_ERASE, context);
+            let since = context.now().into();
+            let operation = Operation::Erase {
+                bytes,
+                since,
+                end: None,
+            };
+            self.start(operation, SHORTEST_ERASE, context);
         }
     }
 
@@ -232,9 +311,11 @@ impl Device for Interface {
             let offset = (address - BASE) as usize;
             let shift = 8 * (offset % WORD);
             let bits = value << shift | !(width.mask() << shift);
-            let done = context.schedule(VirtualNanos::from(Nanos::from(context.now()) + PROGRAM));
+            let (typical, worst) = PROGRAM;
+            let span = lock(&self.flash).clock.span("program", typical, worst);
+            let done = context.schedule(VirtualNanos::from(Nanos::from(context.now()) + span));
             let word = offset / WORD;
-            self.start(Operation::Program { word, bits, done }, PROGRAM, context);
+            self.start(Operation::Program { word, bits, done }, typical, context);
         }
         true
     }
@@ -246,9 +327,12 @@ impl Device for Interface {
             return;
         }
         let programmed = matches!(self.operation, Some(Operation::Program { done, .. }) if done == event);
+        let Some(event) = self.put_off(event, context) else {
+            return;
+        };
         self.library.on_event(event, registers, context);
         let erased =
-            matches!(self.operation, Some(Operation::Erase(_))) && !sr::BSY.is_set(registers.get(Register::Sr));
+            matches!(self.operation, Some(Operation::Erase { .. })) && !sr::BSY.is_set(registers.get(Register::Sr));
         if programmed || erased {
             self.finish(registers, context);
         }

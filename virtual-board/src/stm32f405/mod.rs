@@ -12,7 +12,6 @@ pub(crate) mod map;
 mod pins;
 pub(crate) mod port;
 
-use std::num::NonZeroU32;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
@@ -38,9 +37,6 @@ use crate::crystal::Oscillator;
 use crate::flash::Flash;
 use crate::otg::Otg;
 use crate::usb::host::Host;
-
-/// The board's rail, in millivolts.
-const SUPPLY_MV: NonZeroU32 = NonZeroU32::new(3300).expect("not zero");
 
 /// Where our models are on the bus.
 #[derive(Clone, Copy, Debug)]
@@ -88,6 +84,8 @@ pub(crate) struct Stm32f405 {
     dma2: Dma,
     /// Whether what is outside may have changed unseen.
     looks: bool,
+    /// The supply as the part knows it.
+    millivolts: u32,
 }
 
 impl Stm32f405 {
@@ -137,10 +135,11 @@ impl Stm32f405 {
             port: Port::new(line),
             otg: Otg::new(host),
             can: Can::new(can),
-            flash: Interface::new(flash, SUPPLY_MV),
+            flash: Interface::new(flash),
             dma1: Dma1::new(reenabled, starve),
             dma2: dma::controller(1),
             looks: true,
+            millivolts: 0,
         };
         part.supply();
         part.check()?;
@@ -168,6 +167,9 @@ impl Stm32f405 {
     }
 
     fn poll_outside(&mut self, now: VirtualNanos) {
+        if self.flash.millivolts() != self.millivolts {
+            self.supply();
+        }
         let (registers, mut context) = self.bus.drive(now, self.slots.port);
         Device::poll(&mut self.port, registers, &mut context);
         let (registers, mut context) = self.bus.drive(now, self.slots.otg);
@@ -180,10 +182,11 @@ impl Stm32f405 {
         Device::poll(&mut self.clocks, registers, &mut context);
     }
 
-    /// The rail is there (5.1).
+    /// The voltage detector sees the supply (5.2.3).
     fn supply(&mut self) {
+        self.millivolts = self.flash.millivolts();
         let registers = self.bus.slot_mut(self.slots.pwr).registers_mut();
-        self.shared.pwr.set_supply(SUPPLY_MV.get(), registers);
+        self.shared.pwr.set_supply(self.millivolts, registers);
     }
 }
 
@@ -242,7 +245,7 @@ impl Mcu for Stm32f405 {
         let (_, mut context) = self.bus.drive(at, self.slots.can);
         self.can.restarted(&mut context);
         let (_, mut context) = self.bus.drive(at, self.slots.flash);
-        self.flash.restarted(SUPPLY_MV, &mut context);
+        self.flash.restarted(&mut context);
     }
 
     /// What is outside the part speaks to these. What the DMA holds back may go on at any time.

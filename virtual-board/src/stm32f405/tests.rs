@@ -12,6 +12,7 @@ use super::*;
 use crate::crystal::Crystal;
 use crate::line::{Direction, Fault, Format, Line, LineByte, Outcome, Parity};
 use crate::time::Nanos;
+use crate::timing::{Clock, Timing};
 
 const RCC_AHB1ENR: u64 = 0x4002_3830;
 const RCC_APB1ENR: u64 = 0x4002_3840;
@@ -106,7 +107,11 @@ impl Bench {
         let starve = Arc::new(AtomicBool::new(false));
         let line = Arc::new(Mutex::new(Line::new(Arm::default(), 1_000_000, 0, starve.clone())));
         let can = Arc::new(Mutex::new(CanBus::default()));
-        let flash = Arc::new(Mutex::new(Flash::new(vec![0; crate::flash::SIZE], None, 0)));
+        let flash = Arc::new(Mutex::new(Flash::new(
+            vec![0; crate::flash::SIZE],
+            None,
+            Clock::default(),
+        )));
         let host = Arc::new(Mutex::new(Host::default()));
         let oscillator = Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000))));
         let part = Stm32f405::new(

@@ -7,12 +7,20 @@ use core::ops::Range;
 
 use embassy_embedded_hal::adapter::BlockingAsync;
 use embassy_stm32::Peri;
-use embassy_stm32::flash::{Bank1Region, Blocking, Flash};
+use embassy_stm32::flash::{Bank1Region, Blocking, Error, Flash};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::FLASH;
 
 /// The flash.
 pub(crate) type ConfigFlash = BlockingAsync<Bank1Region<'static, Blocking>>;
+
+/// Why a page was not erased or a word not programmed.
+pub(crate) type FlashError = Error;
+
+/// Whether the supply is too low. It is not watched here.
+pub(crate) fn is_supply_low(_error: &FlashError) -> bool {
+    false
+}
 
 /// Where in it the configuration is kept. The memory file leaves this room behind the code.
 pub(crate) const CONFIG_FLASH: Range<u32> = 0x1F000..0x20000;

@@ -24,7 +24,7 @@ use crate::uart::{InterruptHandler, RingHandler};
 
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
-pub(crate) use flash::{CONFIG_FLASH, ConfigFlash};
+pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 
 /// What the board is called.
 pub(crate) const NAME: &str = "stm32g431";

@@ -48,7 +48,7 @@ impl Bench {
     }
 
     fn fill(&mut self, byte: u8) {
-        *port::lock(&self.flash) = Flash::new(vec![byte; SIZE], None, 0);
+        *port::lock(&self.flash) = Flash::new(vec![byte; SIZE], None, Clock::default());
     }
 
     fn flash_word(&self, address: u64) -> u32 {
@@ -255,4 +255,83 @@ fn an_error_stays_until_a_one_is_written_to_it() {
     assert_eq!(bench.read(SR), PGSERR);
     bench.write(SR, PGSERR);
     assert_eq!(bench.read(SR), 0);
+}
+
+/// How long an operation takes, with the part as slow as `timing` says.
+fn lasts(timing: Timing, seed: u64, start: impl Fn(&mut Bench)) -> Nanos {
+    let mut bench = unlocked();
+    *port::lock(&bench.flash) = Flash::new(vec![0xFF; SIZE], None, Clock::new(timing, seed));
+    start(&mut bench);
+    let begin = bench.now;
+    while bench.part.is_flash_busy() {
+        let next = bench.part.next_event().map(Nanos::from).unwrap();
+        bench.run_until(next);
+    }
+    bench.now.since(begin)
+}
+
+#[test]
+fn an_operation_takes_from_its_typical_time_to_its_longest() {
+    let erase = |bench: &mut Bench| bench.write(CR, SER | 1 << SNB_AT | X32 | STRT);
+    let program = |bench: &mut Bench| {
+        bench.write(CR, PG | X32);
+        bench.store(SECTOR_1, Width::W32, 0);
+    };
+    for (start, typical, worst) in [
+        (
+            &erase as &dyn Fn(&mut Bench),
+            Nanos::from_millis(250),
+            Nanos::from_millis(500),
+        ),
+        (&program, Nanos(16_000), Nanos(100_000)),
+    ] {
+        assert_eq!(lasts(Timing::Typical, 1, start), typical);
+        assert_eq!(lasts(Timing::Worst, 1, start), worst);
+        let drawn: Vec<Nanos> = (0..8).map(|seed| lasts(Timing::Drawn, seed, start)).collect();
+        assert!(drawn.iter().all(|span| (typical..=worst).contains(span)), "{drawn:?}");
+        assert!(drawn.iter().any(|span| *span != drawn[0]), "{drawn:?}");
+    }
+}
+
+#[test]
+fn an_operation_below_its_supply_is_told_and_goes_wrong() {
+    for (millivolts, told) in [(2_700, 0), (2_699, 1)] {
+        let mut bench = unlocked();
+        bench.fill(0xFF);
+        port::lock(&bench.flash).millivolts = millivolts;
+        bench.run_for(Nanos(1_000));
+        bench.write(CR, PG | X32);
+        for word in 0..16 {
+            bench.store(SECTOR_1 + 4 * word, Width::W32, 0);
+            bench.run_for(Nanos(16_000));
+        }
+        let right = (0..16)
+            .filter(|word| bench.flash_word(SECTOR_1 + 4 * word) == 0)
+            .count();
+        assert_eq!(right == 16, told == 0, "{right} words");
+        assert_eq!(bench.part.drain_told().is_empty(), told == 0);
+    }
+}
+
+#[test]
+fn the_voltage_detector_follows_the_supply() {
+    const PWR_CR: u64 = 0x4000_7000;
+    const PWR_CSR: u64 = 0x4000_7004;
+    const PVDO: u64 = 1 << 2;
+    let mut bench = unlocked();
+    let clocks = bench.read(RCC_APB1ENR);
+    bench.write(RCC_APB1ENR, clocks | 1 << 28);
+    // PVDE, PLS 110.
+    bench.write(PWR_CR, 6 << 5 | 1 << 4);
+    for (millivolts, is_low) in [
+        (3_300, false),
+        (2_940, false),
+        (2_900, true),
+        (3_000, true),
+        (3_050, false),
+    ] {
+        port::lock(&bench.flash).millivolts = millivolts;
+        bench.run_for(Nanos(1_000));
+        assert_eq!(bench.read(PWR_CSR) & PVDO != 0, is_low, "{millivolts} mV");
+    }
 }

@@ -1,0 +1,99 @@
+//! The firmware image and its flash: how long an erase takes, and what it does when the supply is too low to write.
+
+use armwire_bridge::config::Config;
+use armwire_bridge::control::{self, Reply};
+use armwire_host_tests::image::{Control, MEGABAUD, counters, on_board_with, open, path, plug_in};
+use armwire_sim::ling::LingArm;
+use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard, flash};
+
+fn ling() -> LingArm {
+    LingArm::new(armwire_sim::ling::Config::follower())
+}
+
+/// A board on which a save begins with an erase: both sectors are full.
+fn with_full_flash(timing: Timing) -> BoardConfig<LingArm> {
+    let mut contents = vec![0xFF; flash::SIZE];
+    contents[0x4000..0xC000].fill(0x5A);
+    BoardConfig {
+        flash: Some(contents),
+        timing,
+        ..BoardConfig::new(path(), ling())
+    }
+}
+
+fn save(board: &mut VirtualBoard<LingArm>, control: &mut Control, after_ms: u16) -> Reply {
+    let mut config = Config::default();
+    config.silence.after_ms = after_ms;
+    control.order(board, control::Request::SetConfig(config));
+    control.call(board, control::Request::SaveConfig)
+}
+
+#[test]
+fn an_erase_takes_the_time_of_whole_words() {
+    for (timing, millis) in [(Timing::Typical, 250), (Timing::Worst, 500)] {
+        on_board_with(with_full_flash(timing), |board| {
+            plug_in(board, MEGABAUD);
+            let mut control = Control::open(board);
+            assert_eq!(save(board, &mut control, 700), Reply::Done);
+            let erases = board.erases();
+            assert!(!erases.is_empty());
+            for (start, end) in erases {
+                assert_eq!(end.since(start), Nanos::from_millis(millis));
+            }
+        });
+    }
+}
+
+#[test]
+fn a_save_is_refused_while_the_supply_is_low() {
+    on_board_with(with_full_flash(Timing::Typical), |board| {
+        plug_in(board, MEGABAUD);
+        let mut control = Control::open(board);
+        let before = counters(board);
+        let held = board.flash();
+        board.set_supply(2_850);
+        let refused = Reply::Failed(control::Failure::SupplyLow);
+        assert_eq!(save(board, &mut control, 700), refused);
+        assert_eq!(control.call(board, control::Request::ResetConfig), refused);
+        assert_eq!((board.flash() == held, board.flash_operations()), (true, 0));
+        let after = counters(board);
+        assert_eq!(after.config_failures - before.config_failures, 2);
+        assert_eq!(after.config_saves, 0);
+        board.set_supply(3_300);
+        assert_eq!(save(board, &mut control, 800), Reply::Done);
+    });
+}
+
+#[test]
+fn a_supply_that_sags_in_a_save_leaves_what_was_saved_before() {
+    let mut board = VirtualBoard::start(BoardConfig::new(path(), ling())).unwrap();
+    let board = &mut board;
+    plug_in(board, MEGABAUD);
+    let mut control = Control::open(board);
+    assert_eq!(save(board, &mut control, 700), Reply::Done);
+    for words in [1, 2, 4] {
+        let mut config = Config::default();
+        config.silence.after_ms = 800;
+        control.order(board, control::Request::SetConfig(config));
+        let before = board.flash_operations();
+        control.send(board, control::Request::SaveConfig);
+        for _ in 0..5_000 {
+            if board.flash_operations() >= before + words {
+                break;
+            }
+            board.run_for(Nanos(2_000)).unwrap();
+        }
+        board.set_supply(2_800);
+        board.run_for(Nanos::from_millis(50)).unwrap();
+        assert_eq!(board.flash_operations(), before + words, "the rest was not written");
+        board.set_supply(3_300);
+        board.power_cycle().unwrap();
+        open(board, MEGABAUD);
+        control = Control::open(board);
+        let Reply::Config(kept) = control.call(board, control::Request::GetConfig) else {
+            panic!("no configuration")
+        };
+        assert_eq!(kept.silence.after_ms, 700, "{words} words");
+    }
+    board.check().unwrap();
+}
