@@ -130,6 +130,33 @@ fn a_bus_that_was_lost_is_counted_told_of_and_recovered() {
     });
 }
 
+#[test]
+fn a_bus_that_stays_lost_keeps_neither_the_arm_nor_usb_waiting() {
+    on_board(ling(), |board| {
+        plug_in(board, MEGABAUD);
+        board.can().attach(RATE);
+        let mut control = Control::open(board);
+        control.order(board, control::Request::SetConfig(telemetry()));
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        // The way back does not even begin.
+        board.can().keep_from_initialization(true);
+        board.can().short();
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        board.can().release();
+        board.run_for(Nanos::from_millis(3_000)).unwrap();
+        let seen = counters(board);
+        assert_eq!((seen.can_bus_offs, seen.unanswered_requests), (1, 0));
+
+        board.can().keep_from_initialization(false);
+        board.run_for(Nanos::from_millis(100)).unwrap();
+        sent(board, Function::JointsA);
+        board.run_for(Nanos::from_millis(1_000)).unwrap();
+        let joints = sent(board, Function::JointsA);
+        assert!((99..=101).contains(&joints), "{joints} in a second");
+        expect_served(board);
+    });
+}
+
 /// Expects that a host on the bus gets what it asks for.
 fn expect_served(board: &mut VirtualBoard<LingArm>) {
     let joints = frame(Request::ReadJoints);

@@ -157,6 +157,12 @@ impl Can<'_> {
         lock(self.bus).set_shorted(false);
     }
 
+    /// Keeps the board's controller from its initialization mode, as one whose bus or clock does not let it end what it does:
+    /// INAK does not come (RM0090, 32.4.1). `false` ends that.
+    pub fn keep_from_initialization(&self, keep: bool) {
+        lock(self.bus).keep_from_initialization(keep);
+    }
+
     /// Lets another attached node send `frame` again and again, whenever it wins the bus. `None` ends it.
     ///
     /// # Errors

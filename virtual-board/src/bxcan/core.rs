@@ -117,6 +117,8 @@ pub(super) struct Core {
     /// The instant of what happens now.
     pub(super) now: Nanos,
     pub(super) clock_hz: u64,
+    /// Whether initialization mode is out of reach for now.
+    out_of_reach: bool,
     mode: Mode,
     wait: Option<Wait>,
     /// Whether a frame is on the bus.
@@ -145,6 +147,7 @@ impl Default for Core {
         Self {
             now: Nanos(0),
             clock_hz: RESET_HZ,
+            out_of_reach: false,
             mode: Mode::Sleep,
             wait: None,
             busy: false,
@@ -377,6 +380,13 @@ impl Core {
         self.wait = Some(Wait::new(left, (!self.busy).then_some(self.now.max(self.free))));
     }
 
+    /// Keeps initialization mode out of reach, or ends that.
+    pub(super) fn keep_from_initialization(&mut self, keep: bool) {
+        if std::mem::replace(&mut self.out_of_reach, keep) && !keep {
+            self.change_mode();
+        }
+    }
+
     /// Follows INRQ and SLEEP (32.4), once no frame is on the bus that it is part of.
     fn change_mode(&mut self) {
         let wanted = match (self.has(mcr::INRQ), self.has(mcr::SLEEP)) {
@@ -398,7 +408,7 @@ impl Core {
             return;
         }
         let engaged = self.sending.is_some() || self.busy && self.listens();
-        if engaged {
+        if engaged || wanted == Mode::Initialization && self.out_of_reach {
             return;
         }
         self.mode = wanted;

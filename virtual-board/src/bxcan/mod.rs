@@ -57,6 +57,7 @@ impl Can {
         let now = Nanos::from(context.now());
         self.core.now = now;
         let mut bus = self.bus.lock().unwrap_or_else(PoisonError::into_inner);
+        self.core.keep_from_initialization(bus.keeps_from_initialization());
         let next = bus.poll(now, &mut self.core);
         self.progress |= bus.take_progress();
         drop(bus);

@@ -140,6 +140,8 @@ pub(crate) struct Bus {
     /// Whether they leave the frames of others unacknowledged.
     deaf: bool,
     shorted: bool,
+    /// Whether the board's controller does not get to its initialization mode.
+    keeps_from_initialization: bool,
     /// How many more of the board's frames a node destroys.
     failing: u32,
     joined: BTreeMap<u8, Node>,
@@ -206,6 +208,14 @@ impl Bus {
 
     pub(crate) fn set_acknowledging(&mut self, acknowledging: bool) {
         self.deaf = !acknowledging;
+    }
+
+    pub(crate) fn keep_from_initialization(&mut self, keep: bool) {
+        self.keeps_from_initialization = keep;
+    }
+
+    pub(crate) fn keeps_from_initialization(&self) -> bool {
+        self.keeps_from_initialization
     }
 
     pub(crate) fn set_shorted(&mut self, shorted: bool) {

@@ -36,6 +36,10 @@ const ALTERNATE_FUNCTION: u8 = 9;
 /// The mailboxes that frames leave from.
 const MAILBOXES: usize = ROOM as usize;
 
+/// How often the interrupt handler looks whether initialization mode was entered, which takes a few cycles at a bus that is
+/// lost.
+const INITIALIZATION_TRIES: usize = 16;
+
 /// In bus-off: the way back was started.
 static RETURNING: AtomicBool = AtomicBool::new(false);
 
@@ -127,6 +131,8 @@ impl Controller {
     /// Whether the controller has left the bus because of too many errors. To be asked now and then: nothing else sees to
     /// a way back that was not started.
     pub(crate) fn is_bus_off(&self) -> bool {
+        // The interrupt handler asks for initialization mode, too.
+        critical_section::with(|_| leave_initialization());
         let is_off = CAN.esr().read().boff();
         if !RETURNING.swap(is_off, Ordering::Relaxed) && is_off {
             CAN1_SCE::pend();
@@ -231,8 +237,17 @@ impl Handler<CAN1_SCE> for StatusHandler {
             RETURNING.store(true, Ordering::Relaxed);
             // To enter and leave this mode is what starts the way back, as soon as the standard allows (32.7.6).
             CAN.mcr().modify(|w| w.set_inrq(true));
-            while !CAN.msr().read().inak() {}
-            CAN.mcr().modify(|w| w.set_inrq(false));
+            // What is not entered by then is left when somebody asks for bus-off.
+            (0..INITIALIZATION_TRIES).any(|_| leave_initialization());
         }
     }
+}
+
+/// Ends initialization mode, if it was asked for and entered (RM0090 32.4.1). Returns whether it was.
+fn leave_initialization() -> bool {
+    let is_entered = CAN.mcr().read().inrq() && CAN.msr().read().inak();
+    if is_entered {
+        CAN.mcr().modify(|w| w.set_inrq(false));
+    }
+    is_entered
 }
