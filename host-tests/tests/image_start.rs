@@ -153,6 +153,28 @@ fn a_crystal_that_starts_late_is_waited_for() {
 }
 
 #[test]
+fn the_prefetch_is_off_on_revision_a() {
+    const FLASH_ACR: u64 = 0x4002_3C00;
+    const PRFTEN: u32 = 1 << 8;
+    for (idcode, prefetches) in [
+        (0x1000_6413, false),
+        (0x2000_6411, false),
+        (0x1001_6413, true),
+        (0x100F_6413, true),
+    ] {
+        let config = Config {
+            idcode,
+            ..config(Crystal::new(8_000_000))
+        };
+        on_board_with(config, |board| {
+            board.run_for(millis(20)).unwrap();
+            let control = board.read_word(FLASH_ACR).unwrap();
+            assert_eq!(control & PRFTEN != 0, prefetches, "{idcode:#x}");
+        });
+    }
+}
+
+#[test]
 fn the_watchdog_watches_before_the_clocks_run() {
     let mut board = VirtualBoard::start(config(Crystal::dead())).unwrap();
     board.run_for(millis(10)).unwrap();

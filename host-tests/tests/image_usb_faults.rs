@@ -2,17 +2,28 @@
 
 use armwire_bridge::Counters;
 use armwire_host_tests::image::{
-    MEGABAUD, Talker, counters, exchange, noise, on_board, open, plug_in, read_all, same_bytes,
+    MEGABAUD, Talker, counters, exchange, noise, on_board_with, open, path, plug_in, read_all, same_bytes,
 };
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::usb::host::Request;
-use armwire_virtual_board::{Nanos, VirtualBoard};
+use armwire_virtual_board::{Config, Nanos, Timing, VirtualBoard};
 
 type Board = VirtualBoard<Talker>;
 
 /// In which time the adapter must answer again.
 const READY: Nanos = Nanos::from_millis(100);
+
+/// Runs a test on a board whose USB controller does each of its steps at once, and on one that takes its time.
+fn on_either_board(test: impl Fn(&mut Board)) {
+    for timing in [Timing::Typical, Timing::Worst] {
+        let config = Config {
+            timing,
+            ..Config::new(path(), Talker::default())
+        };
+        on_board_with(config, &test);
+    }
+}
 
 fn get_line_coding() -> Request {
     Request::read(0xA1, 0x21, 0, 0, 7)
@@ -52,7 +63,7 @@ fn passes_bytes(board: &mut Board, byte: u8, after: &str) {
 }
 
 fn works_when_it_is_given_up(request: fn() -> Request) {
-    on_board(Talker::default(), |board| {
+    on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in 0..=400_u16 {
             let after = format!("given up after {micros} us");
@@ -93,7 +104,7 @@ fn a_read_of_many_packets_may_be_given_up_at_any_microsecond() {
 
 #[test]
 fn requests_given_up_one_after_the_other_leave_the_next_one_whole() {
-    on_board(Talker::default(), |board| {
+    on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in (1..60).step_by(3) {
             for request in [get_line_coding, set_line_coding, read_counters, set_line_coding] {
@@ -107,7 +118,7 @@ fn requests_given_up_one_after_the_other_leave_the_next_one_whole() {
 
 #[test]
 fn the_bus_may_be_reset_in_the_middle_of_a_request() {
-    on_board(Talker::default(), |board| {
+    on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in (5..80).step_by(15) {
             for request in [get_line_coding, set_line_coding, read_counters] {
@@ -125,7 +136,7 @@ fn the_bus_may_be_reset_in_the_middle_of_a_request() {
 
 #[test]
 fn the_cable_may_be_pulled_in_the_middle_of_a_request() {
-    on_board(Talker::default(), |board| {
+    on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in (5..80).step_by(15) {
             for request in [get_line_coding, set_line_coding, read_counters] {
@@ -143,7 +154,7 @@ fn the_cable_may_be_pulled_in_the_middle_of_a_request() {
 
 #[test]
 fn the_bus_may_be_suspended_in_the_middle_of_a_request() {
-    on_board(Talker::default(), |board| {
+    on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for micros in (5..80).step_by(15) {
             for request in [get_line_coding, set_line_coding, read_counters] {
@@ -164,7 +175,7 @@ fn the_bus_may_be_suspended_in_the_middle_of_a_request() {
 
 /// Lets `act` happen at both toggles of both directions, and expects each byte before and after.
 fn costs_no_byte(act: impl Fn(&mut Board)) {
-    on_board(Talker::default(), |board| {
+    on_either_board(|board| {
         plug_in(board, MEGABAUD);
         let mut seen = [[0; 2]; 2];
         for nth in 0..6 {
@@ -231,7 +242,7 @@ fn a_configuration_that_is_taken_away_and_set_again_costs_no_byte() {
 
 #[test]
 fn what_waits_for_the_host_is_there_after_a_halt_is_cleared_or_the_interface_set() {
-    on_board(Talker::default(), |board| {
+    on_either_board(|board| {
         plug_in(board, MEGABAUD);
         for (nth, len) in [5, 64, 70, 200, 300].into_iter().enumerate() {
             let said = noise(nth as u64, len);
@@ -251,7 +262,7 @@ fn what_waits_for_the_host_is_there_after_a_halt_is_cleared_or_the_interface_set
 /// Lets `act` happen again and again while both sides talk: what the host says comes to the arm, and what the arm says to
 /// the host or into the books.
 fn loses_nothing_uncounted(act: impl Fn(&mut Board, u64)) {
-    on_board(Talker::default(), |board| {
+    on_either_board(|board| {
         plug_in(board, MEGABAUD);
         exchange(board, &noise(1, 500), &noise(2, 500));
         let before = counters(board);

@@ -23,7 +23,7 @@ use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte};
 use crate::machine::{self, Bench, Command, Reply, Run, Watched};
 use crate::report::{Crash, Report, Violation, Violations};
 use crate::stm32f405::port::{Shared, lock};
-use crate::stm32f405::{Reenabled, Stm32f405};
+use crate::stm32f405::{IDCODE, Reenabled, Stm32f405};
 use crate::time::Nanos;
 use crate::timing::{Clock, Timing};
 use crate::trace::Trace;
@@ -52,6 +52,8 @@ pub struct Config<A> {
     pub arm_baud: u32,
     /// The crystal.
     pub crystal: Crystal,
+    /// The part's DBGMCU_IDCODE: its revision (RM0090, 38.6.1).
+    pub idcode: u32,
     /// The part's unique id.
     pub unique_id: [u8; 12],
     /// Which bytes meet faults, where rates say how many do, what a power cut leaves in the flash, and the times that
@@ -82,6 +84,7 @@ impl<A> Config<A> {
             arm,
             arm_baud: 1_000_000,
             crystal: Crystal::new(8_000_000),
+            idcode: IDCODE,
             unique_id: *b"\x20\x00\x41\x00\x0B51P\x35V03",
             seed: 0,
             timing: Timing::default(),
@@ -244,7 +247,7 @@ impl<A: Arm> VirtualBoard<A> {
         )));
         let can = Arc::new(Mutex::new(Bus::default()));
         let oscillator = Arc::new(Mutex::new(Oscillator::new(config.crystal)));
-        let part = Stm32f405::new(
+        let mut part = Stm32f405::new(
             oscillator.clone(),
             line.clone(),
             starve,
@@ -253,6 +256,7 @@ impl<A: Arm> VirtualBoard<A> {
             can.clone(),
             flash.clone(),
         )?;
+        part.set_idcode(config.idcode);
         let bench = Bench {
             part,
             unique_id: config.unique_id,

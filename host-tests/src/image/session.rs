@@ -5,9 +5,11 @@ use armwire_bridge::Counters;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::Request;
-use armwire_virtual_board::{Nanos, VirtualBoard};
+use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
-use super::{CanHost, Deeds, Hosts, MEGABAUD, Subscriber, Traffic, UsbHost, Witness, counters, on_board, plug_in};
+use super::{
+    CanHost, Deeds, Hosts, MEGABAUD, Subscriber, Traffic, UsbHost, Witness, counters, on_board_with, path, plug_in,
+};
 
 /// Bits per second on the bus.
 const RATE: u32 = 1_000_000;
@@ -44,13 +46,18 @@ pub fn polled(hertz: u16) -> Config {
     }
 }
 
-/// Runs a test with everybody at work, with an arm that thinks for `turnaround` before each answer.
+/// Runs a test with everybody at work, with an arm that thinks for `turnaround` before each answer. Flash and USB controller take
+/// times that are drawn.
 ///
 /// # Panics
 ///
-/// As [`on_board`].
+/// As [`on_board_with`].
 pub fn session<R>(turnaround: Micros, config: Config, test: impl FnOnce(&mut Session<'_>) -> R) -> R {
-    on_board(Witness::new(turnaround), |board| {
+    let slow = BoardConfig {
+        timing: Timing::Drawn,
+        ..BoardConfig::new(path(), Witness::new(turnaround))
+    };
+    on_board_with(slow, |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(RATE);
         let mut session = Session {

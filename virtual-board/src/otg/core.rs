@@ -13,7 +13,8 @@
 //! | IN: sent once enabled, no NAK, and the FIFO holds the packet; XFRC at the host's ACK | 34.17.6 |
 //! | Data toggles, STALL, NAK set and cleared, endpoint disable, global IN NAK | 34.16.4 |
 //! | Global OUT NAK: at once on the wire, in force once its word is popped from the receive FIFO | 34.17.5 |
-//! | FIFO flushes and core soft reset, at once | 34.16.2 GRSTCTL |
+//! | FIFO flushes, core soft reset | 34.16.2 GRSTCTL |
+//! | Endpoint disable, endpoint NAK, global NAKs, flushes and the soft reset take their time; what is done too soon is told | 34.16.2, 34.16.4, 34.17.5, 34.17.6 |
 //!
 //! Left out: host mode, isochronous endpoints, the periodic end-of-frame interrupt (EOPF), remote wake-up, and the
 //! wake-up line to the EXTI. An interrupt that is left out is never raised.
@@ -27,6 +28,7 @@ use std::ops::Range;
 
 use super::registers::*;
 use crate::time::Nanos;
+use crate::timing::Clock;
 use crate::usb::{Direction, Function, Handshake, Reply};
 
 /// The core's identification (34.16.2 CID).
@@ -34,6 +36,38 @@ const CORE_ID: u32 = 0x0000_1200;
 
 /// How many words the FIFOs share (34.11: 1.25 kB).
 const FIFO_RAM: usize = 320;
+
+/// What the core does in its own time, once the firmware has asked for it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    /// EPDIS of an endpoint.
+    Disable(Direction, usize),
+    /// SNAK of an IN endpoint.
+    Nak(usize),
+    /// SGINAK.
+    InNak,
+    /// SGONAK.
+    OutNak,
+    /// TXFFLSH, with TXFNUM.
+    FlushTransmit(u32),
+    /// RXFFLSH.
+    FlushReceive,
+    /// CSRST.
+    Reset,
+}
+
+impl Step {
+    /// How long it takes at worst. The manual has firmware wait for each and says of the flushes alone how long: eight clocks of
+    /// the slower side. The others are this model's, above what drivers report. The typical time is none.
+    fn worst(self) -> Nanos {
+        match self {
+            Self::Disable(..) => Nanos(20_000),
+            Self::Nak(_) => Nanos(2_000),
+            Self::InNak | Self::OutNak | Self::Reset => Nanos(10_000),
+            Self::FlushTransmit(_) | Self::FlushReceive => Nanos(1_000),
+        }
+    }
+}
 
 /// One IN endpoint.
 #[derive(Debug, Default)]
@@ -103,6 +137,9 @@ pub(super) struct Core {
     /// A SETUP came and the token that ends its phase did not yet.
     setup_open: bool,
     misuse: Option<&'static str>,
+    /// How long steps take, and what is under way, with when it will be done.
+    clock: Clock,
+    steps: Vec<(Nanos, Step)>,
 }
 
 impl Default for Core {
@@ -138,6 +175,8 @@ impl Default for Core {
             popped: VecDeque::new(),
             setup_open: false,
             misuse: None,
+            clock: Clock::default(),
+            steps: Vec::new(),
         };
         core.input[0].control = epctl::USBAEP;
         core.output[0].control = epctl::USBAEP;
@@ -156,7 +195,92 @@ impl Core {
         Self {
             now: self.now,
             vbus: self.vbus,
+            clock: self.clock,
             ..Self::default()
+        }
+    }
+
+    /// A controller whose steps take as long as the clock says.
+    pub(super) fn with_clock(clock: Clock) -> Self {
+        Self {
+            clock,
+            ..Self::default()
+        }
+    }
+
+    /// When the next step is done.
+    pub(super) fn next_step(&self) -> Option<Nanos> {
+        self.steps.iter().map(|&(done, _)| done).min()
+    }
+
+    /// Ends the steps that are done by now.
+    pub(super) fn advance(&mut self) {
+        while let Some(first) = (0..self.steps.len()).min_by_key(|&nth| self.steps[nth].0)
+            && self.steps[first].0 <= self.now
+        {
+            let (_, step) = self.steps.remove(first);
+            self.finish(step);
+        }
+        self.arm();
+    }
+
+    fn begin(&mut self, step: Step) {
+        let span = self.clock.span("otg", Nanos(0), step.worst());
+        if span == Nanos(0) {
+            self.finish(step);
+        } else {
+            self.steps.push((self.now + span, step));
+        }
+    }
+
+    fn is_under_way(&self, is: impl Fn(Step) -> bool) -> bool {
+        self.steps.iter().any(|&(_, step)| is(step))
+    }
+
+    fn finish(&mut self, step: Step) {
+        match step {
+            Step::Disable(direction, endpoint) => {
+                let (control, interrupts) = match direction {
+                    Direction::In => {
+                        let input = &mut self.input[endpoint];
+                        (&mut input.control, &mut input.interrupts)
+                    }
+                    Direction::Out => {
+                        let output = &mut self.output[endpoint];
+                        (&mut output.control, &mut output.interrupts)
+                    }
+                };
+                *control &= !epctl::EPENA;
+                *interrupts |= epint::EPDISD;
+            }
+            Step::Nak(endpoint) => self.input[endpoint].take_nak(),
+            Step::InNak => self.dctl |= device::GINSTS,
+            Step::OutNak => {
+                self.dctl |= device::GONSTS;
+                self.receive(0, grxsts::GLOBAL_OUT_NAK, false, &[]);
+            }
+            Step::FlushTransmit(number) => {
+                self.grstctl &= !grstctl::TXFFLSH;
+                for (each, input) in self.input.iter_mut().enumerate() {
+                    if number == grstctl::ALL || number as usize == each {
+                        input.fifo.clear();
+                    }
+                }
+            }
+            Step::FlushReceive => {
+                self.grstctl &= !grstctl::RXFFLSH;
+                self.received.clear();
+                self.popped.clear();
+            }
+            Step::Reset => {
+                // 34.16.2: all registers but some of PCGCCTL and DCFG's speed.
+                *self = Self {
+                    clocked: self.clocked,
+                    dcfg: Self::default().dcfg | self.dcfg & device::DSPD,
+                    pcgcctl: self.pcgcctl,
+                    ..self.restarted()
+                };
+            }
         }
     }
 
@@ -250,11 +374,12 @@ impl Core {
                 (Direction::In, INT) => self.input[endpoint].interrupts &= !value,
                 (Direction::In, TSIZ) => self.input[endpoint].size = value,
                 (Direction::Out, CTL) => {
+                    self.check_enable(Direction::Out, endpoint, value);
                     let output = &mut self.output[endpoint];
                     let disabled = value & epctl::EPDIS != 0 && output.control & epctl::EPENA != 0;
                     output.control = control(endpoint, output.control, value);
                     if disabled {
-                        output.interrupts |= epint::EPDISD;
+                        self.begin(Step::Disable(Direction::Out, endpoint));
                     }
                 }
                 (Direction::Out, INT) => self.output[endpoint].interrupts &= !value,
@@ -302,6 +427,11 @@ impl Core {
             self.misuse = Some("34.11.2: more than a transmit FIFO holds was written to it");
             return;
         }
+        let flushes =
+            |step| matches!(step, Step::FlushTransmit(number) if number == grstctl::ALL || number as usize == endpoint);
+        if self.is_under_way(flushes) {
+            self.misuse = Some("34.16.2: a transmit FIFO was written to while it is flushed");
+        }
         if self.overlaps(endpoint) {
             self.misuse = Some("34.11: a FIFO overlaps another, or the end of the FIFO RAM");
         }
@@ -324,65 +454,67 @@ impl Core {
         self.misuse.take()
     }
 
-    fn write_in_control(&mut self, endpoint: usize, value: u32) {
-        let input = &mut self.input[endpoint];
-        if value & epctl::EPDIS != 0 && input.control & epctl::EPENA != 0 {
-            input.interrupts |= epint::EPDISD;
+    /// An endpoint that is enabled while it is being disabled is told: the core would disable it.
+    fn check_enable(&mut self, direction: Direction, endpoint: usize, value: u32) {
+        let disables = |step| step == Step::Disable(direction, endpoint);
+        let is_let_go = value & epctl::CNAK != 0 && value & epctl::EPENA != 0;
+        if is_let_go && self.is_under_way(disables) {
+            self.misuse = Some("34.17.6: an endpoint was enabled while it is being disabled");
         }
+    }
+
+    fn write_in_control(&mut self, endpoint: usize, value: u32) {
+        self.check_enable(Direction::In, endpoint, value);
+        let input = &mut self.input[endpoint];
+        let disabled = value & epctl::EPDIS != 0 && input.control & epctl::EPENA != 0;
         if value & epctl::CNAK != 0 {
             input.interrupts &= !epint::INEPNE;
         }
         input.control = control(endpoint, input.control, value);
         if value & epctl::SNAK != 0 {
-            input.take_nak();
+            self.begin(Step::Nak(endpoint));
+        }
+        if disabled {
+            self.begin(Step::Disable(Direction::In, endpoint));
         }
     }
 
     fn write_reset(&mut self, value: u32) {
         if value & grstctl::CSRST != 0 {
-            // 34.16.2: all registers but some of PCGCCTL and DCFG's speed.
-            *self = Self {
-                clocked: self.clocked,
-                dcfg: Self::default().dcfg | self.dcfg & device::DSPD,
-                pcgcctl: self.pcgcctl,
-                ..self.restarted()
-            };
+            self.grstctl |= grstctl::CSRST;
+            self.begin(Step::Reset);
             return;
         }
-        if value & grstctl::RXFFLSH != 0 {
-            self.received.clear();
-            self.popped.clear();
-        }
-        if value & grstctl::TXFFLSH != 0 {
-            let number = (value & grstctl::TXFNUM) >> grstctl::TXFNUM_AT;
-            for (each, input) in self.input.iter_mut().enumerate() {
-                if number == grstctl::ALL || number as usize == each {
-                    input.fifo.clear();
-                }
+        let number = (value & grstctl::TXFNUM) >> grstctl::TXFNUM_AT;
+        let busy = self.grstctl & (grstctl::RXFFLSH | grstctl::TXFFLSH);
+        let begun = value & (grstctl::RXFFLSH | grstctl::TXFFLSH);
+        self.grstctl = grstctl::AHBIDL | value & grstctl::TXFNUM | busy | begun;
+        for (bit, step) in [
+            (grstctl::RXFFLSH, Step::FlushReceive),
+            (grstctl::TXFFLSH, Step::FlushTransmit(number)),
+        ] {
+            if begun & bit != 0 {
+                self.begin(step);
             }
         }
-        self.grstctl = grstctl::AHBIDL | value & grstctl::TXFNUM;
     }
 
     fn write_device_control(&mut self, value: u32) {
-        let mut status = self.dctl & (device::GINSTS | device::GONSTS);
-        for (bit, set, clear) in [
-            (device::GINSTS, device::SGINAK, device::CGINAK),
-            (device::GONSTS, device::SGONAK, device::CGONAK),
-        ] {
-            if value & set != 0 {
-                status |= bit;
-            }
-            if value & clear != 0 {
-                status &= !bit;
-            }
-        }
-        if status & !self.dctl & device::GONSTS != 0 {
-            self.receive(0, grxsts::GLOBAL_OUT_NAK, false, &[]);
-        }
-        self.out_nak_told &= status & device::GONSTS != 0;
         let commands = device::SGINAK | device::CGINAK | device::SGONAK | device::CGONAK;
-        self.dctl = value & !(commands | device::GINSTS | device::GONSTS) | status;
+        let states = device::GINSTS | device::GONSTS;
+        self.dctl = value & !(commands | states) | self.dctl & states;
+        for (bit, set, clear, step) in [
+            (device::GINSTS, device::SGINAK, device::CGINAK, Step::InNak),
+            (device::GONSTS, device::SGONAK, device::CGONAK, Step::OutNak),
+        ] {
+            if value & clear != 0 {
+                self.steps.retain(|&(_, each)| each != step);
+                self.dctl &= !bit;
+            } else if value & set != 0 && self.dctl & bit == 0 && !self.is_under_way(|each| each == step) {
+                self.begin(step);
+            }
+        }
+        self.out_nak_told &= self.dctl & device::GONSTS != 0;
     }
 
     /// Whether the core drives its interrupt line (34.15).
@@ -776,7 +908,6 @@ fn control(endpoint: usize, old: u32, written: u32) -> u32 {
         (epctl::SD0PID, 0, epctl::DPID),
         (epctl::SD1PID, epctl::DPID, 0),
         (epctl::EPENA, epctl::EPENA, 0),
-        (epctl::EPDIS, 0, epctl::EPENA),
     ] {
         if written & command != 0 {
             new = new & !clear | set;

@@ -12,6 +12,7 @@ use rigless::time::{EventId, VirtualNanos};
 use self::core::Core;
 use self::registers::{Row, TABLE};
 use crate::time::Nanos;
+use crate::timing::Clock;
 use crate::usb::host::Host;
 
 /// Where the core is (RM0090, table 1), and its interrupt lines (table 62): global and wake-up.
@@ -45,9 +46,9 @@ pub(crate) struct Otg {
 }
 
 impl Otg {
-    pub(crate) fn new(host: Arc<Mutex<Host>>) -> Self {
+    pub(crate) fn new(host: Arc<Mutex<Host>>, clock: Clock) -> Self {
         Self {
-            core: Core::default(),
+            core: Core::with_clock(clock),
             host,
             line: Level::Low,
             told: Vec::new(),
@@ -65,10 +66,12 @@ impl Otg {
     fn settle(&mut self, context: &mut DeviceContext<'_>) {
         let now = Nanos::from(context.now());
         self.core.now = now;
+        self.core.advance();
         let mut host = self.host.lock().unwrap_or_else(PoisonError::into_inner);
         let next = host.poll(now, &mut self.core);
         self.progress |= host.take_progress();
         drop(host);
+        let next = next.into_iter().chain(self.core.next_step()).min();
         match (next, &self.wake) {
             (Some(next), Some((at, _))) if next == *at => {}
             (Some(next), _) => self.wake = Some((next, context.schedule(VirtualNanos::from(next)))),
@@ -91,6 +94,8 @@ impl Device for Otg {
     type Register = Row;
 
     fn read(&mut self, row: Row, _: &mut RegisterFile, context: &mut DeviceContext<'_>) -> Option<u64> {
+        self.core.now = context.now().into();
+        self.core.advance();
         let value = self.core.read(row.offset());
         self.settle(context);
         Some(value.into())
@@ -102,6 +107,7 @@ impl Device for Otg {
 
     fn write(&mut self, row: Row, value: u64, _: &mut RegisterFile, context: &mut DeviceContext<'_>) {
         self.core.now = context.now().into();
+        self.core.advance();
         self.core.write(row.offset(), value as u32);
         if let Some(reason) = self.core.take_misuse()
             && !self.told.contains(&reason)

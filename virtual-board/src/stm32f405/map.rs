@@ -105,13 +105,11 @@ const ABSENT: [&str; 25] = [
 ];
 
 /// Registers that reset otherwise than the F427's.
-const RESETS: [(&str, &str, u64); 4] = [
+const RESETS: [(&str, &str, u64); 3] = [
     // 7.3.15, 7.3.18, 7.3.19: low-power clock enables of what there is.
     (RCC, "AHB1LPENR", 0x7E67_91FF),
     (RCC, "APB1LPENR", 0x36FE_C9FF),
     (RCC, "APB2LPENR", 0x0007_5F33),
-    // 38.6.1: device 0x413; revision 0x1007 is "1".
-    ("DBG", "DBGMCU_IDCODE", 0x1007_6413),
 ];
 
 /// The bit of RCC that lets an instance answer (7.3.10 to 7.3.14) and the one that resets it (7.3.5 to 7.3.9), for the

@@ -30,13 +30,16 @@ pub use self::dma::Reenabled;
 use self::flash::Interface;
 use self::map::{ARM_PORT, CAPTURE, FLASH, PWR, RCC};
 use self::pins::PortA;
-use self::port::{AnyLine, Port};
+use self::port::{AnyLine, Port, lock};
 use crate::bxcan::{self, Can};
 use crate::can::bus::Bus as CanBus;
 use crate::crystal::Oscillator;
 use crate::flash::Flash;
 use crate::otg::Otg;
 use crate::usb::host::Host;
+
+/// DBGMCU_IDCODE of the part: device 0x413; revision 0x1007 is "1" (38.6.1).
+pub(crate) const IDCODE: u32 = 0x1007_6413;
 
 /// Where our models are on the bus.
 #[derive(Clone, Copy, Debug)]
@@ -86,6 +89,8 @@ pub(crate) struct Stm32f405 {
     looks: bool,
     /// The supply as the part knows it.
     millivolts: u32,
+    /// DBGMCU_IDCODE.
+    idcode: u32,
 }
 
 impl Stm32f405 {
@@ -104,6 +109,7 @@ impl Stm32f405 {
         flash: Arc<Mutex<Flash>>,
     ) -> Result<Self, Error> {
         let bus = map::bus()?;
+        let clock = lock(&flash).clock;
         let shared = Stm32f427::new()?;
         let twins = bus
             .slots()
@@ -133,17 +139,25 @@ impl Stm32f405 {
             capture: Capture::new(oscillator),
             pins: PortA::new(line.clone()),
             port: Port::new(line),
-            otg: Otg::new(host),
+            otg: Otg::new(host, clock),
             can: Can::new(can),
             flash: Interface::new(flash),
             dma1: Dma1::new(reenabled, starve),
             dma2: dma::controller(1),
             looks: true,
             millivolts: 0,
+            idcode: IDCODE,
         };
         part.supply();
         part.check()?;
         Ok(part)
+    }
+
+    /// Makes it another revision of the part (38.6.1).
+    pub(crate) fn set_idcode(&mut self, idcode: u32) {
+        self.idcode = idcode;
+        let registers = self.bus.slot_mut(self.slots.dbg).registers_mut();
+        registers.set(dbg::Register::DbgmcuIdcode, idcode.into());
     }
 
     /// Whether [`poll`](Mcu::poll) looks outside, as it does at first. It need not where nobody but the models themselves
@@ -230,6 +244,7 @@ impl Mcu for Stm32f405 {
             }
         }
         self.supply();
+        self.set_idcode(self.idcode);
 
         Device::reset(&mut self.capture);
         Device::reset(&mut self.pins);

@@ -46,7 +46,7 @@ pub(super) const LOSSES: [Named; 19] = [
 ];
 
 /// Counters of what no fault of the campaign may bring about.
-const NEVER: [Named; 16] = [
+const NEVER: [Named; 17] = [
     ("refused bytes", |c| c.refused_bytes),
     ("parity errors", |c| c.parity_errors),
     ("refused line codings", |c| c.refused_line_codings),
@@ -63,6 +63,7 @@ const NEVER: [Named; 16] = [
     ("CAN frames not sent", |c| c.dropped_can_frames),
     ("panics", |c| c.panics),
     ("watchdog resets", |c| c.watchdog_resets),
+    ("hard faults", |c| c.hard_faults),
 ];
 
 /// What is wrong in a run, a line each.

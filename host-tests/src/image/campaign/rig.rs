@@ -6,7 +6,7 @@ use armwire_bridge::can::Node;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Request;
 use armwire_virtual_board::line::Direction;
-use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, VirtualBoard};
+use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, Timing, VirtualBoard};
 
 use super::super::{
     CanHost, Deeds, Hosts, MEGABAUD, Subscriber, Traffic, UsbHost, Witness, byte_time, counters, path, plug_in, polled,
@@ -66,6 +66,7 @@ impl Rig {
             None => {
                 let mut config = BoardConfig::new(path(), arm);
                 config.seed = dice.clone().next();
+                config.timing = Timing::Drawn;
                 VirtualBoard::start(config)?
             }
         };

@@ -197,3 +197,80 @@ fn a_setup_leaves_an_answer_that_was_not_fetched_enabled_but_silent() {
     assert_eq!(core.input(0, 0), Reply::Nak);
     assert_ne!(core.read(DIEP + CTL) & epctl::EPENA, 0);
 }
+
+/// The same controller with steps that take as long as they may.
+fn slow() -> Core {
+    let mut core = with_bulk();
+    core.clock = Clock::new(crate::Timing::Worst, 0);
+    core
+}
+
+fn later(core: &mut Core, nanos: u64) {
+    core.now = core.now + Nanos(nanos);
+    core.advance();
+}
+
+#[test]
+fn an_endpoint_stays_enabled_until_its_disable_is_done() {
+    let mut core = slow();
+    send(&mut core, &[1; 64]);
+    let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, control | epctl::SNAK | epctl::EPDIS);
+    later(&mut core, 19_000);
+    assert_ne!(core.read(DIEP + ENDPOINT_SPAN + CTL) & epctl::EPENA, 0);
+    assert_eq!(core.read(DIEP + ENDPOINT_SPAN + INT) & epint::EPDISD, 0);
+    later(&mut core, 1_000);
+    assert_eq!(core.read(DIEP + ENDPOINT_SPAN + CTL) & epctl::EPENA, 0);
+    assert_ne!(core.read(DIEP + ENDPOINT_SPAN + INT) & epint::EPDISD, 0);
+}
+
+#[test]
+fn an_endpoint_that_is_enabled_while_it_is_disabled_is_told() {
+    let mut core = slow();
+    send(&mut core, &[1; 64]);
+    let control = core.read(DIEP + ENDPOINT_SPAN + CTL);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, control | epctl::SNAK | epctl::EPDIS);
+    assert_eq!(core.take_misuse(), None);
+    core.write(DIEP + ENDPOINT_SPAN + CTL, control | epctl::CNAK | epctl::EPENA);
+    assert!(core.take_misuse().is_some());
+}
+
+#[test]
+fn flushes_and_the_soft_reset_read_as_set_until_they_are_done() {
+    for (bits, nanos) in [
+        (grstctl::TXFFLSH | 1 << grstctl::TXFNUM_AT, 1_000),
+        (grstctl::RXFFLSH, 1_000),
+        (grstctl::CSRST, 10_000),
+    ] {
+        let bit = bits & !grstctl::TXFNUM;
+        let mut core = slow();
+        core.write(GRSTCTL, bits);
+        later(&mut core, nanos - 1);
+        assert_ne!(core.read(GRSTCTL) & bit, 0, "{bits:#x}");
+        later(&mut core, 1);
+        assert_eq!(core.read(GRSTCTL) & bit, 0, "{bits:#x}");
+    }
+}
+
+#[test]
+fn a_transmit_fifo_that_is_written_to_while_it_is_flushed_is_told() {
+    let mut core = slow();
+    core.write(GRSTCTL, grstctl::TXFFLSH | 1 << grstctl::TXFNUM_AT);
+    core.write(FIFO + FIFO_SPAN, 0);
+    assert!(core.take_misuse().is_some());
+}
+
+#[test]
+fn global_naks_are_in_force_after_their_time() {
+    let mut core = slow();
+    core.write(DCTL, device::SGINAK | device::SGONAK);
+    later(&mut core, 9_999);
+    assert_eq!(core.read(DCTL) & (device::GINSTS | device::GONSTS), 0);
+    later(&mut core, 1);
+    assert_eq!(
+        core.read(DCTL) & (device::GINSTS | device::GONSTS),
+        device::GINSTS | device::GONSTS
+    );
+    core.write(DCTL, device::CGINAK | device::CGONAK);
+    assert_eq!(core.read(DCTL) & (device::GINSTS | device::GONSTS), 0);
+}
