@@ -32,6 +32,7 @@
 mod board;
 mod bxcan;
 pub mod can;
+pub mod core;
 mod crystal;
 pub mod flash;
 pub mod latency;

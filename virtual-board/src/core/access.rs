@@ -1,0 +1,306 @@
+//! Loads, stores and fetches: alignment, protection, and where an address leads (ARM DDI 0403E, A3.2, B3.1, B2.3).
+//!
+//! Aligned accesses to RAM take the short way. All bus errors are precise: the write buffer is not modelled.
+
+use super::bus::{Access, Bus, Purpose, Width};
+use super::fault::{Fault, Refusal, Trap};
+use super::mpu::Wish;
+use super::state::{Cpu, ccr};
+use super::timing::Clock;
+
+impl Cpu {
+    /// Loads a byte, halfword or word.
+    #[inline(always)]
+    pub(super) fn load<const BYTES: usize>(&mut self, bus: &mut dyn Bus, address: u32) -> Result<u32, Trap> {
+        if address.is_multiple_of(BYTES as u32)
+            && self.mpu.is_open(address)
+            && let Some(value) = self.memory.ram.read::<BYTES>(address)
+        {
+            return Ok(value);
+        }
+        self.load_elsewhere(bus, address, width(BYTES), self.is_privileged())
+    }
+
+    /// Stores a byte, halfword or word: the lowest of the value.
+    #[inline(always)]
+    pub(super) fn store<const BYTES: usize>(
+        &mut self,
+        bus: &mut dyn Bus,
+        address: u32,
+        value: u32,
+    ) -> Result<(), Trap> {
+        if address.is_multiple_of(BYTES as u32)
+            && self.mpu.is_open(address)
+            && self.memory.ram.write::<BYTES>(address, value).is_some()
+        {
+            return Ok(());
+        }
+        self.store_elsewhere(bus, address, value, width(BYTES), self.is_privileged())
+    }
+
+    /// Loads a word that is part of a constant's pool: from flash, nearly always.
+    #[inline(always)]
+    pub(super) fn load_literal(&mut self, bus: &mut dyn Bus, address: u32) -> Result<u32, Trap> {
+        if !self.mpu.is_enabled()
+            && !self.clock.flash_waits
+            && !self.memory.flash_reads_on_bus
+            && let Some(value) = self.memory.flash.read::<4>(address)
+        {
+            return Ok(value);
+        }
+        self.load::<4>(bus, address)
+    }
+
+    /// Loads two or more words, which have to be aligned.
+    #[inline(always)]
+    pub(super) fn load_aligned(&mut self, bus: &mut dyn Bus, address: u32) -> Result<u32, Trap> {
+        if !address.is_multiple_of(4) {
+            return Err(Fault::Unaligned.into());
+        }
+        self.load::<4>(bus, address)
+    }
+
+    /// Stores two or more words, which have to be aligned.
+    #[inline(always)]
+    pub(super) fn store_aligned(&mut self, bus: &mut dyn Bus, address: u32, value: u32) -> Result<(), Trap> {
+        if !address.is_multiple_of(4) {
+            return Err(Fault::Unaligned.into());
+        }
+        self.store::<4>(bus, address, value)
+    }
+
+    /// MemU[] and MemU_unpriv[] for reads (B2.3.4).
+    #[inline(never)]
+    pub(super) fn load_elsewhere(
+        &mut self,
+        bus: &mut dyn Bus,
+        address: u32,
+        width: Width,
+        privileged: bool,
+    ) -> Result<u32, Trap> {
+        if address.is_multiple_of(width.bytes()) {
+            return self.load_one(bus, address, width, privileged);
+        }
+        self.check_unaligned(address, width)?;
+        let mut value = 0;
+        for byte in (0..width.bytes()).rev() {
+            value = value << 8 | self.load_one(bus, address.wrapping_add(byte), Width::Byte, privileged)?;
+        }
+        Ok(value)
+    }
+
+    /// MemU[] and MemU_unpriv[] for writes (B2.3.4).
+    #[inline(never)]
+    pub(super) fn store_elsewhere(
+        &mut self,
+        bus: &mut dyn Bus,
+        address: u32,
+        value: u32,
+        width: Width,
+        privileged: bool,
+    ) -> Result<(), Trap> {
+        if address.is_multiple_of(width.bytes()) {
+            return self.store_one(bus, address, value & width.mask(), width, privileged);
+        }
+        self.check_unaligned(address, width)?;
+        for byte in 0..width.bytes() {
+            let part = value >> (8 * byte) & 0xff;
+            self.store_one(bus, address.wrapping_add(byte), part, Width::Byte, privileged)?;
+        }
+        Ok(())
+    }
+
+    /// Faults an access that is not aligned, if it has to be (A3.2.1, CCR.UNALIGN_TRP). Counts its extra cycles.
+    fn check_unaligned(&mut self, address: u32, width: Width) -> Result<(), Fault> {
+        let is_device = matches!(address >> 29, 2 | 5 | 6 | 7);
+        if self.scb.ccr & ccr::UNALIGN_TRP != 0 || is_device {
+            return Err(Fault::Unaligned);
+        }
+        if self.clock.exact {
+            // Two halfwords, or a byte, a halfword and a byte.
+            self.cycle += if width == Width::Word && address & 1 != 0 { 2 } else { 1 };
+        }
+        Ok(())
+    }
+
+    /// MemA_with_priv[] for a read (B2.3.4). The address is aligned.
+    fn load_one(&mut self, bus: &mut dyn Bus, address: u32, width: Width, privileged: bool) -> Result<u32, Trap> {
+        self.check_protection(address, Wish::Read, privileged)?;
+        if !self.memory.flash_reads_on_bus
+            && let Some(value) = self.memory.read(address, width)
+        {
+            if self.clock.flash_waits && self.memory.ram.read::<1>(address).is_none() {
+                self.cycle += self.clock.load_wait(address);
+            }
+            return Ok(value);
+        }
+        if let Some(value) = self.memory.read_ram(address, width) {
+            return Ok(value);
+        }
+        if let Some(page) = private_page(address) {
+            if !privileged {
+                return Err(Fault::DataBus(address).into());
+            }
+            let word = self.read_system(page, address & !3)?;
+            return Ok(word >> (8 * (address & 3)) & width.mask());
+        }
+        if let Some((target, bit)) = self.bit_band(address, width) {
+            return Ok(self.load_one(bus, target, width, privileged)? >> bit & 1);
+        }
+        let access = self.transfer(bus, address, width, privileged);
+        let value = bus.read(access, &mut self.memory);
+        self.end_transfer(bus);
+        value
+            .map(|value| value & width.mask())
+            .map_err(|_| Fault::DataBus(address).into())
+    }
+
+    /// MemA_with_priv[] for a write (B2.3.4). The address is aligned.
+    fn store_one(
+        &mut self,
+        bus: &mut dyn Bus,
+        address: u32,
+        value: u32,
+        width: Width,
+        privileged: bool,
+    ) -> Result<(), Trap> {
+        self.check_protection(address, Wish::Write, privileged)?;
+        if self.memory.write(address, width, value).is_some() {
+            return Ok(());
+        }
+        if let Some(page) = private_page(address) {
+            if !privileged && !self.may_pend_unprivileged(address) {
+                return Err(Fault::DataBus(address).into());
+            }
+            return self.write_system(page, address, value, width);
+        }
+        if let Some((target, bit)) = self.bit_band(address, width) {
+            let old = self.load_one(bus, target, width, privileged)?;
+            return self.store_one(bus, target, old & !(1 << bit) | (value & 1) << bit, width, privileged);
+        }
+        let access = self.transfer(bus, address, width, privileged);
+        let written = bus.write(access, value, &mut self.memory);
+        self.end_transfer(bus);
+        written.map_err(|_| Fault::DataBus(address).into())
+    }
+
+    /// Whether an unprivileged write to the Software Trigger Interrupt Register is permitted (B3.2.26).
+    fn may_pend_unprivileged(&self, address: u32) -> bool {
+        self.scb.ccr & ccr::USERSETMPEND != 0 && address == 0xe000_ef00
+    }
+
+    fn check_protection(&self, address: u32, wish: Wish, privileged: bool) -> Result<(), Fault> {
+        let open = self.mpu.is_open(address) && privileged == self.is_privileged();
+        if open || self.mpu.permits(address, wish, privileged, self.handles_fault()) {
+            return Ok(());
+        }
+        Err(Fault::DataProtection(address))
+    }
+
+    fn transfer(&mut self, bus: &mut dyn Bus, address: u32, width: Width, privileged: bool) -> Access {
+        let access = Access {
+            address,
+            width,
+            cycle: self.cycle,
+            pc: self.r[15],
+            purpose: Purpose::Data,
+            privileged,
+        };
+        if self.clock.exact {
+            self.cycle += u64::from(bus.wait_cycles(access));
+        }
+        access
+    }
+
+    fn end_transfer(&mut self, bus: &mut dyn Bus) {
+        if bus.needs_attention() {
+            self.look_around();
+        }
+    }
+
+    /// The address and the bit there that a bit-band alias stands for (Cortex-M4 TRM, 3.7).
+    fn bit_band(&self, address: u32, width: Width) -> Option<(u32, u32)> {
+        if !self.config.bit_band || !matches!(address >> 24, 0x22 | 0x23 | 0x42 | 0x43) {
+            return None;
+        }
+        let number = (address & 0x01ff_ffff) / 4;
+        let bits = 8 * width.bytes();
+        Some(((address & 0xf000_0000) + number / bits * width.bytes(), number % bits))
+    }
+
+    /// Fetches a halfword of an instruction.
+    pub(super) fn fetch(&mut self, bus: &mut dyn Bus, address: u32) -> Result<u32, Trap> {
+        // Execution is never permitted from peripherals, devices and the system's own addresses (B3.1, Table B3-1).
+        let never = matches!(address >> 29, 2 | 5 | 6 | 7);
+        let privileged = self.is_privileged();
+        if never
+            || !self
+                .mpu
+                .permits(address, Wish::Execute, privileged, self.handles_fault())
+        {
+            return Err(Fault::FetchProtection.into());
+        }
+        let stored = if self.memory.flash_reads_on_bus {
+            self.memory.read_ram(address, Width::Half)
+        } else {
+            self.memory.read(address, Width::Half)
+        };
+        if let Some(halfword) = stored {
+            return Ok(halfword);
+        }
+        let access = Access {
+            purpose: Purpose::Fetch,
+            ..self.transfer(bus, address, Width::Half, privileged)
+        };
+        let halfword = bus.read(access, &mut self.memory);
+        self.end_transfer(bus);
+        halfword.map(|value| value & 0xffff).map_err(|_| Fault::FetchBus.into())
+    }
+
+    /// SDIV and UDIV: counts the cycles that depend on the operands, and takes the trap if it is on (A7.7.127).
+    #[inline(always)]
+    pub(super) fn begin_division(&mut self, dividend: u32, divisor: u32) -> Result<(), Trap> {
+        if divisor == 0 && self.scb.ccr & ccr::DIV_0_TRP != 0 {
+            return Err(Fault::DivideByZero.into());
+        }
+        if self.clock.exact {
+            self.cycle += Clock::divide(dividend, divisor);
+        }
+        Ok(())
+    }
+}
+
+fn width(bytes: usize) -> Width {
+    match bytes {
+        1 => Width::Byte,
+        2 => Width::Half,
+        _ => Width::Word,
+    }
+}
+
+/// A page of the private peripheral bus that is the core's own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Page {
+    /// The System Control Space (B3.2.2).
+    Control,
+    /// The Data Watchpoint and Trace unit (C1.8).
+    Trace,
+    /// ITM, FPB, TPIU, ETM, ROM table.
+    Absent,
+}
+
+/// The page of an address, unless that is memory or the chip's own (B3.1.1).
+fn private_page(address: u32) -> Option<Page> {
+    match address >> 12 {
+        0xe000e => Some(Page::Control),
+        0xe0001 => Some(Page::Trace),
+        0xe0000 | 0xe0002 | 0xe0040 | 0xe0041 | 0xe00ff => Some(Page::Absent),
+        _ => None,
+    }
+}
+
+impl From<Refusal> for Trap {
+    fn from(refusal: Refusal) -> Self {
+        Self::Refused(refusal)
+    }
+}

@@ -1,0 +1,93 @@
+//! The core's connection to everything that is not plain memory.
+//!
+//! Flash and RAM are in [`Memory`](super::memory::Memory), which the core owns and accesses directly. Every other address
+//! reaches the chip through [`Bus`]: peripherals, system memory, aliases, holes. The core keeps the System Control Space
+//! and the Data Watchpoint and Trace unit for itself (ARM DDI 0403E, B3.2 and C1.8).
+
+use super::memory::Memory;
+
+/// The size of a transfer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Width {
+    /// 8 bits.
+    Byte,
+    /// 16 bits.
+    Half,
+    /// 32 bits.
+    Word,
+}
+
+impl Width {
+    /// The size in bytes.
+    pub const fn bytes(self) -> u32 {
+        match self {
+            Self::Byte => 1,
+            Self::Half => 2,
+            Self::Word => 4,
+        }
+    }
+
+    /// The bits of a word that a transfer of this size carries.
+    pub const fn mask(self) -> u32 {
+        match self {
+            Self::Byte => 0xff,
+            Self::Half => 0xffff,
+            Self::Word => u32::MAX,
+        }
+    }
+}
+
+/// What a transfer is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// A load or store.
+    Data,
+    /// An instruction fetch. Its width is [`Width::Half`].
+    Fetch,
+    /// A read or write by the debugger. It should have no side effect where the chip can avoid one.
+    Debug,
+}
+
+/// One transfer on the bus. Its address is a multiple of its width.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Access {
+    /// The first byte.
+    pub address: u32,
+    /// The size.
+    pub width: Width,
+    /// The core's cycle at which the instruction began.
+    pub cycle: u64,
+    /// The address of the instruction.
+    pub pc: u32,
+    /// What the transfer is for.
+    pub purpose: Purpose,
+    /// Whether the core is privileged.
+    pub privileged: bool,
+}
+
+/// The bus answered with an error: nothing is at the address, or not for this transfer. The core takes a BusFault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BusError;
+
+/// What the chip is to the core.
+///
+/// Every event up to [`Access::cycle`] has been processed when the core asks: [`Core::run`](super::Core::run) executes no
+/// instruction that begins at or after its deadline.
+pub trait Bus {
+    /// Reads from an address outside flash and RAM. The value's upper bits beyond the width are ignored.
+    fn read(&mut self, access: Access, memory: &mut Memory) -> Result<u32, BusError>;
+
+    /// Writes to an address outside RAM. Writes to flash come here, too. The value's upper bits beyond the width are 0.
+    fn write(&mut self, access: Access, value: u32, memory: &mut Memory) -> Result<(), BusError>;
+
+    /// Whether the last transfer changed something that the board has to deal with before the next instruction: the level
+    /// of an interrupt line, the time of the next event, a reset. The core asks after each transfer, and stops with
+    /// [`Stop::Attention`](super::Stop::Attention).
+    fn needs_attention(&self) -> bool;
+
+    /// Cycles that a transfer takes longer than one to memory without wait states. Counted by
+    /// [`Timing::CortexM4`](super::Timing::CortexM4) only.
+    fn wait_cycles(&self, _access: Access) -> u32 {
+        0
+    }
+}
