@@ -341,7 +341,8 @@ fn data_processing_plain(pc: u32, first: u32, second: u32) -> Op {
     let imm_16 = first << 12 & 0xf000 | imm;
     let lsb = second >> 10 & 0x1c | second >> 6 & 3;
     let low = second & 31;
-    let bad = is_limited(d) || is_limited(n);
+    // From SSAT on, two bits should be zero.
+    let bad = is_limited(d) || is_limited(n) || first >> 10 & 1 != 0 || second >> 5 & 1 != 0;
     match first >> 4 & 31 {
         0b00000 | 0b01010 if d == Reg::PC || d == Reg::SP && n != Reg::SP => Op::Unpredictable,
         0b00000 if n == Reg::PC => Op::MovImm {
@@ -361,10 +362,12 @@ fn data_processing_plain(pc: u32, first: u32, second: u32) -> Op {
         0b00100 | 0b01100 if is_limited(d) => Op::Unpredictable,
         0b00100 => Op::MovImm { d, imm: imm_16 },
         0b01100 => Op::MovTop { d, imm: imm_16 as u16 },
-        0b10110 if n == Reg::PC && !is_limited(d) && low >= lsb => Op::Bfc {
-            d,
-            mask: bit_mask(lsb, low),
-        },
+        0b10110 if n == Reg::PC && !is_limited(d) && low >= lsb && first >> 10 & 1 == 0 && second >> 5 & 1 == 0 => {
+            Op::Bfc {
+                d,
+                mask: bit_mask(lsb, low),
+            }
+        }
         _ if bad => Op::Unpredictable,
         0b10000 | 0b10010 => saturate(first, second, true),
         0b11000 | 0b11010 => saturate(first, second, false),
@@ -393,7 +396,7 @@ fn saturate(first: u32, second: u32, signed: bool) -> Op {
     let shift = immediate_shift(if first >> 5 & 1 == 0 { 0 } else { 2 }, amount);
     let bits = (second & 31) as u8 + u8::from(signed);
     match (first >> 5 & 1 != 0 && amount == 0, signed) {
-        (true, _) if second >> 4 & 1 != 0 => Op::Undefined,
+        (true, _) if second >> 4 & 1 != 0 => Op::Unpredictable,
         (true, true) => Op::Ssat16 { d, n, bits },
         (true, false) => Op::Usat16 { d, n, bits },
         (false, true) => Op::Ssat { d, n, shift, bits },
@@ -543,46 +546,47 @@ fn load_store_dual(pc: u32, first: u32, second: u32) -> Op {
             },
         };
     }
-    let kind = match second >> 4 & 15 {
-        0b0100 => LoadKind::Byte,
-        _ => LoadKind::Half,
-    };
-    match (add, load, second >> 4 & 15) {
-        (false, false, _) if is_limited(t) || is_limited(t2) || n == Reg::PC || t2 == n || t2 == t => Op::Unpredictable,
-        (false, false, _) => Op::Strex {
-            kind: LoadKind::Word,
-            d: t2,
-            t,
-            n,
-            offset: offset as u16,
-        },
-        (false, true, _) if is_limited(t) || n == Reg::PC => Op::Unpredictable,
-        (false, true, _) => Op::Ldrex {
-            kind: LoadKind::Word,
-            t,
-            n,
-            offset: offset as u16,
-        },
-        (true, false, 0b0100 | 0b0101) if is_limited(t) || is_limited(m) || n == Reg::PC || m == n || m == t => {
-            Op::Unpredictable
+    exclusive_or_table(pc, first, second)
+}
+
+/// The other half of A5.3.6: LDREX, STREX, TBB, TBH and their like.
+fn exclusive_or_table(pc: u32, first: u32, second: u32) -> Op {
+    let (n, t, t2, m) = (
+        Reg::new(first),
+        Reg::new(second >> 12),
+        Reg::new(second >> 8),
+        Reg::new(second),
+    );
+    let (sized, load, opcode) = (first >> 7 & 1 != 0, first >> 4 & 1 != 0, second >> 4 & 15);
+    if sized && opcode < 2 && load {
+        if is_limited(m) || n == Reg::SP || second >> 8 != 0xf0 {
+            return Op::Unpredictable;
         }
-        (true, false, 0b0100 | 0b0101) => Op::Strex {
-            kind,
-            d: m,
-            t,
-            n,
-            offset: 0,
-        },
-        (true, true, 0b0100 | 0b0101) if is_limited(t) || n == Reg::PC => Op::Unpredictable,
-        (true, true, 0b0100 | 0b0101) => Op::Ldrex { kind, t, n, offset: 0 },
-        (true, true, 0b0000 | 0b0001) if is_limited(m) || n == Reg::SP => Op::Unpredictable,
-        (true, true, half @ (0b0000 | 0b0001)) => Op::TableBranch {
-            half: half != 0,
+        return Op::TableBranch {
+            half: opcode == 1,
             n: (n != Reg::PC).then_some(n),
             m,
             pc,
-        },
-        _ => Op::Undefined,
+        };
+    }
+    // The word has an offset, and its status register in another place.
+    let (kind, offset, d) = match (sized, opcode) {
+        (false, _) => (LoadKind::Word, (second & 0xff) as u16 * 4, t2),
+        (true, 0b0100) => (LoadKind::Byte, 0, m),
+        (true, 0b0101) => (LoadKind::Half, 0, m),
+        _ => return Op::Undefined,
+    };
+    let has_status = !load;
+    let wrong_status = has_status && (is_limited(d) || d == n || d == t);
+    // Registers that an encoding does not have should be ones.
+    let unused_are_ones = (t2 == Reg::PC || has_status && !sized) && (m == Reg::PC || has_status || !sized);
+    if is_limited(t) || n == Reg::PC || wrong_status || !unused_are_ones {
+        return Op::Unpredictable;
+    }
+    if load {
+        Op::Ldrex { kind, t, n, offset }
+    } else {
+        Op::Strex { kind, d, t, n, offset }
     }
 }
 
@@ -747,6 +751,9 @@ fn data_processing_shifted(first: u32, second: u32) -> Op {
     let s = first >> 4 & 1 != 0;
     let shift = immediate_shift(second >> 4 & 3, second >> 10 & 0x1c | second >> 6 & 3);
     let opcode = first >> 5 & 15;
+    if second >> 15 != 0 {
+        return Op::Unpredictable;
+    }
     if opcode == 0b0110 {
         let top = second >> 5 & 1 != 0;
         return match s || second >> 4 & 1 != 0 {
