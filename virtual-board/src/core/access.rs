@@ -1,6 +1,6 @@
 //! Loads, stores and fetches: alignment, protection, and where an address leads (ARM DDI 0403E, A3.2, B3.1, B2.3).
 //!
-//! Aligned accesses to RAM take the short way. All bus errors are precise: the write buffer is not modelled.
+//! Aligned accesses to RAM, and loads from flash without wait states, take the short way. All bus errors are precise: the write buffer is not modelled.
 
 use super::bus::{Access, Bus, Purpose, Width};
 use super::fault::{Fault, Refusal, Trap};
@@ -12,11 +12,16 @@ impl Cpu {
     /// Loads a byte, halfword or word.
     #[inline(always)]
     pub(super) fn load<const BYTES: usize>(&mut self, bus: &mut dyn Bus, address: u32) -> Result<u32, Trap> {
-        if address.is_multiple_of(BYTES as u32)
-            && self.mpu.is_open(address)
-            && let Some(value) = self.memory.ram.read::<BYTES>(address)
-        {
-            return Ok(value);
+        if address.is_multiple_of(BYTES as u32) && self.mpu.is_open(address) {
+            if let Some(value) = self.memory.ram.read::<BYTES>(address) {
+                return Ok(value);
+            }
+            if !self.clock.flash_waits
+                && !self.memory.flash_reads_on_bus
+                && let Some(value) = self.memory.flash.read::<BYTES>(address)
+            {
+                return Ok(value);
+            }
         }
         self.load_elsewhere(bus, address, width(BYTES), self.is_privileged())
     }
@@ -36,19 +41,6 @@ impl Cpu {
             return Ok(());
         }
         self.store_elsewhere(bus, address, value, width(BYTES), self.is_privileged())
-    }
-
-    /// Loads a word that is part of a constant's pool: from flash, nearly always.
-    #[inline(always)]
-    pub(super) fn load_literal(&mut self, bus: &mut dyn Bus, address: u32) -> Result<u32, Trap> {
-        if !self.mpu.is_enabled()
-            && !self.clock.flash_waits
-            && !self.memory.flash_reads_on_bus
-            && let Some(value) = self.memory.flash.read::<4>(address)
-        {
-            return Ok(value);
-        }
-        self.load::<4>(bus, address)
     }
 
     /// Loads two or more words, which have to be aligned.
@@ -130,7 +122,7 @@ impl Cpu {
             && let Some(value) = self.memory.read(address, width)
         {
             if self.clock.flash_waits && self.memory.ram.read::<1>(address).is_none() {
-                self.cycle += self.clock.load_wait(address);
+                self.cycle += self.clock.load_wait(address.wrapping_sub(self.memory.flash.base()));
             }
             return Ok(value);
         }

@@ -505,12 +505,7 @@ fn store_multiple(n: Reg, registers: u32, decrement: bool, write_back: bool) -> 
 
 /// A5.3.6.
 fn load_store_dual(pc: u32, first: u32, second: u32) -> Op {
-    let (n, t, t2, m) = (
-        Reg::new(first),
-        Reg::new(second >> 12),
-        Reg::new(second >> 8),
-        Reg::new(second),
-    );
+    let (n, t, t2) = (Reg::new(first), Reg::new(second >> 12), Reg::new(second >> 8));
     let load = first >> 4 & 1 != 0;
     let write_back = first >> 5 & 1 != 0;
     let pre = first >> 8 & 1 != 0;

@@ -91,7 +91,7 @@ impl Cpu {
             Op::StrReg { t, n, m, shift } => self.store::<4>(bus, self.indexed(n, m, shift), self.get(t))?,
             Op::StrbReg { t, n, m, shift } => self.store::<1>(bus, self.indexed(n, m, shift), self.get(t))?,
             Op::LdrLiteral { t, address } => {
-                let value = self.load_literal(bus, address)?;
+                let value = self.load::<4>(bus, address)?;
                 self.set(t, value);
             }
 

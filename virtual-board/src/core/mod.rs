@@ -120,7 +120,7 @@ pub struct Core {
     cpu: Cpu,
     /// How often each instruction was executed, by its address, if that is counted.
     profile: Option<BTreeMap<u32, u64>>,
-    /// A breakpoint here has been reported.
+    /// The breakpoint that was reported last: its instruction is executed when the core runs on.
     reported: Option<u32>,
 }
 
@@ -211,6 +211,7 @@ impl Core {
 
     /// Executes instructions that begin before this cycle, and takes exceptions between them.
     pub fn run(&mut self, bus: &mut dyn Bus, until: u64) -> Stop {
+        self.reported = self.reported.filter(|address| *address == self.pc());
         loop {
             if let Some(stop) = self.look_around(bus, until) {
                 return stop;
@@ -220,7 +221,6 @@ impl Core {
                 self.reported = Some(self.pc());
                 return Stop::Breakpoint;
             }
-            self.reported = None;
         }
     }
 
@@ -310,7 +310,8 @@ impl Core {
         }
         let cpu = &mut self.cpu;
         if slot.marks & mark::LINE != 0 {
-            cpu.cycle += cpu.clock.fetch_wait(pc, slot.length, cpu.cycle);
+            let offset = pc.wrapping_sub(cpu.memory.flash.base());
+            cpu.cycle += cpu.clock.fetch_wait(offset, slot.length, cpu.cycle);
         }
         if in_it {
             let condition = cpu.it >> 4;

@@ -112,13 +112,14 @@ impl Clock {
         }
     }
 
-    /// Cycles that the fetch of an instruction from flash waits, at this cycle.
-    pub(super) fn fetch_wait(&mut self, pc: u32, length: u8, cycle: u64) -> u64 {
+    /// Cycles that the fetch of an instruction waits, at this offset in the flash and this cycle.
+    pub(super) fn fetch_wait(&mut self, offset: u32, length: u8, cycle: u64) -> u64 {
         let Timing::CortexM4(flash) = self.timing else {
             return 0;
         };
+        let shift = flash.line_bytes.trailing_zeros();
         let mut waited = 0;
-        for line in pc / flash.line_bytes..=(pc + u32::from(length) - 1) / flash.line_bytes {
+        for line in offset >> shift..=(offset + u32::from(length) - 1) >> shift {
             if line == self.line {
                 continue;
             }
@@ -138,10 +139,12 @@ impl Clock {
         waited
     }
 
-    /// Cycles that a load from flash waits.
-    pub(super) fn load_wait(&mut self, address: u32) -> u64 {
+    /// Cycles that a load waits, at this offset in the flash.
+    pub(super) fn load_wait(&mut self, offset: u32) -> u64 {
         match self.timing {
-            Timing::CortexM4(flash) if !self.data.touch(address / flash.line_bytes) => flash.wait_states.into(),
+            Timing::CortexM4(flash) if !self.data.touch(offset >> flash.line_bytes.trailing_zeros()) => {
+                flash.wait_states.into()
+            }
             _ => 0,
         }
     }
@@ -162,7 +165,8 @@ struct Lines {
     capacity: usize,
     /// From the oldest.
     held: VecDeque<u32>,
-    present: std::collections::HashSet<u32>,
+    /// By line: whether it is held.
+    is_held: Vec<bool>,
 }
 
 impl Lines {
@@ -170,24 +174,26 @@ impl Lines {
         Self {
             capacity,
             held: VecDeque::new(),
-            present: std::collections::HashSet::new(),
+            is_held: Vec::new(),
         }
     }
 
-    /// Whether the line is held. It is from now on.
+    /// Whether the line is held. It is from now on, unless the cache is off.
     fn touch(&mut self, line: u32) -> bool {
-        if self.present.contains(&line) {
-            return true;
+        let index = line as usize;
+        if self.is_held.len() <= index {
+            self.is_held.resize(index + 1, false);
         }
-        if self.capacity > 0 {
-            if self.held.len() == self.capacity
-                && let Some(oldest) = self.held.pop_front()
-            {
-                self.present.remove(&oldest);
-            }
-            self.held.push_back(line);
-            self.present.insert(line);
+        if self.is_held[index] || self.capacity == 0 {
+            return self.is_held[index];
         }
+        if self.held.len() == self.capacity
+            && let Some(oldest) = self.held.pop_front()
+        {
+            self.is_held[oldest as usize] = false;
+        }
+        self.held.push_back(line);
+        self.is_held[index] = true;
         false
     }
 }
