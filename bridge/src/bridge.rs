@@ -657,7 +657,10 @@ impl Bridge {
             return Err(Failure::StreamArmed);
         }
         match self.rate.hold(port, now) {
-            true => Ok(self.follow_holder(now)),
+            true => {
+                self.follow_holder(now);
+                Ok(())
+            }
             false => Err(Failure::Busy),
         }
     }
