@@ -590,8 +590,9 @@ impl World {
     /// are exact.
     pub fn end(mut self) {
         self.bridge.uart_idle(self.now);
-        // An Alpha1 has more than a second for an answer, and the requests of several hosts may wait one behind the other.
-        let end = self.now + Micros::from_millis(10_000);
+        // An Alpha1 has more than a second for an answer, and the requests of several hosts may wait one behind the other. A
+        // lease of the line and the rate of a host without DTR last for 10 s.
+        let end = self.now + Micros::from_millis(25_000);
         while self.now < end {
             while self.bridge.usb_due() || self.bridge.control_due() {
                 self.usb_takes();
