@@ -6,7 +6,7 @@ The emulator is QEMU's Cortex-M4, through the package `unicorn` of PyPI:
     python3 -m venv venv && venv/bin/pip install unicorn==2.1.4
     venv/bin/python record.py --seed 1 --streams 6000 --out trace.bin
 
-The test `core_lockstep` replays `trace.bin`, or the file that the variable ARMWIRE_TRACE names. For a soak, record more
+The test `cortex_m4` replays `trace.bin`, or the file that the variable ARMWIRE_TRACE names. For a soak, record more
 streams with another seed into another file.
 
 Two kinds of streams: instructions from the table below, which names what the manual (ARM DDI 0403E) permits; and any

@@ -152,7 +152,7 @@ fn run_to(core: &mut Core, end: u32) -> Option<(Stop, u32)> {
 fn trace() -> Vec<u8> {
     match std::env::var_os("ARMWIRE_TRACE") {
         Some(path) => std::fs::read(path).unwrap(),
-        None => include_bytes!("../lockstep/trace.bin").to_vec(),
+        None => include_bytes!("../../lockstep/trace.bin").to_vec(),
     }
 }
 
