@@ -7,20 +7,26 @@ The emulator is QEMU's Cortex-M4, through the package `unicorn` of PyPI:
     venv/bin/python record.py --seed 1 --streams 6000 --out trace.bin
 
 The test `cortex_m4` replays `trace.bin`, or the file that the variable ARMWIRE_TRACE names. For a soak, record more
-streams with another seed into another file.
+streams with another seed into another file, and calls of the functions of an image:
+
+    venv/bin/python record.py --seed 2 --streams 60000 --image firmware.elf --calls 100 --out soak.bin
 
 Two kinds of streams: instructions from the table below, which names what the manual (ARM DDI 0403E) permits; and any
-32-bit encoding that the emulator executes. Encodings that the emulator calls undefined are recorded, too.
+32-bit encoding that the emulator executes. Encodings that the emulator calls undefined are recorded, too. A function of
+an image is called with random arguments, and recorded if it returns without touching a peripheral.
 
-Format, little-endian: "ARMWIRE1", then records:
+Format, little-endian: "ARMWIRE2", then records:
     'S' seed:u32 halfwords:u8 code r0..r14:15*u32 xpsr:u32 digest:u32    a stream and the state after it
     'U' first:u16 second:u16                                             an undefined encoding
-The state before a stream follows from its seed: see `Start`.
+    'I' bytes:u32 contents                                               the flash for the calls that follow
+    'C' seed:u32 entry:u32 r0..r14:15*u32 xpsr:u32 digest:u32            a call and the state after it
+The state before a stream or call follows from its seed: see `Start`. The digest is Adler-32 of the RAM.
 """
 
 import argparse
 import random
 import struct
+import zlib
 
 from unicorn import UC_ARCH_ARM, UC_ERR_INSN_INVALID, UC_HOOK_INTR, UC_MODE_MCLASS
 from unicorn import UC_MODE_THUMB, UC_PROT_EXEC, UC_PROT_READ, Uc, UcError
@@ -30,6 +36,9 @@ PAGE = 0x1000
 CODE, BEGIN = 0x0800_0000, 0x0800_0100
 # Streams write to the first part of the page only, so that little has to be compared.
 RAM, RAM_SIZE = 0x2000_0000, 0x400
+# For functions of an image. They return to the end of the flash.
+FLASH_SIZE, CALL_RAM_SIZE = 0x10_0000, 0x1_0000
+RETURN = CODE + FLASH_SIZE - 0x100
 REGISTERS = [getattr(arm, f"UC_ARM_REG_R{i}") for i in range(13)] + [arm.UC_ARM_REG_SP, arm.UC_ARM_REG_LR]
 EDGES = [0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 0x7FFF_FFFF, 0x8000_0000, 0x8000_0001, 0xFFFF_FFFF]
 UNDEFINED = "undefined"
@@ -62,14 +71,6 @@ class Start:
         if kind == 2:
             return EDGES[(value >> 8) % len(EDGES)]
         return RAM + RAM_SIZE // 2 + (value >> 8 & 0x7C)
-
-
-def digest(data):
-    """FNV-1a of 32 bits."""
-    h = 0x811C_9DC5
-    for byte in data:
-        h = (h ^ byte) * 0x0100_0193 & 0xFFFF_FFFF
-    return h
 
 
 # Bits of an encoding: 0 and 1 stand for themselves, d n m t s a h l for registers, all other letters for any bit.
@@ -280,11 +281,12 @@ class Generator:
 
 
 class Emulator:
-    def __init__(self):
+    def __init__(self, flash_size=PAGE, ram_size=PAGE):
+        self.ram_size = ram_size
         self.uc = Uc(UC_ARCH_ARM, UC_MODE_THUMB | UC_MODE_MCLASS)
         self.uc.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
-        self.uc.mem_map(CODE, PAGE, UC_PROT_READ | UC_PROT_EXEC)
-        self.uc.mem_map(RAM, PAGE)
+        self.uc.mem_map(CODE, flash_size, UC_PROT_READ | UC_PROT_EXEC)
+        self.uc.mem_map(RAM, ram_size)
         self.exception = None
         # A hook on memory would make the emulator lose the state of IT blocks.
         self.uc.hook_add(UC_HOOK_INTR, self.interrupt)
@@ -294,15 +296,16 @@ class Emulator:
         uc.emu_stop()
 
     def start(self, start):
-        # Written to xPSR, the GE flags stay as they are: MSR APSR_nzcvqg, R0 sets them.
-        self.uc.mem_write(CODE, struct.pack("<HH", 0xF380, 0x8C00))
+        # Written to xPSR, the GE flags stay as they are: MSR APSR_nzcvqg, R0 sets them. Then CLREX and CPSIE I.
+        prologue = struct.pack("<5H", 0xF380, 0x8C00, 0xF3BF, 0x8F2F, 0xB662)
+        self.uc.mem_write(CODE, prologue)
         self.uc.ctl_flush_tb()
         self.uc.reg_write(arm.UC_ARM_REG_XPSR, 1 << 24)
         self.uc.reg_write(arm.UC_ARM_REG_R0, start.apsr)
-        assert self.run(CODE, CODE + 4) is None
+        assert self.run(CODE, CODE + len(prologue)) is None
         for register, value in zip(REGISTERS, start.registers):
             self.uc.reg_write(register, value)
-        self.uc.mem_write(RAM, start.ram + bytes(PAGE - RAM_SIZE))
+        self.uc.mem_write(RAM, start.ram.ljust(self.ram_size, b"\0"))
 
     def program(self, code):
         data = bytes(BEGIN - CODE) + struct.pack(f"<{len(code)}H", *code)
@@ -312,14 +315,16 @@ class Emulator:
     def registers(self):
         return [self.uc.reg_read(register) for register in REGISTERS]
 
-    def xpsr(self):
-        return self.uc.reg_read(arm.UC_ARM_REG_XPSR)
+    def state(self):
+        ram = self.uc.mem_read(RAM, self.ram_size)
+        xpsr = self.uc.reg_read(arm.UC_ARM_REG_XPSR)
+        return struct.pack("<17I", *self.registers(), xpsr, zlib.adler32(ram))
 
-    def run(self, begin, end):
-        """None if it went from begin to end, else why not."""
+    def run(self, begin, end, limit=64):
+        """None if it went from begin to end in so many instructions, else why not."""
         self.exception = None
         try:
-            self.uc.emu_start(begin | 1, end, 0, 64)
+            self.uc.emu_start(begin | 1, end, 0, limit)
         except UcError as error:
             return UNDEFINED if error.errno == UC_ERR_INSN_INVALID else str(error)
         if self.exception is not None:
@@ -374,9 +379,47 @@ def stream(emulator, generator, rng, seed, length, any_encoding, undefined):
     emulator.program(code)
     if emulator.run(BEGIN, address) is not None:
         return None
-    ram = emulator.uc.mem_read(RAM, RAM_SIZE)
-    state = struct.pack("<15I", *emulator.registers()) + struct.pack("<II", emulator.xpsr(), digest(ram))
-    return b"S" + struct.pack("<IB", seed, len(code)) + struct.pack(f"<{len(code)}H", *code) + state
+    return b"S" + struct.pack("<IB", seed, len(code)) + struct.pack(f"<{len(code)}H", *code) + emulator.state()
+
+
+class Image:
+    """The flash and the functions of an ELF file."""
+
+    def __init__(self, path):
+        with open(path, "rb") as file:
+            self.elf = file.read()
+        self.flash = bytearray(b"\xff" * FLASH_SIZE)
+        header, count = struct.unpack_from("<I", self.elf, 28)[0], struct.unpack_from("<H", self.elf, 44)[0]
+        for i in range(count):
+            kind, offset, _, address, size = struct.unpack_from("<IIIII", self.elf, header + 32 * i)
+            at = address - CODE
+            if kind == 1 and 0 <= at < FLASH_SIZE:
+                self.flash[at : at + size] = self.elf[offset : offset + size]
+
+    def functions(self):
+        header, count = struct.unpack_from("<I", self.elf, 32)[0], struct.unpack_from("<H", self.elf, 48)[0]
+        sections = [struct.unpack_from("<10I", self.elf, header + 40 * i) for i in range(count)]
+        for _, kind, _, _, offset, size, *_ in sections:
+            for at in range(offset, offset + size, 16) if kind == 2 else []:
+                _, value, length, info, *_ = struct.unpack_from("<IIIB", self.elf, at)
+                if info & 15 == 2 and length and CODE <= value < CODE + FLASH_SIZE:
+                    yield value & ~1
+
+
+def calls(image, rng, count):
+    """Calls each function so many times, and yields records of the calls that return."""
+    emulator = Emulator(FLASH_SIZE, CALL_RAM_SIZE)
+    emulator.uc.mem_write(CODE, bytes(image.flash))
+    for entry in sorted(set(image.functions())):
+        for _ in range(count):
+            seed = rng.randrange(1, 1 << 32)
+            start = Start(seed)
+            start.registers[13], start.registers[14] = RAM + CALL_RAM_SIZE, RETURN | 1
+            emulator.start(start)
+            emulator.uc.mem_write(CODE, bytes(image.flash[:PAGE]))
+            emulator.uc.ctl_flush_tb()
+            if emulator.run(entry, RETURN, 20_000) is None:
+                yield b"C" + struct.pack("<II", seed, entry) + emulator.state()
 
 
 def main():
@@ -386,12 +429,14 @@ def main():
     parser.add_argument("--length", type=int, default=32, help="halfwords of a stream, at least")
     parser.add_argument("--any", type=float, default=0.2, help="share of streams with any encoding")
     parser.add_argument("--undefined", type=int, default=4000, help="undefined encodings to keep at most")
+    parser.add_argument("--image", help="ELF file whose functions to call")
+    parser.add_argument("--calls", type=int, default=20, help="calls of each function")
     parser.add_argument("--out", default="trace.bin")
     options = parser.parse_args()
     rng = random.Random(options.seed)
     emulator, generator, undefined, count = Emulator(), Generator(rng), [], 0
     with open(options.out, "wb") as out:
-        out.write(b"ARMWIRE1")
+        out.write(b"ARMWIRE2")
         while count < options.streams:
             seed = rng.randrange(1, 1 << 32)
             record = stream(emulator, generator, rng, seed, options.length, rng.random() < options.any, undefined)
@@ -400,6 +445,11 @@ def main():
                 count += 1
         for first, second in undefined[: options.undefined]:
             out.write(b"U" + struct.pack("<HH", first, second))
+        if options.image:
+            image = Image(options.image)
+            out.write(b"I" + struct.pack("<I", FLASH_SIZE) + image.flash)
+            for record in calls(image, rng, options.calls):
+                out.write(record)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,19 @@
 //! The core beside QEMU's Cortex-M4: replays what `lockstep/record.py` has recorded.
 
-use armwire_virtual_board::core::{Access, Bus, BusError, Config, Core, Memory, Refusal, Register, Stop, Width};
+use armwire_virtual_board::core::{Access, Bus, BusError, Core, Memory, Refusal, Register, Stop, Width};
 
-const FLASH: u32 = 0x0800_0000;
+use crate::board::{CONFIG, FLASH, RAM};
+
 const BEGIN: u32 = FLASH + 0x100;
-const RAM: u32 = 0x2000_0000;
 const PAGE: usize = 0x1000;
 /// What streams write to.
-const RAM_SIZE: usize = 0x400;
+const RAM_SIZE: u32 = 0x400;
+/// The RAM for functions of an image.
+const CALL_RAM_SIZE: usize = 0x1_0000;
+
+/// Bits of CFSR (B3.2.15).
+const UNDEFINED: u32 = 1 << 16;
+const UNALIGNED: u32 = 1 << 24;
 
 /// Values that registers often begin with.
 const EDGES: [u32; 12] = [
@@ -81,7 +87,7 @@ impl Xorshift {
             0 => value,
             1 => value >> 8 & 0x3f,
             2 => EDGES[(value >> 8) as usize % EDGES.len()],
-            _ => RAM + RAM_SIZE as u32 / 2 + (value >> 8 & 0x7c),
+            _ => RAM + RAM_SIZE / 2 + (value >> 8 & 0x7c),
         }
     }
 }
@@ -94,43 +100,59 @@ struct State {
     digest: u32,
 }
 
-fn digest(data: &[u8]) -> u32 {
-    data.iter().fold(0x811c_9dc5, |hash, byte| {
-        (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193)
-    })
+impl State {
+    fn read(reader: &mut Reader<'_>) -> Self {
+        Self {
+            registers: std::array::from_fn(|_| reader.word()),
+            xpsr: reader.word(),
+            digest: reader.word(),
+        }
+    }
+
+    fn of(core: &Core) -> Self {
+        Self {
+            registers: std::array::from_fn(|number| core.register(Register::R(number as u8))),
+            xpsr: core.register(Register::Xpsr),
+            digest: adler_32(core.memory().ram()),
+        }
+    }
 }
 
-fn core() -> Core {
-    let config = Config {
-        interrupts: 82,
-        priority_bits: 4,
-        vector_table: FLASH,
-        mpu_regions: 8,
-        bit_band: true,
-    };
-    Core::new(config, Memory::new(FLASH, vec![0; PAGE], RAM, PAGE))
+fn adler_32(data: &[u8]) -> u32 {
+    let (a, b) = data.iter().fold((1, 0), |(a, b), byte| {
+        let a = (a + u32::from(*byte)) % 65521;
+        (a, (b + a) % 65521)
+    });
+    b << 16 | a
 }
 
-/// Sets up the state that follows from a seed, and the code.
-fn begin(core: &mut Core, seed: u32, code: &[u16]) {
+fn core(flash: Vec<u8>, ram_size: usize) -> Core {
+    Core::new(CONFIG, Memory::new(FLASH, flash, RAM, ram_size))
+}
+
+/// Sets up the state that follows from a seed, with the stack pointer and the program counter.
+fn begin(core: &mut Core, seed: u32, sp: u32, pc: u32) {
     core.reset(&mut Nothing);
     let mut generator = Xorshift(seed);
     for number in 0..15 {
         let value = generator.register();
         core.set_register(Register::R(number), value);
     }
-    core.set_register(Register::R(13), RAM + RAM_SIZE as u32 / 2);
+    core.set_register(Register::R(13), sp);
+    core.set_register(Register::R(15), pc);
     core.set_register(Register::Xpsr, generator.next() & 0xf80f_0000 | 1 << 24);
-    core.set_register(Register::R(15), BEGIN);
     core.memory_mut().fill_ram(0);
-    let mut flash = vec![0; PAGE];
-    for (at, word) in (RAM..)
-        .step_by(4)
-        .zip(0..RAM_SIZE / 4)
-        .map(|(at, _)| (at, generator.next()))
-    {
-        core.memory_mut().write(at, Width::Word, word).unwrap();
+    for at in 0..RAM_SIZE / 4 {
+        core.memory_mut()
+            .write(RAM + 4 * at, Width::Word, generator.next())
+            .unwrap();
     }
+}
+
+/// Sets up a stream: registers, RAM and code.
+fn begin_stream(core: &mut Core, seed: u32, code: &[u16]) {
+    begin(core, seed, RAM + RAM_SIZE / 2, BEGIN);
+    let mut flash = vec![0; PAGE];
     for (at, half) in flash[0x100..].chunks_exact_mut(2).zip(code) {
         at.copy_from_slice(&half.to_le_bytes());
     }
@@ -142,11 +164,79 @@ fn run_to(core: &mut Core, end: u32) -> Option<(Stop, u32)> {
     while core.pc() != end {
         let at = core.pc();
         let stop = core.run(&mut Nothing, core.cycle() + 1);
-        if stop != Stop::Deadline || !(BEGIN..=end).contains(&core.pc()) {
+        let left = !(FLASH + 0x100..=end).contains(&core.pc());
+        if stop != Stop::Deadline || left {
             return Some((stop, at));
         }
     }
     None
+}
+
+/// What a replay has met.
+#[derive(Debug, Default)]
+struct Replay {
+    streams: usize,
+    calls: usize,
+    undefined: usize,
+    /// Streams that end at an instruction that the core refuses.
+    unpredictable: usize,
+    /// Calls that end at an access that the emulator lets pass.
+    misaligned: usize,
+    differences: Vec<String>,
+}
+
+impl Replay {
+    fn compare(&mut self, what: String, core: &Core, stopped: Option<(Stop, u32)>, expected: &State) {
+        let [cfsr, ..] = core.fault_status();
+        match stopped {
+            Some((Stop::Refused(Refusal::Unpredictable), _)) => self.unpredictable += 1,
+            Some(_) if cfsr == UNALIGNED => self.misaligned += 1,
+            Some((stop, at)) => self
+                .differences
+                .push(format!("{what}: {stop:?} at {at:#x}, CFSR {cfsr:#x}")),
+            None if State::of(core) == *expected => {}
+            None => {
+                let state = State::of(core);
+                self.differences
+                    .push(format!("{what}:\n    {state:x?}, expected\n    {expected:x?}"));
+            }
+        }
+    }
+
+    fn stream(&mut self, core: &mut Core, reader: &mut Reader<'_>) {
+        let seed = reader.word();
+        let code: Vec<u16> = (0..reader.byte()).map(|_| reader.half()).collect();
+        let expected = State::read(reader);
+        self.streams += 1;
+        begin_stream(core, seed, &code);
+        let stopped = run_to(core, BEGIN + 2 * code.len() as u32);
+        self.compare(format!("{seed:#x} {code:04x?}"), core, stopped, &expected);
+    }
+
+    fn undefined(&mut self, core: &mut Core, reader: &mut Reader<'_>) {
+        let code = [reader.half(), reader.half()];
+        self.undefined += 1;
+        begin_stream(core, 1, &code);
+        let stopped = run_to(core, BEGIN + 4);
+        // The UsageFault escalates, and the vector table is empty.
+        let [cfsr, ..] = core.fault_status();
+        let refused = matches!(stopped, Some((Stop::Refused(Refusal::Unpredictable), _)));
+        if cfsr & UNDEFINED == 0 && !refused {
+            self.differences
+                .push(format!("{code:04x?} is not undefined: {stopped:?}"));
+        }
+    }
+
+    fn call(&mut self, core: &mut Core, reader: &mut Reader<'_>) {
+        let (seed, entry) = (reader.word(), reader.word());
+        let expected = State::read(reader);
+        self.calls += 1;
+        let end = FLASH + core.memory().flash().len() as u32 - 0x100;
+        begin(core, seed, RAM + CALL_RAM_SIZE as u32, entry);
+        core.set_register(Register::R(14), end | 1);
+        let stopped = run_to(core, end);
+        self.compare(format!("call of {entry:#x} with {seed:#x}"), core, stopped, &expected);
+    }
 }
 
 fn trace() -> Vec<u8> {
@@ -159,68 +249,38 @@ fn trace() -> Vec<u8> {
 #[test]
 fn streams_end_as_in_the_independent_emulator() {
     let trace = trace();
-    let mut reader = Reader(trace.strip_prefix(b"ARMWIRE1").expect("the trace has another format"));
-    let (mut streams, mut unpredictable, mut undefined) = (0, 0, 0);
-    let mut core = core();
-    let mut wrong = Vec::new();
+    let mut reader = Reader(trace.strip_prefix(b"ARMWIRE2").expect("the trace has another format"));
+    let mut replay = Replay::default();
+    let mut stream_core = core(vec![0; PAGE], PAGE);
+    let mut image_core = None;
     while !reader.0.is_empty() {
-        match reader.byte() {
-            b'S' => {
-                let seed = reader.word();
-                let code: Vec<u16> = (0..reader.byte()).map(|_| reader.half()).collect();
-                let expected = State {
-                    registers: std::array::from_fn(|_| reader.word()),
-                    xpsr: reader.word(),
-                    digest: reader.word(),
-                };
-                streams += 1;
-                begin(&mut core, seed, &code);
-                match run_to(&mut core, BEGIN + 2 * code.len() as u32) {
-                    Some((Stop::Refused(Refusal::Unpredictable), _)) => unpredictable += 1,
-                    Some((stop, at)) => {
-                        let at = &code[(at - BEGIN) as usize / 2..];
-                        wrong.push(format!(
-                            "{seed:#x} {code:04x?}: {stop:?} at {at:04x?}, CFSR {:#x}",
-                            core.fault_status()[0]
-                        ));
-                    }
-                    None => {
-                        let state = State {
-                            registers: std::array::from_fn(|n| core.register(Register::R(n as u8))),
-                            xpsr: core.register(Register::Xpsr),
-                            digest: digest(&core.memory().ram()[..RAM_SIZE]),
-                        };
-                        if state != expected {
-                            wrong.push(format!(
-                                "{seed:#x} {code:04x?}:\n    {state:x?}, expected\n    {expected:x?}"
-                            ));
-                        }
-                    }
-                }
+        match (reader.byte(), &mut image_core) {
+            (b'S', _) => replay.stream(&mut stream_core, &mut reader),
+            (b'U', _) => replay.undefined(&mut stream_core, &mut reader),
+            (b'I', _) => {
+                let flash = (0..reader.word()).map(|_| reader.byte()).collect();
+                image_core = Some(core(flash, CALL_RAM_SIZE));
             }
-            b'U' => {
-                let code = [reader.half(), reader.half()];
-                undefined += 1;
-                begin(&mut core, 1, &code);
-                let stop = run_to(&mut core, BEGIN + 4);
-                // The UsageFault is escalated, and the vector table has no T bits.
-                let [cfsr, ..] = core.fault_status();
-                let refused = matches!(stop, Some((Stop::Refused(Refusal::Unpredictable), _)));
-                if cfsr & 1 << 16 == 0 && !refused {
-                    wrong.push(format!("{code:04x?} is not undefined: {stop:?}"));
-                }
-            }
-            other => panic!("a record of kind {other}"),
+            (b'C', Some(core)) => replay.call(core, &mut reader),
+            (other, _) => panic!("a record of kind {other}"),
         }
     }
+    let shown = replay
+        .differences
+        .iter()
+        .take(20)
+        .cloned()
+        .collect::<Vec<_>>()
+        .join("\n");
+    println!("{shown}");
+    let count = replay.differences.len();
     println!(
-        "{streams} streams, {unpredictable} of them to an UNPREDICTABLE instruction; {undefined} undefined encodings"
+        "{:?}",
+        Replay {
+            differences: Vec::new(),
+            ..replay
+        }
     );
-    println!(
-        "{} differ:\n{}",
-        wrong.len(),
-        wrong.iter().take(40).cloned().collect::<Vec<_>>().join("\n")
-    );
-    assert!(wrong.is_empty());
-    assert!(streams >= 1000 && unpredictable < streams / 4 && undefined >= 1000);
+    assert_eq!(count, 0);
+    assert!(replay.streams >= 1000 && replay.unpredictable < replay.streams / 4 && replay.undefined >= 1000);
 }
