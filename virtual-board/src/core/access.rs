@@ -2,10 +2,12 @@
 //!
 //! Aligned accesses to RAM, and loads from flash without wait states, take the short way. All bus errors are precise: the write buffer is not modelled.
 
-use super::bus::{Access, Bus, Purpose, Width};
-use super::fault::{Fault, Refusal, Trap};
+use super::bus::{Access, Bus, Purpose};
+use super::fault::{Fault, Trap};
+use super::memory::Width;
 use super::mpu::Wish;
 use super::state::{Cpu, ccr};
+use super::system::private_page;
 use super::timing::Clock;
 
 impl Cpu {
@@ -249,6 +251,48 @@ impl Cpu {
         halfword.map(|value| value & 0xffff).map_err(|_| Fault::FetchBus.into())
     }
 
+    /// Reads for the debugger: without faults, protection, and cycles. The address is aligned.
+    pub(super) fn debug_read(&mut self, bus: &mut dyn Bus, address: u32, width: Width) -> Option<u32> {
+        if let Some(value) = self.memory.read(address, width) {
+            return Some(value);
+        }
+        let value = match private_page(address) {
+            Some(page) => self.read_system(page, address & !3).ok()? >> (8 * (address & 3)),
+            None => bus.read(self.debug_access(address, width), &mut self.memory).ok()?,
+        };
+        Some(value & width.mask())
+    }
+
+    /// Writes for the debugger: without faults, protection, and cycles. The address is aligned.
+    pub(super) fn debug_write(&mut self, bus: &mut dyn Bus, address: u32, value: u32, width: Width) -> Option<()> {
+        if self.memory.write(address, width, value).is_some() {
+            return Some(());
+        }
+        let written = match private_page(address) {
+            Some(page) => self.write_system(page, address, value, width).ok(),
+            None => bus
+                .write(
+                    self.debug_access(address, width),
+                    value & width.mask(),
+                    &mut self.memory,
+                )
+                .ok(),
+        };
+        self.look_around();
+        written
+    }
+
+    fn debug_access(&self, address: u32, width: Width) -> Access {
+        Access {
+            address,
+            width,
+            cycle: self.cycle,
+            pc: self.r[15],
+            purpose: Purpose::Debug,
+            privileged: true,
+        }
+    }
+
     /// SDIV and UDIV: counts the cycles that depend on the operands, and takes the trap if it is on (A7.7.127).
     #[inline(always)]
     pub(super) fn begin_division(&mut self, dividend: u32, divisor: u32) -> Result<(), Trap> {
@@ -267,32 +311,5 @@ fn width(bytes: usize) -> Width {
         1 => Width::Byte,
         2 => Width::Half,
         _ => Width::Word,
-    }
-}
-
-/// A page of the private peripheral bus that is the core's own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Page {
-    /// The System Control Space (B3.2.2).
-    Control,
-    /// The Data Watchpoint and Trace unit (C1.8).
-    Trace,
-    /// ITM, FPB, TPIU, ETM, ROM table.
-    Absent,
-}
-
-/// The page of an address, unless that is memory or the chip's own (B3.1.1).
-fn private_page(address: u32) -> Option<Page> {
-    match address >> 12 {
-        0xe000e => Some(Page::Control),
-        0xe0001 => Some(Page::Trace),
-        0xe0000 | 0xe0002 | 0xe0040 | 0xe0041 | 0xe00ff => Some(Page::Absent),
-        _ => None,
-    }
-}
-
-impl From<Refusal> for Trap {
-    fn from(refusal: Refusal) -> Self {
-        Self::Refused(refusal)
     }
 }

@@ -4,38 +4,7 @@
 //! reaches the chip through [`Bus`]: peripherals, system memory, aliases, holes. The core keeps the System Control Space
 //! and the Data Watchpoint and Trace unit for itself (ARM DDI 0403E, B3.2 and C1.8).
 
-use super::memory::Memory;
-
-/// The size of a transfer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Width {
-    /// 8 bits.
-    Byte,
-    /// 16 bits.
-    Half,
-    /// 32 bits.
-    Word,
-}
-
-impl Width {
-    /// The size in bytes.
-    pub const fn bytes(self) -> u32 {
-        match self {
-            Self::Byte => 1,
-            Self::Half => 2,
-            Self::Word => 4,
-        }
-    }
-
-    /// The bits of a word that a transfer of this size carries.
-    pub const fn mask(self) -> u32 {
-        match self {
-            Self::Byte => 0xff,
-            Self::Half => 0xffff,
-            Self::Word => u32::MAX,
-        }
-    }
-}
+use super::memory::{Memory, Width};
 
 /// What a transfer is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

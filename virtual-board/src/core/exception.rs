@@ -22,28 +22,6 @@ const FRAME: u32 = 32;
 const FRAME_PADDED: u32 = 1 << 9;
 
 impl Cpu {
-    /// ExecutionPriority() (B1.5.4).
-    pub(super) fn execution_priority(&self) -> i16 {
-        let mut priority = self.nvic.active_priority();
-        if self.basepri != 0 {
-            priority = priority.min(self.nvic.group_priority(self.basepri.into()));
-        }
-        if self.primask {
-            priority = priority.min(0);
-        }
-        if self.faultmask {
-            priority = priority.min(-1);
-        }
-        priority
-    }
-
-    /// Whether the priority is that of HardFault, NMI, or of code with FAULTMASK.
-    pub(super) fn handles_fault(&self) -> bool {
-        // Most often there is nothing to look at.
-        (self.faultmask || self.exception == exception::NMI || self.exception == exception::HARD_FAULT)
-            || self.exception != 0 && self.execution_priority() < 0
-    }
-
     /// The pending exception that is to be taken now, if one is.
     pub(super) fn due_exception(&self) -> Option<u16> {
         let first = self.nvic.first_pending()?;

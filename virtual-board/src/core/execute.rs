@@ -1,10 +1,11 @@
 //! What the instructions do (ARM DDI 0403E, A7.7 and B5.2).
 
 use super::alu::{saturate_signed, saturate_unsigned, shift_c, signed_half};
-use super::bus::{Bus, Width};
+use super::bus::Bus;
 use super::decode::floating_point_mnemonic;
 use super::dsp;
 use super::fault::{Fault, Refusal, Trap};
+use super::memory::Width;
 use super::op::{Carry, Extend, Hint, Index, LoadKind, Long, Op, Reg, Shift, Signed};
 use super::state::{Cpu, control};
 

@@ -120,6 +120,12 @@ impl From<Fault> for Trap {
     }
 }
 
+impl From<Refusal> for Trap {
+    fn from(refusal: Refusal) -> Self {
+        Self::Refused(refusal)
+    }
+}
+
 /// What the core does not have. A run that needs it cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {

@@ -5,8 +5,38 @@
 
 use std::ops::Range;
 
-use super::bus::Width;
 use super::op::Op;
+
+/// The size of a transfer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Width {
+    /// 8 bits.
+    Byte,
+    /// 16 bits.
+    Half,
+    /// 32 bits.
+    Word,
+}
+
+impl Width {
+    /// The size in bytes.
+    pub const fn bytes(self) -> u32 {
+        match self {
+            Self::Byte => 1,
+            Self::Half => 2,
+            Self::Word => 4,
+        }
+    }
+
+    /// The bits of a word that a transfer of this size carries.
+    pub const fn mask(self) -> u32 {
+        match self {
+            Self::Byte => 0xff,
+            Self::Half => 0xffff,
+            Self::Word => u32::MAX,
+        }
+    }
+}
 
 /// A decoded instruction, as it waits to be executed.
 #[derive(Clone, Copy, Debug)]
@@ -44,7 +74,7 @@ impl Slot {
 }
 
 /// A memory with its decoded instructions, by halfword.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Region {
     base: u32,
     bytes: Box<[u8]>,
@@ -125,13 +155,13 @@ impl Region {
     }
 
     fn forget_all(&mut self) {
-        self.forget(0..self.bytes.len());
+        self.forget(self.decoded.clone());
         self.decoded = 0..0;
     }
 }
 
 /// Flash and RAM of the chip. Addresses are absolute.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Memory {
     pub(super) flash: Region,
     pub(super) ram: Region,

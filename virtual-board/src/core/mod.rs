@@ -36,11 +36,12 @@
 //! assert_eq!((core.cycle(), core.pc()), (1000, 0x0800_0008));
 //! ```
 //!
-//! The order of the files is that of the layers: [`alu`](self), `op`, `memory` and [`bus`] know nothing of the core;
-//! `state` is the core's state; `access`, `system`, `exception` and `execute` are what it does; this file is the loop.
+//! The files are layers: `op`, `alu`, `decode`, `memory` and [`bus`] know nothing of the core; `state` is the core's state;
+//! `system`, `access`, `exception` and `execute` are what it does; this file is the loop.
 //! Sections without a name are those of ARM DDI 0403E, the ARMv7-M Architecture Reference Manual.
 //!
-//! Not there: the floating-point extension and SysTick, refused by name; imprecise bus faults; trace and breakpoint units.
+//! Not there: the floating-point extension, SysTick and CCR.BFHFNMIGN, refused by name; imprecise bus faults; trace and
+//! breakpoint units. An instruction is not interrupted: LDM, STM and divisions complete before an exception is taken.
 //! CPACR and FPCCR can be written, as an image does that is built for a core with an FPU: without a floating-point
 //! instruction, no exception stacks its registers.
 
@@ -62,10 +63,10 @@ mod timing;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-pub use self::bus::{Access, Bus, BusError, Purpose, Width};
+pub use self::bus::{Access, Bus, BusError, Purpose};
 pub use self::fault::Refusal;
 use self::fault::Trap;
-pub use self::memory::Memory;
+pub use self::memory::{Memory, Width};
 use self::memory::{Slot, mark};
 use self::nvic::Nvic;
 use self::op::Op;
@@ -114,8 +115,8 @@ pub enum Register {
     Control,
 }
 
-/// The core.
-#[derive(Debug)]
+/// The core. A clone is a snapshot of it and of its memory.
+#[derive(Clone, Debug)]
 pub struct Core {
     cpu: Cpu,
     /// How often each instruction was executed, by its address, if that is counted.
@@ -479,6 +480,22 @@ impl Core {
             Register::Control => cpu.change_mode(cpu.exception, value as u8 & 3),
         }
         cpu.look_around();
+    }
+
+    /// Reads memory or a register as a debugger does: without a fault and without time. `None` if there is nothing, or if
+    /// the address is not a multiple of the width.
+    pub fn debug_read(&mut self, bus: &mut dyn Bus, address: u32, width: Width) -> Option<u32> {
+        let is_aligned = address.is_multiple_of(width.bytes());
+        is_aligned.then(|| self.cpu.debug_read(bus, address, width)).flatten()
+    }
+
+    /// Writes memory or a register as a debugger does: without a fault and without time. Writes to flash go to the bus.
+    /// `None` if there is nothing, or if the address is not a multiple of the width.
+    pub fn debug_write(&mut self, bus: &mut dyn Bus, address: u32, value: u32, width: Width) -> Option<()> {
+        let is_aligned = address.is_multiple_of(width.bytes());
+        is_aligned
+            .then(|| self.cpu.debug_write(bus, address, value, width))
+            .flatten()
     }
 
     /// The fault status registers: CFSR, HFSR, MMFAR, BFAR (B3.2.15 to B3.2.18).

@@ -1,4 +1,4 @@
-//! Instructions as they are executed: what the encodings of [`decode`](super::decode) mean.
+//! Instructions as they are executed: what encodings decode to.
 //!
 //! The program counter is known when an instruction is decoded, so an operand that depends on it is a constant here.
 

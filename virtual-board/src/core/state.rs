@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::alu::Flags;
-use super::fault::Refusal;
+use super::fault::{Refusal, exception};
 use super::memory::Memory;
 use super::mpu::Mpu;
 use super::nvic::Nvic;
@@ -85,7 +85,7 @@ pub struct Config {
 }
 
 /// The core with its memory.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Cpu {
     /// R0 to R15. While an instruction is executed, R15 is its address.
     pub(super) r: [u32; 16],
@@ -186,6 +186,28 @@ impl Cpu {
 
     pub(super) fn is_privileged(&self) -> bool {
         self.exception != 0 || self.control & control::UNPRIVILEGED == 0
+    }
+
+    /// ExecutionPriority() (B1.5.4).
+    pub(super) fn execution_priority(&self) -> i16 {
+        let mut priority = self.nvic.active_priority();
+        if self.basepri != 0 {
+            priority = priority.min(self.nvic.group_priority(self.basepri.into()));
+        }
+        if self.primask {
+            priority = priority.min(0);
+        }
+        if self.faultmask {
+            priority = priority.min(-1);
+        }
+        priority
+    }
+
+    /// Whether the priority is that of HardFault, NMI, or of code with FAULTMASK.
+    pub(super) fn handles_fault(&self) -> bool {
+        let is_fault_handler = matches!(self.exception, exception::NMI | exception::HARD_FAULT);
+        // Most often there is nothing to look at.
+        self.faultmask || is_fault_handler || self.exception != 0 && self.execution_priority() < 0
     }
 
     /// Whether R13 is the process stack pointer.

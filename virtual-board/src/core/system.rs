@@ -2,9 +2,8 @@
 //!
 //! A register that the core does not have is refused by its address, and so is SysTick: the images take time from a timer.
 
-use super::access::Page;
-use super::bus::Width;
 use super::fault::{Refusal, Trap, exception};
+use super::memory::Width;
 use super::state::{Cpu, ccr};
 
 /// DEMCR.TRCENA: the trace unit counts.
@@ -33,6 +32,27 @@ const IDENTIFICATION: [u32; 13] = [
     0x0111_1131,
     0x0131_0102,
 ];
+
+/// A page of the private peripheral bus that is the core's own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Page {
+    /// The System Control Space (B3.2.2).
+    Control,
+    /// The Data Watchpoint and Trace unit (C1.8).
+    Trace,
+    /// ITM, FPB, TPIU, ETM, ROM table.
+    Absent,
+}
+
+/// The page of an address, unless that is memory or the chip's own (B3.1.1).
+pub(super) fn private_page(address: u32) -> Option<Page> {
+    match address >> 12 {
+        0xe000e => Some(Page::Control),
+        0xe0001 => Some(Page::Trace),
+        0xe0000 | 0xe0002 | 0xe0040 | 0xe0041 | 0xe00ff => Some(Page::Absent),
+        _ => None,
+    }
+}
 
 impl Cpu {
     /// Reads the word at an address that is a multiple of four.

@@ -1,5 +1,7 @@
 //! Protection, aliases and alignment, by ARM DDI 0403E, B3.5 and A3.2.
 
+use armwire_virtual_board::core::{Purpose, Width};
+
 use crate::board::{Board, CODE, PERIPHERAL, RAM, STACK};
 
 const LDR_R0_R1: u16 = 0x6808;
@@ -184,4 +186,36 @@ fn flash_reads_go_to_the_bus_on_request() {
     board.step(1);
     let (access, _) = board.bus.accesses[0];
     assert_eq!((access.address, access.width.bytes()), (CODE, 2));
+}
+
+#[test]
+fn debugger_reads_and_writes_without_time() {
+    let mut board = Board::new(&[LDR_R0_R1]);
+    let (core, bus) = (&mut board.core, &mut board.bus);
+    assert_eq!(core.debug_write(bus, RAM + 0x100, 0x1234, Width::Half), Some(()));
+    assert_eq!(core.debug_read(bus, RAM + 0x100, Width::Byte), Some(0x34));
+    assert_eq!(core.debug_read(bus, RAM + 0x101, Width::Word), None);
+    assert_eq!(core.debug_read(bus, 0x6000_0000, Width::Word), None);
+    // CPUID, and a peripheral's register.
+    assert_eq!(core.debug_read(bus, 0xe000_ed00, Width::Word), Some(0x410f_c241));
+    assert_eq!(core.debug_write(bus, PERIPHERAL, 7, Width::Word), Some(()));
+    assert_eq!(core.debug_read(bus, PERIPHERAL, Width::Word), Some(7));
+    assert!(bus.accesses.iter().all(|(access, _)| access.purpose == Purpose::Debug));
+    assert_eq!((core.cycle(), core.pc(), core.fault_status()), (0, CODE, [0; 4]));
+}
+
+#[test]
+fn clone_is_a_snapshot() {
+    // STR R0, [R1]; LDR R0, [R1].
+    let mut board = Board::new(&[STR_R0_R1, LDR_R0_R1]);
+    board.set(0, 5);
+    board.set(1, RAM + 0x100);
+    let snapshot = board.core.clone();
+    board.step(1);
+    assert_eq!(board.word(RAM + 0x100), 5);
+    board.core = snapshot;
+    assert_eq!(
+        (board.word(RAM + 0x100), board.core.pc(), board.core.cycle()),
+        (0, CODE, 0)
+    );
 }
