@@ -225,7 +225,7 @@ impl Cpu {
         self.look_around();
     }
 
-    /// Wakes the core if there is a reason: an exception that would be taken without PRIMASK, or an event.
+    /// Wakes the core if there is a reason. WFI ends for an exception that PRIMASK holds back, WFE does not.
     pub(super) fn wake(&mut self) {
         if self.nvic.take_newly_pending() && self.scb.scr & scr::SEVONPEND != 0 {
             self.event = true;
@@ -233,7 +233,7 @@ impl Cpu {
         let wakes = match self.sleep {
             Sleep::Awake => false,
             Sleep::Interrupt => self.has_wakeup_exception(),
-            Sleep::Event => std::mem::take(&mut self.event) || self.has_wakeup_exception(),
+            Sleep::Event => std::mem::take(&mut self.event) || self.due_exception().is_some(),
         };
         if wakes {
             self.sleep = Sleep::Awake;

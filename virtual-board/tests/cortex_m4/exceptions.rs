@@ -477,6 +477,23 @@ fn wfe_takes_one_event() {
 }
 
 #[test]
+fn masked_interrupt_does_not_end_wfe() {
+    let mut board = Board::new(&[CPSID_I, WFE, NOP, LOOP]);
+    board.enable(1, 0x40);
+    assert_eq!(board.run(100), Stop::Sleep);
+    board.core.pend_interrupt(1);
+    assert_eq!(board.run(100), Stop::Sleep);
+    // With SEVONPEND, pending is an event. It has to become pending anew.
+    let mut board = Board::new(&[CPSID_I, WFE, NOP, LOOP]);
+    board.enable(1, 0x40);
+    board.write(SCR, 1 << 4);
+    assert_eq!(board.run(100), Stop::Sleep);
+    board.core.pend_interrupt(1);
+    assert_eq!(board.run(100), Stop::Deadline);
+    assert_eq!(board.exception(), 0);
+}
+
+#[test]
 fn exception_return_is_an_event() {
     let mut board = Board::new(&[NOP, WFE, NOP, LOOP]);
     board.set_handler(16, &[BX_LR]);
