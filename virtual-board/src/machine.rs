@@ -39,12 +39,16 @@ const CORE_HZ: NonZeroU64 = NonZeroU64::new(168_000_000).expect("not zero");
 const PRIORITY_BITS: u8 = 4;
 const SYSTICK_DIVIDER: NonZeroU32 = NonZeroU32::new(8).expect("not zero");
 
-/// Functions that run only when the firmware is broken, by what their names contain.
-const CRASHES: [(&str, Crash); 3] = [
-    ("rust_begin_unwind", Crash::Panic),
-    ("HardFault", Crash::HardFault),
-    ("DefaultHandler", Crash::UnexpectedException),
-];
+/// The crash that a function of this name stands for. Only the whole name counts for handlers: the linker may give others
+/// that contain it, such as an unused `_HardFault`, the address of a function that runs.
+fn crash_of(name: &str) -> Option<Crash> {
+    match name {
+        "HardFault" => Some(Crash::HardFault),
+        "DefaultHandler" => Some(Crash::UnexpectedException),
+        _ if name.contains("rust_begin_unwind") => Some(Crash::Panic),
+        _ => None,
+    }
+}
 
 /// The symbol of the firmware's log, if it has one.
 const RTT: &str = "_SEGGER_RTT";
@@ -186,8 +190,8 @@ fn attempt(bench: Bench, run: Run) -> Result<(), emulator::Error> {
     let segments = segments.collect();
     let mut crashes = BTreeMap::new();
     for (name, address) in &symbols {
-        if let Some((_, crash)) = CRASHES.iter().find(|(part, _)| name.contains(part)) {
-            crashes.insert(*address, *crash);
+        if let Some(crash) = crash_of(name) {
+            crashes.insert(*address, crash);
             session.watch(Watch::Instruction(*address));
         }
     }
