@@ -263,7 +263,7 @@ impl Core {
             let pc = self.cpu.r[15];
             let mut slot = self.cpu.memory.flash.slot(pc).unwrap_or(Slot::NEW);
             let mut it = 0;
-            if slot.marks | self.cpu.it != 0 {
+            if slot.marks | self.cpu.it != 0 && !self.is_just_fetched(pc, slot) {
                 it = self.cpu.it;
                 match self.consider(bus, pc) {
                     Verdict::Execute(considered) => slot = considered,
@@ -286,6 +286,13 @@ impl Core {
             self.cpu.instructions += 1;
         }
         false
+    }
+
+    /// Whether nothing marks an instruction but its fetch from flash, and that has been done.
+    #[inline(always)]
+    fn is_just_fetched(&self, pc: u32, slot: Slot) -> bool {
+        let offset = pc.wrapping_sub(self.cpu.memory.flash.base());
+        slot.marks == mark::LINE && self.cpu.it == 0 && self.cpu.clock.is_fetched(offset, slot.length)
     }
 
     /// Decodes an instruction, or looks at what marks it: an IT block, a breakpoint, the profile, the flash's wait states.

@@ -67,6 +67,8 @@ pub(super) struct Clock {
     pub(super) flash_waits: bool,
     code: Lines,
     data: Lines,
+    /// Bits of an offset within a line.
+    line_shift: u32,
     /// The line of the last fetch.
     line: u32,
     /// When the line after it arrives.
@@ -95,6 +97,7 @@ impl Clock {
             flash_waits: flash.is_some(),
             code: Lines::new(flash.map_or(0, |flash| flash.code_lines.max(1))),
             data: Lines::new(flash.map_or(0, |flash| flash.data_lines)),
+            line_shift: flash.map_or(0, |flash| flash.line_bytes.trailing_zeros()),
             line: u32::MAX,
             next_line_at: 0,
         }
@@ -112,14 +115,19 @@ impl Clock {
         }
     }
 
+    /// Whether an instruction lies in the line of the last fetch, as a whole.
+    #[inline(always)]
+    pub(super) fn is_fetched(&self, offset: u32, length: u8) -> bool {
+        offset >> self.line_shift == self.line && (offset + u32::from(length) - 1) >> self.line_shift == self.line
+    }
+
     /// Cycles that the fetch of an instruction waits, at this offset in the flash and this cycle.
     pub(super) fn fetch_wait(&mut self, offset: u32, length: u8, cycle: u64) -> u64 {
         let Timing::CortexM4(flash) = self.timing else {
             return 0;
         };
-        let shift = flash.line_bytes.trailing_zeros();
         let mut waited = 0;
-        for line in offset >> shift..=(offset + u32::from(length) - 1) >> shift {
+        for line in offset >> self.line_shift..=(offset + u32::from(length) - 1) >> self.line_shift {
             if line == self.line {
                 continue;
             }
@@ -142,9 +150,7 @@ impl Clock {
     /// Cycles that a load waits, at this offset in the flash.
     pub(super) fn load_wait(&mut self, offset: u32) -> u64 {
         match self.timing {
-            Timing::CortexM4(flash) if !self.data.touch(offset >> flash.line_bytes.trailing_zeros()) => {
-                flash.wait_states.into()
-            }
+            Timing::CortexM4(flash) if !self.data.touch(offset >> self.line_shift) => flash.wait_states.into(),
             _ => 0,
         }
     }
