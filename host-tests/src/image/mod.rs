@@ -84,7 +84,10 @@ pub fn on_board_with<A: Arm, R>(config: Config<A>, test: impl FnOnce(&mut Virtua
     result
 }
 
-/// Plugs the cable in and opens the serial port.
+/// How long after the port is opened a rate that is not the arm's is surely in effect: 100 ms, and the time to change.
+const RATE_SETTLES: Nanos = Nanos::from_millis(105);
+
+/// Plugs the cable in, opens the serial port, and waits until its rate is in effect.
 ///
 /// # Panics
 ///
@@ -92,6 +95,9 @@ pub fn on_board_with<A: Arm, R>(config: Config<A>, test: impl FnOnce(&mut Virtua
 pub fn plug_in<A: Arm>(board: &mut VirtualBoard<A>, baud: u32) {
     board.usb().attach();
     open(board, baud);
+    if baud != MEGABAUD {
+        board.run_for(RATE_SETTLES).unwrap();
+    }
 }
 
 /// Opens the serial port.
