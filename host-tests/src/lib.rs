@@ -1,8 +1,10 @@
 //! Tests that cross crates, and what they share.
 #![forbid(unsafe_code)]
 
+pub mod adapter;
 #[cfg(feature = "image")]
 pub mod image;
+pub mod random;
 pub mod reference;
 
 /// The example in the README compiles.

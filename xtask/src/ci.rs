@@ -19,6 +19,8 @@ use crate::{
 const HOST: &str = "--ignore-rust-version --workspace --exclude armwire-firmware";
 /// How long each fuzz target runs, in seconds.
 const FUZZ_SECONDS: &str = "20";
+/// How many random runs of the adapter there are.
+const ADAPTER_RUNS: &str = "20000";
 /// Where the crates without `std` must build.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";
@@ -61,6 +63,12 @@ pub(crate) fn run() -> Result {
         doc("--package armwire --no-default-features --features ling")
     })?;
     ci.step("tests", || check(&mut cargo("test")))?;
+    ci.step("random runs of the adapter", || {
+        let mut test = cargo("test --package armwire-host-tests --test adapter_runs");
+        // In how many of them there was what is worth seeing.
+        test.args(["--", "--show-output"]);
+        check(test.env("ARMWIRE_RUNS", ADAPTER_RUNS))
+    })?;
     ci.step("docs/integrity.md", || integrity::run(&[]))?;
     ci.step("each feature alone, and the oldest compiler", features::each)?;
     ci.step("public API", semver::run)?;

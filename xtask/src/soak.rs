@@ -1,6 +1,7 @@
 //! `cargo xtask soak`: what takes hours. It finds what is rare; what a change broke, `cargo ci` finds.
 
 use std::ffi::OsString;
+use std::process::Command;
 
 use crate::Result;
 use crate::steps::Steps;
@@ -11,8 +12,9 @@ use crate::{campaign, features, fuzz, image, mutants, process};
 type Part = (&'static str, fn() -> Result);
 
 /// In the order in which they run.
-const PARTS: [Part; 6] = [
+const PARTS: [Part; 7] = [
     ("streams", streams),
+    ("adapter", adapter),
     ("features", features::every_set),
     ("fuzz", fuzz),
     ("campaign", campaign),
@@ -27,6 +29,7 @@ usage: cargo xtask soak [PART...]
 All parts run one after another, or only those that are named:
 
 streams     decoders and an independent reference on 2.1 million streams
+adapter     a million random runs of the adapter, its hosts and an arm
 features    clippy and tests with every set of features
 fuzz        each fuzz target for 30 minutes, with inputs that no other run tries
 campaign    10 000 runs of the fault campaign
@@ -62,16 +65,19 @@ fn choose(names: &[OsString]) -> Result<Vec<Part>> {
 
 /// 300 000 streams of each of the seven lines.
 fn streams() -> Result {
+    process::run(host_test("reference").env("ARMWIRE_STREAMS", "300000"))
+}
+
+fn adapter() -> Result {
+    process::run(host_test("adapter_runs").env("ARMWIRE_RUNS", "1000000"))
+}
+
+/// A test of the host's, with optimisation.
+fn host_test(name: &str) -> Command {
     let mut test = process::cargo();
-    test.args([
-        "test",
-        "--release",
-        "--package",
-        "armwire-host-tests",
-        "--test",
-        "reference",
-    ]);
-    process::run(test.env("ARMWIRE_STREAMS", "300000").current_dir(workspace::root()))
+    test.args(["test", "--release", "--package", "armwire-host-tests", "--test", name]);
+    test.current_dir(workspace::root());
+    test
 }
 
 fn fuzz() -> Result {

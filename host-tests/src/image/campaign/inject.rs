@@ -43,16 +43,16 @@ impl Rig {
             Fault::ByteDropped => self.damage(Way::FromArm, Damage::Drop)?,
             Fault::ByteDuplicated => self.damage(Way::FromArm, Damage::Duplicate)?,
             Fault::ByteLate => {
-                let span = Micros(self.dice.between(100, 20_000));
+                let span = Micros(self.random.between(100, 20_000));
                 self.damage(Way::FromArm, Damage::Delay(span))?;
             }
             Fault::ByteCorrupted => {
-                let bit = 1 << self.dice.between(0, 7);
+                let bit = 1 << self.random.between(0, 7);
                 self.damage(Way::FromArm, Damage::Corrupt(bit))?;
             }
             Fault::RequestByteDropped => self.damage(Way::ToArm, Damage::Drop)?,
             Fault::RequestByteCorrupted => {
-                let bit = 1 << self.dice.between(0, 7);
+                let bit = 1 << self.random.between(0, 7);
                 self.damage(Way::ToArm, Damage::Corrupt(bit))?;
             }
             Fault::FramingError => self.plan(LineFault::Framing)?,
@@ -69,7 +69,7 @@ impl Rig {
             Fault::NakStorm => {
                 // For up to 50 ms, as a packet goes with each on the way to the device.
                 for direction in [Direction::In, Direction::Out] {
-                    let count = self.dice.between(100, 1_000) as u32;
+                    let count = self.random.between(100, 1_000) as u32;
                     self.board.usb().inject_naks(direction, count);
                 }
             }
@@ -104,7 +104,7 @@ impl Rig {
                 self.board.can().release();
             }
             Fault::ErrorPassive => {
-                let count = self.dice.between(17, 30) as u32;
+                let count = self.random.between(17, 30) as u32;
                 let broken = self.traffic.broken_frames + count;
                 self.board.can().destroy_next(count);
                 self.soon(&mut |rig| rig.traffic.broken_frames >= broken)?;
@@ -123,7 +123,7 @@ impl Rig {
             }
             Fault::OutOfSequence => {
                 // A consecutive frame whose number is none that is due.
-                let number = self.dice.between(5, 15) as u8;
+                let number = self.random.between(5, 15) as u8;
                 let id = Function::ArmRequest.id(Node::default());
                 let frame = Frame::new(id, &[0x20 | number; 8]).map_err(|error| format!("{error:?}"))?;
                 self.board.can().send_from(1, &frame)?;
@@ -151,7 +151,7 @@ impl Rig {
     /// Damages one of the next bytes on the cable.
     fn damage(&mut self, way: Way, damage: Damage) -> Result {
         self.is_misheard |= way == Way::ToArm;
-        let after = self.dice.between(0, 14) as u32;
+        let after = self.random.between(0, 14) as u32;
         let hits = self.board.with_arm(|cable| {
             cable.damage(way, after, damage);
             cable.hits()
@@ -170,7 +170,7 @@ impl Rig {
         // A byte that follows none cannot overrun it, and meets nothing. Then there is one more, once that is past: two
         // overruns in a row are one to the receiver.
         for _ in 0..20 {
-            let after = self.dice.between(0, 14) as u32;
+            let after = self.random.between(0, 14) as u32;
             self.board.uart().plan_fault(after.into(), fault);
             // A byte may be on its way that is none of these.
             let past = self.traffic.bytes_from_arm + after + 2;
@@ -185,8 +185,8 @@ impl Rig {
 
     /// The arm's line carries noise for a while, with some of the errors that a receiver notices.
     fn noise_burst(&mut self) -> Result {
-        let count = self.dice.between(20, 200);
-        let bytes: Vec<u8> = (0..count).map(|_| self.dice.next() as u8).collect();
+        let count = self.random.between(20, 200);
+        let bytes: Vec<u8> = (0..count).map(|_| self.random.any() as u8).collect();
         for nth in 0..count {
             let faults = [
                 None,
@@ -194,7 +194,7 @@ impl Rig {
                 Some(LineFault::Noise),
                 Some(LineFault::Break),
             ];
-            if let Some(fault) = self.dice.one_of(&faults) {
+            if let Some(fault) = self.random.one_of(&faults) {
                 self.board.uart().plan_fault(nth, fault);
             }
         }
@@ -207,7 +207,7 @@ impl Rig {
     fn mask_interrupts(&mut self) -> Result {
         const BYTES_PER_MILLISECOND: u64 = 100;
         const NO_FRAME: u8 = 0x55;
-        let millis = self.dice.between(11, 30);
+        let millis = self.random.between(11, 30);
         let noise = vec![NO_FRAME; (millis * BYTES_PER_MILLISECOND) as usize];
         self.board.with_arm(|cable| cable.arm().say(&noise));
         self.board.hold_core()?;
@@ -243,7 +243,7 @@ impl Rig {
         }
         .encode(&mut frame)
         .map_err(|error| format!("{error:?}"))?;
-        let count = self.dice.between(1, 3) as usize;
+        let count = self.random.between(1, 3) as usize;
         self.unasked.extend(vec![frame[..len].to_vec(); count]);
         self.board
             .with_arm(|cable| cable.arm().say(&frame[..len].repeat(count)));
@@ -275,7 +275,7 @@ impl Rig {
         self.order(Request::SaveConfig)?;
         let operations = u64::from(self.board.flash_operations() - before);
         self.order(Request::SetConfig(new))?;
-        let after = self.dice.between(0, operations - 1) as u32;
+        let after = self.random.between(0, operations - 1) as u32;
         self.board.cut_power_after(after);
         let subscriber = self.hosts.subscriber.as_mut().ok_or("no subscriber")?;
         subscriber.control.send(&mut self.board, Request::SaveConfig);

@@ -8,7 +8,6 @@
 mod books;
 mod cable;
 mod deceit;
-mod dice;
 mod inject;
 mod matrix;
 mod rig;
@@ -25,10 +24,10 @@ use armwire_virtual_board::{Nanos, VirtualBoard};
 pub use self::books::Losses;
 pub use self::cable::{Cable, Damage, Way};
 pub use self::deceit::Deceit;
-use self::dice::Dice;
 pub use self::matrix::{Fault, Moment};
 use self::rig::Rig;
 pub use self::table::Table;
+use crate::random::Random;
 
 /// What a part of a run gives: an error says what was not as it must be.
 pub type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
@@ -69,9 +68,9 @@ impl Case {
     pub fn new(seed: u64, number: u32) -> Self {
         let fault = Fault::ALL[(number % ROUND) as usize];
         let moment = Moment::ALL[(number / ROUND) as usize % Moment::ALL.len()];
-        let mut dice = Dice::new(!seed, number);
+        let mut random = Random::new(!seed, number);
         let brief: Vec<Fault> = Fault::ALL.into_iter().filter(|fault| fault.is_brief()).collect();
-        let second = (fault.restart().is_none() && dice.between(0, 3) == 0).then(|| dice.one_of(&brief));
+        let second = (fault.restart().is_none() && random.between(0, 3) == 0).then(|| random.one_of(&brief));
         Self {
             seed,
             number,
@@ -109,7 +108,7 @@ impl Bench {
     }
 
     fn attempt(&mut self, case: Case, deceit: Option<Deceit>) -> Result<(Nanos, Losses)> {
-        let mut rig = Rig::start(self.0.take(), Dice::new(case.seed, case.number))?;
+        let mut rig = Rig::start(self.0.take(), Random::new(case.seed, case.number))?;
         rig.reach(case.moment)?;
         let mut over = rig.inject(case.fault)?;
         let mut limit = case.fault.limit();

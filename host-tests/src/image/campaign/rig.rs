@@ -13,8 +13,8 @@ use super::super::{
 };
 use super::Result;
 use super::cable::Cable;
-use super::dice::Dice;
 use super::matrix::Moment;
+use crate::random::Random;
 
 /// Bits per second on the CAN bus.
 const RATE: u32 = 1_000_000;
@@ -37,7 +37,7 @@ const PATIENCE: Nanos = Nanos::from_millis(400);
 pub(super) struct Rig {
     pub(super) board: VirtualBoard<Cable>,
     pub(super) hosts: Hosts,
-    pub(super) dice: Dice,
+    pub(super) random: Random,
     pub(super) traffic: Traffic,
     pub(super) before: Counters,
     pub(super) deeds_before: Deeds,
@@ -56,7 +56,7 @@ pub(super) struct Rig {
 
 impl Rig {
     /// Boots a board, if there is none, and begins. On one that is there nothing may be under way.
-    pub(super) fn start(board: Option<VirtualBoard<Cable>>, dice: Dice) -> Result<Self> {
+    pub(super) fn start(board: Option<VirtualBoard<Cable>>, random: Random) -> Result<Self> {
         let arm = Cable::new(Witness::new(TURNAROUND));
         let mut board = match board {
             Some(mut board) => {
@@ -65,7 +65,7 @@ impl Rig {
             }
             None => {
                 let mut config = BoardConfig::new(path(), arm);
-                config.seed = dice.clone().next();
+                config.seed = random.clone().any();
                 config.timing = Timing::Drawn;
                 VirtualBoard::start(config)?
             }
@@ -83,7 +83,7 @@ impl Rig {
             deeds_before: Deeds::default(),
             board,
             hosts,
-            dice,
+            random,
             glance: GLANCE,
             untold: false,
             in_core: 0,
@@ -140,7 +140,7 @@ impl Rig {
 
     /// Lets everybody work for a number of microseconds from `low` to `high`.
     pub(super) fn work_between(&mut self, low: u64, high: u64) -> Result {
-        let span = Nanos::from(Micros(self.dice.between(low, high)));
+        let span = Nanos::from(Micros(self.random.between(low, high)));
         self.work(span)
     }
 
@@ -248,8 +248,8 @@ impl Rig {
             return Err(format!("it was never {}", moment.name()).into());
         }
         let jitter = match moment {
-            Moment::Any => self.dice.between(0, 5_000_000),
-            _ => self.dice.between(0, 8_000),
+            Moment::Any => self.random.between(0, 5_000_000),
+            _ => self.random.between(0, 8_000),
         };
         self.work(Nanos(jitter))
     }

@@ -1,0 +1,736 @@
+//! What must hold of an adapter, written from `docs/safety.md` and from what `docs/adapter.md` says of how hosts share the arm.
+//!
+//! It knows what went into the adapter and what came out, and when. Where the documents leave an instant open, such as which
+//! of two that are the same is first, it allows both.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use armwire::Decoder;
+use armwire::ling::{Ling, MAX_FRAME};
+use armwire_bridge::Counters;
+use armwire_bridge::config::Config;
+use armwire_bridge::control::{Asker, Event, Refusal};
+
+use super::arm::{Key, SELF_CHECK, Tag};
+
+/// How long after the time-out torque-off is on the line at the latest, in µs.
+const TORQUE_OFF_BOUND: u64 = 150_000;
+/// How much longer a host on CAN has whose motion waits.
+const MOTION_WAIT: u64 = 150_000;
+/// What instants may differ by that the documents do not tell apart: a frame on the line at 1 Mbaud.
+const INSTANT: u64 = 1_000;
+/// Motions in a row that are a stream.
+const STREAM: u32 = 3;
+
+/// How long an arm has for an answer, and for that to a self-check.
+const TURNAROUND: u64 = 50_000;
+const SELF_CHECK_TURNAROUND: u64 = 500_000;
+/// How long an answer may be late, during which the next request like it waits.
+const LATENESS: u64 = 50_000;
+/// How long others wait at most for a host on USB whose bytes are no frame; and what the answers themselves take, and looks at
+/// the line.
+const RAW_TURN: u64 = 100_000;
+/// How long a host on USB may pause in a frame before others have their turn.
+const PAUSE: u64 = 10_000;
+const SLACK: u64 = 10_000;
+
+/// How long a host's rate goes on at the longest when its port is closed: until what it has said is out at 9600 baud.
+const RATE_BOUND: u64 = 1_500_000;
+
+/// Requests on CAN that wait in the adapter's queue. One more waits in the connection.
+const CAN_QUEUE: usize = 2;
+
+/// The bytes of the adapter's own requests.
+const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+const READ_INFO: [u8; 7] = [0xAA, 0x01, 0x00, 0x01, 0xFE, 0x23, 0xFF];
+pub(super) const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
+
+/// What is known of the stream of one host.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stream {
+    /// Motions in a row that count for sure, and when the last of them came and was sent.
+    run: u32,
+    came: u64,
+    sent: u64,
+    /// Motions since the stream last ended, whether or not they count.
+    perhaps: u32,
+    /// The last sign of life that may count, and the last one that must.
+    alive: u64,
+    surely_alive: u64,
+}
+
+impl Stream {
+    /// A motion that came at `came` was sent at `sent`.
+    fn moved(&mut self, came: u64, sent: u64, after: u64) {
+        let is_close = |gap: u64| gap + 2 * INSTANT < after;
+        let goes_on = self.run > 0 && is_close(came - self.came) && is_close(sent.saturating_sub(self.sent));
+        self.run = match self.run {
+            // Once it is a stream, only its host ends it.
+            STREAM.. => STREAM,
+            run if goes_on => run + 1,
+            _ => 1,
+        };
+        (self.came, self.sent) = (came, sent);
+        self.alive = self.alive.max(sent);
+        self.surely_alive = self.surely_alive.max(came);
+    }
+
+    fn end(&mut self) {
+        (self.run, self.perhaps) = (0, 0);
+    }
+}
+
+/// Everything that was seen of one adapter.
+pub(super) struct Oracle {
+    config: Config,
+    streams: [Stream; 3],
+    /// When torque-off must be on the line, and how many of them have a reason.
+    torque_off_due: Option<u64>,
+    torque_offs_due: u32,
+    /// The adapter was told to restart, or is about to.
+    is_ending: bool,
+
+    /// What the host on USB has said and is not on the line, and what of it is on the line and no whole request.
+    usb: VecDeque<u8>,
+    usb_requests: Decoder<Ling, MAX_FRAME>,
+    /// What hosts on CAN have said and is not on the line, and when it came.
+    can: VecDeque<(u64, Vec<u8>)>,
+    /// The newest command, and when it came.
+    command: Option<(u64, Vec<u8>)>,
+    is_identifying: bool,
+
+    /// Until when the arm has for all answers.
+    answers_until: u64,
+    is_checking: bool,
+    /// When something last moved on the line, and since when somebody has waited.
+    moved: u64,
+    waits: Option<u64>,
+    /// The most requests of the host on USB that the arm had at a time, those that it has not answered and when the answer is
+    /// due, and the last of each kind of each host.
+    pub(super) most_in_flight: usize,
+    unanswered: Vec<(Key, Tag, u64)>,
+    last: BTreeMap<(u8, Key), u32>,
+    /// The last frame of the arm answers this request of a host on CAN in time.
+    in_time: Option<Tag>,
+    /// The line is at the arm's rate; the host on USB wants it to be; and torque-off has taken another rate from it.
+    at_arms_rate: bool,
+    wants_arms_rate: bool,
+    is_revoked: bool,
+    is_dtr_high: bool,
+    /// Bytes for another rate than the arm's are not out yet, or the line still has that rate.
+    owes_other_rate: bool,
+    /// When the line is the arm's again, as the port was closed.
+    rate_ends: Option<u64>,
+    /// The host on USB has the line by `hold-line`.
+    is_held: bool,
+    pub(super) may_be_held: bool,
+    /// What was seen of what makes a run one of many.
+    pub(super) open_self_check: bool,
+    pub(super) half_frame: bool,
+    pub(super) torque_offs: u32,
+    usb_moved: u64,
+
+    line_bytes: u64,
+    arm_bytes: u64,
+    pub(super) usb_bytes: u64,
+    for_others: u64,
+    frames: u32,
+    wanted: u32,
+    pub(super) silences: u32,
+    can_answers: u32,
+    can_heard: u32,
+    /// Another node sent flow control, as if it were the host.
+    pub(super) is_can_disturbed: bool,
+    asked: u32,
+    replied: u32,
+}
+
+const fn index(asker: Asker) -> Option<usize> {
+    match asker {
+        Asker::Usb => Some(0),
+        Asker::Can => Some(1),
+        Asker::Command => Some(2),
+        Asker::Poll | Asker::Adapter => None,
+    }
+}
+
+/// What a request of a host asks for.
+enum Ask {
+    /// An answer.
+    Answer(Key, Option<Tag>),
+    Motion,
+    TorqueOn,
+    Nothing,
+}
+
+/// From the manual of the arm: what is answered, what moves, what holds.
+fn ask(frame: &[u8]) -> Ask {
+    match frame {
+        [_, 0x06, 0x03, ..] => Ask::Motion,
+        [_, 0x05, 0x00, _, 1, ..] => Ask::TorqueOn,
+        [_, 0x03 | 0x05, ..] => Ask::Nothing,
+        [_, command, function, ..] => Ask::Answer((*command, *function), Tag::of(frame).map(|(_, tag)| tag)),
+        _ => Ask::Nothing,
+    }
+}
+
+/// How long the arm has for the answer to a request of this key.
+fn turnaround(key: Key) -> u64 {
+    match key == SELF_CHECK {
+        true => SELF_CHECK_TURNAROUND,
+        false => TURNAROUND,
+    }
+}
+
+impl Oracle {
+    pub(super) fn new(config: Config) -> Self {
+        Self {
+            config,
+            streams: [Stream::default(); 3],
+            torque_off_due: None,
+            torque_offs_due: 0,
+            is_ending: false,
+            usb: VecDeque::new(),
+            usb_requests: Decoder::new(),
+            can: VecDeque::new(),
+            command: None,
+            is_identifying: false,
+            answers_until: 0,
+            is_checking: false,
+            moved: 0,
+            waits: None,
+            most_in_flight: 0,
+            unanswered: Vec::new(),
+            last: BTreeMap::new(),
+            in_time: None,
+            at_arms_rate: true,
+            wants_arms_rate: true,
+            is_revoked: false,
+            is_dtr_high: false,
+            owes_other_rate: false,
+            rate_ends: None,
+            is_held: false,
+            may_be_held: false,
+            open_self_check: false,
+            half_frame: false,
+            torque_offs: 0,
+            usb_moved: 0,
+            line_bytes: 0,
+            arm_bytes: 0,
+            usb_bytes: 0,
+            for_others: 0,
+            frames: 0,
+            wanted: 0,
+            silences: 0,
+            can_answers: 0,
+            can_heard: 0,
+            is_can_disturbed: false,
+            asked: 0,
+            replied: 0,
+        }
+    }
+
+    fn after(&self) -> u64 {
+        u64::from(self.config.silence.after_ms) * 1_000
+    }
+
+    /// Nothing that is due is missing at `now`.
+    pub(super) fn check(&mut self, now: u64) {
+        for asker in [Asker::Usb, Asker::Can, Asker::Command] {
+            let Some(stream) = index(asker).map(|at| self.streams[at]) else {
+                continue;
+            };
+            let waits = if asker == Asker::Can { MOTION_WAIT } else { 0 };
+            let silent = stream.alive + self.after().max(waits);
+            assert!(
+                stream.run < STREAM || self.after() == 0 || now <= silent + INSTANT,
+                "{asker} streams motion, is silent since {} µs, and nothing is reported at {now} µs",
+                stream.alive
+            );
+        }
+        assert!(
+            self.torque_off_due.is_none_or(|due| now <= due),
+            "torque-off was due at {:?} µs and is not on the line at {now} µs",
+            self.torque_off_due
+        );
+        assert!(
+            self.rate_ends.is_none_or(|due| now <= due),
+            "the line has another rate at {now} µs, and the port is closed"
+        );
+        let is_waiting = !self.usb.is_empty() || !self.can.is_empty() || self.is_identifying;
+        match (is_waiting, self.waits) {
+            (false, _) => self.waits = None,
+            (true, None) => self.waits = Some(now),
+            (true, Some(since)) => {
+                let slow = if self.at_arms_rate { 0 } else { 10 * RAW_TURN };
+                let from = self.answers_until.max(self.moved).max(since);
+                let until = from + LATENESS + RAW_TURN + SLACK + slow;
+                assert!(
+                    now <= until,
+                    "the line is held: nothing has moved since {} µs, the answers were due at {} µs, somebody has \
+                     waited since {since} µs, and it is {now} µs",
+                    self.moved,
+                    self.answers_until
+                );
+            }
+        }
+    }
+
+    // ---- What goes in ----
+
+    pub(super) fn usb_accepted(&mut self, now: u64, packet: &[u8]) {
+        self.usb.extend(packet);
+        self.rate_ends = None;
+        self.owes_other_rate |= !self.wants_arms_rate;
+        // What the arm cannot understand is no sign of life, and nobody is watched under `hold-line`.
+        if self.wants_arms_rate && !self.is_held {
+            (self.streams[0].alive, self.streams[0].surely_alive) = (now, now);
+        }
+    }
+
+    /// A packet of so many bytes was not taken, and so many bytes were counted for it.
+    pub(super) fn usb_refused(&mut self, now: u64, len: usize, counted: usize) {
+        assert_eq!(counted, len, "bytes that were refused because of their rate");
+        let streams = self.streams[1..].iter().any(|stream| stream.perhaps >= STREAM);
+        assert!(
+            !self.wants_arms_rate || self.is_revoked,
+            "bytes at the arm's rate are refused at {now} µs"
+        );
+        assert!(
+            streams || self.is_revoked,
+            "no stream on CAN keeps another rate away at {now} µs"
+        );
+    }
+
+    /// Torque-off took the line from the host on USB, and so many bytes of it.
+    pub(super) fn usb_is_dropped(&mut self, counted: usize) {
+        assert_eq!(counted, self.usb.len(), "bytes that waited at another rate");
+        self.usb.clear();
+        self.owes_other_rate = false;
+        self.usb_requests = Decoder::new();
+    }
+
+    /// The host on USB set a rate.
+    pub(super) fn rate_requested(&mut self, is_arms: bool) {
+        (self.wants_arms_rate, self.is_revoked) = (is_arms, false);
+    }
+
+    /// The host on USB raised or lowered DTR.
+    pub(super) fn dtr(&mut self, now: u64, high: bool) {
+        let fell = std::mem::replace(&mut self.is_dtr_high, high) && !high;
+        if fell && !self.at_arms_rate {
+            self.rate_ends = Some(now + RATE_BOUND);
+        }
+    }
+
+    /// `hold-line` begins, or ends.
+    pub(super) fn holds_line(&mut self, holds: bool) {
+        assert!(!holds || !self.is_armed(), "hold-line while a stream is armed");
+        self.is_held = holds;
+    }
+
+    /// `hold-line` is refused.
+    pub(super) fn may_not_hold_line(&self) {
+        let streams = self.streams.iter().any(|stream| stream.perhaps >= STREAM);
+        assert!(
+            streams || self.torque_offs_due > 0,
+            "hold-line is refused, and nobody streams motion"
+        );
+    }
+
+    /// The host on USB has something to say, and there is no room.
+    pub(super) fn usb_is_held_back(&mut self, now: u64) {
+        if self.at_arms_rate || self.wants_arms_rate {
+            self.streams[0].alive = now;
+        }
+    }
+
+    pub(super) fn can_accepted(&mut self, now: u64, pdu: Vec<u8>) {
+        if matches!(ask(&pdu), Ask::Motion) {
+            self.streams[1].alive = now;
+            self.streams[1].perhaps += 1;
+        }
+        self.can.push_back((now, pdu));
+    }
+
+    /// A frame came to the arm's identifier that ends no request, such as flow control.
+    pub(super) fn can_frame_came(&mut self, now: u64) {
+        // To be mended in the adapter: it takes the request that waits behind its queue for as new as this frame.
+        if let Some((came, pdu)) = self.can.get_mut(CAN_QUEUE) {
+            *came = now;
+            if matches!(ask(pdu), Ask::Motion) {
+                self.streams[1].alive = now;
+            }
+        }
+    }
+
+    pub(super) fn command_accepted(&mut self, now: u64, request: Vec<u8>) {
+        (self.streams[2].alive, self.streams[2].surely_alive) = (now, now);
+        self.streams[2].perhaps += 1;
+        self.command = Some((now, request));
+    }
+
+    pub(super) fn asked(&mut self, identifies: bool) {
+        self.asked += 1;
+        self.is_identifying |= identifies;
+    }
+
+    pub(super) fn replied(&mut self, identified: bool) {
+        self.replied += 1;
+        self.is_identifying &= !identified;
+    }
+
+    /// The host on USB has ended its stream on the control port.
+    pub(super) fn usb_ends_stream(&mut self) {
+        self.streams[0].end();
+    }
+
+    /// The adapter is told to restart, or about to be.
+    pub(super) fn is_ending(&mut self) {
+        self.is_ending = true;
+    }
+
+    /// Whether a host streams motion for sure, and its silence would switch the torque off.
+    pub(super) fn is_armed(&self) -> bool {
+        let streams = self.streams.iter().any(|stream| stream.run >= STREAM);
+        streams && self.config.silence.torque_off && self.after() > 0
+    }
+
+    /// Nobody was served, or heard, for `span`.
+    pub(super) fn stood_still(&mut self, now: u64, span: u64) {
+        self.streams.iter_mut().for_each(|stream| stream.alive = now);
+        self.moved = now;
+        self.answers_until += span;
+    }
+
+    // ---- What comes out ----
+
+    /// Bytes of this initiator begin on the line at `start` and end at `end`.
+    pub(super) fn sent(&mut self, asker: Asker, bytes: &[u8], now: u64, start: u64, end: u64) {
+        self.line_bytes += bytes.len() as u64;
+        assert!(
+            asker == Asker::Usb || self.at_arms_rate,
+            "{asker} says {bytes:02X?} at another rate than the arm's"
+        );
+        let is_alone = matches!(asker, Asker::Usb | Asker::Adapter);
+        assert!(is_alone || !self.is_held, "{asker} says {bytes:02X?} under hold-line");
+        self.moved = self.moved.max(end);
+        match asker {
+            Asker::Usb => {
+                let said: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
+                assert_eq!(bytes, said, "the host on USB said other bytes");
+                self.usb_moved = end;
+                let mut rest = bytes;
+                while !rest.is_empty() {
+                    rest = self.usb_requests.push(rest);
+                    let mut frames = Vec::new();
+                    while let Some(next) = self.usb_requests.next(()) {
+                        frames.extend(
+                            next.ok()
+                                .map(|frame| super::arm::frame((frame.command, frame.function), frame.data)),
+                        );
+                    }
+                    for frame in frames {
+                        self.requested(asker, &frame, now, now, end);
+                    }
+                }
+            }
+            Asker::Can => {
+                let (came, said) = self.can.pop_front().expect("no host on CAN has a request");
+                assert_eq!(bytes, said, "hosts on CAN said something else, or in another order");
+                self.requested(asker, bytes, came, now, end);
+            }
+            Asker::Command => {
+                let (came, command) = self.command.take().expect("nobody has a command");
+                assert_eq!(bytes, command, "the command was another");
+                let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
+                assert!(now <= came + timeout, "a command of {came} µs is sent at {now} µs");
+                self.requested(asker, bytes, came, now, end);
+            }
+            Asker::Poll => {
+                assert_eq!(bytes, READ_JOINTS, "the adapter polls");
+                self.requested(asker, bytes, now, start, end);
+            }
+            Asker::Adapter if bytes == READ_INFO => {
+                assert!(self.is_identifying, "nobody wants to know what arm there is");
+                self.requested(asker, bytes, now, now, end);
+            }
+            Asker::Adapter if bytes == TORQUE_OFF => {
+                assert!(
+                    self.torque_offs_due > 0,
+                    "torque-off at {now} µs, and no stream has ended"
+                );
+                self.torque_offs_due = 0;
+                self.torque_offs += 1;
+            }
+            Asker::Adapter => {
+                assert!(bytes.iter().all(|byte| *byte == 0), "the adapter says {bytes:02X?}");
+                self.half_frame |= self.usb_requests.pending() > 0;
+                assert!(
+                    self.half_frame || self.silences > 0,
+                    "zeros, and the host on USB has ended all that it began"
+                );
+                self.usb_requests = Decoder::new();
+            }
+        }
+    }
+
+    fn requested(&mut self, asker: Asker, frame: &[u8], came: u64, now: u64, end: u64) {
+        let after = self.after();
+        match ask(frame) {
+            Ask::Answer(key, tag) => {
+                self.wanted += 1;
+                self.is_checking |= key == SELF_CHECK;
+                self.answers_until = self.answers_until.max(end + self.turnaround());
+                if let Some(tag) = tag {
+                    self.unanswered.push((key, tag, end + turnaround(key)));
+                    self.last.insert((asker as u8, key), tag.number);
+                }
+                let of_usb = self.unanswered.iter().filter(|(_, tag, _)| tag.initiator == Asker::Usb);
+                let in_flight = of_usb.filter(|(_, _, due)| now < *due).count();
+                self.most_in_flight = self.most_in_flight.max(in_flight);
+            }
+            // At another rate the arm does not understand it, and nobody is watched under `hold-line`.
+            Ask::Motion | Ask::TorqueOn if !self.at_arms_rate || self.is_held => {}
+            Ask::Motion => {
+                if let Some(at) = index(asker) {
+                    self.streams[at].perhaps += u32::from(asker == Asker::Usb);
+                    self.streams[at].moved(came, now, after);
+                }
+            }
+            Ask::TorqueOn => {
+                if let Some(at) = index(asker) {
+                    self.streams[at].end();
+                }
+            }
+            Ask::Nothing => {}
+        }
+    }
+
+    /// The longest that the arm has for one of the answers that it owes.
+    fn turnaround(&self) -> u64 {
+        match self.is_checking {
+            true => SELF_CHECK_TURNAROUND,
+            false => TURNAROUND,
+        }
+    }
+
+    /// The arm has heard torque-off, whoever sent it.
+    pub(super) fn torque_is_off(&mut self) {
+        self.torque_off_due = None;
+    }
+
+    /// The arm said bytes.
+    pub(super) fn arm_said(&mut self, now: u64, bytes: &[u8]) {
+        self.arm_bytes += bytes.len() as u64;
+        let Some((key, tag)) = Tag::of(bytes) else { return };
+        let asked = self
+            .unanswered
+            .iter()
+            .position(|(asked, by, _)| (*asked, *by) == (key, tag));
+        let asked = asked.map(|at| self.unanswered.remove(at));
+        let is_in_time = asked.is_some_and(|(.., due)| now <= due);
+        self.in_time = is_in_time.then_some(tag).filter(|tag| tag.initiator == Asker::Can);
+        if asked.is_some() || matches!(tag.initiator, Asker::Poll | Asker::Adapter) {
+            // Those behind have their time from now on.
+            self.answers_until = self.answers_until.max(now + self.turnaround());
+        }
+    }
+
+    /// Time passes: none of the requests is in flight any more whose answers would have been there by now.
+    pub(super) fn tick(&mut self, now: u64) {
+        self.half_frame |= self.usb_requests.pending() > 0 && now > self.usb_moved + PAUSE;
+        if now > self.answers_until + LATENESS {
+            self.open_self_check |= self.unanswered.iter().any(|(key, ..)| *key == SELF_CHECK);
+            self.unanswered.clear();
+            self.is_checking = false;
+        }
+    }
+
+    /// The line has another rate now.
+    pub(super) fn line_changed(&mut self, now: u64, at_arms_rate: bool) {
+        let streams = self.streams[1..].iter().any(|stream| stream.run >= STREAM);
+        assert!(
+            at_arms_rate || !streams,
+            "another rate while a host on CAN streams motion"
+        );
+        (self.moved, self.at_arms_rate) = (now, at_arms_rate);
+        self.rate_ends.take_if(|_| at_arms_rate);
+        self.owes_other_rate &= !at_arms_rate;
+    }
+
+    /// A host on CAN heard a PDU.
+    pub(super) fn can_heard(&mut self, pdu: &[u8]) {
+        self.can_heard += 1;
+        let tag = Tag::of(pdu).map(|(_, tag)| tag.initiator);
+        assert_eq!(
+            tag,
+            Some(Asker::Can),
+            "a host on CAN heard the answer to another: {pdu:02X?}"
+        );
+    }
+
+    /// A subscriber was told of this. Returns whether a request on CAN was refused that had been accepted.
+    pub(super) fn event(&mut self, now: u64, at: u64, event: &Event) -> bool {
+        match event {
+            Event::Refused {
+                asker,
+                reason: Refusal::LineHeld,
+            } => {
+                assert!(
+                    self.is_held || self.may_be_held || self.owes_other_rate || !self.wants_arms_rate,
+                    "{asker} is refused at {now} µs, and nobody holds the line"
+                );
+                match asker {
+                    Asker::Can => return self.can.pop_front().is_some(),
+                    Asker::Command => drop(self.command.take()),
+                    _ => {}
+                }
+            }
+            Event::Frame { asker, bytes } => self.frame(*asker, bytes),
+            Event::HostSilent {
+                asker,
+                dropped,
+                torque_off,
+            } => self.silent(*asker, (*dropped).into(), *torque_off, now, at),
+            Event::Refused {
+                asker: Asker::Command,
+                reason: Refusal::Stale,
+            } => {
+                // It has waited for too long, or was no new one.
+                let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
+                self.command.take_if(|(came, _)| now >= *came + timeout);
+            }
+            _ => {}
+        }
+        false
+    }
+
+    /// The adapter takes this frame for the answer to a request of `asker`.
+    fn frame(&mut self, asker: Option<Asker>, bytes: &[u8]) {
+        self.frames += 1;
+        if let Some(tag) = self.in_time.take() {
+            assert_eq!(
+                asker,
+                Some(tag.initiator),
+                "an answer in time is taken for late or unasked: {bytes:02X?}"
+            );
+        }
+        let Some(asker) = asker else { return };
+        if asker != Asker::Usb {
+            self.for_others += bytes.len() as u64;
+        }
+        if asker == Asker::Can {
+            self.can_answers += 1;
+        }
+        let Some((key, tag)) = Tag::of(bytes) else {
+            panic!("{asker} did not ask for {bytes:02X?}");
+        };
+        assert_eq!(tag.initiator, asker, "an answer goes to another: {bytes:02X?}");
+        if asker == Asker::Can {
+            let last = self.last.get(&(asker as u8, key)).copied();
+            assert_eq!(
+                last,
+                Some(tag.number),
+                "an answer to an earlier request on CAN is taken for a newer one's"
+            );
+        }
+    }
+
+    fn silent(&mut self, asker: Asker, dropped: usize, torque_off: bool, now: u64, at: u64) {
+        self.silences += 1;
+        let Some(stream) = index(asker).map(|at| self.streams[at]) else {
+            panic!("{asker} is no host");
+        };
+        if !self.is_ending {
+            assert!(
+                stream.perhaps >= STREAM,
+                "{asker} streams nothing and is silent at {at} µs"
+            );
+            assert!(
+                at + INSTANT >= stream.surely_alive + self.after(),
+                "{asker} is not silent at {at} µs: heard at {} µs",
+                stream.surely_alive
+            );
+        }
+        assert_eq!(torque_off, self.config.silence.torque_off, "what becomes of the torque");
+        if torque_off {
+            self.is_revoked |= !self.wants_arms_rate;
+            self.torque_offs_due += 1;
+            self.torque_off_due.get_or_insert(now.max(at) + TORQUE_OFF_BOUND);
+        }
+        match asker {
+            Asker::Usb => {
+                assert_eq!(dropped, self.usb.len(), "bytes of the host on USB that are dropped");
+                self.usb.clear();
+                // To be mended in the adapter: if these bytes were for another rate that was not in effect yet, it goes on
+                // refusing others.
+                self.usb_requests = Decoder::new();
+            }
+            Asker::Can => {
+                let waiting: usize = self.can.iter().map(|(_, pdu)| pdu.len()).sum();
+                assert_eq!(dropped, waiting, "bytes of hosts on CAN that are dropped");
+                self.can.clear();
+            }
+            _ => {
+                let waiting = self.command.take().map_or(0, |(_, command)| command.len());
+                assert_eq!(dropped, waiting, "bytes of a command that is dropped");
+            }
+        }
+        if let Some(at) = index(asker) {
+            self.streams[at].end();
+        }
+    }
+
+    /// Whether nobody waits for anything.
+    pub(super) fn is_idle(&self) -> bool {
+        self.usb.is_empty() && self.can.is_empty() && self.asked == self.replied && self.unanswered.is_empty()
+    }
+
+    /// The adapter starts again now.
+    pub(super) fn check_restart(&self, now: u64) {
+        assert!(!self.is_armed(), "it restarts at {now} µs and forgets a stream");
+        assert_eq!(self.torque_off_due, None, "it restarts at {now} µs with torque-off due");
+    }
+
+    /// All has ended: the accounts are even. Requests are counted exactly if all that the host on USB said was whole.
+    pub(super) fn check_accounts(&self, c: &Counters, is_whole: bool) {
+        assert!(
+            self.usb.is_empty(),
+            "{} bytes of the host on USB wait for ever",
+            self.usb.len()
+        );
+        assert!(self.can.is_empty(), "requests on CAN wait for ever: {:02X?}", self.can);
+        assert_eq!(u64::from(c.host_to_arm_bytes), self.line_bytes, "bytes to the arm");
+        assert_eq!(u64::from(c.arm_to_host_bytes), self.arm_bytes, "bytes of the arm");
+        assert_eq!(c.refused_bytes, 0, "bytes that were taken without room");
+        assert_eq!(c.host_silences, self.silences, "hosts that fell silent");
+        assert_eq!(self.replied, self.asked, "requests on the control port");
+        if self.frames == c.frames {
+            let lost = u64::from(c.dropped_bytes + c.unheard_bytes);
+            assert_eq!(
+                self.usb_bytes + self.for_others + lost,
+                self.arm_bytes,
+                "bytes of the arm: {} at the host on USB, {} of others, {lost} counted as lost",
+                self.usb_bytes,
+                self.for_others
+            );
+            let gone = c.dropped_can_answers + c.isotp_failures;
+            // Flow control of another node may have the adapter send what its host is not ready for.
+            assert!(
+                self.is_can_disturbed || (self.can_heard..=self.can_heard + gone).contains(&self.can_answers),
+                "{} answers for CAN, {} heard, {gone} counted as lost",
+                self.can_answers,
+                self.can_heard
+            );
+        }
+        let answered = c.frames - c.late_answers - c.unasked_frames;
+        if is_whole {
+            assert_eq!(
+                answered + c.unanswered_requests,
+                self.wanted,
+                "requests that were answered, or counted as not"
+            );
+        }
+    }
+}

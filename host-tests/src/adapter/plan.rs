@@ -1,0 +1,343 @@
+//! What everybody does in a run, and when.
+
+use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
+use armwire_bridge::config::{Can, Config, Poll, Silence};
+use armwire_bridge::control::{Asker, Request};
+
+use super::Circumstances;
+use super::arm::{Key, Manners, QUESTIONS, SELF_CHECK, TORQUE, Tag, frame};
+use super::rig::{Rig, motion};
+use crate::random::Random;
+
+const MILLISECOND: u64 = 1_000;
+
+/// How far apart the unasked frames are, in µs.
+const UNASKED_PERIOD: u64 = 40 * MILLISECOND;
+
+/// Something that happens at its time.
+#[derive(Clone, Debug)]
+enum Deed {
+    /// The host on USB.
+    UsbAsks(Key),
+    UsbMoves,
+    UsbHolds,
+    UsbSays(Vec<u8>),
+    /// So many bytes of a request, and not the rest.
+    UsbStops(usize),
+    SetRate(u32),
+    Reads(bool),
+    Dtr(bool),
+    Control(Request),
+    /// Hosts on CAN.
+    CanAsks(Key),
+    CanMoves,
+    CanHolds,
+    CanFrame(&'static [u8]),
+    Command,
+    /// The arm.
+    Unasked,
+    /// The adapter.
+    Watchdog,
+}
+
+/// A host that may die.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Host {
+    Usb,
+    Can,
+    Commander,
+}
+
+impl Deed {
+    /// Who does it no more once dead.
+    fn host(&self) -> Option<Host> {
+        match self {
+            Self::UsbAsks(_) | Self::UsbMoves | Self::UsbHolds | Self::UsbSays(_) | Self::UsbStops(_) => {
+                Some(Host::Usb)
+            }
+            Self::CanAsks(_) | Self::CanMoves | Self::CanHolds => Some(Host::Can),
+            Self::Command => Some(Host::Commander),
+            _ => None,
+        }
+    }
+}
+
+/// A run that has not begun.
+pub(super) struct Plan {
+    rig: Rig,
+    config: Config,
+    deeds: Vec<(u64, Deed)>,
+    end: u64,
+    /// All that the host on USB says are whole requests.
+    is_whole: bool,
+    asked: [u32; 2],
+}
+
+impl Plan {
+    pub(super) fn new(mut random: Random, is_told: bool) -> Self {
+        let r = &mut random;
+        let config = config(r);
+        let saves = r.percent(20);
+        let slowest = r.one_of(&[300, 300, 2_000, 45_000, 100_000, 100_000]);
+        let manners = Manners {
+            // What comes while the flash is written is heard later.
+            slowest: if saves { slowest.min(70_000) } else { slowest },
+            lost: r.one_of(&[0, 0, 0, 2, 20, 100]),
+            checks_itself: r.percent(20),
+        };
+        let after = u64::from(config.silence.after_ms).max(50) * MILLISECOND;
+        let end = r.between(600, 2_000) * MILLISECOND;
+        let mut deeds = Vec::new();
+        let mut is_whole = true;
+
+        streams(r, &config, after, end, &mut deeds);
+        questions(r, end, &mut deeds);
+        if r.percent(20) {
+            for _ in 0..r.between(1, 3) {
+                let at = r.between(0, end);
+                let key = r.one_of(&QUESTIONS);
+                let same = r.percent(50);
+                for _ in 0..r.between(9, 24) {
+                    let key = if same { key } else { r.one_of(&QUESTIONS) };
+                    deeds.push((at, Deed::UsbAsks(key)));
+                }
+            }
+        }
+        if r.percent(30) {
+            for _ in 0..r.between(1, 2) {
+                let at = r.between(0, end);
+                deeds.push((
+                    at,
+                    r.one_of(&[Deed::UsbAsks as fn(Key) -> Deed, Deed::CanAsks])(SELF_CHECK),
+                ));
+            }
+        }
+        if r.percent(15) {
+            is_whole = false;
+            for _ in 0..r.between(1, 3) {
+                deeds.push((r.between(0, end), Deed::UsbStops(r.between(1, 10) as usize)));
+            }
+        }
+        if r.percent(20) {
+            let begin = r.between(0, end);
+            let baud = r.one_of(&[9_600, 115_200, 2_000_000]);
+            deeds.push((begin, Deed::SetRate(baud)));
+            if r.percent(50) {
+                let bytes = vec![0x55; r.between(1, 300) as usize];
+                deeds.push((begin + MILLISECOND, Deed::UsbSays(bytes)));
+                is_whole = false;
+            }
+            if r.percent(75) {
+                deeds.push((begin + r.between(5, 500) * MILLISECOND, Deed::SetRate(1_000_000)));
+            }
+        }
+        if r.percent(18) {
+            let begin = r.between(0, end);
+            deeds.push((begin, Deed::Control(Request::HoldLine)));
+            deeds.push((
+                begin + r.between(1, 500) * MILLISECOND,
+                Deed::Control(Request::ReleaseLine),
+            ));
+        }
+        if saves {
+            for _ in 0..r.between(1, 3) {
+                deeds.push((r.between(0, end), Deed::Control(Request::SaveConfig)));
+            }
+        }
+        let rest = end + after + 800 * MILLISECOND;
+        if r.percent(20) {
+            let first = r.between(0, UNASKED_PERIOD);
+            deeds.extend(every(first, UNASKED_PERIOD, rest).map(|at| (at, Deed::Unasked)));
+        }
+        if r.percent(20) {
+            // Flow control, nothing, and what is no frame of ISO-TP.
+            let data = r.one_of(&[&[0x30, 0, 0][..], &[], &[0x50, 1, 2]]);
+            let period = r.between(20, 400) * MILLISECOND;
+            deeds.extend(every(r.between(0, period), period, rest).map(|at| (at, Deed::CanFrame(data))));
+        }
+        for request in [Request::IdentifyArm, Request::GetCounters, Request::EndStream] {
+            if r.percent(15) {
+                deeds.push((r.between(0, end), Deed::Control(request)));
+            }
+        }
+        if r.percent(8) {
+            let begin = r.between(0, end);
+            deeds.push((begin, Deed::Reads(false)));
+            deeds.push((begin + r.between(1, 300) * MILLISECOND, Deed::Reads(true)));
+        }
+        if r.percent(8) {
+            let begin = r.between(0, end);
+            deeds.push((begin, Deed::Dtr(true)));
+            deeds.push((begin + r.between(1, 300) * MILLISECOND, Deed::Dtr(false)));
+        }
+        for host in [Host::Usb, Host::Can, Host::Commander] {
+            if r.percent(40) {
+                let dies = r.between(0, end);
+                let back = if r.percent(30) {
+                    dies + r.between(50, 1_500) * MILLISECOND
+                } else {
+                    end
+                };
+                deeds.retain(|(at, deed)| deed.host() != Some(host) || !(dies..back).contains(at));
+            }
+        }
+        if r.percent(6) {
+            let restart = r.one_of(&[Request::Restart, Request::RestartIntoBootLoader]);
+            let deed = if r.percent(60) {
+                Deed::Control(restart)
+            } else {
+                Deed::Watchdog
+            };
+            deeds.push((r.between(0, end), deed));
+        }
+        deeds.sort_by_key(|(at, _)| *at);
+        let save_takes = r.between(160, 20_000);
+        Self {
+            rig: Rig::new(config, manners, save_takes, random, is_told),
+            config,
+            deeds,
+            end: rest,
+            is_whole,
+            asked: [0; 2],
+        }
+    }
+
+    pub(super) fn run(mut self) -> Circumstances {
+        for (at, deed) in std::mem::take(&mut self.deeds) {
+            self.rig.run_until(at);
+            if !self.rig.is_over {
+                self.does(deed);
+            }
+        }
+        if !self.rig.is_over {
+            self.end();
+        }
+        self.rig.circumstances()
+    }
+
+    /// Nobody begins anything any more, and what is under way ends.
+    fn end(&mut self) {
+        self.rig.usb_reads = true;
+        self.rig.run_until(self.end);
+        let silent = Config {
+            poll: Poll::Off,
+            ..self.config
+        };
+        self.rig.control(Request::SetConfig(silent));
+        self.rig.settle();
+        if !self.rig.is_over {
+            self.rig.check_accounts(self.is_whole);
+        }
+    }
+
+    fn does(&mut self, deed: Deed) {
+        let rig = &mut self.rig;
+        match deed {
+            Deed::UsbAsks(key) => {
+                let tag = next_tag(Asker::Usb, &mut self.asked[0]);
+                rig.usb_says(&tag.frame(key));
+            }
+            Deed::UsbMoves => rig.usb_says(&move_to(2_048)),
+            Deed::UsbHolds => rig.usb_says(&frame(TORQUE, &[1])),
+            Deed::UsbSays(bytes) => rig.usb_says(&bytes),
+            Deed::UsbStops(len) => {
+                let tag = next_tag(Asker::Usb, &mut self.asked[0]);
+                rig.usb_says(&tag.frame(QUESTIONS[0])[..len]);
+            }
+            Deed::SetRate(baud) => rig.set_rate(baud),
+            Deed::Reads(reads) => rig.usb_reads = reads,
+            Deed::Dtr(high) => rig.set_dtr(high),
+            Deed::Control(request) => rig.control(request),
+            Deed::CanAsks(key) => {
+                let tag = next_tag(Asker::Can, &mut self.asked[1]);
+                rig.can_says(tag.frame(key));
+            }
+            Deed::CanMoves => rig.can_says(move_to(1_024)),
+            Deed::CanHolds => rig.can_says(frame(TORQUE, &[1])),
+            Deed::CanFrame(data) => rig.can_frame(data),
+            Deed::Command => rig.command(512),
+            Deed::Unasked => rig.arm_says_unasked(),
+            Deed::Watchdog => rig.watchdog_bites(),
+        }
+    }
+}
+
+fn next_tag(initiator: Asker, asked: &mut u32) -> Tag {
+    *asked += 1;
+    Tag {
+        initiator,
+        number: *asked,
+    }
+}
+
+fn config(r: &mut Random) -> Config {
+    Config {
+        poll: match r.between(0, 9) {
+            0..=4 => Poll::Off,
+            _ => Poll::Hertz(r.between(5, 100) as u16),
+        },
+        can: Can {
+            commands: r.percent(50),
+            command_timeout_ms: r.between(20, 200) as u16,
+            ..Can::default()
+        },
+        silence: Silence {
+            after_ms: r.one_of(&[0, 100, 200, 300, 500]),
+            torque_off: r.percent(80),
+        },
+        ..Config::default()
+    }
+}
+
+/// The streams of motion. Each goes on to the end, or its host ends it.
+fn streams(r: &mut Random, config: &Config, after: u64, end: u64, deeds: &mut Vec<(u64, Deed)>) {
+    let streams = [
+        (60, Deed::UsbMoves, Some(Deed::UsbHolds)),
+        (40, Deed::CanMoves, Some(Deed::CanHolds)),
+        (if config.can.commands { 60 } else { 0 }, Deed::Command, None),
+    ];
+    for (percent, motion, hold) in streams {
+        if !r.percent(percent) {
+            continue;
+        }
+        let period = r.between(15 * MILLISECOND, after * 9 / 10);
+        let begin = r.between(0, end / 2);
+        deeds.extend(every(begin, period, end).map(|at| (at, motion.clone())));
+        if let Some(hold) = hold.filter(|_| r.percent(20)) {
+            let at = r.between(begin, end);
+            deeds.retain(|(when, deed)| *when < at || deed.host() != motion.host());
+            deeds.push((at, hold));
+        }
+    }
+}
+
+/// The questions that hosts ask again and again.
+fn questions(r: &mut Random, end: u64, deeds: &mut Vec<(u64, Deed)>) {
+    for asks in [Deed::UsbAsks as fn(Key) -> Deed, Deed::CanAsks] {
+        if !r.percent(60) {
+            continue;
+        }
+        let kinds = r.between(1, QUESTIONS.len() as u64) as usize;
+        let period = r.between(4, 120) * MILLISECOND;
+        let (one, other) = (r.between(0, end), r.between(0, end));
+        let at: Vec<u64> = every(one.min(other), period, one.max(other)).collect();
+        deeds.extend(
+            at.into_iter()
+                .map(|at| (at + r.between(0, period / 2), asks(r.one_of(&QUESTIONS[..kinds])))),
+        );
+    }
+}
+
+fn every(first: u64, period: u64, end: u64) -> impl Iterator<Item = u64> {
+    (0..)
+        .map(move |nth| first + nth * period)
+        .take_while(move |at| *at < end)
+}
+
+fn move_to(ticks: u16) -> Vec<u8> {
+    let place = Position::new(ticks).expect("it is in range");
+    motion(&Move {
+        joints: [(place, Speed::MAX); JOINTS],
+        gripper: (Opening::CLOSED, GripperSpeed(1_000)),
+    })
+}

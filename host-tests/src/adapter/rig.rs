@@ -1,0 +1,633 @@
+//! An adapter in virtual time, with an arm at its line and hosts on USB and on CAN.
+
+use std::collections::VecDeque;
+
+use armwire::Micros;
+use armwire::Protocol;
+use armwire::ling::{self, Ling, MAX_FRAME};
+use armwire_bridge::can::command::Command;
+use armwire_bridge::can::{Frame, Function, Node};
+use armwire_bridge::config::Config;
+use armwire_bridge::control::{
+    Asker, Event, Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request,
+    Subscription, encode_cobs,
+};
+use armwire_bridge::isotp::{self, Endpoint, Link};
+use armwire_bridge::{Action, Bridge, LineCoding, PACKET};
+
+use super::arm::{Arm, Heard, Manners};
+use super::oracle::Oracle;
+use super::{Circumstances, byte_times};
+use crate::random::Random;
+
+/// How long a frame takes on the CAN bus, in µs.
+const CAN_FRAME: u64 = 130;
+
+/// How often the UART is looked at if nothing comes, in µs.
+const LOOK: u64 = 100_000;
+
+/// An adapter and everybody around it.
+pub(super) struct Rig {
+    bridge: Bridge,
+    pub(super) oracle: Oracle,
+    pub(super) seen: Circumstances,
+    pub(super) now: u64,
+    random: Random,
+    arm: Arm,
+    config: Config,
+    /// Whether what happens is printed.
+    is_told: bool,
+
+    baud: u32,
+    uart_is_free: u64,
+    idle: Option<u64>,
+    looks: u64,
+
+    usb: VecDeque<u8>,
+    pub(super) usb_reads: bool,
+    replies: Reader<MAX_MESSAGE>,
+    sequence: u8,
+
+    can: Endpoint<100, 100>,
+    can_queue: VecDeque<Vec<u8>>,
+    can_pdu: Option<Vec<u8>>,
+    is_refused: bool,
+    bus_is_free: u64,
+    command: u8,
+    commanded: Option<u64>,
+
+    counted_as_refused: u32,
+    /// The last reply on the control port.
+    reply: Option<Reply>,
+
+    /// How long the flash takes to be written, in µs.
+    save_takes: u64,
+    /// The adapter has started again, and there is no more to see.
+    pub(super) is_over: bool,
+}
+
+impl Rig {
+    pub(super) fn new(config: Config, manners: Manners, save_takes: u64, random: Random, is_told: bool) -> Self {
+        let mut bridge = Bridge::new(Identity::default(), config);
+        assert_eq!(bridge.config(), config);
+        bridge.usb_configured(true);
+        let request = Function::ArmRequest.id(config.can.node);
+        let mut rig = Self {
+            bridge,
+            oracle: Oracle::new(config),
+            seen: Circumstances::default(),
+            now: 0,
+            random,
+            arm: Arm::new(manners),
+            config,
+            is_told,
+            baud: LineCoding::LING.baud,
+            uart_is_free: 0,
+            idle: None,
+            looks: LOOK,
+            usb: VecDeque::new(),
+            usb_reads: true,
+            replies: Reader::new(),
+            sequence: 0,
+            can: Endpoint::new(isotp::Config::new(Link::Classic, request)),
+            can_queue: VecDeque::new(),
+            can_pdu: None,
+            is_refused: false,
+            bus_is_free: 0,
+            command: 0,
+            commanded: None,
+            counted_as_refused: 0,
+            reply: None,
+            save_takes,
+            is_over: false,
+        };
+        let everything = Subscription {
+            frames: true,
+            events: true,
+        };
+        rig.control(Request::Subscribe(everything));
+        rig
+    }
+
+    fn tell(&self, what: impl FnOnce() -> String) {
+        if self.is_told {
+            println!("{:9} {}", self.now, what());
+        }
+    }
+
+    fn time(&self) -> Micros {
+        Micros(self.now)
+    }
+
+    /// Lets time pass until `end`.
+    pub(super) fn run_until(&mut self, end: u64) {
+        if self.is_over {
+            return;
+        }
+        self.step();
+        while !self.is_over {
+            let later = |at: u64| (at > self.now).then_some(at);
+            let next = [
+                self.arm.timeout(),
+                self.bridge.timeout().map(|at| at.0),
+                self.idle,
+                Some(self.looks),
+                later(self.uart_is_free),
+                later(self.bus_is_free),
+                self.can.transmit_at().map(|at| at.0).and_then(later),
+                self.can.timeout().map(|at| at.0),
+            ];
+            let next = next.into_iter().flatten().min().unwrap_or(end).max(self.now);
+            if next > end {
+                break;
+            }
+            self.now = next;
+            self.step();
+        }
+        self.now = self.now.max(end);
+    }
+
+    /// Does what is due now.
+    fn step(&mut self) {
+        let mut heard = Vec::new();
+        self.arm.tick(self.now, &mut self.random, &mut heard);
+        self.note(&heard);
+        while let Some((at, bytes)) = self.arm.speak(self.now) {
+            self.arm_speaks(at.max(self.now), &bytes);
+        }
+        if self.idle.take_if(|at| *at <= self.now).is_some() {
+            self.bridge.uart_idle(self.time());
+        }
+        if self.looks <= self.now {
+            self.looks = self.now + LOOK;
+            self.bridge.uart_received(&[], self.time());
+        }
+        for event in self.can.tick(self.time()) {
+            let is_disturbed = self.oracle.is_can_disturbed;
+            assert!(
+                is_disturbed || !matches!(event, isotp::Event::Failed(_)),
+                "{event:?} at {}",
+                self.now
+            );
+        }
+        while !self.is_over && self.serve() {}
+        if !self.is_over {
+            self.oracle.tick(self.now);
+            self.oracle.check(self.now);
+            assert!(!self.bridge.is_stuck(self.time()), "it is stuck at {} µs", self.now);
+        }
+    }
+
+    fn arm_speaks(&mut self, at: u64, bytes: &[u8]) {
+        if self.baud != LineCoding::LING.baud {
+            return; // what it hears of that is no byte
+        }
+        self.tell(|| format!("arm: {bytes:02X?}"));
+        self.oracle.arm_said(at, bytes);
+        let (head, tail) = match self.random.percent(25) {
+            true => bytes.split_at(self.random.between(1, bytes.len() as u64 - 1) as usize),
+            false => bytes.split_at(0),
+        };
+        let early = Micros(at - byte_times(tail.len()));
+        for (bytes, at) in [(head, early), (tail, Micros(at))] {
+            if !bytes.is_empty() {
+                self.bridge.uart_received(bytes, at);
+                self.hear_control();
+            }
+        }
+        self.idle = Some(at + byte_times(1) + 1);
+    }
+
+    /// Lets everybody do one thing that needs no waiting, and returns whether there was any.
+    fn serve(&mut self) -> bool {
+        let now = self.time();
+        let mut any = false;
+        if self.bridge.timeout().is_some_and(|at| at <= now) {
+            self.bridge.tick(now);
+            self.bridge.tick(now);
+            assert!(
+                self.bridge.timeout().is_none_or(|at| at > now),
+                "ticks leave what was due"
+            );
+            any = true;
+        }
+        self.hear_control();
+        if !self.bridge.usb_room() {
+            self.oracle.usb_is_held_back(self.now);
+        } else if !self.usb.is_empty() {
+            let packet: Vec<u8> = self.usb.drain(..self.usb.len().min(PACKET)).collect();
+            self.bridge.usb_received(&packet, now);
+            self.tell(|| format!("from USB: {packet:02X?}"));
+            let refused = self.refused_bytes();
+            match refused {
+                0 => self.oracle.usb_accepted(self.now, &packet),
+                _ => self.oracle.usb_refused(self.now, packet.len(), refused),
+            }
+            any = true;
+        }
+        let mut packet = [0; PACKET];
+        while self.usb_reads
+            && let Some(len) = self.bridge.usb_transmit(&mut packet)
+        {
+            self.oracle.usb_bytes += len as u64;
+            any = true;
+        }
+        any |= self.use_line();
+        any |= self.use_bus();
+        while !self.is_over
+            && let Some(action) = self.bridge.action()
+        {
+            self.act(action);
+            any = true;
+        }
+        self.hear_control();
+        any
+    }
+
+    // ---- The arm's line ----
+
+    fn use_line(&mut self) -> bool {
+        let now = self.time();
+        if self.bridge.uart_cut() {
+            // The byte on the line goes out, and perhaps the one behind it.
+            let rest = 2 * nanos_a_byte(self.baud).div_ceil(1_000);
+            self.uart_is_free = self.uart_is_free.min(self.now + rest);
+        }
+        if self.uart_is_free > self.now {
+            return false;
+        }
+        if let Some(line) = self.bridge.line_change() {
+            self.bridge.line_changed(line);
+            self.baud = line.coding.baud;
+            let at_arms_rate = self.baud == LineCoding::LING.baud;
+            self.seen.other_rate |= !at_arms_rate;
+            self.oracle.line_changed(self.now, at_arms_rate);
+            return true;
+        }
+        let before = self.bridge.counters();
+        let mut out = [0; MAX_FRAME];
+        let burst = self.bridge.uart_transmit(&mut out, now);
+        self.hear_control();
+        let Some(burst) = burst else { return false };
+        let after = self.bridge.counters();
+        let initiator = [
+            (Asker::Can, after.requests_can != before.requests_can),
+            (Asker::Poll, after.requests_poll != before.requests_poll),
+            (Asker::Command, after.requests_command != before.requests_command),
+            (Asker::Adapter, after.requests_adapter != before.requests_adapter),
+        ];
+        let initiator = initiator
+            .into_iter()
+            .find(|(_, has)| *has)
+            .map_or(Asker::Usb, |(asker, _)| asker);
+        let start = burst.start.map_or(self.now, |at| at.0);
+        let bytes = &out[..burst.len];
+        self.uart_is_free = start + (burst.len as u64 * nanos_a_byte(self.baud)).div_ceil(1_000);
+        self.tell(|| format!("{initiator} at {start}: {bytes:02X?}"));
+        self.oracle.sent(initiator, bytes, self.now, start, self.uart_is_free);
+        if self.baud == LineCoding::LING.baud {
+            let mut heard = Vec::new();
+            self.arm.hear(bytes, start, &mut self.random, &mut heard);
+            self.note(&heard);
+        }
+        true
+    }
+
+    fn note(&mut self, heard: &[Heard]) {
+        for heard in heard {
+            match heard {
+                Heard::TorqueOff => self.oracle.torque_is_off(),
+                Heard::Question(Some(delay)) => self.seen.late_answer |= *delay > 50_000,
+                Heard::Question(None) => {}
+            }
+        }
+    }
+
+    /// The arm says something unasked.
+    pub(super) fn arm_says_unasked(&mut self) {
+        self.arm.say_unasked(self.now);
+        self.seen.unasked += 1;
+    }
+
+    // ---- The host on USB ----
+
+    /// The host on USB says bytes.
+    pub(super) fn usb_says(&mut self, bytes: &[u8]) {
+        self.usb.extend(bytes);
+    }
+
+    /// The host on USB sets the rate. That may overtake what it has said before.
+    pub(super) fn set_rate(&mut self, baud: u32) {
+        let coding = LineCoding {
+            baud,
+            ..LineCoding::LING
+        };
+        self.tell(|| format!("{baud} baud"));
+        let asked = self.bridge.request_line_coding(coding.to_cdc(), self.time());
+        assert_eq!(asked, Ok(()));
+        self.oracle.rate_requested(baud == LineCoding::LING.baud);
+    }
+
+    /// The host on USB opens or closes the serial port.
+    pub(super) fn set_dtr(&mut self, high: bool) {
+        self.tell(|| format!("DTR {high}"));
+        self.bridge.usb_dtr(high, self.time());
+        self.oracle.dtr(self.now, high);
+    }
+
+    /// The host on USB asks something on the control port.
+    pub(super) fn control(&mut self, request: Request) {
+        if !self.bridge.control_room() {
+            return;
+        }
+        self.sequence = self.sequence.wrapping_add(1);
+        let message = FromHost {
+            sequence: self.sequence,
+            request,
+        };
+        let mut bytes = [0; MAX_COBS];
+        let len = encode_cobs(&message, &mut bytes).expect("there is room");
+        self.tell(|| format!("control port: {request:?}"));
+        self.oracle.asked(request == Request::IdentifyArm);
+        match request {
+            Request::Restart | Request::RestartIntoBootLoader => self.oracle.is_ending(),
+            Request::EndStream => self.oracle.usb_ends_stream(),
+            // Others are refused before it is answered.
+            Request::HoldLine => self.oracle.may_be_held = true,
+            _ => {}
+        }
+        self.reply = None;
+        self.bridge.control_received(&bytes[..len], self.time());
+        self.hear_control();
+        self.oracle.may_be_held = false;
+        match (request, self.reply.take()) {
+            (Request::HoldLine, Some(Reply::Done)) => {
+                self.seen.hold_line = true;
+                self.oracle.holds_line(true);
+            }
+            (Request::HoldLine, reply) => {
+                assert_eq!(reply, Some(Reply::Failed(Failure::StreamArmed)));
+                self.oracle.may_not_hold_line();
+            }
+            (Request::ReleaseLine, _) => self.oracle.holds_line(false),
+            _ => {}
+        }
+    }
+
+    /// How many bytes of the host on USB were refused because of its rate, since this was last asked.
+    fn refused_bytes(&mut self) -> usize {
+        let counted = self.bridge.counters().refused_rate_bytes;
+        let refused = counted - self.counted_as_refused;
+        self.counted_as_refused = counted;
+        refused as usize
+    }
+
+    fn hear_control(&mut self) {
+        match self.refused_bytes() {
+            0 => {}
+            refused => self.oracle.usb_is_dropped(refused),
+        }
+        let mut packet = [0; PACKET];
+        while let Some(len) = self.bridge.control_transmit(&mut packet, Micros(self.now)) {
+            let mut rest = &packet[..len];
+            while !rest.is_empty() {
+                rest = self.replies.push(rest);
+                match self.replies.next::<FromAdapter>() {
+                    Some(Ok(message)) => self.hear_message(&message),
+                    Some(Err(error)) => panic!("{error}"),
+                    None => {}
+                }
+            }
+        }
+    }
+
+    fn hear_message(&mut self, message: &FromAdapter) {
+        match message {
+            FromAdapter::Reply { sequence, reply } => {
+                if *reply == Reply::Failed(Failure::StreamArmed) {
+                    self.seen.refused_save = true;
+                }
+                if *sequence == self.sequence {
+                    self.reply = Some(reply.clone());
+                }
+                let identified = matches!(reply, Reply::Arm(_) | Reply::Failed(Failure::LineHeld));
+                self.oracle.replied(identified);
+            }
+            FromAdapter::Event { at, event } => {
+                self.tell(|| format!("event: {event:?}"));
+                let is_taken = self.oracle.event(self.now, at.0, event);
+                self.is_refused |= matches!(event, Event::Refused { asker: Asker::Can, .. }) && !is_taken;
+            }
+        }
+    }
+
+    // ---- Hosts on CAN ----
+
+    /// A host on CAN says a PDU, after all that it has said before.
+    pub(super) fn can_says(&mut self, pdu: Vec<u8>) {
+        self.can_queue.push_back(pdu);
+    }
+
+    /// Another node sends a frame to the arm's identifier.
+    pub(super) fn can_frame(&mut self, data: &[u8]) {
+        let id = Function::ArmRequest.id(self.config.can.node);
+        let frame = Frame::new(id, data).expect("it is a frame");
+        self.tell(|| format!("another node: {data:02X?}"));
+        self.oracle.is_can_disturbed = true;
+        self.oracle.can_frame_came(self.now);
+        self.bridge.can_received(&frame, self.time());
+        self.hear_control();
+    }
+
+    /// The controller on CAN sends a cyclic command.
+    pub(super) fn command(&mut self, joint: u16) {
+        let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
+        // After a pause a stream starts anew.
+        self.command = match self.commanded {
+            Some(last) if self.now < last + timeout => self.command.wrapping_add(1),
+            _ => 0,
+        };
+        self.commanded = Some(self.now);
+        let starts = self.command == 0;
+        let command = Command {
+            sequence: self.command,
+            joints: [joint; 6],
+            speed: 10,
+            gripper: 0,
+        };
+        let request = motion(&command.target().expect("it is in range"));
+        let refused = |bridge: &Bridge| {
+            let counters = bridge.counters();
+            (counters.commands_stale, counters.refused_line_held)
+        };
+        let before = refused(&self.bridge);
+        for frame in command.to_frames(Node::default()) {
+            self.bridge.can_received(&frame, self.time());
+        }
+        let is_taken = refused(&self.bridge) == before;
+        // One that starts a stream moves nothing, nor does number 0 of a stream that goes on start one.
+        if is_taken && !starts {
+            self.oracle.command_accepted(self.now, request);
+        }
+        if !is_taken {
+            self.commanded = None;
+        }
+        self.hear_control();
+    }
+
+    fn use_bus(&mut self) -> bool {
+        if self.bus_is_free > self.now {
+            return false;
+        }
+        let now = self.time();
+        if let Some(frame) = self.bridge.can_transmit(now) {
+            self.bus_is_free = self.now + CAN_FRAME;
+            self.bridge.can_sent(0, now);
+            self.hear_bus(&frame);
+            return true;
+        }
+        if self.can_pdu.is_none()
+            && let Some(pdu) = self.can_queue.pop_front()
+        {
+            self.can.send(&pdu).expect("it is idle");
+            self.can_pdu = Some(pdu);
+            self.is_refused = false;
+        }
+        let Some(frame) = self.can.transmit(now) else {
+            return false;
+        };
+        self.can.transmitted(now);
+        self.bus_is_free = self.now + CAN_FRAME;
+        let was_refused = std::mem::take(&mut self.is_refused);
+        self.bridge.can_received(&frame, now);
+        self.hear_control();
+        if !self.is_refused {
+            self.oracle.can_frame_came(self.now);
+        }
+        self.is_refused |= was_refused;
+        self.end_pdu();
+        true
+    }
+
+    /// Notes what became of the PDU that is under way, if it is over.
+    fn end_pdu(&mut self) {
+        if self.can.is_sending() {
+            return;
+        }
+        if let Some(pdu) = self.can_pdu.take()
+            && !self.is_refused
+        {
+            self.tell(|| format!("from CAN: {pdu:02X?}"));
+            self.oracle.can_accepted(self.now, pdu);
+        }
+    }
+
+    fn hear_bus(&mut self, frame: &Frame) {
+        let (function, _) = Function::of(frame.id()).expect("an identifier of an adapter");
+        if function != Function::ArmAnswer {
+            return;
+        }
+        // An adapter that has no room refuses.
+        for _ in self.can.receive(frame.data(), self.time()) {}
+        if let Some(pdu) = self.can.received() {
+            self.oracle.can_heard(pdu);
+            self.can.release();
+        }
+        self.end_pdu();
+    }
+
+    // ---- What only firmware can do ----
+
+    fn act(&mut self, action: Action) {
+        match action {
+            Action::Save(_) | Action::Reset => {
+                assert!(!self.oracle.is_armed(), "flash is written while a stream is armed");
+                self.seen.save = true;
+                self.now += self.save_takes;
+                self.oracle.stood_still(self.now, self.save_takes);
+                while let Some((_, bytes)) = self.arm.speak(self.now) {
+                    self.arm_speaks(self.now, &bytes);
+                }
+                self.bridge.saved(Ok(()), self.time());
+            }
+            Action::Restart | Action::RestartIntoBootLoader => {
+                self.oracle.check_restart(self.now);
+                self.seen.restart = true;
+                self.is_over = true;
+            }
+            Action::RestartCan(_) => panic!("nobody has asked for another bus"),
+        }
+    }
+
+    /// The watchdog starts the adapter again: if it was armed, torque-off is the first that the arm hears.
+    pub(super) fn watchdog_bites(&mut self) {
+        self.hear_control();
+        let must = self.oracle.is_armed();
+        let is_armed = self.bridge.is_armed();
+        assert!(is_armed || !must, "a stream is armed, and the adapter does not know");
+        self.bridge = Bridge::new(Identity::default(), Config::default());
+        if is_armed {
+            self.bridge.restarted_while_armed();
+        }
+        let mut line: Vec<u8> = Vec::new();
+        let mut out = [0; MAX_FRAME];
+        while let Some(burst) = self.bridge.uart_transmit(&mut out, Micros(0)) {
+            line.extend(&out[..burst.len]);
+        }
+        let expected = if is_armed {
+            [&[0; MAX_FRAME][..], &super::oracle::TORQUE_OFF].concat()
+        } else {
+            vec![]
+        };
+        assert_eq!(line, expected, "what the arm hears after a restart");
+        self.seen.restart = true;
+        self.is_over = true;
+    }
+
+    /// Lets what is under way end.
+    pub(super) fn settle(&mut self) {
+        const QUIET: u64 = 250_000;
+        let limit = self.now + 60_000_000;
+        loop {
+            self.run_until(self.now + QUIET);
+            if self.is_over || self.is_quiet() && self.oracle.is_idle() {
+                return;
+            }
+            assert!(self.now < limit, "it does not end");
+        }
+    }
+
+    /// What has happened.
+    pub(super) fn circumstances(&self) -> Circumstances {
+        Circumstances {
+            open_self_check: self.oracle.open_self_check,
+            many_in_flight: self.oracle.most_in_flight > 8,
+            half_frame: self.oracle.half_frame,
+            silence: self.oracle.silences > 0,
+            torque_off: self.oracle.torque_offs > 0,
+            ..self.seen
+        }
+    }
+
+    /// Whether nothing is under way.
+    pub(super) fn is_quiet(&self) -> bool {
+        self.usb.is_empty() && self.can_queue.is_empty() && self.can_pdu.is_none() && !self.arm.is_talking()
+    }
+
+    /// The accounts at the end.
+    pub(super) fn check_accounts(&mut self, is_whole: bool) {
+        assert!(self.is_quiet(), "somebody still has something to say");
+        self.oracle.check_accounts(&self.bridge.counters(), is_whole);
+    }
+}
+
+const fn nanos_a_byte(baud: u32) -> u64 {
+    10_000_000_000 / baud as u64
+}
+
+/// The request that moves the arm there.
+pub(super) fn motion(target: &ling::Move) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let len = Ling::encode_request(&ling::Request::Move(*target), &mut out).expect("there is room");
+    out[..len].to_vec()
+}
