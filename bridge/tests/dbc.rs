@@ -193,6 +193,8 @@ fn events_and_askers_have_their_names() {
         Refusal::Incomplete,
         Refusal::Stale,
         Refusal::OutOfRange,
+        Refusal::LineHeld,
+        Refusal::OtherRate,
     ];
     let mut cases = Vec::new();
     for asker in askers {
