@@ -34,8 +34,8 @@ const RAW_TURN: u64 = 100_000;
 const PAUSE: u64 = 10_000;
 const SLACK: u64 = 10_000;
 
-/// How long a host's rate goes on at the longest when its port is closed: until what it has said is out at 9600 baud.
-const RATE_BOUND: u64 = 1_500_000;
+/// How long a host's rate goes on at the longest when its port is closed: until what it has said is out at 2400 baud.
+const RATE_BOUND: u64 = 3_000_000;
 
 /// Requests on CAN that wait in the adapter's queue. One more waits in the connection.
 const CAN_QUEUE: usize = 2;
@@ -262,7 +262,7 @@ impl Oracle {
             (false, _) => self.waits = None,
             (true, None) => self.waits = Some(now),
             (true, Some(since)) => {
-                let slow = if self.at_arms_rate { 0 } else { 10 * RAW_TURN };
+                let slow = if self.at_arms_rate { 0 } else { RATE_BOUND };
                 let from = self.answers_until.max(self.moved).max(since);
                 let until = from + LATENESS + RAW_TURN + SLACK + slow;
                 assert!(

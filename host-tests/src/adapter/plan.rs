@@ -120,7 +120,7 @@ impl Plan {
         }
         if r.percent(20) {
             let begin = r.between(0, end);
-            let baud = r.one_of(&[9_600, 115_200, 2_000_000]);
+            let baud = r.one_of(&[2_400, 9_600, 115_200, 2_000_000]);
             deeds.push((begin, Deed::SetRate(baud)));
             if r.percent(50) {
                 let bytes = vec![0x55; r.between(1, 300) as usize];
