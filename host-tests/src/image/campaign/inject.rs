@@ -5,8 +5,10 @@ use armwire::ling::{self, MAX_FRAME};
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{Reply, Request};
+use armwire_bridge::{Counters, LineCoding};
 use armwire_virtual_board::line::Fault as LineFault;
 use armwire_virtual_board::usb::Direction;
+use armwire_virtual_board::usb::host::Request as UsbRequest;
 use armwire_virtual_board::{Error, Nanos};
 
 use super::super::polled;
@@ -26,6 +28,13 @@ const REBORN: Nanos = Nanos::from_millis(4_500);
 /// twice. The compiler has put it there: where it does otherwise, the firmware does not panic, and the run says so.
 const CLOCK: &str = "5board4time5CLOCK";
 const IN_USE: u32 = 1;
+
+/// In which time the device must be ready for the next SETUP.
+const READY: Nanos = Nanos::from_millis(100);
+
+/// Requests of the serial port (CDC PSTN 1.2, table 13).
+const SET_LINE_CODING: u8 = 0x20;
+const GET_LINE_CODING: u8 = 0x21;
 
 /// Bytes of a frame that fills a packet, and how many requests of 11 bytes fill packets.
 const PACKET: usize = armwire_bridge::PACKET;
@@ -89,6 +98,50 @@ impl Rig {
                 self.lose_usb();
                 self.work_between(5_000, 60_000)?;
                 return self.find_usb_now();
+            }
+            Fault::ControlAbandoned => {
+                for _ in 0..self.random.between(1, 5) {
+                    self.abandon_control()?;
+                }
+                self.expect_setup()?;
+            }
+            Fault::ResetInControl => {
+                self.abandon_control()?;
+                self.board.usb().reset_bus();
+                self.lose_usb();
+                self.work_between(1_000, 60_000)?;
+                return self.find_usb_now();
+            }
+            Fault::UnplugInControl => {
+                self.abandon_control()?;
+                self.board.usb().detach();
+                self.lose_usb();
+                self.work_between(5_000, 60_000)?;
+                return self.find_usb_now();
+            }
+            Fault::HaltCleared => {
+                for _ in 0..self.random.between(1, 4) {
+                    for direction in [Direction::In, Direction::Out] {
+                        self.board.usb().clear_halt(direction)?;
+                    }
+                    self.expect_setup()?;
+                    self.work_between(0, 2_000)?;
+                }
+            }
+            Fault::InterfaceSetAgain => {
+                for _ in 0..self.random.between(1, 4) {
+                    self.board.usb().set_interface()?;
+                    self.expect_setup()?;
+                    self.work_between(0, 2_000)?;
+                }
+            }
+            Fault::ConfigurationSetAgain => {
+                self.board.usb().set_configuration(1)?;
+                let now = self.board.now();
+                self.expect_setup()?;
+                self.lose_usb();
+                self.open_usb();
+                return Ok(now);
             }
             Fault::NeverReads => {
                 self.board.usb().set_reading(false);
@@ -258,6 +311,31 @@ impl Rig {
         let now = self.board.now();
         self.find_usb();
         Ok(now)
+    }
+
+    /// The host gives a control transfer up, in whatever stage it is.
+    fn abandon_control(&mut self) -> Result {
+        let (kind, request) = Counters::READ_REQUEST;
+        let requests = [
+            UsbRequest::read(0xA1, GET_LINE_CODING, 0, 0, 7),
+            UsbRequest::write(0x21, SET_LINE_CODING, 0, 0, LineCoding::LING.to_cdc().to_vec()),
+            UsbRequest::read(kind, request, 0, 0, Counters::MAX_LEN as u16),
+        ];
+        let which = self.random.between(0, requests.len() as u64 - 1) as usize;
+        let span = Micros(self.random.between(0, 400));
+        self.board.usb().abandon(requests[which].clone(), span)?;
+        Ok(())
+    }
+
+    /// The device is ready for the next SETUP in time.
+    fn expect_setup(&mut self) -> Result {
+        let before = self.board.now();
+        let coding = self.board.usb().line_coding()?;
+        let took = self.board.now().since(before);
+        if coding.is_none() || took > READY {
+            return Err(format!("a control transfer took {took}, and the line coding is {coding:?}").into());
+        }
+        Ok(())
     }
 
     /// The power goes somewhere in the writing of a configuration, and comes back: what was saved before is there, or what

@@ -23,6 +23,12 @@ pub enum Fault {
     BusReset,
     Suspend,
     Unplug,
+    ControlAbandoned,
+    ResetInControl,
+    UnplugInControl,
+    HaltCleared,
+    InterfaceSetAgain,
+    ConfigurationSetAgain,
     NeverReads,
     FullPackets,
     BusOff,
@@ -89,7 +95,7 @@ pub enum Restart {
 
 impl Fault {
     /// All of them, as in the table.
-    pub const ALL: [Self; 27] = [
+    pub const ALL: [Self; 33] = [
         Self::ByteDropped,
         Self::ByteDuplicated,
         Self::ByteLate,
@@ -107,6 +113,12 @@ impl Fault {
         Self::BusReset,
         Self::Suspend,
         Self::Unplug,
+        Self::ControlAbandoned,
+        Self::ResetInControl,
+        Self::UnplugInControl,
+        Self::HaltCleared,
+        Self::InterfaceSetAgain,
+        Self::ConfigurationSetAgain,
         Self::NeverReads,
         Self::FullPackets,
         Self::BusOff,
@@ -139,6 +151,12 @@ impl Fault {
             Self::BusReset => "USB: a bus reset",
             Self::Suspend => "USB: suspended for 5 to 60 ms",
             Self::Unplug => "USB: unplugged for 5 to 60 ms",
+            Self::ControlAbandoned => "USB: 1 to 5 control transfers given up after 0 to 400 µs",
+            Self::ResetInControl => "USB: a bus reset in the middle of a control transfer",
+            Self::UnplugInControl => "USB: unplugged in the middle of a control transfer",
+            Self::HaltCleared => "USB: CLEAR_FEATURE(HALT) in each direction, 1 to 4 times",
+            Self::InterfaceSetAgain => "USB: SET_INTERFACE, 1 to 4 times",
+            Self::ConfigurationSetAgain => "USB: SET_CONFIGURATION again",
             Self::NeverReads => "USB: a host that does not read for 100 to 200 ms and asks on",
             Self::FullPackets => "USB: frames that fill packets of 64 bytes to the last",
             Self::BusOff => "CAN: a shorted bus for 1 to 30 ms, bus-off",
@@ -163,6 +181,7 @@ impl Fault {
             Self::FullPackets => 400,
             Self::NeverReads => 250,
             Self::BusReset | Self::Unplug | Self::Suspend => 250,
+            Self::ResetInControl | Self::UnplugInControl | Self::ConfigurationSetAgain => 250,
             Self::PowerLossInSave | Self::Panic | Self::Watchdog => 400,
             _ => 200,
         })
@@ -180,7 +199,15 @@ impl Fault {
 
     /// Whether nothing at all is lost by it.
     pub const fn is_lossless(self) -> bool {
-        matches!(self, Self::NakStorm | Self::FullPackets | Self::NoiseFlag)
+        matches!(
+            self,
+            Self::NakStorm
+                | Self::FullPackets
+                | Self::NoiseFlag
+                | Self::ControlAbandoned
+                | Self::HaltCleared
+                | Self::InterfaceSetAgain
+        )
     }
 
     /// Whether it can come on top of another: it is over at once and leaves everybody connected.
@@ -196,6 +223,9 @@ impl Fault {
                 | Self::FramingError
                 | Self::Overrun
                 | Self::NakStorm
+                | Self::ControlAbandoned
+                | Self::HaltCleared
+                | Self::InterfaceSetAgain
                 | Self::ErrorPassive
                 | Self::OutOfSequence
         )

@@ -9,7 +9,8 @@ use armwire_virtual_board::line::Direction;
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, Timing, VirtualBoard};
 
 use super::super::{
-    CanHost, Deeds, Hosts, MEGABAUD, Subscriber, Traffic, UsbHost, Witness, byte_time, counters, path, plug_in, polled,
+    CanHost, Deeds, Hosts, MEGABAUD, Subscriber, Traffic, UsbHost, Witness, byte_time, counters, open, path, plug_in,
+    polled,
 };
 use super::Result;
 use super::cable::Cable;
@@ -266,7 +267,13 @@ impl Rig {
 
     /// They find it again.
     pub(super) fn find_usb(&mut self) {
-        plug_in(&mut self.board, MEGABAUD);
+        self.board.usb().attach();
+        self.open_usb();
+    }
+
+    /// They open its interfaces.
+    pub(super) fn open_usb(&mut self) {
+        open(&mut self.board, MEGABAUD);
         if let Some(subscriber) = &mut self.hosts.subscriber {
             subscriber.reopen(&mut self.board);
         }
