@@ -6,6 +6,8 @@ use armwire::alpha1::{
     UsbType, checksum,
 };
 use armwire::{EncodeError, Framing, Scan};
+use armwire_host_tests::reference::alpha1::Speaker;
+use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
 use crate::{Result, Subject, Unstructured};
@@ -181,6 +183,15 @@ impl Subject for Alpha1 {
             true => Ok(bytes),
             false => Err(arbitrary::Error::IncorrectFormat),
         }
+    }
+
+    fn reference(line: &[u8], expect: Expect) -> Vec<Piece> {
+        let speaker = match expect {
+            Expect::Requests => Speaker::Host,
+            Expect::Responses(Some(ServoAnswer::Acknowledgement(id))) => Speaker::Robot(Some(id.get())),
+            Expect::Responses(_) => Speaker::Robot(None),
+        };
+        reference::decode(line, |bytes| reference::alpha1::look(bytes, speaker))
     }
 
     fn wire_len(frame: Frame<'_>) -> usize {

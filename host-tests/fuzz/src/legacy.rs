@@ -4,6 +4,7 @@ use armwire::ling::legacy::{
     Firmware, Frame, GripperState, JointState, Legacy, MAX_DATA, OVERHEAD, Request, Response, parity,
 };
 use armwire::{BufferTooShort, EncodeError};
+use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::response_bytes;
 use crate::{Result, Subject, Unstructured};
@@ -47,6 +48,10 @@ impl Subject for Legacy {
         let len = u.int_in_range(0..=MAX_DATA)?;
         let data = u.bytes(len.min(u.len()))?;
         Ok(written(command, data))
+    }
+
+    fn reference(line: &[u8], (): ()) -> Vec<Piece> {
+        reference::decode(line, reference::legacy::look)
     }
 
     fn wire_len(frame: Frame<'_>) -> usize {

@@ -16,6 +16,14 @@ pub enum Out {
 }
 
 impl Out {
+    /// Its place on the line, if it is a frame.
+    pub fn frame(&self) -> Option<Range<usize>> {
+        match self {
+            Self::Frame(range) => Some(range.clone()),
+            Self::Noise(_) => None,
+        }
+    }
+
     /// Its place on the line.
     pub fn range(&self) -> Range<usize> {
         match self {

@@ -5,6 +5,7 @@ use armwire::ling::{
     Response, SELF_CHECK, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
 };
 use armwire::{EncodeError, Protocol};
+use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
 use crate::{Result, Subject, Unstructured};
@@ -87,6 +88,10 @@ impl Subject for Ling {
                 Ok(out)
             }
         }
+    }
+
+    fn reference(line: &[u8], (): ()) -> Vec<Piece> {
+        reference::decode(line, reference::ling::look)
     }
 
     fn wire_len(frame: Frame<'_>) -> usize {

@@ -7,6 +7,7 @@ use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{self, Ling};
 use armwire::xarm::{self, XArm};
 use armwire::{EncodeError, Protocol};
+use armwire_host_tests::reference::Piece;
 
 use crate::{Result, Unstructured};
 
@@ -29,6 +30,9 @@ pub trait Subject: Protocol<Expect: Debug + PartialEq> {
 
     /// A frame on a line of which this is known, unless none can be made of what is left.
     fn any_frame(u: &mut Unstructured<'_>, expect: Self::Expect) -> Result<Vec<u8>>;
+
+    /// What a decoder that is written from the documents alone makes of a line that is silent afterwards.
+    fn reference(line: &[u8], expect: Self::Expect) -> Vec<Piece>;
 
     /// How many bytes a frame is on the wire.
     fn wire_len(frame: Self::Frame<'_>) -> usize;

@@ -5,6 +5,8 @@ use armwire::xarm::{
     Command, Direction, Frame, HEADER, Header, Joint, MAX_PARAMS, ModbusFunction, ProtocolId, Raw, Register, Reply,
     Request, Response, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText, XArm,
 };
+use armwire_host_tests::reference::xarm::Speaker;
+use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
 use crate::{Result, Subject, Unstructured};
@@ -93,6 +95,14 @@ impl Subject for XArm {
             Direction::Requests => Self::any_request(u).map(|request| request_bytes::<Self>(&request)),
             Direction::Responses => Self::any_response(u).map(|(response, _)| response_bytes::<Self>(&response)),
         }
+    }
+
+    fn reference(line: &[u8], expect: Direction) -> Vec<Piece> {
+        let speaker = match expect {
+            Direction::Requests => Speaker::Host,
+            Direction::Responses => Speaker::Arm,
+        };
+        reference::xarm::decode(line, speaker)
     }
 
     fn wire_len(frame: Frame<'_>) -> usize {
