@@ -253,7 +253,7 @@ impl Bridge {
 
     /// The host raised or lowered DTR: it opened or closed the port.
     ///
-    /// Whoever opens the port does not get what was said before. The line of a port that is closed is the arm's. Returns
+    /// A host that opens the port does not get bytes from before. The line of a port that is closed is the arm's. Returns
     /// whether it was opened or closed by this: a packet on its way is then for nobody.
     ///
     /// ```

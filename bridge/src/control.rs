@@ -178,14 +178,14 @@ pub struct LineState {
     pub coding: LineCoding,
     /// The arm's own line coding, of the configured [`ArmKind`].
     pub arm: LineCoding,
-    /// Who holds the line.
+    /// The holder of the line.
     pub holder: LineHolder,
     /// The line coding that has not taken effect yet: the UART changes to it once the bytes before are out, or the host on
     /// USB has set it and it may not take effect now.
     pub waiting: Option<LineCoding>,
 }
 
-/// Who has the line to the arm alone. Polls and CAN are [refused](Refusal::LineHeld) meanwhile.
+/// The user that has the line to the arm alone. Polls and CAN are [refused](Refusal::LineHeld) meanwhile.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LineHolder {
     /// Nobody. All take turns.
@@ -214,7 +214,7 @@ pub enum Failure {
     },
     /// The host on USB [holds the line](LineHolder). Since version 3.
     LineHeld,
-    /// The supply is too low to erase or program the flash. What was saved before still is. Since version 3.
+    /// The supply is too low to erase or program the flash. The configuration saved before stays. Since version 3.
     SupplyLow,
 }
 

@@ -35,11 +35,11 @@ pub(crate) struct LineRate {
     arm: Line,
     /// Whether the arm has a rate of its own. The rate of another is what the host on USB sets.
     has_own_rate: bool,
-    /// What it is to become before the bytes that wait behind the change.
+    /// The next change: it comes before the bytes that wait behind it.
     step: Option<Change>,
-    /// What it is to become once no bytes wait.
+    /// The target line, reached once no bytes wait.
     goal: Line,
-    /// What the host on USB last set, whether it is in effect or not.
+    /// The line coding that the host on USB last set, in effect or not.
     requested: LineCoding,
     /// While the port is open, when `requested` takes effect without a byte. Else, when to see whether the host has said
     /// nothing for [`IDLE`].
@@ -49,7 +49,7 @@ pub(crate) struct LineRate {
     /// Bytes of the host were refused since it set its rate.
     refused: bool,
     dtr: bool,
-    /// Who asked for `hold-line`, and until when it holds.
+    /// The port that requested `hold-line`, and the end of its lease.
     hold: Option<(Port, Micros)>,
 }
 
@@ -83,14 +83,14 @@ impl LineRate {
         self.byte_nanos
     }
 
-    /// What the host on USB last set.
+    /// The line coding that the host on USB last set.
     pub(crate) const fn requested(&self) -> LineCoding {
         self.requested
     }
 
     // ---- Changes of the UART ----
 
-    /// What the UART is to change to before anything else goes out. `queued` bytes of the host on USB wait.
+    /// The change that the UART makes before anything else goes out. `queued` bytes of the host on USB wait.
     pub(crate) fn change(&self, queued: usize) -> Option<Line> {
         let (to, behind) = match &self.step {
             Some(step) => (&step.to, step.behind),
@@ -275,7 +275,7 @@ impl LineRate {
         let _ = self.hold.take_if(|(holder, _)| *holder == port);
     }
 
-    /// What a host is told.
+    /// The state for [`Reply::Line`](crate::control::Reply::Line).
     #[inline(never)]
     pub(crate) fn state(&self, queued: usize) -> LineState {
         let holder = match self.hold {
