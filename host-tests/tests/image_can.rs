@@ -2,12 +2,12 @@
 
 use std::num::NonZeroU32;
 
-use armwire::Protocol;
-use armwire::ling::{Ling, MAX_FRAME, Request, Response};
+use armwire::ling::{Request, Response};
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::{self, Event};
 use armwire_bridge::isotp::SeparationTime;
+use armwire_host_tests::image::requests::frame;
 use armwire_host_tests::image::{
     CanProgram, Control, MEGABAUD, Program, counters, on_board, on_board_with, path, plug_in, read_all,
 };
@@ -19,12 +19,6 @@ const RATE: u32 = 1_000_000;
 
 fn ling() -> LingArm {
     LingArm::new(armwire_sim::ling::Config::follower())
-}
-
-fn frame(request: Request) -> Vec<u8> {
-    let mut bytes = [0; MAX_FRAME];
-    let len = Ling::encode_request(&request, &mut bytes).unwrap();
-    bytes[..len].to_vec()
 }
 
 /// The state of the arm a hundred times a second.

@@ -1,10 +1,11 @@
 //! The firmware image asks the arm by itself: on time at a set rate, and as fast as the wire allows.
 
-use armwire::ling::{Ling, MAX_FRAME, Request};
-use armwire::{Micros, Protocol};
+use armwire::Micros;
+use armwire::ling::Request;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control;
+use armwire_host_tests::image::requests::frame;
 use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, Program, byte_time, counters, on_board, plug_in};
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Arm, Direction, LineByte};
@@ -15,12 +16,6 @@ fn ling(turnaround: Micros) -> LingArm {
         turnaround,
         ..armwire_sim::ling::Config::follower()
     })
-}
-
-fn frame(request: Request) -> Vec<u8> {
-    let mut bytes = [0; MAX_FRAME];
-    let len = Ling::encode_request(&request, &mut bytes).unwrap();
-    bytes[..len].to_vec()
 }
 
 fn poll<A: Arm>(board: &mut VirtualBoard<A>, poll: Poll) {

@@ -1,11 +1,12 @@
 //! The firmware image and the line's rate: who may change it, when it is the arm's again, and `hold-line`.
 
-use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed, Torque};
-use armwire::{Micros, Protocol};
+use armwire::Micros;
+use armwire::ling::{JOINTS, Request, Torque};
 use armwire_bridge::can::Node;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::config::{Can, Config, Poll, Silence};
 use armwire_bridge::control::{self, Failure, HOLD_LEASE_MS, LineHolder, LineState, Reply};
+use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{Control, MEGABAUD, Talker, counters, noise, on_board, plug_in, same_bytes};
 use armwire_virtual_board::line::{Direction, LineByte, Outcome};
 use armwire_virtual_board::usb::cdc::LineCoding;
@@ -20,19 +21,6 @@ const IMAGE: usize = 300_000;
 
 const fn millis(millis: u64) -> Nanos {
     Nanos::from_millis(millis)
-}
-
-fn frame(request: Request) -> Vec<u8> {
-    let mut bytes = [0; MAX_FRAME];
-    let len = Ling::encode_request(&request, &mut bytes).unwrap();
-    bytes[..len].to_vec()
-}
-
-fn motion() -> Vec<u8> {
-    frame(Request::Move(Move {
-        joints: [(Position::CENTRE, Speed::MAX); JOINTS],
-        gripper: (Opening::CLOSED, GripperSpeed(1_000)),
-    }))
 }
 
 /// Plugs the adapter in, and has it poll, take commands and switch the torque off.

@@ -1,12 +1,13 @@
 //! The firmware image when something goes wrong: what is lost is counted, and all else goes on.
 
-use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed, Torque};
-use armwire::{Micros, Protocol};
+use armwire::Micros;
+use armwire::ling::{Request, Torque};
 use armwire_bridge::PACKET;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::{Config, Silence};
 use armwire_bridge::control::{self, Asker, Event, Refusal};
 use armwire_bridge::isotp;
+use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{
     Asking, Control, MEGABAUD, Session, Ticket, Witness, byte_time, path, plug_in, polled, session,
 };
@@ -21,19 +22,6 @@ const HERTZ: u16 = 100;
 
 const fn millis(millis: u64) -> Nanos {
     Nanos::from_millis(millis)
-}
-
-fn frame(request: Request) -> Vec<u8> {
-    let mut bytes = [0; MAX_FRAME];
-    let len = Ling::encode_request(&request, &mut bytes).unwrap();
-    bytes[..len].to_vec()
-}
-
-fn motion() -> Vec<u8> {
-    frame(Request::Move(Move {
-        joints: [(Position::CENTRE, Speed::MAX); JOINTS],
-        gripper: (Opening::CLOSED, GripperSpeed(1_000)),
-    }))
 }
 
 /// Answers to the host on USB so far, to the one on CAN, and to polls.

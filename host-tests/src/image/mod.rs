@@ -11,6 +11,7 @@ mod hosts;
 pub mod performance;
 mod program;
 pub mod quiet;
+pub mod requests;
 mod session;
 mod talker;
 mod traffic;

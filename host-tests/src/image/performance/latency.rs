@@ -20,7 +20,8 @@ use armwire_virtual_board::usb::cdc::Port;
 use armwire_virtual_board::usb::host::Packet;
 use armwire_virtual_board::{Config, Error, Nanos, VirtualBoard};
 
-use super::{configure, frame};
+use super::configure;
+use crate::image::requests::frame;
 use crate::image::{CanProgram, Control, MEGABAUD, Witness, byte_time, counters, on_board_with, path, plug_in, polled};
 
 /// How long the arm thinks.

@@ -7,21 +7,12 @@ pub mod load;
 pub mod profile;
 pub mod rates;
 
-use armwire::Protocol;
-use armwire::ling::{Ling, MAX_FRAME, Request};
 use armwire_bridge::config::{self, Config};
 use armwire_bridge::control;
 use armwire_virtual_board::VirtualBoard;
 use armwire_virtual_board::line::Arm;
 
 use super::Control;
-
-/// The bytes of a request.
-fn frame(request: Request) -> Vec<u8> {
-    let mut bytes = [0; MAX_FRAME];
-    let len = Ling::encode_request(&request, &mut bytes).expect("there is room for the longest");
-    bytes[..len].to_vec()
-}
 
 /// The arm is polled as fast as the wire allows.
 fn fastest() -> Config {
