@@ -1,9 +1,9 @@
 //! What the adapter has seen, lost and refused.
 
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
 use crate::control::{Malformed, NoRoom};
-use crate::control_codec::{read, write};
+use crate::control_codec::{read, read_older, write};
 
 /// Counts since the adapter started, and how often it did. Each wraps at 2³².
 ///
@@ -136,27 +136,21 @@ pub struct Counters {
     pub dropped_can_frames: u32,
     /// Requests and commands from CAN and requests of the adapter refused because the host on USB held the line, and times it
     /// began to while there were polls.
-    #[serde(deserialize_with = "if_any")]
     pub refused_line_held: u32,
     /// Times the host on USB began to send bytes at a rate that was not in effect.
-    #[serde(deserialize_with = "if_any")]
     pub refused_other_rate: u32,
     /// Those bytes, and those that waited at another rate when torque-off took the line.
-    #[serde(deserialize_with = "if_any")]
     pub refused_rate_bytes: u32,
     /// Hard faults of the firmware since power-on.
-    #[serde(deserialize_with = "if_any")]
     pub hard_faults: u32,
-}
-
-/// A count that adapters before version 3 of the control port do not have: 0 behind their last one.
-fn if_any<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
-    Ok(u32::deserialize(deserializer).unwrap_or(0))
 }
 
 impl Counters {
     /// How many there are.
     pub const COUNT: usize = 55;
+
+    /// How many of them, the last ones, version 3 of the control port added.
+    pub(crate) const SINCE_VERSION_3: usize = 4;
 
     /// The most bytes they take on the control port.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -189,8 +183,10 @@ impl Counters {
     /// assert_eq!(error.reason, Reason::EndsEarly);
     /// ```
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
-        let counters = read(bytes).map(|(counters, _)| counters);
-        counters.map_err(|reason| Malformed { sequence: None, reason })
+        read(bytes)
+            .map(|(counters, _)| counters)
+            .or_else(|reason| read_older(bytes).ok_or(reason))
+            .map_err(|reason| Malformed { sequence: None, reason })
     }
 }
 

@@ -9,7 +9,8 @@ use cobs::{DecodeResult, DecoderState};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::control::{FromAdapter, FromHost, MAX_MESSAGE};
+use crate::Counters;
+use crate::control::{FromAdapter, FromHost, MAX_MESSAGE, Reply};
 
 /// What goes over the control port: [`FromHost`] and [`FromAdapter`].
 ///
@@ -26,6 +27,9 @@ pub trait Message: Serialize + DeserializeOwned {
     /// for done what is not.
     const MAY_GROW: bool;
 
+    /// Whether the message ends with [`Counters`], of which an older adapter has fewer.
+    fn ends_with_counters(&self) -> bool;
+
     /// The sequence number in a message in postcard format, also where the rest of it cannot be read. `None` if there is
     /// none.
     fn sequence(bytes: &[u8]) -> Option<u8>;
@@ -34,6 +38,10 @@ pub trait Message: Serialize + DeserializeOwned {
 impl Message for FromHost {
     const MAY_GROW: bool = false;
 
+    fn ends_with_counters(&self) -> bool {
+        false
+    }
+
     fn sequence(bytes: &[u8]) -> Option<u8> {
         bytes.first().copied()
     }
@@ -41,6 +49,16 @@ impl Message for FromHost {
 
 impl Message for FromAdapter {
     const MAY_GROW: bool = true;
+
+    fn ends_with_counters(&self) -> bool {
+        matches!(
+            self,
+            Self::Reply {
+                reply: Reply::Counters(_),
+                ..
+            }
+        )
+    }
 
     fn sequence(bytes: &[u8]) -> Option<u8> {
         match bytes {
@@ -123,12 +141,30 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
     let reason = match read(bytes) {
         Ok((message, rest)) if rest.is_empty() || T::MAY_GROW => return Ok(message),
         Ok((_, rest)) => Reason::Surplus { bytes: rest.len() },
+        Err(reason) if T::MAY_GROW => match read_older(bytes).filter(T::ends_with_counters) {
+            Some(message) => return Ok(message),
+            None => reason,
+        },
         Err(reason) => reason,
     };
     Err(Malformed {
         sequence: T::sequence(bytes),
         reason,
     })
+}
+
+/// Reads [`Counters`] of version 2, or a message that ends with them: the counts that they lack are 0. `None` if `bytes` are
+/// not exactly that.
+pub(crate) fn read_older<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
+    // With a zero behind it, a count that was cut would be read as a smaller one.
+    bytes.last().filter(|last| **last < 0x80)?;
+    let mut completed = [0; MAX_MESSAGE];
+    completed.get_mut(..bytes.len())?.copy_from_slice(bytes);
+    let len = bytes.len().saturating_add(Counters::SINCE_VERSION_3);
+    match read(completed.get(..len)?) {
+        Ok((value, [])) => Some(value),
+        _ => None,
+    }
 }
 
 /// Reads whatever it is in postcard format from the front of `bytes`, and returns what is behind it, too.

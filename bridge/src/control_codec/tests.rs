@@ -479,6 +479,26 @@ fn counters_of_version_2_lack_only_newer_ones() {
 }
 
 #[test]
+fn counters_that_are_cut_are_malformed() {
+    let message = FromAdapter::Reply {
+        sequence: 7,
+        reply: Reply::Counters(Counters {
+            refused_line_held: 300,
+            hard_faults: 300,
+            ..Counters::default()
+        }),
+    };
+    let mut bytes = [0; MAX_MESSAGE];
+    let len = encode(&message, &mut bytes).unwrap();
+    let version_2 = 3 + OLDER_COUNTS.len();
+    for cut in (3..len).filter(|cut| *cut != version_2) {
+        let error = decode::<FromAdapter>(&bytes[..cut]).expect_err("a cut message");
+        assert_eq!(error.reason, Reason::EndsEarly, "{cut} of {len} bytes");
+        assert!(Counters::from_bytes(&bytes[3..cut]).is_err(), "{cut} of {len} bytes");
+    }
+}
+
+#[test]
 fn the_requests_of_version_2_are_those_of_version_3() {
     let end_stream = FromHost {
         sequence: 7,
