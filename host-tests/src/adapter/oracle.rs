@@ -1,4 +1,5 @@
-//! What must hold of an adapter, written from `docs/safety.md` and from what `docs/adapter.md` says of how hosts share the arm.
+//! What must hold of an adapter, written from `docs/safety.md` and from what the documentation of `armwire-bridge` says of how
+//! hosts share the arm.
 //!
 //! It knows what went into the adapter and what came out, and when. Where the documents leave an instant open, such as which
 //! of two that are the same is first, it allows both.
@@ -99,8 +100,10 @@ pub(super) struct Oracle {
     command: Option<(u64, Vec<u8>)>,
     is_identifying: bool,
 
-    /// Until when the arm has for all answers.
+    /// Until when the arm has for all answers, and how long the longest answer takes on the line, if that is not at the arm's
+    /// rate.
     answers_until: u64,
+    answer_time: u64,
     is_checking: bool,
     /// When something last moved on the line, and since when somebody has waited.
     moved: u64,
@@ -196,6 +199,7 @@ impl Oracle {
             command: None,
             is_identifying: false,
             answers_until: 0,
+            answer_time: 0,
             is_checking: false,
             moved: 0,
             waits: None,
@@ -415,6 +419,10 @@ impl Oracle {
         let is_alone = matches!(asker, Asker::Usb | Asker::Adapter);
         assert!(is_alone || !self.is_held, "{asker} says {bytes:02X?} under hold-line");
         self.moved = self.moved.max(end);
+        self.answer_time = match self.at_arms_rate {
+            true => 0,
+            false => (end - start) * MAX_FRAME as u64 / bytes.len() as u64,
+        };
         match asker {
             Asker::Usb => {
                 let said: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
@@ -481,7 +489,7 @@ impl Oracle {
             Ask::Answer(key, tag) => {
                 self.wanted += 1;
                 self.is_checking |= key == SELF_CHECK;
-                self.answers_until = self.answers_until.max(end + self.turnaround());
+                self.answers_until = self.answers_until.max(end + self.turnaround() + self.answer_time);
                 if let Some(tag) = tag {
                     self.unanswered.push((key, tag, end + turnaround(key)));
                     self.last.insert((asker as u8, key), tag.number);
