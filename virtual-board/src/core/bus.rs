@@ -1,6 +1,6 @@
 //! The core's connection to everything that is not plain memory.
 //!
-//! Flash and RAM are in [`Memory`](super::memory::Memory), which the core owns and accesses directly. Every other address
+//! Flash and RAM are in [`Memory`], which the core owns and accesses directly. Every other address
 //! reaches the chip through [`Bus`]: peripherals, system memory, aliases, holes. The core keeps the System Control Space
 //! and the Data Watchpoint and Trace unit for itself (ARM DDI 0403E, B3.2 and C1.8).
 
