@@ -202,3 +202,85 @@ mod alpha1_servo {
         assert_eq!(example(true), (false, 0));
     }
 }
+
+mod xarm {
+    use std::collections::VecDeque;
+
+    use armwire::xarm::{MAX_FRAME, State, XArm};
+    use armwire::{Device, Heard, Input, Micros};
+    use armwire_sim::serial::SerialDevice;
+    use armwire_sim::xarm::{Config as ArmConfig, Model, VirtualXArm};
+
+    use super::{Clock as VirtualClock, Config, Port, run, world};
+
+    include!("../../protocol/doc/xarm_tour.rs");
+
+    /// A virtual arm at the other end of a connection.
+    struct Connection {
+        arm: VirtualXArm,
+        device: Device<XArm, MAX_FRAME>,
+        says: VecDeque<u8>,
+        heartbeats: u32,
+    }
+
+    impl Connection {
+        fn new(arm: VirtualXArm) -> Self {
+            Self {
+                arm,
+                device: Device::new(),
+                says: VecDeque::new(),
+                heartbeats: 0,
+            }
+        }
+    }
+
+    impl SerialDevice for Connection {
+        fn receive(&mut self, now: Micros, byte: u8) {
+            let mut input = Input::Bytes(&[byte]);
+            while let Some(heard) = self.device.handle(&mut input) {
+                let Heard::Request(request) = heard else {
+                    panic!("the arm heard {heard:?}");
+                };
+                let Some(answer) = self.arm.answer(now, &request) else {
+                    self.heartbeats += 1;
+                    continue;
+                };
+                let mut bytes = [0; MAX_FRAME];
+                let len = self.device.respond(&answer, &mut bytes).unwrap();
+                self.says.extend(&bytes[..len]);
+            }
+        }
+
+        fn transmit(&mut self, _now: Micros) -> Option<u8> {
+            self.says.pop_front()
+        }
+
+        fn poll_timeout(&self) -> Option<Micros> {
+            None
+        }
+    }
+
+    /// Makes the tour with an arm that has this error, and returns whether the example says that it was rebooted, and how the
+    /// arm is afterwards.
+    fn toured(error: u8) -> (bool, State) {
+        let mut arm = VirtualXArm::new(ArmConfig::new(Model::XArm6));
+        arm.set_error(error);
+        let world = world(Connection::new(arm));
+        let arm = Arm::new(Port(&world), VirtualClock(&world), Config::TCP);
+        let (_, radius, is_rebooted) = run(&world, tour(arm, Joint::new(2).unwrap())).unwrap();
+        assert!(radius.metres().unwrap() > 0.0);
+        let world = world.borrow();
+        assert_eq!(world.device.heartbeats, 1);
+        (is_rebooted, world.device.arm.state())
+    }
+
+    #[test]
+    fn the_tour_of_an_xarm_reboots_one_with_an_error() {
+        assert_eq!(toured(11), (true, State::NOT_READY));
+    }
+
+    #[test]
+    fn the_tour_of_an_xarm_leaves_a_sound_one_alone() {
+        assert_eq!(toured(0), (false, State::NOT_READY));
+    }
+}

@@ -35,29 +35,7 @@ use crate::driver::{self, Clock, Counters, Driver};
 /// All the calls:
 ///
 /// ```
-/// # use armwire::driver::Clock;
-/// # use armwire::xarm::{Arm, ArmError};
-/// # use embedded_io_async::{Read, Write};
-/// use armwire::xarm::{Joint, ProtocolId, Raw, TorqueSource};
-///
-/// const READ_ERRORS: u8 = 15; // a register that has no type of its own
-///
-/// async fn tour<P: Read + Write>(mut arm: Arm<P, impl Clock>, joint: Joint) -> Result<P, ArmError<P::Error>> {
-///     arm.set_protocol(ProtocolId::Supervised);
-///     arm.heartbeat().await?;
-///     let serial = arm.read_serials().await?.value.arm().is_some();
-///     let currents = arm.read_torque_source().await?.value == TorqueSource::Current;
-///     let metres = arm.read_rotation_radius(joint).await?.value.metres();
-///     arm.reload_dynamics().await?;
-///     if let Ok(request) = Raw::new(READ_ERRORS, &[]) {
-///         if let [error, _warning] = arm.raw(request).await?.value.params() {
-///             arm.reboot().await?; // or arm.shut_down(), from which only a hand brings it back
-///         }
-///     }
-///     let _strange = arm.counters().unknown;
-///     let (port, _clock) = arm.into_parts();
-///     Ok(port)
-/// }
+#[doc = include_str!("../../doc/xarm_tour.rs")]
 /// ```
 pub struct Arm<Port, C> {
     driver: Driver<XArm, Port, C, MAX_FRAME>,

@@ -1,0 +1,32 @@
+use armwire::driver::Clock;
+use armwire::xarm::{Arm, ArmError, Joint, ProtocolId, Raw, RotationRadius, TorqueSource};
+use embedded_io_async::{Read, Write};
+
+const READ_ERRORS: u8 = 15; // a register that has no type of its own
+
+/// Reboots an arm that reports an error. Returns the connection, the radius of rotation of the joint, and whether the arm was
+/// rebooted.
+async fn tour<P: Read + Write>(
+    mut arm: Arm<P, impl Clock>,
+    joint: Joint,
+) -> Result<(P, RotationRadius, bool), ArmError<P::Error>> {
+    arm.set_protocol(ProtocolId::Supervised);
+    arm.heartbeat().await?;
+    let is_known = arm.read_serials().await?.value.arm().is_some();
+    let by_current = arm.read_torque_source().await?.value == TorqueSource::Current;
+    if is_known && by_current {
+        arm.reload_dynamics().await?;
+    }
+    let radius = arm.read_rotation_radius(joint).await?.value;
+    let mut has_error = false;
+    if let Ok(request) = Raw::new(READ_ERRORS, &[]) {
+        // The numbers of the arm's error and warning, 0 for none.
+        has_error = matches!(arm.raw(request).await?.value.params(), [error, _] if *error != 0);
+    }
+    if has_error {
+        arm.reboot().await?; // or arm.shut_down(), from which only a hand brings it back
+    }
+    let _strange = arm.counters().unknown;
+    let (port, _clock) = arm.into_parts();
+    Ok((port, radius, has_error))
+}
