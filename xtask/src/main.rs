@@ -65,7 +65,7 @@ cargo xtask integrity     compare docs/integrity.md with what becomes of damaged
 cargo xtask unsafe-code   check that the crates in which unsafe code is forbidden say so
 cargo xtask deny          check the licences, versions, sources and known vulnerabilities of all dependencies
 cargo xtask semver        compare what is public with the last release
-cargo xtask soak [PART]   run what takes hours: streams, features, fuzz, campaign, endurance, mutants
+cargo xtask soak [PART]   run what takes hours: streams, adapter, features, fuzz, campaign, endurance, mutants
 cargo xtask mutants       change the code and see whether tests notice: for hours; options are those of cargo-mutants
 cargo xtask fuzz          run the fuzz targets, each for 60 s or `--seconds N`; `--minimise` makes their corpus anew
 cargo xtask coverage      print how much of the protocol and bridge crates the fuzz corpus reaches, and check the limit;
