@@ -30,6 +30,7 @@ mod update;
 
 use std::fmt::Display;
 use std::io::{Write, stderr};
+use std::num::NonZeroU32;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -133,8 +134,8 @@ impl Place {
 struct Baud {
     /// Baud rate of the serial port; 1000000 for ling and 115200 for alpha1 unless you say otherwise; a ling arm of the
     /// older generation may need 921600.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
-    baud: Option<u32>,
+    #[arg(long)]
+    baud: Option<NonZeroU32>,
 }
 
 /// The arms there are.

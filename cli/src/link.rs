@@ -204,7 +204,8 @@ impl<P: Arm, L: Line> Link<P, L> {
     fn transmit(&mut self) -> Result<(), Problem> {
         while let Some(bytes) = self.client.poll_transmit(self.now()) {
             let n = self.line.write(bytes)?;
-            self.client.transmitted(self.now(), n);
+            let taken = self.client.transmitted(self.now(), n);
+            taken.expect("a line takes no more than it is given");
         }
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! Where an arm or an adapter is: what a user types for it, and what is opened there.
 
 use std::fmt;
+use std::num::NonZeroU32;
 use std::str::FromStr;
 
 use armwire::{Config, Micros};
@@ -139,7 +140,7 @@ impl Port {
 
     /// Reaches for what is there; a serial port is opened only when its arm is asked for. `baud` is that of the serial
     /// port, of this computer's that is.
-    pub(crate) fn connect(&self, baud: Option<u32>) -> Result<Connection, Problem> {
+    pub(crate) fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Problem> {
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
             return Err(Problem::Usage(format!("{self} is no serial port, which has a --baud")));
         }
@@ -149,7 +150,7 @@ impl Port {
             Self::Control(port) => Way::Control(port.clone()),
             Self::Can { interface, node } => Way::Can(can::open_interface(self.to_string(), interface, *node)?, *node),
             Self::Slcan { port, bit_rate, node } => {
-                let serial = Serial::open(port, baud.unwrap_or(SLCAN_BAUD))?;
+                let serial = Serial::open(port, baud.map_or(SLCAN_BAUD, NonZeroU32::get))?;
                 Way::Can(can::open_slcan(serial, *bit_rate)?, *node)
             }
         };
@@ -165,7 +166,7 @@ pub(crate) struct Connection {
 }
 
 enum Way {
-    Serial(String, Option<u32>),
+    Serial(String, Option<NonZeroU32>),
     Tcp(Host),
     Can(SharedBus, Node),
     Control(String),
@@ -189,7 +190,7 @@ impl Connection {
         Ok(match &self.way {
             Way::Serial(port, baud) => {
                 let baud = baud.unwrap_or(usual.baud);
-                (Box::new(Serial::open(port, baud)?), Config { baud, ..usual })
+                (Box::new(Serial::open(port, baud.get())?), Config { baud, ..usual })
             }
             Way::Tcp(host) => {
                 let config = Config {

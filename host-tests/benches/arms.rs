@@ -113,7 +113,7 @@ impl<P: Protocol> Arm<P> {
         let call = |_| {
             client.submit(black_box(self.request)).ok()?;
             let n = black_box(client.poll_transmit(Micros(0))?).len();
-            client.transmitted(Micros(0), n);
+            client.transmitted(Micros(0), n).unwrap();
             let event = client.handle(Micros(350), &mut Input::Bytes(black_box(reply)));
             matches!(black_box(&event), Some(Event::Answer(_))).then_some(())
         };

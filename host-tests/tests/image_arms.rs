@@ -20,6 +20,7 @@ use armwire_virtual_board::line::{Arm, Outcome as ByteOutcome};
 use armwire_virtual_board::report::Cause;
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::{Nanos, VirtualBoard};
+use std::num::NonZeroU32;
 
 /// The rate of Alpha1's lines, in bits per second.
 const ALPHA1_BAUD: u32 = 115_200;
@@ -32,7 +33,7 @@ type Alpha1Program = ProgramOf<Alpha1, { alpha1::MAX_FRAME }>;
 
 fn alpha1_program() -> Alpha1Program {
     Alpha1Program::new(ClientConfig {
-        baud: ALPHA1_BAUD,
+        baud: NonZeroU32::new(ALPHA1_BAUD).unwrap(),
         ..ClientConfig::DEFAULT
     })
 }

@@ -1,8 +1,9 @@
 //! The host's side: one request in flight, time as an input, no I/O.
 
 use core::fmt;
+use core::num::NonZeroU32;
 
-use crate::{Decoder, Micros, Noise, Protocol};
+use crate::{Decoder, Micros, Noise, OutOfRange, Protocol};
 
 /// What happened outside.
 #[derive(Debug)]
@@ -19,16 +20,18 @@ pub enum Input<'a> {
 /// How a [`Client`] treats its line.
 ///
 /// ```
+/// use core::num::NonZeroU32;
 /// use armwire::{Config, Micros};
 ///
 /// // Bluetooth serial: slow, and late at times.
-/// let config = Config { baud: 115_200, latency: Micros::from_millis(150), ..Config::default() };
+/// const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
+/// let config = Config { baud: BAUD, latency: Micros::from_millis(150), ..Config::default() };
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    /// Baud rate of the line, which says how long messages take on it; `u32::MAX` where there is none.
-    pub baud: u32,
+    /// Baud rate of the line, which says how long messages take on it; `NonZeroU32::MAX` where there is none.
+    pub baud: NonZeroU32,
     /// The most that the way to the line and back may add to an answer: USB and operating system, or nothing.
     pub latency: Micros,
     /// How often a request that may be repeated is sent again after silence.
@@ -48,7 +51,7 @@ impl Default for Config {
 impl Config {
     /// 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late.
     pub const DEFAULT: Self = Self {
-        baud: 1_000_000,
+        baud: NonZeroU32::new(1_000_000).unwrap(),
         latency: Micros::from_millis(10),
         repeats: 2,
         lateness: Micros::from_millis(100),
@@ -57,7 +60,7 @@ impl Config {
     /// A TCP connection in a local network: an answer takes 100 ms at most besides the arm's own time, and nothing is
     /// repeated, for TCP does so.
     pub const TCP: Self = Self {
-        baud: u32::MAX,
+        baud: NonZeroU32::MAX,
         latency: Micros::from_millis(100),
         repeats: 0,
         lateness: Micros::from_millis(1_000),
@@ -67,7 +70,7 @@ impl Config {
     fn on_wire(&self, len: usize) -> Micros {
         // What a byte takes at 1 baud, in µs. In two parts, as a division of 64 bits is long for a microcontroller.
         const BYTE: u32 = 10_000_000;
-        let (len, baud) = (u32::try_from(len).unwrap_or(u32::MAX), self.baud.max(1));
+        let (len, baud) = (u32::try_from(len).unwrap_or(u32::MAX), self.baud.get());
         let whole = u64::from(len) * u64::from(BYTE / baud);
         // Less than 1 µs a byte.
         let rest = len.checked_mul(BYTE % baud).map_or(len, |rest| rest.div_ceil(baud));
@@ -455,7 +458,7 @@ fn is_echo<P: Protocol>(frame: P::Frame<'_>) -> bool {
 /// let bytes = client.poll_transmit(Micros(0)).unwrap();
 /// assert_eq!(bytes, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
 /// let n = bytes.len(); // what the port took
-/// client.transmitted(Micros(0), n);
+/// client.transmitted(Micros(0), n).unwrap();
 ///
 /// let mut input = Input::Bytes(&[
 ///     0xAA, 0x06, 0x00, 0x0F, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0x00, 0x08, 0xF4, 0x01,
@@ -531,7 +534,7 @@ fn is_echo<P: Protocol>(frame: P::Frame<'_>) -> bool {
 ///         }
 ///         while let Some(bytes) = client.poll_transmit(line.now) {
 ///             let n = line.write(bytes);
-///             client.transmitted(line.now, n);
+///             client.transmitted(line.now, n).unwrap();
 ///         }
 ///     }
 /// }
@@ -659,16 +662,30 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     }
 
     /// The line took the first `n` bytes of what [`poll_transmit`](Self::poll_transmit) gave.
-    pub fn transmitted(&mut self, now: Micros, n: usize) {
-        let left = self.tx_end.wrapping_sub(self.tx_start);
-        if left == 0 {
-            return;
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when it gave fewer. Nothing changes then.
+    pub fn transmitted(&mut self, now: Micros, n: usize) -> Result<(), OutOfRange<usize>> {
+        let max = self.tx_end.wrapping_sub(self.tx_start);
+        if n > max {
+            return Err(OutOfRange {
+                what: "transmitted",
+                unit: "bytes",
+                got: n,
+                min: 0,
+                max,
+            });
         }
-        if n < left {
-            self.tx_start = self.tx_start.wrapping_add(n);
-            return;
+        self.tx_start = self.tx_start.wrapping_add(n);
+        if n == max && n > 0 {
+            self.sent(now);
         }
-        self.tx_start = self.tx_end;
+        Ok(())
+    }
+
+    /// The last byte of a request went out.
+    fn sent(&mut self, now: Micros) {
         let came = self.decoder.received();
         let Exchange {
             config,
@@ -714,7 +731,7 @@ impl<P: Protocol, const N: usize> Client<P, N> {
     /// # let mut client = Client::<Ling, { ling::MAX_FRAME }>::new(Config { repeats: 0, ..Config::default() });
     /// client.submit(Request::ReadJoints).unwrap();
     /// let n = client.poll_transmit(Micros(0)).unwrap().len();
-    /// client.transmitted(Micros(0), n);
+    /// client.transmitted(Micros(0), n).unwrap();
     /// let due = client.poll_timeout().unwrap();
     /// let event = client.handle(due, &mut Input::Tick);
     /// assert_eq!(event, Some(Event::TimedOut { sends: 1 }));
@@ -860,7 +877,7 @@ mod tests {
     /// Transmits all there is and returns how many bytes that was.
     fn transmit(client: &mut Lings, now: Micros) -> usize {
         let n = client.poll_transmit(now).map_or(0, <[u8]>::len);
-        client.transmitted(now, n);
+        client.transmitted(now, n).unwrap();
         n
     }
 
@@ -882,9 +899,29 @@ mod tests {
     }
 
     #[test]
+    fn more_than_was_given_is_not_transmitted() {
+        let mut client = Lings::new(Config::default());
+        let refused = |max| {
+            Err(OutOfRange {
+                what: "transmitted",
+                unit: "bytes",
+                got: max + 1,
+                min: 0,
+                max,
+            })
+        };
+        assert_eq!(client.transmitted(Micros(0), 1), refused(0));
+        client.submit(Request::ReadJoints).unwrap();
+        let given = client.poll_transmit(Micros(0)).unwrap().to_vec();
+        assert_eq!(client.transmitted(Micros(0), given.len() + 1), refused(given.len()));
+        assert_eq!(client.transmitted(Micros(0), 2), Ok(()));
+        assert_eq!(client.transmitted(Micros(0), given.len() - 1), refused(given.len() - 2));
+        assert_eq!(client.poll_transmit(Micros(0)), Some(&given[2..]));
+    }
+
+    #[test]
     fn the_time_on_the_line_is_rounded_up_to_a_microsecond() {
         for baud in [
-            0,
             1,
             7,
             9_600,
@@ -896,11 +933,11 @@ mod tests {
             u32::MAX,
         ] {
             let config = Config {
-                baud,
+                baud: NonZeroU32::new(baud).unwrap(),
                 ..Config::DEFAULT
             };
             for len in 0..400_usize {
-                let exact = (len as u64 * 10_000_000).div_ceil(u64::from(baud.max(1)));
+                let exact = (len as u64 * 10_000_000).div_ceil(u64::from(baud));
                 assert_eq!(config.on_wire(len), Micros(exact), "{len} bytes at {baud} baud");
             }
         }
@@ -949,7 +986,7 @@ mod tests {
         let mut client = Lings::new(Config::DEFAULT);
         client.submit(Request::ReadJoints).unwrap();
         let echo = client.poll_transmit(Micros(0)).unwrap().to_vec();
-        client.transmitted(Micros(0), echo.len());
+        client.transmitted(Micros(0), echo.len()).unwrap();
         let line = [echo, bytes(JOINTS)].concat();
         let events = hear(&mut client, Micros(300), &line);
         assert_eq!(events, [Event::Echo, Event::Answer(JOINTS)]);
@@ -1025,7 +1062,7 @@ mod tests {
         let mut client = Lings::new(Config::DEFAULT);
         client.submit(Request::ReadJoints).unwrap();
         client.poll_transmit(Micros(0)).unwrap();
-        client.transmitted(Micros(0), 2);
+        client.transmitted(Micros(0), 2).unwrap();
         client.cancel(Micros(0));
         let sent = Micros(500_000);
         assert_eq!(transmit(&mut client, sent), 5);
@@ -1084,7 +1121,7 @@ mod tests {
         let due = client.poll_timeout().unwrap();
         client.handle(due, &mut Input::Tick);
         assert_eq!(client.poll_transmit(due).unwrap().len(), 7);
-        client.transmitted(due, 3);
+        client.transmitted(due, 3).unwrap();
         assert_eq!(hear(&mut client, due, &bytes(JOINTS)), [Event::Answer(JOINTS)]);
         assert_eq!(transmit(&mut client, due), 4, "the frame is finished");
         assert_eq!(
@@ -1098,7 +1135,7 @@ mod tests {
         let mut client = Lings::new(Config::DEFAULT);
         client.submit(Request::ReadJoints).unwrap();
         let frame = client.poll_transmit(Micros(0)).unwrap().to_vec();
-        client.transmitted(Micros(0), 2);
+        client.transmitted(Micros(0), 2).unwrap();
         client.cancel(Micros(0));
 
         client.submit(Request::ReadJoints).unwrap();
@@ -1115,7 +1152,7 @@ mod tests {
         let mut client = Lings::new(Config::DEFAULT);
         client.submit(Request::SetZero).unwrap();
         let len = client.poll_transmit(Micros(0)).unwrap().len();
-        client.transmitted(Micros(0), len - 1);
+        client.transmitted(Micros(0), len - 1).unwrap();
         client.cancel(Micros(0));
         client.submit(Request::ReadJoints).unwrap();
         assert_eq!(transmit(&mut client, Micros(0)), 1);
@@ -1162,7 +1199,7 @@ mod tests {
         let mut client = Lings::new(Config::DEFAULT);
         client.submit(Request::ReadJoints).unwrap();
         client.poll_transmit(Micros(0)).unwrap();
-        client.transmitted(Micros(0), 2);
+        client.transmitted(Micros(0), 2).unwrap();
         client.cancel(Micros(0));
         assert_eq!(
             hear(&mut client, Micros(1), &bytes(JOINTS)),
@@ -1208,7 +1245,7 @@ mod tests {
             assert_eq!(hear(&mut client, Micros(0), &line), []);
             client.submit(Request::ReadJoints).unwrap();
             client.poll_transmit(Micros(0)).unwrap();
-            client.transmitted(Micros(0), sent);
+            client.transmitted(Micros(0), sent).unwrap();
             client.cancel(Micros(0));
             assert_eq!(transmit(&mut client, Micros(1)), 7 - sent);
 
@@ -1264,7 +1301,7 @@ mod tests {
         let due = client.poll_timeout().unwrap();
         assert_eq!(client.handle(due, &mut Input::Tick), None);
         assert!(client.poll_transmit(due).is_some(), "again");
-        client.transmitted(due, 2);
+        client.transmitted(due, 2).unwrap();
         client.cancel(due);
         assert_eq!(hear(&mut client, due, &bytes(JOINTS)), [Event::Late(JOINTS)]);
         assert_eq!(hear(&mut client, due, &bytes(JOINTS)), [Event::Unsolicited(JOINTS)]);
@@ -1311,7 +1348,7 @@ mod tests {
         let (now, _) = time_out(&mut client, Micros(0));
         client.submit(Request::ReadJoints).unwrap();
         let due = client.poll_timeout();
-        client.transmitted(now + Micros(50), 0);
+        client.transmitted(now + Micros(50), 0).unwrap();
         assert_eq!(client.poll_timeout(), due);
     }
 
@@ -1408,7 +1445,7 @@ mod identified_tests {
 
     fn transmit(client: &mut Arms, now: Micros) -> usize {
         let n = client.poll_transmit(now).map_or(0, <[u8]>::len);
-        client.transmitted(now, n);
+        client.transmitted(now, n).unwrap();
         n
     }
 
@@ -1514,7 +1551,7 @@ mod identified_tests {
             let mut client = Arms::new(Config::TCP);
             client.submit(request(1)).unwrap();
             assert_eq!(client.poll_transmit(Micros(0)).map(<[u8]>::len), Some(7));
-            client.transmitted(Micros(0), sent);
+            client.transmitted(Micros(0), sent).unwrap();
             let events = hear(&mut client, Micros(1), &[0, 1, 0, 9]);
             assert!(matches!(events[..], [Event::Broken(_)]), "{events:?}");
             assert_eq!(client.poll_transmit(Micros(2)), None, "after {sent} bytes");
@@ -1557,14 +1594,14 @@ mod expected_tests {
         let mut client = Servos::new(Config::DEFAULT);
         client.submit(release(Address::One(servo))).unwrap();
         let n = client.poll_transmit(Micros(0)).unwrap().len();
-        client.transmitted(Micros(0), n);
+        client.transmitted(Micros(0), n).unwrap();
         let due = client.poll_timeout().unwrap();
         let timed_out = client.handle(due, &mut Input::Tick);
         assert_eq!(timed_out, Some(Event::TimedOut { sends: 1 }));
 
         client.submit(release(Address::All)).unwrap();
         assert!(client.poll_transmit(due).is_some());
-        client.transmitted(due, 1);
+        client.transmitted(due, 1).unwrap();
         let late = Event::Late(Response::Servo(ServoResponse::Acknowledged(servo)));
         assert_eq!(hear(&mut client, due, &[0xAB]), [late]);
     }

@@ -7,7 +7,7 @@ use core::task::Poll;
 
 use embedded_io_async::{Read, Write};
 
-use crate::{Client, Config, Event, Input, Micros, Noise, Protocol};
+use crate::{Client, Config, Event, Input, Micros, Noise, OutOfRange, Protocol};
 
 /// A monotonic clock that can also wait: the driver's only need of a runtime.
 ///
@@ -59,6 +59,8 @@ pub const READS_BEFORE_SEND: usize = 256;
 pub enum CallError<E, R> {
     /// The port failed.
     Io(E),
+    /// The port says that it took more bytes than it was given.
+    TookTooMany(OutOfRange<usize>),
     /// The port took or gave no bytes where it must: it is closed.
     Closed,
     /// What arrived cannot be read, nor can anything after it: the connection must be closed.
@@ -76,6 +78,7 @@ impl<E: fmt::Display, R: fmt::Display> fmt::Display for CallError<E, R> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Io(error) => write!(f, "the port failed: {error}"),
+            Self::TookTooMany(error) => write!(f, "the port took more than it was given: {error}"),
             Self::Closed => f.write_str("the port is closed"),
             Self::Broken(noise) => write!(f, "the connection is broken: {noise}"),
             Self::Unacceptable(error) => write!(f, "the arm's answer cannot be accepted: {error}"),
@@ -93,6 +96,7 @@ where
     fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
         match self {
             Self::Io(error) => Some(error),
+            Self::TookTooMany(error) => Some(error),
             Self::Broken(noise) => Some(noise),
             Self::Unacceptable(error) => Some(error),
             Self::Closed | Self::TimedOut { .. } => None,
@@ -248,7 +252,10 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
         while let Some(bytes) = self.client.poll_transmit(self.clock.now()) {
             match self.port.write(bytes).await {
                 Ok(0) => return Err(CallError::Closed),
-                Ok(n) => self.client.transmitted(self.clock.now(), n),
+                Ok(n) => self
+                    .client
+                    .transmitted(self.clock.now(), n)
+                    .map_err(CallError::TookTooMany)?,
                 Err(error) => return Err(CallError::Io(error)),
             }
             wrote = true;

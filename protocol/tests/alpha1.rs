@@ -319,7 +319,7 @@ fn events_of_a_move(id: u8, bytes: &[u8]) -> Vec<Event<Alpha1>> {
     let release = Request::Servo(ServoRequest::Release(to));
     client.submit(release).unwrap();
     let n = client.poll_transmit(Micros(0)).unwrap().len();
-    client.transmitted(Micros(0), n);
+    client.transmitted(Micros(0), n).unwrap();
     let mut input = Input::Bytes(bytes);
     std::iter::from_fn(|| client.handle(Micros(1), &mut input)).collect()
 }

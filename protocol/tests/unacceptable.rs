@@ -22,7 +22,7 @@ impl<P: Protocol, const N: usize> Host<P, N> {
     /// Sends what there is to send, and returns how many bytes that is.
     fn transmit(&mut self) -> usize {
         let n = self.client.poll_transmit(self.now).map_or(0, <[u8]>::len);
-        self.client.transmitted(self.now, n);
+        self.client.transmitted(self.now, n).unwrap();
         n
     }
 
@@ -265,7 +265,7 @@ fn a_request_without_an_answer_is_not_ended_by_one() {
     let mut host = Host::<Ling, LING>::new();
     host.client.submit(ling::Request::SetStroke(Stroke::Mm100)).unwrap();
     host.client.poll_transmit(host.now).unwrap();
-    host.client.transmitted(host.now, 3);
+    host.client.transmitted(host.now, 3).unwrap();
     assert!(matches!(host.hear(&ling(4, 2, &[3]))[..], [Event::Unknown(_)]));
     assert_eq!(host.transmit(), 4);
     assert_eq!(host.hear(&[]), [Event::Sent]);

@@ -187,7 +187,7 @@ fn hear(client: &mut Client<XArm, MAX_FRAME>, now: Micros, bytes: &[u8]) -> Vec<
 
 fn transmit(client: &mut Client<XArm, MAX_FRAME>, now: Micros) -> usize {
     let n = client.poll_transmit(now).map_or(0, <[u8]>::len);
-    client.transmitted(now, n);
+    client.transmitted(now, n).unwrap();
     n
 }
 

@@ -59,7 +59,7 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
             client: Client::new(config),
             device,
             now: Micros(0),
-            byte_time: Micros(10_000_000_u64.div_ceil(config.baud.max(1).into())),
+            byte_time: Micros(10_000_000_u64.div_ceil(config.baud.get().into())),
             to_device: None,
             to_host: None,
             events: Vec::new(),
@@ -137,7 +137,9 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
         if self.to_device.is_none()
             && let Some(&byte) = self.client.poll_transmit(self.now).and_then(<[u8]>::first)
         {
-            self.client.transmitted(self.now, 1);
+            self.client
+                .transmitted(self.now, 1)
+                .expect("there is a byte to transmit");
             self.to_device = Some((self.now + self.byte_time, byte));
         }
         // While its line is taken the device need not be asked: it says the same later.
@@ -166,6 +168,8 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
 
 #[cfg(test)]
 mod tests {
+    use std::num::NonZeroU32;
+
     use armwire::ling::{Ling, MAX_FRAME, Request, Response};
 
     use super::*;
@@ -174,7 +178,7 @@ mod tests {
 
     fn wire<D: SerialDevice>(baud: u32, device: D) -> Wire<Ling, D, MAX_FRAME> {
         let config = Config {
-            baud,
+            baud: NonZeroU32::new(baud).unwrap(),
             ..Config::default()
         };
         Wire::new(config, device)

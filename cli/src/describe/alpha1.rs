@@ -1,5 +1,6 @@
 //! The Alpha1.
 
+use std::num::NonZeroU32;
 use std::time::Duration;
 
 use armwire::alpha1::{
@@ -15,7 +16,7 @@ impl Arm for Alpha1 {
     const NAME: &'static str = "an Alpha1";
 
     const CONFIG: Config = Config {
-        baud: 115_200,
+        baud: NonZeroU32::new(115_200).unwrap(),
         // The system may be busy, or there is Bluetooth between, and what moves is not asked for twice.
         latency: Micros::from_millis(250),
         ..Config::DEFAULT

@@ -127,6 +127,6 @@ fn count_alpha1_call(client: &mut Client<Alpha1, MAX_FRAME>, request: &Request, 
 fn call(client: &mut Client<Alpha1, MAX_FRAME>, request: Request, line: &[u8]) -> Option<Event<Alpha1>> {
     client.submit(request).ok()?;
     let n = client.poll_transmit(Micros(0))?.len();
-    client.transmitted(Micros(0), n);
+    let _ = client.transmitted(Micros(0), n);
     client.handle(Micros(350), &mut Input::Bytes(line))
 }

@@ -185,6 +185,6 @@ fn count_ling_call(client: &mut Client<Ling, MAX_FRAME>, line: &[u8]) -> bool {
 fn call(client: &mut Client<Ling, MAX_FRAME>, line: &[u8]) -> Option<Event<Ling>> {
     client.submit(Request::ReadJoints).ok()?;
     let n = client.poll_transmit(Micros(0))?.len();
-    client.transmitted(Micros(0), n);
+    let _ = client.transmitted(Micros(0), n);
     client.handle(Micros(350), &mut Input::Bytes(line))
 }

@@ -79,7 +79,7 @@ mod calls {
         let client = black_box(&mut client);
         black_box(client.submit(black_box(request)).is_ok());
         black_box(client.poll_transmit(now));
-        client.transmitted(now, black_box(0));
+        let _ = client.transmitted(now, black_box(0));
         black_box(client.poll_timeout());
         let received = [0; 64];
         for mut input in black_box([Input::Bytes(black_box(&received)), Input::Idle, Input::Tick]) {

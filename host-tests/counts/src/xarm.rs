@@ -97,6 +97,6 @@ fn count_xarm_call(client: &mut Client<XArm, MAX_FRAME>, request: &Request, line
 fn call(client: &mut Client<XArm, MAX_FRAME>, request: Request, line: &[u8]) -> Option<Event<XArm>> {
     client.submit(request).ok()?;
     let n = client.poll_transmit(Micros(0))?.len();
-    client.transmitted(Micros(0), n);
+    let _ = client.transmitted(Micros(0), n);
     client.handle(Micros(350), &mut Input::Bytes(line))
 }

@@ -8,6 +8,7 @@ use armwire::ling::{
 use armwire::{Client, Config, Event, Input, Micros, Protocol};
 use armwire_fuzz::{Arbitrary, Result, Unstructured, response_bytes};
 use libfuzzer_sys::fuzz_target;
+use std::num::NonZeroU32;
 
 fuzz_target!(|input: &[u8]| {
     // Too short an input is none.
@@ -64,7 +65,7 @@ fn answer(request: &Request, tag: u8) -> Option<Response> {
 
 fn check(u: &mut Unstructured<'_>) -> Result<()> {
     let config = Config {
-        baud: *u.choose(&[115_200, 1_000_000, u32::MAX])?,
+        baud: *u.choose(&[115_200, 1_000_000, u32::MAX].map(|baud| NonZeroU32::new(baud).expect("not 0")))?,
         latency: Micros(u.int_in_range(0..=20_000)?),
         repeats: u.int_in_range(0..=3)?,
         lateness: Micros(u.int_in_range(0..=100_000)?),
@@ -101,7 +102,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                 };
                 let whole = usize::from(n) >= bytes.len();
                 let len = bytes.len().min(n.into());
-                client.transmitted(now, len);
+                client.transmitted(now, len).expect("no more than there is");
                 going = going.or(flight);
                 begun = !whole && (begun || len > 0);
                 if whole
@@ -132,7 +133,7 @@ fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Micros) {
     loop {
         if let Some(bytes) = client.poll_transmit(now) {
             let len = bytes.len();
-            client.transmitted(now, len);
+            client.transmitted(now, len).expect("no more than there is");
         } else if let Some(due) = client.poll_timeout() {
             now = now.max(due);
             hear(client, now, Input::Tick, &mut flight);
@@ -153,7 +154,7 @@ fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Micros) {
         assert!(flight.is_some(), "it ends before it is sent");
     }
     let len = client.poll_transmit(now).expect("it is there").len();
-    client.transmitted(now, len);
+    client.transmitted(now, len).expect("no more than there is");
     let response = answer(&request, tag).expect("it has an answer");
     hear(
         client,

@@ -59,7 +59,7 @@ impl<P: Protocol, const N: usize> ProgramOf<P, N> {
             while let Some(bytes) = self.client.poll_transmit(board.now().micros()) {
                 let n = bytes.len();
                 board.usb().write(bytes).unwrap();
-                self.client.transmitted(board.now().micros(), n);
+                self.client.transmitted(board.now().micros(), n).unwrap();
             }
             let bytes = self.listen(board);
             let mut input = Input::Bytes(&bytes);

@@ -19,11 +19,14 @@ use crate::driver::{self, Clock, Driver};
 /// ```
 /// # use armwire::driver::Clock;
 /// # use embedded_io_async::{Read, Write};
+/// use core::num::NonZeroU32;
 /// use armwire::Config;
 /// use armwire::alpha1::{Arm, CallError, Outcome, Text};
 ///
+/// const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
+///
 /// async fn play<P: Read + Write>(port: P, clock: impl Clock, name: Text) -> Result<Outcome, CallError<P::Error>> {
-///     let mut arm = Arm::new(port, clock, Config { baud: 115_200, ..Config::DEFAULT });
+///     let mut arm = Arm::new(port, clock, Config { baud: BAUD, ..Config::DEFAULT });
 ///     let _ = arm.stop().await?;
 ///     arm.play(name).await
 /// }

@@ -2,6 +2,7 @@
 
 extern crate std;
 
+use core::num::NonZeroU32;
 use core::time::Duration;
 use std::string::ToString;
 use std::vec::Vec;
@@ -305,7 +306,7 @@ fn hear(request: Request, bytes: &[u8]) -> Vec<Event<Alpha1>> {
     let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
     client.submit(request).unwrap();
     let n = client.poll_transmit(Micros(0)).unwrap().len();
-    client.transmitted(Micros(0), n);
+    client.transmitted(Micros(0), n).unwrap();
     let mut input = Input::Bytes(bytes);
     core::iter::from_fn(|| client.handle(Micros(1), &mut input)).collect()
 }
@@ -690,7 +691,7 @@ fn every_servo_is_heard_with_and_without_an_echo_before_it() {
             let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
             client.submit(request).unwrap();
             let sent = client.poll_transmit(Micros(0)).unwrap().len();
-            client.transmitted(Micros(0), sent);
+            client.transmitted(Micros(0), sent).unwrap();
             let mut input = Input::Bytes(&line[from..=len]);
             let mut events: Vec<_> = core::iter::from_fn(|| client.handle(Micros(900), &mut input)).collect();
             // Some could begin a frame, until the line goes idle or no answer is due any more.
@@ -720,7 +721,7 @@ fn an_idle_line_tells_the_byte_of_servo_80_from_an_echo_at_once() {
     let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
     client.submit(request).unwrap();
     let n = client.poll_transmit(Micros(0)).unwrap().len();
-    client.transmitted(Micros(0), n);
+    client.transmitted(Micros(0), n).unwrap();
     assert_eq!(client.handle(Micros(900), &mut Input::Bytes(&[0xFA])), None);
     let answer = Response::Servo(ServoResponse::Acknowledged(id(80)));
     let idle = client.handle(Micros(950), &mut Input::Idle);
@@ -766,7 +767,7 @@ fn a_byte_that_comes_late_is_late_and_no_answer_to_the_next_request() {
     let mut client = Client::<Alpha1, MAX_FRAME>::new(Config::DEFAULT);
     let transmit = |client: &mut Client<Alpha1, MAX_FRAME>, now| {
         let n = client.poll_transmit(now).map_or(0, <[u8]>::len);
-        client.transmitted(now, n);
+        client.transmitted(now, n).unwrap();
         n
     };
     let byte = |servo| Response::Servo(ServoResponse::Acknowledged(id(servo)));
@@ -1015,13 +1016,13 @@ fn a_servo_answers_within_400_microseconds() {
     let reply = Alpha1::reply(&request).unwrap();
     assert_eq!((reply.len, reply.turnaround), (1, Micros(400)));
     let mut client = Client::<Alpha1, MAX_FRAME>::new(Config {
-        baud: 115_200,
+        baud: NonZeroU32::new(115_200).unwrap(),
         latency: Micros(0),
         ..Config::DEFAULT
     });
     client.submit(request).unwrap();
     let n = client.poll_transmit(Micros(0)).unwrap().len();
-    client.transmitted(Micros(0), n);
+    client.transmitted(Micros(0), n).unwrap();
     // Eleven bytes on the wire, and the servo's time.
     assert_eq!(client.poll_timeout(), Some(Micros(955 + 400)));
     let timed_out = Some(Event::TimedOut { sends: 1 });

@@ -372,7 +372,7 @@ fn there_is_nothing_to_wait_for_while_the_end_of_a_cancelled_request_is_not_sent
     let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
     client.submit(Request::ReadJoints).unwrap();
     assert_eq!(client.poll_transmit(Micros(0)).unwrap().len(), 7);
-    client.transmitted(Micros(0), 3);
+    client.transmitted(Micros(0), 3).unwrap();
     client.cancel(Micros(0));
     client.submit(Request::ReadInfo).unwrap();
     assert_eq!(client.poll_timeout(), None);
@@ -402,7 +402,7 @@ fn an_answer_that_has_begun_when_it_is_due_gets_the_time_to_end() {
     let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
     client.submit(Request::ReadJoints).unwrap();
     let sent = client.poll_transmit(Micros(0)).unwrap().len();
-    client.transmitted(Micros(0), sent);
+    client.transmitted(Micros(0), sent).unwrap();
     let due = client.poll_timeout().unwrap();
     assert_eq!(client.handle(Micros(due.0 - 1), &mut Input::Bytes(first)), None);
     assert_eq!(client.handle(due, &mut Input::Tick), None);

@@ -183,7 +183,7 @@ fn client_hears(request: Option<Request>, bytes: &[u8], chunk: usize) -> Vec<Eve
     if let Some(request) = request {
         client.submit(request).unwrap();
         let n = client.poll_transmit(Micros(0)).unwrap().len();
-        client.transmitted(Micros(0), n);
+        client.transmitted(Micros(0), n).unwrap();
     }
     let mut events = Vec::new();
     for bytes in bytes.chunks(chunk) {
@@ -332,7 +332,7 @@ fn after_the_printed_reply_of_register_10_no_call_is_answered_and_the_third_brea
                 let command = Command::ReloadDynamics;
                 client.submit(Request::Call { header, command }).unwrap();
                 let n = client.poll_transmit(Micros(0)).map_or(0, <[u8]>::len);
-                client.transmitted(Micros(0), n);
+                client.transmitted(Micros(0), n).unwrap();
                 let answer = Response::Reply {
                     header,
                     state: State::OK,
@@ -594,7 +594,7 @@ fn only_readings_are_sent_again_after_silence() {
         while !client.is_idle() {
             if let Some(n) = client.poll_transmit(now).map(<[u8]>::len) {
                 sends += 1;
-                client.transmitted(now, n);
+                client.transmitted(now, n).unwrap();
             }
             now = client.poll_timeout().unwrap_or(now);
             client.handle(now, &mut Input::Tick);

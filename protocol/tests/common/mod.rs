@@ -257,7 +257,7 @@ pub(crate) fn a_client_takes_anything<P: Subject, const N: usize>(
     for (bytes, wait, idle) in steps {
         let _ = client.submit(request);
         if let Some(n) = client.poll_transmit(now).map(<[u8]>::len) {
-            client.transmitted(now, n);
+            client.transmitted(now, n).unwrap();
         }
         now = now + Micros(wait);
         given += bytes.len();

@@ -1,5 +1,6 @@
 //! How a virtual Alpha1 and its servos behave, seen through their line.
 
+use std::num::NonZeroU32;
 use std::time::Duration;
 
 use armwire::alpha1::{
@@ -21,7 +22,7 @@ type Host<D> = Wire<Alpha1, D, MAX_FRAME>;
 
 /// The baud rate of the servo bus; a robot's may be so too.
 const LINE: Config = Config {
-    baud: 115_200,
+    baud: NonZeroU32::new(115_200).unwrap(),
     ..Config::DEFAULT
 };
 

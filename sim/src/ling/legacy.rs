@@ -153,6 +153,8 @@ impl SerialDevice for LegacyArm {
 
 #[cfg(test)]
 mod tests {
+    use std::num::NonZeroU32;
+
     use armwire::Event;
     use armwire::ling::legacy::{Detector, OlderGeneration};
 
@@ -162,7 +164,7 @@ mod tests {
 
     fn host<D: SerialDevice>(baud: u32, arm: D) -> Wire<Legacy, D, MAX_FRAME> {
         let config = armwire::Config {
-            baud,
+            baud: NonZeroU32::new(baud).unwrap(),
             ..armwire::Config::default()
         };
         Wire::new(config, arm)

@@ -116,7 +116,7 @@ macro_rules! entry_points {
 
             #[unsafe(export_name = concat!("Client<", $name, ">::transmitted"))]
             fn client_transmitted(client: &mut Client<P, N>, now: Micros, n: usize) {
-                client.transmitted(now, n);
+                let _ = client.transmitted(now, n);
             }
 
             #[unsafe(export_name = concat!("Client<", $name, ">::poll_timeout"))]
