@@ -35,8 +35,10 @@ const RAW_TURN: u64 = 100_000;
 const PAUSE: u64 = 10_000;
 const SLACK: u64 = 10_000;
 
-/// How long a host's rate goes on at the longest when its port is closed: until what it has said is out at 2400 baud.
-const RATE_BOUND: u64 = 3_000_000;
+/// A host's rate ends at most this long after the bytes it had written when its port was closed.
+const RATE_BOUND: u64 = 250_000;
+/// The longest time the bytes of the host on USB take at 2400 baud.
+const SLOWEST: u64 = 3_000_000;
 
 /// Requests on CAN that wait in the adapter's queue. One more waits in the connection.
 const CAN_QUEUE: usize = 2;
@@ -266,7 +268,7 @@ impl Oracle {
             (false, _) => self.waits = None,
             (true, None) => self.waits = Some(now),
             (true, Some(since)) => {
-                let slow = if self.at_arms_rate { 0 } else { RATE_BOUND };
+                let slow = if self.at_arms_rate { 0 } else { SLOWEST };
                 let from = self.answers_until.max(self.moved).max(since);
                 let until = from + LATENESS + RAW_TURN + SLACK + slow;
                 assert!(
@@ -320,10 +322,12 @@ impl Oracle {
     }
 
     /// The host on USB raised or lowered DTR.
-    pub(super) fn dtr(&mut self, now: u64, high: bool) {
+    pub(super) fn dtr(&mut self, now: u64, high: bool, byte_nanos: u64) {
         let fell = std::mem::replace(&mut self.is_dtr_high, high) && !high;
         if fell && !self.at_arms_rate {
-            self.rate_ends = Some(now + RATE_BOUND);
+            // The host's bytes and those on their way go out first.
+            let bytes = self.usb.len() + 2 * MAX_FRAME;
+            self.rate_ends = Some(now + bytes as u64 * byte_nanos / 1_000 + RATE_BOUND);
         }
     }
 
@@ -344,7 +348,7 @@ impl Oracle {
 
     /// The host on USB has something to say, and there is no room.
     pub(super) fn usb_is_held_back(&mut self, now: u64) {
-        if self.at_arms_rate || self.wants_arms_rate {
+        if self.at_arms_rate || self.wants_arms_rate || self.rate_ends.is_some() {
             self.streams[0].alive = now;
         }
     }

@@ -127,8 +127,12 @@ impl Plan {
                 deeds.push((begin + MILLISECOND, Deed::UsbSays(bytes)));
                 is_whole = false;
             }
-            if r.percent(75) {
-                deeds.push((begin + r.between(5, 500) * MILLISECOND, Deed::SetRate(1_000_000)));
+            // The host sets the arm's rate again, closes the port, or neither.
+            let ends = begin + r.between(5, 500) * MILLISECOND;
+            match r.between(0, 3) {
+                0 | 1 => deeds.push((ends, Deed::SetRate(1_000_000))),
+                2 => deeds.extend([(begin, Deed::Dtr(true)), (ends, Deed::Dtr(false))]),
+                _ => {}
             }
         }
         if r.percent(18) {

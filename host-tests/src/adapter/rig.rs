@@ -332,7 +332,7 @@ impl Rig {
     pub(super) fn set_dtr(&mut self, high: bool) {
         self.tell(|| format!("DTR {high}"));
         self.bridge.usb_dtr(high, self.time());
-        self.oracle.dtr(self.now, high);
+        self.oracle.dtr(self.now, high, nanos_a_byte(self.baud));
     }
 
     /// The host on USB asks something on the control port.
@@ -591,6 +591,8 @@ impl Rig {
         loop {
             self.run_until(self.now + QUIET);
             if self.is_over || self.is_quiet() && self.oracle.is_idle() {
+                // Requests sent at 2400 baud are given up later.
+                self.run_until(self.now + QUIET);
                 return;
             }
             assert!(self.now < limit, "it does not end");
