@@ -12,7 +12,7 @@ use armwire_host_tests::image::{
     CanProgram, Control, MEGABAUD, Program, counters, on_board, on_board_with, path, plug_in, read_all,
 };
 use armwire_sim::ling::LingArm;
-use armwire_virtual_board::{Nanos, VirtualBoard, flash};
+use armwire_virtual_board::{Chip, Nanos, VirtualBoard};
 
 /// Bits per second on the bus.
 const RATE: u32 = 1_000_000;
@@ -284,7 +284,7 @@ fn a_flood_that_takes_all_the_time_does_not_keep_the_adapter_from_the_bus() {
 #[test]
 fn a_bus_that_is_lost_and_back_while_the_flash_is_erased_is_counted() {
     // Nothing that can be added to, so that a save begins with an erase.
-    let mut contents = vec![0xFF; flash::SIZE];
+    let mut contents = vec![0xFF; Chip::Stm32f405.flash_size()];
     contents[0x4000..0xC000].fill(0x5A);
     let mut config = armwire_virtual_board::Config::new(path(), ling());
     config.flash = Some(contents);

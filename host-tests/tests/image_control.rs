@@ -12,7 +12,7 @@ use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Arm, Direction};
 use armwire_virtual_board::report::Cause;
 use armwire_virtual_board::usb::cdc::LineCoding;
-use armwire_virtual_board::{Nanos, VirtualBoard, flash};
+use armwire_virtual_board::{Chip, Nanos, VirtualBoard};
 
 fn ling() -> LingArm {
     LingArm::new(armwire_sim::ling::Config::follower())
@@ -96,7 +96,7 @@ fn a_configuration_that_was_saved_is_in_force_after_a_power_cycle() {
 #[test]
 fn a_configuration_that_cannot_be_read_is_counted_and_the_adapter_is_as_from_the_factory() {
     // Something else was where the configuration is: `firmware/src/board/stm32f405/flash.rs`.
-    let mut flash = vec![0xFF; flash::SIZE];
+    let mut flash = vec![0xFF; Chip::Stm32f405.flash_size()];
     flash[0x4000..0x8000].fill(0x5A);
     let mut config = armwire_virtual_board::Config::new(path(), ling());
     config.flash = Some(flash);

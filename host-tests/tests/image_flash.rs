@@ -4,7 +4,7 @@ use armwire_bridge::config::Config;
 use armwire_bridge::control::{self, Reply};
 use armwire_host_tests::image::{Control, MEGABAUD, counters, on_board_with, open, path, plug_in};
 use armwire_sim::ling::LingArm;
-use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard, flash};
+use armwire_virtual_board::{Chip, Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
 fn ling() -> LingArm {
     LingArm::new(armwire_sim::ling::Config::follower())
@@ -12,7 +12,7 @@ fn ling() -> LingArm {
 
 /// A board on which a save begins with an erase: both sectors are full.
 fn with_full_flash(timing: Timing) -> BoardConfig<LingArm> {
-    let mut contents = vec![0xFF; flash::SIZE];
+    let mut contents = vec![0xFF; Chip::Stm32f405.flash_size()];
     contents[0x4000..0xC000].fill(0x5A);
     BoardConfig {
         flash: Some(contents),

@@ -4,25 +4,30 @@ mod can;
 mod usb;
 
 use std::collections::BTreeMap;
-use std::io::{self, Read};
+use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::num::NonZeroU32;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
-use std::thread::{self, JoinHandle};
+use std::thread;
 
 use rigless::image::Image;
 
 use crate::can::Sender as CanSender;
 use crate::can::bus::Bus;
+use crate::chip::Chip;
 use crate::crystal::{Crystal, Oscillator};
+use crate::engine::{Engine, Watched};
 use crate::flash::{self, Flash};
-use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte};
-use crate::machine::{self, Bench, Command, Reply, Run, Watched};
+use crate::library::Library;
+use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte, SharedLine};
+use crate::machine::{self, Bench, Run};
+use crate::mcu::stm32g431::Stm32g431;
 use crate::report::{Crash, Report, Violation, Violations};
-use crate::stm32f405::port::{Shared, lock};
+use crate::shared::{Shared, lock};
+use crate::soc::machine::{Edges, Machine};
 use crate::stm32f405::{IDCODE, Reenabled, Stm32f405};
 use crate::time::Nanos;
 use crate::timing::{Clock, Timing};
@@ -46,6 +51,8 @@ const POWER_OFF: Nanos = Nanos::from_millis(10);
 pub struct Config<A> {
     /// The firmware: an ELF file.
     pub image: PathBuf,
+    /// The chip. `None` is the one that the image is for, which the length of its vector table tells.
+    pub chip: Option<Chip>,
     /// The arm on the UART.
     pub arm: A,
     /// The rate of the arm's own UART, in bits per second.
@@ -59,10 +66,10 @@ pub struct Config<A> {
     /// Which bytes meet faults, where rates say how many do, what a power cut leaves in the flash, and the times that
     /// [`timing`](Self::timing) draws.
     pub seed: u64,
-    /// How long flash operations take, and the USB controller's own steps.
+    /// How long flash operations take, and the steps of the STM32F405's USB controller.
     pub timing: Timing,
-    /// What the flash holds where the image has nothing, [`SIZE`](flash::SIZE) bytes: what
-    /// [`VirtualBoard::flash`] of an earlier board gave. `None` is erased.
+    /// What the flash holds where the image has nothing, all [its bytes](Chip::flash_size): what [`VirtualBoard::flash`] of an
+    /// earlier board gave. `None` is erased.
     pub flash: Option<Vec<u8>>,
     /// After how many flash operations, each a sector erased or a word programmed, the power goes in the middle of the
     /// next one.
@@ -72,6 +79,9 @@ pub struct Config<A> {
     /// The virtual time that an instruction takes, in percent of a cycle at 168 MHz. A real core takes more than a cycle
     /// for some, and waits for its flash: sweep this to see how much a latency depends on it.
     pub instruction_cost: NonZeroU32,
+    /// Whether an instruction takes the cycles that it takes a Cortex-M4 with the chip's flash, rather than one. Only the
+    /// STM32G431 has this.
+    pub exact_cycles: bool,
     /// The TCP port on which gdb may attach, on this machine only.
     pub gdb: Option<u16>,
 }
@@ -81,6 +91,7 @@ impl<A> Config<A> {
     pub fn new(image: impl Into<PathBuf>, arm: A) -> Self {
         Self {
             image: image.into(),
+            chip: None,
             arm,
             arm_baud: 1_000_000,
             crystal: Crystal::new(8_000_000),
@@ -92,6 +103,7 @@ impl<A> Config<A> {
             power_cut_after: None,
             reenabled: Reenabled::default(),
             instruction_cost: NonZeroU32::new(100).expect("not zero"),
+            exact_cycles: false,
             gdb: None,
         }
     }
@@ -141,11 +153,22 @@ pub enum Error {
         address: u64,
     },
     /// The contents for the flash do not fit it.
-    #[error("{got} bytes for the flash, which has {}", flash::SIZE)]
+    #[error("{got} bytes for the flash, which has {size}")]
     FlashSize {
         /// How many there were.
         got: usize,
+        /// How many the flash has.
+        size: usize,
     },
+    /// The image is for no chip that the board can have.
+    #[error("no chip has {interrupts} interrupts, as the image's vector table")]
+    UnknownChip {
+        /// Interrupts in the image's vector table.
+        interrupts: u64,
+    },
+    /// The engine that runs this chip has no debugger.
+    #[error("gdb cannot attach to the {0}")]
+    NoDebugger(Chip),
     /// What the program waited for did not happen in time.
     #[error("it did not happen within {limit}")]
     TimedOut {
@@ -194,16 +217,14 @@ pub enum Error {
 /// Everything is deterministic: the same calls on the same image give the same bytes at the same nanoseconds.
 #[derive(Debug)]
 pub struct VirtualBoard<A: Arm> {
-    line: Shared<A>,
-    host: Arc<Mutex<Host>>,
-    can: Arc<Mutex<Bus>>,
-    flash: Arc<Mutex<Flash>>,
-    oscillator: Arc<Mutex<Oscillator>>,
-    commands: Option<Sender<Command>>,
-    replies: Receiver<Reply>,
+    line: SharedLine<A>,
+    host: Shared<Host>,
+    can: Shared<Bus>,
+    flash: Shared<Flash>,
+    oscillator: Shared<Oscillator>,
+    chip: Chip,
+    engine: Box<dyn Engine>,
     interrupt: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-    log: TcpStream,
     /// Where gdb may attach.
     gdb: Option<SocketAddr>,
     now: Nanos,
@@ -231,6 +252,10 @@ impl<A: Arm> VirtualBoard<A> {
     }
 
     fn start_image(image: Image, config: Config<A>) -> Result<Self, Error> {
+        let chip = match config.chip {
+            Some(chip) => chip,
+            None => Chip::of(image.bytes())?,
+        };
         let starve = Arc::new(AtomicBool::new(false));
         let line = Arc::new(Mutex::new(Line::new(
             config.arm,
@@ -238,74 +263,63 @@ impl<A: Arm> VirtualBoard<A> {
             config.seed,
             starve.clone(),
         )));
-        let host = Arc::new(Mutex::new(Host::default()));
-        let (contents, flash_images) = flash::around(&image, config.flash)?;
-        let flash = Arc::new(Mutex::new(Flash::new(
-            contents,
-            config.power_cut_after,
-            Clock::new(config.timing, config.seed),
-        )));
-        let can = Arc::new(Mutex::new(Bus::default()));
-        let oscillator = Arc::new(Mutex::new(Oscillator::new(config.crystal)));
-        let mut part = Stm32f405::new(
-            oscillator.clone(),
-            line.clone(),
+        let (contents, flash_images) = flash::around(&image, config.flash, chip.flash_size())?;
+        let flash = Flash::new(contents, config.power_cut_after, Clock::new(config.timing, config.seed));
+        let edges = Edges {
+            line: line.clone(),
             starve,
-            config.reenabled,
-            host.clone(),
-            can.clone(),
-            flash.clone(),
-        )?;
-        part.set_idcode(config.idcode);
-        let bench = Bench {
-            part,
-            unique_id: config.unique_id,
-            instruction_cost: config.instruction_cost,
+            host: Arc::default(),
+            can: Arc::default(),
+            flash: Arc::new(Mutex::new(flash)),
+            oscillator: Arc::new(Mutex::new(Oscillator::new(config.crystal))),
         };
-
-        let gdb = config.gdb.map(listen).transpose()?;
-        let gdb_address = gdb.as_ref().and_then(|gdb| gdb.local_addr().ok());
-        let rtt = listen(0)?;
-        let log = rtt.local_addr().and_then(TcpStream::connect).and_then(|log| {
-            log.set_nonblocking(true)?;
-            Ok(log)
-        });
-        let log = log.map_err(|error| Error::Listen {
-            address: "the firmware's log".to_owned(),
-            error,
-        })?;
-
-        let (commands, command) = channel();
-        let (reply, replies) = channel();
-        let interrupt = Arc::new(AtomicBool::new(false));
         let symbols = machine::symbols(&image);
-        let run = Run {
-            image,
-            flash_images,
-            gdb,
-            rtt,
-            interrupt: interrupt.clone(),
-            flash: flash.clone(),
-            commands: command,
-            replies: reply,
+        let interrupt = Arc::new(AtomicBool::new(false));
+        let mut gdb = None;
+        let engine: Box<dyn Engine> = match chip {
+            Chip::Stm32f405 => {
+                let mut part = Stm32f405::new(config.reenabled, edges.clone())?;
+                part.set_idcode(config.idcode);
+                let bench = Bench {
+                    part,
+                    unique_id: config.unique_id,
+                    instruction_cost: config.instruction_cost,
+                };
+                let listener = config.gdb.map(listen).transpose()?;
+                gdb = listener.as_ref().and_then(|gdb| gdb.local_addr().ok());
+                let engine = start_library(
+                    bench,
+                    image,
+                    flash_images,
+                    listener,
+                    edges.flash.clone(),
+                    interrupt.clone(),
+                )?;
+                Box::new(engine)
+            }
+            Chip::Stm32g431 if config.gdb.is_some() => return Err(Error::NoDebugger(chip)),
+            Chip::Stm32g431 => {
+                let core = Stm32g431::core(lock(&edges.flash).bytes().to_vec());
+                let cost = config.instruction_cost.get();
+                let part = Stm32g431::new(config.unique_id, cost, config.seed, edges.clone());
+                Box::new(Machine::new(
+                    core,
+                    part,
+                    config.exact_cycles,
+                    machine::crashes(&symbols),
+                ))
+            }
         };
-        let thread = thread::Builder::new()
-            .name("virtual-board".to_owned())
-            .spawn(move || machine::run(bench, run))
-            .map_err(|error| Error::Ended(error.to_string()))?;
-
-        let mut board = Self {
+        Ok(Self {
             line,
-            host,
-            can,
-            flash,
-            oscillator,
-            commands: Some(commands),
-            replies,
+            host: edges.host,
+            can: edges.can,
+            flash: edges.flash,
+            oscillator: edges.oscillator,
+            chip,
+            engine,
             interrupt,
-            thread: Some(thread),
-            log,
-            gdb: gdb_address,
+            gdb,
             now: Nanos(0),
             instructions: 0,
             trace: Trace::default(),
@@ -315,9 +329,12 @@ impl<A: Arm> VirtualBoard<A> {
             device: None,
             port: None,
             vendor: None,
-        };
-        board.stopped()?;
-        Ok(board)
+        })
+    }
+
+    /// The chip.
+    pub fn chip(&self) -> Chip {
+        self.chip
     }
 
     /// How much virtual time has passed since power-on.
@@ -384,8 +401,16 @@ impl<A: Arm> VirtualBoard<A> {
 
     fn run(&mut self, until: Nanos, watched: Watched) -> Result<(), Error> {
         self.powered()?;
-        self.send(Command::Run { until, watched })?;
-        self.stopped()?;
+        let stopped = self.engine.run(until, watched)?;
+        self.in_boot_loader = stopped.in_boot_loader;
+        self.now = stopped.at;
+        self.instructions = stopped.instructions;
+        self.trace = stopped.trace;
+        if let Some(crash) = stopped.crash {
+            let at = stopped.at;
+            self.crashes.push(Violation::Crashed { crash, at });
+            return Err(Error::Crashed { crash, at });
+        }
         self.powered()
     }
 
@@ -395,48 +420,6 @@ impl<A: Arm> VirtualBoard<A> {
             let operation = flash.operations();
             Err(Error::PowerCut { at, operation })
         })
-    }
-
-    fn send(&mut self, command: Command) -> Result<(), Error> {
-        let sent = self
-            .commands
-            .as_ref()
-            .is_some_and(|commands| commands.send(command).is_ok());
-        if sent { Ok(()) } else { Err(self.ended()) }
-    }
-
-    /// Waits for the emulator to stand still.
-    fn stopped(&mut self) -> Result<(), Error> {
-        match self.replies.recv() {
-            Ok(Reply::Stopped {
-                at,
-                instructions,
-                trace,
-                crash,
-                in_boot_loader,
-            }) => {
-                self.in_boot_loader = in_boot_loader;
-                self.now = at;
-                self.instructions = instructions;
-                self.trace = trace;
-                match crash {
-                    Some(crash) => {
-                        self.crashes.push(Violation::Crashed { crash, at });
-                        Err(Error::Crashed { crash, at })
-                    }
-                    None => Ok(()),
-                }
-            }
-            Ok(Reply::Ended(why)) => Err(Error::Ended(why)),
-            Ok(Reply::Report(_) | Reply::Profile(_) | Reply::Read(_) | Reply::Written(_)) | Err(_) => Err(self.ended()),
-        }
-    }
-
-    fn ended(&mut self) -> Error {
-        match self.replies.try_recv() {
-            Ok(Reply::Ended(why)) => Error::Ended(why),
-            _ => Error::Ended("the emulator is gone".to_owned()),
-        }
     }
 
     /// A flag that ends the run once it is set, even while a debugger holds the processor.
@@ -460,7 +443,7 @@ impl<A: Arm> VirtualBoard<A> {
         self.in_boot_loader
     }
 
-    /// What the flash holds, [`SIZE`](flash::SIZE) bytes.
+    /// What the flash holds, all [its bytes](Chip::flash_size).
     pub fn flash(&self) -> Vec<u8> {
         lock(&self.flash).bytes().to_vec()
     }
@@ -537,11 +520,10 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// [`Error::Nothing`] if there is nothing at `address`.
     pub fn write_word(&mut self, address: u64, value: u32) -> Result<(), Error> {
-        self.send(Command::Write { address, value })?;
-        match self.replies.recv() {
-            Ok(Reply::Written(true)) => Ok(()),
-            Ok(Reply::Written(false)) => Err(Error::Nothing { address }),
-            _ => Err(self.ended()),
+        if self.engine.write(address, value)? {
+            Ok(())
+        } else {
+            Err(Error::Nothing { address })
         }
     }
 
@@ -551,12 +533,7 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// [`Error::Nothing`] if there is nothing at `address`.
     pub fn read_word(&mut self, address: u64) -> Result<u32, Error> {
-        self.send(Command::Read { address })?;
-        match self.replies.recv() {
-            Ok(Reply::Read(Some(value))) => Ok(value),
-            Ok(Reply::Read(None)) => Err(Error::Nothing { address }),
-            _ => Err(self.ended()),
-        }
+        self.engine.read(address)?.ok_or(Error::Nothing { address })
     }
 
     /// How often the core came to each instruction since this was last asked, by its address. The first time nothing was
@@ -566,11 +543,7 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// When the emulator is gone.
     pub fn profile(&mut self) -> Result<BTreeMap<u64, u64>, Error> {
-        self.send(Command::Profile)?;
-        match self.replies.recv() {
-            Ok(Reply::Profile(profile)) => Ok(profile),
-            _ => Err(self.ended()),
-        }
+        self.engine.profile()
     }
 
     /// Lets the core stand still, as one does that is stuck with its interrupts masked, until the next reset or until it
@@ -580,7 +553,7 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// When the emulator is gone.
     pub fn hold_core(&mut self) -> Result<(), Error> {
-        self.send(Command::Hold(true))
+        self.engine.hold(true)
     }
 
     /// Ends [`hold_core`](Self::hold_core).
@@ -589,15 +562,12 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// When the emulator is gone.
     pub fn let_core_go(&mut self) -> Result<(), Error> {
-        self.send(Command::Hold(false))
+        self.engine.hold(false)
     }
 
     /// What the firmware logged over RTT since this was last asked, for an image that has it.
     pub fn log(&mut self) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        // It ends with an error when there is no more for now.
-        let _ = self.log.read_to_end(&mut bytes);
-        bytes
+        self.engine.log()
     }
 
     /// What the run has met so far.
@@ -606,15 +576,9 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// When the emulator is gone.
     pub fn report(&mut self) -> Result<Report, Error> {
-        self.send(Command::Report)?;
-        match self.replies.recv() {
-            Ok(Reply::Report(mut report)) => {
-                report.violations.extend(self.crashes.iter().cloned());
-                Ok(*report)
-            }
-            Ok(Reply::Ended(why)) => Err(Error::Ended(why)),
-            _ => Err(Error::Ended("the emulator is gone".to_owned())),
-        }
+        let mut report = self.engine.report()?;
+        report.violations.extend(self.crashes.iter().cloned());
+        Ok(report)
     }
 
     /// Fails if the firmware did anything that is not modelled and not on the [allow-list](crate::report::ALLOWED), or
@@ -659,16 +623,49 @@ impl<A: Arm> VirtualBoard<A> {
     }
 }
 
-impl<A: Arm> Drop for VirtualBoard<A> {
-    fn drop(&mut self) {
-        // Without anyone to command it, the emulator ends its run; a debugger that holds it must not keep it.
-        self.commands = None;
-        self.interrupt.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            // What it died of, it has said in its last reply.
-            let _ = thread.join();
-        }
-    }
+/// Runs the emulator library on a thread of its own.
+fn start_library(
+    bench: Bench,
+    image: Image,
+    flash_images: Vec<Image>,
+    gdb: Option<TcpListener>,
+    flash: Shared<Flash>,
+    interrupt: Arc<AtomicBool>,
+) -> Result<Library, Error> {
+    let rtt = listen(0)?;
+    let log = rtt.local_addr().and_then(TcpStream::connect).and_then(|log| {
+        log.set_nonblocking(true)?;
+        Ok(log)
+    });
+    let log = log.map_err(|error| Error::Listen {
+        address: "the firmware's log".to_owned(),
+        error,
+    })?;
+    let (commands, command) = channel();
+    let (reply, replies) = channel();
+    let run = Run {
+        image,
+        flash_images,
+        gdb,
+        rtt,
+        interrupt: interrupt.clone(),
+        flash,
+        commands: command,
+        replies: reply,
+    };
+    let thread = thread::Builder::new()
+        .name("virtual-board".to_owned())
+        .spawn(move || machine::run(bench, run))
+        .map_err(|error| Error::Ended(error.to_string()))?;
+    let mut library = Library {
+        commands: Some(commands),
+        replies,
+        interrupt,
+        thread: Some(thread),
+        log,
+    };
+    library.stopped()?;
+    Ok(library)
 }
 
 fn listen(port: u16) -> Result<TcpListener, Error> {
@@ -681,7 +678,7 @@ fn listen(port: u16) -> Result<TcpListener, Error> {
 /// The UART line to the arm.
 #[derive(Debug)]
 pub struct Uart<'a, A> {
-    line: &'a Shared<A>,
+    line: &'a SharedLine<A>,
 }
 
 impl<A: Arm> Uart<'_, A> {

@@ -12,8 +12,8 @@ use crate::timing::Clock;
 /// Where the flash is (RM0090, 3.4).
 pub(crate) const BASE: u64 = 0x0800_0000;
 
-/// How many bytes the flash has.
-pub const SIZE: usize = 1 << 20;
+/// How many bytes the flash of the STM32F405RG has.
+pub(crate) const SIZE: usize = 1 << 20;
 
 /// The board's rail, in millivolts.
 pub(crate) const SUPPLY_MV: u32 = 3_300;
@@ -106,21 +106,21 @@ impl Flash {
 
 /// What the flash holds with `image` in it and `contents` around it: all of it, and what is around, as images of their
 /// own.
-pub(crate) fn around(image: &Image, contents: Option<Vec<u8>>) -> Result<(Vec<u8>, Vec<Image>), Error> {
-    let mut bytes = contents.unwrap_or_else(|| vec![ERASED; SIZE]);
-    if bytes.len() != SIZE {
-        return Err(Error::FlashSize { got: bytes.len() });
+pub(crate) fn around(image: &Image, contents: Option<Vec<u8>>, size: usize) -> Result<(Vec<u8>, Vec<Image>), Error> {
+    let mut bytes = contents.unwrap_or_else(|| vec![ERASED; size]);
+    if bytes.len() != size {
+        return Err(Error::FlashSize { got: bytes.len(), size });
     }
     let mut segments: Vec<(usize, &[u8])> = image
         .segments()
         .filter_map(|(address, bytes)| Some((usize::try_from(address.checked_sub(BASE)?).ok()?, bytes)))
-        .filter(|(start, bytes)| start + bytes.len() <= SIZE)
+        .filter(|(start, bytes)| start + bytes.len() <= size)
         .collect();
     segments.sort_by_key(|&(start, _)| start);
 
     let mut images = Vec::new();
     let mut free = 0;
-    for &(start, segment) in segments.iter().chain([&(SIZE, &[][..])]) {
+    for &(start, segment) in segments.iter().chain([&(size, &[][..])]) {
         let gap = bytes.get(free..start).unwrap_or_default();
         if gap.iter().any(|&byte| byte != ERASED) {
             images.push(Image::new(Path::new("flash"), gap.to_vec(), Some(BASE + free as u64))?);

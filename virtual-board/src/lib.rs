@@ -32,16 +32,22 @@
 mod board;
 mod bxcan;
 pub mod can;
+mod chip;
 pub mod core;
 mod crystal;
+mod engine;
 pub mod flash;
 pub mod latency;
+mod library;
 pub mod line;
 mod machine;
+mod mcu;
 mod otg;
 pub mod report;
 #[cfg(unix)]
 pub mod serve;
+mod shared;
+mod soc;
 mod stm32f405;
 mod time;
 mod timing;
@@ -49,6 +55,7 @@ mod trace;
 pub mod usb;
 
 pub use board::{Can, Config, Error, Pipe, Uart, Usb, VirtualBoard};
+pub use chip::Chip;
 pub use crystal::Crystal;
 pub use line::Arm;
 pub use stm32f405::Reenabled;

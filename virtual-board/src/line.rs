@@ -14,12 +14,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use armwire_sim::serial::SerialDevice;
 use rigless::edge::draw;
 
+use crate::shared::Shared;
 use crate::time::Nanos;
 
 /// An arm that can hang on a board's UART: any serial device that can go to the emulator's thread.
 pub trait Arm: SerialDevice + Send + Debug + 'static {}
 
 impl<A: SerialDevice + Send + Debug + 'static> Arm for A {}
+
+/// The line, as the part and whoever runs the board share it.
+pub(crate) type SharedLine<A> = Shared<Line<A>>;
+
+/// The same with any arm: the board is compiled once, with this crate, and not for each.
+pub(crate) type AnyLine = SharedLine<dyn Arm>;
 
 /// What is wrong with a byte on the way from the arm to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

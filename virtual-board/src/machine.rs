@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex};
 
 use object::{Object, ObjectSymbol};
 use rigless::cpu::armv7m::windows;
+use rigless::device::ResetCause;
 use rigless::emulator::{self, Access, AccessKind, CoreSpec, Driver, HitKind, Settled, Start, Stop, Watch};
 use rigless::image::Image;
 use rigless::machine::armv7m::{self, Fpu, MpuRegions};
@@ -24,11 +25,12 @@ use rigless::snapshot::Store;
 use rigless::soc::Width;
 use rigless::time::VirtualNanos;
 
+use crate::engine::{Stopped, Watched};
 use crate::flash::Flash;
-use crate::report::{Crash, Report};
+use crate::report::{Cause, Crash, Report, Restart, Violation};
+use crate::shared::lock;
 use crate::stm32f405::Stm32f405;
 use crate::stm32f405::map::{BOOT_LOADER, BOOT_LOADER_START, BOOT_LOADER_STUB, FLASH_KIB, FLASH_SIZE, UNIQUE_ID};
-use crate::stm32f405::port::lock;
 use crate::time::Nanos;
 use crate::trace::Trace;
 
@@ -109,16 +111,6 @@ impl Board for Bench {
     }
 }
 
-/// What lets a run stop early.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Watched {
-    Nothing,
-    /// Whatever happens on the USB wire, the end of a frame on the CAN bus, the start of the boot loader.
-    Everything,
-    /// The nodes on the CAN bus have received something from the board.
-    Heard,
-}
-
 /// What the program asks of the emulator.
 #[derive(Debug)]
 pub(crate) enum Command {
@@ -139,14 +131,8 @@ pub(crate) enum Command {
 /// What the emulator answers.
 #[derive(Debug)]
 pub(crate) enum Reply {
-    /// It stands at this instant, after so many instructions and this trace; the firmware may just have crashed.
-    Stopped {
-        at: Nanos,
-        instructions: u64,
-        trace: Trace,
-        crash: Option<Crash>,
-        in_boot_loader: bool,
-    },
+    /// It stands here.
+    Stopped(Stopped),
     /// What the run has met.
     Report(Box<Report>),
     /// How often the core came to each instruction, by its address.
@@ -188,12 +174,9 @@ fn attempt(bench: Bench, run: Run) -> Result<(), emulator::Error> {
     let symbols = symbols(&run.image);
     let segments = run.image.segments().map(|(at, bytes)| at..at + bytes.len() as u64);
     let segments = segments.collect();
-    let mut crashes = BTreeMap::new();
-    for (name, address) in &symbols {
-        if let Some(crash) = crash_of(name) {
-            crashes.insert(*address, crash);
-            session.watch(Watch::Instruction(*address));
-        }
+    let crashes = crashes(&symbols);
+    for address in crashes.keys() {
+        session.watch(Watch::Instruction(*address));
     }
     session.watch(Watch::Instruction(BOOT_LOADER_START));
     let mut images = run.flash_images;
@@ -229,6 +212,60 @@ pub(crate) fn symbols(image: &Image) -> BTreeMap<String, u64> {
         .filter(|symbol| symbol.is_definition())
         .filter_map(|symbol| Some((symbol.name().ok()?.to_owned(), symbol.address() & !1)))
         .collect()
+}
+
+/// Where the firmware is when it is broken.
+pub(crate) fn crashes(symbols: &BTreeMap<String, u64>) -> BTreeMap<u64, Crash> {
+    symbols
+        .iter()
+        .filter_map(|(name, address)| Some((*address, crash_of(name)?)))
+        .collect()
+}
+
+/// What a session has met so far.
+fn report<B: Board>(session: &Session<B>) -> Report {
+    let unmapped = session.unmapped().into_iter().map(|found| Violation::Unmapped {
+        address: found.address,
+        program_counter: found.program_counter,
+    });
+    let unimplemented = session.unimplemented().values().map(|found| Violation::Unimplemented {
+        instance: found.instance,
+        register: found.register,
+        program_counter: found.program_counter,
+        reads: found.reads,
+        writes: found.writes,
+    });
+    let refused = session.refused().iter().map(|(&address, fault)| Violation::Refused {
+        address,
+        reason: fault.to_string(),
+    });
+    let unrouted = session
+        .unrouted()
+        .iter()
+        .map(|&(instance, line)| Violation::Unrouted { instance, line });
+    let told = session.told().map(|told| Violation::Forbidden {
+        instance: told.instance,
+        register: told.register,
+        reason: told.reason,
+    });
+    let restarts = session.resets().iter().map(|reset| Restart {
+        at: reset.at.into(),
+        cause: match reset.cause {
+            ResetCause::Core => Cause::Software,
+            ResetCause::Model("IWDG") => Cause::Watchdog,
+            ResetCause::PowerOn => Cause::Power,
+            _ => Cause::Other,
+        },
+    });
+    Report {
+        violations: unmapped
+            .chain(unimplemented)
+            .chain(refused)
+            .chain(unrouted)
+            .chain(told)
+            .collect(),
+        restarts: restarts.collect(),
+    }
 }
 
 /// Keeps the emulator in step with the program.
@@ -325,14 +362,14 @@ impl Driver<Bench> for Lockstep {
         stop: Stop,
         host: &mut dyn emulator::Host,
     ) -> Option<VirtualNanos> {
-        let stopped = Reply::Stopped {
+        let stopped = Stopped {
             at: stop.at.into(),
             instructions: stop.instruction_count,
             trace: self.trace,
             crash: self.crash.take(),
             in_boot_loader: self.boot_loader == Some(session.resets().len()),
         };
-        self.replies.send(stopped).ok()?;
+        self.replies.send(Reply::Stopped(stopped)).ok()?;
         session.board_mut().part.set_looking(true);
         loop {
             match self.commands.recv().ok()? {
@@ -344,7 +381,7 @@ impl Driver<Bench> for Lockstep {
                     let profile = self.take_profile(session);
                     self.replies.send(Reply::Profile(profile)).ok()?;
                 }
-                Command::Report => self.replies.send(Reply::Report(Box::new(Report::of(session)))).ok()?,
+                Command::Report => self.replies.send(Reply::Report(Box::new(report(session)))).ok()?,
                 Command::Read { address } => {
                     let memory = host.read(address, Width::W32).ok();
                     let value = memory.or_else(|| session.mcu().peek(stop.at, address, Width::W32).ok());

@@ -2,10 +2,6 @@
 
 use std::fmt;
 
-use rigless::device::ResetCause;
-use rigless::machine::Board;
-use rigless::session::Session;
-
 use crate::time::Nanos;
 
 /// How the firmware showed that it is broken.
@@ -17,6 +13,10 @@ pub enum Crash {
     HardFault,
     /// An exception or interrupt that the firmware has no handler for.
     UnexpectedException,
+    /// A fault that no handler can be called for: the core is locked up.
+    Lockup,
+    /// The core has no model of what the firmware needs of it.
+    Unmodelled,
 }
 
 impl fmt::Display for Crash {
@@ -25,6 +25,8 @@ impl fmt::Display for Crash {
             Self::Panic => "panic",
             Self::HardFault => "hard fault",
             Self::UnexpectedException => "unexpected exception",
+            Self::Lockup => "lock-up of the core",
+            Self::Unmodelled => "an instruction without a model",
         })
     }
 }
@@ -163,51 +165,6 @@ pub struct Report {
 }
 
 impl Report {
-    pub(crate) fn of<B: Board>(session: &Session<B>) -> Self {
-        let unmapped = session.unmapped().into_iter().map(|found| Violation::Unmapped {
-            address: found.address,
-            program_counter: found.program_counter,
-        });
-        let unimplemented = session.unimplemented().values().map(|found| Violation::Unimplemented {
-            instance: found.instance,
-            register: found.register,
-            program_counter: found.program_counter,
-            reads: found.reads,
-            writes: found.writes,
-        });
-        let refused = session.refused().iter().map(|(&address, fault)| Violation::Refused {
-            address,
-            reason: fault.to_string(),
-        });
-        let unrouted = session
-            .unrouted()
-            .iter()
-            .map(|&(instance, line)| Violation::Unrouted { instance, line });
-        let told = session.told().map(|told| Violation::Forbidden {
-            instance: told.instance,
-            register: told.register,
-            reason: told.reason,
-        });
-        let restarts = session.resets().iter().map(|reset| Restart {
-            at: reset.at.into(),
-            cause: match reset.cause {
-                ResetCause::Core => Cause::Software,
-                ResetCause::Model("IWDG") => Cause::Watchdog,
-                ResetCause::PowerOn => Cause::Power,
-                _ => Cause::Other,
-            },
-        });
-        Self {
-            violations: unmapped
-                .chain(unimplemented)
-                .chain(refused)
-                .chain(unrouted)
-                .chain(told)
-                .collect(),
-            restarts: restarts.collect(),
-        }
-    }
-
     /// What is not on the allow-list.
     ///
     /// # Errors

@@ -8,7 +8,7 @@ use armwire_sim::can as wire;
 use super::Error;
 use crate::can::bus::{Bus, Record};
 use crate::can::{BusFrame, ErrorState, NodeConfig};
-use crate::stm32f405::port::lock;
+use crate::shared::lock;
 
 /// The CAN bus and the other nodes on it.
 ///

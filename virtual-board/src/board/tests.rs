@@ -461,7 +461,7 @@ fn a_power_cut_leaves_a_sector_half_erased() {
     ];
     let (code, literals) = stores(&erase);
     let mut board = board_with(&code, &literals, |config| Config {
-        flash: Some(vec![0; flash::SIZE]),
+        flash: Some(vec![0; Chip::Stm32f405.flash_size()]),
         power_cut_after: Some(0),
         ..config
     });

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use super::{Error, VirtualBoard};
 use crate::line::Arm;
-use crate::stm32f405::port::lock;
+use crate::shared::lock;
 use crate::time::Nanos;
 use crate::usb::Direction;
 use crate::usb::cdc::{LineCoding, Port};

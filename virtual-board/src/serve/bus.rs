@@ -12,7 +12,7 @@ use super::{NAP, stop_at};
 use crate::board::{Can, Error};
 use crate::can::absent::Absent;
 use crate::can::bus::Bus;
-use crate::stm32f405::port::lock;
+use crate::shared::lock;
 use crate::time::Nanos;
 
 /// Serves a CAN bus with SLCAN adapters on it, each a node that knows FD frames, until Ctrl-C. Each adapter is a pty with a

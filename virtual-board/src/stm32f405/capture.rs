@@ -16,8 +16,8 @@ use rigless::device::{Device, DeviceContext, RegisterFile};
 use rigless::soc::Layout;
 use rigless::soc::stm32f427::generated::tim11::{Register, cr1, sr};
 
-use super::port::lock;
 use crate::crystal::{Divided, Oscillator};
+use crate::shared::lock;
 use crate::time::Nanos;
 
 /// What the timer's clock is until the firmware sets the clock tree up: the internal oscillator (7.2.2).

@@ -10,8 +10,8 @@ use rigless::soc::stm32f427::generated::rcc::{Register, cfgr, cr};
 use rigless::soc::stm32f427::peripherals::rcc::{Rcc, SWS};
 use rigless::time::{EventId, VirtualNanos};
 
-use super::port::lock;
 use crate::crystal::{Divided, Oscillator};
+use crate::shared::lock;
 use crate::time::Nanos;
 
 /// SWS while the core runs from the internal oscillator (7.3.3).

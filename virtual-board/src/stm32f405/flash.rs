@@ -29,8 +29,8 @@ use rigless::soc::stm32f427::peripherals::flash::{Flash as Library, LOCK, STRT};
 use rigless::soc::{Layout, Width};
 use rigless::time::{EventId, VirtualNanos};
 
-use super::port::lock;
 use crate::flash::{BASE, ERASED, Flash, SIZE, SUPPLY_MV, erased_in_part, programmed_in_part};
+use crate::shared::lock;
 use crate::time::Nanos;
 
 /// What HCLK is until the firmware sets the clock tree up: the internal oscillator (7.2.2).

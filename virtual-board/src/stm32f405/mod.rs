@@ -12,9 +12,6 @@ pub(crate) mod map;
 mod pins;
 pub(crate) mod port;
 
-use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex};
-
 use rigless::device::{Device, ErasedDevice, ResetCause};
 use rigless::mcu::{Mcu, Operate};
 use rigless::soc::stm32f427::Stm32f427;
@@ -30,13 +27,12 @@ pub use self::dma::Reenabled;
 use self::flash::Interface;
 use self::map::{ARM_PORT, CAPTURE, FLASH, PWR, RCC};
 use self::pins::PortA;
-use self::port::{AnyLine, Port, lock};
+use self::port::Port;
 use crate::bxcan::{self, Can};
-use crate::can::bus::Bus as CanBus;
-use crate::crystal::Oscillator;
-use crate::flash::Flash;
+use crate::engine::News;
 use crate::otg::Otg;
-use crate::usb::host::Host;
+use crate::shared::lock;
+use crate::soc::machine::Edges;
 
 /// DBGMCU_IDCODE of the part: device 0x413; revision 0x1007 is "1" (38.6.1).
 pub(crate) const IDCODE: u32 = 0x1007_6413;
@@ -56,15 +52,6 @@ struct Slots {
     pwr: usize,
     rtc: usize,
     dbg: usize,
-}
-
-/// What happened that a program may wait for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct News {
-    /// Something on the USB wire, or a frame ended on the CAN bus.
-    pub(crate) any: bool,
-    /// A frame ended on the CAN bus, and nodes have some of the board's that were not read.
-    pub(crate) heard: bool,
 }
 
 /// The microcontroller, with an arm, a USB host and a CAN bus at its pins.
@@ -99,15 +86,15 @@ impl Stm32f405 {
     /// # Errors
     ///
     /// Only if its description contradicts itself.
-    pub(crate) fn new(
-        oscillator: Arc<Mutex<Oscillator>>,
-        line: AnyLine,
-        starve: Arc<AtomicBool>,
-        reenabled: Reenabled,
-        host: Arc<Mutex<Host>>,
-        can: Arc<Mutex<CanBus>>,
-        flash: Arc<Mutex<Flash>>,
-    ) -> Result<Self, Error> {
+    pub(crate) fn new(reenabled: Reenabled, edges: Edges) -> Result<Self, Error> {
+        let Edges {
+            line,
+            starve,
+            host,
+            can,
+            flash,
+            oscillator,
+        } = edges;
         let bus = map::bus()?;
         let clock = lock(&flash).clock;
         let shared = Stm32f427::new()?;
@@ -177,6 +164,7 @@ impl Stm32f405 {
         News {
             any: self.otg.take_progress() || can,
             heard: can && self.can.has_unread(),
+            cut: false,
         }
     }
 

@@ -8,8 +8,8 @@ use rigless::soc::stm32f427::generated::gpioa::Register;
 use rigless::soc::stm32f427::peripherals::gpio::Gpio;
 use rigless::time::EventId;
 
-use super::port::{AnyLine, lock};
-use crate::line::{LOW, Pin};
+use crate::line::{AnyLine, LOW, Pin};
+use crate::shared::lock;
 
 /// The pin that the UART sends on.
 const PIN: u64 = 2;

@@ -6,8 +6,6 @@
 //! * half-duplex mode (30.3.10): the receiver hears what the transmitter sends, unless it is off;
 //! * wrong parity bits (30.3.7): PE, which the interrupt of PEIE and reading SR then DR go with.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-
 use rigless::chip::Timeline;
 use rigless::chip::uart::{Errors, Peer, Rate};
 use rigless::device::{Device, DeviceContext, Level, RegisterFile, RequestChange};
@@ -17,7 +15,8 @@ use rigless::soc::stm32f427::peripherals::usart::{Kind, Usart};
 use rigless::soc::{FieldSpec, Layout, RegisterSpec};
 use rigless::time::{EventId, VirtualNanos};
 
-use crate::line::{Arm, Arrival, Format, LOW, Line, Parity, SECOND};
+use crate::line::{AnyLine, Arrival, Format, LOW, Parity, SECOND};
+use crate::shared::lock;
 use crate::time::Nanos;
 
 /// What the USART's clock is until the firmware sets the clock tree up: the internal oscillator (RM0090, 7.2.2).
@@ -44,16 +43,6 @@ struct ParityError {
     seen: bool,
     /// It holds the interrupt up.
     interrupts: bool,
-}
-
-/// The line, as the port and whoever runs the board share it.
-pub(crate) type Shared<A> = Arc<Mutex<Line<A>>>;
-
-/// The same with any arm: the emulator is compiled once, with this crate, and not for each.
-pub(crate) type AnyLine = Shared<dyn Arm>;
-
-pub(crate) fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Port {

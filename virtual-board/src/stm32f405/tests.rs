@@ -1,6 +1,8 @@
 //! The part without a core: its registers written by hand, its bytes in a memory of the test's own.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 
 use armwire::Micros;
 use armwire_sim::serial::SerialDevice;
@@ -9,10 +11,14 @@ use rigless::emulator::{Error as EmulatorError, Memory};
 use rigless::soc::Width;
 
 use super::*;
-use crate::crystal::Crystal;
+use crate::can::bus::Bus as CanBus;
+use crate::crystal::{Crystal, Oscillator};
+use crate::flash::Flash;
 use crate::line::{Direction, Fault, Format, Line, LineByte, Outcome, Parity};
+use crate::shared::Shared;
 use crate::time::Nanos;
 use crate::timing::{Clock, Timing};
+use crate::usb::host::Host;
 
 const RCC_AHB1ENR: u64 = 0x4002_3830;
 const RCC_APB1ENR: u64 = 0x4002_3840;
@@ -71,11 +77,11 @@ impl SerialDevice for Arm {
 /// The part, its line, and its RAM.
 struct Bench {
     part: Stm32f405,
-    line: port::Shared<Arm>,
-    can: Arc<Mutex<CanBus>>,
-    flash: Arc<Mutex<Flash>>,
-    host: Arc<Mutex<Host>>,
-    oscillator: Arc<Mutex<Oscillator>>,
+    line: Shared<Line<Arm>>,
+    can: Shared<CanBus>,
+    flash: Shared<Flash>,
+    host: Shared<Host>,
+    oscillator: Shared<Oscillator>,
     ram: Ram,
     now: Nanos,
 }
@@ -115,13 +121,15 @@ impl Bench {
         let host = Arc::new(Mutex::new(Host::default()));
         let oscillator = Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000))));
         let part = Stm32f405::new(
-            oscillator.clone(),
-            line.clone(),
-            starve,
             reenabled,
-            host.clone(),
-            can.clone(),
-            flash.clone(),
+            Edges {
+                line: line.clone(),
+                starve,
+                host: host.clone(),
+                can: can.clone(),
+                flash: flash.clone(),
+                oscillator: oscillator.clone(),
+            },
         )
         .unwrap();
         let mut bench = Self {
@@ -185,7 +193,7 @@ impl Bench {
 
     fn say(&mut self, bytes: &[u8]) {
         let due = self.now.micros();
-        port::lock(&self.line)
+        lock(&self.line)
             .arm_mut()
             .says
             .extend(bytes.iter().map(|&byte| (due, byte)));
@@ -208,7 +216,7 @@ fn bytes_from_the_arm_land_in_memory_ten_bit_times_apart() {
     assert_eq!(bench.ring(3), [1, 2, 0xEE]);
     bench.run_until(Nanos(30_000));
     assert_eq!(bench.ring(3), [1, 2, 3]);
-    let ends: Vec<u64> = port::lock(&bench.line).bytes().iter().map(|byte| byte.at.0).collect();
+    let ends: Vec<u64> = lock(&bench.line).bytes().iter().map(|byte| byte.at.0).collect();
     assert_eq!(ends, [10_000, 20_000, 30_000]);
 }
 
@@ -218,9 +226,9 @@ fn bytes_to_the_arm_take_ten_bit_times_at_the_rate_that_the_firmware_set() {
     bench.run_until(Nanos(50_000));
     bench.write(USART_DR, 0x55);
     bench.run_until(Nanos(100_000));
-    let heard = port::lock(&bench.line).arm_mut().heard.clone();
+    let heard = lock(&bench.line).arm_mut().heard.clone();
     assert_eq!(heard, [(Micros(60), 0x55)]);
-    assert_eq!(port::lock(&bench.line).board_baud(), Some(1_000_000));
+    assert_eq!(lock(&bench.line).board_baud(), Some(1_000_000));
 }
 
 #[test]
@@ -232,7 +240,7 @@ fn a_framing_error_and_noise_are_flagged_with_the_byte() {
     ] {
         let mut bench = Bench::new(Reenabled::Restarts);
         bench.write(USART_CR3, 0);
-        port::lock(&bench.line).plan_fault(0, fault);
+        lock(&bench.line).plan_fault(0, fault);
         bench.say(&[0x42]);
         bench.run_until(Nanos(10_000));
         assert_eq!(bench.read(USART_SR) & (FE | NF | ORE | RXNE), flag | RXNE, "{fault:?}");
@@ -250,8 +258,8 @@ fn a_byte_with_parity_and_two_stop_bits_lasts_twelve_bits() {
         parity: Parity::Odd,
         two_stop_bits: true,
     };
-    assert_eq!(port::lock(&bench.line).board_format(), format);
-    port::lock(&bench.line).set_arm_format(format);
+    assert_eq!(lock(&bench.line).board_format(), format);
+    lock(&bench.line).set_arm_format(format);
     bench.run_until(Nanos(50_000));
     bench.say(&[0x55, 0x07]);
     bench.write(USART_DR, 0x42);
@@ -273,11 +281,11 @@ fn a_wrong_parity_bit_is_flagged_until_the_status_and_the_byte_are_read() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.write(USART_CR3, 0);
     bench.write(USART_CR1, 1 << 13 | 1 << 12 | 1 << 10 | 1 << 3 | 1 << 2);
-    port::lock(&bench.line).set_arm_format(Format {
+    lock(&bench.line).set_arm_format(Format {
         parity: Parity::Even,
         two_stop_bits: false,
     });
-    port::lock(&bench.line).plan_fault(1, Fault::Parity);
+    lock(&bench.line).plan_fault(1, Fault::Parity);
     bench.say(&[0x41]);
     bench.run_until(Nanos(11_000));
     assert_eq!(bench.read(USART_SR) & (PE | RXNE), RXNE);
@@ -317,7 +325,7 @@ fn a_wrong_parity_bit_interrupts_if_that_is_enabled() {
 #[test]
 fn a_late_dma_loses_the_byte_after_the_one_that_waits() {
     let mut bench = Bench::new(Reenabled::Restarts);
-    port::lock(&bench.line).plan_fault(2, Fault::Overrun);
+    lock(&bench.line).plan_fault(2, Fault::Overrun);
     bench.say(&[1, 2, 3, 4]);
     bench.run_until(Nanos(20_000));
     assert_eq!(bench.ring(2), [1, 0xEE], "the second waits in the UART");
@@ -326,7 +334,7 @@ fn a_late_dma_loses_the_byte_after_the_one_that_waits() {
     assert_eq!(bench.read(USART_SR) & ORE, ORE);
     bench.run_until(Nanos(40_000));
     assert_eq!(bench.ring(4), [1, 2, 4, 0xEE]);
-    let lost = port::lock(&bench.line).bytes()[2];
+    let lost = lock(&bench.line).bytes()[2];
     assert_eq!((lost.sent, lost.outcome), (3, Outcome::Faulty(Fault::Overrun)));
 }
 
@@ -393,7 +401,7 @@ fn the_dma_does_not_reach_core_coupled_memory() {
 fn an_arm_outlives_a_reset_of_the_part() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.say(&[1]);
-    port::lock(&bench.line).arm_mut().says.push_back((Micros(500), 2));
+    lock(&bench.line).arm_mut().says.push_back((Micros(500), 2));
     bench.run_until(Nanos(50_000));
     bench.part.reset(bench.now.into(), ResetCause::Core);
     assert_eq!(
@@ -402,7 +410,7 @@ fn an_arm_outlives_a_reset_of_the_part() {
         "its clock is off"
     );
     bench.run_until(Nanos(600_000));
-    let line = port::lock(&bench.line);
+    let line = lock(&bench.line);
     let last = line.bytes().last().unwrap();
     assert_eq!(
         (last.sent, last.outcome),
@@ -422,7 +430,7 @@ fn half_duplex(receives: bool) -> Bench {
 
 /// The bytes on the line, as who sent them when and how they fared.
 fn bytes(bench: &Bench) -> Vec<(u64, Direction, u8, Outcome)> {
-    let line = port::lock(&bench.line);
+    let line = lock(&bench.line);
     let each = |byte: &LineByte| (byte.at.0, byte.direction, byte.sent, byte.outcome);
     line.bytes().iter().map(each).collect()
 }
@@ -430,7 +438,7 @@ fn bytes(bench: &Bench) -> Vec<(u64, Direction, u8, Outcome)> {
 #[test]
 fn on_one_wire_the_board_hears_itself_and_then_the_arm() {
     let mut bench = half_duplex(true);
-    assert!(port::lock(&bench.line).is_half_duplex());
+    assert!(lock(&bench.line).is_half_duplex());
     bench.write(USART_DR, 0x11);
     bench.write(USART_DR, 0x22);
     bench.run_until(Nanos(59_999));
@@ -498,7 +506,7 @@ fn on_one_wire_bytes_that_overlap_collide() {
             bytes,
             [(60_000, first.0, first.1, collided), (at, second.0, second.1, collided)]
         );
-        assert_eq!(port::lock(&bench.line).arm_mut().heard[0].1, !0x11);
+        assert_eq!(lock(&bench.line).arm_mut().heard[0].1, !0x11);
         assert!(!bench.ring(2).contains(&0x11) && !bench.ring(2).contains(&0x33));
         assert_eq!(bench.read(USART_SR) & FE, FE);
         // The line is fine afterwards.
@@ -518,7 +526,7 @@ fn can1_runs_on_the_clock_of_its_bus_once_that_is_on() {
         bench.part.read(VirtualNanos(0), MCR, Width::W32).is_err(),
         "its clock is off"
     );
-    port::lock(&bench.can).attach(1_000_000);
+    lock(&bench.can).attach(1_000_000);
     // 16 quanta of the 16 MHz that the part starts with.
     for (address, value) in [
         (RCC_APB1ENR, 1 << 17 | 1 << 25),
@@ -531,7 +539,7 @@ fn can1_runs_on_the_clock_of_its_bus_once_that_is_on() {
     bench.run_until(Nanos(20_000));
     bench.write(TI0R, 0x7FF << 21 | 1);
     bench.run_until(Nanos(100_000));
-    let can = port::lock(&bench.can);
+    let can = lock(&bench.can);
     let [record] = can.records() else {
         panic!("one frame: {:?}", can.records());
     };

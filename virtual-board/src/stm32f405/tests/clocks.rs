@@ -57,7 +57,7 @@ fn tree(pll: u64) -> Bench {
 fn the_firmwares_clock_tree_gives_the_arms_uart_42_megahertz() {
     let mut bench = tree(PLL);
     bench.write(USART_BRR, 42);
-    assert_eq!(port::lock(&bench.line).board_baud(), Some(1_000_000));
+    assert_eq!(lock(&bench.line).board_baud(), Some(1_000_000));
 }
 
 #[test]
@@ -67,9 +67,9 @@ fn usb_needs_the_48_megahertz_of_the_pll() {
         bench.write(AHB2ENR, 1 << 7);
         // GCCFG: PWRDWN and NOVBUSSENS.
         bench.write(0x5000_0038, 1 << 16 | 1 << 21);
-        port::lock(&bench.host).set_cable(true);
+        lock(&bench.host).set_cable(true);
         bench.run_until(bench.now + Nanos::from_millis(1));
-        assert_eq!(port::lock(&bench.host).connected(), runs);
+        assert_eq!(lock(&bench.host).connected(), runs);
     }
 }
 
@@ -130,7 +130,7 @@ const RTCPRE_AT: u64 = 16;
 /// The part with this crystal, which is switched on.
 fn with_crystal(crystal: Crystal) -> Bench {
     let mut bench = Bench::new(Reenabled::Restarts);
-    port::lock(&bench.oscillator).crystal = crystal;
+    lock(&bench.oscillator).crystal = crystal;
     let control = bench.read(CR);
     bench.write(CR, control | HSEON);
     bench
@@ -171,7 +171,7 @@ fn a_dead_crystal_is_never_ready_until_it_is_replaced() {
     let mut bench = with_crystal(Crystal::dead());
     bench.run_until(Nanos::from_millis(5_000));
     assert!(!is_ready(&mut bench));
-    port::lock(&bench.oscillator).crystal = Crystal::new(12_000_000);
+    lock(&bench.oscillator).crystal = Crystal::new(12_000_000);
     bench.run_until(Nanos::from_millis(5_003));
     assert!(is_ready(&mut bench));
 }

@@ -170,7 +170,7 @@ fn bytes_in_memory_go_to_the_arm_in_order_and_the_stream_ends_before_the_wire_do
     assert_eq!(bench.read(USART_SR) & 1 << 6, 0, "the wire is busy still");
     bench.receive(2);
     assert_eq!(bench.read(USART_SR) & 1 << 6, 1 << 6);
-    let heard: Vec<u8> = port::lock(&bench.line)
+    let heard: Vec<u8> = lock(&bench.line)
         .arm_mut()
         .heard
         .iter()

@@ -48,12 +48,12 @@ impl Bench {
     }
 
     fn fill(&mut self, byte: u8) {
-        *port::lock(&self.flash) = Flash::new(vec![byte; SIZE], None, Clock::default());
+        *lock(&self.flash) = Flash::new(vec![byte; SIZE], None, Clock::default());
     }
 
     fn flash_word(&self, address: u64) -> u32 {
         let at = (address - 0x0800_0000) as usize;
-        u32::from_le_bytes(port::lock(&self.flash).bytes()[at..at + 4].try_into().unwrap())
+        u32::from_le_bytes(lock(&self.flash).bytes()[at..at + 4].try_into().unwrap())
     }
 }
 
@@ -77,7 +77,7 @@ fn an_erase_sets_the_sectors_bits_after_its_time_and_no_others() {
         bench.run_for(Nanos(1));
         assert_eq!((bench.read(SR), bench.read(CR) & STRT), (EOP, 0), "sector {sector}");
         let erased = start as usize..(start + bytes) as usize;
-        for (at, &byte) in port::lock(&bench.flash).bytes().iter().enumerate() {
+        for (at, &byte) in lock(&bench.flash).bytes().iter().enumerate() {
             assert_eq!(byte, if erased.contains(&at) { 0xFF } else { 0 }, "{at:#x}");
         }
         assert_eq!(
@@ -95,7 +95,7 @@ fn a_mass_erase_sets_everything() {
     bench.fill(0);
     bench.write(CR, MER | X32 | STRT);
     bench.run_for(Nanos::from_millis(8_000));
-    assert!(port::lock(&bench.flash).bytes().iter().all(|&byte| byte == 0xFF));
+    assert!(lock(&bench.flash).bytes().iter().all(|&byte| byte == 0xFF));
 }
 
 #[test]
@@ -105,7 +105,7 @@ fn a_sector_that_the_part_lacks_is_not_erased() {
         bench.fill(0);
         bench.write(CR, SER | sector << SNB_AT | X32 | STRT);
         assert_eq!(bench.read(SR), WRPERR, "{sector}");
-        assert!(port::lock(&bench.flash).bytes().iter().all(|&byte| byte == 0));
+        assert!(lock(&bench.flash).bytes().iter().all(|&byte| byte == 0));
     }
 }
 
@@ -158,7 +158,7 @@ fn a_store_that_does_not_fit_is_flagged_and_changes_nothing() {
     bench.write(CR, LOCK);
     bench.store(SECTOR_1, Width::W32, 0);
     assert_eq!(bench.read(SR), PGSERR);
-    assert!(port::lock(&bench.flash).bytes().iter().all(|&byte| byte == 0xFF));
+    assert!(lock(&bench.flash).bytes().iter().all(|&byte| byte == 0xFF));
 }
 
 #[test]
@@ -189,7 +189,7 @@ fn a_reset_leaves_an_operation_half_done() {
     bench.run_for(Nanos::from_millis(100));
     bench.part.reset(bench.now.into(), ResetCause::Model("IWDG"));
     bench.settle();
-    let flash = port::lock(&bench.flash);
+    let flash = lock(&bench.flash);
     let sector = &flash.bytes()[0x4000..0x8000];
     assert!(sector.contains(&0) && sector.contains(&0xFF));
     assert!(flash.bytes()[0x8000..].iter().all(|&byte| byte == 0));
@@ -224,7 +224,7 @@ fn a_locked_interface_neither_erases_nor_programs() {
     bench.run_for(Nanos::from_millis(300));
     bench.store(SECTOR_1, Width::W32, 0x1234_5678);
     bench.run_for(Nanos::from_millis(1));
-    assert!(port::lock(&bench.flash).bytes().iter().all(|&byte| byte == 0));
+    assert!(lock(&bench.flash).bytes().iter().all(|&byte| byte == 0));
     assert_eq!(bench.read(SR), PGSERR);
 }
 
@@ -260,7 +260,7 @@ fn an_error_stays_until_a_one_is_written_to_it() {
 /// How long an operation takes, with the part as slow as `timing` says.
 fn lasts(timing: Timing, seed: u64, start: impl Fn(&mut Bench)) -> Nanos {
     let mut bench = unlocked();
-    *port::lock(&bench.flash) = Flash::new(vec![0xFF; SIZE], None, Clock::new(timing, seed));
+    *lock(&bench.flash) = Flash::new(vec![0xFF; SIZE], None, Clock::new(timing, seed));
     start(&mut bench);
     let begin = bench.now;
     while bench.part.is_flash_busy() {
@@ -298,7 +298,7 @@ fn an_operation_below_its_supply_is_told_and_goes_wrong() {
     for (millivolts, told) in [(2_700, 0), (2_699, 1)] {
         let mut bench = unlocked();
         bench.fill(0xFF);
-        port::lock(&bench.flash).millivolts = millivolts;
+        lock(&bench.flash).millivolts = millivolts;
         bench.run_for(Nanos(1_000));
         bench.write(CR, PG | X32);
         for word in 0..16 {
@@ -330,7 +330,7 @@ fn the_voltage_detector_follows_the_supply() {
         (3_000, true),
         (3_050, false),
     ] {
-        port::lock(&bench.flash).millivolts = millivolts;
+        lock(&bench.flash).millivolts = millivolts;
         bench.run_for(Nanos(1_000));
         assert_eq!(bench.read(PWR_CSR) & PVDO != 0, is_low, "{millivolts} mV");
     }

@@ -126,7 +126,7 @@ fn an_error_that_came_after_sr_was_read_outlives_the_read_of_dr() {
 fn framing_and_noise_flags_are_cleared_by_sr_then_dr() {
     for (fault, flag) in [(Fault::Framing, FE), (Fault::Noise, NF), (Fault::Break, FE)] {
         let mut bench = port(0);
-        port::lock(&bench.line).plan_fault(0, fault);
+        lock(&bench.line).plan_fault(0, fault);
         bench.say(&[0x42]);
         bench.run_until(Nanos(60_000));
         bench.read(USART_SR);
@@ -141,7 +141,7 @@ fn a_line_error_interrupts_with_eie_only_under_dma() {
     for (control, interrupts) in [(1, false), (1 | 1 << 6, true)] {
         let mut bench = port(0);
         bench.write(USART_CR3, control);
-        port::lock(&bench.line).plan_fault(0, Fault::Noise);
+        lock(&bench.line).plan_fault(0, Fault::Noise);
         bench.say(&[0x42]);
         // Before the DMA reads DR, which would complete the sequence if SR had been read.
         bench.run_until(Nanos(70_000));
@@ -167,7 +167,7 @@ fn txe_says_that_the_next_byte_may_come_and_tc_that_the_last_has_gone() {
     assert_eq!(bench.flags(TXE | TC), TXE);
     bench.run_until(Nanos(70_000));
     assert_eq!(bench.flags(TXE | TC), TXE | TC);
-    let heard = port::lock(&bench.line).arm_mut().heard.clone();
+    let heard = lock(&bench.line).arm_mut().heard.clone();
     assert_eq!(heard, [(Micros(60), 1), (Micros(70), 2)]);
 }
 
@@ -211,13 +211,13 @@ fn the_rate_is_what_brr_divides_with_sixteen_or_eight_samples() {
     ] {
         let mut bench = port(over8);
         bench.write(USART_BRR, divisor);
-        let set = port::lock(&bench.line).board_baud().unwrap();
+        let set = lock(&bench.line).board_baud().unwrap();
         assert_eq!(set, baud, "{divisor:#x}");
-        port::lock(&bench.line).set_arm_baud(baud as u32);
+        lock(&bench.line).set_arm_baud(baud as u32);
         let start = bench.now;
         bench.write(USART_DR, 0x55);
         bench.run_until(Nanos(500_000));
-        let sent = port::lock(&bench.line).bytes()[0];
+        let sent = lock(&bench.line).bytes()[0];
         let lasted = sent.at.since(start).0;
         let ten_bits = 10_000_000_000 / baud;
         assert!(lasted.abs_diff(ten_bits) <= 2, "{lasted} ns at {baud} baud");

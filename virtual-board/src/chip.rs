@@ -1,0 +1,77 @@
+//! The chips that the board can have.
+
+use std::fmt;
+use std::path::Path;
+
+use object::{Object, ObjectSection};
+use rigless::image::Image;
+
+use crate::board::Error;
+
+/// A chip that the firmware has an image for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chip {
+    /// The STM32F405RG.
+    Stm32f405,
+    /// The STM32G431CB.
+    Stm32g431,
+}
+
+/// The section of an image with its vector table, as cortex-m-rt names it, and the vectors of the core itself.
+const VECTOR_TABLE: &str = ".vector_table";
+const CORE_VECTORS: u64 = 16;
+
+impl Chip {
+    /// Bytes of the flash.
+    pub const fn flash_size(self) -> usize {
+        match self {
+            Self::Stm32f405 => 1 << 20,
+            Self::Stm32g431 => 128 << 10,
+        }
+    }
+
+    /// Interrupts in the vector table (RM0090, table 62; RM0440, table 97).
+    const fn interrupts(self) -> u64 {
+        match self {
+            Self::Stm32f405 => 82,
+            Self::Stm32g431 => 102,
+        }
+    }
+
+    /// The chip that an image is for, an ELF file.
+    ///
+    /// # Errors
+    ///
+    /// As [`VirtualBoard::start`](crate::VirtualBoard::start).
+    pub fn of_image(path: &Path) -> Result<Self, Error> {
+        Self::of(Image::read(path, None)?.bytes())
+    }
+
+    /// The chip that an image is for: each has another number of interrupts in its vector table. The STM32F405, if the image
+    /// has no section with one.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::UnknownChip`] if no chip has that number.
+    pub(crate) fn of(image: &[u8]) -> Result<Self, Error> {
+        let file = object::File::parse(image).ok();
+        let table = file.as_ref().and_then(|file| file.section_by_name(VECTOR_TABLE));
+        let Some(interrupts) = table.map(|table| (table.size() / 4).saturating_sub(CORE_VECTORS)) else {
+            return Ok(Self::Stm32f405);
+        };
+        [Self::Stm32f405, Self::Stm32g431]
+            .into_iter()
+            .find(|chip| chip.interrupts() == interrupts)
+            .ok_or(Error::UnknownChip { interrupts })
+    }
+}
+
+/// As the firmware calls its boards.
+impl fmt::Display for Chip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Stm32f405 => "stm32f405",
+            Self::Stm32g431 => "stm32g431",
+        })
+    }
+}

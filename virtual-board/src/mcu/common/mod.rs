@@ -1,0 +1,5 @@
+//! Peripherals that the STM32F405 and the STM32G431 have alike.
+
+pub(crate) mod gpio;
+pub(crate) mod iwdg;
+pub(crate) mod tim;

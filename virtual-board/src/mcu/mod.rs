@@ -1,0 +1,4 @@
+//! The microcontrollers, peripheral by peripheral.
+
+pub(crate) mod common;
+pub(crate) mod stm32g431;

@@ -1,0 +1,106 @@
+//! FDCAN1 with its message RAM (RM0440, chapter 44).
+//!
+//! [`controller`] is what the registers do and what the bus sees, [`ram`] the layout of the message RAM, [`registers`] the
+//! names. This joins the controller to the CAN bus.
+
+mod controller;
+mod ram;
+mod registers;
+#[cfg(test)]
+mod tests;
+
+use self::controller::Controller;
+use crate::can::bus::Bus;
+use crate::shared::{Shared, lock};
+use crate::soc::peripheral::{Peripheral, Refused};
+use crate::time::Nanos;
+
+/// The controller, on the CAN bus.
+#[derive(Debug)]
+pub(super) struct Fdcan {
+    controller: Controller,
+    bus: Shared<Bus>,
+    /// When the bus wants to be called next.
+    wake: Option<Nanos>,
+    progress: bool,
+}
+
+impl Fdcan {
+    pub(super) fn new(bus: Shared<Bus>) -> Self {
+        Self {
+            controller: Controller::default(),
+            bus,
+            wake: None,
+            progress: false,
+        }
+    }
+
+    /// The controller as a reset leaves it. The bus, the clock and the message RAM stay.
+    pub(super) fn reset(&mut self, now: Nanos) {
+        self.controller.reset();
+        self.settle(now);
+    }
+
+    pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
+        if self.controller.set_clock(hz) {
+            self.settle(now);
+        }
+    }
+
+    /// The levels of the interrupt lines 0 and 1.
+    pub(super) fn interrupts(&self) -> [bool; 2] {
+        self.controller.interrupts()
+    }
+
+    /// Whether a frame ended since this was last asked.
+    pub(super) fn take_progress(&mut self) -> bool {
+        std::mem::take(&mut self.progress)
+    }
+
+    /// Whether nodes have received frames from the board that were not read yet.
+    pub(super) fn has_unread(&self) -> bool {
+        lock(&self.bus).unread() > 0
+    }
+
+    /// Lets the bus see what changed.
+    pub(super) fn settle(&mut self, now: Nanos) {
+        self.controller.come_to(now);
+        let mut bus = lock(&self.bus);
+        self.wake = bus.poll(now, &mut self.controller);
+        self.progress |= bus.take_progress();
+    }
+
+    /// Reads a word of the message RAM.
+    pub(super) fn read_ram(&self, offset: u32) -> Result<u32, Refused> {
+        self.controller.ram().read(offset).ok_or(Refused::NoRegister)
+    }
+
+    /// Writes a word of the message RAM.
+    pub(super) fn write_ram(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
+        self.controller
+            .ram_mut()
+            .write(offset, value)
+            .ok_or(Refused::NoRegister)
+    }
+}
+
+impl Peripheral for Fdcan {
+    fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
+        self.controller.read(offset)
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        self.controller.come_to(now);
+        let written = self.controller.write(offset, value);
+        self.settle(now);
+        written
+    }
+
+    fn advance(&mut self, now: Nanos) {
+        self.settle(now);
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        self.wake
+    }
+}

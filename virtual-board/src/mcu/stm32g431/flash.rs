@@ -1,0 +1,523 @@
+//! The flash interface (RM0440, chapter 5), with the memory behind it: 64 pages of 2 KiB in one bank, programmed by double
+//! words with an error correction code.
+//!
+//! | Behaviour | Section |
+//! |---|---|
+//! | Wait states, prefetch, caches | 5.3.3, 5.3.4 |
+//! | Keys and the lock of CR; a wrong key locks until the next reset | 5.3.5 |
+//! | An erase sets every bit of the page, or of all, as it ends | 5.3.6 |
+//! | Two stores of 32 bits program a double word, which must be erased | 5.3.7 |
+//! | SIZERR, PGAERR, PGSERR, PROGERR | 5.3.7, 5.7.5 |
+//! | A double word whose programming or erasing was interrupted fails its error correction: ECCD, NMI | 5.3.2, 5.7.7 |
+//!
+//! While an operation lasts, the core stands still, as one does that runs from the flash. An interrupted double word always
+//! fails its error correction, and it reads as what is left of it.
+//!
+//! Refused by name: fast programming, option bytes, write protection, interrupts.
+
+use crate::core::{FlashTiming, Memory, Width};
+use crate::flash::{ERASED, Flash, erased_in_part, programmed_in_part};
+use crate::shared::{Shared, lock};
+use crate::soc::chance::Chance;
+use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::time::Nanos;
+use std::collections::BTreeSet;
+use std::ops::{Range, RangeInclusive};
+
+/// The flash's bytes, and those of a page (5.3.1).
+pub(super) const SIZE: usize = 128 << 10;
+const PAGE: usize = 2 << 10;
+
+/// Bytes of a double word.
+const DOUBLE_WORD: usize = 8;
+
+const ACR: u32 = 0x00;
+const PDKEYR: u32 = 0x04;
+const KEYR: u32 = 0x08;
+const OPTKEYR: u32 = 0x0C;
+const SR: u32 = 0x10;
+const CR: u32 = 0x14;
+const ECCR: u32 = 0x18;
+const OPTR: u32 = 0x20;
+
+/// Bits of ACR (5.7.1).
+mod acr {
+    pub(super) const LATENCY: u32 = 0xF;
+    pub(super) const PRFTEN: u32 = 1 << 8;
+    pub(super) const ICEN: u32 = 1 << 9;
+    pub(super) const DCEN: u32 = 1 << 10;
+    pub(super) const ICRST: u32 = 1 << 11;
+    pub(super) const DCRST: u32 = 1 << 12;
+    pub(super) const DBG_SWEN: u32 = 1 << 18;
+    pub(super) const MODELLED: u32 = LATENCY | PRFTEN | ICEN | DCEN | ICRST | DCRST | DBG_SWEN;
+    pub(super) const AT_RESET: u32 = ICEN | DCEN | DBG_SWEN;
+}
+
+/// Flags of SR (5.7.5).
+mod sr {
+    pub(super) const EOP: u32 = 1;
+    pub(super) const OPERR: u32 = 1 << 1;
+    pub(super) const PROGERR: u32 = 1 << 3;
+    pub(super) const PGAERR: u32 = 1 << 5;
+    pub(super) const SIZERR: u32 = 1 << 6;
+    pub(super) const PGSERR: u32 = 1 << 7;
+    pub(super) const BSY: u32 = 1 << 16;
+    pub(super) const CLEARABLE: u32 = 0xC3FB;
+}
+
+/// Bits of CR (5.7.6).
+mod cr {
+    pub(super) const PG: u32 = 1;
+    pub(super) const PER: u32 = 1 << 1;
+    pub(super) const MER1: u32 = 1 << 2;
+    pub(super) const PNB_AT: u32 = 3;
+    pub(super) const PNB: u32 = 0x7F;
+    pub(super) const STRT: u32 = 1 << 16;
+    pub(super) const EOPIE: u32 = 1 << 24;
+    pub(super) const ERRIE: u32 = 1 << 25;
+    pub(super) const OPTLOCK: u32 = 1 << 30;
+    pub(super) const LOCK: u32 = 1 << 31;
+    pub(super) const MODELLED: u32 = PG | PER | MER1 | PNB << PNB_AT | STRT | EOPIE | ERRIE | OPTLOCK | LOCK;
+    pub(super) const AT_RESET: u32 = LOCK | OPTLOCK;
+}
+
+/// Fields of ECCR (5.7.7).
+mod eccr {
+    pub(super) const ADDR_ECC: u32 = 0x7_FFFF;
+    pub(super) const ECCC: u32 = 1 << 30;
+    pub(super) const ECCD: u32 = 1 << 31;
+}
+
+/// Keys of KEYR (5.3.5).
+const KEY_1: u32 = 0x4567_0123;
+const KEY_2: u32 = 0xCDEF_89AB;
+
+/// The option bytes as the chip is delivered (5.7.8).
+const OPTIONS: u32 = 0xFFEF_F8AA;
+
+/// How long operations take in nanoseconds, typical to maximum (DS12589, table "Flash memory characteristics").
+const PROGRAM: RangeInclusive<u64> = 81_700..=83_350;
+const ERASE: RangeInclusive<u64> = 22_020_000..=24_470_000;
+
+/// Bytes that the flash delivers at once, and lines of the instruction and of the data cache (5.3.4: 32 lines of 4 double
+/// words' width are 1 KiB; 8 lines are 256 bytes).
+const LINE: u32 = 8;
+const CODE_LINES: usize = 128;
+const DATA_LINES: usize = 32;
+
+/// How far the unlock sequence is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Keys {
+    None,
+    First,
+    /// A wrong one came: CR stays locked until the next reset.
+    Wrong,
+}
+
+#[derive(Clone, Debug)]
+enum Operation {
+    /// Erasing these double words.
+    Erase(Range<usize>),
+    /// Programming one.
+    Program { word: usize, value: u64 },
+}
+
+/// The interface.
+#[derive(Debug)]
+pub(super) struct Interface {
+    flash: Shared<Flash>,
+    chance: Chance,
+    acr: u32,
+    sr: u32,
+    cr: u32,
+    eccr: u32,
+    keys: Keys,
+    /// The first half of a double word, and its address.
+    first_half: Option<(u32, u32)>,
+    operation: Option<(Nanos, Operation)>,
+    /// When the power goes.
+    cut: Option<Nanos>,
+    /// Double words that fail their error correction.
+    broken: BTreeSet<usize>,
+}
+
+impl Interface {
+    pub(super) fn new(flash: Shared<Flash>, seed: u64) -> Self {
+        Self {
+            flash,
+            chance: Chance::new(seed, "FLASH"),
+            acr: acr::AT_RESET,
+            sr: 0,
+            cr: cr::AT_RESET,
+            eccr: 0,
+            keys: Keys::None,
+            first_half: None,
+            operation: None,
+            cut: None,
+            broken: BTreeSet::new(),
+        }
+    }
+
+    /// The interface as a reset of it leaves it (RCC_AHB1RSTR.FLASHRST, 7.4.8).
+    pub(super) fn reset(&mut self) {
+        *self = Self {
+            chance: self.chance.clone(),
+            broken: std::mem::take(&mut self.broken),
+            operation: self.operation.take(),
+            cut: self.cut,
+            ..Self::new(self.flash.clone(), 0)
+        };
+    }
+
+    /// The chip restarts, or its power goes: what was under way is left half done.
+    pub(super) fn restart(&mut self, memory: &mut Memory) {
+        match self.operation.take() {
+            Some((_, Operation::Erase(words))) => {
+                self.broken.extend(words.clone());
+                self.change(words, memory, erased_in_part);
+            }
+            Some((_, Operation::Program { word, value })) => {
+                self.broken.insert(word);
+                self.change(word..word + 1, memory, |old, chance| {
+                    programmed_in_part(old, value, chance)
+                });
+            }
+            None => {}
+        }
+        self.cut = None;
+        self.reset();
+        memory.set_flash_reads_on_bus(!self.broken.is_empty());
+    }
+
+    /// Whether an operation is under way: the core waits.
+    pub(super) fn is_busy(&self) -> bool {
+        self.operation.is_some()
+    }
+
+    /// Whether the power is to go now.
+    pub(super) fn take_cut(&mut self, now: Nanos) -> bool {
+        self.cut.take_if(|at| *at <= now).is_some()
+    }
+
+    pub(super) fn wait_states(&self) -> u32 {
+        self.acr & acr::LATENCY
+    }
+
+    /// The flash as the core's timing sees it.
+    pub(super) fn timing(&self) -> FlashTiming {
+        let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
+        FlashTiming {
+            wait_states: self.wait_states(),
+            line_bytes: LINE,
+            code_lines: lines(acr::ICEN, CODE_LINES, 1),
+            data_lines: lines(acr::DCEN, DATA_LINES, 0),
+            prefetch: self.acr & acr::PRFTEN != 0,
+        }
+    }
+
+    /// A read of the flash while some of it fails its error correction. Whether the NMI is pended.
+    pub(super) fn check_read(&mut self, offset: u32) -> bool {
+        if !self.broken.contains(&(offset as usize / DOUBLE_WORD)) {
+            return false;
+        }
+        // The first error is kept.
+        if self.eccr & eccr::ECCD == 0 {
+            self.eccr = eccr::ECCD | offset & !(DOUBLE_WORD as u32 - 1) & eccr::ADDR_ECC;
+        }
+        true
+    }
+
+    fn change(&self, words: Range<usize>, memory: &mut Memory, new: impl Fn(u64, u64) -> u64) {
+        let mut flash = lock(&self.flash);
+        for word in words {
+            let old = u64::from_le_bytes(flash.get(word));
+            let new = new(old, flash.chance(word));
+            if new != old {
+                flash.set(word, new.to_le_bytes());
+                memory.program(word * DOUBLE_WORD, &new.to_le_bytes());
+            }
+        }
+    }
+
+    fn start(&mut self, operation: Operation, takes: RangeInclusive<u64>, now: Nanos) {
+        let shortest = Nanos(*takes.start());
+        self.operation = Some((now + self.chance.span(takes), operation));
+        self.sr |= sr::BSY;
+        self.cut = lock(&self.flash).start(shortest).map(|after| now + after);
+    }
+
+    /// Ends what is due. Returns whether anything did.
+    pub(super) fn finish(&mut self, now: Nanos, memory: &mut Memory) {
+        let Some((_, operation)) = self.operation.take_if(|(ends, _)| *ends <= now) else {
+            return;
+        };
+        self.sr &= !sr::BSY;
+        if self.cr & cr::EOPIE != 0 {
+            self.sr |= sr::EOP;
+        }
+        match operation {
+            Operation::Erase(words) => {
+                self.cr &= !cr::STRT;
+                self.broken.retain(|word| !words.contains(word));
+                self.change(words, memory, |_, _| u64::from_le_bytes([ERASED; DOUBLE_WORD]));
+                memory.set_flash_reads_on_bus(!self.broken.is_empty());
+            }
+            Operation::Program { word, value } => self.change(word..word + 1, memory, |old, _| old & value),
+        }
+    }
+
+    fn fail(&mut self, flag: u32, reason: &'static str) -> Refused {
+        self.sr |= flag;
+        if self.cr & cr::ERRIE != 0 {
+            self.sr |= sr::OPERR;
+        }
+        self.first_half = None;
+        forbidden("SR", reason)
+    }
+
+    /// A store of the core to the flash, at this offset.
+    pub(super) fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
+        if self.cr & (cr::LOCK | cr::PG) != cr::PG {
+            return Err(self.fail(sr::PGSERR, "5.3.7: a store to the flash while PG is clear"));
+        }
+        if width != Width::Word {
+            return Err(self.fail(sr::SIZERR, "5.3.7: a store to the flash that is no word"));
+        }
+        let double_word = DOUBLE_WORD as u32;
+        match self.first_half.take() {
+            None if offset.is_multiple_of(double_word) => self.first_half = Some((offset, value)),
+            Some((first, low)) if offset == first + 4 => {
+                let word = first as usize / DOUBLE_WORD;
+                let value = u64::from(value) << 32 | u64::from(low);
+                let old = u64::from_le_bytes(lock(&self.flash).get(word));
+                if old != u64::MAX && value != 0 {
+                    return Err(self.fail(sr::PROGERR, "5.3.7: programming a double word that is not erased"));
+                }
+                self.start(Operation::Program { word, value }, PROGRAM, now);
+            }
+            _ => return Err(self.fail(sr::PGAERR, "5.3.7: a double word not programmed as two words in order")),
+        }
+        Ok(())
+    }
+
+    fn write_key(&mut self, value: u32) -> Result<(), Refused> {
+        match (self.keys, value) {
+            (Keys::None, KEY_1) => self.keys = Keys::First,
+            (Keys::First, KEY_2) => {
+                self.keys = Keys::None;
+                self.cr &= !cr::LOCK;
+            }
+            _ => {
+                self.keys = Keys::Wrong;
+                return Err(forbidden("KEYR", "5.3.5: a wrong key"));
+            }
+        }
+        Ok(())
+    }
+
+    fn write_cr(&mut self, value: u32, now: Nanos) -> Result<(), Refused> {
+        if self.cr & cr::LOCK != 0 {
+            return if value == self.cr {
+                Ok(())
+            } else {
+                Err(forbidden("CR", "5.3.5: written while locked"))
+            };
+        }
+        if self.is_busy() {
+            return Err(forbidden("CR", "5.7.6: written while BSY is set"));
+        }
+        if value & !cr::MODELLED != 0 {
+            return Err(Refused::Unimplemented("CR"));
+        }
+        self.cr = value;
+        if value & cr::STRT == 0 {
+            return Ok(());
+        }
+        let bytes = if value & cr::MER1 != 0 {
+            0..SIZE
+        } else if value & cr::PER != 0 {
+            let page = field(value, cr::PNB_AT, cr::PNB) as usize;
+            page * PAGE..(page + 1) * PAGE
+        } else {
+            return Err(self.fail(sr::PGSERR, "5.3.6: STRT without PER or MER1"));
+        };
+        if bytes.end > SIZE {
+            return Err(self.fail(sr::PGSERR, "5.3.6: the flash has no such page"));
+        }
+        self.start(
+            Operation::Erase(bytes.start / DOUBLE_WORD..bytes.end / DOUBLE_WORD),
+            ERASE,
+            now,
+        );
+        Ok(())
+    }
+}
+
+impl Peripheral for Interface {
+    fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
+        match offset {
+            ACR => Ok(self.acr),
+            PDKEYR | KEYR | OPTKEYR => Ok(0),
+            SR => Ok(self.sr),
+            CR => Ok(self.cr),
+            ECCR => Ok(self.eccr),
+            OPTR => Ok(OPTIONS),
+            0x24..=0x70 => Err(Refused::Unimplemented("PCROP1SR to SEC1R")),
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        match offset {
+            ACR if value & !acr::MODELLED != 0 => return Err(Refused::Unimplemented("ACR")),
+            ACR => self.acr = value,
+            KEYR => self.write_key(value)?,
+            SR => self.sr &= !(value & sr::CLEARABLE),
+            CR => self.write_cr(value, now)?,
+            ECCR => self.eccr &= !(value & (eccr::ECCC | eccr::ECCD)),
+            PDKEYR => return Err(Refused::Unimplemented("PDKEYR")),
+            OPTKEYR => return Err(Refused::Unimplemented("OPTKEYR")),
+            OPTR => return Err(Refused::Unimplemented("OPTR")),
+            0x24..=0x70 => return Err(Refused::Unimplemented("PCROP1SR to SEC1R")),
+            _ => return Err(Refused::NoRegister),
+        }
+        Ok(())
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        let ends = self.operation.as_ref().map(|(ends, _)| *ends);
+        [ends, self.cut].into_iter().flatten().min()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, Mutex};
+
+    use super::*;
+    use crate::timing::Clock;
+
+    struct Bench {
+        interface: Interface,
+        memory: Memory,
+        now: Nanos,
+    }
+
+    impl Bench {
+        /// A flash that is programmed to zeros in its first page.
+        fn new() -> Self {
+            let mut bytes = vec![ERASED; SIZE];
+            bytes[..PAGE].fill(0);
+            let memory = Memory::new(0x0800_0000, bytes.clone(), 0x2000_0000, 0x8000);
+            let flash = Arc::new(Mutex::new(Flash::new(bytes, None, Clock::default())));
+            Self {
+                interface: Interface::new(flash, 0),
+                memory,
+                now: Nanos(0),
+            }
+        }
+
+        fn write(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
+            self.interface.write(offset, value, self.now)
+        }
+
+        fn unlocked() -> Self {
+            let mut bench = Self::new();
+            bench.write(KEYR, KEY_1).unwrap();
+            bench.write(KEYR, KEY_2).unwrap();
+            bench
+        }
+
+        fn finish(&mut self) -> Nanos {
+            let start = self.now;
+            self.now = self.interface.due().unwrap();
+            self.interface.finish(self.now, &mut self.memory);
+            Nanos(self.now.0 - start.0)
+        }
+
+        fn store(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
+            self.interface.store(offset, Width::Word, value, self.now)
+        }
+
+        fn status(&mut self) -> u32 {
+            self.interface.read(SR, self.now).unwrap()
+        }
+    }
+
+    #[test]
+    fn a_page_is_erased_when_its_time_is_over() {
+        let mut bench = Bench::unlocked();
+        bench.write(CR, cr::PER | cr::STRT | cr::EOPIE).unwrap();
+        assert_eq!((bench.status(), bench.memory.flash()[0]), (sr::BSY, 0));
+        let took = bench.finish();
+        assert!(ERASE.contains(&took.0), "{took}");
+        assert_eq!((bench.status(), bench.memory.flash()[0]), (sr::EOP, ERASED));
+        assert_eq!(lock(&bench.interface.flash).bytes()[PAGE - 1], ERASED);
+    }
+
+    #[test]
+    fn two_words_program_a_double_word() {
+        let mut bench = Bench::unlocked();
+        bench.write(CR, cr::PG).unwrap();
+        bench.store(PAGE as u32, 0x1234_5678).unwrap();
+        assert!(!bench.interface.is_busy());
+        bench.store(PAGE as u32 + 4, 0x9ABC_DEF0).unwrap();
+        let took = bench.finish();
+        assert!(PROGRAM.contains(&took.0), "{took}");
+        assert_eq!(
+            bench.memory.flash()[PAGE..PAGE + 8],
+            [0x78, 0x56, 0x34, 0x12, 0xF0, 0xDE, 0xBC, 0x9A]
+        );
+    }
+
+    #[test]
+    fn stores_that_the_manual_forbids_set_their_flags() {
+        let mut bench = Bench::new();
+        assert!(bench.store(PAGE as u32, 0).is_err());
+        assert_eq!(bench.status(), sr::PGSERR);
+        let mut bench = Bench::unlocked();
+        bench.write(CR, cr::PG).unwrap();
+        assert!(bench.interface.store(PAGE as u32, Width::Half, 0, Nanos(0)).is_err());
+        assert!(bench.store(PAGE as u32 + 4, 0).is_err());
+        bench.store(0, 1).unwrap();
+        assert!(bench.store(4, 0).is_err());
+        assert_eq!(bench.status(), sr::SIZERR | sr::PGAERR | sr::PROGERR);
+    }
+
+    #[test]
+    fn a_wrong_key_locks_until_the_next_reset() {
+        let mut bench = Bench::new();
+        assert!(bench.write(KEYR, KEY_2).is_err());
+        assert!(bench.write(KEYR, KEY_1).is_err());
+        assert!(bench.write(CR, cr::PG).is_err());
+        bench.interface.reset();
+        bench.write(KEYR, KEY_1).unwrap();
+        bench.write(KEYR, KEY_2).unwrap();
+        bench.write(CR, cr::PG).unwrap();
+    }
+
+    #[test]
+    fn an_interrupted_double_word_fails_its_error_correction_until_erased() {
+        let mut bench = Bench::unlocked();
+        bench.write(CR, cr::PG).unwrap();
+        bench.store(PAGE as u32, 0).unwrap();
+        bench.store(PAGE as u32 + 4, 0).unwrap();
+        bench.interface.restart(&mut bench.memory);
+        assert!(bench.interface.check_read(PAGE as u32 + 4));
+        assert!(!bench.interface.check_read(PAGE as u32 + 8));
+        assert_eq!(bench.interface.read(ECCR, Nanos(0)), Ok(eccr::ECCD | PAGE as u32));
+        bench.write(ECCR, eccr::ECCD).unwrap();
+        bench.write(KEYR, KEY_1).unwrap();
+        bench.write(KEYR, KEY_2).unwrap();
+        bench.write(CR, cr::PER | 1 << cr::PNB_AT | cr::STRT).unwrap();
+        bench.finish();
+        assert!(!bench.interface.check_read(PAGE as u32 + 4));
+    }
+
+    #[test]
+    fn a_page_that_is_not_there_cannot_be_erased() {
+        let mut bench = Bench::unlocked();
+        assert!(bench.write(CR, cr::PER | 64 << cr::PNB_AT | cr::STRT).is_err());
+        assert!(!bench.interface.is_busy());
+    }
+}

@@ -1,0 +1,170 @@
+//! The memory map of the STM32G431xB (RM0440, 2.2.2), its interrupts (table 97) and its system memory.
+
+use super::rcc::{Gate, gates};
+use crate::core::Width;
+
+/// The memories.
+pub(super) const FLASH: u32 = 0x0800_0000;
+pub(super) const RAM: u32 = 0x2000_0000;
+/// SRAM1, SRAM2 and the CCM SRAM's alias behind them (2.4): 32 KiB in one piece.
+pub(super) const RAM_SIZE: usize = 32 << 10;
+
+/// Interrupt lines that the chip has, and the bits of a priority (14.1).
+pub(super) const INTERRUPTS: u16 = 102;
+pub(super) const PRIORITY_BITS: u8 = 4;
+
+/// Places in the vector table (table 97).
+pub(super) mod interrupt {
+    pub(in super::super) const DMA1_CHANNEL1: u16 = 11;
+    pub(in super::super) const USB_LP: u16 = 20;
+    pub(in super::super) const FDCAN1_IT0: u16 = 21;
+    pub(in super::super) const FDCAN1_IT1: u16 = 22;
+    pub(in super::super) const TIM2: u16 = 28;
+    pub(in super::super) const USART2: u16 = 38;
+    pub(in super::super) const DMA2_CHANNEL1: u16 = 56;
+    pub(in super::super) const DMA2_CHANNEL6: u16 = 97;
+}
+
+/// A block of registers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Block {
+    Tim2,
+    Crs,
+    Iwdg,
+    Usart2,
+    Usb,
+    PacketMemory,
+    Fdcan1,
+    MessageRam,
+    Pwr,
+    Syscfg,
+    Exti,
+    Dma1,
+    Dma2,
+    Dmamux1,
+    Rcc,
+    Flash,
+    /// GPIOA to GPIOG, by number from 0.
+    Gpio(u8),
+    Dbgmcu,
+}
+
+impl Block {
+    /// The block that an address outside the memories is in.
+    #[inline]
+    pub(super) fn at(address: u32) -> Option<Self> {
+        Some(match address & !0x3FF {
+            0x4000_0000 => Self::Tim2,
+            0x4000_2000 => Self::Crs,
+            0x4000_3000 => Self::Iwdg,
+            0x4000_4400 => Self::Usart2,
+            0x4000_5C00 => Self::Usb,
+            0x4000_6000 => Self::PacketMemory,
+            0x4000_6400 => Self::Fdcan1,
+            0x4000_7000 => Self::Pwr,
+            0x4000_A400 => Self::MessageRam,
+            0x4001_0000 => Self::Syscfg,
+            0x4001_0400 => Self::Exti,
+            0x4002_0000 => Self::Dma1,
+            0x4002_0400 => Self::Dma2,
+            0x4002_0800 => Self::Dmamux1,
+            0x4002_1000 => Self::Rcc,
+            0x4002_2000 => Self::Flash,
+            0x4800_0000..=0x4800_1800 => Self::Gpio((address >> 10) as u8 & 0b111),
+            0xE004_2000 => Self::Dbgmcu,
+            _ => return None,
+        })
+    }
+
+    /// What the reference manual calls it.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Tim2 => "TIM2",
+            Self::Crs => "CRS",
+            Self::Iwdg => "IWDG",
+            Self::Usart2 => "USART2",
+            Self::Usb => "USB",
+            Self::PacketMemory => "USB packet memory",
+            Self::Fdcan1 => "FDCAN1",
+            Self::MessageRam => "FDCAN1 message RAM",
+            Self::Pwr => "PWR",
+            Self::Syscfg => "SYSCFG",
+            Self::Exti => "EXTI",
+            Self::Dma1 => "DMA1",
+            Self::Dma2 => "DMA2",
+            Self::Dmamux1 => "DMAMUX1",
+            Self::Rcc => "RCC",
+            Self::Flash => "FLASH",
+            Self::Gpio(0) => "GPIOA",
+            Self::Gpio(1) => "GPIOB",
+            Self::Gpio(2) => "GPIOC",
+            Self::Gpio(3) => "GPIOD",
+            Self::Gpio(4) => "GPIOE",
+            Self::Gpio(5) => "GPIOF",
+            Self::Gpio(_) => "GPIOG",
+            Self::Dbgmcu => "DBGMCU",
+        }
+    }
+
+    /// The bits that enable and reset it. `None` for one that is always there.
+    #[inline]
+    pub(super) const fn gate(self) -> Option<Gate> {
+        Some(match self {
+            Self::Tim2 => gates::TIM2,
+            Self::Crs => gates::CRS,
+            Self::Usart2 => gates::USART2,
+            Self::Usb | Self::PacketMemory => gates::USB,
+            Self::Fdcan1 | Self::MessageRam => gates::FDCAN,
+            Self::Pwr => gates::PWR,
+            Self::Syscfg | Self::Exti => gates::SYSCFG,
+            Self::Dma1 => gates::DMA1,
+            Self::Dma2 => gates::DMA2,
+            Self::Dmamux1 => gates::DMAMUX1,
+            Self::Flash => gates::FLASH,
+            Self::Gpio(port) => gates::gpio(port as u32),
+            Self::Iwdg | Self::Rcc | Self::Dbgmcu => return None,
+        })
+    }
+
+    /// Whether its registers take accesses of this width.
+    #[inline]
+    pub(super) fn takes(self, width: Width) -> bool {
+        match self {
+            // 45.5.3: 16 bits.
+            Self::PacketMemory => width == Width::Half,
+            // 30.5: half-words or words.
+            Self::Tim2 => width != Width::Byte,
+            _ => width == Width::Word,
+        }
+    }
+}
+
+/// The boot loader in ROM (2.6; AN2606), and the instruction with which the stub in its place starts.
+const BOOT_LOADER: u32 = 0x1FFF_0000;
+pub(super) const BOOT_LOADER_START: u32 = BOOT_LOADER + 8;
+
+/// The stub: a stack, a reset vector, and code that does nothing for ever.
+const BOOT_LOADER_STUB: [u8; 12] = [
+    0x00, 0x20, 0x00, 0x20, // stack: 0x2000_2000
+    0x09, 0x00, 0xFF, 0x1F, // reset: BOOT_LOADER_START, Thumb
+    0x00, 0xBF, // nop
+    0xFE, 0xE7, // b .
+];
+
+/// The 96-bit unique id (48.1), and the flash size in KiB, 16 bits (48.2).
+const UNIQUE_ID: u32 = 0x1FFF_7590;
+const FLASH_SIZE: u32 = 0x1FFF_75E0;
+const FLASH_KIB: u16 = 128;
+
+/// A byte of the system memory, if its content is known.
+pub(super) fn system_memory(address: u32, unique_id: &[u8; 12]) -> Option<u8> {
+    let flash_kib = FLASH_KIB.to_le_bytes();
+    let contents = [
+        (BOOT_LOADER, &BOOT_LOADER_STUB[..]),
+        (UNIQUE_ID, unique_id),
+        (FLASH_SIZE, &flash_kib),
+    ];
+    contents
+        .into_iter()
+        .find_map(|(start, bytes)| bytes.get(address.checked_sub(start)? as usize).copied())
+}

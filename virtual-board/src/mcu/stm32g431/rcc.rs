@@ -1,0 +1,734 @@
+//! Reset and clock control (RM0440, chapter 7).
+//!
+//! Modelled are the oscillators HSI16, HSE, HSI48 and LSI with their start-up times, the PLL, the system clock switch, the
+//! prescalers, the clock multiplexers of the peripherals in use, clock enables, resets and reset flags. Low-power clock
+//! enables, clock security, the clock output and the RTC's clock have no model.
+
+use crate::crystal::Oscillator;
+use crate::shared::{Shared, lock};
+use crate::soc::chance::Chance;
+use crate::soc::machine::Cause;
+use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::time::Nanos;
+
+const CR: u32 = 0x00;
+const ICSCR: u32 = 0x04;
+const CFGR: u32 = 0x08;
+const PLLCFGR: u32 = 0x0C;
+const CIER: u32 = 0x18;
+const CIFR: u32 = 0x1C;
+const CICR: u32 = 0x20;
+const AHB1RSTR: u32 = 0x28;
+const AHB2RSTR: u32 = 0x2C;
+const AHB3RSTR: u32 = 0x30;
+const APB1RSTR1: u32 = 0x38;
+const APB1RSTR2: u32 = 0x3C;
+const APB2RSTR: u32 = 0x40;
+const AHB1ENR: u32 = 0x48;
+const AHB2ENR: u32 = 0x4C;
+const AHB3ENR: u32 = 0x50;
+const APB1ENR1: u32 = 0x58;
+const APB1ENR2: u32 = 0x5C;
+const APB2ENR: u32 = 0x60;
+const CCIPR: u32 = 0x88;
+const BDCR: u32 = 0x90;
+const CSR: u32 = 0x94;
+const CRRCR: u32 = 0x98;
+
+/// Bits of CR (7.4.1).
+mod cr {
+    pub(super) const HSION: u32 = 1 << 8;
+    pub(super) const HSIRDY: u32 = 1 << 10;
+    pub(super) const HSEON: u32 = 1 << 16;
+    pub(super) const HSERDY: u32 = 1 << 17;
+    pub(super) const HSEBYP: u32 = 1 << 18;
+    pub(super) const PLLON: u32 = 1 << 24;
+    pub(super) const PLLRDY: u32 = 1 << 25;
+    /// The bits that software writes and that have a model.
+    pub(super) const MODELLED: u32 = HSION | HSEON | HSEBYP | PLLON;
+    pub(super) const READY: u32 = HSIRDY | HSERDY | PLLRDY;
+}
+
+/// Fields of CFGR (7.4.3).
+mod cfgr {
+    pub(super) const SW: u32 = 0b11;
+    pub(super) const SWS_AT: u32 = 2;
+    pub(super) const SWS: u32 = 0b11 << SWS_AT;
+    pub(super) const HPRE_AT: u32 = 4;
+    pub(super) const PPRE1_AT: u32 = 8;
+    pub(super) const PPRE2_AT: u32 = 11;
+    pub(super) const MODELLED: u32 = SW | 0xF << HPRE_AT | 0b111 << PPRE1_AT | 0b111 << PPRE2_AT;
+    /// Values of SW and SWS.
+    pub(super) const HSI16: u32 = 0b01;
+    pub(super) const HSE: u32 = 0b10;
+    pub(super) const PLL: u32 = 0b11;
+}
+
+/// Fields of PLLCFGR (7.4.4).
+mod pllcfgr {
+    pub(super) const SRC: u32 = 0b11;
+    pub(super) const SRC_HSI16: u32 = 0b10;
+    pub(super) const SRC_HSE: u32 = 0b11;
+    pub(super) const M_AT: u32 = 4;
+    pub(super) const M: u32 = 0xF;
+    pub(super) const N_AT: u32 = 8;
+    pub(super) const N: u32 = 0x7F;
+    pub(super) const QEN: u32 = 1 << 20;
+    pub(super) const Q_AT: u32 = 21;
+    pub(super) const REN: u32 = 1 << 24;
+    pub(super) const R_AT: u32 = 25;
+    /// Q and R divide by 2, 4, 6 or 8.
+    pub(super) const DIVIDER: u32 = 0b11;
+    /// The enables of the outputs, which may be written while the PLL runs.
+    pub(super) const ENABLES: u32 = 1 << 16 | QEN | REN;
+    pub(super) const AT_RESET: u32 = 0x10 << N_AT;
+}
+
+/// Fields of CCIPR (7.4.26), each of two bits.
+mod ccipr {
+    pub(super) const USART2SEL_AT: u32 = 2;
+    pub(super) const FDCANSEL_AT: u32 = 24;
+    pub(super) const CLK48SEL_AT: u32 = 26;
+    pub(super) const MODELLED: u32 = 0b11 << USART2SEL_AT | 0b11 << FDCANSEL_AT | 0b11 << CLK48SEL_AT;
+}
+
+/// Bits of CSR (7.4.28).
+mod csr {
+    pub(super) const LSION: u32 = 1;
+    pub(super) const LSIRDY: u32 = 1 << 1;
+    pub(super) const RMVF: u32 = 1 << 23;
+    pub(super) const PINRSTF: u32 = 1 << 26;
+    pub(super) const BORRSTF: u32 = 1 << 27;
+    pub(super) const SFTRSTF: u32 = 1 << 28;
+    pub(super) const IWDGRSTF: u32 = 1 << 29;
+}
+
+/// Bits of BDCR (7.4.27) that are kept: the RTC, which they clock, is not there.
+mod bdcr {
+    pub(super) const RTCSEL: u32 = 0b11 << 8;
+    pub(super) const RTCEN: u32 = 1 << 15;
+    pub(super) const BDRST: u32 = 1 << 16;
+    pub(super) const MODELLED: u32 = RTCSEL | RTCEN | BDRST;
+}
+
+/// Bits of CRRCR (7.4.29).
+mod crrcr {
+    pub(super) const HSI48ON: u32 = 1;
+    pub(super) const HSI48RDY: u32 = 1 << 1;
+}
+
+/// The internal oscillators (7.2.1, 7.2.3, 7.2.5).
+const HSI16_HZ: u64 = 16_000_000;
+const HSI48_HZ: u64 = 48_000_000;
+
+/// Start-up times in nanoseconds: DS12589, tables "HSI16", "HSI48", "LSI" and "PLL characteristics".
+const HSI16_START: std::ops::RangeInclusive<u64> = 800..=1_200;
+const HSI48_START: std::ops::RangeInclusive<u64> = 2_500..=6_000;
+const LSI_START: std::ops::RangeInclusive<u64> = 80_000..=130_000;
+const PLL_LOCK: std::ops::RangeInclusive<u64> = 15_000..=40_000;
+
+/// Limits of the PLL and of the system clock in hertz (DS12589, table "PLL characteristics").
+const PLL_INPUT: std::ops::RangeInclusive<u64> = 2_660_000..=16_000_000;
+const VCO: std::ops::RangeInclusive<u64> = 96_000_000..=344_000_000;
+const MOST: u64 = 170_000_000;
+
+/// A peripheral's bit in the enable and in the reset register of its bus (7.4.8 to 7.4.19).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Gate {
+    bus: usize,
+    mask: u32,
+}
+
+/// Buses with an enable and a reset register each, by their order in [`ENABLE_REGISTERS`].
+const AHB1: usize = 0;
+const AHB2: usize = 1;
+const APB1_1: usize = 3;
+const APB2: usize = 5;
+const BUSES: usize = 6;
+
+/// What the enable registers are after a reset: the flash interface, and the RTC's bus interface.
+const ENABLED_AT_RESET: [u32; BUSES] = [1 << 8, 0, 0, 1 << 10, 0, 0];
+
+const fn gate(bus: usize, bit: u32) -> Gate {
+    Gate { bus, mask: 1 << bit }
+}
+
+pub(super) mod gates {
+    use super::{AHB1, AHB2, APB1_1, APB2, Gate, gate};
+
+    pub(in super::super) const DMA1: Gate = gate(AHB1, 0);
+    pub(in super::super) const DMA2: Gate = gate(AHB1, 1);
+    pub(in super::super) const DMAMUX1: Gate = gate(AHB1, 2);
+    pub(in super::super) const FLASH: Gate = gate(AHB1, 8);
+    pub(in super::super) const TIM2: Gate = gate(APB1_1, 0);
+    pub(in super::super) const CRS: Gate = gate(APB1_1, 8);
+    pub(in super::super) const USART2: Gate = gate(APB1_1, 17);
+    pub(in super::super) const USB: Gate = gate(APB1_1, 23);
+    pub(in super::super) const FDCAN: Gate = gate(APB1_1, 25);
+    pub(in super::super) const PWR: Gate = gate(APB1_1, 28);
+    pub(in super::super) const SYSCFG: Gate = gate(APB2, 0);
+
+    /// GPIOA to GPIOG, by number from 0.
+    pub(in super::super) const fn gpio(port: u32) -> Gate {
+        gate(AHB2, port)
+    }
+}
+
+/// The rates of the clocks in hertz, 0 for one that stands still.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Clocks {
+    /// SYSCLK.
+    pub(super) system: u64,
+    /// HCLK: core, memories, AHB.
+    pub(super) ahb: u64,
+    /// PCLK1.
+    pub(super) apb1: u64,
+    /// The input of the timers on APB1.
+    pub(super) apb1_timers: u64,
+    pub(super) usart2: u64,
+    pub(super) fdcan: u64,
+    /// The 48 MHz of USB.
+    pub(super) usb: u64,
+}
+
+/// An oscillator or the PLL.
+#[derive(Clone, Copy, Debug, Default)]
+struct Source {
+    on: bool,
+    /// When it is ready, while it is on. `None` for a PLL whose input is missing.
+    ready_at: Option<Nanos>,
+}
+
+impl Source {
+    fn set(&mut self, on: bool, takes: impl FnOnce() -> Nanos, now: Nanos) {
+        if on != self.on {
+            self.on = on;
+            self.ready_at = on.then(|| now + takes());
+        }
+    }
+
+    fn is_ready(self, now: Nanos) -> bool {
+        self.ready_at.is_some_and(|at| at <= now)
+    }
+}
+
+/// Reset and clock control.
+#[derive(Debug)]
+pub(super) struct Rcc {
+    oscillator: Shared<Oscillator>,
+    /// The crystal's rate, since it was switched on.
+    crystal_hz: u64,
+    chance: Chance,
+    hsi16: Source,
+    hse: Source,
+    hsi48: Source,
+    lsi: Source,
+    pll: Source,
+    bypass: bool,
+    cfgr: u32,
+    /// The source of SYSCLK: SWS.
+    selected: u32,
+    pllcfgr: u32,
+    ccipr: u32,
+    bdcr: u32,
+    enables: [u32; BUSES],
+    resets: [u32; BUSES],
+    /// The reset flags of CSR.
+    flags: u32,
+    /// Up to when what was due has been done.
+    settled: Nanos,
+}
+
+impl Rcc {
+    /// Out of a power-on reset, with this crystal.
+    pub(super) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
+        let ready = Source {
+            on: true,
+            ready_at: Some(Nanos(0)),
+        };
+        Self {
+            oscillator,
+            crystal_hz: 0,
+            chance: Chance::new(seed, "RCC"),
+            hsi16: ready,
+            hse: Source::default(),
+            hsi48: Source::default(),
+            lsi: Source::default(),
+            pll: Source::default(),
+            bypass: false,
+            cfgr: cfgr::HSI16,
+            selected: cfgr::HSI16,
+            pllcfgr: pllcfgr::AT_RESET,
+            ccipr: 0,
+            bdcr: 0,
+            enables: ENABLED_AT_RESET,
+            resets: [0; BUSES],
+            flags: csr::BORRSTF | csr::PINRSTF,
+            settled: Nanos(0),
+        }
+    }
+
+    /// The state after a reset by this cause. The flags of earlier ones stay (7.4.28).
+    pub(super) fn reset(&mut self, cause: Cause) {
+        let flags = match cause {
+            Cause::Power => csr::BORRSTF | csr::PINRSTF,
+            Cause::Software => self.flags | csr::SFTRSTF | csr::PINRSTF,
+            Cause::Watchdog => self.flags | csr::IWDGRSTF | csr::PINRSTF,
+        };
+        *self = Self {
+            chance: self.chance.clone(),
+            flags,
+            bdcr: if cause == Cause::Power { 0 } else { self.bdcr },
+            settled: self.settled,
+            ..Self::new(self.oscillator.clone(), 0)
+        };
+    }
+
+    /// Whether the peripheral's clock is on.
+    #[inline]
+    pub(super) fn is_enabled(&self, gate: Gate) -> bool {
+        self.enables[gate.bus] & gate.mask != 0
+    }
+
+    /// Whether the peripheral is held in reset.
+    #[inline]
+    pub(super) fn is_held(&self, gate: Gate) -> bool {
+        self.resets[gate.bus] & gate.mask != 0
+    }
+
+    /// The watchdog keeps the low-speed oscillator on (7.2.5).
+    pub(super) fn keep_lsi_on(&mut self, now: Nanos) {
+        let chance = &mut self.chance;
+        self.lsi.set(true, || chance.span(LSI_START), now);
+    }
+
+    fn vco(&self, now: Nanos) -> u64 {
+        if self.pll.is_ready(now) {
+            self.pll_input() * u64::from(self.multiplier())
+        } else {
+            0
+        }
+    }
+
+    fn multiplier(&self) -> u32 {
+        field(self.pllcfgr, pllcfgr::N_AT, pllcfgr::N)
+    }
+
+    fn pll_input(&self) -> u64 {
+        let source = match self.pllcfgr & pllcfgr::SRC {
+            pllcfgr::SRC_HSI16 => HSI16_HZ,
+            pllcfgr::SRC_HSE => self.crystal_hz,
+            _ => 0,
+        };
+        source / u64::from(field(self.pllcfgr, pllcfgr::M_AT, pllcfgr::M) + 1)
+    }
+
+    fn pll_output(&self, enable: u32, at: u32, now: Nanos) -> u64 {
+        if self.pllcfgr & enable == 0 {
+            return 0;
+        }
+        self.vco(now) / (2 * u64::from(field(self.pllcfgr, at, pllcfgr::DIVIDER) + 1))
+    }
+
+    /// The rates at `now`.
+    pub(super) fn clocks(&self, now: Nanos) -> Clocks {
+        let when = |source: Source, hz| if source.is_ready(now) { hz } else { 0 };
+        let hsi16 = when(self.hsi16, HSI16_HZ);
+        let hse = when(self.hse, self.crystal_hz);
+        let pll_q = self.pll_output(pllcfgr::QEN, pllcfgr::Q_AT, now);
+        let system = match self.selected {
+            cfgr::HSI16 => hsi16,
+            cfgr::HSE => hse,
+            _ => self.pll_output(pllcfgr::REN, pllcfgr::R_AT, now),
+        };
+        let ahb = system / ahb_divider(field(self.cfgr, cfgr::HPRE_AT, 0xF));
+        let divider = apb_divider(field(self.cfgr, cfgr::PPRE1_AT, 0b111));
+        let apb1 = ahb / divider;
+        // 7.2.16: the timers run at twice the rate of a bus that is divided.
+        let apb1_timers = if divider == 1 { apb1 } else { 2 * apb1 };
+        let select = |at| field(self.ccipr, at, 0b11);
+        Clocks {
+            system,
+            ahb,
+            apb1,
+            apb1_timers,
+            usart2: match select(ccipr::USART2SEL_AT) {
+                0 => apb1,
+                1 => system,
+                2 => hsi16,
+                _ => 0,
+            },
+            fdcan: match select(ccipr::FDCANSEL_AT) {
+                0 => hse,
+                1 => pll_q,
+                2 => apb1,
+                _ => 0,
+            },
+            usb: match select(ccipr::CLK48SEL_AT) {
+                0 => when(self.hsi48, HSI48_HZ),
+                2 => pll_q,
+                _ => 0,
+            },
+        }
+    }
+
+    /// The PLL locks once it is on and its input is there. The system clock switches once its source is ready (7.2.7).
+    fn settle(&mut self, now: Nanos) {
+        self.settled = now;
+        let input = match self.pllcfgr & pllcfgr::SRC {
+            pllcfgr::SRC_HSI16 => self.hsi16,
+            pllcfgr::SRC_HSE => self.hse,
+            _ => Source::default(),
+        };
+        if self.pll.on && !input.is_ready(now) {
+            self.pll.ready_at = None;
+        } else if self.pll.on && self.pll.ready_at.is_none() {
+            self.pll.ready_at = Some(now + self.chance.span(PLL_LOCK));
+        }
+        let wanted = match self.cfgr & cfgr::SW {
+            cfgr::HSI16 => self.hsi16.is_ready(now),
+            cfgr::HSE => self.hse.is_ready(now),
+            cfgr::PLL => self.pll.is_ready(now) && self.pllcfgr & pllcfgr::REN != 0,
+            _ => false,
+        };
+        if wanted {
+            self.selected = self.cfgr & cfgr::SW;
+        }
+    }
+
+    fn write_cr(&mut self, value: u32, now: Nanos) -> Result<(), Refused> {
+        if value & !(cr::MODELLED | cr::READY) != 0 {
+            return Err(Refused::Unimplemented("CR"));
+        }
+        let (hsi16, hse, pll) = (value & cr::HSION != 0, value & cr::HSEON != 0, value & cr::PLLON != 0);
+        let off = |on: bool, source| !on && self.selected == source;
+        if off(hsi16, cfgr::HSI16) || off(hse, cfgr::HSE) || off(pll, cfgr::PLL) {
+            return Err(forbidden(
+                "CR",
+                "7.4.1: the source of the system clock cannot be switched off",
+            ));
+        }
+        self.bypass = value & cr::HSEBYP != 0;
+        if hse != self.hse.on {
+            self.hse = Source {
+                on: hse,
+                ready_at: None,
+            };
+            self.start_crystal(now);
+        }
+        let chance = &mut self.chance;
+        self.hsi16.set(hsi16, || chance.span(HSI16_START), now);
+        if pll && !self.pll.on {
+            let vco = self.pll_input() * u64::from(self.multiplier());
+            if !PLL_INPUT.contains(&self.pll_input()) || !VCO.contains(&vco) {
+                return Err(forbidden(
+                    "PLLCFGR",
+                    "DS12589, PLL characteristics: input or VCO out of range",
+                ));
+            }
+        }
+        if pll != self.pll.on {
+            self.pll = Source {
+                on: pll,
+                ready_at: None,
+            };
+        }
+        Ok(())
+    }
+
+    /// The crystal starts, if it is switched on and can.
+    fn start_crystal(&mut self, now: Nanos) {
+        let crystal = lock(&self.oscillator).crystal;
+        if self.hse.on
+            && self.hse.ready_at.is_none()
+            && let Some(startup) = crystal.startup
+        {
+            self.crystal_hz = crystal.hertz.into();
+            self.hse.ready_at = Some(now + startup);
+        }
+    }
+
+    /// Looks whether there is another crystal.
+    pub(super) fn look(&mut self, now: Nanos) {
+        self.start_crystal(now);
+    }
+
+    fn write_pllcfgr(&mut self, value: u32) -> Result<(), Refused> {
+        if self.pll.on && (value ^ self.pllcfgr) & !pllcfgr::ENABLES != 0 {
+            return Err(forbidden("PLLCFGR", "7.4.4: written while the PLL is on"));
+        }
+        self.pllcfgr = value;
+        Ok(())
+    }
+
+    /// What is wrong with the present rates, whatever the supply and the flash.
+    pub(super) fn fault(&self, now: Nanos) -> Option<Refused> {
+        let clocks = self.clocks(now);
+        if clocks.system > MOST || self.pll_output(pllcfgr::QEN, pllcfgr::Q_AT, now) > MOST {
+            return Some(forbidden("PLLCFGR", "7.2.4: an output of the PLL above 170 MHz"));
+        }
+        None
+    }
+}
+
+fn ahb_divider(hpre: u32) -> u64 {
+    match hpre {
+        0..=7 => 1,
+        8..=11 => 2 << (hpre - 8),
+        // There is no 32.
+        _ => 64 << (hpre - 12),
+    }
+}
+
+fn apb_divider(ppre: u32) -> u64 {
+    match ppre {
+        0..=3 => 1,
+        _ => 2 << (ppre - 4),
+    }
+}
+
+/// The bus whose reset register or enable register is at this offset.
+fn bus_of(offset: u32, registers: [u32; BUSES]) -> Option<usize> {
+    registers.iter().position(|&register| register == offset)
+}
+
+const RESET_REGISTERS: [u32; BUSES] = [AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR1, APB1RSTR2, APB2RSTR];
+const ENABLE_REGISTERS: [u32; BUSES] = [AHB1ENR, AHB2ENR, AHB3ENR, APB1ENR1, APB1ENR2, APB2ENR];
+
+impl Peripheral for Rcc {
+    fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
+        let flags =
+            |source: Source, on, ready| (if source.on { on } else { 0 }) | if source.is_ready(now) { ready } else { 0 };
+        if let Some(bus) = bus_of(offset, ENABLE_REGISTERS) {
+            return Ok(self.enables[bus]);
+        }
+        if let Some(bus) = bus_of(offset, RESET_REGISTERS) {
+            return Ok(self.resets[bus]);
+        }
+        match offset {
+            CR => {
+                let oscillators = flags(self.hsi16, cr::HSION, cr::HSIRDY) | flags(self.hse, cr::HSEON, cr::HSERDY);
+                let bypass = if self.bypass { cr::HSEBYP } else { 0 };
+                Ok(oscillators | bypass | flags(self.pll, cr::PLLON, cr::PLLRDY))
+            }
+            CFGR => Ok(self.cfgr & !cfgr::SWS | self.selected << cfgr::SWS_AT),
+            PLLCFGR => Ok(self.pllcfgr),
+            CCIPR => Ok(self.ccipr),
+            CSR => Ok(self.flags | flags(self.lsi, csr::LSION, csr::LSIRDY)),
+            CRRCR => Ok(flags(self.hsi48, crrcr::HSI48ON, crrcr::HSI48RDY)),
+            BDCR => Ok(self.bdcr),
+            ICSCR => Err(Refused::Unimplemented("ICSCR")),
+            CIER | CIFR | CICR => Err(Refused::Unimplemented("CIER/CIFR/CICR")),
+            0x68..=0x9C => Err(Refused::Unimplemented("SMENR")),
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        if let Some(bus) = bus_of(offset, ENABLE_REGISTERS) {
+            self.enables[bus] = value;
+            return Ok(());
+        }
+        if let Some(bus) = bus_of(offset, RESET_REGISTERS) {
+            self.resets[bus] = value;
+            return Ok(());
+        }
+        match offset {
+            CR => self.write_cr(value, now)?,
+            CFGR => {
+                if value & !(cfgr::MODELLED | cfgr::SWS) != 0 {
+                    return Err(Refused::Unimplemented("CFGR"));
+                }
+                self.cfgr = value & cfgr::MODELLED;
+            }
+            PLLCFGR => self.write_pllcfgr(value)?,
+            CCIPR => {
+                if value & !ccipr::MODELLED != 0 {
+                    return Err(Refused::Unimplemented("CCIPR"));
+                }
+                self.ccipr = value;
+            }
+            CSR => {
+                if value & csr::RMVF != 0 {
+                    self.flags = 0;
+                }
+                let chance = &mut self.chance;
+                self.lsi.set(value & csr::LSION != 0, || chance.span(LSI_START), now);
+            }
+            CRRCR => {
+                let chance = &mut self.chance;
+                self.hsi48
+                    .set(value & crrcr::HSI48ON != 0, || chance.span(HSI48_START), now);
+            }
+            BDCR if value & !bdcr::MODELLED != 0 => return Err(Refused::Unimplemented("BDCR")),
+            BDCR if value & bdcr::BDRST != 0 => self.bdcr = bdcr::BDRST,
+            BDCR => self.bdcr = value,
+            ICSCR => return Err(Refused::Unimplemented("ICSCR")),
+            CIER | CIFR | CICR => return Err(Refused::Unimplemented("CIER/CIFR/CICR")),
+            0x68..=0x9C => return Err(Refused::Unimplemented("SMENR")),
+            _ => return Err(Refused::NoRegister),
+        }
+        self.settle(now);
+        Ok(())
+    }
+
+    fn advance(&mut self, now: Nanos) {
+        self.settle(now);
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        [self.hsi16, self.hse, self.hsi48, self.lsi, self.pll]
+            .iter()
+            .filter_map(|source| source.ready_at.filter(|&at| at > self.settled))
+            .min()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, Mutex};
+
+    use super::*;
+    use crate::crystal::Crystal;
+
+    /// 8 MHz / 2 * 80 / 2 = 160 MHz, Q is 80 MHz.
+    const PLLCFGR_160: u32 = 0b11 | 1 << 4 | 80 << 8 | 1 << 20 | 1 << 21 | 1 << 24;
+
+    fn with_crystal(crystal: Crystal) -> Rcc {
+        Rcc::new(Arc::new(Mutex::new(Oscillator::new(crystal))), 0)
+    }
+
+    fn rcc() -> Rcc {
+        with_crystal(Crystal::new(8_000_000))
+    }
+
+    /// Lets time pass until nothing is due any more.
+    fn wait(rcc: &mut Rcc, now: Nanos) -> Nanos {
+        let mut now = now;
+        while let Some(due) = rcc.due() {
+            now = due;
+            rcc.advance(now);
+        }
+        now
+    }
+
+    fn with_pll() -> (Rcc, Nanos) {
+        let mut rcc = rcc();
+        rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
+        let now = wait(&mut rcc, Nanos(0));
+        rcc.write(PLLCFGR, PLLCFGR_160, now).unwrap();
+        rcc.write(CR, cr::HSION | cr::HSEON | cr::PLLON, now).unwrap();
+        let now = wait(&mut rcc, now);
+        rcc.write(CFGR, cfgr::PLL, now).unwrap();
+        (rcc, now)
+    }
+
+    #[test]
+    fn oscillators_and_the_pll_take_their_time() {
+        let mut rcc = rcc();
+        rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
+        assert_eq!(rcc.read(CR, Nanos(1_000)).unwrap() & cr::HSERDY, 0);
+        assert_ne!(rcc.read(CR, Nanos(2_000_000)).unwrap() & cr::HSERDY, 0);
+        rcc.write(CRRCR, crrcr::HSI48ON, Nanos(0)).unwrap();
+        assert_eq!(rcc.read(CRRCR, Nanos(1_000)), Ok(crrcr::HSI48ON));
+        assert_eq!(rcc.read(CRRCR, Nanos(6_000)), Ok(crrcr::HSI48ON | crrcr::HSI48RDY));
+    }
+
+    #[test]
+    fn a_dead_crystal_is_never_ready_until_there_is_another() {
+        let mut rcc = with_crystal(Crystal::dead());
+        rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
+        assert_eq!(rcc.due(), None);
+        assert_eq!(
+            rcc.read(CR, Nanos::from_millis(1_000)).unwrap() & (cr::HSEON | cr::HSERDY),
+            cr::HSEON
+        );
+        lock(&rcc.oscillator).crystal = Crystal::new(8_000_000);
+        rcc.look(Nanos::from_millis(1_000));
+        assert_eq!(rcc.due(), Some(Nanos::from_millis(1_002)));
+        assert_ne!(rcc.read(CR, Nanos::from_millis(1_002)).unwrap() & cr::HSERDY, 0);
+    }
+
+    #[test]
+    fn the_system_clock_comes_from_the_pll_once_that_is_locked() {
+        let (mut rcc, now) = with_pll();
+        assert_eq!(rcc.read(CFGR, now), Ok(cfgr::PLL | cfgr::PLL << cfgr::SWS_AT));
+        let clocks = rcc.clocks(now);
+        assert_eq!(
+            (clocks.system, clocks.ahb, clocks.apb1, clocks.usart2),
+            (160_000_000, 160_000_000, 160_000_000, 160_000_000)
+        );
+        assert_eq!(clocks.usb, 0, "HSI48 is off");
+    }
+
+    #[test]
+    fn a_source_that_is_not_ready_is_switched_to_later() {
+        let mut rcc = rcc();
+        rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
+        rcc.write(CFGR, cfgr::HSE, Nanos(0)).unwrap();
+        assert_eq!(rcc.clocks(Nanos(0)).system, HSI16_HZ);
+        let now = wait(&mut rcc, Nanos(0));
+        assert_eq!(rcc.clocks(now).system, 8_000_000);
+    }
+
+    #[test]
+    fn multiplexers_choose_the_clocks_of_peripherals() {
+        let (mut rcc, now) = with_pll();
+        rcc.write(CCIPR, 0b10 << 2 | 0b01 << 24 | 0b10 << 26, now).unwrap();
+        let clocks = rcc.clocks(now);
+        assert_eq!(
+            (clocks.usart2, clocks.fdcan, clocks.usb),
+            (16_000_000, 80_000_000, 80_000_000)
+        );
+    }
+
+    #[test]
+    fn prescalers_divide_and_timers_get_twice_a_divided_bus() {
+        let (mut rcc, now) = with_pll();
+        rcc.write(CFGR, cfgr::PLL | 0b1000 << 4 | 0b101 << 8, now).unwrap();
+        let clocks = rcc.clocks(now);
+        assert_eq!(
+            (clocks.ahb, clocks.apb1, clocks.apb1_timers),
+            (80_000_000, 20_000_000, 40_000_000)
+        );
+        assert_eq!([ahb_divider(11), ahb_divider(12), ahb_divider(15)], [16, 64, 512]);
+    }
+
+    #[test]
+    fn the_pll_cannot_be_changed_or_lost_while_it_is_used() {
+        let (mut rcc, now) = with_pll();
+        assert!(rcc.write(PLLCFGR, PLLCFGR_160 ^ 1 << 8, now).is_err());
+        assert!(rcc.write(CR, cr::HSION | cr::HSEON, now).is_err());
+        assert_eq!(rcc.clocks(now).system, 160_000_000);
+    }
+
+    #[test]
+    fn a_pll_out_of_its_range_is_refused() {
+        let mut rcc = rcc();
+        rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
+        let now = wait(&mut rcc, Nanos(0));
+        rcc.write(PLLCFGR, 0b11 | 127 << 8, now).unwrap();
+        assert!(rcc.write(CR, cr::HSION | cr::HSEON | cr::PLLON, now).is_err());
+    }
+
+    #[test]
+    fn reset_flags_say_why_and_stay_until_removed() {
+        let mut rcc = rcc();
+        assert_eq!(rcc.read(CSR, Nanos(0)), Ok(csr::BORRSTF | csr::PINRSTF));
+        rcc.write(CSR, csr::RMVF, Nanos(0)).unwrap();
+        rcc.reset(Cause::Watchdog);
+        rcc.reset(Cause::Software);
+        assert_eq!(rcc.read(CSR, Nanos(0)), Ok(csr::IWDGRSTF | csr::SFTRSTF | csr::PINRSTF));
+        rcc.reset(Cause::Power);
+        assert_eq!(rcc.read(CSR, Nanos(0)), Ok(csr::BORRSTF | csr::PINRSTF));
+    }
+
+    #[test]
+    fn enables_and_resets_are_the_peripherals_own() {
+        let mut rcc = rcc();
+        assert!(rcc.is_enabled(gates::FLASH) && !rcc.is_enabled(gates::USART2));
+        rcc.write(APB1ENR1, 1 << 17, Nanos(0)).unwrap();
+        rcc.write(APB1RSTR1, 1 << 23, Nanos(0)).unwrap();
+        assert!(rcc.is_enabled(gates::USART2) && rcc.is_held(gates::USB) && !rcc.is_held(gates::USART2));
+    }
+}

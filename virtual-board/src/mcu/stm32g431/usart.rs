@@ -1,0 +1,677 @@
+//! USART2, which the arm is connected to (RM0440, chapter 37).
+//!
+//! | Behaviour | Section |
+//! |---|---|
+//! | Bit rate from BRR, PRESC and OVER8 | 37.5.8 |
+//! | Transmit data register and shift register; TXE, TC | 37.5.5 |
+//! | Receive data register; RXNE, ORE; RXFRQ | 37.5.6 |
+//! | IDLE after a frame of silence | 37.5.6 |
+//! | Parity with 9 bits; PE | 37.5.11 |
+//! | Framing and noise errors | 37.5.6 |
+//! | Half-duplex mode: the receiver hears the transmitter | 37.5.16 |
+//! | DMA requests; DDRE: a byte with an error and the DMA | 37.5.19, 37.8.4 |
+//! | Bits that may only be written while UE is clear | 37.8.1 to 37.8.5 |
+//!
+//! FIFO mode may be on while no byte is written or read. Refused by name: bytes in FIFO mode, 7 data bits, half stop bits, and everything that is not asynchronous.
+
+use crate::line::{AnyLine, Arm, Arrival, Format, Line, Parity, SECOND};
+use crate::shared::lock;
+use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::time::Nanos;
+
+const CR1: u32 = 0x00;
+const CR2: u32 = 0x04;
+const CR3: u32 = 0x08;
+const BRR: u32 = 0x0C;
+const GTPR: u32 = 0x10;
+const RTOR: u32 = 0x14;
+const RQR: u32 = 0x18;
+const ISR: u32 = 0x1C;
+const ICR: u32 = 0x20;
+const RDR: u32 = 0x24;
+const TDR: u32 = 0x28;
+const PRESC: u32 = 0x2C;
+
+/// Bits of CR1 (37.8.2, FIFO mode disabled).
+mod cr1 {
+    pub(super) const UE: u32 = 1;
+    pub(super) const RE: u32 = 1 << 2;
+    pub(super) const TE: u32 = 1 << 3;
+    pub(super) const IDLEIE: u32 = 1 << 4;
+    pub(super) const RXNEIE: u32 = 1 << 5;
+    pub(super) const TCIE: u32 = 1 << 6;
+    pub(super) const TXEIE: u32 = 1 << 7;
+    pub(super) const PEIE: u32 = 1 << 8;
+    pub(super) const PS: u32 = 1 << 9;
+    pub(super) const PCE: u32 = 1 << 10;
+    pub(super) const M0: u32 = 1 << 12;
+    pub(super) const OVER8: u32 = 1 << 15;
+    pub(super) const FIFOEN: u32 = 1 << 29;
+    pub(super) const INTERRUPTS: u32 = IDLEIE | RXNEIE | TCIE | TXEIE | PEIE;
+    /// Bits that may only be written while UE is clear.
+    pub(super) const HELD: u32 = PS | PCE | M0 | OVER8 | FIFOEN;
+    pub(super) const MODELLED: u32 = UE | RE | TE | INTERRUPTS | HELD;
+}
+
+/// STOP of CR2 (37.8.3).
+mod cr2 {
+    pub(super) const STOP_AT: u32 = 12;
+    pub(super) const STOP: u32 = 0b11;
+    pub(super) const ONE: u32 = 0b00;
+    pub(super) const TWO: u32 = 0b10;
+    pub(super) const MODELLED: u32 = STOP << STOP_AT;
+}
+
+/// Bits of CR3 (37.8.4).
+mod cr3 {
+    pub(super) const EIE: u32 = 1;
+    pub(super) const HDSEL: u32 = 1 << 3;
+    pub(super) const DMAR: u32 = 1 << 6;
+    pub(super) const DMAT: u32 = 1 << 7;
+    pub(super) const ONEBIT: u32 = 1 << 11;
+    pub(super) const OVRDIS: u32 = 1 << 12;
+    pub(super) const DDRE: u32 = 1 << 13;
+    /// Bits that may only be written while UE is clear.
+    pub(super) const HELD: u32 = HDSEL | ONEBIT | OVRDIS | DDRE;
+    pub(super) const MODELLED: u32 = EIE | DMAR | DMAT | HELD;
+}
+
+/// Bits of RQR (37.8.8).
+mod rqr {
+    pub(super) const RXFRQ: u32 = 1 << 3;
+    pub(super) const TXFRQ: u32 = 1 << 4;
+}
+
+/// Bits of ISR (37.8.10, FIFO mode disabled), and those of ICR that clear them (37.8.11).
+mod isr {
+    pub(super) const PE: u32 = 1;
+    pub(super) const FE: u32 = 1 << 1;
+    pub(super) const NE: u32 = 1 << 2;
+    pub(super) const ORE: u32 = 1 << 3;
+    pub(super) const IDLE: u32 = 1 << 4;
+    pub(super) const RXNE: u32 = 1 << 5;
+    pub(super) const TC: u32 = 1 << 6;
+    pub(super) const TXE: u32 = 1 << 7;
+    pub(super) const BUSY: u32 = 1 << 16;
+    pub(super) const TEACK: u32 = 1 << 21;
+    pub(super) const REACK: u32 = 1 << 22;
+    /// What a byte may have wrong with it.
+    pub(super) const BYTE_ERRORS: u32 = PE | FE | NE;
+    pub(super) const CLEARABLE: u32 = BYTE_ERRORS | ORE | IDLE | TC;
+}
+
+/// What PRESC divides the clock by (37.8.14).
+const PRESCALERS: [u64; 12] = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256];
+
+/// The USART, with the line at its pins.
+#[derive(Debug)]
+pub(super) struct Usart {
+    line: AnyLine,
+    clock_hz: u64,
+    cr1: u32,
+    cr2: u32,
+    cr3: u32,
+    brr: u32,
+    presc: u32,
+    gtpr: u32,
+    rtor: u32,
+    /// PE, FE, NE, ORE, IDLE and TC.
+    flags: u32,
+    /// What RDR holds, while RXNE is set, and what it held last.
+    received: Option<u8>,
+    last: u8,
+    /// What TDR holds, while TXE is clear.
+    transmit: Option<u8>,
+    /// The byte in the shift register, and when its last stop bit ends.
+    sending: Option<(Nanos, u8)>,
+    /// The byte that arrives, and when its last stop bit ends.
+    arriving: Option<(Nanos, Arrival)>,
+    /// When the line has been silent for a frame.
+    idle_at: Option<Nanos>,
+    /// When the arm wants to send next.
+    arm_due: Option<Nanos>,
+}
+
+impl Usart {
+    pub(super) fn new(line: AnyLine) -> Self {
+        Self {
+            line,
+            clock_hz: 0,
+            cr1: 0,
+            cr2: 0,
+            cr3: 0,
+            brr: 0,
+            presc: 0,
+            gtpr: 0,
+            rtor: 0,
+            flags: isr::TC,
+            received: None,
+            last: 0,
+            transmit: None,
+            sending: None,
+            arriving: None,
+            idle_at: None,
+            arm_due: None,
+        }
+    }
+
+    /// The USART as a reset leaves it. Line and clock stay.
+    pub(super) fn reset(&mut self, now: Nanos) {
+        *self = Self {
+            clock_hz: self.clock_hz,
+            ..Self::new(self.line.clone())
+        };
+        self.settle(now);
+    }
+
+    pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
+        if hz != self.clock_hz {
+            self.clock_hz = hz;
+            self.settle(now);
+        }
+    }
+
+    /// The program may have changed the line.
+    pub(super) fn look(&mut self, now: Nanos) {
+        self.settle(now);
+        self.advance(now);
+    }
+
+    /// The level of the interrupt line (37.6).
+    pub(super) fn interrupts(&self) -> bool {
+        let status = self.status();
+        let enabled = |enable: u32, flags: u32| self.cr1 & enable != 0 && status & flags != 0;
+        enabled(cr1::TXEIE, isr::TXE)
+            || enabled(cr1::TCIE, isr::TC)
+            || enabled(cr1::RXNEIE, isr::RXNE | isr::ORE)
+            || enabled(cr1::IDLEIE, isr::IDLE)
+            || enabled(cr1::PEIE, isr::PE)
+            || self.cr3 & cr3::EIE != 0 && status & (isr::FE | isr::NE | isr::ORE) != 0
+    }
+
+    /// Whether the receiver requests a DMA transfer. With DDRE, a byte with an error holds the request back until the error
+    /// flag is cleared.
+    pub(super) fn requests_receive(&self) -> bool {
+        let held = self.cr3 & cr3::DDRE != 0 && self.flags & isr::BYTE_ERRORS != 0;
+        self.cr3 & cr3::DMAR != 0 && self.received.is_some() && !held
+    }
+
+    /// Whether the transmitter requests a DMA transfer.
+    pub(super) fn requests_transmit(&self) -> bool {
+        self.cr3 & cr3::DMAT != 0 && self.transmit.is_none() && self.is_on(cr1::TE)
+    }
+
+    /// Whether UE and this bit of CR1 are set.
+    fn is_on(&self, bit: u32) -> bool {
+        self.cr1 & (cr1::UE | bit) == cr1::UE | bit
+    }
+
+    fn listens(&self) -> bool {
+        self.is_on(cr1::RE) && self.bit() > 0
+    }
+
+    fn status(&self) -> u32 {
+        let when = |set, bit| if set { bit } else { 0 };
+        self.flags
+            | when(self.received.is_some(), isr::RXNE)
+            | when(self.transmit.is_none(), isr::TXE)
+            | when(self.arriving.is_some(), isr::BUSY)
+            | when(self.is_on(cr1::TE), isr::TEACK)
+            | when(self.is_on(cr1::RE), isr::REACK)
+    }
+
+    fn format(&self) -> Format {
+        let parity = match (self.cr1 & cr1::PCE, self.cr1 & cr1::PS) {
+            (0, _) => Parity::None,
+            (_, 0) => Parity::Even,
+            _ => Parity::Odd,
+        };
+        Format {
+            parity,
+            two_stop_bits: field(self.cr2, cr2::STOP_AT, cr2::STOP) == cr2::TWO,
+        }
+    }
+
+    /// One bit in picoseconds, 0 while nothing divides the clock (37.5.8).
+    fn bit(&self) -> u64 {
+        let divider = if self.cr1 & cr1::OVER8 != 0 {
+            (self.brr & 0xFFF0 | (self.brr & 0b111) << 1) / 2
+        } else {
+            self.brr
+        };
+        let prescaler = PRESCALERS[self.presc as usize % PRESCALERS.len()];
+        (u64::from(divider) * prescaler * SECOND)
+            .checked_div(self.clock_hz)
+            .unwrap_or(0)
+    }
+
+    /// How long a byte lasts.
+    fn byte(&self) -> Nanos {
+        Nanos(self.format().bits() * self.bit() / 1_000)
+    }
+
+    /// Tells the line what changed, and asks when the arm wants to send.
+    fn settle(&mut self, now: Nanos) {
+        let listens = self.listens();
+        let line = self.line.clone();
+        let mut line = lock(&line);
+        line.set_board_bit(self.bit());
+        line.set_board_format(self.format());
+        line.set_half_duplex(self.cr3 & cr3::HDSEL != 0);
+        if !listens {
+            self.arriving = None;
+            line.nobody_receives(now);
+        }
+        self.arm_due = line.due();
+    }
+
+    /// Moves the byte in TDR to the shift register, if that is free.
+    fn start_to_send(&mut self, now: Nanos, line: &mut Line<dyn Arm>) {
+        if self.sending.is_some() || !self.is_on(cr1::TE) || self.bit() == 0 {
+            return;
+        }
+        let Some(byte) = self.transmit.take() else {
+            return;
+        };
+        self.flags &= !isr::TC;
+        self.sending = Some((now + self.byte(), byte));
+        if line.is_half_duplex() {
+            line.board_starts(now, byte);
+            self.listen(now, line);
+        }
+    }
+
+    /// Looks for a start bit, if no byte arrives.
+    fn listen(&mut self, now: Nanos, line: &mut Line<dyn Arm>) {
+        if self.arriving.is_some() || !self.listens() {
+            return;
+        }
+        if let Some(arrival) = line.board_receives(now) {
+            self.arriving = Some((now + self.byte(), arrival));
+            self.idle_at = None;
+        }
+    }
+
+    /// A byte has arrived.
+    fn receive(&mut self, arrival: Arrival) {
+        let flag = |set, bit| if set { bit } else { 0 };
+        let errors = flag(arrival.parity, isr::PE) | flag(arrival.framing, isr::FE) | flag(arrival.noise, isr::NE);
+        if self.received.is_some() && self.cr3 & cr3::OVRDIS == 0 {
+            self.flags |= isr::ORE;
+            return;
+        }
+        self.flags |= errors;
+        // 37.8.4 DDRE: without it, a byte with an error is not handed to the DMA, and RXNE stays clear.
+        if errors != 0 && self.cr3 & cr3::DMAR != 0 && self.cr3 & cr3::DDRE == 0 {
+            return;
+        }
+        self.received = Some(arrival.value);
+        self.last = arrival.value;
+    }
+
+    fn write_cr1(&mut self, value: u32) -> Result<(), Refused> {
+        if value & !cr1::MODELLED != 0 {
+            return Err(Refused::Unimplemented("CR1"));
+        }
+        if value & (cr1::PCE | cr1::M0) == cr1::PCE || value & (cr1::PCE | cr1::M0) == cr1::M0 {
+            return Err(Refused::Unimplemented("CR1.M: 7 or 9 data bits"));
+        }
+        let changed = value ^ self.cr1;
+        if value & self.cr1 & cr1::UE != 0 && changed & cr1::HELD != 0 {
+            return Err(forbidden(
+                "CR1",
+                "37.8.2: format or oversampling written while UE is set",
+            ));
+        }
+        if value & cr1::UE != 0 && changed & !value & cr1::TE != 0 && self.sending.is_some() {
+            return Err(forbidden("CR1", "37.5.5: TE cleared while a byte is sent"));
+        }
+        self.cr1 = value;
+        if value & cr1::UE == 0 {
+            // 37.8.2: all flags reset, what is under way is discarded.
+            self.flags = isr::TC;
+            self.received = None;
+            self.transmit = None;
+            self.sending = None;
+            self.arriving = None;
+            self.idle_at = None;
+        }
+        Ok(())
+    }
+
+    /// A register that may only be written while UE is clear.
+    fn while_disabled(&self, register: &'static str) -> Result<(), Refused> {
+        if self.cr1 & cr1::UE == 0 {
+            Ok(())
+        } else {
+            Err(forbidden(register, "37.8: written while UE is set"))
+        }
+    }
+
+    fn write_cr2(&mut self, value: u32) -> Result<(), Refused> {
+        let stop = field(value, cr2::STOP_AT, cr2::STOP);
+        if value & !cr2::MODELLED != 0 || !matches!(stop, cr2::ONE | cr2::TWO) {
+            return Err(Refused::Unimplemented("CR2"));
+        }
+        if value != self.cr2 {
+            self.while_disabled("CR2")?;
+        }
+        self.cr2 = value;
+        Ok(())
+    }
+
+    fn write_cr3(&mut self, value: u32) -> Result<(), Refused> {
+        if value & !cr3::MODELLED != 0 {
+            return Err(Refused::Unimplemented("CR3"));
+        }
+        if (value ^ self.cr3) & cr3::HELD != 0 {
+            self.while_disabled("CR3")?;
+        }
+        self.cr3 = value;
+        Ok(())
+    }
+}
+
+impl Peripheral for Usart {
+    fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
+        match offset {
+            CR1 => Ok(self.cr1),
+            CR2 => Ok(self.cr2),
+            CR3 => Ok(self.cr3),
+            BRR => Ok(self.brr),
+            GTPR => Ok(self.gtpr),
+            RTOR => Ok(self.rtor),
+            RQR | ICR => Ok(0),
+            ISR => Ok(self.status()),
+            RDR if self.cr1 & cr1::FIFOEN != 0 => Err(Refused::Unimplemented("RDR in FIFO mode")),
+            RDR => Ok(self.received.take().unwrap_or(self.last).into()),
+            TDR => Ok(self.transmit.unwrap_or(0).into()),
+            PRESC => Ok(self.presc),
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        match offset {
+            CR1 => self.write_cr1(value)?,
+            CR2 => self.write_cr2(value)?,
+            CR3 => self.write_cr3(value)?,
+            BRR => {
+                self.while_disabled("BRR")?;
+                self.brr = value & 0xFFFF;
+            }
+            PRESC => {
+                self.while_disabled("PRESC")?;
+                self.presc = value & 0xF;
+            }
+            // Both do nothing in asynchronous mode without a receiver time-out.
+            GTPR => self.gtpr = value,
+            RTOR => self.rtor = value,
+            RQR => {
+                if value & rqr::RXFRQ != 0 {
+                    self.received = None;
+                }
+                if value & !(rqr::RXFRQ | rqr::TXFRQ) != 0 {
+                    return Err(Refused::Unimplemented("RQR"));
+                }
+                return Ok(());
+            }
+            ICR => {
+                self.flags &= !(value & isr::CLEARABLE);
+                return Ok(());
+            }
+            TDR if self.cr1 & cr1::FIFOEN != 0 => return Err(Refused::Unimplemented("TDR in FIFO mode")),
+            TDR => {
+                self.transmit = Some(value as u8);
+                self.flags &= !isr::TC;
+            }
+            ISR | RDR => return Ok(()),
+            _ => return Err(Refused::NoRegister),
+        }
+        if offset != TDR {
+            self.settle(now);
+        }
+        let line = self.line.clone();
+        self.start_to_send(now, &mut lock(&line));
+        Ok(())
+    }
+
+    fn advance(&mut self, now: Nanos) {
+        let line = self.line.clone();
+        let mut line = lock(&line);
+        line.jam(now);
+        if let Some((_, byte)) = self.sending.take_if(|(ends, _)| *ends <= now) {
+            line.board_sent(now, byte);
+            if self.transmit.is_none() {
+                self.flags |= isr::TC;
+            }
+            self.start_to_send(now, &mut *line);
+        }
+        if let Some((_, mut arrival)) = self.arriving.take_if(|(ends, _)| *ends <= now) {
+            arrival.framing |= line.is_jammed();
+            self.receive(arrival);
+            self.idle_at = Some(now + self.byte());
+            self.listen(now, &mut *line);
+        }
+        if self.idle_at.take_if(|at| *at <= now).is_some() {
+            self.flags |= isr::IDLE;
+        }
+        self.arm_due = line.due();
+        if self.arriving.is_none() && self.arm_due.is_some_and(|due| due <= now) {
+            if self.listens() {
+                self.listen(now, &mut *line);
+            } else {
+                line.nobody_receives(now);
+            }
+            self.arm_due = line.due();
+        }
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        let sending = self.sending.map(|(ends, _)| ends);
+        let arriving = self.arriving.map(|(ends, _)| ends);
+        let arm = self.arm_due.filter(|_| self.arriving.is_none());
+        [sending, arriving, self.idle_at, arm].into_iter().flatten().min()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+    use std::sync::{Arc, Mutex};
+
+    use armwire::Micros;
+    use armwire_sim::serial::SerialDevice;
+
+    use super::*;
+    use crate::line::{Direction, Fault};
+
+    /// Sends what it is given, at once, and keeps what it hears.
+    #[derive(Debug, Default)]
+    struct Talker {
+        says: VecDeque<u8>,
+        heard: Vec<u8>,
+    }
+
+    impl SerialDevice for Talker {
+        fn receive(&mut self, _: Micros, byte: u8) {
+            self.heard.push(byte);
+        }
+
+        fn transmit(&mut self, _: Micros) -> Option<u8> {
+            self.says.pop_front()
+        }
+
+        fn poll_timeout(&self) -> Option<Micros> {
+            (!self.says.is_empty()).then_some(Micros(0))
+        }
+    }
+
+    struct Bench {
+        usart: Usart,
+        line: Arc<Mutex<Line<Talker>>>,
+        now: Nanos,
+    }
+
+    impl Bench {
+        /// A USART at 1 Mbaud from 160 MHz.
+        fn new() -> Self {
+            let line = Arc::new(Mutex::new(Line::new(Talker::default(), 1_000_000, 0, Arc::default())));
+            let mut usart = Usart::new(line.clone());
+            usart.set_clock(160_000_000, Nanos(0));
+            usart.write(BRR, 160, Nanos(0)).unwrap();
+            Self {
+                usart,
+                line,
+                now: Nanos(0),
+            }
+        }
+
+        /// Lets the arm say this.
+        fn say(&mut self, bytes: &[u8]) {
+            self.line.lock().unwrap().arm_mut().says.extend(bytes);
+        }
+
+        fn write(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
+            self.usart.write(offset, value, self.now)
+        }
+
+        fn read(&mut self, offset: u32) -> u32 {
+            self.usart.read(offset, self.now).unwrap()
+        }
+
+        fn status(&mut self) -> u32 {
+            self.read(ISR)
+        }
+
+        /// Runs until this many microseconds.
+        fn run(&mut self, micros: u64) {
+            let until = Nanos(micros * 1_000);
+            self.usart.look(self.now);
+            while let Some(due) = self.usart.due().filter(|&due| due <= until) {
+                self.now = due;
+                self.usart.advance(due);
+            }
+            self.now = until;
+        }
+    }
+
+    const ON: u32 = cr1::UE | cr1::RE | cr1::TE;
+
+    #[test]
+    fn a_byte_leaves_in_ten_bits_and_then_transmission_is_complete() {
+        let mut bench = Bench::new();
+        bench.write(CR1, ON).unwrap();
+        bench.write(TDR, 0x55).unwrap();
+        assert_eq!(
+            bench.status() & (isr::TXE | isr::TC),
+            isr::TXE,
+            "the shift register has it"
+        );
+        bench.write(TDR, 0xAA).unwrap();
+        assert_eq!(bench.status() & isr::TXE, 0);
+        bench.run(19);
+        assert_eq!(bench.status() & (isr::TXE | isr::TC), isr::TXE);
+        bench.run(20);
+        assert_eq!(bench.status() & (isr::TXE | isr::TC), isr::TXE | isr::TC);
+        assert_eq!(bench.line.lock().unwrap().arm_mut().heard, [0x55, 0xAA]);
+    }
+
+    #[test]
+    fn a_byte_arrives_and_silence_of_a_frame_is_idle() {
+        let mut bench = Bench::new();
+        bench.write(CR1, ON | cr1::IDLEIE).unwrap();
+        bench.say(&[0x31]);
+        bench.run(10);
+        assert_eq!(bench.status() & (isr::RXNE | isr::IDLE), isr::RXNE);
+        bench.run(20);
+        assert!(bench.usart.interrupts());
+        assert_eq!(bench.read(RDR), 0x31);
+        bench.write(ICR, isr::IDLE).unwrap();
+        assert_eq!(bench.status() & (isr::RXNE | isr::IDLE), 0);
+        bench.run(100);
+        assert_eq!(bench.status() & isr::IDLE, 0, "it is told once");
+    }
+
+    #[test]
+    fn a_byte_that_nobody_fetched_makes_the_next_an_overrun() {
+        let mut bench = Bench::new();
+        bench.write(CR1, ON).unwrap();
+        bench.say(&[1, 2, 3]);
+        bench.run(30);
+        assert_eq!(bench.status() & isr::ORE, isr::ORE);
+        assert_eq!(bench.read(RDR), 1);
+    }
+
+    #[test]
+    fn a_byte_with_an_error_waits_for_its_flag_with_ddre_and_is_dropped_without() {
+        for (ddre, received) in [(cr3::DDRE, isr::RXNE), (0, 0)] {
+            let mut bench = Bench::new();
+            bench.line.lock().unwrap().plan_fault(0, Fault::Noise);
+            bench.write(CR3, cr3::DMAR | cr3::EIE | ddre).unwrap();
+            bench.write(CR1, ON).unwrap();
+            bench.say(&[0x31]);
+            bench.run(10);
+            assert!(bench.usart.interrupts());
+            assert_eq!(bench.status() & (isr::RXNE | isr::NE), received | isr::NE);
+            assert!(!bench.usart.requests_receive());
+            bench.write(ICR, isr::NE).unwrap();
+            assert_eq!(bench.usart.requests_receive(), received != 0);
+        }
+    }
+
+    #[test]
+    fn parity_makes_a_byte_of_eleven_bits() {
+        let mut bench = Bench::new();
+        bench.write(CR1, ON | cr1::PCE | cr1::M0).unwrap();
+        bench.write(TDR, 0x01).unwrap();
+        bench.run(100);
+        let line = bench.line.lock().unwrap();
+        assert_eq!(
+            (line.bytes()[0].at, line.bytes()[0].direction),
+            (Nanos(11_000), Direction::ToArm)
+        );
+    }
+
+    #[test]
+    fn in_half_duplex_mode_the_receiver_hears_the_transmitter() {
+        let mut bench = Bench::new();
+        bench.write(CR3, cr3::HDSEL).unwrap();
+        bench.write(CR1, ON).unwrap();
+        bench.write(TDR, 0x42).unwrap();
+        bench.run(10);
+        assert_eq!((bench.status() & isr::RXNE, bench.read(RDR)), (isr::RXNE, 0x42));
+    }
+
+    #[test]
+    fn oversampling_by_8_and_the_prescaler_make_the_bit_rate() {
+        let mut bench = Bench::new();
+        bench.write(CR1, cr1::OVER8).unwrap();
+        // 160 MHz / 2 / 10 = 8 MBaud.
+        bench.write(BRR, 0x10 | 2).unwrap();
+        bench.write(PRESC, 1).unwrap();
+        assert_eq!(bench.usart.bit(), 125_000);
+    }
+
+    #[test]
+    fn format_and_rate_are_held_while_enabled() {
+        let mut bench = Bench::new();
+        bench.write(CR1, ON).unwrap();
+        assert!(bench.write(BRR, 80).is_err());
+        assert!(bench.write(CR1, ON | cr1::PCE | cr1::M0).is_err());
+        assert!(bench.write(CR3, cr3::DDRE).is_err());
+        assert!(bench.write(CR2, cr2::TWO << cr2::STOP_AT).is_err());
+        bench.write(CR3, cr3::DMAR | cr3::DMAT).unwrap();
+    }
+
+    #[test]
+    fn a_disabled_usart_discards_everything() {
+        let mut bench = Bench::new();
+        bench.write(CR1, ON).unwrap();
+        bench.say(&[1]);
+        bench.run(10);
+        bench.write(TDR, 1).unwrap();
+        bench.write(CR1, 0).unwrap();
+        assert_eq!((bench.status(), bench.usart.due()), (isr::TC | isr::TXE, None));
+    }
+}

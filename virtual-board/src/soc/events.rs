@@ -1,0 +1,82 @@
+//! When each peripheral is to be called next.
+
+use crate::time::Nanos;
+
+const NEVER: Nanos = Nanos(u64::MAX);
+
+/// One instant for each of a few peripherals. A chip has so few of them that looking at all is faster than a heap.
+#[derive(Clone, Debug)]
+pub(crate) struct Events<const SLOTS: usize> {
+    due: [Nanos; SLOTS],
+    next: Nanos,
+}
+
+impl<const SLOTS: usize> Default for Events<SLOTS> {
+    fn default() -> Self {
+        Self {
+            due: [NEVER; SLOTS],
+            next: NEVER,
+        }
+    }
+}
+
+impl<const SLOTS: usize> Events<SLOTS> {
+    /// Sets when the peripheral of `slot` is to be called.
+    #[inline]
+    pub(crate) fn set(&mut self, slot: usize, due: Option<Nanos>) {
+        let due = due.unwrap_or(NEVER);
+        let before = std::mem::replace(&mut self.due[slot], due);
+        if due < self.next {
+            self.next = due;
+        } else if before == self.next && due != before {
+            self.next = self.due.iter().copied().min().unwrap_or(NEVER);
+        }
+    }
+
+    /// When the next one is due. The end of time if none is.
+    #[inline]
+    pub(crate) fn next(&self) -> Nanos {
+        self.next
+    }
+
+    /// Takes the slot that is due first, if it is by `now`: of several at the same instant the lowest.
+    pub(crate) fn take(&mut self, now: Nanos) -> Option<usize> {
+        if self.next > now {
+            return None;
+        }
+        let slot = self.due.iter().position(|&due| due == self.next)?;
+        self.set(slot, None);
+        Some(slot)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_earliest_comes_first_and_then_the_lowest() {
+        let mut events = Events::<4>::default();
+        events.set(3, Some(Nanos(10)));
+        events.set(1, Some(Nanos(20)));
+        events.set(2, Some(Nanos(10)));
+        events.set(0, Some(Nanos(30)));
+        assert_eq!(events.next(), Nanos(10));
+        let taken: Vec<usize> = std::iter::from_fn(|| events.take(Nanos(25))).collect();
+        assert_eq!(taken, [2, 3, 1]);
+        assert_eq!(events.next(), Nanos(30));
+    }
+
+    #[test]
+    fn an_instant_that_is_put_off_is_not_the_next_any_more() {
+        let mut events = Events::<2>::default();
+        events.set(0, Some(Nanos(10)));
+        events.set(1, Some(Nanos(15)));
+        events.set(0, Some(Nanos(20)));
+        assert_eq!(events.next(), Nanos(15));
+        events.set(1, None);
+        assert_eq!(events.next(), Nanos(20));
+        events.set(0, None);
+        assert_eq!((events.next(), events.take(Nanos(1 << 40))), (NEVER, None));
+    }
+}

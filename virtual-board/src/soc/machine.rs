@@ -1,0 +1,294 @@
+//! The core and a chip, run in virtual time by whoever owns the board, in the same thread.
+//!
+//! A turn of the loop does what is due, tells the core of its interrupts, and lets the core run until the next event. A
+//! core that sleeps skips to that.
+
+use std::collections::BTreeMap;
+use std::fmt::Debug;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::board::Error;
+use crate::can::bus::Bus as CanBus;
+use crate::core::{Bus, Core, FlashTiming, Memory, Stop, Timing, Width};
+use crate::crystal::Oscillator;
+use crate::engine::{Engine, News, Stopped, Watched};
+use crate::flash::Flash;
+use crate::line::AnyLine;
+use crate::report::{self, Crash, Report, Restart, Violation};
+use crate::shared::Shared;
+use crate::soc::clock::Clock;
+use crate::soc::violations::Recorder;
+use crate::time::Nanos;
+use crate::trace::Trace;
+use crate::usb::host::Host;
+
+/// What is connected to a chip.
+#[derive(Clone, Debug)]
+pub(crate) struct Edges {
+    pub(crate) line: AnyLine,
+    /// Keeps the DMA from serving the arm's UART.
+    pub(crate) starve: Arc<AtomicBool>,
+    pub(crate) host: Shared<Host>,
+    pub(crate) can: Shared<CanBus>,
+    pub(crate) flash: Shared<Flash>,
+    pub(crate) oscillator: Shared<Oscillator>,
+}
+
+/// Why a chip is reset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Cause {
+    Power,
+    Software,
+    Watchdog,
+}
+
+/// What a machine needs to know of its chip. Every call happens at its instant, in order.
+pub(crate) trait Chip: Bus + Debug + Send {
+    /// The core's cycles.
+    fn clock(&self) -> &Clock;
+
+    /// Moves the origin of its clocks near `now`.
+    fn come_near(&mut self, now: Nanos);
+
+    /// The flash as its wait states and caches are set.
+    fn flash_timing(&self) -> FlashTiming;
+
+    /// When the next event is due. The end of time if none is.
+    fn next_event(&self) -> Nanos;
+
+    /// The core runs until `deadline`: the chip needs attention if an event is due sooner.
+    fn set_deadline(&mut self, deadline: Nanos);
+
+    /// Does what is due first.
+    fn handle_event(&mut self, memory: &mut Memory);
+
+    /// Looks at what the program may have changed outside.
+    fn look(&mut self, now: Nanos, memory: &mut Memory);
+
+    /// Takes a change of an interrupt line: its number and its level.
+    fn take_interrupt(&mut self) -> Option<(u16, bool)>;
+
+    /// Whether the NMI became pending since this was last asked.
+    fn take_nmi(&mut self) -> bool;
+
+    /// Takes a reset that the chip asks for.
+    fn take_reset(&mut self) -> Option<Cause>;
+
+    /// Whether the core stands still: it waits for the flash, has no power, or is in the boot loader.
+    fn holds_core(&self) -> bool;
+
+    /// Whether the core started the boot loader since the last reset.
+    fn is_in_boot_loader(&self) -> bool;
+
+    /// What happened since this was last asked that a program may wait for.
+    fn take_news(&mut self) -> News;
+
+    /// Resets everything that this cause resets.
+    fn restart(&mut self, cause: Cause, now: Nanos, memory: &mut Memory);
+
+    /// The violations so far.
+    fn recorder(&self) -> &Recorder;
+
+    /// The trace of accesses and events so far.
+    fn trace(&self) -> Trace;
+}
+
+/// The core, a chip, and where the two are.
+#[derive(Debug)]
+pub(crate) struct Machine<C> {
+    core: Core,
+    chip: C,
+    now: Nanos,
+    /// Whether cycles are counted as a Cortex-M4 with this flash does.
+    exact: bool,
+    /// Functions that run only when the firmware is broken.
+    crashes: BTreeMap<u32, Crash>,
+    crash: Option<Crash>,
+    /// The program lets the core stand still until the next reset.
+    held: bool,
+    /// The core can go on only after a reset.
+    dead: bool,
+    /// What the core has no model of.
+    refusals: Vec<Violation>,
+    restarts: Vec<Restart>,
+}
+
+impl<C: Chip> Machine<C> {
+    /// A machine at power-on. It stops where a crash shows. An instruction takes a cycle, or with `exact` what it takes a
+    /// Cortex-M4 with the chip's flash.
+    pub(crate) fn new(core: Core, chip: C, exact: bool, crashes: BTreeMap<u64, Crash>) -> Self {
+        let crashes = crashes
+            .into_iter()
+            .map(|(address, crash)| (address as u32, crash))
+            .collect();
+        let mut machine = Self {
+            core,
+            chip,
+            now: Nanos(0),
+            exact,
+            crashes,
+            crash: None,
+            held: false,
+            dead: false,
+            refusals: Vec::new(),
+            restarts: Vec::new(),
+        };
+        for &address in machine.crashes.keys() {
+            machine.core.set_breakpoint(address);
+        }
+        machine.core.reset(&mut machine.chip);
+        machine
+    }
+
+    fn restart(&mut self, cause: Cause) {
+        self.chip.restart(cause, self.now, self.core.memory_mut());
+        self.core.reset(&mut self.chip);
+        self.held = false;
+        self.dead = false;
+        self.restarts.push(Restart {
+            at: self.now,
+            cause: match cause {
+                Cause::Power => report::Cause::Power,
+                Cause::Software => report::Cause::Software,
+                Cause::Watchdog => report::Cause::Watchdog,
+            },
+        });
+    }
+
+    /// Does everything that is due, and tells the core.
+    fn catch_up(&mut self) {
+        while self.chip.next_event() <= self.now {
+            self.chip.handle_event(self.core.memory_mut());
+            self.tell_core();
+        }
+        self.tell_core();
+        if let Some(cause) = self.chip.take_reset() {
+            self.restart(cause);
+        }
+    }
+
+    fn tell_core(&mut self) {
+        while let Some((line, high)) = self.chip.take_interrupt() {
+            self.core.set_interrupt_line(line, high);
+        }
+        if self.chip.take_nmi() {
+            self.core.pend_nmi();
+        }
+    }
+
+    /// Lets the core stand still until `until`.
+    fn skip(&mut self, until: Nanos) {
+        self.now = self.now.max(until);
+        self.core.advance(self.chip.clock().tick_from(self.now));
+    }
+
+    /// Lets the core run until `until` at most, and deals with why it stopped.
+    fn run_core(&mut self, until: Nanos) {
+        self.chip.set_deadline(until);
+        if self.exact {
+            self.core.set_timing(Timing::CortexM4(self.chip.flash_timing()));
+        }
+        let cycle = self.chip.clock().tick_from(until);
+        let stop = self.core.run(&mut self.chip, cycle);
+        let at = self.chip.clock().instant(self.core.cycle());
+        self.now = self.now.max(at.unwrap_or(until));
+        match stop {
+            Stop::Deadline | Stop::Attention => {}
+            Stop::Sleep => self.skip(until),
+            Stop::Breakpoint => self.crash = self.crashes.get(&self.core.pc()).copied(),
+            Stop::ResetRequest => self.restart(Cause::Software),
+            Stop::Lockup => self.die(Crash::Lockup),
+            Stop::Refused(refusal) => {
+                self.refusals.push(Violation::Refused {
+                    address: self.core.pc().into(),
+                    reason: refusal.to_string(),
+                });
+                self.die(Crash::Unmodelled);
+            }
+        }
+    }
+
+    fn die(&mut self, crash: Crash) {
+        self.crash = Some(crash);
+        self.dead = true;
+    }
+
+    /// Runs until an instant, until what is watched for happens, or until the firmware crashes.
+    fn run_until(&mut self, until: Nanos, watched: Watched) {
+        self.chip.come_near(self.now);
+        self.chip.look(self.now, self.core.memory_mut());
+        loop {
+            let was_powered_off = self.chip.holds_core();
+            self.catch_up();
+            let news = self.chip.take_news();
+            let found = match watched {
+                Watched::Nothing => false,
+                Watched::Everything => news.any,
+                Watched::Heard => news.heard,
+            };
+            let cut = news.cut;
+            if found || cut || self.now >= until || self.crash.is_some() {
+                return;
+            }
+            let next = self.chip.next_event().min(until);
+            if self.held || self.dead || self.chip.holds_core() {
+                let entered = self.chip.is_in_boot_loader() && !was_powered_off;
+                if entered && watched == Watched::Everything {
+                    return;
+                }
+                self.skip(next);
+            } else {
+                self.run_core(next);
+            }
+        }
+    }
+}
+
+impl<C: Chip> Engine for Machine<C> {
+    fn run(&mut self, until: Nanos, watched: Watched) -> Result<Stopped, Error> {
+        self.run_until(until, watched);
+        Ok(Stopped {
+            at: self.now,
+            instructions: self.core.instructions(),
+            trace: self.chip.trace(),
+            crash: self.crash.take(),
+            in_boot_loader: self.chip.is_in_boot_loader(),
+        })
+    }
+
+    fn report(&mut self) -> Result<Report, Error> {
+        Ok(Report {
+            violations: [self.chip.recorder().violations(), &self.refusals].concat(),
+            restarts: self.restarts.clone(),
+        })
+    }
+
+    fn profile(&mut self) -> Result<BTreeMap<u64, u64>, Error> {
+        let profile = self.core.take_profile();
+        Ok(profile
+            .into_iter()
+            .map(|(address, count)| (address.into(), count))
+            .collect())
+    }
+
+    fn read(&mut self, address: u64) -> Result<Option<u32>, Error> {
+        let address = u32::try_from(address).ok();
+        Ok(address.and_then(|address| self.core.debug_read(&mut self.chip, address, Width::Word)))
+    }
+
+    fn write(&mut self, address: u64, value: u32) -> Result<bool, Error> {
+        let address = u32::try_from(address).ok();
+        let written = address.and_then(|address| self.core.debug_write(&mut self.chip, address, value, Width::Word));
+        Ok(written.is_some())
+    }
+
+    fn hold(&mut self, held: bool) -> Result<(), Error> {
+        self.held = held;
+        Ok(())
+    }
+
+    fn log(&mut self) -> Vec<u8> {
+        Vec::new()
+    }
+}
