@@ -4,18 +4,32 @@
 //! not divide 170 MHz or any part of it. USB's 48 MHz do not come out either, so they come from an oscillator of their
 //! own, which the clock recovery system trims to the host's start-of-frame packets. CAN needs the crystal (CiA 601-3).
 
-use embassy_stm32::Config;
+use embassy_stm32::Peri;
 use embassy_stm32::pac;
+use embassy_stm32::peripherals::RCC;
 use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Hsi48Config, Pll, PllMul, PllPreDiv, PllQDiv, PllRDiv, PllSource, Sysclk,
-    mux,
+    self, AHBPrescaler, APBPrescaler, Config, Hse, HseMode, Hsi48Config, Pll, PllMul, PllPreDiv, PllQDiv, PllRDiv,
+    PllSource, Sysclk, mux,
 };
 use embassy_stm32::time::Hertz;
 
-/// The configuration of the chip.
-pub(crate) fn config() -> Config {
-    let mut config = Config::default();
-    let rcc = &mut config.rcc;
+/// R1MODE of PWR_CR5: boost mode while it is clear (RM0440 6.4.22).
+const R1MODE: u32 = 1 << 8;
+
+/// Starts the clocks of a chip that runs on its internal oscillator.
+///
+/// The HAL's description of the chip, stm32-metapac 21, has R1MODE at bit 0 of PWR_CR5, where nothing is, so that the HAL
+/// does not switch on boost mode. And its `init` resets PWR before it starts the clocks: boost mode has to be on between the
+/// two.
+pub(crate) fn start(rcc: &mut Peri<'static, RCC>) {
+    pac::PWR.cr5().modify(|w| w.0 &= !R1MODE);
+    rcc::reinit(config(), rcc);
+    accelerate_flash();
+}
+
+/// The configuration of the clocks.
+fn config() -> Config {
+    let mut rcc = Config::default();
     rcc.hse = Some(Hse {
         freq: Hertz(8_000_000),
         mode: HseMode::Oscillator,
@@ -29,7 +43,7 @@ pub(crate) fn config() -> Config {
         divr: Some(PllRDiv::DIV2),
     });
     rcc.sys = Sysclk::PLL1_R;
-    // Above 150 MHz (RM0440 6.1.5).
+    // Above 150 MHz (RM0440 6.1.5). The HAL sets the wait states of boost mode with it, but not the mode.
     rcc.boost = true;
     rcc.ahb_pre = AHBPrescaler::DIV1;
     rcc.apb1_pre = APBPrescaler::DIV1;
@@ -37,11 +51,11 @@ pub(crate) fn config() -> Config {
     rcc.hsi48 = Some(Hsi48Config { sync_from_usb: true });
     rcc.mux.clk48sel = mux::Clk48sel::HSI48;
     rcc.mux.fdcansel = mux::Fdcansel::PLL1_Q;
-    config
+    rcc
 }
 
 /// Switches on the flash prefetch (RM0440 5.3.4), which hides most of the four wait states of 160 MHz. The caches are
 /// on after a reset.
-pub(crate) fn accelerate_flash() {
+fn accelerate_flash() {
     pac::FLASH.acr().modify(|w| w.set_prften(true));
 }

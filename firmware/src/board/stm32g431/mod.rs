@@ -80,8 +80,8 @@ pub(crate) type UsbDriver = usb::Driver<'static, USB>;
 pub(crate) fn init(_watchdog: &mut Watchdog) -> Board {
     pac::RCC.ahb2enr().modify(|w| w.set_gpioaen(true));
     usart::hold_tx_high();
-    let p = embassy_stm32::init(clock::config());
-    clock::accelerate_flash();
+    let mut p = embassy_stm32::init(embassy_stm32::Config::default());
+    clock::start(&mut p.RCC);
     for interrupt in LESS_URGENT {
         interrupt.set_priority(Priority::P1);
     }
@@ -94,6 +94,7 @@ pub(crate) fn init(_watchdog: &mut Watchdog) -> Board {
     let Ok(uart) = UartRx::new_blocking(p.USART2, p.PA3, line) else {
         unreachable!()
     };
+    usart::set_half_duplex(false);
     usart::start_transmitter();
 
     Board {

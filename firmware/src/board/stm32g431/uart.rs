@@ -29,6 +29,16 @@ pub(crate) fn take_status() -> Status {
 /// Clears errors that still stand: there are none, they were cleared when they were read.
 pub(crate) fn clear_errors() {}
 
+/// Lets the UART, which is disabled, tell of one byte at a time, and hand over a byte with an error, too.
+///
+/// The HAL switches on the FIFOs, in which a flag tells of a byte other than the last one. And without DDRE the DMA does not
+/// get a byte with an error, but it is part of a frame (RM0440 37.8.4): with it, the DMA gets that once the flag is cleared,
+/// which the interrupt handler does.
+pub(crate) fn keep_to_bytes() {
+    UART.cr1().modify(|w| w.set_fifoen(false));
+    UART.cr3().modify(|w| w.set_ddre(true));
+}
+
 /// Whether a byte waits for the DMA.
 pub(crate) fn is_byte_waiting() -> bool {
     UART.isr().read().rxne()
