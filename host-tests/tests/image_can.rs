@@ -9,10 +9,10 @@ use armwire_bridge::control::{self, Event};
 use armwire_bridge::isotp::SeparationTime;
 use armwire_host_tests::image::requests::frame;
 use armwire_host_tests::image::{
-    CanProgram, Control, MEGABAUD, Program, counters, on_board, on_board_with, path, plug_in, read_all,
+    CanProgram, Control, MEGABAUD, Program, chip, counters, facts, on_board, on_board_with, path, plug_in, read_all,
 };
 use armwire_sim::ling::LingArm;
-use armwire_virtual_board::{Chip, Nanos, VirtualBoard};
+use armwire_virtual_board::{Nanos, VirtualBoard};
 
 /// Bits per second on the bus.
 const RATE: u32 = 1_000_000;
@@ -284,8 +284,8 @@ fn a_flood_that_takes_all_the_time_does_not_keep_the_adapter_from_the_bus() {
 #[test]
 fn a_bus_that_is_lost_and_back_while_the_flash_is_erased_is_counted() {
     // Nothing that can be added to, so that a save begins with an erase.
-    let mut contents = vec![0xFF; Chip::Stm32f405.flash_size()];
-    contents[0x4000..0xC000].fill(0x5A);
+    let mut contents = vec![0xFF; chip().flash_size()];
+    contents[facts(chip()).config_flash].fill(0x5A);
     let mut config = armwire_virtual_board::Config::new(path(), ling());
     config.flash = Some(contents);
     on_board_with(config, |board| {

@@ -6,13 +6,13 @@ use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{self, Asker, Event, Reply, Stamp};
 use armwire_bridge::store::SAVE_BUDGET;
 use armwire_host_tests::image::{
-    Control, MEGABAUD, Program, Talker, counters, on_board, open, path, plug_in, read_all,
+    Control, MEGABAUD, Program, Talker, chip, counters, facts, on_board, open, path, plug_in, read_all,
 };
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Arm, Direction};
 use armwire_virtual_board::report::Cause;
 use armwire_virtual_board::usb::cdc::LineCoding;
-use armwire_virtual_board::{Chip, Nanos, VirtualBoard};
+use armwire_virtual_board::{Nanos, VirtualBoard};
 
 fn ling() -> LingArm {
     LingArm::new(armwire_sim::ling::Config::follower())
@@ -43,9 +43,9 @@ fn the_adapter_says_what_it_is() {
         };
         assert_eq!(identity.version, control::VERSION);
         assert_eq!(identity.firmware, env!("CARGO_PKG_VERSION"));
-        assert_eq!(identity.board, "stm32f405");
+        assert_eq!(identity.board.as_str(), board.chip().to_string());
         assert_eq!(identity.serial, "200041000B35315035563033");
-        assert!(!identity.can_fd);
+        assert_eq!(identity.can_fd, facts(board.chip()).can_fd);
         // The commit, if it was built from one: twelve digits, and perhaps that files were changed.
         let commit = identity.commit.trim_end_matches('+');
         assert!(commit.is_empty() || commit.len() == 12, "{commit}");
@@ -95,9 +95,10 @@ fn a_configuration_that_was_saved_is_in_force_after_a_power_cycle() {
 
 #[test]
 fn a_configuration_that_cannot_be_read_is_counted_and_the_adapter_is_as_from_the_factory() {
-    // Something else was where the configuration is: `firmware/src/board/stm32f405/flash.rs`.
-    let mut flash = vec![0xFF; Chip::Stm32f405.flash_size()];
-    flash[0x4000..0x8000].fill(0x5A);
+    // Something else was where the configuration is, in the first half of it.
+    let place = facts(chip()).config_flash;
+    let mut flash = vec![0xFF; chip().flash_size()];
+    flash[place.start..place.start + place.len() / 2].fill(0x5A);
     let mut config = armwire_virtual_board::Config::new(path(), ling());
     config.flash = Some(flash);
     let mut board = VirtualBoard::start(config).unwrap();

@@ -15,7 +15,7 @@ use armwire_bridge::control::{
 };
 use armwire_bridge::{Bridge, Counters, PACKET};
 use armwire_host_tests::image::{
-    Control, MEGABAUD, Traffic, Witness, byte_time, counters, joint_answer, on_board, plug_in,
+    Control, MEGABAUD, Traffic, Witness, byte_time, counters, facts, joint_answer, on_board, plug_in,
 };
 use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::line::Direction;
@@ -303,14 +303,11 @@ fn a_day_of_polls_through_the_bridge_has_exact_counters_and_stamps_that_only_gro
 /// that takes the stamp may wait for another.
 const STAMPS_WITHIN: i64 = 3;
 
-/// The clock's timer, TIM5 (RM0090, table 1): its counter, and the compare value that tells what is due (18.4).
-const COUNT: u64 = 0x4000_0C24;
-const DUE: u64 = 0x4000_0C38;
-
 /// Presets the clock's timer, as a debugger can, and lets it look at once what is due.
 fn preset(board: &mut VirtualBoard<Witness>, count: u32) {
-    board.write_word(COUNT, count).unwrap();
-    board.write_word(DUE, count.wrapping_add(10)).unwrap();
+    let chip = facts(board.chip());
+    board.write_word(chip.clock_count, count).unwrap();
+    board.write_word(chip.clock_due, count.wrapping_add(10)).unwrap();
     board.run_for(Nanos::from_millis(2)).unwrap();
 }
 

@@ -4,7 +4,7 @@
 //! is in until its first byte goes out. In between the core does not sleep, and the emulator takes a cycle for each
 //! instruction: the time says how many there were.
 
-use armwire_host_tests::image::{CORE_HZ, MEGABAUD, on_board, plug_in, quiet};
+use armwire_host_tests::image::{MEGABAUD, chip, facts, on_board, plug_in, quiet};
 use armwire_sim::ling::{Config, LingArm};
 use armwire_virtual_board::Nanos;
 
@@ -22,5 +22,5 @@ fn main() {
 
 /// How many the core executes in this time.
 fn instructions(time: Nanos) -> u64 {
-    time.0 * (CORE_HZ / 1_000_000) / 1_000
+    time.0 * (facts(chip()).core_hz / 1_000_000) / 1_000
 }

@@ -5,6 +5,7 @@
 
 pub mod campaign;
 mod can_program;
+mod chip;
 mod control;
 mod figures;
 mod hosts;
@@ -28,6 +29,7 @@ use armwire_virtual_board::usb::host::Request;
 use armwire_virtual_board::{Config, Nanos, VirtualBoard};
 
 pub use can_program::CanProgram;
+pub use chip::{Facts, chip, facts};
 pub use control::Control;
 pub use figures::Spread;
 pub use hosts::{Asking, CanHost, Hosts, Subscriber, Telemetry, UsbHost};
@@ -39,9 +41,6 @@ pub use witness::{Deeds, Ticket, Witness, joint_answer};
 
 /// The rate of the Ling arm's line, in bits per second.
 pub const MEGABAUD: u32 = 1_000_000;
-
-/// Cycles of the core in a second.
-pub const CORE_HZ: u64 = 168_000_000;
 
 /// Longer than anything waits in the adapter, at 115200 baud and above.
 const SETTLING: Micros = Micros::from_millis(10);

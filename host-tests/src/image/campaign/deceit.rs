@@ -5,7 +5,7 @@ use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Positi
 use armwire_virtual_board::Nanos;
 use armwire_virtual_board::line::Fault as LineFault;
 
-use super::super::Ticket;
+use super::super::{Ticket, facts};
 use super::Result;
 use super::rig::Rig;
 
@@ -26,11 +26,6 @@ pub enum Deceit {
     StaysSilent,
 }
 
-/// CR1 of USART2 (RM0090, table 1, 30.6.4): UE and TE, and besides them RE and IDLEIE.
-const UART_CONTROL: u64 = 0x4000_440C;
-const DEAF: u32 = 1 << 13 | 1 << 3;
-const LISTENING: u32 = DEAF | 1 << 2 | 1 << 4;
-
 /// The symbol of the firmware's count of framing errors that the bridge does not know of yet.
 const FRAMING_ERRORS: &str = "4uart7FRAMING";
 
@@ -39,9 +34,10 @@ impl Rig {
     pub(super) fn deceive(&mut self, deceit: Deceit) -> Result {
         match deceit {
             Deceit::LosesBytes => {
-                self.board.write_word(UART_CONTROL, DEAF)?;
+                let chip = facts(self.board.chip());
+                self.board.write_word(chip.uart_control, chip.uart_deaf)?;
                 self.work(Nanos::from_millis(80))?;
-                self.board.write_word(UART_CONTROL, LISTENING)?;
+                self.board.write_word(chip.uart_control, chip.uart_listening)?;
             }
             Deceit::CountsErrors => {
                 let count = self.board.symbol(FRAMING_ERRORS).ok_or("no such symbol")?;

@@ -14,7 +14,7 @@ use armwire_virtual_board::{Config as BoardConfig, Nanos, VirtualBoard};
 
 use super::{configure, fastest, unsolicited};
 use crate::image::{
-    CORE_HZ, CanProgram, MEGABAUD, Talker, counters, joint_answer, noise, on_board_with, path, plug_in, polled,
+    CanProgram, MEGABAUD, Talker, counters, facts, joint_answer, noise, on_board_with, path, plug_in, polled,
 };
 
 /// Bits per second on the bus.
@@ -198,7 +198,7 @@ fn run<A: Arm>(
     let cycles = (board.instructions() - instructions) * u64::from(cost.get()) / 100;
     let run = Run {
         time: board.now().since(time),
-        busy: Nanos(cycles * 1_000_000_000 / CORE_HZ),
+        busy: Nanos(cycles * 1_000_000_000 / facts(board.chip()).core_hz),
         took: began.elapsed(),
     };
     let profile = profiled.then(|| board.profile().expect("it has counted"));
