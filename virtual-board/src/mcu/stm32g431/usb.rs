@@ -113,6 +113,8 @@ pub(super) struct Device {
     endpoints: [u32; ENDPOINTS],
     /// When each endpoint's packet for the host was made ready.
     armed: [Option<Nanos>; ENDPOINTS],
+    /// The endpoint whose packet is on the wire: it goes on to its end.
+    sending: Option<usize>,
     cntr: u32,
     /// The flags of ISTR but CTR.
     flags: u32,
@@ -131,6 +133,7 @@ impl Default for Device {
             clocked: false,
             endpoints: [0; ENDPOINTS],
             armed: [None; ENDPOINTS],
+            sending: None,
             cntr: cntr::PDWN | cntr::FRES,
             flags: 0,
             daddr: 0,
@@ -301,6 +304,7 @@ impl Function for Device {
         if self.pulls_up() {
             self.flags |= istr::RESET;
             self.daddr = 0;
+            self.sending = None;
             self.reset_endpoints();
         }
     }
@@ -383,16 +387,19 @@ impl Function for Device {
         match self.status(number, Direction::In) {
             STALL => Reply::Stall,
             NAK => Reply::Nak,
-            _ => Reply::Data {
-                toggle: self.endpoints[number] & epr::DTOG_TX != 0,
-                bytes: self.packet(number),
-                armed: self.armed[number].unwrap_or(self.now),
-            },
+            _ => {
+                self.sending = Some(number);
+                Reply::Data {
+                    toggle: self.endpoints[number] & epr::DTOG_TX != 0,
+                    bytes: self.packet(number),
+                    armed: self.armed[number].unwrap_or(self.now),
+                }
+            }
         }
     }
 
-    fn acknowledged(&mut self, endpoint: u8) {
-        if let Some(number) = self.find(endpoint, Direction::In) {
+    fn acknowledged(&mut self, _: u8) {
+        if let Some(number) = self.sending.take() {
             let register = self.endpoints[number] & !epr::STAT_TX | NAK << epr::STAT_TX_AT;
             self.set_endpoint(number, (register | epr::CTR_TX) ^ epr::DTOG_TX);
         }
@@ -601,6 +608,26 @@ mod tests {
         assert_eq!(
             (device.input(ADDRESS, 1), device.endpoints[1] & epr::DTOG_TX),
             (Reply::Nak, epr::DTOG_TX)
+        );
+    }
+
+    #[test]
+    fn a_packet_on_the_wire_goes_on_to_its_end_whatever_the_status() {
+        let mut device = device();
+        device
+            .write(4, unchanged(device.endpoints[1]) | (NAK ^ VALID) << epr::STAT_TX_AT)
+            .unwrap();
+        assert!(matches!(device.input(ADDRESS, 1), Reply::Data { .. }));
+        device
+            .write(
+                4,
+                unchanged(device.endpoints[1]) | (VALID ^ DISABLED) << epr::STAT_TX_AT,
+            )
+            .unwrap();
+        device.acknowledged(1);
+        assert_eq!(
+            device.endpoints[1] & (epr::CTR_TX | epr::STAT_TX),
+            epr::CTR_TX | NAK << epr::STAT_TX_AT
         );
     }
 
