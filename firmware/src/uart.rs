@@ -178,9 +178,14 @@ fn look_for(need: Need) {
 /// How often the interrupt handler looks whether the DMA has fetched a byte, which takes it less long.
 const FETCH_TRIES: usize = 16;
 
-/// Waits until the DMA has fetched what the UART holds, but not for long. Returns whether it has.
+/// Cycles in which the DMA has written and counted a byte that it has fetched.
+const COUNT_CYCLES: u32 = 24;
+
+/// Waits until the DMA has fetched what the UART holds, and counted it, but not for long. Returns whether it has.
 fn wait_for_dma() -> bool {
-    (0..FETCH_TRIES).any(|_| !usart::is_byte_waiting())
+    let is_fetched = (0..FETCH_TRIES).any(|_| !usart::is_byte_waiting());
+    cortex_m::asm::delay(COUNT_CYCLES);
+    is_fetched
 }
 
 /// On a single wire: the last bit is out.
