@@ -8,6 +8,7 @@ mod can;
 mod clock;
 mod flash;
 pub(super) mod uart;
+mod usb;
 
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
@@ -15,7 +16,7 @@ use embassy_stm32::interrupt::{Interrupt, InterruptExt, Priority};
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH2, USB};
 use embassy_stm32::usart::{Config as UartConfig, UartRx};
-use embassy_stm32::{bind_interrupts, usb};
+use embassy_stm32::{bind_interrupts, usb as hal_usb};
 
 use super::can::Can;
 use super::time::{self, TimerHandler};
@@ -25,6 +26,7 @@ use crate::uart::{InterruptHandler, RingHandler};
 pub(crate) use boot::enter_boot_loader;
 pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
+pub(crate) use usb::{UsbDriver, cancel_unfetched_packet, cancel_unfetched_packets};
 
 /// What the board is called.
 pub(crate) const NAME: &str = "stm32g431";
@@ -33,7 +35,8 @@ pub(crate) const NAME: &str = "stm32g431";
 pub(crate) const CAN_FD: bool = true;
 
 bind_interrupts!(struct Irqs {
-    USB_LP => usb::InterruptHandler<USB>;
+    // Before the HAL's, which clears the flags.
+    USB_LP => usb::EventHandler, hal_usb::InterruptHandler<USB>;
     TIM2 => TimerHandler;
     USART2 => InterruptHandler;
     // Before the HAL's, which clears the flags.
@@ -72,9 +75,6 @@ pub(crate) const RX_REQUEST: Request = 26;
 /// See [`RX_REQUEST`].
 pub(crate) const TX_REQUEST: Request = 27;
 
-/// The driver of the USB peripheral.
-pub(crate) type UsbDriver = usb::Driver<'static, USB>;
-
 /// Starts the clocks and takes the pins. The line to the arm is high from the beginning. A crystal that does not start is
 /// waited for until the watchdog restarts the chip.
 pub(crate) fn init(_watchdog: &mut Watchdog) -> Board {
@@ -102,7 +102,7 @@ pub(crate) fn init(_watchdog: &mut Watchdog) -> Board {
         uart,
         rx_dma: Channel::new(p.DMA1_CH1, Irqs),
         tx_dma: Channel::new(p.DMA1_CH2, Irqs),
-        usb: UsbDriver::new(p.USB, Irqs, p.PA12, p.PA11),
+        usb: UsbDriver(hal_usb::Driver::new(p.USB, Irqs, p.PA12, p.PA11)),
         can: Can::new(Controller::new(p.FDCAN1, p.PB8, p.PB9)),
         flash: flash::new(p.FLASH),
         reset_by_watchdog: reset_by_watchdog(),
@@ -114,16 +114,4 @@ fn reset_by_watchdog() -> bool {
     let cause = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
     cause.iwdgrstf()
-}
-
-/// Takes back what waits in an endpoint for a host that will not fetch it: here the bus reset has done that, for it
-/// disables the endpoints.
-pub(crate) fn cancel_unfetched_packets() {}
-
-/// Takes back the packet that waits in an IN endpoint for the host to fetch it. Returns whether there was one.
-///
-/// Here it takes back none. STATTX can only be toggled, and the host may fetch the packet between reading and writing it:
-/// the packet would be sent again (RM0440, USB_EPnR).
-pub(crate) fn cancel_unfetched_packet(_endpoint: usize) -> bool {
-    false
 }
