@@ -8,7 +8,9 @@ use std::num::NonZeroU32;
 use armwire::ling::{Ling, MAX_FRAME, Response, Stroke};
 use armwire::{Micros, Protocol};
 use armwire_host_tests::image::quiet::{Added, call, forget, pause, until_armed};
-use armwire_host_tests::image::{MEGABAUD, Spread, Talker, counters, on_board_with, path, plug_in, read_all};
+use armwire_host_tests::image::{
+    MEGABAUD, Spread, Talker, chip, counters, facts, on_board_with, path, plug_in, read_all,
+};
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Config, Nanos, VirtualBoard};
@@ -19,8 +21,10 @@ const COSTS: [u32; 3] = [100, 150, 200];
 /// How often each is measured.
 const TIMES: u64 = 1_000;
 
-/// The most that the adapter may add to an answer with joint positions: a tenth of the time that it takes on the line.
-const LIMIT: Nanos = Nanos(21_000);
+/// The most that the adapter may add to an answer with joint positions.
+fn limit() -> Nanos {
+    Nanos(facts(chip()).latency)
+}
 
 /// What it takes to see that the line is idle, at 1 Mbaud.
 const IDLE_WAIT: Nanos = Nanos(10_000);
@@ -45,8 +49,8 @@ fn a_call_takes_no_more_than_a_tenth_of_the_answers_time_longer() {
             let Added { to_usb, to_uart } = call(board, TIMES);
             println!("instructions of {cost} % of a cycle, an answer's last stop bit -> USB packet armed: {to_usb}");
             println!("instructions of {cost} % of a cycle, USB packet from the host -> first start bit: {to_uart}");
-            assert!(to_usb.worst() <= LIMIT || cost > 100, "{to_usb}");
-            assert!(to_uart.worst() <= LIMIT || cost > 100, "{to_uart}");
+            assert!(to_usb.worst() <= limit() || cost > 100, "{to_usb}");
+            assert!(to_uart.worst() <= limit() || cost > 100, "{to_uart}");
         });
     }
 }
@@ -65,7 +69,7 @@ fn bytes_of_no_known_frame_are_ready_for_the_host_once_the_line_is_idle() {
                 armed.add(until_armed(board));
             }
             println!("instructions of {cost} % of a cycle, last stop bit of noise -> USB packet armed: {armed}");
-            assert!(armed.worst().since(IDLE_WAIT) <= LIMIT || cost > 100, "{armed}");
+            assert!(armed.worst().since(IDLE_WAIT) <= limit() || cost > 100, "{armed}");
         });
     }
 }

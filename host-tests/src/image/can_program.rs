@@ -20,10 +20,15 @@ pub struct CanProgram {
 impl CanProgram {
     /// A program that talks to this node. The bus must have somebody on it.
     pub fn new(node: Node) -> Self {
+        Self::on(Link::Classic, node)
+    }
+
+    /// The same, by frames of this kind.
+    pub fn on(link: Link, node: Node) -> Self {
         let tx = Function::ArmRequest.id(node);
         Self {
             node,
-            endpoint: Endpoint::new(Config::new(Link::Classic, tx)),
+            endpoint: Endpoint::new(Config::new(link, tx)),
         }
     }
 
