@@ -464,8 +464,8 @@ impl<A: Arm> VirtualBoard<A> {
         lock(&self.flash).erases.clone()
     }
 
-    /// Sets the supply's voltage, 3300 mV at first. A flash operation below 2.7 V fails and is a
-    /// [violation](crate::report::Violation::Forbidden); nothing else is affected.
+    /// Sets the supply's voltage, 3300 mV at first. On the STM32F405 a flash operation below 2.7 V fails and is a
+    /// [violation](crate::report::Violation::Forbidden), and the voltage detector sees it; nothing else is affected.
     pub fn set_supply(&mut self, millivolts: u32) {
         lock(&self.flash).millivolts = millivolts;
     }

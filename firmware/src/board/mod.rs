@@ -13,6 +13,7 @@
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
 //! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
 //! | `TIMER`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits, for the clock |
+//! | `LED` | the pin of the status LED |
 //! | `UART`, `TX_PIN` | the UART's registers, and the pin that it sends on with its alternate function |
 //! | `uart` | what is the chip's own in them, behind [`usart`] |
 //! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a frame from it that waits there |
@@ -21,6 +22,7 @@
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
 mod can;
+mod oscillator;
 #[cfg(feature = "board-stm32f405")]
 mod stm32f405;
 #[cfg(feature = "board-stm32g431")]

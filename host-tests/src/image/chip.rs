@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use armwire_virtual_board::Chip;
+use armwire_virtual_board::{Chip, Nanos};
 
 /// Addresses and figures of a chip.
 #[derive(Clone, Debug)]
@@ -16,6 +16,16 @@ pub struct Facts {
     pub latency: u64,
     /// Where the configuration is in the flash, in bytes from its start: two sectors or pages.
     pub config_flash: Range<usize>,
+    /// How long an erase of one of the two takes, typical and at worst.
+    pub erase: [Nanos; 2],
+    /// The crystals that the image runs with, in megahertz.
+    pub crystals: &'static [u32],
+    /// RCC_CR.
+    pub clock_control: u64,
+    /// GPIOA, whose pin 2 sends to the arm.
+    pub gpioa: u64,
+    /// The port and the pin of the status LED.
+    pub led: (u64, usize),
     /// The counter of the clock's timer, and the compare value that tells what is due.
     pub clock_count: u64,
     /// See [`clock_count`](Self::clock_count).
@@ -31,24 +41,34 @@ pub struct Facts {
 /// What the tests know of a chip.
 pub const fn facts(chip: Chip) -> Facts {
     match chip {
-        // TIM5 and USART2 (RM0090, table 1, 18.4, 30.6.4: UE 13, TE 3, RE 2, IDLEIE 4).
+        // Addresses of RM0090, table 1; TIM5 (18.4), USART2 (30.6.4: UE 13, TE 3, RE 2, IDLEIE 4); erases of DS8626, 5.3.12.
         Chip::Stm32f405 => Facts {
             can_fd: false,
             core_hz: 168_000_000,
             latency: 21_000,
             config_flash: 0x4000..0xC000,
+            erase: [Nanos::from_millis(250), Nanos::from_millis(500)],
+            crystals: &[8, 12, 16, 25],
+            clock_control: 0x4002_3800,
+            gpioa: 0x4002_0000,
+            led: (0x4002_0400, 2),
             clock_count: 0x4000_0C24,
             clock_due: 0x4000_0C38,
             uart_control: 0x4000_440C,
             uart_deaf: 1 << 13 | 1 << 3,
             uart_listening: 1 << 13 | 1 << 3 | 1 << 2 | 1 << 4,
         },
-        // TIM2 and USART2 (RM0440, table 3, 30.5, 37.8.2: UE 0, TE 3, RE 2, IDLEIE 4).
+        // Addresses of RM0440, table 3; TIM2 (30.5), USART2 (37.8.2: UE 0, TE 3, RE 2, IDLEIE 4); erases of DS12589.
         Chip::Stm32g431 => Facts {
             can_fd: true,
             core_hz: 160_000_000,
             latency: 26_000,
             config_flash: 0x1F000..0x20000,
+            erase: [Nanos(22_020_000), Nanos(24_470_000)],
+            crystals: &[8],
+            clock_control: 0x4002_1000,
+            gpioa: 0x4800_0000,
+            led: (0x4800_0800, 6),
             clock_count: 0x4000_0024,
             clock_due: 0x4000_0038,
             uart_control: 0x4000_4400,

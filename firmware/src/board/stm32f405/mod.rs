@@ -65,6 +65,9 @@ pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM5;
 /// See [`TIMER`].
 pub(super) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM5;
 
+/// The pin of the status LED, PB2.
+pub(super) const LED: (pac::gpio::Gpio, usize) = (pac::GPIOB, 2);
+
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
 

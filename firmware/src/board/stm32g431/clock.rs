@@ -13,15 +13,20 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::time::Hertz;
 
+use super::super::{Watchdog, oscillator};
+
 /// R1MODE of PWR_CR5: boost mode while it is clear (RM0440 6.4.22).
 const R1MODE: u32 = 1 << 8;
 
-/// Starts the clocks of a chip that runs on its internal oscillator.
+/// Starts the clocks of a chip that runs on its internal oscillator. Returns when the crystal runs, whose frequency is not
+/// measured.
 ///
 /// The HAL's description of the chip, stm32-metapac 21, has R1MODE at bit 0 of PWR_CR5, where nothing is, so that the HAL
 /// does not switch on boost mode. And its `init` resets PWR before it starts the clocks: boost mode has to be on between the
 /// two.
-pub(crate) fn start(rcc: &mut Peri<'static, RCC>) {
+pub(crate) fn start(rcc: &mut Peri<'static, RCC>, watchdog: &mut Watchdog) {
+    pac::RCC.apb1enr1().modify(|w| w.set_tim2en(true));
+    oscillator::start(watchdog, || Some(()));
     pac::PWR.cr5().modify(|w| w.0 &= !R1MODE);
     rcc::reinit(config(), rcc);
     accelerate_flash();

@@ -17,7 +17,7 @@ pub(crate) type ConfigFlash = BlockingAsync<Bank1Region<'static, Blocking>>;
 /// Why a page was not erased or a word not programmed.
 pub(crate) type FlashError = Error;
 
-/// Whether the supply is too low. It is not watched here.
+/// Whether the supply is too low. It never is: the chip erases and programs at each supply at which it runs.
 pub(crate) fn is_supply_low(_error: &FlashError) -> bool {
     false
 }

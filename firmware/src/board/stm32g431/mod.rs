@@ -55,6 +55,9 @@ pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM2;
 /// See [`TIMER`].
 pub(super) type TimerInterrupt = embassy_stm32::interrupt::typelevel::TIM2;
 
+/// The pin of the status LED, PC6.
+pub(super) const LED: (pac::gpio::Gpio, usize) = (pac::GPIOC, 6);
+
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
 
@@ -75,13 +78,12 @@ pub(crate) const RX_REQUEST: Request = 26;
 /// See [`RX_REQUEST`].
 pub(crate) const TX_REQUEST: Request = 27;
 
-/// Starts the clocks and takes the pins. The line to the arm is high from the beginning. A crystal that does not start is
-/// waited for until the watchdog restarts the chip.
-pub(crate) fn init(_watchdog: &mut Watchdog) -> Board {
+/// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
+pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     pac::RCC.ahb2enr().modify(|w| w.set_gpioaen(true));
     usart::hold_tx_high();
     let mut p = embassy_stm32::init(embassy_stm32::Config::default());
-    clock::start(&mut p.RCC);
+    clock::start(&mut p.RCC, watchdog);
     for interrupt in LESS_URGENT {
         interrupt.set_priority(Priority::P1);
     }

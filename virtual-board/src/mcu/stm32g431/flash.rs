@@ -18,11 +18,10 @@
 use crate::core::{FlashTiming, Memory, Width};
 use crate::flash::{ERASED, Flash, erased_in_part, programmed_in_part};
 use crate::shared::{Shared, lock};
-use crate::soc::chance::Chance;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
 use std::collections::BTreeSet;
-use std::ops::{Range, RangeInclusive};
+use std::ops::Range;
 
 /// The flash's bytes, and those of a page (5.3.1).
 pub(super) const SIZE: usize = 128 << 10;
@@ -95,9 +94,9 @@ const KEY_2: u32 = 0xCDEF_89AB;
 /// The option bytes as the chip is delivered (5.7.8).
 const OPTIONS: u32 = 0xFFEF_F8AA;
 
-/// How long operations take in nanoseconds, typical to maximum (DS12589, table "Flash memory characteristics").
-const PROGRAM: RangeInclusive<u64> = 81_700..=83_350;
-const ERASE: RangeInclusive<u64> = 22_020_000..=24_470_000;
+/// How long operations take, typical and at worst (DS12589, table "Flash memory characteristics").
+const PROGRAM: (Nanos, Nanos) = (Nanos(81_700), Nanos(83_350));
+const ERASE: (Nanos, Nanos) = (Nanos(22_020_000), Nanos(24_470_000));
 
 /// Bytes that the flash delivers at once, and lines of the instruction and of the data cache (5.3.4: 32 lines of 4 double
 /// words' width are 1 KiB; 8 lines are 256 bytes).
@@ -126,7 +125,6 @@ enum Operation {
 #[derive(Debug)]
 pub(super) struct Interface {
     flash: Shared<Flash>,
-    chance: Chance,
     acr: u32,
     sr: u32,
     cr: u32,
@@ -142,10 +140,9 @@ pub(super) struct Interface {
 }
 
 impl Interface {
-    pub(super) fn new(flash: Shared<Flash>, seed: u64) -> Self {
+    pub(super) fn new(flash: Shared<Flash>) -> Self {
         Self {
             flash,
-            chance: Chance::new(seed, "FLASH"),
             acr: acr::AT_RESET,
             sr: 0,
             cr: cr::AT_RESET,
@@ -161,11 +158,10 @@ impl Interface {
     /// The interface as a reset of it leaves it (RCC_AHB1RSTR.FLASHRST, 7.4.8).
     pub(super) fn reset(&mut self) {
         *self = Self {
-            chance: self.chance.clone(),
             broken: std::mem::take(&mut self.broken),
             operation: self.operation.take(),
             cut: self.cut,
-            ..Self::new(self.flash.clone(), 0)
+            ..Self::new(self.flash.clone())
         };
     }
 
@@ -239,11 +235,16 @@ impl Interface {
         }
     }
 
-    fn start(&mut self, operation: Operation, takes: RangeInclusive<u64>, now: Nanos) {
-        let shortest = Nanos(*takes.start());
-        self.operation = Some((now + self.chance.span(takes), operation));
+    fn start(&mut self, operation: Operation, (typical, worst): (Nanos, Nanos), now: Nanos) {
+        let mut flash = lock(&self.flash);
+        let ends = now + flash.clock.span("flash", typical, worst);
+        if matches!(operation, Operation::Erase(_)) {
+            flash.erases.push((now, ends));
+        }
+        self.cut = flash.start(typical).map(|after| now + after);
+        drop(flash);
+        self.operation = Some((ends, operation));
         self.sr |= sr::BSY;
-        self.cut = lock(&self.flash).start(shortest).map(|after| now + after);
     }
 
     /// Ends what is due. Returns whether anything did.
@@ -395,7 +396,7 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     use super::*;
-    use crate::timing::Clock;
+    use crate::timing::{Clock, Timing};
 
     struct Bench {
         interface: Interface,
@@ -411,7 +412,7 @@ mod tests {
             let memory = Memory::new(0x0800_0000, bytes.clone(), 0x2000_0000, 0x8000);
             let flash = Arc::new(Mutex::new(Flash::new(bytes, None, Clock::default())));
             Self {
-                interface: Interface::new(flash, 0),
+                interface: Interface::new(flash),
                 memory,
                 now: Nanos(0),
             }
@@ -450,9 +451,20 @@ mod tests {
         bench.write(CR, cr::PER | cr::STRT | cr::EOPIE).unwrap();
         assert_eq!((bench.status(), bench.memory.flash()[0]), (sr::BSY, 0));
         let took = bench.finish();
-        assert!(ERASE.contains(&took.0), "{took}");
+        assert_eq!(took, ERASE.0);
         assert_eq!((bench.status(), bench.memory.flash()[0]), (sr::EOP, ERASED));
         assert_eq!(lock(&bench.interface.flash).bytes()[PAGE - 1], ERASED);
+    }
+
+    #[test]
+    fn operations_take_as_long_as_the_timing_says() {
+        for (timing, takes) in [(Timing::Typical, ERASE.0), (Timing::Worst, ERASE.1)] {
+            let mut bench = Bench::unlocked();
+            lock(&bench.interface.flash).clock = Clock::new(timing, 0);
+            bench.write(CR, cr::PER | cr::STRT).unwrap();
+            assert_eq!(bench.finish(), takes);
+            assert_eq!(lock(&bench.interface.flash).erases, [(Nanos(0), takes)]);
+        }
     }
 
     #[test]
@@ -463,7 +475,7 @@ mod tests {
         assert!(!bench.interface.is_busy());
         bench.store(PAGE as u32 + 4, 0x9ABC_DEF0).unwrap();
         let took = bench.finish();
-        assert!(PROGRAM.contains(&took.0), "{took}");
+        assert_eq!(took, PROGRAM.0);
         assert_eq!(
             bench.memory.flash()[PAGE..PAGE + 8],
             [0x78, 0x56, 0x34, 0x12, 0xF0, 0xDE, 0xBC, 0x9A]

@@ -145,7 +145,7 @@ impl Stm32g431 {
             unique_id,
             rcc,
             pwr: Pwr::default(),
-            flash: Interface::new(edges.flash.clone(), seed),
+            flash: Interface::new(edges.flash.clone()),
             iwdg: Iwdg::new(true),
             tim2: Tim::new(),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), true)),
