@@ -48,7 +48,7 @@ impl Board {
     pub(crate) const fn stack_top(self) -> u32 {
         match self {
             Self::Stm32f405 => 0x2000_0000 + 128 * 1024,
-            Self::Stm32g431 => 0x2000_0000 + 22 * 1024,
+            Self::Stm32g431 => 0x2000_0000 + 32 * 1024,
         }
     }
 
