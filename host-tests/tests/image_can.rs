@@ -1,7 +1,5 @@
 //! The firmware image on a CAN bus: an arm's frames by ISO-TP, cyclic telemetry, and a bus that breaks.
 
-use std::num::NonZeroU32;
-
 use armwire::ling::{Request, Response};
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::config::{self, Config, Poll};
@@ -254,13 +252,10 @@ fn consecutive_frames_keep_the_separation_though_others_have_the_bus_for_longer(
     }
 }
 
-/// A processor this much slower is busy with this all the time.
-const SLOW: u32 = 4;
-
 #[test]
 fn a_flood_that_takes_all_the_time_does_not_keep_the_adapter_from_the_bus() {
     let mut config = armwire_virtual_board::Config::new(path(), ling());
-    config.instruction_cost = config.instruction_cost.saturating_mul(NonZeroU32::new(SLOW).unwrap());
+    config.instruction_cost = config.instruction_cost.saturating_mul(facts(chip()).flooded);
     on_board_with(config, |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(RATE);

@@ -1,5 +1,6 @@
 //! What the tests know of the chips, where these differ.
 
+use std::num::NonZeroU32;
 use std::ops::Range;
 
 use armwire_virtual_board::{Chip, Nanos};
@@ -16,6 +17,8 @@ pub struct Facts {
     pub latency: u64,
     /// Where the configuration is in the flash, in bytes from its start: two sectors or pages.
     pub config_flash: Range<usize>,
+    /// A core this many times slower still takes each frame of a full CAN bus, and does nothing else.
+    pub flooded: NonZeroU32,
     /// How long an erase of one of the two takes, typical and at worst.
     pub erase: [Nanos; 2],
     /// The crystals that the image runs with, in megahertz.
@@ -47,6 +50,7 @@ pub const fn facts(chip: Chip) -> Facts {
             core_hz: 168_000_000,
             latency: 21_000,
             config_flash: 0x4000..0xC000,
+            flooded: NonZeroU32::new(4).unwrap(),
             erase: [Nanos::from_millis(250), Nanos::from_millis(500)],
             crystals: &[8, 12, 16, 25],
             clock_control: 0x4002_3800,
@@ -64,6 +68,7 @@ pub const fn facts(chip: Chip) -> Facts {
             core_hz: 160_000_000,
             latency: 26_000,
             config_flash: 0x1F000..0x20000,
+            flooded: NonZeroU32::new(3).unwrap(),
             erase: [Nanos(22_020_000), Nanos(24_470_000)],
             crystals: &[8],
             clock_control: 0x4002_1000,
