@@ -1,5 +1,5 @@
-//! A virtual board: the shipped firmware image, unmodified, on a modelled STM32F405RG with a USB host and an arm at its
-//! edges.
+//! A virtual board: the shipped firmware image, unmodified, on a modelled STM32F405RG or STM32G431CB with a USB host and an
+//! arm at its edges.
 //!
 //! ```no_run
 //! use armwire::Micros;

@@ -88,20 +88,19 @@ pub(crate) fn run() -> Result {
             .into_iter()
             .try_for_each(|board| image::build(&Options::all(board)).map(drop))
     })?;
-    ci.step("firmware image for the STM32G431", || firmware_image(Board::Stm32g431))?;
-    let image = ci.step("firmware image for the STM32F405", || firmware_image(Board::Stm32f405))?;
+    let g431 = ci.step("firmware image for the STM32G431", || firmware_image(Board::Stm32g431))?;
+    let f405 = ci.step("firmware image for the STM32F405", || firmware_image(Board::Stm32f405))?;
     ci.step("virtual board", || {
         check(&mut cargo("test --ignore-rust-version --package armwire-virtual-board"))
     })?;
-    ci.step("firmware image on the virtual board", || {
-        let mut test = cargo("test --ignore-rust-version --package armwire-host-tests --features image");
-        // What they measured is worth seeing.
-        check(test.args(["--", "--show-output"]).env("ARMWIRE_IMAGE", &image.path))
+    ci.step("firmware image on the virtual board: STM32F405", || {
+        on_virtual_board(&f405, &[])
+    })?;
+    ci.step("firmware image on the virtual board: STM32G431", || {
+        on_virtual_board(&g431, &["--test", "image_*"])
     })?;
     ci.step("performance in virtual time", || performance::run(&[]))?;
-    ci.step("faults around the firmware image", || {
-        campaign::run_on(&image.path, &[])
-    })?;
+    ci.step("faults around the firmware image", || campaign::run_on(&f405.path, &[]))?;
     ci.step("CAN software", vendor::can::drive)?;
     ci.step("vendors' SDKs", || {
         vendor::sdk::drive_xarm()?;
@@ -150,6 +149,14 @@ fn firmware_image(board: Board) -> Result<Image> {
     println!("{image}");
     image.check_size()?;
     Ok(image)
+}
+
+/// Tests on the virtual board with this image: all of `host-tests`, or those that these options select.
+fn on_virtual_board(image: &Image, select: &[&str]) -> Result {
+    let mut test = cargo("test --ignore-rust-version --package armwire-host-tests --features image");
+    // What they measured is worth seeing.
+    test.args(select).args(["--", "--show-output"]);
+    check(test.env("ARMWIRE_IMAGE", &image.path))
 }
 
 /// Clippy as the microcontroller's compiler sees the code.

@@ -42,7 +42,7 @@ type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
 
 const USAGE: &str = "\
 cargo demo [-- OPTIONS]   run the firmware image on the virtual board and drive the virtual arm through it;
-                          OPTIONS are the demo's own, see `cargo demo -- --help`
+                          OPTIONS are `--board NAME` and the demo's own, see `cargo demo -- --help`
 cargo fw [IMAGE]          build the firmware image, as .elf, .bin and .dfu
 cargo flash [IMAGE]       build the firmware image and flash it with probe-rs
 cargo ci                  run the checks that find the mistakes of a change

@@ -40,7 +40,8 @@ fn say(what: &str, took: Nanos, text: impl std::fmt::Display) {
 }
 
 fn plug_in(host: &mut Host) -> Result<(), Box<dyn Error>> {
-    println!("A Ling follower arm on the UART of a virtual STM32F405RG, which runs the firmware image as it ships.");
+    let chip = host.board.chip();
+    println!("A Ling follower arm on the UART of a virtual {chip}, which runs the firmware image as it ships.");
     host.open()?;
     let at = host.board.now();
     let usb = host.board.usb();
