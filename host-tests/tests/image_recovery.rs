@@ -166,6 +166,10 @@ fn a_bus_off_is_counted_once_and_over_by_itself() {
         let broken = session.traffic.broken_frames;
         session.expect_counters(|expected, counted| {
             expected.can_bus_offs += TIMES;
+            // A node's frame that waited while the bus was shorted passes while the adapter is still off it.
+            let unheard = expected.can_frames_received - counted.can_frames_received;
+            assert!(unheard <= TIMES, "{unheard} frames of nodes unheard");
+            expected.can_frames_received -= unheard;
             // All that were lost, for nobody can ask while the bus is shorted.
             expected.isotp_failures += lost;
             // Those of an error flag follow each other too fast for each to be seen.
