@@ -2,6 +2,7 @@
 //!
 //! Nothing is connected to a pin that is an input: it reads what its pull resistor makes of it, low without one.
 
+use crate::line::Pin;
 use crate::soc::peripheral::{Peripheral, Refused, field};
 use crate::time::Nanos;
 
@@ -24,6 +25,7 @@ const ALL_PINS: u32 = 0xFFFF;
 /// Values of a pin's two bits in MODER and in PUPDR.
 const ANALOG: u32 = 0b11;
 const OUTPUT: u32 = 0b01;
+const ALTERNATE: u32 = 0b10;
 const PULL_UP: u32 = 0b01;
 
 /// The registers that a port resets to and that depend on the port.
@@ -65,6 +67,15 @@ impl Gpio {
     /// The port as a reset leaves it.
     pub(crate) fn reset(&mut self) {
         *self = Self::new(self.at_reset, self.has_brr);
+    }
+
+    /// Who drives a pin that a UART may send on.
+    pub(crate) fn driver(&self, pin: u32) -> Pin {
+        match field(self.moder, 2 * pin, 0b11) {
+            ALTERNATE => Pin::Uart,
+            OUTPUT if self.odr >> pin & 1 == 0 => Pin::Low,
+            _ => Pin::Free,
+        }
     }
 
     fn levels(&self) -> u32 {

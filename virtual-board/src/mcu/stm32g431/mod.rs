@@ -41,6 +41,12 @@ use crate::soc::violations::Recorder;
 use crate::time::Nanos;
 use crate::trace::Trace;
 
+/// The pin of port A that USART2 sends on.
+const TX_PIN: u32 = 2;
+
+/// What a pin that sends and is low says of the firmware.
+const LOW: &str = "9.3.2, 37.5.5: nothing drives PA2, or it is low, and the arm may take that for a start bit";
+
 /// Requests of the DMAMUX (13.3.2, table 91).
 const USART2_RX: u32 = 26;
 const USART2_TX: u32 = 27;
@@ -395,6 +401,7 @@ impl Stm32g431 {
             Block::Usart2 => {
                 let written = self.usart2.write(offset, value, now);
                 self.settle(Slot::Usart2);
+                self.follow_pin("USART2", "CR1");
                 written
             }
             Block::Usb => {
@@ -416,7 +423,11 @@ impl Stm32g431 {
                 self.settle(Slot::Dma);
                 written
             }
-            Block::Gpio(port) => self.gpio[usize::from(port)].write(offset, value, now),
+            Block::Gpio(port) => {
+                let written = self.gpio[usize::from(port)].write(offset, value, now);
+                self.follow_pin("GPIOA", "MODER");
+                written
+            }
             Block::Rcc => {
                 let written = self.rcc.write(offset, value, now);
                 self.follow_resets();
@@ -453,6 +464,17 @@ impl Stm32g431 {
                 written
             }
             Block::MessageRam => self.fdcan.write_ram(offset, value),
+        }
+    }
+
+    /// Tells the line who drives PA2. Nobody, or low, is a violation of the register that made it so.
+    fn follow_pin(&mut self, instance: &'static str, register: &'static str) {
+        let mut line = lock(&self.edges.line);
+        let was_low = line.is_pin_low();
+        line.set_pin(self.gpio[0].driver(TX_PIN));
+        line.set_transmits(self.usart2.transmits());
+        if line.is_pin_low() && !was_low {
+            self.recorder.forbidden(instance, register, LOW);
         }
     }
 
@@ -724,6 +746,7 @@ impl Stm32g431 {
         self.syscfg = Syscfg::default();
         self.crs = Crs::default();
         self.usart2.reset(self.now);
+        self.follow_pin("GPIOA", "MODER");
         self.dma.reset(0);
         self.dma.reset(1);
         self.dma.reset_multiplexer();
@@ -742,3 +765,6 @@ impl Stm32g431 {
         self.settle_all();
     }
 }
+
+#[cfg(test)]
+mod tests;

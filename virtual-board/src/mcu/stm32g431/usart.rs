@@ -206,6 +206,11 @@ impl Usart {
         self.cr1 & (cr1::UE | bit) == cr1::UE | bit
     }
 
+    /// Whether it and its transmitter are enabled: it drives its pin.
+    pub(super) fn transmits(&self) -> bool {
+        self.is_on(cr1::TE)
+    }
+
     fn listens(&self) -> bool {
         self.is_on(cr1::RE) && self.bit() > 0
     }

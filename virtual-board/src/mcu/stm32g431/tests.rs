@@ -1,0 +1,84 @@
+//! The chip without a core: its registers written by hand.
+
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
+
+use super::*;
+use crate::board::tests::Nobody;
+use crate::crystal::{Crystal, Oscillator};
+use crate::flash::{ERASED, Flash};
+use crate::line::Line;
+use crate::timing;
+
+/// MODER and BSRR of GPIOA, CR1 of USART2, and the clocks of the two (RM0440, table 3).
+const MODER: u32 = 0x4800_0000;
+const BSRR: u32 = 0x4800_0018;
+const USART_CR1: u32 = 0x4000_4400;
+const AHB2ENR: u32 = 0x4002_104C;
+const APB1ENR1: u32 = 0x4002_1058;
+
+/// PA2's level and mode (9.4.1, 9.4.7).
+const HIGH: u32 = 1 << 2;
+const LOW: u32 = 1 << 18;
+const OUTPUT: u32 = 1 << 4;
+const ALTERNATE: u32 = 2 << 4;
+
+fn chip() -> Stm32g431 {
+    let starve = Arc::new(AtomicBool::new(false));
+    let flash = Flash::new(vec![ERASED; flash::SIZE], None, timing::Clock::default());
+    let edges = Edges {
+        line: Arc::new(Mutex::new(Line::new(Nobody, 1_000_000, 0, starve.clone()))),
+        starve,
+        host: Arc::default(),
+        can: Arc::default(),
+        flash: Arc::new(Mutex::new(flash)),
+        oscillator: Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000)))),
+    };
+    Stm32g431::new([0; 12], 100, 0, edges)
+}
+
+fn write(chip: &mut Stm32g431, address: u32, value: u32) {
+    let access = Access {
+        address,
+        width: Width::Word,
+        cycle: 0,
+        pc: 0,
+        purpose: Purpose::Data,
+        privileged: true,
+    };
+    let mut none = Memory::new(0, Vec::new(), 0, 0);
+    Bus::write(chip, access, value, &mut none).unwrap();
+}
+
+#[test]
+fn a_pin_to_the_arm_that_is_not_held_high_is_told() {
+    // What is told of the UART's transmitter on or off, its pin, and the level of that pin.
+    let on = 1 | 1 << 3;
+    for (steps, told) in [
+        (&[(USART_CR1, on), (MODER, ALTERNATE)][..], 0),
+        (&[(USART_CR1, on), (MODER, ALTERNATE), (USART_CR1, 1 << 3)], 1),
+        (&[(USART_CR1, on), (MODER, ALTERNATE), (USART_CR1, 1)], 1),
+        (&[(USART_CR1, 0), (MODER, ALTERNATE)], 1),
+        (
+            &[
+                (USART_CR1, 0),
+                (BSRR, HIGH),
+                (MODER, OUTPUT),
+                (USART_CR1, on),
+                (MODER, ALTERNATE),
+            ],
+            0,
+        ),
+        (&[(MODER, OUTPUT)], 1),
+        (&[(BSRR, HIGH), (MODER, OUTPUT), (BSRR, LOW)], 1),
+    ] {
+        let mut chip = chip();
+        write(&mut chip, AHB2ENR, 1);
+        write(&mut chip, APB1ENR1, 1 << 17);
+        for &(address, value) in steps {
+            write(&mut chip, address, value);
+        }
+        let violations = chip.recorder.violations();
+        assert_eq!(violations.len(), told, "{steps:x?}: {violations:?}");
+    }
+}
