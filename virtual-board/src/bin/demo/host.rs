@@ -52,7 +52,7 @@ impl Host {
             while let Some(bytes) = self.client.poll_transmit(self.board.now().micros()) {
                 let n = bytes.len();
                 self.board.usb().write(bytes)?;
-                self.client.transmitted(self.now(), n);
+                self.client.transmitted(self.now(), n)?;
             }
             let bytes = self.listen()?;
             let now = self.now();
