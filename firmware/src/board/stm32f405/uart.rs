@@ -1,24 +1,57 @@
 //! What is this chip's own in the registers of the arm's UART (RM0090 section 30.6) and of the DMA stream that serves
 //! it.
 
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_stm32::interrupt::typelevel::Interrupt;
 use embassy_stm32::pac;
+use embassy_stm32::pac::usart::regs::Sr;
 
 use super::super::usart::Status;
-use super::{RX_STREAM, UART};
+use super::{RX_STREAM, UART, UartInterrupt};
+
+/// PE, FE, NF, ORE and IDLE of SR.
+const FLAGS: u32 = 0b1_1111;
+/// Those that the last read of SR showed.
+static SHOWN: AtomicU32 = AtomicU32::new(0);
+/// Those that reads of SR have shown since the interrupt handler was last told.
+static UNTOLD: AtomicU32 = AtomicU32::new(0);
+
+/// Reads SR for something else than its flags. The DMA's read of DR then clears a flag that this read showed (RM0090 30.6.1),
+/// so the interrupt handler is told of it, and comes for it.
+fn look_at_status() -> Sr {
+    critical_section::with(|_| {
+        let status = UART.sr().read();
+        let flags = status.0 & FLAGS;
+        let new = flags & !SHOWN.load(Ordering::Relaxed);
+        SHOWN.store(flags, Ordering::Relaxed);
+        if new != 0 {
+            UNTOLD.store(UNTOLD.load(Ordering::Relaxed) | new, Ordering::Relaxed);
+            UartInterrupt::pend();
+        }
+        status
+    })
+}
 
 /// Reads and clears what the UART has to say.
 ///
 /// What is read while a byte waits stays set until the DMA has fetched that byte.
 pub(crate) fn take_status() -> Status {
-    let sr = UART.sr().read();
+    let (sr, shown) = critical_section::with(|_| {
+        let sr = UART.sr().read();
+        SHOWN.store(sr.0 & FLAGS, Ordering::Relaxed);
+        let untold = UNTOLD.load(Ordering::Relaxed);
+        UNTOLD.store(0, Ordering::Relaxed);
+        (sr, Sr(sr.0 | untold))
+    });
     let status = Status {
-        framing: sr.fe(),
-        parity: sr.pe(),
-        noise: sr.ne(),
-        overrun: sr.ore(),
-        idle: sr.idle(),
+        framing: shown.fe(),
+        parity: shown.pe(),
+        noise: shown.ne(),
+        overrun: shown.ore(),
+        idle: shown.idle(),
     };
-    if (status.is_error() || status.idle) && !sr.rxne() {
+    if sr.0 & FLAGS != 0 && !sr.rxne() {
         // RM0090 30.6.1: reading SR and then DR clears the flags. With RXNE set the DMA is about to do that read, and
         // must: the byte is its.
         UART.dr().read();
@@ -29,7 +62,7 @@ pub(crate) fn take_status() -> Status {
 /// Clears errors that still stand after the DMA has fetched their byte: a byte that is sent between the two reads breaks
 /// the sequence.
 pub(crate) fn clear_errors() {
-    let sr = UART.sr().read();
+    let sr = look_at_status();
     if (sr.fe() || sr.pe() || sr.ne() || sr.ore()) && !sr.rxne() {
         UART.dr().read();
     }
@@ -40,7 +73,7 @@ pub(crate) fn keep_to_bytes() {}
 
 /// Whether a byte waits for the DMA.
 pub(crate) fn is_byte_waiting() -> bool {
-    UART.sr().read().rxne()
+    look_at_status().rxne()
 }
 
 /// Where the DMA fetches what came in.
@@ -76,5 +109,5 @@ pub(crate) fn clear_transmitted() {
 
 /// Whether the last bit of what was sent is out.
 pub(crate) fn is_transmitted() -> bool {
-    UART.sr().read().tc()
+    look_at_status().tc()
 }
