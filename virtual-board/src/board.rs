@@ -24,11 +24,12 @@ use crate::flash::{self, Flash};
 use crate::library::Library;
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte, SharedLine};
 use crate::machine::{self, Bench, Run};
+use crate::mcu::stm32f405::{self, IDENTITY, Reenabled, Stm32f405};
 use crate::mcu::stm32g431::Stm32g431;
 use crate::report::{Crash, Report, Violation, Violations};
 use crate::shared::{Shared, lock};
 use crate::soc::machine::{Edges, Machine};
-use crate::stm32f405::{IDCODE, Reenabled, Stm32f405};
+use crate::stm32f405::Stm32f405 as LibraryStm32f405;
 use crate::time::Nanos;
 use crate::timing::{Clock, Timing};
 use crate::trace::Trace;
@@ -45,6 +46,16 @@ const GLANCE: Nanos = Nanos::from_millis(1);
 
 /// How long a power cycle leaves the board without power.
 const POWER_OFF: Nanos = Nanos::from_millis(10);
+
+/// What can run an STM32F405.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Emulator {
+    /// Our own core with our own models.
+    Own,
+    /// The emulator library.
+    #[default]
+    Library,
+}
 
 /// What a virtual board is made of.
 #[derive(Clone, Debug)]
@@ -79,9 +90,11 @@ pub struct Config<A> {
     /// The virtual time that an instruction takes, in percent of a cycle at 168 MHz. A real core takes more than a cycle
     /// for some, and waits for its flash: sweep this to see how much a latency depends on it.
     pub instruction_cost: NonZeroU32,
-    /// Whether an instruction takes the cycles that it takes a Cortex-M4 with the chip's flash, rather than one. Only the
-    /// STM32G431 has this.
+    /// Whether an instruction takes the cycles that it takes a Cortex-M4 with the chip's flash, rather than one. Only our
+    /// own core has this.
     pub exact_cycles: bool,
+    /// What runs an STM32F405. With a debugger it is the library in any case.
+    pub emulator: Emulator,
     /// The TCP port on which gdb may attach, on this machine only.
     pub gdb: Option<u16>,
 }
@@ -95,7 +108,7 @@ impl<A> Config<A> {
             arm,
             arm_baud: 1_000_000,
             crystal: Crystal::new(8_000_000),
-            idcode: IDCODE,
+            idcode: IDENTITY,
             unique_id: *b"\x20\x00\x41\x00\x0B51P\x35V03",
             seed: 0,
             timing: Timing::default(),
@@ -104,6 +117,7 @@ impl<A> Config<A> {
             reenabled: Reenabled::default(),
             instruction_cost: NonZeroU32::new(100).expect("not zero"),
             exact_cycles: false,
+            emulator: Emulator::default(),
             gdb: None,
         }
     }
@@ -277,8 +291,25 @@ impl<A: Arm> VirtualBoard<A> {
         let interrupt = Arc::new(AtomicBool::new(false));
         let mut gdb = None;
         let engine: Box<dyn Engine> = match chip {
+            Chip::Stm32f405 if config.emulator == Emulator::Own && config.gdb.is_none() => {
+                let part = stm32f405::Part {
+                    unique_id: config.unique_id,
+                    idcode: config.idcode,
+                    reenabled: config.reenabled,
+                    cycle_cost: config.instruction_cost.get(),
+                    seed: config.seed,
+                };
+                let core = Stm32f405::core(lock(&edges.flash).bytes().to_vec());
+                let chip = Stm32f405::new(part, edges.clone());
+                Box::new(Machine::new(
+                    core,
+                    chip,
+                    config.exact_cycles,
+                    machine::crashes(&symbols),
+                ))
+            }
             Chip::Stm32f405 => {
-                let mut part = Stm32f405::new(config.reenabled, edges.clone())?;
+                let mut part = LibraryStm32f405::new(config.reenabled, edges.clone())?;
                 part.set_idcode(config.idcode);
                 let bench = Bench {
                     part,

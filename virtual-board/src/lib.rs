@@ -54,10 +54,10 @@ mod timing;
 mod trace;
 pub mod usb;
 
-pub use board::{Can, Config, Error, Pipe, Uart, Usb, VirtualBoard};
+pub use board::{Can, Config, Emulator, Error, Pipe, Uart, Usb, VirtualBoard};
 pub use chip::Chip;
 pub use crystal::Crystal;
 pub use line::Arm;
-pub use stm32f405::Reenabled;
+pub use mcu::stm32f405::Reenabled;
 pub use time::Nanos;
 pub use timing::Timing;

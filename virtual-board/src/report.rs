@@ -202,9 +202,21 @@ pub struct Allowed {
 }
 
 /// The allow-list. Everything else that has no model fails a run.
-pub const ALLOWED: [Allowed; 1] = [Allowed {
-    instance: "SYSCFG",
-    register: "MEMRM",
-    reason: "what it puts at address 0 matters to the boot loader alone, in whose place there is one that does nothing: \
-             the firmware sets VTOR to where its own vectors are",
-}];
+pub const ALLOWED: [Allowed; 3] = [
+    Allowed {
+        instance: "SYSCFG",
+        register: "MEMRM",
+        reason: "what it puts at address 0 matters to the boot loader alone, in whose place there is one that does nothing: \
+                 the firmware sets VTOR to where its own vectors are",
+    },
+    Allowed {
+        instance: "PWR",
+        register: "CR bit 15",
+        reason: "reserved in the STM32F405; the HAL writes the two bits of VOS that the STM32F42x has there",
+    },
+    Allowed {
+        instance: "RCC",
+        register: "DCKCFGR",
+        reason: "not in the STM32F405; the HAL writes the zeros to it that the STM32F42x has there at reset",
+    },
+];

@@ -1,9 +1,9 @@
 //! CAN1, a bxCAN (RM0090, chapter 32): [`core`] is the controller, this joins it to the peripheral bus and to the CAN
 //! bus.
 
-mod core;
+pub(crate) mod core;
 mod filter;
-mod registers;
+pub(crate) mod registers;
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -1,6 +1,6 @@
 //! USB OTG FS as a device (RM0090, chapter 34): [`core`] is the controller, this joins it to the bus and to the wire.
 
-mod core;
+pub(crate) mod core;
 pub(crate) mod registers;
 
 use std::sync::{Arc, Mutex, PoisonError};

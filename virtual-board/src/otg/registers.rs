@@ -42,6 +42,8 @@ pub(super) const DIEPEMPMSK: u32 = 0x834;
 pub(super) const DIEP: u32 = 0x900;
 pub(super) const DOEP: u32 = 0xB00;
 pub(super) const ENDPOINT_SPAN: u32 = 0x20;
+const DIEP_END: u32 = DIEP + ENDPOINTS as u32 * ENDPOINT_SPAN;
+const DOEP_END: u32 = DOEP + ENDPOINTS as u32 * ENDPOINT_SPAN;
 // Within an endpoint's registers.
 pub(super) const CTL: u32 = 0x00;
 pub(super) const INT: u32 = 0x08;
@@ -54,6 +56,59 @@ pub(super) const PCGCCTL: u32 = 0xE00;
 /// The FIFO windows, 4 KiB for each endpoint (34.16.1).
 pub(super) const FIFO: u32 = 0x1000;
 pub(super) const FIFO_SPAN: u32 = 0x1000;
+const FIFO_END: u32 = FIFO + ENDPOINTS as u32 * FIFO_SPAN;
+
+/// The name of the register or FIFO window at this offset, if there is one. An endpoint's is told by its offset.
+pub(crate) const fn name(offset: u32) -> Option<&'static str> {
+    Some(match offset {
+        GOTGCTL => "GOTGCTL",
+        GOTGINT => "GOTGINT",
+        GAHBCFG => "GAHBCFG",
+        GUSBCFG => "GUSBCFG",
+        GRSTCTL => "GRSTCTL",
+        GINTSTS => "GINTSTS",
+        GINTMSK => "GINTMSK",
+        GRXSTSR => "GRXSTSR",
+        GRXSTSP => "GRXSTSP",
+        GRXFSIZ => "GRXFSIZ",
+        DIEPTXF0 => "DIEPTXF0",
+        GCCFG => "GCCFG",
+        CID => "CID",
+        GHWCFG4 => "GHWCFG4",
+        DIEPTXF1 => "DIEPTXF1",
+        DIEPTXF2 => "DIEPTXF2",
+        DIEPTXF3 => "DIEPTXF3",
+        DCFG => "DCFG",
+        DCTL => "DCTL",
+        DSTS => "DSTS",
+        DIEPMSK => "DIEPMSK",
+        DOEPMSK => "DOEPMSK",
+        DAINT => "DAINT",
+        DAINTMSK => "DAINTMSK",
+        DIEPEMPMSK => "DIEPEMPMSK",
+        PCGCCTL => "PCGCCTL",
+        DIEP..DIEP_END => match (offset - DIEP) % ENDPOINT_SPAN {
+            CTL => "DIEPCTL",
+            INT => "DIEPINT",
+            TSIZ => "DIEPTSIZ",
+            TXFSTS => "DTXFSTS",
+            _ => return None,
+        },
+        DOEP..DOEP_END => match (offset - DOEP) % ENDPOINT_SPAN {
+            CTL => "DOEPCTL",
+            INT => "DOEPINT",
+            TSIZ => "DOEPTSIZ",
+            _ => return None,
+        },
+        FIFO..FIFO_END if (offset - FIFO) % FIFO_SPAN == 0 => "FIFO",
+        _ => return None,
+    })
+}
+
+/// Whether reading the register takes something out of the receive FIFO.
+pub(crate) const fn pops(offset: u32) -> bool {
+    offset == GRXSTSP || offset >= FIFO
+}
 
 /// Bits of GAHBCFG.
 pub(super) mod gahbcfg {

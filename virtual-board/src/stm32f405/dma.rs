@@ -20,16 +20,7 @@ use rigless::soc::stm32f427::peripherals::usart::RECEIVE_REQUEST;
 use rigless::time::{EventId, VirtualNanos};
 
 use super::map;
-
-/// What a DMA stream that is enabled again does with its counter and its addresses.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Reenabled {
-    /// It starts over, as the manual says.
-    #[default]
-    Restarts,
-    /// It goes on where it stopped, unless it was set up anew, as some silicon is reported to.
-    Resumes,
-}
+use crate::mcu::stm32f405::Reenabled;
 
 /// The first stream's registers, and how many each has (10.5.11).
 const FIRST: usize = Register::S0cr as usize;

@@ -23,19 +23,16 @@ use rigless::time::VirtualNanos;
 use self::capture::Capture;
 use self::clocks::Clocks;
 use self::dma::Dma1;
-pub use self::dma::Reenabled;
 use self::flash::Interface;
 use self::map::{ARM_PORT, CAPTURE, FLASH, PWR, RCC};
 use self::pins::PortA;
 use self::port::Port;
 use crate::bxcan::{self, Can};
 use crate::engine::News;
+use crate::mcu::stm32f405::{IDENTITY, Reenabled};
 use crate::otg::Otg;
 use crate::shared::lock;
 use crate::soc::machine::Edges;
-
-/// DBGMCU_IDCODE of the part: device 0x413; revision 0x1007 is "1" (38.6.1).
-pub(crate) const IDCODE: u32 = 0x1007_6413;
 
 /// Where our models are on the bus.
 #[derive(Clone, Copy, Debug)]
@@ -133,7 +130,7 @@ impl Stm32f405 {
             dma2: dma::controller(1),
             looks: true,
             millivolts: 0,
-            idcode: IDCODE,
+            idcode: IDENTITY,
         };
         part.supply();
         part.check()?;

@@ -1,0 +1,98 @@
+//! CAN1, a bxCAN (RM0090, chapter 32): [`Core`] is the controller, this joins it to the peripheral bus and to the CAN bus.
+
+use crate::bxcan::core::Core;
+use crate::bxcan::registers;
+use crate::can::bus::Bus;
+use crate::shared::{Shared, lock};
+use crate::soc::peripheral::{Peripheral, Refused};
+use crate::time::Nanos;
+
+/// The controller, on the CAN bus.
+#[derive(Debug)]
+pub(super) struct Can {
+    core: Core,
+    bus: Shared<Bus>,
+    /// When the bus wants to be called next.
+    wake: Option<Nanos>,
+    /// A frame ended since this was last asked.
+    progress: bool,
+}
+
+impl Can {
+    pub(super) fn new(bus: Shared<Bus>) -> Self {
+        Self {
+            core: Core::default(),
+            bus,
+            wake: None,
+            progress: false,
+        }
+    }
+
+    /// The controller as a reset leaves it. Bus and clock stay.
+    pub(super) fn reset(&mut self, now: Nanos) {
+        let clock_hz = self.core.clock_hz;
+        self.core = Core::default();
+        self.core.clock_hz = clock_hz;
+        self.settle(now);
+    }
+
+    pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
+        if hz != self.core.clock_hz {
+            self.core.clock_hz = hz;
+            self.settle(now);
+        }
+    }
+
+    /// The levels of the interrupt lines TX, RX0, RX1 and SCE (32.8).
+    #[inline]
+    pub(super) fn interrupts(&self) -> [bool; 4] {
+        self.core.interrupts()
+    }
+
+    /// Whether a frame ended since this was last asked.
+    pub(super) fn take_progress(&mut self) -> bool {
+        std::mem::take(&mut self.progress)
+    }
+
+    /// Whether nodes have received frames from the board that were not read yet.
+    pub(super) fn has_unread(&self) -> bool {
+        lock(&self.bus).unread() > 0
+    }
+
+    /// Lets the bus see what changed.
+    pub(super) fn settle(&mut self, now: Nanos) {
+        self.core.now = now;
+        let mut bus = lock(&self.bus);
+        self.core.keep_from_initialization(bus.keeps_from_initialization());
+        self.wake = bus.poll(now, &mut self.core);
+        self.progress |= bus.take_progress();
+    }
+}
+
+impl Peripheral for Can {
+    fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
+        if registers::has(offset) {
+            Ok(self.core.read(offset))
+        } else {
+            Err(Refused::NoRegister)
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        if !registers::has(offset) {
+            return Err(Refused::NoRegister);
+        }
+        self.core.now = now;
+        self.core.write(offset, value);
+        self.settle(now);
+        Ok(())
+    }
+
+    fn advance(&mut self, now: Nanos) {
+        self.settle(now);
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        self.wake
+    }
+}

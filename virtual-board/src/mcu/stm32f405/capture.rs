@@ -1,0 +1,233 @@
+//! TIM11 (RM0090, 19.5) as far as it measures the crystal (7.2.11): a counter of 16 bits that is captured at edges of the
+//! crystal's clock, divided.
+//!
+//! | Behaviour | Section |
+//! |---|---|
+//! | The counter counts cycles of the timer clock up to ARR, once CEN is set | 19.5.1, 19.5.9 |
+//! | TI1_RMP 10 makes the divided clock of the crystal the input; the core must run from HSI | 19.5.11, 7.2.11 |
+//! | CC1S 01 and CC1E: CCR1 captures each first, second, fourth or eighth rising edge | 19.5.5, 19.5.6 |
+//! | CC1IF at a capture, CC1OF at another one before it was cleared; reading CCR1 clears CC1IF | 19.5.4 |
+//!
+//! Anything else is refused by name: the firmware uses no more.
+
+use crate::crystal::{Divided, Oscillator};
+use crate::shared::{Shared, lock};
+use crate::soc::peripheral::{Peripheral, Refused, forbidden};
+use crate::time::Nanos;
+
+const CR1: u32 = 0x00;
+const DIER: u32 = 0x0C;
+const SR: u32 = 0x10;
+const EGR: u32 = 0x14;
+const CCMR1: u32 = 0x18;
+const CCER: u32 = 0x20;
+const CNT: u32 = 0x24;
+const PSC: u32 = 0x28;
+const ARR: u32 = 0x2C;
+const CCR1: u32 = 0x34;
+const OR: u32 = 0x50;
+
+/// CEN of CR1 (19.5.1).
+const CEN: u32 = 1;
+/// Flags of SR (19.5.4).
+const CC1IF: u32 = 1 << 1;
+const CC1OF: u32 = 1 << 9;
+/// TI1_RMP of OR, and its value for the crystal's clock (19.5.11).
+const INPUT: u32 = 0b11;
+const HSE_RTC: u32 = 0b10;
+/// CC1S of CCMR1 and its value for an input on TI1, IC1PSC (19.5.5).
+const CC1S: u32 = 0b11;
+const TI1: u32 = 0b01;
+const IC1PSC_AT: u32 = 2;
+const IC1PSC: u32 = 0b11 << IC1PSC_AT;
+/// CC1E of CCER (19.5.6).
+const CC1E: u32 = 1;
+
+const SECOND: u128 = 1_000_000_000;
+const ALL_BITS: u32 = 0xFFFF;
+
+/// The timer.
+#[derive(Debug)]
+pub(super) struct Capture {
+    oscillator: Shared<Oscillator>,
+    clock_hz: u64,
+    /// When it began to count, if it does.
+    counts_since: Option<Nanos>,
+    status: u32,
+    mode: u32,
+    enable: u32,
+    remap: u32,
+    captured: u32,
+    input: Option<Input>,
+}
+
+/// The crystal's clock at the input.
+#[derive(Clone, Copy, Debug)]
+struct Input {
+    clock: Divided,
+    /// How many of its edges come to a capture.
+    prescaler: u32,
+    /// When it was connected.
+    since: Nanos,
+    /// How many captures were since then.
+    captures: u128,
+}
+
+impl Input {
+    /// How many captures an input that was always there would have had by then.
+    fn nth(&self, at: Nanos) -> u128 {
+        u128::from(at.since(self.clock.since).0) * u128::from(self.clock.hertz) / self.period()
+    }
+
+    /// When that was.
+    fn at(&self, nth: u128) -> Nanos {
+        let after = (nth * self.period()).div_ceil(self.clock.hertz.max(1).into());
+        self.clock.since + Nanos(after as u64)
+    }
+
+    /// Nanoseconds from one capture to the next, times the crystal's hertz.
+    fn period(&self) -> u128 {
+        u128::from(self.clock.divider) * u128::from(self.prescaler) * SECOND
+    }
+}
+
+impl Capture {
+    pub(super) fn new(oscillator: Shared<Oscillator>) -> Self {
+        Self {
+            oscillator,
+            clock_hz: 0,
+            counts_since: None,
+            status: 0,
+            mode: 0,
+            enable: 0,
+            remap: 0,
+            captured: 0,
+            input: None,
+        }
+    }
+
+    /// The timer as a reset leaves it. Its clock goes on.
+    pub(super) fn reset(&mut self) {
+        *self = Self {
+            clock_hz: self.clock_hz,
+            ..Self::new(self.oscillator.clone())
+        };
+    }
+
+    /// The rate of the input clock.
+    pub(super) fn set_clock(&mut self, hz: u64) {
+        self.clock_hz = hz;
+    }
+
+    /// The counter at an instant.
+    fn count(&self, at: Nanos) -> u32 {
+        let Some(since) = self.counts_since else {
+            return 0;
+        };
+        let cycles = u128::from(at.since(since).0) * u128::from(self.clock_hz) / SECOND;
+        cycles as u32 & ALL_BITS
+    }
+
+    /// Connects the crystal's clock if the registers say so.
+    fn connect(&mut self, now: Nanos) {
+        let is_on = self.counts_since.is_some()
+            && self.remap & INPUT == HSE_RTC
+            && self.mode & CC1S == TI1
+            && self.enable & CC1E != 0;
+        let clock = lock(&self.oscillator).divided.filter(|_| is_on);
+        let prescaler = 1 << (self.mode >> IC1PSC_AT & 0b11);
+        if self.input.map(|input| (input.clock, input.prescaler)) != clock.map(|clock| (clock, prescaler)) {
+            self.input = clock.map(|clock| Input {
+                clock,
+                prescaler,
+                since: now,
+                captures: 0,
+            });
+        }
+    }
+
+    /// Captures what there was to capture by now.
+    fn follow(&mut self, now: Nanos) {
+        self.connect(now);
+        let Some(input) = &mut self.input else {
+            return;
+        };
+        let nth = input.nth(now);
+        let captures = nth - input.nth(input.since);
+        let new = captures - input.captures;
+        if new == 0 {
+            return;
+        }
+        input.captures = captures;
+        let at = input.at(nth);
+        self.captured = self.count(at);
+        if new > 1 || self.status & CC1IF != 0 {
+            self.status |= CC1OF;
+        }
+        self.status |= CC1IF;
+    }
+
+    fn write_enable(&mut self, value: u32) -> Result<(), Refused> {
+        if value & !CC1E != 0 {
+            return Err(Refused::Unimplemented("CCER: falling edges"));
+        }
+        self.enable = value;
+        if value & CC1E != 0 && !lock(&self.oscillator).core_is_internal {
+            return Err(forbidden(
+                "CCER",
+                "7.2.11: to measure the crystal, the core must run from HSI",
+            ));
+        }
+        Ok(())
+    }
+}
+
+impl Peripheral for Capture {
+    fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
+        self.follow(now);
+        match offset {
+            CR1 => Ok(if self.counts_since.is_some() { CEN } else { 0 }),
+            DIER | EGR | PSC => Ok(0),
+            SR => Ok(self.status),
+            CCMR1 => Ok(self.mode),
+            CCER => Ok(self.enable),
+            CNT => Ok(self.count(now)),
+            ARR => Ok(ALL_BITS),
+            CCR1 => {
+                self.status &= !CC1IF;
+                Ok(self.captured)
+            }
+            OR => Ok(self.remap),
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        self.follow(now);
+        match offset {
+            CR1 if value & !CEN != 0 => return Err(Refused::Unimplemented("CR1")),
+            CR1 if value & CEN == 0 => self.counts_since = None,
+            CR1 => {
+                self.counts_since.get_or_insert(now);
+            }
+            DIER if value != 0 => return Err(Refused::Unimplemented("DIER")),
+            PSC if value != 0 => return Err(Refused::Unimplemented("PSC")),
+            ARR if value != ALL_BITS => return Err(Refused::Unimplemented("ARR: less than 16 bits")),
+            DIER | PSC | ARR => {}
+            // A 0 clears, a 1 changes nothing.
+            SR => self.status &= value,
+            CCMR1 if value & !(CC1S | IC1PSC) != 0 => return Err(Refused::Unimplemented("CCMR1")),
+            CCMR1 => self.mode = value,
+            CCER => {
+                let written = self.write_enable(value);
+                self.connect(now);
+                return written;
+            }
+            OR => self.remap = value & INPUT,
+            EGR | CNT | CCR1 => return Err(Refused::Unimplemented("EGR/CNT/CCR1")),
+            _ => return Err(Refused::NoRegister),
+        }
+        self.connect(now);
+        Ok(())
+    }
+}

@@ -1,0 +1,499 @@
+//! DMA1 and DMA2 (RM0090, chapter 10).
+//!
+//! A transfer is four steps, each some nanoseconds after the one before it: the request wins the arbitration and the source
+//! is read; the destination is written; the count and the flags change. So a handler may run between any two of them, as on
+//! silicon. The delays are seeded, within what a bus that other masters use may take.
+//!
+//! Modelled are peripheral to memory and memory to peripheral in direct mode, by bytes, circular or not; a stream that is
+//! switched off ends the transfer under way, and says so (10.3.14). Left out: the byte that a stream to a peripheral fetches
+//! before it is requested (10.3.11). Refused by name: wider transfers, memory to memory, FIFO mode, double buffers, bursts,
+//! the peripheral as flow controller.
+
+use std::ops::RangeInclusive;
+
+use crate::soc::chance::Chance;
+use crate::soc::peripheral::{Refused, field, forbidden};
+use crate::time::Nanos;
+
+/// Streams of a controller (10.2), and of both.
+pub(super) const STREAMS: usize = 8;
+pub(super) const ALL_STREAMS: usize = 2 * STREAMS;
+
+/// Nanoseconds from a request to the read of the source, from there to the write, and from there to the count.
+const ARBITRATION: RangeInclusive<u64> = 25..=150;
+const MOVE: RangeInclusive<u64> = 6..=50;
+const COUNT: RangeInclusive<u64> = 6..=50;
+
+const LISR: u32 = 0x00;
+const HISR: u32 = 0x04;
+const LIFCR: u32 = 0x08;
+const HIFCR: u32 = 0x0C;
+/// The first stream's registers, and what each has (10.5.5 to 10.5.10).
+const FIRST: u32 = 0x10;
+const EACH: u32 = 0x18;
+const LAST: u32 = FIRST + EACH * STREAMS as u32;
+const CR: u32 = 0x00;
+const NDTR: u32 = 0x04;
+const PAR: u32 = 0x08;
+const M0AR: u32 = 0x0C;
+const M1AR: u32 = 0x10;
+const FCR: u32 = 0x14;
+
+/// Flags of a stream (10.5.1), and where they are in LISR or HISR: streams 0 to 3, 4 to 7.
+mod flag {
+    pub(super) const ERROR: u32 = 1 << 3;
+    pub(super) const HALF: u32 = 1 << 4;
+    pub(super) const COMPLETE: u32 = 1 << 5;
+    pub(super) const ALL: u32 = 0x3D;
+    pub(super) const AT: [u32; 4] = [0, 6, 16, 22];
+}
+
+/// Bits of CR (10.5.5). The interrupt enables are one bit below the flags.
+mod cr {
+    pub(super) const EN: u32 = 1;
+    pub(super) const INTERRUPTS: u32 = (super::flag::ERROR | super::flag::HALF | super::flag::COMPLETE) >> 1;
+    pub(super) const DMEIE: u32 = 1 << 1;
+    pub(super) const DIR: u32 = 0b11 << 6;
+    pub(super) const FROM_MEMORY: u32 = 1 << 6;
+    pub(super) const TO_PERIPHERAL_OR_BACK: u32 = 0b01 << 6;
+    pub(super) const CIRC: u32 = 1 << 8;
+    pub(super) const MINC: u32 = 1 << 10;
+    pub(super) const PL: u32 = 0b11 << 16;
+    pub(super) const CHSEL_AT: u32 = 25;
+    pub(super) const CHSEL: u32 = 0b111;
+    pub(super) const MODELLED: u32 =
+        EN | DMEIE | INTERRUPTS | TO_PERIPHERAL_OR_BACK | CIRC | MINC | PL | CHSEL << CHSEL_AT;
+}
+
+/// FCR as a reset leaves it: direct mode, the FIFO empty (10.5.10). FTH means nothing in direct mode.
+const FCR_AT_RESET: u32 = 0x21;
+const FTH: u32 = 0b11;
+const FS: u32 = 0b111 << 3;
+
+const NDT: u32 = 0xFFFF;
+
+/// What a DMA stream that is enabled again does with its counter and its addresses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reenabled {
+    /// It starts over, as the manual says (10.5.6).
+    #[default]
+    Restarts,
+    /// It goes on where it stopped, unless it was set up anew, as some silicon is reported to.
+    Resumes,
+}
+
+/// What a stream does next, and when.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// Its request is low, or it is off.
+    Waiting,
+    Reading(Nanos),
+    Writing(Nanos, u8),
+    Counting(Nanos),
+}
+
+/// What a stream asks of the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Step {
+    /// Read the register, and hand the byte to [`Dma::fetched`].
+    ReadPeripheral(u32),
+    /// Read the memory, and hand the byte to [`Dma::fetched`].
+    ReadMemory(u32),
+    WritePeripheral(u32, u8),
+    WriteMemory(u32, u8),
+    /// Nothing: the count has changed.
+    Counted,
+}
+
+/// A request line: the controller, 0 or 1, the stream and the channel (10.3.3, tables 42 and 43).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Request {
+    pub(super) controller: usize,
+    pub(super) stream: usize,
+    pub(super) channel: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Stream {
+    cr: u32,
+    /// NDTR, and what was programmed there.
+    left: u32,
+    programmed: u32,
+    par: u32,
+    m0ar: u32,
+    m1ar: u32,
+    fcr: u32,
+    phase: Phase,
+    /// It was switched off, and the transfer under way goes on to its end.
+    stopping: bool,
+}
+
+impl Stream {
+    const OFF: Self = Self {
+        cr: 0,
+        left: 0,
+        programmed: 0,
+        par: 0,
+        m0ar: 0,
+        m1ar: 0,
+        fcr: FCR_AT_RESET,
+        phase: Phase::Waiting,
+        stopping: false,
+    };
+
+    fn is_on(&self) -> bool {
+        self.cr & cr::EN != 0
+    }
+
+    fn is_from_memory(&self) -> bool {
+        self.cr & cr::DIR == cr::FROM_MEMORY
+    }
+
+    fn channel(&self) -> u32 {
+        field(self.cr, cr::CHSEL_AT, cr::CHSEL)
+    }
+
+    /// The address in memory of the present transfer.
+    fn address(&self) -> u32 {
+        let done = self.programmed - self.left;
+        if self.cr & cr::MINC != 0 {
+            self.m0ar.wrapping_add(done)
+        } else {
+            self.m0ar
+        }
+    }
+
+    #[inline]
+    fn due(&self) -> Option<Nanos> {
+        match self.phase {
+            Phase::Waiting => None,
+            Phase::Reading(at) | Phase::Writing(at, _) | Phase::Counting(at) => Some(at),
+        }
+    }
+}
+
+/// Both controllers.
+#[derive(Debug)]
+pub(super) struct Dma {
+    streams: [Stream; ALL_STREAMS],
+    /// The flags of each stream.
+    flags: [u32; ALL_STREAMS],
+    reenabled: Reenabled,
+    chance: Chance,
+}
+
+impl Dma {
+    pub(super) fn new(reenabled: Reenabled, seed: u64) -> Self {
+        Self {
+            streams: [Stream::OFF; ALL_STREAMS],
+            flags: [0; ALL_STREAMS],
+            reenabled,
+            chance: Chance::new(seed, "DMA"),
+        }
+    }
+
+    /// A controller, 0 or 1, as a reset leaves it.
+    pub(super) fn reset(&mut self, controller: usize) {
+        let streams = controller * STREAMS..(controller + 1) * STREAMS;
+        self.streams[streams.clone()].fill(Stream::OFF);
+        self.flags[streams].fill(0);
+    }
+
+    /// The level of a stream's interrupt line.
+    #[inline]
+    pub(super) fn interrupts(&self, stream: usize) -> bool {
+        (self.flags[stream] >> 1) & self.streams[stream].cr & cr::INTERRUPTS != 0
+    }
+
+    /// Starts a transfer for a request that is high, if its stream waits for it.
+    #[inline]
+    pub(super) fn request(&mut self, request: Request, now: Nanos) {
+        let stream = &mut self.streams[request.controller * STREAMS + request.stream];
+        let waits = stream.is_on() && !stream.stopping && stream.left > 0 && stream.phase == Phase::Waiting;
+        if waits && stream.channel() == request.channel {
+            stream.phase = Phase::Reading(now + self.chance.span(ARBITRATION));
+        }
+    }
+
+    /// Takes the next step that is due at `now`, and the stream that takes it. A request that is low by now gets nothing.
+    pub(super) fn step(&mut self, is_high: impl Fn(Request) -> bool, now: Nanos) -> Option<(usize, Step)> {
+        let number = self
+            .streams
+            .iter()
+            .position(|stream| stream.due().is_some_and(|at| at <= now))?;
+        let stream = &mut self.streams[number];
+        let request = Request {
+            controller: number / STREAMS,
+            stream: number % STREAMS,
+            channel: stream.channel(),
+        };
+        let step = match stream.phase {
+            Phase::Waiting => return None,
+            Phase::Reading(_) if !is_high(request) => {
+                stream.phase = Phase::Waiting;
+                Step::Counted
+            }
+            Phase::Reading(_) if stream.is_from_memory() => Step::ReadMemory(stream.address()),
+            Phase::Reading(_) => Step::ReadPeripheral(stream.par),
+            Phase::Writing(_, value) => {
+                stream.phase = Phase::Counting(now + self.chance.span(COUNT));
+                if stream.is_from_memory() {
+                    Step::WritePeripheral(stream.par, value)
+                } else {
+                    Step::WriteMemory(stream.address(), value)
+                }
+            }
+            Phase::Counting(_) => {
+                stream.phase = Phase::Waiting;
+                self.count(number);
+                Step::Counted
+            }
+        };
+        Some((number, step))
+    }
+
+    /// What a step that reads has got.
+    pub(super) fn fetched(&mut self, stream: usize, value: u8, now: Nanos) {
+        self.streams[stream].phase = Phase::Writing(now + self.chance.span(MOVE), value);
+    }
+
+    /// The bus did not take the last step: the stream stops (10.3.18).
+    pub(super) fn fail(&mut self, stream: usize) {
+        self.flags[stream] |= flag::ERROR;
+        let stream = &mut self.streams[stream];
+        stream.cr &= !cr::EN;
+        stream.stopping = false;
+        stream.phase = Phase::Waiting;
+    }
+
+    fn count(&mut self, number: usize) {
+        let stream = &mut self.streams[number];
+        stream.left -= 1;
+        let (half, complete) = (stream.left == stream.programmed / 2, stream.left == 0);
+        if complete && stream.cr & cr::CIRC != 0 {
+            stream.left = stream.programmed;
+        } else if complete {
+            stream.cr &= !cr::EN;
+        }
+        let stopped = std::mem::take(&mut stream.stopping);
+        if stopped {
+            stream.cr &= !cr::EN;
+        }
+        if half {
+            self.flags[number] |= flag::HALF;
+        }
+        if complete || stopped {
+            self.flags[number] |= flag::COMPLETE;
+        }
+    }
+
+    /// When a stream takes its next step.
+    #[inline]
+    pub(super) fn due(&self) -> Option<Nanos> {
+        self.streams.iter().filter_map(Stream::due).min()
+    }
+
+    /// Reads a register of a controller, 0 or 1.
+    pub(super) fn read(&self, controller: usize, offset: u32) -> Result<u32, Refused> {
+        match offset {
+            LISR => Ok(self.status(controller * STREAMS)),
+            HISR => Ok(self.status(controller * STREAMS + 4)),
+            LIFCR | HIFCR => Ok(0),
+            FIRST..LAST => {
+                let (number, register) = place(controller, offset);
+                let stream = &self.streams[number];
+                match register {
+                    CR => Ok(stream.cr),
+                    NDTR => Ok(stream.left),
+                    PAR => Ok(stream.par),
+                    M0AR => Ok(stream.m0ar),
+                    M1AR => Ok(stream.m1ar),
+                    FCR => Ok(stream.fcr),
+                    _ => Err(Refused::NoRegister),
+                }
+            }
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    /// The flags of four streams from this one.
+    fn status(&self, first: usize) -> u32 {
+        let flags = self.flags[first..].iter().zip(flag::AT);
+        flags.fold(0, |status, (flags, at)| status | flags << at)
+    }
+
+    fn clear(&mut self, first: usize, value: u32) {
+        for (flags, at) in self.flags[first..].iter_mut().zip(flag::AT) {
+            *flags &= !(value >> at & flag::ALL);
+        }
+    }
+
+    /// Writes a register of a controller, 0 or 1.
+    pub(super) fn write(&mut self, controller: usize, offset: u32, value: u32) -> Result<(), Refused> {
+        match offset {
+            LISR | HISR => Ok(()),
+            LIFCR => {
+                self.clear(controller * STREAMS, value);
+                Ok(())
+            }
+            HIFCR => {
+                self.clear(controller * STREAMS + 4, value);
+                Ok(())
+            }
+            FIRST..LAST => {
+                let (number, register) = place(controller, offset);
+                self.write_stream(number, register, value)
+            }
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn write_stream(&mut self, number: usize, register: u32, value: u32) -> Result<(), Refused> {
+        if register == CR {
+            return self.write_control(number, value);
+        }
+        let stream = &mut self.streams[number];
+        if stream.is_on() {
+            return Err(forbidden(
+                "NDTR/PAR/M0AR/M1AR/FCR",
+                "10.5.6 to 10.5.10: written while EN is set",
+            ));
+        }
+        match register {
+            NDTR => stream.programmed = value & NDT,
+            PAR => stream.par = value,
+            M0AR => stream.m0ar = value,
+            M1AR => stream.m1ar = value,
+            FCR if value & !(FTH | FS) != 0 => return Err(Refused::Unimplemented("FCR: FIFO mode")),
+            FCR => stream.fcr = FCR_AT_RESET & !FTH | value & FTH,
+            _ => return Err(Refused::NoRegister),
+        }
+        // Set up anew, it starts over.
+        stream.left = stream.programmed;
+        Ok(())
+    }
+
+    fn write_control(&mut self, number: usize, value: u32) -> Result<(), Refused> {
+        if value & !cr::MODELLED != 0 {
+            return Err(Refused::Unimplemented(
+                "CR: wide, memory to memory, peripheral increment, bursts, double buffers or flow control",
+            ));
+        }
+        let stream = &mut self.streams[number];
+        let (was_on, on) = (stream.is_on(), value & cr::EN != 0);
+        let free = cr::EN | cr::INTERRUPTS | cr::DMEIE;
+        if was_on && on && (value ^ stream.cr) & !free != 0 {
+            return Err(forbidden("CR", "10.5.5: written while EN is set"));
+        }
+        match (was_on, on) {
+            (true, false) => {
+                // 10.3.14: the transfer under way ends first, and then it is said to be complete.
+                let moves = matches!(stream.phase, Phase::Writing(..) | Phase::Counting(_));
+                stream.stopping = moves;
+                if moves {
+                    stream.cr = value | cr::EN;
+                } else {
+                    stream.cr = value;
+                    stream.phase = Phase::Waiting;
+                    self.flags[number] |= flag::COMPLETE;
+                }
+            }
+            (false, true) => {
+                stream.cr = value;
+                if self.reenabled == Reenabled::Restarts || stream.left == 0 {
+                    stream.left = stream.programmed;
+                }
+            }
+            _ => stream.cr = value,
+        }
+        Ok(())
+    }
+}
+
+/// The stream, and which of its registers.
+fn place(controller: usize, offset: u32) -> (usize, u32) {
+    let offset = offset - FIRST;
+    (controller * STREAMS + (offset / EACH) as usize, offset % EACH)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const REQUEST: Request = Request {
+        controller: 0,
+        stream: 5,
+        channel: 4,
+    };
+    const STREAM_5: u32 = FIRST + 5 * EACH;
+    const CHANNEL_4: u32 = 4 << cr::CHSEL_AT;
+
+    /// A controller whose stream 5 moves `count` bytes for a request.
+    fn dma(count: u32, control: u32) -> Dma {
+        let mut dma = Dma::new(Reenabled::Restarts, 0);
+        dma.write(0, STREAM_5 + NDTR, count).unwrap();
+        dma.write(0, STREAM_5 + PAR, 0x4000_4404).unwrap();
+        dma.write(0, STREAM_5 + M0AR, 0x2000_0000).unwrap();
+        dma.write(0, STREAM_5 + CR, control | CHANNEL_4 | cr::EN | cr::MINC)
+            .unwrap();
+        dma
+    }
+
+    /// Lets the request be high for one transfer, and returns the steps with their instants.
+    fn transfer(dma: &mut Dma, now: Nanos) -> Vec<(Nanos, Step)> {
+        dma.request(REQUEST, now);
+        let mut steps = Vec::new();
+        while let Some(due) = dma.due() {
+            let (stream, step) = dma.step(|_| true, due).unwrap();
+            if matches!(step, Step::ReadPeripheral(_) | Step::ReadMemory(_)) {
+                dma.fetched(stream, 0x42, due);
+            }
+            steps.push((due, step));
+        }
+        steps
+    }
+
+    #[test]
+    fn read_write_and_count_are_steps_apart() {
+        let mut dma = dma(4, 0);
+        let steps = transfer(&mut dma, Nanos(1_000));
+        let kinds: Vec<Step> = steps.iter().map(|&(_, step)| step).collect();
+        assert_eq!(
+            kinds,
+            [
+                Step::ReadPeripheral(0x4000_4404),
+                Step::WriteMemory(0x2000_0000, 0x42),
+                Step::Counted
+            ]
+        );
+        let instants: Vec<u64> = steps.iter().map(|(at, _)| at.0).collect();
+        assert!(1_000 < instants[0] && instants[0] < instants[1] && instants[1] < instants[2]);
+        assert_eq!(dma.read(0, STREAM_5 + NDTR), Ok(3));
+    }
+
+    #[test]
+    fn a_stream_that_is_switched_off_ends_its_transfer_first() {
+        let mut dma = dma(4, 0);
+        dma.request(REQUEST, Nanos(0));
+        let due = dma.due().unwrap();
+        let (stream, _) = dma.step(|_| true, due).unwrap();
+        dma.fetched(stream, 0x42, due);
+        dma.write(0, STREAM_5 + CR, CHANNEL_4 | cr::MINC).unwrap();
+        assert_eq!(dma.read(0, STREAM_5 + CR).unwrap() & cr::EN, cr::EN);
+        while let Some(due) = dma.due() {
+            dma.step(|_| true, due).unwrap();
+        }
+        assert_eq!(dma.read(0, STREAM_5 + CR).unwrap() & cr::EN, 0);
+        assert_eq!(dma.read(0, STREAM_5 + NDTR), Ok(3));
+        assert_eq!(dma.read(0, HISR), Ok(flag::COMPLETE << flag::AT[1]));
+    }
+
+    #[test]
+    fn a_request_that_went_away_gets_nothing() {
+        let mut dma = dma(4, 0);
+        dma.request(REQUEST, Nanos(0));
+        let due = dma.due().unwrap();
+        assert_eq!(dma.step(|_| false, due), Some((5, Step::Counted)));
+        assert_eq!((dma.due(), dma.read(0, STREAM_5 + NDTR)), (None, Ok(4)));
+    }
+}

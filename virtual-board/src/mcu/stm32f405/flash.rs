@@ -1,0 +1,504 @@
+//! The flash interface (RM0090, chapter 3), with the memory behind it: 12 sectors of 16, 64 and 128 kB.
+//!
+//! | Behaviour | Section |
+//! |---|---|
+//! | Wait states, prefetch, caches | 3.5.1, 3.5.2 |
+//! | Keys and the lock of CR and of OPTCR; a wrong key locks until the next reset | 3.6.1, 3.7.2 |
+//! | An erase sets every bit of the sector, or of all, as it ends | 3.6.3 |
+//! | A store programs while PG is set: it clears bits and sets none, and BSY lasts as long | 3.6.4 |
+//! | A store without PG: PGSERR; of another width than PSIZE: PGPERR | 3.9.5 |
+//! | A store to a protected sector, or an erase of one or of none: WRPERR; OPERR with each if ERRIE | 3.6.5, 3.9.5 |
+//! | EOP as an operation ends, if EOPIE | 3.6.6 |
+//! | The supply that each parallelism needs | 3.6.2 |
+//!
+//! An operation takes from the typical to the longest time of the data sheet (DS8626, 5.3.12), as
+//! [`Timing`](crate::Timing) says. One that starts below its supply is told, and goes wrong.
+//!
+//! While an operation lasts, the core stands still, as one does that runs from the flash (3.6). Timers and DMA go on. Power
+//! that goes, and a reset, leave an operation half done. PGAERR has no model: no bus transfer crosses a row of 128 bits.
+//!
+//! Refused by name: 64 bits at once.
+
+use std::ops::Range;
+
+use crate::core::{FlashTiming, Memory, Width};
+use crate::flash::{ERASED, Flash, SIZE, erased_in_part, programmed_in_part};
+use crate::shared::{Shared, lock};
+use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::time::Nanos;
+
+const ACR: u32 = 0x00;
+const KEYR: u32 = 0x04;
+const OPTKEYR: u32 = 0x08;
+const SR: u32 = 0x0C;
+const CR: u32 = 0x10;
+const OPTCR: u32 = 0x14;
+
+/// Bits of ACR (3.9.1).
+mod acr {
+    pub(super) const LATENCY: u32 = 0b111;
+    pub(super) const PRFTEN: u32 = 1 << 8;
+    pub(super) const ICEN: u32 = 1 << 9;
+    pub(super) const DCEN: u32 = 1 << 10;
+    pub(super) const ICRST: u32 = 1 << 11;
+    pub(super) const DCRST: u32 = 1 << 12;
+    pub(super) const MODELLED: u32 = LATENCY | PRFTEN | ICEN | DCEN | ICRST | DCRST;
+}
+
+/// Flags of SR (3.9.4).
+mod sr {
+    pub(super) const EOP: u32 = 1;
+    pub(super) const OPERR: u32 = 1 << 1;
+    pub(super) const WRPERR: u32 = 1 << 4;
+    pub(super) const PGPERR: u32 = 1 << 6;
+    pub(super) const PGSERR: u32 = 1 << 7;
+    pub(super) const BSY: u32 = 1 << 16;
+}
+
+/// Bits of CR (3.9.6).
+mod cr {
+    pub(super) const PG: u32 = 1;
+    pub(super) const SER: u32 = 1 << 1;
+    pub(super) const MER: u32 = 1 << 2;
+    pub(super) const SNB_AT: u32 = 3;
+    pub(super) const SNB: u32 = 0xF;
+    pub(super) const PSIZE_AT: u32 = 8;
+    pub(super) const PSIZE: u32 = 0b11;
+    pub(super) const STRT: u32 = 1 << 16;
+    pub(super) const EOPIE: u32 = 1 << 24;
+    pub(super) const ERRIE: u32 = 1 << 25;
+    pub(super) const LOCK: u32 = 1 << 31;
+    pub(super) const WRITABLE: u32 = PG | SER | MER | SNB << SNB_AT | PSIZE << PSIZE_AT | STRT | EOPIE | ERRIE | LOCK;
+}
+
+/// Bits of OPTCR (3.9.9), and what it is as the chip is delivered.
+mod optcr {
+    pub(super) const OPTLOCK: u32 = 1;
+    pub(super) const OPTSTRT: u32 = 1 << 1;
+    pub(super) const NWRP_AT: u32 = 16;
+    pub(super) const DELIVERED: u32 = 0x0FFF_AAED;
+}
+
+/// Keys of KEYR (3.6.1) and of OPTKEYR (3.7.2).
+const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
+
+/// How long a word takes, whatever its width: typical, and at worst (DS8626, 5.3.12).
+const PROGRAM: (Nanos, Nanos) = (Nanos(16_000), Nanos(100_000));
+
+/// The typical time of an erase in milliseconds with 8, 16 and 32 bits at once (DS8626, 5.3.12).
+const ERASE_16K: [u64; 3] = [400, 300, 250];
+const ERASE_64K: [u64; 3] = [1_200, 700, 550];
+const ERASE_128K: [u64; 3] = [2_000, 1_300, 1_000];
+const ERASE_ALL: [u64; 3] = [16_000, 11_000, 8_000];
+/// At worst an erase takes twice the typical time.
+const WORST_ERASE: u64 = 2;
+
+/// The least supply in millivolts with 8, 16 and 32 bits at once (3.6.2, table 13).
+const LEAST_MV: [u32; 3] = [1_800, 2_100, 2_700];
+
+/// Where each sector starts, and where the last one ends (3.4, table 5).
+const SECTORS: [usize; 13] = {
+    let mut starts = [0; 13];
+    let mut nth = 0;
+    while nth < 12 {
+        let kib = match nth {
+            0..=3 => 16,
+            4 => 64,
+            _ => 128,
+        };
+        starts[nth + 1] = starts[nth] + (kib << 10);
+        nth += 1;
+    }
+    starts
+};
+const SECTOR_COUNT: usize = SECTORS.len() - 1;
+
+/// Bytes of a word in [`Flash`].
+const WORD: usize = 8;
+
+/// The fastest HCLK in hertz for each wait state, with a supply of 2.7 V and more (3.5.1, table 10).
+const PER_WAIT_STATE: u64 = 30_000_000;
+
+/// Bytes that the flash delivers at once, and lines of the caches (3.5.2).
+const LINE: u32 = 16;
+const CODE_LINES: usize = 64;
+const DATA_LINES: usize = 8;
+
+/// How far an unlock sequence is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Keys {
+    None,
+    First,
+    Unlocked,
+    /// A wrong one came: the register stays locked until the next reset.
+    Wrong,
+}
+
+impl Keys {
+    fn take(self, key: u32, keys: [u32; 2]) -> Self {
+        match self {
+            Self::Unlocked => Self::Unlocked,
+            Self::None if key == keys[0] => Self::First,
+            Self::First if key == keys[1] => Self::Unlocked,
+            _ => Self::Wrong,
+        }
+    }
+}
+
+/// What the flash is busy with.
+#[derive(Clone, Debug)]
+enum Operation {
+    /// Erasing these bytes, since an instant.
+    Erase { bytes: Range<usize>, since: Nanos },
+    /// Programming a word with bits clear where they are to be clear.
+    Program { word: usize, bits: u64 },
+    /// Programming the option bytes.
+    Options,
+}
+
+/// The interface.
+#[derive(Debug)]
+pub(super) struct Interface {
+    flash: Shared<Flash>,
+    acr: u32,
+    sr: u32,
+    cr: u32,
+    keys: Keys,
+    option_keys: Keys,
+    optcr: u32,
+    /// OPTCR as it was last programmed.
+    options: u32,
+    operation: Option<(Nanos, Operation)>,
+    /// Whether the operation goes wrong: the supply was too low for it.
+    fails: bool,
+    /// When the power goes.
+    cut: Option<Nanos>,
+}
+
+impl Interface {
+    pub(super) fn new(flash: Shared<Flash>) -> Self {
+        Self {
+            flash,
+            acr: 0,
+            sr: 0,
+            cr: 0,
+            keys: Keys::None,
+            option_keys: Keys::None,
+            optcr: optcr::DELIVERED & !optcr::OPTLOCK,
+            options: optcr::DELIVERED & !optcr::OPTLOCK,
+            operation: None,
+            fails: false,
+            cut: None,
+        }
+    }
+
+    /// The chip restarts, or its power goes: what was under way is left half done.
+    pub(super) fn restart(&mut self, memory: &mut Memory) {
+        if let Some((_, operation)) = self.operation.take() {
+            self.half_do(operation, memory);
+        }
+        *self = Self {
+            optcr: self.options,
+            options: self.options,
+            ..Self::new(self.flash.clone())
+        };
+    }
+
+    /// Leaves an operation half done.
+    fn half_do(&self, operation: Operation, memory: &mut Memory) {
+        match operation {
+            Operation::Erase { bytes, .. } => {
+                self.change(bytes.start / WORD..bytes.end / WORD, memory, erased_in_part);
+            }
+            Operation::Program { word, bits } => {
+                self.change(word..word + 1, memory, |old, chance| {
+                    programmed_in_part(old, bits, chance)
+                });
+            }
+            Operation::Options => {}
+        }
+    }
+
+    /// Changes words, given what each held and a chance.
+    fn change(&self, words: Range<usize>, memory: &mut Memory, new: impl Fn(u64, u64) -> u64) {
+        let mut flash = lock(&self.flash);
+        for word in words {
+            let old = u64::from_le_bytes(flash.get(word));
+            let new = new(old, flash.chance(word));
+            if new != old {
+                flash.set(word, new.to_le_bytes());
+                memory.program(word * WORD, &new.to_le_bytes());
+            }
+        }
+    }
+
+    /// Whether an operation is under way: the core waits.
+    #[inline]
+    pub(super) fn is_busy(&self) -> bool {
+        self.operation.is_some()
+    }
+
+    /// The supply, in millivolts.
+    pub(super) fn millivolts(&self) -> u32 {
+        lock(&self.flash).millivolts
+    }
+
+    /// Whether the power is to go now.
+    pub(super) fn take_cut(&mut self, now: Nanos) -> bool {
+        self.cut.take_if(|at| *at <= now).is_some()
+    }
+
+    /// The level of the interrupt line (3.6.6): EOP and OPERR are set only if they interrupt.
+    pub(super) fn interrupts(&self) -> bool {
+        self.sr & self.cr >> 24 & (sr::EOP | sr::OPERR) != 0
+    }
+
+    /// What is wrong with an HCLK of `hz`.
+    pub(super) fn fault(&self, hz: u64) -> Option<Refused> {
+        let most = PER_WAIT_STATE * u64::from((self.acr & acr::LATENCY) + 1);
+        (hz > most).then(|| forbidden("ACR", "3.5.1: too few wait states for HCLK"))
+    }
+
+    /// The flash as the core's timing sees it.
+    pub(super) fn timing(&self) -> FlashTiming {
+        let lines = |enable, count, otherwise| if self.acr & enable != 0 { count } else { otherwise };
+        FlashTiming {
+            wait_states: self.acr & acr::LATENCY,
+            line_bytes: LINE,
+            code_lines: lines(acr::ICEN, CODE_LINES, 1),
+            data_lines: lines(acr::DCEN, DATA_LINES, 0),
+            prefetch: self.acr & acr::PRFTEN != 0,
+        }
+    }
+
+    fn parallelism(&self) -> u32 {
+        field(self.cr, cr::PSIZE_AT, cr::PSIZE)
+    }
+
+    /// Starts an operation. Fails if it will go wrong.
+    fn start(&mut self, operation: Operation, (typical, worst): (Nanos, Nanos), now: Nanos) -> Result<(), Refused> {
+        let what = match operation {
+            Operation::Erase { .. } => "erase",
+            Operation::Program { .. } | Operation::Options => "program",
+        };
+        let mut flash = lock(&self.flash);
+        let span = flash.clock.span(what, typical, worst);
+        self.cut = flash.start(typical).map(|after| now + after);
+        let least = LEAST_MV.get(self.parallelism() as usize);
+        self.fails = least.is_none_or(|&least| flash.millivolts < least);
+        drop(flash);
+        self.operation = Some((now + span, operation));
+        self.sr |= sr::BSY;
+        if self.fails {
+            return Err(forbidden("CR", "3.6.2: a flash operation below the supply it needs"));
+        }
+        Ok(())
+    }
+
+    /// Ends what is due.
+    pub(super) fn finish(&mut self, now: Nanos, memory: &mut Memory) {
+        let Some((_, operation)) = self.operation.take_if(|(ends, _)| *ends <= now) else {
+            return;
+        };
+        self.sr &= !sr::BSY;
+        if self.cr & cr::EOPIE != 0 {
+            self.sr |= sr::EOP;
+        }
+        if let Operation::Erase { since, .. } = operation {
+            self.cr &= !cr::STRT;
+            lock(&self.flash).erases.push((since, now));
+        }
+        match operation {
+            operation if self.fails => self.half_do(operation, memory),
+            Operation::Erase { bytes, .. } => {
+                let erased = u64::from_le_bytes([ERASED; WORD]);
+                self.change(bytes.start / WORD..bytes.end / WORD, memory, |_, _| erased);
+            }
+            Operation::Program { word, bits } => self.change(word..word + 1, memory, |old, _| old & bits),
+            Operation::Options => {
+                self.optcr &= !optcr::OPTSTRT;
+                self.options = self.optcr;
+            }
+        }
+    }
+
+    fn flag_error(&mut self, flag: u32) {
+        self.sr |= flag;
+        if self.cr & cr::ERRIE != 0 {
+            self.sr |= sr::OPERR;
+        }
+    }
+
+    /// Whether a sector may be changed. There are no others.
+    fn is_open(&self, sector: usize) -> bool {
+        sector < SECTOR_COUNT && self.options >> optcr::NWRP_AT & self.optcr >> optcr::NWRP_AT & 1 << sector != 0
+    }
+
+    fn is_locked(&self) -> bool {
+        self.keys != Keys::Unlocked
+    }
+
+    /// A store of the core to the flash, at this offset.
+    pub(super) fn store(&mut self, offset: u32, width: Width, value: u32, now: Nanos) -> Result<(), Refused> {
+        // A store that strays is a bug that nobody would see.
+        if self.is_locked() || self.cr & cr::PG == 0 {
+            self.flag_error(sr::PGSERR);
+            return Err(forbidden("SR", "3.6.4: a store to the flash while PG is clear"));
+        }
+        if width.bytes() != 1 << self.parallelism() {
+            self.flag_error(sr::PGPERR);
+            return Err(forbidden(
+                "SR",
+                "3.6.4: a store to the flash of another width than PSIZE",
+            ));
+        }
+        let offset = offset as usize;
+        let sector = SECTORS.iter().rposition(|&start| start <= offset).unwrap_or(0);
+        if !self.is_open(sector) {
+            self.flag_error(sr::WRPERR);
+            return Ok(());
+        }
+        let shift = 8 * (offset % WORD);
+        let bits = u64::from(value) << shift | !(u64::from(width.mask()) << shift);
+        let word = offset / WORD;
+        self.start(Operation::Program { word, bits }, PROGRAM, now)
+    }
+
+    fn write_key(&mut self, key: u32) -> Result<(), Refused> {
+        self.keys = self.keys.take(key, KEYS);
+        match self.keys {
+            Keys::Wrong => Err(forbidden("KEYR", "3.6.1: a wrong key")),
+            _ => Ok(()),
+        }
+    }
+
+    fn write_option_key(&mut self, key: u32) -> Result<(), Refused> {
+        self.option_keys = self.option_keys.take(key, OPTION_KEYS);
+        match self.option_keys {
+            Keys::Wrong => Err(forbidden("OPTKEYR", "3.7.2: a wrong key")),
+            _ => Ok(()),
+        }
+    }
+
+    fn control(&self) -> u32 {
+        self.cr | if self.is_locked() { cr::LOCK } else { 0 }
+    }
+
+    fn write_cr(&mut self, value: u32, now: Nanos) -> Result<(), Refused> {
+        if self.is_busy() {
+            return Err(forbidden("CR", "3.6.1: written while BSY is set"));
+        }
+        if self.is_locked() {
+            return if value == self.control() {
+                Ok(())
+            } else {
+                Err(forbidden("CR", "3.6.1: written while locked"))
+            };
+        }
+        if value & !cr::WRITABLE != 0 {
+            return Err(Refused::Unimplemented("CR"));
+        }
+        self.cr = value & !cr::LOCK;
+        if value & cr::LOCK != 0 {
+            self.keys = Keys::None;
+        }
+        if value & cr::STRT != 0 {
+            return self.erase(now);
+        }
+        Ok(())
+    }
+
+    fn erase(&mut self, now: Nanos) -> Result<(), Refused> {
+        let sector = field(self.cr, cr::SNB_AT, cr::SNB) as usize;
+        let (bytes, times) = match (self.cr & cr::MER != 0, self.cr & cr::SER != 0) {
+            (true, _) if !(0..SECTOR_COUNT).all(|sector| self.is_open(sector)) => return self.refuse_erase(),
+            (true, _) => (0..SIZE, ERASE_ALL),
+            (false, true) if !self.is_open(sector) => return self.refuse_erase(),
+            (false, true) => {
+                let bytes = SECTORS[sector]..SECTORS[sector + 1];
+                let times = match bytes.len() >> 10 {
+                    16 => ERASE_16K,
+                    64 => ERASE_64K,
+                    _ => ERASE_128K,
+                };
+                (bytes, times)
+            }
+            (false, false) => {
+                self.cr &= !cr::STRT;
+                return Err(forbidden("CR", "3.6.3: STRT without SER or MER"));
+            }
+        };
+        let Some(&millis) = times.get(self.parallelism() as usize) else {
+            return Err(Refused::Unimplemented("CR.PSIZE: 64 bits"));
+        };
+        let typical = Nanos::from_millis(millis);
+        let worst = Nanos(typical.0 * WORST_ERASE);
+        self.start(Operation::Erase { bytes, since: now }, (typical, worst), now)
+    }
+
+    fn refuse_erase(&mut self) -> Result<(), Refused> {
+        self.cr &= !cr::STRT;
+        self.flag_error(sr::WRPERR);
+        Ok(())
+    }
+
+    fn write_options(&mut self, value: u32, now: Nanos) -> Result<(), Refused> {
+        if self.option_keys != Keys::Unlocked {
+            return Err(forbidden("OPTCR", "3.7.2: written while locked"));
+        }
+        if value & optcr::OPTLOCK != 0 {
+            self.option_keys = Keys::None;
+            return Ok(());
+        }
+        self.optcr = value;
+        if value & optcr::OPTSTRT != 0 {
+            return self.start(Operation::Options, PROGRAM, now);
+        }
+        Ok(())
+    }
+
+    fn write_acr(&mut self, value: u32) -> Result<(), Refused> {
+        if value & !acr::MODELLED != 0 {
+            return Err(Refused::Unimplemented("ACR"));
+        }
+        let resets_in_use = |reset, enable| value & reset != 0 && self.acr & enable != 0;
+        if resets_in_use(acr::ICRST, acr::ICEN) || resets_in_use(acr::DCRST, acr::DCEN) {
+            return Err(forbidden("ACR", "3.9.1: a cache reset while it is enabled"));
+        }
+        self.acr = value;
+        Ok(())
+    }
+}
+
+impl Peripheral for Interface {
+    fn read(&mut self, offset: u32, _: Nanos) -> Result<u32, Refused> {
+        match offset {
+            ACR => Ok(self.acr),
+            KEYR | OPTKEYR => Ok(0),
+            SR => Ok(self.sr),
+            CR => Ok(self.control()),
+            OPTCR => Ok(self.optcr | u32::from(self.option_keys != Keys::Unlocked)),
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        match offset {
+            ACR => self.write_acr(value)?,
+            KEYR => self.write_key(value)?,
+            OPTKEYR => self.write_option_key(value)?,
+            // A 1 clears.
+            SR => self.sr &= !value | sr::BSY,
+            CR => self.write_cr(value, now)?,
+            OPTCR => self.write_options(value, now)?,
+            _ => return Err(Refused::NoRegister),
+        }
+        Ok(())
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        let ends = self.operation.as_ref().map(|(ends, _)| *ends);
+        [ends, self.cut].into_iter().flatten().min()
+    }
+}

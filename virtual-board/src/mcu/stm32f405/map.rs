@@ -1,0 +1,166 @@
+//! The memory map of the STM32F405RG (RM0090, 2.3), its interrupts (table 62) and its system memory.
+
+use super::rcc::{Gate, gates};
+use crate::core::Width;
+
+/// The memories. The core-coupled memory, which the firmware does not use, has no model, nor has the backup SRAM.
+pub(super) const FLASH: u32 = 0x0800_0000;
+pub(super) const RAM: u32 = 0x2000_0000;
+pub(super) const RAM_SIZE: usize = 128 << 10;
+
+/// Interrupt lines that the chip has, and the bits of a priority (12.1).
+pub(super) const INTERRUPTS: u16 = 82;
+pub(super) const PRIORITY_BITS: u8 = 4;
+
+/// Places in the vector table (table 62).
+pub(super) mod interrupt {
+    pub(in super::super) const FLASH: u16 = 4;
+    /// TX, RX0, RX1 and SCE.
+    pub(in super::super) const CAN1: [u16; 4] = [19, 20, 21, 22];
+    pub(in super::super) const USART2: u16 = 38;
+    pub(in super::super) const TIM5: u16 = 50;
+    pub(in super::super) const OTG_FS: u16 = 67;
+    /// Streams 0 to 7 of DMA1, then of DMA2.
+    pub(in super::super) const DMA: [u16; 16] = [11, 12, 13, 14, 15, 16, 17, 47, 56, 57, 58, 59, 60, 68, 69, 70];
+}
+
+/// A block of registers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Block {
+    Tim5,
+    Iwdg,
+    Usart2,
+    Can1,
+    Pwr,
+    Syscfg,
+    Exti,
+    Tim11,
+    /// GPIOA to GPIOI, by number from 0.
+    Gpio(u8),
+    Rcc,
+    Flash,
+    Dma1,
+    Dma2,
+    OtgFs,
+    Dbgmcu,
+}
+
+/// Where OTG_FS begins, and the bytes that it has.
+const OTG_FS: u32 = 0x5000_0000;
+const OTG_FS_SIZE: u32 = 0x4_0000;
+
+impl Block {
+    /// The block that an address outside the memories is in, and the offset within it.
+    #[inline]
+    pub(super) fn at(address: u32) -> Option<(Self, u32)> {
+        let offset = address.wrapping_sub(OTG_FS);
+        if offset < OTG_FS_SIZE {
+            return Some((Self::OtgFs, offset));
+        }
+        let block = match address & !0x3FF {
+            0x4000_0C00 => Self::Tim5,
+            0x4000_3000 => Self::Iwdg,
+            0x4000_4400 => Self::Usart2,
+            0x4000_6400 => Self::Can1,
+            0x4000_7000 => Self::Pwr,
+            0x4001_3800 => Self::Syscfg,
+            0x4001_3C00 => Self::Exti,
+            0x4001_4800 => Self::Tim11,
+            0x4002_0000..=0x4002_2000 => Self::Gpio((address >> 10) as u8 & 0xF),
+            0x4002_3800 => Self::Rcc,
+            0x4002_3C00 => Self::Flash,
+            0x4002_6000 => Self::Dma1,
+            0x4002_6400 => Self::Dma2,
+            0xE004_2000 => Self::Dbgmcu,
+            _ => return None,
+        };
+        Some((block, address & 0x3FF))
+    }
+
+    /// What the reference manual calls it.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Tim5 => "TIM5",
+            Self::Iwdg => "IWDG",
+            Self::Usart2 => "USART2",
+            Self::Can1 => "CAN1",
+            Self::Pwr => "PWR",
+            Self::Syscfg => "SYSCFG",
+            Self::Exti => "EXTI",
+            Self::Tim11 => "TIM11",
+            Self::Gpio(0) => "GPIOA",
+            Self::Gpio(1) => "GPIOB",
+            Self::Gpio(2) => "GPIOC",
+            Self::Gpio(3) => "GPIOD",
+            Self::Gpio(4) => "GPIOE",
+            Self::Gpio(5) => "GPIOF",
+            Self::Gpio(6) => "GPIOG",
+            Self::Gpio(7) => "GPIOH",
+            Self::Gpio(_) => "GPIOI",
+            Self::Rcc => "RCC",
+            Self::Flash => "FLASH",
+            Self::Dma1 => "DMA1",
+            Self::Dma2 => "DMA2",
+            Self::OtgFs => "OTG_FS",
+            Self::Dbgmcu => "DBG",
+        }
+    }
+
+    /// The bits that enable and reset it. `None` for one that is always there.
+    #[inline]
+    pub(super) const fn gate(self) -> Option<Gate> {
+        Some(match self {
+            Self::Tim5 => gates::TIM5,
+            Self::Usart2 => gates::USART2,
+            Self::Can1 => gates::CAN1,
+            Self::Pwr => gates::PWR,
+            Self::Syscfg => gates::SYSCFG,
+            Self::Tim11 => gates::TIM11,
+            Self::Gpio(port) => gates::gpio(port as u32),
+            Self::Dma1 => gates::DMA1,
+            Self::Dma2 => gates::DMA2,
+            Self::OtgFs => gates::OTG_FS,
+            Self::Iwdg | Self::Exti | Self::Rcc | Self::Flash | Self::Dbgmcu => return None,
+        })
+    }
+
+    /// Whether its registers take accesses of this width, as far as that is modelled.
+    #[inline]
+    pub(super) fn takes(self, width: Width) -> bool {
+        match self {
+            // 18.4, 19.5: half-words or words.
+            Self::Tim5 | Self::Tim11 => width != Width::Byte,
+            _ => width == Width::Word,
+        }
+    }
+}
+
+/// The boot loader in ROM (2.4; AN2606), and the instruction with which the stub in its place starts.
+const BOOT_LOADER: u32 = 0x1FFF_0000;
+pub(super) const BOOT_LOADER_START: u32 = BOOT_LOADER + 8;
+
+/// The stub: a stack, a reset vector, and code that does nothing for ever.
+const BOOT_LOADER_STUB: [u8; 12] = [
+    0x00, 0x20, 0x00, 0x20, // stack: 0x2000_2000
+    0x09, 0x00, 0xFF, 0x1F, // reset: BOOT_LOADER_START, Thumb
+    0x00, 0xBF, // nop
+    0xFE, 0xE7, // b .
+];
+
+/// The 96-bit unique id (39.1), and the flash size in KiB, 16 bits (39.2).
+const UNIQUE_ID: u32 = 0x1FFF_7A10;
+const FLASH_SIZE: u32 = 0x1FFF_7A22;
+const FLASH_KIB: u16 = 1024;
+
+/// A byte of the system memory, if its content is known.
+pub(super) fn system_memory(address: u32, unique_id: &[u8; 12]) -> Option<u8> {
+    let flash_kib = FLASH_KIB.to_le_bytes();
+    let contents = [
+        (BOOT_LOADER, &BOOT_LOADER_STUB[..]),
+        (UNIQUE_ID, unique_id),
+        (FLASH_SIZE, &flash_kib),
+    ];
+    contents
+        .into_iter()
+        .find_map(|(start, bytes)| bytes.get(address.checked_sub(start)? as usize).copied())
+}

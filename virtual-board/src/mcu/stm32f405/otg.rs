@@ -1,0 +1,112 @@
+//! USB OTG FS (RM0090, chapter 34): [`Core`] is the controller, this joins it to the bus and to the wire.
+
+use crate::otg::core::Core;
+use crate::otg::registers;
+use crate::shared::{Shared, lock};
+use crate::soc::peripheral::{Peripheral, Refused, forbidden};
+use crate::time::Nanos;
+use crate::timing::Clock;
+use crate::usb::host::Host;
+
+/// The clock that the PHY needs, and how far off it may be: 0.25 % (34.3; USB 2.0, 7.1.11).
+const PHY_HZ: u64 = 48_000_000;
+const PHY_TOLERANCE_HZ: u64 = PHY_HZ / 400;
+
+/// The controller, with a host at the other end of the cable.
+#[derive(Debug)]
+pub(super) struct Otg {
+    core: Core,
+    host: Shared<Host>,
+    /// When host or controller wants to be called next.
+    wake: Option<Nanos>,
+    /// Something happened on the wire since this was last asked.
+    progress: bool,
+}
+
+impl Otg {
+    pub(super) fn new(host: Shared<Host>, clock: Clock) -> Self {
+        Self {
+            core: Core::with_clock(clock),
+            host,
+            wake: None,
+            progress: false,
+        }
+    }
+
+    /// The controller as a reset leaves it. The cable and the clock stay.
+    pub(super) fn reset(&mut self, now: Nanos) {
+        let clocked = self.core.clocked;
+        self.core = self.core.restarted();
+        self.core.clocked = clocked;
+        self.settle(now);
+    }
+
+    pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
+        let clocked = hz.abs_diff(PHY_HZ) <= PHY_TOLERANCE_HZ;
+        if clocked != self.core.clocked {
+            self.core.clocked = clocked;
+            self.settle(now);
+        }
+    }
+
+    /// The level of the global interrupt line (34.15).
+    #[inline]
+    pub(super) fn interrupts(&self) -> bool {
+        self.core.interrupt()
+    }
+
+    /// Whether anything happened on the wire since this was last asked that a program may wait for.
+    pub(super) fn take_progress(&mut self) -> bool {
+        std::mem::take(&mut self.progress)
+    }
+
+    /// Lets the host see what changed.
+    pub(super) fn settle(&mut self, now: Nanos) {
+        self.come_to(now);
+        let mut host = lock(&self.host);
+        let next = host.poll(now, &mut self.core);
+        self.progress |= host.take_progress();
+        self.wake = next.into_iter().chain(self.core.next_step()).min();
+    }
+
+    /// What a read of a register would give, without what it does.
+    pub(super) fn peek(&self, offset: u32) -> Result<u32, Refused> {
+        registers::name(offset).ok_or(Refused::NoRegister)?;
+        Ok(self.core.peek(offset))
+    }
+
+    fn come_to(&mut self, now: Nanos) {
+        self.core.now = now;
+        self.core.advance();
+    }
+}
+
+impl Peripheral for Otg {
+    fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
+        registers::name(offset).ok_or(Refused::NoRegister)?;
+        self.come_to(now);
+        let value = self.core.read(offset);
+        // Only what makes room in the receive FIFO concerns the host.
+        if registers::pops(offset) {
+            self.settle(now);
+        }
+        Ok(value)
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        let name = registers::name(offset).ok_or(Refused::NoRegister)?;
+        self.come_to(now);
+        self.core.write(offset, value);
+        let misuse = self.core.take_misuse();
+        self.settle(now);
+        misuse.map_or(Ok(()), |reason| Err(forbidden(name, reason)))
+    }
+
+    fn advance(&mut self, now: Nanos) {
+        self.settle(now);
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        self.wake
+    }
+}

@@ -1,0 +1,556 @@
+//! Reset and clock control (RM0090, chapter 7).
+//!
+//! Modelled are the oscillators HSI, HSE and LSI with their start-up times, the main PLL, the system clock switch, the
+//! prescalers, the crystal's clock divided for the RTC and for TIM11, clock enables, resets and reset flags. PLLI2S, clock
+//! security, clock outputs, spread spectrum and interrupts have no model.
+//!
+//! The crystal takes the time to start that the board says, or never starts.
+
+use std::ops::RangeInclusive;
+
+use crate::crystal::{Divided, Oscillator};
+use crate::shared::{Shared, lock};
+use crate::soc::chance::Chance;
+use crate::soc::machine::Cause;
+use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::time::Nanos;
+
+const CR: u32 = 0x00;
+const PLLCFGR: u32 = 0x04;
+const CFGR: u32 = 0x08;
+const CIR: u32 = 0x0C;
+const AHB1RSTR: u32 = 0x10;
+const AHB2RSTR: u32 = 0x14;
+const AHB3RSTR: u32 = 0x18;
+const APB1RSTR: u32 = 0x20;
+const APB2RSTR: u32 = 0x24;
+const AHB1ENR: u32 = 0x30;
+const AHB2ENR: u32 = 0x34;
+const AHB3ENR: u32 = 0x38;
+const APB1ENR: u32 = 0x40;
+const APB2ENR: u32 = 0x44;
+const AHB1LPENR: u32 = 0x50;
+const APB2LPENR: u32 = 0x64;
+pub(super) const BDCR: u32 = 0x70;
+const CSR: u32 = 0x74;
+const SSCGR: u32 = 0x80;
+const PLLI2SCFGR: u32 = 0x84;
+/// Where the STM32F42x has a register that the STM32F405 lacks.
+const DCKCFGR: u32 = 0x8C;
+
+/// Bits of CR (7.3.1).
+mod cr {
+    pub(super) const HSION: u32 = 1;
+    pub(super) const HSIRDY: u32 = 1 << 1;
+    /// HSITRIM as a reset leaves it. HSICAL, which the factory sets, reads 0.
+    pub(super) const HSITRIM: u32 = 0x10 << 3;
+    pub(super) const HSEON: u32 = 1 << 16;
+    pub(super) const HSERDY: u32 = 1 << 17;
+    pub(super) const HSEBYP: u32 = 1 << 18;
+    pub(super) const PLLON: u32 = 1 << 24;
+    pub(super) const PLLRDY: u32 = 1 << 25;
+    /// The bits that have a model, or are what they are at reset.
+    pub(super) const MODELLED: u32 = HSION | HSIRDY | HSITRIM | HSEON | HSERDY | HSEBYP | PLLON | PLLRDY;
+}
+
+/// Fields of PLLCFGR (7.3.2).
+mod pllcfgr {
+    pub(super) const M: u32 = 0x3F;
+    pub(super) const N_AT: u32 = 6;
+    pub(super) const N: u32 = 0x1FF;
+    pub(super) const P_AT: u32 = 16;
+    pub(super) const P: u32 = 0b11;
+    pub(super) const SRC_HSE: u32 = 1 << 22;
+    pub(super) const Q_AT: u32 = 24;
+    pub(super) const Q: u32 = 0xF;
+    pub(super) const AT_RESET: u32 = 0x2400_3010;
+}
+
+/// Fields of CFGR (7.3.3).
+mod cfgr {
+    pub(super) const SW: u32 = 0b11;
+    pub(super) const SWS_AT: u32 = 2;
+    pub(super) const SWS: u32 = 0b11 << SWS_AT;
+    pub(super) const HPRE_AT: u32 = 4;
+    pub(super) const PPRE1_AT: u32 = 10;
+    pub(super) const PPRE2_AT: u32 = 13;
+    pub(super) const RTCPRE_AT: u32 = 16;
+    pub(super) const RTCPRE: u32 = 0x1F;
+    pub(super) const MODELLED: u32 = SW | 0xF << HPRE_AT | 0b111 << PPRE1_AT | 0b111 << PPRE2_AT | RTCPRE << RTCPRE_AT;
+    /// Values of SW and SWS.
+    pub(super) const HSI: u32 = 0b00;
+    pub(super) const HSE: u32 = 0b01;
+    pub(super) const PLL: u32 = 0b10;
+}
+
+/// Bits of CSR (7.3.21).
+mod csr {
+    pub(super) const LSION: u32 = 1;
+    pub(super) const LSIRDY: u32 = 1 << 1;
+    pub(super) const RMVF: u32 = 1 << 24;
+    pub(super) const BORRSTF: u32 = 1 << 25;
+    pub(super) const PINRSTF: u32 = 1 << 26;
+    pub(super) const PORRSTF: u32 = 1 << 27;
+    pub(super) const SFTRSTF: u32 = 1 << 28;
+    pub(super) const IWDGRSTF: u32 = 1 << 29;
+    pub(super) const AT_POWER_ON: u32 = BORRSTF | PINRSTF | PORRSTF;
+}
+
+/// Bits of BDCR (7.3.20) that are kept: the RTC, which they clock, is not there.
+mod bdcr {
+    pub(super) const RTCSEL: u32 = 0b11 << 8;
+    pub(super) const RTCEN: u32 = 1 << 15;
+    pub(super) const BDRST: u32 = 1 << 16;
+    pub(super) const MODELLED: u32 = RTCSEL | RTCEN | BDRST;
+}
+
+/// The internal oscillator (7.2.2).
+const HSI_HZ: u64 = 16_000_000;
+
+/// Start-up times in nanoseconds: DS8626, tables "HSI oscillator characteristics", "LSI oscillator characteristics", "Main
+/// PLL characteristics". The crystal's is the board's.
+const HSI_START: RangeInclusive<u64> = 2_200..=4_000;
+const LSI_START: RangeInclusive<u64> = 15_000..=40_000;
+const PLL_LOCK: RangeInclusive<u64> = 100_000..=300_000;
+
+/// Limits of the PLL in hertz (DS8626, table "Main PLL characteristics"), and of its multiplier and divider (7.3.2).
+const PLL_INPUT: RangeInclusive<u64> = 950_000..=2_100_000;
+const VCO: RangeInclusive<u64> = 100_000_000..=432_000_000;
+const MULTIPLIERS: RangeInclusive<u32> = 50..=432;
+const LEAST_DIVIDER: u32 = 2;
+
+/// The fastest APB1 and APB2 (7.2).
+const MOST_APB1: u64 = 42_000_000;
+const MOST_APB2: u64 = 84_000_000;
+
+/// A peripheral's bit in the enable and in the reset register of its bus (7.3.5 to 7.3.14).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Gate {
+    bus: usize,
+    mask: u32,
+}
+
+/// Buses with an enable and a reset register each, by their order in [`ENABLE_REGISTERS`].
+const AHB1: usize = 0;
+const AHB2: usize = 1;
+const APB1: usize = 3;
+const APB2: usize = 4;
+const BUSES: usize = 5;
+
+const RESET_REGISTERS: [u32; BUSES] = [AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR, APB2RSTR];
+const ENABLE_REGISTERS: [u32; BUSES] = [AHB1ENR, AHB2ENR, AHB3ENR, APB1ENR, APB2ENR];
+
+/// The enable registers after a reset: the core-coupled memory (7.3.10).
+const ENABLED_AT_RESET: [u32; BUSES] = [1 << 20, 0, 0, 0, 0];
+
+const fn gate(bus: usize, bit: u32) -> Gate {
+    Gate { bus, mask: 1 << bit }
+}
+
+pub(super) mod gates {
+    use super::{AHB1, AHB2, APB1, APB2, Gate, gate};
+
+    pub(in super::super) const DMA1: Gate = gate(AHB1, 21);
+    pub(in super::super) const DMA2: Gate = gate(AHB1, 22);
+    pub(in super::super) const OTG_FS: Gate = gate(AHB2, 7);
+    pub(in super::super) const TIM5: Gate = gate(APB1, 3);
+    pub(in super::super) const USART2: Gate = gate(APB1, 17);
+    pub(in super::super) const CAN1: Gate = gate(APB1, 25);
+    pub(in super::super) const PWR: Gate = gate(APB1, 28);
+    pub(in super::super) const SYSCFG: Gate = gate(APB2, 14);
+    pub(in super::super) const TIM11: Gate = gate(APB2, 18);
+
+    /// GPIOA to GPIOI, by number from 0.
+    pub(in super::super) const fn gpio(port: u32) -> Gate {
+        gate(AHB1, port)
+    }
+}
+
+/// The rates of the clocks in hertz, 0 for one that stands still.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Clocks {
+    /// HCLK: core, memories, AHB.
+    pub(super) ahb: u64,
+    /// PCLK1.
+    pub(super) apb1: u64,
+    /// The input of the timers on APB1.
+    pub(super) apb1_timers: u64,
+    /// PCLK2.
+    pub(super) apb2: u64,
+    /// The input of the timers on APB2.
+    pub(super) apb2_timers: u64,
+    /// The 48 MHz of USB.
+    pub(super) usb: u64,
+}
+
+/// An oscillator or the PLL.
+#[derive(Clone, Copy, Debug, Default)]
+struct Source {
+    on: bool,
+    /// When it is ready, while it is on. `None` for a PLL whose input is missing, and for a crystal that does not start.
+    ready_at: Option<Nanos>,
+}
+
+impl Source {
+    fn set(&mut self, on: bool, takes: impl FnOnce() -> Option<Nanos>, now: Nanos) {
+        if on != self.on {
+            self.on = on;
+            self.ready_at = if on { takes().map(|span| now + span) } else { None };
+        }
+    }
+
+    fn is_ready(self, now: Nanos) -> bool {
+        self.ready_at.is_some_and(|at| at <= now)
+    }
+}
+
+/// Reset and clock control.
+#[derive(Debug)]
+pub(super) struct Rcc {
+    oscillator: Shared<Oscillator>,
+    /// The crystal's rate since it was last ready.
+    crystal_hz: u64,
+    chance: Chance,
+    hsi: Source,
+    hse: Source,
+    lsi: Source,
+    pll: Source,
+    bypass: bool,
+    cfgr: u32,
+    /// The source of SYSCLK: SWS.
+    selected: u32,
+    pllcfgr: u32,
+    bdcr: u32,
+    enables: [u32; BUSES],
+    resets: [u32; BUSES],
+    /// The reset flags of CSR.
+    flags: u32,
+    /// Up to when what was due has been done.
+    settled: Nanos,
+}
+
+impl Rcc {
+    /// Out of a power-on reset, with a crystal.
+    pub(super) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
+        {
+            let mut oscillator = lock(&oscillator);
+            *oscillator = Oscillator::new(oscillator.crystal);
+        }
+        Self {
+            oscillator,
+            crystal_hz: 0,
+            chance: Chance::new(seed, "RCC"),
+            hsi: Source {
+                on: true,
+                ready_at: Some(Nanos(0)),
+            },
+            hse: Source::default(),
+            lsi: Source::default(),
+            pll: Source::default(),
+            bypass: false,
+            cfgr: cfgr::HSI,
+            selected: cfgr::HSI,
+            pllcfgr: pllcfgr::AT_RESET,
+            bdcr: 0,
+            enables: ENABLED_AT_RESET,
+            resets: [0; BUSES],
+            flags: csr::AT_POWER_ON,
+            settled: Nanos(0),
+        }
+    }
+
+    /// The state after a reset by this cause. The flags of earlier ones stay (7.3.21).
+    pub(super) fn reset(&mut self, cause: Cause) {
+        let flags = match cause {
+            Cause::Power => csr::AT_POWER_ON,
+            Cause::Software => self.flags | csr::SFTRSTF | csr::PINRSTF,
+            Cause::Watchdog => self.flags | csr::IWDGRSTF | csr::PINRSTF,
+        };
+        *self = Self {
+            chance: self.chance.clone(),
+            flags,
+            bdcr: if cause == Cause::Power { 0 } else { self.bdcr },
+            settled: self.settled,
+            ..Self::new(self.oscillator.clone(), 0)
+        };
+    }
+
+    /// Whether the peripheral's clock is on.
+    #[inline]
+    pub(super) fn is_enabled(&self, gate: Gate) -> bool {
+        self.enables[gate.bus] & gate.mask != 0
+    }
+
+    /// Whether the peripheral is held in reset.
+    #[inline]
+    pub(super) fn is_held(&self, gate: Gate) -> bool {
+        self.resets[gate.bus] & gate.mask != 0
+    }
+
+    /// Whether any peripheral is held in reset.
+    pub(super) fn holds_any(&self) -> bool {
+        self.resets.iter().any(|&resets| resets != 0)
+    }
+
+    pub(super) fn pll_is_on(&self) -> bool {
+        self.pll.on
+    }
+
+    /// The watchdog keeps the low-speed oscillator on (7.2.9).
+    pub(super) fn keep_lsi_on(&mut self, now: Nanos) {
+        let chance = &mut self.chance;
+        self.lsi.set(true, || Some(chance.span(LSI_START)), now);
+    }
+
+    /// The board may have another crystal now: one that did not start may start.
+    pub(super) fn look(&mut self, now: Nanos) {
+        if self.hse.on && self.hse.ready_at.is_none() {
+            let startup = lock(&self.oscillator).crystal.startup;
+            self.hse.ready_at = startup.map(|startup| now + startup);
+        }
+    }
+
+    fn multiplier(&self) -> u32 {
+        field(self.pllcfgr, pllcfgr::N_AT, pllcfgr::N)
+    }
+
+    fn pll_takes_crystal(&self) -> bool {
+        self.pllcfgr & pllcfgr::SRC_HSE != 0
+    }
+
+    fn pll_input(&self) -> u64 {
+        let source = if self.pll_takes_crystal() {
+            self.crystal_hz
+        } else {
+            HSI_HZ
+        };
+        source.checked_div(u64::from(self.pllcfgr & pllcfgr::M)).unwrap_or(0)
+    }
+
+    fn vco(&self) -> u64 {
+        self.pll_input() * u64::from(self.multiplier())
+    }
+
+    /// The rates at `now`.
+    pub(super) fn clocks(&self, now: Nanos) -> Clocks {
+        let when = |source: Source, hz| if source.is_ready(now) { hz } else { 0 };
+        let vco = when(self.pll, self.vco());
+        let system = match self.selected {
+            cfgr::HSI => when(self.hsi, HSI_HZ),
+            cfgr::HSE => when(self.hse, self.crystal_hz),
+            _ => vco / (2 * u64::from(field(self.pllcfgr, pllcfgr::P_AT, pllcfgr::P) + 1)),
+        };
+        let ahb = system / ahb_divider(field(self.cfgr, cfgr::HPRE_AT, 0xF));
+        let bus = |at| {
+            let divider = apb_divider(field(self.cfgr, at, 0b111));
+            let bus = ahb / divider;
+            // 7.2: the timers run at twice the rate of a bus that is divided.
+            (bus, if divider == 1 { bus } else { 2 * bus })
+        };
+        let (apb1, apb1_timers) = bus(cfgr::PPRE1_AT);
+        let (apb2, apb2_timers) = bus(cfgr::PPRE2_AT);
+        let usb_divider = u64::from(field(self.pllcfgr, pllcfgr::Q_AT, pllcfgr::Q));
+        Clocks {
+            ahb,
+            apb1,
+            apb1_timers,
+            apb2,
+            apb2_timers,
+            usb: vco.checked_div(usb_divider).unwrap_or(0),
+        }
+    }
+
+    /// The PLL locks once it is on and its input is there. The system clock switches once its source is ready (7.2.6).
+    fn settle(&mut self, now: Nanos) {
+        if self.hse.is_ready(now) && self.crystal_hz == 0 {
+            self.crystal_hz = lock(&self.oscillator).crystal.hertz.into();
+        } else if !self.hse.on {
+            self.crystal_hz = 0;
+        }
+        let input = if self.pll_takes_crystal() { self.hse } else { self.hsi };
+        if self.pll.on && !input.is_ready(now) {
+            self.pll.ready_at = None;
+        } else if self.pll.on && self.pll.ready_at.is_none() {
+            self.pll.ready_at = Some(now + self.chance.span(PLL_LOCK));
+        }
+        let wanted = match self.cfgr & cfgr::SW {
+            cfgr::HSI => self.hsi.is_ready(now),
+            cfgr::HSE => self.hse.is_ready(now),
+            cfgr::PLL => self.pll.is_ready(now),
+            _ => false,
+        };
+        if wanted {
+            self.selected = self.cfgr & cfgr::SW;
+        }
+        self.follow_divided(now);
+        self.settled = now;
+    }
+
+    /// Notes what the crystal's divided clock is, and what the core runs from.
+    fn follow_divided(&self, now: Nanos) {
+        let divider = field(self.cfgr, cfgr::RTCPRE_AT, cfgr::RTCPRE);
+        let mut oscillator = lock(&self.oscillator);
+        oscillator.core_is_internal = self.selected == cfgr::HSI;
+        oscillator.divided = match oscillator.divided {
+            // RTCPRE of 0 and 1 is no clock (7.3.3).
+            _ if !self.hse.is_ready(now) || divider < 2 => None,
+            Some(divided) if divided.divider == divider => Some(divided),
+            _ => Some(Divided {
+                since: now,
+                hertz: self.crystal_hz as u32,
+                divider,
+            }),
+        };
+    }
+
+    fn write_cr(&mut self, value: u32, now: Nanos) -> Result<(), Refused> {
+        if value & !cr::MODELLED != 0 || value & cr::HSITRIM != cr::HSITRIM {
+            return Err(Refused::Unimplemented("CR"));
+        }
+        let (hsi, hse, pll) = (value & cr::HSION != 0, value & cr::HSEON != 0, value & cr::PLLON != 0);
+        let off = |on: bool, source| !on && self.selected == source;
+        let input_off = self.selected == cfgr::PLL && self.pll_takes_crystal() && !hse;
+        if off(hsi, cfgr::HSI) || off(hse, cfgr::HSE) || off(pll, cfgr::PLL) || input_off {
+            return Err(forbidden("CR", "7.3.1: what clocks the system cannot be switched off"));
+        }
+        self.bypass = value & cr::HSEBYP != 0;
+        let chance = &mut self.chance;
+        self.hsi.set(hsi, || Some(chance.span(HSI_START)), now);
+        self.hse.set(hse, || lock(&self.oscillator).crystal.startup, now);
+        if pll && !self.pll.on {
+            self.check_pll()?;
+        }
+        if pll != self.pll.on {
+            self.pll = Source {
+                on: pll,
+                ready_at: None,
+            };
+        }
+        Ok(())
+    }
+
+    /// What is wrong with the PLL as it is set.
+    fn check_pll(&self) -> Result<(), Refused> {
+        let divider = field(self.pllcfgr, pllcfgr::Q_AT, pllcfgr::Q);
+        if !MULTIPLIERS.contains(&self.multiplier()) || divider < LEAST_DIVIDER {
+            return Err(forbidden("PLLCFGR", "7.3.2: a wrong multiplier or divider"));
+        }
+        // A crystal that has not started has no rate yet.
+        let has_input = !self.pll_takes_crystal() || self.crystal_hz > 0;
+        if has_input && (!PLL_INPUT.contains(&self.pll_input()) || !VCO.contains(&self.vco())) {
+            return Err(forbidden(
+                "PLLCFGR",
+                "DS8626, main PLL characteristics: input or VCO out of range",
+            ));
+        }
+        Ok(())
+    }
+
+    /// What is wrong with the present rates, whatever the supply and the flash.
+    pub(super) fn fault(&self, now: Nanos) -> Option<Refused> {
+        let clocks = self.clocks(now);
+        (clocks.apb1 > MOST_APB1 || clocks.apb2 > MOST_APB2)
+            .then(|| forbidden("CFGR", "7.2: APB1 above 42 MHz, or APB2 above 84 MHz"))
+    }
+}
+
+fn ahb_divider(hpre: u32) -> u64 {
+    match hpre {
+        0..=7 => 1,
+        8..=11 => 2 << (hpre - 8),
+        // There is no 32.
+        _ => 64 << (hpre - 12),
+    }
+}
+
+fn apb_divider(ppre: u32) -> u64 {
+    match ppre {
+        0..=3 => 1,
+        _ => 2 << (ppre - 4),
+    }
+}
+
+/// The bus whose reset register or enable register is at this offset.
+fn bus_of(offset: u32, registers: [u32; BUSES]) -> Option<usize> {
+    registers.iter().position(|&register| register == offset)
+}
+
+impl Peripheral for Rcc {
+    fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
+        let flags =
+            |source: Source, on, ready| (if source.on { on } else { 0 }) | if source.is_ready(now) { ready } else { 0 };
+        if let Some(bus) = bus_of(offset, ENABLE_REGISTERS) {
+            return Ok(self.enables[bus]);
+        }
+        if let Some(bus) = bus_of(offset, RESET_REGISTERS) {
+            return Ok(self.resets[bus]);
+        }
+        match offset {
+            CR => {
+                let oscillators = flags(self.hsi, cr::HSION, cr::HSIRDY) | flags(self.hse, cr::HSEON, cr::HSERDY);
+                let bypass = if self.bypass { cr::HSEBYP } else { 0 };
+                Ok(cr::HSITRIM | oscillators | bypass | flags(self.pll, cr::PLLON, cr::PLLRDY))
+            }
+            PLLCFGR => Ok(self.pllcfgr),
+            CFGR => Ok(self.cfgr | self.selected << cfgr::SWS_AT),
+            BDCR => Ok(self.bdcr),
+            CSR => Ok(self.flags | flags(self.lsi, csr::LSION, csr::LSIRDY)),
+            CIR => Err(Refused::Unimplemented("CIR")),
+            AHB1LPENR..=APB2LPENR => Err(Refused::Unimplemented("AHBxLPENR/APBxLPENR")),
+            SSCGR => Err(Refused::Unimplemented("SSCGR")),
+            PLLI2SCFGR => Err(Refused::Unimplemented("PLLI2SCFGR")),
+            DCKCFGR => Err(Refused::Unimplemented("DCKCFGR")),
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        if let Some(bus) = bus_of(offset, ENABLE_REGISTERS) {
+            self.enables[bus] = value;
+            return Ok(());
+        }
+        if let Some(bus) = bus_of(offset, RESET_REGISTERS) {
+            self.resets[bus] = value;
+            return Ok(());
+        }
+        match offset {
+            CR => self.write_cr(value, now)?,
+            PLLCFGR if self.pll.on => {
+                return Err(forbidden("PLLCFGR", "7.3.2: written while the PLL is on"));
+            }
+            PLLCFGR => self.pllcfgr = value,
+            CFGR if value & !(cfgr::MODELLED | cfgr::SWS) != 0 => return Err(Refused::Unimplemented("CFGR")),
+            CFGR => self.cfgr = value & cfgr::MODELLED,
+            BDCR if value & !bdcr::MODELLED != 0 => return Err(Refused::Unimplemented("BDCR")),
+            BDCR if value & bdcr::BDRST != 0 => self.bdcr = bdcr::BDRST,
+            BDCR => self.bdcr = value,
+            CSR => {
+                if value & csr::RMVF != 0 {
+                    self.flags = 0;
+                }
+                let chance = &mut self.chance;
+                self.lsi
+                    .set(value & csr::LSION != 0, || Some(chance.span(LSI_START)), now);
+            }
+            CIR => return Err(Refused::Unimplemented("CIR")),
+            AHB1LPENR..=APB2LPENR => return Err(Refused::Unimplemented("AHBxLPENR/APBxLPENR")),
+            SSCGR => return Err(Refused::Unimplemented("SSCGR")),
+            PLLI2SCFGR => return Err(Refused::Unimplemented("PLLI2SCFGR")),
+            DCKCFGR => return Err(Refused::Unimplemented("DCKCFGR")),
+            _ => return Err(Refused::NoRegister),
+        }
+        self.settle(now);
+        Ok(())
+    }
+
+    fn advance(&mut self, now: Nanos) {
+        self.settle(now);
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        [self.hsi, self.hse, self.lsi, self.pll]
+            .iter()
+            .filter_map(|source| source.ready_at.filter(|&at| at > self.settled))
+            .min()
+    }
+}

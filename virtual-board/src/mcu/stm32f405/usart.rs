@@ -1,0 +1,444 @@
+//! USART2, which the arm is connected to (RM0090, chapter 30).
+//!
+//! | Behaviour | Section |
+//! |---|---|
+//! | Bit rate from BRR and OVER8 | 30.3.4 |
+//! | Transmit data register and shift register; TXE, TC; the idle frame that TE begins with | 30.3.2 |
+//! | Receive data register; RXNE, ORE; IDLE after a frame of silence | 30.3.3 |
+//! | Parity with 9 bits; PE | 30.3.7 |
+//! | Framing and noise errors: the byte arrives with its flag | 30.3.3 |
+//! | Half-duplex mode: the receiver hears the transmitter | 30.3.10 |
+//! | DMA requests | 30.3.13 |
+//! | Flags cleared by reading SR, then DR; those that a written 0 clears | 30.6.1 |
+//!
+//! A read of DR by the DMA ends the sequence as one of the core does. Refused by name: 7 and 9 data bits, half stop bits,
+//! breaks, and everything that is not asynchronous.
+
+use crate::line::{AnyLine, Arm, Arrival, Format, LOW, Line, Parity, SECOND};
+use crate::shared::lock;
+use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
+use crate::time::Nanos;
+
+const SR: u32 = 0x00;
+pub(super) const DR: u32 = 0x04;
+const BRR: u32 = 0x08;
+const CR1: u32 = 0x0C;
+const CR2: u32 = 0x10;
+const CR3: u32 = 0x14;
+const GTPR: u32 = 0x18;
+
+/// Flags of SR (30.6.1).
+mod sr {
+    pub(super) const PE: u32 = 1;
+    pub(super) const FE: u32 = 1 << 1;
+    pub(super) const NF: u32 = 1 << 2;
+    pub(super) const ORE: u32 = 1 << 3;
+    pub(super) const IDLE: u32 = 1 << 4;
+    pub(super) const RXNE: u32 = 1 << 5;
+    pub(super) const TC: u32 = 1 << 6;
+    pub(super) const TXE: u32 = 1 << 7;
+    /// Cleared by a read of SR that shows them, and then a read of DR.
+    pub(super) const CLEARED_IF_SEEN: u32 = FE | NF | ORE;
+    /// Cleared by any read of SR, and then a read of DR.
+    pub(super) const CLEARED_BY_READING: u32 = PE | IDLE;
+    /// Cleared by any read of SR, and then a write of DR.
+    pub(super) const CLEARED_BY_WRITING: u32 = PE | TC;
+}
+
+/// Bits of CR1 (30.6.4).
+mod cr1 {
+    pub(super) const RE: u32 = 1 << 2;
+    pub(super) const TE: u32 = 1 << 3;
+    pub(super) const IDLEIE: u32 = 1 << 4;
+    pub(super) const RXNEIE: u32 = 1 << 5;
+    pub(super) const TCIE: u32 = 1 << 6;
+    pub(super) const TXEIE: u32 = 1 << 7;
+    pub(super) const PEIE: u32 = 1 << 8;
+    pub(super) const PS: u32 = 1 << 9;
+    pub(super) const PCE: u32 = 1 << 10;
+    pub(super) const M: u32 = 1 << 12;
+    pub(super) const UE: u32 = 1 << 13;
+    pub(super) const OVER8: u32 = 1 << 15;
+    pub(super) const MODELLED: u32 = RE | TE | IDLEIE | RXNEIE | TCIE | TXEIE | PEIE | PS | PCE | M | UE | OVER8;
+}
+
+/// STOP of CR2 (30.6.5).
+mod cr2 {
+    pub(super) const STOP_AT: u32 = 12;
+    pub(super) const STOP: u32 = 0b11;
+    pub(super) const ONE: u32 = 0b00;
+    pub(super) const TWO: u32 = 0b10;
+    pub(super) const MODELLED: u32 = STOP << STOP_AT;
+}
+
+/// Bits of CR3 (30.6.6).
+mod cr3 {
+    pub(super) const EIE: u32 = 1;
+    pub(super) const HDSEL: u32 = 1 << 3;
+    pub(super) const DMAR: u32 = 1 << 6;
+    pub(super) const DMAT: u32 = 1 << 7;
+    pub(super) const ONEBIT: u32 = 1 << 11;
+    pub(super) const MODELLED: u32 = EIE | HDSEL | DMAR | DMAT | ONEBIT;
+}
+
+/// The USART, with the line at its pins.
+#[derive(Debug)]
+pub(super) struct Usart {
+    line: AnyLine,
+    clock_hz: u64,
+    cr1: u32,
+    cr2: u32,
+    cr3: u32,
+    brr: u32,
+    gtpr: u32,
+    /// PE, FE, NF, ORE, IDLE and TC.
+    flags: u32,
+    /// What the last read of SR showed, until an access to DR ends the sequence.
+    seen: Option<u32>,
+    /// What DR holds for a reader, while RXNE is set, and what it held last.
+    received: Option<u8>,
+    last: u8,
+    /// What DR holds for the transmitter, while TXE is clear.
+    transmit: Option<u8>,
+    /// What the shift register sends, and when its last stop bit ends. `None` is an idle frame.
+    sending: Option<(Nanos, Option<u8>)>,
+    /// The byte that arrives, and when its last stop bit ends.
+    arriving: Option<(Nanos, Arrival)>,
+    /// Whether a byte was received since the line was last idle, and when it has been silent for a frame.
+    heard: bool,
+    idle_at: Option<Nanos>,
+    /// When the arm wants to send next.
+    arm_due: Option<Nanos>,
+}
+
+impl Usart {
+    pub(super) fn new(line: AnyLine) -> Self {
+        Self {
+            line,
+            clock_hz: 0,
+            cr1: 0,
+            cr2: 0,
+            cr3: 0,
+            brr: 0,
+            gtpr: 0,
+            flags: sr::TC,
+            seen: None,
+            received: None,
+            last: 0,
+            transmit: None,
+            sending: None,
+            arriving: None,
+            heard: false,
+            idle_at: None,
+            arm_due: None,
+        }
+    }
+
+    /// The USART as a reset leaves it. Line and clock stay.
+    pub(super) fn reset(&mut self, now: Nanos) {
+        *self = Self {
+            clock_hz: self.clock_hz,
+            ..Self::new(self.line.clone())
+        };
+        self.settle(now);
+    }
+
+    pub(super) fn set_clock(&mut self, hz: u64, now: Nanos) {
+        if hz != self.clock_hz {
+            self.clock_hz = hz;
+            self.settle(now);
+        }
+    }
+
+    /// The program may have changed the line.
+    pub(super) fn look(&mut self, now: Nanos) {
+        self.settle(now);
+        self.advance(now);
+    }
+
+    /// The level of the interrupt line (30.4).
+    #[inline]
+    pub(super) fn interrupts(&self) -> bool {
+        let status = self.status();
+        let enabled = |enable: u32, flags: u32| self.cr1 & enable != 0 && status & flags != 0;
+        enabled(cr1::TXEIE, sr::TXE)
+            || enabled(cr1::TCIE, sr::TC)
+            || enabled(cr1::RXNEIE, sr::RXNE | sr::ORE)
+            || enabled(cr1::IDLEIE, sr::IDLE)
+            || enabled(cr1::PEIE, sr::PE)
+            || self.cr3 & (cr3::EIE | cr3::DMAR) == cr3::EIE | cr3::DMAR && status & (sr::FE | sr::NF | sr::ORE) != 0
+    }
+
+    /// Whether the receiver requests a DMA transfer.
+    #[inline]
+    pub(super) fn requests_receive(&self) -> bool {
+        self.cr3 & cr3::DMAR != 0 && self.received.is_some()
+    }
+
+    /// Whether the transmitter requests a DMA transfer.
+    #[inline]
+    pub(super) fn requests_transmit(&self) -> bool {
+        self.cr3 & cr3::DMAT != 0 && self.transmit.is_none()
+    }
+
+    /// What a read of a register would give, without what it does.
+    pub(super) fn peek(&self, offset: u32) -> Result<u32, Refused> {
+        match offset {
+            SR => Ok(self.status()),
+            DR => Ok(self.received.unwrap_or(self.last).into()),
+            BRR => Ok(self.brr),
+            CR1 => Ok(self.cr1),
+            CR2 => Ok(self.cr2),
+            CR3 => Ok(self.cr3),
+            GTPR => Ok(self.gtpr),
+            _ => Err(Refused::NoRegister),
+        }
+    }
+
+    /// Whether UE and this bit of CR1 are set.
+    fn is_on(&self, bit: u32) -> bool {
+        self.cr1 & (cr1::UE | bit) == cr1::UE | bit
+    }
+
+    fn listens(&self) -> bool {
+        self.is_on(cr1::RE) && self.bit() > 0
+    }
+
+    #[inline]
+    fn status(&self) -> u32 {
+        let when = |set, bit| if set { bit } else { 0 };
+        self.flags | when(self.received.is_some(), sr::RXNE) | when(self.transmit.is_none(), sr::TXE)
+    }
+
+    fn format(&self) -> Format {
+        let parity = match (self.cr1 & cr1::PCE, self.cr1 & cr1::PS) {
+            (0, _) => Parity::None,
+            (_, 0) => Parity::Even,
+            _ => Parity::Odd,
+        };
+        Format {
+            parity,
+            two_stop_bits: field(self.cr2, cr2::STOP_AT, cr2::STOP) == cr2::TWO,
+        }
+    }
+
+    /// One bit in picoseconds, 0 while nothing divides the clock (30.3.4).
+    fn bit(&self) -> u64 {
+        let cycles = if self.cr1 & cr1::OVER8 != 0 {
+            self.brr >> 4 << 3 | self.brr & 0b111
+        } else {
+            self.brr
+        };
+        (u64::from(cycles) * SECOND).checked_div(self.clock_hz).unwrap_or(0)
+    }
+
+    /// How long a byte lasts.
+    fn byte(&self) -> Nanos {
+        Nanos(self.format().bits() * self.bit() / 1_000)
+    }
+
+    /// Tells the line what changed, and asks when the arm wants to send.
+    fn settle(&mut self, now: Nanos) {
+        let listens = self.listens();
+        let line = self.line.clone();
+        let mut line = lock(&line);
+        line.set_board_bit(self.bit());
+        line.set_board_format(self.format());
+        line.set_half_duplex(self.cr3 & cr3::HDSEL != 0);
+        line.set_transmits(self.is_on(cr1::TE));
+        if !listens {
+            self.arriving = None;
+            line.nobody_receives(now);
+        }
+        self.arm_due = line.due();
+    }
+
+    /// Moves the byte in DR to the shift register, if that is free.
+    fn start_to_send(&mut self, now: Nanos, line: &mut Line<dyn Arm>) {
+        if self.sending.is_some() || !self.is_on(cr1::TE) || self.bit() == 0 {
+            return;
+        }
+        let Some(byte) = self.transmit.take() else {
+            return;
+        };
+        self.sending = Some((now + self.byte(), Some(byte)));
+        if line.is_half_duplex() {
+            line.board_starts(now, byte);
+            self.listen(now, line);
+        }
+    }
+
+    /// The end of what the shift register sent.
+    fn finish_sending(&mut self, now: Nanos, sent: Option<u8>, line: &mut Line<dyn Arm>) {
+        if let Some(byte) = sent {
+            line.board_sent(now, byte);
+            if self.transmit.is_none() {
+                self.flags |= sr::TC;
+            }
+        }
+        self.start_to_send(now, line);
+    }
+
+    /// Looks for a start bit, if no byte arrives.
+    fn listen(&mut self, now: Nanos, line: &mut Line<dyn Arm>) {
+        if self.arriving.is_some() || !self.listens() {
+            return;
+        }
+        if let Some(arrival) = line.board_receives(now) {
+            self.arriving = Some((now + self.byte(), arrival));
+            self.idle_at = None;
+        }
+    }
+
+    /// A byte has arrived. One that comes while RXNE is set is lost, with what is wrong with it (30.3.3).
+    fn receive(&mut self, arrival: Arrival) {
+        if self.received.is_some() {
+            self.flags |= sr::ORE;
+            return;
+        }
+        let flag = |set, bit| if set { bit } else { 0 };
+        let noise = arrival.noise && self.cr3 & cr3::ONEBIT == 0;
+        self.flags |= flag(arrival.parity, sr::PE) | flag(arrival.framing, sr::FE) | flag(noise, sr::NF);
+        self.received = Some(arrival.value);
+        self.last = arrival.value;
+        self.heard = true;
+    }
+
+    fn read_data(&mut self) -> u32 {
+        if let Some(seen) = self.seen.take() {
+            self.flags &= !(sr::CLEARED_BY_READING | sr::CLEARED_IF_SEEN & seen);
+        }
+        self.received.take().unwrap_or(self.last).into()
+    }
+
+    fn write_data(&mut self, value: u32) {
+        if self.seen.take().is_some() {
+            self.flags &= !sr::CLEARED_BY_WRITING;
+        }
+        self.transmit = Some(value as u8);
+    }
+
+    /// A 0 clears TC and RXNE, a 1 changes nothing. The other flags are the hardware's.
+    fn write_status(&mut self, value: u32) {
+        self.seen = None;
+        self.flags &= value | !sr::TC;
+        if value & sr::RXNE == 0 {
+            self.received = None;
+        }
+    }
+
+    fn write_cr1(&mut self, value: u32, now: Nanos) -> Result<(), Refused> {
+        if value & !cr1::MODELLED != 0 {
+            return Err(Refused::Unimplemented("CR1"));
+        }
+        if (value & cr1::PCE != 0) != (value & cr1::M != 0) {
+            return Err(Refused::Unimplemented("CR1.M: 7 or 9 data bits"));
+        }
+        let (was_on, was_enabled) = (self.cr1 & cr1::TE != 0, self.is_on(cr1::TE));
+        self.cr1 = value;
+        if self.is_on(cr1::TE) && !was_on && self.sending.is_none() && self.bit() > 0 {
+            // 30.3.2: an idle frame comes first.
+            self.sending = Some((now + self.byte(), None));
+        }
+        if was_enabled && value & (cr1::UE | cr1::TE) == cr1::UE {
+            let cut = self.sending.take();
+            if let Some((_, Some(_))) = cut {
+                return Err(forbidden("CR1", "30.3.2: TE cleared while a byte is sent"));
+            }
+        }
+        Ok(())
+    }
+
+    fn write_register(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        match offset {
+            SR => self.write_status(value),
+            DR => self.write_data(value),
+            BRR => self.brr = value & 0xFFFF,
+            CR1 => self.write_cr1(value, now)?,
+            CR2 => {
+                let stop = field(value, cr2::STOP_AT, cr2::STOP);
+                if value & !cr2::MODELLED != 0 || !matches!(stop, cr2::ONE | cr2::TWO) {
+                    return Err(Refused::Unimplemented("CR2"));
+                }
+                self.cr2 = value;
+            }
+            CR3 if value & !cr3::MODELLED != 0 => return Err(Refused::Unimplemented("CR3")),
+            CR3 => self.cr3 = value,
+            // It does nothing in asynchronous mode.
+            GTPR => self.gtpr = value,
+            _ => return Err(Refused::NoRegister),
+        }
+        Ok(())
+    }
+}
+
+impl Peripheral for Usart {
+    fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
+        match offset {
+            SR => {
+                let status = self.status();
+                self.seen = Some(status);
+                Ok(status)
+            }
+            DR => {
+                let value = self.read_data();
+                self.advance(now);
+                Ok(value)
+            }
+            _ => self.peek(offset),
+        }
+    }
+
+    fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+        let was_low = lock(&self.line).is_pin_low();
+        let written = self.write_register(offset, value, now);
+        if !matches!(offset, SR | DR) {
+            self.settle(now);
+        }
+        let line = self.line.clone();
+        let mut line = lock(&line);
+        self.start_to_send(now, &mut line);
+        self.listen(now, &mut line);
+        if line.is_pin_low() && !was_low {
+            return written.and(Err(forbidden("CR1", LOW)));
+        }
+        written
+    }
+
+    fn advance(&mut self, now: Nanos) {
+        let line = self.line.clone();
+        let mut line = lock(&line);
+        line.jam(now);
+        if let Some((_, sent)) = self.sending.take_if(|(ends, _)| *ends <= now) {
+            self.finish_sending(now, sent, &mut *line);
+        }
+        if let Some((_, mut arrival)) = self.arriving.take_if(|(ends, _)| *ends <= now) {
+            arrival.framing |= line.is_jammed();
+            self.receive(arrival);
+            if self.heard {
+                self.idle_at = Some(now + self.byte());
+            }
+            self.listen(now, &mut *line);
+        }
+        if self.idle_at.take_if(|at| *at <= now).is_some() {
+            self.flags |= sr::IDLE;
+            self.heard = false;
+        }
+        self.arm_due = line.due();
+        if self.arriving.is_none() && self.arm_due.is_some_and(|due| due <= now) {
+            if self.listens() {
+                self.listen(now, &mut *line);
+            } else {
+                line.nobody_receives(now);
+            }
+            self.arm_due = line.due();
+        }
+    }
+
+    fn due(&self) -> Option<Nanos> {
+        let sending = self.sending.map(|(ends, _)| ends);
+        let arriving = self.arriving.map(|(ends, _)| ends);
+        let arm = self.arm_due.filter(|_| self.arriving.is_none());
+        [sending, arriving, self.idle_at, arm].into_iter().flatten().min()
+    }
+}
