@@ -1,7 +1,7 @@
 //! Prints how many instructions a second the core executes, in functions of the firmware's image:
 //!
 //! ```console
-//! $ cargo run --ignore-rust-version -p armwire-virtual-board --example core_speed -- firmware.elf
+//! $ cargo run -p armwire-virtual-board --example core_speed -- firmware.elf
 //! ```
 
 use std::time::{Duration, Instant};

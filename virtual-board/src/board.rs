@@ -5,31 +5,26 @@ mod usb;
 
 use std::collections::BTreeMap;
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
-use std::thread;
-
-use rigless::image::Image;
 
 use crate::can::Sender as CanSender;
 use crate::can::bus::Bus;
 use crate::chip::Chip;
-use crate::crystal::{Crystal, Oscillator};
+use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
 use crate::engine::{Engine, Watched};
 use crate::flash::{self, Flash};
-use crate::library::Library;
+use crate::image::Image;
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte, SharedLine};
-use crate::machine::{self, Bench, Run};
 use crate::mcu::stm32f405::{self, IDENTITY, Reenabled, Stm32f405};
 use crate::mcu::stm32g431::Stm32g431;
 use crate::report::{Crash, Report, Violation, Violations};
 use crate::shared::{Shared, lock};
+use crate::soc::gdb::Debugger;
 use crate::soc::machine::{Edges, Machine};
-use crate::stm32f405::Stm32f405 as LibraryStm32f405;
 use crate::time::Nanos;
 use crate::timing::{Clock, Timing};
 use crate::trace::Trace;
@@ -44,18 +39,11 @@ pub use self::usb::{Pipe, Usb};
 /// How often a waiting program looks even if nothing happens on the USB wire.
 const GLANCE: Nanos = Nanos::from_millis(1);
 
+/// The symbol of the firmware's log, if it has one.
+const RTT: &str = "_SEGGER_RTT";
+
 /// How long a power cycle leaves the board without power.
 const POWER_OFF: Nanos = Nanos::from_millis(10);
-
-/// What can run an STM32F405.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Emulator {
-    /// Our own core with our own models.
-    Own,
-    /// The emulator library.
-    #[default]
-    Library,
-}
 
 /// What a virtual board is made of.
 #[derive(Clone, Debug)]
@@ -70,6 +58,9 @@ pub struct Config<A> {
     pub arm_baud: u32,
     /// The crystal.
     pub crystal: Crystal,
+    /// The frequency of the part's internal oscillator in hertz, nominally 16 MHz. The STM32F405's is up to 8 % slower and
+    /// 4.5 % faster (DS8626, 5.3.9).
+    pub internal_hz: u32,
     /// The part's DBGMCU_IDCODE: its revision (RM0090, 38.6.1).
     pub idcode: u32,
     /// The part's unique id.
@@ -90,11 +81,8 @@ pub struct Config<A> {
     /// The virtual time that an instruction takes, in percent of a cycle at 168 MHz. A real core takes more than a cycle
     /// for some, and waits for its flash: sweep this to see how much a latency depends on it.
     pub instruction_cost: NonZeroU32,
-    /// Whether an instruction takes the cycles that it takes a Cortex-M4 with the chip's flash, rather than one. Only our
-    /// own core has this.
+    /// Whether an instruction takes the cycles that it takes a Cortex-M4 with the chip's flash, rather than one.
     pub exact_cycles: bool,
-    /// What runs an STM32F405. With a debugger it is the library in any case.
-    pub emulator: Emulator,
     /// The TCP port on which gdb may attach, on this machine only.
     pub gdb: Option<u16>,
 }
@@ -108,6 +96,7 @@ impl<A> Config<A> {
             arm,
             arm_baud: 1_000_000,
             crystal: Crystal::new(8_000_000),
+            internal_hz: INTERNAL_HZ,
             idcode: IDENTITY,
             unique_id: *b"\x20\x00\x41\x00\x0B51P\x35V03",
             seed: 0,
@@ -117,7 +106,6 @@ impl<A> Config<A> {
             reenabled: Reenabled::default(),
             instruction_cost: NonZeroU32::new(100).expect("not zero"),
             exact_cycles: false,
-            emulator: Emulator::default(),
             gdb: None,
         }
     }
@@ -128,12 +116,14 @@ impl<A> Config<A> {
 #[non_exhaustive]
 pub enum Error {
     /// The image cannot be run.
-    #[error(transparent)]
-    Image(#[from] rigless::image::Error),
-    /// The model of the part contradicts itself.
-    #[error("the model of the part: {0}")]
-    Part(#[from] rigless::soc::Error),
-    /// A port for gdb or for the firmware's log cannot be had.
+    #[error("{}: {reason}", path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+    /// A port for gdb cannot be had.
     #[error("cannot listen on {address}: {error}")]
     Listen {
         /// Where.
@@ -180,9 +170,6 @@ pub enum Error {
         /// Interrupts in the image's vector table.
         interrupts: u64,
     },
-    /// The engine that runs this chip has no debugger.
-    #[error("gdb cannot attach to the {0}")]
-    NoDebugger(Chip),
     /// What the program waited for did not happen in time.
     #[error("it did not happen within {limit}")]
     TimedOut {
@@ -261,14 +248,14 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// When the image cannot be run, or a TCP port cannot be had.
     pub fn start(config: Config<A>) -> Result<Self, Error> {
-        let image = Image::read(&config.image, None)?;
+        let image = Image::read(&config.image)?;
         Self::start_image(image, config)
     }
 
     fn start_image(image: Image, config: Config<A>) -> Result<Self, Error> {
         let chip = match config.chip {
             Some(chip) => chip,
-            None => Chip::of(image.bytes())?,
+            None => Chip::of(&image)?,
         };
         let starve = Arc::new(AtomicBool::new(false));
         let line = Arc::new(Mutex::new(Line::new(
@@ -277,7 +264,7 @@ impl<A: Arm> VirtualBoard<A> {
             config.seed,
             starve.clone(),
         )));
-        let (contents, flash_images) = flash::around(&image, config.flash, chip.flash_size())?;
+        let contents = flash::around(&image, config.flash, chip.flash_size())?;
         let flash = Flash::new(contents, config.power_cut_after, Clock::new(config.timing, config.seed));
         let edges = Edges {
             line: line.clone(),
@@ -285,60 +272,32 @@ impl<A: Arm> VirtualBoard<A> {
             host: Arc::default(),
             can: Arc::default(),
             flash: Arc::new(Mutex::new(flash)),
-            oscillator: Arc::new(Mutex::new(Oscillator::new(config.crystal))),
+            oscillator: Arc::new(Mutex::new(Oscillator::new(config.crystal, config.internal_hz))),
         };
-        let symbols = machine::symbols(&image);
         let interrupt = Arc::new(AtomicBool::new(false));
-        let mut gdb = None;
+        let debugger = config.gdb.map(|port| debugger(port, interrupt.clone())).transpose()?;
+        let gdb = debugger.as_ref().and_then(Debugger::address);
+        let log = image.symbols().get(RTT).map(|&address| address as u32);
+        let contents = lock(&edges.flash).bytes().to_vec();
+        let cycle_cost = config.instruction_cost.get();
+        let exact = config.exact_cycles;
+        let crashes = image.crashes();
         let engine: Box<dyn Engine> = match chip {
-            Chip::Stm32f405 if config.emulator == Emulator::Own && config.gdb.is_none() => {
+            Chip::Stm32f405 => {
                 let part = stm32f405::Part {
                     unique_id: config.unique_id,
                     idcode: config.idcode,
                     reenabled: config.reenabled,
-                    cycle_cost: config.instruction_cost.get(),
+                    cycle_cost,
                     seed: config.seed,
                 };
-                let core = Stm32f405::core(lock(&edges.flash).bytes().to_vec());
-                let chip = Stm32f405::new(part, edges.clone());
-                Box::new(Machine::new(
-                    core,
-                    chip,
-                    config.exact_cycles,
-                    machine::crashes(&symbols),
-                ))
+                let (core, part) = (Stm32f405::core(contents), Stm32f405::new(part, edges.clone()));
+                Box::new(Machine::new(core, part, exact, crashes, log, debugger))
             }
-            Chip::Stm32f405 => {
-                let mut part = LibraryStm32f405::new(config.reenabled, edges.clone())?;
-                part.set_idcode(config.idcode);
-                let bench = Bench {
-                    part,
-                    unique_id: config.unique_id,
-                    instruction_cost: config.instruction_cost,
-                };
-                let listener = config.gdb.map(listen).transpose()?;
-                gdb = listener.as_ref().and_then(|gdb| gdb.local_addr().ok());
-                let engine = start_library(
-                    bench,
-                    image,
-                    flash_images,
-                    listener,
-                    edges.flash.clone(),
-                    interrupt.clone(),
-                )?;
-                Box::new(engine)
-            }
-            Chip::Stm32g431 if config.gdb.is_some() => return Err(Error::NoDebugger(chip)),
             Chip::Stm32g431 => {
-                let core = Stm32g431::core(lock(&edges.flash).bytes().to_vec());
-                let cost = config.instruction_cost.get();
-                let part = Stm32g431::new(config.unique_id, cost, config.seed, edges.clone());
-                Box::new(Machine::new(
-                    core,
-                    part,
-                    config.exact_cycles,
-                    machine::crashes(&symbols),
-                ))
+                let core = Stm32g431::core(contents);
+                let part = Stm32g431::new(config.unique_id, cycle_cost, config.seed, edges.clone());
+                Box::new(Machine::new(core, part, exact, crashes, log, debugger))
             }
         };
         Ok(Self {
@@ -356,7 +315,7 @@ impl<A: Arm> VirtualBoard<A> {
             trace: Trace::default(),
             in_boot_loader: false,
             crashes: Vec::new(),
-            symbols,
+            symbols: image.symbols().clone(),
             device: None,
             port: None,
             vendor: None,
@@ -654,56 +613,14 @@ impl<A: Arm> VirtualBoard<A> {
     }
 }
 
-/// Runs the emulator library on a thread of its own.
-fn start_library(
-    bench: Bench,
-    image: Image,
-    flash_images: Vec<Image>,
-    gdb: Option<TcpListener>,
-    flash: Shared<Flash>,
-    interrupt: Arc<AtomicBool>,
-) -> Result<Library, Error> {
-    let rtt = listen(0)?;
-    let log = rtt.local_addr().and_then(TcpStream::connect).and_then(|log| {
-        log.set_nonblocking(true)?;
-        Ok(log)
-    });
-    let log = log.map_err(|error| Error::Listen {
-        address: "the firmware's log".to_owned(),
-        error,
-    })?;
-    let (commands, command) = channel();
-    let (reply, replies) = channel();
-    let run = Run {
-        image,
-        flash_images,
-        gdb,
-        rtt,
-        interrupt: interrupt.clone(),
-        flash,
-        commands: command,
-        replies: reply,
-    };
-    let thread = thread::Builder::new()
-        .name("virtual-board".to_owned())
-        .spawn(move || machine::run(bench, run))
-        .map_err(|error| Error::Ended(error.to_string()))?;
-    let mut library = Library {
-        commands: Some(commands),
-        replies,
-        interrupt,
-        thread: Some(thread),
-        log,
-    };
-    library.stopped()?;
-    Ok(library)
-}
-
-fn listen(port: u16) -> Result<TcpListener, Error> {
-    TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(|error| Error::Listen {
-        address: format!("TCP port {port}"),
-        error,
-    })
+/// A debugger on a TCP port of this machine.
+fn debugger(port: u16, interrupt: Arc<AtomicBool>) -> Result<Debugger, Error> {
+    TcpListener::bind((Ipv4Addr::LOCALHOST, port))
+        .and_then(|listener| Debugger::new(listener, interrupt))
+        .map_err(|error| Error::Listen {
+            address: format!("TCP port {port}"),
+            error,
+        })
 }
 
 /// The UART line to the arm.

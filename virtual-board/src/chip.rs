@@ -3,10 +3,8 @@
 use std::fmt;
 use std::path::Path;
 
-use object::{Object, ObjectSection};
-use rigless::image::Image;
-
 use crate::board::Error;
+use crate::image::Image;
 
 /// A chip that the firmware has an image for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,8 +15,7 @@ pub enum Chip {
     Stm32g431,
 }
 
-/// The section of an image with its vector table, as cortex-m-rt names it, and the vectors of the core itself.
-const VECTOR_TABLE: &str = ".vector_table";
+/// The vectors of the core itself.
 const CORE_VECTORS: u64 = 16;
 
 impl Chip {
@@ -44,7 +41,7 @@ impl Chip {
     ///
     /// As [`VirtualBoard::start`](crate::VirtualBoard::start).
     pub fn of_image(path: &Path) -> Result<Self, Error> {
-        Self::of(Image::read(path, None)?.bytes())
+        Self::of(&Image::read(path)?)
     }
 
     /// The chip that an image is for: each has another number of interrupts in its vector table. The STM32F405, if the image
@@ -53,10 +50,9 @@ impl Chip {
     /// # Errors
     ///
     /// [`Error::UnknownChip`] if no chip has that number.
-    pub(crate) fn of(image: &[u8]) -> Result<Self, Error> {
-        let file = object::File::parse(image).ok();
-        let table = file.as_ref().and_then(|file| file.section_by_name(VECTOR_TABLE));
-        let Some(interrupts) = table.map(|table| (table.size() / 4).saturating_sub(CORE_VECTORS)) else {
+    pub(crate) fn of(image: &Image) -> Result<Self, Error> {
+        let vectors = image.vector_table().map(|bytes| bytes / 4);
+        let Some(interrupts) = vectors.map(|vectors| vectors.saturating_sub(CORE_VECTORS)) else {
             return Ok(Self::Stm32f405);
         };
         [Self::Stm32f405, Self::Stm32g431]

@@ -1,4 +1,4 @@
-//! The crystal at the part's OSC_IN and OSC_OUT.
+//! The crystal at the part's OSC_IN and OSC_OUT, and the part's own oscillator.
 
 use crate::time::Nanos;
 
@@ -30,10 +30,15 @@ impl Crystal {
     }
 }
 
+/// The internal oscillator's nominal frequency, in hertz (RM0090, 7.2.2; RM0440, 7.2.2).
+pub(crate) const INTERNAL_HZ: u32 = 16_000_000;
+
 /// What the crystal does, as the clock controller, the timer that measures it and whoever runs the board share it.
 #[derive(Debug)]
 pub(crate) struct Oscillator {
     pub(crate) crystal: Crystal,
+    /// The frequency of the internal oscillator, in hertz.
+    pub(crate) internal_hz: u32,
     /// Its edges, divided for the real-time clock and for TIM11 (RM0090, 7.3.3, RTCPRE). `None` while it does not run, or
     /// nothing divides it.
     pub(crate) divided: Option<Divided>,
@@ -42,9 +47,10 @@ pub(crate) struct Oscillator {
 }
 
 impl Oscillator {
-    pub(crate) fn new(crystal: Crystal) -> Self {
+    pub(crate) fn new(crystal: Crystal, internal_hz: u32) -> Self {
         Self {
             crystal,
+            internal_hz,
             divided: None,
             core_is_internal: true,
         }

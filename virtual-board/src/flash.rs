@@ -1,11 +1,8 @@
 //! What the board's flash holds, and what happens to it without power.
 
-use std::path::Path;
-
-use rigless::edge::draw;
-use rigless::image::Image;
-
 use crate::board::Error;
+use crate::image::Image;
+use crate::soc::chance::draw;
 use crate::time::Nanos;
 use crate::timing::Clock;
 
@@ -104,33 +101,19 @@ impl Flash {
     }
 }
 
-/// What the flash holds with `image` in it and `contents` around it: all of it, and what is around, as images of their
-/// own.
-pub(crate) fn around(image: &Image, contents: Option<Vec<u8>>, size: usize) -> Result<(Vec<u8>, Vec<Image>), Error> {
+/// What the flash holds, all `size` bytes of it, with `image` in it and `contents` around it.
+pub(crate) fn around(image: &Image, contents: Option<Vec<u8>>, size: usize) -> Result<Vec<u8>, Error> {
     let mut bytes = contents.unwrap_or_else(|| vec![ERASED; size]);
     if bytes.len() != size {
         return Err(Error::FlashSize { got: bytes.len(), size });
     }
-    let mut segments: Vec<(usize, &[u8])> = image
-        .segments()
-        .filter_map(|(address, bytes)| Some((usize::try_from(address.checked_sub(BASE)?).ok()?, bytes)))
-        .filter(|(start, bytes)| start + bytes.len() <= size)
-        .collect();
-    segments.sort_by_key(|&(start, _)| start);
-
-    let mut images = Vec::new();
-    let mut free = 0;
-    for &(start, segment) in segments.iter().chain([&(size, &[][..])]) {
-        let gap = bytes.get(free..start).unwrap_or_default();
-        if gap.iter().any(|&byte| byte != ERASED) {
-            images.push(Image::new(Path::new("flash"), gap.to_vec(), Some(BASE + free as u64))?);
+    for (address, segment) in image.segments() {
+        let start = address.checked_sub(BASE).and_then(|start| usize::try_from(start).ok());
+        if let Some(place) = start.and_then(|start| bytes.get_mut(start..start + segment.len())) {
+            place.copy_from_slice(segment);
         }
-        free = start + segment.len();
     }
-    for (start, segment) in segments {
-        bytes[start..start + segment.len()].copy_from_slice(segment);
-    }
-    Ok((bytes, images))
+    Ok(bytes)
 }
 
 /// What is left of `old` if the programming of `new` is interrupted: some of the bits that it clears are clear.

@@ -18,43 +18,38 @@
 //! # Ok::<(), armwire_virtual_board::Error>(())
 //! ```
 //!
-//! The core, its interrupt controller and most peripherals are the emulator library's, `rigless`. Its STM32F427 becomes
-//! an F405 in `stm32f405`; what it lacks is here: the USB controller in `otg`, the host at the other end of the cable in
-//! [`usb`], the CAN controller in `bxcan`, the other nodes on its bus in [`can`], the serial [line](mod@line) to the arm.
-//! Section numbers without a name are those of RM0090, the part's reference manual. `docs/virtual-board.md` says which
-//! test holds which behaviour, and what none of it shows.
+//! The [core](crate::core) is a Cortex-M4 and knows no chip; `soc` has what every chip is made of; `mcu` has the STM32F405
+//! and the STM32G431, one file a peripheral, register by register. The USB host is in [`usb`], the other nodes on the CAN bus
+//! in [`can`], the serial [line](mod@line) to the arm. Section numbers without a name are those of RM0090, the reference
+//! manual of the STM32F405. `docs/virtual-board.md` says which test holds which behaviour, and what none of it shows.
 //!
-//! Time is virtual: an instruction takes a cycle at 168 MHz, sleep jumps to the next event, and two runs give the same
-//! [trace](VirtualBoard::trace_hash). There are no wait states and no contention for the bus: latencies are lower bounds,
-//! and [`Config::instruction_cost`] shows how much they depend on it.
+//! Time is virtual: an instruction takes a cycle, sleep jumps to the next event, and two runs give the same
+//! [trace](VirtualBoard::trace_hash). With one cycle for an instruction, latencies are lower bounds;
+//! [`Config::instruction_cost`] shows how much they depend on it, and [`Config::exact_cycles`] counts as a Cortex-M4 does.
 #![forbid(unsafe_code)]
 
 mod board;
-mod bxcan;
 pub mod can;
 mod chip;
 pub mod core;
 mod crystal;
 mod engine;
 pub mod flash;
+mod image;
 pub mod latency;
-mod library;
 pub mod line;
-mod machine;
 mod mcu;
-mod otg;
 pub mod report;
 #[cfg(unix)]
 pub mod serve;
 mod shared;
 mod soc;
-mod stm32f405;
 mod time;
 mod timing;
 mod trace;
 pub mod usb;
 
-pub use board::{Can, Config, Emulator, Error, Pipe, Uart, Usb, VirtualBoard};
+pub use board::{Can, Config, Error, Pipe, Uart, Usb, VirtualBoard};
 pub use chip::Chip;
 pub use crystal::Crystal;
 pub use line::Arm;

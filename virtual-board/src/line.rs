@@ -12,9 +12,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use armwire_sim::serial::SerialDevice;
-use rigless::edge::draw;
 
 use crate::shared::Shared;
+use crate::soc::chance::draw;
 use crate::time::Nanos;
 
 /// An arm that can hang on a board's UART: any serial device that can go to the emulator's thread.

@@ -4,7 +4,6 @@ use std::fmt;
 use std::ops::Add;
 
 use armwire::Micros;
-use rigless::time::VirtualNanos;
 
 /// Nanoseconds of virtual time: an instant since power-on, or a span between two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -38,18 +37,6 @@ impl Add for Nanos {
 impl From<Micros> for Nanos {
     fn from(micros: Micros) -> Self {
         Self(micros.0.saturating_mul(1_000))
-    }
-}
-
-impl From<VirtualNanos> for Nanos {
-    fn from(at: VirtualNanos) -> Self {
-        Self(at.0)
-    }
-}
-
-impl From<Nanos> for VirtualNanos {
-    fn from(at: Nanos) -> Self {
-        Self(at.0)
     }
 }
 

@@ -1,7 +1,6 @@
 //! How long the part takes where its manual and data sheet give no single time.
 
-use rigless::edge::draw;
-
+use crate::soc::chance::draw;
 use crate::time::Nanos;
 
 /// How long the part takes for what may take shorter or longer: flash operations and the USB controller's own steps.

@@ -8,8 +8,8 @@ use crate::image;
 use crate::process;
 use crate::workspace;
 
-/// The program. The emulator asks for a newer compiler than it needs.
-const RUN: &str = "run --ignore-rust-version --package armwire-host-tests --features image --bin campaign --";
+/// The program.
+const RUN: &str = "run --package armwire-host-tests --features image --bin campaign --";
 
 /// What `--help` prints.
 pub(crate) const USAGE: &str = "\

@@ -15,8 +15,8 @@ use crate::{
     unsafe_code, vendor,
 };
 
-/// Everything but the firmware. The emulator asks for a newer compiler than it needs.
-const HOST: &str = "--ignore-rust-version --workspace --exclude armwire-firmware";
+/// Everything but the firmware.
+const HOST: &str = "--workspace --exclude armwire-firmware";
 /// How long each fuzz target runs, in seconds.
 const FUZZ_SECONDS: &str = "20";
 /// How many random runs of the adapter there are.
@@ -91,7 +91,7 @@ pub(crate) fn run() -> Result {
     let g431 = ci.step("firmware image for the STM32G431", || firmware_image(Board::Stm32g431))?;
     let f405 = ci.step("firmware image for the STM32F405", || firmware_image(Board::Stm32f405))?;
     ci.step("virtual board", || {
-        check(&mut cargo("test --ignore-rust-version --package armwire-virtual-board"))
+        check(&mut cargo("test --package armwire-virtual-board"))
     })?;
     ci.step("firmware image on the virtual board: STM32F405", || {
         on_virtual_board(&f405, &[])
@@ -153,7 +153,7 @@ fn firmware_image(board: Board) -> Result<Image> {
 
 /// Tests on the virtual board with this image: all of `host-tests`, or those that these options select.
 fn on_virtual_board(image: &Image, select: &[&str]) -> Result {
-    let mut test = cargo("test --ignore-rust-version --package armwire-host-tests --features image");
+    let mut test = cargo("test --package armwire-host-tests --features image");
     // What they measured is worth seeing.
     test.args(select).args(["--", "--show-output"]);
     check(test.env("ARMWIRE_IMAGE", &image.path))

@@ -209,7 +209,7 @@ fn adapter() -> Result<String> {
 fn on_the_emulator(program: &str) -> Command {
     let mut cargo = cargo();
     cargo
-        .args(["run", "--quiet", "--ignore-rust-version"])
+        .args(["run", "--quiet"])
         .args(["--package", "armwire-host-tests", "--features", "image"])
         .args(["--bin", program])
         .current_dir(workspace::root());

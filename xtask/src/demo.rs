@@ -43,15 +43,7 @@ pub(crate) fn command(subcommand: &str) -> Command {
 /// `cargo build` or `cargo run` for a program of the virtual board.
 pub(crate) fn virtual_board(subcommand: &str, program: &str) -> Command {
     let mut command = cargo();
-    // The emulator asks for a newer compiler than it needs.
-    command.args([
-        subcommand,
-        "--ignore-rust-version",
-        "--package",
-        "armwire-virtual-board",
-        "--bin",
-        program,
-    ]);
+    command.args([subcommand, "--package", "armwire-virtual-board", "--bin", program]);
     command
 }
 

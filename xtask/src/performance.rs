@@ -27,8 +27,8 @@ usage: cargo xtask performance [--frames N] [--write] [--again] [--times]
 --again      measure nothing, but take what was measured last
 --times      how long a clean `cargo test` and a warm `cargo demo` take, for the page too; a matter of minutes";
 
-/// The program. The emulator asks for a newer compiler than it needs.
-const RUN: &str = "run --ignore-rust-version --package armwire-host-tests --features image --bin performance --";
+/// The program.
+const RUN: &str = "run --package armwire-host-tests --features image --bin performance --";
 
 /// An instruction takes a cycle, in percent.
 const FULL: u32 = 100;

@@ -8,8 +8,8 @@ use crate::image;
 use crate::process;
 use crate::workspace;
 
-/// The program. The emulator asks for a newer compiler than it needs.
-const RUN: &str = "run --ignore-rust-version --package armwire-host-tests --features image --bin profile --";
+/// The program.
+const RUN: &str = "run --package armwire-host-tests --features image --bin profile --";
 
 /// Builds the image, or takes that which `ARMWIRE_IMAGE` names, and plays the scene on it that the options name.
 ///

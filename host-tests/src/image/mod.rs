@@ -34,7 +34,7 @@ pub use control::Control;
 pub use figures::Spread;
 pub use hosts::{Asking, CanHost, Hosts, Subscriber, Telemetry, UsbHost};
 pub use program::{Program, ProgramOf};
-pub use session::{Session, polled, session, session_on};
+pub use session::{Session, polled, session};
 pub use talker::Talker;
 pub use traffic::Traffic;
 pub use witness::{Deeds, Ticket, Witness, joint_answer};

@@ -57,20 +57,7 @@ pub fn session<R>(turnaround: Micros, config: Config, test: impl FnOnce(&mut Ses
         timing: Timing::Drawn,
         ..BoardConfig::new(path(), Witness::new(turnaround))
     };
-    session_on(slow, config, test)
-}
-
-/// The same on this board.
-///
-/// # Panics
-///
-/// As [`on_board_with`].
-pub fn session_on<R>(
-    board: BoardConfig<Witness>,
-    config: Config,
-    test: impl FnOnce(&mut Session<'_>) -> R,
-) -> R {
-    on_board_with(board, |board| {
+    on_board_with(slow, |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(RATE);
         let mut session = Session {

@@ -27,6 +27,16 @@ impl Chance {
     }
 }
 
+/// The choice number `index` of those that belong to `purpose`.
+pub(crate) fn draw(seed: u64, purpose: &str, index: u64) -> u64 {
+    // FNV-1a.
+    let hash = purpose.bytes().fold(0xCBF2_9CE4_8422_2325, |hash: u64, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
+    });
+    let step = index.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    mix(mix(seed ^ hash).wrapping_add(step))
+}
+
 fn mix(value: u64) -> u64 {
     let value = (value ^ value >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let value = (value ^ value >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);

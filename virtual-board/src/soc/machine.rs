@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::board::Error;
 use crate::can::bus::Bus as CanBus;
-use crate::core::{Bus, Core, FlashTiming, Memory, Stop, Timing, Width};
+use crate::core::{Bus, Core, FlashTiming, Memory, Register, Stop, Timing, Width};
 use crate::crystal::Oscillator;
 use crate::engine::{Engine, News, Stopped, Watched};
 use crate::flash::Flash;
@@ -18,6 +18,7 @@ use crate::line::AnyLine;
 use crate::report::{self, Crash, Report, Restart, Violation};
 use crate::shared::Shared;
 use crate::soc::clock::Clock;
+use crate::soc::gdb::{Debugger, Target};
 use crate::soc::violations::Recorder;
 use crate::time::Nanos;
 use crate::trace::Trace;
@@ -107,6 +108,11 @@ pub(crate) struct Machine<C> {
     crash: Option<Crash>,
     /// The program lets the core stand still until the next reset.
     held: bool,
+    debugger: Option<Debugger>,
+    /// When the debugger is attended next.
+    attends: Nanos,
+    /// Where the firmware's log is, if it has one.
+    log: Option<u32>,
     /// The core can go on only after a reset.
     dead: bool,
     /// What the core has no model of.
@@ -117,11 +123,14 @@ pub(crate) struct Machine<C> {
 impl<C: Chip> Machine<C> {
     /// A machine at power-on. It stops where a crash shows. An instruction takes a cycle, or with `exact` what it takes a
     /// Cortex-M4 with the chip's flash.
-    pub(crate) fn new(core: Core, chip: C, exact: bool, crashes: BTreeMap<u64, Crash>) -> Self {
-        let crashes = crashes
-            .into_iter()
-            .map(|(address, crash)| (address as u32, crash))
-            .collect();
+    pub(crate) fn new(
+        core: Core,
+        chip: C,
+        exact: bool,
+        crashes: BTreeMap<u32, Crash>,
+        log: Option<u32>,
+        debugger: Option<Debugger>,
+    ) -> Self {
         let mut machine = Self {
             core,
             chip,
@@ -130,6 +139,9 @@ impl<C: Chip> Machine<C> {
             crashes,
             crash: None,
             held: false,
+            debugger,
+            attends: Nanos(0),
+            log,
             dead: false,
             refusals: Vec::new(),
             restarts: Vec::new(),
@@ -196,7 +208,14 @@ impl<C: Chip> Machine<C> {
         match stop {
             Stop::Deadline | Stop::Attention => {}
             Stop::Sleep => self.skip(until),
-            Stop::Breakpoint => self.crash = self.crashes.get(&self.core.pc()).copied(),
+            Stop::Breakpoint => match (self.crashes.get(&self.core.pc()), &mut self.debugger) {
+                (Some(crash), _) => self.crash = Some(*crash),
+                (None, Some(debugger)) => {
+                    debugger.halt();
+                    self.attends = self.now;
+                }
+                (None, None) => {}
+            },
             Stop::ResetRequest => self.restart(Cause::Software),
             Stop::Lockup => self.die(Crash::Lockup),
             Stop::Refused(refusal) => {
@@ -215,12 +234,12 @@ impl<C: Chip> Machine<C> {
     }
 
     /// Runs until an instant, until what is watched for happens, or until the firmware crashes.
-    fn run_until(&mut self, until: Nanos, watched: Watched) {
+    fn run_until(&mut self, until: Nanos, watched: Watched) -> Result<(), Error> {
         self.chip.come_near(self.now);
         self.chip.look(self.now, self.core.memory_mut());
         loop {
-            let was_powered_off = self.chip.holds_core();
             self.catch_up();
+            self.attend_debugger()?;
             let news = self.chip.take_news();
             let found = match watched {
                 Watched::Nothing => false,
@@ -229,25 +248,139 @@ impl<C: Chip> Machine<C> {
             };
             let cut = news.cut;
             if found || cut || self.now >= until || self.crash.is_some() {
-                return;
+                return Ok(());
             }
-            let next = self.chip.next_event().min(until);
+            let next = self.chip.next_event().min(until).min(self.attends);
             if self.held || self.dead || self.chip.holds_core() {
-                let entered = self.chip.is_in_boot_loader() && !was_powered_off;
-                if entered && watched == Watched::Everything {
-                    return;
-                }
                 self.skip(next);
             } else {
                 self.run_core(next);
+                if self.chip.is_in_boot_loader() && watched == Watched::Everything {
+                    return Ok(());
+                }
             }
         }
+    }
+
+    /// Lets the debugger do what it wants to, now and then while the core runs.
+    fn attend_debugger(&mut self) -> Result<(), Error> {
+        if self.now < self.attends {
+            return Ok(());
+        }
+        let Some(mut debugger) = self.debugger.take() else {
+            self.attends = Nanos(u64::MAX);
+            return Ok(());
+        };
+        let goes_on = debugger.attend(self);
+        self.debugger = Some(debugger);
+        self.attends = self.now + ATTENDANCE;
+        if goes_on {
+            Ok(())
+        } else {
+            Err(Error::Ended("the run was ended".to_owned()))
+        }
+    }
+
+    /// A word of memory.
+    fn word(&self, address: u32) -> Option<u32> {
+        self.core.memory().read(address, Width::Word)
+    }
+
+    /// What there is in the first up-buffer of the firmware's log, which is taken out.
+    fn take_log(&mut self) -> Option<Vec<u8>> {
+        let buffer = self.log? + rtt::UP;
+        let [start, size, written, read] =
+            [rtt::START, rtt::SIZE, rtt::WRITTEN, rtt::READ].map(|offset| self.word(buffer + offset));
+        let (start, size, written, mut read) = (start?, size?, written?, read?);
+        let mut bytes = Vec::new();
+        while read != written && read < size && written < size {
+            bytes.push(self.core.memory().read(start + read, Width::Byte)? as u8);
+            read = (read + 1) % size;
+        }
+        self.core.memory_mut().write(buffer + rtt::READ, Width::Word, read)?;
+        Some(bytes)
+    }
+}
+
+/// Virtual time from one look at the debugger to the next while the core runs.
+const ATTENDANCE: Nanos = Nanos::from_millis(1);
+
+/// SEGGER RTT's control block: where the first up-buffer is described, and the fields of that.
+mod rtt {
+    pub(super) const UP: u32 = 24;
+    pub(super) const START: u32 = 4;
+    pub(super) const SIZE: u32 = 8;
+    pub(super) const WRITTEN: u32 = 12;
+    pub(super) const READ: u32 = 16;
+}
+
+/// What gdb sees.
+impl<C: Chip> Target for Machine<C> {
+    fn register(&self, nth: usize) -> u32 {
+        self.core.register(register(nth))
+    }
+
+    fn set_register(&mut self, nth: usize, value: u32) {
+        self.core.set_register(register(nth), value);
+    }
+
+    fn read(&mut self, address: u32, length: u32) -> Option<Vec<u8>> {
+        let mut bytes = Vec::new();
+        while (bytes.len() as u32) < length {
+            let (at, left) = (address.checked_add(bytes.len() as u32)?, length - bytes.len() as u32);
+            if at.is_multiple_of(4) && left >= 4 {
+                let word = self.core.debug_read(&mut self.chip, at, Width::Word)?;
+                bytes.extend(word.to_le_bytes());
+            } else {
+                bytes.push(self.core.debug_read(&mut self.chip, at, Width::Byte)? as u8);
+            }
+        }
+        Some(bytes)
+    }
+
+    fn write(&mut self, address: u32, bytes: &[u8]) -> Option<()> {
+        if let (true, &[a, b, c, d]) = (address.is_multiple_of(4), bytes) {
+            let word = u32::from_le_bytes([a, b, c, d]);
+            return self.core.debug_write(&mut self.chip, address, word, Width::Word);
+        }
+        for (at, &byte) in (address..).zip(bytes) {
+            self.core.debug_write(&mut self.chip, at, byte.into(), Width::Byte)?;
+        }
+        Some(())
+    }
+
+    fn set_breakpoint(&mut self, address: u32, on: bool) {
+        if on {
+            self.core.set_breakpoint(address);
+        } else if !self.crashes.contains_key(&address) {
+            self.core.clear_breakpoint(address);
+        }
+    }
+
+    fn step(&mut self) {
+        self.catch_up();
+        let next = self.chip.next_event();
+        if self.held || self.dead || self.chip.holds_core() {
+            self.skip(next);
+        } else {
+            let cycle = self.chip.clock().instant(self.core.cycle() + 1);
+            self.run_core(cycle.unwrap_or(next).min(next));
+        }
+        self.catch_up();
+    }
+}
+
+/// A register as gdb numbers it.
+fn register(nth: usize) -> Register {
+    match nth {
+        0..16 => Register::R(nth as u8),
+        _ => Register::Xpsr,
     }
 }
 
 impl<C: Chip> Engine for Machine<C> {
     fn run(&mut self, until: Nanos, watched: Watched) -> Result<Stopped, Error> {
-        self.run_until(until, watched);
+        self.run_until(until, watched)?;
         Ok(Stopped {
             at: self.now,
             instructions: self.core.instructions(),
@@ -289,6 +422,6 @@ impl<C: Chip> Engine for Machine<C> {
     }
 
     fn log(&mut self) -> Vec<u8> {
-        Vec::new()
+        self.take_log().unwrap_or_default()
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! * [`clock`]: ticks of a clock and virtual time;
 //! * [`events`]: when each peripheral is to be called next;
+//! * [`gdb`]: a debugger at a TCP port;
 //! * [`lines`]: levels of the interrupt lines;
 //! * [`peripheral`]: a peripheral's registers as the bus sees them;
 //! * [`violations`]: accesses and states that fail a run;
@@ -11,6 +12,7 @@
 pub(crate) mod chance;
 pub(crate) mod clock;
 pub(crate) mod events;
+pub(crate) mod gdb;
 pub(crate) mod lines;
 pub(crate) mod machine;
 pub(crate) mod peripheral;

@@ -19,10 +19,12 @@ use crate::time::Nanos;
 pub(super) const STREAMS: usize = 8;
 pub(super) const ALL_STREAMS: usize = 2 * STREAMS;
 
-/// Nanoseconds from a request to the read of the source, from there to the write, and from there to the count.
-const ARBITRATION: RangeInclusive<u64> = 25..=150;
-const MOVE: RangeInclusive<u64> = 6..=50;
-const COUNT: RangeInclusive<u64> = 6..=50;
+/// What the steps of a transfer take on a bus that other masters use, too.
+const DELAYS: Delays = Delays {
+    arbitration: 25..=150,
+    transfer: 6..=50,
+    count: 6..=50,
+};
 
 const LISR: u32 = 0x00;
 const HISR: u32 = 0x04;
@@ -180,6 +182,15 @@ pub(super) struct Dma {
     flags: [u32; ALL_STREAMS],
     reenabled: Reenabled,
     chance: Chance,
+    delays: Delays,
+}
+
+/// Nanoseconds from a request to the read of the source, from there to the write, and from there to the count.
+#[derive(Clone, Debug)]
+struct Delays {
+    arbitration: RangeInclusive<u64>,
+    transfer: RangeInclusive<u64>,
+    count: RangeInclusive<u64>,
 }
 
 impl Dma {
@@ -189,7 +200,18 @@ impl Dma {
             flags: [0; ALL_STREAMS],
             reenabled,
             chance: Chance::new(seed, "DMA"),
+            delays: DELAYS,
         }
+    }
+
+    /// Lets transfers take no time.
+    #[cfg(test)]
+    pub(super) fn set_prompt(&mut self) {
+        self.delays = Delays {
+            arbitration: 0..=0,
+            transfer: 0..=0,
+            count: 0..=0,
+        };
     }
 
     /// A controller, 0 or 1, as a reset leaves it.
@@ -211,7 +233,7 @@ impl Dma {
         let stream = &mut self.streams[request.controller * STREAMS + request.stream];
         let waits = stream.is_on() && !stream.stopping && stream.left > 0 && stream.phase == Phase::Waiting;
         if waits && stream.channel() == request.channel {
-            stream.phase = Phase::Reading(now + self.chance.span(ARBITRATION));
+            stream.phase = Phase::Reading(now + self.chance.span(self.delays.arbitration.clone()));
         }
     }
 
@@ -236,7 +258,7 @@ impl Dma {
             Phase::Reading(_) if stream.is_from_memory() => Step::ReadMemory(stream.address()),
             Phase::Reading(_) => Step::ReadPeripheral(stream.par),
             Phase::Writing(_, value) => {
-                stream.phase = Phase::Counting(now + self.chance.span(COUNT));
+                stream.phase = Phase::Counting(now + self.chance.span(self.delays.count.clone()));
                 if stream.is_from_memory() {
                     Step::WritePeripheral(stream.par, value)
                 } else {
@@ -254,7 +276,7 @@ impl Dma {
 
     /// What a step that reads has got.
     pub(super) fn fetched(&mut self, stream: usize, value: u8, now: Nanos) {
-        self.streams[stream].phase = Phase::Writing(now + self.chance.span(MOVE), value);
+        self.streams[stream].phase = Phase::Writing(now + self.chance.span(self.delays.transfer.clone()), value);
     }
 
     /// The bus did not take the last step: the stream stops (10.3.18).

@@ -13,6 +13,8 @@ mod otg;
 mod pwr;
 mod rcc;
 mod syscfg;
+#[cfg(test)]
+mod tests;
 mod usart;
 
 use std::sync::atomic::Ordering;
@@ -555,6 +557,9 @@ impl Stm32f405 {
 
     /// Reads a register without leaving a trace or a violation, and without what reading it does.
     fn read_for_debugger(&mut self, access: Access) -> Result<u32, BusError> {
+        if access.address >> 16 == 0x1FFF {
+            return self.system_memory(access).ok_or(BusError);
+        }
         let (block, offset) = Block::at(access.address).ok_or(BusError)?;
         let value = match block {
             Block::Usart2 => self.usart2.peek(offset),
@@ -568,12 +573,16 @@ impl Stm32f405 {
         if access.purpose == Purpose::Fetch && access.address == map::BOOT_LOADER_START {
             self.in_boot_loader = true;
         }
-        let byte = |offset| map::system_memory(access.address + offset, &self.part.unique_id);
-        let value = (0..access.width.bytes()).try_fold(0, |value, at| Some(value | u32::from(byte(at)?) << (8 * at)));
-        value.ok_or_else(|| {
+        self.system_memory(access).ok_or_else(|| {
             self.recorder.unmapped(access.address, access.pc);
             BusError
         })
+    }
+
+    /// What the system memory holds, if it is known.
+    fn system_memory(&self, access: Access) -> Option<u32> {
+        let byte = |offset| map::system_memory(access.address + offset, &self.part.unique_id);
+        (0..access.width.bytes()).try_fold(0, |value, at| Some(value | u32::from(byte(at)?) << (8 * at)))
     }
 }
 

@@ -104,9 +104,6 @@ mod bdcr {
     pub(super) const MODELLED: u32 = RTCSEL | RTCEN | BDRST;
 }
 
-/// The internal oscillator (7.2.2).
-const HSI_HZ: u64 = 16_000_000;
-
 /// Start-up times in nanoseconds: DS8626, tables "HSI oscillator characteristics", "LSI oscillator characteristics", "Main
 /// PLL characteristics". The crystal's is the board's.
 const HSI_START: RangeInclusive<u64> = 2_200..=4_000;
@@ -208,6 +205,8 @@ impl Source {
 #[derive(Debug)]
 pub(super) struct Rcc {
     oscillator: Shared<Oscillator>,
+    /// HSI's rate.
+    internal_hz: u64,
     /// The crystal's rate since it was last ready.
     crystal_hz: u64,
     chance: Chance,
@@ -232,12 +231,14 @@ pub(super) struct Rcc {
 impl Rcc {
     /// Out of a power-on reset, with a crystal.
     pub(super) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
-        {
+        let internal_hz = {
             let mut oscillator = lock(&oscillator);
-            *oscillator = Oscillator::new(oscillator.crystal);
-        }
+            *oscillator = Oscillator::new(oscillator.crystal, oscillator.internal_hz);
+            oscillator.internal_hz.into()
+        };
         Self {
             oscillator,
+            internal_hz,
             crystal_hz: 0,
             chance: Chance::new(seed, "RCC"),
             hsi: Source {
@@ -322,7 +323,7 @@ impl Rcc {
         let source = if self.pll_takes_crystal() {
             self.crystal_hz
         } else {
-            HSI_HZ
+            self.internal_hz
         };
         source.checked_div(u64::from(self.pllcfgr & pllcfgr::M)).unwrap_or(0)
     }
@@ -336,7 +337,7 @@ impl Rcc {
         let when = |source: Source, hz| if source.is_ready(now) { hz } else { 0 };
         let vco = when(self.pll, self.vco());
         let system = match self.selected {
-            cfgr::HSI => when(self.hsi, HSI_HZ),
+            cfgr::HSI => when(self.hsi, self.internal_hz),
             cfgr::HSE => when(self.hse, self.crystal_hz),
             _ => vco / (2 * u64::from(field(self.pllcfgr, pllcfgr::P_AT, pllcfgr::P) + 1)),
         };

@@ -413,7 +413,10 @@ impl Peripheral for Usart {
             self.finish_sending(now, sent, &mut *line);
         }
         if let Some((_, mut arrival)) = self.arriving.take_if(|(ends, _)| *ends <= now) {
-            arrival.framing |= line.is_jammed();
+            if line.is_jammed() {
+                arrival.framing = true;
+                arrival.value = !arrival.value;
+            }
             self.receive(arrival);
             if self.heard {
                 self.idle_at = Some(now + self.byte());

@@ -117,8 +117,7 @@ mod crrcr {
     pub(super) const HSI48RDY: u32 = 1 << 1;
 }
 
-/// The internal oscillators (7.2.1, 7.2.3, 7.2.5).
-const HSI16_HZ: u64 = 16_000_000;
+/// The internal oscillator of USB (7.2.5).
 const HSI48_HZ: u64 = 48_000_000;
 
 /// Start-up times in nanoseconds: DS12589, tables "HSI16", "HSI48", "LSI" and "PLL characteristics".
@@ -216,6 +215,8 @@ impl Source {
 #[derive(Debug)]
 pub(super) struct Rcc {
     oscillator: Shared<Oscillator>,
+    /// HSI16's rate.
+    internal_hz: u64,
     /// The crystal's rate, since it was switched on.
     crystal_hz: u64,
     chance: Chance,
@@ -246,8 +247,10 @@ impl Rcc {
             on: true,
             ready_at: Some(Nanos(0)),
         };
+        let internal_hz = lock(&oscillator).internal_hz.into();
         Self {
             oscillator,
+            internal_hz,
             crystal_hz: 0,
             chance: Chance::new(seed, "RCC"),
             hsi16: ready,
@@ -316,7 +319,7 @@ impl Rcc {
 
     fn pll_input(&self) -> u64 {
         let source = match self.pllcfgr & pllcfgr::SRC {
-            pllcfgr::SRC_HSI16 => HSI16_HZ,
+            pllcfgr::SRC_HSI16 => self.internal_hz,
             pllcfgr::SRC_HSE => self.crystal_hz,
             _ => 0,
         };
@@ -333,7 +336,7 @@ impl Rcc {
     /// The rates at `now`.
     pub(super) fn clocks(&self, now: Nanos) -> Clocks {
         let when = |source: Source, hz| if source.is_ready(now) { hz } else { 0 };
-        let hsi16 = when(self.hsi16, HSI16_HZ);
+        let hsi16 = when(self.hsi16, self.internal_hz);
         let hse = when(self.hse, self.crystal_hz);
         let pll_q = self.pll_output(pllcfgr::QEN, pllcfgr::Q_AT, now);
         let system = match self.selected {
@@ -589,13 +592,13 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     use super::*;
-    use crate::crystal::Crystal;
+    use crate::crystal::{Crystal, INTERNAL_HZ};
 
     /// 8 MHz / 2 * 80 / 2 = 160 MHz, Q is 80 MHz.
     const PLLCFGR_160: u32 = 0b11 | 1 << 4 | 80 << 8 | 1 << 20 | 1 << 21 | 1 << 24;
 
     fn with_crystal(crystal: Crystal) -> Rcc {
-        Rcc::new(Arc::new(Mutex::new(Oscillator::new(crystal))), 0)
+        Rcc::new(Arc::new(Mutex::new(Oscillator::new(crystal, INTERNAL_HZ))), 0)
     }
 
     fn rcc() -> Rcc {
@@ -666,7 +669,7 @@ mod tests {
         let mut rcc = rcc();
         rcc.write(CR, cr::HSION | cr::HSEON, Nanos(0)).unwrap();
         rcc.write(CFGR, cfgr::HSE, Nanos(0)).unwrap();
-        assert_eq!(rcc.clocks(Nanos(0)).system, HSI16_HZ);
+        assert_eq!(rcc.clocks(Nanos(0)).system, 16_000_000);
         let now = wait(&mut rcc, Nanos(0));
         assert_eq!(rcc.clocks(now).system, 8_000_000);
     }

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use super::*;
 use crate::board::tests::Nobody;
-use crate::crystal::{Crystal, Oscillator};
+use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
 use crate::flash::{ERASED, Flash};
 use crate::line::Line;
 use crate::timing;
@@ -32,7 +32,7 @@ fn chip() -> Stm32g431 {
         host: Arc::default(),
         can: Arc::default(),
         flash: Arc::new(Mutex::new(flash)),
-        oscillator: Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000)))),
+        oscillator: Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000), INTERNAL_HZ))),
     };
     Stm32g431::new([0; 12], 100, 0, edges)
 }

@@ -453,7 +453,10 @@ impl Peripheral for Usart {
             self.start_to_send(now, &mut *line);
         }
         if let Some((_, mut arrival)) = self.arriving.take_if(|(ends, _)| *ends <= now) {
-            arrival.framing |= line.is_jammed();
+            if line.is_jammed() {
+                arrival.framing = true;
+                arrival.value = !arrival.value;
+            }
             self.receive(arrival);
             self.idle_at = Some(now + self.byte());
             self.listen(now, &mut *line);

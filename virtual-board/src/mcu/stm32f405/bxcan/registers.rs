@@ -26,7 +26,7 @@ pub(super) const BANKS: u32 = 0x240;
 pub(super) const BANKS_END: u32 = BANKS + 8 * BANK_COUNT as u32;
 
 /// Whether there is a register at this offset.
-pub(crate) const fn has(offset: u32) -> bool {
+pub(super) const fn has(offset: u32) -> bool {
     matches!(
         offset,
         MCR..=BTR | MAILBOXES..FIFOS_END | FMR | FM1R | FS1R | FFA1R | FA1R | BANKS..BANKS_END

@@ -113,10 +113,10 @@ struct Echo {
 
 /// The controller.
 #[derive(Debug)]
-pub(crate) struct Core {
+pub(super) struct Core {
     /// The instant of what happens now.
-    pub(crate) now: Nanos,
-    pub(crate) clock_hz: u64,
+    pub(super) now: Nanos,
+    pub(super) clock_hz: u64,
     /// Whether initialization mode is out of reach for now.
     out_of_reach: bool,
     mode: Mode,
@@ -170,7 +170,7 @@ impl Default for Core {
 
 /// What the processor sees.
 impl Core {
-    pub(crate) fn read(&self, offset: u32) -> u32 {
+    pub(super) fn read(&self, offset: u32) -> u32 {
         match offset {
             MCR => self.mcr,
             MSR => self.master_status(),
@@ -191,7 +191,7 @@ impl Core {
         }
     }
 
-    pub(crate) fn write(&mut self, offset: u32, value: u32) {
+    pub(super) fn write(&mut self, offset: u32, value: u32) {
         match offset {
             MCR => self.write_control(value),
             MSR => self.flags &= !(value & msr::CLEARABLE),
@@ -207,7 +207,7 @@ impl Core {
     }
 
     /// The levels of TX, RX0, RX1 and SCE (32.8).
-    pub(crate) fn interrupts(&self) -> [bool; 4] {
+    pub(super) fn interrupts(&self) -> [bool; 4] {
         let enabled = |bits: u32| self.ier & bits != 0;
         let completed = self.mailboxes.iter().any(|mailbox| mailbox.status & tsr::RQCP != 0);
         let fifo = |nth: usize| {
@@ -381,7 +381,7 @@ impl Core {
     }
 
     /// Keeps initialization mode out of reach, or ends that.
-    pub(crate) fn keep_from_initialization(&mut self, keep: bool) {
+    pub(super) fn keep_from_initialization(&mut self, keep: bool) {
         if std::mem::replace(&mut self.out_of_reach, keep) && !keep {
             self.change_mode();
         }

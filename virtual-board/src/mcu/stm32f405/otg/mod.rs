@@ -1,7 +1,9 @@
 //! USB OTG FS (RM0090, chapter 34): [`Core`] is the controller, this joins it to the bus and to the wire.
 
-use crate::otg::core::Core;
-use crate::otg::registers;
+mod core;
+mod registers;
+
+use self::core::Core;
 use crate::shared::{Shared, lock};
 use crate::soc::peripheral::{Peripheral, Refused, forbidden};
 use crate::time::Nanos;

@@ -101,11 +101,11 @@ struct Entry {
 
 /// The controller.
 #[derive(Debug)]
-pub(crate) struct Core {
+pub(super) struct Core {
     /// The instant of what happens now.
-    pub(crate) now: Nanos,
+    pub(super) now: Nanos,
     /// The PHY has its 48 MHz (34.3).
-    pub(crate) clocked: bool,
+    pub(super) clocked: bool,
     vbus: bool,
     gotgint: u32,
     gahbcfg: u32,
@@ -191,7 +191,7 @@ impl Default for Core {
 /// What the processor sees.
 impl Core {
     /// The controller after a reset of the part or of the peripheral: the cable stays as it was.
-    pub(crate) fn restarted(&self) -> Self {
+    pub(super) fn restarted(&self) -> Self {
         Self {
             now: self.now,
             vbus: self.vbus,
@@ -201,7 +201,7 @@ impl Core {
     }
 
     /// A controller whose steps take as long as the clock says.
-    pub(crate) fn with_clock(clock: Clock) -> Self {
+    pub(super) fn with_clock(clock: Clock) -> Self {
         Self {
             clock,
             ..Self::default()
@@ -209,12 +209,12 @@ impl Core {
     }
 
     /// When the next step is done.
-    pub(crate) fn next_step(&self) -> Option<Nanos> {
+    pub(super) fn next_step(&self) -> Option<Nanos> {
         self.steps.iter().map(|&(done, _)| done).min()
     }
 
     /// Ends the steps that are done by now.
-    pub(crate) fn advance(&mut self) {
+    pub(super) fn advance(&mut self) {
         while let Some(first) = (0..self.steps.len()).min_by_key(|&nth| self.steps[nth].0)
             && self.steps[first].0 <= self.now
         {
@@ -285,7 +285,7 @@ impl Core {
     }
 
     /// What a read of `offset` answers, without what it does.
-    pub(crate) fn peek(&self, offset: u32) -> u32 {
+    pub(super) fn peek(&self, offset: u32) -> u32 {
         if let Some((direction, endpoint, register)) = endpoint_register(offset) {
             let (input, output) = (&self.input[endpoint], &self.output[endpoint]);
             return match (direction, register) {
@@ -337,7 +337,7 @@ impl Core {
         }
     }
 
-    pub(crate) fn read(&mut self, offset: u32) -> u32 {
+    pub(super) fn read(&mut self, offset: u32) -> u32 {
         let value = self.peek(offset);
         match offset {
             GRXSTSP => self.pop(),
@@ -364,7 +364,7 @@ impl Core {
         }
     }
 
-    pub(crate) fn write(&mut self, offset: u32, value: u32) {
+    pub(super) fn write(&mut self, offset: u32, value: u32) {
         if let Some((direction, endpoint, register)) = endpoint_register(offset) {
             if register == CTL && value & epctl::CNAK != 0 && value & epctl::SNAK != 0 {
                 self.misuse = Some("34.16.4: one write sets and clears an endpoint's NAK");
@@ -450,7 +450,7 @@ impl Core {
     }
 
     /// What the firmware did, since this was last asked, that the manual forbids.
-    pub(crate) fn take_misuse(&mut self) -> Option<&'static str> {
+    pub(super) fn take_misuse(&mut self) -> Option<&'static str> {
         self.misuse.take()
     }
 
@@ -518,7 +518,7 @@ impl Core {
     }
 
     /// Whether the core drives its interrupt line (34.15).
-    pub(crate) fn interrupt(&self) -> bool {
+    pub(super) fn interrupt(&self) -> bool {
         self.gahbcfg & gahbcfg::GINTMSK != 0 && self.status() & self.gintmsk != 0
     }
 

@@ -1,7 +1,10 @@
 //! CAN1, a bxCAN (RM0090, chapter 32): [`Core`] is the controller, this joins it to the peripheral bus and to the CAN bus.
 
-use crate::bxcan::core::Core;
-use crate::bxcan::registers;
+mod core;
+mod filter;
+mod registers;
+
+use self::core::Core;
 use crate::can::bus::Bus;
 use crate::shared::{Shared, lock};
 use crate::soc::peripheral::{Peripheral, Refused};

@@ -3,8 +3,6 @@
 //! Only what a device needs is here. The host registers are left out on purpose: an access to one is an access to
 //! nothing, which fails the run.
 
-use rigless::soc::{Access, Layout, ReadAction, RegisterSpec, Width, WriteModify};
-
 /// How many endpoints the core has in each direction, endpoint 0 included (34.1).
 pub(super) const ENDPOINTS: usize = 4;
 
@@ -59,7 +57,7 @@ pub(super) const FIFO_SPAN: u32 = 0x1000;
 const FIFO_END: u32 = FIFO + ENDPOINTS as u32 * FIFO_SPAN;
 
 /// The name of the register or FIFO window at this offset, if there is one. An endpoint's is told by its offset.
-pub(crate) const fn name(offset: u32) -> Option<&'static str> {
+pub(super) const fn name(offset: u32) -> Option<&'static str> {
     Some(match offset {
         GOTGCTL => "GOTGCTL",
         GOTGINT => "GOTGINT",
@@ -106,7 +104,7 @@ pub(crate) const fn name(offset: u32) -> Option<&'static str> {
 }
 
 /// Whether reading the register takes something out of the receive FIFO.
-pub(crate) const fn pops(offset: u32) -> bool {
+pub(super) const fn pops(offset: u32) -> bool {
     offset == GRXSTSP || offset >= FIFO
 }
 
@@ -245,106 +243,4 @@ pub(super) mod eptsiz {
     /// DOEPTSIZ0: how many more SETUP packets the firmware has room for.
     pub(in super::super) const STUPCNT_AT: u32 = 29;
     pub(in super::super) const STUPCNT: u32 = 3 << STUPCNT_AT;
-}
-
-/// A register by its row in [`TABLE`].
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Row(usize);
-
-impl Row {
-    /// Its offset in the core's address space.
-    pub(super) const fn offset(self) -> u32 {
-        TABLE[self.0].offset
-    }
-}
-
-impl Layout for Row {
-    const REGISTERS: &'static [RegisterSpec] = &TABLE;
-
-    fn from_index(index: usize) -> Option<Self> {
-        (index < TABLE.len()).then_some(Self(index))
-    }
-
-    fn index(self) -> usize {
-        self.0
-    }
-}
-
-const GLOBAL: [(&str, u32); 26] = [
-    ("GOTGCTL", GOTGCTL),
-    ("GOTGINT", GOTGINT),
-    ("GAHBCFG", GAHBCFG),
-    ("GUSBCFG", GUSBCFG),
-    ("GRSTCTL", GRSTCTL),
-    ("GINTSTS", GINTSTS),
-    ("GINTMSK", GINTMSK),
-    ("GRXSTSR", GRXSTSR),
-    ("GRXSTSP", GRXSTSP),
-    ("GRXFSIZ", GRXFSIZ),
-    ("DIEPTXF0", DIEPTXF0),
-    ("GCCFG", GCCFG),
-    ("CID", CID),
-    ("GHWCFG4", GHWCFG4),
-    ("DIEPTXF1", DIEPTXF1),
-    ("DIEPTXF2", DIEPTXF2),
-    ("DIEPTXF3", DIEPTXF3),
-    ("DCFG", DCFG),
-    ("DCTL", DCTL),
-    ("DSTS", DSTS),
-    ("DIEPMSK", DIEPMSK),
-    ("DOEPMSK", DOEPMSK),
-    ("DAINT", DAINT),
-    ("DAINTMSK", DAINTMSK),
-    ("DIEPEMPMSK", DIEPEMPMSK),
-    ("PCGCCTL", PCGCCTL),
-];
-
-/// What each endpoint has. The offset tells which endpoint; the name does not.
-const PER_ENDPOINT: [(&str, u32); 7] = [
-    ("DIEPCTL", DIEP + CTL),
-    ("DIEPINT", DIEP + INT),
-    ("DIEPTSIZ", DIEP + TSIZ),
-    ("DTXFSTS", DIEP + TXFSTS),
-    ("DOEPCTL", DOEP + CTL),
-    ("DOEPINT", DOEP + INT),
-    ("DOEPTSIZ", DOEP + TSIZ),
-];
-
-const ROWS: usize = GLOBAL.len() + (PER_ENDPOINT.len() + 1) * ENDPOINTS;
-
-/// Every register and FIFO window. The model holds their contents; the bus only needs to know where they are.
-pub(crate) static TABLE: [RegisterSpec; ROWS] = {
-    let mut table = [word("", 0); ROWS];
-    let mut at = 0;
-    while at < GLOBAL.len() {
-        table[at] = word(GLOBAL[at].0, GLOBAL[at].1);
-        at += 1;
-    }
-    let mut endpoint = 0;
-    while endpoint < ENDPOINTS {
-        let mut each = 0;
-        while each < PER_ENDPOINT.len() {
-            let (name, offset) = PER_ENDPOINT[each];
-            table[at] = word(name, offset + endpoint as u32 * ENDPOINT_SPAN);
-            at += 1;
-            each += 1;
-        }
-        table[at] = word("FIFO", FIFO + endpoint as u32 * FIFO_SPAN);
-        at += 1;
-        endpoint += 1;
-    }
-    table
-};
-
-const fn word(name: &'static str, offset: u32) -> RegisterSpec {
-    RegisterSpec {
-        name,
-        offset,
-        width: Width::W32,
-        reset: 0,
-        access: Access::ReadWrite,
-        read: ReadAction::None,
-        write: WriteModify::None,
-        fields: &[],
-    }
 }

@@ -2,19 +2,19 @@
 
 use super::*;
 
-const CR1: u64 = 0x4000_0C00;
-const DIER: u64 = 0x4000_0C0C;
-const SR: u64 = 0x4000_0C10;
-const EGR: u64 = 0x4000_0C14;
-const CNT: u64 = 0x4000_0C24;
-const PSC: u64 = 0x4000_0C28;
-const ARR: u64 = 0x4000_0C2C;
-const CCR1: u64 = 0x4000_0C34;
-const CCR2: u64 = 0x4000_0C38;
+const CR1: u32 = 0x4000_0C00;
+const DIER: u32 = 0x4000_0C0C;
+const SR: u32 = 0x4000_0C10;
+const EGR: u32 = 0x4000_0C14;
+const CNT: u32 = 0x4000_0C24;
+const PSC: u32 = 0x4000_0C28;
+const ARR: u32 = 0x4000_0C2C;
+const CCR1: u32 = 0x4000_0C34;
+const CCR2: u32 = 0x4000_0C38;
 
-const UIF: u64 = 1 << 0;
-const CC1IF: u64 = 1 << 1;
-const CC2IF: u64 = 1 << 2;
+const UIF: u32 = 1 << 0;
+const CC1IF: u32 = 1 << 1;
+const CC2IF: u32 = 1 << 2;
 
 /// TIM5 at a megahertz from the 16 MHz that the part starts with, running from 0.
 fn timer() -> Bench {
@@ -31,15 +31,15 @@ fn timer() -> Bench {
     ] {
         bench.write(register, value);
     }
-    bench.part.drain_interrupts();
+    bench.drain_interrupts();
     bench
 }
 
 impl Bench {
     /// Whether the last change of an interrupt line was up, if there was one.
     fn rose(&mut self) -> Option<bool> {
-        let last = self.part.drain_interrupts().pop();
-        last.map(|change| change.level == Level::High)
+        let last = self.drain_interrupts().pop();
+        last
     }
 }
 
@@ -124,10 +124,10 @@ fn a_counter_that_is_switched_off_stands() {
     assert_eq!(bench.read(CNT), 200);
 }
 
-const KR: u64 = 0x4000_3000;
-const PR: u64 = 0x4000_3004;
-const RLR: u64 = 0x4000_3008;
-const IWDG_SR: u64 = 0x4000_300C;
+const KR: u32 = 0x4000_3000;
+const PR: u32 = 0x4000_3004;
+const RLR: u32 = 0x4000_3008;
+const IWDG_SR: u32 = 0x4000_300C;
 
 /// Virtual time of so many ticks of the 32 kHz LSI.
 const fn ticks(count: u64) -> Nanos {
@@ -136,7 +136,7 @@ const fn ticks(count: u64) -> Nanos {
 
 impl Bench {
     /// Writes the watchdog's prescaler and reload, and waits until they have crossed to its clock: PVU and RVU fall.
-    fn configure(&mut self, prescaler: u64, reload: u64) {
+    fn configure(&mut self, prescaler: u32, reload: u32) {
         self.write(PR, prescaler);
         self.write(RLR, reload);
         let start = self.now;
@@ -148,7 +148,7 @@ impl Bench {
 
     /// Whether the watchdog asked for a reset.
     fn barks(&mut self) -> bool {
-        self.part.take_reset_request() == Some(ResetCause::Model("IWDG"))
+        self.part.take_reset() == Some(Cause::Watchdog)
     }
 }
 
