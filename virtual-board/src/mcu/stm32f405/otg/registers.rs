@@ -98,7 +98,7 @@ pub(super) const fn name(offset: u32) -> Option<&'static str> {
             TSIZ => "DOEPTSIZ",
             _ => return None,
         },
-        FIFO..FIFO_END if (offset - FIFO) % FIFO_SPAN == 0 => "FIFO",
+        FIFO..FIFO_END if (offset - FIFO).is_multiple_of(FIFO_SPAN) => "FIFO",
         _ => return None,
     })
 }

@@ -38,8 +38,7 @@ fn timer() -> Bench {
 impl Bench {
     /// Whether the last change of an interrupt line was up, if there was one.
     fn rose(&mut self) -> Option<bool> {
-        let last = self.drain_interrupts().pop();
-        last
+        self.drain_interrupts().pop()
     }
 }
 

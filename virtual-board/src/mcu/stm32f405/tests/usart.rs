@@ -36,8 +36,7 @@ impl Bench {
 
     /// The level that the interrupt took since this was last asked, if it changed.
     fn interrupted(&mut self) -> Option<bool> {
-        let last = self.drain_interrupts().pop();
-        last
+        self.drain_interrupts().pop()
     }
 }
 
