@@ -531,7 +531,7 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// # Errors
     ///
-    /// When the emulator is gone.
+    /// There is none so far.
     pub fn profile(&mut self) -> Result<BTreeMap<u64, u64>, Error> {
         self.engine.profile()
     }
@@ -541,7 +541,7 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// # Errors
     ///
-    /// When the emulator is gone.
+    /// There is none so far.
     pub fn hold_core(&mut self) -> Result<(), Error> {
         self.engine.hold(true)
     }
@@ -550,7 +550,7 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// # Errors
     ///
-    /// When the emulator is gone.
+    /// There is none so far.
     pub fn let_core_go(&mut self) -> Result<(), Error> {
         self.engine.hold(false)
     }
@@ -564,7 +564,7 @@ impl<A: Arm> VirtualBoard<A> {
     ///
     /// # Errors
     ///
-    /// When the emulator is gone.
+    /// There is none so far.
     pub fn report(&mut self) -> Result<Report, Error> {
         let mut report = self.engine.report()?;
         report.violations.extend(self.crashes.iter().cloned());
@@ -581,7 +581,7 @@ impl<A: Arm> VirtualBoard<A> {
         Ok(self.report()?.check()?)
     }
 
-    /// A digest of every access to a peripheral, every stop of the emulator, and every byte on the wires, with their
+    /// A digest of every access to a peripheral, every event in the chip, and every byte on the wires, with their
     /// instants. Two runs with equal digests were the same.
     pub fn trace_hash(&self) -> u64 {
         let mut trace = self.trace;

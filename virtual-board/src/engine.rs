@@ -1,4 +1,4 @@
-//! What runs a chip: the emulator library in a thread of its own, or a machine of our own in the program's.
+//! A machine, whatever its chip.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -41,7 +41,7 @@ pub(crate) struct Stopped {
     pub(crate) in_boot_loader: bool,
 }
 
-/// What runs a chip. Virtual time passes in [`run`](Self::run) only.
+/// A machine, whatever its chip. Virtual time passes in [`run`](Self::run) only.
 pub(crate) trait Engine: Debug + Send {
     /// Runs until this instant, or until what is watched for happens, or until the firmware crashes.
     fn run(&mut self, until: Nanos, watched: Watched) -> Result<Stopped, Error>;

@@ -18,7 +18,7 @@
 //! # Ok::<(), armwire_virtual_board::Error>(())
 //! ```
 //!
-//! The [core](crate::core) is a Cortex-M4 and knows no chip; `soc` has what every chip is made of; `mcu` has the STM32F405
+//! [`core`] is a Cortex-M4 and knows no chip; `soc` has what every chip is made of; `mcu` has the STM32F405
 //! and the STM32G431, one file a peripheral, register by register. The USB host is in [`usb`], the other nodes on the CAN bus
 //! in [`can`], the serial [line](mod@line) to the arm. Section numbers without a name are those of RM0090, the reference
 //! manual of the STM32F405. `docs/virtual-board.md` says which test holds which behaviour, and what none of it shows.

@@ -17,7 +17,7 @@ use crate::shared::Shared;
 use crate::soc::chance::draw;
 use crate::time::Nanos;
 
-/// An arm that can hang on a board's UART: any serial device that can go to the emulator's thread.
+/// An arm that can hang on a board's UART: any serial device that can go to another thread.
 pub trait Arm: SerialDevice + Send + Debug + 'static {}
 
 impl<A: SerialDevice + Send + Debug + 'static> Arm for A {}

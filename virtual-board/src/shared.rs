@@ -1,4 +1,4 @@
-//! What the board shares with whoever runs it. The emulator library runs in a thread of its own, hence the lock.
+//! Things at the board's edges, which the chip and the program share. A board may go to another thread, hence the lock.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

@@ -1,6 +1,6 @@
 //! `cargo xtask counts`: how many instructions decoding, encoding and calling take.
 //!
-//! On a Cortex-M in the emulator, and on this machine by valgrind's callgrind if there is one: see `host-tests/counts`.
+//! On the virtual board's Cortex-M4, and on this machine by valgrind's callgrind if there is one: see `host-tests/counts`.
 //! Compiled for speed, as the firmware has what is between the arm and its host.
 
 use std::ffi::OsString;
@@ -131,7 +131,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     for target in [TARGET, CORTEX_M0] {
         for (checksum, feature) in CHECKSUMS {
             for line in emulate(&build(toolchain.cargo("build", target)?, "image", feature, target)?)?.lines() {
-                let (case, count) = line.rsplit_once(' ').ok_or("the emulator printed what is no count")?;
+                let (case, count) = line.rsplit_once(' ').ok_or("the program printed what is no count")?;
                 let case = case.trim_start_matches("count_");
                 figures.insert(name(target, checksum, case), count.parse()?);
             }
@@ -194,19 +194,19 @@ fn host_cargo() -> Command {
     cargo
 }
 
-/// Runs an image in the emulator. A line for each case comes out.
+/// Runs an image on the virtual board's core. A line for each case comes out.
 fn emulate(image: &Path) -> Result<String> {
-    output(on_the_emulator("counts").arg("--").arg(image))
+    output(on_the_core("counts").arg("--").arg(image))
 }
 
 /// Runs the adapter's firmware image on the virtual board. A line for each of [`PASSAGES`] comes out.
 fn adapter() -> Result<String> {
     let image = image::for_virtual_board()?;
-    output(on_the_emulator("adapter_counts").env("ARMWIRE_IMAGE", image))
+    output(on_the_core("adapter_counts").env("ARMWIRE_IMAGE", image))
 }
 
-/// Runs a program of `host-tests` that has the emulator in it.
-fn on_the_emulator(program: &str) -> Command {
+/// Runs a program of `host-tests` that has the virtual board in it.
+fn on_the_core(program: &str) -> Command {
     let mut cargo = cargo();
     cargo
         .args(["run", "--quiet"])

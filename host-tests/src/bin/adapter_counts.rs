@@ -1,7 +1,7 @@
 //! How many instructions the firmware image that `ARMWIRE_IMAGE` names takes for a call while nothing else is to be done.
 //!
 //! From when the last byte of an answer is in until the packet for the host is ready, and from when the packet of a request
-//! is in until its first byte goes out. In between the core does not sleep, and the emulator takes a cycle for each
+//! is in until its first byte goes out. In between the core does not sleep, and the virtual board takes a cycle for each
 //! instruction: the time says how many there were.
 
 use armwire_host_tests::image::{MEGABAUD, chip, facts, on_board, plug_in, quiet};

@@ -64,7 +64,7 @@ pub struct Places<'a> {
 ///
 /// When there is no pty or a link cannot be made, and when the board fails.
 pub fn serve<A: Arm>(mut board: VirtualBoard<A>, places: Places<'_>) -> Result<(), Error> {
-    // It ends the emulator too: a debugger may hold that, and us with it.
+    // It ends the run too: a debugger may hold that, and us with it.
     let stop = board.interrupt();
     stop_at(stop.clone())?;
     board.usb().attach();
