@@ -713,6 +713,8 @@ impl Bridge {
                 _ => self.silent(asker, now),
             }
         }
+        // Torque-off may have begun to wait for the line.
+        self.tick_hold(now);
         let was_replying = self.can.control.is_sending();
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
             self.refuse(Asker::Command, refusal, now);

@@ -31,7 +31,8 @@
 //!   the answer to that could not be told from the late one. A host on USB that has the line alone may ask, as it hears both.
 //!   An answer is due by the rate at which its request was sent: at 2400 baud the longest takes 0.3 s, also for those who
 //!   wait once the line is the arm's again.
-//! * **Half a request on USB** keeps the line for 10 ms after its last byte. Before another's request zeros end it.
+//! * **Half a request on USB** keeps the line for 10 ms after its last byte. Before another's request zeros end it, and
+//!   what the arm heard at another rate.
 //! * **Bytes that are no request**, such as a firmware update by the vendor's tool, keep the line until it has been
 //!   quiet both ways for 5 ms. With others waiting that ends after 100 ms, in the middle of whatever it is: two who
 //!   both send what is no frame are cut in pieces, of which each of those from CAN is a whole PDU.

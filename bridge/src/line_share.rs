@@ -307,6 +307,7 @@ impl Bridge {
     /// ```
     pub fn uart_transmit(&mut self, out: &mut [u8], now: Micros) -> Option<Burst> {
         self.tick_line(now);
+        self.tick_hold(now);
         if self.line_change().is_some() {
             return None;
         }
@@ -331,6 +332,7 @@ impl Bridge {
     /// The UART works like this from here on. A frame that had begun will not end.
     pub fn line_changed(&mut self, line: Line) {
         self.uart_idle(self.looked);
+        self.cut_usb();
         self.rate.changed(line);
         self.follow_holder(self.looked);
         count(&mut self.counters.line_codings, 1);
@@ -517,6 +519,8 @@ impl Bridge {
     fn hear_usb(&mut self, bytes: &[u8], end: Micros, now: Micros) -> bool {
         let mut whole = false;
         let mut rest = bytes;
+        // At another rate the arm may take them for the beginning of anything.
+        self.turn.is_cut |= !self.rate.is_arms();
         while !rest.is_empty() {
             rest = self.asks.push(rest);
             while let Some(piece) = self.asks.next(self.config.arm, Expect::Requests, false) {
@@ -524,7 +528,7 @@ impl Bridge {
                     let asked = self.config.arm.asked(frame);
                     let behind = rest.len().saturating_add(self.asks.pending());
                     let sent = end.since(on_wire(self.rate.byte_nanos(), behind));
-                    (whole, self.turn.raw, self.turn.is_cut) = (true, false, false);
+                    (whole, self.turn.raw, self.turn.is_cut) = (true, false, !self.rate.is_arms());
                     count(&mut self.counters.requests_usb, 1);
                     self.latencies.turn.add(self.turn.usb_waited());
                     self.begin(Asker::Usb, asked, sent);
@@ -673,8 +677,7 @@ impl Bridge {
         self.asks.clear();
     }
 
-    /// It is `now`: answers that are late are given up, polls become due, commands too old, and whoever has paused loses
-    /// the turn.
+    /// It is `now`: late answers are given up, polls become due, and old commands are dropped.
     pub(crate) fn tick_line(&mut self, now: Micros) {
         let holder = self.exchange.holder();
         let missing = self.exchange.tick(now);
@@ -687,6 +690,10 @@ impl Bridge {
         if self.command_timeout().is_some_and(|at| at <= now) {
             self.drop_command(now);
         }
+    }
+
+    /// It is `now`: a host on USB that has paused loses the turn.
+    pub(crate) fn tick_hold(&mut self, now: Micros) {
         if self.hold_timeout().is_some_and(|at| at <= now) {
             self.cut_usb();
             self.turn.raw = false;

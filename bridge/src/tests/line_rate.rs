@@ -405,6 +405,31 @@ fn torque_off_goes_out_at_the_arms_rate_whatever_a_host_has_set() {
 }
 
 #[test]
+fn zeros_end_what_the_arm_heard_before_or_at_another_rate() {
+    // Half a frame before the change, half of one at the other rate, and a whole one that the arm cannot have heard.
+    for (before, after) in [
+        (&[0xAA, 0x06][..], &[0x55; 100][..]),
+        (&[], &[0xAA, 0x06]),
+        (&[0xAA, 0x06], &READ_JOINTS),
+    ] {
+        let mut rig = open(Poll::Off);
+        for _ in 0..5 {
+            rig.usb_out.extend(motion());
+            rig.run(20 * MS);
+        }
+        rig.usb_out.extend(before);
+        rig.run(MS);
+        set_rate(&mut rig, 2_000_000);
+        rig.usb_out.extend(after);
+        rig.run(50 * MS);
+        dtr(&mut rig, false);
+        rig.run(SECOND);
+        let n = rig.said.iter().position(|(_, bytes)| *bytes == TORQUE_OFF).unwrap();
+        assert_eq!((&rig.said[n - 1].1[..], rig.bauds[n - 1]), (&[0; 70][..], 1_000_000));
+    }
+}
+
+#[test]
 fn what_goes_out_at_another_rate_is_no_motion() {
     let mut rig = open_at_9600(Poll::Off);
     for _ in 0..10 {

@@ -96,6 +96,8 @@ pub(super) struct Oracle {
     /// What the host on USB has said and is not on the line, and what of it is on the line and no whole request.
     usb: VecDeque<u8>,
     usb_requests: Decoder<Ling, MAX_FRAME>,
+    /// The line has had another rate since the last zeros.
+    was_other_rate: bool,
     /// What hosts on CAN have said and is not on the line, and when it came.
     can: VecDeque<(u64, Vec<u8>)>,
     /// The newest command, and when it came.
@@ -197,6 +199,7 @@ impl Oracle {
             is_ending: false,
             usb: VecDeque::new(),
             usb_requests: Decoder::new(),
+            was_other_rate: false,
             can: VecDeque::new(),
             command: None,
             is_identifying: false,
@@ -479,9 +482,10 @@ impl Oracle {
                 assert!(bytes.iter().all(|byte| *byte == 0), "the adapter says {bytes:02X?}");
                 self.half_frame |= self.usb_requests.pending() > 0;
                 assert!(
-                    self.half_frame || self.silences > 0,
+                    self.half_frame || self.was_other_rate || self.silences > 0,
                     "zeros, and the host on USB has ended all that it began"
                 );
+                self.was_other_rate = false;
                 self.usb_requests = Decoder::new();
             }
         }
@@ -567,6 +571,10 @@ impl Oracle {
             "another rate while a host on CAN streams motion"
         );
         (self.moved, self.at_arms_rate) = (now, at_arms_rate);
+        // The bytes before the change and those after it are no frame.
+        self.half_frame |= self.usb_requests.pending() > 0;
+        self.usb_requests = Decoder::new();
+        self.was_other_rate |= !at_arms_rate;
         self.rate_ends.take_if(|_| at_arms_rate);
         self.owes_other_rate &= !at_arms_rate;
     }
