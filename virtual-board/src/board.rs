@@ -230,6 +230,7 @@ pub struct VirtualBoard<A: Arm> {
     gdb: Option<SocketAddr>,
     now: Nanos,
     instructions: u64,
+    busy: Nanos,
     trace: Trace,
     in_boot_loader: bool,
     crashes: Vec<Violation>,
@@ -312,6 +313,7 @@ impl<A: Arm> VirtualBoard<A> {
             gdb,
             now: Nanos(0),
             instructions: 0,
+            busy: Nanos(0),
             trace: Trace::default(),
             in_boot_loader: false,
             crashes: Vec::new(),
@@ -330,6 +332,11 @@ impl<A: Arm> VirtualBoard<A> {
     /// How much virtual time has passed since power-on.
     pub fn now(&self) -> Nanos {
         self.now
+    }
+
+    /// The time since power-on in which the core executed instructions. It executes none while it sleeps.
+    pub fn busy(&self) -> Nanos {
+        self.busy
     }
 
     /// How many instructions the core has executed since power-on. It executes none while it sleeps.
@@ -395,6 +402,7 @@ impl<A: Arm> VirtualBoard<A> {
         self.in_boot_loader = stopped.in_boot_loader;
         self.now = stopped.at;
         self.instructions = stopped.instructions;
+        self.busy = stopped.busy;
         self.trace = stopped.trace;
         if let Some(crash) = stopped.crash {
             let at = stopped.at;

@@ -35,6 +35,8 @@ pub(crate) struct Stopped {
     pub(crate) at: Nanos,
     /// Instructions since power-on.
     pub(crate) instructions: u64,
+    /// The time in which the core executed them.
+    pub(crate) busy: Nanos,
     pub(crate) trace: Trace,
     /// The firmware has just crashed.
     pub(crate) crash: Option<Crash>,

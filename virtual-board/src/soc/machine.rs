@@ -101,6 +101,8 @@ pub(crate) struct Machine<C> {
     core: Core,
     chip: C,
     now: Nanos,
+    /// The time in which the core executed instructions.
+    busy: Nanos,
     /// Whether cycles are counted as a Cortex-M4 with this flash does.
     exact: bool,
     /// Functions that run only when the firmware is broken.
@@ -135,6 +137,7 @@ impl<C: Chip> Machine<C> {
             core,
             chip,
             now: Nanos(0),
+            busy: Nanos(0),
             exact,
             crashes,
             crash: None,
@@ -203,8 +206,9 @@ impl<C: Chip> Machine<C> {
         }
         let cycle = self.chip.clock().tick_from(until);
         let stop = self.core.run(&mut self.chip, cycle);
-        let at = self.chip.clock().instant(self.core.cycle());
-        self.now = self.now.max(at.unwrap_or(until));
+        let at = self.chip.clock().instant(self.core.cycle()).unwrap_or(until);
+        self.busy = self.busy + at.since(self.now);
+        self.now = self.now.max(at);
         match stop {
             Stop::Deadline | Stop::Attention => {}
             Stop::Sleep => self.skip(until),
@@ -384,6 +388,7 @@ impl<C: Chip> Engine for Machine<C> {
         Ok(Stopped {
             at: self.now,
             instructions: self.core.instructions(),
+            busy: self.busy,
             trace: self.chip.trace(),
             crash: self.crash.take(),
             in_boot_loader: self.chip.is_in_boot_loader(),
