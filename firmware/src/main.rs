@@ -27,6 +27,7 @@ mod uart;
 mod usb;
 mod watchdog;
 
+use armwire_bridge::config::Config;
 use embassy_executor::Spawner;
 use static_cell::StaticCell;
 
@@ -39,8 +40,6 @@ use crate::usb::pipe::{self, Pipe};
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    static ADAPTER: StaticCell<Adapter> = StaticCell::new();
-
     if restart::is_into_boot_loader() {
         board::enter_boot_loader();
     }
@@ -49,7 +48,7 @@ async fn main(spawner: Spawner) {
     let restarts = restart::started(board.reset_by_watchdog);
     let mut store = action::store(board.flash);
     let (config, is_lost) = action::load(&mut store);
-    let adapter = ADAPTER.init_with(|| Adapter::new(identity::identity(), config));
+    let adapter = adapter(config);
     adapter.with(|bridge| {
         bridge.started_after(restarts.panics, restarts.watchdog, restarts.hard_faults);
         if restarts.while_armed {
@@ -77,4 +76,11 @@ async fn main(spawner: Spawner) {
     Priority::Background.start(spawner, led::show(adapter, board.led));
     Priority::Background.start(spawner, watchdog::feed(adapter, watchdog));
     Priority::UsbDevice.start(spawner, usb::run(usb.device));
+}
+
+/// The adapter. It is made on the stack, which has no room for it beside what `main` has there.
+#[inline(never)]
+fn adapter(config: Config) -> &'static Adapter {
+    static ADAPTER: StaticCell<Adapter> = StaticCell::new();
+    ADAPTER.init_with(|| Adapter::new(identity::identity(), config))
 }
