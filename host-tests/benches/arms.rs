@@ -1,142 +1,109 @@
-//! armwire itself.
+//! A request and its reply for each protocol, and the uses of armwire that are counted and timed.
+#![no_std]
 
-use std::hint::black_box;
+use core::hint::black_box;
 
-use armwire::{Client, Config, Decoder, Event, Framing, Input, Micros, Protocol};
+use armwire::{Client, Config, Decoder, Event, Input, Micros, Protocol};
 
-/// What is known of a protocol to measure it.
-pub struct Arm<P: Protocol> {
-    /// A request and the answer to it.
+/// A request of a protocol whose longest frame has `N` bytes, and the arm's reply to it.
+pub struct Arm<P: Protocol, const N: usize> {
+    /// The request.
     pub request: P::Request,
-    /// The answer.
-    pub response: P::Response,
+    /// The reply as it is on the line.
+    pub reply: &'static [u8],
 }
 
-pub mod ling {
-    //! The joints, 21 bytes.
-    use armwire::ling::{JointState, Ling, MotionStatus, Request, Response};
+/// Ling: all joints, 21 bytes.
+#[cfg(feature = "ling")]
+pub const LING: Arm<armwire::ling::Ling, { armwire::ling::MAX_FRAME }> = Arm {
+    request: armwire::ling::Request::ReadJoints,
+    reply: b"\xAA\x06\x00\x0F\x00\x08\x00\x08\x00\x08\x00\x08\x00\x08\x00\x08\xF4\x01\x00\xB4\xFF",
+};
 
-    use super::Arm;
-
-    /// Asks for the joints.
-    pub fn arm() -> Arm<Ling> {
-        Arm {
-            request: Request::ReadJoints,
-            response: Response::Joints(JointState {
-                joints: [2048; 6],
-                gripper: 500,
-                status: MotionStatus::Idle,
-            }),
-        }
+/// xArm: a register of 13 bytes, with which the frame has 21.
+#[cfg(feature = "xarm")]
+pub fn xarm() -> Arm<armwire::xarm::XArm, { armwire::xarm::MAX_FRAME }> {
+    use armwire::xarm::{Command, Header, ProtocolId, Raw, Request};
+    let header = Header {
+        transaction: 1,
+        protocol: ProtocolId::Private,
+    };
+    let register = Raw::new(42, &[]).expect("no command of another type has this number");
+    Arm {
+        request: Request::Call {
+            header,
+            command: Command::Raw(register),
+        },
+        reply: b"\x00\x01\x00\x02\x00\x0F\x2A\x00\x07\x07\x07\x07\x07\x07\x07\x07\x07\x07\x07\x07\x07",
     }
 }
 
-pub mod xarm {
-    //! A register of 13 bytes, so that the frame has 21 as well.
-    use armwire::xarm::{Command, Header, ProtocolId, Raw, Reply, Request, Response, State, XArm};
+/// Alpha1: the version of the firmware, 15 bytes, the longest answer of a fixed length.
+#[cfg(feature = "alpha1")]
+pub const ALPHA1: Arm<armwire::alpha1::Alpha1, { armwire::alpha1::MAX_FRAME }> = Arm {
+    request: armwire::alpha1::Request::ReadFirmwareVersion,
+    reply: b"\xF5\x5F\xAA2016010100\x95\xED",
+};
 
-    use super::Arm;
-
-    /// Asks for the register.
-    pub fn arm() -> Arm<XArm> {
-        let header = Header {
-            transaction: 1,
-            protocol: ProtocolId::Private,
-        };
-        let raw = |params| Raw::new(42, params).expect("it is of no other type");
-        Arm {
-            request: Request::Call {
-                header,
-                command: Command::Raw(raw(&[])),
-            },
-            response: Response::Reply {
-                header,
-                state: State::OK,
-                reply: Reply::Raw(raw(&[7; 13])),
-            },
-        }
-    }
-}
-
-pub mod alpha1 {
-    //! The firmware's version, 15 bytes, the longest answer of a fixed length.
-    use armwire::alpha1::{Alpha1, FirmwareVersion, Outcome, Request, Response};
-
-    use super::Arm;
-
-    /// Asks for the version.
-    pub fn arm() -> Arm<Alpha1> {
-        Arm {
-            request: Request::ReadFirmwareVersion,
-            response: Response::FirmwareVersion(FirmwareVersion {
-                outcome: Outcome::Success,
-                text: *b"2016010100",
-            }),
-        }
-    }
-}
-
-impl<P: Protocol> Arm<P> {
-    /// The answer as it is on the line.
-    pub fn reply(&self) -> Vec<u8> {
-        let mut frame = [0; 300];
-        let n = P::encode_response(&self.response, &mut frame).expect("there is room");
-        frame[..n].to_vec()
+impl<P: Protocol, const N: usize> Arm<P, N> {
+    /// A decoder without bytes.
+    pub fn decoder(&self) -> Decoder<P, N> {
+        Decoder::new()
     }
 
-    /// Takes in a stream, down to typed values.
-    pub fn decode<const N: usize>(&self, stream: &[u8], chunk: usize) -> usize {
-        let expect = P::expect(Some(&self.request));
-        each_frame::<P, N>(expect, stream, chunk, |frame| {
+    /// A client that waits for nothing.
+    pub fn client(&self) -> Client<P, N> {
+        Client::new(Config::DEFAULT)
+    }
+
+    /// Decodes a stream that comes in chunks. The number of frames in it.
+    #[inline]
+    pub fn frames(&self, decoder: &mut Decoder<P, N>, stream: &[u8], chunk: usize) -> usize {
+        self.decode(decoder, stream, chunk, |_, _| true)
+    }
+
+    /// Decodes a stream that comes in chunks. The number of replies in it, down to typed values.
+    #[inline]
+    pub fn replies(&self, decoder: &mut Decoder<P, N>, stream: &[u8], chunk: usize) -> usize {
+        self.decode(decoder, stream, chunk, |frame, expect| {
             black_box(&P::parse_response(frame, expect)).is_ok()
         })
     }
 
-    /// Takes in a stream, down to frames whose envelope is good.
-    pub fn frames<const N: usize>(&self, stream: &[u8], chunk: usize) -> usize {
-        each_frame::<P, N>(P::expect(Some(&self.request)), stream, chunk, |frame| {
-            black_box(frame);
-            true
-        })
-    }
-
-    /// Writes the request so often.
-    pub fn encode(&self, times: usize) -> usize {
-        let mut frame = [0; 300];
-        let write = |_| P::encode_request(black_box(&self.request), black_box(&mut frame)).is_ok();
-        (0..times).map(write).filter(|written| *written).count()
-    }
-
-    /// Asks, and hears the answer, so often.
-    pub fn call<const N: usize>(&self, reply: &[u8], times: usize) -> usize {
-        let mut client = Client::<P, N>::new(Config::DEFAULT);
-        let call = |_| {
-            client.submit(black_box(self.request)).ok()?;
-            let n = black_box(client.poll_transmit(Micros(0))?).len();
-            client.transmitted(Micros(0), n).unwrap();
-            let event = client.handle(Micros(350), &mut Input::Bytes(black_box(reply)));
-            matches!(black_box(&event), Some(Event::Answer(_))).then_some(())
-        };
-        (0..times).filter_map(call).count()
-    }
-}
-
-/// How many frames of a stream are found good.
-fn each_frame<F: Framing, const N: usize>(
-    expect: F::Expect,
-    stream: &[u8],
-    chunk: usize,
-    mut good: impl FnMut(F::Frame<'_>) -> bool,
-) -> usize {
-    let mut decoder = Decoder::<F, N>::new();
-    let mut count = 0;
-    for mut bytes in stream.chunks(chunk) {
-        while let Some(next) = decoder.decode(&mut bytes, expect) {
-            match next {
-                Ok(frame) => count += usize::from(good(frame)),
-                Err(noise) => drop(black_box(noise)),
+    #[inline]
+    fn decode(
+        &self,
+        decoder: &mut Decoder<P, N>,
+        stream: &[u8],
+        chunk: usize,
+        is_good: impl Fn(P::Frame<'_>, P::Expect) -> bool,
+    ) -> usize {
+        let expect = P::expect(Some(&self.request));
+        let mut count = 0;
+        for mut bytes in stream.chunks(chunk) {
+            while let Some(next) = decoder.decode(&mut bytes, expect) {
+                count += usize::from(black_box(next).is_ok_and(|frame| is_good(frame, expect)));
             }
         }
+        count
     }
-    count
+
+    /// Encodes the request. The number of bytes, 0 if there is no room.
+    #[inline]
+    pub fn encode(&self, room: &mut [u8; N]) -> usize {
+        P::encode_request(black_box(&self.request), room).unwrap_or(0)
+    }
+
+    /// Makes a whole call: the request on its way, the reply decoded and accepted. Whether it was.
+    #[inline]
+    pub fn call(&self, client: &mut Client<P, N>) -> bool {
+        let call = |client: &mut Client<P, N>| {
+            client.submit(black_box(self.request)).ok()?;
+            let sent = client.poll_transmit(Micros(0))?.len();
+            client.transmitted(Micros(0), sent).ok()?;
+            let event = client.handle(Micros(350), &mut Input::Bytes(black_box(self.reply)));
+            matches!(event, Some(Event::Answer(_))).then_some(())
+        };
+        call(client).is_some()
+    }
 }

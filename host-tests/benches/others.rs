@@ -1,4 +1,6 @@
-//! What others have for frames of about the same size, each as its documentation says to use it.
+//! Other crates for frames of about the same size, each as its documentation says to use it.
+//!
+//! Each module has a frame, decodes a stream of it that comes in chunks, and encodes one so often.
 
 use std::hint::black_box;
 use std::io::{self, Read};
@@ -13,43 +15,33 @@ use ublox::nav_status::NavStatus;
 use ublox::proto23::{PacketRef, Proto23};
 use ublox::{ParserBuilder, UbxPacket, UbxPacketRequest};
 
-/// Gives no more at a time than a chunk.
-struct Chunks<'a> {
-    rest: &'a [u8],
-    chunk: usize,
-}
-
-impl Read for Chunks<'_> {
-    fn read(&mut self, room: &mut [u8]) -> io::Result<usize> {
-        let n = room.len().min(self.chunk).min(self.rest.len());
-        let (now, later) = self.rest.split_at(n);
-        room[..n].copy_from_slice(now);
-        self.rest = later;
-        Ok(n)
-    }
-}
-
 /// MAVLink 2: a heartbeat, 21 bytes.
-pub mod mavlink2 {
+pub(crate) mod mavlink2 {
     use super::*;
 
-    fn heartbeat() -> MavMessage {
-        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
-            mavlink_version: 3,
-            ..HEARTBEAT_DATA::DEFAULT
-        })
+    const HEARTBEAT: MavMessage = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+        mavlink_version: 3,
+        ..HEARTBEAT_DATA::DEFAULT
+    });
+
+    /// Gives no more at a time than a chunk.
+    struct Chunks<'a>(&'a [u8], usize);
+
+    impl Read for Chunks<'_> {
+        fn read(&mut self, room: &mut [u8]) -> io::Result<usize> {
+            let chunk = room.len().min(self.1);
+            self.0.read(&mut room[..chunk])
+        }
     }
 
-    /// It on the line.
-    pub fn frame() -> Vec<u8> {
+    pub(crate) fn frame() -> Vec<u8> {
         let mut raw = MAVLinkV2MessageRaw::new();
-        raw.serialize_message(MavHeader::default(), &heartbeat());
+        raw.serialize_message(MavHeader::default(), &HEARTBEAT);
         raw.raw_bytes().to_vec()
     }
 
-    /// Takes in a stream.
-    pub fn decode(stream: &[u8], chunk: usize) -> usize {
-        let mut reader = MavlinkReader::new(Chunks { rest: stream, chunk });
+    pub(crate) fn decode(stream: &[u8], chunk: usize) -> usize {
+        let mut reader = MavlinkReader::new(Chunks(stream, chunk));
         let mut count = 0;
         while let Ok(message) = reader.read_message::<MavMessage>(MavlinkVersion::V2) {
             black_box(&message);
@@ -58,42 +50,25 @@ pub mod mavlink2 {
         count
     }
 
-    /// Writes it so often.
-    pub fn encode(times: usize) -> usize {
-        let message = heartbeat();
+    pub(crate) fn encode(times: usize) -> usize {
         let mut raw = MAVLinkV2MessageRaw::new();
         for _ in 0..times {
-            raw.serialize_message(MavHeader::default(), black_box(&message));
+            raw.serialize_message(MavHeader::default(), black_box(&HEARTBEAT));
             black_box(raw.raw_bytes());
         }
         times
     }
 }
 
-/// UBX: a navigation status, 24 bytes.
-pub mod ubx {
+/// UBX: a navigation status, 24 bytes, of which a field is read; and the request for it.
+pub(crate) mod ubx {
     use super::*;
 
-    /// It on the line.
-    pub fn frame() -> Vec<u8> {
-        let body = [
-            &[0x01, 0x03, 16, 0][..],
-            &[1, 0, 0, 0, 3, 1, 0, 0, 2, 0, 0, 0, 3, 0, 0, 0],
-        ]
-        .concat();
-        let (mut a, mut b) = (0_u8, 0_u8);
-        for byte in &body {
-            a = a.wrapping_add(*byte);
-            b = b.wrapping_add(a);
-        }
-        [&[0xB5, 0x62][..], &body, &[a, b]].concat()
-    }
+    pub(crate) const FRAME: &[u8] = b"\xB5\x62\x01\x03\x10\0\x01\0\0\0\x03\x01\0\0\x02\0\0\0\x03\0\0\0\x1E\xC8";
 
-    /// Takes in a stream. What comes out is a view, of which a field is read.
-    pub fn decode(stream: &[u8], chunk: usize) -> usize {
-        let mut parser = ParserBuilder::new()
-            .with_protocol::<Proto23>()
-            .with_fixed_buffer::<256>();
+    pub(crate) fn decode(stream: &[u8], chunk: usize) -> usize {
+        let parser = ParserBuilder::new().with_protocol::<Proto23>();
+        let mut parser = parser.with_fixed_buffer::<256>();
         let mut count = 0;
         for bytes in stream.chunks(chunk) {
             let mut packets = parser.consume_ubx(bytes);
@@ -106,8 +81,7 @@ pub mod ubx {
         count
     }
 
-    /// Writes a request for it so often.
-    pub fn encode(times: usize) -> usize {
+    pub(crate) fn encode(times: usize) -> usize {
         for _ in 0..times {
             black_box(black_box(UbxPacketRequest::request_for::<NavStatus>()).into_packet_bytes());
         }
@@ -115,45 +89,29 @@ pub mod ubx {
     }
 }
 
-/// Modbus RTU: eight registers, 21 bytes.
-pub mod modbus {
+/// Modbus RTU: eight registers, 21 bytes. The crate says how long a frame is and what it means; its caller keeps the bytes.
+pub(crate) mod modbus {
     use super::*;
 
     const REGISTERS: u16 = 8;
+    pub(crate) const FRAME: &[u8] = b"\x01\x03\x10\x08\0\x08\0\x08\0\x08\0\x08\0\x08\0\x08\0\x08\0\x8F\x2C";
 
-    /// The request, which says how its answer is to be read.
-    fn request() -> (ModbusRequest, Vec<u8>) {
+    fn request(bytes: &mut Vec<u8>) -> ModbusRequest {
         let mut request = ModbusRequest::new(1, ModbusProto::Rtu);
-        let mut bytes = Vec::new();
+        let written = request.generate_get_holdings(black_box(0), black_box(REGISTERS), bytes);
+        written.expect("a vector has room");
         request
-            .generate_get_holdings(0, REGISTERS, &mut bytes)
-            .expect("there is room");
-        (request, bytes)
     }
 
-    /// The answer on the line.
-    pub fn frame() -> Vec<u8> {
-        let mut frame = vec![1, 3, 2 * REGISTERS as u8];
-        frame.extend([8, 0].repeat(REGISTERS.into()));
-        let crc = frame.iter().fold(u16::MAX, |crc, byte| {
-            (0..8).fold(crc ^ u16::from(*byte), |crc, _| (crc >> 1) ^ (0xA001 * (crc & 1)))
-        });
-        frame.extend(crc.to_le_bytes());
-        frame
-    }
-
-    /// Takes in a stream. The crate says how long a frame is and what it means; to keep its bytes is the caller's.
-    pub fn decode(stream: &[u8], chunk: usize) -> usize {
-        let (request, _) = request();
-        let (mut buffer, mut count) = (Vec::with_capacity(512), 0);
-        let mut registers = Vec::with_capacity(REGISTERS.into());
+    pub(crate) fn decode(stream: &[u8], chunk: usize) -> usize {
+        let request = request(&mut Vec::new());
+        let (mut buffer, mut registers, mut count) = (Vec::new(), Vec::new(), 0);
         for bytes in stream.chunks(chunk) {
             buffer.extend_from_slice(bytes);
             let mut start = 0;
-            while let Ok(len) = guess_response_frame_len(&buffer[start..], ModbusProto::Rtu) {
-                let Some(frame) = buffer.get(start..start + usize::from(len)) else {
-                    break;
-                };
+            while let Ok(len) = guess_response_frame_len(&buffer[start..], ModbusProto::Rtu)
+                && let Some(frame) = buffer.get(start..start + usize::from(len))
+            {
                 registers.clear();
                 count += usize::from(request.parse_u16(frame, &mut registers).is_ok());
                 black_box(&registers);
@@ -164,45 +122,23 @@ pub mod modbus {
         count
     }
 
-    /// Writes the request so often.
-    pub fn encode(times: usize) -> usize {
+    pub(crate) fn encode(times: usize) -> usize {
         let mut bytes = Vec::with_capacity(32);
-        let write = |_| {
+        for _ in 0..times {
             bytes.clear();
-            let mut request = ModbusRequest::new(1, ModbusProto::Rtu);
-            let written = request.generate_get_holdings(black_box(0), black_box(REGISTERS), &mut bytes);
+            request(&mut bytes);
             black_box(&bytes);
-            written.is_ok()
-        };
-        (0..times).map(write).filter(|written| *written).count()
-    }
-
-    /// Asks, and hears the answer, so often.
-    pub fn call(reply: &[u8], times: usize) -> usize {
-        let mut bytes = Vec::with_capacity(32);
-        let mut registers = Vec::with_capacity(REGISTERS.into());
-        let call = |_| {
-            bytes.clear();
-            registers.clear();
-            let mut request = ModbusRequest::new(1, ModbusProto::Rtu);
-            let written = request.generate_get_holdings(black_box(0), black_box(REGISTERS), &mut bytes);
-            black_box(&bytes);
-            let reply = black_box(reply);
-            let whole = guess_response_frame_len(reply, ModbusProto::Rtu).is_ok_and(|n| usize::from(n) == reply.len());
-            let read = request.parse_u16(reply, &mut registers);
-            black_box(&registers);
-            written.is_ok() && whole && read.is_ok()
-        };
-        (0..times).map(call).filter(|done| *done).count()
+        }
+        times
     }
 }
 
-/// postcard in COBS frames, without a checksum: the same values as Ling's answer has.
-pub mod postcard_cobs {
+/// postcard in COBS frames, without a checksum: the same values as in Ling's answer.
+pub(crate) mod postcard_cobs {
     use super::*;
 
     /// Numbers of fixed length, as on an arm's line.
-    #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
+    #[derive(Clone, Copy, Deserialize, PartialEq, Serialize)]
     struct Joints {
         joints: [[u8; 2]; 6],
         gripper: [u8; 2],
@@ -215,16 +151,13 @@ pub mod postcard_cobs {
         status: 2,
     };
 
-    /// It on the line.
-    pub fn frame() -> Vec<u8> {
+    pub(crate) fn frame() -> Vec<u8> {
         let mut room = [0; 64];
-        postcard::to_slice_cobs(&JOINTS, &mut room)
-            .expect("there is room")
-            .to_vec()
+        let frame = postcard::to_slice_cobs(&JOINTS, &mut room);
+        frame.expect("there is room").to_vec()
     }
 
-    /// Takes in a stream.
-    pub fn decode(stream: &[u8], chunk: usize) -> usize {
+    pub(crate) fn decode(stream: &[u8], chunk: usize) -> usize {
         let mut accumulator = CobsAccumulator::<64>::new();
         let mut count = 0;
         for mut bytes in stream.chunks(chunk) {
@@ -242,10 +175,9 @@ pub mod postcard_cobs {
         count
     }
 
-    /// Writes it so often.
-    pub fn encode(times: usize) -> usize {
+    pub(crate) fn encode(times: usize) -> usize {
         let mut room = [0; 64];
-        let write = |_| postcard::to_slice_cobs(black_box(&JOINTS), black_box(&mut room)).is_ok();
-        (0..times).map(write).filter(|written| *written).count()
+        let encode = |_: &usize| postcard::to_slice_cobs(black_box(&JOINTS), black_box(&mut room)).is_ok();
+        (0..times).filter(encode).count()
     }
 }

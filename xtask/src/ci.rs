@@ -10,10 +10,7 @@ use crate::process::{self, shown};
 use crate::steps::Steps;
 use crate::toolchain::Toolchain;
 use crate::workspace::{self, ALONE};
-use crate::{
-    campaign, counts, coverage, deny, features, fuzz, integrity, no_panic, performance, semver, size, stack,
-    unsafe_code, vendor,
-};
+use crate::{campaign, coverage, deny, features, fuzz, integrity, no_panic, performance, semver, unsafe_code, vendor};
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
@@ -26,6 +23,8 @@ const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unk
 const NO_STD: &str = "--package armwire --package armwire-bridge";
 /// The one of [`ALONE`] for a microcontroller only.
 const LINK_TEST: &str = ALONE[0];
+/// The program whose instructions are counted.
+const COUNTED: &str = "--manifest-path=host-tests/benches/Cargo.toml --bin thumb --features thumb";
 /// Those that run on a host.
 const ALONE_ON_HOST: [&str; 2] = [ALONE[1], ALONE[2]];
 
@@ -75,9 +74,6 @@ pub(crate) fn run() -> Result {
     ci.step("crates without std", no_std)?;
     ci.step("clippy for the microcontroller", clippy_thumb)?;
     ci.step("no path to a panic", no_panic::run)?;
-    ci.step("stack", stack::run)?;
-    ci.step("instruction counts", || counts::run(&[]))?;
-    ci.step("sizes", || size::run(&[]))?;
     // From the same seed each time: what is found is the change's doing.
     ci.step("fuzz targets", || {
         fuzz::run(&["--seconds", FUZZ_SECONDS, "--seed", "1"].map(Into::into))
@@ -99,7 +95,9 @@ pub(crate) fn run() -> Result {
     ci.step("firmware image on the virtual board: STM32G431", || {
         on_virtual_board(&g431, &["--test", "image_*"])
     })?;
-    ci.step("performance in virtual time", || performance::run(&[]))?;
+    ci.step("performance of both images, and instructions of the protocols", || {
+        performance::run(&[])
+    })?;
     ci.step("faults around the firmware image", || campaign::run_on(&f405.path, &[]))?;
     ci.step("CAN software", vendor::can::drive)?;
     ci.step("vendors' SDKs", || {
@@ -171,7 +169,11 @@ fn clippy_thumb() -> Result {
         format!("--package armwire-firmware --no-default-features --features={features}")
     });
     let no_std = format!("{NO_STD} --all-features");
-    for select in firmware.iter().map(|select| &**select).chain([&*no_std, LINK_TEST]) {
+    for select in firmware
+        .iter()
+        .map(|select| &**select)
+        .chain([&*no_std, LINK_TEST, COUNTED])
+    {
         let mut clippy = toolchain.cargo("clippy", TARGET)?;
         check(clippy.args(select.split(' ')).args(["--", "-D", "warnings"]))?;
     }

@@ -12,7 +12,6 @@ use crate::board::Board;
 use crate::dfu;
 use crate::process::run;
 use crate::program::Program;
-use crate::size::Size;
 use crate::toolchain::Toolchain;
 use crate::workspace;
 
@@ -98,12 +97,6 @@ pub(crate) struct Image {
 }
 
 impl Image {
-    /// What it takes.
-    pub(crate) fn size(&self) -> Size {
-        let Self { flash, ram, .. } = *self;
-        Size { flash, ram }
-    }
-
     /// Whether an image that ships may be so big.
     ///
     /// # Errors

@@ -1,12 +1,9 @@
 //! The project's commands, behind the aliases in `.cargo/config.toml`.
 
-mod baseline;
-mod bench;
 mod board;
 mod campaign;
 mod cargo_tool;
 mod ci;
-mod counts;
 mod coverage;
 mod demo;
 mod deny;
@@ -20,12 +17,9 @@ mod mutants;
 mod no_panic;
 mod performance;
 mod process;
-mod profile;
 mod program;
 mod semver;
-mod size;
 mod soak;
-mod stack;
 mod steps;
 mod toolchain;
 mod unsafe_code;
@@ -52,15 +46,10 @@ cargo xtask vendor        drive virtual arms with CAN software and the arm vendo
                           `can-fd`, only exchange CAN FD frames between programs on a virtual bus
 cargo xtask campaign      let things go wrong around the firmware image: --runs N, --from NUMBER, --seed S,
                           --only NUMBER, --write
-cargo xtask performance   measure latency, load and rates of the image in virtual time, and check the limits; --write
-                          measures all of docs/performance.md and writes it, --times builds and tests too
-cargo xtask profile SCENE print which of the image's functions take how many instructions in a scene of the load, or with
-                          `code` how many bytes of code they are; without a scene, the scenes
+cargo xtask performance   measure latency, load, rates, stack and sizes of both images on the virtual board, and instructions of
+                          the protocols, and check the limits; --write measures longer, beside other crates, too, and
+                          writes docs/performance.md
 cargo xtask no-panic      link the protocol and bridge crates where a path to a panic is a link error
-cargo xtask stack         print how much stack the protocol and bridge crates take at worst, and check the limits
-cargo xtask bench         measure on this machine, beside other crates, and print the ratios
-cargo xtask counts        count instructions on a Cortex-M and this machine, and check growth; --write keeps them
-cargo xtask size          print how much flash and RAM protocols and images take, and check growth; --write keeps it
 cargo xtask integrity     compare docs/integrity.md with what becomes of damaged frames; --write writes it
 cargo xtask unsafe-code   check that the crates in which unsafe code is forbidden say so
 cargo xtask deny          check the licences, versions, sources and known vulnerabilities of all dependencies
@@ -107,12 +96,7 @@ fn dispatch(args: &[OsString]) -> Result {
         Some("vendor") => vendor::run(rest),
         Some("campaign") => campaign::run(rest),
         Some("performance") => performance::run(rest),
-        Some("profile") => profile::run(rest),
         Some("no-panic") => no_options(rest).and_then(|()| no_panic::run()),
-        Some("stack") => no_options(rest).and_then(|()| stack::run()),
-        Some("bench") => bench::run(rest),
-        Some("counts") => counts::run(rest),
-        Some("size") => size::run(rest),
         Some("integrity") => integrity::run(rest),
         Some("unsafe-code") => no_options(rest).and_then(|()| unsafe_code::run()),
         Some("deny") => no_options(rest).and_then(|()| deny::run()),
@@ -181,7 +165,7 @@ mod tests {
             }
             commands += 1;
         }
-        assert!(commands >= 20, "{commands} commands: where are the others?");
+        assert!(commands >= 15, "{commands} commands: where are the others?");
         let usage = usage_of("flash").unwrap();
         assert!(
             usage.starts_with("cargo flash [IMAGE]") && usage.ends_with("log over RTT"),

@@ -4,7 +4,6 @@
 //! it; rustup adds it; Debian's compiler, which builds it from source, is there; apt-get installs that.
 
 use std::env;
-use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -72,20 +71,6 @@ impl Toolchain {
             forget_our_package(&mut command);
         }
         Ok(command)
-    }
-
-    /// Which compilers it is: the one in use, and the one for microcontrollers if that is another.
-    pub(crate) fn version(self) -> Result<String> {
-        let version = |rustc: OsString| -> Result<String> {
-            let mut rustc = Command::new(rustc);
-            rustc.arg("--version").env_remove("LD_LIBRARY_PATH");
-            Ok(output(&mut rustc)?.trim().to_owned())
-        };
-        let host = version(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()))?;
-        match self {
-            Self::Installed => Ok(host),
-            Self::Debian => Ok(format!("{host}, {}", version(DEBIAN_RUSTC.into())?)),
-        }
     }
 
     /// Where its cargo puts what it builds. Two compilers in one folder would overwrite each other's work.

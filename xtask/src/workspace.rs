@@ -8,11 +8,10 @@ use crate::Result;
 use crate::process::{cargo, output};
 
 /// What is no member of the workspace, as an argument of cargo: what only they need is compiled for nobody else.
-pub(crate) const ALONE: [&str; 4] = [
+pub(crate) const ALONE: [&str; 3] = [
     "--manifest-path=host-tests/no-panic/Cargo.toml",
     "--manifest-path=host-tests/fuzz/Cargo.toml",
     "--manifest-path=host-tests/benches/Cargo.toml",
-    "--manifest-path=host-tests/counts/Cargo.toml",
 ];
 
 /// The root of the workspace.

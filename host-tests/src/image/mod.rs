@@ -9,7 +9,6 @@ mod chip;
 mod control;
 mod figures;
 mod hosts;
-pub mod performance;
 mod program;
 pub mod quiet;
 pub mod requests;

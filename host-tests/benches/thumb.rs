@@ -1,0 +1,60 @@
+//! A program for a Cortex-M4 whose cases are counted from the outside: instructions, and bytes of stack.
+//!
+//! [`mark`] is called before and after each case, and after the last one. The first case is empty: what it takes, all take.
+//! Each protocol then has four: a reply decoded, the same byte by byte, the request encoded, a whole call.
+#![no_std]
+#![no_main]
+
+use core::hint::black_box;
+use core::panic::PanicInfo;
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    count(&mut 0_u8, |_| true);
+    #[cfg(feature = "ling")]
+    protocol(&armwire_benches::LING);
+    #[cfg(feature = "xarm")]
+    protocol(&armwire_benches::xarm());
+    #[cfg(feature = "alpha1")]
+    protocol(&armwire_benches::ALPHA1);
+    mark(0);
+    panic!()
+}
+
+#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
+fn protocol<P: armwire::Protocol, const N: usize>(arm: &armwire_benches::Arm<P, N>) {
+    let arm = black_box(arm);
+    let decoder = &mut arm.decoder();
+    for chunk in [64, 1] {
+        count(decoder, |decoder| arm.frames(decoder, black_box(arm.reply), chunk) == 1);
+    }
+    count(&mut [0; N], |room| arm.encode(room) > 0);
+    count(&mut arm.client(), |client| arm.call(client));
+}
+
+/// Runs a case on its state. It must come to a good end, or its count means nothing.
+fn count<S>(state: &mut S, case: impl FnOnce(&mut S) -> bool) {
+    mark(size_of::<S>());
+    let good = run(black_box(state), case);
+    mark(size_of::<S>());
+    assert!(black_box(good));
+}
+
+#[inline(never)]
+fn run<S>(state: &mut S, case: impl FnOnce(&mut S) -> bool) -> bool {
+    black_box(case(state))
+}
+
+/// A case begins or ends whose state has so many bytes. Without any, all are done.
+#[unsafe(no_mangle)]
+#[inline(never)]
+extern "C" fn mark(state: usize) {
+    black_box(state);
+}
+
+#[panic_handler]
+fn panic(_: &PanicInfo<'_>) -> ! {
+    loop {
+        black_box(());
+    }
+}

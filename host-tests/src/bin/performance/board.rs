@@ -1,0 +1,100 @@
+//! The boards that are measured.
+
+use std::path::{Path, PathBuf};
+
+use armwire_host_tests::image::{on_board_with, plug_in};
+use armwire_virtual_board::line::Arm;
+use armwire_virtual_board::{Chip, Config, VirtualBoard};
+
+use crate::Result;
+use crate::elf::{Elf, PAINT, used, words};
+
+/// A chip with its image, and how its core's time is counted.
+pub(crate) struct Board {
+    pub(crate) chip: Chip,
+    /// Whether an instruction takes the cycles that it takes a Cortex-M4 with the chip's flash, rather than one.
+    pub(crate) exact: bool,
+    pub(crate) limits: Limits,
+    path: PathBuf,
+    pub(crate) image: Elf,
+}
+
+/// The most that a board may take: some 10 % more than it does, so that no change makes it worse unseen.
+#[derive(Clone, Copy)]
+pub(crate) struct Limits {
+    /// The worst time of each of the [`WAYS`](crate::latency::WAYS), in microseconds.
+    pub(crate) latency: [f64; 4],
+    /// The percentage of stamps that are wrong by more than a microsecond.
+    pub(crate) wrong_stamps: f64,
+    /// The percentage of its time that the core works while the UART carries 1 Mbaud both ways.
+    pub(crate) load: f64,
+    /// The percentage that does not pass of what the wires allow.
+    pub(crate) lost: f64,
+}
+
+const BOARDS: [(Chip, bool, Limits); 4] = [
+    (Chip::Stm32f405, false, limits([49.0, 49.0, 53.0, 52.0], 0.5, 20.5, 7.0)),
+    (
+        Chip::Stm32f405,
+        true,
+        limits([135.0, 155.0, 145.0, 160.0], 2.0, 42.5, 15.0),
+    ),
+    (Chip::Stm32g431, false, limits([65.0, 65.0, 62.0, 74.0], 0.5, 23.0, 7.0)),
+    (
+        Chip::Stm32g431,
+        true,
+        limits([135.0, 155.0, 145.0, 160.0], 2.0, 42.5, 15.0),
+    ),
+];
+
+const fn limits(latency: [f64; 4], wrong_stamps: f64, load: f64, lost: f64) -> Limits {
+    Limits {
+        latency,
+        wrong_stamps,
+        load,
+        lost,
+    }
+}
+
+impl Board {
+    /// All boards. Their images are in `folder`.
+    pub(crate) fn all(folder: &Path) -> Result<Vec<Self>> {
+        let board = |(chip, exact, limits)| {
+            let path = folder.join(format!("armwire-{chip}.elf"));
+            let image = Elf::read(&path)?;
+            Ok(Self {
+                chip,
+                exact,
+                limits,
+                path,
+                image,
+            })
+        };
+        BOARDS.into_iter().map(board).collect()
+    }
+
+    pub(crate) fn name(&self) -> String {
+        let timing = if self.exact { "own timing" } else { "one cycle" };
+        format!("{}, {timing}", self.chip.to_string().to_uppercase())
+    }
+
+    /// Runs a scene on the board, with `arm` on its UART and its serial port open, both at `baud`.
+    pub(crate) fn run<A: Arm, R>(&self, arm: A, baud: u32, scene: impl FnOnce(&mut VirtualBoard<A>) -> R) -> R {
+        let mut config = Config::new(&self.path, arm);
+        (config.arm_baud, config.exact_cycles) = (baud, self.exact);
+        on_board_with(config, |board| {
+            for address in words(self.image.stack()) {
+                board.write_word(address.into(), PAINT).expect("the chip has RAM there");
+            }
+            plug_in(board, baud);
+            scene(board)
+        })
+    }
+
+    /// The bytes of stack used since the board was started.
+    pub(crate) fn stack<A: Arm>(&self, board: &mut VirtualBoard<A>) -> u32 {
+        used(self.image.stack(), |address| {
+            board.read_word(address.into()).expect("the chip has RAM there")
+        })
+    }
+}

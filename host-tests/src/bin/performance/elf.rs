@@ -1,0 +1,85 @@
+//! A program for a microcontroller, as its ELF file has it, and the high-water mark of its stack.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use object::{Object, ObjectSegment, ObjectSymbol};
+
+use crate::Result;
+
+/// Where flash and RAM begin on all chips.
+pub(crate) const FLASH: u32 = 0x0800_0000;
+pub(crate) const RAM: u32 = 0x2000_0000;
+
+/// A word that no program writes into its stack.
+pub(crate) const PAINT: u32 = 0x5AFE_C0DE;
+
+pub(crate) struct Elf {
+    /// The flash from its start to the last byte of code and constants, and how many of these bytes are the program's, with
+    /// what variables begin with.
+    pub(crate) flash: Vec<u8>,
+    pub(crate) flash_bytes: usize,
+    /// The bytes of RAM for variables. The stack has the rest.
+    pub(crate) ram_bytes: u32,
+    /// The addresses of functions by their mangled names.
+    pub(crate) symbols: BTreeMap<String, u32>,
+}
+
+impl Elf {
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        let bytes = fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let file = object::File::parse(&*bytes)?;
+        let (mut flash, mut flash_bytes, mut ram_bytes) = (Vec::new(), 0, 0);
+        for segment in file.segments() {
+            let (address, data) = (segment.address() as u32, segment.data()?);
+            flash_bytes += data.len();
+            if address >= RAM {
+                ram_bytes = ram_bytes.max(address - RAM + segment.size() as u32);
+            } else {
+                flash.resize((address - FLASH) as usize, 0xFF);
+                flash.extend(data);
+            }
+        }
+        let symbols = file.symbols().filter_map(|symbol| {
+            let name = symbol.name().ok()?.to_owned();
+            symbol.is_definition().then_some((name, symbol.address() as u32 & !1))
+        });
+        let symbols = symbols.collect();
+        Ok(Self {
+            flash,
+            flash_bytes,
+            ram_bytes,
+            symbols,
+        })
+    }
+
+    /// The ends of the stack. The first word of the vector table is where it begins.
+    pub(crate) fn stack(&self) -> [u32; 2] {
+        let top = self.flash.first_chunk().map_or(RAM, |word| u32::from_le_bytes(*word));
+        [(RAM + self.ram_bytes).next_multiple_of(4), top]
+    }
+}
+
+/// The addresses of the words of a stack.
+pub(crate) fn words([low, high]: [u32; 2]) -> impl Iterator<Item = u32> {
+    (low..high).step_by(4)
+}
+
+/// The bytes used of a stack that was painted.
+pub(crate) fn used(stack: [u32; 2], mut read: impl FnMut(u32) -> u32) -> u32 {
+    let lowest = words(stack).find(|address| read(*address) != PAINT);
+    stack[1] - lowest.unwrap_or(stack[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stack_is_used_down_to_the_lowest_changed_word() {
+        let stack = [100, 120];
+        let used_if = |changed: &[u32]| used(stack, |address| if changed.contains(&address) { 0 } else { PAINT });
+        assert_eq!([used_if(&[]), used_if(&[116]), used_if(&[108, 116])], [0, 4, 12]);
+    }
+}

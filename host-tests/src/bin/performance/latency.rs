@@ -1,0 +1,321 @@
+//! What the adapter adds to the time of a call while USB, CAN and its own poll are busy; and its stack meanwhile.
+//!
+//! Everybody asks a [`Witness`] for its joints. Its answers tell how many it gave before, so that each request and each answer
+//! of a host is known on the line.
+//!
+//! A span that the adapter adds begins when the adapter could act: when what it must pass on was there, and what it must pass
+//! it on to was free of what went before. The time before that is not counted.
+
+use armwire::Micros;
+use armwire::ling::Request;
+use armwire_bridge::can::{Frame, Function, Id, Node};
+use armwire_bridge::control::{Event, Request as ControlRequest};
+use armwire_host_tests::image::requests::frame;
+use armwire_host_tests::image::{CanProgram, Control, MEGABAUD, Witness, byte_time, counters, polled};
+use armwire_virtual_board::can::{BusFrame, Outcome, Sender};
+use armwire_virtual_board::line::{Direction, LineByte};
+use armwire_virtual_board::usb::Direction as UsbDirection;
+use armwire_virtual_board::usb::cdc::Port;
+use armwire_virtual_board::{Error, Nanos, VirtualBoard};
+
+use crate::board::Board;
+
+/// The time for which the arm thinks.
+const TURNAROUND: Micros = Micros(100);
+/// The adapter's own polls in a second, each told of by cyclic frames.
+const POLL_HZ: u16 = 200;
+/// Bits per second on the bus.
+const BUS_RATE: u32 = 1_000_000;
+/// Requests of the host on USB that are open at once, at most.
+const WINDOW: usize = 3;
+/// Bytes of the request for the joints, and of its answer.
+const REQUEST: usize = 7;
+const ANSWER: usize = 21;
+/// Mailboxes of the CAN controller for frames to be sent.
+const MAILBOXES: usize = 3;
+/// The longest time between two looks of the hosts.
+const GLANCE: Nanos = Nanos(250_000);
+/// The longest pauses between two requests of the host on USB, of the one on CAN, and between two frames of another node.
+const PAUSES: [u64; 3] = [1_700_000, 1_300_000, 1_900_000];
+
+/// The ways through the adapter, in the order of [`Latency::ways`].
+pub(crate) const WAYS: [&str; 4] = ["answer to USB", "request from USB", "answer to CAN", "request from CAN"];
+
+/// What was measured.
+pub(crate) struct Latency {
+    pub(crate) ways: [Spans; WAYS.len()],
+    /// The delays of all stamps after the earliest, in microseconds: the adapter's clock does not begin with that of the line.
+    pub(crate) stamps: Vec<u64>,
+    /// The bytes of stack used.
+    pub(crate) stack: u32,
+}
+
+impl Latency {
+    /// The percentage of stamps that are wrong by more than a microsecond.
+    pub(crate) fn wrong_stamps(&self) -> f64 {
+        let wrong = self.stamps.iter().filter(|delay| **delay > 1).count();
+        100.0 * wrong as f64 / self.stamps.len() as f64
+    }
+}
+
+/// The passages on one way.
+#[derive(Default)]
+pub(crate) struct Spans {
+    /// The time that the adapter added to each, from the shortest on.
+    added: Vec<Nanos>,
+}
+
+impl Spans {
+    /// Spans of what was there, of what was free since, and of what was passed on, at these times.
+    fn new(passages: impl Iterator<Item = [Nanos; 3]>) -> Self {
+        let mut added: Vec<_> = passages
+            .map(|[there, since, end]| end.since(there.max(since)))
+            .collect();
+        added.sort_unstable();
+        Self { added }
+    }
+
+    /// The time that this share of them does not exceed, in microseconds.
+    pub(crate) fn quantile(&self, share: f64) -> f64 {
+        let place = (self.added.len() as f64 * share).ceil() as usize;
+        let span = self.added.get(place.saturating_sub(1));
+        span.map_or(f64::NAN, |span| span.0 as f64 / 1e3)
+    }
+}
+
+/// What the hosts were told: how many answers the arm gave before each answer that came by CAN; and the same of each answer
+/// that the subscriber was told of, with its stamp.
+#[derive(Default)]
+struct Told {
+    by_can: Vec<usize>,
+    stamps: Vec<(usize, u64)>,
+}
+
+/// Lets everybody work until the arm has answered so often.
+pub(crate) fn measure(board: &Board, answers: u32) -> Latency {
+    board.run(Witness::new(TURNAROUND), MEGABAUD, |virtual_board| {
+        let told = work(virtual_board, answers);
+        let counters = counters(virtual_board);
+        assert_eq!((counters.unanswered_requests, counters.dropped_bytes), (0, 0));
+        let exchanges = exchanges(&virtual_board.uart().bytes());
+        let [from_usb, to_usb] = usb_ways(virtual_board, &exchanges);
+        let [from_can, to_can] = can_ways(&virtual_board.can().frames(), &told.by_can, &exchanges);
+        Latency {
+            ways: [to_usb, from_usb, to_can, from_can],
+            stamps: delays(&told.stamps, &exchanges),
+            stack: board.stack(virtual_board),
+        }
+    })
+}
+
+/// Lets a host on USB and one on CAN ask, a program subscribe to every frame, and another node send, until the arm has
+/// answered so often; and then gets the answers that are still to come.
+fn work(board: &mut VirtualBoard<Witness>, answers: u32) -> Told {
+    board.can().attach(BUS_RATE);
+    board.uart().forget_bytes();
+    board.usb().forget_packets();
+    let mut subscriber = Control::open(board);
+    subscriber.order(board, ControlRequest::SetConfig(polled(POLL_HZ)));
+    subscriber.subscribe(board);
+    let mut can = CanProgram::new(Node::default());
+    let other = Frame::new(Id::new(0x123).expect("11 bits"), &[0x5A; 8]).expect("8 bytes");
+    let mut told = Told::default();
+    let (mut can_waits, mut usb_open, mut usb_bytes) = (false, 0, 0);
+    let (mut due, mut pauses) = ([board.now(); 3], 0);
+    // Another pause each time: the next request meets another phase of all that is periodic.
+    let mut pause = |now: Nanos, nth: usize| {
+        pauses += 1;
+        now + Nanos(pauses * 618_033_989 % PAUSES[nth])
+    };
+    loop {
+        let now = board.now();
+        let asks = board.with_arm(|arm| arm.deeds().answers) < answers;
+        if !asks && !can_waits && usb_open == 0 {
+            return told;
+        }
+        usb_bytes += board.usb().read().len();
+        usb_open -= usb_bytes / ANSWER;
+        usb_bytes %= ANSWER;
+        if asks && usb_open < WINDOW && due[0] <= now {
+            board.usb().write(&frame(Request::ReadJoints)).expect("it is open");
+            usb_open += 1;
+            due[0] = pause(now, 0);
+        }
+        if asks && !can_waits && due[1] <= now {
+            can.send(&frame(Request::ReadJoints));
+            can_waits = true;
+        }
+        if let Some(answer) = can.poll(board) {
+            told.by_can.push(number_of(&answer));
+            can_waits = false;
+            due[1] = pause(now, 1);
+        }
+        if due[2] <= now {
+            board.can().send_from(1, &other).expect("it is classic");
+            due[2] = pause(now, 2);
+        }
+        for (stamp, event) in subscriber.take_events(board) {
+            if let Event::Frame { bytes, .. } = event {
+                told.stamps.push((number_of(&bytes), stamp.0));
+            }
+        }
+        let next = due.into_iter().filter(|due| *due > now).fold(now + GLANCE, Nanos::min);
+        let news = |board: &mut VirtualBoard<Witness>| board.usb().unread() > 0 || board.can().unread() > 0;
+        match board.run_until(next.since(now), news) {
+            Ok(_) | Err(Error::TimedOut { .. }) => {}
+            Err(error) => panic!("{error}"),
+        }
+    }
+}
+
+/// A request on the line and its answer.
+struct Exchange {
+    /// When the request's first start bit began, and its last stop bit ended.
+    start: Nanos,
+    asked: Nanos,
+    /// When the answer's last stop bit ended.
+    end: Nanos,
+}
+
+/// All exchanges on the line. The arm answers in order.
+fn exchanges(line: &[LineByte]) -> Vec<Exchange> {
+    let (up, down): (Vec<&LineByte>, Vec<&LineByte>) =
+        line.iter().partition(|byte| byte.direction == Direction::ToBoard);
+    let exchange = |(nth, (request, answer)): (usize, (&[&LineByte], &[&LineByte]))| {
+        let bytes: Vec<u8> = answer.iter().map(|byte| byte.sent).collect();
+        assert_eq!(number_of(&bytes), nth);
+        let start = Nanos(request[0].at.0 - byte_time(MEGABAUD).0);
+        let [asked, end] = [request[REQUEST - 1].at, answer[ANSWER - 1].at];
+        Exchange { start, asked, end }
+    };
+    let exchanges = down.chunks_exact(REQUEST).zip(up.chunks_exact(ANSWER));
+    exchanges.enumerate().map(exchange).collect()
+}
+
+/// Requests from USB and answers to USB. An answer waits while the last packet has not been fetched by the host.
+fn usb_ways(board: &mut VirtualBoard<Witness>, exchanges: &[Exchange]) -> [Spans; 2] {
+    let device = board.usb().device().expect("a device").configuration.clone();
+    let port = Port::find(&device)[0];
+    let mut packets = board.usb().packets();
+    packets.retain(|packet| match packet.direction {
+        UsbDirection::In => packet.endpoint == port.input.number,
+        UsbDirection::Out => packet.endpoint == port.output.number,
+    });
+    let (ins, outs): (Vec<_>, Vec<_>) = packets.iter().partition(|packet| packet.direction == UsbDirection::In);
+    let bytes = ins
+        .iter()
+        .enumerate()
+        .flat_map(|(nth, packet)| packet.data.iter().map(move |byte| (*byte, nth)));
+    let (bytes, places): (Vec<u8>, Vec<usize>) = bytes.unzip();
+    let numbers: Vec<usize> = bytes.chunks_exact(ANSWER).map(number_of).collect();
+    let answers = numbers.iter().zip(places.chunks_exact(ANSWER)).map(|(number, places)| {
+        let packet = places[ANSWER - 1];
+        let fetched = packet.checked_sub(1).map_or(Nanos(0), |before| ins[before].end);
+        [
+            exchanges[*number].end,
+            fetched,
+            ins[packet].armed.expect("the device sent it"),
+        ]
+    });
+    let there: Vec<Nanos> = outs.iter().map(|packet| packet.end).collect();
+    [requests(&there, &numbers, exchanges), Spans::new(answers)]
+}
+
+/// Requests from CAN and answers to CAN. An answer waits while all mailboxes have frames of the adapter in them.
+fn can_ways(frames: &[BusFrame], numbers: &[usize], exchanges: &[Exchange]) -> [Spans; 2] {
+    // ISO 15765-2: a request is a single frame, an answer begins with a first frame.
+    let is = |seen: &BusFrame, function: Function, kind: u8| {
+        assert_eq!(seen.outcome, Outcome::Sent, "nobody disturbs the bus");
+        let frame = seen.frame.as_ref().expect("nobody sends others");
+        frame.id() == function.id(Node::default()) && frame.data().first().is_some_and(|pci| pci >> 4 == kind)
+    };
+    let (ours, others): (Vec<&BusFrame>, Vec<&BusFrame>) = frames.iter().partition(|seen| seen.sender == Sender::Board);
+    let there = others.iter().filter(|seen| is(seen, Function::ArmRequest, 0));
+    let there: Vec<Nanos> = there.map(|seen| seen.end).collect();
+    let requested = |seen: &BusFrame| seen.requested.expect("the board sent it");
+    let rooms = rooms(&ours.iter().map(|seen| (requested(seen), seen.end)).collect::<Vec<_>>());
+    let begun = ours.iter().filter(|seen| is(seen, Function::ArmAnswer, 1));
+    assert_eq!(begun.clone().count(), numbers.len());
+    let answers = numbers.iter().zip(begun).map(|(number, seen)| {
+        let at = requested(seen);
+        let room = rooms[..rooms.partition_point(|room| *room <= at)].last();
+        [exchanges[*number].end, room.copied().unwrap_or_default(), at]
+    });
+    [requests(&there, numbers, exchanges), Spans::new(answers)]
+}
+
+/// The requests of one host on their way to the line. It is free of another's exchange at the end of the answer, and of one
+/// of its own at the end of the request: a host may ask on.
+fn requests(there: &[Nanos], numbers: &[usize], exchanges: &[Exchange]) -> Spans {
+    assert_eq!(there.len(), numbers.len());
+    Spans::new(there.iter().zip(numbers).enumerate().map(|(nth, (there, &number))| {
+        let own = nth > 0 && numbers[nth - 1] + 1 == number;
+        let before = number.checked_sub(1).map(|before| &exchanges[before]);
+        let free = before.map_or(Nanos(0), |before| if own { before.asked } else { before.end });
+        [*there, free, exchanges[number].start]
+    }))
+}
+
+/// When there was room in the mailboxes again after all of them were full. Each frame: when it was requested, when it ended.
+fn rooms(frames: &[(Nanos, Nanos)]) -> Vec<Nanos> {
+    // Frames are in the order in which they ended: at the end of the n-th, those that had been requested and end later are
+    // still there.
+    let still = |nth: usize, end| {
+        frames[nth + 1..]
+            .iter()
+            .take(MAILBOXES)
+            .filter(|later| later.0 < end)
+            .count()
+    };
+    let full = |&(nth, &(_, end)): &(usize, &(Nanos, Nanos))| 1 + still(nth, end) >= MAILBOXES;
+    frames
+        .iter()
+        .enumerate()
+        .filter(full)
+        .map(|(_, &(_, end))| end)
+        .collect()
+}
+
+/// The delays of stamps after the earliest, in microseconds.
+fn delays(stamps: &[(usize, u64)], exchanges: &[Exchange]) -> Vec<u64> {
+    let ahead = |&(number, stamp): &(usize, u64)| stamp.wrapping_sub(exchanges[number].end.micros().0) as i64;
+    let least = stamps.iter().map(ahead).min().unwrap_or_default();
+    stamps.iter().map(|stamp| (ahead(stamp) - least) as u64).collect()
+}
+
+/// How many answers the arm gave before this one.
+fn number_of(answer: &[u8]) -> usize {
+    let [0xAA, 0x06, 0x00, _, a, b, c, d, e, f, ..] = *answer else {
+        panic!("no answer with joints: {answer:02X?}");
+    };
+    let joint = |low: u8, high: u8| usize::from(u16::from_le_bytes([low, high]));
+    joint(a, b) | joint(c, d) << 12 | joint(e, f) << 24
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_added_span_begins_when_the_adapter_could_act() {
+        let passages = [[100, 40, 130], [100, 120, 130]];
+        let spans = Spans::new(passages.into_iter().map(|passage| passage.map(Nanos)));
+        assert_eq!(spans.added, [Nanos(10), Nanos(30)]);
+        assert_eq!([0.5, 0.51, 1.0].map(|share| spans.quantile(share)), [0.01, 0.03, 0.03]);
+    }
+
+    #[test]
+    fn there_is_room_when_the_first_of_three_frames_has_gone() {
+        let rooms = |frames: &[(u64, u64)]| {
+            let frames: Vec<_> = frames
+                .iter()
+                .map(|&(requested, end)| (Nanos(requested), Nanos(end)))
+                .collect();
+            super::rooms(&frames).iter().map(|room| room.0).collect::<Vec<_>>()
+        };
+        assert_eq!(rooms(&[(0, 10), (1, 20)]), [0; 0]);
+        assert_eq!(rooms(&[(0, 10), (1, 20), (2, 30)]), [10]);
+        // The fourth takes the room at once, and they are full until the second has gone.
+        assert_eq!(rooms(&[(0, 10), (1, 20), (2, 30), (11, 40)]), [10, 20]);
+    }
+}
