@@ -643,6 +643,11 @@ impl<A: Arm> Uart<'_, A> {
         lock(self.line).bytes().to_vec()
     }
 
+    /// The number of bytes that the core read before the DMA did, so that they are in no buffer.
+    pub fn taken(&self) -> u32 {
+        lock(self.line).taken()
+    }
+
     /// Forgets the bytes so far.
     pub fn forget_bytes(&self) {
         lock(self.line).forget_bytes();

@@ -185,6 +185,8 @@ pub(crate) struct Line<A: ?Sized> {
     free: Nanos,
     flight: Option<Flight>,
     half_duplex: bool,
+    /// Bytes that the core read before the DMA did.
+    taken: u32,
     /// The board's pin that sends, and whether its UART drives it.
     pin: Pin,
     transmits: bool,
@@ -217,6 +219,7 @@ impl<A: SerialDevice> Line<A> {
             free: Nanos(0),
             flight: None,
             half_duplex: false,
+            taken: 0,
             pin: Pin::Free,
             transmits: false,
             own: None,
@@ -244,6 +247,16 @@ impl<A: SerialDevice + ?Sized> Line<A> {
 
     pub(crate) fn forget_bytes(&mut self) {
         self.bytes.clear();
+        self.taken = 0;
+    }
+
+    /// The core read a byte that the DMA was to read.
+    pub(crate) fn take_byte(&mut self) {
+        self.taken += 1;
+    }
+
+    pub(crate) fn taken(&self) -> u32 {
+        self.taken
     }
 
     pub(crate) fn set_arm_baud(&mut self, baud: u32) {

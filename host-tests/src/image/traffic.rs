@@ -22,6 +22,8 @@ pub struct Traffic {
     pub overruns: u32,
     /// Those among them that came while the receiver was off.
     pub unreceived: u32,
+    /// Those among them that the firmware took from the DMA.
+    pub taken: u32,
     /// Bytes to the arm.
     pub bytes_to_arm: u32,
     /// Packets of the serial port for the host.
@@ -59,6 +61,7 @@ impl Traffic {
             breaks: 0,
             overruns: 0,
             unreceived: 0,
+            taken: 0,
             bytes_to_arm: 0,
             packets_to_host: 0,
             empty_packets_to_host: 0,
@@ -88,6 +91,7 @@ impl Traffic {
         self.breaks += faults(Fault::Break);
         self.overruns += faults(Fault::Overrun);
         self.unreceived += count(line::Outcome::Lost);
+        self.taken += board.uart().taken();
         board.uart().forget_bytes();
 
         for packet in board.usb().packets() {

@@ -21,51 +21,63 @@ static UNTOLD: AtomicU32 = AtomicU32::new(0);
 /// so the interrupt handler is told of it, and comes for it.
 fn look_at_status() -> Sr {
     critical_section::with(|_| {
-        let status = UART.sr().read();
-        let flags = status.0 & FLAGS;
-        let new = flags & !SHOWN.load(Ordering::Relaxed);
-        SHOWN.store(flags, Ordering::Relaxed);
-        if new != 0 {
-            UNTOLD.store(UNTOLD.load(Ordering::Relaxed) | new, Ordering::Relaxed);
-            UartInterrupt::pend();
-        }
-        status
+        let sr = UART.sr().read();
+        keep_flags(sr);
+        sr
     })
+}
+
+/// Keeps the flags of SR for the interrupt handler. To be called in the critical section in which SR was read.
+fn keep_flags(sr: Sr) {
+    let flags = sr.0 & FLAGS;
+    let new = flags & !SHOWN.load(Ordering::Relaxed);
+    SHOWN.store(flags, Ordering::Relaxed);
+    if new != 0 {
+        UNTOLD.store(UNTOLD.load(Ordering::Relaxed) | new, Ordering::Relaxed);
+        UartInterrupt::pend();
+    }
 }
 
 /// Reads and clears what the UART has to say.
 ///
 /// What is read while a byte waits stays set until the DMA has fetched that byte.
 pub(crate) fn take_status() -> Status {
-    let (sr, shown) = critical_section::with(|_| {
+    let shown = critical_section::with(|_| {
         let sr = UART.sr().read();
+        clear_flags(sr);
         SHOWN.store(sr.0 & FLAGS, Ordering::Relaxed);
         let untold = UNTOLD.load(Ordering::Relaxed);
         UNTOLD.store(0, Ordering::Relaxed);
-        (sr, Sr(sr.0 | untold))
+        Sr(sr.0 | untold)
     });
-    let status = Status {
+    Status {
         framing: shown.fe(),
         parity: shown.pe(),
         noise: shown.ne(),
         overrun: shown.ore(),
         idle: shown.idle(),
-    };
+    }
+}
+
+/// Clears the flags of SR, which was read just before: reading SR and then DR does (RM0090 30.6.1).
+///
+/// With RXNE set the DMA is about to do that read, and must: the byte is its. A byte that ends between the two reads would be
+/// taken from the DMA, and nothing tells of it, so the reads are a few cycles apart.
+#[inline(always)]
+fn clear_flags(sr: Sr) {
     if sr.0 & FLAGS != 0 && !sr.rxne() {
-        // RM0090 30.6.1: reading SR and then DR clears the flags. With RXNE set the DMA is about to do that read, and
-        // must: the byte is its.
         UART.dr().read();
     }
-    status
 }
 
 /// Clears errors that still stand after the DMA has fetched their byte: a byte that is sent between the two reads breaks
 /// the sequence.
 pub(crate) fn clear_errors() {
-    let sr = look_at_status();
-    if (sr.fe() || sr.pe() || sr.ne() || sr.ore()) && !sr.rxne() {
-        UART.dr().read();
-    }
+    critical_section::with(|_| {
+        let sr = UART.sr().read();
+        clear_flags(sr);
+        keep_flags(sr);
+    });
 }
 
 /// Lets the UART, which is disabled, tell of one byte at a time: this one knows nothing else.

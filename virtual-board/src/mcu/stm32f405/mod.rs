@@ -416,6 +416,9 @@ impl Stm32f405 {
         let now = self.now;
         match block {
             Block::Usart2 => {
+                if offset == usart::DR && self.usart2.requests_receive() {
+                    lock(&self.edges.line).take_byte();
+                }
                 let value = self.usart2.read(offset, now);
                 self.settle(Slot::Usart2);
                 value
