@@ -2,4 +2,6 @@
 
 pub(crate) mod gpio;
 pub(crate) mod iwdg;
+pub(crate) mod syscfg;
+pub(crate) mod system_memory;
 pub(crate) mod tim;

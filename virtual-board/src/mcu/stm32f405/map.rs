@@ -2,6 +2,8 @@
 
 use super::rcc::{Gate, gates};
 use crate::core::Width;
+use crate::mcu::common::syscfg::Layout;
+use crate::mcu::common::system_memory::SystemMemory;
 
 /// The memories. The core-coupled memory, which the firmware does not use, has no model, nor has the backup SRAM.
 pub(super) const FLASH: u32 = 0x0800_0000;
@@ -135,32 +137,16 @@ impl Block {
     }
 }
 
-/// The boot loader in ROM (2.4; AN2606), and the instruction with which the stub in its place starts.
-const BOOT_LOADER: u32 = 0x1FFF_0000;
-pub(super) const BOOT_LOADER_START: u32 = BOOT_LOADER + 8;
+/// The system memory (2.4, 39.1 and 39.2).
+pub(super) const SYSTEM_MEMORY: SystemMemory = SystemMemory {
+    unique_id: 0x1FFF_7A10,
+    flash_size: 0x1FFF_7A22,
+    flash_kib: 1024,
+};
 
-/// The stub: a stack, a reset vector, and code that does nothing for ever.
-const BOOT_LOADER_STUB: [u8; 12] = [
-    0x00, 0x20, 0x00, 0x20, // stack: 0x2000_2000
-    0x09, 0x00, 0xFF, 0x1F, // reset: BOOT_LOADER_START, Thumb
-    0x00, 0xBF, // nop
-    0xFE, 0xE7, // b .
-];
-
-/// The 96-bit unique id (39.1), and the flash size in KiB, 16 bits (39.2).
-const UNIQUE_ID: u32 = 0x1FFF_7A10;
-const FLASH_SIZE: u32 = 0x1FFF_7A22;
-const FLASH_KIB: u16 = 1024;
-
-/// A byte of the system memory, if its content is known.
-pub(super) fn system_memory(address: u32, unique_id: &[u8; 12]) -> Option<u8> {
-    let flash_kib = FLASH_KIB.to_le_bytes();
-    let contents = [
-        (BOOT_LOADER, &BOOT_LOADER_STUB[..]),
-        (UNIQUE_ID, unique_id),
-        (FLASH_SIZE, &flash_kib),
-    ];
-    contents
-        .into_iter()
-        .find_map(|(start, bytes)| bytes.get(address.checked_sub(start)? as usize).copied())
-}
+/// The system configuration controller (9.2.1).
+pub(super) const SYSCFG: Layout = Layout {
+    mem_mode: 0b11,
+    last: 0x20,
+    others: "PMC to CMPCR",
+};

@@ -12,7 +12,6 @@ mod map;
 mod otg;
 mod pwr;
 mod rcc;
-mod syscfg;
 #[cfg(test)]
 mod tests;
 mod usart;
@@ -30,10 +29,11 @@ use self::map::{Block, interrupt};
 use self::otg::Otg;
 use self::pwr::Pwr;
 use self::rcc::{BDCR, Clocks, Rcc};
-use self::syscfg::Syscfg;
 use self::usart::Usart;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
+use super::common::syscfg::Syscfg;
+use super::common::system_memory::starts_boot_loader;
 use super::common::tim::Tim;
 use crate::core::{self, Access, Bus, BusError, FlashTiming, Memory, Purpose, Width};
 use crate::engine::News;
@@ -184,7 +184,7 @@ impl Stm32f405 {
             tim5: Tim::new(),
             tim11: Capture::new(edges.oscillator.clone()),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), false)),
-            syscfg: Syscfg::default(),
+            syscfg: Syscfg::new(&map::SYSCFG),
             dbgmcu: Dbgmcu::new(part.idcode),
             usart2: Usart::new(edges.line.clone()),
             dma: Dma::new(part.reenabled, seed),
@@ -389,7 +389,7 @@ impl Stm32f405 {
             Block::Usart2 => self.usart2.reset(self.now),
             Block::Can1 => self.can.reset(self.now),
             Block::Pwr => self.pwr.reset(),
-            Block::Syscfg => self.syscfg = Syscfg::default(),
+            Block::Syscfg => self.syscfg.reset(),
             Block::Dma1 => self.dma.reset(0),
             Block::Dma2 => self.dma.reset(1),
             Block::OtgFs => self.otg.reset(self.now),
@@ -561,7 +561,7 @@ impl Stm32f405 {
     /// Reads a register without leaving a trace or a violation, and without what reading it does.
     fn read_for_debugger(&mut self, access: Access) -> Result<u32, BusError> {
         if access.address >> 16 == 0x1FFF {
-            return self.system_memory(access).ok_or(BusError);
+            return map::SYSTEM_MEMORY.read(access, &self.part.unique_id).ok_or(BusError);
         }
         let (block, offset) = Block::at(access.address).ok_or(BusError)?;
         let value = match block {
@@ -573,19 +573,14 @@ impl Stm32f405 {
     }
 
     fn read_system_memory(&mut self, access: Access) -> Result<u32, BusError> {
-        if access.purpose == Purpose::Fetch && access.address == map::BOOT_LOADER_START {
+        if starts_boot_loader(access) {
             self.in_boot_loader = true;
         }
-        self.system_memory(access).ok_or_else(|| {
+        let value = map::SYSTEM_MEMORY.read(access, &self.part.unique_id);
+        value.ok_or_else(|| {
             self.recorder.unmapped(access.address, access.pc);
             BusError
         })
-    }
-
-    /// What the system memory holds, if it is known.
-    fn system_memory(&self, access: Access) -> Option<u32> {
-        let byte = |offset| map::system_memory(access.address + offset, &self.part.unique_id);
-        (0..access.width.bytes()).try_fold(0, |value, at| Some(value | u32::from(byte(at)?) << (8 * at)))
     }
 }
 
@@ -777,7 +772,7 @@ impl Stm32f405 {
         self.tim11.reset();
         self.gpio.iter_mut().for_each(Gpio::reset);
         self.follow_pin();
-        self.syscfg = Syscfg::default();
+        self.syscfg.reset();
         self.usart2.reset(self.now);
         self.dma.reset(0);
         self.dma.reset(1);

@@ -11,7 +11,6 @@ mod flash;
 mod map;
 mod pwr;
 mod rcc;
-mod syscfg;
 mod usart;
 mod usb;
 
@@ -23,11 +22,12 @@ use self::flash::Interface;
 use self::map::{Block, interrupt};
 use self::pwr::Pwr;
 use self::rcc::{Clocks, Rcc};
-use self::syscfg::Syscfg;
 use self::usart::Usart;
 use self::usb::Usb;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
+use super::common::syscfg::Syscfg;
+use super::common::system_memory::starts_boot_loader;
 use super::common::tim::Tim;
 use crate::core::{self, Access, Bus, BusError, FlashTiming, Memory, Purpose, Width};
 use crate::engine::News;
@@ -155,7 +155,7 @@ impl Stm32g431 {
             iwdg: Iwdg::new(true),
             tim2: Tim::new(),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), true)),
-            syscfg: Syscfg::default(),
+            syscfg: Syscfg::new(&map::SYSCFG),
             dbgmcu: Dbgmcu::default(),
             crs: Crs::default(),
             usart2: Usart::new(edges.line.clone()),
@@ -344,7 +344,7 @@ impl Stm32g431 {
                 Block::Usb => self.usb.reset(self.now),
                 Block::Fdcan1 => self.fdcan.reset(self.now),
                 Block::Pwr => self.pwr = Pwr::default(),
-                Block::Syscfg => self.syscfg = Syscfg::default(),
+                Block::Syscfg => self.syscfg.reset(),
                 Block::Dma1 => self.dma.reset(0),
                 Block::Dma2 => self.dma.reset(1),
                 Block::Dmamux1 => self.dma.reset_multiplexer(),
@@ -519,11 +519,10 @@ impl Stm32g431 {
     }
 
     fn read_system_memory(&mut self, access: Access) -> Result<u32, BusError> {
-        if access.purpose == Purpose::Fetch && access.address == map::BOOT_LOADER_START {
+        if starts_boot_loader(access) {
             self.in_boot_loader = true;
         }
-        let byte = |offset| map::system_memory(access.address + offset, &self.unique_id);
-        let value = (0..access.width.bytes()).try_fold(0, |value, at| Some(value | u32::from(byte(at)?) << (8 * at)));
+        let value = map::SYSTEM_MEMORY.read(access, &self.unique_id);
         value.ok_or_else(|| {
             self.recorder.unmapped(access.address, access.pc);
             BusError
@@ -743,7 +742,7 @@ impl Stm32g431 {
         self.iwdg = Iwdg::new(true);
         self.tim2.reset(self.now);
         self.gpio.iter_mut().for_each(Gpio::reset);
-        self.syscfg = Syscfg::default();
+        self.syscfg.reset();
         self.crs = Crs::default();
         self.usart2.reset(self.now);
         self.follow_pin("GPIOA", "MODER");
