@@ -1,4 +1,4 @@
-//! What must hold of an adapter, written from `docs/safety.md` and from what the documentation of `armwire-bridge` says of how
+//! The promises of an adapter, written from `docs/safety.md` and from what the documentation of `armwire-bridge` says of how
 //! hosts share the arm.
 //!
 //! It knows what went into the adapter and what came out, and when. Where the documents leave an instant open, such as which

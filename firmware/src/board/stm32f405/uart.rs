@@ -12,9 +12,9 @@ use super::{RX_STREAM, UART, UartInterrupt};
 
 /// PE, FE, NF, ORE and IDLE of SR.
 const FLAGS: u32 = 0b1_1111;
-/// Those that the last read of SR showed.
+/// The flags that the last read of SR showed.
 static SHOWN: AtomicU32 = AtomicU32::new(0);
-/// Those that reads of SR have shown since the interrupt handler was last told.
+/// The flags that reads of SR have shown since the interrupt handler was last told.
 static UNTOLD: AtomicU32 = AtomicU32::new(0);
 
 /// Reads SR for something else than its flags. The DMA's read of DR then clears a flag that this read showed (RM0090 30.6.1),

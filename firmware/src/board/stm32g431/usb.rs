@@ -34,7 +34,7 @@ type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
 /// The endpoint registers of the controller.
 const ENDPOINTS: usize = 8;
 
-/// What a packet of 64 bytes and its handshake take on the wire, and more.
+/// The time of a packet of 64 bytes and its handshake on the wire, with some to spare.
 const PACKET_TIME: Duration = Duration::from_micros(60);
 
 /// A SETUP packet came since the last request was taken.
@@ -91,7 +91,7 @@ fn is_over() -> bool {
         || events.susp()
 }
 
-/// What is to be written to USB_EPnR to change nothing.
+/// The value that changes nothing when it is written to USB_EPnR.
 fn unchanged(mut register: Epr) -> Epr {
     register.set_ctr_rx(true);
     register.set_ctr_tx(true);
@@ -155,7 +155,7 @@ async fn unless_over<R>(stage: impl Future<Output = R>) -> Option<R> {
     let mut stage = pin!(stage);
     poll_fn(|cx| {
         WAITING.register(cx.waker());
-        // What is armed just as the host begins another request is taken back before the host fetches it.
+        // A packet that is armed just as the host begins another request is taken back before the host fetches it.
         critical_section::with(|_| {
             if !is_over() {
                 let polled = stage.as_mut().poll(cx).map(Some);

@@ -40,7 +40,7 @@ const CORTEX_M4: Config = Config {
     bit_band: true,
 };
 
-/// What a case takes: instructions, bytes of stack, and the bytes of its state, which is the decoder or the client.
+/// The cost of a case: instructions, bytes of stack, and the bytes of its state, which is the decoder or the client.
 #[derive(Clone, Copy)]
 pub(crate) struct Case {
     pub(crate) instructions: u64,

@@ -1,4 +1,4 @@
-//! What the adapter adds to the time of a call while USB, CAN and its own poll are busy; and its stack meanwhile.
+//! The time that the adapter adds to a call while USB, CAN and its own poll are busy, and its stack meanwhile.
 //!
 //! Everybody asks a [`Witness`] for its joints. Its answers tell how many it gave before, so that each request and each answer
 //! of a host is known on the line.
