@@ -16,7 +16,7 @@
 //! moment does not matter: it interrupts all of them.
 
 use core::cell::{Cell, RefCell};
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
 
 use armwire::Micros;
 use armwire_bridge::control::MAX_FRAME;
@@ -69,12 +69,10 @@ static MARKS: Mutex<RefCell<Deque<Mark, 3>>> = Mutex::new(RefCell::new(Deque::ne
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 /// What was counted of a byte that the DMA did not fetch in time, and where in the ring it is to lie.
 static COUNTED: Mutex<Cell<Option<(usize, Status)>>> = Mutex::new(Cell::new(None));
+/// The errors that the bridge does not know of yet.
+static ERRORS: Mutex<Cell<Option<UartErrors>>> = Mutex::new(Cell::new(None));
 /// The receive path must be started anew.
 static RESTART: AtomicBool = AtomicBool::new(false);
-static FRAMING: AtomicU32 = AtomicU32::new(0);
-static PARITY: AtomicU32 = AtomicU32::new(0);
-static NOISE: AtomicU32 = AtomicU32::new(0);
-static OVERRUN: AtomicU32 = AtomicU32::new(0);
 static RING_OVERRUN: AtomicBool = AtomicBool::new(false);
 /// On a single wire: the last bit is out.
 static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
@@ -149,7 +147,8 @@ fn note(status: Status, place: usize) {
     if status.idle {
         fall_idle(end, at);
     }
-    if reached || status.idle || status.is_error() {
+    // The bridge is told of errors with the bytes.
+    if reached || status.idle {
         EVENT.signal(());
     }
 }
@@ -196,35 +195,31 @@ fn listen() {
     SENT.signal(());
 }
 
-/// Counts the errors of a byte that is to lie at this place in the ring, if the DMA has not fetched it yet, and has the
-/// receive path started anew.
+/// Counts the errors of a byte that is to lie at this place in the ring, but not again those of a byte that still waits for
+/// the DMA.
 #[cold]
 fn note_errors(status: Status, place: usize, is_fetched: bool) {
-    count(status, place);
-    // Errors that wait for the DMA to fetch a byte would bring the handler here again and again until then. Whoever
-    // restarts the receive path asks for errors again.
-    usart::mute_errors();
-    RESTART.store(true, Ordering::Relaxed);
-    match is_fetched {
-        true => usart::clear_errors(),
-        false => critical_section::with(|cs| COUNTED.borrow(cs).set(Some((place, status)))),
-    }
-}
-
-/// Counts errors, but not again those of a byte that still waits for its place in the ring.
-fn count(status: Status, place: usize) {
-    let counted = critical_section::with(|cs| COUNTED.borrow(cs).take());
-    let counted = match counted {
-        Some((held, counted)) if held == place => counted,
-        _ => Status::default(),
-    };
-    for (flag, was, counter) in [
-        (status.framing, counted.framing, &FRAMING),
-        (status.parity, counted.parity, &PARITY),
-        (status.noise, counted.noise, &NOISE),
-        (status.overrun, counted.overrun, &OVERRUN),
-    ] {
-        counter.fetch_add((flag && !was).into(), Ordering::Relaxed);
+    critical_section::with(|cs| {
+        let counted = match COUNTED.borrow(cs).take() {
+            Some((held, counted)) if held == place => counted,
+            _ => Status::default(),
+        };
+        let mut errors = ERRORS.borrow(cs).get().unwrap_or_default();
+        for (flag, was, counter) in [
+            (status.framing, counted.framing, &mut errors.framing),
+            (status.parity, counted.parity, &mut errors.parity),
+            (status.noise, counted.noise, &mut errors.noise),
+            (status.overrun, counted.overrun, &mut errors.overrun),
+        ] {
+            *counter += u32::from(flag && !was);
+        }
+        ERRORS.borrow(cs).set(Some(errors));
+        if !is_fetched {
+            COUNTED.borrow(cs).set(Some((place, status)));
+        }
+    });
+    if is_fetched {
+        usart::clear_errors();
     }
 }
 
@@ -315,8 +310,6 @@ impl Receiver {
 
     /// Takes bytes as the bridge asks for them, until the receive path must be started anew.
     async fn serve(&mut self) {
-        // On a line that brings nothing but errors, the other tasks get their turn here.
-        let_others_run().await;
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
             if self.look() {
@@ -340,13 +333,6 @@ impl Receiver {
 
     /// Passes what has arrived to the bridge, stops the stream and keeps the rest.
     fn stop(&mut self, mut transfer: Transfer<'_>) {
-        let errors = UartErrors {
-            framing: FRAMING.swap(0, Ordering::Relaxed),
-            parity: PARITY.swap(0, Ordering::Relaxed),
-            noise: NOISE.swap(0, Ordering::Relaxed),
-            overrun: OVERRUN.swap(0, Ordering::Relaxed),
-        };
-        self.adapter.with(|bridge| bridge.uart_errors(errors));
         self.look();
         // The interrupt handler leaves a byte in the data register to the DMA, which will not come for it now.
         usart::stop_receiving();
@@ -397,6 +383,9 @@ impl Receiver {
             }
             if nothing || untaken(end) > 0 {
                 frames |= take(bridge, chunk, end, at);
+            }
+            if let Some(errors) = critical_section::with(|cs| ERRORS.borrow(cs).take()) {
+                bridge.uart_errors(errors);
             }
             frames
         });

@@ -154,6 +154,34 @@ fn a_line_with_errors_all_the_time_loses_only_what_they_hit() {
 }
 
 #[test]
+fn errors_in_each_of_many_bytes_are_counted_one_by_one() {
+    const BYTES: u32 = 500;
+    with_either_dma(|board| {
+        for fault in [Fault::Framing, Fault::Noise] {
+            let before = counters(board);
+            let rate = |of| if fault == of { 1_000_000 } else { 0 };
+            board.uart().set_fault_rates(FaultRates {
+                framing: rate(Fault::Framing),
+                noise: rate(Fault::Noise),
+                ..FaultRates::default()
+            });
+            board.with_arm(|arm| arm.say(&noise(3, BYTES as usize)));
+            let received = read_all(board);
+            same_bytes("the host", &received, &as_received(&board.uart().bytes()));
+            board.uart().forget_bytes();
+            let after = counters(board);
+            let counted = [
+                after.framing_errors - before.framing_errors,
+                after.noise_errors - before.noise_errors,
+                after.overrun_errors - before.overrun_errors,
+            ];
+            let expected = [rate(Fault::Framing), rate(Fault::Noise), 0].map(|rate| rate / 1_000_000 * BYTES);
+            assert_eq!(counted, expected);
+        }
+    });
+}
+
+#[test]
 fn a_line_of_nothing_but_breaks_does_not_stop_the_host_side() {
     with_either_dma(|board| {
         board.uart().set_fault_rates(FaultRates {

@@ -98,7 +98,11 @@ pub(crate) fn run() -> Result {
     ci.step("performance of both images, and instructions of the protocols", || {
         performance::run(&[])
     })?;
-    ci.step("faults around the firmware image", || campaign::run_on(&f405.path, &[]))?;
+    ci.step("faults around both firmware images", || {
+        [&f405, &g431]
+            .into_iter()
+            .try_for_each(|image| campaign::run_on(&image.path, &[]))
+    })?;
     ci.step("CAN software", vendor::can::drive)?;
     ci.step("vendors' SDKs", || {
         vendor::sdk::drive_xarm()?;

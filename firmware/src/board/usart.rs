@@ -67,14 +67,6 @@ fn set_receive_requests(on: bool) {
     });
 }
 
-/// Asks for no more interrupts on errors until [`start_receiving`].
-pub(crate) fn mute_errors() {
-    critical_section::with(|_| {
-        UART.cr3().modify(|w| w.set_eie(false));
-        UART.cr1().modify(|w| w.set_peie(false));
-    });
-}
-
 /// Whether there is to be an interrupt when a byte comes.
 pub(crate) fn set_byte_interrupt(on: bool) {
     critical_section::with(|_| UART.cr1().modify(|w| w.set_rxneie(on)));
