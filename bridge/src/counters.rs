@@ -143,14 +143,17 @@ pub struct Counters {
     pub refused_rate_bytes: u32,
     /// Hard faults of the firmware since power-on.
     pub hard_faults: u32,
+    /// Frames whose last byte no interrupt handler saw come. Their stamp is later than that: the line was idle, or the ring
+    /// was looked at.
+    pub late_stamps: u32,
 }
 
 impl Counters {
     /// How many there are.
-    pub const COUNT: usize = 55;
+    pub const COUNT: usize = 56;
 
     /// How many of them, the last ones, version 3 of the control port added.
-    pub(crate) const SINCE_VERSION_3: usize = 4;
+    pub(crate) const SINCE_VERSION_3: usize = 5;
 
     /// The most bytes they take on the control port.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -226,7 +229,7 @@ mod tests {
         // Every count at its largest takes five bytes; `from_bytes` takes them from that many of the same byte.
         let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
         let counters = Counters::from_bytes(most.as_flattened()).unwrap();
-        assert_eq!(counters.hard_faults, u32::MAX);
+        assert_eq!(counters.late_stamps, u32::MAX);
         let mut buf = [0; Counters::MAX_LEN];
         assert_eq!(counters.to_bytes(&mut buf).unwrap(), most.as_flattened());
         assert!(counters.to_bytes(&mut [0; Counters::MAX_LEN - 1]).is_err());

@@ -69,6 +69,25 @@ impl Bridge {
         any
     }
 
+    /// As [`uart_received`](Self::uart_received), of bytes whose last one no interrupt handler saw come: the stamps of the frames
+    /// that they end are late, and counted.
+    ///
+    /// ```
+    /// use armwire::Micros;
+    /// use armwire_bridge::Bridge;
+    ///
+    /// let mut bridge = Bridge::default();
+    /// assert!(bridge.uart_received_unseen(&[0xAA, 0x04, 0x0E, 0x01, 0x02, 0x2C, 0xFF], Micros(250)));
+    /// assert_eq!(bridge.counters().late_stamps, 1);
+    /// ```
+    pub fn uart_received_unseen(&mut self, bytes: &[u8], now: Micros) -> bool {
+        let before = self.counters.frames;
+        let any = self.uart_received(bytes, now);
+        let ended = self.counters.frames.wrapping_sub(before);
+        self.counters.late_stamps = self.counters.late_stamps.wrapping_add(ended);
+        any
+    }
+
     /// The line has been idle for the time of a byte: what has arrived goes out.
     ///
     /// Call [`uart_received`](Self::uart_received) first with what arrived before. Returns the same as that.

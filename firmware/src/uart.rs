@@ -375,14 +375,14 @@ impl Receiver {
                 if mark.idle {
                     // It takes the time of a byte to know.
                     let at = mark.at.0.saturating_sub(bridge.line_coding().micros(1));
-                    frames |= take(bridge, chunk, mark.end, Micros(at));
+                    frames |= take(bridge, chunk, mark.end, Micros(at), Bridge::uart_received_unseen);
                     frames |= bridge.uart_idle(mark.at);
                 } else {
-                    frames |= take(bridge, chunk, mark.end, mark.at);
+                    frames |= take(bridge, chunk, mark.end, mark.at, Bridge::uart_received);
                 }
             }
             if nothing || untaken(end) > 0 {
-                frames |= take(bridge, chunk, end, at);
+                frames |= take(bridge, chunk, end, at, Bridge::uart_received_unseen);
             }
             if let Some(errors) = critical_section::with(|cs| ERRORS.borrow(cs).take()) {
                 bridge.uart_errors(errors);
@@ -409,12 +409,18 @@ fn take_mark(end: usize) -> Option<Mark> {
     })
 }
 
-/// Passes the bytes before `end` to the bridge, or tells it that there are none. Returns whether a frame ended.
-fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], end: usize, at: Micros) -> bool {
+/// Passes the bytes before `end` to the bridge by `receive`, or tells it that there are none. Returns whether a frame ended.
+fn take(
+    bridge: &mut Bridge,
+    chunk: &mut [u8; 64],
+    end: usize,
+    at: Micros,
+    receive: fn(&mut Bridge, &[u8], Micros) -> bool,
+) -> bool {
     let mut frames = false;
     loop {
         let n = copy(chunk, end);
-        frames |= bridge.uart_received(&chunk[..n], at);
+        frames |= receive(bridge, &chunk[..n], at);
         if untaken(end) == 0 {
             return frames;
         }

@@ -159,6 +159,7 @@ fn frames_are_stamped_when_their_last_byte_is_in() {
             stamps.push(*at);
         }
         expect_exact(&stamps, &instants);
+        assert_eq!(counters(board).late_stamps, 0);
     });
 }
 
@@ -199,6 +200,7 @@ fn a_byte_like_the_end_mark_just_before_the_end_makes_no_stamp_late() {
             stamps.extend(control.take_events(board).iter().map(|&(at, _)| at));
         }
         expect_exact(&stamps, &instants);
+        assert_eq!(counters(board).late_stamps, 0);
     });
 }
 

@@ -46,6 +46,8 @@ pub(crate) struct Latency {
     pub(crate) ways: [Spans; WAYS.len()],
     /// The delays of all stamps after the earliest, in microseconds: the adapter's clock does not begin with that of the line.
     pub(crate) stamps: Vec<u64>,
+    /// The percentage of stamps of which the adapter knew that they are late.
+    pub(crate) known_late: f64,
     /// The bytes of stack used.
     pub(crate) stack: u32,
 }
@@ -103,6 +105,7 @@ pub(crate) fn measure(board: &Board, answers: u32) -> Latency {
         Latency {
             ways: [to_usb, from_usb, to_can, from_can],
             stamps: delays(&told.stamps, &exchanges),
+            known_late: 100.0 * f64::from(counters.late_stamps) / f64::from(counters.frames),
             stack: board.stack(virtual_board),
         }
     })

@@ -7,7 +7,7 @@ use armwire_host_tests::image::facts;
 use serde_json::Value;
 
 use crate::counts::{CASES, PROTOCOLS, Protocol};
-use crate::latency::WAYS;
+use crate::latency::{Latency, WAYS};
 use crate::scenes::{Figures, Scene};
 use crate::{Measured, Result};
 
@@ -44,9 +44,13 @@ pub(crate) fn tables(boards: &[Measured], protocols: &[Protocol]) -> Tables {
             }
         })
     };
-    let stamps = row("stamps off by more than 1 µs / worst", &|measured| {
-        let worst = measured.latency.stamps.iter().max().copied().unwrap_or_default();
-        format!("{:.2} % / {worst} µs", measured.latency.wrong_stamps())
+    let stamps = row("stamps off by more than 1 µs / known to be late / worst", &|measured| {
+        let Latency { stamps, known_late, .. } = &measured.latency;
+        let (wrong, worst) = (measured.latency.wrong_stamps(), stamps.iter().max());
+        format!(
+            "{wrong:.2} % / {known_late:.2} % / {} µs",
+            worst.copied().unwrap_or_default()
+        )
     });
     let latency = (0..4).map(way).chain((0..2).map(quiet)).chain([stamps]).collect();
 
