@@ -21,8 +21,8 @@ use armwire_sim::serial::SerialDevice;
 use armwire_virtual_board::line::Direction;
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
-/// Bytes each way in the long run of the saturated line.
-const BYTES: u64 = 10_000_000;
+/// Bytes each way in the run of the saturated line.
+const BYTES: u64 = 2_000_000;
 
 /// Polls per second.
 const HERTZ: u16 = 200;
@@ -226,8 +226,9 @@ impl Listener {
 
 /// The bridge alone, with a clock of its own: the image would take hours, see `a_day_of_polls_on_the_image`.
 #[test]
-fn a_day_of_polls_through_the_bridge_has_exact_counters_and_stamps_that_only_grow() {
-    const DAY: u64 = 24 * 3_600 * 1_000_000;
+fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
+    /// Longer than it takes microseconds to turn over in 32 bits.
+    const SPAN: u64 = 2 * 3_600 * 1_000_000;
     const BYTE: u64 = 10;
     /// The arm thinks for so long, and a bit more each time up to twice that.
     const THINKS: u64 = 100;
@@ -269,7 +270,7 @@ fn a_day_of_polls_through_the_bridge_has_exact_counters_and_stamps_that_only_gro
             }
         }
         now = bridge.timeout().unwrap().max(now);
-        if now.0 >= DAY {
+        if now.0 >= SPAN {
             break;
         }
         bridge.tick(now);
@@ -278,16 +279,16 @@ fn a_day_of_polls_through_the_bridge_has_exact_counters_and_stamps_that_only_gro
         }
         // What is polled goes nowhere else.
         assert_eq!(bridge.usb_transmit(&mut packet), None);
-        if before.is_none() && now.0 > DAY / 10 {
+        if before.is_none() && now.0 > SPAN / 10 {
             before = memory();
         }
     }
     println!(
-        "{polls} polls in a day of virtual time, {:.0} s of ours",
+        "{polls} polls in two hours of virtual time, {:.0} s of ours",
         began.elapsed().as_secs_f64()
     );
     expect_flat(before);
-    assert_eq!(u64::from(polls), DAY / 1_000_000 * u64::from(HERTZ));
+    assert_eq!(u64::from(polls), SPAN / 1_000_000 * u64::from(HERTZ));
     assert_eq!(listener.frames, u64::from(polls));
     let counted = bridge.counters();
     let mut expected = Counters::default();

@@ -4,6 +4,8 @@ use std::ffi::OsString;
 use std::process::Command;
 
 use crate::Result;
+use crate::board::Board;
+use crate::image::Options;
 use crate::steps::Steps;
 use crate::workspace;
 use crate::{campaign, features, fuzz, image, mutants, process};
@@ -33,7 +35,7 @@ adapter     a million random runs of the adapter, its hosts and an arm
 features    clippy and tests with every set of features
 fuzz        each fuzz target for 30 minutes, with inputs that no other run tries
 campaign    10 000 runs of the fault campaign
-endurance   the firmware image for 24 hours of virtual time
+endurance   both firmware images: ten million frames, and 24 hours of virtual time
 mutants     changes to the code, each of which a test must notice";
 
 /// Runs these parts, or all.
@@ -89,12 +91,19 @@ fn campaign() -> Result {
 }
 
 fn endurance() -> Result {
-    let image = image::for_virtual_board()?;
-    let mut test = process::cargo();
-    test.args(["test", "--package", "armwire-host-tests"]);
-    test.args(["--features", "image", "--test", "image_endurance"]);
-    test.args(["--", "--ignored", "--nocapture"]);
-    process::run(test.env("ARMWIRE_IMAGE", image).current_dir(workspace::root()))
+    for board in Board::ALL {
+        let image = image::build(&Options::of(board))?.path;
+        let run = |test: &str, options: &[&str]| {
+            let mut cargo = process::cargo();
+            cargo.args(["test", "--package", "armwire-host-tests", "--features", "image"]);
+            cargo.args(["--test", test, "--", "--nocapture"]).args(options);
+            cargo.env("ARMWIRE_IMAGE", &image).env("ARMWIRE_FRAMES", "10000000");
+            process::run(cargo.current_dir(workspace::root()))
+        };
+        run("image_busy", &[])?;
+        run("image_endurance", &["--ignored"])?;
+    }
+    Ok(())
 }
 
 fn mutants() -> Result {
