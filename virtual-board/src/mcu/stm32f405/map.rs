@@ -1,7 +1,8 @@
 //! The memory map of the STM32F405RG (RM0090, 2.3), its interrupts (table 62) and its system memory.
 
-use super::rcc::{Gate, gates};
+use super::rcc::gates;
 use crate::core::Width;
+use crate::mcu::common::rcc::Gate;
 use crate::mcu::common::syscfg::Layout;
 use crate::mcu::common::system_memory::SystemMemory;
 

@@ -359,7 +359,7 @@ impl Stm32f405 {
 
     /// Does what reset bits of RCC say, as they are written.
     fn follow_resets(&mut self) {
-        if !self.rcc.holds_any() {
+        if !self.rcc.gates().holds_any() {
             return;
         }
         let blocks = [
@@ -375,7 +375,7 @@ impl Stm32f405 {
         ];
         let ports = (0..PORTS as u8).map(Block::Gpio);
         for block in blocks.into_iter().chain(ports) {
-            if block.gate().is_some_and(|gate| self.rcc.is_held(gate)) {
+            if block.gate().is_some_and(|gate| self.rcc.gates().is_held(gate)) {
                 self.reset_block(block);
             }
         }
@@ -532,9 +532,9 @@ impl Stm32f405 {
         };
         let reason = if !block.takes(access.width) {
             "not an access of this width"
-        } else if block.gate().is_some_and(|gate| !self.rcc.is_enabled(gate)) {
+        } else if block.gate().is_some_and(|gate| !self.rcc.gates().is_enabled(gate)) {
             "its clock is off"
-        } else if block.gate().is_some_and(|gate| self.rcc.is_held(gate)) {
+        } else if block.gate().is_some_and(|gate| self.rcc.gates().is_held(gate)) {
             "it is held in reset"
         } else {
             return Ok(Some((block, offset)));

@@ -9,6 +9,7 @@
 use std::ops::RangeInclusive;
 
 use crate::crystal::{Divided, Oscillator};
+use crate::mcu::common::rcc::{Gate, Gates, Source, ahb_divider, apb_divider};
 use crate::shared::{Shared, lock};
 use crate::soc::chance::Chance;
 use crate::soc::machine::Cause;
@@ -120,14 +121,7 @@ const LEAST_DIVIDER: u32 = 2;
 const MOST_APB1: u64 = 42_000_000;
 const MOST_APB2: u64 = 84_000_000;
 
-/// A peripheral's bit in the enable and in the reset register of its bus (7.3.5 to 7.3.14).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Gate {
-    bus: usize,
-    mask: u32,
-}
-
-/// Buses with an enable and a reset register each, by their order in [`ENABLE_REGISTERS`].
+/// Buses with an enable and a reset register each (7.3.5 to 7.3.14), by their order in [`ENABLE_REGISTERS`].
 const AHB1: usize = 0;
 const AHB2: usize = 1;
 const APB1: usize = 3;
@@ -140,26 +134,22 @@ const ENABLE_REGISTERS: [u32; BUSES] = [AHB1ENR, AHB2ENR, AHB3ENR, APB1ENR, APB2
 /// The enable registers after a reset: the core-coupled memory (7.3.10).
 const ENABLED_AT_RESET: [u32; BUSES] = [1 << 20, 0, 0, 0, 0];
 
-const fn gate(bus: usize, bit: u32) -> Gate {
-    Gate { bus, mask: 1 << bit }
-}
-
 pub(super) mod gates {
-    use super::{AHB1, AHB2, APB1, APB2, Gate, gate};
+    use super::{AHB1, AHB2, APB1, APB2, Gate};
 
-    pub(in super::super) const DMA1: Gate = gate(AHB1, 21);
-    pub(in super::super) const DMA2: Gate = gate(AHB1, 22);
-    pub(in super::super) const OTG_FS: Gate = gate(AHB2, 7);
-    pub(in super::super) const TIM5: Gate = gate(APB1, 3);
-    pub(in super::super) const USART2: Gate = gate(APB1, 17);
-    pub(in super::super) const CAN1: Gate = gate(APB1, 25);
-    pub(in super::super) const PWR: Gate = gate(APB1, 28);
-    pub(in super::super) const SYSCFG: Gate = gate(APB2, 14);
-    pub(in super::super) const TIM11: Gate = gate(APB2, 18);
+    pub(in super::super) const DMA1: Gate = Gate::new(AHB1, 21);
+    pub(in super::super) const DMA2: Gate = Gate::new(AHB1, 22);
+    pub(in super::super) const OTG_FS: Gate = Gate::new(AHB2, 7);
+    pub(in super::super) const TIM5: Gate = Gate::new(APB1, 3);
+    pub(in super::super) const USART2: Gate = Gate::new(APB1, 17);
+    pub(in super::super) const CAN1: Gate = Gate::new(APB1, 25);
+    pub(in super::super) const PWR: Gate = Gate::new(APB1, 28);
+    pub(in super::super) const SYSCFG: Gate = Gate::new(APB2, 14);
+    pub(in super::super) const TIM11: Gate = Gate::new(APB2, 18);
 
     /// GPIOA to GPIOI, by number from 0.
     pub(in super::super) const fn gpio(port: u32) -> Gate {
-        gate(AHB1, port)
+        Gate::new(AHB1, port)
     }
 }
 
@@ -178,27 +168,6 @@ pub(super) struct Clocks {
     pub(super) apb2_timers: u64,
     /// The 48 MHz of USB.
     pub(super) usb: u64,
-}
-
-/// An oscillator or the PLL.
-#[derive(Clone, Copy, Debug, Default)]
-struct Source {
-    on: bool,
-    /// When it is ready, while it is on. `None` for a PLL whose input is missing, and for a crystal that does not start.
-    ready_at: Option<Nanos>,
-}
-
-impl Source {
-    fn set(&mut self, on: bool, takes: impl FnOnce() -> Option<Nanos>, now: Nanos) {
-        if on != self.on {
-            self.on = on;
-            self.ready_at = if on { takes().map(|span| now + span) } else { None };
-        }
-    }
-
-    fn is_ready(self, now: Nanos) -> bool {
-        self.ready_at.is_some_and(|at| at <= now)
-    }
 }
 
 /// Reset and clock control.
@@ -220,8 +189,7 @@ pub(super) struct Rcc {
     selected: u32,
     pllcfgr: u32,
     bdcr: u32,
-    enables: [u32; BUSES],
-    resets: [u32; BUSES],
+    gates: Gates<BUSES>,
     /// The reset flags of CSR.
     flags: u32,
     /// Up to when what was due has been done.
@@ -241,10 +209,7 @@ impl Rcc {
             internal_hz,
             crystal_hz: 0,
             chance: Chance::new(seed, "RCC"),
-            hsi: Source {
-                on: true,
-                ready_at: Some(Nanos(0)),
-            },
+            hsi: Source::READY,
             hse: Source::default(),
             lsi: Source::default(),
             pll: Source::default(),
@@ -253,8 +218,7 @@ impl Rcc {
             selected: cfgr::HSI,
             pllcfgr: pllcfgr::AT_RESET,
             bdcr: 0,
-            enables: ENABLED_AT_RESET,
-            resets: [0; BUSES],
+            gates: Gates::new(ENABLE_REGISTERS, RESET_REGISTERS, ENABLED_AT_RESET),
             flags: csr::AT_POWER_ON,
             settled: Nanos(0),
         }
@@ -276,21 +240,8 @@ impl Rcc {
         };
     }
 
-    /// Whether the peripheral's clock is on.
-    #[inline]
-    pub(super) fn is_enabled(&self, gate: Gate) -> bool {
-        self.enables[gate.bus] & gate.mask != 0
-    }
-
-    /// Whether the peripheral is held in reset.
-    #[inline]
-    pub(super) fn is_held(&self, gate: Gate) -> bool {
-        self.resets[gate.bus] & gate.mask != 0
-    }
-
-    /// Whether any peripheral is held in reset.
-    pub(super) fn holds_any(&self) -> bool {
-        self.resets.iter().any(|&resets| resets != 0)
+    pub(super) fn gates(&self) -> &Gates<BUSES> {
+        &self.gates
     }
 
     pub(super) fn pll_is_on(&self) -> bool {
@@ -455,47 +406,22 @@ impl Rcc {
     }
 }
 
-fn ahb_divider(hpre: u32) -> u64 {
-    match hpre {
-        0..=7 => 1,
-        8..=11 => 2 << (hpre - 8),
-        // There is no 32.
-        _ => 64 << (hpre - 12),
-    }
-}
-
-fn apb_divider(ppre: u32) -> u64 {
-    match ppre {
-        0..=3 => 1,
-        _ => 2 << (ppre - 4),
-    }
-}
-
-/// The bus whose reset register or enable register is at this offset.
-fn bus_of(offset: u32, registers: [u32; BUSES]) -> Option<usize> {
-    registers.iter().position(|&register| register == offset)
-}
-
 impl Peripheral for Rcc {
     fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
-        let flags =
-            |source: Source, on, ready| (if source.on { on } else { 0 }) | if source.is_ready(now) { ready } else { 0 };
-        if let Some(bus) = bus_of(offset, ENABLE_REGISTERS) {
-            return Ok(self.enables[bus]);
-        }
-        if let Some(bus) = bus_of(offset, RESET_REGISTERS) {
-            return Ok(self.resets[bus]);
+        if let Some(register) = self.gates.register(offset) {
+            return Ok(*register);
         }
         match offset {
             CR => {
-                let oscillators = flags(self.hsi, cr::HSION, cr::HSIRDY) | flags(self.hse, cr::HSEON, cr::HSERDY);
+                let oscillators =
+                    self.hsi.flags(cr::HSION, cr::HSIRDY, now) | self.hse.flags(cr::HSEON, cr::HSERDY, now);
                 let bypass = if self.bypass { cr::HSEBYP } else { 0 };
-                Ok(cr::HSITRIM | oscillators | bypass | flags(self.pll, cr::PLLON, cr::PLLRDY))
+                Ok(cr::HSITRIM | oscillators | bypass | self.pll.flags(cr::PLLON, cr::PLLRDY, now))
             }
             PLLCFGR => Ok(self.pllcfgr),
             CFGR => Ok(self.cfgr | self.selected << cfgr::SWS_AT),
             BDCR => Ok(self.bdcr),
-            CSR => Ok(self.flags | flags(self.lsi, csr::LSION, csr::LSIRDY)),
+            CSR => Ok(self.flags | self.lsi.flags(csr::LSION, csr::LSIRDY, now)),
             CIR => Err(Refused::Unimplemented("CIR")),
             AHB1LPENR..=APB2LPENR => Err(Refused::Unimplemented("AHBxLPENR/APBxLPENR")),
             SSCGR => Err(Refused::Unimplemented("SSCGR")),
@@ -506,12 +432,8 @@ impl Peripheral for Rcc {
     }
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
-        if let Some(bus) = bus_of(offset, ENABLE_REGISTERS) {
-            self.enables[bus] = value;
-            return Ok(());
-        }
-        if let Some(bus) = bus_of(offset, RESET_REGISTERS) {
-            self.resets[bus] = value;
+        if let Some(register) = self.gates.register(offset) {
+            *register = value;
             return Ok(());
         }
         match offset {

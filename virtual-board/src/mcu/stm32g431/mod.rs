@@ -320,7 +320,7 @@ impl Stm32g431 {
 
     /// Does what reset bits of RCC say, as they are written.
     fn follow_resets(&mut self) {
-        let held = |block: Block| block.gate().is_some_and(|gate| self.rcc.is_held(gate));
+        let held = |block: Block| block.gate().is_some_and(|gate| self.rcc.gates().is_held(gate));
         let resets = [
             Block::Tim2,
             Block::Crs,
@@ -486,9 +486,9 @@ impl Stm32g431 {
         };
         let reason = if !block.takes(access.width) {
             "not an access of this width"
-        } else if block.gate().is_some_and(|gate| !self.rcc.is_enabled(gate)) {
+        } else if block.gate().is_some_and(|gate| !self.rcc.gates().is_enabled(gate)) {
             "its clock is off"
-        } else if block.gate().is_some_and(|gate| self.rcc.is_held(gate)) {
+        } else if block.gate().is_some_and(|gate| self.rcc.gates().is_held(gate)) {
             "it is held in reset"
         } else {
             return Ok(Some(block));

@@ -5,6 +5,7 @@
 //! enables, clock security, the clock output and the RTC's clock have no model.
 
 use crate::crystal::Oscillator;
+use crate::mcu::common::rcc::{Gate, Gates, Source, ahb_divider, apb_divider};
 use crate::shared::{Shared, lock};
 use crate::soc::chance::Chance;
 use crate::soc::machine::Cause;
@@ -131,45 +132,37 @@ const PLL_INPUT: std::ops::RangeInclusive<u64> = 2_660_000..=16_000_000;
 const VCO: std::ops::RangeInclusive<u64> = 96_000_000..=344_000_000;
 const MOST: u64 = 170_000_000;
 
-/// A peripheral's bit in the enable and in the reset register of its bus (7.4.8 to 7.4.19).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Gate {
-    bus: usize,
-    mask: u32,
-}
-
-/// Buses with an enable and a reset register each, by their order in [`ENABLE_REGISTERS`].
+/// Buses with an enable and a reset register each (7.4.8 to 7.4.19), by their order in [`ENABLE_REGISTERS`].
 const AHB1: usize = 0;
 const AHB2: usize = 1;
 const APB1_1: usize = 3;
 const APB2: usize = 5;
 const BUSES: usize = 6;
 
+const RESET_REGISTERS: [u32; BUSES] = [AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR1, APB1RSTR2, APB2RSTR];
+const ENABLE_REGISTERS: [u32; BUSES] = [AHB1ENR, AHB2ENR, AHB3ENR, APB1ENR1, APB1ENR2, APB2ENR];
+
 /// What the enable registers are after a reset: the flash interface, and the RTC's bus interface.
 const ENABLED_AT_RESET: [u32; BUSES] = [1 << 8, 0, 0, 1 << 10, 0, 0];
 
-const fn gate(bus: usize, bit: u32) -> Gate {
-    Gate { bus, mask: 1 << bit }
-}
-
 pub(super) mod gates {
-    use super::{AHB1, AHB2, APB1_1, APB2, Gate, gate};
+    use super::{AHB1, AHB2, APB1_1, APB2, Gate};
 
-    pub(in super::super) const DMA1: Gate = gate(AHB1, 0);
-    pub(in super::super) const DMA2: Gate = gate(AHB1, 1);
-    pub(in super::super) const DMAMUX1: Gate = gate(AHB1, 2);
-    pub(in super::super) const FLASH: Gate = gate(AHB1, 8);
-    pub(in super::super) const TIM2: Gate = gate(APB1_1, 0);
-    pub(in super::super) const CRS: Gate = gate(APB1_1, 8);
-    pub(in super::super) const USART2: Gate = gate(APB1_1, 17);
-    pub(in super::super) const USB: Gate = gate(APB1_1, 23);
-    pub(in super::super) const FDCAN: Gate = gate(APB1_1, 25);
-    pub(in super::super) const PWR: Gate = gate(APB1_1, 28);
-    pub(in super::super) const SYSCFG: Gate = gate(APB2, 0);
+    pub(in super::super) const DMA1: Gate = Gate::new(AHB1, 0);
+    pub(in super::super) const DMA2: Gate = Gate::new(AHB1, 1);
+    pub(in super::super) const DMAMUX1: Gate = Gate::new(AHB1, 2);
+    pub(in super::super) const FLASH: Gate = Gate::new(AHB1, 8);
+    pub(in super::super) const TIM2: Gate = Gate::new(APB1_1, 0);
+    pub(in super::super) const CRS: Gate = Gate::new(APB1_1, 8);
+    pub(in super::super) const USART2: Gate = Gate::new(APB1_1, 17);
+    pub(in super::super) const USB: Gate = Gate::new(APB1_1, 23);
+    pub(in super::super) const FDCAN: Gate = Gate::new(APB1_1, 25);
+    pub(in super::super) const PWR: Gate = Gate::new(APB1_1, 28);
+    pub(in super::super) const SYSCFG: Gate = Gate::new(APB2, 0);
 
     /// GPIOA to GPIOG, by number from 0.
     pub(in super::super) const fn gpio(port: u32) -> Gate {
-        gate(AHB2, port)
+        Gate::new(AHB2, port)
     }
 }
 
@@ -188,27 +181,6 @@ pub(super) struct Clocks {
     pub(super) fdcan: u64,
     /// The 48 MHz of USB.
     pub(super) usb: u64,
-}
-
-/// An oscillator or the PLL.
-#[derive(Clone, Copy, Debug, Default)]
-struct Source {
-    on: bool,
-    /// When it is ready, while it is on. `None` for a PLL whose input is missing.
-    ready_at: Option<Nanos>,
-}
-
-impl Source {
-    fn set(&mut self, on: bool, takes: impl FnOnce() -> Nanos, now: Nanos) {
-        if on != self.on {
-            self.on = on;
-            self.ready_at = on.then(|| now + takes());
-        }
-    }
-
-    fn is_ready(self, now: Nanos) -> bool {
-        self.ready_at.is_some_and(|at| at <= now)
-    }
 }
 
 /// Reset and clock control.
@@ -232,8 +204,7 @@ pub(super) struct Rcc {
     pllcfgr: u32,
     ccipr: u32,
     bdcr: u32,
-    enables: [u32; BUSES],
-    resets: [u32; BUSES],
+    gates: Gates<BUSES>,
     /// The reset flags of CSR.
     flags: u32,
     /// Up to when what was due has been done.
@@ -243,17 +214,13 @@ pub(super) struct Rcc {
 impl Rcc {
     /// Out of a power-on reset, with this crystal.
     pub(super) fn new(oscillator: Shared<Oscillator>, seed: u64) -> Self {
-        let ready = Source {
-            on: true,
-            ready_at: Some(Nanos(0)),
-        };
         let internal_hz = lock(&oscillator).internal_hz.into();
         Self {
             oscillator,
             internal_hz,
             crystal_hz: 0,
             chance: Chance::new(seed, "RCC"),
-            hsi16: ready,
+            hsi16: Source::READY,
             hse: Source::default(),
             hsi48: Source::default(),
             lsi: Source::default(),
@@ -264,8 +231,7 @@ impl Rcc {
             pllcfgr: pllcfgr::AT_RESET,
             ccipr: 0,
             bdcr: 0,
-            enables: ENABLED_AT_RESET,
-            resets: [0; BUSES],
+            gates: Gates::new(ENABLE_REGISTERS, RESET_REGISTERS, ENABLED_AT_RESET),
             flags: csr::BORRSTF | csr::PINRSTF,
             settled: Nanos(0),
         }
@@ -287,22 +253,14 @@ impl Rcc {
         };
     }
 
-    /// Whether the peripheral's clock is on.
-    #[inline]
-    pub(super) fn is_enabled(&self, gate: Gate) -> bool {
-        self.enables[gate.bus] & gate.mask != 0
-    }
-
-    /// Whether the peripheral is held in reset.
-    #[inline]
-    pub(super) fn is_held(&self, gate: Gate) -> bool {
-        self.resets[gate.bus] & gate.mask != 0
+    pub(super) fn gates(&self) -> &Gates<BUSES> {
+        &self.gates
     }
 
     /// The watchdog keeps the low-speed oscillator on (7.2.5).
     pub(super) fn keep_lsi_on(&mut self, now: Nanos) {
         let chance = &mut self.chance;
-        self.lsi.set(true, || chance.span(LSI_START), now);
+        self.lsi.set(true, || Some(chance.span(LSI_START)), now);
     }
 
     fn vco(&self, now: Nanos) -> u64 {
@@ -420,7 +378,7 @@ impl Rcc {
             self.start_crystal(now);
         }
         let chance = &mut self.chance;
-        self.hsi16.set(hsi16, || chance.span(HSI16_START), now);
+        self.hsi16.set(hsi16, || Some(chance.span(HSI16_START)), now);
         if pll && !self.pll.on {
             let vco = self.pll_input() * u64::from(self.multiplier());
             if !PLL_INPUT.contains(&self.pll_input()) || !VCO.contains(&vco) {
@@ -474,51 +432,23 @@ impl Rcc {
     }
 }
 
-fn ahb_divider(hpre: u32) -> u64 {
-    match hpre {
-        0..=7 => 1,
-        8..=11 => 2 << (hpre - 8),
-        // There is no 32.
-        _ => 64 << (hpre - 12),
-    }
-}
-
-fn apb_divider(ppre: u32) -> u64 {
-    match ppre {
-        0..=3 => 1,
-        _ => 2 << (ppre - 4),
-    }
-}
-
-/// The bus whose reset register or enable register is at this offset.
-fn bus_of(offset: u32, registers: [u32; BUSES]) -> Option<usize> {
-    registers.iter().position(|&register| register == offset)
-}
-
-const RESET_REGISTERS: [u32; BUSES] = [AHB1RSTR, AHB2RSTR, AHB3RSTR, APB1RSTR1, APB1RSTR2, APB2RSTR];
-const ENABLE_REGISTERS: [u32; BUSES] = [AHB1ENR, AHB2ENR, AHB3ENR, APB1ENR1, APB1ENR2, APB2ENR];
-
 impl Peripheral for Rcc {
     fn read(&mut self, offset: u32, now: Nanos) -> Result<u32, Refused> {
-        let flags =
-            |source: Source, on, ready| (if source.on { on } else { 0 }) | if source.is_ready(now) { ready } else { 0 };
-        if let Some(bus) = bus_of(offset, ENABLE_REGISTERS) {
-            return Ok(self.enables[bus]);
-        }
-        if let Some(bus) = bus_of(offset, RESET_REGISTERS) {
-            return Ok(self.resets[bus]);
+        if let Some(register) = self.gates.register(offset) {
+            return Ok(*register);
         }
         match offset {
             CR => {
-                let oscillators = flags(self.hsi16, cr::HSION, cr::HSIRDY) | flags(self.hse, cr::HSEON, cr::HSERDY);
+                let oscillators =
+                    self.hsi16.flags(cr::HSION, cr::HSIRDY, now) | self.hse.flags(cr::HSEON, cr::HSERDY, now);
                 let bypass = if self.bypass { cr::HSEBYP } else { 0 };
-                Ok(oscillators | bypass | flags(self.pll, cr::PLLON, cr::PLLRDY))
+                Ok(oscillators | bypass | self.pll.flags(cr::PLLON, cr::PLLRDY, now))
             }
             CFGR => Ok(self.cfgr & !cfgr::SWS | self.selected << cfgr::SWS_AT),
             PLLCFGR => Ok(self.pllcfgr),
             CCIPR => Ok(self.ccipr),
-            CSR => Ok(self.flags | flags(self.lsi, csr::LSION, csr::LSIRDY)),
-            CRRCR => Ok(flags(self.hsi48, crrcr::HSI48ON, crrcr::HSI48RDY)),
+            CSR => Ok(self.flags | self.lsi.flags(csr::LSION, csr::LSIRDY, now)),
+            CRRCR => Ok(self.hsi48.flags(crrcr::HSI48ON, crrcr::HSI48RDY, now)),
             BDCR => Ok(self.bdcr),
             ICSCR => Err(Refused::Unimplemented("ICSCR")),
             CIER | CIFR | CICR => Err(Refused::Unimplemented("CIER/CIFR/CICR")),
@@ -528,12 +458,8 @@ impl Peripheral for Rcc {
     }
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
-        if let Some(bus) = bus_of(offset, ENABLE_REGISTERS) {
-            self.enables[bus] = value;
-            return Ok(());
-        }
-        if let Some(bus) = bus_of(offset, RESET_REGISTERS) {
-            self.resets[bus] = value;
+        if let Some(register) = self.gates.register(offset) {
+            *register = value;
             return Ok(());
         }
         match offset {
@@ -556,12 +482,13 @@ impl Peripheral for Rcc {
                     self.flags = 0;
                 }
                 let chance = &mut self.chance;
-                self.lsi.set(value & csr::LSION != 0, || chance.span(LSI_START), now);
+                self.lsi
+                    .set(value & csr::LSION != 0, || Some(chance.span(LSI_START)), now);
             }
             CRRCR => {
                 let chance = &mut self.chance;
                 self.hsi48
-                    .set(value & crrcr::HSI48ON != 0, || chance.span(HSI48_START), now);
+                    .set(value & crrcr::HSI48ON != 0, || Some(chance.span(HSI48_START)), now);
             }
             BDCR if value & !bdcr::MODELLED != 0 => return Err(Refused::Unimplemented("BDCR")),
             BDCR if value & bdcr::BDRST != 0 => self.bdcr = bdcr::BDRST,
@@ -729,9 +656,11 @@ mod tests {
     #[test]
     fn enables_and_resets_are_the_peripherals_own() {
         let mut rcc = rcc();
-        assert!(rcc.is_enabled(gates::FLASH) && !rcc.is_enabled(gates::USART2));
+        assert!(rcc.gates.is_enabled(gates::FLASH) && !rcc.gates.is_enabled(gates::USART2));
         rcc.write(APB1ENR1, 1 << 17, Nanos(0)).unwrap();
         rcc.write(APB1RSTR1, 1 << 23, Nanos(0)).unwrap();
-        assert!(rcc.is_enabled(gates::USART2) && rcc.is_held(gates::USB) && !rcc.is_held(gates::USART2));
+        assert!(
+            rcc.gates.is_enabled(gates::USART2) && rcc.gates.is_held(gates::USB) && !rcc.gates.is_held(gates::USART2)
+        );
     }
 }

@@ -1,0 +1,120 @@
+//! Parts of reset and clock control: oscillators, prescalers, and the bits that enable and reset each peripheral.
+
+use crate::time::Nanos;
+
+/// An oscillator or the PLL.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Source {
+    pub(crate) on: bool,
+    /// When it is ready, while it is on. `None` for a PLL whose input is missing, and for a crystal that does not start.
+    pub(crate) ready_at: Option<Nanos>,
+}
+
+impl Source {
+    /// The oscillator that the chip starts with.
+    pub(crate) const READY: Self = Self {
+        on: true,
+        ready_at: Some(Nanos(0)),
+    };
+
+    /// Switches it on or off. It is ready after what `takes` says, if ever.
+    pub(crate) fn set(&mut self, on: bool, takes: impl FnOnce() -> Option<Nanos>, now: Nanos) {
+        if on != self.on {
+            self.on = on;
+            self.ready_at = if on { takes().map(|span| now + span) } else { None };
+        }
+    }
+
+    pub(crate) fn is_ready(self, now: Nanos) -> bool {
+        self.ready_at.is_some_and(|at| at <= now)
+    }
+
+    /// The bits of a register that say whether it is on and whether it is ready.
+    pub(crate) fn flags(self, on: u32, ready: u32, now: Nanos) -> u32 {
+        (if self.on { on } else { 0 }) | if self.is_ready(now) { ready } else { 0 }
+    }
+}
+
+/// The divider of the AHB prescaler, HPRE of CFGR.
+pub(crate) fn ahb_divider(hpre: u32) -> u64 {
+    match hpre {
+        0..=7 => 1,
+        8..=11 => 2 << (hpre - 8),
+        // There is no 32.
+        _ => 64 << (hpre - 12),
+    }
+}
+
+/// The divider of an APB prescaler, PPRE of CFGR.
+pub(crate) fn apb_divider(ppre: u32) -> u64 {
+    match ppre {
+        0..=3 => 1,
+        _ => 2 << (ppre - 4),
+    }
+}
+
+/// A peripheral's bit in the enable and in the reset register of its bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Gate {
+    bus: usize,
+    mask: u32,
+}
+
+impl Gate {
+    /// The bit of this number in the registers of a bus, by its order in [`Gates::new`].
+    pub(crate) const fn new(bus: usize, bit: u32) -> Self {
+        Self { bus, mask: 1 << bit }
+    }
+}
+
+/// An enable and a reset register for each bus.
+#[derive(Clone, Debug)]
+pub(crate) struct Gates<const BUSES: usize> {
+    /// The offsets of the registers.
+    enable_registers: [u32; BUSES],
+    reset_registers: [u32; BUSES],
+    enables: [u32; BUSES],
+    resets: [u32; BUSES],
+}
+
+impl<const BUSES: usize> Gates<BUSES> {
+    /// The registers at these offsets, the enable registers with these values of a reset.
+    pub(crate) const fn new(
+        enable_registers: [u32; BUSES],
+        reset_registers: [u32; BUSES],
+        enables: [u32; BUSES],
+    ) -> Self {
+        Self {
+            enable_registers,
+            reset_registers,
+            enables,
+            resets: [0; BUSES],
+        }
+    }
+
+    /// Whether the peripheral's clock is on.
+    #[inline]
+    pub(crate) fn is_enabled(&self, gate: Gate) -> bool {
+        self.enables[gate.bus] & gate.mask != 0
+    }
+
+    /// Whether the peripheral is held in reset.
+    #[inline]
+    pub(crate) fn is_held(&self, gate: Gate) -> bool {
+        self.resets[gate.bus] & gate.mask != 0
+    }
+
+    /// Whether any peripheral is held in reset.
+    pub(crate) fn holds_any(&self) -> bool {
+        self.resets.iter().any(|&resets| resets != 0)
+    }
+
+    /// The register at an offset of the RCC, if it is one of these.
+    pub(crate) fn register(&mut self, offset: u32) -> Option<&mut u32> {
+        let bus = |registers: [u32; BUSES]| registers.iter().position(|&register| register == offset);
+        if let Some(bus) = bus(self.enable_registers) {
+            return self.enables.get_mut(bus);
+        }
+        self.resets.get_mut(bus(self.reset_registers)?)
+    }
+}
