@@ -19,7 +19,8 @@ use crate::engine::{Engine, Watched};
 use crate::flash::{self, Flash};
 use crate::image::Image;
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte, SharedLine};
-use crate::mcu::stm32f405::{self, IDENTITY, Reenabled, Stm32f405};
+use crate::mcu::common::mcu::Mcu;
+use crate::mcu::stm32f405::{IDENTITY, Reenabled, Stm32f405};
 use crate::mcu::stm32g431::Stm32g431;
 use crate::report::{Crash, Report, Violation, Violations};
 use crate::shared::{Shared, lock};
@@ -285,20 +286,16 @@ impl<A: Arm> VirtualBoard<A> {
         let crashes = image.crashes();
         let engine: Box<dyn Engine> = match chip {
             Chip::Stm32f405 => {
-                let part = stm32f405::Part {
-                    unique_id: config.unique_id,
-                    idcode: config.idcode,
-                    reenabled: config.reenabled,
-                    cycle_cost,
-                    seed: config.seed,
-                };
-                let (core, part) = (Stm32f405::core(contents), Stm32f405::new(part, edges.clone()));
-                Box::new(Machine::new(core, part, exact, crashes, log, debugger))
+                let core = Mcu::<Stm32f405>::core(contents);
+                let peripherals = Stm32f405::new(config.idcode, config.reenabled, config.seed, &edges);
+                let mcu = Mcu::new(peripherals, config.unique_id, cycle_cost, edges.clone());
+                Box::new(Machine::new(core, mcu, exact, crashes, log, debugger))
             }
             Chip::Stm32g431 => {
-                let core = Stm32g431::core(contents);
-                let part = Stm32g431::new(config.unique_id, cycle_cost, config.seed, edges.clone());
-                Box::new(Machine::new(core, part, exact, crashes, log, debugger))
+                let core = Mcu::<Stm32g431>::core(contents);
+                let peripherals = Stm32g431::new(config.seed, &edges);
+                let mcu = Mcu::new(peripherals, config.unique_id, cycle_cost, edges.clone());
+                Box::new(Machine::new(core, mcu, exact, crashes, log, debugger))
             }
         };
         Ok(Self {

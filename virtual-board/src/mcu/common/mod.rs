@@ -1,7 +1,8 @@
-//! Peripherals that the STM32F405 and the STM32G431 have alike.
+//! The flow of a microcontroller, and the peripherals that the STM32F405 and the STM32G431 have alike.
 
 pub(crate) mod gpio;
 pub(crate) mod iwdg;
+pub(crate) mod mcu;
 pub(crate) mod rcc;
 pub(crate) mod syscfg;
 pub(crate) mod system_memory;

@@ -2,18 +2,26 @@
 
 use super::rcc::gates;
 use crate::core::Width;
+use crate::flash::SIZE;
+use crate::mcu::common::mcu::{self, Map};
 use crate::mcu::common::rcc::Gate;
 use crate::mcu::common::syscfg::Layout;
 use crate::mcu::common::system_memory::SystemMemory;
 
-/// The memories. The core-coupled memory, which the firmware does not use, has no model, nor has the backup SRAM.
-pub(super) const FLASH: u32 = 0x0800_0000;
-pub(super) const RAM: u32 = 0x2000_0000;
-pub(super) const RAM_SIZE: usize = 128 << 10;
-
-/// Interrupt lines that the chip has, and the bits of a priority (12.1).
-pub(super) const INTERRUPTS: u16 = 82;
-pub(super) const PRIORITY_BITS: u8 = 4;
+/// The memories, the interrupts (12.1), and the system memory (2.4, 39.1 and 39.2). The core-coupled memory, which the firmware
+/// does not use, has no model, nor has the backup SRAM.
+pub(super) const MAP: Map = Map {
+    flash: 0x0800_0000,
+    flash_size: SIZE,
+    ram: 0x2000_0000,
+    ram_size: 128 << 10,
+    interrupts: 82,
+    system_memory: SystemMemory {
+        unique_id: 0x1FFF_7A10,
+        flash_size: 0x1FFF_7A22,
+        flash_kib: 1024,
+    },
+};
 
 /// Places in the vector table (table 62).
 pub(super) mod interrupt {
@@ -29,7 +37,7 @@ pub(super) mod interrupt {
 
 /// A block of registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Block {
+pub(crate) enum Block {
     Tim5,
     Iwdg,
     Usart2,
@@ -52,10 +60,9 @@ pub(super) enum Block {
 const OTG_FS: u32 = 0x5000_0000;
 const OTG_FS_SIZE: u32 = 0x4_0000;
 
-impl Block {
-    /// The block that an address outside the memories is in, and the offset within it.
+impl mcu::Block for Block {
     #[inline]
-    pub(super) fn at(address: u32) -> Option<(Self, u32)> {
+    fn at(address: u32) -> Option<(Self, u32)> {
         let offset = address.wrapping_sub(OTG_FS);
         if offset < OTG_FS_SIZE {
             return Some((Self::OtgFs, offset));
@@ -80,8 +87,7 @@ impl Block {
         Some((block, address & 0x3FF))
     }
 
-    /// What the reference manual calls it.
-    pub(super) const fn name(self) -> &'static str {
+    fn name(self) -> &'static str {
         match self {
             Self::Tim5 => "TIM5",
             Self::Iwdg => "IWDG",
@@ -109,9 +115,8 @@ impl Block {
         }
     }
 
-    /// The bits that enable and reset it. `None` for one that is always there.
     #[inline]
-    pub(super) const fn gate(self) -> Option<Gate> {
+    fn gate(self) -> Option<Gate> {
         Some(match self {
             Self::Tim5 => gates::TIM5,
             Self::Usart2 => gates::USART2,
@@ -127,9 +132,8 @@ impl Block {
         })
     }
 
-    /// Whether its registers take accesses of this width, as far as that is modelled.
     #[inline]
-    pub(super) fn takes(self, width: Width) -> bool {
+    fn takes(self, width: Width) -> bool {
         match self {
             // 18.4, 19.5: half-words or words.
             Self::Tim5 | Self::Tim11 => width != Width::Byte,
@@ -137,13 +141,6 @@ impl Block {
         }
     }
 }
-
-/// The system memory (2.4, 39.1 and 39.2).
-pub(super) const SYSTEM_MEMORY: SystemMemory = SystemMemory {
-    unique_id: 0x1FFF_7A10,
-    flash_size: 0x1FFF_7A22,
-    flash_kib: 1024,
-};
 
 /// The system configuration controller (9.2.1).
 pub(super) const SYSCFG: Layout = Layout {

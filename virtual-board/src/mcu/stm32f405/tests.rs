@@ -9,10 +9,13 @@ use armwire_sim::serial::SerialDevice;
 
 use super::*;
 use crate::can::bus::Bus as CanBus;
+use crate::core::{Access, Bus, Purpose};
 use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
-use crate::flash::Flash;
+use crate::flash::{Flash, SIZE};
 use crate::line::{Direction, Fault, Format, Line, LineByte, Outcome, Parity, SharedLine};
+use crate::mcu::common::mcu::Mcu;
 use crate::shared::Shared;
+use crate::soc::machine::Chip;
 use crate::timing::{Clock, Timing};
 use crate::usb::host::Host;
 
@@ -78,7 +81,7 @@ impl SerialDevice for Arm {
 
 /// The part, its line, and its memories.
 struct Bench {
-    part: Stm32f405,
+    part: Mcu<Stm32f405>,
     line: SharedLine<Arm>,
     can: Shared<CanBus>,
     flash: Shared<Flash>,
@@ -107,16 +110,10 @@ impl Bench {
             flash: flash.clone(),
             oscillator: oscillator.clone(),
         };
-        let part = Part {
-            unique_id: [0; 12],
-            idcode: IDENTITY,
-            reenabled,
-            cycle_cost: 100,
-            seed: 0,
-        };
-        let mut part = Stm32f405::new(part, edges.clone());
-        part.dma.set_prompt();
-        let mut memory = Memory::new(map::FLASH, vec![0; SIZE], map::RAM, map::RAM_SIZE);
+        let mut peripherals = Stm32f405::new(IDENTITY, reenabled, 0, &edges);
+        peripherals.dma.set_prompt();
+        let part = Mcu::new(peripherals, [0; 12], 100, edges.clone());
+        let mut memory = Memory::new(map::MAP.flash, vec![0; SIZE], map::MAP.ram, map::MAP.ram_size);
         memory.fill_ram(UNTOUCHED);
         let mut bench = Self {
             part,
@@ -160,7 +157,7 @@ impl Bench {
         Access {
             address,
             width,
-            cycle: self.part.clock.tick(self.now),
+            cycle: self.part.common.clock.tick(self.now),
             pc: 0,
             purpose: Purpose::Data,
             privileged: true,
@@ -168,7 +165,7 @@ impl Bench {
     }
 
     fn store(&mut self, address: u32, width: Width, value: u32) {
-        self.part.now = self.now;
+        self.part.common.now = self.now;
         let access = self.access(address, width);
         self.part.write(access, value, &mut self.memory).unwrap();
         self.settle();
@@ -179,7 +176,7 @@ impl Bench {
     }
 
     fn read(&mut self, address: u32) -> u32 {
-        self.part.now = self.now;
+        self.part.common.now = self.now;
         let access = self.access(address, Width::Word);
         let value = self.part.read(access, &mut self.memory).unwrap();
         self.settle();

@@ -1,20 +1,27 @@
 //! The memory map of the STM32G431xB (RM0440, 2.2.2), its interrupts (table 97) and its system memory.
 
+use super::flash::SIZE;
 use super::rcc::gates;
 use crate::core::Width;
+use crate::mcu::common::mcu::{self, Map};
 use crate::mcu::common::rcc::Gate;
 use crate::mcu::common::syscfg::Layout;
 use crate::mcu::common::system_memory::SystemMemory;
 
-/// The memories.
-pub(super) const FLASH: u32 = 0x0800_0000;
-pub(super) const RAM: u32 = 0x2000_0000;
-/// SRAM1, SRAM2 and the CCM SRAM's alias behind them (2.4): 32 KiB in one piece.
-pub(super) const RAM_SIZE: usize = 32 << 10;
-
-/// Interrupt lines that the chip has, and the bits of a priority (14.1).
-pub(super) const INTERRUPTS: u16 = 102;
-pub(super) const PRIORITY_BITS: u8 = 4;
+/// The memories, the interrupts (14.1), and the system memory (2.6, 48.1 and 48.2).
+pub(super) const MAP: Map = Map {
+    flash: 0x0800_0000,
+    flash_size: SIZE,
+    ram: 0x2000_0000,
+    // SRAM1, SRAM2 and the CCM SRAM's alias behind them (2.4) in one piece.
+    ram_size: 32 << 10,
+    interrupts: 102,
+    system_memory: SystemMemory {
+        unique_id: 0x1FFF_7590,
+        flash_size: 0x1FFF_75E0,
+        flash_kib: 128,
+    },
+};
 
 /// Places in the vector table (table 97).
 pub(super) mod interrupt {
@@ -30,7 +37,7 @@ pub(super) mod interrupt {
 
 /// A block of registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Block {
+pub(crate) enum Block {
     Tim2,
     Crs,
     Iwdg,
@@ -52,11 +59,10 @@ pub(super) enum Block {
     Dbgmcu,
 }
 
-impl Block {
-    /// The block that an address outside the memories is in.
+impl mcu::Block for Block {
     #[inline]
-    pub(super) fn at(address: u32) -> Option<Self> {
-        Some(match address & !0x3FF {
+    fn at(address: u32) -> Option<(Self, u32)> {
+        let block = match address & !0x3FF {
             0x4000_0000 => Self::Tim2,
             0x4000_2000 => Self::Crs,
             0x4000_3000 => Self::Iwdg,
@@ -76,11 +82,11 @@ impl Block {
             0x4800_0000..=0x4800_1800 => Self::Gpio((address >> 10) as u8 & 0b111),
             0xE004_2000 => Self::Dbgmcu,
             _ => return None,
-        })
+        };
+        Some((block, address & 0x3FF))
     }
 
-    /// What the reference manual calls it.
-    pub(super) const fn name(self) -> &'static str {
+    fn name(self) -> &'static str {
         match self {
             Self::Tim2 => "TIM2",
             Self::Crs => "CRS",
@@ -109,9 +115,8 @@ impl Block {
         }
     }
 
-    /// The bits that enable and reset it. `None` for one that is always there.
     #[inline]
-    pub(super) const fn gate(self) -> Option<Gate> {
+    fn gate(self) -> Option<Gate> {
         Some(match self {
             Self::Tim2 => gates::TIM2,
             Self::Crs => gates::CRS,
@@ -129,9 +134,8 @@ impl Block {
         })
     }
 
-    /// Whether its registers take accesses of this width.
     #[inline]
-    pub(super) fn takes(self, width: Width) -> bool {
+    fn takes(self, width: Width) -> bool {
         match self {
             // 45.5.3: 16 bits.
             Self::PacketMemory => width == Width::Half,
@@ -141,13 +145,6 @@ impl Block {
         }
     }
 }
-
-/// The system memory (2.6, 48.1 and 48.2).
-pub(super) const SYSTEM_MEMORY: SystemMemory = SystemMemory {
-    unique_id: 0x1FFF_7590,
-    flash_size: 0x1FFF_75E0,
-    flash_kib: 128,
-};
 
 /// The system configuration controller (10.2.1).
 pub(super) const SYSCFG: Layout = Layout {

@@ -5,9 +5,11 @@ use std::sync::{Arc, Mutex};
 
 use super::*;
 use crate::board::tests::Nobody;
+use crate::core::{Access, Bus, Purpose};
 use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
 use crate::flash::{ERASED, Flash};
 use crate::line::Line;
+use crate::mcu::common::mcu::Mcu;
 use crate::timing;
 
 /// MODER and BSRR of GPIOA, CR1 of USART2, and the clocks of the two (RM0440, table 3).
@@ -23,7 +25,7 @@ const LOW: u32 = 1 << 18;
 const OUTPUT: u32 = 1 << 4;
 const ALTERNATE: u32 = 2 << 4;
 
-fn chip() -> Stm32g431 {
+fn chip() -> Mcu<Stm32g431> {
     let starve = Arc::new(AtomicBool::new(false));
     let flash = Flash::new(vec![ERASED; flash::SIZE], None, timing::Clock::default());
     let edges = Edges {
@@ -34,10 +36,10 @@ fn chip() -> Stm32g431 {
         flash: Arc::new(Mutex::new(flash)),
         oscillator: Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000), INTERNAL_HZ))),
     };
-    Stm32g431::new([0; 12], 100, 0, edges)
+    Mcu::new(Stm32g431::new(0, &edges), [0; 12], 100, edges)
 }
 
-fn write(chip: &mut Stm32g431, address: u32, value: u32) {
+fn write(chip: &mut Mcu<Stm32g431>, address: u32, value: u32) {
     let access = Access {
         address,
         width: Width::Word,
@@ -78,7 +80,7 @@ fn a_pin_to_the_arm_that_is_not_held_high_is_told() {
         for &(address, value) in steps {
             write(&mut chip, address, value);
         }
-        let violations = chip.recorder.violations();
+        let violations = chip.common.recorder.violations();
         assert_eq!(violations.len(), told, "{steps:x?}: {violations:?}");
     }
 }

@@ -65,7 +65,7 @@ fn an_erase_sets_the_sectors_bits_after_its_time_and_no_others() {
         bench.write(CR, SER | sector << SNB_AT | X32);
         bench.write(CR, SER | sector << SNB_AT | X32 | STRT | EOPIE);
         assert_eq!(bench.read(SR), BSY);
-        assert!(bench.part.flash.is_busy());
+        assert!(bench.part.peripherals.flash.is_busy());
         bench.run_for(Nanos(millis * 1_000_000 - 1));
         assert_eq!(bench.read(SR), BSY);
         assert_eq!(bench.flash_word(0x0800_0000 + start), 0);
@@ -76,7 +76,7 @@ fn an_erase_sets_the_sectors_bits_after_its_time_and_no_others() {
             assert_eq!(byte, if erased.contains(&at) { 0xFF } else { 0 }, "{at:#x}");
         }
         assert_eq!(bench.byte(0x0800_0000 + start), 0xFF, "what the core reads");
-        assert!(!bench.part.flash.is_busy());
+        assert!(!bench.part.peripherals.flash.is_busy());
     }
 }
 
@@ -184,7 +184,7 @@ fn a_reset_leaves_an_operation_half_done() {
     assert!(sector.contains(&0) && sector.contains(&0xFF));
     assert!(flash.bytes()[0x8000..].iter().all(|&byte| byte == 0));
     drop(flash);
-    assert!(!bench.part.flash.is_busy());
+    assert!(!bench.part.peripherals.flash.is_busy());
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn lasts(timing: Timing, seed: u64, start: impl Fn(&mut Bench)) -> Nanos {
     *lock(&bench.flash) = Flash::new(vec![0xFF; SIZE], None, Clock::new(timing, seed));
     start(&mut bench);
     let begin = bench.now;
-    while bench.part.flash.is_busy() {
+    while bench.part.peripherals.flash.is_busy() {
         let next = bench.part.next_event();
         bench.run_until(next);
     }

@@ -31,7 +31,7 @@ fn port(interrupts: u32) -> Bench {
 impl Bench {
     /// The flags of SR that are asked for, without what reading it does.
     fn flags(&mut self, of: u32) -> u32 {
-        self.part.usart2.peek(USART_SR & 0x3FF).unwrap() & of
+        self.part.peripherals.usart2.peek(USART_SR & 0x3FF).unwrap() & of
     }
 
     /// The level that the interrupt took since this was last asked, if it changed.
