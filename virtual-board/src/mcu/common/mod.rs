@@ -4,6 +4,7 @@ pub(crate) mod gpio;
 pub(crate) mod iwdg;
 pub(crate) mod mcu;
 pub(crate) mod rcc;
+pub(crate) mod shifter;
 pub(crate) mod syscfg;
 pub(crate) mod system_memory;
 pub(crate) mod tim;

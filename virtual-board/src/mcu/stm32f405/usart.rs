@@ -14,7 +14,8 @@
 //! A read of DR by the DMA ends the sequence as one of the core does. Refused by name: 7 and 9 data bits, half stop bits,
 //! breaks, and everything that is not asynchronous.
 
-use crate::line::{AnyLine, Arm, Arrival, Format, LOW, Line, Parity, SECOND};
+use crate::line::{AnyLine, Arrival, Format, LOW, Parity, SECOND};
+use crate::mcu::common::shifter::{Settings, Shifter};
 use crate::shared::lock;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
@@ -81,10 +82,10 @@ mod cr3 {
     pub(super) const MODELLED: u32 = EIE | HDSEL | DMAR | DMAT | ONEBIT;
 }
 
-/// The USART, with the line at its pins.
+/// The USART.
 #[derive(Debug)]
 pub(super) struct Usart {
-    line: AnyLine,
+    shifter: Shifter,
     clock_hz: u64,
     cr1: u32,
     cr2: u32,
@@ -100,21 +101,14 @@ pub(super) struct Usart {
     last: u8,
     /// What DR holds for the transmitter, while TXE is clear.
     transmit: Option<u8>,
-    /// What the shift register sends, and when its last stop bit ends. `None` is an idle frame.
-    sending: Option<(Nanos, Option<u8>)>,
-    /// The byte that arrives, and when its last stop bit ends.
-    arriving: Option<(Nanos, Arrival)>,
-    /// Whether a byte was received since the line was last idle, and when it has been silent for a frame.
+    /// Whether a byte was received since the line was last idle.
     heard: bool,
-    idle_at: Option<Nanos>,
-    /// When the arm wants to send next.
-    arm_due: Option<Nanos>,
 }
 
 impl Usart {
     pub(super) fn new(line: AnyLine) -> Self {
         Self {
-            line,
+            shifter: Shifter::new(line),
             clock_hz: 0,
             cr1: 0,
             cr2: 0,
@@ -126,11 +120,7 @@ impl Usart {
             received: None,
             last: 0,
             transmit: None,
-            sending: None,
-            arriving: None,
             heard: false,
-            idle_at: None,
-            arm_due: None,
         }
     }
 
@@ -138,7 +128,7 @@ impl Usart {
     pub(super) fn reset(&mut self, now: Nanos) {
         *self = Self {
             clock_hz: self.clock_hz,
-            ..Self::new(self.line.clone())
+            ..Self::new(self.shifter.line().clone())
         };
         self.settle(now);
     }
@@ -200,10 +190,6 @@ impl Usart {
         self.cr1 & (cr1::UE | bit) == cr1::UE | bit
     }
 
-    fn listens(&self) -> bool {
-        self.is_on(cr1::RE) && self.bit() > 0
-    }
-
     #[inline]
     fn status(&self) -> u32 {
         let when = |set, bit| if set { bit } else { 0 };
@@ -232,62 +218,17 @@ impl Usart {
         (u64::from(cycles) * SECOND).checked_div(self.clock_hz).unwrap_or(0)
     }
 
-    /// How long a byte lasts.
-    fn byte(&self) -> Nanos {
-        Nanos(self.format().bits() * self.bit() / 1_000)
-    }
-
-    /// Tells the line what changed, and asks when the arm wants to send.
+    /// Tells the line what changed.
     fn settle(&mut self, now: Nanos) {
-        let listens = self.listens();
-        let line = self.line.clone();
-        let mut line = lock(&line);
-        line.set_board_bit(self.bit());
-        line.set_board_format(self.format());
-        line.set_half_duplex(self.cr3 & cr3::HDSEL != 0);
-        line.set_transmits(self.is_on(cr1::TE));
-        if !listens {
-            self.arriving = None;
-            line.nobody_receives(now);
-        }
-        self.arm_due = line.due();
-    }
-
-    /// Moves the byte in DR to the shift register, if that is free.
-    fn start_to_send(&mut self, now: Nanos, line: &mut Line<dyn Arm>) {
-        if self.sending.is_some() || !self.is_on(cr1::TE) || self.bit() == 0 {
-            return;
-        }
-        let Some(byte) = self.transmit.take() else {
-            return;
+        let settings = Settings {
+            bit: self.bit(),
+            format: self.format(),
+            half_duplex: self.cr3 & cr3::HDSEL != 0,
+            transmits: self.is_on(cr1::TE),
+            receives: self.is_on(cr1::RE),
         };
-        self.sending = Some((now + self.byte(), Some(byte)));
-        if line.is_half_duplex() {
-            line.board_starts(now, byte);
-            self.listen(now, line);
-        }
-    }
-
-    /// The end of what the shift register sent.
-    fn finish_sending(&mut self, now: Nanos, sent: Option<u8>, line: &mut Line<dyn Arm>) {
-        if let Some(byte) = sent {
-            line.board_sent(now, byte);
-            if self.transmit.is_none() {
-                self.flags |= sr::TC;
-            }
-        }
-        self.start_to_send(now, line);
-    }
-
-    /// Looks for a start bit, if no byte arrives.
-    fn listen(&mut self, now: Nanos, line: &mut Line<dyn Arm>) {
-        if self.arriving.is_some() || !self.listens() {
-            return;
-        }
-        if let Some(arrival) = line.board_receives(now) {
-            self.arriving = Some((now + self.byte(), arrival));
-            self.idle_at = None;
-        }
+        lock(self.shifter.line()).set_transmits(settings.transmits);
+        self.shifter.set(settings, now);
     }
 
     /// A byte has arrived. One that comes while RXNE is set is lost, with what is wrong with it (30.3.3).
@@ -327,34 +268,27 @@ impl Usart {
         }
     }
 
-    fn write_cr1(&mut self, value: u32, now: Nanos) -> Result<(), Refused> {
+    fn write_cr1(&mut self, value: u32) -> Result<(), Refused> {
         if value & !cr1::MODELLED != 0 {
             return Err(Refused::Unimplemented("CR1"));
         }
         if (value & cr1::PCE != 0) != (value & cr1::M != 0) {
             return Err(Refused::Unimplemented("CR1.M: 7 or 9 data bits"));
         }
-        let (was_on, was_enabled) = (self.cr1 & cr1::TE != 0, self.is_on(cr1::TE));
+        let was_enabled = self.is_on(cr1::TE);
         self.cr1 = value;
-        if self.is_on(cr1::TE) && !was_on && self.sending.is_none() && self.bit() > 0 {
-            // 30.3.2: an idle frame comes first.
-            self.sending = Some((now + self.byte(), None));
-        }
-        if was_enabled && value & (cr1::UE | cr1::TE) == cr1::UE {
-            let cut = self.sending.take();
-            if let Some((_, Some(_))) = cut {
-                return Err(forbidden("CR1", "30.3.2: TE cleared while a byte is sent"));
-            }
+        if was_enabled && value & (cr1::UE | cr1::TE) == cr1::UE && self.shifter.cut() {
+            return Err(forbidden("CR1", "30.3.2: TE cleared while a byte is sent"));
         }
         Ok(())
     }
 
-    fn write_register(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
+    fn write_register(&mut self, offset: u32, value: u32) -> Result<(), Refused> {
         match offset {
             SR => self.write_status(value),
             DR => self.write_data(value),
             BRR => self.brr = value & 0xFFFF,
-            CR1 => self.write_cr1(value, now)?,
+            CR1 => self.write_cr1(value)?,
             CR2 => {
                 let stop = field(value, cr2::STOP_AT, cr2::STOP);
                 if value & !cr2::MODELLED != 0 || !matches!(stop, cr2::ONE | cr2::TWO) {
@@ -390,58 +324,42 @@ impl Peripheral for Usart {
     }
 
     fn write(&mut self, offset: u32, value: u32, now: Nanos) -> Result<(), Refused> {
-        let was_low = lock(&self.line).is_pin_low();
-        let written = self.write_register(offset, value, now);
+        let was_low = lock(self.shifter.line()).is_pin_low();
+        let had_transmitter = self.cr1 & cr1::TE != 0;
+        let written = self.write_register(offset, value);
         if !matches!(offset, SR | DR) {
             self.settle(now);
         }
-        let line = self.line.clone();
-        let mut line = lock(&line);
-        self.start_to_send(now, &mut line);
-        self.listen(now, &mut line);
-        if line.is_pin_low() && !was_low {
+        if self.is_on(cr1::TE) && !had_transmitter {
+            // 30.3.2: an idle frame comes first.
+            self.shifter.send_idle_frame(now);
+        }
+        self.shifter.start_to_send(now, &mut self.transmit);
+        self.shifter.listen(now);
+        if lock(self.shifter.line()).is_pin_low() && !was_low {
             return written.and(Err(forbidden("CR1", LOW)));
         }
         written
     }
 
     fn advance(&mut self, now: Nanos) {
-        let line = self.line.clone();
-        let mut line = lock(&line);
-        line.jam(now);
-        if let Some((_, sent)) = self.sending.take_if(|(ends, _)| *ends <= now) {
-            self.finish_sending(now, sent, &mut *line);
+        let progress = self.shifter.advance(now, &mut self.transmit);
+        if progress.complete {
+            self.flags |= sr::TC;
         }
-        if let Some((_, mut arrival)) = self.arriving.take_if(|(ends, _)| *ends <= now) {
-            if line.is_jammed() {
-                arrival.framing = true;
-                arrival.value = !arrival.value;
-            }
-            self.receive(arrival);
-            if self.heard {
-                self.idle_at = Some(now + self.byte());
-            }
-            self.listen(now, &mut *line);
-        }
-        if self.idle_at.take_if(|at| *at <= now).is_some() {
+        if progress.idle {
             self.flags |= sr::IDLE;
             self.heard = false;
         }
-        self.arm_due = line.due();
-        if self.arriving.is_none() && self.arm_due.is_some_and(|due| due <= now) {
-            if self.listens() {
-                self.listen(now, &mut *line);
-            } else {
-                line.nobody_receives(now);
+        if let Some(arrival) = progress.arrived {
+            self.receive(arrival);
+            if self.heard {
+                self.shifter.expect_idle(now);
             }
-            self.arm_due = line.due();
         }
     }
 
     fn due(&self) -> Option<Nanos> {
-        let sending = self.sending.map(|(ends, _)| ends);
-        let arriving = self.arriving.map(|(ends, _)| ends);
-        let arm = self.arm_due.filter(|_| self.arriving.is_none());
-        [sending, arriving, self.idle_at, arm].into_iter().flatten().min()
+        self.shifter.due()
     }
 }

@@ -14,8 +14,8 @@
 //!
 //! FIFO mode may be on while no byte is written or read. Refused by name: bytes in FIFO mode, 7 data bits, half stop bits, and everything that is not asynchronous.
 
-use crate::line::{AnyLine, Arm, Arrival, Format, Line, Parity, SECOND};
-use crate::shared::lock;
+use crate::line::{AnyLine, Arrival, Format, Parity, SECOND};
+use crate::mcu::common::shifter::{Settings, Shifter};
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
 
@@ -103,10 +103,10 @@ mod isr {
 /// What PRESC divides the clock by (37.8.14).
 const PRESCALERS: [u64; 12] = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256];
 
-/// The USART, with the line at its pins.
+/// The USART.
 #[derive(Debug)]
 pub(super) struct Usart {
-    line: AnyLine,
+    shifter: Shifter,
     clock_hz: u64,
     cr1: u32,
     cr2: u32,
@@ -122,20 +122,12 @@ pub(super) struct Usart {
     last: u8,
     /// What TDR holds, while TXE is clear.
     transmit: Option<u8>,
-    /// The byte in the shift register, and when its last stop bit ends.
-    sending: Option<(Nanos, u8)>,
-    /// The byte that arrives, and when its last stop bit ends.
-    arriving: Option<(Nanos, Arrival)>,
-    /// When the line has been silent for a frame.
-    idle_at: Option<Nanos>,
-    /// When the arm wants to send next.
-    arm_due: Option<Nanos>,
 }
 
 impl Usart {
     pub(super) fn new(line: AnyLine) -> Self {
         Self {
-            line,
+            shifter: Shifter::new(line),
             clock_hz: 0,
             cr1: 0,
             cr2: 0,
@@ -148,10 +140,6 @@ impl Usart {
             received: None,
             last: 0,
             transmit: None,
-            sending: None,
-            arriving: None,
-            idle_at: None,
-            arm_due: None,
         }
     }
 
@@ -159,7 +147,7 @@ impl Usart {
     pub(super) fn reset(&mut self, now: Nanos) {
         *self = Self {
             clock_hz: self.clock_hz,
-            ..Self::new(self.line.clone())
+            ..Self::new(self.shifter.line().clone())
         };
         self.settle(now);
     }
@@ -211,16 +199,12 @@ impl Usart {
         self.is_on(cr1::TE)
     }
 
-    fn listens(&self) -> bool {
-        self.is_on(cr1::RE) && self.bit() > 0
-    }
-
     fn status(&self) -> u32 {
         let when = |set, bit| if set { bit } else { 0 };
         self.flags
             | when(self.received.is_some(), isr::RXNE)
             | when(self.transmit.is_none(), isr::TXE)
-            | when(self.arriving.is_some(), isr::BUSY)
+            | when(self.shifter.is_receiving(), isr::BUSY)
             | when(self.is_on(cr1::TE), isr::TEACK)
             | when(self.is_on(cr1::RE), isr::REACK)
     }
@@ -250,51 +234,16 @@ impl Usart {
             .unwrap_or(0)
     }
 
-    /// How long a byte lasts.
-    fn byte(&self) -> Nanos {
-        Nanos(self.format().bits() * self.bit() / 1_000)
-    }
-
-    /// Tells the line what changed, and asks when the arm wants to send.
+    /// Tells the line what changed.
     fn settle(&mut self, now: Nanos) {
-        let listens = self.listens();
-        let line = self.line.clone();
-        let mut line = lock(&line);
-        line.set_board_bit(self.bit());
-        line.set_board_format(self.format());
-        line.set_half_duplex(self.cr3 & cr3::HDSEL != 0);
-        if !listens {
-            self.arriving = None;
-            line.nobody_receives(now);
-        }
-        self.arm_due = line.due();
-    }
-
-    /// Moves the byte in TDR to the shift register, if that is free.
-    fn start_to_send(&mut self, now: Nanos, line: &mut Line<dyn Arm>) {
-        if self.sending.is_some() || !self.is_on(cr1::TE) || self.bit() == 0 {
-            return;
-        }
-        let Some(byte) = self.transmit.take() else {
-            return;
+        let settings = Settings {
+            bit: self.bit(),
+            format: self.format(),
+            half_duplex: self.cr3 & cr3::HDSEL != 0,
+            transmits: self.is_on(cr1::TE),
+            receives: self.is_on(cr1::RE),
         };
-        self.flags &= !isr::TC;
-        self.sending = Some((now + self.byte(), byte));
-        if line.is_half_duplex() {
-            line.board_starts(now, byte);
-            self.listen(now, line);
-        }
-    }
-
-    /// Looks for a start bit, if no byte arrives.
-    fn listen(&mut self, now: Nanos, line: &mut Line<dyn Arm>) {
-        if self.arriving.is_some() || !self.listens() {
-            return;
-        }
-        if let Some(arrival) = line.board_receives(now) {
-            self.arriving = Some((now + self.byte(), arrival));
-            self.idle_at = None;
-        }
+        self.shifter.set(settings, now);
     }
 
     /// A byte has arrived.
@@ -328,7 +277,7 @@ impl Usart {
                 "37.8.2: format or oversampling written while UE is set",
             ));
         }
-        if value & cr1::UE != 0 && changed & !value & cr1::TE != 0 && self.sending.is_some() {
+        if value & cr1::UE != 0 && changed & !value & cr1::TE != 0 && self.shifter.is_sending() {
             return Err(forbidden("CR1", "37.5.5: TE cleared while a byte is sent"));
         }
         self.cr1 = value;
@@ -337,9 +286,7 @@ impl Usart {
             self.flags = isr::TC;
             self.received = None;
             self.transmit = None;
-            self.sending = None;
-            self.arriving = None;
-            self.idle_at = None;
+            self.shifter.stop();
         }
         Ok(())
     }
@@ -436,50 +383,26 @@ impl Peripheral for Usart {
         if offset != TDR {
             self.settle(now);
         }
-        let line = self.line.clone();
-        self.start_to_send(now, &mut lock(&line));
+        self.shifter.start_to_send(now, &mut self.transmit);
         Ok(())
     }
 
     fn advance(&mut self, now: Nanos) {
-        let line = self.line.clone();
-        let mut line = lock(&line);
-        line.jam(now);
-        if let Some((_, byte)) = self.sending.take_if(|(ends, _)| *ends <= now) {
-            line.board_sent(now, byte);
-            if self.transmit.is_none() {
-                self.flags |= isr::TC;
-            }
-            self.start_to_send(now, &mut *line);
+        let progress = self.shifter.advance(now, &mut self.transmit);
+        if progress.complete {
+            self.flags |= isr::TC;
         }
-        if let Some((_, mut arrival)) = self.arriving.take_if(|(ends, _)| *ends <= now) {
-            if line.is_jammed() {
-                arrival.framing = true;
-                arrival.value = !arrival.value;
-            }
-            self.receive(arrival);
-            self.idle_at = Some(now + self.byte());
-            self.listen(now, &mut *line);
-        }
-        if self.idle_at.take_if(|at| *at <= now).is_some() {
+        if progress.idle {
             self.flags |= isr::IDLE;
         }
-        self.arm_due = line.due();
-        if self.arriving.is_none() && self.arm_due.is_some_and(|due| due <= now) {
-            if self.listens() {
-                self.listen(now, &mut *line);
-            } else {
-                line.nobody_receives(now);
-            }
-            self.arm_due = line.due();
+        if let Some(arrival) = progress.arrived {
+            self.receive(arrival);
+            self.shifter.expect_idle(now);
         }
     }
 
     fn due(&self) -> Option<Nanos> {
-        let sending = self.sending.map(|(ends, _)| ends);
-        let arriving = self.arriving.map(|(ends, _)| ends);
-        let arm = self.arm_due.filter(|_| self.arriving.is_none());
-        [sending, arriving, self.idle_at, arm].into_iter().flatten().min()
+        self.shifter.due()
     }
 }
 
@@ -492,7 +415,7 @@ mod tests {
     use armwire_sim::serial::SerialDevice;
 
     use super::*;
-    use crate::line::{Direction, Fault};
+    use crate::line::{Direction, Fault, Line};
 
     /// Sends what it is given, at once, and keeps what it hears.
     #[derive(Debug, Default)]

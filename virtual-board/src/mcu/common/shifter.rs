@@ -1,0 +1,205 @@
+//! The shift registers of a USART, with the line at its pins. Registers, flags and how these are cleared are each chip's.
+
+use crate::line::{AnyLine, Arm, Arrival, Format, Line};
+use crate::shared::lock;
+use crate::time::Nanos;
+
+/// What the registers say that concerns the line.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Settings {
+    /// One bit in picoseconds, 0 while nothing divides the clock.
+    pub(crate) bit: u64,
+    pub(crate) format: Format,
+    pub(crate) half_duplex: bool,
+    /// Whether the transmitter is enabled.
+    pub(crate) transmits: bool,
+    /// Whether the receiver is enabled.
+    pub(crate) receives: bool,
+}
+
+impl Settings {
+    /// How long a byte lasts.
+    fn byte(&self) -> Nanos {
+        Nanos(self.format.bits() * self.bit / 1_000)
+    }
+
+    fn listens(&self) -> bool {
+        self.receives && self.bit > 0
+    }
+
+    fn sends(&self) -> bool {
+        self.transmits && self.bit > 0
+    }
+}
+
+/// The events of an instant.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Progress {
+    /// A byte is sent, and the data register has no other.
+    pub(crate) complete: bool,
+    /// A byte has arrived.
+    pub(crate) arrived: Option<Arrival>,
+    /// The line has been silent for a frame, as [`Shifter::expect_idle`] asked.
+    pub(crate) idle: bool,
+}
+
+/// The shift registers of the transmitter and of the receiver.
+#[derive(Debug)]
+pub(crate) struct Shifter {
+    line: AnyLine,
+    settings: Settings,
+    /// The frame that is sent, and when its last stop bit ends. `None` is an idle frame.
+    sending: Option<(Nanos, Option<u8>)>,
+    /// The byte that arrives, and when its last stop bit ends.
+    arriving: Option<(Nanos, Arrival)>,
+    /// When the line has been silent for a frame.
+    idle_at: Option<Nanos>,
+    /// When the arm wants to send next.
+    arm_due: Option<Nanos>,
+}
+
+impl Shifter {
+    pub(crate) fn new(line: AnyLine) -> Self {
+        Self {
+            line,
+            settings: Settings::default(),
+            sending: None,
+            arriving: None,
+            idle_at: None,
+            arm_due: None,
+        }
+    }
+
+    pub(crate) fn line(&self) -> &AnyLine {
+        &self.line
+    }
+
+    /// Tells the line the settings, and asks when the arm wants to send.
+    pub(crate) fn set(&mut self, settings: Settings, now: Nanos) {
+        self.settings = settings;
+        let mut line = lock(&self.line);
+        line.set_board_bit(settings.bit);
+        line.set_board_format(settings.format);
+        line.set_half_duplex(settings.half_duplex);
+        if !settings.listens() {
+            self.arriving = None;
+            line.nobody_receives(now);
+        }
+        self.arm_due = line.due();
+    }
+
+    /// Whether a frame is sent.
+    pub(crate) fn is_sending(&self) -> bool {
+        self.sending.is_some()
+    }
+
+    /// Whether a byte arrives.
+    #[inline]
+    pub(crate) fn is_receiving(&self) -> bool {
+        self.arriving.is_some()
+    }
+
+    /// Sends an idle frame, if nothing is sent.
+    pub(crate) fn send_idle_frame(&mut self, now: Nanos) {
+        if self.sending.is_none() && self.settings.sends() {
+            self.sending = Some((now + self.settings.byte(), None));
+        }
+    }
+
+    /// Gives up the frame that is sent. Whether it was a byte.
+    pub(crate) fn cut(&mut self) -> bool {
+        self.sending.take().is_some_and(|(_, sent)| sent.is_some())
+    }
+
+    /// Gives up everything that is under way.
+    pub(crate) fn stop(&mut self) {
+        self.sending = None;
+        self.arriving = None;
+        self.idle_at = None;
+    }
+
+    /// Takes the byte from the data register, if nothing is sent.
+    pub(crate) fn start_to_send(&mut self, now: Nanos, data: &mut Option<u8>) {
+        let line = self.line.clone();
+        self.take_data(now, data, &mut lock(&line));
+    }
+
+    fn take_data(&mut self, now: Nanos, data: &mut Option<u8>, line: &mut Line<dyn Arm>) {
+        if self.sending.is_some() || !self.settings.sends() {
+            return;
+        }
+        let Some(byte) = data.take() else {
+            return;
+        };
+        self.sending = Some((now + self.settings.byte(), Some(byte)));
+        if line.is_half_duplex() {
+            line.board_starts(now, byte);
+            self.find_start_bit(now, line);
+        }
+    }
+
+    /// Looks for a start bit, if no byte arrives.
+    pub(crate) fn listen(&mut self, now: Nanos) {
+        let line = self.line.clone();
+        self.find_start_bit(now, &mut lock(&line));
+    }
+
+    fn find_start_bit(&mut self, now: Nanos, line: &mut Line<dyn Arm>) {
+        if self.arriving.is_some() || !self.settings.listens() {
+            return;
+        }
+        if let Some(arrival) = line.board_receives(now) {
+            self.arriving = Some((now + self.settings.byte(), arrival));
+            self.idle_at = None;
+        }
+    }
+
+    /// Does what is due, with the byte in the data register of the transmitter.
+    pub(crate) fn advance(&mut self, now: Nanos, data: &mut Option<u8>) -> Progress {
+        let line = self.line.clone();
+        let mut line = lock(&line);
+        let mut progress = Progress::default();
+        line.jam(now);
+        if let Some((_, sent)) = self.sending.take_if(|(ends, _)| *ends <= now) {
+            if let Some(byte) = sent {
+                line.board_sent(now, byte);
+                progress.complete = data.is_none();
+            }
+            self.take_data(now, data, &mut line);
+        }
+        if let Some((_, mut arrival)) = self.arriving.take_if(|(ends, _)| *ends <= now) {
+            if line.is_jammed() {
+                arrival.framing = true;
+                arrival.value = !arrival.value;
+            }
+            progress.arrived = Some(arrival);
+            self.find_start_bit(now, &mut line);
+        }
+        progress.idle = self.idle_at.take_if(|at| *at <= now).is_some();
+        self.arm_due = line.due();
+        if self.arriving.is_none() && self.arm_due.is_some_and(|due| due <= now) {
+            if self.settings.listens() {
+                self.find_start_bit(now, &mut line);
+            } else {
+                line.nobody_receives(now);
+            }
+            self.arm_due = line.due();
+        }
+        progress
+    }
+
+    /// Waits for a frame of silence after the byte that has just arrived, if no other follows at once.
+    pub(crate) fn expect_idle(&mut self, now: Nanos) {
+        if self.arriving.is_none() {
+            self.idle_at = Some(now + self.settings.byte());
+        }
+    }
+
+    /// When something is due.
+    pub(crate) fn due(&self) -> Option<Nanos> {
+        let sending = self.sending.map(|(ends, _)| ends);
+        let arriving = self.arriving.map(|(ends, _)| ends);
+        let arm = self.arm_due.filter(|_| self.arriving.is_none());
+        [sending, arriving, self.idle_at, arm].into_iter().flatten().min()
+    }
+}
