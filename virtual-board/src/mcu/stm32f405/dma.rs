@@ -20,7 +20,7 @@ pub(super) const STREAMS: usize = 8;
 pub(super) const ALL_STREAMS: usize = 2 * STREAMS;
 
 /// What the steps of a transfer take on a bus that other masters use, too.
-const DELAYS: Delays = Delays {
+pub(super) const DELAYS: Delays = Delays {
     arbitration: 25..=150,
     transfer: 6..=50,
     count: 6..=50,
@@ -187,10 +187,10 @@ pub(super) struct Dma {
 
 /// Nanoseconds from a request to the read of the source, from there to the write, and from there to the count.
 #[derive(Clone, Debug)]
-struct Delays {
-    arbitration: RangeInclusive<u64>,
-    transfer: RangeInclusive<u64>,
-    count: RangeInclusive<u64>,
+pub(super) struct Delays {
+    pub(super) arbitration: RangeInclusive<u64>,
+    pub(super) transfer: RangeInclusive<u64>,
+    pub(super) count: RangeInclusive<u64>,
 }
 
 impl Dma {
@@ -204,14 +204,9 @@ impl Dma {
         }
     }
 
-    /// Lets transfers take no time.
     #[cfg(test)]
-    pub(super) fn set_prompt(&mut self) {
-        self.delays = Delays {
-            arbitration: 0..=0,
-            transfer: 0..=0,
-            count: 0..=0,
-        };
+    pub(super) fn set_delays(&mut self, delays: Delays) {
+        self.delays = delays;
     }
 
     /// A controller, 0 or 1, as a reset leaves it.

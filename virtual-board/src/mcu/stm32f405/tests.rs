@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 use armwire::Micros;
 use armwire_sim::serial::SerialDevice;
 
+use super::dma::{DELAYS, Delays};
 use super::*;
 use crate::can::bus::Bus as CanBus;
 use crate::core::{Access, Bus, Purpose};
@@ -47,6 +48,13 @@ const CCM: u32 = 0x1000_0000;
 
 /// What memory reads that nobody has written.
 const UNTOUCHED: u8 = 0xEE;
+
+/// DMA transfers that take no time.
+const PROMPT: Delays = Delays {
+    arbitration: 0..=0,
+    transfer: 0..=0,
+    count: 0..=0,
+};
 
 /// Where the DMA puts bytes, and how many before it starts again.
 const RING: u32 = 0x2000_0000;
@@ -111,7 +119,7 @@ impl Bench {
             oscillator: oscillator.clone(),
         };
         let mut peripherals = Stm32f405::new(IDENTITY, reenabled, 0, &edges);
-        peripherals.dma.set_prompt();
+        peripherals.dma.set_delays(PROMPT);
         let part = Mcu::new(peripherals, [0; 12], 100, edges.clone());
         let mut memory = Memory::new(map::MAP.flash, vec![0; SIZE], map::MAP.ram, map::MAP.ram_size);
         memory.fill_ram(UNTOUCHED);

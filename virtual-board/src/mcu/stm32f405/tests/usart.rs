@@ -223,3 +223,24 @@ fn the_rate_is_what_brr_divides_with_sixteen_or_eight_samples() {
         assert_eq!(sent.outcome, Outcome::Arrived);
     }
 }
+
+#[test]
+fn dr_takes_a_byte_from_the_dma() {
+    // The byte ends at 20 us; its DMA transfer needs 25 ns and more from there.
+    let read_data_at = |at| {
+        let mut bench = Bench::new(Reenabled::Restarts);
+        bench.part.peripherals.dma.set_delays(DELAYS);
+        bench.run_until(Nanos(10_000));
+        bench.say(&[0x31]);
+        bench.run_until(Nanos(19_990));
+        assert_eq!(bench.read(USART_SR) & RXNE, 0, "the byte has not ended");
+        bench.run_until(Nanos(at));
+        bench.read(USART_DR);
+        bench.run_until(Nanos(30_000));
+        let taken = lock(&bench.line).taken();
+        (taken, bench.byte(RING), bench.read(STREAM_NDTR))
+    };
+    assert_eq!(read_data_at(19_995), (0, 0x31, RING_SIZE - 1));
+    assert_eq!(read_data_at(20_010), (1, UNTOUCHED, RING_SIZE));
+    assert_eq!(read_data_at(21_000), (0, 0x31, RING_SIZE - 1));
+}
