@@ -2,6 +2,7 @@
 
 use std::fmt::Debug;
 
+use super::dma::Failure;
 use super::rcc::Gate;
 use super::system_memory::{SystemMemory, starts_boot_loader};
 use crate::core::{self, Access, Bus, BusError, Core, FlashTiming, Memory, Purpose, Width};
@@ -177,6 +178,17 @@ impl Common {
     pub(crate) fn check(&mut self, instance: &'static str, fault: Option<Refused>) {
         if let Some(Refused::Forbidden { register, reason }) = fault {
             self.recorder.forbidden(instance, register, reason);
+        }
+    }
+
+    /// Records a step of the DMA that the bus did not take. `instance` is the peripheral that the DMA serves.
+    pub(crate) fn record_dma(&mut self, instance: &'static str, failure: Failure) {
+        let address = failure.address;
+        match failure.refused {
+            Some(refused) => self.recorder.register(instance, refused, address, 0, false),
+            None => self
+                .recorder
+                .refused(address, 0, "a DMA transfer that the bus does not take"),
         }
     }
 

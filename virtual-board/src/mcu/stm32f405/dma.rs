@@ -1,30 +1,17 @@
 //! DMA1 and DMA2 (RM0090, chapter 10).
 //!
-//! A transfer is four steps, each some nanoseconds after the one before it: the request wins the arbitration and the source
-//! is read; the destination is written; the count and the flags change. So a handler may run between any two of them, as on
-//! silicon. The delays are seeded, within what a bus that other masters use may take.
-//!
 //! Modelled are peripheral to memory and memory to peripheral in direct mode, by bytes, circular or not; a stream that is
 //! switched off ends the transfer under way, and says so (10.3.14). Left out: the byte that a stream to a peripheral fetches
 //! before it is requested (10.3.11). Refused by name: wider transfers, memory to memory, FIFO mode, double buffers, bursts,
 //! the peripheral as flow controller.
 
-use std::ops::RangeInclusive;
-
-use crate::soc::chance::Chance;
+use crate::mcu::common::dma::{Count, Step, Steps, Transfer};
 use crate::soc::peripheral::{Refused, field, forbidden};
 use crate::time::Nanos;
 
 /// Streams of a controller (10.2), and of both.
 pub(super) const STREAMS: usize = 8;
 pub(super) const ALL_STREAMS: usize = 2 * STREAMS;
-
-/// What the steps of a transfer take on a bus that other masters use, too.
-pub(super) const DELAYS: Delays = Delays {
-    arbitration: 25..=150,
-    transfer: 6..=50,
-    count: 6..=50,
-};
 
 const LISR: u32 = 0x00;
 const HISR: u32 = 0x04;
@@ -84,29 +71,6 @@ pub enum Reenabled {
     Resumes,
 }
 
-/// What a stream does next, and when.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
-    /// Its request is low, or it is off.
-    Waiting,
-    Reading(Nanos),
-    Writing(Nanos, u8),
-    Counting(Nanos),
-}
-
-/// What a stream asks of the bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Step {
-    /// Read the register, and hand the byte to [`Dma::fetched`].
-    ReadPeripheral(u32),
-    /// Read the memory, and hand the byte to [`Dma::fetched`].
-    ReadMemory(u32),
-    WritePeripheral(u32, u8),
-    WriteMemory(u32, u8),
-    /// Nothing: the count has changed.
-    Counted,
-}
-
 /// A request line: the controller, 0 or 1, the stream and the channel (10.3.3, tables 42 and 43).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Request {
@@ -118,14 +82,12 @@ pub(super) struct Request {
 #[derive(Clone, Copy, Debug)]
 struct Stream {
     cr: u32,
-    /// NDTR, and what was programmed there.
-    left: u32,
-    programmed: u32,
+    /// NDTR.
+    count: Count,
     par: u32,
     m0ar: u32,
     m1ar: u32,
     fcr: u32,
-    phase: Phase,
     /// It was switched off, and the transfer under way goes on to its end.
     stopping: bool,
 }
@@ -133,13 +95,11 @@ struct Stream {
 impl Stream {
     const OFF: Self = Self {
         cr: 0,
-        left: 0,
-        programmed: 0,
+        count: Count { left: 0, programmed: 0 },
         par: 0,
         m0ar: 0,
         m1ar: 0,
         fcr: FCR_AT_RESET,
-        phase: Phase::Waiting,
         stopping: false,
     };
 
@@ -147,29 +107,17 @@ impl Stream {
         self.cr & cr::EN != 0
     }
 
-    fn is_from_memory(&self) -> bool {
-        self.cr & cr::DIR == cr::FROM_MEMORY
-    }
-
     fn channel(&self) -> u32 {
         field(self.cr, cr::CHSEL_AT, cr::CHSEL)
     }
 
-    /// The address in memory of the present transfer.
-    fn address(&self) -> u32 {
-        let done = self.programmed - self.left;
-        if self.cr & cr::MINC != 0 {
-            self.m0ar.wrapping_add(done)
-        } else {
-            self.m0ar
-        }
-    }
-
-    #[inline]
-    fn due(&self) -> Option<Nanos> {
-        match self.phase {
-            Phase::Waiting => None,
-            Phase::Reading(at) | Phase::Writing(at, _) | Phase::Counting(at) => Some(at),
+    /// The present transfer.
+    fn transfer(&self) -> Transfer {
+        let done = if self.cr & cr::MINC != 0 { self.count.done() } else { 0 };
+        Transfer {
+            peripheral: self.par,
+            memory: self.m0ar.wrapping_add(done),
+            from_memory: self.cr & cr::DIR == cr::FROM_MEMORY,
         }
     }
 }
@@ -181,16 +129,7 @@ pub(super) struct Dma {
     /// The flags of each stream.
     flags: [u32; ALL_STREAMS],
     reenabled: Reenabled,
-    chance: Chance,
-    delays: Delays,
-}
-
-/// Nanoseconds from a request to the read of the source, from there to the write, and from there to the count.
-#[derive(Clone, Debug)]
-pub(super) struct Delays {
-    pub(super) arbitration: RangeInclusive<u64>,
-    pub(super) transfer: RangeInclusive<u64>,
-    pub(super) count: RangeInclusive<u64>,
+    steps: Steps<ALL_STREAMS>,
 }
 
 impl Dma {
@@ -199,21 +138,22 @@ impl Dma {
             streams: [Stream::OFF; ALL_STREAMS],
             flags: [0; ALL_STREAMS],
             reenabled,
-            chance: Chance::new(seed, "DMA"),
-            delays: DELAYS,
+            steps: Steps::new(seed),
         }
     }
 
     #[cfg(test)]
-    pub(super) fn set_delays(&mut self, delays: Delays) {
-        self.delays = delays;
+    pub(super) fn set_delays(&mut self, delays: crate::mcu::common::dma::Delays) {
+        self.steps.set_delays(delays);
     }
 
     /// A controller, 0 or 1, as a reset leaves it.
     pub(super) fn reset(&mut self, controller: usize) {
-        let streams = controller * STREAMS..(controller + 1) * STREAMS;
-        self.streams[streams.clone()].fill(Stream::OFF);
-        self.flags[streams].fill(0);
+        for stream in controller * STREAMS..(controller + 1) * STREAMS {
+            self.streams[stream] = Stream::OFF;
+            self.flags[stream] = 0;
+            self.steps.stop(stream);
+        }
     }
 
     /// The level of a stream's interrupt line.
@@ -225,81 +165,56 @@ impl Dma {
     /// Starts a transfer for a request that is high, if its stream waits for it.
     #[inline]
     pub(super) fn request(&mut self, request: Request, now: Nanos) {
-        let stream = &mut self.streams[request.controller * STREAMS + request.stream];
-        let waits = stream.is_on() && !stream.stopping && stream.left > 0 && stream.phase == Phase::Waiting;
-        if waits && stream.channel() == request.channel {
-            stream.phase = Phase::Reading(now + self.chance.span(self.delays.arbitration.clone()));
+        let number = request.controller * STREAMS + request.stream;
+        let stream = &self.streams[number];
+        let can = stream.is_on() && !stream.stopping && stream.count.left > 0 && self.steps.waits(number);
+        if can && stream.channel() == request.channel {
+            self.steps.start(number, now);
         }
     }
 
     /// Takes the next step that is due at `now`, and the stream that takes it. A request that is low by now gets nothing.
     pub(super) fn step(&mut self, is_high: impl Fn(Request) -> bool, now: Nanos) -> Option<(usize, Step)> {
-        let number = self
-            .streams
-            .iter()
-            .position(|stream| stream.due().is_some_and(|at| at <= now))?;
-        let stream = &mut self.streams[number];
+        let number = self.steps.first_due(now)?;
+        let stream = &self.streams[number];
         let request = Request {
             controller: number / STREAMS,
             stream: number % STREAMS,
             channel: stream.channel(),
         };
-        let step = match stream.phase {
-            Phase::Waiting => return None,
-            Phase::Reading(_) if !is_high(request) => {
-                stream.phase = Phase::Waiting;
-                Step::Counted
-            }
-            Phase::Reading(_) if stream.is_from_memory() => Step::ReadMemory(stream.address()),
-            Phase::Reading(_) => Step::ReadPeripheral(stream.par),
-            Phase::Writing(_, value) => {
-                stream.phase = Phase::Counting(now + self.chance.span(self.delays.count.clone()));
-                if stream.is_from_memory() {
-                    Step::WritePeripheral(stream.par, value)
-                } else {
-                    Step::WriteMemory(stream.address(), value)
-                }
-            }
-            Phase::Counting(_) => {
-                stream.phase = Phase::Waiting;
-                self.count(number);
-                Step::Counted
-            }
-        };
+        let step = self.steps.take(number, is_high(request), stream.transfer(), now);
+        if step == Step::Count {
+            self.count(number);
+        }
         Some((number, step))
     }
 
-    /// What a step that reads has got.
+    /// A step that reads has got this byte.
     pub(super) fn fetched(&mut self, stream: usize, value: u8, now: Nanos) {
-        self.streams[stream].phase = Phase::Writing(now + self.chance.span(self.delays.transfer.clone()), value);
+        self.steps.fetched(stream, value, now);
     }
 
     /// The bus did not take the last step: the stream stops (10.3.18).
     pub(super) fn fail(&mut self, stream: usize) {
         self.flags[stream] |= flag::ERROR;
+        self.steps.stop(stream);
         let stream = &mut self.streams[stream];
         stream.cr &= !cr::EN;
         stream.stopping = false;
-        stream.phase = Phase::Waiting;
     }
 
     fn count(&mut self, number: usize) {
         let stream = &mut self.streams[number];
-        stream.left -= 1;
-        let (half, complete) = (stream.left == stream.programmed / 2, stream.left == 0);
-        if complete && stream.cr & cr::CIRC != 0 {
-            stream.left = stream.programmed;
-        } else if complete {
-            stream.cr &= !cr::EN;
-        }
+        let circular = stream.cr & cr::CIRC != 0;
+        let reached = stream.count.count(circular);
         let stopped = std::mem::take(&mut stream.stopping);
-        if stopped {
+        if stopped || reached.complete && !circular {
             stream.cr &= !cr::EN;
         }
-        if half {
+        if reached.half {
             self.flags[number] |= flag::HALF;
         }
-        if complete || stopped {
+        if reached.complete || stopped {
             self.flags[number] |= flag::COMPLETE;
         }
     }
@@ -307,7 +222,7 @@ impl Dma {
     /// When a stream takes its next step.
     #[inline]
     pub(super) fn due(&self) -> Option<Nanos> {
-        self.streams.iter().filter_map(Stream::due).min()
+        self.steps.due()
     }
 
     /// Reads a register of a controller, 0 or 1.
@@ -321,7 +236,7 @@ impl Dma {
                 let stream = &self.streams[number];
                 match register {
                     CR => Ok(stream.cr),
-                    NDTR => Ok(stream.left),
+                    NDTR => Ok(stream.count.left),
                     PAR => Ok(stream.par),
                     M0AR => Ok(stream.m0ar),
                     M1AR => Ok(stream.m1ar),
@@ -377,7 +292,7 @@ impl Dma {
             ));
         }
         match register {
-            NDTR => stream.programmed = value & NDT,
+            NDTR => stream.count.programmed = value & NDT,
             PAR => stream.par = value,
             M0AR => stream.m0ar = value,
             M1AR => stream.m1ar = value,
@@ -386,7 +301,7 @@ impl Dma {
             _ => return Err(Refused::NoRegister),
         }
         // Set up anew, it starts over.
-        stream.left = stream.programmed;
+        stream.count.left = stream.count.programmed;
         Ok(())
     }
 
@@ -405,20 +320,20 @@ impl Dma {
         match (was_on, on) {
             (true, false) => {
                 // 10.3.14: the transfer under way ends first, and then it is said to be complete.
-                let moves = matches!(stream.phase, Phase::Writing(..) | Phase::Counting(_));
+                let moves = self.steps.moves(number);
                 stream.stopping = moves;
                 if moves {
                     stream.cr = value | cr::EN;
                 } else {
                     stream.cr = value;
-                    stream.phase = Phase::Waiting;
+                    self.steps.stop(number);
                     self.flags[number] |= flag::COMPLETE;
                 }
             }
             (false, true) => {
                 stream.cr = value;
-                if self.reenabled == Reenabled::Restarts || stream.left == 0 {
-                    stream.left = stream.programmed;
+                if self.reenabled == Reenabled::Restarts || stream.count.left == 0 {
+                    stream.count.left = stream.count.programmed;
                 }
             }
             _ => stream.cr = value,
@@ -480,7 +395,7 @@ mod tests {
             [
                 Step::ReadPeripheral(0x4000_4404),
                 Step::WriteMemory(0x2000_0000, 0x42),
-                Step::Counted
+                Step::Count
             ]
         );
         let instants: Vec<u64> = steps.iter().map(|(at, _)| at.0).collect();
@@ -510,7 +425,7 @@ mod tests {
         let mut dma = dma(4, 0);
         dma.request(REQUEST, Nanos(0));
         let due = dma.due().unwrap();
-        assert_eq!(dma.step(|_| false, due), Some((5, Step::Counted)));
+        assert_eq!(dma.step(|_| false, due), Some((5, Step::Nothing)));
         assert_eq!((dma.due(), dma.read(0, STREAM_5 + NDTR)), (None, Ok(4)));
     }
 }

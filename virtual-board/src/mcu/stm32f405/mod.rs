@@ -23,13 +23,14 @@ use self::capture::Capture;
 use self::dbgmcu::Dbgmcu;
 pub(crate) use self::dbgmcu::IDENTITY;
 pub use self::dma::Reenabled;
-use self::dma::{ALL_STREAMS, Dma, Request, Step};
+use self::dma::{ALL_STREAMS, Dma, Request};
 use self::flash::Interface;
 use self::map::{Block, interrupt};
 use self::otg::Otg;
 use self::pwr::Pwr;
 use self::rcc::{BDCR, Clocks, Rcc};
 use self::usart::Usart;
+use super::common::dma::Requests;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
 use super::common::mcu::{Block as _, Common, Map, Peripherals, Slot};
@@ -132,18 +133,18 @@ impl Stm32f405 {
         }
     }
 
-    /// Whether a request is high.
-    fn is_high(usart: &Usart, edges: &Edges, request: Request) -> bool {
-        match request {
-            USART2_RX => usart.requests_receive() && !edges.starve.load(Ordering::Relaxed),
-            USART2_TX => usart.requests_transmit(),
-            _ => false,
+    /// The levels of the DMA requests.
+    fn requests(&self, common: &Common) -> Requests {
+        Requests {
+            receive: self.usart2.requests_receive() && !common.edges.starve.load(Ordering::Relaxed),
+            transmit: self.usart2.requests_transmit(),
         }
     }
 
     fn follow_requests(&mut self, common: &Common) {
+        let requests = self.requests(common);
         for request in [USART2_RX, USART2_TX] {
-            if Self::is_high(&self.usart2, &common.edges, request) {
+            if is_high(requests, request) {
                 self.dma.request(request, common.now);
             }
         }
@@ -151,51 +152,26 @@ impl Stm32f405 {
 
     /// A step of a DMA stream.
     fn step_dma(&mut self, common: &mut Common, memory: &mut Memory) {
-        let (usart, edges) = (&self.usart2, &common.edges);
-        let Some((stream, step)) = self
-            .dma
-            .step(|request| Self::is_high(usart, edges, request), common.now)
-        else {
+        let now = common.now;
+        let requests = self.requests(common);
+        let Some((stream, step)) = self.dma.step(|request| is_high(requests, request), now) else {
             return;
         };
-        match step {
-            Step::ReadPeripheral(USART2_DR) => {
-                match self.usart2.read(usart::DR, common.now) {
-                    Ok(value) => self.dma.fetched(stream, value as u8, common.now),
-                    Err(refused) => self.refuse_dma(stream, refused, common),
-                }
-                self.settle(Slot::Usart, common);
+        let usart = &mut self.usart2;
+        let done = step.run(memory, |address, value| match (address, value) {
+            (USART2_DR, None) => Some(usart.read(usart::DR, now).map(|value| value as u8)),
+            (USART2_DR, Some(value)) => Some(usart.write(usart::DR, value.into(), now).map(|()| value)),
+            _ => None,
+        });
+        match done {
+            Ok(Some(value)) => self.dma.fetched(stream, value, now),
+            Ok(None) => {}
+            Err(failure) => {
+                self.dma.fail(stream);
+                common.record_dma("USART2", failure);
             }
-            Step::ReadMemory(address) => match memory.read(address, Width::Byte) {
-                Some(value) => self.dma.fetched(stream, value as u8, common.now),
-                None => self.fail_dma(stream, address, common),
-            },
-            Step::WritePeripheral(USART2_DR, value) => {
-                if let Err(refused) = self.usart2.write(usart::DR, value.into(), common.now) {
-                    self.refuse_dma(stream, refused, common);
-                }
-                self.settle(Slot::Usart, common);
-            }
-            Step::WriteMemory(address, value) => {
-                if memory.write(address, Width::Byte, value.into()).is_none() {
-                    self.fail_dma(stream, address, common);
-                }
-            }
-            Step::ReadPeripheral(address) | Step::WritePeripheral(address, _) => self.fail_dma(stream, address, common),
-            Step::Counted => {}
         }
-    }
-
-    fn refuse_dma(&mut self, stream: usize, refused: Refused, common: &mut Common) {
-        self.dma.fail(stream);
-        common.recorder.register("USART2", refused, USART2_DR, 0, false);
-    }
-
-    fn fail_dma(&mut self, stream: usize, address: u32, common: &mut Common) {
-        self.dma.fail(stream);
-        common
-            .recorder
-            .refused(address, 0, "a DMA transfer that the bus does not take");
+        self.settle(Slot::Usart, common);
     }
 
     /// Does what reset bits of RCC say, as they are written.
@@ -250,6 +226,15 @@ impl Stm32f405 {
         let was_low = line.is_pin_low();
         line.set_pin(pin);
         line.is_pin_low() && !was_low
+    }
+}
+
+/// Whether a request is high.
+fn is_high(requests: Requests, request: Request) -> bool {
+    match request {
+        USART2_RX => requests.receive,
+        USART2_TX => requests.transmit,
+        _ => false,
     }
 }
 

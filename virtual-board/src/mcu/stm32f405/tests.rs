@@ -7,13 +7,13 @@ use std::sync::{Arc, Mutex};
 use armwire::Micros;
 use armwire_sim::serial::SerialDevice;
 
-use super::dma::{DELAYS, Delays};
 use super::*;
 use crate::can::bus::Bus as CanBus;
 use crate::core::{Access, Bus, Purpose};
 use crate::crystal::{Crystal, INTERNAL_HZ, Oscillator};
 use crate::flash::{Flash, SIZE};
 use crate::line::{Direction, Fault, Format, Line, LineByte, Outcome, Parity, SharedLine};
+use crate::mcu::common::dma::{DELAYS, Delays};
 use crate::mcu::common::mcu::Mcu;
 use crate::shared::Shared;
 use crate::soc::machine::Chip;

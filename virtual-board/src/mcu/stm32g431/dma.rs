@@ -1,26 +1,15 @@
 //! DMA1, DMA2 and the request multiplexer DMAMUX1 (RM0440, chapters 12 and 13).
 //!
-//! A transfer is four steps, each some nanoseconds after the one before it: the request wins the arbitration and the source
-//! is read; the destination is written; the count and the flags change. So a handler may run between any two of them, as on
-//! silicon. The delays are seeded, within what a bus that other masters use may take.
-//!
 //! Modelled are peripheral to memory and memory to peripheral, by bytes, circular or not. Refused by name: wider transfers,
 //! memory to memory, synchronization, request generators.
 
-use std::ops::RangeInclusive;
-
-use crate::soc::chance::Chance;
+use crate::mcu::common::dma::{Count, Step, Steps, Transfer};
 use crate::soc::peripheral::{Refused, field, forbidden};
 use crate::time::Nanos;
 
 /// Channels of a controller (12.3.1, category 2), and of both.
 pub(super) const CHANNELS: usize = 6;
 pub(super) const ALL_CHANNELS: usize = 2 * CHANNELS;
-
-/// Nanoseconds from a request to the read of the source, from there to the write, and from there to the count.
-const ARBITRATION: RangeInclusive<u64> = 25..=150;
-const MOVE: RangeInclusive<u64> = 6..=50;
-const COUNT: RangeInclusive<u64> = 6..=50;
 
 const ISR: u32 = 0x00;
 const IFCR: u32 = 0x04;
@@ -67,72 +56,38 @@ const MUX_CFR: u32 = 0x84;
 const REQUEST_ID: u32 = 0x7F;
 const EGE: u32 = 1 << 9;
 
-/// What a channel does next, and when.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
-    /// Its request is low, or it is off.
-    Waiting,
-    Reading(Nanos),
-    Writing(Nanos, u8),
-    Counting(Nanos),
-}
-
-/// What a channel asks of the bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Step {
-    /// Read the register, and hand the byte to [`Dma::fetched`].
-    ReadPeripheral(u32),
-    /// Read the memory, and hand the byte to [`Dma::fetched`].
-    ReadMemory(u32),
-    WritePeripheral(u32, u8),
-    WriteMemory(u32, u8),
-    /// Nothing: the count has changed.
-    Counted,
-}
-
 #[derive(Clone, Copy, Debug)]
 struct Channel {
     ccr: u32,
-    /// CNDTR, and what was programmed there.
-    left: u32,
-    programmed: u32,
+    /// CNDTR.
+    count: Count,
     cpar: u32,
     cmar: u32,
-    phase: Phase,
 }
 
 impl Channel {
     const OFF: Self = Self {
         ccr: 0,
-        left: 0,
-        programmed: 0,
+        count: Count { left: 0, programmed: 0 },
         cpar: 0,
         cmar: 0,
-        phase: Phase::Waiting,
     };
 
     fn is_on(&self) -> bool {
         self.ccr & ccr::EN != 0
     }
 
-    fn is_from_memory(&self) -> bool {
-        self.ccr & ccr::DIR != 0
-    }
-
-    /// The address in memory of the present transfer.
-    fn address(&self) -> u32 {
-        let done = self.programmed - self.left;
-        if self.ccr & ccr::MINC != 0 {
-            self.cmar.wrapping_add(done)
+    /// The present transfer.
+    fn transfer(&self) -> Transfer {
+        let done = if self.ccr & ccr::MINC != 0 {
+            self.count.done()
         } else {
-            self.cmar
-        }
-    }
-
-    fn due(&self) -> Option<Nanos> {
-        match self.phase {
-            Phase::Waiting => None,
-            Phase::Reading(at) | Phase::Writing(at, _) | Phase::Counting(at) => Some(at),
+            0
+        };
+        Transfer {
+            peripheral: self.cpar,
+            memory: self.cmar.wrapping_add(done),
+            from_memory: self.ccr & ccr::DIR != 0,
         }
     }
 }
@@ -144,7 +99,7 @@ pub(super) struct Dma {
     /// ISR of each controller.
     flags: [u32; 2],
     requests: [u32; ALL_CHANNELS],
-    chance: Chance,
+    steps: Steps<ALL_CHANNELS>,
 }
 
 impl Dma {
@@ -153,14 +108,17 @@ impl Dma {
             channels: [Channel::OFF; ALL_CHANNELS],
             flags: [0; 2],
             requests: [0; ALL_CHANNELS],
-            chance: Chance::new(seed, "DMA"),
+            steps: Steps::new(seed),
         }
     }
 
     /// A controller, 0 or 1, as a reset leaves it.
     pub(super) fn reset(&mut self, controller: usize) {
         self.flags[controller] = 0;
-        self.channels[controller * CHANNELS..][..CHANNELS].fill(Channel::OFF);
+        for channel in controller * CHANNELS..(controller + 1) * CHANNELS {
+            self.channels[channel] = Channel::OFF;
+            self.steps.stop(channel);
+        }
     }
 
     /// The multiplexer as a reset leaves it.
@@ -176,69 +134,44 @@ impl Dma {
 
     /// Starts what the levels of the requests ask for.
     pub(super) fn follow_requests(&mut self, is_high: impl Fn(u32) -> bool, now: Nanos) {
-        for (channel, &request) in self.channels.iter_mut().zip(&self.requests) {
-            let can = channel.is_on() && channel.left > 0 && channel.phase == Phase::Waiting;
+        for (number, (channel, request)) in self.channels.iter().zip(self.requests).enumerate() {
+            let can = channel.is_on() && channel.count.left > 0 && self.steps.waits(number);
             if can && is_high(request & REQUEST_ID) {
-                channel.phase = Phase::Reading(now + self.chance.span(ARBITRATION));
+                self.steps.start(number, now);
             }
         }
     }
 
     /// Takes the next step that is due at `now`, and the channel that takes it. A request that is low by now gets nothing.
     pub(super) fn step(&mut self, is_high: impl Fn(u32) -> bool, now: Nanos) -> Option<(usize, Step)> {
-        let number = self
-            .channels
-            .iter()
-            .position(|channel| channel.due().is_some_and(|at| at <= now))?;
-        let channel = &mut self.channels[number];
-        let step = match channel.phase {
-            Phase::Waiting => return None,
-            Phase::Reading(_) if !is_high(self.requests[number] & REQUEST_ID) => {
-                channel.phase = Phase::Waiting;
-                Step::Counted
-            }
-            Phase::Reading(_) if channel.is_from_memory() => Step::ReadMemory(channel.address()),
-            Phase::Reading(_) => Step::ReadPeripheral(channel.cpar),
-            Phase::Writing(_, value) => {
-                channel.phase = Phase::Counting(now + self.chance.span(COUNT));
-                if channel.is_from_memory() {
-                    Step::WritePeripheral(channel.cpar, value)
-                } else {
-                    Step::WriteMemory(channel.address(), value)
-                }
-            }
-            Phase::Counting(_) => {
-                channel.phase = Phase::Waiting;
-                self.count(number);
-                Step::Counted
-            }
-        };
+        let number = self.steps.first_due(now)?;
+        let is_high = is_high(self.requests[number] & REQUEST_ID);
+        let step = self.steps.take(number, is_high, self.channels[number].transfer(), now);
+        if step == Step::Count {
+            self.count(number);
+        }
         Some((number, step))
     }
 
-    /// What a step that reads has got.
+    /// A step that reads has got this byte.
     pub(super) fn fetched(&mut self, channel: usize, value: u8, now: Nanos) {
-        self.channels[channel].phase = Phase::Writing(now + self.chance.span(MOVE), value);
+        self.steps.fetched(channel, value, now);
     }
 
     /// The bus did not take the last step: the channel stops (12.4.6).
     pub(super) fn fail(&mut self, channel: usize) {
         self.channels[channel].ccr &= !ccr::EN;
-        self.channels[channel].phase = Phase::Waiting;
+        self.steps.stop(channel);
         self.raise(channel, flag::ERROR);
     }
 
     fn count(&mut self, number: usize) {
         let channel = &mut self.channels[number];
-        channel.left -= 1;
-        let (half, complete) = (channel.left == channel.programmed / 2, channel.left == 0);
-        if complete && channel.ccr & ccr::CIRC != 0 {
-            channel.left = channel.programmed;
-        }
-        if half {
+        let reached = channel.count.count(channel.ccr & ccr::CIRC != 0);
+        if reached.half {
             self.raise(number, flag::HALF);
         }
-        if complete {
+        if reached.complete {
             self.raise(number, flag::COMPLETE);
         }
     }
@@ -249,7 +182,7 @@ impl Dma {
 
     /// When a channel takes its next step.
     pub(super) fn due(&self) -> Option<Nanos> {
-        self.channels.iter().filter_map(Channel::due).min()
+        self.steps.due()
     }
 
     /// Reads a register of a controller, 0 or 1.
@@ -262,7 +195,7 @@ impl Dma {
                 let channel = &self.channels[number];
                 match register {
                     CCR => Ok(channel.ccr),
-                    CNDTR => Ok(channel.left),
+                    CNDTR => Ok(channel.count.left),
                     CPAR => Ok(channel.cpar),
                     CMAR => Ok(channel.cmar),
                     _ => Err(Refused::NoRegister),
@@ -306,10 +239,10 @@ impl Dma {
                 channel.ccr = value;
                 if !on {
                     // 12.4.3: it begins from what CMAR says.
-                    channel.programmed = channel.left;
+                    channel.count.programmed = channel.count.left;
                 }
                 if value & ccr::EN == 0 {
-                    channel.phase = Phase::Waiting;
+                    self.steps.stop(number);
                 }
             }
             CNDTR | CPAR | CMAR if on => {
@@ -319,8 +252,8 @@ impl Dma {
                 ));
             }
             CNDTR => {
-                channel.left = value & NDT;
-                channel.programmed = channel.left;
+                channel.count.left = value & NDT;
+                channel.count.programmed = channel.count.left;
             }
             CPAR => channel.cpar = value,
             CMAR => channel.cmar = value,
@@ -418,7 +351,7 @@ mod tests {
             [
                 Step::ReadPeripheral(0x4000_4424),
                 Step::WriteMemory(0x2000_0000, 0x42),
-                Step::Counted
+                Step::Count
             ]
         );
         let instants: Vec<u64> = steps.iter().map(|(at, _)| at.0).collect();
@@ -456,7 +389,7 @@ mod tests {
         let mut dma = dma(4, 0);
         dma.follow_requests(|_| true, Nanos(0));
         let due = dma.due().unwrap();
-        assert_eq!(dma.step(|_| false, due), Some((0, Step::Counted)));
+        assert_eq!(dma.step(|_| false, due), Some((0, Step::Nothing)));
         assert_eq!((dma.due(), dma.read(0, CHANNEL_1 + CNDTR)), (None, Ok(4)));
     }
 

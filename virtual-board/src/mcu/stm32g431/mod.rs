@@ -14,9 +14,11 @@ mod rcc;
 mod usart;
 mod usb;
 
+use std::sync::atomic::Ordering;
+
 use self::crs::Crs;
 use self::dbgmcu::Dbgmcu;
-use self::dma::{ALL_CHANNELS, CHANNELS, Dma, Step};
+use self::dma::{ALL_CHANNELS, CHANNELS, Dma};
 use self::fdcan::Fdcan;
 use self::flash::Interface;
 use self::map::{Block, interrupt};
@@ -24,6 +26,7 @@ use self::pwr::Pwr;
 use self::rcc::{Clocks, Rcc};
 use self::usart::Usart;
 use self::usb::Usb;
+use super::common::dma::Requests;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
 use super::common::mcu::{Block as _, Common, Map, Peripherals, Slot};
@@ -48,8 +51,8 @@ const USART2_RX: u32 = 26;
 const USART2_TX: u32 = 27;
 
 /// Registers that the DMA reads and writes.
-const USART2_RDR: u32 = 0x4000_4424;
-const USART2_TDR: u32 = 0x4000_4428;
+const USART2_RDR: u32 = 0x4000_4400 + usart::RDR;
+const USART2_TDR: u32 = 0x4000_4400 + usart::TDR;
 
 /// Registers of GPIO ports after a reset (9.4.1, 9.4.3, 9.4.4). PA13 to PA15, PB3 and PB4 are the debugger's.
 const fn gpio_at_reset(port: usize) -> AtReset {
@@ -123,52 +126,42 @@ impl Stm32g431 {
         }
     }
 
-    /// A step of a DMA channel.
-    fn step_dma(&mut self, common: &mut Common, memory: &mut Memory) {
-        let requests = Requests::of(&self.usart2, &common.edges);
-        let Some((channel, step)) = self.dma.step(|request| requests.is_high(request), common.now) else {
-            return;
-        };
-        match step {
-            Step::ReadPeripheral(USART2_RDR) => {
-                match self.usart2.read(USART2_RDR & 0x3FF, common.now) {
-                    Ok(value) => self.dma.fetched(channel, value as u8, common.now),
-                    Err(refused) => self.refuse_dma(channel, USART2_RDR, refused, common),
-                }
-                self.settle(Slot::Usart, common);
-            }
-            Step::ReadMemory(address) => match memory.read(address, Width::Byte) {
-                Some(value) => self.dma.fetched(channel, value as u8, common.now),
-                None => self.fail_dma(channel, address, common),
-            },
-            Step::WritePeripheral(USART2_TDR, value) => {
-                if let Err(refused) = self.usart2.write(USART2_TDR & 0x3FF, value.into(), common.now) {
-                    self.refuse_dma(channel, USART2_TDR, refused, common);
-                }
-                self.settle(Slot::Usart, common);
-            }
-            Step::WriteMemory(address, value) => {
-                if memory.write(address, Width::Byte, value.into()).is_none() {
-                    self.fail_dma(channel, address, common);
-                }
-            }
-            Step::ReadPeripheral(address) | Step::WritePeripheral(address, _) => {
-                self.fail_dma(channel, address, common)
-            }
-            Step::Counted => {}
+    /// The levels of the DMA requests.
+    fn requests(&self, common: &Common) -> Requests {
+        Requests {
+            receive: self.usart2.requests_receive() && !common.edges.starve.load(Ordering::Relaxed),
+            transmit: self.usart2.requests_transmit(),
         }
     }
 
-    fn refuse_dma(&mut self, channel: usize, address: u32, refused: Refused, common: &mut Common) {
-        self.dma.fail(channel);
-        common.recorder.register("USART2", refused, address, 0, false);
+    fn follow_requests(&mut self, common: &Common) {
+        let requests = self.requests(common);
+        self.dma
+            .follow_requests(|request| is_high(requests, request), common.now);
     }
 
-    fn fail_dma(&mut self, channel: usize, address: u32, common: &mut Common) {
-        self.dma.fail(channel);
-        common
-            .recorder
-            .refused(address, 0, "a DMA transfer that the bus does not take");
+    /// A step of a DMA channel.
+    fn step_dma(&mut self, common: &mut Common, memory: &mut Memory) {
+        let now = common.now;
+        let requests = self.requests(common);
+        let Some((channel, step)) = self.dma.step(|request| is_high(requests, request), now) else {
+            return;
+        };
+        let usart = &mut self.usart2;
+        let done = step.run(memory, |address, value| match (address, value) {
+            (USART2_RDR, None) => Some(usart.read(usart::RDR, now).map(|value| value as u8)),
+            (USART2_TDR, Some(value)) => Some(usart.write(usart::TDR, value.into(), now).map(|()| value)),
+            _ => None,
+        });
+        match done {
+            Ok(Some(value)) => self.dma.fetched(channel, value, now),
+            Ok(None) => {}
+            Err(failure) => {
+                self.dma.fail(channel);
+                common.record_dma("USART2", failure);
+            }
+        }
+        self.settle(Slot::Usart, common);
     }
 
     /// Does what reset bits of RCC say, as they are written.
@@ -223,27 +216,12 @@ impl Stm32g431 {
     }
 }
 
-/// Levels of the DMA requests.
-#[derive(Clone, Copy, Debug)]
-struct Requests {
-    receive: bool,
-    transmit: bool,
-}
-
-impl Requests {
-    fn of(usart: &Usart, edges: &Edges) -> Self {
-        Self {
-            receive: usart.requests_receive() && !edges.starve.load(std::sync::atomic::Ordering::Relaxed),
-            transmit: usart.requests_transmit(),
-        }
-    }
-
-    fn is_high(self, request: u32) -> bool {
-        match request {
-            USART2_RX => self.receive,
-            USART2_TX => self.transmit,
-            _ => false,
-        }
+/// Whether a request is high.
+fn is_high(requests: Requests, request: u32) -> bool {
+    match request {
+        USART2_RX => requests.receive,
+        USART2_TX => requests.transmit,
+        _ => false,
     }
 }
 
@@ -421,17 +399,13 @@ impl Peripherals for Stm32g431 {
             }
             Slot::Usart => {
                 common.lines.set(interrupt::USART2, self.usart2.interrupts());
-                let requests = Requests::of(&self.usart2, &common.edges);
-                self.dma
-                    .follow_requests(|request| requests.is_high(request), common.now);
+                self.follow_requests(common);
                 common.set_due(Slot::Dma, self.dma.due());
                 self.usart2.due()
             }
             Slot::Dma => {
                 self.settle_dma_interrupts(common);
-                let requests = Requests::of(&self.usart2, &common.edges);
-                self.dma
-                    .follow_requests(|request| requests.is_high(request), common.now);
+                self.follow_requests(common);
                 self.dma.due()
             }
             Slot::Usb => {

@@ -28,8 +28,8 @@ const RTOR: u32 = 0x14;
 const RQR: u32 = 0x18;
 const ISR: u32 = 0x1C;
 const ICR: u32 = 0x20;
-const RDR: u32 = 0x24;
-const TDR: u32 = 0x28;
+pub(super) const RDR: u32 = 0x24;
+pub(super) const TDR: u32 = 0x28;
 const PRESC: u32 = 0x2C;
 
 /// Bits of CR1 (37.8.2, FIFO mode disabled).

@@ -1,0 +1,244 @@
+//! The transfers of a DMA controller, whatever its registers.
+//!
+//! A transfer is four steps, each some nanoseconds after the one before it: the request wins the arbitration and the source
+//! is read; the destination is written; the count and the flags change. So a handler may run between any two of them, as on
+//! silicon. The delays are seeded, within what a bus that other masters use may take.
+
+use std::ops::RangeInclusive;
+
+use crate::core::{Memory, Width};
+use crate::soc::chance::Chance;
+use crate::soc::peripheral::Refused;
+use crate::time::Nanos;
+
+/// Nanoseconds from a request to the read of the source, from there to the write, and from there to the count.
+#[derive(Clone, Debug)]
+pub(crate) struct Delays {
+    pub(crate) arbitration: RangeInclusive<u64>,
+    pub(crate) transfer: RangeInclusive<u64>,
+    pub(crate) count: RangeInclusive<u64>,
+}
+
+/// The delays on a bus that other masters use, too.
+pub(crate) const DELAYS: Delays = Delays {
+    arbitration: 25..=150,
+    transfer: 6..=50,
+    count: 6..=50,
+};
+
+/// The next step of a stream, and when it is due.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// The request is low, or the stream is off.
+    Waiting,
+    Reading(Nanos),
+    Writing(Nanos, u8),
+    Counting(Nanos),
+}
+
+/// The two ends of a transfer.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Transfer {
+    pub(crate) peripheral: u32,
+    pub(crate) memory: u32,
+    pub(crate) from_memory: bool,
+}
+
+/// A step, which the bus is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Step {
+    ReadPeripheral(u32),
+    ReadMemory(u32),
+    WritePeripheral(u32, u8),
+    WriteMemory(u32, u8),
+    /// The bus does nothing: the count changes.
+    Count,
+    /// The bus does nothing: the request is low by now.
+    Nothing,
+}
+
+/// The bus did not take a step.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Failure {
+    pub(crate) address: u32,
+    /// Why the register did not take it. `None` if there is no memory, and no register for the DMA, at the address.
+    pub(crate) refused: Option<Refused>,
+}
+
+impl Step {
+    /// Does the step, and returns the byte that it read, if it reads.
+    ///
+    /// `register` reads the register at an address, or writes a byte to it. It returns the byte that it read or wrote; `None`
+    /// if the DMA reaches no register there.
+    pub(crate) fn run(
+        self,
+        memory: &mut Memory,
+        register: impl FnOnce(u32, Option<u8>) -> Option<Result<u8, Refused>>,
+    ) -> Result<Option<u8>, Failure> {
+        let none = |address| Failure { address, refused: None };
+        let access = |address, value| {
+            let done = register(address, value).ok_or(none(address))?;
+            done.map_err(|refused| Failure {
+                address,
+                refused: Some(refused),
+            })
+        };
+        match self {
+            Self::ReadPeripheral(address) => access(address, None).map(Some),
+            Self::ReadMemory(address) => {
+                let value = memory.read(address, Width::Byte).ok_or(none(address))?;
+                Ok(Some(value as u8))
+            }
+            Self::WritePeripheral(address, value) => access(address, Some(value)).map(|_| None),
+            Self::WriteMemory(address, value) => {
+                memory.write(address, Width::Byte, value.into()).ok_or(none(address))?;
+                Ok(None)
+            }
+            Self::Count | Self::Nothing => Ok(None),
+        }
+    }
+}
+
+/// The steps of each stream.
+#[derive(Debug)]
+pub(crate) struct Steps<const STREAMS: usize> {
+    phases: [Phase; STREAMS],
+    chance: Chance,
+    delays: Delays,
+}
+
+impl<const STREAMS: usize> Steps<STREAMS> {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self {
+            phases: [Phase::Waiting; STREAMS],
+            chance: Chance::new(seed, "DMA"),
+            delays: DELAYS,
+        }
+    }
+
+    #[cfg(test)]
+    pub(crate) fn set_delays(&mut self, delays: Delays) {
+        self.delays = delays;
+    }
+
+    /// Whether the stream waits for a request.
+    #[inline]
+    pub(crate) fn waits(&self, stream: usize) -> bool {
+        self.phases[stream] == Phase::Waiting
+    }
+
+    /// Whether the stream has read a byte that is not counted yet.
+    pub(crate) fn moves(&self, stream: usize) -> bool {
+        matches!(self.phases[stream], Phase::Writing(..) | Phase::Counting(_))
+    }
+
+    /// Starts a transfer of a stream that waits.
+    pub(crate) fn start(&mut self, stream: usize, now: Nanos) {
+        self.phases[stream] = Phase::Reading(now + self.chance.span(self.delays.arbitration.clone()));
+    }
+
+    /// Gives up the transfer of a stream.
+    pub(crate) fn stop(&mut self, stream: usize) {
+        self.phases[stream] = Phase::Waiting;
+    }
+
+    /// The first stream with a step that is due at `now`.
+    pub(crate) fn first_due(&self, now: Nanos) -> Option<usize> {
+        self.phases
+            .iter()
+            .position(|phase| phase.due().is_some_and(|at| at <= now))
+    }
+
+    /// Takes the next step of a stream. A request that is low by now gets nothing.
+    pub(crate) fn take(&mut self, stream: usize, is_high: bool, transfer: Transfer, now: Nanos) -> Step {
+        let Transfer {
+            peripheral,
+            memory,
+            from_memory,
+        } = transfer;
+        let phase = &mut self.phases[stream];
+        match *phase {
+            Phase::Waiting => Step::Nothing,
+            Phase::Reading(_) if !is_high => {
+                *phase = Phase::Waiting;
+                Step::Nothing
+            }
+            Phase::Reading(_) if from_memory => Step::ReadMemory(memory),
+            Phase::Reading(_) => Step::ReadPeripheral(peripheral),
+            Phase::Writing(_, value) => {
+                *phase = Phase::Counting(now + self.chance.span(self.delays.count.clone()));
+                if from_memory {
+                    Step::WritePeripheral(peripheral, value)
+                } else {
+                    Step::WriteMemory(memory, value)
+                }
+            }
+            Phase::Counting(_) => {
+                *phase = Phase::Waiting;
+                Step::Count
+            }
+        }
+    }
+
+    /// A step that reads has got this byte.
+    pub(crate) fn fetched(&mut self, stream: usize, value: u8, now: Nanos) {
+        self.phases[stream] = Phase::Writing(now + self.chance.span(self.delays.transfer.clone()), value);
+    }
+
+    /// When the next step is due.
+    #[inline]
+    pub(crate) fn due(&self) -> Option<Nanos> {
+        self.phases.iter().filter_map(|phase| phase.due()).min()
+    }
+}
+
+impl Phase {
+    #[inline]
+    fn due(&self) -> Option<Nanos> {
+        match *self {
+            Self::Waiting => None,
+            Self::Reading(at) | Self::Writing(at, _) | Self::Counting(at) => Some(at),
+        }
+    }
+}
+
+/// The count of transfers.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Count {
+    pub(crate) left: u32,
+    pub(crate) programmed: u32,
+}
+
+/// The milestones that a transfer reached.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reached {
+    pub(crate) half: bool,
+    pub(crate) complete: bool,
+}
+
+impl Count {
+    /// The transfers that are done.
+    pub(crate) fn done(self) -> u32 {
+        self.programmed - self.left
+    }
+
+    /// Counts a transfer. A circular stream starts over after the last one.
+    pub(crate) fn count(&mut self, circular: bool) -> Reached {
+        self.left -= 1;
+        let reached = Reached {
+            half: self.left == self.programmed / 2,
+            complete: self.left == 0,
+        };
+        if reached.complete && circular {
+            self.left = self.programmed;
+        }
+        reached
+    }
+}
+
+/// Levels of the requests of the UART to the arm.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Requests {
+    pub(crate) receive: bool,
+    pub(crate) transmit: bool,
+}
