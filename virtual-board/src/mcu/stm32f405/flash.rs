@@ -19,11 +19,10 @@
 //!
 //! Refused by name: 64 bits at once.
 
-use std::ops::Range;
-
 use crate::core::{FlashTiming, Memory, Width};
-use crate::flash::{ERASED, Flash, SIZE, erased_in_part, programmed_in_part};
-use crate::shared::{Shared, lock};
+use crate::flash::{Flash, SIZE};
+use crate::mcu::common::flash::{Array, Operation, WORD};
+use crate::shared::Shared;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
 
@@ -114,9 +113,6 @@ const SECTORS: [usize; 13] = {
 };
 const SECTOR_COUNT: usize = SECTORS.len() - 1;
 
-/// Bytes of a word in [`Flash`].
-const WORD: usize = 8;
-
 /// The fastest HCLK in hertz for each wait state, with a supply of 2.7 V and more (3.5.1, table 10).
 const PER_WAIT_STATE: u64 = 30_000_000;
 
@@ -146,21 +142,10 @@ impl Keys {
     }
 }
 
-/// What the flash is busy with.
-#[derive(Clone, Debug)]
-enum Operation {
-    /// Erasing these bytes, since an instant.
-    Erase { bytes: Range<usize>, since: Nanos },
-    /// Programming a word with bits clear where they are to be clear.
-    Program { word: usize, bits: u64 },
-    /// Programming the option bytes.
-    Options,
-}
-
 /// The interface.
 #[derive(Debug)]
 pub(super) struct Interface {
-    flash: Shared<Flash>,
+    array: Array,
     acr: u32,
     sr: u32,
     cr: u32,
@@ -169,84 +154,50 @@ pub(super) struct Interface {
     optcr: u32,
     /// OPTCR as it was last programmed.
     options: u32,
-    operation: Option<(Nanos, Operation)>,
     /// Whether the operation goes wrong: the supply was too low for it.
     fails: bool,
-    /// When the power goes.
-    cut: Option<Nanos>,
 }
 
 impl Interface {
     pub(super) fn new(flash: Shared<Flash>) -> Self {
+        Self::with(Array::new(flash), optcr::DELIVERED & !optcr::OPTLOCK)
+    }
+
+    /// The interface as a reset leaves it, with these option bytes.
+    fn with(array: Array, options: u32) -> Self {
         Self {
-            flash,
+            array,
             acr: 0,
             sr: 0,
             cr: 0,
             keys: Keys::None,
             option_keys: Keys::None,
-            optcr: optcr::DELIVERED & !optcr::OPTLOCK,
-            options: optcr::DELIVERED & !optcr::OPTLOCK,
-            operation: None,
+            optcr: options,
+            options,
             fails: false,
-            cut: None,
         }
     }
 
     /// The chip restarts, or its power goes: what was under way is left half done.
     pub(super) fn restart(&mut self, memory: &mut Memory) {
-        if let Some((_, operation)) = self.operation.take() {
-            self.half_do(operation, memory);
-        }
-        *self = Self {
-            optcr: self.options,
-            options: self.options,
-            ..Self::new(self.flash.clone())
-        };
-    }
-
-    /// Leaves an operation half done.
-    fn half_do(&self, operation: Operation, memory: &mut Memory) {
-        match operation {
-            Operation::Erase { bytes, .. } => {
-                self.change(bytes.start / WORD..bytes.end / WORD, memory, erased_in_part);
-            }
-            Operation::Program { word, bits } => {
-                self.change(word..word + 1, memory, |old, chance| {
-                    programmed_in_part(old, bits, chance)
-                });
-            }
-            Operation::Options => {}
-        }
-    }
-
-    /// Changes words, given what each held and a chance.
-    fn change(&self, words: Range<usize>, memory: &mut Memory, new: impl Fn(u64, u64) -> u64) {
-        let mut flash = lock(&self.flash);
-        for word in words {
-            let old = u64::from_le_bytes(flash.get(word));
-            let new = new(old, flash.chance(word));
-            if new != old {
-                flash.set(word, new.to_le_bytes());
-                memory.program(word * WORD, &new.to_le_bytes());
-            }
-        }
+        self.array.interrupt(memory);
+        *self = Self::with(self.array.clone(), self.options);
     }
 
     /// Whether an operation is under way: the core waits.
     #[inline]
     pub(super) fn is_busy(&self) -> bool {
-        self.operation.is_some()
+        self.array.is_busy()
     }
 
     /// The supply, in millivolts.
     pub(super) fn millivolts(&self) -> u32 {
-        lock(&self.flash).millivolts
+        self.array.millivolts()
     }
 
     /// Whether the power is to go now.
     pub(super) fn take_cut(&mut self, now: Nanos) -> bool {
-        self.cut.take_if(|at| *at <= now).is_some()
+        self.array.take_cut(now)
     }
 
     /// The level of the interrupt line (3.6.6): EOP and OPERR are set only if they interrupt.
@@ -277,18 +228,14 @@ impl Interface {
     }
 
     /// Starts an operation. Fails if it will go wrong.
-    fn start(&mut self, operation: Operation, (typical, worst): (Nanos, Nanos), now: Nanos) -> Result<(), Refused> {
+    fn start(&mut self, operation: Operation, times: (Nanos, Nanos), now: Nanos) -> Result<(), Refused> {
         let what = match operation {
-            Operation::Erase { .. } => "erase",
+            Operation::Erase(_) => "erase",
             Operation::Program { .. } | Operation::Options => "program",
         };
-        let mut flash = lock(&self.flash);
-        let span = flash.clock.span(what, typical, worst);
-        self.cut = flash.start(typical).map(|after| now + after);
         let least = LEAST_MV.get(self.parallelism() as usize);
-        self.fails = least.is_none_or(|&least| flash.millivolts < least);
-        drop(flash);
-        self.operation = Some((now + span, operation));
+        self.fails = least.is_none_or(|&least| self.array.millivolts() < least);
+        self.array.start(operation, what, times, now);
         self.sr |= sr::BSY;
         if self.fails {
             return Err(forbidden("CR", "3.6.2: a flash operation below the supply it needs"));
@@ -298,28 +245,23 @@ impl Interface {
 
     /// Ends what is due.
     pub(super) fn finish(&mut self, now: Nanos, memory: &mut Memory) {
-        let Some((_, operation)) = self.operation.take_if(|(ends, _)| *ends <= now) else {
+        let Some(operation) = self.array.take_ended(now) else {
             return;
         };
         self.sr &= !sr::BSY;
         if self.cr & cr::EOPIE != 0 {
             self.sr |= sr::EOP;
         }
-        if let Operation::Erase { since, .. } = operation {
+        if matches!(operation, Operation::Erase(_)) {
             self.cr &= !cr::STRT;
-            lock(&self.flash).erases.push((since, now));
         }
         match operation {
-            operation if self.fails => self.half_do(operation, memory),
-            Operation::Erase { bytes, .. } => {
-                let erased = u64::from_le_bytes([ERASED; WORD]);
-                self.change(bytes.start / WORD..bytes.end / WORD, memory, |_, _| erased);
-            }
-            Operation::Program { word, bits } => self.change(word..word + 1, memory, |old, _| old & bits),
+            _ if self.fails => self.array.half_do(&operation, memory),
             Operation::Options => {
                 self.optcr &= !optcr::OPTSTRT;
                 self.options = self.optcr;
             }
+            _ => self.array.complete(&operation, memory),
         }
     }
 
@@ -434,7 +376,11 @@ impl Interface {
         };
         let typical = Nanos::from_millis(millis);
         let worst = Nanos(typical.0 * WORST_ERASE);
-        self.start(Operation::Erase { bytes, since: now }, (typical, worst), now)
+        self.start(
+            Operation::Erase(bytes.start / WORD..bytes.end / WORD),
+            (typical, worst),
+            now,
+        )
     }
 
     fn refuse_erase(&mut self) -> Result<(), Refused> {
@@ -498,7 +444,6 @@ impl Peripheral for Interface {
     }
 
     fn due(&self) -> Option<Nanos> {
-        let ends = self.operation.as_ref().map(|(ends, _)| *ends);
-        [ends, self.cut].into_iter().flatten().min()
+        self.array.due()
     }
 }

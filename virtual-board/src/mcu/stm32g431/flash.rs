@@ -15,20 +15,18 @@
 //!
 //! Refused by name: fast programming, option bytes, write protection, interrupts.
 
+use std::collections::BTreeSet;
+
 use crate::core::{FlashTiming, Memory, Width};
-use crate::flash::{ERASED, Flash, erased_in_part, programmed_in_part};
-use crate::shared::{Shared, lock};
+use crate::flash::Flash;
+use crate::mcu::common::flash::{Array, Operation, WORD};
+use crate::shared::Shared;
 use crate::soc::peripheral::{Peripheral, Refused, field, forbidden};
 use crate::time::Nanos;
-use std::collections::BTreeSet;
-use std::ops::Range;
 
 /// The flash's bytes, and those of a page (5.3.1).
 pub(super) const SIZE: usize = 128 << 10;
 const PAGE: usize = 2 << 10;
-
-/// Bytes of a double word.
-const DOUBLE_WORD: usize = 8;
 
 const ACR: u32 = 0x00;
 const PDKEYR: u32 = 0x04;
@@ -113,18 +111,10 @@ enum Keys {
     Wrong,
 }
 
-#[derive(Clone, Debug)]
-enum Operation {
-    /// Erasing these double words.
-    Erase(Range<usize>),
-    /// Programming one.
-    Program { word: usize, value: u64 },
-}
-
 /// The interface.
 #[derive(Debug)]
 pub(super) struct Interface {
-    flash: Shared<Flash>,
+    array: Array,
     acr: u32,
     sr: u32,
     cr: u32,
@@ -132,67 +122,51 @@ pub(super) struct Interface {
     keys: Keys,
     /// The first half of a double word, and its address.
     first_half: Option<(u32, u32)>,
-    operation: Option<(Nanos, Operation)>,
-    /// When the power goes.
-    cut: Option<Nanos>,
     /// Double words that fail their error correction.
     broken: BTreeSet<usize>,
 }
 
 impl Interface {
     pub(super) fn new(flash: Shared<Flash>) -> Self {
+        Self::with(Array::new(flash), BTreeSet::new())
+    }
+
+    /// The interface as a reset leaves it, with these double words broken.
+    fn with(array: Array, broken: BTreeSet<usize>) -> Self {
         Self {
-            flash,
+            array,
             acr: acr::AT_RESET,
             sr: 0,
             cr: cr::AT_RESET,
             eccr: 0,
             keys: Keys::None,
             first_half: None,
-            operation: None,
-            cut: None,
-            broken: BTreeSet::new(),
+            broken,
         }
     }
 
     /// The interface as a reset of it leaves it (RCC_AHB1RSTR.FLASHRST, 7.4.8).
     pub(super) fn reset(&mut self) {
-        *self = Self {
-            broken: std::mem::take(&mut self.broken),
-            operation: self.operation.take(),
-            cut: self.cut,
-            ..Self::new(self.flash.clone())
-        };
+        *self = Self::with(self.array.clone(), std::mem::take(&mut self.broken));
     }
 
     /// The chip restarts, or its power goes: what was under way is left half done.
     pub(super) fn restart(&mut self, memory: &mut Memory) {
-        match self.operation.take() {
-            Some((_, Operation::Erase(words))) => {
-                self.broken.extend(words.clone());
-                self.change(words, memory, erased_in_part);
-            }
-            Some((_, Operation::Program { word, value })) => {
-                self.broken.insert(word);
-                self.change(word..word + 1, memory, |old, chance| {
-                    programmed_in_part(old, value, chance)
-                });
-            }
-            None => {}
+        if let Some(operation) = self.array.interrupt(memory) {
+            self.broken.extend(operation.words());
         }
-        self.cut = None;
         self.reset();
         memory.set_flash_reads_on_bus(!self.broken.is_empty());
     }
 
     /// Whether an operation is under way: the core waits.
     pub(super) fn is_busy(&self) -> bool {
-        self.operation.is_some()
+        self.array.is_busy()
     }
 
     /// Whether the power is to go now.
     pub(super) fn take_cut(&mut self, now: Nanos) -> bool {
-        self.cut.take_if(|at| *at <= now).is_some()
+        self.array.take_cut(now)
     }
 
     pub(super) fn wait_states(&self) -> u32 {
@@ -213,57 +187,35 @@ impl Interface {
 
     /// A read of the flash while some of it fails its error correction. Whether the NMI is pended.
     pub(super) fn check_read(&mut self, offset: u32) -> bool {
-        if !self.broken.contains(&(offset as usize / DOUBLE_WORD)) {
+        if !self.broken.contains(&(offset as usize / WORD)) {
             return false;
         }
         // The first error is kept.
         if self.eccr & eccr::ECCD == 0 {
-            self.eccr = eccr::ECCD | offset & !(DOUBLE_WORD as u32 - 1) & eccr::ADDR_ECC;
+            self.eccr = eccr::ECCD | offset & !(WORD as u32 - 1) & eccr::ADDR_ECC;
         }
         true
     }
 
-    fn change(&self, words: Range<usize>, memory: &mut Memory, new: impl Fn(u64, u64) -> u64) {
-        let mut flash = lock(&self.flash);
-        for word in words {
-            let old = u64::from_le_bytes(flash.get(word));
-            let new = new(old, flash.chance(word));
-            if new != old {
-                flash.set(word, new.to_le_bytes());
-                memory.program(word * DOUBLE_WORD, &new.to_le_bytes());
-            }
-        }
-    }
-
-    fn start(&mut self, operation: Operation, (typical, worst): (Nanos, Nanos), now: Nanos) {
-        let mut flash = lock(&self.flash);
-        let ends = now + flash.clock.span("flash", typical, worst);
-        if matches!(operation, Operation::Erase(_)) {
-            flash.erases.push((now, ends));
-        }
-        self.cut = flash.start(typical).map(|after| now + after);
-        drop(flash);
-        self.operation = Some((ends, operation));
+    fn start(&mut self, operation: Operation, times: (Nanos, Nanos), now: Nanos) {
+        self.array.start(operation, "flash", times, now);
         self.sr |= sr::BSY;
     }
 
     /// Ends what is due. Returns whether anything did.
     pub(super) fn finish(&mut self, now: Nanos, memory: &mut Memory) {
-        let Some((_, operation)) = self.operation.take_if(|(ends, _)| *ends <= now) else {
+        let Some(operation) = self.array.take_ended(now) else {
             return;
         };
         self.sr &= !sr::BSY;
         if self.cr & cr::EOPIE != 0 {
             self.sr |= sr::EOP;
         }
-        match operation {
-            Operation::Erase(words) => {
-                self.cr &= !cr::STRT;
-                self.broken.retain(|word| !words.contains(word));
-                self.change(words, memory, |_, _| u64::from_le_bytes([ERASED; DOUBLE_WORD]));
-                memory.set_flash_reads_on_bus(!self.broken.is_empty());
-            }
-            Operation::Program { word, value } => self.change(word..word + 1, memory, |old, _| old & value),
+        self.array.complete(&operation, memory);
+        if let Operation::Erase(words) = operation {
+            self.cr &= !cr::STRT;
+            self.broken.retain(|word| !words.contains(word));
+            memory.set_flash_reads_on_bus(!self.broken.is_empty());
         }
     }
 
@@ -284,17 +236,17 @@ impl Interface {
         if width != Width::Word {
             return Err(self.fail(sr::SIZERR, "5.3.7: a store to the flash that is no word"));
         }
-        let double_word = DOUBLE_WORD as u32;
+        let double_word = WORD as u32;
         match self.first_half.take() {
             None if offset.is_multiple_of(double_word) => self.first_half = Some((offset, value)),
             Some((first, low)) if offset == first + 4 => {
-                let word = first as usize / DOUBLE_WORD;
+                let word = first as usize / WORD;
                 let value = u64::from(value) << 32 | u64::from(low);
-                let old = u64::from_le_bytes(lock(&self.flash).get(word));
+                let old = self.array.word(word);
                 if old != u64::MAX && value != 0 {
                     return Err(self.fail(sr::PROGERR, "5.3.7: programming a double word that is not erased"));
                 }
-                self.start(Operation::Program { word, value }, PROGRAM, now);
+                self.start(Operation::Program { word, bits: value }, PROGRAM, now);
             }
             _ => return Err(self.fail(sr::PGAERR, "5.3.7: a double word not programmed as two words in order")),
         }
@@ -345,11 +297,7 @@ impl Interface {
         if bytes.end > SIZE {
             return Err(self.fail(sr::PGSERR, "5.3.6: the flash has no such page"));
         }
-        self.start(
-            Operation::Erase(bytes.start / DOUBLE_WORD..bytes.end / DOUBLE_WORD),
-            ERASE,
-            now,
-        );
+        self.start(Operation::Erase(bytes.start / WORD..bytes.end / WORD), ERASE, now);
         Ok(())
     }
 }
@@ -386,8 +334,7 @@ impl Peripheral for Interface {
     }
 
     fn due(&self) -> Option<Nanos> {
-        let ends = self.operation.as_ref().map(|(ends, _)| *ends);
-        [ends, self.cut].into_iter().flatten().min()
+        self.array.due()
     }
 }
 
@@ -396,10 +343,13 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     use super::*;
+    use crate::flash::ERASED;
+    use crate::shared::lock;
     use crate::timing::{Clock, Timing};
 
     struct Bench {
         interface: Interface,
+        flash: Shared<Flash>,
         memory: Memory,
         now: Nanos,
     }
@@ -412,7 +362,8 @@ mod tests {
             let memory = Memory::new(0x0800_0000, bytes.clone(), 0x2000_0000, 0x8000);
             let flash = Arc::new(Mutex::new(Flash::new(bytes, None, Clock::default())));
             Self {
-                interface: Interface::new(flash),
+                interface: Interface::new(flash.clone()),
+                flash,
                 memory,
                 now: Nanos(0),
             }
@@ -453,17 +404,17 @@ mod tests {
         let took = bench.finish();
         assert_eq!(took, ERASE.0);
         assert_eq!((bench.status(), bench.memory.flash()[0]), (sr::EOP, ERASED));
-        assert_eq!(lock(&bench.interface.flash).bytes()[PAGE - 1], ERASED);
+        assert_eq!(lock(&bench.flash).bytes()[PAGE - 1], ERASED);
     }
 
     #[test]
     fn operations_take_as_long_as_the_timing_says() {
         for (timing, takes) in [(Timing::Typical, ERASE.0), (Timing::Worst, ERASE.1)] {
             let mut bench = Bench::unlocked();
-            lock(&bench.interface.flash).clock = Clock::new(timing, 0);
+            lock(&bench.flash).clock = Clock::new(timing, 0);
             bench.write(CR, cr::PER | cr::STRT).unwrap();
             assert_eq!(bench.finish(), takes);
-            assert_eq!(lock(&bench.interface.flash).erases, [(Nanos(0), takes)]);
+            assert_eq!(lock(&bench.flash).erases, [(Nanos(0), takes)]);
         }
     }
 
