@@ -8,6 +8,7 @@
 //! | `NAME`, `CAN_FD` | what the board is called, and whether its CAN is CAN FD |
 //! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a [`Board`] of them |
 //! | `UsbDriver` | the driver of the USB peripheral |
+//! | `usb` | the registers of endpoint 0, behind [`usb_control`] |
 //! | `cancel_unfetched_packets()` | takes back what waits in an endpoint for a host that will not fetch it |
 //! | `cancel_unfetched_packet()` | takes back what waits in one endpoint, while the host asks for packets |
 //! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
@@ -29,6 +30,7 @@ mod stm32f405;
 mod stm32g431;
 mod time;
 pub(crate) mod usart;
+mod usb_control;
 
 use embassy_stm32::dma::Channel;
 use embassy_stm32::gpio::Output;

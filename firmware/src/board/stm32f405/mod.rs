@@ -8,7 +8,7 @@ mod clock;
 mod crystal;
 mod flash;
 pub(super) mod uart;
-mod usb;
+pub(super) mod usb;
 
 use armwire_bridge::PACKET;
 use embassy_stm32::dma::{self, Channel, Request};

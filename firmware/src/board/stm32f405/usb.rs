@@ -1,30 +1,28 @@
-//! The driver of the USB peripheral: the HAL's, which here also gets over a host that gives up a request, clears a halt or
-//! configures again.
+//! The driver of the USB peripheral: the HAL's, which here also gets over a host that clears a halt or configures again.
+//! [`usb_control`](super::super::usb_control) gets over a host that gives up a request.
 //!
-//! The HAL's waits for the end of each stage of a request, though the host may begin another request at any time (USB 2.0,
-//! 8.5.3), and leaves data toggles as they are.
+//! The HAL's leaves data toggles as they are.
 
-use core::future::{Future, poll_fn};
+use core::future::Future as _;
 use core::pin::pin;
-use core::sync::atomic::{AtomicBool, Ordering};
-use core::task::Poll;
+use core::sync::atomic::Ordering;
+use core::task::{Context, Poll};
 
 use embassy_stm32::interrupt::typelevel::{Handler, OTG_FS};
 use embassy_stm32::pac::USB_OTG_FS;
 use embassy_stm32::pac::otg::vals::Pktstsd;
 use embassy_stm32::{peripherals, usb};
-use embassy_sync::waitqueue::AtomicWaker;
 use embassy_usb::driver::{
-    self, ControlPipe as _, Direction, EndpointAddress, EndpointAllocError, EndpointError, EndpointType, Event,
-    Unsupported,
+    self, ControlPipe as _, Direction, EndpointAddress, EndpointAllocError, EndpointType, Event, Unsupported,
 };
 
+use super::super::usb_control::{ControlPipe, IS_SET_UP, wake_if_over};
 use super::{USB_ENDPOINTS, flush, soon};
 
 /// The HAL's driver and what it consists of.
 type Hal = usb::Driver<'static, peripherals::USB_OTG_FS>;
 type HalBus = <Hal as driver::Driver<'static>>::Bus;
-type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
+pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
 
 /// For how many SETUP packets the HAL makes room. The controller counts down with each (RM0090 34.17.5).
 const SETUP_PACKETS: u8 = 3;
@@ -32,13 +30,7 @@ const SETUP_PACKETS: u8 = 3;
 /// The longest packet of endpoint 0.
 const CONTROL_PACKET: usize = 64;
 
-/// A SETUP packet came since the last request was taken. A bus reset does not lose it, as it loses the controller's count.
-static IS_SET_UP: AtomicBool = AtomicBool::new(false);
-
-/// The task that waits for the end of a stage.
-static WAITING: AtomicWaker = AtomicWaker::new();
-
-/// Tells whoever waits for a stage of a request that the host has gone on. It runs before the HAL's.
+/// Tells the task that waits for a stage of a request that the host has gone on. It runs before the HAL's.
 pub(super) struct SetupHandler;
 
 impl Handler<OTG_FS> for SetupHandler {
@@ -46,13 +38,11 @@ impl Handler<OTG_FS> for SetupHandler {
         if is_set_up() || setup_waits() {
             IS_SET_UP.store(true, Ordering::Relaxed);
         }
-        if is_over() {
-            WAITING.wake();
-        }
+        wake_if_over();
     }
 }
 
-/// Whether a SETUP packet came since the last request was taken.
+/// Whether a SETUP packet came since the last request was taken. A bus reset loses the controller's count, but not the flag.
 fn is_set_up() -> bool {
     IS_SET_UP.load(Ordering::Relaxed) || USB_OTG_FS.doeptsiz(0).read().rxdpid_stupcnt() != SETUP_PACKETS
 }
@@ -63,36 +53,14 @@ fn setup_waits() -> bool {
 }
 
 /// Whether the request under way is over for the host: it began another, or the bus was reset or suspended.
-fn is_over() -> bool {
+pub(in crate::board) fn is_over() -> bool {
     let events = USB_OTG_FS.gintsts().read();
     is_set_up() || events.usbrst() || events.enumdne() || events.usbsusp()
 }
 
-/// Waits for the end of a stage of a request. `None` once the request is over for the host.
-async fn unless_over<R>(stage: impl Future<Output = R>) -> Option<R> {
-    let mut stage = pin!(stage);
-    poll_fn(|cx| {
-        WAITING.register(cx.waker());
-        // An answer that is armed just as the host begins another request is taken back before the host fetches it. The host
-        // needs 5 µs, and an interrupt handler in between may take as long.
-        critical_section::with(|_| {
-            if is_over() {
-                return Poll::Ready(None);
-            }
-            let polled = stage.as_mut().poll(cx).map(Some);
-            if is_over() {
-                cancel_answer();
-                return Poll::Ready(None);
-            }
-            polled
-        })
-    })
-    .await
-}
-
 /// Takes back what endpoint 0 has for a host that has begun another request, which has set the endpoint's NAK (RM0090
 /// 34.17.6, "IN endpoint disable").
-fn cancel_answer() {
+pub(in crate::board) fn take_answer_back() {
     let control = USB_OTG_FS.diepctl(0);
     if control.read().epena() {
         control.modify(|w| {
@@ -207,72 +175,34 @@ impl driver::Bus for Bus {
     }
 }
 
-/// Endpoint 0.
-pub(crate) struct ControlPipe(HalControlPipe);
-
-impl ControlPipe {
-    /// Drops data of a request that was given up: none of the next one is let in before that is taken.
-    fn drop_data(&mut self, cx: &mut core::task::Context<'_>) {
-        let mut data = [0; CONTROL_PACKET];
-        let _ = pin!(self.0.data_out(&mut data, true, true)).poll(cx);
+/// Takes the next request, if there is one that was not taken yet.
+pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context<'_>) -> Poll<[u8; 8]> {
+    if USB_OTG_FS.gintsts().read().rxflvl() {
+        // Perhaps another SETUP packet, which the HAL's interrupt handler fetches next.
+        cx.waker().wake_by_ref();
+        return Poll::Pending;
     }
+    let is_new = is_set_up();
+    drop_data(pipe, cx);
+    let Poll::Ready(request) = pin!(pipe.setup()).poll(cx) else {
+        return Poll::Pending;
+    };
+    if setup_waits() {
+        // It came just now, and the HAL has put back the count of them.
+        IS_SET_UP.store(true, Ordering::Relaxed);
+        cx.waker().wake_by_ref();
+        return Poll::Pending;
+    }
+    if !is_new {
+        // The end of the SETUP stage of a request that was taken already.
+        return Poll::Pending;
+    }
+    take_answer_back();
+    Poll::Ready(request)
 }
 
-impl driver::ControlPipe for ControlPipe {
-    fn max_packet_size(&self) -> usize {
-        self.0.max_packet_size()
-    }
-
-    async fn setup(&mut self) -> [u8; 8] {
-        poll_fn(|cx| {
-            critical_section::with(|_| {
-                if USB_OTG_FS.gintsts().read().rxflvl() {
-                    // Perhaps another SETUP packet, which the HAL's interrupt handler fetches next.
-                    cx.waker().wake_by_ref();
-                    return Poll::Pending;
-                }
-                let is_new = is_set_up();
-                self.drop_data(cx);
-                let Poll::Ready(request) = pin!(self.0.setup()).poll(cx) else {
-                    return Poll::Pending;
-                };
-                if setup_waits() {
-                    // It came just now, and the HAL has put back the count of them.
-                    IS_SET_UP.store(true, Ordering::Relaxed);
-                    cx.waker().wake_by_ref();
-                    return Poll::Pending;
-                }
-                if !is_new {
-                    // The end of the SETUP stage of a request that was taken already.
-                    return Poll::Pending;
-                }
-                IS_SET_UP.store(false, Ordering::Relaxed);
-                cancel_answer();
-                Poll::Ready(request)
-            })
-        })
-        .await
-    }
-
-    async fn data_out(&mut self, buf: &mut [u8], first: bool, last: bool) -> Result<usize, EndpointError> {
-        let stage = unless_over(self.0.data_out(buf, first, last)).await;
-        stage.unwrap_or(Err(EndpointError::Disabled))
-    }
-
-    async fn data_in(&mut self, data: &[u8], first: bool, last: bool) -> Result<(), EndpointError> {
-        let stage = unless_over(self.0.data_in(data, first, last)).await;
-        stage.unwrap_or(Err(EndpointError::Disabled))
-    }
-
-    async fn accept(&mut self) {
-        unless_over(self.0.accept()).await;
-    }
-
-    async fn reject(&mut self) {
-        unless_over(self.0.reject()).await;
-    }
-
-    async fn accept_set_address(&mut self, address: u8) {
-        unless_over(self.0.accept_set_address(address)).await;
-    }
+/// Drops data of a request that was given up: none of the next one is let in before that is taken.
+fn drop_data(pipe: &mut HalControlPipe, cx: &mut Context<'_>) {
+    let mut data = [0; CONTROL_PACKET];
+    let _ = pin!(pipe.data_out(&mut data, true, true)).poll(cx);
 }

@@ -8,7 +8,7 @@ mod can;
 mod clock;
 mod flash;
 pub(super) mod uart;
-mod usb;
+pub(super) mod usb;
 
 use embassy_stm32::dma::{self, Channel, Request};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};

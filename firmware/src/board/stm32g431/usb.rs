@@ -1,33 +1,33 @@
-//! The driver of the USB peripheral: the HAL's, which here also gets over a host that gives up a request, clears a halt or
-//! configures again, and which can take back a packet.
+//! The driver of the USB peripheral: the HAL's, which here also gets over a host that clears a halt or configures again, and
+//! which can take back a packet. [`usb_control`](super::super::usb_control) gets over a host that gives up a request.
 //!
-//! The HAL's waits for the end of each stage of a request, though the host may begin another request at any time (USB 2.0,
-//! 8.5.3) or reset the bus; it clears a halt in a loop that never ends at NAK; and it leaves data toggles as they are.
+//! The HAL's clears a halt in a loop that never ends at NAK, and leaves data toggles as they are.
 //!
 //! Bits of USB_EPnR toggle when a one is written, or are cleared by a zero (RM0440 45.6.2). The controller changes them, too:
 //! what is written must be right whatever it has done since they were read.
 
-use core::future::{Future, poll_fn};
+use core::future::Future as _;
 use core::pin::pin;
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
-use core::task::Poll;
+use core::task::{Context, Poll};
 
 use embassy_stm32::interrupt::typelevel::{Handler, USB_LP};
 use embassy_stm32::pac::usb::regs::Epr;
 use embassy_stm32::pac::usb::vals::Stat;
 use embassy_stm32::pac::{USB, USBRAM};
 use embassy_stm32::{peripherals, usb};
-use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Duration, Instant};
 use embassy_usb::driver::{
-    self, Direction, Endpoint as _, EndpointAddress, EndpointAllocError, EndpointError, EndpointInfo, EndpointType,
-    Event, Unsupported,
+    self, ControlPipe as _, Direction, Endpoint as _, EndpointAddress, EndpointAllocError, EndpointError, EndpointInfo,
+    EndpointType, Event, Unsupported,
 };
+
+use super::super::usb_control::{ControlPipe, IS_SET_UP, wake_if_over};
 
 /// The HAL's driver and what it consists of.
 type Hal = usb::Driver<'static, peripherals::USB>;
 type HalBus = <Hal as driver::Driver<'static>>::Bus;
-type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
+pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
 type HalIn = <Hal as driver::Driver<'static>>::EndpointIn;
 type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
 
@@ -37,12 +37,8 @@ const ENDPOINTS: usize = 8;
 /// The time of a packet of 64 bytes and its handshake on the wire, with some to spare.
 const PACKET_TIME: Duration = Duration::from_micros(60);
 
-/// A SETUP packet came since the last request was taken.
-static IS_SET_UP: AtomicBool = AtomicBool::new(false);
 /// The bus was reset or suspended, and the HAL has not been told.
 static IS_LEFT: AtomicBool = AtomicBool::new(false);
-/// The task that waits for the end of a stage.
-static WAITING: AtomicWaker = AtomicWaker::new();
 /// The endpoints in which a packet waits for the host to fetch it, by bits.
 static ARMED: AtomicU8 = AtomicU8::new(0);
 /// The endpoints in which a packet of the host waits to be read, by bits.
@@ -69,9 +65,7 @@ impl Handler<USB_LP> for EventHandler {
                 ARMED.fetch_and(!(1 << index), Ordering::Relaxed);
             }
         }
-        if is_over() {
-            WAITING.wake();
-        }
+        wake_if_over();
     }
 }
 
@@ -82,7 +76,7 @@ fn setup_waits() -> bool {
 }
 
 /// Whether the request under way is over for the host: it began another, or the bus was reset or suspended.
-fn is_over() -> bool {
+pub(in crate::board) fn is_over() -> bool {
     let events = USB.istr().read();
     IS_SET_UP.load(Ordering::Relaxed)
         || IS_LEFT.load(Ordering::Relaxed)
@@ -137,7 +131,7 @@ fn start_at_data0(endpoint: EndpointAddress) {
 }
 
 /// Lets endpoint 0 answer NAK both ways, as a SETUP packet leaves it and as the HAL takes it to be.
-fn settle_endpoint_0() {
+pub(in crate::board) fn take_answer_back() {
     const TRIES: usize = 4;
     let ways = [Direction::In, Direction::Out].map(|way| EndpointAddress::from_parts(0, way));
     // Another SETUP packet may come in between and do the same.
@@ -148,26 +142,6 @@ fn settle_endpoint_0() {
             }
         }
     }
-}
-
-/// Waits for the end of a stage of a request. `None` once the request is over for the host.
-async fn unless_over<R>(stage: impl Future<Output = R>) -> Option<R> {
-    let mut stage = pin!(stage);
-    poll_fn(|cx| {
-        WAITING.register(cx.waker());
-        // A packet that is armed just as the host begins another request is taken back before the host fetches it.
-        critical_section::with(|_| {
-            if !is_over() {
-                let polled = stage.as_mut().poll(cx).map(Some);
-                if !is_over() {
-                    return polled;
-                }
-            }
-            settle_endpoint_0();
-            Poll::Ready(None)
-        })
-    })
-    .await
 }
 
 /// Takes back the packet that waits in an IN endpoint for the host to fetch it. Returns whether there was one.
@@ -335,7 +309,7 @@ impl driver::Bus for Bus {
         match event {
             Event::Reset => {
                 // A stage that was under way may have changed endpoint 0 after the reset.
-                critical_section::with(|_| settle_endpoint_0());
+                critical_section::with(|_| take_answer_back());
                 IS_LEFT.store(false, Ordering::Relaxed);
                 IS_SET_UP.store(false, Ordering::Relaxed);
             }
@@ -394,51 +368,15 @@ fn idle_status(endpoint: EndpointAddress) -> Stat {
     if is_valid { Stat::VALID } else { Stat::NAK }
 }
 
-/// Endpoint 0.
-pub(crate) struct ControlPipe(HalControlPipe);
-
-impl driver::ControlPipe for ControlPipe {
-    fn max_packet_size(&self) -> usize {
-        self.0.max_packet_size()
+/// Takes the next request, if there is one.
+pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context<'_>) -> Poll<[u8; 8]> {
+    let Poll::Ready(request) = pin!(pipe.setup()).poll(cx) else {
+        return Poll::Pending;
+    };
+    if setup_waits() {
+        // Another came while this one was read. The interrupt handlers are yet to see it.
+        cx.waker().wake_by_ref();
+        return Poll::Pending;
     }
-
-    async fn setup(&mut self) -> [u8; 8] {
-        poll_fn(|cx| {
-            critical_section::with(|_| {
-                let Poll::Ready(request) = pin!(self.0.setup()).poll(cx) else {
-                    return Poll::Pending;
-                };
-                if setup_waits() {
-                    // Another came while this one was read. The interrupt handlers are yet to see it.
-                    cx.waker().wake_by_ref();
-                    return Poll::Pending;
-                }
-                IS_SET_UP.store(false, Ordering::Relaxed);
-                Poll::Ready(request)
-            })
-        })
-        .await
-    }
-
-    async fn data_out(&mut self, buf: &mut [u8], first: bool, last: bool) -> Result<usize, EndpointError> {
-        let stage = unless_over(self.0.data_out(buf, first, last)).await;
-        stage.unwrap_or(Err(EndpointError::Disabled))
-    }
-
-    async fn data_in(&mut self, data: &[u8], first: bool, last: bool) -> Result<(), EndpointError> {
-        let stage = unless_over(self.0.data_in(data, first, last)).await;
-        stage.unwrap_or(Err(EndpointError::Disabled))
-    }
-
-    async fn accept(&mut self) {
-        unless_over(self.0.accept()).await;
-    }
-
-    async fn reject(&mut self) {
-        unless_over(self.0.reject()).await;
-    }
-
-    async fn accept_set_address(&mut self, address: u8) {
-        unless_over(self.0.accept_set_address(address)).await;
-    }
+    Poll::Ready(request)
 }

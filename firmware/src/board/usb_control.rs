@@ -1,0 +1,92 @@
+//! Endpoint 0 of USB: the HAL's, which here also gets over a host that gives up a request.
+//!
+//! The HAL's waits for the end of each stage of a request, though the host may begin another request at any time (USB 2.0,
+//! 8.5.3). The registers are the board's, in its `usb`.
+
+use core::future::{Future, poll_fn};
+use core::pin::pin;
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::task::Poll;
+
+use embassy_sync::waitqueue::AtomicWaker;
+use embassy_usb::driver::{self, EndpointError};
+
+use super::usb::{HalControlPipe, is_over, poll_request, take_answer_back};
+
+/// A SETUP packet came since the last request was taken.
+pub(super) static IS_SET_UP: AtomicBool = AtomicBool::new(false);
+
+/// The task that waits for the end of a stage.
+static WAITING: AtomicWaker = AtomicWaker::new();
+
+/// Wakes the task that waits for a stage, if the request is over for the host. The interrupt handler calls it.
+pub(super) fn wake_if_over() {
+    if is_over() {
+        WAITING.wake();
+    }
+}
+
+/// Waits for the end of a stage of a request. `None` once the request is over for the host.
+async fn unless_over<R>(stage: impl Future<Output = R>) -> Option<R> {
+    let mut stage = pin!(stage);
+    poll_fn(|cx| {
+        WAITING.register(cx.waker());
+        // An answer that is armed just as the host begins another request is taken back before the host fetches it. The host
+        // needs 5 µs, and an interrupt handler in between may take as long.
+        critical_section::with(|_| {
+            if !is_over() {
+                let polled = stage.as_mut().poll(cx).map(Some);
+                if !is_over() {
+                    return polled;
+                }
+            }
+            take_answer_back();
+            Poll::Ready(None)
+        })
+    })
+    .await
+}
+
+/// Endpoint 0.
+pub(crate) struct ControlPipe(pub(super) HalControlPipe);
+
+impl driver::ControlPipe for ControlPipe {
+    fn max_packet_size(&self) -> usize {
+        self.0.max_packet_size()
+    }
+
+    async fn setup(&mut self) -> [u8; 8] {
+        poll_fn(|cx| {
+            critical_section::with(|_| {
+                let request = poll_request(&mut self.0, cx);
+                if request.is_ready() {
+                    IS_SET_UP.store(false, Ordering::Relaxed);
+                }
+                request
+            })
+        })
+        .await
+    }
+
+    async fn data_out(&mut self, buf: &mut [u8], first: bool, last: bool) -> Result<usize, EndpointError> {
+        let stage = unless_over(self.0.data_out(buf, first, last)).await;
+        stage.unwrap_or(Err(EndpointError::Disabled))
+    }
+
+    async fn data_in(&mut self, data: &[u8], first: bool, last: bool) -> Result<(), EndpointError> {
+        let stage = unless_over(self.0.data_in(data, first, last)).await;
+        stage.unwrap_or(Err(EndpointError::Disabled))
+    }
+
+    async fn accept(&mut self) {
+        unless_over(self.0.accept()).await;
+    }
+
+    async fn reject(&mut self) {
+        unless_over(self.0.reject()).await;
+    }
+
+    async fn accept_set_address(&mut self, address: u8) {
+        unless_over(self.0.accept_set_address(address)).await;
+    }
+}
