@@ -1,5 +1,6 @@
 //! The flow of a microcontroller, and the peripherals that the STM32F405 and the STM32G431 have alike.
 
+pub(crate) mod dbgmcu;
 pub(crate) mod dma;
 pub(crate) mod flash;
 pub(crate) mod gpio;

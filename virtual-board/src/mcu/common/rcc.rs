@@ -29,6 +29,20 @@ impl Source {
         self.ready_at.is_some_and(|at| at <= now)
     }
 
+    /// A PLL that is on locks once its input is there, after what `takes` says.
+    pub(crate) fn follow(&mut self, input: Self, takes: impl FnOnce() -> Nanos, now: Nanos) {
+        if self.on && !input.is_ready(now) {
+            self.ready_at = None;
+        } else if self.on && self.ready_at.is_none() {
+            self.ready_at = Some(now + takes());
+        }
+    }
+
+    /// When it becomes ready, if that is after `settled`.
+    pub(crate) fn due(&self, settled: Nanos) -> Option<Nanos> {
+        self.ready_at.filter(|&at| at > settled)
+    }
+
     /// The bits of a register that say whether it is on and whether it is ready.
     pub(crate) fn flags(self, on: u32, ready: u32, now: Nanos) -> u32 {
         (if self.on { on } else { 0 }) | if self.is_ready(now) { ready } else { 0 }

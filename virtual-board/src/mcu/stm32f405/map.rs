@@ -3,6 +3,7 @@
 use super::rcc::gates;
 use crate::core::Width;
 use crate::flash::SIZE;
+use crate::mcu::common::dbgmcu;
 use crate::mcu::common::mcu::{self, Map};
 use crate::mcu::common::rcc::Gate;
 use crate::mcu::common::syscfg::Layout;
@@ -147,4 +148,13 @@ pub(super) const SYSCFG: Layout = Layout {
     mem_mode: 0b11,
     last: 0x20,
     others: "PMC to CMPCR",
+};
+
+/// DBGMCU_IDCODE of the chip: device 0x413; revision 0x1007 is "1" (38.6.1).
+pub(crate) const IDENTITY: u32 = 0x1007_6413;
+
+/// The MCU debug component (38.16).
+pub(super) const DBGMCU: dbgmcu::Layout = dbgmcu::Layout {
+    last: 0x0C,
+    names: "APBx_FZ",
 };

@@ -5,7 +5,6 @@
 
 mod bxcan;
 mod capture;
-mod dbgmcu;
 mod dma;
 mod flash;
 mod map;
@@ -20,16 +19,16 @@ use std::sync::atomic::Ordering;
 
 use self::bxcan::Can;
 use self::capture::Capture;
-use self::dbgmcu::Dbgmcu;
-pub(crate) use self::dbgmcu::IDENTITY;
 pub use self::dma::Reenabled;
 use self::dma::{ALL_STREAMS, Dma, Request};
 use self::flash::Interface;
+pub(crate) use self::map::IDENTITY;
 use self::map::{Block, interrupt};
 use self::otg::Otg;
 use self::pwr::Pwr;
 use self::rcc::{BDCR, Clocks, Rcc};
 use self::usart::Usart;
+use super::common::dbgmcu::Dbgmcu;
 use super::common::dma::Requests;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
@@ -125,7 +124,7 @@ impl Stm32f405 {
             tim11: Capture::new(edges.oscillator.clone()),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), false)),
             syscfg: Syscfg::new(&map::SYSCFG),
-            dbgmcu: Dbgmcu::new(idcode),
+            dbgmcu: Dbgmcu::new(&map::DBGMCU, idcode),
             usart2: Usart::new(edges.line.clone()),
             dma: Dma::new(reenabled, seed),
             otg: Otg::new(edges.host.clone(), otg_clock),

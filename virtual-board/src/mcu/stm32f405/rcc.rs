@@ -320,11 +320,8 @@ impl Rcc {
             self.crystal_hz = 0;
         }
         let input = if self.pll_takes_crystal() { self.hse } else { self.hsi };
-        if self.pll.on && !input.is_ready(now) {
-            self.pll.ready_at = None;
-        } else if self.pll.on && self.pll.ready_at.is_none() {
-            self.pll.ready_at = Some(now + self.chance.span(PLL_LOCK));
-        }
+        let chance = &mut self.chance;
+        self.pll.follow(input, || chance.span(PLL_LOCK), now);
         let wanted = match self.cfgr & cfgr::SW {
             cfgr::HSI => self.hsi.is_ready(now),
             cfgr::HSE => self.hse.is_ready(now),
@@ -372,12 +369,7 @@ impl Rcc {
         if pll && !self.pll.on {
             self.check_pll()?;
         }
-        if pll != self.pll.on {
-            self.pll = Source {
-                on: pll,
-                ready_at: None,
-            };
-        }
+        self.pll.set(pll, || None, now);
         Ok(())
     }
 
@@ -471,9 +463,7 @@ impl Peripheral for Rcc {
     }
 
     fn due(&self) -> Option<Nanos> {
-        [self.hsi, self.hse, self.lsi, self.pll]
-            .iter()
-            .filter_map(|source| source.ready_at.filter(|&at| at > self.settled))
-            .min()
+        let sources = [self.hsi, self.hse, self.lsi, self.pll];
+        sources.iter().filter_map(|source| source.due(self.settled)).min()
     }
 }

@@ -3,6 +3,7 @@
 use super::flash::SIZE;
 use super::rcc::gates;
 use crate::core::Width;
+use crate::mcu::common::dbgmcu;
 use crate::mcu::common::mcu::{self, Map};
 use crate::mcu::common::rcc::Gate;
 use crate::mcu::common::syscfg::Layout;
@@ -151,4 +152,13 @@ pub(super) const SYSCFG: Layout = Layout {
     mem_mode: 0b111,
     last: 0x24,
     others: "CFGR1 to SKR",
+};
+
+/// DBGMCU_IDCODE of the chip: category 2, revision Z (47.6.1).
+pub(super) const IDENTITY: u32 = 0x2001_6468;
+
+/// The MCU debug component (47.6).
+pub(super) const DBGMCU: dbgmcu::Layout = dbgmcu::Layout {
+    last: 0x10,
+    names: "APBxFZR",
 };

@@ -4,7 +4,6 @@
 //! The flow of accesses, events and resets is that of both chips, in [`mcu`](super::common::mcu).
 
 mod crs;
-mod dbgmcu;
 mod dma;
 mod fdcan;
 mod flash;
@@ -17,7 +16,6 @@ mod usb;
 use std::sync::atomic::Ordering;
 
 use self::crs::Crs;
-use self::dbgmcu::Dbgmcu;
 use self::dma::{ALL_CHANNELS, CHANNELS, Dma};
 use self::fdcan::Fdcan;
 use self::flash::Interface;
@@ -26,6 +24,7 @@ use self::pwr::Pwr;
 use self::rcc::{Clocks, Rcc};
 use self::usart::Usart;
 use self::usb::Usb;
+use super::common::dbgmcu::Dbgmcu;
 use super::common::dma::Requests;
 use super::common::gpio::{AtReset, Gpio};
 use super::common::iwdg::Iwdg;
@@ -106,7 +105,7 @@ impl Stm32g431 {
             tim2: Tim::new(),
             gpio: std::array::from_fn(|port| Gpio::new(gpio_at_reset(port), true)),
             syscfg: Syscfg::new(&map::SYSCFG),
-            dbgmcu: Dbgmcu::default(),
+            dbgmcu: Dbgmcu::new(&map::DBGMCU, map::IDENTITY),
             crs: Crs::default(),
             usart2: Usart::new(edges.line.clone()),
             dma: Dma::new(seed),

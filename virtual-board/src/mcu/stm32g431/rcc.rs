@@ -341,11 +341,8 @@ impl Rcc {
             pllcfgr::SRC_HSE => self.hse,
             _ => Source::default(),
         };
-        if self.pll.on && !input.is_ready(now) {
-            self.pll.ready_at = None;
-        } else if self.pll.on && self.pll.ready_at.is_none() {
-            self.pll.ready_at = Some(now + self.chance.span(PLL_LOCK));
-        }
+        let chance = &mut self.chance;
+        self.pll.follow(input, || chance.span(PLL_LOCK), now);
         let wanted = match self.cfgr & cfgr::SW {
             cfgr::HSI16 => self.hsi16.is_ready(now),
             cfgr::HSE => self.hse.is_ready(now),
@@ -388,12 +385,7 @@ impl Rcc {
                 ));
             }
         }
-        if pll != self.pll.on {
-            self.pll = Source {
-                on: pll,
-                ready_at: None,
-            };
-        }
+        self.pll.set(pll, || None, now);
         Ok(())
     }
 
@@ -507,10 +499,8 @@ impl Peripheral for Rcc {
     }
 
     fn due(&self) -> Option<Nanos> {
-        [self.hsi16, self.hse, self.hsi48, self.lsi, self.pll]
-            .iter()
-            .filter_map(|source| source.ready_at.filter(|&at| at > self.settled))
-            .min()
+        let sources = [self.hsi16, self.hse, self.hsi48, self.lsi, self.pll];
+        sources.iter().filter_map(|source| source.due(self.settled)).min()
     }
 }
 
