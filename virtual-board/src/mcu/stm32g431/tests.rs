@@ -36,20 +36,38 @@ fn chip() -> Mcu<Stm32g431> {
         flash: Arc::new(Mutex::new(flash)),
         oscillator: Arc::new(Mutex::new(Oscillator::new(Crystal::new(8_000_000), INTERNAL_HZ))),
     };
-    Mcu::new(Stm32g431::new(0, &edges), [0; 12], 100, edges)
+    let unique_id = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
+    Mcu::new(Stm32g431::new(0, &edges), unique_id, 100, edges)
 }
 
-fn write(chip: &mut Mcu<Stm32g431>, address: u32, value: u32) {
-    let access = Access {
+fn access(address: u32, purpose: Purpose) -> Access {
+    Access {
         address,
         width: Width::Word,
         cycle: 0,
         pc: 0,
-        purpose: Purpose::Data,
+        purpose,
         privileged: true,
-    };
+    }
+}
+
+fn write(chip: &mut Mcu<Stm32g431>, address: u32, value: u32) {
     let mut none = Memory::new(0, Vec::new(), 0, 0);
-    Bus::write(chip, access, value, &mut none).unwrap();
+    Bus::write(chip, access(address, Purpose::Data), value, &mut none).unwrap();
+}
+
+/// A word as the debugger reads it.
+fn debug_read(chip: &mut Mcu<Stm32g431>, address: u32) -> Option<u32> {
+    let mut none = Memory::new(0, Vec::new(), 0, 0);
+    Bus::read(chip, access(address, Purpose::Debug), &mut none).ok()
+}
+
+#[test]
+fn the_debugger_reads_the_system_memory() {
+    let mut chip = chip();
+    assert_eq!(debug_read(&mut chip, 0x1FFF_7590), Some(0x0403_0201));
+    assert_eq!(debug_read(&mut chip, 0x1FFF_7000), None);
+    assert!(chip.common.recorder.violations().is_empty());
 }
 
 #[test]
