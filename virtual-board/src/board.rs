@@ -19,13 +19,12 @@ use crate::engine::{Engine, Watched};
 use crate::flash::{self, Flash};
 use crate::image::Image;
 use crate::line::{Arm, Fault, FaultRates, Format, Line, LineByte, SharedLine};
-use crate::mcu::common::mcu::Mcu;
-use crate::mcu::stm32f405::{IDENTITY, Reenabled, Stm32f405};
-use crate::mcu::stm32g431::Stm32g431;
+use crate::mcu::Setup;
+use crate::mcu::stm32f405::{IDENTITY, Reenabled};
 use crate::report::{Crash, Report, Violation, Violations};
 use crate::shared::{Shared, lock};
 use crate::soc::gdb::Debugger;
-use crate::soc::machine::{Edges, Machine};
+use crate::soc::machine::Edges;
 use crate::time::Nanos;
 use crate::timing::{Clock, Timing};
 use crate::trace::Trace;
@@ -280,23 +279,17 @@ impl<A: Arm> VirtualBoard<A> {
         let debugger = config.gdb.map(|port| debugger(port, interrupt.clone())).transpose()?;
         let gdb = debugger.as_ref().and_then(Debugger::address);
         let log = image.symbols().get(RTT).map(|&address| address as u32);
-        let contents = lock(&edges.flash).bytes().to_vec();
-        let cycle_cost = config.instruction_cost.get();
-        let exact = config.exact_cycles;
-        let crashes = image.crashes();
-        let engine: Box<dyn Engine> = match chip {
-            Chip::Stm32f405 => {
-                let core = Mcu::<Stm32f405>::core(contents);
-                let peripherals = Stm32f405::new(config.idcode, config.reenabled, config.seed, &edges);
-                let mcu = Mcu::new(peripherals, config.unique_id, cycle_cost, edges.clone());
-                Box::new(Machine::new(core, mcu, exact, crashes, log, debugger))
-            }
-            Chip::Stm32g431 => {
-                let core = Mcu::<Stm32g431>::core(contents);
-                let peripherals = Stm32g431::new(config.seed, &edges);
-                let mcu = Mcu::new(peripherals, config.unique_id, cycle_cost, edges.clone());
-                Box::new(Machine::new(core, mcu, exact, crashes, log, debugger))
-            }
+        let setup = Setup {
+            unique_id: config.unique_id,
+            idcode: config.idcode,
+            reenabled: config.reenabled,
+            seed: config.seed,
+            cycle_cost: config.instruction_cost.get(),
+            exact: config.exact_cycles,
+            crashes: image.crashes(),
+            log,
+            debugger,
+            edges: edges.clone(),
         };
         Ok(Self {
             line,
@@ -305,7 +298,7 @@ impl<A: Arm> VirtualBoard<A> {
             flash: edges.flash,
             oscillator: edges.oscillator,
             chip,
-            engine,
+            engine: setup.engine(chip),
             interrupt,
             gdb,
             now: Nanos(0),
