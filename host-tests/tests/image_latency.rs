@@ -1,22 +1,13 @@
-//! What the firmware image adds to the time of a call.
-//!
-//! The virtual board takes a cycle for every instruction; a real core takes longer for some. So it is measured at one and
-//! a half and at two cycles as well, and printed; what the image must hold, it must at one.
-
-use std::num::NonZeroU32;
+//! The time that the firmware image adds to a call, with a cycle for each instruction. `cargo xtask performance` has the core's
+//! own timing, too.
 
 use armwire::ling::{Ling, MAX_FRAME, Response, Stroke};
 use armwire::{Micros, Protocol};
 use armwire_host_tests::image::quiet::{Added, call, forget, pause, until_armed};
-use armwire_host_tests::image::{
-    MEGABAUD, Spread, Talker, chip, counters, facts, on_board_with, path, plug_in, read_all,
-};
+use armwire_host_tests::image::{MEGABAUD, Spread, Talker, chip, counters, facts, on_board, plug_in, read_all};
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Arm;
-use armwire_virtual_board::{Config, Nanos, VirtualBoard};
-
-/// The time that an instruction takes, in percent of a cycle: the one that counts, and those that are only printed.
-const COSTS: [u32; 3] = [100, 150, 200];
+use armwire_virtual_board::{Nanos, VirtualBoard};
 
 /// How often each is measured.
 const TIMES: u64 = 1_000;
@@ -32,10 +23,8 @@ const IDLE_WAIT: Nanos = Nanos(10_000);
 /// What the firmware holds while it sends to the arm without a pause. It is not the goal yet.
 const BUSY: Nanos = Nanos(42_000);
 
-fn on_board_at<A: Arm>(cost: u32, arm: A, test: impl FnOnce(&mut VirtualBoard<A>)) {
-    let mut config = Config::new(path(), arm);
-    config.instruction_cost = NonZeroU32::new(cost).unwrap();
-    on_board_with(config, |board| {
+fn on_open_board<A: Arm>(arm: A, test: impl FnOnce(&mut VirtualBoard<A>)) {
+    on_board(arm, |board| {
         plug_in(board, MEGABAUD);
         test(board);
     });
@@ -43,40 +32,35 @@ fn on_board_at<A: Arm>(cost: u32, arm: A, test: impl FnOnce(&mut VirtualBoard<A>
 
 #[test]
 fn a_call_takes_no_more_than_a_tenth_of_the_answers_time_longer() {
-    for cost in COSTS {
-        let arm = LingArm::new(armwire_sim::ling::Config::follower());
-        on_board_at(cost, arm, |board| {
-            let Added { to_usb, to_uart } = call(board, TIMES);
-            println!("instructions of {cost} % of a cycle, an answer's last stop bit -> USB packet armed: {to_usb}");
-            println!("instructions of {cost} % of a cycle, USB packet from the host -> first start bit: {to_uart}");
-            assert!(to_usb.worst() <= limit() || cost > 100, "{to_usb}");
-            assert!(to_uart.worst() <= limit() || cost > 100, "{to_uart}");
-        });
-    }
+    on_open_board(LingArm::new(armwire_sim::ling::Config::follower()), |board| {
+        let Added { to_usb, to_uart } = call(board, TIMES);
+        println!("an answer's last stop bit -> USB packet armed: {to_usb}");
+        println!("USB packet from the host -> first start bit: {to_uart}");
+        assert!(to_usb.worst() <= limit(), "{to_usb}");
+        assert!(to_uart.worst() <= limit(), "{to_uart}");
+    });
 }
 
 #[test]
 fn bytes_of_no_known_frame_are_ready_for_the_host_once_the_line_is_idle() {
-    for cost in COSTS {
-        on_board_at(cost, Talker::default(), |board| {
-            let mut armed = Spread::default();
-            for nth in 0..TIMES {
-                board.run_for(pause(nth)).unwrap();
-                forget(board);
-                let length = 1 + nth as usize % 40;
-                board.with_arm(|arm| arm.say(&vec![0x55; length]));
-                assert_eq!(read_all(board).len(), length);
-                armed.add(until_armed(board));
-            }
-            println!("instructions of {cost} % of a cycle, last stop bit of noise -> USB packet armed: {armed}");
-            assert!(armed.worst().since(IDLE_WAIT) <= limit() || cost > 100, "{armed}");
-        });
-    }
+    on_open_board(Talker::default(), |board| {
+        let mut armed = Spread::default();
+        for nth in 0..TIMES {
+            board.run_for(pause(nth)).unwrap();
+            forget(board);
+            let length = 1 + nth as usize % 40;
+            board.with_arm(|arm| arm.say(&vec![0x55; length]));
+            assert_eq!(read_all(board).len(), length);
+            armed.add(until_armed(board));
+        }
+        println!("last stop bit of noise -> USB packet armed: {armed}");
+        assert!(armed.worst().since(IDLE_WAIT) <= limit(), "{armed}");
+    });
 }
 
 #[test]
 fn an_answer_is_in_time_while_the_host_sends_without_a_pause() {
-    on_board_at(100, Talker::default(), |board| {
+    on_open_board(Talker::default(), |board| {
         let mut frame = [0; MAX_FRAME];
         let n = Ling::encode_response(&Response::Stroke(Stroke::Mm50), &mut frame).unwrap();
         board.usb().write(&vec![0x55; 60_000]).unwrap();

@@ -78,8 +78,8 @@ pub struct Config<A> {
     pub power_cut_after: Option<u32>,
     /// What a DMA stream does that is enabled again.
     pub reenabled: Reenabled,
-    /// The virtual time that an instruction takes, in percent of a cycle at 168 MHz. A real core takes more than a cycle
-    /// for some, and waits for its flash: sweep this to see how much a latency depends on it.
+    /// The virtual time that a cycle takes, in percent of the clock's. More than 100 is a slower core beside the same
+    /// peripherals, to see what firmware does that has too little time.
     pub instruction_cost: NonZeroU32,
     /// Whether an instruction takes the cycles that it takes a Cortex-M4 with the chip's flash, rather than one.
     pub exact_cycles: bool,

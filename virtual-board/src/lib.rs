@@ -25,7 +25,7 @@
 //!
 //! Time is virtual: an instruction takes a cycle, sleep jumps to the next event, and two runs give the same
 //! [trace](VirtualBoard::trace_hash). With one cycle for an instruction, latencies are lower bounds;
-//! [`Config::instruction_cost`] shows how much they depend on it, and [`Config::exact_cycles`] counts as a Cortex-M4 does.
+//! [`Config::exact_cycles`] counts as a Cortex-M4 does.
 #![forbid(unsafe_code)]
 
 mod board;
