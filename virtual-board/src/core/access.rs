@@ -38,8 +38,11 @@ impl Cpu {
     ) -> Result<(), Trap> {
         if address.is_multiple_of(BYTES as u32)
             && self.mpu.is_open(address)
-            && self.memory.ram.write::<BYTES>(address, value).is_some()
+            && let Some(is_code) = self.memory.ram.write::<BYTES>(address, value)
         {
+            if is_code {
+                self.look_around();
+            }
             return Ok(());
         }
         self.store_elsewhere(bus, address, value, width(BYTES), self.is_privileged())
@@ -160,6 +163,9 @@ impl Cpu {
     ) -> Result<(), Trap> {
         self.check_protection(address, Wish::Write, privileged)?;
         if self.memory.write(address, width, value).is_some() {
+            if self.memory.has_changed() {
+                self.look_around();
+            }
             return Ok(());
         }
         if let Some(page) = private_page(address) {
@@ -207,7 +213,7 @@ impl Cpu {
     }
 
     fn end_transfer(&mut self, bus: &mut dyn Bus) {
-        if bus.needs_attention() {
+        if bus.needs_attention() || self.memory.has_changed() {
             self.look_around();
         }
     }

@@ -19,8 +19,8 @@ impl Cpu {
     /// Executes an instruction. `next` is the address of the one after it in memory; the result is that of the one to
     /// execute next. On a fault nothing has changed, except in memory.
     #[inline(always)]
-    pub(super) fn execute(&mut self, bus: &mut dyn Bus, op: Op, next: u32) -> Result<u32, Trap> {
-        match op {
+    pub(super) fn execute(&mut self, bus: &mut dyn Bus, op: &Op, next: u32) -> Result<u32, Trap> {
+        match *op {
             Op::MovImm { d, imm } => self.set(d, imm),
             Op::MovImmS { d, imm, carry } => {
                 self.set(d, imm);
@@ -182,8 +182,8 @@ impl Cpu {
 
     /// Executes an instruction that is not among the most frequent ones.
     #[inline(never)]
-    fn execute_rare(&mut self, bus: &mut dyn Bus, op: Op, next: u32) -> Result<u32, Trap> {
-        match op {
+    fn execute_rare(&mut self, bus: &mut dyn Bus, op: &Op, next: u32) -> Result<u32, Trap> {
+        match *op {
             Op::TestImm { alu, n, imm, carry } => {
                 let carry = self.carry(carry);
                 self.flags.alu(alu, self.get(n), imm, carry, true);

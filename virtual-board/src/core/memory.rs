@@ -1,11 +1,9 @@
-//! Flash and RAM, each with the instructions that its bytes were decoded to.
+//! Flash and RAM.
 //!
-//! One owner for both, so that a change of the bytes drops what was decoded from them, no matter who writes: the core, a
-//! DMA controller, the flash controller, a debugger.
+//! They remember where the core decoded instructions, and which of those bytes changed since, no matter who writes: the
+//! core, a DMA controller, the flash controller, a debugger.
 
 use std::ops::Range;
-
-use super::op::Op;
 
 /// The size of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,61 +36,26 @@ impl Width {
     }
 }
 
-/// A decoded instruction, as it waits to be executed.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Slot {
-    pub(super) op: Op,
-    /// Bytes of the encoding: 2 or 4.
-    pub(super) length: u8,
-    /// Cycles, without what only shows at run time.
-    pub(super) cycles: u8,
-    /// Reasons not to execute the instruction right away: see [`mark`].
-    pub(super) marks: u8,
-}
-
-/// Reasons not to execute a slot's instruction right away.
-pub(super) mod mark {
-    /// It has not been decoded.
-    pub(in super::super) const NEW: u8 = 1;
-    /// It has been decoded as part of an IT block.
-    pub(in super::super) const IN_IT: u8 = 2;
-    /// It has a breakpoint.
-    pub(in super::super) const BREAKPOINT: u8 = 4;
-    /// It is counted by the profile.
-    pub(in super::super) const COUNTED: u8 = 8;
-    /// Its fetch may have to wait for the flash.
-    pub(in super::super) const LINE: u8 = 16;
-}
-
-impl Slot {
-    pub(super) const NEW: Self = Self {
-        op: Op::Undefined,
-        length: 2,
-        cycles: 1,
-        marks: mark::NEW,
-    };
-}
-
-/// A memory with its decoded instructions, by halfword.
+/// A memory.
 #[derive(Clone, Debug)]
 pub(super) struct Region {
     base: u32,
     bytes: Box<[u8]>,
-    code: Box<[Slot]>,
-    /// Nothing is decoded outside these bytes.
+    /// Nothing is decoded outside these offsets.
     decoded: Range<usize>,
+    /// Nothing that is decoded has changed outside these offsets.
+    changed: Range<usize>,
 }
 
 impl Region {
     fn new(base: u32, mut bytes: Vec<u8>) -> Self {
         // Whole words: an access that is aligned is inside or outside.
         bytes.resize(bytes.len().next_multiple_of(4), 0xff);
-        let code = vec![Slot::NEW; bytes.len() / 2].into();
         Self {
             base,
             bytes: bytes.into(),
-            code,
             decoded: 0..0,
+            changed: 0..0,
         }
     }
 
@@ -104,24 +67,43 @@ impl Region {
         address.wrapping_sub(self.base) as usize
     }
 
-    /// The decoded instruction at an even address, [`Slot::NEW`] if it has not been decoded. `None` outside the memory.
-    #[inline(always)]
-    pub(super) fn slot(&self, address: u32) -> Option<Slot> {
-        self.code.get(self.offset(address) >> 1).copied()
+    pub(super) fn len(&self) -> usize {
+        self.bytes.len()
     }
 
-    /// Keeps a decoded instruction. Does nothing outside the memory.
-    pub(super) fn keep(&mut self, address: u32, slot: Slot) {
+    pub(super) fn contains(&self, address: u32) -> bool {
+        self.offset(address) < self.bytes.len()
+    }
+
+    /// Notes that what the core keeps depends on the bytes from this address on. Does nothing outside the memory.
+    fn note_decoded(&mut self, address: u32, length: usize) {
         let offset = self.offset(address);
-        if let Some(kept) = self.code.get_mut(offset >> 1) {
-            *kept = slot;
-            // What the instruction costs depends on the next one: the longest pair has 8 bytes.
-            let decoded = offset..offset + 8;
-            self.decoded = match self.decoded.is_empty() {
-                true => decoded,
-                false => self.decoded.start.min(decoded.start)..self.decoded.end.max(decoded.end),
-            };
+        if offset < self.bytes.len() {
+            self.decoded = hull(&self.decoded, offset..offset + length);
         }
+    }
+
+    /// Notes that bytes change. Whether the core keeps anything that depends on them.
+    #[inline(always)]
+    fn note_change(&mut self, bytes: Range<usize>) -> bool {
+        let is_decoded = bytes.start < self.decoded.end && bytes.end > self.decoded.start;
+        if is_decoded {
+            self.changed = hull(&self.changed, bytes);
+        }
+        is_decoded
+    }
+
+    /// Notes that everything has changed.
+    fn note_change_of_all(&mut self) {
+        self.changed = self.decoded.clone();
+    }
+
+    /// Takes the offsets that bytes have changed at. The core drops what depends on them.
+    fn take_changed(&mut self) -> Range<usize> {
+        if self.changed == self.decoded {
+            self.decoded = 0..0;
+        }
+        std::mem::take(&mut self.changed)
     }
 
     /// Reads a byte, halfword or word. `None` outside the memory.
@@ -134,29 +116,23 @@ impl Region {
         Some(u32::from_le_bytes(word))
     }
 
-    /// Writes a byte, halfword or word, the value's lowest. `None` outside the memory.
+    /// Writes a byte, halfword or word, the value's lowest. `None` outside the memory; else whether the core keeps
+    /// instructions that depend on it.
     #[inline(always)]
-    pub(super) fn write<const BYTES: usize>(&mut self, address: u32, value: u32) -> Option<()> {
+    pub(super) fn write<const BYTES: usize>(&mut self, address: u32, value: u32) -> Option<bool> {
         let offset = self.offset(address);
         let bytes = self.bytes.get_mut(offset..offset.wrapping_add(BYTES))?;
         bytes.copy_from_slice(&value.to_le_bytes()[..BYTES]);
-        if offset < self.decoded.end && offset + BYTES > self.decoded.start {
-            self.forget(offset..offset + BYTES);
-        }
-        Some(())
+        Some(self.note_change(offset..offset + BYTES))
     }
+}
 
-    /// Drops the instructions that lie in these bytes, or whose cost depends on them.
-    #[cold]
-    fn forget(&mut self, bytes: Range<usize>) {
-        let first = bytes.start.saturating_sub(6) / 2;
-        let end = bytes.end.div_ceil(2).min(self.code.len());
-        self.code[first.min(end)..end].fill(Slot::NEW);
-    }
-
-    fn forget_all(&mut self) {
-        self.forget(self.decoded.clone());
-        self.decoded = 0..0;
+/// The smallest range that contains both.
+#[cold]
+fn hull(a: &Range<usize>, b: Range<usize>) -> Range<usize> {
+    match a.is_empty() {
+        true => b,
+        false => a.start.min(b.start)..a.end.max(b.end),
     }
 }
 
@@ -193,14 +169,14 @@ impl Memory {
     /// noticed. An instruction is fetched through the bus once; after that it is executed as decoded.
     pub fn set_flash_reads_on_bus(&mut self, on: bool) {
         self.flash_reads_on_bus = on;
-        self.flash.forget_all();
+        self.flash.note_change_of_all();
     }
 
     /// Changes the contents of the flash from this offset in bytes. `None`, and no change, if it is not all inside.
     pub fn program(&mut self, offset: usize, bytes: &[u8]) -> Option<()> {
         let range = offset..offset.checked_add(bytes.len())?;
         self.flash.bytes.get_mut(range.clone())?.copy_from_slice(bytes);
-        self.flash.forget(range);
+        self.flash.note_change(range);
         Some(())
     }
 
@@ -223,30 +199,54 @@ impl Memory {
 
     /// Writes to RAM, as a DMA controller does. `None`, and no change, if the transfer is not all inside.
     pub fn write(&mut self, address: u32, width: Width, value: u32) -> Option<()> {
-        match width {
+        let written = match width {
             Width::Byte => self.ram.write::<1>(address, value),
             Width::Half => self.ram.write::<2>(address, value),
             Width::Word => self.ram.write::<4>(address, value),
-        }
+        };
+        written.map(|_| ())
     }
 
     /// Fills the RAM, as after power-on.
     pub fn fill_ram(&mut self, byte: u8) {
         self.ram.bytes.fill(byte);
-        self.ram.forget_all();
+        self.ram.note_change_of_all();
     }
 
-    pub(super) fn forget_decoded(&mut self) {
-        self.flash.forget_all();
-        self.ram.forget_all();
+    /// Notes that what the core keeps depends on the bytes from this address on.
+    pub(super) fn note_decoded(&mut self, address: u32, length: usize) {
+        self.flash.note_decoded(address, length);
+        self.ram.note_decoded(address, length);
     }
 
-    pub(super) fn forget_decoded_at(&mut self, address: u32) {
+    /// Whether the core fetches an instruction at this address from here, with nothing else to be noticed.
+    pub(super) fn is_fetched_plainly(&self, address: u32) -> bool {
+        let [in_flash, in_ram] =
+            [&self.flash, &self.ram].map(|region| region.contains(address) && region.contains(address.wrapping_add(2)));
+        in_ram || in_flash && !self.flash_reads_on_bus
+    }
+
+    /// Notes that the core has to decode the instruction at this address anew.
+    pub(super) fn note_change_of(&mut self, address: u32) {
         for region in [&mut self.flash, &mut self.ram] {
             let offset = region.offset(address);
-            if offset < region.bytes.len() {
-                region.forget(offset..offset + 1);
-            }
+            region.note_change(offset..offset.saturating_add(1));
         }
+    }
+
+    /// Notes that the core has to decode everything anew.
+    pub(super) fn note_change_of_all(&mut self) {
+        self.flash.note_change_of_all();
+        self.ram.note_change_of_all();
+    }
+
+    /// Whether bytes changed that the core decoded.
+    pub(super) fn has_changed(&self) -> bool {
+        !self.flash.changed.is_empty() || !self.ram.changed.is_empty()
+    }
+
+    /// Takes the offsets in flash and RAM that bytes have changed at that the core decoded.
+    pub(super) fn take_changed(&mut self) -> [Range<usize>; 2] {
+        [self.flash.take_changed(), self.ram.take_changed()]
     }
 }

@@ -48,6 +48,7 @@
 mod access;
 mod alu;
 pub mod bus;
+mod code;
 mod decode;
 mod dsp;
 mod exception;
@@ -64,10 +65,10 @@ mod timing;
 use std::collections::{BTreeMap, BTreeSet};
 
 pub use self::bus::{Access, Bus, BusError, Purpose};
+use self::code::{Code, Slot, mark};
 pub use self::fault::Refusal;
 use self::fault::Trap;
 pub use self::memory::{Memory, Width};
-use self::memory::{Slot, mark};
 use self::nvic::Nvic;
 use self::op::Op;
 pub use self::state::Config;
@@ -119,15 +120,20 @@ pub enum Register {
 #[derive(Clone, Debug)]
 pub struct Core {
     cpu: Cpu,
+    code: Code,
     /// How often each instruction was executed, by its address, if that is counted.
     profile: Option<BTreeMap<u32, u64>>,
     /// The breakpoint that was reported last: its instruction is executed when the core runs on.
     reported: Option<u32>,
 }
 
+/// The most instructions that are decoded at once.
+const LONGEST_RUN: usize = 32;
+
 /// What to do with an instruction that cannot be executed right away.
 enum Verdict {
-    Execute(Slot),
+    /// It is at this place.
+    Execute(usize),
     Skip,
     Stop,
 }
@@ -136,6 +142,7 @@ impl Core {
     /// A core with its memory, before its first reset.
     pub fn new(config: Config, memory: Memory) -> Self {
         Self {
+            code: Code::new(&memory),
             cpu: Cpu {
                 r: [0; 16],
                 flags: alu::Flags::new(0),
@@ -194,7 +201,7 @@ impl Core {
         (cpu.event, cpu.sleep, cpu.exclusive, cpu.entering) = (false, Sleep::Awake, false, false);
         (cpu.lockup, cpu.reset_requested, cpu.refused) = (false, false, None);
         cpu.update_open_window();
-        cpu.memory.forget_decoded();
+        cpu.memory.note_change_of_all();
         cpu.look_around();
         self.reported = None;
         let cpu = &mut self.cpu;
@@ -259,96 +266,133 @@ impl Core {
 
     /// The loop. Whether it ended at a breakpoint.
     fn execute_until_limit(&mut self, bus: &mut dyn Bus) -> bool {
+        if self.cpu.memory.has_changed() {
+            self.code.forget(self.cpu.memory.take_changed());
+        }
+        let mut pc = self.cpu.r[15];
+        let mut place = self.code.place(pc);
         while self.cpu.cycle < self.cpu.limit {
-            let pc = self.cpu.r[15];
-            let mut slot = self.cpu.memory.flash.slot(pc).unwrap_or(Slot::NEW);
+            let mut slot = self.code.slot(place);
             let mut it = 0;
             if slot.marks | self.cpu.it != 0 && !self.is_just_fetched(pc, slot) {
                 it = self.cpu.it;
                 match self.consider(bus, pc) {
-                    Verdict::Execute(considered) => slot = considered,
-                    Verdict::Skip => continue,
+                    Verdict::Execute(considered) => place = considered,
+                    Verdict::Skip => {
+                        pc = self.cpu.r[15];
+                        place = self.code.place(pc);
+                        continue;
+                    }
                     Verdict::Stop => return true,
                 }
+                slot = self.code.slot(place);
             }
-            let next = pc.wrapping_add(slot.length.into());
-            match self.cpu.execute(bus, slot.op, next) {
-                Ok(next) => self.cpu.r[15] = next,
+            let following = pc.wrapping_add(slot.length.into());
+            match self.cpu.execute(bus, &slot.op, following) {
+                Ok(next) => pc = next,
                 Err(trap) => {
                     if matches!(trap, Trap::Fault(_) | Trap::Refused(_)) {
                         // As if the instruction had not begun.
                         self.cpu.it = it;
                     }
-                    self.cpu.handle(bus, trap, next);
+                    self.cpu.handle(bus, trap, following);
+                    pc = self.cpu.r[15];
                 }
             }
+            self.cpu.r[15] = pc;
             self.cpu.cycle += u64::from(slot.cycles);
             self.cpu.instructions += 1;
+            place = if pc == following {
+                place + 1
+            } else {
+                self.code.place(pc)
+            };
         }
         false
     }
 
     /// Whether nothing marks an instruction but its fetch from flash, and that has been done.
     #[inline(always)]
-    fn is_just_fetched(&self, pc: u32, slot: Slot) -> bool {
+    fn is_just_fetched(&self, pc: u32, slot: &Slot) -> bool {
         let offset = pc.wrapping_sub(self.cpu.memory.flash.base());
         slot.marks == mark::LINE && self.cpu.it == 0 && self.cpu.clock.is_fetched(offset, slot.length)
     }
 
-    /// Decodes an instruction, or looks at what marks it: an IT block, a breakpoint, the profile, the flash's wait states.
+    /// Finds or decodes an instruction, or looks at what marks it: an IT block, a breakpoint, the profile, the flash's wait
+    /// states.
     #[inline(never)]
     fn consider(&mut self, bus: &mut dyn Bus, pc: u32) -> Verdict {
-        let kept = self.cpu.memory.flash.slot(pc).or_else(|| self.cpu.memory.ram.slot(pc));
-        let mut slot = kept.unwrap_or(Slot::NEW);
+        let mut place = self.code.place(pc);
         let in_it = self.cpu.it & 15 != 0;
-        if slot.marks & mark::NEW != 0 || (slot.marks & mark::IN_IT != 0) != in_it {
-            match self.decode(bus, pc, in_it) {
-                Ok(decoded) => slot = decoded,
+        let marks = self.code.slot(place).marks;
+        if marks & mark::NONE != 0 || (marks & mark::IN_IT != 0) != in_it {
+            match self.decode_run(bus, pc) {
+                Ok(decoded) => place = decoded,
                 Err(trap) => {
                     self.cpu.handle(bus, trap, pc);
                     return Verdict::Skip;
                 }
             }
         }
-        if slot.marks & mark::BREAKPOINT != 0 && self.reported.take() != Some(pc) {
+        let Slot { marks, length, .. } = *self.code.slot(place);
+        if marks & mark::BREAKPOINT != 0 && self.reported.take() != Some(pc) {
             return Verdict::Stop;
         }
         if let Some(profile) = &mut self.profile {
             *profile.entry(pc).or_default() += 1;
         }
         let cpu = &mut self.cpu;
-        if slot.marks & mark::LINE != 0 {
+        if marks & mark::LINE != 0 {
             let offset = pc.wrapping_sub(cpu.memory.flash.base());
-            cpu.cycle += cpu.clock.fetch_wait(offset, slot.length, cpu.cycle);
+            cpu.cycle += cpu.clock.fetch_wait(offset, length, cpu.cycle);
         }
         if in_it {
             let condition = cpu.it >> 4;
-            let state = cpu.it;
-            // ITAdvance().
-            cpu.it = if state & 7 == 0 {
-                0
-            } else {
-                state & 0xe0 | state << 1 & 0x1f
-            };
+            cpu.it = it_advance(cpu.it);
             if !cpu.flags.holds(condition) {
-                cpu.r[15] = pc.wrapping_add(slot.length.into());
+                cpu.r[15] = pc.wrapping_add(length.into());
                 cpu.cycle += 1;
                 cpu.instructions += 1;
                 return Verdict::Skip;
             }
         }
-        Verdict::Execute(slot)
+        Verdict::Execute(place)
     }
 
-    /// Decodes the instruction at an address, and keeps it if that is in flash or RAM.
-    fn decode(&mut self, bus: &mut dyn Bus, pc: u32, in_it: bool) -> Result<Slot, Trap> {
+    /// Decodes the instruction at an address, and in memory those after it, up to one that always leads elsewhere. Where the
+    /// first is.
+    fn decode_run(&mut self, bus: &mut dyn Bus, pc: u32) -> Result<usize, Trap> {
+        let (mut at, mut it) = (pc, self.cpu.it);
+        let first = self.decode(bus, at, it & 15 != 0)?;
+        let mut place = first;
+        for _ in 1..LONGEST_RUN {
+            let Slot { op, length, .. } = *self.code.slot(place);
+            it = match op {
+                Op::It { state } => state,
+                _ => it_advance(it),
+            };
+            at = at.wrapping_add(length.into());
+            if op.leads_elsewhere() || !self.cpu.memory.is_fetched_plainly(at) || self.code.place(at) != 0 {
+                break;
+            }
+            match self.decode(bus, at, it & 15 != 0) {
+                Ok(next) => place = next,
+                Err(_) => break,
+            }
+        }
+        self.code.end_run();
+        Ok(first)
+    }
+
+    /// Decodes the instruction at an address, and keeps it. Where it is.
+    fn decode(&mut self, bus: &mut dyn Bus, pc: u32, in_it: bool) -> Result<usize, Trap> {
         let cpu = &mut self.cpu;
         let (op, length) = decode_at(cpu, bus, pc, in_it)?;
         let next = match cpu.clock.timing() {
             Timing::OneCycle => Op::Undefined,
             Timing::CortexM4(_) => peek(&cpu.memory, pc.wrapping_add(length.into())),
         };
-        let in_flash = cpu.memory.flash.slot(pc).is_some();
+        let in_flash = cpu.memory.flash.contains(pc);
         let marks = [
             (in_it, mark::IN_IT),
             (cpu.breakpoints.contains(&pc), mark::BREAKPOINT),
@@ -361,9 +405,9 @@ impl Core {
             cycles: cpu.clock.cycles(op, next),
             marks: marks.iter().filter(|(is_set, _)| *is_set).map(|(_, mark)| mark).sum(),
         };
-        cpu.memory.flash.keep(pc, slot);
-        cpu.memory.ram.keep(pc, slot);
-        Ok(slot)
+        // What the instruction costs depends on the next one: the longest pair has 8 bytes.
+        cpu.memory.note_decoded(pc, 8);
+        Ok(self.code.keep(pc, slot))
     }
 
     /// The cycles since the core exists. They do not count while it sleeps or is stopped, unless the board says so with
@@ -431,27 +475,27 @@ impl Core {
     pub fn set_timing(&mut self, timing: Timing) {
         if self.cpu.clock.timing() != timing {
             self.cpu.clock = Clock::new(timing);
-            self.cpu.memory.forget_decoded();
+            self.cpu.memory.note_change_of_all();
         }
     }
 
     /// Makes [`Core::run`] stop before the instruction at this address.
     pub fn set_breakpoint(&mut self, address: u32) {
         self.cpu.breakpoints.insert(address & !1);
-        self.cpu.memory.forget_decoded_at(address & !1);
+        self.cpu.memory.note_change_of(address & !1);
     }
 
     /// Removes a breakpoint.
     pub fn clear_breakpoint(&mut self, address: u32) {
         self.cpu.breakpoints.remove(&(address & !1));
-        self.cpu.memory.forget_decoded_at(address & !1);
+        self.cpu.memory.note_change_of(address & !1);
     }
 
     /// How often the core came to each instruction since this was last asked. The first time, it begins to count.
     pub fn take_profile(&mut self) -> BTreeMap<u32, u64> {
         if self.profile.is_none() {
             self.profile = Some(BTreeMap::new());
-            self.cpu.memory.forget_decoded();
+            self.cpu.memory.note_change_of_all();
         }
         self.profile.replace(BTreeMap::new()).unwrap_or_default()
     }
@@ -509,6 +553,15 @@ impl Core {
     pub fn fault_status(&self) -> [u32; 4] {
         let scb = &self.cpu.scb;
         [scb.cfsr, scb.hfsr, scb.mmfar, scb.bfar]
+    }
+}
+
+/// ITAdvance() (A7.3.3).
+fn it_advance(state: u8) -> u8 {
+    if state & 7 == 0 {
+        0
+    } else {
+        state & 0xe0 | state << 1 & 0x1f
     }
 }
 

@@ -713,3 +713,17 @@ pub(super) enum Op {
         mask: u8,
     },
 }
+
+impl Op {
+    /// Whether another instruction than the next one in memory always follows, outside an IT block.
+    pub(super) fn leads_elsewhere(self) -> bool {
+        match self {
+            Self::Branch { .. } | Self::BranchReg { .. } | Self::MovPc { .. } | Self::AddPc { .. } => true,
+            Self::LoadPc { .. } | Self::LoadPcReg { .. } | Self::LoadPcLiteral { .. } | Self::TableBranch { .. } => {
+                true
+            }
+            Self::LoadMultiple { registers, .. } => registers >> 15 != 0,
+            _ => false,
+        }
+    }
+}

@@ -168,7 +168,7 @@ impl Cpu {
                 written.ok_or(Refusal::SystemRegister(address))?;
                 self.update_open_window();
                 // Whether an instruction may be executed is checked when it is decoded.
-                self.memory.forget_decoded();
+                self.memory.note_change_of_all();
             }
             0xdf0 => {}
             0xdfc => scb.demcr = value & 0x010f_07f1,

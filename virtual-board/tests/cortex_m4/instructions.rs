@@ -376,6 +376,22 @@ fn stored_code_in_ram_is_decoded_again() {
 }
 
 #[test]
+fn store_over_the_next_instruction_takes_effect() {
+    // STR R1, [R2], which writes MOVS R0, #9 and ADDS R0, #1 over MOVW R0, #5; B .
+    let mut board = Board::new(&[]);
+    for (at, word) in [(0, 0xbf00_6011), (4, 0x0005_f240), (8, 0xbf00_e7fe)] {
+        board.set_word(RAM + at, word);
+    }
+    for (stored, result) in [(0x3001_2009, 10), (0x0005_f240, 5), (0x3001_2009, 10)] {
+        board.set(1, stored);
+        board.set(2, RAM + 4);
+        board.set(15, RAM);
+        board.run(20);
+        assert_eq!((board.r(0), board.core.pc()), (result, RAM + 8));
+    }
+}
+
+#[test]
 fn breakpoint_stops_before_its_instruction() {
     // MOVS R0, #1; ADDS R0, #1; B .-2.
     let mut board = Board::new(&[0x2001, 0x3001, 0xe7fd]);
