@@ -228,6 +228,15 @@ impl Cpu {
         Some(((address & 0xf000_0000) + number / bits * width.bytes(), number % bits))
     }
 
+    /// Counts the cycles that the fetch of an instruction from flash waits.
+    #[inline(always)]
+    pub(super) fn wait_for_fetch(&mut self, pc: u32, length: u8) {
+        let offset = pc.wrapping_sub(self.memory.flash.base());
+        if !self.clock.is_fetched(offset, length) {
+            self.cycle += self.clock.fetch_wait(offset, length, self.cycle);
+        }
+    }
+
     /// Fetches a halfword of an instruction.
     pub(super) fn fetch(&mut self, bus: &mut dyn Bus, address: u32) -> Result<u32, Trap> {
         // Execution is never permitted from peripherals, devices and the system's own addresses (B3.1, Table B3-1).

@@ -274,18 +274,23 @@ impl Core {
         while self.cpu.cycle < self.cpu.limit {
             let mut slot = self.code.slot(place);
             let mut it = 0;
-            if slot.marks | self.cpu.it != 0 && !self.is_just_fetched(pc, slot) {
-                it = self.cpu.it;
-                match self.consider(bus, pc) {
-                    Verdict::Execute(considered) => place = considered,
-                    Verdict::Skip => {
-                        pc = self.cpu.r[15];
-                        place = self.code.place(pc);
-                        continue;
+            // Most often nothing but one comparison.
+            if slot.marks | self.cpu.it != 0 {
+                if slot.marks == mark::LINE && self.cpu.it == 0 {
+                    self.cpu.wait_for_fetch(pc, slot.length);
+                } else {
+                    it = self.cpu.it;
+                    match self.consider(bus, pc) {
+                        Verdict::Execute(considered) => place = considered,
+                        Verdict::Skip => {
+                            pc = self.cpu.r[15];
+                            place = self.code.place(pc);
+                            continue;
+                        }
+                        Verdict::Stop => return true,
                     }
-                    Verdict::Stop => return true,
+                    slot = self.code.slot(place);
                 }
-                slot = self.code.slot(place);
             }
             let following = pc.wrapping_add(slot.length.into());
             match self.cpu.execute(bus, &slot.op, following) {
@@ -309,13 +314,6 @@ impl Core {
             };
         }
         false
-    }
-
-    /// Whether nothing marks an instruction but its fetch from flash, and that has been done.
-    #[inline(always)]
-    fn is_just_fetched(&self, pc: u32, slot: &Slot) -> bool {
-        let offset = pc.wrapping_sub(self.cpu.memory.flash.base());
-        slot.marks == mark::LINE && self.cpu.it == 0 && self.cpu.clock.is_fetched(offset, slot.length)
     }
 
     /// Finds or decodes an instruction, or looks at what marks it: an IT block, a breakpoint, the profile, the flash's wait
@@ -343,8 +341,7 @@ impl Core {
         }
         let cpu = &mut self.cpu;
         if marks & mark::LINE != 0 {
-            let offset = pc.wrapping_sub(cpu.memory.flash.base());
-            cpu.cycle += cpu.clock.fetch_wait(offset, length, cpu.cycle);
+            cpu.wait_for_fetch(pc, length);
         }
         if in_it {
             let condition = cpu.it >> 4;

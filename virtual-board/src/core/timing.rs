@@ -122,6 +122,7 @@ impl Clock {
     }
 
     /// Cycles that the fetch of an instruction waits, at this offset in the flash and this cycle.
+    #[inline(never)]
     pub(super) fn fetch_wait(&mut self, offset: u32, length: u8, cycle: u64) -> u64 {
         let Timing::CortexM4(flash) = self.timing else {
             return 0;
