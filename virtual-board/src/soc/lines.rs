@@ -3,20 +3,16 @@
 /// The levels, and which of them the core has not been told.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lines {
-    high: u128,
-    told: u128,
+    high: [u64; 2],
+    told: [u64; 2],
 }
 
 impl Lines {
     /// Sets the level of a line, 0 to 127.
     #[inline]
     pub(crate) fn set(&mut self, line: u16, high: bool) {
-        let bit = 1 << line;
-        if high {
-            self.high |= bit;
-        } else {
-            self.high &= !bit;
-        }
+        let (word, bit) = place(line);
+        self.high[word] = self.high[word] & !bit | if high { bit } else { 0 };
     }
 
     /// Whether a level changed that the core has not been told.
@@ -27,14 +23,17 @@ impl Lines {
 
     /// Takes a change that the core has not been told: the line and its level.
     pub(crate) fn take_change(&mut self) -> Option<(u16, bool)> {
-        let changed = self.high ^ self.told;
-        if changed == 0 {
-            return None;
-        }
-        let line = changed.trailing_zeros() as u16;
-        self.told ^= 1 << line;
-        Some((line, self.high >> line & 1 != 0))
+        let word = (0..self.high.len()).find(|&word| self.high[word] != self.told[word])?;
+        let line = 64 * word as u16 + (self.high[word] ^ self.told[word]).trailing_zeros() as u16;
+        let (word, bit) = place(line);
+        self.told[word] ^= bit;
+        Some((line, self.high[word] & bit != 0))
     }
+}
+
+/// The word that has a line's level, and the bit there. Shifts of 128 bits would be slower.
+fn place(line: u16) -> (usize, u64) {
+    (usize::from(line / 64 % 2), 1 << (line % 64))
 }
 
 #[cfg(test)]
