@@ -1,5 +1,7 @@
 //! The board with programs of a few instructions. The real image is tested elsewhere.
 
+mod trace;
+
 use armwire::Micros;
 use armwire_bridge::can::{Frame, Id};
 
