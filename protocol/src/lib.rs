@@ -39,12 +39,13 @@ mod decoder;
 mod device;
 #[cfg(feature = "async")]
 pub mod driver;
+pub mod engine;
 mod error;
 mod framing;
 #[cfg(feature = "ling")]
 pub mod ling;
 mod protocol;
-mod time;
+pub mod time;
 #[cfg(feature = "xarm")]
 pub mod xarm;
 

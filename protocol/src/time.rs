@@ -1,19 +1,97 @@
 //! Time as the state machines see it: microseconds on the caller's monotonic clock.
 
-use core::ops::Add;
+use core::ops::{Add, AddAssign};
 
-/// Microseconds: an instant on the caller's monotonic clock, or a span between two.
+/// A point in time on the caller's monotonic clock, in microseconds since an origin that the caller chooses.
 ///
-/// The crate never reads a clock. 64 bits do not wrap in the life of any machine.
+/// The crate never reads a clock. 64 bits do not wrap in the life of any machine. Sums saturate.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire::time::{Duration, Instant};
 ///
-/// let due = Micros::from_millis(2) + Micros(50);
-/// assert_eq!(due, Micros(2_050));
-/// assert_eq!(due.since(Micros(2_000)), Micros(50));
-/// assert_eq!(Micros(2_000).since(due), Micros(0));
+/// let due = Instant::from_micros(2_000) + Duration::from_micros(50);
+/// assert_eq!(due.as_micros(), 2_050);
+/// assert_eq!(due.since(Instant::from_micros(2_000)), Duration::from_micros(50));
+/// assert_eq!(Instant::from_micros(2_000).since(due), Duration::ZERO);
 /// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Instant(u64);
+
+impl Instant {
+    /// The origin of the clock.
+    pub const ZERO: Self = Self(0);
+
+    /// The instant this many microseconds after the origin.
+    pub const fn from_micros(micros: u64) -> Self {
+        Self(micros)
+    }
+
+    /// Microseconds since the origin.
+    pub const fn as_micros(self) -> u64 {
+        self.0
+    }
+
+    /// The time from `earlier` to this instant; zero if `earlier` is later.
+    pub const fn since(self, earlier: Self) -> Duration {
+        Duration(self.0.saturating_sub(earlier.0))
+    }
+}
+
+impl Add<Duration> for Instant {
+    type Output = Self;
+
+    fn add(self, duration: Duration) -> Self {
+        Self(self.0.saturating_add(duration.0))
+    }
+}
+
+impl AddAssign<Duration> for Instant {
+    fn add_assign(&mut self, duration: Duration) {
+        *self = *self + duration;
+    }
+}
+
+/// A span of time in microseconds.
+///
+/// ```
+/// use armwire::time::Duration;
+///
+/// assert_eq!(Duration::from_millis(2) + Duration::from_micros(50), Duration::from_micros(2_050));
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Duration(u64);
+
+impl Duration {
+    /// No time.
+    pub const ZERO: Self = Self(0);
+
+    /// The span of this many microseconds.
+    pub const fn from_micros(micros: u64) -> Self {
+        Self(micros)
+    }
+
+    /// The span of this many milliseconds.
+    pub const fn from_millis(millis: u64) -> Self {
+        Self(millis.saturating_mul(1_000))
+    }
+
+    /// Microseconds.
+    pub const fn as_micros(self) -> u64 {
+        self.0
+    }
+}
+
+impl Add for Duration {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self(self.0.saturating_add(other.0))
+    }
+}
+
+/// Microseconds, as an instant or as a span: the name from before [`Instant`] and [`Duration`], for code that has not moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Micros(pub u64);
@@ -35,5 +113,29 @@ impl Add for Micros {
 
     fn add(self, span: Self) -> Self {
         Self(self.0.saturating_add(span.0))
+    }
+}
+
+impl From<Micros> for Instant {
+    fn from(micros: Micros) -> Self {
+        Self(micros.0)
+    }
+}
+
+impl From<Micros> for Duration {
+    fn from(micros: Micros) -> Self {
+        Self(micros.0)
+    }
+}
+
+impl From<Instant> for Micros {
+    fn from(instant: Instant) -> Self {
+        Self(instant.0)
+    }
+}
+
+impl From<Duration> for Micros {
+    fn from(duration: Duration) -> Self {
+        Self(duration.0)
     }
 }

@@ -16,6 +16,7 @@
 pub mod alpha1;
 pub mod legacy;
 pub mod ling;
+#[path = "../../../protocol/tests/vectors/mod.rs"]
 pub mod vectors;
 pub mod xarm;
 

@@ -1,4 +1,4 @@
-//! The frames of the documents: those that `protocol/src/*/tests.rs` say the meaning of, as bytes.
+//! The frames of the documents, as bytes. Their meaning is in `protocol/src/*/tests.rs`.
 
 /// A frame, and what it answers.
 #[derive(Clone, Debug)]
@@ -12,10 +12,6 @@ pub struct Vector {
 }
 
 /// The bytes of `text`, in hex.
-///
-/// ```
-/// assert_eq!(armwire_host_tests::reference::vectors::hex("AA 01"), [0xAA, 0x01]);
-/// ```
 pub fn hex(text: &str) -> Vec<u8> {
     let bytes = text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16));
     bytes.collect::<Result<_, _>>().expect("hex")

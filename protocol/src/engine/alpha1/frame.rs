@@ -1,0 +1,434 @@
+//! The bytes of an Alpha1 frame.
+//!
+//! ```text
+//!   0     1    2 .. 2+n    2+n     3+n
+//! +----+----+-----------+-------+------+
+//! | H  | H' | DATA      | CHECK | ED   |
+//! +----+----+-----------+-------+------+
+//! ```
+//!
+//! `H'` is `H` with its nibbles swapped. CHECK is the low byte of the sum of DATA; some answers have none. Nothing says
+//! how long DATA is: that follows from the direction and the header, as the table `layout` has it. So the end mark ED
+//! is verified, never searched for: DATA and CHECK may be ED too.
+//!
+//! The servos' own frames, FA AF and FC CF, look just like it. To some commands a servo answers with a single byte,
+//! which is its id plus AA. That is no frame at all, and is read only where it is expected.
+//!
+//! The robot's Bluetooth frames have the header FB BF too, and then their length where this protocol has 01:
+//!
+//! ```text
+//!   0     1     2      3     4 .. n-1   n-1     n
+//! +----+----+-------+-----+---------+-------+------+
+//! | FB | BF | n ≥ 6 | CMD | params  | CHECK | ED   |
+//! +----+----+-------+-----+---------+-------+------+
+//! ```
+
+use core::ops::RangeInclusive;
+use core::slice;
+
+use super::{Alpha1, Outcome, ServoId};
+use crate::engine::framing::{Framing, Reason, Scan, verify};
+use crate::{BufferTooShort, EncodeError, OutOfRange};
+
+/// The longest frame, in bytes: a version or name of [`MAX_TEXT`] bytes. On USB HID such a frame takes five reports.
+///
+/// A decoder for the servo bus, or for a robot whose names and versions are short, may have as few as 33 bytes, which an action
+/// takes.
+pub const MAX_FRAME: usize = MAX_TEXT + 5;
+
+/// The most bytes of a version or a name: the byte that counts them counts itself, too.
+pub const MAX_TEXT: usize = u8::MAX as usize - 1;
+
+/// The end mark: the last byte of every frame but a servo's acknowledgement, which is a byte by itself.
+pub const TAIL: u8 = 0xED;
+
+/// What the status in an answer may be.
+const STATUS: &[u8] = &[Outcome::Success as u8, Outcome::Failure as u8];
+
+/// What follows FB BF, in both directions (row FB).
+pub(super) const ACT: u8 = 0x01;
+
+/// What the count of a text may say; it counts itself.
+const COUNT: RangeInclusive<usize> = 1..=MAX_TEXT + 1;
+
+/// What the length of a Bluetooth frame may say; it counts itself, one header byte and all that follows.
+const BLUETOOTH: RangeInclusive<usize> = 6..=u8::MAX as usize;
+
+/// The first bytes of the headers.
+pub(super) mod header {
+    pub(crate) const HARDWARE_VERSION: u8 = 0xF1;
+    pub(crate) const SERVO_STATES: u8 = 0xEF;
+    pub(crate) const STOP: u8 = 0xF2;
+    pub(crate) const FIRMWARE_VERSION: u8 = 0xF5;
+    pub(crate) const ACT: u8 = 0xFB;
+    pub(crate) const OFFSET_TOOL: u8 = 0xF4;
+    pub(crate) const USB_TYPE: u8 = 0xF9;
+    pub(crate) const PLAY: u8 = 0xF3;
+    pub(crate) const SERVO: u8 = 0xFA;
+    pub(crate) const SERVO_VERSION: u8 = 0xFC;
+    pub(super) const ALL: &[u8] = &[
+        HARDWARE_VERSION,
+        SERVO_STATES,
+        STOP,
+        FIRMWARE_VERSION,
+        ACT,
+        OFFSET_TOOL,
+        USB_TYPE,
+        PLAY,
+        SERVO,
+        SERVO_VERSION,
+    ];
+}
+
+/// The checksum of `data`: the low byte of its sum.
+///
+/// ```
+/// assert_eq!(armwire::engine::alpha1::checksum(b"\x06dance"), 0x01); // row F3
+/// ```
+pub fn checksum(data: &[u8]) -> u8 {
+    data.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
+}
+
+/// What a reader knows about the next frame.
+///
+/// ```
+/// use armwire::engine::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
+/// use armwire::engine::framing::{Framing, Scan};
+///
+/// let line = [0xAB];
+/// let answer = ServoAnswer::Acknowledgement(ServoId::new(1)?);
+/// assert_eq!(Alpha1.scan(&line, Expect::Responses(Some(answer))), Scan::Frame(1));
+/// assert!(matches!(Alpha1.scan(&line, Expect::Responses(None)), Scan::Noise(1, _)));
+/// # Ok::<(), armwire::OutOfRange>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Expect {
+    /// Frames from the host.
+    Requests,
+    /// Frames from the robot or a servo, and which of a servo's answers, if one.
+    Responses(Option<ServoAnswer>),
+}
+
+impl Expect {
+    /// The byte that is an answer all by itself.
+    const fn byte(self) -> Option<u8> {
+        match self {
+            Self::Responses(Some(ServoAnswer::Acknowledgement(servo))) => Some(acknowledgement(servo)),
+            _ => None,
+        }
+    }
+}
+
+/// Which answer of a servo is expected: they do not say it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ServoAnswer {
+    /// The single byte of this servo.
+    Acknowledgement(ServoId),
+    /// Its target and actual angle.
+    Angles,
+    /// Its new id.
+    IdChanged,
+    /// That its offset is set.
+    OffsetSet,
+    /// Its offset.
+    Offset,
+    /// Its version.
+    Version,
+}
+
+/// The single byte by which a servo says that it understood.
+pub(super) const fn acknowledgement(servo: ServoId) -> u8 {
+    servo.get().wrapping_add(0xAA)
+}
+
+/// What follows a header.
+enum Layout {
+    /// So many bytes of DATA, CHECK, ED.
+    Data(usize),
+    /// A byte that counts itself and the text that follows it, CHECK, ED.
+    Counted,
+    /// AA or EE, ED: no CHECK.
+    Status,
+}
+
+/// Where each frame ends: the whole table.
+const fn layout(first: u8, expect: Expect) -> Option<Layout> {
+    Some(match (expect, first) {
+        (Expect::Requests, header::HARDWARE_VERSION) => Layout::Data(6),
+        (Expect::Requests, header::SERVO_STATES) => Layout::Data(6),
+        (Expect::Requests, header::STOP) => Layout::Data(6),
+        (Expect::Requests, header::FIRMWARE_VERSION) => Layout::Data(6),
+        (Expect::Requests, header::ACT) => Layout::Data(29),
+        (Expect::Requests, header::OFFSET_TOOL) => Layout::Data(6),
+        (Expect::Requests, header::USB_TYPE) => Layout::Data(6),
+        (Expect::Requests, header::PLAY) => Layout::Counted,
+
+        (Expect::Responses(_), header::HARDWARE_VERSION) => Layout::Counted,
+        (Expect::Responses(_), header::SERVO_STATES) => Layout::Data(4),
+        (Expect::Responses(_), header::STOP) => Layout::Status,
+        (Expect::Responses(_), header::FIRMWARE_VERSION) => Layout::Data(11),
+        (Expect::Responses(_), header::ACT) => Layout::Data(6),
+        (Expect::Responses(_), header::OFFSET_TOOL) => Layout::Status,
+        (Expect::Responses(_), header::USB_TYPE) => Layout::Status,
+        (Expect::Responses(_), header::PLAY) => Layout::Status,
+
+        (_, header::SERVO | header::SERVO_VERSION) => Layout::Data(6),
+        _ => return None,
+    })
+}
+
+/// A frame whose header, length, checksum and end mark are good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Frame<'a> {
+    /// One with a header.
+    Message {
+        /// The first byte of the header, which names the row of the document.
+        command: u8,
+        /// DATA, with the byte that counts a text. Where row FB has 01 first, a frame of the Bluetooth protocol has its
+        /// length.
+        data: &'a [u8],
+    },
+    /// The single byte of a servo.
+    Byte(u8),
+}
+
+impl Frame<'_> {
+    /// Writes the frame at the front of `out` and returns its length in bytes. Whether it has a CHECK follows from its
+    /// row and from `expect`, which is what its reader expects.
+    ///
+    /// # Errors
+    ///
+    /// [`EncodeError`] when `out` is shorter than the frame, or the frame is none that [`scan`](Framing::scan) takes.
+    ///
+    /// ```
+    /// use armwire::engine::alpha1::{Expect, Frame};
+    ///
+    /// let mut out = [0; 100];
+    /// let stop = Frame::Message { command: 0xF2, data: &[0; 6] };
+    /// assert_eq!(stop.encode(Expect::Requests, &mut out), Ok(10));
+    /// assert_eq!(out[..10], [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED]);
+    /// let stopped = Frame::Message { command: 0xF2, data: &[0xAA] };
+    /// assert_eq!(stopped.encode(Expect::Responses(None), &mut out), Ok(4));
+    /// assert_eq!(out[..4], [0xF2, 0x2F, 0xAA, 0xED]);
+    ///
+    /// let error = stopped.encode(Expect::Requests, &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "data is 1 bytes, must be 6..=6");
+    /// let playing = Frame::Message { command: 0xF3, data: &[1] };
+    /// let error = playing.encode(Expect::Responses(None), &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "byte 2 is 0x01, expected 0xaa or 0xee");
+    /// let play = Frame::Message { command: 0xF3, data: b"\x05dance" };
+    /// let error = play.encode(Expect::Requests, &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "count is 5, must be 6..=6");
+    /// ```
+    pub fn encode(&self, expect: Expect, out: &mut [u8]) -> Result<usize, EncodeError> {
+        match *self {
+            Self::Message { command, data } => check_message(command, data, expect)?,
+            Self::Byte(byte) => check_byte(byte, expect)?,
+        }
+        self.put(expect, out).map_err(EncodeError::BufferTooShort)
+    }
+
+    /// Writes a frame that is known to be one.
+    pub(super) fn put(&self, expect: Expect, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let needed = self.bytes(expect).count();
+        let got = out.len();
+        let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
+        for (to, from) in out.iter_mut().zip(self.bytes(expect)) {
+            *to = from;
+        }
+        Ok(needed)
+    }
+
+    /// All of it.
+    fn bytes(&self, expect: Expect) -> impl Iterator<Item = u8> {
+        let (header, data, check, tail) = match self {
+            Self::Message { command, data } => {
+                let check = !matches!(layout(*command, expect), Some(Layout::Status));
+                let header = [*command, command.rotate_left(4)];
+                (Some(header), *data, check.then(|| checksum(data)), Some(TAIL))
+            }
+            Self::Byte(byte) => (None, slice::from_ref(byte), None, None),
+        };
+        header
+            .into_iter()
+            .flatten()
+            .chain(data.iter().copied())
+            .chain(check)
+            .chain(tail)
+    }
+}
+
+/// Whether a frame with a header is one that its reader takes.
+fn check_message(command: u8, data: &[u8], expect: Expect) -> Result<(), EncodeError> {
+    let byte = |offset, expected, got| Err(EncodeError::Byte { offset, expected, got });
+    let Some(layout) = layout(command, expect) else {
+        return byte(0, header::ALL, command);
+    };
+    if let (header::ACT, &[act, ..]) = (command, data)
+        && act != ACT
+    {
+        return byte(2, &[ACT], act);
+    }
+    let (min, max) = match layout {
+        Layout::Data(len) => (len, len),
+        Layout::Counted => COUNT.into_inner(),
+        Layout::Status => (1, 1),
+    };
+    let len = u16::try_from(data.len()).unwrap_or(u16::MAX);
+    check_range("data", "bytes", len, min as u16, max as u16)?;
+    match (layout, data) {
+        (Layout::Counted, [count, ..]) => check_range("count", "", u16::from(*count), len, len),
+        (Layout::Status, [status]) if !STATUS.contains(status) => byte(2, STATUS, *status),
+        _ => Ok(()),
+    }
+}
+
+/// Whether a single byte is the one that is expected.
+fn check_byte(byte: u8, expect: Expect) -> Result<(), EncodeError> {
+    match expect.byte().map(u16::from) {
+        Some(expected) => check_range("acknowledgement", "", byte.into(), expected, expected),
+        None => Err(EncodeError::Byte {
+            offset: 0,
+            expected: header::ALL,
+            got: byte,
+        }),
+    }
+}
+
+/// Whether a count is in its range.
+fn check_range(what: &'static str, unit: &'static str, got: u16, min: u16, max: u16) -> Result<(), EncodeError> {
+    if (min..=max).contains(&got) {
+        return Ok(());
+    }
+    Err(EncodeError::OutOfRange(OutOfRange {
+        what,
+        unit,
+        got,
+        min,
+        max,
+    }))
+}
+
+/// The verdict on a window that starts with a header.
+fn scan_frame(window: &[u8], layout: Layout) -> Scan {
+    let &[first, _, third, ..] = window else {
+        return Scan::Need(1);
+    };
+    let count = usize::from(third);
+    if first == header::ACT && third != ACT {
+        return scan_bluetooth(window, count);
+    }
+    match layout {
+        Layout::Data(len) => verify(window, len + 4, 2, checksum, TAIL),
+        Layout::Counted if COUNT.contains(&count) => verify(window, count + 4, 2, checksum, TAIL),
+        Layout::Counted => {
+            let (min, max) = COUNT.into_inner();
+            let (min, max, got) = (min as u16, max as u16, third.into());
+            Scan::Noise(1, Reason::Length { min, max, got })
+        }
+        Layout::Status => scan_status(window),
+    }
+}
+
+/// The verdict on FB BF where no row of the document is: the same frame, but for what it says of its length.
+fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
+    if !BLUETOOTH.contains(&len) {
+        let (offset, expected, got) = (2, &[ACT], len as u8);
+        return Scan::Noise(1, Reason::Byte { offset, expected, got });
+    }
+    verify(window, len + 1, 2, checksum, TAIL)
+}
+
+/// The verdict on an answer without a checksum. Its status must be one of two, or half the frame would be unguarded.
+fn scan_status(window: &[u8]) -> Scan {
+    match *window {
+        [_, _, status, TAIL, ..] if STATUS.contains(&status) => Scan::Frame(4),
+        [_, _, status, got, ..] if STATUS.contains(&status) => Scan::Noise(1, Reason::Tail { expected: TAIL, got }),
+        [_, _, got, _, ..] => {
+            let (offset, expected) = (2, STATUS);
+            Scan::Noise(1, Reason::Byte { offset, expected, got })
+        }
+        _ => Scan::Need(4_usize.saturating_sub(window.len())),
+    }
+}
+
+impl<'a> Frame<'a> {
+    /// The frame that these bytes are, which [`scan`](Framing::scan) has found to be one. Of other bytes the result is
+    /// unspecified.
+    pub fn parse(bytes: &'a [u8]) -> Option<Self> {
+        match bytes {
+            [byte] => Some(Self::Byte(*byte)),
+            [first, second, ..] if *second != first.rotate_left(4) => None,
+            [command, _, status, TAIL] => Some(Self::Message {
+                command: *command,
+                data: slice::from_ref(status),
+            }),
+            [command, _, data @ .., _, TAIL] => Some(Self::Message {
+                command: *command,
+                data,
+            }),
+            _ => None,
+        }
+    }
+}
+
+impl Framing for Alpha1 {
+    type Expect = Expect;
+
+    fn scan(&self, window: &[u8], expect: Expect) -> Scan {
+        let Some((&first, rest)) = window.split_first() else {
+            return Scan::Need(1);
+        };
+        // The bytes of ten servos could begin a frame, such as the echo of a request. Those wait for what follows, be it
+        // silence.
+        if rest.first().is_none_or(|second| *second == first.rotate_left(4))
+            && let Some(layout) = layout(first, expect)
+        {
+            return scan_frame(window, layout);
+        }
+        let byte = expect.byte();
+        if Some(first) == byte {
+            return Scan::Frame(1);
+        }
+        if first == 0 {
+            return Scan::Padding(1 + rest.iter().take_while(|&&byte| byte == 0).count());
+        }
+        let starts = |&next: &u8| next == 0 || Some(next) == byte || layout(next, expect).is_some();
+        let stray = rest.iter().position(starts).unwrap_or(rest.len());
+        Scan::Noise(1 + stray, Reason::Stray)
+    }
+
+    fn scan_idle(&self, window: &[u8], expect: Expect) -> Scan {
+        match (self.scan(window, expect), window) {
+            (Scan::Need(_), &[byte]) if Some(byte) == expect.byte() => Scan::Frame(1),
+            (Scan::Need(missing), _) => Scan::Noise(1, Reason::Truncated { missing }),
+            (verdict, _) => verdict,
+        }
+    }
+
+    fn terminator(&self, expect: Expect) -> Option<u8> {
+        match expect.byte() {
+            Some(_) => None,
+            None => Some(TAIL),
+        }
+    }
+
+    fn shortest(&self, expect: Expect) -> usize {
+        match (expect, expect.byte()) {
+            (_, Some(_)) => 1,
+            (Expect::Requests, None) => 5,
+            (Expect::Responses(_), None) => 4,
+        }
+    }
+
+    fn requests(&self) -> Expect {
+        Expect::Requests
+    }
+
+    fn unsolicited(&self) -> Expect {
+        Expect::Responses(None)
+    }
+}

@@ -1,0 +1,353 @@
+//! Bytes in any chunks in, items out: frames, noise and padding, none of the bytes missing.
+
+use core::cell::Cell;
+
+use crate::OutOfRange;
+use crate::engine::framing::{Framing, Reason, Scan};
+
+/// What a stretch of bytes is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Kind {
+    /// A frame whose envelope is good.
+    Frame,
+    /// Bytes in no frame.
+    Noise(Reason),
+    /// Bytes between frames that are no error.
+    Padding,
+    /// Bytes from the place on where a lossless stream broke.
+    Broken(Reason),
+}
+
+/// Where an item lies in a [`Decoder`]. It borrows nothing, and is good until the next bytes are put in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Span {
+    /// Where the item starts, in bytes since the decoder was made.
+    pub offset: u64,
+    /// What it is.
+    pub kind: Kind,
+    start: usize,
+    end: usize,
+}
+
+impl Span {
+    /// How many bytes the item has, at least one.
+    pub const fn len(&self) -> usize {
+        self.end.saturating_sub(self.start)
+    }
+
+    /// Never so.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A stretch of the bytes received.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Item<'a> {
+    /// Where it starts, in bytes since the decoder was made.
+    pub offset: u64,
+    /// What it is.
+    pub kind: Kind,
+    /// The bytes.
+    pub bytes: &'a [u8],
+}
+
+/// A streaming decoder over an inline buffer of `N` bytes.
+///
+/// Every byte that is put in comes out once, in order, as part of one item. Bytes may arrive in any chunks: the frames, and
+/// the bytes and reasons of adjacent noise once joined, are the same. When a candidate for a frame turns out to be none,
+/// scanning resumes at its second byte, so a false header never costs a good frame; a frame longer than `N` is noise with
+/// [`Reason::Length`] and is skipped whole.
+///
+/// The decoder holds no framing: whoever knows what kind of arm is on the line passes it in.
+///
+/// ```
+/// use armwire::engine::decoder::{Decoder, Kind};
+/// use armwire::engine::framing::Reason;
+/// use armwire::engine::ling::{Frame, Ling};
+///
+/// let mut decoder = Decoder::<70>::new();
+/// let line = [0x11, 0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+/// assert!(decoder.push(&line).is_empty());
+///
+/// let noise = decoder.next(&Ling, ()).unwrap();
+/// assert_eq!((noise.offset, noise.kind, noise.bytes), (0, Kind::Noise(Reason::Stray), &[0x11][..]));
+/// let item = decoder.next(&Ling, ()).unwrap();
+/// assert_eq!((item.offset, item.kind), (1, Kind::Frame));
+/// let frame = Frame::parse(item.bytes).unwrap();
+/// assert_eq!((frame.command, frame.function, frame.data), (0x06, 0x00, &[0xFE][..]));
+/// assert!(decoder.next(&Ling, ()).is_none());
+/// ```
+#[derive(Debug)]
+pub struct Decoder<const N: usize> {
+    buf: [u8; N],
+    /// The window, not yet decided on: `buf[head..tail]`.
+    head: usize,
+    tail: usize,
+    /// Bytes put in since the decoder was made.
+    received: u64,
+    /// Bytes still to come of noise that reaches past the window, and its reason.
+    skip: usize,
+    skip_reason: Reason,
+    /// Nothing came since the line went idle.
+    idle: bool,
+    /// Why the stream broke.
+    broken: Option<Reason>,
+}
+
+impl<const N: usize> Decoder<N> {
+    /// An empty decoder.
+    pub const fn new() -> Self {
+        Self {
+            buf: [0; N],
+            head: 0,
+            tail: 0,
+            received: 0,
+            skip: 0,
+            skip_reason: Reason::Stray,
+            idle: false,
+            broken: None,
+        }
+    }
+
+    /// Room to read or DMA into; [`commit`](Self::commit) what arrived.
+    ///
+    /// Never empty once [`advance`](Self::advance) has returned `None`.
+    ///
+    /// ```
+    /// # use armwire::engine::decoder::{Decoder, Kind};
+    /// # use armwire::engine::ling::Ling;
+    /// # use std::io::Read;
+    /// # let mut port = &[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF][..];
+    /// let mut decoder = Decoder::<70>::new();
+    /// let n = port.read(decoder.space())?;
+    /// decoder.commit(n)?;
+    /// assert!(decoder.next(&Ling, ()).is_some_and(|item| item.kind == Kind::Frame));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn space(&mut self) -> &mut [u8] {
+        if self.head > 0 {
+            self.move_to_front();
+        }
+        self.buf.get_mut(self.tail..).unwrap_or_default()
+    }
+
+    /// Accepts the first `n` bytes of [`space`](Self::space).
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] when that is more than there is room for. Nothing is accepted then.
+    pub fn commit(&mut self, n: usize) -> Result<(), OutOfRange<usize>> {
+        let max = N.saturating_sub(self.tail);
+        if n > max {
+            return Err(OutOfRange {
+                what: "committed",
+                unit: "bytes",
+                got: n,
+                min: 0,
+                max,
+            });
+        }
+        self.tail = self.tail.wrapping_add(n);
+        self.received = self.received.wrapping_add(n as u64);
+        self.idle &= n == 0;
+        Ok(())
+    }
+
+    /// Copies in as much of `bytes` as there is room for and returns the rest.
+    ///
+    /// Take all items out, then push the rest, until there is none.
+    #[must_use = "bytes for which there is no room are returned"]
+    pub fn push<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
+        let space = self.space();
+        let n = space.len().min(bytes.len());
+        let (now, later) = bytes.split_at(n);
+        for (to, from) in space.iter_mut().zip(now) {
+            *to = *from;
+        }
+        // There is room: this cannot fail.
+        let _ = self.commit(n);
+        later
+    }
+
+    /// The line went idle: a frame that waits for its end will never get it. Then take the items out.
+    ///
+    /// Call it for an idle line that the UART reports, never for a gap between USB packets. It holds until more bytes come. On
+    /// a [`LOSSLESS`](Framing::LOSSLESS) line it changes nothing.
+    ///
+    /// ```
+    /// use armwire::engine::decoder::{Decoder, Kind};
+    /// use armwire::engine::framing::Reason;
+    /// use armwire::engine::ling::Ling;
+    ///
+    /// let mut decoder = Decoder::<70>::new();
+    /// assert!(decoder.push(&[0xAA, 0x06, 0x00, 0x0F, 0x02]).is_empty());
+    /// assert!(decoder.next(&Ling, ()).is_none());
+    /// decoder.idle();
+    /// let noise = decoder.next(&Ling, ()).unwrap();
+    /// assert_eq!(noise.kind, Kind::Noise(Reason::Truncated { missing: 16 }));
+    /// ```
+    pub const fn idle(&mut self) {
+        self.idle = true;
+    }
+
+    /// Takes the next item out of the window and says where it lies; `None` when more bytes are needed to tell.
+    ///
+    /// Loops are made of this, because an item that is returned from inside a loop would borrow the decoder for all of it.
+    pub fn advance<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
+        let (n, kind) = self.classify(framing, expect)?;
+        let window = self.pending();
+        let now = n.clamp(1, window.max(1)).min(window);
+        self.skip = match kind {
+            Kind::Noise(_) => n.saturating_sub(now),
+            Kind::Frame | Kind::Padding | Kind::Broken(_) => 0,
+        };
+        let span = Span {
+            offset: self.offset(),
+            kind,
+            start: self.head,
+            end: self.head.wrapping_add(now),
+        };
+        self.head = span.end;
+        Some(span)
+    }
+
+    /// What the front of the window is, and how many bytes of it, which may reach past the window.
+    fn classify<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<(usize, Kind)> {
+        if self.idle && !F::LOSSLESS {
+            // The rest of a frame that was too long does not come any more.
+            self.skip = 0;
+        }
+        let window_len = self.pending();
+        if window_len == 0 {
+            return None;
+        }
+        if let Some(reason) = self.broken {
+            return Some((window_len, Kind::Broken(reason)));
+        }
+        if self.skip > 0 {
+            return Some((self.skip, Kind::Noise(self.skip_reason)));
+        }
+        let window = self.window();
+        let verdict = match self.idle {
+            true => framing.scan_idle(window, expect),
+            false => framing.scan(window, expect),
+        };
+        let (n, reason) = match verdict {
+            Scan::Need(missing) => {
+                let total = window_len.saturating_add(missing);
+                if total <= N {
+                    return None;
+                }
+                (total, too_long::<N>(total))
+            }
+            Scan::Frame(n) => return Some((n, Kind::Frame)),
+            Scan::Padding(n) => return Some((n, Kind::Padding)),
+            Scan::Broken(reason) => {
+                self.broken = Some(reason);
+                return Some((window_len, Kind::Broken(reason)));
+            }
+            Scan::Noise(n, reason) => (n, reason),
+        };
+        self.skip_reason = reason;
+        Some((n, Kind::Noise(reason)))
+    }
+
+    /// The item at a span.
+    pub fn item(&self, span: Span) -> Item<'_> {
+        Item {
+            offset: span.offset,
+            kind: span.kind,
+            bytes: self.buf.get(span.start..span.end).unwrap_or_default(),
+        }
+    }
+
+    /// [`advance`](Self::advance) and [`item`](Self::item) in one.
+    pub fn next<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Item<'_>> {
+        let span = self.advance(framing, expect)?;
+        Some(self.item(span))
+    }
+
+    /// How many more bytes must arrive before there can be another frame: a receive threshold, at least 1 once
+    /// [`advance`](Self::advance) has returned `None`. Zero while there is an item to take.
+    ///
+    /// ```
+    /// use armwire::engine::decoder::Decoder;
+    /// use armwire::engine::ling::Ling;
+    ///
+    /// let mut decoder = Decoder::<70>::new();
+    /// assert_eq!(decoder.need(&Ling, ()), 6);
+    /// assert!(decoder.push(&[0xAA, 0x06, 0x00, 0x0F]).is_empty());
+    /// assert_eq!(decoder.need(&Ling, ()), 17); // 15 data bytes, the checksum and the terminator
+    /// ```
+    pub fn need<F: Framing>(&self, framing: &F, expect: F::Expect) -> usize {
+        let shortest = framing.shortest(expect).max(1);
+        let window = self.window();
+        if window.is_empty() {
+            return shortest.saturating_add(self.skip);
+        }
+        if self.skip > 0 || self.broken.is_some() {
+            return 0;
+        }
+        match framing.scan(window, expect) {
+            Scan::Need(n) if window.len().saturating_add(n) <= N => n.max(shortest.saturating_sub(window.len())).max(1),
+            _ => 0,
+        }
+    }
+
+    /// The bytes not yet decided on.
+    pub fn window(&self) -> &[u8] {
+        self.buf.get(self.head..self.tail).unwrap_or_default()
+    }
+
+    /// How many bytes are not yet decided on.
+    pub const fn pending(&self) -> usize {
+        self.tail.saturating_sub(self.head)
+    }
+
+    /// Where the window starts, in bytes since the decoder was made.
+    pub const fn offset(&self) -> u64 {
+        self.received.wrapping_sub(self.pending() as u64)
+    }
+
+    /// Bytes put in since the decoder was made.
+    pub const fn received(&self) -> u64 {
+        self.received
+    }
+
+    /// Why the stream broke. `None` while all is well, and always on a line that is not lossless.
+    pub const fn broken(&self) -> Option<Reason> {
+        self.broken
+    }
+
+    /// Brings the window to the front of the buffer.
+    fn move_to_front(&mut self) {
+        // `copy_within` has a panic that is left when it is not inlined.
+        let cells = Cell::from_mut(&mut self.buf[..]).as_slice_of_cells();
+        let window = cells.get(self.head..self.tail).unwrap_or_default();
+        for (to, from) in cells.iter().zip(window) {
+            to.set(from.get());
+        }
+        self.head = 0;
+        self.tail = window.len();
+    }
+}
+
+impl<const N: usize> Default for Decoder<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Why a frame of `total` bytes is noise to a decoder of `N` bytes.
+fn too_long<const N: usize>(total: usize) -> Reason {
+    let clamp = |n| u16::try_from(n).unwrap_or(u16::MAX);
+    Reason::Length {
+        min: 0,
+        max: clamp(N),
+        got: clamp(total),
+    }
+}

@@ -1,0 +1,344 @@
+//! Which answer belongs to which request.
+//!
+//! A *send* is a request that was handed to the line and wants an answer. It is *pending* until its initiator gives it up, then
+//! *stale*. The rules:
+//!
+//! * An answer belongs to the oldest unresolved send of its key that was handed over before the answer's first byte: by the
+//!   decoder's offset, and by time where bytes are stamped. A send is resolved by its answer, or when it is due plus the stale
+//!   window.
+//! * A request that wants an answer may go when no stale send of its key is unresolved, whoever's, none of its key by another
+//!   initiator, and none with another `Expect`. Once a request waits, no newer request that conflicts with it passes it.
+//!   Requests without an answer wait for nothing.
+//! * `N` counts sends, and nothing is evicted. One initiator ([`Initiator::may_exceed`]), while alone, may send more: the
+//!   exchange is then *saturated* until the stale window of the last of them has passed, and others wait. Once another waits,
+//!   that initiator sends nothing new either.
+//! * With transaction ids nothing waits. A stale send then makes room for a new one if it must, because its answer, being
+//!   numbered, can be taken for no other's.
+//! * Only an answer moves a deadline: an arm answers one request after the other, so those behind it have their time from then.
+//!
+//! An arm whose answers are later than the stale window can be mixed up.
+
+use core::cell::Cell;
+
+use crate::engine::dialect::{Dialect, InfoOf};
+use crate::time::{Duration, Instant};
+
+/// Who sends requests.
+pub trait Initiator: Copy + Eq {
+    /// Whether it may, while it alone uses the line, have more sends unresolved than the exchange counts.
+    fn may_exceed(self) -> bool {
+        false
+    }
+}
+
+/// The only initiator.
+impl Initiator for () {}
+
+/// When a request was handed to the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Handover {
+    /// How many bytes had arrived: the decoder's [`received`](crate::engine::decoder::Decoder::received).
+    pub offset: u64,
+    /// When its last byte is on the line.
+    pub at: Instant,
+    /// When its answer is due.
+    pub due: Instant,
+}
+
+/// Where a frame's first byte is in what arrived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FirstByte {
+    /// How many bytes arrived before it.
+    pub offset: u64,
+    /// When it arrived, where bytes are stamped.
+    pub at: Option<Instant>,
+}
+
+/// Which request a frame answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Match<I> {
+    /// A pending one.
+    Answer {
+        /// Whose.
+        who: I,
+        /// When its last byte was on the line.
+        sent: Instant,
+    },
+    /// A stale one of this initiator.
+    Late(I),
+    /// None.
+    Unsolicited,
+}
+
+/// A request that was handed over and wants an answer.
+struct Sent<D: Dialect, I> {
+    info: InfoOf<D>,
+    who: I,
+    offset: u64,
+    at: Instant,
+    due: Instant,
+    /// How long the answer may take, from the end of the request or from the answer before.
+    patience: Duration,
+    stale: bool,
+}
+
+impl<D: Dialect, I: Initiator> Sent<D, I> {
+    fn new(info: InfoOf<D>, who: I, handover: Handover) -> Self {
+        Self {
+            info,
+            who,
+            offset: handover.offset,
+            at: handover.at,
+            due: handover.due,
+            patience: handover.due.since(handover.at),
+            stale: false,
+        }
+    }
+
+    /// Whether a request of `who` must wait until this send is resolved.
+    fn blocks(&self, info: &InfoOf<D>, who: I) -> bool {
+        self.info.expect != info.expect || self.info.key == info.key && (self.stale || self.who != who)
+    }
+}
+
+/// A request that may not go yet.
+struct Waiting<D: Dialect, I> {
+    info: InfoOf<D>,
+    who: I,
+}
+
+/// Sends that are not counted one by one.
+struct Saturation {
+    until: Instant,
+    patience: Duration,
+}
+
+/// The sends on one line that are not resolved, at most `N`, and who waits.
+pub struct Exchange<D: Dialect, I, const N: usize> {
+    stale_window: Duration,
+    /// In the order in which they were handed over, without gaps.
+    sends: Slots<Sent<D, I>, N>,
+    /// In the order in which they came, without gaps.
+    waiting: Slots<Waiting<D, I>, N>,
+    saturated: Option<Saturation>,
+}
+
+impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
+    /// An exchange without sends. An answer may come so long after it was due before it can be taken for another.
+    pub const fn new(stale_window: Duration) -> Self {
+        Self {
+            stale_window,
+            sends: Slots::new(),
+            waiting: Slots::new(),
+            saturated: None,
+        }
+    }
+
+    /// What may come next on the line: the answer to the oldest unresolved send.
+    pub fn expect(&self, dialect: &D) -> D::Expect {
+        match self.sends.iter().next() {
+            Some(oldest) => oldest.info.expect,
+            None => dialect.unsolicited(),
+        }
+    }
+
+    /// Whether a request may go now. If not, it waits from now on, in order, until it [goes](Self::begin) or is
+    /// [withdrawn](Self::withdraw). An initiator waits with one request at a time.
+    pub fn may_send(&mut self, info: &InfoOf<D>, who: I) -> bool {
+        if info.response.is_none() {
+            return true;
+        }
+        if D::HAS_TRANSACTION_ID {
+            return self.sends.len() < N || self.sends.iter().any(|sent| sent.stale);
+        }
+        let waits = |waiting: &Waiting<D, I>| waiting.who == who;
+        let ahead = || self.waiting.iter().take_while(|waiting| !waits(waiting));
+        let alone = self.waiting.iter().all(waits) && self.sends.iter().all(|sent| sent.who == who);
+        let room = self.saturated.is_none() && self.sends.len().saturating_add(ahead().count()) < N;
+        let may = (room || alone && who.may_exceed())
+            && !self.sends.iter().any(|sent| sent.blocks(info, who))
+            && !ahead().any(|waiting| waiting.info.key == info.key || waiting.info.expect != info.expect);
+        if may {
+            return true;
+        }
+        // There is room for every initiator, as long as they are no more than sends.
+        if let Some(waiting) = self.waiting.iter_mut().find(|waiting| waiting.who == who) {
+            waiting.info = *info;
+            return false;
+        }
+        self.waiting.push(Waiting { info: *info, who });
+        false
+    }
+
+    /// The request of this initiator that waits, if one does, goes no more.
+    pub fn withdraw(&mut self, who: I) {
+        self.waiting.remove_where(|waiting| waiting.who == who);
+    }
+
+    /// A request was handed over.
+    pub fn begin(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
+        if info.response.is_none() {
+            return;
+        }
+        self.withdraw(who);
+        if D::HAS_TRANSACTION_ID && self.sends.len() == N {
+            self.sends.remove_first_where(|sent| sent.stale);
+        }
+        // An answer to one of those that are not counted must not be taken for an answer to a newer one.
+        if self.saturated.is_some() || !self.sends.push(Sent::new(info, who, handover)) {
+            let until = self
+                .saturated
+                .as_ref()
+                .map_or(Instant::ZERO, |saturation| saturation.until);
+            self.saturated = Some(Saturation {
+                until: until.max(handover.due + self.stale_window),
+                patience: handover.due.since(handover.at),
+            });
+        }
+    }
+
+    /// A request was handed over again. Its earlier sends are due when this one is.
+    pub fn repeat(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
+        let of_call = |sent: &&mut Sent<D, I>| sent.who == who && sent.info.key == info.key && !sent.stale;
+        for sent in self.sends.iter_mut().filter(of_call) {
+            sent.due = handover.due;
+        }
+        self.begin(info, who, handover);
+    }
+
+    /// A frame arrived, its last byte at `now`: which request it answers.
+    pub fn on_frame(&mut self, dialect: &D, frame: &[u8], first: FirstByte, now: Instant) -> Match<I> {
+        let window = self.stale_window;
+        let answered = self.sends.iter().position(|sent| {
+            sent.offset <= first.offset
+                && first.at.is_none_or(|at| sent.at <= at)
+                && now < sent.due + window
+                && dialect.is_response_to(sent.info.key, frame)
+        });
+        let Some(sent) = answered.and_then(|index| self.sends.remove(index)) else {
+            return Match::Unsolicited;
+        };
+        for behind in self
+            .sends
+            .iter_mut()
+            .filter(|other| sent.at <= other.at && !other.stale)
+        {
+            behind.due = behind.due.max(now + behind.patience);
+        }
+        if let Some(saturation) = &mut self.saturated {
+            saturation.until = saturation.until.max(now + saturation.patience + window);
+        }
+        match sent.stale {
+            true => Match::Late(sent.who),
+            false => Match::Answer {
+                who: sent.who,
+                sent: sent.at,
+            },
+        }
+    }
+
+    /// This initiator gives up its pending sends: they are stale from now on.
+    pub fn give_up(&mut self, who: I) {
+        for sent in self.sends.iter_mut().filter(|sent| sent.who == who) {
+            sent.stale = true;
+        }
+    }
+
+    /// When to call [`on_timeout`](Self::on_timeout), if nothing happens before.
+    pub fn timeout(&self) -> Option<Instant> {
+        let window = self.stale_window;
+        let sends = self.sends.iter().map(|sent| match sent.stale {
+            true => sent.due + window,
+            false => sent.due,
+        });
+        sends
+            .chain(self.saturated.as_ref().map(|saturation| saturation.until))
+            .min()
+    }
+
+    /// Gives up the oldest pending send whose answer is missing at `now` and says whose it was. Call it until it returns `None`.
+    pub fn on_timeout(&mut self, now: Instant) -> Option<I> {
+        let window = self.stale_window;
+        self.sends.remove_where(|sent| sent.stale && sent.due + window <= now);
+        let _ = self.saturated.take_if(|saturation| saturation.until <= now);
+        let missing = self.sends.iter_mut().find(|sent| !sent.stale && sent.due <= now)?;
+        missing.stale = true;
+        Some(missing.who)
+    }
+
+    /// When the first answer is due that this initiator waits for.
+    pub fn due(&self, who: I) -> Option<Instant> {
+        let pending = self.sends.iter().filter(|sent| sent.who == who && !sent.stale);
+        pending.map(|sent| sent.due).min()
+    }
+
+    /// Whether no send is unresolved.
+    pub fn is_idle(&self) -> bool {
+        self.sends.len() == 0 && self.saturated.is_none()
+    }
+
+    /// Whether more was sent than is counted.
+    pub const fn is_saturated(&self) -> bool {
+        self.saturated.is_some()
+    }
+
+    /// Forgets all sends and all that wait, because there is another arm on the line. Returns how many were pending.
+    pub fn clear(&mut self) -> usize {
+        let pending = self.sends.iter().filter(|sent| !sent.stale).count();
+        *self = Self::new(self.stale_window);
+        pending
+    }
+}
+
+/// Up to `N` values in order, without gaps.
+struct Slots<T, const N: usize>([Option<T>; N]);
+
+impl<T, const N: usize> Slots<T, N> {
+    const fn new() -> Self {
+        Self([const { None }; N])
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &T> {
+        self.0.iter().map_while(Option::as_ref)
+    }
+
+    fn iter_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        self.0.iter_mut().map_while(Option::as_mut)
+    }
+
+    fn len(&self) -> usize {
+        self.iter().count()
+    }
+
+    /// Whether there was room.
+    fn push(&mut self, value: T) -> bool {
+        match self.0.iter_mut().find(|slot| slot.is_none()) {
+            Some(slot) => {
+                *slot = Some(value);
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn remove(&mut self, index: usize) -> Option<T> {
+        let slots = Cell::from_mut(&mut self.0[..]).as_slice_of_cells().get(index..)?;
+        let removed = slots.first()?.take();
+        for (to, from) in slots.iter().zip(slots.iter().skip(1)) {
+            to.set(from.take());
+        }
+        removed
+    }
+
+    fn remove_first_where(&mut self, condition: impl Fn(&T) -> bool) -> Option<T> {
+        let index = self.iter().position(condition)?;
+        self.remove(index)
+    }
+
+    fn remove_where(&mut self, condition: impl Fn(&T) -> bool) {
+        while self.remove_first_where(&condition).is_some() {}
+    }
+}

@@ -1,0 +1,150 @@
+//! Where frames begin and end.
+
+use core::fmt::{self, Debug};
+
+use crate::error::write_either;
+
+/// The verdict of a [`Framing`] on the front of a window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Scan {
+    /// No verdict before this many more bytes have arrived, at least one. Once the header gives the frame's length, it is
+    /// exactly the number of bytes that the frame lacks.
+    Need(usize),
+    /// The first `n` bytes are a frame.
+    Frame(usize),
+    /// The first `n` bytes, at least one, belong to no frame. Where the length of a refused frame is known, `n` may reach
+    /// past the window.
+    Noise(usize, Reason),
+    /// The first `n` bytes, at least one, fill the room between frames, as zeros do in a USB HID report. They are no error.
+    Padding(usize),
+    /// Nothing from here on can be read. Only on a [`LOSSLESS`](Framing::LOSSLESS) line.
+    Broken(Reason),
+}
+
+/// Why bytes belong to no frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+// Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
+#[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
+#[non_exhaustive]
+pub enum Reason {
+    /// No frame starts here.
+    Stray,
+    /// A frame seemed to start here, but no frame of this protocol, or none that the decoder has room for, has such a length.
+    Length {
+        /// The least that the length may be.
+        min: u16,
+        /// The most that the length may be.
+        max: u16,
+        /// The length.
+        got: u16,
+    },
+    /// A frame seemed to start here, but a byte with few allowed values has another.
+    Byte {
+        /// The byte's place, counted from the start of the frame.
+        offset: u8,
+        /// The byte.
+        got: u8,
+        /// The allowed values.
+        expected: &'static [u8],
+    },
+    /// A frame seemed to start here, but its checksum does not match.
+    Checksum {
+        /// The checksum of the bytes that arrived.
+        expected: u8,
+        /// The checksum that arrived with them.
+        got: u8,
+    },
+    /// A frame seemed to start here, but its terminator is missing.
+    Tail {
+        /// The terminator of this protocol.
+        expected: u8,
+        /// The byte in its place.
+        got: u8,
+    },
+    /// A frame seemed to start here, but the line went idle before its end.
+    Truncated {
+        /// How many bytes were still to come.
+        missing: usize,
+    },
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Stray => write!(f, "no frame starts here"),
+            Self::Length { min, max, got } => write!(f, "length field says {got}, must be {min}..={max}"),
+            Self::Byte { offset, expected, got } => {
+                write!(f, "byte {offset} is {got:#04x}, expected ")?;
+                write_either(f, expected, |f, byte| write!(f, "{byte:#04x}"))
+            }
+            Self::Checksum { expected, got } => write!(f, "checksum {got:#04x}, expected {expected:#04x}"),
+            Self::Tail { expected, got } => write!(f, "end mark {got:#04x}, expected {expected:#04x}"),
+            Self::Truncated { missing } => write!(f, "line went idle with {missing} bytes missing"),
+        }
+    }
+}
+
+impl core::error::Error for Reason {}
+
+/// Where frames begin and end on one kind of line.
+///
+/// An implementation keeps no state of the stream: it looks at the bytes received so far and classifies the front of them.
+/// The [`Decoder`](crate::engine::decoder::Decoder) keeps the bytes, the [`Exchange`](crate::engine::exchange::Exchange) knows what to expect.
+pub trait Framing {
+    /// Whether the line delivers every byte, in order, as TCP does. On such a line silence means nothing, and bytes that
+    /// cannot begin a frame break the stream ([`Scan::Broken`]).
+    const LOSSLESS: bool = false;
+
+    /// What the reader knows about the next frame, for protocols whose frames do not carry their own end; `()` elsewhere.
+    type Expect: Copy + Eq + Debug;
+
+    /// Classifies the front of `window`. A verdict other than [`Scan::Need`] does not change when more bytes follow, except
+    /// that a run of stray bytes or padding may grow.
+    fn scan(&self, window: &[u8], expect: Self::Expect) -> Scan;
+
+    /// Classifies the front of `window` on a line that went idle: bytes for which [`scan`](Self::scan) still waits are a
+    /// truncated frame, unless silence ends a frame of this protocol.
+    fn scan_idle(&self, window: &[u8], expect: Self::Expect) -> Scan {
+        match self.scan(window, expect) {
+            Scan::Need(missing) if !Self::LOSSLESS => Scan::Noise(1, Reason::Truncated { missing }),
+            verdict => verdict,
+        }
+    }
+
+    /// The last byte of every frame, if it always is the same.
+    fn terminator(&self, expect: Self::Expect) -> Option<u8>;
+
+    /// The length of the shortest frame, in bytes.
+    fn shortest(&self, expect: Self::Expect) -> usize;
+
+    /// What the arm, and whoever listens to its host, expects.
+    fn requests(&self) -> Self::Expect;
+
+    /// What a host expects that has asked for nothing.
+    fn unsolicited(&self) -> Self::Expect;
+}
+
+/// The verdict on a window that starts with a header, if the frame has `total` bytes: it ends with a checksum over all but
+/// its first `uncovered` bytes, and a terminator.
+#[cfg(any(feature = "ling", feature = "alpha1"))]
+pub(crate) fn verify(
+    window: &[u8],
+    total: usize,
+    uncovered: usize,
+    checksum: impl Fn(&[u8]) -> u8,
+    terminator: u8,
+) -> Scan {
+    let noise = |reason| Scan::Noise(1, reason);
+    match window.get(uncovered..total) {
+        Some(&[ref covered @ .., got, end]) if end == terminator => match checksum(covered) {
+            expected if expected == got => Scan::Frame(total),
+            expected => noise(Reason::Checksum { expected, got }),
+        },
+        Some(&[.., got]) => noise(Reason::Tail {
+            expected: terminator,
+            got,
+        }),
+        Some([]) | None => Scan::Need(total.saturating_sub(window.len()).max(1)),
+    }
+}

@@ -1,0 +1,69 @@
+//! Which frames of a Ling arm belong together (document section 2).
+
+use super::{Ling, MAX_FRAME};
+use crate::engine::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
+use crate::time::Duration;
+
+/// The longest known response on the wire: information, 24 data bytes.
+const LONGEST: u16 = 30;
+
+/// The data byte of requests that carry no value.
+const READ: u8 = 0xFE;
+
+/// The self-check, a command by itself.
+const SELF_CHECK: u8 = 0xFE;
+
+/// What a response has in common with its request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Key {
+    /// Command (section 1.1).
+    pub command: u8,
+    /// Function within the command.
+    pub function: u8,
+}
+
+impl Dialect for Ling {
+    type Key = Key;
+
+    fn request(&self, frame: &[u8]) -> Option<InfoOf<Self>> {
+        let &[_, command, function, _, data, ..] = frame else {
+            return None;
+        };
+        let (effect, longest) = match (command, function, data) {
+            (0x01, 0x00, _) | (0x04, 0x0E, _) | (0x06, 0x00 | 0x02, _) | (0x06, 0x01, READ) | (SELF_CHECK, 0x00, _) => {
+                (Effect::Read, Some(LONGEST))
+            }
+            (0x06, 0x03, _) => (Effect::Motion, None),
+            (0x05, _, _) => (Effect::Torque, None),
+            // Setting the zero switches the torque off, too.
+            (0x03, 0x00, _) | (0x04, _, _) | (0x06, 0x01, _) => (Effect::Setting, None),
+            // A newer arm may answer it.
+            _ => (Effect::Setting, Some(MAX_FRAME as u16)),
+        };
+        // The document gives no times. The vendor's software asks again after 200 ms. A self-check may ask each servo in turn.
+        let turnaround = match command {
+            SELF_CHECK => Duration::from_millis(500),
+            _ => Duration::from_millis(50),
+        };
+        Some(RequestInfo {
+            key: Key { command, function },
+            expect: (),
+            response: longest.map(|longest| ResponseTiming { longest, turnaround }),
+            effect,
+        })
+    }
+
+    fn is_response_to(&self, key: Key, frame: &[u8]) -> bool {
+        let &[_, command, function, len, data, ..] = frame else {
+            return false;
+        };
+        // Requests have one data byte, which is FE where nothing is set.
+        let request = match (command, function, len) {
+            (SELF_CHECK, 0x00, 0) | (0x05, _, _) | (0x06, 0x01, 1) | (0x06, 0x03, _) => true,
+            (_, _, 1) => data == READ,
+            _ => false,
+        };
+        (Key { command, function }) == key && !request
+    }
+}

@@ -1,0 +1,177 @@
+//! The bytes of a Ling frame (document section 1).
+//!
+//! ```text
+//!   0     1        2         3       4 .. 4+n    4+n       5+n
+//! +----+---------+----------+------+-----------+----------+------+
+//! | AA | command | function | n    | data      | checksum | FF   |
+//! +----+---------+----------+------+-----------+----------+------+
+//! ```
+//!
+//! The checksum is the low byte of CRC-32/ISO-HDLC over `command .. data`. The document's "command + function +
+//! length + data" means concatenation: its own examples hold only so.
+//!
+//! One request is printed, and sent by the vendor's software, with length 0 and one data byte ([`SELF_CHECK`]). It is
+//! recognised as that one sequence of bytes and nothing else has such slack. No other frame can start like it: with
+//! length 0 its fifth byte would be the checksum, C8.
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+
+use super::Ling;
+use crate::engine::framing::{Framing, Reason, Scan, verify};
+use crate::{BufferTooShort, EncodeError, OutOfRange};
+
+/// The most data bytes a frame may have.
+///
+/// The document's longest message has 28. The length field could say 255, but every false header would then hold back
+/// up to 257 bytes of good frames; 64 leaves room to grow, and holds back 66 at most.
+pub const MAX_DATA: usize = 64;
+
+/// Bytes of a frame that are not data.
+pub const OVERHEAD: usize = 6;
+
+/// The longest frame, in bytes.
+pub const MAX_FRAME: usize = MAX_DATA + OVERHEAD;
+
+/// The self-check request as the document prints it: length 0, yet one data byte, which the checksum covers.
+pub const SELF_CHECK: [u8; 7] = [HEADER, 0xFE, 0x00, 0x00, 0xFE, 0x93, TAIL];
+
+const HEADER: u8 = 0xAA;
+
+/// The end mark: the last byte of every frame.
+pub const TAIL: u8 = 0xFF;
+
+static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// The checksum of `body`, which is command, function, length and data.
+///
+/// ```
+/// assert_eq!(armwire::engine::ling::checksum(&[0x06, 0x00, 0x01, 0xFE]), 0x9A); // section 2.5
+/// ```
+pub fn checksum(body: &[u8]) -> u8 {
+    CRC.checksum(body) as u8
+}
+
+/// A frame whose header, length, checksum and end mark are good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Frame<'a> {
+    /// Command (section 1.1).
+    pub command: u8,
+    /// Function within the command.
+    pub function: u8,
+    /// The data, 0 to [`MAX_DATA`] bytes.
+    pub data: &'a [u8],
+}
+
+impl Frame<'_> {
+    /// Writes the frame at the front of `out` and returns its length in bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`EncodeError`] when `out` is shorter than the frame, or the data longer than [`MAX_DATA`].
+    ///
+    /// ```
+    /// use armwire::engine::ling::Frame;
+    ///
+    /// let mut out = [0; 100];
+    /// let frame = Frame { command: 0x05, function: 0x00, data: &[1] };
+    /// assert_eq!(frame.encode(&mut out), Ok(7));
+    /// assert_eq!(out[..7], [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF]);
+    ///
+    /// let error = frame.encode(&mut out[..6]).unwrap_err();
+    /// assert_eq!(error.to_string(), "the message takes 7 bytes, the buffer has 6");
+    /// let error = Frame { data: &[0; 65], ..frame }.encode(&mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "data is 65 bytes, must be 0..=64");
+    /// ```
+    pub fn encode(&self, out: &mut [u8]) -> Result<usize, EncodeError> {
+        let len = self.data.len();
+        if len > MAX_DATA {
+            return Err(EncodeError::OutOfRange(OutOfRange {
+                what: "data",
+                unit: "bytes",
+                got: u16::try_from(len).unwrap_or(u16::MAX),
+                min: 0,
+                max: MAX_DATA as u16,
+            }));
+        }
+        self.put(out).map_err(EncodeError::BufferTooShort)
+    }
+
+    /// Writes a frame whose data is known not to be too long.
+    pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let needed = self.data.len() + OVERHEAD;
+        let too_short = BufferTooShort { needed, got: out.len() };
+        let Some([header, body @ .., check, tail]) = out.get_mut(..needed) else {
+            return Err(too_short);
+        };
+        let [command, function, len, data @ ..] = &mut *body else {
+            return Err(too_short);
+        };
+        (*header, *command, *function, *len) = (HEADER, self.command, self.function, self.data.len() as u8);
+        for (to, from) in data.iter_mut().zip(self.data) {
+            *to = *from;
+        }
+        (*check, *tail) = (checksum(body), TAIL);
+        Ok(needed)
+    }
+}
+
+impl<'a> Frame<'a> {
+    /// The frame that these bytes are, which [`scan`](Framing::scan) has found to be one. Of other bytes the result is
+    /// unspecified.
+    pub fn parse(bytes: &'a [u8]) -> Option<Self> {
+        match bytes {
+            [_, command, function, _, data @ .., _, _] => Some(Self {
+                command: *command,
+                function: *function,
+                data,
+            }),
+            _ => None,
+        }
+    }
+}
+
+impl Framing for Ling {
+    type Expect = ();
+
+    fn scan(&self, window: &[u8], (): ()) -> Scan {
+        if window.first() != Some(&HEADER) {
+            let stray = window.iter().position(|&byte| byte == HEADER);
+            return match stray.unwrap_or(window.len()) {
+                0 => Scan::Need(1),
+                n => Scan::Noise(n, Reason::Stray),
+            };
+        }
+        let &[_, _, _, len, ..] = window else {
+            return Scan::Need(4 - window.len());
+        };
+        let len = usize::from(len);
+        if len > MAX_DATA {
+            return Scan::Noise(
+                1,
+                Reason::Length {
+                    min: 0,
+                    max: MAX_DATA as u16,
+                    got: len as u16,
+                },
+            );
+        }
+        let total = match window {
+            [_, 0xFE, 0x00, 0x00, 0xFE, ..] => SELF_CHECK.len(),
+            _ => len + OVERHEAD,
+        };
+        verify(window, total, 1, checksum, TAIL)
+    }
+
+    fn terminator(&self, (): ()) -> Option<u8> {
+        Some(TAIL)
+    }
+
+    fn shortest(&self, (): ()) -> usize {
+        OVERHEAD
+    }
+
+    fn requests(&self) {}
+
+    fn unsolicited(&self) {}
+}

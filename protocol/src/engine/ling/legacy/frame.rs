@@ -1,0 +1,130 @@
+//! The bytes of a frame of the older generation.
+//!
+//! ```text
+//!   0     1         2      3 .. 3+n    3+n      4+n
+//! +----+---------+------+-----------+--------+------+
+//! | AA | command | n    | data      | parity | FF   |
+//! +----+---------+------+-----------+--------+------+
+//! ```
+//!
+//! The parity is the sum of the data bytes modulo 2: 00 or 01. It is no checksum to trust. It depends on the lowest bit
+//! of each data byte alone, so of the single-bit errors in the data it misses seven in eight, and command and length
+//! are not covered. What arrives is good for a look, not for a control loop.
+
+use super::Legacy;
+use crate::engine::dialect::{Dialect, InfoOf};
+use crate::engine::framing::{Framing, Reason, Scan, verify};
+
+/// The most data bytes a frame may have.
+///
+/// The longest frame known has 21. The vendor's ROS drivers take frames of up to 64 bytes, and so do we.
+pub const MAX_DATA: usize = 59;
+
+/// Bytes of a frame that are not data.
+pub const OVERHEAD: usize = 5;
+
+/// The longest frame, in bytes.
+pub const MAX_FRAME: usize = MAX_DATA + OVERHEAD;
+
+const HEADER: u8 = 0xAA;
+const TAIL: u8 = 0xFF;
+
+/// The sum of the data bytes modulo 2: 0 or 1.
+///
+/// ```
+/// assert_eq!(armwire::engine::ling::legacy::parity(&[0x01, 0x03, 0x08]), 0);
+/// assert_eq!(armwire::engine::ling::legacy::parity(&[]), 0);
+/// ```
+pub fn parity(data: &[u8]) -> u8 {
+    data.iter().fold(0, |sum, byte| sum ^ byte) & 1
+}
+
+/// A frame whose header, length, parity and end mark are good.
+///
+/// It cannot be written by itself: there is nothing to say to such an arm. What a virtual one says goes by
+/// a device.
+///
+/// ```
+/// use armwire::engine::decoder::Decoder;
+/// use armwire::engine::ling::legacy::{Frame, Legacy, MAX_FRAME};
+///
+/// let mut decoder = Decoder::<MAX_FRAME>::new();
+/// assert!(decoder.push(&[0xAA, 0x0A, 0x03, 0x05, 0x04, 0x13, 0x00, 0xFF]).is_empty());
+/// let frame = decoder.next(&Legacy, ()).and_then(|item| Frame::parse(item.bytes)).unwrap();
+/// assert_eq!((frame.command, frame.data), (0x0A, &[5, 4, 19][..]));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Frame<'a> {
+    /// Command.
+    pub command: u8,
+    /// The data, 0 to [`MAX_DATA`] bytes.
+    pub data: &'a [u8],
+}
+
+impl<'a> Frame<'a> {
+    /// The frame that these bytes are, which [`scan`](Framing::scan) has found to be one.
+    pub fn parse(bytes: &'a [u8]) -> Option<Self> {
+        match bytes {
+            [HEADER, command, _, data @ .., _, TAIL] => Some(Self {
+                command: *command,
+                data,
+            }),
+            _ => None,
+        }
+    }
+}
+
+impl Framing for Legacy {
+    type Expect = ();
+
+    fn scan(&self, window: &[u8], (): ()) -> Scan {
+        if window.first() != Some(&HEADER) {
+            let stray = window.iter().position(|&byte| byte == HEADER);
+            return match stray.unwrap_or(window.len()) {
+                0 => Scan::Need(1),
+                n => Scan::Noise(n, Reason::Stray),
+            };
+        }
+        let &[_, _, len, ..] = window else {
+            return Scan::Need(3 - window.len());
+        };
+        let len = usize::from(len);
+        if len > MAX_DATA {
+            return Scan::Noise(
+                1,
+                Reason::Length {
+                    min: 0,
+                    max: MAX_DATA as u16,
+                    got: len as u16,
+                },
+            );
+        }
+        verify(window, len + OVERHEAD, 3, parity, TAIL)
+    }
+
+    fn terminator(&self, (): ()) -> Option<u8> {
+        Some(TAIL)
+    }
+
+    fn shortest(&self, (): ()) -> usize {
+        OVERHEAD
+    }
+
+    fn requests(&self) {}
+
+    fn unsolicited(&self) {}
+}
+
+/// Nothing is sent to such an arm, so nothing is an answer.
+impl Dialect for Legacy {
+    type Key = ();
+
+    fn request(&self, _frame: &[u8]) -> Option<InfoOf<Self>> {
+        None
+    }
+
+    fn is_response_to(&self, (): (), _frame: &[u8]) -> bool {
+        false
+    }
+}

@@ -1,0 +1,60 @@
+//! A line of which nothing is known: bytes without frames.
+
+use crate::engine::dialect::{Dialect, Effect, InfoOf, RequestInfo};
+use crate::engine::framing::{Framing, Reason, Scan};
+
+/// A line without frames: every byte is stray, and no request is answered.
+///
+/// ```
+/// use armwire::engine::decoder::{Decoder, Kind};
+/// use armwire::engine::framing::Reason;
+/// use armwire::engine::raw::Raw;
+///
+/// let mut decoder = Decoder::<8>::new();
+/// assert!(decoder.push(&[1, 2, 3]).is_empty());
+/// let item = decoder.next(&Raw, ()).unwrap();
+/// assert_eq!((item.kind, item.bytes), (Kind::Noise(Reason::Stray), &[1, 2, 3][..]));
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Raw;
+
+impl Framing for Raw {
+    type Expect = ();
+
+    fn scan(&self, window: &[u8], (): ()) -> Scan {
+        match window.len() {
+            0 => Scan::Need(1),
+            n => Scan::Noise(n, Reason::Stray),
+        }
+    }
+
+    fn terminator(&self, (): ()) -> Option<u8> {
+        None
+    }
+
+    fn shortest(&self, (): ()) -> usize {
+        1
+    }
+
+    fn requests(&self) {}
+
+    fn unsolicited(&self) {}
+}
+
+impl Dialect for Raw {
+    type Key = ();
+
+    fn request(&self, frame: &[u8]) -> Option<InfoOf<Self>> {
+        (!frame.is_empty()).then_some(RequestInfo {
+            key: (),
+            expect: (),
+            response: None,
+            effect: Effect::Setting,
+        })
+    }
+
+    fn is_response_to(&self, (): (), _frame: &[u8]) -> bool {
+        false
+    }
+}

@@ -1,0 +1,86 @@
+//! Which frames of an xArm belong together.
+
+use super::frame::{HEARTBEAT_ID, MODBUS_ID};
+use super::{Direction, Frame, MAX_FRAME, XArm};
+use crate::engine::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
+use crate::time::Duration;
+
+/// What a response has in common with its request, and with no other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Key {
+    /// Transaction id. A client counts `1..=65535`; an arm gives back whatever comes, 0 too.
+    pub transaction: u16,
+    /// Protocol id, `0..=3`.
+    pub protocol: u16,
+    /// The register; in standard Modbus the function.
+    pub register: u8,
+}
+
+/// The last two bytes of a refusal in standard Modbus: the function with bit 7 set, exception 01.
+const MODBUS_REFUSED: u8 = 0x80;
+
+impl Key {
+    /// Of a request in this frame.
+    fn of_request(frame: Frame<'_>) -> Option<Self> {
+        let register = match (frame.protocol, frame.body) {
+            (MODBUS_ID, [_unit, function, ..]) => *function,
+            (_, [register, ..]) => *register,
+            _ => return None,
+        };
+        Some(Self {
+            transaction: frame.transaction,
+            protocol: frame.protocol,
+            register,
+        })
+    }
+}
+
+impl Dialect for XArm {
+    const HAS_TRANSACTION_ID: bool = true;
+    type Key = Key;
+
+    fn request(&self, frame: &[u8]) -> Option<InfoOf<Self>> {
+        let frame = Frame::parse(frame)?;
+        let key = Key::of_request(frame)?;
+        // The document gives no times. The vendor's package waits 2 s for a reading or a setting, and 10 s for a move.
+        let (quick, slow) = (Duration::from_millis(2_000), Duration::from_millis(10_000));
+        let (effect, turnaround) = match (frame.protocol, key.register) {
+            (HEARTBEAT_ID, _) => (Effect::Setting, None),
+            (MODBUS_ID, _) => (Effect::Setting, Some(quick)),
+            (_, 1 | 2 | 5 | 6) => (Effect::Read, Some(quick)),
+            (_, 4 | 10) => (Effect::Setting, Some(quick)),
+            _ => (Effect::Setting, Some(slow)),
+        };
+        Some(RequestInfo {
+            key,
+            expect: Direction::Responses,
+            response: turnaround.map(|turnaround| ResponseTiming {
+                longest: MAX_FRAME as u16,
+                turnaround,
+            }),
+            effect,
+        })
+    }
+
+    fn is_response_to(&self, key: Key, frame: &[u8]) -> bool {
+        let Some(frame) = Frame::parse(frame) else {
+            return false;
+        };
+        (frame.transaction, frame.protocol) == (key.transaction, key.protocol)
+            && match frame.body {
+                [_unit, function, ..] if key.protocol == MODBUS_ID => function & !MODBUS_REFUSED == key.register,
+                [register, ..] => key.protocol != HEARTBEAT_ID && *register == key.register,
+                [] => false,
+            }
+    }
+
+    fn stamp(&self, frame: &mut [u8], number: u16) {
+        // A heartbeat has none.
+        if let Some((id, [0, protocol, ..])) = frame.split_first_chunk_mut()
+            && u16::from(*protocol) != HEARTBEAT_ID
+        {
+            *id = number.to_be_bytes();
+        }
+    }
+}

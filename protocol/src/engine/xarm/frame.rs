@@ -1,0 +1,246 @@
+//! The bytes of an xArm frame.
+//!
+//! ```text
+//!   0      1      2      3      4      5      6        6 .. 6+n
+//! +------+------+------+------+------+------+----------------------------------+
+//! | transaction | protocol id | n           | register, [state], parameters    |
+//! +------+------+------+------+------+------+----------------------------------+
+//! ```
+//!
+//! The three numbers are big-endian. `n` counts all that follows it. Only responses have a state.
+//!
+//! | Protocol id | Body |
+//! |---|---|
+//! | 0 | that of standard Modbus TCP, which has the same header: unit, function, … |
+//! | 1 | two zero bytes, transaction 0: a heartbeat ([`HEARTBEAT`]) |
+//! | 2, 3 | register, [state], parameters |
+//!
+//! TCP neither loses nor invents bytes. So there is nothing to look past: bytes with another protocol id mean that both
+//! ends disagree, and the connection is broken. Of any other frame it is known where it ends: one that is too short or too
+//! long, or a heartbeat that is none, is skipped.
+
+use super::XArm;
+use crate::engine::framing::{Framing, Reason, Scan};
+use crate::{BufferTooShort, EncodeError, OutOfRange};
+
+/// Bytes before the body.
+pub const HEADER: usize = 6;
+
+/// The most parameters of a message, in bytes.
+///
+/// With register and state they are as long as the longest body of Modbus TCP, with which the connection is shared. The
+/// longest of the vendor's package has 113, but for what it passes through to a serial line at the tool.
+pub const MAX_PARAMS: usize = 252;
+
+/// The longest body, in bytes: register, state and parameters.
+pub const MAX_BODY: usize = MAX_PARAMS + 2;
+
+/// The longest frame, in bytes: that of Modbus TCP, with which the connection is shared.
+pub const MAX_FRAME: usize = HEADER + MAX_BODY;
+
+/// The heartbeat, the same in both directions. Nothing else has protocol id 1.
+pub const HEARTBEAT: [u8; 8] = [0, 0, 0, 1, 0, 2, 0, 0];
+
+/// The protocol id of [`HEARTBEAT`].
+pub(super) const HEARTBEAT_ID: u16 = 1;
+
+/// The protocol id of standard Modbus TCP.
+pub(super) const MODBUS_ID: u16 = 0;
+
+/// The last protocol id there is.
+const LAST_ID: u16 = 3;
+
+/// Who sends the frame: a response is at least a byte longer than a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Direction {
+    /// The host.
+    Requests,
+    /// The arm.
+    Responses,
+}
+
+/// The least and the most that a frame's length field may say.
+const fn lengths(protocol: u16, direction: Direction) -> (u16, u16) {
+    match (protocol, direction) {
+        (HEARTBEAT_ID, _) => (2, 2),
+        (MODBUS_ID, _) | (_, Direction::Responses) => (2, MAX_BODY as u16),
+        (_, Direction::Requests) => (1, MAX_PARAMS as u16 + 1),
+    }
+}
+
+/// A frame whose header is good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Frame<'a> {
+    /// Transaction id, which a response has from its request.
+    pub transaction: u16,
+    /// Protocol id, `0..=3`.
+    pub protocol: u16,
+    /// Register, state in responses, and parameters.
+    pub body: &'a [u8],
+}
+
+impl Frame<'_> {
+    /// Writes the frame at the front of `out` and returns its length in bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`EncodeError`] when `out` is shorter than the frame, or the frame is none that [`scan`](Framing::scan) takes.
+    ///
+    /// ```
+    /// use armwire::engine::xarm::{Direction, Frame};
+    ///
+    /// let mut out = [0; 300];
+    /// let frame = Frame { transaction: 1, protocol: 2, body: &[0x06, 0x06] };
+    /// assert_eq!(frame.encode(Direction::Requests, &mut out), Ok(8));
+    /// assert_eq!(out[..8], [0x00, 0x01, 0x00, 0x02, 0x00, 0x02, 0x06, 0x06]);
+    ///
+    /// let error = Frame { protocol: 4, ..frame }.encode(Direction::Requests, &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "protocol id is 4, must be 0..=3");
+    /// let error = Frame { body: &[6], ..frame }.encode(Direction::Responses, &mut out).unwrap_err();
+    /// assert_eq!(error.to_string(), "body is 1 bytes, must be 2..=254");
+    /// ```
+    pub fn encode(&self, direction: Direction, out: &mut [u8]) -> Result<usize, EncodeError> {
+        let range = |what, unit, got, min, max| {
+            EncodeError::OutOfRange(OutOfRange {
+                what,
+                unit,
+                got,
+                min,
+                max,
+            })
+        };
+        if self.protocol > LAST_ID {
+            return Err(range("protocol id", "", self.protocol, 0, LAST_ID));
+        }
+        let (min, max) = lengths(self.protocol, direction);
+        let len = u16::try_from(self.body.len()).unwrap_or(u16::MAX);
+        if !(min..=max).contains(&len) {
+            return Err(range("body", "bytes", len, min, max));
+        }
+        if self.protocol == HEARTBEAT_ID
+            && let Some((offset, got)) = wrong_in_heartbeat(self.bytes())
+        {
+            let expected = &[0];
+            return Err(EncodeError::Byte { offset, expected, got });
+        }
+        self.put(out).map_err(EncodeError::BufferTooShort)
+    }
+
+    /// Writes a frame that is known to be one.
+    pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        put(out, self.transaction, self.protocol, [self.body, &[]])
+    }
+
+    /// All of it.
+    fn bytes(&self) -> impl Iterator<Item = u8> {
+        bytes(self.transaction, self.protocol, [self.body, &[]])
+    }
+}
+
+/// Writes a frame that is known to be one, and whose body is in two parts.
+pub(super) fn put(out: &mut [u8], transaction: u16, protocol: u16, body: [&[u8]; 2]) -> Result<usize, BufferTooShort> {
+    let [start, end] = body.map(<[u8]>::len);
+    let needed = HEADER.saturating_add(start).saturating_add(end);
+    let got = out.len();
+    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
+    for (to, from) in out.iter_mut().zip(bytes(transaction, protocol, body)) {
+        *to = from;
+    }
+    Ok(needed)
+}
+
+/// All bytes of a frame.
+fn bytes(transaction: u16, protocol: u16, body: [&[u8]; 2]) -> impl Iterator<Item = u8> {
+    let [start, end] = body;
+    let len = start.len().saturating_add(end.len());
+    [transaction, protocol, len as u16]
+        .into_iter()
+        .flat_map(u16::to_be_bytes)
+        .chain(start.iter().copied())
+        .chain(end.iter().copied())
+}
+
+/// A byte that breaks the stream.
+const fn broken(offset: u8, expected: &'static [u8], got: u8) -> Scan {
+    Scan::Broken(Reason::Byte { offset, expected, got })
+}
+
+/// The first byte of a frame that is not the [`HEARTBEAT`]'s, and where it is.
+fn wrong_in_heartbeat(frame: impl Iterator<Item = u8>) -> Option<(u8, u8)> {
+    let mut pairs = (0..).zip(frame.zip(HEARTBEAT));
+    pairs.find_map(|(offset, (got, expected))| (got != expected).then_some((offset, got)))
+}
+
+impl<'a> Frame<'a> {
+    /// The frame that these bytes are; `None` if its length field does not say how many they are.
+    pub fn parse(bytes: &'a [u8]) -> Option<Self> {
+        let (&[t1, t0, p1, p0, n1, n0], body) = bytes.split_first_chunk()?;
+        let n = usize::from(u16::from_be_bytes([n1, n0]));
+        (n > 0 && n == body.len()).then_some(Self {
+            transaction: u16::from_be_bytes([t1, t0]),
+            protocol: u16::from_be_bytes([p1, p0]),
+            body,
+        })
+    }
+}
+
+impl Framing for XArm {
+    const LOSSLESS: bool = true;
+    type Expect = Direction;
+
+    fn scan(&self, window: &[u8], direction: Direction) -> Scan {
+        let Some((&[_, _, high], rest)) = window.split_first_chunk() else {
+            return Scan::Need(3 - window.len());
+        };
+        if high != 0 {
+            return broken(2, &[0], high);
+        }
+        let Some((&low, rest)) = rest.split_first() else {
+            return Scan::Need(1);
+        };
+        if u16::from(low) > LAST_ID {
+            return broken(3, &[0, 1, 2, 3], low);
+        }
+        let Some((&length, body)) = rest.split_first_chunk() else {
+            return Scan::Need(2 - rest.len());
+        };
+        let protocol = u16::from(low);
+        let (min, max) = lengths(protocol, direction);
+        let got = u16::from_be_bytes(length);
+        if !(min..=max).contains(&got) {
+            return Scan::Noise(HEADER + usize::from(got), Reason::Length { min, max, got });
+        }
+        let got = usize::from(got);
+        if let Some(missing @ 1..) = got.checked_sub(body.len()) {
+            return Scan::Need(missing);
+        }
+        if protocol == HEARTBEAT_ID
+            && let Some((offset, got)) = wrong_in_heartbeat(window.iter().copied())
+        {
+            let expected = &[0];
+            return Scan::Noise(HEARTBEAT.len(), Reason::Byte { offset, expected, got });
+        }
+        Scan::Frame(HEADER + got)
+    }
+
+    fn terminator(&self, _direction: Direction) -> Option<u8> {
+        None
+    }
+
+    fn shortest(&self, direction: Direction) -> usize {
+        match direction {
+            Direction::Requests => HEADER + 1,
+            Direction::Responses => HEADER + 2,
+        }
+    }
+
+    fn requests(&self) -> Direction {
+        Direction::Requests
+    }
+
+    fn unsolicited(&self) -> Direction {
+        Direction::Responses
+    }
+}

@@ -1,0 +1,463 @@
+//! The decoder on every kind of line: no byte missing, chunks without effect, every frame of the documents.
+
+#[allow(dead_code, unreachable_pub, reason = "it is shared with other tests")]
+mod vectors;
+
+use std::fmt::Debug;
+
+use armwire::engine::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
+use armwire::engine::decoder::{Decoder, Kind};
+use armwire::engine::framing::{Framing, Reason, Scan};
+use armwire::engine::ling::{self, Ling, legacy::Legacy};
+use armwire::engine::raw::Raw;
+use armwire::engine::xarm::{Direction, XArm};
+use proptest::collection::vec;
+use proptest::prelude::*;
+use proptest::test_runner::TestCaseResult;
+
+/// Room for every frame.
+const ROOMY: usize = 260;
+
+/// Room for every frame of the lines that the adapter serves, but for long names.
+const TIGHT: usize = 70;
+
+/// An item, with its bytes.
+type Owned = (u64, Kind, Vec<u8>);
+
+/// All items of a line that arrives in chunks and then goes idle.
+fn decode<F: Framing, const N: usize>(framing: &F, expect: F::Expect, chunks: &[&[u8]]) -> Vec<Owned> {
+    let (mut decoder, mut items) = (Decoder::<N>::new(), Vec::new());
+    for chunk in chunks {
+        let mut rest = *chunk;
+        while !rest.is_empty() {
+            rest = decoder.push(rest);
+            drain(&mut decoder, framing, expect, &mut items);
+            assert!(!decoder.space().is_empty(), "no room, and nothing to take");
+        }
+    }
+    decoder.idle();
+    drain(&mut decoder, framing, expect, &mut items);
+    items
+}
+
+fn drain<F: Framing, const N: usize>(decoder: &mut Decoder<N>, framing: &F, expect: F::Expect, items: &mut Vec<Owned>) {
+    while let Some(item) = decoder.next(framing, expect) {
+        assert!(!item.bytes.is_empty());
+        items.push((item.offset, item.kind, item.bytes.to_vec()));
+    }
+}
+
+/// The items, adjacent ones of the same kind as one. Frames stay by themselves.
+fn joined(items: Vec<Owned>) -> Vec<Owned> {
+    let mut joined: Vec<Owned> = Vec::new();
+    for (offset, kind, bytes) in items {
+        match joined.last_mut() {
+            Some(last) if last.1 == kind && kind != Kind::Frame => last.2.extend(bytes),
+            _ => joined.push((offset, kind, bytes)),
+        }
+    }
+    joined
+}
+
+fn frames(items: &[Owned]) -> Vec<Vec<u8>> {
+    let frames = items.iter().filter(|item| item.1 == Kind::Frame);
+    frames.map(|(_, _, bytes)| bytes.clone()).collect()
+}
+
+/// The bytes come out once, in order; what cannot be decided on is only at the end of a lossless line.
+fn no_byte_is_missing<F: Framing, const N: usize>(framing: &F, expect: F::Expect, line: &[u8]) -> TestCaseResult {
+    let items = decode::<F, N>(framing, expect, &[line]);
+    let mut at = 0;
+    for (offset, _, bytes) in &items {
+        prop_assert_eq!(*offset, at as u64);
+        prop_assert_eq!(&line[at..at + bytes.len()], &bytes[..]);
+        at += bytes.len();
+    }
+    prop_assert!(F::LOSSLESS || at == line.len(), "{} of {} bytes", at, line.len());
+    Ok(())
+}
+
+/// However a line is cut, the same comes out once joined.
+fn chunks_have_no_effect<F: Framing, const N: usize>(
+    framing: &F,
+    expect: F::Expect,
+    line: &[u8],
+    cuts: &[usize],
+) -> TestCaseResult {
+    let whole = joined(decode::<F, N>(framing, expect, &[line]));
+    let bytes: Vec<_> = line.chunks(1).collect();
+    prop_assert_eq!(&joined(decode::<F, N>(framing, expect, &bytes)), &whole);
+    let (mut chunks, mut rest) = (Vec::new(), line);
+    for cut in cuts {
+        let (chunk, later) = rest.split_at(rest.len().min(*cut));
+        chunks.push(chunk);
+        rest = later;
+    }
+    chunks.push(rest);
+    prop_assert_eq!(&joined(decode::<F, N>(framing, expect, &chunks)), &whole);
+    Ok(())
+}
+
+/// The threshold is met by no more than the bytes that the next frame lacks, and never zero while nothing can be taken.
+fn the_threshold_passes_no_frame<F: Framing, const N: usize>(
+    framing: &F,
+    expect: F::Expect,
+    line: &[u8],
+) -> TestCaseResult {
+    let mut decoder = Decoder::<N>::new();
+    let mut earliest = decoder.need(framing, expect);
+    for (n, byte) in line.iter().enumerate() {
+        prop_assert!(decoder.push(&[*byte]).is_empty());
+        while let Some(item) = decoder.next(framing, expect) {
+            if item.kind == Kind::Frame {
+                prop_assert!(
+                    n + 1 >= earliest,
+                    "a frame after {} bytes, threshold {}",
+                    n + 1,
+                    earliest
+                );
+            }
+        }
+        let need = decoder.need(framing, expect);
+        prop_assert!(need > 0);
+        earliest = n + 1 + need;
+    }
+    Ok(())
+}
+
+fn all_of<F: Framing + Debug>(framing: &F, expect: F::Expect, line: &[u8], cuts: &[usize]) -> TestCaseResult {
+    no_byte_is_missing::<F, ROOMY>(framing, expect, line)?;
+    no_byte_is_missing::<F, TIGHT>(framing, expect, line)?;
+    chunks_have_no_effect::<F, ROOMY>(framing, expect, line, cuts)?;
+    chunks_have_no_effect::<F, TIGHT>(framing, expect, line, cuts)?;
+    the_threshold_passes_no_frame::<F, ROOMY>(framing, expect, line)
+}
+
+/// Frames of these vectors, whole or damaged, and bytes that look like parts of frames.
+fn line(vectors: Vec<vectors::Vector>) -> impl Strategy<Value = Vec<u8>> {
+    let frames: Vec<_> = vectors.into_iter().map(|vector| vector.bytes).collect();
+    let likely = prop_oneof![
+        4 => any::<u8>(),
+        2 => prop::sample::select(&[0xAA, 0xFF, 0xED, 0xFA, 0xAF, 0xF3, 0x3F, 0xF1, 0x1F, 0xFB, 0xBF][..]),
+        1 => 0..4_u8,
+    ];
+    let damaged = (
+        prop::sample::select(frames.clone()),
+        any::<prop::sample::Index>(),
+        any::<u8>(),
+    );
+    let part = prop_oneof![
+        3 => prop::sample::select(frames),
+        1 => damaged.prop_map(|(mut frame, at, byte)| {
+            let at = at.index(frame.len());
+            frame[at] = byte;
+            frame
+        }),
+        2 => vec(likely, 0..30),
+        1 => (0..80_usize).prop_map(|zeros| vec![0; zeros]),
+    ];
+    vec(part, 0..10).prop_map(|parts| parts.concat())
+}
+
+fn of_ling() -> Vec<vectors::Vector> {
+    [vectors::ling_requests(), vectors::ling_answers()].concat()
+}
+
+fn of_alpha1() -> Vec<vectors::Vector> {
+    [
+        vectors::alpha1_requests(),
+        vectors::alpha1_answers(),
+        vectors::alpha1_servo_answers(),
+    ]
+    .concat()
+}
+
+fn any_alpha1_expect() -> impl Strategy<Value = Expect> {
+    prop_oneof![
+        Just(Expect::Requests),
+        Just(Expect::Responses(None)),
+        Just(Expect::Responses(Some(ServoAnswer::Angles))),
+        (1..=240_u8)
+            .prop_map(|id| { Expect::Responses(Some(ServoAnswer::Acknowledgement(ServoId::new(id).unwrap()))) }),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn every_byte_of_a_ling_line_comes_out_once(line in line(of_ling()), cuts in vec(1..40_usize, 0..30)) {
+        all_of(&Ling, (), &line, &cuts)?;
+    }
+
+    #[test]
+    fn every_byte_of_an_older_ling_line_comes_out_once(
+        line in line(vectors::legacy()),
+        cuts in vec(1..40_usize, 0..30),
+    ) {
+        all_of(&Legacy, (), &line, &cuts)?;
+    }
+
+    #[test]
+    fn every_byte_of_an_alpha1_line_comes_out_once(
+        line in line(of_alpha1()),
+        expect in any_alpha1_expect(),
+        cuts in vec(1..40_usize, 0..30),
+    ) {
+        all_of(&Alpha1, expect, &line, &cuts)?;
+    }
+
+    #[test]
+    fn every_byte_of_an_xarm_connection_comes_out_once(
+        line in line([vectors::xarm_requests(), vectors::xarm_answers()].concat()),
+        requests in any::<bool>(),
+        cuts in vec(1..40_usize, 0..30),
+    ) {
+        let direction = if requests { Direction::Requests } else { Direction::Responses };
+        all_of(&XArm::PRIVATE, direction, &line, &cuts)?;
+    }
+
+    #[test]
+    fn every_byte_of_a_raw_line_comes_out_once(line in vec(any::<u8>(), 0..300), cuts in vec(1..40_usize, 0..30)) {
+        all_of(&Raw, (), &line, &cuts)?;
+    }
+
+    #[test]
+    fn a_ling_frame_survives_noise_before_it(
+        noise in vec(prop_oneof![3 => any::<u8>(), 1 => Just(0xAA)], 0..200),
+        frame in prop::sample::select(of_ling()),
+    ) {
+        let line = [&noise[..], &frame.bytes].concat();
+        let items = decode::<_, TIGHT>(&Ling, (), &[&line]);
+        let start = noise.len() as u64;
+        // Noise that is a good frame by chance may reach into it: that came first.
+        let overlapped = items.iter().any(|(offset, kind, bytes)| {
+            *kind == Kind::Frame && *offset < start && start < offset + bytes.len() as u64
+        });
+        prop_assert!(overlapped || items.contains(&(start, Kind::Frame, frame.bytes.clone())));
+    }
+}
+
+/// Every vector is one frame, whole and byte by byte, in both sizes of decoder where it fits.
+fn every_vector_is_a_frame<F: Framing>(framing: &F, expect: F::Expect, vectors: Vec<vectors::Vector>) {
+    for vector in vectors {
+        let whole = decode::<F, ROOMY>(framing, expect, &[&vector.bytes]);
+        assert_eq!(frames(&whole), [&vector.bytes[..]], "{}", vector.name);
+        let bytes: Vec<_> = vector.bytes.chunks(1).collect();
+        assert_eq!(decode::<F, TIGHT>(framing, expect, &bytes), whole, "{}", vector.name);
+        assert!(vector.bytes.len() >= framing.shortest(expect), "{}", vector.name);
+        if let Some(terminator) = framing.terminator(expect) {
+            assert_eq!(vector.bytes.last(), Some(&terminator), "{}", vector.name);
+        }
+    }
+}
+
+#[test]
+fn every_frame_of_the_documents_is_one() {
+    every_vector_is_a_frame(&Ling, (), of_ling());
+    every_vector_is_a_frame(&Legacy, (), vectors::legacy());
+    every_vector_is_a_frame(&Alpha1, Expect::Requests, vectors::alpha1_requests());
+    every_vector_is_a_frame(&Alpha1, Expect::Responses(None), vectors::alpha1_answers());
+    every_vector_is_a_frame(&XArm::PRIVATE, Direction::Requests, vectors::xarm_requests());
+    every_vector_is_a_frame(&XArm::PRIVATE, Direction::Responses, vectors::xarm_answers());
+}
+
+#[test]
+fn offsets_count_every_byte_once() {
+    let joints = vectors::hex("AA 06 00 01 FE 9A FF");
+    let line = [&[1, 2, 0xAA, 0xAA][..], &joints, &[3], &joints].concat();
+    let items = joined(decode::<_, TIGHT>(&Ling, (), &[&line]));
+    let at: Vec<_> = items
+        .iter()
+        .map(|(offset, kind, bytes)| (*offset, bytes.len(), *kind == Kind::Frame))
+        .collect();
+    // A header before a header has the length AA, and the one before it the length 6, command AA.
+    assert_eq!(at.iter().map(|(_, len, _)| len).sum::<usize>(), line.len());
+    assert!(at.contains(&(4, 7, true)) && at.contains(&(12, 7, true)), "{at:?}");
+}
+
+#[test]
+fn silence_truncates_what_waits_for_its_end() {
+    let joints = vectors::hex("AA 06 00 01 FE 9A FF");
+    let line = [&[0xAA, 0, 0, 60][..], &joints].concat();
+    let mut decoder = Decoder::<TIGHT>::new();
+    assert!(decoder.push(&line).is_empty());
+    assert_eq!(decoder.next(&Ling, ()), None);
+    decoder.idle();
+    let noise = decoder.next(&Ling, ()).unwrap();
+    assert_eq!(noise.kind, Kind::Noise(Reason::Truncated { missing: 55 }));
+    let items = std::iter::from_fn(|| decoder.next(&Ling, ()).map(|item| item.kind)).collect::<Vec<_>>();
+    assert_eq!(items, [Kind::Noise(Reason::Stray), Kind::Frame]);
+}
+
+#[test]
+fn bytes_end_the_silence() {
+    let mut decoder = Decoder::<TIGHT>::new();
+    decoder.idle();
+    assert!(decoder.push(&[0xAA, 0x06]).is_empty());
+    assert_eq!(decoder.next(&Ling, ()), None);
+}
+
+/// A frame with a name of this many bytes.
+fn play(len: usize) -> Vec<u8> {
+    let name = vec![0xF2; len];
+    let count = len as u8 + 1;
+    let sum = name.iter().fold(count, |sum, byte| sum.wrapping_add(*byte));
+    [&[0xF3, 0x3F, count][..], &name, &[sum, 0xED]].concat()
+}
+
+#[test]
+fn a_frame_too_long_for_the_decoder_is_skipped_whole() {
+    // The name looks like frames itself: none of it may be taken for one.
+    let mut long = play(100);
+    let stop = vectors::hex("F2 2F 00 00 00 00 00 00 00 ED");
+    long[20..30].copy_from_slice(&stop);
+    let line = [&long[..], &stop].concat();
+    for chunk in [1, 7, 64, 200] {
+        let chunks: Vec<_> = line.chunks(chunk).collect();
+        let items = joined(decode::<_, TIGHT>(&Alpha1, Expect::Requests, &chunks));
+        let reason = Reason::Length {
+            min: 0,
+            max: 70,
+            got: 105,
+        };
+        let expected = [(0, Kind::Noise(reason), long.clone()), (105, Kind::Frame, stop.clone())];
+        assert_eq!(items, expected, "chunks of {chunk}");
+    }
+}
+
+#[test]
+fn silence_ends_what_is_skipped() {
+    let stop = vectors::hex("F2 2F 00 00 00 00 00 00 00 ED");
+    let mut decoder = Decoder::<TIGHT>::new();
+    let mut items = Vec::new();
+    assert!(decoder.push(&play(100)[..30]).is_empty());
+    drain(&mut decoder, &Alpha1, Expect::Requests, &mut items);
+    assert_eq!(decoder.need(&Alpha1, Expect::Requests), 75 + 5);
+    decoder.idle();
+    drain(&mut decoder, &Alpha1, Expect::Requests, &mut items);
+    assert!(decoder.push(&stop).is_empty());
+    assert_eq!(
+        decoder.next(&Alpha1, Expect::Requests).map(|item| item.kind),
+        Some(Kind::Frame)
+    );
+}
+
+#[test]
+fn names_of_every_documented_length_fit_a_roomy_decoder() {
+    for len in 0..=254 {
+        let frame = play(len);
+        let items = decode::<_, ROOMY>(&Alpha1, Expect::Requests, &[&frame]);
+        assert_eq!(frames(&items), [&frame[..]], "{len}");
+    }
+}
+
+#[test]
+fn an_xarm_reply_of_any_length_ends_where_it_says() {
+    let next = vectors::hex("00 02 00 02 00 02 04 00");
+    for len in [0, 1, 255, 300, 5_000] {
+        let reply = [&[0, 1, 0, 2][..], &u16::to_be_bytes(len), &vec![9; len.into()]].concat();
+        let line = [&reply[..], &next].concat();
+        let items = joined(decode::<_, ROOMY>(&XArm::PRIVATE, Direction::Responses, &[&line]));
+        let reason = Reason::Length {
+            min: 2,
+            max: 254,
+            got: len,
+        };
+        let expected = [
+            (0, Kind::Noise(reason), reply.clone()),
+            (reply.len() as u64, Kind::Frame, next.clone()),
+        ];
+        assert_eq!(items, expected, "{len}");
+    }
+}
+
+#[test]
+fn nothing_is_read_after_a_lossless_stream_broke() {
+    let reply = vectors::hex("00 01 00 02 00 02 04 10");
+    let line = [&reply[..], &[0, 1, 0, 9], &reply].concat();
+    for chunk in [1, 3, 50] {
+        let chunks: Vec<_> = line.chunks(chunk).collect();
+        let items = joined(decode::<_, ROOMY>(&XArm::PRIVATE, Direction::Responses, &chunks));
+        let reason = Reason::Byte {
+            offset: 3,
+            expected: &[0, 1, 2, 3],
+            got: 9,
+        };
+        let expected = [
+            (0, Kind::Frame, reply.clone()),
+            (8, Kind::Broken(reason), line[8..].to_vec()),
+        ];
+        assert_eq!(items, expected, "chunks of {chunk}");
+    }
+}
+
+#[test]
+fn silence_means_nothing_on_a_lossless_line() {
+    let reply = vectors::hex("00 01 00 02 00 02 04 10");
+    let mut decoder = Decoder::<ROOMY>::new();
+    assert!(decoder.push(&reply[..5]).is_empty());
+    decoder.idle();
+    assert_eq!(decoder.next(&XArm::PRIVATE, Direction::Responses), None);
+    assert!(decoder.push(&reply[5..]).is_empty());
+    assert!(
+        decoder
+            .next(&XArm::PRIVATE, Direction::Responses)
+            .is_some_and(|item| item.kind == Kind::Frame)
+    );
+}
+
+#[test]
+fn committing_more_than_the_room_is_an_error_and_takes_nothing() {
+    let mut decoder = Decoder::<8>::new();
+    let error = decoder.commit(9).unwrap_err();
+    assert_eq!((error.got, error.max), (9, 8));
+    assert_eq!((decoder.pending(), decoder.received()), (0, 0));
+    assert!(decoder.commit(8).is_ok() && decoder.commit(1).is_err());
+}
+
+#[test]
+fn a_byte_that_silence_ends_is_a_frame() {
+    let servo = ServoId::new(0x50).unwrap();
+    // FA could begin a frame of a servo.
+    let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(servo)));
+    assert_eq!(Alpha1.scan(&[0xFA], expect), Scan::Need(1));
+    assert_eq!(Alpha1.scan_idle(&[0xFA], expect), Scan::Frame(1));
+    assert_eq!(frames(&decode::<_, TIGHT>(&Alpha1, expect, &[&[0xFA]])), [[0xFA]]);
+    assert!(frames(&decode::<_, TIGHT>(&Alpha1, Expect::Responses(None), &[&[0xFA]])).is_empty());
+}
+
+#[test]
+fn padding_is_no_noise() {
+    let stop = vectors::hex("F2 2F AA ED");
+    let line = [&[0; 60][..], &stop, &[0; 60]].concat();
+    let items = joined(decode::<_, TIGHT>(&Alpha1, Expect::Responses(None), &[&line]));
+    let kinds: Vec<_> = items.iter().map(|item| (item.1, item.2.len())).collect();
+    assert_eq!(kinds, [(Kind::Padding, 60), (Kind::Frame, 4), (Kind::Padding, 60)]);
+}
+
+#[test]
+fn hid_reports_unpack_to_the_frames_packed() {
+    use armwire::engine::alpha1::hid;
+    let mut line = Vec::new();
+    let sent: Vec<_> = [0, 5, 58, 59, 60, 123, 254].map(play).into();
+    for frame in &sent {
+        let reports: Vec<_> = hid::reports(frame).collect();
+        assert_eq!(reports.len(), frame.len().div_ceil(hid::REPORT));
+        line.extend(reports.concat());
+    }
+    let items = decode::<_, ROOMY>(&Alpha1, Expect::Requests, &line.chunks(hid::REPORT).collect::<Vec<_>>());
+    assert_eq!(frames(&items), sent);
+    assert!(items.iter().all(|item| matches!(item.1, Kind::Frame | Kind::Padding)));
+}
+
+#[test]
+fn the_longest_ling_frame_fits_a_tight_decoder() {
+    let data = [0x55; ling::MAX_DATA];
+    let frame = ling::Frame {
+        command: 0x06,
+        function: 0x7F,
+        data: &data,
+    };
+    let mut out = [0; TIGHT];
+    assert_eq!(frame.encode(&mut out), Ok(TIGHT));
+    assert_eq!(frames(&decode::<_, TIGHT>(&Ling, (), &[&out])), [out]);
+}
