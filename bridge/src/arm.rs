@@ -3,8 +3,9 @@
 use core::cell::Cell;
 
 use armwire::alpha1::{self, Alpha1, Expect, ServoAnswer, ServoId};
+use armwire::framing::{Framing, Reason, Scan};
 use armwire::ling::{self, Ling};
-use armwire::{Framing, Protocol, Reason, Scan};
+use armwire::messages::Messages;
 
 use crate::config::ArmKind;
 use crate::control::MAX_FRAME;
@@ -63,17 +64,23 @@ impl ArmKind {
     }
 
     fn scan(self, window: &[u8], expect: Expect) -> Scan {
-        match self {
-            Self::Ling => Ling::scan(window, ()),
-            Self::Alpha1 | Self::Alpha1Servo => Alpha1::scan(window, expect),
-            Self::Raw => Scan::Skip(window.len(), Reason::Stray),
+        let verdict = match self {
+            Self::Ling => Ling.scan(window, ()),
+            Self::Alpha1 | Self::Alpha1Servo => Alpha1.scan(window, expect),
+            Self::Raw => Scan::Noise(window.len(), Reason::Stray),
+        };
+        match verdict {
+            // There is no room for a frame that long.
+            Scan::Need(missing) if window.len().saturating_add(missing) > MAX_FRAME => Scan::Noise(1, Reason::Stray),
+            verdict => verdict,
         }
     }
 
-    fn scan_idle(self, window: &[u8], expect: Expect, missing: usize) -> Scan {
+    fn scan_idle(self, window: &[u8], expect: Expect) -> Scan {
         match self {
-            Self::Alpha1 | Self::Alpha1Servo => Alpha1::scan_idle(window, expect, missing),
-            Self::Ling | Self::Raw => Ling::scan_idle(window, (), missing),
+            Self::Alpha1 | Self::Alpha1Servo => Alpha1.scan_idle(window, expect),
+            Self::Ling => Ling.scan_idle(window, ()),
+            Self::Raw => self.scan(window, expect),
         }
     }
 
@@ -136,7 +143,7 @@ impl ArmKind {
     /// The request that moves it.
     pub(crate) fn moving(self, target: &ling::Move, out: &mut [u8]) -> Option<usize> {
         match self {
-            Self::Ling => Ling::encode_request(&ling::Request::Move(*target), out).ok(),
+            Self::Ling => Ling.encode_request(&ling::Request::Move(*target), out).ok(),
             Self::Alpha1 | Self::Alpha1Servo | Self::Raw => None,
         }
     }
@@ -144,7 +151,7 @@ impl ArmKind {
     /// Where the arm says that it is.
     pub(crate) fn joints(self, frame: &[u8]) -> Option<ling::JointState> {
         match self {
-            Self::Ling => match Ling::parse_response(Ling::view(frame)?, ()) {
+            Self::Ling => match Ling.parse_response(frame, ()) {
                 Ok(ling::Response::Joints(state)) => Some(state),
                 _ => None,
             },
@@ -171,7 +178,7 @@ pub(crate) struct Asked {
     pub(crate) holds: bool,
 }
 
-/// How long to wait for an answer: a [`Reply`](armwire::Reply) in fewer bytes.
+/// How long to wait for an answer: a [`ResponseTiming`](armwire::dialect::ResponseTiming) in fewer bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Answer {
     /// How long the arm may think, in µs.
@@ -260,7 +267,7 @@ fn asked_of_alpha1(frame: &[u8]) -> Asked {
             ..Asked::answered(key, 100_000, 10)
         },
         (0xF3 | 0xF4 | 0xF9, _) => Asked::answered(key, 1_000_000, 4),
-        _ => Asked::answered(key, 100_000, alpha1::MAX_FRAME as u8),
+        _ => Asked::answered(key, 100_000, MAX_FRAME as u8),
     }
 }
 
@@ -277,7 +284,7 @@ const SERVO_TURNAROUND: u32 = 400;
 
 /// Listens in on one direction of the line: cuts its bytes into frames and what lies between them.
 ///
-/// It is no [`Decoder`](armwire::Decoder) because the bytes between frames are needed, too: somebody gets them.
+/// It is no [`Decoder`](armwire::decoder::Decoder) because the bytes between frames are needed, too: somebody gets them.
 pub(crate) struct Tap {
     buf: [u8; MAX_FRAME],
     /// What is not decided on yet: `buf[head..tail]`.
@@ -333,18 +340,18 @@ impl Tap {
             return None;
         }
         let mut verdict = kind.scan(window, expect);
-        if let (Scan::Need(missing), true) = (verdict, idle) {
-            verdict = kind.scan_idle(window, expect, missing);
+        if let (Scan::Need(_), true) = (verdict, idle) {
+            verdict = kind.scan_idle(window, expect);
         }
         let head = self.head;
-        let (Scan::Frame(n) | Scan::Skip(n, _) | Scan::Broken(n, _) | Scan::Fill(n)) = verdict else {
+        let (Scan::Frame(n) | Scan::Noise(n, _) | Scan::Padding(n)) = verdict else {
             return None;
         };
         self.head = head.saturating_add(n.max(1)).min(self.tail);
         let bytes = self.buf.get(head..self.head)?;
         Some(match verdict {
             Scan::Frame(_) => Piece::Frame(bytes),
-            Scan::Fill(_) => Piece::Fill(bytes),
+            Scan::Padding(_) => Piece::Fill(bytes),
             _ => Piece::Noise(bytes),
         })
     }
@@ -403,40 +410,42 @@ mod tests {
         Action, Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, SERVOS, ServoRequest, Text,
         UsbType,
     };
+    use armwire::dialect::Dialect;
     use armwire::ling::{self, GripperSpeed, Opening, Position, Speed, Stroke, TemperatureLimit, Torque};
-    use armwire::{Micros, Protocol};
+    use armwire::time::Duration;
 
     use super::*;
 
-    fn encoded<P: Protocol>(request: &P::Request) -> Vec<u8> {
+    fn encoded<M: Messages>(messages: &M, request: &M::Request<'_>) -> Vec<u8> {
         let mut out = [0; MAX_FRAME];
-        let n = P::encode_request(request, &mut out).unwrap();
+        let n = messages.encode_request(request, &mut out).unwrap();
         out[..n].to_vec()
     }
 
     /// What is known of a request is what the protocol says of it.
-    fn same_as<P: Protocol>(kind: ArmKind, request: &P::Request, expect: Expect, moves: bool) {
-        let asked = kind.asked(&encoded::<P>(request));
-        let reply = P::reply(request);
-        let turnaround = |us: u32| Micros(us.into());
+    fn same_as<M: Messages>(kind: ArmKind, messages: &M, request: &M::Request<'_>, expect: Expect) {
+        let bytes = encoded(messages, request);
+        let (asked, info) = (kind.asked(&bytes), messages.request(&bytes).unwrap());
+        let turnaround = |us: u32| Duration::from_micros(us.into());
         assert_eq!(
             asked.reply.map(|reply| turnaround(reply.turnaround)),
-            reply.map(|reply| reply.turnaround),
+            info.response.map(|response| response.turnaround),
             "{request:?}"
         );
+        // No longer one is received.
+        let longest = info
+            .response
+            .map_or(0, |response| response.longest.min(MAX_FRAME as u16));
         assert!(
-            asked
-                .reply
-                .is_none_or(|answer| usize::from(answer.len) >= reply.unwrap().len),
+            asked.reply.is_none_or(|answer| u16::from(answer.len) >= longest),
             "{request:?}"
         );
-        assert_eq!(asked.moves, moves, "{request:?}");
         if let Expect::Responses(Some(ServoAnswer::Acknowledgement(_))) = expect {
             assert_eq!(asked.expect, expect, "{request:?}");
         } else {
             assert_eq!(asked.expect, UNASKED, "{request:?}");
         }
-        assert!(kind.is_request(&encoded::<P>(request)));
+        assert!(kind.is_request(&bytes));
     }
 
     #[test]
@@ -463,16 +472,18 @@ mod tests {
             SelfCheck,
         ];
         for request in requests {
-            same_as::<Ling>(ArmKind::Ling, &request, UNASKED, matches!(request, Move(_)));
+            same_as(ArmKind::Ling, &Ling, &request, UNASKED);
+            let asked = ArmKind::Ling.asked(&encoded(&Ling, &request));
+            assert_eq!(asked.moves, matches!(request, Move(_)), "{request:?}");
         }
-        assert_eq!(ArmKind::Ling.poll().unwrap(), encoded::<Ling>(&ReadJoints));
-        assert_eq!(ArmKind::Ling.identify().unwrap(), encoded::<Ling>(&ReadInfo));
+        assert_eq!(ArmKind::Ling.poll().unwrap(), encoded(&Ling, &ReadJoints));
+        assert_eq!(ArmKind::Ling.identify().unwrap(), encoded(&Ling, &ReadInfo));
         assert_eq!(
             ArmKind::Ling.torque_off().unwrap(),
-            encoded::<Ling>(&SetTorque(Torque::Off))
+            encoded(&Ling, &SetTorque(Torque::Off))
         );
         let moving = ArmKind::Ling.moving(&target, &mut [0; MAX_FRAME]);
-        assert_eq!(moving, Some(encoded::<Ling>(&Move(target)).len()));
+        assert_eq!(moving, Some(encoded(&Ling, &Move(target)).len()));
     }
 
     #[test]
@@ -526,11 +537,18 @@ mod tests {
         );
         for request in requests {
             let moves = matches!(request, Request::Act(_) | Request::Servo(ServoRequest::Move { .. }));
-            same_as::<Alpha1>(ArmKind::Alpha1, &request, Alpha1::expect(Some(&request)), moves);
+            let bytes = encoded(&Alpha1, &request);
+            same_as(
+                ArmKind::Alpha1,
+                &Alpha1,
+                &request,
+                Alpha1.request(&bytes).unwrap().expect,
+            );
+            assert_eq!(ArmKind::Alpha1.asked(&bytes).moves, moves, "{request:?}");
             // Every answer has the same key: those of servos their id.
-            let asked = ArmKind::Alpha1Servo.asked(&encoded::<Alpha1>(&request));
+            let asked = ArmKind::Alpha1Servo.asked(&encoded(&Alpha1, &request));
             if let (Request::Servo(_), Some(_)) = (request, asked.reply) {
-                let header = encoded::<Alpha1>(&request)[0];
+                let header = encoded(&Alpha1, &request)[0];
                 let frame = [header, header.rotate_left(4), servo.get(), 0xAA, 0, 0, 0, 0, 0, 0xED];
                 assert_eq!(
                     ArmKind::Alpha1Servo.key_of_answer(&frame),
@@ -545,11 +563,11 @@ mod tests {
         }
         assert_eq!(
             ArmKind::Alpha1.poll().unwrap(),
-            encoded::<Alpha1>(&Request::ReadServoStates)
+            encoded(&Alpha1, &Request::ReadServoStates)
         );
         assert_eq!(
             ArmKind::Alpha1.identify().unwrap(),
-            encoded::<Alpha1>(&Request::ReadFirmwareVersion)
+            encoded(&Alpha1, &Request::ReadFirmwareVersion)
         );
     }
 

@@ -14,7 +14,7 @@
 
 use core::fmt;
 
-use armwire::{Micros, alpha1, ling};
+use armwire::{Micros, ling};
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
@@ -38,12 +38,8 @@ pub const MAX_COBS: usize = MAX_MESSAGE + COBS;
 /// Bytes that COBS and the zero add to a message of any kind at most.
 pub(crate) const COBS: usize = 4;
 
-/// The longest frame of any arm that the adapter knows, in bytes.
-pub const MAX_FRAME: usize = if ling::MAX_FRAME > alpha1::MAX_FRAME {
-    ling::MAX_FRAME
-} else {
-    alpha1::MAX_FRAME
-};
+/// The longest frame that the adapter takes, in bytes: Ling's. Those of an Alpha1 with names over 65 bytes are longer.
+pub const MAX_FRAME: usize = ling::MAX_FRAME;
 
 /// A frame of an arm, in bytes as on the wire.
 pub type FrameBytes = Vec<u8, MAX_FRAME>;

@@ -4,12 +4,13 @@ use std::io::{self, ErrorKind};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::{Client, Config, Event, Input, Micros, Reason, xarm};
+use armwire::framing::Reason;
+use armwire::{Client, Config, Event, Micros, Output, time, xarm};
 
 use crate::describe::Arm;
 use crate::problem::{Heard, Problem};
 
-/// The longest frame of every protocol fits: with a shorter buffer it does not compile.
+/// The longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;
 /// Bytes kept of what was heard instead of an answer.
 const KEPT: usize = 256;
@@ -69,6 +70,8 @@ pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
 pub(crate) struct Link<P: Arm, L> {
     line: L,
     client: Client<P, BUFFER>,
+    /// What was read and not taken by the client yet.
+    unread: Vec<u8>,
     start: Instant,
     dropped: usize,
     checksums: usize,
@@ -78,103 +81,132 @@ impl<P: Arm, L: Line> Link<P, L> {
     pub(crate) fn new(line: L, config: Config) -> Self {
         Self {
             line,
-            client: Client::new(config),
+            client: Client::new(P::default(), config),
+            unread: Vec::new(),
             start: Instant::now(),
             dropped: 0,
             checksums: 0,
         }
     }
 
-    /// Makes one call and returns the answer, if the request gets one.
-    pub(crate) fn call(&mut self, request: P::Request) -> Result<Option<P::Response>, Problem> {
-        // Every call runs to its end, so none is in flight.
-        let _ = self.client.submit(request);
-        let has_answer = P::reply(&request).is_some();
+    /// The protocol, to change what the next requests are like.
+    pub(crate) fn messages_mut(&mut self) -> &mut P {
+        self.client.messages_mut()
+    }
+
+    /// Makes one call and returns what `take` makes of the answer, if the request gets one.
+    pub(crate) fn call<T>(
+        &mut self,
+        request: P::Request<'_>,
+        take: impl FnOnce(P::Response<'_>) -> T,
+    ) -> Result<Option<T>, Problem> {
+        // What is left of a call that failed.
+        self.client.cancel();
+        self.finish()?;
+        self.client
+            .submit(&request)
+            .expect("the client is idle, and has room for any request");
         let begun = self.now();
         let mut heard = Heard::default();
-        let mut buf = [0; 256];
+        // Before it transmits it takes what has arrived, so that no old answer is taken for a new one. But torque off does not
+        // wait for an arm that never stops talking.
+        let mut drained = !self.client.expects_answer();
         loop {
-            let n = if has_answer {
-                // Before it transmits this takes what has arrived, so that no old answer is taken for a new one.
-                self.receive(&mut buf)?
-            } else {
-                // Torque off does not wait for an arm that never stops talking.
-                self.transmit()?;
-                0
-            };
-            let bytes = &buf[..n];
-            heard.count += n;
-            let room = KEPT - heard.bytes.len();
-            heard.bytes.extend(bytes.iter().take(room));
-
             let now = self.now();
-            let mut input = Input::Bytes(bytes);
-            // To the end, even once the answer is there: what follows it in the same read would be lost.
-            let mut outcome = None;
-            while let Some(event) = self.client.handle(now, &mut input) {
-                match event {
-                    Event::Answer(response) => outcome = Some(Ok(Some(response))),
-                    Event::Unacceptable(error) => {
-                        outcome = Some(Err(Problem::Unacceptable {
-                            name: self.line.name().to_owned(),
-                            error: error.to_string(),
-                        }));
-                    }
-                    Event::Sent => outcome = Some(Ok(None)),
-                    Event::TimedOut { sends } => {
-                        heard.sends = sends;
-                        heard.millis = now.since(begun).0 / 1_000;
-                        outcome = Some(Err(self.no_answer(&request, std::mem::take(&mut heard))));
-                    }
-                    Event::Late(_) | Event::Unsolicited(_) => heard.frames += 1,
-                    Event::Unknown(error) => {
-                        heard.unknown.get_or_insert_with(|| error.to_string());
-                    }
-                    Event::Echo => heard.echoes += 1,
-                    Event::Noise(noise) => {
-                        self.dropped += noise.len;
-                        let checksum = usize::from(matches!(noise.reason, Reason::Checksum { .. }));
-                        heard.checksums += checksum;
-                        self.checksums += checksum;
-                    }
-                    Event::Broken(noise) => {
-                        let name = self.line.name().to_owned();
-                        let broken = Problem::Broken {
-                            name,
-                            arm: P::NAME,
-                            noise,
-                        };
-                        outcome.get_or_insert(Err(broken));
-                    }
+            let until = match self.client.poll(now.into()) {
+                Output::Transmit(bytes) if drained || heard.count > BUFFERED => {
+                    let n = self.line.write(bytes)?;
+                    self.transmitted(n);
+                    continue;
                 }
-            }
-            if let Some(outcome) = outcome {
-                return outcome;
-            }
-            if n == 0 || heard.count > BUFFERED {
-                self.transmit()?;
-            }
+                Output::Transmit(_) => time::Instant::ZERO,
+                Output::Timeout(until) => until.unwrap_or_default(),
+                Output::Event(event) => {
+                    match event {
+                        Event::Answer(response) => return Ok(Some(take(response))),
+                        Event::Sent => return Ok(None),
+                        Event::Unacceptable(error) => {
+                            return Err(Problem::Unacceptable {
+                                name: self.line.name().to_owned(),
+                                error: error.to_string(),
+                            });
+                        }
+                        Event::TimedOut { sends } => {
+                            heard.sends = sends;
+                            heard.millis = now.since(begun).0 / 1_000;
+                            return Err(self.no_answer(&request, heard));
+                        }
+                        Event::Broken { offset, reason } => {
+                            return Err(Problem::Broken {
+                                name: self.line.name().to_owned(),
+                                arm: P::NAME,
+                                offset,
+                                reason,
+                            });
+                        }
+                        Event::Late(_) | Event::Unsolicited(_) => heard.frames += 1,
+                        Event::Unknown { error, .. } => {
+                            heard.unknown.get_or_insert_with(|| error.to_string());
+                        }
+                        Event::Echo => heard.echoes += 1,
+                        Event::Noise { bytes, reason, .. } => {
+                            self.dropped += bytes.len();
+                            let checksum = usize::from(matches!(reason, Reason::Checksum { .. }));
+                            heard.checksums += checksum;
+                            self.checksums += checksum;
+                        }
+                    }
+                    continue;
+                }
+            };
+            let wait = Micros::from(until).since(now);
+            let n = self.receive(Duration::from_micros(wait.0), Some(&mut heard))?;
+            drained = n == 0;
         }
     }
 
-    /// What the arm says unasked, waiting so long for the first byte; nothing when none came.
-    pub(crate) fn hear(&mut self, wait: Duration) -> Result<Option<Vec<P::Response>>, Problem> {
-        let mut buf = [0; 256];
-        let n = self.line.read(&mut buf, wait)?;
+    /// What `take` makes of what the arm says unasked, waiting so long for the first byte; nothing when none came.
+    pub(crate) fn hear<T>(
+        &mut self,
+        wait: Duration,
+        mut take: impl FnMut(P::Response<'_>) -> T,
+    ) -> Result<Option<Vec<T>>, Problem> {
+        let n = self.receive(wait, None)?;
         let now = self.now();
-        let mut input = Input::Bytes(&buf[..n]);
         let mut heard = Vec::new();
-        while let Some(event) = self.client.handle(now, &mut input) {
+        while let Output::Event(event) = self.client.poll(now.into()) {
             match event {
-                Event::Unsolicited(response) => heard.push(response),
-                Event::Noise(noise) => {
-                    self.dropped += noise.len;
-                    self.checksums += usize::from(matches!(noise.reason, Reason::Checksum { .. }));
+                Event::Unsolicited(response) => heard.push(take(response)),
+                Event::Noise { bytes, reason, .. } => {
+                    self.dropped += bytes.len();
+                    self.checksums += usize::from(matches!(reason, Reason::Checksum { .. }));
                 }
                 _ => {}
             }
         }
         Ok((n > 0).then_some(heard))
+    }
+
+    /// Transmits the rest of a request whose call failed.
+    fn finish(&mut self) -> Result<(), Problem> {
+        while !self.client.is_idle() {
+            match self.client.poll(self.now().into()) {
+                Output::Transmit(bytes) => {
+                    let n = self.line.write(bytes)?;
+                    self.transmitted(n);
+                }
+                Output::Event(_) => {}
+                Output::Timeout(_) => break,
+            }
+        }
+        Ok(())
+    }
+
+    fn transmitted(&mut self, n: usize) {
+        let now = self.now().into();
+        self.client
+            .transmitted(now, n)
+            .expect("the line wrote no more than there was");
     }
 
     /// Bytes that belonged to no frame, so far.
@@ -201,23 +233,26 @@ impl<P: Arm, L: Line> Link<P, L> {
         thread::sleep(Duration::from_micros(instant.since(self.now()).0));
     }
 
-    fn transmit(&mut self) -> Result<(), Problem> {
-        while let Some(bytes) = self.client.poll_transmit(self.now()) {
-            let n = self.line.write(bytes)?;
-            let taken = self.client.transmitted(self.now(), n);
-            taken.expect("a line takes no more than it is given");
+    /// Lets the client receive what has arrived, waiting so long for it. Returns how many bytes that were.
+    fn receive(&mut self, wait: Duration, heard: Option<&mut Heard>) -> Result<usize, Problem> {
+        if self.unread.is_empty() {
+            let mut buf = [0; 256];
+            let n = self.line.read(&mut buf, wait)?;
+            self.unread.extend(&buf[..n]);
+            if let Some(heard) = heard {
+                heard.count += n;
+                let room = KEPT - heard.bytes.len();
+                heard.bytes.extend(buf[..n].iter().take(room));
+            }
         }
-        Ok(())
+        let now = self.now().into();
+        let left = self.client.receive(now, &self.unread).len();
+        let n = self.unread.len() - left;
+        self.unread.drain(..n);
+        Ok(n)
     }
 
-    /// What has arrived, waiting for it until the client has something to do.
-    fn receive(&mut self, buf: &mut [u8]) -> Result<usize, Problem> {
-        let due = self.client.poll_timeout().unwrap_or_default();
-        let wait = Duration::from_micros(due.since(self.now()).0);
-        self.line.read(buf, wait)
-    }
-
-    fn no_answer(&mut self, request: &P::Request, heard: Heard) -> Problem {
+    fn no_answer(&mut self, request: &P::Request<'_>, heard: Heard) -> Problem {
         let begun = is_begun::<P>(request, &heard.bytes);
         let came = if heard.count == 0 { Came::Nothing } else { Came::Garbage };
         Problem::NoAnswer {
@@ -231,20 +266,20 @@ impl<P: Arm, L: Line> Link<P, L> {
 
 /// Whether an answer to the request begins somewhere in the bytes, with the request's header and then otherwise, where
 /// its end may have been lost.
-fn is_begun<P: Arm>(request: &P::Request, bytes: &[u8]) -> bool {
+fn is_begun<P: Arm>(request: &P::Request<'_>, bytes: &[u8]) -> bool {
     let mut out = [0; BUFFER];
-    let sent = P::encode_request(request, &mut out).unwrap_or(0);
+    let sent = P::default().encode_request(request, &mut out).unwrap_or(0);
     let (header, next) = (&out[..P::HEADER], out[P::HEADER]);
     let answered = |window: &[u8]| window.starts_with(header) && window[P::HEADER] != next;
-    !P::RELIABLE && sent > P::HEADER && bytes.windows(P::HEADER + 1).any(answered)
+    !P::LOSSLESS && sent > P::HEADER && bytes.windows(P::HEADER + 1).any(answered)
 }
 
 #[cfg(test)]
 mod tests {
     use std::collections::VecDeque;
 
-    use armwire::Protocol;
     use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
+    use armwire::messages::Messages;
 
     use super::*;
 
@@ -256,7 +291,7 @@ mod tests {
             status: MotionStatus::Idle,
         });
         let mut out = [0; MAX_FRAME];
-        let n = Ling::encode_response(&response, &mut out).unwrap();
+        let n = Ling.encode_response(&response, None, &mut out).unwrap();
         out[..n].to_vec()
     }
 
@@ -315,7 +350,7 @@ mod tests {
     fn an_unacceptable_answer_ends_the_call_at_once_with_the_reason() {
         let mut arm = Answering::new(unknown_stroke);
         let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
-        let problem = link.call(Request::ReadStroke).unwrap_err();
+        let problem = link.call(Request::ReadStroke, drop).unwrap_err();
         assert_eq!(
             problem.to_string(),
             "fake: the arm's answer cannot be accepted: command 04 function 0E: gripper stroke type is 3, must be 0..=2 \
@@ -330,7 +365,7 @@ mod tests {
         let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
         for _ in 0..3 {
             link.line.said.push_back(joints(4000));
-            let Ok(Some(Response::Joints(state))) = link.call(Request::ReadJoints) else {
+            let Ok(Some(Response::Joints(state))) = link.call(Request::ReadJoints, |response| response) else {
                 panic!("no answer");
             };
             assert_eq!(state.joints, [link.line.asked; 6]);

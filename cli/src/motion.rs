@@ -65,15 +65,15 @@ impl MoveArm {
     pub(crate) fn run(&self) -> Result<(), Problem> {
         let mut link = self.arm.open()?;
         let target = self.target.to_move();
-        link.call(Request::Move(target))?;
+        link.call(Request::Move(target), drop)?;
         if !self.wait {
             return say(&format!(
                 "{}: sent, the arm does not answer it",
-                Ling::request(&Request::Move(target))
+                Ling::show_request(&Request::Move(target))
             ));
         }
         let state = wait(&mut link, &target, self.timeout)?;
-        say(&format!("there: {}", Ling::response(&Response::Joints(state))))
+        say(&format!("there: {}", Ling::show_response(&Response::Joints(state))))
     }
 }
 
@@ -84,7 +84,7 @@ impl SetTorque {
             Switch::On => (Torque::On, "torque on: the arm holds its position"),
             Switch::Off => (Torque::Off, "torque off: the arm can be moved by hand"),
         };
-        link.call(Request::SetTorque(torque))?;
+        link.call(Request::SetTorque(torque), drop)?;
         say(&format!("{done}, if it was heard; the arm does not answer it"))
     }
 }
@@ -93,7 +93,7 @@ impl SetTorque {
 fn wait(link: &mut Link<Ling, impl Line>, target: &Move, timeout: Duration) -> Result<JointState, Problem> {
     let until = link.now() + Micros(timeout.as_micros().try_into().unwrap_or(u64::MAX));
     loop {
-        if let Some(Response::Joints(state)) = link.call(Request::ReadJoints)? {
+        if let Some(Response::Joints(state)) = link.call(Request::ReadJoints, |response| response)? {
             let off = far(target, &state);
             if off.is_empty() {
                 return Ok(state);

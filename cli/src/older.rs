@@ -142,7 +142,10 @@ mod tests {
         let line = Listened::new(line, Instant::now()).unwrap();
         let mut link = Link::<Ling, _>::new(line, Ling::CONFIG);
         for _ in 0..2 {
-            assert!(matches!(link.call(Request::ReadJoints), Err(Problem::Older { .. })));
+            assert!(matches!(
+                link.call(Request::ReadJoints, drop),
+                Err(Problem::Older { .. })
+            ));
             assert_eq!(sent.get(), 7);
         }
     }

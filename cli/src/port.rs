@@ -4,7 +4,8 @@ use std::fmt;
 use std::num::NonZeroU32;
 use std::str::FromStr;
 
-use armwire::{Config, Micros};
+use armwire::Config;
+use armwire::time;
 use armwire_bridge::can::{Function, Node};
 use armwire_sim::slcan::{BIT_RATES, BitRate};
 use serial2::SerialPort;
@@ -20,7 +21,7 @@ use crate::tcp::{Host, Tcp};
 /// What a connection to a server adds to an answer at most, and how late an answer may still arrive.
 const TCP: Config = Config::TCP;
 /// What CAN adds to an answer at most: its frames at 125 kbit/s, and the wait for others who use the arm.
-const CAN_LATENCY: Micros = Micros::from_millis(100);
+const CAN_LATENCY: time::Duration = time::Duration::from_millis(100);
 /// The bit rate of a CAN bus unless it is given: an adapter's, unless it is configured.
 const BIT_RATE: BitRate = BitRate::MAX;
 /// The baud rate of an SLCAN adapter unless it is given. One on USB does not mind.
@@ -195,7 +196,7 @@ impl Connection {
             Way::Tcp(host) => {
                 let config = Config {
                     latency: usual.latency + TCP.latency,
-                    lateness: TCP.lateness,
+                    stale_window: TCP.stale_window,
                     ..usual
                 };
                 (Box::new(Tcp::connect_serial(host)?), config)

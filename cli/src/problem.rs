@@ -7,7 +7,7 @@ use std::io::{self, ErrorKind};
 #[cfg(unix)]
 use std::os::unix::fs::MetadataExt;
 
-use armwire::Noise;
+use armwire::framing::Reason;
 use armwire::ling::legacy::OlderGeneration;
 use armwire_bridge::config::ConfigError;
 use armwire_bridge::control::{self, Failure, Malformed};
@@ -75,7 +75,9 @@ pub(crate) enum Problem {
     Broken {
         name: String,
         arm: &'static str,
-        noise: Noise,
+        /// After how many bytes, and why.
+        offset: u64,
+        reason: Reason,
     },
     /// The arm did not answer.
     NoAnswer {
@@ -91,7 +93,11 @@ pub(crate) enum Problem {
     /// The arm answered that it did not do what it was asked.
     Refused { name: String, what: String },
     /// What was decoded up to here cannot be read any further.
-    Undecodable { name: String, noise: Noise },
+    Undecodable {
+        name: String,
+        offset: usize,
+        reason: Reason,
+    },
     /// A virtual arm could not be served.
     #[cfg(unix)]
     Serve(io::Error),
@@ -265,9 +271,15 @@ impl fmt::Display for Problem {
                 }
                 _ => write!(f, "{name}: the connection is gone ({error}): was the arm switched off?"),
             },
-            Self::Broken { name, arm, noise } => write!(
+            Self::Broken {
+                name,
+                arm,
+                offset,
+                reason,
+            } => write!(
                 f,
-                "{name}: what arrives there is no message of {arm} ({noise}): is it this arm, and its control port?"
+                "{name}: what arrives there is no message of {arm} (byte {offset}: {reason}): is it this arm, and its \
+                 control port?"
             ),
             Self::NoAnswer {
                 name,
@@ -280,10 +292,10 @@ impl fmt::Display for Problem {
             }
             Self::Unacceptable { name, error } => write!(f, "{name}: the arm's answer cannot be accepted: {error}"),
             Self::Refused { name, what } => write!(f, "{name}: {what}"),
-            Self::Undecodable { name, noise } => write!(
+            Self::Undecodable { name, offset, reason } => write!(
                 f,
-                "{name}: the stream is broken at byte {}: {}: is it one direction of one connection, from its start?",
-                noise.offset, noise.reason
+                "{name}: the stream is broken at byte {offset}: {reason}: is it one direction of one connection, from its \
+                 start?"
             ),
             #[cfg(unix)]
             Self::Serve(error) => write!(f, "cannot serve a virtual arm: {error}"),

@@ -3,12 +3,19 @@
 
 use core::hint::black_box;
 
-use armwire::{Client, Config, Decoder, Event, Input, Micros, Protocol};
+use armwire::decoder::{Decoder, Kind};
+use armwire::messages::Messages;
+use armwire::time::Instant;
+use armwire::{Client, Config, Event, Output};
 
 /// A request of a protocol whose longest frame has `N` bytes, and the arm's reply to it.
-pub struct Arm<P: Protocol, const N: usize> {
+pub struct Arm<M: Messages, const N: usize> {
+    /// The protocol.
+    pub messages: M,
     /// The request.
-    pub request: P::Request,
+    pub request: M::Request<'static>,
+    /// The host's expectation once it has sent the request.
+    pub expect: M::Expect,
     /// The reply as it is on the line.
     pub reply: &'static [u8],
 }
@@ -16,24 +23,20 @@ pub struct Arm<P: Protocol, const N: usize> {
 /// Ling: all joints, 21 bytes.
 #[cfg(feature = "ling")]
 pub const LING: Arm<armwire::ling::Ling, { armwire::ling::MAX_FRAME }> = Arm {
+    messages: armwire::ling::Ling,
     request: armwire::ling::Request::ReadJoints,
+    expect: (),
     reply: b"\xAA\x06\x00\x0F\x00\x08\x00\x08\x00\x08\x00\x08\x00\x08\x00\x08\xF4\x01\x00\xB4\xFF",
 };
 
 /// xArm: a register of 13 bytes, with which the frame has 21.
 #[cfg(feature = "xarm")]
 pub fn xarm() -> Arm<armwire::xarm::XArm, { armwire::xarm::MAX_FRAME }> {
-    use armwire::xarm::{Command, Header, ProtocolId, Raw, Request};
-    let header = Header {
-        transaction: 1,
-        protocol: ProtocolId::Private,
-    };
-    let register = Raw::new(42, &[]).expect("no command of another type has this number");
+    use armwire::xarm::{Direction, Raw, Request, XArm};
     Arm {
-        request: Request::Call {
-            header,
-            command: Command::Raw(register),
-        },
+        messages: XArm::PRIVATE,
+        request: Request::Raw(Raw::new(42, &[]).expect("no command of another type has this number")),
+        expect: Direction::Responses,
         reply: b"\x00\x01\x00\x02\x00\x0F\x2A\x00\x07\x07\x07\x07\x07\x07\x07\x07\x07\x07\x07\x07\x07",
     }
 }
@@ -41,49 +44,72 @@ pub fn xarm() -> Arm<armwire::xarm::XArm, { armwire::xarm::MAX_FRAME }> {
 /// Alpha1: the version of the firmware, 15 bytes, the longest answer of a fixed length.
 #[cfg(feature = "alpha1")]
 pub const ALPHA1: Arm<armwire::alpha1::Alpha1, { armwire::alpha1::MAX_FRAME }> = Arm {
+    messages: armwire::alpha1::Alpha1,
     request: armwire::alpha1::Request::ReadFirmwareVersion,
+    expect: armwire::alpha1::Expect::Responses(None),
     reply: b"\xF5\x5F\xAA2016010100\x95\xED",
 };
 
-impl<P: Protocol, const N: usize> Arm<P, N> {
+impl<M: Messages + Copy, const N: usize> Arm<M, N> {
     /// A decoder without bytes.
-    pub fn decoder(&self) -> Decoder<P, N> {
+    pub fn decoder(&self) -> Decoder<N> {
         Decoder::new()
     }
 
     /// A client that waits for nothing.
-    pub fn client(&self) -> Client<P, N> {
-        Client::new(Config::DEFAULT)
+    pub fn client(&self) -> Client<M, N> {
+        Client::new(self.messages, Config::DEFAULT)
+    }
+
+    /// Puts the reply into the decoder's space, as DMA or a port does.
+    pub fn fill(&self, decoder: &mut Decoder<N>) {
+        decoder.space()[..self.reply.len()].copy_from_slice(self.reply);
+    }
+
+    /// Decodes the reply that is in the decoder's space. Whether it is a frame.
+    #[inline]
+    pub fn reply(&self, decoder: &mut Decoder<N>) -> bool {
+        black_box(decoder.space());
+        decoder.commit(self.reply.len()).is_ok() && self.frames(decoder, |_| true) == 1
     }
 
     /// Decodes a stream that comes in chunks. The number of frames in it.
     #[inline]
-    pub fn frames(&self, decoder: &mut Decoder<P, N>, stream: &[u8], chunk: usize) -> usize {
-        self.decode(decoder, stream, chunk, |_, _| true)
+    pub fn stream(&self, decoder: &mut Decoder<N>, stream: &[u8], chunk: usize) -> usize {
+        self.decode(decoder, stream, chunk, |_| true)
     }
 
     /// Decodes a stream that comes in chunks. The number of replies in it, down to typed values.
     #[inline]
-    pub fn replies(&self, decoder: &mut Decoder<P, N>, stream: &[u8], chunk: usize) -> usize {
-        self.decode(decoder, stream, chunk, |frame, expect| {
-            black_box(&P::parse_response(frame, expect)).is_ok()
-        })
+    pub fn replies(&self, decoder: &mut Decoder<N>, stream: &[u8], chunk: usize) -> usize {
+        let is_good = |frame: &[u8]| black_box(&self.messages.parse_response(frame, self.expect)).is_ok();
+        self.decode(decoder, stream, chunk, is_good)
     }
 
     #[inline]
     fn decode(
         &self,
-        decoder: &mut Decoder<P, N>,
+        decoder: &mut Decoder<N>,
         stream: &[u8],
         chunk: usize,
-        is_good: impl Fn(P::Frame<'_>, P::Expect) -> bool,
+        is_good: impl Fn(&[u8]) -> bool + Copy,
     ) -> usize {
-        let expect = P::expect(Some(&self.request));
         let mut count = 0;
         for mut bytes in stream.chunks(chunk) {
-            while let Some(next) = decoder.decode(&mut bytes, expect) {
-                count += usize::from(black_box(next).is_ok_and(|frame| is_good(frame, expect)));
+            while !bytes.is_empty() {
+                bytes = decoder.push(bytes);
+                count += self.frames(decoder, is_good);
             }
+        }
+        count
+    }
+
+    /// Takes all items out of the decoder. The number of good frames among them.
+    #[inline]
+    fn frames(&self, decoder: &mut Decoder<N>, is_good: impl Fn(&[u8]) -> bool) -> usize {
+        let mut count = 0;
+        while let Some(item) = decoder.next(&self.messages, self.expect) {
+            count += usize::from(item.kind == Kind::Frame && is_good(black_box(item.bytes)));
         }
         count
     }
@@ -91,18 +117,25 @@ impl<P: Protocol, const N: usize> Arm<P, N> {
     /// Encodes the request. The number of bytes, 0 if there is no room.
     #[inline]
     pub fn encode(&self, room: &mut [u8; N]) -> usize {
-        P::encode_request(black_box(&self.request), room).unwrap_or(0)
+        self.messages
+            .encode_request(black_box(&self.request), room)
+            .unwrap_or(0)
     }
 
     /// Makes a whole call: the request on its way, the reply decoded and accepted. Whether it was.
     #[inline]
-    pub fn call(&self, client: &mut Client<P, N>) -> bool {
-        let call = |client: &mut Client<P, N>| {
-            client.submit(black_box(self.request)).ok()?;
-            let sent = client.poll_transmit(Micros(0))?.len();
-            client.transmitted(Micros(0), sent).ok()?;
-            let event = client.handle(Micros(350), &mut Input::Bytes(black_box(self.reply)));
-            matches!(event, Some(Event::Answer(_))).then_some(())
+    pub fn call(&self, client: &mut Client<M, N>) -> bool {
+        let call = |client: &mut Client<M, N>| {
+            client.submit(black_box(&self.request)).ok()?;
+            let Output::Transmit(bytes) = client.poll(Instant::ZERO) else {
+                return None;
+            };
+            let sent = bytes.len();
+            client.transmitted(Instant::ZERO, sent).ok()?;
+            let now = Instant::from_micros(350);
+            let rest = client.receive(now, black_box(self.reply));
+            let is_answer = matches!(black_box(client.poll(now)), Output::Event(Event::Answer(_)));
+            (is_answer && rest.is_empty()).then_some(())
         };
         call(client).is_some()
     }

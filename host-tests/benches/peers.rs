@@ -7,7 +7,7 @@ mod others;
 use std::hint::black_box;
 use std::time::Duration;
 
-use armwire::Protocol;
+use armwire::messages::Messages;
 use armwire_benches::{ALPHA1, Arm, LING, xarm};
 use criterion::{Criterion, criterion_group, criterion_main};
 use others::{mavlink2, modbus, postcard_cobs, ubx};
@@ -41,7 +41,7 @@ fn peers(criterion: &mut Criterion) {
     );
 }
 
-fn arm<P: Protocol, const N: usize>(criterion: &mut Criterion, name: &str, arm: &Arm<P, N>) {
+fn arm<M: Messages + Copy, const N: usize>(criterion: &mut Criterion, name: &str, arm: &Arm<M, N>) {
     let decode = |stream: &[u8], chunk| arm.replies(&mut arm.decoder(), stream, chunk);
     let mut room = [0; N];
     let encode = |times| (0..times).filter(|_| arm.encode(black_box(&mut room)) > 0).count();

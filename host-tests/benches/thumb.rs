@@ -22,12 +22,12 @@ fn main() -> ! {
 }
 
 #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
-fn protocol<P: armwire::Protocol, const N: usize>(arm: &armwire_benches::Arm<P, N>) {
+fn protocol<M: armwire::messages::Messages + Copy, const N: usize>(arm: &armwire_benches::Arm<M, N>) {
     let arm = black_box(arm);
     let decoder = &mut arm.decoder();
-    for chunk in [64, 1] {
-        count(decoder, |decoder| arm.frames(decoder, black_box(arm.reply), chunk) == 1);
-    }
+    arm.fill(decoder);
+    count(decoder, |decoder| arm.reply(decoder));
+    count(decoder, |decoder| arm.stream(decoder, black_box(arm.reply), 1) == 1);
     count(&mut [0; N], |room| arm.encode(room) > 0);
     count(&mut arm.client(), |client| arm.call(client));
 }

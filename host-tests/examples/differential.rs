@@ -11,8 +11,10 @@ use std::collections::VecDeque;
 use std::io::{BufWriter, Result, Write, stdout};
 use std::{env, iter};
 
-use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, OVERHEAD, PerServo, Response};
-use armwire::{Decoder, Micros, Protocol};
+use armwire::Micros;
+use armwire::decoder::{Decoder, Kind};
+use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Response};
+use armwire::messages::Messages;
 use armwire_host_tests::reference::{self, Piece, ling};
 use armwire_sim::faults::{Line, Rates};
 use armwire_sim::serial::SerialDevice;
@@ -112,7 +114,9 @@ fn answer(random: &mut Rand32) -> Vec<u8> {
         }),
     };
     let mut out = [0; MAX_FRAME];
-    let n = Ling::encode_response(&response, &mut out).expect("the longest frame fits");
+    let n = Ling
+        .encode_response(&response, None, &mut out)
+        .expect("the longest frame fits");
     out[..n].to_vec()
 }
 
@@ -138,14 +142,13 @@ fn arrives(frame: &[u8], damage: &Damage, line: &mut Line<Mouth>, random: &mut R
 
 /// The frames that the decoder delivers.
 fn ours(stream: &[u8]) -> Vec<Vec<u8>> {
-    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+    let mut decoder = Decoder::<MAX_FRAME>::new();
     let (mut frames, mut rest) = (Vec::new(), stream);
     while !rest.is_empty() {
         rest = decoder.push(rest);
-        while let Some(next) = decoder.next(()) {
-            if let Ok(len) = next.map(|frame| frame.data.len() + OVERHEAD) {
-                let end = stream.len() - rest.len() - decoder.pending();
-                frames.push(stream[end - len..end].to_vec());
+        while let Some(item) = decoder.next(&Ling, ()) {
+            if item.kind == Kind::Frame {
+                frames.push(item.bytes.to_vec());
             }
         }
     }

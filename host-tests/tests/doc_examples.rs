@@ -7,6 +7,7 @@ use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
 use armwire::driver;
+use armwire::time::Instant;
 use armwire::{Config, Micros};
 use armwire_sim::serial::SerialDevice;
 use embedded_io_async::ErrorType;
@@ -71,11 +72,12 @@ impl<D: SerialDevice> embedded_io_async::Write for Port<'_, D> {
 struct Clock<'w, D>(&'w RefCell<World<D>>);
 
 impl<D> driver::Clock for Clock<'_, D> {
-    fn now(&self) -> Micros {
-        self.0.borrow().now
+    fn now(&self) -> Instant {
+        self.0.borrow().now.into()
     }
 
-    async fn wait_until(&self, instant: Micros) {
+    async fn wait_until(&self, instant: Instant) {
+        let instant = Micros::from(instant);
         poll_fn(|_| {
             let mut world = self.0.borrow_mut();
             if instant <= world.now {
@@ -115,7 +117,7 @@ mod ling {
     use armwire::ling::{GripperSpeed, JOINTS, Opening, Position, Speed};
     use armwire_sim::ling::{Config as ArmConfig, LingArm};
 
-    use super::{Clock as VirtualClock, Config, Port, run, world};
+    use super::{Clock as VirtualClock, Config, Micros, Port, run, world};
 
     include!("../../protocol/doc/ling_tour.rs");
 
@@ -131,7 +133,7 @@ mod ling {
             };
             let world = world(LingArm::new(ArmConfig::follower()));
             let clock = VirtualClock(&world);
-            let mut arm = Arm::new(Port(&world), &clock, Config::default());
+            let mut arm = Arm::open(Port(&world), &clock, Config::default());
             let (info, arrived) = run(&world, tour(&mut arm, &clock, target)).unwrap();
             assert!(arrived);
             assert_eq!(info.serial, ArmConfig::follower().serial);
@@ -151,7 +153,7 @@ mod alpha1_robot {
     use armwire::alpha1::{Angle, Interval, MoveTime};
     use armwire_sim::alpha1::{Alpha1Robot, RobotConfig, SERVOS};
 
-    use super::{Clock as VirtualClock, Config, Port, run, world};
+    use super::{Clock as VirtualClock, Config, Micros, Port, run, world};
 
     include!("../../protocol/doc/alpha1_robot.rs");
 
@@ -166,7 +168,7 @@ mod alpha1_robot {
         };
         let world = world(Alpha1Robot::new(RobotConfig::default()));
         let clock = VirtualClock(&world);
-        let mut arm = Arm::new(Port(&world), &clock, Config::default());
+        let mut arm = Arm::open(Port(&world), &clock, Config::default());
         let name = Text::new(b"dance").unwrap();
         assert_eq!(run(&world, robot(&mut arm, &clock, action, name)), Ok(true));
         assert_eq!(world.borrow().device.usb(), UsbType::SerialPort);
@@ -185,7 +187,7 @@ mod alpha1_servo {
         let mut bus = ServoBus::new(BusConfig::default());
         bus.servos_mut()[0].set_faulty(faulty);
         let world = world(bus);
-        let mut arm = Arm::new(Port(&world), VirtualClock(&world), Config::default());
+        let mut arm = Arm::open(Port(&world), VirtualClock(&world), Config::default());
         let [one, free] = [1, 17].map(|id| ServoId::new(id).unwrap());
         let done = run(&world, servo(&mut arm, one, Angle::new(90).unwrap(), free)).unwrap();
         let world = world.borrow();
@@ -207,7 +209,7 @@ mod xarm {
     use std::collections::VecDeque;
 
     use armwire::xarm::{MAX_FRAME, State, XArm};
-    use armwire::{Device, Heard, Input, Micros};
+    use armwire::{Device, DeviceEvent, Micros};
     use armwire_sim::serial::SerialDevice;
     use armwire_sim::xarm::{Config as ArmConfig, Model, VirtualXArm};
 
@@ -227,7 +229,7 @@ mod xarm {
         fn new(arm: VirtualXArm) -> Self {
             Self {
                 arm,
-                device: Device::new(),
+                device: Device::default(),
                 says: VecDeque::new(),
                 heartbeats: 0,
             }
@@ -236,17 +238,17 @@ mod xarm {
 
     impl SerialDevice for Connection {
         fn receive(&mut self, now: Micros, byte: u8) {
-            let mut input = Input::Bytes(&[byte]);
-            while let Some(heard) = self.device.handle(&mut input) {
-                let Heard::Request(request) = heard else {
-                    panic!("the arm heard {heard:?}");
+            assert!(self.device.receive(&[byte]).is_empty());
+            while let Some(event) = self.device.poll() {
+                let DeviceEvent::Request { request, key } = event else {
+                    panic!("the arm received {event:?}");
                 };
                 let Some(answer) = self.arm.answer(now, &request) else {
                     self.heartbeats += 1;
                     continue;
                 };
                 let mut bytes = [0; MAX_FRAME];
-                let len = self.device.respond(&answer, &mut bytes).unwrap();
+                let len = self.device.respond(&answer, key, &mut bytes).unwrap();
                 self.says.extend(&bytes[..len]);
             }
         }
@@ -266,7 +268,7 @@ mod xarm {
         let mut arm = VirtualXArm::new(ArmConfig::new(Model::XArm6));
         arm.set_error(error);
         let world = world(Connection::new(arm));
-        let arm = Arm::new(Port(&world), VirtualClock(&world), Config::TCP);
+        let arm = Arm::open(Port(&world), VirtualClock(&world), Config::TCP);
         let (_, radius, is_rebooted) = run(&world, tour(arm, Joint::new(2).unwrap())).unwrap();
         assert!(radius.metres().unwrap() > 0.0);
         let world = world.borrow();

@@ -3,10 +3,10 @@
 
 use armwire::alpha1::{
     self, Address, Alpha1, Angle, Interval, Led, MoveTime, Outcome, Request, Response, ServoId, ServoRequest,
-    ServoResponse,
+    ServoResponse, Text,
 };
-use armwire::ling;
-use armwire::{Config as ClientConfig, Protocol};
+use armwire::messages::Messages;
+use armwire::{Config as ClientConfig, ling};
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
 use armwire_bridge::control::{self, Asker, Event, Reply};
@@ -38,9 +38,9 @@ fn alpha1_program() -> Alpha1Program {
     })
 }
 
-fn bytes_of<P: Protocol>(request: &P::Request) -> Vec<u8> {
+fn bytes_of<P: Messages + Default>(request: &P::Request<'_>) -> Vec<u8> {
     let mut bytes = [0; control::MAX_FRAME];
-    let len = P::encode_request(request, &mut bytes).unwrap();
+    let len = P::default().encode_request(request, &mut bytes).unwrap();
     bytes[..len].to_vec()
 }
 
@@ -131,7 +131,9 @@ fn a_ling_arm_is_driven_from_usb_and_can_and_polled() {
             panic!("no info");
         };
         let mut bytes = [0; ling::MAX_FRAME];
-        let len = ling::Ling::encode_response(&ling::Response::Info(info), &mut bytes).unwrap();
+        let len = ling::Ling
+            .encode_response(&ling::Response::Info(info), None, &mut bytes)
+            .unwrap();
         let answer = bytes[..len].to_vec();
         expect_identity(board, ArmKind::Ling, Some(answer.clone()));
         let question = bytes_of::<ling::Ling>(&ling::Request::ReadInfo);
@@ -153,7 +155,9 @@ fn an_alpha1_is_driven_from_usb_and_can_and_polled() {
         let polls_before = counters(board).requests_poll;
         let mut program = alpha1_program();
         let answer = program.call(board, Request::ReadHardwareVersion);
-        assert_eq!(answer, Some(Response::HardwareVersion(RobotConfig::default().hardware)));
+        let hardware = RobotConfig::default().hardware;
+        let version = Text::new(&hardware).unwrap();
+        assert_eq!(answer, Some(Response::HardwareVersion(version)));
         // The first servo goes where it is told, through the robot.
         let servo = ServoId::new(1).unwrap();
         let turn = ServoRequest::Move {
@@ -237,7 +241,9 @@ fn a_bus_of_servos_is_driven_on_its_single_wire() {
             } else {
                 let answer = CanProgram::new(Node::default()).call(board, &bytes_of::<Alpha1>(&question));
                 let mut bytes = [0; alpha1::MAX_FRAME];
-                let len = Alpha1::encode_response(&Response::Servo(angles), &mut bytes).unwrap();
+                let len = Alpha1
+                    .encode_response(&Response::Servo(angles), None, &mut bytes)
+                    .unwrap();
                 assert_eq!(answer, bytes[..len]);
             }
         }

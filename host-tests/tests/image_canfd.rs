@@ -1,7 +1,7 @@
 //! The image of a chip with CAN FD on a CAN FD bus. On a chip without, there is nothing to test.
 
-use armwire::Protocol;
 use armwire::ling::{Ling, MAX_FRAME, Request};
+use armwire::messages::Messages;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control;
@@ -41,7 +41,7 @@ fn on_fd_bus(data_rate: u32, nodes_rate: u32, test: impl FnOnce(&mut VirtualBoar
 
 fn read_joints() -> Vec<u8> {
     let mut bytes = [0; MAX_FRAME];
-    let len = Ling::encode_request(&Request::ReadJoints, &mut bytes).unwrap();
+    let len = Ling.encode_request(&Request::ReadJoints, &mut bytes).unwrap();
     bytes[..len].to_vec()
 }
 

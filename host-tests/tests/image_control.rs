@@ -1,7 +1,7 @@
 //! The control interface of the firmware image: what the adapter is, how it is configured, what it saw and when.
 
-use armwire::Protocol;
 use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
+use armwire::messages::Messages;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{self, Asker, Event, Reply, Stamp};
 use armwire_bridge::store::SAVE_BUDGET;
@@ -242,7 +242,9 @@ fn joints(joint: u16) -> Vec<u8> {
         status: MotionStatus::Idle,
     };
     let mut bytes = [0; MAX_FRAME];
-    let n = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
+    let n = Ling
+        .encode_response(&Response::Joints(state), None, &mut bytes)
+        .unwrap();
     bytes[..n].to_vec()
 }
 

@@ -1,8 +1,9 @@
 //! The time that the firmware image adds to a call, with a cycle for each instruction. `cargo xtask performance` has the core's
 //! own timing, too.
 
+use armwire::Micros;
 use armwire::ling::{Ling, MAX_FRAME, Response, Stroke};
-use armwire::{Micros, Protocol};
+use armwire::messages::Messages;
 use armwire_host_tests::image::quiet::{Added, call, forget, pause, until_armed};
 use armwire_host_tests::image::{MEGABAUD, Spread, Talker, chip, counters, facts, on_board, plug_in, read_all};
 use armwire_sim::ling::LingArm;
@@ -62,7 +63,9 @@ fn bytes_of_no_known_frame_are_ready_for_the_host_once_the_line_is_idle() {
 fn an_answer_is_in_time_while_the_host_sends_without_a_pause() {
     on_open_board(Talker::default(), |board| {
         let mut frame = [0; MAX_FRAME];
-        let n = Ling::encode_response(&Response::Stroke(Stroke::Mm50), &mut frame).unwrap();
+        let n = Ling
+            .encode_response(&Response::Stroke(Stroke::Mm50), None, &mut frame)
+            .unwrap();
         board.usb().write(&vec![0x55; 60_000]).unwrap();
         let mut armed = Spread::default();
         while board.usb().unsent() > 1_000 {

@@ -1,8 +1,9 @@
 //! What may happen on the arm's line: errors, and other rates.
 
 use armwire::Micros;
+use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
-use armwire::{Decoder, Protocol};
+use armwire::messages::Messages;
 use armwire_bridge::Counters;
 use armwire_host_tests::image::{
     MEGABAUD, Talker, as_received, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
@@ -34,19 +35,23 @@ fn frame(nth: u16) -> Vec<u8> {
         status: MotionStatus::Idle,
     };
     let mut bytes = [0; MAX_FRAME];
-    let n = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
+    let n = Ling
+        .encode_response(&Response::Joints(state), None, &mut bytes)
+        .unwrap();
     bytes[..n].to_vec()
 }
 
 /// The numbers of the frames in `bytes`.
 fn frames(bytes: &[u8]) -> Vec<u16> {
-    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+    let mut decoder = Decoder::<MAX_FRAME>::new();
     let mut numbers = Vec::new();
     let mut rest = bytes;
     loop {
         rest = decoder.push(rest);
-        while let Some(next) = decoder.next(()) {
-            if let Ok(Ok(Response::Joints(state))) = next.map(|frame| Ling::parse_response(frame, ())) {
+        while let Some(item) = decoder.next(&Ling, ()) {
+            if item.kind == Kind::Frame
+                && let Ok(Response::Joints(state)) = Ling.parse_response(item.bytes, ())
+            {
                 numbers.push(state.joints[0] + 4_096 * state.gripper);
             }
         }

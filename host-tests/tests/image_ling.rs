@@ -170,9 +170,9 @@ fn an_arm_whose_line_echoes_is_read_all_the_same() {
         },
         |board, program| {
             let joints = board.with_arm(|arm| arm.joints());
-            let event = program.try_call(board, Request::ReadJoints);
-            let armwire::Event::Answer(Response::Joints(state)) = event else {
-                panic!("{event:?}");
+            let answer = program.call_on_bad_line(board, Request::ReadJoints);
+            let Some(Response::Joints(state)) = answer else {
+                panic!("{answer:?}");
             };
             assert_eq!(state.joints, joints);
         },

@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use armwire::ling::*;
-use armwire::{Config, Device, Heard, Input, Micros, Protocol};
+use armwire::{Config, Device, DeviceEvent, Micros};
 use armwire_sim::serial::SerialDevice;
 use armwire_sim::wire::Wire;
 use proptest::collection::vec;
@@ -21,7 +21,12 @@ struct Dawdler {
 
 impl SerialDevice for Dawdler {
     fn receive(&mut self, now: Micros, byte: u8) {
-        if let Some(Heard::Request(Request::ReadJoints)) = self.device.handle(&mut Input::Bytes(&[byte])) {
+        assert!(self.device.receive(&[byte]).is_empty());
+        if let Some(DeviceEvent::Request {
+            request: Request::ReadJoints,
+            ..
+        }) = self.device.poll()
+        {
             self.heard += 1;
             let state = JointState {
                 joints: [self.heard; JOINTS],
@@ -29,7 +34,7 @@ impl SerialDevice for Dawdler {
                 status: MotionStatus::Idle,
             };
             let mut out = [0; MAX_FRAME];
-            let n = Ling::encode_response(&Response::Joints(state), &mut out).unwrap();
+            let n = self.device.respond(&Response::Joints(state), None, &mut out).unwrap();
             if let Some(delay) = self.delays.pop_front().unwrap_or(Some(Micros(200))) {
                 // One line: an answer cannot overtake the one before it.
                 let after = self.replies.back().map_or(Micros(0), |&(due, _)| due);
@@ -59,7 +64,7 @@ proptest! {
         ], 0..60),
         calls in 1..30_usize,
     ) {
-        let device = Dawdler { device: Device::new(), delays: delays.into(), heard: 0, replies: VecDeque::new() };
+        let device = Dawdler { device: Device::new(Ling), delays: delays.into(), heard: 0, replies: VecDeque::new() };
         let mut wire = Wire::<Ling, _, MAX_FRAME>::new(Config::DEFAULT, device);
         for _ in 0..calls {
             let before = wire.device().heard;

@@ -1,6 +1,6 @@
-use armwire::Micros;
-use armwire::alpha1::{Action, Arm, CallError, OLDEST_FIRMWARE, OffsetTool, Outcome, Text, UsbType};
-use armwire::driver::Clock;
+use armwire::alpha1::{Action, Arm, OLDEST_FIRMWARE, OffsetTool, Outcome, Text, UsbType};
+use armwire::driver::{CallError, Clock};
+use armwire::time::Duration;
 use embedded_io_async::{Read, Write};
 
 /// Moves the robot and waits until it is there, then starts what it has by this name. Returns whether it did both.
@@ -8,12 +8,12 @@ async fn robot<P: Read + Write>(
     arm: &mut Arm<P, impl Clock>,
     clock: impl Clock,
     action: Action,
-    name: Text,
+    name: Text<'_>,
 ) -> Result<bool, CallError<P::Error>> {
     let firmware = arm.read_firmware_version().await?;
     if firmware.outcome != Outcome::Success || firmware.text < OLDEST_FIRMWARE {
-        let hardware = arm.read_hardware_version().await?;
-        println!("{hardware:?} has a firmware too old: {firmware:?}");
+        let hardware = arm.read_hardware_version(|version| version.to_string()).await?;
+        println!("{hardware} has a firmware too old: {firmware:?}");
         return Ok(false);
     }
     if arm.act(action).await? == Outcome::Failure {
@@ -21,7 +21,7 @@ async fn robot<P: Read + Write>(
     }
     // The robot does not say when a servo is there: its states say which servos are powered, moving or not.
     let time = action.time.duration().as_millis() as u64;
-    clock.wait_until(clock.now() + Micros::from_millis(time)).await;
+    clock.wait_until(clock.now() + Duration::from_millis(time)).await;
     println!("powered: {:032b}", arm.read_servo_states().await?.bits());
 
     let played = arm.play(name).await?.is_success();

@@ -1,5 +1,5 @@
-use armwire::alpha1::{Address, Angle, Arm, CallError, Interval, Led, MoveTime, Offset, Outcome, ServoId};
-use armwire::driver::Clock;
+use armwire::alpha1::{Address, Angle, Arm, Interval, Led, MoveTime, Offset, Outcome, ServoId};
+use armwire::driver::{CallError, Clock};
 use embedded_io_async::{Read, Write};
 
 /// Puts the zero of a servo off by 1° more, moves it, and gives it another id. Returns whether it did all that.

@@ -1,6 +1,6 @@
-use armwire::Micros;
-use armwire::driver::Clock;
-use armwire::ling::{Arm, CallError, Info, Move, Stroke, TemperatureLimit, Torque};
+use armwire::driver::{CallError, Clock};
+use armwire::ling::{Arm, Info, Move, Stroke, TemperatureLimit, Torque};
+use armwire::time::Duration;
 use embedded_io_async::{Read, Write};
 
 /// Moves, and makes that pose the zero if the arm gets there within 10 s. Returns who the arm is, and whether it did.
@@ -17,7 +17,7 @@ async fn tour<P: Read + Write>(
     arm.set_torque(Torque::On).await?;
     arm.move_to(target).await?;
 
-    let deadline = clock.now() + Micros::from_millis(10_000);
+    let deadline = clock.now() + Duration::from_millis(10_000);
     while clock.now() < deadline {
         let joints = arm.read_joints().await?.joints;
         let goals = target.joints.map(|(position, _speed)| position.ticks());

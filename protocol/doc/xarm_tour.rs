@@ -12,7 +12,7 @@ async fn tour<P: Read + Write>(
 ) -> Result<(P, RotationRadius, bool), ArmError<P::Error>> {
     arm.set_protocol(ProtocolId::Supervised);
     arm.heartbeat().await?;
-    let is_known = arm.read_serials().await?.value.arm().is_some();
+    let is_known = arm.read_serials(|serials| serials.arm().is_some()).await?.value;
     let by_current = arm.read_torque_source().await?.value == TorqueSource::Current;
     if is_known && by_current {
         arm.reload_dynamics().await?;
@@ -21,7 +21,8 @@ async fn tour<P: Read + Write>(
     let mut has_error = false;
     if let Ok(request) = Raw::new(READ_ERRORS, &[]) {
         // The numbers of the arm's error and warning, 0 for none.
-        has_error = matches!(arm.raw(request).await?.value.params(), [error, _] if *error != 0);
+        let errors = |answer: Raw| matches!(answer.params(), [error, _] if *error != 0);
+        has_error = arm.raw(request, errors).await?.value;
     }
     if has_error {
         arm.reboot().await?; // or arm.shut_down(), from which only a hand brings it back

@@ -2,305 +2,177 @@
 
 use core::fmt;
 
-use crate::{BufferTooShort, Decoder, Input, Noise, Protocol};
+use crate::decoder::{Decoder, Item, Kind, Span};
+use crate::framing::Reason;
+use crate::messages::Messages;
+use crate::{BufferTooShort, OutOfRange, ParseError};
 
-/// What a [`Device`] hears.
-pub enum Heard<P: Protocol> {
+/// What a [`Device`] received: `R` is the protocol's request, `K` its key.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum DeviceEvent<'a, R, K> {
     /// A request.
-    Request(P::Request),
+    Request {
+        /// The request.
+        request: R,
+        /// What its response is recognised by.
+        key: Option<K>,
+    },
     /// A good frame that is no request of the protocol.
-    Unknown(P::Error),
+    Unknown {
+        /// The frame.
+        frame: &'a [u8],
+        /// Why it is none.
+        error: ParseError,
+        /// What a response to it would be recognised by.
+        key: Option<K>,
+    },
     /// Bytes that are not part of a frame.
-    Noise(Noise),
-    /// Bytes that break a [`RELIABLE`](crate::Framing::RELIABLE) line: nothing after them can be read. Close the connection.
-    Broken(Noise),
+    Noise {
+        /// Where they start, in bytes since the device was made.
+        offset: u64,
+        /// The bytes. A run of noise may come in several events.
+        bytes: &'a [u8],
+        /// Why.
+        reason: Reason,
+    },
+    /// A lossless stream broke here: nothing after this can be read. Close the connection.
+    Broken {
+        /// Where, in bytes since the device was made.
+        offset: u64,
+        /// Why.
+        reason: Reason,
+    },
 }
 
-impl<P: Protocol> fmt::Debug for Heard<P> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Request(request) => f.debug_tuple("Request").field(request).finish(),
-            Self::Unknown(error) => f.debug_tuple("Unknown").field(error).finish(),
-            Self::Noise(noise) => f.debug_tuple("Noise").field(noise).finish(),
-            Self::Broken(noise) => f.debug_tuple("Broken").field(noise).finish(),
-        }
-    }
-}
-
-#[cfg(feature = "defmt")]
-impl<P: Protocol> defmt::Format for Heard<P>
-where
-    P::Request: defmt::Format,
-    P::Error: defmt::Format,
-{
-    fn format(&self, f: defmt::Formatter<'_>) {
-        match self {
-            Self::Request(request) => defmt::write!(f, "Request({})", request),
-            Self::Unknown(error) => defmt::write!(f, "Unknown({})", error),
-            Self::Noise(noise) => defmt::write!(f, "Noise({})", noise),
-            Self::Broken(noise) => defmt::write!(f, "Broken({})", noise),
-        }
-    }
-}
-
-impl<P: Protocol> Clone for Heard<P> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<P: Protocol> Copy for Heard<P> {}
-
-impl<P: Protocol> PartialEq for Heard<P> {
-    fn eq(&self, other: &Self) -> bool {
-        match (self, other) {
-            (Self::Request(a), Self::Request(b)) => a == b,
-            (Self::Unknown(a), Self::Unknown(b)) => a == b,
-            (Self::Noise(a), Self::Noise(b)) | (Self::Broken(a), Self::Broken(b)) => a == b,
-            _ => false,
-        }
-    }
-}
-
-/// An arm-side state machine with a buffer of `N` bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
+/// An arm-side state machine with a buffer of `N` bytes.
 ///
 /// It knows the protocol, not the arm: what a request does, and when its response goes out, is the caller's.
 ///
 /// ```
-/// use armwire::ling::{self, Ling, Request, Response, Stroke};
-/// use armwire::{Device, Heard, Input};
+/// use armwire::ling::{Ling, Request, Response, Stroke};
+/// use armwire::{Device, DeviceEvent};
 ///
-/// let mut device = Device::<Ling, { ling::MAX_FRAME }>::new();
-/// let mut input = Input::Bytes(&[0xAA, 0x04, 0x0E, 0x01, 0xFE, 0x1B, 0xFF]);
-/// assert_eq!(device.handle(&mut input), Some(Heard::Request(Request::ReadStroke)));
-/// assert_eq!(device.handle(&mut input), None);
+/// let mut device = Device::<Ling, 70>::new(Ling);
+/// assert!(device.receive(&[0xAA, 0x04, 0x0E, 0x01, 0xFE, 0x1B, 0xFF]).is_empty());
+/// let Some(DeviceEvent::Request { request: Request::ReadStroke, key }) = device.poll() else { panic!("another request") };
+/// assert_eq!(device.poll(), None);
 ///
-/// let mut out = [0; ling::MAX_FRAME];
-/// let n = device.respond(&Response::Stroke(Stroke::Mm100), &mut out)?;
+/// let mut out = [0; 70];
+/// let n = device.respond(&Response::Stroke(Stroke::Mm100), key, &mut out)?;
 /// assert_eq!(out[..n], [0xAA, 0x04, 0x0E, 0x01, 0x02, 0x2C, 0xFF]);
 /// # Ok::<(), armwire::BufferTooShort>(())
 /// ```
-pub struct Device<P: Protocol, const N: usize> {
-    decoder: Decoder<P, N>,
+pub struct Device<M: Messages, const N: usize> {
+    messages: M,
+    decoder: Decoder<N>,
+    /// That the stream broke was told.
+    broken: bool,
 }
 
-impl<P: Protocol, const N: usize> Device<P, N> {
-    /// A device that has heard nothing. Does not compile when `N` is less than
-    /// [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
-    pub const fn new() -> Self {
+impl<M: Messages, const N: usize> Device<M, N> {
+    /// A device that has received nothing.
+    pub const fn new(messages: M) -> Self {
         Self {
+            messages,
             decoder: Decoder::new(),
+            broken: false,
         }
     }
 
-    /// Takes the input and says what comes of it. Call again with the same input until it returns `None`.
-    pub fn handle(&mut self, input: &mut Input<'_>) -> Option<Heard<P>> {
-        loop {
-            match self.decoder.next(P::REQUESTS) {
-                Some(Ok(frame)) => {
-                    return Some(match P::parse_request(frame) {
-                        Ok(request) => Heard::Request(request),
-                        Err(error) => Heard::Unknown(error),
-                    });
-                }
-                Some(Err(noise)) => {
-                    let broken = self.decoder.is_broken();
-                    return Some(if broken {
-                        Heard::Broken(noise)
-                    } else {
-                        Heard::Noise(noise)
-                    });
-                }
-                None => {}
-            }
-            match input {
-                Input::Bytes(bytes) if !bytes.is_empty() => *bytes = self.decoder.push(bytes),
-                Input::Idle => match self.decoder.idle(P::REQUESTS) {
-                    Some(noise) => return Some(Heard::Noise(noise)),
-                    None if self.decoder.need(P::REQUESTS) == 0 => {}
-                    None => return None,
-                },
-                Input::Bytes(_) | Input::Tick => return None,
-            }
-        }
+    /// Room to read or DMA into; say with [`received`](Self::received) how many bytes arrived. Never empty once
+    /// [`poll`](Self::poll) has returned `None`.
+    pub fn space(&mut self) -> &mut [u8] {
+        self.decoder.space()
     }
 
-    /// Writes a response at the front of `out` and returns its length in bytes.
+    /// The first `n` bytes of [`space`](Self::space) arrived.
     ///
     /// # Errors
     ///
-    /// [`BufferTooShort`]; never when `out` has [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME) bytes.
-    pub fn respond(&self, response: &P::Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        P::encode_response(response, out)
+    /// [`OutOfRange`] when that is more than there is room for. Nothing is accepted then.
+    pub fn received(&mut self, n: usize) -> Result<(), OutOfRange<usize>> {
+        self.decoder.commit(n)
     }
-}
 
-impl<P: Protocol, const N: usize> Default for Device<P, N> {
-    fn default() -> Self {
-        Self::new()
+    /// Copies in as much of the bytes that arrived as there is room for and returns the rest: poll until there is no event, then
+    /// put it in.
+    #[must_use = "bytes for which there is no room are returned"]
+    pub fn receive<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
+        self.decoder.push(bytes)
     }
-}
 
-impl<P: Protocol, const N: usize> fmt::Debug for Device<P, N> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Device").field("decoder", &self.decoder).finish()
+    /// The UART reported an idle line. Never call it for a gap between USB packets or TCP segments.
+    pub const fn idle(&mut self) {
+        self.decoder.idle();
     }
-}
 
-#[cfg(all(test, feature = "xarm"))]
-mod tests {
-    use super::*;
-    use crate::Reason;
-    use crate::xarm::{self, HEARTBEAT, Request, XArm};
+    /// What was received next; `None` when more bytes are needed.
+    pub fn poll(&mut self) -> Option<DeviceEvent<'_, M::Request<'_>, M::Key>> {
+        let span = self.next_span()?;
+        Some(self.event(span))
+    }
 
-    #[test]
-    fn a_broken_connection_is_told_once_and_nothing_is_heard_after_it() {
-        let mut device = Device::<XArm, { xarm::MAX_FRAME }>::new();
-        let broken = Heard::Broken(Noise {
-            offset: 8,
-            len: 3,
-            reason: Reason::Byte {
-                offset: 2,
-                expected: &[0],
-                got: 1,
+    /// The next item that is not padding, and not behind a break that was told.
+    fn next_span(&mut self) -> Option<Span> {
+        while let Some(span) = self.decoder.advance(&self.messages, self.messages.requests()) {
+            match span.kind {
+                Kind::Padding => {}
+                Kind::Broken(_) if self.broken => {}
+                Kind::Frame | Kind::Noise(_) | Kind::Broken(_) => return Some(span),
+            }
+        }
+        None
+    }
+
+    /// What comes of an item.
+    fn event(&mut self, span: Span) -> DeviceEvent<'_, M::Request<'_>, M::Key> {
+        let Item { offset, kind, bytes } = self.decoder.item(span);
+        match kind {
+            Kind::Noise(reason) => return DeviceEvent::Noise { offset, bytes, reason },
+            Kind::Broken(reason) => {
+                self.broken = true;
+                return DeviceEvent::Broken { offset, reason };
+            }
+            Kind::Frame | Kind::Padding => {}
+        }
+        let key = self.messages.request(bytes).map(|info| info.key);
+        match self.messages.parse_request(bytes) {
+            Ok(request) => DeviceEvent::Request { request, key },
+            Err(error) => DeviceEvent::Unknown {
+                frame: bytes,
+                error,
+                key,
             },
-        });
-        for (bytes, expected) in [
-            (&HEARTBEAT[..], Some(Heard::Request(Request::Heartbeat))),
-            (&[0, 1, 1], Some(broken)),
-            (&HEARTBEAT, None),
-        ] {
-            let mut input = Input::Bytes(bytes);
-            assert_eq!(device.handle(&mut input), expected);
-            assert_eq!(device.handle(&mut input), None);
-            assert!(matches!(input, Input::Bytes([])), "all of it is taken");
-            assert_eq!(device.handle(&mut Input::Idle), None);
         }
+    }
+
+    /// Writes a response to the request with this key, or one that answers nothing, at the front of `out` and returns its length
+    /// in bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`BufferTooShort`] when `out` has no room for it.
+    pub fn respond(
+        &self,
+        response: &M::Response<'_>,
+        to: Option<M::Key>,
+        out: &mut [u8],
+    ) -> Result<usize, BufferTooShort> {
+        self.messages.encode_response(response, to, out)
     }
 }
 
-#[cfg(test)]
-mod idle_tests {
-    use core::convert::Infallible;
-
-    use super::*;
-    use crate::{Framing, Reason, Reply, Scan};
-
-    /// A frame is 7E and one byte, or 7E and silence.
-    enum Terse {}
-
-    impl Framing for Terse {
-        const MAX_FRAME: usize = 2;
-        const RELIABLE: bool = false;
-        type Expect = ();
-        type Frame<'a> = Option<u8>;
-
-        fn scan(window: &[u8], (): ()) -> Scan {
-            match window {
-                [] | [0x7E] => Scan::Need(1),
-                [0x7E, ..] => Scan::Frame(2),
-                _ => Scan::Skip(1, Reason::Stray),
-            }
-        }
-
-        fn scan_idle(_window: &[u8], (): (), _missing: usize) -> Scan {
-            Scan::Frame(1)
-        }
-
-        fn view(bytes: &[u8]) -> Option<Option<u8>> {
-            Some(bytes.get(1).copied())
-        }
+impl<M: Messages + Default, const N: usize> Default for Device<M, N> {
+    fn default() -> Self {
+        Self::new(M::default())
     }
+}
 
-    impl Protocol for Terse {
-        const REQUESTS: () = ();
-        const IDENTIFIED: bool = false;
-        type Request = Option<u8>;
-        type Response = ();
-        type ResponseRef<'a> = ();
-        type Error = Infallible;
-
-        fn encode_request(_request: &Option<u8>, _out: &mut [u8]) -> Result<usize, BufferTooShort> {
-            Ok(0)
-        }
-
-        fn encode_response((): &(), _out: &mut [u8]) -> Result<usize, BufferTooShort> {
-            Ok(0)
-        }
-
-        fn parse_request(frame: Option<u8>) -> Result<Option<u8>, Infallible> {
-            Ok(frame)
-        }
-
-        fn parse_response_ref<'a>(_frame: Self::Frame<'a>, (): ()) -> Result<Self::ResponseRef<'a>, Infallible> {
-            Ok(())
-        }
-
-        fn to_response((): &()) {}
-
-        fn response_ref((): &()) {}
-
-        fn expect(_request: Option<&Option<u8>>) {}
-
-        fn reply(_request: &Option<u8>) -> Option<Reply> {
-            None
-        }
-
-        fn answers(_request: &Option<u8>, (): &()) -> bool {
-            false
-        }
-
-        fn is_response_to(_request: &Option<u8>, _frame: Option<u8>) -> bool {
-            false
-        }
-
-        fn repeatable(_request: &Option<u8>) -> bool {
-            false
-        }
-    }
-
-    #[test]
-    fn what_is_heard_is_the_same_only_if_all_of_it_is() {
-        let noise = |len| Noise {
-            offset: 0,
-            len,
-            reason: Reason::Stray,
-        };
-        let all: [Heard<Terse>; 6] = [
-            Heard::Request(None),
-            Heard::Request(Some(1)),
-            Heard::Noise(noise(1)),
-            Heard::Noise(noise(2)),
-            Heard::Broken(noise(1)),
-            Heard::Broken(noise(2)),
-        ];
-        for (i, one) in all.iter().enumerate() {
-            for (j, other) in all.iter().enumerate() {
-                assert_eq!(one == other, i == j, "{one:?} and {other:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn noise_breaks_no_line_that_is_not_reliable() {
-        let mut device = Device::<Terse, 2>::new();
-        let mut input = Input::Bytes(&[1, 0x7E, 5]);
-        let noise = Noise {
-            offset: 0,
-            len: 1,
-            reason: Reason::Stray,
-        };
-        assert_eq!(device.handle(&mut input), Some(Heard::Noise(noise)));
-        assert_eq!(device.handle(&mut input), Some(Heard::Request(Some(5))));
-    }
-
-    #[test]
-    fn a_request_that_silence_ends_is_heard_when_the_line_goes_idle() {
-        let mut device = Device::<Terse, 2>::new();
-        assert_eq!(device.handle(&mut Input::Bytes(&[0x7E])), None);
-        assert_eq!(device.handle(&mut Input::Idle), Some(Heard::Request(None)));
-        assert_eq!(device.handle(&mut Input::Idle), None);
-        let mut input = Input::Bytes(&[0x7E, 5]);
-        assert_eq!(device.handle(&mut input), Some(Heard::Request(Some(5))));
+impl<M: Messages, const N: usize> fmt::Debug for Device<M, N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Device")
+            .field("decoder", &self.decoder)
+            .finish_non_exhaustive()
     }
 }

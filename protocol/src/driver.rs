@@ -7,41 +7,44 @@ use core::task::Poll;
 
 use embedded_io_async::{Read, Write};
 
-use crate::{Client, Config, Event, Input, Micros, Noise, OutOfRange, Protocol};
+use crate::framing::Reason;
+use crate::messages::Messages;
+use crate::time::Instant;
+use crate::{Cause, Client, Config, Event, MessageId, OutOfRange, Output, ParseError, SubmitError};
 
 /// A monotonic clock that can also wait: the driver's only need of a runtime.
 ///
 /// ```no_run
-/// use armwire::Micros;
 /// use armwire::driver::Clock;
-/// use embassy_time::{Instant, Timer};
+/// use armwire::time::Instant;
+/// use embassy_time::Timer;
 ///
 /// struct Embassy;
 ///
 /// impl Clock for Embassy {
-///     fn now(&self) -> Micros {
-///         Micros(Instant::now().as_micros())
+///     fn now(&self) -> Instant {
+///         Instant::from_micros(embassy_time::Instant::now().as_micros())
 ///     }
 ///
-///     async fn wait_until(&self, instant: Micros) {
-///         Timer::at(Instant::from_micros(instant.0)).await;
+///     async fn wait_until(&self, instant: Instant) {
+///         Timer::at(embassy_time::Instant::from_micros(instant.as_micros())).await;
 ///     }
 /// }
 /// ```
 pub trait Clock {
     /// Now.
-    fn now(&self) -> Micros;
+    fn now(&self) -> Instant;
 
     /// Resolves at `instant`, or at once if it is past.
-    fn wait_until(&self, instant: Micros) -> impl Future<Output = ()>;
+    fn wait_until(&self, instant: Instant) -> impl Future<Output = ()>;
 }
 
 impl<C: Clock> Clock for &C {
-    fn now(&self) -> Micros {
+    fn now(&self) -> Instant {
         C::now(self)
     }
 
-    fn wait_until(&self, instant: Micros) -> impl Future<Output = ()> {
+    fn wait_until(&self, instant: Instant) -> impl Future<Output = ()> {
         C::wait_until(self, instant)
     }
 }
@@ -52,21 +55,28 @@ impl<C: Clock> Clock for &C {
 /// many reads give may pass an old answer off as a new one.
 pub const READS_BEFORE_SEND: usize = 256;
 
-/// Why a call failed: `E` is the error of the port, `R` the [`Protocol::Error`].
+/// Why a call failed: `E` is the error of the port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum CallError<E, R> {
+pub enum CallError<E> {
     /// The port failed.
     Io(E),
-    /// The port says that it took more bytes than it was given.
-    TookTooMany(OutOfRange<usize>),
     /// The port took or gave no bytes where it must: it is closed.
     Closed,
-    /// What arrived cannot be read, nor can anything after it: the connection must be closed.
-    Broken(Noise),
+    /// The port says that it took or gave more bytes than there were.
+    Port(OutOfRange<usize>),
+    /// The client did not accept the request.
+    Submit(SubmitError),
+    /// A lossless stream broke: nothing after this can be read, and the connection must be closed.
+    Broken {
+        /// Where, in bytes since the driver was made.
+        offset: u64,
+        /// Why.
+        reason: Reason,
+    },
     /// The arm's answer has a value or a length that the protocol does not have, for this reason.
-    Unacceptable(R),
+    Unacceptable(ParseError),
     /// The arm did not answer.
     TimedOut {
         /// How often the request was sent.
@@ -74,13 +84,14 @@ pub enum CallError<E, R> {
     },
 }
 
-impl<E: fmt::Display, R: fmt::Display> fmt::Display for CallError<E, R> {
+impl<E: fmt::Display> fmt::Display for CallError<E> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Io(error) => write!(f, "the port failed: {error}"),
-            Self::TookTooMany(error) => write!(f, "the port took more than it was given: {error}"),
             Self::Closed => f.write_str("the port is closed"),
-            Self::Broken(noise) => write!(f, "the connection is broken: {noise}"),
+            Self::Port(error) => write!(f, "the port miscounts: {error}"),
+            Self::Submit(error) => error.fmt(f),
+            Self::Broken { offset, reason } => write!(f, "the connection is broken: byte {offset}: {reason}"),
             Self::Unacceptable(error) => write!(f, "the arm's answer cannot be accepted: {error}"),
             Self::TimedOut { sends: 1 } => f.write_str("the arm did not answer"),
             Self::TimedOut { sends } => write!(f, "the arm did not answer, asked {sends} times"),
@@ -88,16 +99,13 @@ impl<E: fmt::Display, R: fmt::Display> fmt::Display for CallError<E, R> {
     }
 }
 
-impl<E, R> core::error::Error for CallError<E, R>
-where
-    E: core::error::Error + 'static,
-    R: core::error::Error + 'static,
-{
+impl<E: core::error::Error + 'static> core::error::Error for CallError<E> {
     fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
         match self {
             Self::Io(error) => Some(error),
-            Self::TookTooMany(error) => Some(error),
-            Self::Broken(noise) => Some(noise),
+            Self::Port(error) => Some(error),
+            Self::Submit(error) => Some(error),
+            Self::Broken { reason, .. } => Some(reason),
             Self::Unacceptable(error) => Some(error),
             Self::Closed | Self::TimedOut { .. } => None,
         }
@@ -120,9 +128,26 @@ pub struct Counters {
     pub echoes: u32,
 }
 
+impl Counters {
+    /// Counts an event that ends no call.
+    fn count<R>(&mut self, event: &Event<'_, R>) {
+        let (count, n) = match event {
+            Event::Noise { bytes, .. } => (&mut self.noise_bytes, bytes.len() as u32),
+            Event::Unknown { .. } => (&mut self.unknown, 1),
+            Event::Late(_) => (&mut self.late, 1),
+            Event::Unsolicited(_) => (&mut self.unsolicited, 1),
+            Event::Echo => (&mut self.echoes, 1),
+            Event::Answer(_) | Event::Unacceptable(_) | Event::Sent | Event::TimedOut { .. } | Event::Broken { .. } => {
+                return;
+            }
+        };
+        *count = count.wrapping_add(n);
+    }
+}
+
 /// A client that owns its port.
 ///
-/// `N` is the size of its buffers in bytes, at least [`Framing::MAX_FRAME`](crate::Framing::MAX_FRAME).
+/// `N` is the size of its buffers in bytes; 260 hold every message.
 ///
 /// **The port** must keep what arrives between reads, and a read that is dropped must lose nothing: every time-out
 /// drops one. A UART with a receive buffer does so. A port that takes no bytes stalls a call for as long: put a
@@ -137,32 +162,36 @@ pub struct Counters {
 /// ```
 /// # use armwire::driver::Clock;
 /// # use embedded_io_async::{Read, Write};
-/// use armwire::driver::{Counters, Driver};
-/// use armwire::ling::{CallError, Ling, MAX_FRAME, Request, Response};
+/// use armwire::driver::{CallError, Counters, Driver};
+/// use armwire::ling::{JointState, Ling, Request, Response};
 /// use armwire::Config;
 ///
-/// async fn listen<P: Read + Write>(port: P, clock: impl Clock) -> Result<(P, Counters), CallError<P::Error>> {
-///     let mut driver = Driver::<Ling, P, _, MAX_FRAME>::new(port, clock, Config::default());
-///     let answer: Option<Response> = driver.call(Request::ReadJoints).await?;
-///     let heard = driver.counters();
-///     let (port, _clock) = driver.into_parts();
-///     Ok((port, heard))
+/// async fn joints<P: Read + Write>(port: P, clock: impl Clock) -> Result<Option<JointState>, CallError<P::Error>> {
+///     let mut driver = Driver::<Ling, P, _, 70>::new(Ling, port, clock, Config::default());
+///     let joints = driver.call(&Request::ReadJoints, |response| match response {
+///         Response::Joints(state) => Some(state),
+///         _ => None,
+///     });
+///     let joints = joints.await?.flatten();
+///     let _counters: Counters = driver.counters();
+///     let (_port, _clock) = driver.into_parts();
+///     Ok(joints)
 /// }
 /// ```
-pub struct Driver<P: Protocol, Port, C, const N: usize> {
+pub struct Driver<M: Messages, Port, C, const N: usize> {
     port: Port,
     clock: C,
-    client: Client<P, N>,
+    client: Client<M, N>,
     counters: Counters,
 }
 
-impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, C, N> {
+impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, C, N> {
     /// A driver for the arm at the other end of `port`.
-    pub const fn new(port: Port, clock: C, config: Config) -> Self {
+    pub const fn new(messages: M, port: Port, clock: C, config: Config) -> Self {
         Self {
             port,
             clock,
-            client: Client::new(config),
+            client: Client::new(messages, config),
             counters: Counters {
                 noise_bytes: 0,
                 unknown: 0,
@@ -173,73 +202,83 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
         }
     }
 
-    /// Sends a request and waits for its answer; `None` for a request the arm does not answer, once it is written.
+    /// Sends a request, waits for its answer, and returns what `take` makes of it; `None` for a request the arm does not answer,
+    /// once it is written.
     ///
-    /// What has arrived is read before the request is sent, with at most [`READS_BEFORE_SEND`] reads. Bytes that do not
-    /// end delay neither the answer nor the time-out.
+    /// What has arrived is read before the request is sent, with at most [`READS_BEFORE_SEND`] reads, and with one at most
+    /// before a request without an answer. Bytes that do not end delay neither the answer nor the time-out.
     ///
     /// # Errors
     ///
     /// [`CallError`] when the port fails, the connection is broken, or the arm does not answer or gives an answer that is
     /// none.
-    pub async fn call(&mut self, request: P::Request) -> Result<Option<P::Response>, CallError<Port::Error, P::Error>> {
-        // Whatever is in flight here belongs to a call that was dropped, or failed.
-        self.client.cancel(self.clock.now());
-        // So this cannot be refused.
-        let _ = self.client.submit(request);
-        let mut reads = 0_usize;
+    pub async fn call<T>(
+        &mut self,
+        request: &M::Request<'_>,
+        take: impl FnOnce(M::Response<'_>) -> T,
+    ) -> Result<Option<T>, CallError<Port::Error>> {
+        // What is in flight here belongs to a call that was dropped, or failed.
+        self.client.cancel();
+        self.finish().await?;
+        self.client.submit(request).map_err(CallError::Submit)?;
+        let most = match self.client.expects_answer() {
+            true => READS_BEFORE_SEND,
+            false => 1,
+        };
+        let (mut reads, mut drained) = (0, false);
         loop {
-            let mut buf = [0; N];
-            // With nothing to wait for this takes what has arrived, so that no old answer is taken for a new one.
-            let due = self.client.poll_timeout().unwrap_or_default();
-            let mut input = match first(self.port.read(&mut buf), self.clock.wait_until(due)).await {
-                None => Input::Tick,
-                Some(Err(error)) => return Err(CallError::Io(error)),
-                Some(Ok(0)) => return Err(CallError::Closed),
-                Some(Ok(n)) => Input::Bytes(buf.get(..n).unwrap_or_default()),
-            };
-            let drained = matches!(input, Input::Tick);
-            let mut outcome = None;
-            // To the end, even once the answer is there: what follows it in the same read would be lost.
-            while let Some(event) = self.client.handle(self.clock.now(), &mut input) {
-                match event {
-                    Event::Answer(response) => outcome = Some(Ok(Some(response))),
-                    Event::Unacceptable(error) => outcome = Some(Err(CallError::Unacceptable(error))),
-                    Event::Sent => outcome = Some(Ok(None)),
-                    Event::TimedOut { sends } => outcome = Some(Err(CallError::TimedOut { sends })),
-                    Event::Broken(noise) => outcome = Some(outcome.unwrap_or(Err(CallError::Broken(noise)))),
-                    other => self.count(&other),
+            let until = match self.client.poll(self.clock.now()) {
+                Output::Transmit(bytes) if drained || reads >= most => {
+                    let n = write(&mut self.port, bytes).await?;
+                    self.transmitted(n)?;
+                    continue;
                 }
-            }
-            if let Some(outcome) = outcome {
-                return outcome;
-            }
+                // What has arrived already is read first, so that no old answer is taken for a new one.
+                Output::Transmit(_) => Instant::ZERO,
+                Output::Timeout(until) => until.unwrap_or_default(),
+                Output::Event(Event::Answer(response)) => return Ok(Some(take(response))),
+                Output::Event(Event::Sent) => return Ok(None),
+                Output::Event(Event::Unacceptable(error)) => return Err(CallError::Unacceptable(error)),
+                Output::Event(Event::TimedOut { sends }) => return Err(CallError::TimedOut { sends }),
+                Output::Event(Event::Broken { offset, reason }) => return Err(CallError::Broken { offset, reason }),
+                Output::Event(other) => {
+                    self.counters.count(&other);
+                    continue;
+                }
+            };
+            drained = !self.read_once(until).await?;
             reads = reads.saturating_add(1);
-            // Torque off does not wait for an arm that never stops talking.
-            if drained || reads >= READS_BEFORE_SEND || P::reply(&request).is_none() {
-                self.write().await?;
-            }
         }
     }
 
-    /// Makes a call that has an answer. `take` must take every answer the request may get.
+    /// Makes a call that has an answer. `take` takes every answer that the dialect lets through to the request.
     #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
     pub(crate) async fn read<T>(
         &mut self,
-        request: P::Request,
-        take: fn(P::Response) -> Option<T>,
-    ) -> Result<T, CallError<Port::Error, P::Error>> {
-        loop {
-            // The client lets only answers to this request through, so the first one is it.
-            if let Some(answer) = self.call(request).await?.and_then(take) {
-                return Ok(answer);
-            }
-        }
+        request: &M::Request<'_>,
+        take: impl FnOnce(M::Response<'_>) -> Option<T>,
+    ) -> Result<T, CallError<Port::Error>> {
+        let answer = self.call(request, take).await?;
+        answer.flatten().ok_or(CallError::Unacceptable(ParseError {
+            message: MessageId::None,
+            cause: Cause::Unknown,
+        }))
     }
 
-    /// What was heard besides answers, since the driver was made.
+    /// Makes a call whose answer, if there is one, says nothing.
+    #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
+    pub(crate) async fn tell(&mut self, request: &M::Request<'_>) -> Result<(), CallError<Port::Error>> {
+        self.call(request, |_| ()).await.map(drop)
+    }
+
+    /// What was received besides answers, since the driver was made.
     pub const fn counters(&self) -> Counters {
         self.counters
+    }
+
+    /// The protocol, to change what later requests are like.
+    pub const fn messages_mut(&mut self) -> &mut M {
+        self.client.messages_mut()
     }
 
     /// The port and the clock.
@@ -247,41 +286,55 @@ impl<P: Protocol, Port: Read + Write, C: Clock, const N: usize> Driver<P, Port, 
         (self.port, self.clock)
     }
 
-    async fn write(&mut self) -> Result<(), CallError<Port::Error, P::Error>> {
-        let mut wrote = false;
-        while let Some(bytes) = self.client.poll_transmit(self.clock.now()) {
-            match self.port.write(bytes).await {
-                Ok(0) => return Err(CallError::Closed),
-                Ok(n) => self
-                    .client
-                    .transmitted(self.clock.now(), n)
-                    .map_err(CallError::TookTooMany)?,
-                Err(error) => return Err(CallError::Io(error)),
+    /// Transmits the rest of a request whose call was dropped.
+    async fn finish(&mut self) -> Result<(), CallError<Port::Error>> {
+        while !self.client.is_idle() {
+            match self.client.poll(self.clock.now()) {
+                Output::Transmit(bytes) => {
+                    let n = write(&mut self.port, bytes).await?;
+                    self.transmitted(n)?;
+                }
+                Output::Event(Event::Broken { offset, reason }) => return Err(CallError::Broken { offset, reason }),
+                Output::Event(other) => self.counters.count(&other),
+                Output::Timeout(_) => break,
             }
-            wrote = true;
-        }
-        if wrote {
-            self.port.flush().await.map_err(CallError::Io)?;
         }
         Ok(())
     }
 
-    fn count(&mut self, event: &Event<P>) {
-        let (count, n) = match event {
-            Event::Noise(noise) => (&mut self.counters.noise_bytes, noise.len as u32),
-            Event::Unknown(_) => (&mut self.counters.unknown, 1),
-            Event::Late(_) => (&mut self.counters.late, 1),
-            Event::Unsolicited(_) => (&mut self.counters.unsolicited, 1),
-            Event::Echo => (&mut self.counters.echoes, 1),
-            Event::Answer(_) | Event::Unacceptable(_) | Event::Sent | Event::TimedOut { .. } | Event::Broken(_) => {
-                return;
+    fn transmitted(&mut self, n: usize) -> Result<(), CallError<Port::Error>> {
+        let now = self.clock.now();
+        self.client.transmitted(now, n).map_err(CallError::Port)
+    }
+
+    /// Reads once. Returns whether bytes came before this time.
+    async fn read_once(&mut self, until: Instant) -> Result<bool, CallError<Port::Error>> {
+        match first(self.port.read(self.client.space()), self.clock.wait_until(until)).await {
+            None => Ok(false),
+            Some(Err(error)) => Err(CallError::Io(error)),
+            Some(Ok(0)) => Err(CallError::Closed),
+            Some(Ok(n)) => {
+                let now = self.clock.now();
+                self.client.received(now, n).map_err(CallError::Port)?;
+                Ok(true)
             }
-        };
-        *count = count.wrapping_add(n);
+        }
     }
 }
 
-impl<P: Protocol, Port, C, const N: usize> fmt::Debug for Driver<P, Port, C, N> {
+/// Writes bytes, and flushes once all are written. Returns how many the port took.
+async fn write<Port: Write>(port: &mut Port, bytes: &[u8]) -> Result<usize, CallError<Port::Error>> {
+    let n = port.write(bytes).await.map_err(CallError::Io)?;
+    if n == 0 {
+        return Err(CallError::Closed);
+    }
+    if n == bytes.len() {
+        port.flush().await.map_err(CallError::Io)?;
+    }
+    Ok(n)
+}
+
+impl<M: Messages, Port, C, const N: usize> fmt::Debug for Driver<M, Port, C, N> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Driver")
             .field("client", &self.client)

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::Reason;
+use crate::framing::Reason;
 
 /// A buffer too short for what was to be written into it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +54,30 @@ pub struct OutOfRange<T = u16> {
 /// A count is a quantity too, so that one `?` takes both.
 impl From<OutOfRange> for OutOfRange<f32> {
     fn from(count: OutOfRange) -> Self {
+        Self {
+            what: count.what,
+            unit: count.unit,
+            got: count.got.into(),
+            min: count.min.into(),
+            max: count.max.into(),
+        }
+    }
+}
+
+impl From<OutOfRange> for OutOfRange<i32> {
+    fn from(count: OutOfRange) -> Self {
+        Self {
+            what: count.what,
+            unit: count.unit,
+            got: count.got.into(),
+            min: count.min.into(),
+            max: count.max.into(),
+        }
+    }
+}
+
+impl From<OutOfRange<i16>> for OutOfRange<i32> {
+    fn from(count: OutOfRange<i16>) -> Self {
         Self {
             what: count.what,
             unit: count.unit,
@@ -119,6 +143,168 @@ impl fmt::Display for EncodeError {
 }
 
 impl core::error::Error for EncodeError {}
+
+/// A good frame that is no message of its document: which message it would be, what is wrong with it, and where.
+///
+/// ```
+/// use armwire::alpha1::Alpha1;
+/// use armwire::ling::Ling;
+/// use armwire::messages::Messages;
+/// use armwire::Cause;
+///
+/// let joints = [0xAA, 0x06, 0x00, 0x03, 0x00, 0x00, 0x00, 0x5F, 0xFF];
+/// let error = Ling.parse_response(&joints, ()).unwrap_err();
+/// assert_eq!(error.cause, Cause::Length { expected: &[15], got: 3 });
+/// assert_eq!(error.to_string(), "command 06 function 00: 3 data bytes, expected 15");
+///
+/// let usb_type = [0xF9, 0x9F, 4, 0, 0, 0, 0, 0, 4, 0xED];
+/// let error = Alpha1.parse_request(&usb_type).unwrap_err();
+/// assert_eq!(error.to_string(), "command F9: data byte 0 is 04, must be 01 or 02 or 03");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ParseError {
+    /// Which message the frame would be.
+    pub message: MessageId,
+    /// What is wrong with it.
+    pub cause: Cause,
+}
+
+/// What names a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[non_exhaustive]
+pub enum MessageId {
+    /// Nothing: the bytes are no frame.
+    None,
+    /// A command.
+    Command(u8),
+    /// A command and a function within it.
+    Function {
+        /// The command.
+        command: u8,
+        /// The function.
+        function: u8,
+    },
+    /// A register.
+    Register(u8),
+    /// Standard Modbus.
+    Modbus {
+        /// The unit.
+        unit: u8,
+        /// The function, without the bit of a refusal.
+        function: u8,
+    },
+}
+
+/// What is wrong with a message. Offsets are in bytes from the start of its data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+// Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
+#[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
+#[non_exhaustive]
+pub enum Cause {
+    /// The document has no such message in this direction.
+    Unknown,
+    /// An answer of a servo, or the shape of one, where none is expected: its request cannot be told.
+    Unexpected,
+    /// A frame of the robot's Bluetooth protocol.
+    Bluetooth,
+    /// A command that starts the boot loader of a servo, which this crate does not offer.
+    BootLoader,
+    /// The data has the wrong length.
+    Length {
+        /// The lengths it may have, in bytes.
+        expected: &'static [usize],
+        /// Its length, in bytes.
+        got: usize,
+    },
+    /// A byte with few allowed values has another.
+    Byte {
+        /// The byte's place.
+        offset: usize,
+        /// The allowed values.
+        expected: &'static [u8],
+        /// The byte.
+        got: u8,
+    },
+    /// A value is out of its range.
+    Value {
+        /// The value's place.
+        offset: usize,
+        /// The value and its range.
+        error: OutOfRange<i32>,
+    },
+}
+
+impl Cause {
+    /// A value out of its range.
+    pub(crate) fn value(offset: usize, error: impl Into<OutOfRange<i32>>) -> Self {
+        let error = error.into();
+        Self::Value { offset, error }
+    }
+}
+
+impl fmt::Display for ParseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.message, self.cause)
+    }
+}
+
+impl fmt::Display for MessageId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None => f.write_str("no frame"),
+            Self::Command(command) => write!(f, "command {command:02X}"),
+            Self::Function { command, function } => write!(f, "command {command:02X} function {function:02X}"),
+            Self::Register(register) => write!(f, "register {register}"),
+            Self::Modbus { unit, function } => write!(f, "standard Modbus, unit {unit}, function {function}"),
+        }
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Unknown => f.write_str("unknown"),
+            Self::Unexpected => f.write_str("an answer of a servo, but none is expected"),
+            Self::Bluetooth => f.write_str("a frame of the robot's Bluetooth protocol"),
+            Self::BootLoader => f.write_str("it would start a servo's boot loader, which is not offered"),
+            Self::Length { expected, got } => {
+                write!(f, "{got} data bytes, expected ")?;
+                write_either(f, expected, |f, length| write!(f, "{length}"))
+            }
+            Self::Byte { offset, expected, got } => {
+                write!(f, "data byte {offset} is {got:02X}, must be ")?;
+                write_either(f, expected, |f, byte| write!(f, "{byte:02X}"))
+            }
+            Self::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
+        }
+    }
+}
+
+impl core::error::Error for ParseError {}
+
+/// Data of a known length, or the error that says which it should have.
+#[cfg(any(feature = "ling", feature = "alpha1"))]
+pub(crate) fn sized<'a, const N: usize>(data: &'a [u8], expected: &'static [usize]) -> Result<&'a [u8; N], Cause> {
+    let got = data.len();
+    data.try_into().map_err(|_| Cause::Length { expected, got })
+}
+
+/// Checks data that always is the same, `offset` bytes from the start of all data.
+#[cfg(feature = "alpha1")]
+pub(crate) fn constant<const N: usize>(offset: usize, data: &[u8; N], expected: &'static [u8; N]) -> Result<(), Cause> {
+    for (i, (got, expected)) in data.iter().zip(expected.chunks(1)).enumerate() {
+        if expected != [*got] {
+            return Err(Cause::Byte {
+                offset: offset.saturating_add(i),
+                expected,
+                got: *got,
+            });
+        }
+    }
+    Ok(())
+}
 
 /// Writes what may be instead of what is: `a or b or c`.
 pub(crate) fn write_either<T>(

@@ -1,55 +1,51 @@
 //! Where frames begin and end.
 
-use core::fmt;
+use core::fmt::{self, Debug};
 
 use crate::error::write_either;
 
-/// What a [`Framing`] makes of the bytes at the front of a window.
+/// The verdict of a [`Framing`] on the front of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Scan {
-    /// No verdict before this many more bytes arrive (at least one).
+    /// No verdict before this many more bytes have arrived, at least one. Once the header gives the frame's length, it is
+    /// exactly the number of bytes that the frame lacks.
     Need(usize),
     /// The first `n` bytes are a frame.
     Frame(usize),
-    /// The first `n` bytes (at least one) belong to no frame. They may be more than the window has, where a length says
-    /// where the next frame begins.
-    Skip(usize, Reason),
-    /// The first `n` bytes (at least one) show that nothing from here on can be read. Only on a
-    /// [`RELIABLE`](Framing::RELIABLE) line.
-    Broken(usize, Reason),
-    /// The first `n` bytes (at least one) fill the room between frames, as zeros fill a USB HID report. They are no
-    /// error and are dropped without a word.
-    Fill(usize),
+    /// The first `n` bytes, at least one, belong to no frame. Where the length of a refused frame is known, `n` may reach
+    /// past the window.
+    Noise(usize, Reason),
+    /// The first `n` bytes, at least one, fill the room between frames, as zeros do in a USB HID report. They are no error.
+    Padding(usize),
+    /// Nothing from here on can be read. Only on a [`LOSSLESS`](Framing::LOSSLESS) line.
+    Broken(Reason),
 }
 
-/// Why bytes were not part of a frame.
+/// Why bytes belong to no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+// Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
+#[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
 #[non_exhaustive]
-// On a microcontroller fields lie as declared: behind a tag of two bytes there are two or four, then words. To copy three bytes
-// at an odd address a Cortex-M0 calls `memcpy`, which takes nearly as much stack as the decoder. A computer is faster with what
-// the compiler chooses. The layout is no promise.
-#[cfg_attr(target_pointer_width = "32", repr(u16))]
 pub enum Reason {
     /// No frame starts here.
     Stray,
-    /// A frame seemed to start here, but no message of this protocol has such a length.
+    /// A frame seemed to start here, but no frame of this protocol, or none that the decoder has room for, has such a length.
     Length {
-        /// The least that the length field of a message may say.
+        /// The least that the length may be.
         min: u16,
-        /// The most that the length field of a message may say.
+        /// The most that the length may be.
         max: u16,
-        /// What it said.
+        /// The length.
         got: u16,
     },
-    /// A frame seemed to start here, but a byte that may have few values has another.
+    /// A frame seemed to start here, but a byte with few allowed values has another.
     Byte {
-        /// Where it is, in bytes from the start of the frame.
+        /// The byte's place, counted from the start of the frame.
         offset: u8,
-        /// What it is.
+        /// The byte.
         got: u8,
-        /// What it may be.
+        /// The allowed values.
         expected: &'static [u8],
     },
     /// A frame seemed to start here, but its checksum does not match.
@@ -59,9 +55,9 @@ pub enum Reason {
         /// The checksum that arrived with them.
         got: u8,
     },
-    /// A frame seemed to start here, but its end mark is missing.
+    /// A frame seemed to start here, but its terminator is missing.
     Tail {
-        /// The end mark of this protocol.
+        /// The terminator of this protocol.
         expected: u8,
         /// The byte in its place.
         got: u8,
@@ -89,78 +85,64 @@ impl fmt::Display for Reason {
     }
 }
 
-/// A run of bytes that was dropped, and why.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Noise {
-    /// Where the run starts, in bytes since the decoder was made.
-    pub offset: u64,
-    /// How many bytes were dropped.
-    pub len: usize,
-    /// Why.
-    pub reason: Reason,
-}
-
-impl fmt::Display for Noise {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} bytes at {}: {}", self.len, self.offset, self.reason)
-    }
-}
-
-impl core::error::Error for Noise {}
+impl core::error::Error for Reason {}
 
 /// Where frames begin and end on one kind of line.
 ///
-/// An implementation is stateless: it is shown the bytes received so far and says what the front of them is. All
-/// state lives in the [`Decoder`](crate::Decoder). `ling::Ling` is the one to read as an example.
+/// An implementation keeps no state of the stream: it looks at the bytes received so far and classifies the front of them.
+/// The [`Decoder`](crate::decoder::Decoder) keeps the bytes, the [`Exchange`](crate::exchange::Exchange) knows what to expect.
 pub trait Framing {
-    /// The longest frame, in bytes. A decoder's buffer must hold one.
-    const MAX_FRAME: usize;
+    /// Whether the line delivers every byte, in order, as TCP does. On such a line silence means nothing, and bytes that
+    /// cannot begin a frame break the stream ([`Scan::Broken`]).
+    const LOSSLESS: bool = false;
 
-    /// Whether the line gives every byte, in order, as TCP does. Then there is no noise to look past: bytes that cannot
-    /// begin a frame break the stream for good ([`Scan::Broken`]), and a pause means nothing.
-    const RELIABLE: bool;
+    /// What the reader knows about the next frame, for protocols whose frames do not carry their own end; `()` elsewhere.
+    type Expect: Copy + Eq + Debug;
 
-    /// What the reader knows about the next frame, for protocols whose frames do not carry their own end. `()` where
-    /// framing stands alone. What was found holds as long as the same is expected.
-    type Expect: Copy + PartialEq;
+    /// Classifies the front of `window`. A verdict other than [`Scan::Need`] does not change when more bytes follow, except
+    /// that a run of stray bytes or padding may grow.
+    fn scan(&self, window: &[u8], expect: Self::Expect) -> Scan;
 
-    /// A frame whose envelope is good, borrowed from the decoder.
-    type Frame<'a>: Copy;
-
-    /// Says what the front of `window` is. The verdict on a prefix never changes when more bytes follow, except from
-    /// [`Scan::Need`].
-    fn scan(window: &[u8], expect: Self::Expect) -> Scan;
-
-    /// What the front of `window`, for which [`scan`](Self::scan) waits for `missing` more bytes, is on a line that
-    /// went idle: a false header, unless a protocol knows better.
-    fn scan_idle(_window: &[u8], _expect: Self::Expect, missing: usize) -> Scan {
-        Scan::Skip(1, Reason::Truncated { missing })
+    /// Classifies the front of `window` on a line that went idle: bytes for which [`scan`](Self::scan) still waits are a
+    /// truncated frame, unless silence ends a frame of this protocol.
+    fn scan_idle(&self, window: &[u8], expect: Self::Expect) -> Scan {
+        match self.scan(window, expect) {
+            Scan::Need(missing) if !Self::LOSSLESS => Scan::Noise(1, Reason::Truncated { missing }),
+            verdict => verdict,
+        }
     }
 
-    /// Views bytes for which [`scan`](Self::scan) said [`Scan::Frame`]. What `scan` has verified is not verified again:
-    /// others may be `None` or a frame that is none.
-    fn view(bytes: &[u8]) -> Option<Self::Frame<'_>>;
+    /// The last byte of every frame, if it always is the same.
+    fn terminator(&self, expect: Self::Expect) -> Option<u8>;
+
+    /// The length of the shortest frame, in bytes.
+    fn shortest(&self, expect: Self::Expect) -> usize;
+
+    /// What the arm, and whoever listens to its host, expects.
+    fn requests(&self) -> Self::Expect;
+
+    /// What a host expects that has asked for nothing.
+    fn unsolicited(&self) -> Self::Expect;
 }
 
 /// The verdict on a window that starts with a header, if the frame has `total` bytes: it ends with a checksum over all but
-/// its first `uncovered` bytes, and an end mark.
+/// its first `uncovered` bytes, and a terminator.
 #[cfg(any(feature = "ling", feature = "alpha1"))]
 pub(crate) fn verify(
     window: &[u8],
     total: usize,
     uncovered: usize,
     checksum: impl Fn(&[u8]) -> u8,
-    end_mark: u8,
+    terminator: u8,
 ) -> Scan {
-    let skip = |reason| Scan::Skip(1, reason);
+    let noise = |reason| Scan::Noise(1, reason);
     match window.get(uncovered..total) {
-        Some(&[ref covered @ .., got, end]) if end == end_mark => match checksum(covered) {
+        Some(&[ref covered @ .., got, end]) if end == terminator => match checksum(covered) {
             expected if expected == got => Scan::Frame(total),
-            expected => skip(Reason::Checksum { expected, got }),
+            expected => noise(Reason::Checksum { expected, got }),
         },
-        Some(&[.., got]) => skip(Reason::Tail {
-            expected: end_mark,
+        Some(&[.., got]) => noise(Reason::Tail {
+            expected: terminator,
             got,
         }),
         Some([]) | None => Scan::Need(total.saturating_sub(window.len()).max(1)),

@@ -5,12 +5,12 @@ mod vectors;
 
 use std::fmt::Debug;
 
-use armwire::engine::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
-use armwire::engine::decoder::{Decoder, Kind};
-use armwire::engine::framing::{Framing, Reason, Scan};
-use armwire::engine::ling::{self, Ling, legacy::Legacy};
-use armwire::engine::raw::Raw;
-use armwire::engine::xarm::{Direction, XArm};
+use armwire::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
+use armwire::decoder::{Decoder, Kind};
+use armwire::framing::{Framing, Reason, Scan};
+use armwire::ling::{self, Ling, legacy::Legacy};
+use armwire::raw::Raw;
+use armwire::xarm::{Direction, XArm};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
@@ -436,7 +436,7 @@ fn padding_is_no_noise() {
 
 #[test]
 fn hid_reports_unpack_to_the_frames_packed() {
-    use armwire::engine::alpha1::hid;
+    use armwire::alpha1::hid;
     let mut line = Vec::new();
     let sent: Vec<_> = [0, 5, 58, 59, 60, 123, 254].map(play).into();
     for frame in &sent {

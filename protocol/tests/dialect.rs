@@ -5,13 +5,13 @@ mod vectors;
 
 use std::fmt::Debug;
 
-use armwire::engine::alpha1::{self, Alpha1, Expect, ServoAnswer, ServoId};
-use armwire::engine::dialect::{Dialect, Effect};
-use armwire::engine::framing::Scan;
-use armwire::engine::ling::{self, Ling, legacy::Legacy};
-use armwire::engine::raw::Raw;
-use armwire::engine::xarm::{self, Direction, XArm};
+use armwire::alpha1::{self, Alpha1, Expect, ServoAnswer, ServoId};
+use armwire::dialect::{Dialect, Effect};
+use armwire::framing::Scan;
+use armwire::ling::{self, Ling, legacy::Legacy};
+use armwire::raw::Raw;
 use armwire::time::Duration;
+use armwire::xarm::{self, Direction, XArm};
 use vectors::{Vector, hex};
 
 /// The effect of each request and the longest answer to it, in bytes.

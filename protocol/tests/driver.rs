@@ -9,18 +9,25 @@ use std::task::{Context, Poll, Waker};
 
 use armwire::driver::{CallError, Clock, Counters, READS_BEFORE_SEND};
 use armwire::ling::*;
-use armwire::{Config, Device, Input, Micros, Protocol};
+use armwire::messages::Messages;
+use armwire::time::{Duration, Instant};
+use armwire::{Cause, Config, Device, DeviceEvent, MessageId, ParseError};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+
+/// An instant, in microseconds.
+fn at(micros: u64) -> Instant {
+    Instant::from_micros(micros)
+}
 
 /// The line and the arm. Whoever waits says until when, and `run` moves the time there.
 struct World {
-    now: Micros,
-    wake: Option<Micros>,
+    now: Instant,
+    wake: Option<Instant>,
     arm: Device<Ling, MAX_FRAME>,
     /// The whole requests that the arm heard.
     requests: Vec<Request>,
     /// What is under way to the host.
-    replies: VecDeque<(Micros, Vec<u8>)>,
+    replies: VecDeque<(Instant, Vec<u8>)>,
     /// Bytes that the port takes before it stalls.
     room: usize,
     /// The most bytes that one read gives.
@@ -30,10 +37,10 @@ struct World {
     /// What the arm says in place of each answer.
     instead: Option<Vec<u8>>,
     /// How long the arm thinks.
-    turnaround: Micros,
+    turnaround: Duration,
     joint: u16,
     /// A byte that the port always has where the arm says nothing, 10 µs after the one before, and until when.
-    flood: Option<(u8, Micros)>,
+    flood: Option<(u8, Instant)>,
     /// How many reads gave bytes before each write.
     reads_before_write: Vec<usize>,
     reads: usize,
@@ -53,16 +60,16 @@ type Shared = RefCell<World>;
 
 fn world() -> Shared {
     RefCell::new(World {
-        now: Micros(0),
+        now: Instant::ZERO,
         wake: None,
-        arm: Device::new(),
+        arm: Device::new(Ling),
         requests: Vec::new(),
         replies: VecDeque::new(),
         room: usize::MAX,
         chunk: 8,
         after: Vec::new(),
         instead: None,
-        turnaround: Micros(100),
+        turnaround: Duration::from_micros(100),
         joint: 2000,
         flood: None,
         reads_before_write: Vec::new(),
@@ -72,15 +79,15 @@ fn world() -> Shared {
 }
 
 impl World {
-    fn wake_at(&mut self, at: Micros) {
+    fn wake_at(&mut self, at: Instant) {
         self.wake = Some(self.wake.map_or(at, |wake| wake.min(at)));
     }
 
     fn hear(&mut self, bytes: &[u8]) {
-        let mut input = Input::Bytes(bytes);
-        while let Some(heard) = self.arm.handle(&mut input) {
-            let armwire::Heard::Request(request) = heard else {
-                panic!("the arm heard {heard:?}");
+        assert!(self.arm.receive(bytes).is_empty());
+        while let Some(event) = self.arm.poll() {
+            let DeviceEvent::Request { request, .. } = event else {
+                panic!("the arm received {event:?}");
             };
             self.requests.push(request);
             let response = match request {
@@ -100,7 +107,7 @@ impl World {
                 _ => continue,
             };
             let mut out = [0; MAX_FRAME];
-            let n = Ling::encode_response(&response, &mut out).unwrap();
+            let n = Ling.encode_response(&response, None, &mut out).unwrap();
             let answer = self.instead.as_deref().unwrap_or(&out[..n]);
             let reply = [answer, &self.after].concat();
             self.replies.push_back((self.now + self.turnaround, reply));
@@ -124,7 +131,7 @@ impl Read for Port<'_> {
                 && !waits
                 && now < until
             {
-                world.now = now + Micros(10);
+                world.now = now + Duration::from_micros(10);
                 world.reads += 1;
                 world.flooded += 1;
                 buf[0] = byte;
@@ -177,11 +184,11 @@ impl Write for Port<'_> {
 struct VirtualClock<'w>(&'w Shared);
 
 impl Clock for VirtualClock<'_> {
-    fn now(&self) -> Micros {
+    fn now(&self) -> Instant {
         self.0.borrow().now
     }
 
-    async fn wait_until(&self, instant: Micros) {
+    async fn wait_until(&self, instant: Instant) {
         poll_fn(|_| {
             let mut world = self.0.borrow_mut();
             if instant <= world.now {
@@ -195,11 +202,11 @@ impl Clock for VirtualClock<'_> {
 }
 
 fn arm(world: &Shared) -> Arm<Port<'_>, VirtualClock<'_>> {
-    Arm::new(Port(world), VirtualClock(world), Config::DEFAULT)
+    Arm::open(Port(world), VirtualClock(world), Config::DEFAULT)
 }
 
 /// Runs a future for at most `limit` of virtual time; `None` if it is dropped then.
-fn run_for<T>(world: &Shared, limit: Micros, future: impl Future<Output = T>) -> Option<T> {
+fn run_for<T>(world: &Shared, limit: Duration, future: impl Future<Output = T>) -> Option<T> {
     let mut future = pin!(future);
     let end = world.borrow().now + limit;
     loop {
@@ -219,7 +226,7 @@ fn run_for<T>(world: &Shared, limit: Micros, future: impl Future<Output = T>) ->
 }
 
 fn run<T>(world: &Shared, future: impl Future<Output = T>) -> T {
-    run_for(world, Micros::from_millis(60_000), future).expect("done in a minute")
+    run_for(world, Duration::from_millis(60_000), future).expect("done in a minute")
 }
 
 #[test]
@@ -227,7 +234,7 @@ fn a_read_returns_the_answer_as_soon_as_it_is_there() {
     let world = world();
     let state = run(&world, arm(&world).read_joints()).unwrap();
     assert_eq!(state.joints, [2001; 6]);
-    assert_eq!(world.borrow().now, Micros(100));
+    assert_eq!(world.borrow().now, at(100));
 }
 
 #[test]
@@ -267,13 +274,13 @@ fn requests_without_an_answer_return_once_written() {
             Request::Move(target),
         ]
     );
-    assert_eq!(world.borrow().now, Micros(0));
+    assert_eq!(world.borrow().now, Instant::ZERO);
 }
 
 #[test]
 fn silence_is_an_error_that_says_how_often_it_was_asked() {
     let world = world();
-    world.borrow_mut().turnaround = Micros::from_millis(10_000);
+    world.borrow_mut().turnaround = Duration::from_millis(10_000);
     let error = run(&world, arm(&world).self_check()).unwrap_err();
     assert_eq!(error, CallError::TimedOut { sends: 3 });
     assert_eq!(world.borrow().requests, [Request::SelfCheck; 3]);
@@ -297,7 +304,7 @@ fn an_answer_that_cannot_be_accepted_is_an_error_at_once_with_the_reason() {
         "the arm's answer cannot be accepted: command 06 function 01: 7 data bytes, expected 6 or 10"
     );
     assert_eq!(world.borrow().requests, [Request::ReadTemperatures]);
-    assert_eq!(world.borrow().now, Micros(100));
+    assert_eq!(world.borrow().now, at(100));
     assert_eq!(arm.counters(), Counters::default());
 
     world.borrow_mut().instead = None;
@@ -309,7 +316,7 @@ fn a_call_dropped_before_its_first_byte_is_never_sent() {
     let world = world();
     let mut arm = arm(&world);
     world.borrow_mut().room = 0;
-    assert!(run_for(&world, Micros(50), arm.set_zero()).is_none());
+    assert!(run_for(&world, Duration::from_micros(50), arm.set_zero()).is_none());
     world.borrow_mut().room = usize::MAX;
     assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
     assert_eq!(world.borrow().requests, [Request::ReadStroke]);
@@ -320,7 +327,7 @@ fn a_call_dropped_in_the_middle_of_its_frame_leaves_no_half_frame() {
     let world = world();
     let mut arm = arm(&world);
     world.borrow_mut().room = 3;
-    assert!(run_for(&world, Micros(50), arm.set_torque(Torque::Off)).is_none());
+    assert!(run_for(&world, Duration::from_micros(50), arm.set_torque(Torque::Off)).is_none());
     world.borrow_mut().room = usize::MAX;
     assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
     assert_eq!(
@@ -333,8 +340,8 @@ fn a_call_dropped_in_the_middle_of_its_frame_leaves_no_half_frame() {
 fn the_answer_to_a_dropped_call_satisfies_no_other() {
     let world = world();
     let mut arm = arm(&world);
-    world.borrow_mut().turnaround = Micros(500);
-    assert!(run_for(&world, Micros(50), arm.read_joints()).is_none());
+    world.borrow_mut().turnaround = Duration::from_micros(500);
+    assert!(run_for(&world, Duration::from_micros(50), arm.read_joints()).is_none());
     let state = run(&world, arm.read_joints()).unwrap();
     assert_eq!(state.joints, [2002; 6], "the answer to the second request");
     assert_eq!(
@@ -350,14 +357,14 @@ fn the_answer_to_a_dropped_call_satisfies_no_other() {
 fn a_slow_arm_is_repeated_to_and_its_second_answer_is_not_mistaken() {
     let world = world();
     let mut arm = arm(&world);
-    world.borrow_mut().turnaround = Micros::from_millis(61);
+    world.borrow_mut().turnaround = Duration::from_millis(61);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2001; 6]);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2003; 6]);
     assert_eq!(arm.counters().late, 1);
 }
 
 /// Lets time pass in which nobody reads.
-fn rest(world: &Shared, span: Micros) {
+fn rest(world: &Shared, span: Duration) {
     let now = world.borrow().now;
     world.borrow_mut().now = now + span;
 }
@@ -367,11 +374,11 @@ fn an_answer_that_waited_in_the_port_is_not_taken_for_a_new_one() {
     let world = world();
     let mut arm = arm(&world);
     // Too late for its request, and read by nobody until long after.
-    world.borrow_mut().turnaround = Micros::from_millis(61);
+    world.borrow_mut().turnaround = Duration::from_millis(61);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2001; 6]);
-    world.borrow_mut().turnaround = Micros(100);
+    world.borrow_mut().turnaround = Duration::from_micros(100);
     for expected in 2003..2010 {
-        rest(&world, Micros::from_millis(500));
+        rest(&world, Duration::from_millis(500));
         assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [expected; 6]);
     }
     assert_eq!(arm.counters().unsolicited + arm.counters().late, 1);
@@ -381,17 +388,17 @@ fn an_answer_that_waited_in_the_port_is_not_taken_for_a_new_one() {
 fn answers_after_a_time_out_are_not_taken_for_new_ones_however_long_nobody_reads() {
     let world = world();
     let mut arm = arm(&world);
-    world.borrow_mut().turnaround = Micros::from_millis(1_000);
+    world.borrow_mut().turnaround = Duration::from_millis(1_000);
     assert!(run(&world, arm.read_joints()).is_err());
-    rest(&world, Micros::from_millis(5_000));
-    world.borrow_mut().turnaround = Micros(100);
+    rest(&world, Duration::from_millis(5_000));
+    world.borrow_mut().turnaround = Duration::from_micros(100);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2004; 6]);
 }
 
 /// A port that for a minute always has this byte where the arm says nothing.
 fn flooded(byte: u8) -> Shared {
     let world = world();
-    world.borrow_mut().flood = Some((byte, Micros::from_millis(60_000)));
+    world.borrow_mut().flood = Some((byte, at(60_000_000)));
     world
 }
 
@@ -404,7 +411,7 @@ fn a_port_that_always_has_a_byte_delays_no_answer() {
         assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [expected; 6]);
     }
     assert_eq!(world.borrow().reads_before_write, [READS_BEFORE_SEND; 9]);
-    assert!(world.borrow().now < Micros::from_millis(100));
+    assert!(world.borrow().now < at(100_000));
     assert_eq!(arm.counters().noise_bytes, world.borrow().flooded, "no byte is lost");
 }
 
@@ -412,14 +419,14 @@ fn a_port_that_always_has_a_byte_delays_no_answer() {
 fn a_port_that_always_has_a_byte_delays_no_time_out() {
     for byte in [0x11, 0xAA] {
         let world = flooded(byte);
-        world.borrow_mut().turnaround = Micros::from_millis(100_000);
+        world.borrow_mut().turnaround = Duration::from_millis(100_000);
         let mut arm = arm(&world);
         for calls in 1..4_usize {
             let begun = world.borrow().now;
             assert_eq!(run(&world, arm.read_joints()), Err(CallError::TimedOut { sends: 3 }));
             // Three times 60 to 70 ms, and 100 ms in which the answers to the call before may still come.
             let took = world.borrow().now.since(begun);
-            assert!(took < Micros::from_millis(320), "{took:?}");
+            assert!(took < Duration::from_millis(320), "{took:?}");
             assert_eq!(world.borrow().requests.len(), 3 * calls);
         }
     }
@@ -458,7 +465,7 @@ fn a_port_that_closes_or_fails_is_an_error_that_says_so() {
 
     let world = world();
     let call = |port| {
-        let mut arm = Arm::new(port, VirtualClock(&world), Config::DEFAULT);
+        let mut arm = Arm::open(port, VirtualClock(&world), Config::DEFAULT);
         run(&world, arm.read_joints()).unwrap_err()
     };
     assert_eq!(call(Broken(Ok(0))), CallError::Closed);
@@ -468,28 +475,35 @@ fn a_port_that_closes_or_fails_is_an_error_that_says_so() {
 }
 
 #[test]
-fn what_follows_an_answer_in_the_same_read_is_heard() {
+fn bytes_after_an_answer_stay_for_the_next_call() {
     let world = world();
     let mut out = [0; MAX_FRAME];
-    let n = Ling::encode_response(&Response::Stroke(Stroke::Mm75), &mut out).unwrap();
+    let n = Ling
+        .encode_response(&Response::Stroke(Stroke::Mm75), None, &mut out)
+        .unwrap();
     // The decoder holds what looked like a header, so it has no room for all of a read of a whole buffer.
     world
         .borrow_mut()
         .replies
-        .push_back((Micros(0), vec![0xAA, 0x06, 0x00, 0x01]));
+        .push_back((Instant::ZERO, vec![0xAA, 0x06, 0x00, 0x01]));
     world.borrow_mut().chunk = MAX_FRAME;
     world.borrow_mut().after = [&[0x11; MAX_FRAME - 14][..], &out[..n]].concat();
     let mut arm = arm(&world);
     assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
+    // It stays for the next call.
+    world.borrow_mut().after.clear();
+    assert_eq!(run(&world, arm.read_info()), Ok(INFO));
     assert_eq!(arm.counters().unsolicited, 1);
 }
 
 #[test]
 fn an_error_says_what_failed() {
-    type Error = CallError<ErrorKind, ParseError>;
+    type Error = CallError<ErrorKind>;
     let unacceptable = ParseError {
-        command: 4,
-        function: 14,
+        message: MessageId::Function {
+            command: 4,
+            function: 14,
+        },
         cause: Cause::Unknown,
     };
     let reason = std::error::Error::source(&Error::Unacceptable(unacceptable)).map(ToString::to_string);

@@ -4,12 +4,12 @@
 #[allow(dead_code)]
 mod common;
 
+use armwire::decoder::{Decoder, Kind};
 use armwire::ling::legacy::{
-    Detector, Firmware, Frame, GripperState, JointState, Legacy, MAX_FRAME, OVERHEAD, OlderGeneration, Request,
-    Response,
+    Detector, Firmware, GripperState, JointState, Legacy, MAX_FRAME, OlderGeneration, Request, Response,
 };
 use armwire::ling::{self, Ling, MotionStatus, PerServo};
-use armwire::{Decoder, Protocol};
+use armwire::messages::Messages;
 use common::Subject;
 use proptest::array::{uniform6, uniform9, uniform10};
 use proptest::collection::vec;
@@ -37,19 +37,18 @@ fn response() -> impl Strategy<Value = Response> {
 }
 
 fn bytes_of(response: &Response) -> Vec<u8> {
-    common::response_bytes::<Legacy, MAX_FRAME>(response)
+    common::response_bytes::<Legacy>(response)
 }
 
 impl Subject for Legacy {
-    const MIN_FRAME: usize = OVERHEAD;
-    const FILL: Option<u8> = None;
+    const PADDING: Option<u8> = None;
 
     fn any_request() -> BoxedStrategy<Request> {
         Just(()).prop_filter_map("there are none", |()| None).boxed()
     }
 
-    fn any_response() -> BoxedStrategy<(Response, ())> {
-        (response(), Just(())).boxed()
+    fn any_response() -> BoxedStrategy<(Vec<u8>, ())> {
+        response().prop_map(|response| (bytes_of(&response), ())).boxed()
     }
 
     fn any_expect() -> BoxedStrategy<()> {
@@ -69,10 +68,6 @@ impl Subject for Legacy {
             1 => 0..2_u8,
         ]
         .boxed()
-    }
-
-    fn wire_len(frame: Frame<'_>) -> usize {
-        frame.data.len() + OVERHEAD
     }
 }
 
@@ -94,7 +89,7 @@ fn current() -> impl Strategy<Value = Vec<u8>> {
         uniform10(any::<u16>()).prop_map(|ticks| ling::Response::Velocities(PerServo::Follower(ticks))),
         any::<u16>().prop_map(|mask| ling::Response::SelfCheck(ling::SelfCheck(mask))),
     ];
-    response.prop_map(|response| common::response_bytes::<Ling, { ling::MAX_FRAME }>(&response))
+    response.prop_map(|response| common::response_bytes::<Ling>(&response))
 }
 
 /// After how many bytes of the stream a detector tells, if it does.
@@ -107,7 +102,7 @@ fn told_after(stream: &[u8]) -> Option<usize> {
 proptest! {
     #[test]
     fn every_response_survives_the_wire(response in Legacy::any_response()) {
-        common::a_response_survives_the_wire::<Legacy, MAX_FRAME>(response)?;
+        common::a_response_survives_the_wire::<Legacy>(response)?;
     }
 
     #[test]
@@ -115,15 +110,10 @@ proptest! {
         common::a_prefix_of_a_frame_is_given_no_verdict::<Legacy>(&frame, ())?;
     }
 
-    #[test]
-    fn what_comes_out_does_not_depend_on_the_chunks(line in common::line::<Legacy>(), cuts in common::cuts()) {
-        common::chunks_do_not_matter::<Legacy, MAX_FRAME>(line, &cuts)?;
-    }
-
     /// With one bit of parity, noise is a good frame by chance oftener than in the current generation.
     #[test]
     fn no_intact_frame_and_no_byte_is_lost(line in common::line::<Legacy>()) {
-        common::nothing_is_lost_to_noise::<Legacy, MAX_FRAME>(line)?;
+        common::nothing_is_lost_to_noise::<Legacy>(line)?;
     }
 
     #[test]
@@ -151,7 +141,7 @@ proptest! {
     #[test]
     fn any_chunks_give_the_verdict_at_the_same_byte(
         parts in vec((noise(), vec(response(), 0..4)), 1..8),
-        lengths in common::cuts(),
+        lengths in vec(1..40_usize, 1..60),
     ) {
         let stream: Vec<u8> = parts
             .iter()
@@ -159,7 +149,10 @@ proptest! {
             .collect();
         let told_after = told_after(&stream);
         let (mut detector, mut heard) = (Detector::new(), 0);
-        for chunk in common::cut(&stream, &lengths) {
+        let mut rest = &stream[..];
+        for length in lengths.into_iter().chain([usize::MAX]) {
+            let (chunk, later) = rest.split_at(rest.len().min(length));
+            rest = later;
             heard += chunk.len();
             let told = told_after.is_some_and(|n| n <= heard);
             prop_assert_eq!(detector.hear(chunk), told.then_some(OlderGeneration));
@@ -221,14 +214,14 @@ fn noise_made_of_the_frames_own_marks_is_not_recognised() {
         .collect();
     let mut frames = 0;
     let mut messages = 0;
-    let mut decoder = Decoder::<Legacy, MAX_FRAME>::new();
+    let mut decoder = Decoder::<MAX_FRAME>::new();
     let mut rest = &bytes[..];
     while !rest.is_empty() {
         rest = decoder.push(rest);
-        while let Some(next) = decoder.next(()) {
-            if let Ok(frame) = next {
+        while let Some(item) = decoder.next(&Legacy, ()) {
+            if item.kind == Kind::Frame {
                 frames += 1;
-                messages += usize::from(Legacy::parse_response(frame, ()).is_ok());
+                messages += usize::from(Legacy.parse_response(item.bytes, ()).is_ok());
             }
         }
     }

@@ -2,7 +2,10 @@
 
 use std::fmt;
 
-use armwire::{Client, Config, Event, Input, Micros, Protocol};
+use armwire::framing::Reason;
+use armwire::messages::Messages;
+use armwire::time::Instant;
+use armwire::{Client, Config, Event, Micros, Output, ParseError};
 
 use crate::serial::SerialDevice;
 
@@ -24,6 +27,40 @@ impl fmt::Display for Silence {
 
 impl std::error::Error for Silence {}
 
+/// What a client received besides the outcome of calls.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LineEvent {
+    /// An answer to a request that was given up, as a frame.
+    Late(Vec<u8>),
+    /// A response that answers nothing, as a frame.
+    Unsolicited(Vec<u8>),
+    /// A request that the line gave back.
+    Echo,
+    /// A good frame that is no message.
+    Unknown {
+        /// The frame.
+        frame: Vec<u8>,
+        /// Why it is none.
+        error: ParseError,
+    },
+    /// Bytes that are not part of a frame.
+    Noise {
+        /// Where they start, in bytes since the start.
+        offset: u64,
+        /// The bytes.
+        bytes: Vec<u8>,
+        /// Why.
+        reason: Reason,
+    },
+    /// A lossless stream broke.
+    Broken {
+        /// Where, in bytes since the start.
+        offset: u64,
+        /// Why.
+        reason: Reason,
+    },
+}
+
 /// A [`Client`] with buffers of `N` bytes, connected to a device by a full-duplex line.
 ///
 /// A byte takes ten bit times each way, rounded up to a microsecond, and the clock jumps from event to event.
@@ -40,8 +77,8 @@ impl std::error::Error for Silence {}
 /// assert_eq!(wire.elapsed(), Micros(7 * 10 + 200 + 7 * 10));
 /// ```
 #[derive(Debug)]
-pub struct Wire<P: Protocol, D, const N: usize> {
-    client: Client<P, N>,
+pub struct Wire<M: Messages, D, const N: usize> {
+    client: Client<M, N>,
     device: D,
     now: Micros,
     byte_time: Micros,
@@ -49,20 +86,30 @@ pub struct Wire<P: Protocol, D, const N: usize> {
     to_device: Option<(Micros, u8)>,
     /// The byte on its way to the host, and when it is there.
     to_host: Option<(Micros, u8)>,
-    events: Vec<Event<P>>,
+    events: Vec<LineEvent>,
+    /// The last answer, as a frame, and what it is expected as.
+    answer: (Vec<u8>, M::Expect),
 }
 
-impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
+/// How a call ended.
+enum Outcome {
+    Answered,
+    Sent,
+    TimedOut(Silence),
+}
+
+impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
     /// A quiet line at time zero, at the configured baud rate.
     pub fn new(config: Config, device: D) -> Self {
         Self {
-            client: Client::new(config),
+            client: Client::new(M::default(), config),
             device,
             now: Micros(0),
             byte_time: Micros(10_000_000_u64.div_ceil(config.baud.get().into())),
             to_device: None,
             to_host: None,
             events: Vec::new(),
+            answer: (Vec::new(), M::default().unsolicited()),
         }
     }
 
@@ -75,27 +122,36 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
     ///
     /// # Panics
     ///
-    /// If the client cannot accept the device's answer.
-    pub fn call(&mut self, request: P::Request) -> Result<Option<P::Response>, Silence> {
+    /// If the client cannot accept the device's answer, or has no room for the request.
+    pub fn call(&mut self, request: M::Request<'_>) -> Result<Option<M::Response<'_>>, Silence> {
         // Every call runs to its end.
-        self.client.submit(request).expect("no request is in flight");
+        self.client
+            .submit(&request)
+            .expect("no request is in flight, and it has room");
+        let mut bytes = [0; N];
+        let n = self
+            .client
+            .messages()
+            .encode_request(&request, &mut bytes)
+            .expect("it has room");
+        let info = self.client.messages().request(&bytes[..n]).expect("it is a request");
+        self.answer.1 = info.expect;
         let mut outcome = None;
         loop {
-            for event in self.step(Micros(u64::MAX)) {
-                match event {
-                    Event::Answer(response) => outcome = Some(Ok(Some(response))),
-                    Event::Sent => outcome = Some(Ok(None)),
-                    Event::Unacceptable(error) => panic!("the answer to {request:?} cannot be accepted: {error}"),
-                    Event::TimedOut { sends } => outcome = Some(Err(Silence { sends })),
-                    other => self.events.push(other),
-                }
+            outcome = self.step(Micros(u64::MAX)).or(outcome);
+            if self.to_device.is_some() {
+                continue;
             }
-            if self.to_device.is_none()
-                && let Some(outcome) = outcome
-            {
-                return outcome;
+            match outcome {
+                Some(Outcome::Answered) => break,
+                Some(Outcome::Sent) => return Ok(None),
+                Some(Outcome::TimedOut(silence)) => return Err(silence),
+                None => {}
             }
         }
+        let (frame, expect) = &self.answer;
+        let response = self.client.messages().parse_response(frame, *expect);
+        Ok(Some(response.expect("the client has accepted it")))
     }
 
     /// Lets time pass without a call.
@@ -104,8 +160,7 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
         loop {
             // One step more at the end itself, to let the device know the time.
             let last = self.now == end;
-            let events = self.step(end);
-            self.events.extend(events);
+            self.step(end);
             if last {
                 return;
             }
@@ -117,8 +172,8 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
         self.now
     }
 
-    /// What the client had to say besides the outcome of calls, since this was last asked: noise, late answers, echoes.
-    pub fn take_events(&mut self) -> Vec<Event<P>> {
+    /// What the client received besides the outcome of calls, since this was last asked: noise, late answers, echoes.
+    pub fn take_events(&mut self) -> Vec<LineEvent> {
         std::mem::take(&mut self.events)
     }
 
@@ -132,16 +187,9 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
         &mut self.device
     }
 
-    /// Goes to the next instant at which something happens, or to `end`, and returns what the client says to it.
-    fn step(&mut self, end: Micros) -> Vec<Event<P>> {
-        if self.to_device.is_none()
-            && let Some(&byte) = self.client.poll_transmit(self.now).and_then(<[u8]>::first)
-        {
-            self.client
-                .transmitted(self.now, 1)
-                .expect("there is a byte to transmit");
-            self.to_device = Some((self.now + self.byte_time, byte));
-        }
+    /// Goes to the next instant at which something happens, or to `end`, and returns how a call ended, if one did.
+    fn step(&mut self, end: Micros) -> Option<Outcome> {
+        let (mut outcome, client_due) = self.poll(None);
         // While its line is taken the device need not be asked: it says the same later.
         if self.to_host.is_none() {
             let byte = self.device.transmit(self.now);
@@ -153,16 +201,72 @@ impl<P: Protocol, D: SerialDevice, const N: usize> Wire<P, D, N> {
         };
         let host_due = self.to_device.map(|(due, _)| due);
         // What is due already waits for the line to be free.
-        let client_due = self.client.poll_timeout().filter(|due| *due > self.now);
+        let client_due = client_due.map(Micros::from).filter(|due| *due > self.now);
         let due = [host_due, device_due, client_due];
-        self.now = due.into_iter().flatten().fold(end, Micros::min).max(self.now);
-
+        if outcome.is_none() {
+            self.now = due.into_iter().flatten().fold(end, Micros::min).max(self.now);
+        }
         if let Some((_, byte)) = self.to_device.take_if(|(due, _)| *due <= self.now) {
             self.device.receive(self.now, byte);
         }
         let byte = self.to_host.take_if(|(due, _)| *due <= self.now).map(|(_, byte)| byte);
-        let mut input = Input::Bytes(byte.as_slice());
-        std::iter::from_fn(|| self.client.handle(self.now, &mut input)).collect()
+        outcome = self.poll(byte).0.or(outcome);
+        outcome
+    }
+
+    /// Lets the client receive a byte, transmit one if its line is free, and say what happened.
+    fn poll(&mut self, received: Option<u8>) -> (Option<Outcome>, Option<Instant>) {
+        let now = Instant::from(self.now);
+        let rest = self.client.receive(now, received.as_slice());
+        assert!(rest.is_empty(), "the client has room");
+        let mut outcome = None;
+        loop {
+            let event = match self.client.poll(now) {
+                Output::Timeout(until) => return (outcome, until),
+                Output::Transmit(_) if self.to_device.is_some() => return (outcome, None),
+                Output::Transmit(bytes) => {
+                    self.to_device = bytes.first().map(|byte| (self.now + self.byte_time, *byte));
+                    self.client.transmitted(now, 1).expect("there was a byte");
+                    continue;
+                }
+                Output::Event(event) => event,
+            };
+            let mut frame = vec![0; N];
+            let mut encode = |response| {
+                let n = M::default().encode_response(&response, None, &mut frame);
+                frame.truncate(n.expect("it came in so many bytes"));
+                std::mem::take(&mut frame)
+            };
+            self.events.push(match event {
+                Event::Answer(response) => {
+                    self.answer.0 = encode(response);
+                    outcome = Some(Outcome::Answered);
+                    continue;
+                }
+                Event::Sent => {
+                    outcome = Some(Outcome::Sent);
+                    continue;
+                }
+                Event::TimedOut { sends } => {
+                    outcome = Some(Outcome::TimedOut(Silence { sends }));
+                    continue;
+                }
+                Event::Unacceptable(error) => panic!("the answer cannot be accepted: {error}"),
+                Event::Late(response) => LineEvent::Late(encode(response)),
+                Event::Unsolicited(response) => LineEvent::Unsolicited(encode(response)),
+                Event::Echo => LineEvent::Echo,
+                Event::Unknown { frame, error } => LineEvent::Unknown {
+                    frame: frame.to_vec(),
+                    error,
+                },
+                Event::Noise { offset, bytes, reason } => LineEvent::Noise {
+                    offset,
+                    bytes: bytes.to_vec(),
+                    reason,
+                },
+                Event::Broken { offset, reason } => LineEvent::Broken { offset, reason },
+            });
+        }
     }
 }
 
@@ -222,7 +326,7 @@ mod tests {
         }
         assert!(wire.device().injected_from_device().corrupted > 5);
         let events = wire.take_events();
-        assert!(events.iter().any(|event| matches!(event, Event::Noise(_))));
+        assert!(events.iter().any(|event| matches!(event, LineEvent::Noise { .. })));
         assert_eq!(wire.take_events(), []);
     }
 }

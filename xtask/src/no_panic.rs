@@ -11,23 +11,19 @@ use crate::workspace;
 /// Cortex-M0, and Cortex-M4.
 const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
 
-/// Every set of protocols, with each checksum that microcontrollers use. The bridge has two of them.
-const FEATURES: [&str; 15] = [
+/// Every set of protocols. The bridge has two of them.
+const FEATURES: [&str; 11] = [
     "ling",
+    "ling-legacy",
     "xarm",
     "alpha1",
-    "ling,xarm",
+    "ling-legacy,xarm",
     "ling,alpha1",
     "xarm,alpha1",
-    "ling,xarm,alpha1",
-    "crc-table",
-    "crc-table,xarm",
-    "crc-table,alpha1",
-    "crc-table,xarm,alpha1",
+    "ling-legacy,xarm,alpha1",
     "bridge",
     "bridge,xarm",
-    "bridge,crc-table",
-    "bridge,crc-table,xarm",
+    "bridge,ling-legacy",
 ];
 
 /// What must not link, and what the linker or the compiler says then.

@@ -6,8 +6,8 @@ use std::vec;
 use std::vec::Vec;
 
 use armwire::Micros;
-use armwire::Protocol;
 use armwire::ling::{self, Ling};
+use armwire::messages::Messages;
 
 use super::rig::{Rig, ling};
 use crate::can::Node;
@@ -96,7 +96,9 @@ fn command(rig: &mut Rig, sequence: u8) {
 
 fn motion() -> Vec<u8> {
     let mut out = [0; 70];
-    let n = Ling::encode_request(&ling::Request::Move(COMMAND.target().unwrap()), &mut out).unwrap();
+    let n = Ling
+        .encode_request(&ling::Request::Move(COMMAND.target().unwrap()), &mut out)
+        .unwrap();
     out[..n].to_vec()
 }
 

@@ -6,8 +6,9 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
+use armwire::Micros;
 use armwire::ling::{self, Ling};
-use armwire::{Micros, Protocol};
+use armwire::messages::Messages;
 
 use super::rig::{Rig, ask, ling, polite};
 use crate::can::command::Command;
@@ -38,7 +39,9 @@ fn motion() -> Vec<u8> {
         gripper: 0,
     };
     let mut out = [0; 70];
-    let n = Ling::encode_request(&ling::Request::Move(target.target().unwrap()), &mut out).unwrap();
+    let n = Ling
+        .encode_request(&ling::Request::Move(target.target().unwrap()), &mut out)
+        .unwrap();
     out[..n].to_vec()
 }
 
@@ -413,7 +416,7 @@ fn commands_move_the_arm_when_they_are_whole_new_and_in_range() {
     rig.run(10_000);
     let mut out = [0; 70];
     let target = ling::Request::Move(command(1).target().unwrap());
-    let n = Ling::encode_request(&target, &mut out).unwrap();
+    let n = Ling.encode_request(&target, &mut out).unwrap();
     assert_eq!(rig.line(), out[..n]);
     assert_eq!(rig.bridge.counters().requests_command, 1);
 
@@ -640,7 +643,7 @@ fn a_stream_of_commands_that_are_switched_off_ends_and_the_torque_stays_on() {
 
 #[test]
 fn the_torque_goes_off_though_the_host_fell_silent_in_the_middle_of_a_frame() {
-    use armwire::{Device, Heard, Input};
+    use armwire::{Device, DeviceEvent};
 
     for cut in 1..motion().len() {
         let mut rig = Rig::new(silence(100, true));
@@ -649,13 +652,19 @@ fn the_torque_goes_off_though_the_host_fell_silent_in_the_middle_of_a_frame() {
         rig.usb_out.extend(&motion()[..cut]);
         rig.run(1_000_000);
         // An arm that waits for the end of a frame for ever.
-        let mut device = Device::<Ling, { ling::MAX_FRAME }>::new();
+        let mut device = Device::<Ling, { ling::MAX_FRAME }>::new(Ling);
         let line = rig.line();
-        let mut input = Input::Bytes(&line);
-        let heard = core::iter::from_fn(|| device.handle(&mut input));
-        let requests: Vec<_> = heard.filter(|heard| matches!(heard, Heard::Request(_))).collect();
+        let (mut rest, mut requests) = (&line[..], Vec::new());
+        while !rest.is_empty() {
+            rest = device.receive(rest);
+            while let Some(event) = device.poll() {
+                if let DeviceEvent::Request { request, .. } = event {
+                    requests.push(request);
+                }
+            }
+        }
         assert_eq!(requests.len(), 4, "after {cut} bytes: {requests:?}");
-        assert_eq!(requests[3], Heard::Request(ling::Request::SetTorque(ling::Torque::Off)));
+        assert_eq!(requests[3], ling::Request::SetTorque(ling::Torque::Off));
         assert_eq!(rig.bridge.counters().requests_adapter, 2);
     }
 }

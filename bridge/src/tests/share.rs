@@ -6,8 +6,9 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
+use armwire::Micros;
 use armwire::alpha1::{self, Alpha1};
-use armwire::{Micros, Protocol};
+use armwire::messages::Messages;
 use proptest::prelude::*;
 
 use super::rig::{Rig, ling, polite};
@@ -834,7 +835,9 @@ fn bytes_that_waited_for_an_answer_that_never_came_do_not_look_stuck() {
     rig.manners = Box::new(|_| None);
     // The robot may take a second for it.
     let mut slow = [0; alpha1::MAX_FRAME];
-    let len = Alpha1::encode_request(&alpha1::Request::SetUsbType(alpha1::UsbType::Disk), &mut slow).unwrap();
+    let len = Alpha1
+        .encode_request(&alpha1::Request::SetUsbType(alpha1::UsbType::Disk), &mut slow)
+        .unwrap();
     rig.can_out.push_back(slow[..len].to_vec());
     while rig.said.is_empty() {
         rig.run(1);

@@ -36,9 +36,9 @@ pub(crate) enum Ask {
     },
     /// Play an action.
     Play {
-        /// Its name, 59 bytes at most.
+        /// Its name, 254 bytes at most.
         #[arg(value_parser = text)]
-        name: Text,
+        name: Name,
     },
     /// Ask a single servo, through the robot or on the servos' own bus.
     #[command(subcommand)]
@@ -62,6 +62,16 @@ pub(crate) struct Act {
 
 /// A target for each servo, or none.
 type Angles = [Option<Angle>; SERVOS];
+
+/// The name of an action, which is a [`Text`].
+#[derive(Clone)]
+pub(crate) struct Name(Box<[u8]>);
+
+impl Name {
+    fn text(&self) -> Text<'_> {
+        Text::new(&self.0).expect("it was checked when it was parsed")
+    }
+}
 
 /// What the servo offset tool does.
 #[derive(Clone, Copy, ValueEnum)]
@@ -153,7 +163,7 @@ pub(crate) enum Servo {
 }
 
 impl Ask {
-    pub(super) fn request(&self) -> Request {
+    pub(super) fn request(&self) -> Request<'_> {
         match self {
             Self::HardwareVersion => Request::ReadHardwareVersion,
             Self::ServoStates => Request::ReadServoStates,
@@ -169,7 +179,7 @@ impl Ask {
                 Usb::Vcp => UsbType::SerialPort,
                 Usb::Hid => UsbType::Hid,
             }),
-            Self::Play { name } => Request::Play(*name),
+            Self::Play { name } => Request::Play(name.text()),
             Self::Servo(servo) => Request::Servo(servo.request()),
         }
     }
@@ -231,8 +241,11 @@ fn completion_time(text: &str) -> Result<Interval, String> {
     })
 }
 
-fn text(text: &str) -> Result<Text, String> {
-    Text::new(text.as_bytes()).map_err(|error| error.to_string())
+fn text(text: &str) -> Result<Name, String> {
+    match Text::new(text.as_bytes()) {
+        Ok(_) => Ok(Name(text.as_bytes().into())),
+        Err(error) => Err(error.to_string()),
+    }
 }
 
 fn id(text: &str) -> Result<ServoId, String> {

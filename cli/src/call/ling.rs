@@ -32,7 +32,7 @@ pub(crate) enum Ask {
     ReadTemperatures,
     /// Set the temperature at which the arm protects itself.
     SetTemperatureLimit {
-        /// In °C, 0 to 253; 85 from the factory.
+        /// In °C, 0 to 255 but for 254; 85 from the factory.
         #[arg(value_name = "CELSIUS", allow_negative_numbers = true, value_parser = limit)]
         limit: TemperatureLimit,
     },
@@ -147,7 +147,7 @@ fn opening(text: &str) -> Result<Opening, String> {
 fn limit(text: &str) -> Result<TemperatureLimit, String> {
     let celsius = text
         .parse()
-        .map_err(|_| format!("'{text}' is not a number from 0 to 253"))?;
+        .map_err(|_| format!("'{text}' is not a number from 0 to 255"))?;
     TemperatureLimit::new(celsius).map_err(|error| error.to_string())
 }
 
@@ -178,7 +178,7 @@ mod tests {
         assert!(opening("101").unwrap_err().ends_with("is 101 %, must be 0..=100"));
         assert_eq!(
             limit("254").unwrap_err(),
-            "temperature limit is 254 °C, must be 0..=253"
+            "temperature limit (254 reads the temperatures) is 254 °C, must be 0..=255"
         );
         assert_eq!(positions("0,0").unwrap_err(), "there are 6 joints, not 2");
         assert_eq!(positions("0,x").unwrap_err(), "'x' is not a number");

@@ -54,24 +54,29 @@ impl Call {
             Self::Alpha1(OnPort { port, baud, ask }) => call::<Alpha1>(port.connect(baud.baud)?.arm()?, ask.request()),
             Self::Xarm(xarm) => {
                 // Before there is a connection, for the request may be none.
-                let request = xarm.request().map_err(Problem::Usage)?;
-                call::<XArm>(Link::connect(xarm.host())?, request)
+                let params = xarm.params();
+                let request = xarm.request(&params).map_err(Problem::Usage)?;
+                let mut link = Link::connect(xarm.host())?;
+                *link.messages_mut() = xarm.protocol();
+                call::<XArm>(link, request)
             }
         }
     }
 }
 
 /// Sends the request and prints the answer.
-fn call<P: Arm>(mut link: Link<P, impl Line>, request: P::Request) -> Result<(), Problem> {
-    let text = match link.call(request)? {
-        None => format!("{}: sent, the arm does not answer it", P::request(&request)),
-        Some(answer) => match P::refusal(&answer) {
-            None => P::response(&answer),
-            Some(what) => {
-                let name = link.name().to_owned();
-                return Err(Problem::Refused { name, what });
-            }
-        },
+fn call<P: Arm>(mut link: Link<P, impl Line>, request: P::Request<'_>) -> Result<(), Problem> {
+    let answer = link.call(request, |response| match P::refusal(&response) {
+        None => Ok(P::show_response(&response)),
+        Some(what) => Err(what),
+    })?;
+    let text = match answer {
+        None => format!("{}: sent, the arm does not answer it", P::show_request(&request)),
+        Some(Ok(text)) => text,
+        Some(Err(what)) => {
+            let name = link.name().to_owned();
+            return Err(Problem::Refused { name, what });
+        }
     };
     writeln!(stdout(), "{text}").map_err(Problem::Output)
 }

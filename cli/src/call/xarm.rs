@@ -1,6 +1,6 @@
 //! The requests of an xArm.
 
-use armwire::xarm::{Command, Header, Joint, ProtocolId, Raw, Reply, Request, Response, State, Transactions, XArm};
+use armwire::xarm::{Joint, ProtocolId, Raw, Reply, Request, Response, State, XArm};
 use clap::{Args, Subcommand};
 
 use crate::hex;
@@ -63,45 +63,49 @@ impl OnHost {
         &self.host
     }
 
-    pub(super) fn request(&self) -> Result<Request, String> {
-        let command = match &self.ask {
-            Ask::Version => Command::ReadVersion,
-            Ask::Serials => Command::ReadSerials,
-            Ask::ReloadDynamics => Command::ReloadDynamics,
-            Ask::TorqueSource => Command::ReadTorqueSource,
-            Ask::RotationRadius { joint } => Command::ReadRotationRadius(*joint),
-            Ask::Shutdown => Command::Shutdown,
-            Ask::Reboot => Command::Reboot,
-            Ask::Heartbeat => return Ok(Request::Heartbeat),
-            Ask::Raw { register, params } => {
-                let raw = Raw::new(*register, &params.concat());
-                Command::Raw(raw.map_err(|error| error.to_string())?)
-            }
-        };
+    /// The protocol with the id that was asked for.
+    pub(super) fn protocol(&self) -> XArm {
         let protocol = match self.supervised {
             true => ProtocolId::Supervised,
             false => ProtocolId::Private,
         };
-        let transaction = Transactions::new().next_id();
-        let header = Header { transaction, protocol };
-        Ok(Request::Call { header, command })
+        XArm { protocol }
+    }
+
+    /// The parameters of a register without a type of its own.
+    pub(super) fn params(&self) -> Vec<u8> {
+        match &self.ask {
+            Ask::Raw { params, .. } => params.concat(),
+            _ => Vec::new(),
+        }
+    }
+
+    pub(super) fn request<'a>(&self, params: &'a [u8]) -> Result<Request<'a>, String> {
+        Ok(match &self.ask {
+            Ask::Version => Request::ReadVersion,
+            Ask::Serials => Request::ReadSerials,
+            Ask::ReloadDynamics => Request::ReloadDynamics,
+            Ask::TorqueSource => Request::ReadTorqueSource,
+            Ask::RotationRadius { joint } => Request::ReadRotationRadius(*joint),
+            Ask::Shutdown => Request::Shutdown,
+            Ask::Reboot => Request::Reboot,
+            Ask::Heartbeat => Request::Heartbeat,
+            Ask::Raw { register, .. } => Request::Raw(Raw::new(*register, params).map_err(|error| error.to_string())?),
+        })
     }
 }
 
-/// Asks something of an arm and returns its state and what it has to say.
-pub(crate) fn ask(
+/// Asks something of an arm and returns what `take` makes of its state and its answer.
+pub(crate) fn ask<T>(
     link: &mut Link<XArm, impl Line>,
-    transactions: &mut Transactions,
-    command: Command,
-) -> Result<Option<(State, Reply)>, Problem> {
-    let header = Header {
-        transaction: transactions.next_id(),
-        protocol: ProtocolId::Private,
-    };
-    Ok(match link.call(Request::Call { header, command })? {
-        Some(Response::Reply { state, reply, .. }) => Some((state, reply)),
+    request: Request<'_>,
+    take: impl FnOnce(State, Reply<'_>) -> T,
+) -> Result<Option<T>, Problem> {
+    let answer = link.call(request, |response| match response {
+        Response::Reply { state, reply } => Some(take(state, reply)),
         _ => None,
-    })
+    })?;
+    Ok(answer.flatten())
 }
 
 fn joint(text: &str) -> Result<Joint, String> {

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use armwire::{Micros, Scan};
+use armwire::Micros;
+use armwire::framing::Scan;
 use armwire_bridge::can::{Frame, Function, Id};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message};
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
@@ -98,13 +99,11 @@ fn pdu_meaning<P: Arm>(function: Function, pdu: &[u8]) -> String {
 }
 
 fn frame_meaning<P: Arm>(pdu: &[u8], from: Speaker) -> String {
-    let expect = match from {
-        Speaker::Host => P::REQUESTS,
-        Speaker::Arm => P::expect(None),
-    };
-    match (P::scan(pdu, expect), P::view(pdu)) {
-        (Scan::Frame(len), Some(frame)) if len == pdu.len() => meaning::<P>(frame, expect, Some(from)),
-        (Scan::Skip(_, reason) | Scan::Broken(_, reason), _) => format!("no frame of {}: {reason}", P::NAME),
+    let arm = P::default();
+    let expect = super::expected(&arm, Some(from));
+    match arm.scan(pdu, expect) {
+        Scan::Frame(len) if len == pdu.len() => meaning(&arm, pdu, expect, Some(from)),
+        Scan::Noise(_, reason) | Scan::Broken(reason) => format!("no frame of {}: {reason}", P::NAME),
         _ => format!("not one whole frame of {}", P::NAME),
     }
 }
@@ -141,9 +140,9 @@ fn parse(line: &str) -> Option<Logged<'_>> {
 
 #[cfg(test)]
 mod tests {
-    use armwire::Protocol;
     use armwire::alpha1::Alpha1;
     use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
+    use armwire::messages::Messages;
     use armwire_bridge::can::Node;
 
     use super::*;
@@ -182,14 +181,16 @@ mod tests {
         use Function::{ArmAnswer, ArmRequest, ControlAnswer, ControlRequest};
         let mut lines = Vec::new();
         let mut bytes = [0; MAX_FRAME];
-        let n = Ling::encode_request(&Request::ReadJoints, &mut bytes).unwrap();
+        let n = Ling.encode_request(&Request::ReadJoints, &mut bytes).unwrap();
         carry(&mut lines, link, ArmRequest, ArmAnswer, &bytes[..n]);
         let state = JointState {
             joints: [2048; 6],
             gripper: 500,
             status: MotionStatus::Locked,
         };
-        let n = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
+        let n = Ling
+            .encode_response(&Response::Joints(state), None, &mut bytes)
+            .unwrap();
         carry(&mut lines, link, ArmAnswer, ArmRequest, &bytes[..n]);
         carry(&mut lines, link, ControlRequest, ControlAnswer, &[7, 2]);
         lines

@@ -7,10 +7,10 @@ use std::io::{Read, Write, stdin, stdout};
 use std::path::PathBuf;
 
 use armwire::alpha1::Alpha1;
+use armwire::framing::{Reason, Scan};
 use armwire::ling::Ling;
 use armwire::ling::legacy::{Detector, Legacy};
 use armwire::xarm::XArm;
-use armwire::{Noise, Reason, Scan};
 use clap::{Args, ValueEnum};
 
 use crate::ArmKind;
@@ -51,8 +51,8 @@ pub enum Speaker {
 struct Decoded {
     /// One line for each frame and each run of noise, and one for the sum.
     lines: Vec<String>,
-    /// What broke the stream, on a line that loses nothing.
-    broken: Option<Noise>,
+    /// Where and why the stream broke, on a line that loses nothing.
+    broken: Option<(usize, Reason)>,
 }
 
 impl Decode {
@@ -61,7 +61,7 @@ impl Decode {
         let decoded = decode_input(&name, &input, self.arm, self.from)?;
         print(&decoded.lines)?;
         match decoded.broken {
-            Some(noise) => Err(Problem::Undecodable { name, noise }),
+            Some((offset, reason)) => Err(Problem::Undecodable { name, offset, reason }),
             None => Ok(()),
         }
     }
@@ -164,44 +164,44 @@ fn decode_ling(bytes: &[u8], from: Option<Speaker>) -> Decoded {
 
 /// The frames of a recording, and what is between them.
 fn decode_line<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
-    let expect = match from {
-        Some(Speaker::Host) => P::REQUESTS,
-        Some(Speaker::Arm) | None => P::expect(None),
-    };
+    let arm = P::default();
+    let expect = expected(&arm, from);
     let mut lines = Vec::new();
     let mut broken = None;
-    let (mut frames, mut noise_bytes, mut filling, mut offset) = (0, 0, 0, 0);
+    let (mut frames, mut noise_bytes, mut padding, mut offset) = (0, 0, 0, 0);
     // The end of the last damaged frame: its bytes are not shown again as noise.
     let mut damaged = 0;
-    while offset < bytes.len() && broken.is_none() {
+    while offset < bytes.len() {
         let rest = &bytes[offset..];
-        let verdict = match P::scan(rest, expect) {
-            // The end of the recording is as good as an idle line.
-            Scan::Need(missing) if !P::RELIABLE => P::scan_idle(rest, expect, missing),
-            verdict => verdict,
-        };
-        let breaks = matches!(verdict, Scan::Broken(..));
-        let (len, reason) = match verdict {
+        // The end of the recording is as good as an idle line.
+        let (len, reason) = match arm.scan_idle(rest, expect) {
             Scan::Frame(len) => {
-                let meaning = P::view(&rest[..len]).map(|frame| meaning::<P>(frame, expect, from));
-                lines.push(entry(offset, &rest[..len], &meaning.unwrap_or_default()));
+                lines.push(entry(offset, &rest[..len], &meaning(&arm, &rest[..len], expect, from)));
                 frames += 1;
                 offset += len;
                 continue;
             }
-            Scan::Fill(len) => {
-                filling += len;
+            Scan::Padding(len) => {
+                padding += len;
                 offset += len;
                 continue;
             }
-            Scan::Skip(_, Reason::Stray) => (stray::<P>(rest, expect), Reason::Stray),
-            Scan::Skip(len, reason) if len > rest.len() => {
+            Scan::Noise(_, Reason::Stray) => (stray(&arm, rest, expect), Reason::Stray),
+            Scan::Noise(len, reason) if len > rest.len() => {
                 let text = format!("noise: {reason}; the recording ends within it");
                 lines.push(entry(offset, rest, &text));
                 noise_bytes += rest.len();
                 break;
             }
-            Scan::Skip(len, reason) | Scan::Broken(len, reason) => (len, reason),
+            Scan::Noise(len, reason) => (len, reason),
+            Scan::Broken(reason) => {
+                let len = decided(&arm, rest, expect);
+                lines.push(entry(offset, &rest[..len], &format!("noise: {reason}")));
+                broken = Some((offset, reason));
+                noise_bytes += len;
+                offset += len;
+                break;
+            }
             Scan::Need(_) => {
                 lines.push(entry(offset, rest, "the recording ends within a frame"));
                 noise_bytes += rest.len();
@@ -212,7 +212,7 @@ fn decode_line<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
         match reason {
             // All of it is shown, though but its first byte is given up: what follows may be a frame.
             Reason::Checksum { .. } => {
-                end = offset + decided::<P>(rest, expect);
+                end = offset + decided(&arm, rest, expect);
                 damaged = damaged.max(end);
             }
             Reason::Stray => start = start.max(damaged),
@@ -221,16 +221,12 @@ fn decode_line<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
         if start < end {
             lines.push(entry(start, &bytes[start..end], &format!("noise: {reason}")));
         }
-        if breaks {
-            let offset = offset as u64;
-            broken = Some(Noise { offset, len, reason });
-        }
         noise_bytes += len;
         offset += len;
     }
     let mut sum = format!("bytes: {}, frames: {frames}, noise bytes: {noise_bytes}", bytes.len());
-    if filling > 0 {
-        sum += &format!(", filling: {filling}");
+    if padding > 0 {
+        sum += &format!(", filling: {padding}");
     }
     if broken.is_some() {
         sum += &format!(", not read: {}", bytes.len() - offset);
@@ -243,11 +239,19 @@ fn entry(offset: usize, bytes: &[u8], text: &str) -> String {
     format!("{offset:8}  {}\n          {text}", hex::show(bytes))
 }
 
+/// What to expect of whoever says it.
+fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
+    match from {
+        Some(Speaker::Host) => arm.requests(),
+        Some(Speaker::Arm) | None => arm.unsolicited(),
+    }
+}
+
 /// How many bytes at the front are stray.
-fn stray<P: Arm>(bytes: &[u8], expect: P::Expect) -> usize {
+fn stray<P: Arm>(arm: &P, bytes: &[u8], expect: P::Expect) -> usize {
     let mut len = 0;
     while len < bytes.len()
-        && let Scan::Skip(n, Reason::Stray) = P::scan(&bytes[len..], expect)
+        && let Scan::Noise(n, Reason::Stray) = arm.scan(&bytes[len..], expect)
     {
         len += n;
     }
@@ -255,14 +259,17 @@ fn stray<P: Arm>(bytes: &[u8], expect: P::Expect) -> usize {
 }
 
 /// How many bytes it took to say what the front is: all of a frame that is damaged.
-fn decided<P: Arm>(bytes: &[u8], expect: P::Expect) -> usize {
-    let undecided = |&len: &usize| matches!(P::scan(&bytes[..len], expect), Scan::Need(_));
+fn decided<P: Arm>(arm: &P, bytes: &[u8], expect: P::Expect) -> usize {
+    let undecided = |&len: &usize| matches!(arm.scan(&bytes[..len], expect), Scan::Need(_));
     (1..bytes.len()).take_while(undecided).count() + 1
 }
 
-fn meaning<P: Arm>(frame: P::Frame<'_>, expect: P::Expect, from: Option<Speaker>) -> String {
-    let request = P::parse_request(frame).map(|request| format!("to the arm: {}", P::request(&request)));
-    let response = P::parse_response(frame, expect).map(|response| format!("from the arm: {}", P::response(&response)));
+fn meaning<P: Arm>(arm: &P, frame: &[u8], expect: P::Expect, from: Option<Speaker>) -> String {
+    let envelope = P::envelope(frame);
+    let request = arm.parse_request(frame);
+    let request = request.map(|request| format!("to the arm: {}{envelope}", P::show_request(&request)));
+    let response = arm.parse_response(frame, expect);
+    let response = response.map(|response| format!("from the arm: {}{envelope}", P::show_response(&response)));
     match (from, request, response) {
         (Some(Speaker::Host), Ok(text), _) | (Some(Speaker::Arm), _, Ok(text)) => text,
         (Some(Speaker::Host), Err(error), _) | (Some(Speaker::Arm), _, Err(error)) => format!("no message: {error}"),

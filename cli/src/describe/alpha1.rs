@@ -7,7 +7,7 @@ use armwire::alpha1::{
     Action, Address, Alpha1, Angle, FirmwareVersion, OffsetTool, Outcome, Request, Response, ServoRequest,
     ServoResponse, ServoStates, UsbType,
 };
-use armwire::{Config, Micros};
+use armwire::{Config, time};
 
 use super::Arm;
 use crate::hex;
@@ -18,14 +18,14 @@ impl Arm for Alpha1 {
     const CONFIG: Config = Config {
         baud: NonZeroU32::new(115_200).unwrap(),
         // The system may be busy, or there is Bluetooth between, and what moves is not asked for twice.
-        latency: Micros::from_millis(250),
+        latency: time::Duration::from_millis(250),
         ..Config::DEFAULT
     };
 
     /// The two bytes of the header.
     const HEADER: usize = 2;
 
-    fn request(request: &Request) -> String {
+    fn show_request(request: &Request<'_>) -> String {
         match request {
             Request::ReadHardwareVersion => "read hardware version".to_owned(),
             Request::ReadServoStates => "read servo states".to_owned(),
@@ -43,7 +43,7 @@ impl Arm for Alpha1 {
         }
     }
 
-    fn response(response: &Response) -> String {
+    fn show_response(response: &Response<'_>) -> String {
         match response {
             Response::HardwareVersion(version) => format!("hardware version {version}"),
             Response::ServoStates(states) => format!("servos that run: {}", running(*states)),
@@ -61,7 +61,7 @@ impl Arm for Alpha1 {
         }
     }
 
-    fn refusal(response: &Response) -> Option<String> {
+    fn refusal(response: &Response<'_>) -> Option<String> {
         let (who, outcome) = match response {
             Response::Stopped(outcome)
             | Response::FirmwareVersion(FirmwareVersion { outcome, .. })

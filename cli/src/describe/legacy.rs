@@ -13,11 +13,11 @@ impl Arm for Legacy {
 
     const HEADER: usize = 3;
 
-    fn request(request: &Request) -> String {
+    fn show_request(request: &Request) -> String {
         match *request {}
     }
 
-    fn response(response: &Response) -> String {
+    fn show_response(response: &Response) -> String {
         match response {
             Response::Joints(state) => joints(state),
             Response::Gripper(state) => gripper(state),

@@ -1,7 +1,8 @@
 //! The Ling arm.
 
+use armwire::Config;
 use armwire::ling::{JointState, Ling, Move, Opening, PerServo, Position, Request, Response, Torque};
-use armwire::{Config, Micros};
+use armwire::time::Duration;
 
 use super::{Arm, angle};
 
@@ -10,13 +11,13 @@ impl Arm for Ling {
 
     const CONFIG: Config = Config {
         // The system may be busy, and nobody waits for us but a person.
-        latency: Micros::from_millis(50),
+        latency: Duration::from_millis(50),
         ..Config::DEFAULT
     };
 
     const HEADER: usize = 3;
 
-    fn request(request: &Request) -> String {
+    fn show_request(request: &Request) -> String {
         match request {
             Request::ReadInfo => "read information".to_owned(),
             Request::SetZero => "set zero position".to_owned(),
@@ -34,7 +35,7 @@ impl Arm for Ling {
         }
     }
 
-    fn response(response: &Response) -> String {
+    fn show_response(response: &Response) -> String {
         match response {
             Response::Info(info) => format!(
                 "serial number {}, hardware {}, firmware {}",

@@ -5,7 +5,8 @@ pub(crate) mod legacy;
 mod ling;
 mod xarm;
 
-use armwire::{Config, Protocol};
+use armwire::Config;
+use armwire::messages::Messages;
 
 pub(crate) use alpha1::running;
 pub(crate) use ling::{gripper, joint, list};
@@ -17,7 +18,7 @@ pub(crate) fn angle(radians: f32) -> String {
 }
 
 /// A protocol, and what the command line says of it.
-pub(crate) trait Arm: Protocol {
+pub(crate) trait Arm: Messages + Default {
     /// What the arm is called, with its article.
     const NAME: &'static str;
 
@@ -28,11 +29,16 @@ pub(crate) trait Arm: Protocol {
     const HEADER: usize;
 
     /// A request in words.
-    fn request(request: &Self::Request) -> String;
+    fn show_request(request: &Self::Request<'_>) -> String;
 
     /// A response in words.
-    fn response(response: &Self::Response) -> String;
+    fn show_response(response: &Self::Response<'_>) -> String;
 
     /// Why the arm did not do what it was asked, if that is what the response says.
-    fn refusal(response: &Self::Response) -> Option<String>;
+    fn refusal(response: &Self::Response<'_>) -> Option<String>;
+
+    /// What a frame says besides its message, in parentheses, such as its number.
+    fn envelope(_frame: &[u8]) -> String {
+        String::new()
+    }
 }

@@ -1,7 +1,7 @@
 //! The xArm.
 
 use armwire::Config;
-use armwire::xarm::{Command, Raw, Register, Reply, Request, Response, State, TorqueSource, VersionText, XArm};
+use armwire::xarm::{Frame, Raw, Register, Reply, Request, Response, State, TorqueSource, VersionText, XArm};
 
 use super::Arm;
 use crate::hex;
@@ -14,60 +14,62 @@ impl Arm for XArm {
     /// Transaction and protocol id.
     const HEADER: usize = 4;
 
-    fn request(request: &Request) -> String {
+    fn show_request(request: &Request<'_>) -> String {
         match request {
             Request::Heartbeat => "heartbeat".to_owned(),
-            Request::Call { header, command } => {
-                let (transaction, protocol) = (header.transaction, header.protocol as u16);
-                format!("{} (transaction {transaction}, protocol id {protocol})", call(command))
-            }
+            Request::ReadVersion => "read version".to_owned(),
+            Request::ReadSerials => "read serial numbers".to_owned(),
+            Request::ReloadDynamics => "reload dynamics".to_owned(),
+            Request::ReadTorqueSource => "read torque source".to_owned(),
+            Request::ReadRotationRadius(joint) => format!("read rotation radius of joint {}", joint.number()),
+            Request::Shutdown => "shut down".to_owned(),
+            Request::Reboot => "reboot".to_owned(),
+            Request::Raw(raw) => self::raw(raw),
             other => format!("{other:?}"),
         }
     }
 
-    fn response(response: &Response) -> String {
+    fn show_response(response: &Response<'_>) -> String {
         match response {
             Response::Heartbeat => "heartbeat".to_owned(),
-            Response::Reply { header, state, reply } => {
-                let (transaction, protocol) = (header.transaction, header.protocol as u16);
-                let reply = self::reply(reply, *state);
-                format!("{reply}, state {state} (transaction {transaction}, protocol id {protocol})")
+            Response::Reply { state, reply } => format!("{}, state {state}", self::reply(reply, *state)),
+            Response::ModbusRefused { unit, function } => {
+                format!("refused: no standard Modbus function {function}, unit {unit}")
             }
-            Response::ModbusRefused {
-                transaction,
-                unit,
-                function,
-            } => format!("refused: no standard Modbus function {function}, unit {unit} (transaction {transaction})"),
             other => format!("{other:?}"),
         }
     }
 
-    fn refusal(response: &Response) -> Option<String> {
+    fn refusal(response: &Response<'_>) -> Option<String> {
         match response {
-            Response::Reply { state, reply, .. } if state.contains(State::INVALID) => Some(format!(
+            Response::Reply { state, reply } if state.contains(State::INVALID) => Some(format!(
                 "the arm refused register {}, or failed at it (state {state})",
                 reply.register()
             )),
             _ => None,
         }
     }
-}
 
-fn call(command: &Command) -> String {
-    match command {
-        Command::ReadVersion => "read version".to_owned(),
-        Command::ReadSerials => "read serial numbers".to_owned(),
-        Command::ReloadDynamics => "reload dynamics".to_owned(),
-        Command::ReadTorqueSource => "read torque source".to_owned(),
-        Command::ReadRotationRadius(joint) => format!("read rotation radius of joint {}", joint.number()),
-        Command::Shutdown => "shut down".to_owned(),
-        Command::Reboot => "reboot".to_owned(),
-        Command::Raw(raw) => self::raw(raw),
-        other => format!("{other:?}"),
+    fn envelope(frame: &[u8]) -> String {
+        match Frame::parse(frame) {
+            Some(Frame {
+                transaction,
+                protocol: 0,
+                ..
+            }) => format!(" (transaction {transaction})"),
+            Some(Frame {
+                transaction,
+                protocol: protocol @ (2 | 3),
+                ..
+            }) => {
+                format!(" (transaction {transaction}, protocol id {protocol})")
+            }
+            _ => String::new(),
+        }
     }
 }
 
-fn reply(reply: &Reply, state: State) -> String {
+fn reply(reply: &Reply<'_>, state: State) -> String {
     match reply {
         Reply::Empty(register) => {
             let what = match register {
@@ -90,7 +92,7 @@ fn reply(reply: &Reply, state: State) -> String {
     }
 }
 
-fn raw(raw: &Raw) -> String {
+fn raw(raw: &Raw<'_>) -> String {
     match raw.params() {
         [] => format!("register {}, no value", raw.register()),
         params => format!("register {}, {}", raw.register(), hex::show(params)),
@@ -98,7 +100,7 @@ fn raw(raw: &Raw) -> String {
 }
 
 /// A version in words, or as it is if it does not say what a version says.
-fn version(text: &VersionText) -> String {
+fn version(text: &VersionText<'_>) -> String {
     match text.version() {
         Ok(version) => format!(
             "{} axes, type {}, arm {}, control box {}, firmware {}",

@@ -19,7 +19,7 @@ pub(super) fn run(link: &mut Link<Ling, impl Line>) -> Result<(), Problem> {
     // Until the temperatures tell: there is one for each servo.
     let mut kind = Kind::Follower;
     for request in requests {
-        match link.call(request)? {
+        match link.call(request, |response| response)? {
             Some(Response::Info(info)) => {
                 let arm = match info.serial.kind() {
                     Some(Kind::Leader) => "Ling leader",

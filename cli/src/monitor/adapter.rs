@@ -3,9 +3,9 @@
 
 use std::time::Duration;
 
-use armwire::Protocol;
-use armwire::alpha1::{Alpha1, Request as Alpha1Request};
-use armwire::ling::{Ling, Request as LingRequest};
+use armwire::alpha1::{Alpha1, Expect};
+use armwire::ling::Ling;
+use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, Poll};
 use armwire_bridge::control::{self, Event, Subscription};
 
@@ -99,14 +99,15 @@ impl Source for Heard {
 /// What a frame of the arm tells, as an answer to the request that a monitor makes.
 fn frame(arm: ArmKind, bytes: &[u8]) -> News {
     match arm {
-        ArmKind::Alpha1 => response::<Alpha1>(bytes, &Alpha1Request::ReadServoStates, alpha1::news),
-        _ => response::<Ling>(bytes, &LingRequest::ReadJoints, ling::news),
+        ArmKind::Alpha1 => {
+            let response = Alpha1.parse_response(bytes, Expect::Responses(None));
+            response.map_or(News::Nothing, |response| alpha1::news(&response))
+        }
+        _ => {
+            let response = Ling.parse_response(bytes, ());
+            response.map_or(News::Nothing, |response| ling::news(&response))
+        }
     }
-}
-
-fn response<P: Protocol>(bytes: &[u8], request: &P::Request, news: fn(&P::Response) -> News) -> News {
-    let response = P::view(bytes).and_then(|frame| P::parse_response(frame, P::expect(Some(request))).ok());
-    response.map_or(News::Nothing, |response| news(&response))
 }
 
 /// An event in words.

@@ -18,8 +18,8 @@ impl<L: Line> Source for Asked<L> {
     }
 
     fn read(&mut self) -> Result<News, Problem> {
-        let response = self.0.call(Request::ReadServoStates)?;
-        Ok(response.map_or(News::Nothing, |response| news(&response)))
+        let news = self.0.call(Request::ReadServoStates, |response| news(&response))?;
+        Ok(news.unwrap_or(News::Nothing))
     }
 
     fn line_errors(&self) -> LineErrors {
@@ -28,7 +28,7 @@ impl<L: Line> Source for Asked<L> {
 }
 
 /// What a robot's message tells.
-pub(super) fn news(response: &Response) -> News {
+pub(super) fn news(response: &Response<'_>) -> News {
     match response {
         Response::ServoStates(states) => News::Reading(reading(*states), None),
         _ => News::Nothing,

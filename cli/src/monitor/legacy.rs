@@ -44,7 +44,7 @@ impl<L: Line> Source for Heard<L> {
                 Some(_) => Micros(0),
                 None => until.since(self.link.now()),
             };
-            let heard = self.link.hear(Duration::from_micros(left.0))?;
+            let heard = self.link.hear(Duration::from_micros(left.0), |response| response)?;
             match (heard, &joints) {
                 (None, Some(joints)) => return Ok(News::Reading(reading(*joints, self.gripper.as_ref()), None)),
                 (None, None) if until <= self.link.now() => {

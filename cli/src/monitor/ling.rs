@@ -23,13 +23,13 @@ impl<L: Line> Source for Asked<L> {
     }
 
     fn read(&mut self) -> Result<News, Problem> {
-        let response = self.0.call(Request::ReadJoints)?;
-        Ok(response.map_or(News::Nothing, |response| news(&response)))
+        let news = self.0.call(Request::ReadJoints, |response| news(&response))?;
+        Ok(news.unwrap_or(News::Nothing))
     }
 
     fn read_celsius(&mut self) -> Result<News, Problem> {
-        let response = self.0.call(Request::ReadTemperatures)?;
-        Ok(response.map_or(News::Nothing, |response| news(&response)))
+        let news = self.0.call(Request::ReadTemperatures, |response| news(&response))?;
+        Ok(news.unwrap_or(News::Nothing))
     }
 
     fn line_errors(&self) -> LineErrors {

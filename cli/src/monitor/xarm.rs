@@ -4,7 +4,7 @@
 //! little-endian floating-point numbers in radians, of which an arm with fewer axes uses the first. What an arm answers
 //! otherwise is shown as it is.
 
-use armwire::xarm::{Command, Raw, Reply, State, Transactions, XArm};
+use armwire::xarm::{Raw, Reply, Request, State, XArm};
 
 use super::reading::{LineErrors, News, Reading, Source};
 use crate::call::ask;
@@ -21,28 +21,22 @@ const JOINTS: usize = 7;
 /// An arm that is asked.
 pub(super) struct Asked<L> {
     link: Link<XArm, L>,
-    transactions: Transactions,
     /// How many joints the arm has, once it was asked.
     axes: Option<usize>,
 }
 
 impl<L: Line> Asked<L> {
     pub(super) fn new(link: Link<XArm, L>) -> Self {
-        Self {
-            link,
-            transactions: Transactions::default(),
-            axes: None,
-        }
+        Self { link, axes: None }
     }
 
     /// How many joints the arm has; as many as any if it does not tell.
     fn read_axes(&mut self) -> Result<usize, Problem> {
-        Ok(
-            match ask(&mut self.link, &mut self.transactions, Command::ReadVersion)? {
-                Some((_, Reply::Version(text))) => text.version().map_or(JOINTS, |version| version.axes.into()),
-                _ => JOINTS,
-            },
-        )
+        let axes = ask(&mut self.link, Request::ReadVersion, |_, reply| match reply {
+            Reply::Version(text) => text.version().map_or(JOINTS, |version| version.axes.into()),
+            _ => JOINTS,
+        })?;
+        Ok(axes.unwrap_or(JOINTS))
     }
 }
 
@@ -60,12 +54,11 @@ impl<L: Line> Source for Asked<L> {
             }
         };
         let positions = Raw::new(POSITIONS, &[]).expect("the document does not have this register");
-        Ok(
-            match ask(&mut self.link, &mut self.transactions, Command::Raw(positions))? {
-                Some((state, Reply::Raw(raw))) => News::Reading(reading(state, raw.params(), axes), None),
-                _ => News::Nothing,
-            },
-        )
+        let news = ask(&mut self.link, Request::Raw(positions), |state, reply| match reply {
+            Reply::Raw(raw) => News::Reading(reading(state, raw.params(), axes), None),
+            _ => News::Nothing,
+        })?;
+        Ok(news.unwrap_or(News::Nothing))
     }
 
     fn line_errors(&self) -> LineErrors {

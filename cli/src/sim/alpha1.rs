@@ -16,9 +16,9 @@ use crate::problem::Problem;
 pub(crate) struct Alpha1Sim {
     #[command(flatten)]
     line: LineArgs,
-    /// Hardware version, at most 59 characters.
+    /// Hardware version, at most 254 characters.
     #[arg(long, value_name = "TEXT", value_parser = parse_text)]
-    hardware: Option<Text>,
+    hardware: Option<String>,
     /// Firmware version, 10 characters.
     #[arg(long, value_name = "TEXT", value_parser = parse_firmware)]
     firmware: Option<[u8; 10]>,
@@ -28,7 +28,7 @@ pub(crate) struct Alpha1Sim {
     /// How long a pause inside a request may be, in milliseconds: after it the half request is dropped.
     #[arg(long, value_name = "N", default_value_t = 100)]
     idle_ms: u32,
-    /// Fill each answer up with zeros to 64 bytes, a USB HID report. Requests may be filled up in any case.
+    /// Fill each answer up with zeros to USB HID reports of 64 bytes. Requests may be filled up in any case.
     #[arg(long)]
     hid: bool,
 }
@@ -74,8 +74,11 @@ impl FromStr for Ids {
     }
 }
 
-fn parse_text(text: &str) -> Result<Text, String> {
-    Text::new(text.as_bytes()).map_err(|error| error.to_string())
+fn parse_text(text: &str) -> Result<String, String> {
+    match Text::new(text.as_bytes()) {
+        Ok(_) => Ok(text.to_owned()),
+        Err(error) => Err(error.to_string()),
+    }
 }
 
 fn parse_firmware(text: &str) -> Result<[u8; 10], String> {
@@ -88,13 +91,13 @@ impl Alpha1Sim {
     pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
         let base = RobotConfig::default();
         let config = RobotConfig {
-            hardware: self.hardware.unwrap_or(base.hardware),
+            hardware: self.hardware.clone().map_or(base.hardware, String::into_bytes),
             firmware: self.firmware.unwrap_or(base.firmware),
             turnaround: Micros(self.turnaround_us),
             idle: Micros::from_millis(self.idle_ms.into()),
             hid: self.hid,
         };
-        let name = format!("Alpha1 with hardware {}", config.hardware);
+        let name = format!("Alpha1 with hardware {}", config.hardware.escape_ascii());
         let (line, served) = self.line.serve(name, Alpha1Robot::new(config), stop)?;
         say_last(served, line.device().counters())
     }

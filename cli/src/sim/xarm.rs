@@ -88,7 +88,7 @@ impl XArmSim {
         };
         say(format_args!(
             "xArm {axes} {} is at {}, {reports}; Ctrl-C ends it.",
-            config.serials,
+            SerialsText(&config.serials),
             server.control_address()
         ))?;
 
@@ -105,9 +105,10 @@ impl XArmSim {
 
     fn config(&self) -> Result<Config, Problem> {
         let config = Config::new(self.axes);
-        let arm = self.serial.as_deref().or(config.serials.arm());
-        let control_box = self.box_serial.as_deref().or(config.serials.control_box());
-        let serials = SerialsText::new(arm.unwrap_or_default(), control_box.unwrap_or_default());
+        let usual = SerialsText(&config.serials);
+        let arm = self.serial.as_deref().or(usual.arm());
+        let control_box = self.box_serial.as_deref().or(usual.control_box());
+        let serials = SerialsText::encode(arm.unwrap_or_default(), control_box.unwrap_or_default());
         let serials = serials.map_err(|error| Problem::Usage(error.to_string()))?;
         Ok(Config { serials, ..config })
     }

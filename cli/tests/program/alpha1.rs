@@ -211,8 +211,8 @@ fn wrong_values_are_refused_with_what_they_may_be() {
     for (args, message) in [
         (&["alpha1", "--firmware", "2016"][..], "it has 4 bytes, not 10"),
         (
-            &["alpha1", "--hardware", &"x".repeat(60)],
-            "text length is 60 bytes, must be 0..=59",
+            &["alpha1", "--hardware", &"x".repeat(255)],
+            "text length is 255 bytes, must be 0..=254",
         ),
         (&["alpha1-servo", "--ids", "0"], "servo id is 0, must be 1..=240"),
         (&["alpha1-servo", "--ids", "1-241"], "servo id is 241, must be 1..=240"),

@@ -91,9 +91,9 @@ fn what_is_out_of_range_never_leaves_the_command_line() {
         ),
         (
             &["set-temperature-limit", "254"],
-            "temperature limit is 254 °C, must be 0..=253",
+            "temperature limit (254 reads the temperatures) is 254 °C",
         ),
-        (&["set-temperature-limit", "-1"], "'-1' is not a number from 0 to 253"),
+        (&["set-temperature-limit", "-1"], "'-1' is not a number from 0 to 255"),
         (&["set-stroke", "60"], "[possible values: 50, 75, 100]"),
         (&["move", "--joints", "0,0,0,0,0,0"], "--speed"),
     ] {
@@ -271,7 +271,7 @@ fn a_robot_or_a_servo_that_fails_says_so() {
 
 #[test]
 fn what_an_alpha1_cannot_be_told_never_leaves_the_command_line() {
-    let (name, angles) = ("x".repeat(60), ["90"; 21].join(","));
+    let (name, angles) = ("x".repeat(255), ["90"; 21].join(","));
     let act = |angles, time, interval| ["act", "--angles", angles, "--time", time, "--interval", interval];
     for (args, error) in [
         (&act("241", "1", "1")[..], "servo angle is 241 degrees, must be 0..=240"),
@@ -279,7 +279,7 @@ fn what_an_alpha1_cannot_be_told_never_leaves_the_command_line() {
         (&act("90", "5.2", "1"), "move time is 5.2 s, must be 0..=5.1"),
         (&act("90", "1", "1311"), "interval is 1311 s, must be 0..=1310.7"),
         (&act("90", "-1", "1"), "'-1' is no time"),
-        (&["play", &name], "text length is 60 bytes, must be 0..=59"),
+        (&["play", &name], "text length is 255 bytes, must be 0..=254"),
         (&["servo", "version", "0"], "servo id is 0, must be 1..=240"),
         (&["servo", "change-id", "1", "241"], "servo id is 241, must be 1..=240"),
         (

@@ -3,8 +3,8 @@
 
 use std::fs;
 
-use armwire::Protocol;
 use armwire::ling::legacy::{Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS};
+use armwire::messages::Messages;
 
 use crate::common::{Arm, NO_ANSWER, again_while, failure, free_path, run, run_against, success, usage};
 
@@ -27,7 +27,7 @@ fn older(joint: u16) -> Vec<u8> {
     let mut bytes = Vec::new();
     for response in [joints, gripper] {
         let mut out = [0; MAX_FRAME];
-        let n = Legacy::encode_response(&response, &mut out).unwrap();
+        let n = Legacy.encode_response(&response, None, &mut out).unwrap();
         bytes.extend(&out[..n]);
     }
     bytes

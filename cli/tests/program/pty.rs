@@ -12,8 +12,8 @@ use std::time::Duration;
 use crate::common::{
     Arm, NO_ANSWER, PROGRAM, again_while, failure, finish, free_path, run, run_against, start, success,
 };
-use armwire::Protocol;
 use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Response};
+use armwire::messages::Messages;
 use armwire_sim::pty::Pty;
 use rustix::fs::OFlags;
 use rustix::process::{Pid, Signal, geteuid, kill_process};
@@ -35,7 +35,7 @@ fn joints(joint: u16, gripper: u16) -> Vec<u8> {
         status: MotionStatus::Idle,
     });
     let mut out = [0; MAX_FRAME];
-    let n = Ling::encode_response(&response, &mut out).unwrap();
+    let n = Ling.encode_response(&response, None, &mut out).unwrap();
     out[..n].to_vec()
 }
 

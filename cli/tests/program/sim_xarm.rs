@@ -100,7 +100,7 @@ fn it_says_what_it_is_and_where_what_happens_and_what_happened() {
         "{rest}"
     );
     let broken = format!(
-        "{}: connection closed, not an xArm frame: 4 bytes at 7: byte 3 is 0x09, expected 0x00 or 0x01 or 0x02 or 0x03",
+        "{}: connection closed, not an xArm frame after 7 bytes: byte 3 is 0x09, expected 0x00 or 0x01 or 0x02 or 0x03",
         client.local_addr().unwrap()
     );
     assert!(

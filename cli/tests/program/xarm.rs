@@ -6,10 +6,10 @@ use std::process::{Command, Output};
 use std::thread;
 
 use armwire::xarm::{
-    Command as Ask, Direction, Frame, MAX_FRAME, MAX_PARAMS, Raw, Register, Reply, Request, Response, RotationRadius,
+    Direction, Frame, MAX_FRAME, MAX_PARAMS, Raw, Register, Reply, Request as Ask, Response, RotationRadius,
     SerialsText, State, TorqueSource, VersionText, XArm,
 };
-use armwire::{Device, Heard, Input};
+use armwire::{Device, DeviceEvent};
 
 use crate::common::{PROGRAM, failure, finish, free_path, run, start, success, usage};
 
@@ -29,19 +29,20 @@ fn run_against(args: &[&str], serve: impl FnOnce(TcpStream) + Send) -> Output {
 }
 
 /// Answers each request that comes, until the connection ends.
-fn answer(mut stream: TcpStream, mut answer: impl FnMut(Ask) -> Option<(State, Reply)>) {
-    let mut device = Device::<XArm, MAX_FRAME>::new();
-    let mut buf = [0; 256];
-    while let Ok(n @ 1..) = stream.read(&mut buf) {
-        let mut input = Input::Bytes(&buf[..n]);
-        while let Some(heard) = device.handle(&mut input) {
-            let Heard::Request(Request::Call { header, command }) = heard else {
-                continue;
+fn answer(mut stream: TcpStream, mut answer: impl FnMut(Ask<'_>) -> Option<(State, Reply<'static>)>) {
+    let mut device = Device::<XArm, MAX_FRAME>::new(XArm::PRIVATE);
+    let mut out = [0; MAX_FRAME];
+    while let Ok(n @ 1..) = stream.read(device.space()) {
+        device.received(n).unwrap();
+        loop {
+            let (answer, key) = match device.poll() {
+                Some(DeviceEvent::Request { request, key }) => (answer(request), key),
+                Some(_) => continue,
+                None => break,
             };
-            if let Some((state, reply)) = answer(command) {
-                let mut out = [0; MAX_FRAME];
+            if let Some((state, reply)) = answer {
                 let n = device
-                    .respond(&Response::Reply { header, state, reply }, &mut out)
+                    .respond(&Response::Reply { state, reply }, key, &mut out)
                     .unwrap();
                 stream.write_all(&out[..n]).unwrap();
             }
@@ -49,11 +50,22 @@ fn answer(mut stream: TcpStream, mut answer: impl FnMut(Ask) -> Option<(State, R
     }
 }
 
+/// Bytes that an answer may borrow.
+fn kept(bytes: impl Into<Vec<u8>>) -> &'static [u8] {
+    bytes.into().leak()
+}
+
 /// An arm with all six registers and one more.
-fn arm(ask: Ask) -> Option<(State, Reply)> {
+fn arm(ask: Ask<'_>) -> Option<(State, Reply<'static>)> {
     let reply = match ask {
-        Ask::ReadVersion => Reply::Version(VersionText::new("6,9,XI1300,AC1300,v1.12.10").unwrap()),
-        Ask::ReadSerials => Reply::Serials(SerialsText::new("XI130004A1B2", "AC130004A1B2").unwrap()),
+        Ask::ReadVersion => {
+            let text = VersionText::encode("6,9,XI1300,AC1300,v1.12.10").unwrap();
+            Reply::Version(VersionText(kept(text)))
+        }
+        Ask::ReadSerials => {
+            let text = SerialsText::encode("XI130004A1B2", "AC130004A1B2").unwrap();
+            Reply::Serials(SerialsText(kept(text)))
+        }
         Ask::ReloadDynamics => Reply::Empty(Register::ReloadDynamics),
         Ask::ReadTorqueSource => Reply::TorqueSource(TorqueSource::Current),
         Ask::ReadRotationRadius(joint) => {
@@ -63,7 +75,7 @@ fn arm(ask: Ask) -> Option<(State, Reply)> {
         Ask::Raw(raw) if raw.register() == 42 => {
             let radians = [0.0, 0.5, -1.0, 3.0, 0.0, -0.25, 0.0_f32];
             let params: Vec<u8> = radians.into_iter().flat_map(f32::to_le_bytes).collect();
-            Reply::Raw(Raw::new(42, &params).unwrap())
+            Reply::Raw(Raw::new(42, kept(params)).unwrap())
         }
         Ask::Raw(raw) => return Some((State::INVALID, Reply::empty(raw.register()))),
         other => panic!("{other:?}"),
@@ -82,7 +94,7 @@ fn stdout(output: Output) -> String {
 
 #[test]
 fn each_request_of_an_xarm_can_be_made() {
-    let state = ", state not ready to move, warning (transaction 1, protocol id 2)\n";
+    let state = ", state not ready to move, warning\n";
     for (args, answer) in [
         (
             &["version"][..],
@@ -177,10 +189,10 @@ fn info_goes_on_where_an_arm_refuses_or_its_version_is_a_riddle() {
     let output = run_against(&["info", "--arm", "xarm", "HOST"], |stream| {
         answer(stream, |ask| match ask {
             Ask::ReadVersion => {
-                let text = VersionText::new("v1.0.2").unwrap();
-                Some((State::OK, Reply::Version(text)))
+                // As long as it is: the document does not say how long it must be.
+                Some((State::OK, Reply::Version(VersionText(b"v1.0.2"))))
             }
-            ask => Some((State::INVALID, Reply::empty(ask.register()))),
+            ask => Some((State::INVALID, Reply::empty(ask.register().unwrap()))),
         });
     });
     let out = stdout(output);
@@ -209,7 +221,7 @@ fn monitor_shows_what_it_does_not_understand_as_it_is() {
     let output = run_against(&["monitor", "--arm", "xarm", "HOST", "--count", "1"], |stream| {
         answer(stream, |ask| match ask {
             Ask::Raw(_) => Some((State::OK, Reply::Raw(Raw::new(42, &[1, 2, 3]).unwrap()))),
-            ask => Some((State::INVALID, Reply::empty(ask.register()))),
+            ask => Some((State::INVALID, Reply::empty(ask.register().unwrap()))),
         });
     });
     let out = stdout(output);
@@ -257,7 +269,7 @@ fn a_stream_that_is_no_xarms_is_broken_and_says_where() {
         answer(stream, |_| None);
     }));
     assert!(
-        line.contains("what arrives there is no message of an xArm (3 bytes at 0: byte 2 is 0x48, expected 0x00)"),
+        line.contains("what arrives there is no message of an xArm (byte 0: byte 2 is 0x48, expected 0x00)"),
         "{line}"
     );
 }
@@ -327,8 +339,18 @@ fn a_virtual_xarm_is_one_to_all_commands() {
         monitored.lines().all(|line| line.matches("rad").count() == 6),
         "{monitored}"
     );
-    assert!(radius.ends_with("(transaction 1, protocol id 3)\n"), "{radius}");
+    assert!(radius.starts_with("rotation radius "), "{radius}");
     assert!(refused.contains("the arm refused register 250"), "{refused}");
+}
+
+#[test]
+fn the_protocol_id_is_the_one_asked_for() {
+    for (option, id) in [(&[][..], 2), (&["--supervised"], 3)] {
+        let args = [&["call", "xarm", "HOST"][..], option, &["version"]].concat();
+        let mut request = [0; 7];
+        run_against(&args, |mut stream| stream.read_exact(&mut request).unwrap());
+        assert_eq!(request, [0, 1, 0, id, 0, 1, 1]);
+    }
 }
 
 #[test]

@@ -2,10 +2,13 @@
 //! nothing else; and time alone ends what nothing else does.
 #![no_main]
 
-use armwire::{Busy, Client, Config, Event, Input, Micros};
-use armwire_fuzz::{Arbitrary, Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
-use libfuzzer_sys::fuzz_target;
 use std::num::NonZeroU32;
+
+use armwire::dialect::{Effect, InfoOf};
+use armwire::time::{Duration, Instant};
+use armwire::{Client, Config, Event, Output, SubmitError};
+use armwire_fuzz::{Arbitrary, Check, Result, Said, Subject, Unstructured, check, request_bytes, response_bytes};
+use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| check::<Talks>(input));
 
@@ -28,27 +31,29 @@ struct Talks;
 
 impl Check for Talks {
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
+        let protocol = P::any_protocol(u)?;
         let config = Config {
             baud: *u.choose(&[115_200, 1_000_000, u32::MAX, 1].map(|baud| NonZeroU32::new(baud).expect("not 0")))?,
-            latency: Micros(u.int_in_range(0..=20_000)?),
-            repeats: u.int_in_range(0..=3)?,
-            lateness: Micros(u.int_in_range(0..=100_000)?),
+            latency: Duration::from_micros(u.int_in_range(0..=20_000)?),
+            repeats: u.int_in_range(0..=6)?,
+            stale_window: Duration::from_micros(u.int_in_range(0..=100_000)?),
         };
-        let mut world = World::<P, N>::new(config);
+        let mut world = World::<P, N>::new(protocol, config);
         while !u.is_empty() {
             match u.arbitrary()? {
-                Step::Submit => world.submit(P::any_request(u)?),
+                Step::Submit => world.submit(&P::any_request(u)?),
                 Step::Cancel => world.cancel(),
                 Step::Transmit(n) => world.transmit(n.into()),
                 Step::TransmitAll => world.transmit(N),
-                Step::Bytes(bytes) => world.hear(Input::Bytes(bytes)),
-                Step::Response => world.hear(Input::Bytes(&response_bytes::<P>(&P::any_response(u)?.0))),
-                Step::Echo => world.hear(Input::Bytes(&request_bytes::<P>(&P::any_request(u)?))),
-                Step::Idle => world.hear(Input::Idle),
-                Step::Wait(micros) => world.wait(world.now + Micros(u64::from(micros) * 16)),
-                Step::WaitUntilDue => world.wait(world.client.poll_timeout().unwrap_or(world.now)),
+                Step::Bytes(bytes) => world.hear(bytes),
+                Step::Response => world.hear(&response_bytes(protocol, &P::any_response(u)?)),
+                Step::Echo => world.hear(&request_bytes(protocol, &P::any_request(u)?)),
+                Step::Idle => world.idle(),
+                Step::Wait(micros) => world.wait(world.now + Duration::from_micros(u64::from(micros) * 16)),
+                Step::WaitUntilDue => world.wait_until_due(),
             }
-            assert_eq!(world.client.is_idle(), world.flight.is_none());
+            let over = world.told.flight.is_none() && world.told.line.is_empty();
+            assert_eq!(world.client.is_idle(), over);
         }
         world.end();
         Ok(())
@@ -57,16 +62,25 @@ impl Check for Talks {
 
 /// The request that is in flight, as far as it has got.
 struct Flight<P: Subject> {
-    request: P::Request,
+    bytes: Vec<u8>,
+    info: InfoOf<P>,
     /// How often all of it went out, and when it last did.
     sends: u8,
-    sent: Micros,
+    sent: Instant,
 }
 
 struct World<P: Subject, const N: usize> {
     client: Client<P, N>,
+    now: Instant,
+    /// The number of the last request.
+    number: u16,
+    told: Told<P>,
+}
+
+/// What must be so by what was told.
+struct Told<P: Subject> {
+    protocol: P,
     config: Config,
-    now: Micros,
     flight: Option<Flight<P>>,
     /// What is going out, how much of it has, and whether it is for the request that is in flight.
     line: Vec<u8>,
@@ -74,113 +88,197 @@ struct World<P: Subject, const N: usize> {
     of_flight: bool,
     broken: bool,
     /// The longest time that an arm may take for one of the requests so far.
-    turnaround: Micros,
+    turnaround: Duration,
 }
 
 impl<P: Subject, const N: usize> World<P, N> {
-    fn new(config: Config) -> Self {
+    fn new(protocol: P, config: Config) -> Self {
         Self {
-            client: Client::new(config),
-            config,
-            now: Micros(0),
-            flight: None,
-            line: Vec::new(),
-            out: 0,
-            of_flight: false,
-            broken: false,
-            turnaround: Micros(0),
+            client: Client::new(protocol, config),
+            now: Instant::ZERO,
+            number: 0,
+            told: Told {
+                protocol,
+                config,
+                flight: None,
+                line: Vec::new(),
+                out: 0,
+                of_flight: false,
+                broken: false,
+                turnaround: Duration::ZERO,
+            },
         }
     }
 
-    fn submit(&mut self, request: P::Request) {
+    fn submit(&mut self, request: &P::Request<'_>) {
         let submitted = self.client.submit(request);
-        if self.flight.is_some() {
-            assert_eq!(submitted, Err(Busy(request)));
-            assert!(!Busy(request).to_string().is_empty() && !format!("{:?}", self.client).is_empty());
+        let told = &mut self.told;
+        if told.flight.is_some() || !told.line.is_empty() {
+            assert_eq!(submitted, Err(SubmitError::Busy));
+            assert!(!SubmitError::Busy.to_string().is_empty() && !format!("{:?}", self.client).is_empty());
             return;
         }
         assert_eq!(submitted, Ok(()));
-        let turnaround = P::reply(&request).map_or(Micros(0), |reply| reply.turnaround);
-        self.turnaround = self.turnaround.max(turnaround);
-        self.flight = Some(Flight {
-            request,
+        let mut bytes = request_bytes(told.protocol, request);
+        self.number = self.number.checked_add(1).unwrap_or(1);
+        told.protocol.stamp(&mut bytes, self.number);
+        let info = told.protocol.request(&bytes).expect("it is a request");
+        let turnaround = info.response.map_or(Duration::ZERO, |response| response.turnaround);
+        told.turnaround = told.turnaround.max(turnaround);
+        told.flight = Some(Flight {
+            bytes,
+            info,
             sends: 0,
-            sent: Micros(0),
+            sent: Instant::ZERO,
         });
+        assert_eq!(self.client.expects_answer(), info.response.is_some());
     }
 
     fn cancel(&mut self) {
-        self.client.cancel(self.now);
-        self.flight = None;
-        // What was begun goes out whole, and so does a repeat of a request that was answered meanwhile.
+        self.client.cancel();
+        self.told.over();
+    }
+
+    fn transmit(&mut self, n: usize) {
+        self.take_events();
+        let Output::Transmit(bytes) = self.client.poll(self.now) else {
+            return;
+        };
+        let n = n.min(bytes.len());
+        self.told.transmitted(bytes, n, self.now);
+        assert!(self.client.transmitted(self.now, N + 1).is_err(), "more than there was");
+        self.client.transmitted(self.now, n).expect("it was given");
+    }
+
+    fn hear(&mut self, bytes: &[u8]) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let later = self.client.receive(self.now, rest);
+            assert!(later.len() < rest.len(), "it is not taken");
+            rest = later;
+            self.take_events();
+        }
+    }
+
+    fn idle(&mut self) {
+        self.client.idle();
+        self.take_events();
+    }
+
+    fn take_events(&mut self) {
+        loop {
+            match self.client.poll(self.now) {
+                Output::Event(event) => {
+                    assert!(!format!("{event:?}").is_empty());
+                    self.told.place(event, self.now);
+                }
+                Output::Transmit(bytes) => {
+                    assert!(!bytes.is_empty(), "nothing is to be transmitted");
+                    return;
+                }
+                Output::Timeout(until) => {
+                    assert!(until.is_none_or(|until| until > self.now), "it waits for what is past");
+                    return;
+                }
+            }
+        }
+    }
+
+    fn wait(&mut self, until: Instant) {
+        self.now = self.now.max(until);
+        self.take_events();
+    }
+
+    fn wait_until_due(&mut self) {
+        self.take_events();
+        if let Output::Timeout(Some(until)) = self.client.poll(self.now) {
+            self.wait(until);
+        }
+    }
+
+    /// Nothing comes any more: what is in flight ends, within the time that the configuration gives it.
+    fn end(mut self) {
+        let end = self.now + self.told.longest(N);
+        // Each is sent, falls due, and may be given a little more time; noise that is waited for ends as well.
+        for _ in 0..6 * (u32::from(self.told.config.repeats) + 2) {
+            self.transmit(N);
+            self.wait_until_due();
+        }
+        assert!(
+            self.told.flight.is_none() && self.client.is_idle(),
+            "{:?} does not end",
+            self.client
+        );
+        assert_eq!(self.client.poll(self.now), Output::Timeout(None));
+        assert!(
+            self.now <= end,
+            "{:?} is over at {:?}, not by {end:?}",
+            self.client,
+            self.now
+        );
+    }
+}
+
+impl<P: Subject> Told<P> {
+    /// The request in flight is over. What was begun of it goes out whole, and so does a repeat that was answered meanwhile.
+    fn over(&mut self) -> Option<Flight<P>> {
         if self.of_flight && self.out == 0 {
             self.line.clear();
         }
         self.of_flight = false;
+        self.flight.take()
     }
 
-    fn transmit(&mut self, n: usize) {
-        let Some(bytes) = self.client.poll_transmit(self.now) else {
-            return;
-        };
+    /// The line takes so many of these bytes.
+    fn transmitted(&mut self, bytes: &[u8], n: usize, now: Instant) {
         assert!(!self.broken, "something is sent on a broken line");
         if self.line.is_empty() {
             let flight = self.flight.as_ref().expect("something is sent that nobody asked for");
-            self.line = request_bytes::<P>(&flight.request);
+            self.line.clone_from(&flight.bytes);
             self.of_flight = true;
         }
         assert_eq!(bytes, &self.line[self.out..]);
-        let n = n.min(bytes.len());
-        self.client.transmitted(self.now, n).expect("no more than there is");
         self.out += n;
         if self.out < self.line.len() {
+            if self.out == 0 {
+                self.line.clear();
+                self.of_flight = false;
+            }
             return;
         }
         self.line.clear();
         self.out = 0;
         if let Some(flight) = self.flight.as_mut().filter(|_| self.of_flight) {
             flight.sends += 1;
-            flight.sent = self.now;
+            flight.sent = now;
         }
         self.of_flight = false;
     }
 
-    fn hear(&mut self, mut input: Input<'_>) {
-        while let Some(event) = self.client.handle(self.now, &mut input) {
-            assert!(!format!("{event:?}").is_empty());
-            self.place(event);
-        }
-        assert!(
-            !matches!(input, Input::Bytes([_, ..])) || self.broken,
-            "it is not taken"
-        );
-    }
-
-    fn place(&mut self, event: Event<P>) {
+    fn place(&mut self, event: Event<'_, P::Response<'_>>, now: Instant) {
         match event {
             Event::Answer(response) => {
-                let flight = self.flight.take().expect("nothing was asked");
-                assert!(P::answers(&flight.request, &P::response_ref(&response)));
+                let flight = self.over().expect("nothing was asked");
+                let (to, expect) = (Some(flight.info.key), flight.info.expect);
+                let bytes = response_bytes(self.protocol, &Said { response, to, expect });
+                assert!(self.protocol.is_response_to(flight.info.key, &bytes));
                 assert!(flight.sends > 0, "answered before it was sent");
-                // If it was being sent again, the rest of it still goes out.
-                self.of_flight = false;
             }
             Event::Unacceptable(error) => {
-                let flight = self.flight.take().expect("nothing was asked");
-                assert!(P::reply(&flight.request).is_some(), "it is not answered");
+                let flight = self.over().expect("nothing was asked");
+                assert!(flight.info.response.is_some(), "it is not answered");
                 assert!(flight.sends > 0, "answered before it was sent");
                 assert!(!error.to_string().is_empty());
-                self.of_flight = false;
             }
             Event::Sent => {
-                let flight = self.flight.take().expect("nothing was asked");
-                assert_eq!((P::reply(&flight.request), flight.sends), (None, 1));
+                let flight = self.over().expect("nothing was asked");
+                assert_eq!((flight.info.response, flight.sends), (None, 1));
             }
             Event::TimedOut { sends } => {
-                let flight = self.flight.take().expect("nothing was asked");
-                let reply = P::reply(&flight.request).expect("it is not answered");
+                let flight = self.over().expect("nothing was asked");
+                let response = flight.info.response.expect("it is not answered");
                 assert_eq!(sends, flight.sends);
-                let most = if P::repeatable(&flight.request) {
+                let most = if flight.info.effect == Effect::Read {
                     self.config.repeats
                 } else {
                     0
@@ -191,61 +289,32 @@ impl<P: Subject, const N: usize> World<P, N> {
                     "given up before it was repeated, or repeated too often"
                 );
                 assert!(
-                    flight.sent + reply.turnaround + self.config.latency <= self.now,
+                    flight.sent + response.turnaround + self.config.latency <= now,
                     "too soon"
                 );
             }
-            Event::Broken(_) => {
-                assert!(P::RELIABLE);
+            Event::Broken { .. } => {
+                assert!(P::LOSSLESS);
                 (self.flight, self.broken) = (None, true);
                 self.line.clear();
                 (self.out, self.of_flight) = (0, false);
             }
-            Event::Noise(noise) => assert!(noise.len > 0),
+            Event::Noise { bytes, .. } => assert!(!bytes.is_empty()),
             // They end nothing.
             Event::Late(response) | Event::Unsolicited(response) => assert!(!format!("{response:?}").is_empty()),
-            Event::Echo | Event::Unknown(_) => {}
+            Event::Unknown { frame, error } => assert!(!frame.is_empty() && !error.to_string().is_empty()),
+            Event::Echo => assert!(!P::LOSSLESS),
         }
-    }
-
-    fn wait(&mut self, until: Micros) {
-        self.now = self.now.max(until);
-        self.hear(Input::Tick);
-    }
-
-    /// Nothing comes any more: what is in flight ends, within the time that the configuration gives it.
-    fn end(mut self) {
-        let end = self.now + self.longest();
-        // Each is sent, falls due, and may be given a little more time; noise that is waited for ends as well.
-        for _ in 0..6 * (u32::from(self.config.repeats) + 2) {
-            self.transmit(N);
-            match self.client.poll_timeout() {
-                Some(due) => self.wait(due),
-                None => self.hear(Input::Tick),
-            }
-        }
-        assert!(
-            self.flight.is_none() && self.client.is_idle(),
-            "{:?} does not end",
-            self.client
-        );
-        assert_eq!(self.client.poll_transmit(self.now), None);
-        assert_eq!(self.client.poll_timeout(), None);
-        assert!(
-            self.now <= end,
-            "{:?} is over at {:?}, not by {end:?}",
-            self.client,
-            self.now
-        );
     }
 
     /// The time after which all is over: the answer to an earlier request is late, and then each send of this one falls due, a
     /// frame that has begun included.
-    fn longest(&self) -> Micros {
-        let frame = N as u64 * 10_000_000 / u64::from(self.config.baud.get());
-        let answer = self.turnaround.0 + self.config.latency.0 + 3 * frame;
+    fn longest(&self, n: usize) -> Duration {
+        let frame = n as u64 * 10_000_000 / u64::from(self.config.baud.get());
+        let answer = self.turnaround.as_micros() + self.config.latency.as_micros() + 3 * frame;
         // Each of these times may be rounded up.
-        let rounding = 100;
-        Micros((u64::from(self.config.repeats) + 2) * answer + 2 * self.config.lateness.0 + rounding)
+        let rounding = 300;
+        let repeats = u64::from(self.config.repeats) + 2;
+        Duration::from_micros(repeats * answer + 2 * self.config.stale_window.as_micros() + rounding)
     }
 }

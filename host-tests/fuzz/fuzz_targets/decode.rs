@@ -2,9 +2,10 @@
 //! what fills the room between frames.
 #![no_main]
 
-use armwire::Scan;
-use armwire_fuzz::line::{Ear, Out};
-use armwire_fuzz::{Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
+use armwire::decoder::Kind;
+use armwire::framing::Scan;
+use armwire_fuzz::line::Ear;
+use armwire_fuzz::{Check, ROOM, Result, Said, Subject, Unstructured, check, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| check::<Decode>(input));
@@ -25,41 +26,28 @@ impl Check for Decode {
 
         let mut at = 0;
         for out in &ear.heard {
-            let range = out.range();
-            assert!(at <= range.start && range.start < range.end, "twice in {:?}", ear.heard);
-            check_filling::<P>(&line[at..range.start]);
-            at = range.end;
-            match out {
-                Out::Frame(range) => check_frame::<P, N>(&line[range.clone()], expect),
-                Out::Noise(noise) => assert!(!noise.to_string().is_empty()),
+            assert_eq!(out.range.start, at, "a gap in {:?}", ear.heard);
+            assert!(!out.range.is_empty());
+            at = out.range.end;
+            let bytes = &line[out.range.clone()];
+            match out.kind {
+                Kind::Frame => check_frame::<P>(bytes, expect),
+                Kind::Padding => assert!(bytes.iter().all(|byte| Some(*byte) == P::FILL), "lost {bytes:02X?}"),
+                Kind::Noise(reason) => assert!(!reason.to_string().is_empty()),
+                // What follows is not read.
+                Kind::Broken(reason) => assert_eq!((ear.broken(), at), (Some(reason), line.len())),
             }
         }
-        match ear.broken() {
-            // What follows is not read.
-            Some(noise) => assert_eq!(ear.heard.last(), Some(&Out::Noise(noise))),
-            None => {
-                let rest = &line[at..];
-                match P::scan(rest, expect) {
-                    // Of a frame that is skipped nothing is held. It comes out when its end is there.
-                    Scan::Skip(len, _) if P::RELIABLE && len > rest.len() => {}
-                    _ => check_filling::<P>(&rest[..rest.len() - ear.pending()]),
-                }
-            }
-        }
+        // On a line that loses nothing a frame may still be waited for.
+        assert_eq!(line.len() - at, ear.pending());
         Ok(())
     }
 }
 
-/// Bytes that did not come out are such as fill the room between frames.
-fn check_filling<P: Subject>(bytes: &[u8]) {
-    assert!(bytes.iter().all(|byte| Some(*byte) == P::FILL), "lost {bytes:02X?}");
-}
-
 /// Written anew it is the same bytes, and so is what it means, but for what the protocol leaves open.
-fn check_frame<P: Subject, const N: usize>(bytes: &[u8], expect: P::Expect) {
-    let frame = P::view(bytes).expect("it was viewed before");
-    let mut out = [0; N];
-    let n = P::encode_frame(frame, expect, &mut out).expect("it was read");
+fn check_frame<P: Subject>(bytes: &[u8], expect: P::Expect) {
+    let mut out = [0; ROOM];
+    let n = P::rewrite(bytes, expect, &mut out).expect("it was read");
     assert_eq!(
         &out[..n],
         if bytes == SELF_CHECK_WITH_LENGTH {
@@ -68,21 +56,32 @@ fn check_frame<P: Subject, const N: usize>(bytes: &[u8], expect: P::Expect) {
             bytes
         }
     );
-    match P::parse_request(frame) {
+    let protocol = P::default();
+    let asked = protocol.request(bytes);
+    let from_host = protocol.scan(bytes, protocol.requests()) == Scan::Frame(bytes.len());
+    match protocol.parse_request(bytes) {
+        // What the arm says may be longer than any request.
+        Ok(_) if !from_host => {}
         Ok(request) => {
-            let bytes = request_bytes::<P>(&request);
-            assert_eq!(P::scan(&bytes, P::REQUESTS), Scan::Frame(bytes.len()));
-            assert_eq!(P::view(&bytes).map(P::parse_request), Some(Ok(request)));
+            let again = request_bytes(protocol, &request);
+            assert_eq!(protocol.scan(&again, protocol.requests()), Scan::Frame(again.len()));
+            let read = protocol.parse_request(&again).expect("it was written");
+            assert_eq!(format!("{read:?}"), format!("{request:?}"));
         }
         Err(error) => assert!(!error.to_string().is_empty()),
     }
-    match P::parse_response(frame, expect) {
+    match protocol.parse_response(bytes, expect) {
         Ok(response) => {
-            let bytes = response_bytes::<P>(&response);
-            let again = P::view(&bytes).map(|frame| P::parse_response(frame, expect));
-            assert_eq!(again, Some(Ok(response)));
-            assert_eq!(P::to_response(&P::response_ref(&response)), response);
+            let to = asked.map(|info| info.key);
+            let again = response_bytes(protocol, &Said { response, to, expect });
+            let read = protocol.parse_response(&again, expect).expect("it was written");
+            assert_eq!(format!("{read:?}"), format!("{response:?}"));
         }
         Err(error) => assert!(!error.to_string().is_empty()),
+    }
+    // A line may give a request back.
+    let may_come_back = !P::LOSSLESS && expect == protocol.requests() && protocol.parse_request(bytes).is_ok();
+    if let Some(info) = asked.filter(|_| may_come_back) {
+        assert!(!protocol.is_response_to(info.key, bytes), "it answers itself");
     }
 }

@@ -2,7 +2,11 @@
 //! protocol writes.
 #![no_main]
 
-use armwire::{Device, Heard, Input, Noise};
+use core::fmt::Debug;
+use core::ops::Range;
+
+use armwire::decoder::Kind;
+use armwire::{Device, DeviceEvent};
 use armwire_fuzz::line::{Ear, Out};
 use armwire_fuzz::{Arbitrary, Check, Result, Subject, Unstructured, check, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
@@ -14,69 +18,108 @@ enum Step<'a> {
     Request,
     Bytes(&'a [u8]),
     Idle,
-    Tick,
     Respond,
+}
+
+/// What was heard, and where on the line if it was no frame.
+#[derive(Debug, PartialEq)]
+enum Heard {
+    Frame(String),
+    Rest(Range<usize>, Kind),
 }
 
 struct Hears;
 
 impl Check for Hears {
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
-        let mut device = Device::<P, N>::new();
-        let mut ear = Ear::<P, N>::new(P::REQUESTS);
+        let protocol = P::any_protocol(u)?;
+        let mut device = Device::<P, N>::new(protocol);
+        let mut ear = Ear::<P, N>::new(protocol.requests());
         let (mut line, mut heard) = (Vec::new(), Vec::new());
         while !u.is_empty() {
             let bytes = match u.arbitrary()? {
                 Step::Request if !P::HAS_REQUESTS => continue,
-                Step::Request => request_bytes::<P>(&P::any_request(u)?),
+                Step::Request => request_bytes(protocol, &P::any_request(u)?),
                 Step::Bytes(bytes) => bytes.to_vec(),
                 Step::Idle => {
-                    hear(&mut device, Input::Idle, &mut heard);
+                    device.idle();
+                    hear(&mut device, &mut heard);
                     ear.idle();
                     continue;
                 }
-                Step::Tick => {
-                    let before = heard.len();
-                    hear(&mut device, Input::Tick, &mut heard);
-                    assert_eq!(heard.len(), before, "time means nothing to a device");
-                    continue;
-                }
                 Step::Respond => {
-                    let (response, _) = P::any_response(u)?;
+                    let said = P::any_response(u)?;
                     let mut out = [0; N];
-                    let n = device.respond(&response, &mut out).expect("there is room");
-                    assert_eq!(out[..n], response_bytes::<P>(&response));
+                    let n = device
+                        .respond(&said.response, said.to, &mut out)
+                        .expect("there is room");
+                    assert_eq!(out[..n], response_bytes(protocol, &said));
                     continue;
                 }
             };
-            hear(&mut device, Input::Bytes(&bytes), &mut heard);
+            let mut rest = &*bytes;
+            while !rest.is_empty() {
+                let later = device.receive(rest);
+                assert!(later.len() < rest.len(), "it is not taken");
+                rest = later;
+                hear(&mut device, &mut heard);
+            }
             ear.hear(&bytes);
             line.extend(bytes);
         }
-        let broken = ear.broken();
-        let found: Vec<Heard<P>> = ear.heard.iter().map(|out| meaning(out, &line, broken)).collect();
+        let found: Vec<_> = ear
+            .heard
+            .iter()
+            .filter_map(|out| meaning(protocol, out, &line))
+            .collect();
         assert_eq!(heard, found);
         Ok(())
     }
 }
 
-/// Gives an input until nothing comes of it any more.
-fn hear<P: Subject, const N: usize>(device: &mut Device<P, N>, mut input: Input<'_>, heard: &mut Vec<Heard<P>>) {
-    while let Some(event) = device.handle(&mut input) {
-        assert!(!format!("{event:?}").is_empty());
-        heard.push(event);
+/// Takes all events.
+fn hear<P: Subject, const N: usize>(device: &mut Device<P, N>, heard: &mut Vec<Heard>) {
+    assert!(!format!("{device:?}").is_empty());
+    while let Some(event) = device.poll() {
+        match event {
+            DeviceEvent::Request { request, key } => heard.push(frame(request, key)),
+            DeviceEvent::Unknown {
+                frame: bytes,
+                error,
+                key,
+            } => heard.push(frame((bytes, error), key)),
+            DeviceEvent::Noise { offset, bytes, reason } => {
+                let start = usize::try_from(offset).expect("lines are short");
+                let (end, kind) = (start + bytes.len(), Kind::Noise(reason));
+                match heard.last_mut() {
+                    Some(Heard::Rest(last, before)) if last.end == start && *before == kind => last.end = end,
+                    _ => heard.push(Heard::Rest(start..end, kind)),
+                }
+            }
+            DeviceEvent::Broken { offset, reason } => {
+                let start = usize::try_from(offset).expect("lines are short");
+                heard.push(Heard::Rest(start..start, Kind::Broken(reason)));
+            }
+        }
     }
-    assert!(!matches!(input, Input::Bytes([_, ..])), "it is not taken");
+}
+
+fn frame(what: impl Debug, key: impl Debug) -> Heard {
+    Heard::Frame(format!("{what:?} {key:?}"))
 }
 
 /// What a device must make of what a decoder found.
-fn meaning<P: Subject>(out: &Out, line: &[u8], broken: Option<Noise>) -> Heard<P> {
-    match out {
-        Out::Frame(range) => {
-            let frame = P::view(&line[range.clone()]).expect("it was found");
-            P::parse_request(frame).map_or_else(Heard::Unknown, Heard::Request)
-        }
-        Out::Noise(noise) if Some(*noise) == broken => Heard::Broken(*noise),
-        Out::Noise(noise) => Heard::Noise(*noise),
-    }
+fn meaning<P: Subject>(protocol: P, out: &Out, line: &[u8]) -> Option<Heard> {
+    let bytes = &line[out.range.clone()];
+    let key = protocol.request(bytes).map(|info| info.key);
+    Some(match out.kind {
+        Kind::Frame => match protocol.parse_request(bytes) {
+            Ok(request) => frame(request, key),
+            Err(error) => frame((bytes, error), key),
+        },
+        Kind::Noise(_) => Heard::Rest(out.range.clone(), out.kind),
+        // It is told once.
+        Kind::Broken(_) => Heard::Rest(out.range.start..out.range.start, out.kind),
+        Kind::Padding => return None,
+    })
 }

@@ -17,21 +17,24 @@ struct Resync;
 impl Check for Resync {
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
         let expect = P::any_expect(u)?;
+        let protocol = P::any_protocol(u)?;
         let (mut line, mut intact) = (Vec::new(), Vec::new());
         while intact.len() < 20 {
-            if !P::RELIABLE {
+            if !P::LOSSLESS {
                 let len = usize::from(u.arbitrary::<u8>()? % 32);
                 line.extend(u.bytes(len.min(u.len()))?);
             }
             // What is left may be too short for one more.
-            let Ok(frame) = P::any_frame(u, expect) else { break };
+            let Ok(frame) = protocol.any_frame(u, expect) else {
+                break;
+            };
             intact.push(line.len()..line.len() + frame.len());
             line.extend(frame);
             if u.is_empty() {
                 break;
             }
         }
-        line.extend(if P::RELIABLE { &[] } else { u.bytes(u.len())? });
+        line.extend(if P::LOSSLESS { &[] } else { u.bytes(u.len())? });
         let mut ear = Ear::<P, N>::new(expect);
         ear.hear(&line);
         ear.idle();

@@ -4,14 +4,16 @@
 
 use core::time::Duration;
 
-use armwire::alpha1::{self, Alpha1, Angle, Interval, MoveTime, Offset, ServoId, ServoStates, Text};
+use armwire::alpha1::{self, Alpha1, Angle, Interval, MoveTime, Offset, ServoId, ServoStates, Text, hid};
+use armwire::decoder::Kind as Item;
+use armwire::framing::Scan;
 use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{
     self, JointState, Kind, Ling, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke,
     TemperatureLimit, Version,
 };
-use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, Transactions, VersionText, XArm};
-use armwire::{Framing, Micros, OutOfRange, Scan};
+use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, VersionText, XArm};
+use armwire::{EncodeError, Micros, OutOfRange};
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};
@@ -22,6 +24,7 @@ use armwire_bridge::control::{
 use armwire_bridge::isotp::SeparationTime;
 use armwire_bridge::{Counters, LineCoding, Refused};
 use armwire_fuzz::config::{any_config, any_event, any_reply, any_request};
+use armwire_fuzz::line::Ear;
 use armwire_fuzz::{Check, Result, Subject, Unstructured, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
@@ -52,43 +55,52 @@ struct Messages;
 
 impl Check for Messages {
     fn check<P: Subject, const N: usize>(u: &mut Unstructured<'_>) -> Result<()> {
+        let protocol = P::any_protocol(u)?;
         if P::HAS_REQUESTS && u.arbitrary()? {
             let request = P::any_request(u)?;
-            let bytes = request_bytes::<P>(&request);
-            assert_eq!(P::scan(&bytes, P::REQUESTS), Scan::Frame(bytes.len()));
-            let frame = P::view(&bytes).expect("it is a frame");
-            assert_eq!(
-                (P::wire_len(frame), P::parse_request(frame)),
-                (bytes.len(), Ok(request))
-            );
+            let bytes = request_bytes(protocol, &request);
+            let expect = protocol.requests();
+            assert_eq!(protocol.scan(&bytes, expect), Scan::Frame(bytes.len()));
+            let read = protocol.parse_request(&bytes).expect("it was written");
+            assert_eq!(format!("{read:?}"), format!("{request:?}"));
             let mut short = vec![0; bytes.len() - 1];
-            let error = P::encode_request(&request, &mut short).expect_err("it is too short");
+            let error = protocol
+                .encode_request(&request, &mut short)
+                .expect_err("it is too short");
             assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
             assert!(!error.to_string().is_empty());
+            // A frame and what pads its last report.
+            if P::FILL == Some(0) {
+                let reports: Vec<u8> = hid::reports(&bytes).flatten().collect();
+                let mut ear = Ear::<P, N>::new(expect);
+                ear.hear(&reports);
+                let found: Vec<_> = ear.heard.iter().map(|out| (out.range.clone(), out.kind)).collect();
+                let frame = (0..bytes.len(), Item::Frame);
+                let padding = (bytes.len()..reports.len(), Item::Padding);
+                assert_eq!(reports.len() % hid::REPORT, 0);
+                let both = if padding.0.is_empty() {
+                    vec![frame]
+                } else {
+                    vec![frame, padding]
+                };
+                assert_eq!(found, both);
+            }
         } else {
-            let (response, expect) = P::any_response(u)?;
-            let bytes = response_bytes::<P>(&response);
-            assert_eq!(on_idle_line::<P>(&bytes, expect), Scan::Frame(bytes.len()));
-            let frame = P::view(&bytes).expect("it is a frame");
-            assert_eq!(
-                (P::wire_len(frame), P::parse_response(frame, expect)),
-                (bytes.len(), Ok(response))
-            );
-            let borrowed = P::response_ref(&response);
-            assert_eq!(P::parse_response_ref(frame, expect), Ok(borrowed));
-            assert_eq!(P::to_response(&borrowed), response);
+            let said = P::any_response(u)?;
+            let bytes = response_bytes(protocol, &said);
+            assert_eq!(protocol.scan_idle(&bytes, said.expect), Scan::Frame(bytes.len()));
+            let read = protocol.parse_response(&bytes, said.expect).expect("it was written");
+            assert_eq!(format!("{read:?}"), format!("{:?}", said.response));
+            if let Some(key) = said.to {
+                assert!(protocol.is_response_to(key, &bytes));
+            }
             let mut short = vec![0; bytes.len() - 1];
-            let error = P::encode_response(&response, &mut short).expect_err("it is too short");
+            let error = protocol
+                .encode_response(&said.response, said.to, &mut short)
+                .expect_err("it is too short");
             assert_eq!((error.needed, error.got), (bytes.len(), bytes.len() - 1));
         }
         Ok(())
-    }
-}
-
-fn on_idle_line<P: Framing>(bytes: &[u8], expect: P::Expect) -> Scan {
-    match P::scan(bytes, expect) {
-        Scan::Need(missing) => P::scan_idle(bytes, expect, missing),
-        verdict => verdict,
     }
 }
 
@@ -260,25 +272,26 @@ fn texts(u: &mut Unstructured<'_>) -> Result<()> {
     }
     let shown = String::from_utf8_lossy(bytes);
     let (left, right) = shown.split_at(shown.floor_char_boundary(shown.len() / 2));
-    if let Ok(serials) = SerialsText::new(left, right) {
+    if let Ok(text) = SerialsText::encode(left, right) {
+        let serials = SerialsText(&text);
         assert_eq!((serials.arm(), serials.control_box()), (Some(left), Some(right)));
         assert!(serials.to_string().is_ascii());
     }
     let (axes, [major, minor, patch]) = (u.arbitrary::<u8>()?, u.arbitrary::<[u16; 3]>()?);
-    if let Ok(text) = VersionText::new(&format!("{axes},5,{left},{right},v{major}.{minor}.{patch}"))
-        && let Ok(version) = text.version()
+    let text = format!("{axes},5,{left},{right},v{major}.{minor}.{patch}");
+    if let Ok(text) = VersionText::encode(&text)
+        && let Ok(version) = VersionText(&text).version()
     {
         assert_eq!((version.axes, version.arm, version.control_box), (axes, left, right));
         assert_eq!(version.firmware_numbers(), Some([major, minor, patch]));
     }
-    if let Ok(text) = VersionText::new(&shown) {
-        assert!(text.to_string().is_ascii());
-        match text.version() {
-            Ok(version) => {
-                let _ = version.firmware_numbers();
-            }
-            Err(error) => assert!(!error.to_string().is_empty()),
+    let text = VersionText(bytes);
+    assert!(text.to_string().is_ascii() && SerialsText(bytes).to_string().is_ascii());
+    match text.version() {
+        Ok(version) => {
+            let _ = version.firmware_numbers();
         }
+        Err(error) => assert!(!error.to_string().is_empty()),
     }
     let serial = SerialNumber(u.arbitrary()?);
     assert!(serial.as_str().is_none_or(|text| serial.0.starts_with(text.as_bytes())));
@@ -316,8 +329,6 @@ fn texts(u: &mut Unstructured<'_>) -> Result<()> {
     if let Ok(radius) = RotationRadius::from_metres(f32::from_bits(u.arbitrary()?)) {
         assert!(radius.metres().is_ok() || radius.millimetres > 99_999.0);
     }
-    let mut transactions = Transactions::default();
-    assert_ne!(transactions.next_id(), transactions.next_id());
     Ok(())
 }
 
@@ -327,14 +338,14 @@ fn frames(u: &mut Unstructured<'_>) -> Result<()> {
     let (command, function, wide) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary::<u16>()?);
     let data: &[u8] = u.arbitrary()?;
     match kind % 4 {
-        0 => written::<Ling>(
-            ling::Frame {
+        0 => {
+            let frame = ling::Frame {
                 command,
                 function,
                 data,
-            },
-            (),
-        ),
+            };
+            written::<Ling>(|out| frame.encode(out), ());
+        }
         1 => {
             let expect = Alpha1::any_expect(u)?;
             let headers = [0xF1, 0xEF, 0xF2, 0xF5, 0xFB, 0xF4, 0xF9, 0xF3, 0xFA, 0xFC];
@@ -343,17 +354,21 @@ fn frames(u: &mut Unstructured<'_>) -> Result<()> {
             // A frame of the robot's Bluetooth protocol is read and not written.
             match command == 0xFB && data.first() != Some(&1) {
                 true => assert!(frame.encode(expect, &mut [0; 300]).is_err()),
-                false => written::<Alpha1>(frame, expect),
+                false => written::<Alpha1>(|out| frame.encode(expect, out), expect),
             }
         }
-        2 => written::<Alpha1>(alpha1::Frame::Byte(command), Alpha1::any_expect(u)?),
+        2 => {
+            let expect = Alpha1::any_expect(u)?;
+            written::<Alpha1>(|out| alpha1::Frame::Byte(command).encode(expect, out), expect);
+        }
         _ => {
             let frame = xarm::Frame {
                 transaction: wide,
                 protocol: u16::from(function) % 5,
                 body: data,
             };
-            written::<XArm>(frame, XArm::any_expect(u)?);
+            let expect = XArm::any_expect(u)?;
+            written::<XArm>(|out| frame.encode(expect, out), expect);
         }
     }
     match Raw::new(command, data) {
@@ -363,15 +378,14 @@ fn frames(u: &mut Unstructured<'_>) -> Result<()> {
     Ok(())
 }
 
-fn written<P: Subject>(frame: P::Frame<'_>, expect: P::Expect) {
+fn written<P: Subject>(encode: impl FnOnce(&mut [u8]) -> core::result::Result<usize, EncodeError>, expect: P::Expect) {
     let mut out = [0; 300];
-    match P::encode_frame(frame, expect, &mut out) {
+    match encode(&mut out) {
         Ok(len) => {
             let bytes = &out[..len];
-            assert_eq!(on_idle_line::<P>(bytes, expect), Scan::Frame(len));
-            let view = P::view(bytes).expect("it is a frame");
+            assert_eq!(P::default().scan_idle(bytes, expect), Scan::Frame(len));
             let mut again = [0; 300];
-            assert_eq!(P::encode_frame(view, expect, &mut again), Ok(len));
+            assert_eq!(P::rewrite(bytes, expect, &mut again), Ok(len));
             assert_eq!(again, out);
         }
         Err(error) => assert!(!error.to_string().is_empty()),

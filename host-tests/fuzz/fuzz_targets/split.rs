@@ -1,4 +1,4 @@
-//! However a line is cut into chunks, the same comes out: in chunks, in chunks that are all copied first, byte by byte, and
+//! However a line is cut into chunks, the same comes out: in chunks, in chunks that are read into the decoder's room, byte by byte, and
 //! in such pieces as a receiver takes that is told how many bytes are needed.
 #![no_main]
 
@@ -35,7 +35,7 @@ impl Check for Split {
             let (chunk, later) = rest.split_at(len.min(rest.len()));
             rest = later;
             chunked.hear(chunk);
-            buffered.hear_buffered(chunk);
+            buffered.hear_into_room(chunk, usize::from(cut >> 4));
             chunk.iter().for_each(|byte| bytewise.hear(&[*byte]));
             needed.hear_by_need(chunk);
             pieces.hear(chunk);

@@ -2,13 +2,17 @@
 //! within what the configuration allows, and whatever of it is lost or damaged.
 #![no_main]
 
+use core::num::NonZeroU32;
+
+use armwire::dialect::Dialect;
 use armwire::ling::{
     Info, JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Request, Response, SerialNumber, Torque, Version,
 };
-use armwire::{Client, Config, Event, Input, Micros, Protocol};
-use armwire_fuzz::{Arbitrary, Result, Unstructured, response_bytes};
+use armwire::messages::Messages;
+use armwire::time::{Duration, Instant};
+use armwire::{Client, Config, Event, Output};
+use armwire_fuzz::{Arbitrary, Result, Said, Unstructured};
 use libfuzzer_sys::fuzz_target;
-use std::num::NonZeroU32;
 
 fuzz_target!(|input: &[u8]| {
     // Too short an input is none.
@@ -66,45 +70,45 @@ fn answer(request: &Request, tag: u8) -> Option<Response> {
 fn check(u: &mut Unstructured<'_>) -> Result<()> {
     let config = Config {
         baud: *u.choose(&[115_200, 1_000_000, u32::MAX].map(|baud| NonZeroU32::new(baud).expect("not 0")))?,
-        latency: Micros(u.int_in_range(0..=20_000)?),
+        latency: Duration::from_micros(u.int_in_range(0..=20_000)?),
         repeats: u.int_in_range(0..=3)?,
-        lateness: Micros(u.int_in_range(0..=100_000)?),
+        stale_window: Duration::from_micros(u.int_in_range(0..=100_000)?),
     };
-    let mut client = Client::<Ling, MAX_FRAME>::new(config);
-    let mut now = Micros(0);
-    // The request in flight and the one that is going out, each with its tag, and whether some of the latter is out.
+    let mut client = Client::<Ling, MAX_FRAME>::new(Ling, config);
+    let mut now = Instant::ZERO;
+    // The request in flight and the one of which some is out, each with its tag. What was begun goes out whole.
     let mut flight: Option<(Request, u8)> = None;
     let mut going = None;
-    let mut begun = false;
     let mut tags = 0..u8::MAX;
     // What the arm says, and when.
-    let mut voice: Vec<(Micros, Vec<u8>)> = Vec::new();
+    let mut voice: Vec<(Instant, Vec<u8>)> = Vec::new();
     while !u.is_empty() {
         match u.arbitrary()? {
             Step::Submit => {
                 let request = *u.choose(&REQUESTS)?;
                 let Some(tag) = tags.next() else { return Ok(()) };
-                if client.submit(request).is_ok() {
+                if client.submit(&request).is_ok() {
                     flight = Some((request, tag));
                 }
             }
             Step::Cancel => {
-                client.cancel(now);
-                // What was begun goes out whole, and so does a repeat of a request that was answered meanwhile.
-                going = going.filter(|_| begun || going != flight);
+                client.cancel();
                 flight = None;
             }
-            Step::Wait(micros) => now = now + Micros(u64::from(micros) * 4),
-            Step::WaitUntilDue => now = now.max(client.poll_timeout().unwrap_or(now)),
+            Step::Wait(micros) => now += Duration::from_micros(u64::from(micros) * 4),
+            Step::WaitUntilDue => {
+                if let Output::Timeout(Some(until)) = client.poll(now) {
+                    now = until;
+                }
+            }
             Step::Transmit(n, manner) => {
-                let Some(bytes) = client.poll_transmit(now) else {
+                let Output::Transmit(bytes) = client.poll(now) else {
                     continue;
                 };
                 let whole = usize::from(n) >= bytes.len();
                 let len = bytes.len().min(n.into());
-                client.transmitted(now, len).expect("no more than there is");
-                going = going.or(flight);
-                begun = !whole && (begun || len > 0);
+                client.transmitted(now, len).expect("it was given");
+                going = going.or(flight.filter(|_| len > 0));
                 if whole
                     && let Some((request, tag)) = going.take()
                     && let Some(response) = answer(&request, tag)
@@ -117,66 +121,71 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         // What came before now is handed in before anything goes out.
         while voice.first().is_some_and(|(at, _)| *at <= now) {
             let (_, bytes) = voice.remove(0);
-            hear(&mut client, now, Input::Bytes(&bytes), &mut flight);
+            hear(&mut client, now, &bytes, &mut flight);
         }
-        hear(&mut client, now, Input::Tick, &mut flight);
+        hear(&mut client, now, &[], &mut flight);
     }
     is_answered(&mut client, now);
     Ok(())
 }
 
 /// Whatever was before: once it is over, the next request is answered.
-fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Micros) {
+fn is_answered(client: &mut Client<Ling, MAX_FRAME>, mut now: Instant) {
     // The request that was begun goes out, and nobody answers any more.
-    client.cancel(now);
+    client.cancel();
     let mut flight = None;
-    loop {
-        if let Some(bytes) = client.poll_transmit(now) {
-            let len = bytes.len();
-            client.transmitted(now, len).expect("no more than there is");
-        } else if let Some(due) = client.poll_timeout() {
-            now = now.max(due);
-            hear(client, now, Input::Tick, &mut flight);
-        } else {
-            break;
-        }
+    while let Output::Transmit(bytes) = client.poll(now) {
+        let len = bytes.len();
+        client.transmitted(now, len).expect("it was given");
     }
-    hear(client, now, Input::Idle, &mut flight);
+    client.idle();
+    hear(client, now, &[], &mut flight);
 
     let (request, tag) = (Request::ReadJoints, u8::MAX);
-    client.submit(request).expect("nothing is in flight");
+    client.submit(&request).expect("nothing is in flight");
     flight = Some((request, tag));
     // An answer that is missing may hold it back.
-    while client.poll_transmit(now).is_none() {
-        let due = client.poll_timeout().expect("it is held back for ever");
-        now = now.max(due);
-        hear(client, now, Input::Tick, &mut flight);
-        assert!(flight.is_some(), "it ends before it is sent");
-    }
-    let len = client.poll_transmit(now).expect("it is there").len();
-    client.transmitted(now, len).expect("no more than there is");
+    let len = loop {
+        match client.poll(now) {
+            Output::Transmit(bytes) => break bytes.len(),
+            Output::Timeout(until) => now = until.expect("it is held back for ever"),
+            Output::Event(event) => panic!("{event:?} before it is sent"),
+        }
+    };
+    client.transmitted(now, len).expect("it was given");
     let response = answer(&request, tag).expect("it has an answer");
-    hear(
-        client,
-        now,
-        Input::Bytes(&response_bytes::<Ling>(&response)),
-        &mut flight,
-    );
+    hear(client, now, &response_bytes(response), &mut flight);
     assert_eq!(flight, None, "the answer is not taken");
 }
 
-/// Gives an input until nothing comes of it any more.
-fn hear(client: &mut Client<Ling, MAX_FRAME>, now: Micros, mut input: Input<'_>, flight: &mut Option<(Request, u8)>) {
-    while let Some(event) = client.handle(now, &mut input) {
-        match event {
-            Event::Answer(response) => {
-                let (request, tag) = flight.take().expect("nothing was asked");
-                assert_eq!(Some(response), answer(&request, tag), "an answer to an earlier request");
+/// Hears bytes, and takes all that comes of them.
+fn hear(client: &mut Client<Ling, MAX_FRAME>, now: Instant, bytes: &[u8], flight: &mut Option<(Request, u8)>) {
+    let mut rest = bytes;
+    loop {
+        rest = client.receive(now, rest);
+        while let Output::Event(event) = client.poll(now) {
+            match event {
+                Event::Answer(response) => {
+                    let (request, tag) = flight.take().expect("nothing was asked");
+                    assert_eq!(Some(response), answer(&request, tag), "an answer to an earlier request");
+                }
+                Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_) => *flight = None,
+                _ => {}
             }
-            Event::Sent | Event::TimedOut { .. } | Event::Unacceptable(_) => *flight = None,
-            _ => {}
+        }
+        if rest.is_empty() {
+            return;
         }
     }
+}
+
+fn response_bytes(response: Response) -> Vec<u8> {
+    let said = Said {
+        response,
+        to: None,
+        expect: (),
+    };
+    armwire_fuzz::response_bytes(Ling, &said)
 }
 
 /// The pieces of an answer, and when each is there: before the client may take it for lost.
@@ -184,20 +193,23 @@ fn says(
     config: &Config,
     request: &Request,
     response: &Response,
-    sent: Micros,
+    sent: Instant,
     manner: &Manner,
-) -> Vec<(Micros, Vec<u8>)> {
-    let mut bytes = response_bytes::<Ling>(response);
-    let reply = Ling::reply(request).expect("it is answered");
-    let most = (reply.turnaround + config.latency + config.lateness).0;
-    let after = |part: u16| sent + Micros(most * u64::from(part) / 65_536);
+) -> Vec<(Instant, Vec<u8>)> {
+    let mut bytes = response_bytes(*response);
+    let mut asked = [0; MAX_FRAME];
+    let n = Ling.encode_request(request, &mut asked).expect("there is room");
+    let info = Ling.request(&asked[..n]).and_then(|info| info.response);
+    let turnaround = info.expect("it is answered").turnaround;
+    let most = (turnaround + config.latency + config.stale_window).as_micros();
+    let after = |part: u16| sent + Duration::from_micros(most * u64::from(part) / 65_536);
     match *manner {
         Manner::Lost => Vec::new(),
         Manner::After(part) => vec![(after(part), bytes)],
         Manner::InTwo(part, gap) => {
             let end = after(part);
             let rest = bytes.split_off(bytes.len() / 2);
-            let start = Micros(end.0.saturating_sub(gap.into()).max(sent.0));
+            let start = Instant::from_micros(end.as_micros().saturating_sub(gap.into()).max(sent.as_micros()));
             vec![(start, bytes), (end, rest)]
         }
         Manner::Damaged(part) => {

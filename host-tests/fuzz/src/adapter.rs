@@ -1,8 +1,10 @@
 //! An adapter, and what must hold of it whatever happens around it.
 
+use armwire::Micros;
 use armwire::alpha1::Alpha1;
+use armwire::framing::Scan;
 use armwire::ling::{self, Ling};
-use armwire::{Micros, Protocol, Scan};
+use armwire::messages::Messages;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame};
 use armwire_bridge::can::{Frame, Function, Id};
@@ -72,16 +74,16 @@ pub struct World {
 /// Any request that moves a Ling arm: three of them are a stream.
 pub fn any_move_request(u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
     let request = ling::Request::Move(any_move(u)?);
-    Ok(request_bytes::<Ling>(&request))
+    Ok(request_bytes(Ling, &request))
 }
 
 /// Anything that such an arm says.
 pub fn any_arm_bytes(u: &mut Unstructured<'_>, arm: ArmKind) -> Result<Vec<u8>> {
     match arm {
-        ArmKind::Ling => Ling::any_frame(u, ()),
+        ArmKind::Ling => Ling.any_frame(u, ()),
         ArmKind::Alpha1 | ArmKind::Alpha1Servo => {
-            let (response, _) = Alpha1::any_response(u)?;
-            Ok(response_bytes::<Alpha1>(&response))
+            let said = Alpha1::any_response(u)?;
+            Ok(response_bytes(Alpha1, &said))
         }
         ArmKind::Raw => Ok(u.arbitrary::<&[u8]>()?.to_vec()),
     }
@@ -140,9 +142,9 @@ impl World {
     /// Any request to the kind of arm that there is.
     pub fn any_arm_request(&self, u: &mut Unstructured<'_>) -> Result<Vec<u8>> {
         match self.bridge.config().arm {
-            ArmKind::Ling => Ling::any_frame(u, ()),
+            ArmKind::Ling => Ling.any_frame(u, ()),
             ArmKind::Alpha1 | ArmKind::Alpha1Servo => {
-                Alpha1::any_request(u).map(|request| request_bytes::<Alpha1>(&request))
+                Alpha1::any_request(u).map(|request| request_bytes(Alpha1, &request))
             }
             ArmKind::Raw => Ok(u.arbitrary::<&[u8]>()?.to_vec()),
         }
@@ -776,16 +778,16 @@ fn is_reply(message: FromAdapter, now: Micros) -> bool {
 /// Whether a request is answered, as the protocol has it. `None` of bytes that are no message of it.
 fn wants_answer(arm: ArmKind, bytes: &[u8]) -> Option<bool> {
     match arm {
-        ArmKind::Ling => reply_of::<Ling>(bytes),
-        ArmKind::Alpha1 | ArmKind::Alpha1Servo => reply_of::<Alpha1>(bytes),
+        ArmKind::Ling => reply_of(Ling, bytes),
+        ArmKind::Alpha1 | ArmKind::Alpha1Servo => reply_of(Alpha1, bytes),
         ArmKind::Raw => Some(false),
     }
 }
 
-fn reply_of<P: Protocol>(bytes: &[u8]) -> Option<bool> {
-    if P::scan(bytes, P::REQUESTS) != Scan::Frame(bytes.len()) {
+fn reply_of<P: Messages>(protocol: P, bytes: &[u8]) -> Option<bool> {
+    if protocol.scan(bytes, protocol.requests()) != Scan::Frame(bytes.len()) {
         return None;
     }
-    let request = P::parse_request(P::view(bytes)?).ok()?;
-    Some(P::reply(&request).is_some())
+    protocol.parse_request(bytes).ok()?;
+    Some(protocol.request(bytes)?.response.is_some())
 }

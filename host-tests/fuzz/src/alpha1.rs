@@ -1,16 +1,17 @@
 //! Arbitrary messages of Alpha1.
 
+use armwire::EncodeError;
 use armwire::alpha1::{
     Action, Address, Alpha1, Angle, Expect, FirmwareVersion, Frame, Interval, Led, MAX_TEXT, MoveTime, Offset,
     OffsetTool, Outcome, Request, Response, ServoAnswer, ServoId, ServoRequest, ServoResponse, ServoStates, Text,
     UsbType, checksum,
 };
-use armwire::{EncodeError, Framing, Scan};
+use armwire::framing::{Framing, Scan};
 use armwire_host_tests::reference::alpha1::Speaker;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
-use crate::{Result, Subject, Unstructured};
+use crate::{Result, Said, Subject, Unstructured};
 
 fn any_servo(u: &mut Unstructured<'_>) -> Result<ServoId> {
     Ok(ServoId::new(u.int_in_range(1..=240)?).expect("in range"))
@@ -27,7 +28,7 @@ fn any_angle(u: &mut Unstructured<'_>) -> Result<Angle> {
     Ok(Angle::new(u.int_in_range(0..=240)?).expect("in range"))
 }
 
-fn any_text(u: &mut Unstructured<'_>) -> Result<Text> {
+fn any_text<'a>(u: &mut Unstructured<'a>) -> Result<Text<'a>> {
     let len = u.int_in_range(0..=MAX_TEXT)?;
     let text = u.bytes(len.min(u.len()))?;
     Ok(Text::new(text).expect("it is not too long"))
@@ -76,7 +77,7 @@ fn any_servo_request(u: &mut Unstructured<'_>) -> Result<ServoRequest> {
     })
 }
 
-fn any_robot_response(u: &mut Unstructured<'_>) -> Result<Response> {
+fn any_robot_response<'a>(u: &mut Unstructured<'a>) -> Result<Response<'a>> {
     Ok(match u.int_in_range(0..=7)? {
         0 => Response::HardwareVersion(any_text(u)?),
         1 => Response::ServoStates(ServoStates(u.arbitrary()?)),
@@ -138,7 +139,7 @@ fn any_servo_response(u: &mut Unstructured<'_>, answer: ServoAnswer) -> Result<S
 impl Subject for Alpha1 {
     const FILL: Option<u8> = Some(0);
 
-    fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
+    fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Request<'a>> {
         Ok(match u.int_in_range(0..=8)? {
             0 => Request::ReadHardwareVersion,
             1 => Request::ReadServoStates,
@@ -152,15 +153,20 @@ impl Subject for Alpha1 {
         })
     }
 
-    fn any_response(u: &mut Unstructured<'_>) -> Result<(Response, Expect)> {
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
         let expect = Self::any_expect(u)?;
-        match expect {
+        let (response, expect) = match expect {
             Expect::Responses(Some(answer)) if u.arbitrary()? => {
-                Ok((Response::Servo(any_servo_response(u, answer)?), expect))
+                (Response::Servo(any_servo_response(u, answer)?), expect)
             }
-            Expect::Responses(_) => Ok((any_robot_response(u)?, expect)),
-            Expect::Requests => Ok((any_robot_response(u)?, Expect::Responses(None))),
-        }
+            Expect::Responses(_) => (any_robot_response(u)?, expect),
+            Expect::Requests => (any_robot_response(u)?, Expect::Responses(None)),
+        };
+        Ok(Said {
+            response,
+            to: None,
+            expect,
+        })
     }
 
     fn any_expect(u: &mut Unstructured<'_>) -> Result<Expect> {
@@ -171,15 +177,20 @@ impl Subject for Alpha1 {
         })
     }
 
-    fn any_frame(u: &mut Unstructured<'_>, expect: Expect) -> Result<Vec<u8>> {
+    fn any_frame(self, u: &mut Unstructured<'_>, expect: Expect) -> Result<Vec<u8>> {
         let response = match expect {
-            Expect::Requests => return Self::any_request(u).map(|request| request_bytes::<Self>(&request)),
+            Expect::Requests => return Self::any_request(u).map(|request| request_bytes(self, &request)),
             Expect::Responses(Some(answer)) if u.arbitrary()? => Response::Servo(any_servo_response(u, answer)?),
             Expect::Responses(_) => any_robot_response(u)?,
         };
-        let bytes = response_bytes::<Self>(&response);
+        let said = Said {
+            response,
+            to: None,
+            expect,
+        };
+        let bytes = response_bytes(self, &said);
         // A single byte that begins a header too is an answer only where what follows does not make it one.
-        match Self::scan(&bytes, expect) == Scan::Frame(bytes.len()) {
+        match self.scan(&bytes, expect) == Scan::Frame(bytes.len()) {
             true => Ok(bytes),
             false => Err(arbitrary::Error::IncorrectFormat),
         }
@@ -194,26 +205,15 @@ impl Subject for Alpha1 {
         reference::decode(line, |bytes| reference::alpha1::look(bytes, speaker))
     }
 
-    fn wire_len(frame: Frame<'_>) -> usize {
-        match frame {
-            Frame::Byte(_) => 1,
-            // A status has no checksum, and no other frame's data is as short and like it.
-            Frame::Message {
-                data: [0xAA | 0xEE], ..
-            } => 4,
-            Frame::Message { data, .. } => data.len() + 4,
-        }
-    }
-
-    fn encode_frame(frame: Frame<'_>, expect: Expect, out: &mut [u8]) -> Result<usize, EncodeError> {
-        match frame {
+    fn rewrite(bytes: &[u8], expect: Expect, out: &mut [u8]) -> Result<usize, EncodeError> {
+        match Frame::parse(bytes).expect("it is a frame") {
             // A frame of the robot's Bluetooth protocol, which is read and never written.
             Frame::Message { command: 0xFB, data } if data.first() != Some(&1) => {
                 let bytes = [&[0xFB, 0xBF], data, &[checksum(data), 0xED]].concat();
                 out[..bytes.len()].copy_from_slice(&bytes);
                 Ok(bytes.len())
             }
-            _ => frame.encode(expect, out),
+            frame => frame.encode(expect, out),
         }
     }
 }

@@ -7,17 +7,17 @@ use armwire::{BufferTooShort, EncodeError};
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::response_bytes;
-use crate::{Result, Subject, Unstructured};
+use crate::{Result, Said, Subject, Unstructured};
 
 impl Subject for Legacy {
     const HAS_REQUESTS: bool = false;
     const FILL: Option<u8> = None;
 
-    fn any_request(_u: &mut Unstructured<'_>) -> Result<Request> {
+    fn any_request<'a>(_u: &mut Unstructured<'a>) -> Result<Request> {
         Err(arbitrary::Error::IncorrectFormat)
     }
 
-    fn any_response(u: &mut Unstructured<'_>) -> Result<(Response, ())> {
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
         let firmware = *u.choose(&[Firmware::V5, Firmware::V6_0])?;
         let response = match u.arbitrary()? {
             true => Response::Joints(JointState {
@@ -33,16 +33,20 @@ impl Subject for Legacy {
                 attitude_button: u.arbitrary()?,
             }),
         };
-        Ok((response, ()))
+        Ok(Said {
+            response,
+            to: None,
+            expect: (),
+        })
     }
 
     fn any_expect(_u: &mut Unstructured<'_>) -> Result<()> {
         Ok(())
     }
 
-    fn any_frame(u: &mut Unstructured<'_>, (): ()) -> Result<Vec<u8>> {
+    fn any_frame(self, u: &mut Unstructured<'_>, (): ()) -> Result<Vec<u8>> {
         if u.arbitrary()? {
-            return Self::any_response(u).map(|(response, ())| response_bytes::<Self>(&response));
+            return Self::any_response(u).map(|said| response_bytes(self, &said));
         }
         let command = u.arbitrary()?;
         let len = u.int_in_range(0..=MAX_DATA)?;
@@ -54,12 +58,10 @@ impl Subject for Legacy {
         reference::decode(line, reference::legacy::look)
     }
 
-    fn wire_len(frame: Frame<'_>) -> usize {
-        frame.data.len() + OVERHEAD
-    }
-
     /// The crate never writes one that is no message, so this does.
-    fn encode_frame(frame: Frame<'_>, (): (), out: &mut [u8]) -> Result<usize, EncodeError> {
+    fn rewrite(bytes: &[u8], (): (), out: &mut [u8]) -> Result<usize, EncodeError> {
+        let frame = Frame::parse(bytes).expect("it is a frame");
+        assert_eq!(frame.data.len() + OVERHEAD, bytes.len());
         let bytes = written(frame.command, frame.data);
         let (needed, got) = (bytes.len(), out.len());
         let too_short = EncodeError::BufferTooShort(BufferTooShort { needed, got });

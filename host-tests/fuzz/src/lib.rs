@@ -13,4 +13,4 @@ mod subject;
 mod xarm;
 
 pub use arbitrary::{Arbitrary, Result, Unstructured};
-pub use subject::{Check, Subject, check, request_bytes, response_bytes};
+pub use subject::{Check, ROOM, Said, Subject, check, request_bytes, response_bytes};

@@ -2,46 +2,34 @@
 
 use core::ops::Range;
 
-use armwire::{Decoder, Noise};
+use armwire::decoder::{Decoder, Kind};
+use armwire::framing::Reason;
 
 use crate::Subject;
 
-/// Something that came out of a decoder.
+/// Something that came out of a decoder, by its place on the line.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Out {
-    /// A frame, by its place on the line.
-    Frame(Range<usize>),
-    /// Bytes in no frame.
-    Noise(Noise),
+pub struct Out {
+    /// Where it lay.
+    pub range: Range<usize>,
+    /// What it is.
+    pub kind: Kind,
 }
 
 impl Out {
     /// Its place on the line, if it is a frame.
     pub fn frame(&self) -> Option<Range<usize>> {
-        match self {
-            Self::Frame(range) => Some(range.clone()),
-            Self::Noise(_) => None,
-        }
-    }
-
-    /// Its place on the line.
-    pub fn range(&self) -> Range<usize> {
-        match self {
-            Self::Frame(range) => range.clone(),
-            Self::Noise(noise) => {
-                let start = usize::try_from(noise.offset).expect("lines are short");
-                start..start + noise.len
-            }
-        }
+        (self.kind == Kind::Frame).then(|| self.range.clone())
     }
 }
 
 /// A decoder, and what came out of it.
 pub struct Ear<P: Subject, const N: usize> {
-    decoder: Decoder<P, N>,
+    decoder: Decoder<N>,
+    protocol: P,
     expect: P::Expect,
-    taken: usize,
-    /// In the order in which it came.
+    line: Vec<u8>,
+    /// In the order in which it came; adjacent runs of the same, which may come in any pieces, as one.
     pub heard: Vec<Out>,
 }
 
@@ -50,8 +38,9 @@ impl<P: Subject, const N: usize> Ear<P, N> {
     pub fn new(expect: P::Expect) -> Self {
         Self {
             decoder: Decoder::new(),
+            protocol: P::default(),
             expect,
-            taken: 0,
+            line: Vec::new(),
             heard: Vec::new(),
         }
     }
@@ -59,39 +48,43 @@ impl<P: Subject, const N: usize> Ear<P, N> {
     /// Hears bytes, in one piece.
     pub fn hear(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
-        while let Some(next) = self.decoder.decode(&mut rest, self.expect) {
-            let next = next.map(P::wire_len);
-            let taken = bytes.len() - rest.len();
-            self.note(next, self.taken + taken - self.decoder.pending());
-        }
-        assert!(rest.is_empty(), "it says nothing and leaves bytes");
-        self.taken += bytes.len();
-    }
-
-    /// Hears bytes, in one piece, all of them by way of the decoder's buffer.
-    pub fn hear_buffered(&mut self, bytes: &[u8]) {
-        let mut rest = bytes;
         while !rest.is_empty() {
             let later = self.decoder.push(rest);
             assert!(later.len() < rest.len(), "no room once next is done");
-            self.taken += rest.len() - later.len();
+            self.line.extend(&rest[..rest.len() - later.len()]);
             rest = later;
             self.drain();
         }
     }
 
-    /// Hears bytes as a driver with a receive threshold hands them in: as soon as something can be due, not before.
+    /// Hears bytes as a driver hands them in that reads into the decoder's room, no more than so many at a time.
+    pub fn hear_into_room(&mut self, bytes: &[u8], most: usize) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let room = self.decoder.space();
+            assert!(!room.is_empty(), "no room once next is done");
+            let n = rest.len().min(room.len()).min(most.max(1));
+            let (now, later) = rest.split_at(n);
+            room[..n].copy_from_slice(now);
+            self.decoder.commit(n).expect("there is room");
+            self.line.extend(now);
+            rest = later;
+            self.drain();
+        }
+    }
+
+    /// Hears bytes as a driver with a receive threshold hands them in: as soon as a frame can be due, not before.
     pub fn hear_by_need(&mut self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
-            let need = self.decoder.need(self.expect);
+            let need = self.decoder.need(&self.protocol, self.expect);
             assert!(need > 0, "something is due once next is done");
             let (now, later) = rest.split_at(need.min(rest.len()));
             rest = later;
             if let Some((last, before)) = now.split_last() {
-                let heard = self.heard.len();
+                let frames = self.frames();
                 self.hear(before);
-                assert_eq!(self.heard.len(), heard, "something was due {need} bytes early");
+                assert_eq!(self.frames(), frames, "a frame was due {need} bytes early");
                 self.hear(&[*last]);
             }
         }
@@ -99,15 +92,9 @@ impl<P: Subject, const N: usize> Ear<P, N> {
 
     /// The line goes idle.
     pub fn idle(&mut self) {
-        loop {
-            let before = self.heard.len();
-            self.heard.extend(self.decoder.idle(self.expect).map(Out::Noise));
-            self.drain();
-            if self.heard.len() == before {
-                break;
-            }
-        }
-        assert!(P::RELIABLE || self.decoder.pending() == 0, "undecided on an idle line");
+        self.decoder.idle();
+        self.drain();
+        assert!(P::LOSSLESS || self.decoder.pending() == 0, "undecided on an idle line");
     }
 
     /// How many bytes are not decided on.
@@ -115,23 +102,26 @@ impl<P: Subject, const N: usize> Ear<P, N> {
         self.decoder.pending()
     }
 
-    /// What broke the stream.
-    pub fn broken(&self) -> Option<Noise> {
+    /// Why the stream broke.
+    pub fn broken(&self) -> Option<Reason> {
         self.decoder.broken()
     }
 
-    fn drain(&mut self) {
-        while let Some(next) = self.decoder.next(self.expect) {
-            let next = next.map(P::wire_len);
-            self.note(next, self.taken - self.decoder.pending());
-        }
+    fn frames(&self) -> usize {
+        self.heard.iter().filter(|out| out.kind == Kind::Frame).count()
     }
 
-    /// Notes what came out and where it ended, if it is a frame.
-    fn note(&mut self, next: Result<usize, Noise>, end: usize) {
-        self.heard.push(match next {
-            Ok(len) => Out::Frame(end - len..end),
-            Err(noise) => Out::Noise(noise),
-        });
+    fn drain(&mut self) {
+        while let Some(item) = self.decoder.next(&self.protocol, self.expect) {
+            let start = usize::try_from(item.offset).expect("lines are short");
+            let range = start..start + item.bytes.len();
+            assert_eq!(item.bytes, &self.line[range.clone()], "other bytes than came");
+            match self.heard.last_mut() {
+                Some(last) if last.kind == item.kind && item.kind != Kind::Frame && last.range.end == start => {
+                    last.range.end = range.end;
+                }
+                _ => self.heard.push(Out { range, kind: item.kind }),
+            }
+        }
     }
 }

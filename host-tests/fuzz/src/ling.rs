@@ -1,14 +1,15 @@
 //! Arbitrary messages of Ling.
 
+use armwire::EncodeError;
 use armwire::ling::{
     Frame, GripperSpeed, Info, JointState, Ling, MAX_DATA, Move, OVERHEAD, Opening, PerServo, Position, Request,
     Response, SELF_CHECK, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
 };
-use armwire::{EncodeError, Protocol};
+use armwire::messages::Messages;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
-use crate::{Result, Subject, Unstructured};
+use crate::{Result, Said, Subject, Unstructured};
 
 const STROKES: [Stroke; 3] = [Stroke::Mm50, Stroke::Mm75, Stroke::Mm100];
 
@@ -27,7 +28,7 @@ pub fn any_move(u: &mut Unstructured<'_>) -> Result<Move> {
 impl Subject for Ling {
     const FILL: Option<u8> = None;
 
-    fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
+    fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Request> {
         Ok(match u.int_in_range(0..=11)? {
             0 => Request::ReadJoints,
             1 => Request::ReadInfo,
@@ -37,14 +38,16 @@ impl Subject for Ling {
             5 => Request::SetTorque(Torque::Off),
             6 => Request::SetTorque(Torque::On),
             7 => Request::ReadTemperatures,
-            8 => Request::SetTemperatureLimit(TemperatureLimit::new(u.int_in_range(0..=253)?).expect("in range")),
+            8 => Request::SetTemperatureLimit(
+                TemperatureLimit::new(*u.choose(&[0, 70, 80, 253, 255])?).expect("in range"),
+            ),
             9 => Request::ReadVelocities,
             10 => Request::Move(any_move(u)?),
             _ => Request::SelfCheck,
         })
     }
 
-    fn any_response(u: &mut Unstructured<'_>) -> Result<(Response, ())> {
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
         let response = match u.int_in_range(0..=7)? {
             0 => Response::Joints(JointState {
                 joints: u.arbitrary()?,
@@ -63,17 +66,21 @@ impl Subject for Ling {
             6 => Response::Velocities(PerServo::Follower(u.arbitrary()?)),
             _ => Response::SelfCheck(SelfCheck(u.arbitrary()?)),
         };
-        Ok((response, ()))
+        Ok(Said {
+            response,
+            to: None,
+            expect: (),
+        })
     }
 
     fn any_expect(_u: &mut Unstructured<'_>) -> Result<()> {
         Ok(())
     }
 
-    fn any_frame(u: &mut Unstructured<'_>, (): ()) -> Result<Vec<u8>> {
+    fn any_frame(self, u: &mut Unstructured<'_>, (): ()) -> Result<Vec<u8>> {
         match u.int_in_range(0..=2)? {
-            0 => Self::any_request(u).map(|request| request_bytes::<Self>(&request)),
-            1 => Self::any_response(u).map(|(response, ())| response_bytes::<Self>(&response)),
+            0 => Self::any_request(u).map(|request| request_bytes(self, &request)),
+            1 => Self::any_response(u).map(|said| response_bytes(self, &said)),
             _ => {
                 let (command, function) = u.arbitrary()?;
                 let len = u.int_in_range(0..=MAX_DATA)?;
@@ -94,13 +101,11 @@ impl Subject for Ling {
         reference::decode(line, reference::ling::look)
     }
 
-    fn wire_len(frame: Frame<'_>) -> usize {
-        frame.data.len() + OVERHEAD
-    }
-
-    fn encode_frame(frame: Frame<'_>, (): (), out: &mut [u8]) -> Result<usize, EncodeError> {
+    fn rewrite(bytes: &[u8], (): (), out: &mut [u8]) -> Result<usize, EncodeError> {
+        let frame = Frame::parse(bytes).expect("it is a frame");
+        assert_eq!(frame.data.len() + OVERHEAD, bytes.len());
         // One frame is not written as all others: its length field is 0.
-        let request = Ling::parse_request(frame);
+        let request = Ling.parse_request(bytes);
         match frame.data {
             [data] if request == Ok(Request::SelfCheck) && *data == SELF_CHECK[4] => {
                 let len = SELF_CHECK.len();

@@ -2,60 +2,81 @@
 
 use core::fmt::Debug;
 
+use armwire::EncodeError;
 use armwire::alpha1::{self, Alpha1};
 use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{self, Ling};
+use armwire::messages::Messages;
 use armwire::xarm::{self, XArm};
-use armwire::{EncodeError, Protocol};
 use armwire_host_tests::reference::Piece;
 
 use crate::{Result, Unstructured};
 
+/// A response, and what its bytes depend on besides.
+#[derive(Clone, Copy)]
+pub struct Said<'a, P: Messages> {
+    /// The response.
+    pub response: P::Response<'a>,
+    /// What request it answers.
+    pub to: Option<P::Key>,
+    /// What it must be expected as.
+    pub expect: P::Expect,
+}
+
 /// A protocol, and how arbitrary messages of it are made.
-pub trait Subject: Protocol<Expect: Debug + PartialEq> {
+pub trait Subject: Messages + Copy + Default + Debug {
     /// Whether there is anything that the host says.
     const HAS_REQUESTS: bool = true;
 
     /// The byte that fills the room between frames.
     const FILL: Option<u8>;
 
-    /// Any request; an error of a protocol that has none.
-    fn any_request(u: &mut Unstructured<'_>) -> Result<Self::Request>;
+    /// The protocol in any of the ways in which it writes.
+    fn any_protocol(_u: &mut Unstructured<'_>) -> Result<Self> {
+        Ok(Self::default())
+    }
 
-    /// Any response, and what it must be expected as.
-    fn any_response(u: &mut Unstructured<'_>) -> Result<(Self::Response, Self::Expect)>;
+    /// Any request; an error of a protocol that has none.
+    fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Self::Request<'a>>;
+
+    /// Any response.
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>>;
 
     /// Anything that a reader may know about a line.
     fn any_expect(u: &mut Unstructured<'_>) -> Result<Self::Expect>;
 
     /// A frame on a line of which this is known, unless none can be made of what is left.
-    fn any_frame(u: &mut Unstructured<'_>, expect: Self::Expect) -> Result<Vec<u8>>;
+    fn any_frame(self, u: &mut Unstructured<'_>, expect: Self::Expect) -> Result<Vec<u8>>;
 
     /// What a decoder that is written from the documents alone makes of a line that is silent afterwards.
     fn reference(line: &[u8], expect: Self::Expect) -> Vec<Piece>;
 
-    /// How many bytes a frame is on the wire.
-    fn wire_len(frame: Self::Frame<'_>) -> usize;
-
-    /// Writes the frame anew.
-    fn encode_frame(frame: Self::Frame<'_>, expect: Self::Expect, out: &mut [u8]) -> Result<usize, EncodeError>;
+    /// Takes the frame apart and writes it anew.
+    fn rewrite(frame: &[u8], expect: Self::Expect, out: &mut [u8]) -> Result<usize, EncodeError>;
 }
 
 /// The bytes of a request.
-pub fn request_bytes<P: Protocol>(request: &P::Request) -> Vec<u8> {
-    let mut out = vec![0; P::MAX_FRAME];
-    let n = P::encode_request(request, &mut out).expect("there is room for the longest frame");
+pub fn request_bytes<P: Messages>(protocol: P, request: &P::Request<'_>) -> Vec<u8> {
+    let mut out = vec![0; ROOM];
+    let n = protocol
+        .encode_request(request, &mut out)
+        .expect("there is room for the longest frame");
     out.truncate(n);
     out
 }
 
 /// The bytes of a response.
-pub fn response_bytes<P: Protocol>(response: &P::Response) -> Vec<u8> {
-    let mut out = vec![0; P::MAX_FRAME];
-    let n = P::encode_response(response, &mut out).expect("there is room for the longest frame");
+pub fn response_bytes<P: Messages>(protocol: P, said: &Said<'_, P>) -> Vec<u8> {
+    let mut out = vec![0; ROOM];
+    let n = protocol
+        .encode_response(&said.response, said.to, &mut out)
+        .expect("there is room for the longest frame");
     out.truncate(n);
     out
 }
+
+/// Room for every frame.
+pub const ROOM: usize = 260;
 
 /// Something that holds of every protocol.
 pub trait Check {

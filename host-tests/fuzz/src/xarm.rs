@@ -2,75 +2,75 @@
 
 use armwire::EncodeError;
 use armwire::xarm::{
-    Command, Direction, Frame, HEADER, Header, Joint, MAX_PARAMS, ModbusFunction, ProtocolId, Raw, Register, Reply,
-    Request, Response, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText, XArm,
+    Direction, Frame, HEADER, Joint, Key, MAX_PARAMS, ModbusFunction, ProtocolId, Raw, Register, Reply, Request,
+    Response, RotationRadius, SerialsText, State, TorqueSource, VersionText, XArm,
 };
 use armwire_host_tests::reference::xarm::Speaker;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
-use crate::{Result, Subject, Unstructured};
-
-fn any_header(u: &mut Unstructured<'_>) -> Result<Header> {
-    Ok(Header {
-        transaction: u.arbitrary()?,
-        protocol: *u.choose(&[ProtocolId::Private, ProtocolId::Supervised])?,
-    })
-}
+use crate::{Result, Said, Subject, Unstructured};
 
 /// A register that is not typed.
-fn any_raw(u: &mut Unstructured<'_>) -> Result<Raw> {
+fn any_raw<'a>(u: &mut Unstructured<'a>) -> Result<Raw<'a>> {
     let register = u.arbitrary()?;
     let register = if Register::from_code(register).is_some() {
         0xF0
     } else {
         register
     };
-    let len = u.int_in_range(0..=MAX_PARAMS)?;
-    let params = u.bytes(len.min(u.len()))?;
-    Ok(Raw::new(register, params).expect("it is not typed and not too long"))
+    Ok(Raw::new(register, any_params(u, 0)?).expect("it is not typed and not too long"))
 }
 
-fn any_text(u: &mut Unstructured<'_>) -> Result<[u8; TEXT]> {
-    let mut text = [0; TEXT];
-    let given = u.bytes(TEXT.min(u.len()))?;
-    text[..given.len()].copy_from_slice(given);
-    Ok(text)
+/// At least so many bytes of parameters, unless there are fewer.
+fn any_params<'a>(u: &mut Unstructured<'a>, least: usize) -> Result<&'a [u8]> {
+    let len = u.int_in_range(least..=MAX_PARAMS)?;
+    u.bytes(len.min(u.len().max(least)))
 }
 
 impl Subject for XArm {
     const FILL: Option<u8> = None;
 
-    fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
-        let command = match u.int_in_range(0..=8)? {
-            0 => return Ok(Request::Heartbeat),
-            1 => Command::ReadVersion,
-            2 => Command::ReadSerials,
-            3 => Command::ReloadDynamics,
-            4 => Command::ReadTorqueSource,
-            5 => Command::ReadRotationRadius(Joint::new(u.int_in_range(1..=7)?).expect("in range")),
-            6 => Command::Shutdown,
-            7 => Command::Reboot,
-            _ => Command::Raw(any_raw(u)?),
-        };
-        let header = any_header(u)?;
-        Ok(Request::Call { header, command })
+    fn any_protocol(u: &mut Unstructured<'_>) -> Result<Self> {
+        let protocol = *u.choose(&[ProtocolId::Private, ProtocolId::Supervised])?;
+        Ok(Self { protocol })
     }
 
-    fn any_response(u: &mut Unstructured<'_>) -> Result<(Response, Direction)> {
+    fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Request<'a>> {
+        Ok(match u.int_in_range(0..=8)? {
+            0 => Request::Heartbeat,
+            1 => Request::ReadVersion,
+            2 => Request::ReadSerials,
+            3 => Request::ReloadDynamics,
+            4 => Request::ReadTorqueSource,
+            5 => Request::ReadRotationRadius(Joint::new(u.int_in_range(1..=7)?).expect("in range")),
+            6 => Request::Shutdown,
+            7 => Request::Reboot,
+            _ => Request::Raw(any_raw(u)?),
+        })
+    }
+
+    fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
+        let said = |response, to| Said {
+            response,
+            to,
+            expect: Direction::Responses,
+        };
         let reply = match u.int_in_range(0..=8)? {
-            0 => return Ok((Response::Heartbeat, Direction::Responses)),
+            0 => return Ok(said(Response::Heartbeat, None)),
             1 => {
-                let refused = Response::ModbusRefused {
-                    transaction: u.arbitrary()?,
-                    unit: u.arbitrary()?,
-                    function: ModbusFunction::new(u.int_in_range(0..=127)?).expect("in range"),
+                let (transaction, unit) = u.arbitrary()?;
+                let function = ModbusFunction::new(u.int_in_range(0..=127)?).expect("in range");
+                let to = Key {
+                    transaction,
+                    protocol: 0,
+                    register: function.number(),
                 };
-                return Ok((refused, Direction::Responses));
+                return Ok(said(Response::ModbusRefused { unit, function }, Some(to)));
             }
             2 => Reply::empty(u.arbitrary()?),
-            3 => Reply::Version(VersionText(any_text(u)?)),
-            4 => Reply::Serials(SerialsText(any_text(u)?)),
+            3 => Reply::Version(VersionText(any_params(u, 1)?)),
+            4 => Reply::Serials(SerialsText(any_params(u, 1)?)),
             5 => Reply::TorqueSource(*u.choose(&[TorqueSource::Torque, TorqueSource::Current])?),
             6 => Reply::RotationRadius(RotationRadius {
                 millimetres: f32::from_bits(u.arbitrary()?),
@@ -78,22 +78,23 @@ impl Subject for XArm {
             7 => Reply::SystemControl(u.arbitrary()?),
             _ => Reply::Raw(any_raw(u)?),
         };
-        let response = Response::Reply {
-            header: any_header(u)?,
-            state: State(u.arbitrary()?),
-            reply,
+        let state = State(u.arbitrary()?);
+        let to = Key {
+            transaction: u.arbitrary()?,
+            protocol: Self::any_protocol(u)?.protocol as u16,
+            register: reply.register(),
         };
-        Ok((response, Direction::Responses))
+        Ok(said(Response::Reply { state, reply }, Some(to)))
     }
 
     fn any_expect(u: &mut Unstructured<'_>) -> Result<Direction> {
         u.choose(&[Direction::Requests, Direction::Responses]).copied()
     }
 
-    fn any_frame(u: &mut Unstructured<'_>, expect: Direction) -> Result<Vec<u8>> {
+    fn any_frame(self, u: &mut Unstructured<'_>, expect: Direction) -> Result<Vec<u8>> {
         match expect {
-            Direction::Requests => Self::any_request(u).map(|request| request_bytes::<Self>(&request)),
-            Direction::Responses => Self::any_response(u).map(|(response, _)| response_bytes::<Self>(&response)),
+            Direction::Requests => Self::any_request(u).map(|request| request_bytes(self, &request)),
+            Direction::Responses => Self::any_response(u).map(|said| response_bytes(self, &said)),
         }
     }
 
@@ -105,11 +106,9 @@ impl Subject for XArm {
         reference::xarm::decode(line, speaker)
     }
 
-    fn wire_len(frame: Frame<'_>) -> usize {
-        frame.body.len() + HEADER
-    }
-
-    fn encode_frame(frame: Frame<'_>, expect: Direction, out: &mut [u8]) -> Result<usize, EncodeError> {
+    fn rewrite(bytes: &[u8], expect: Direction, out: &mut [u8]) -> Result<usize, EncodeError> {
+        let frame = Frame::parse(bytes).expect("it is a frame");
+        assert_eq!(frame.body.len() + HEADER, bytes.len());
         frame.encode(expect, out)
     }
 }

@@ -5,10 +5,10 @@ use core::time::Duration;
 
 use armwire::alpha1::{
     Action, Address, Alpha1, Angle, Expect, Frame, Interval, MAX_FRAME, MoveTime, Offset, Outcome, Request, Response,
-    ServoAnswer, ServoId, ServoStates, Text, checksum,
+    ServoAnswer, ServoId, ServoStates, Text, checksum, hid,
 };
 
-use crate::{bytes, client, decoder, device};
+use crate::{bytes, client, decoder, device, exchange};
 
 pub(crate) fn call_all() {
     let mut text = [0; 300];
@@ -19,10 +19,14 @@ pub(crate) fn call_all() {
         interval: Interval::new(0),
     };
     for expect in [Expect::Requests, Expect::Responses(Some(ServoAnswer::Angles))] {
-        decoder::call_all::<Alpha1, MAX_FRAME>(black_box(expect));
+        decoder::call_all::<Alpha1, MAX_FRAME>(&Alpha1, black_box(expect));
+        let response = Response::Playing(Outcome::Success);
+        client::call_all::<Alpha1, MAX_FRAME>(Alpha1, Request::Act(action), response, expect);
     }
-    client::call_all::<Alpha1, MAX_FRAME>(Request::Act(action), Response::Playing(Outcome::Success));
-    device::call_all::<Alpha1, MAX_FRAME>(Response::Acted(Outcome::Failure));
+    exchange::call_all(&Alpha1);
+    device::call_all::<Alpha1, MAX_FRAME>(Alpha1, Response::Acted(Outcome::Failure));
+    black_box(hid::reports(text).map(black_box).count());
+    black_box(Frame::parse(text));
     black_box(checksum(text));
     let frame = Frame::Message {
         command: black_box(0),

@@ -2,38 +2,61 @@
 
 use core::hint::black_box;
 
-use armwire::{Client, Config, Input, Micros, Protocol};
+use armwire::messages::Messages;
+use armwire::time::Instant;
+use armwire::{Client, Config, Output};
 
 use crate::bytes;
 
-pub(crate) fn call_all<P: Protocol, const N: usize>(request: P::Request, response: P::Response) {
+pub(crate) fn call_all<M: Messages + Copy, const N: usize>(
+    messages: M,
+    request: M::Request<'_>,
+    response: M::Response<'_>,
+    expect: M::Expect,
+) {
+    let messages = black_box(messages);
     let request = black_box(request);
-    let now = black_box(Micros(0));
-
-    let mut client = Client::<P, N>::new(black_box(Config::DEFAULT));
+    let expect = black_box(expect);
+    let mut client = Client::<M, N>::new(messages, black_box(Config::DEFAULT));
     let client = black_box(&mut client);
-    black_box(client.submit(request).is_ok());
-    black_box(black_box(&mut *client).poll_transmit(now));
-    let _ = black_box(&mut *client).transmitted(now, black_box(0));
-    black_box(black_box(&*client).poll_timeout());
-    black_box(black_box(&*client).is_idle());
+    black_box(client.submit(&request).is_ok());
     hear(client);
-    black_box(&mut *client).cancel(now);
+    black_box(black_box(&*client).expects_answer());
+    black_box(&mut *client).cancel();
 
-    black_box(P::encode_request(&request, bytes(&mut [0; 300])).is_ok());
-    black_box(P::expect(Some(&request)));
-    black_box(P::reply(&request));
-    black_box(P::answers(&request, &P::response_ref(&black_box(response))));
-    black_box(P::repeatable(&request));
+    let mut out = [0; 300];
+    let out = bytes(&mut out);
+    black_box(messages.encode_request(&request, out).is_ok());
+    messages.stamp(out, black_box(0));
+    black_box(messages.parse_request(out).is_ok());
+    let key = black_box(messages.request(out)).map(|info| info.key);
+    black_box(messages.encode_response(&black_box(response), key, out).is_ok());
+    black_box(messages.parse_response(out, expect).is_ok());
+    if let Some(key) = key {
+        black_box(messages.is_response_to(key, out));
+    }
+    black_box(messages.unsolicited());
 }
 
-/// Lets the client hear bytes, silence and time.
-pub(crate) fn hear<P: Protocol, const N: usize>(client: &mut Client<P, N>) {
+/// Lets the client hear bytes, silence and time, and does what it says.
+pub(crate) fn hear<M: Messages, const N: usize>(client: &mut Client<M, N>) {
+    let now = || black_box(Instant::ZERO);
     let mut received = [0; 300];
-    let inputs = [Input::Bytes(bytes(&mut received)), Input::Idle, Input::Tick];
-    for mut input in black_box(inputs) {
-        while let Some(event) = black_box(&mut *client).handle(black_box(Micros(0)), &mut input) {
-            black_box(event);
-        }
+    black_box(client.receive(now(), bytes(&mut received)));
+    black_box(client.space());
+    black_box(black_box(&mut *client).received(now(), black_box(0)).is_ok());
+    black_box(&mut *client).idle();
+    for _ in 0..black_box(2) {
+        let taken = match black_box(&mut *client).poll(now()) {
+            Output::Transmit(bytes) => black_box(bytes).len(),
+            output => {
+                black_box(output);
+                0
+            }
+        };
+        black_box(client.transmitted(now(), black_box(taken)).is_ok());
     }
+    black_box(black_box(&*client).is_idle());
+    black_box(client.messages_mut());
+    black_box(client.messages());
 }

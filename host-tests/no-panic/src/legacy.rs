@@ -3,11 +3,11 @@
 use core::hint::black_box;
 
 use armwire::ling::legacy::{
-    Detector, Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS, parity,
+    Detector, Firmware, Frame, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS, parity,
 };
-use armwire::{Client, Config, Micros};
+use armwire::{Client, Config};
 
-use crate::{bytes, client, decoder, device};
+use crate::{bytes, client, decoder, device, exchange};
 
 pub(crate) fn call_all() {
     let firmware = black_box(Firmware::V6_0);
@@ -23,9 +23,10 @@ pub(crate) fn call_all() {
         sync_button: 0,
         attitude_button: 0,
     };
-    decoder::call_all::<Legacy, MAX_FRAME>(());
-    device::call_all::<Legacy, MAX_FRAME>(black_box(Response::Joints(joints)));
-    device::call_all::<Legacy, MAX_FRAME>(black_box(Response::Gripper(gripper)));
+    decoder::call_all::<Legacy, MAX_FRAME>(&Legacy, ());
+    exchange::call_all(&Legacy);
+    device::call_all::<Legacy, MAX_FRAME>(Legacy, black_box(Response::Joints(joints)));
+    device::call_all::<Legacy, MAX_FRAME>(Legacy, black_box(Response::Gripper(gripper)));
     black_box(joints.joints());
     black_box(joints.positions().is_ok());
     black_box((firmware.joints_command(), firmware.gripper_command()));
@@ -36,9 +37,8 @@ pub(crate) fn call_all() {
     let mut detector = Detector::new();
     black_box(black_box(&mut detector).hear(received));
 
-    let mut client = Client::<Legacy, MAX_FRAME>::new(black_box(Config::DEFAULT));
-    let client = black_box(&mut client);
-    client::hear(client);
-    black_box(black_box(&mut *client).poll_transmit(black_box(Micros(0))));
-    black_box(black_box(&*client).poll_timeout());
+    black_box(Frame::parse(received));
+
+    let mut client = Client::<Legacy, MAX_FRAME>::new(Legacy, black_box(Config::DEFAULT));
+    client::hear(black_box(&mut client));
 }

@@ -7,12 +7,17 @@ use armwire::ling::{
     SerialNumber, Speed, Stroke, TemperatureLimit, checksum,
 };
 
-use crate::{bytes, client, decoder, device};
+use armwire::raw::Raw;
+
+use crate::{bytes, client, decoder, device, exchange};
 
 pub(crate) fn call_all() {
-    decoder::call_all::<Ling, MAX_FRAME>(());
-    client::call_all::<Ling, MAX_FRAME>(Request::SelfCheck, Response::SelfCheck(SelfCheck(0)));
-    device::call_all::<Ling, MAX_FRAME>(Response::Stroke(Stroke::Mm50));
+    decoder::call_all::<Ling, MAX_FRAME>(&Ling, ());
+    exchange::call_all(&Ling);
+    client::call_all::<Ling, MAX_FRAME>(Ling, Request::SelfCheck, Response::SelfCheck(SelfCheck(0)), ());
+    device::call_all::<Ling, MAX_FRAME>(Ling, Response::Stroke(Stroke::Mm50));
+    decoder::call_all::<Raw, MAX_FRAME>(&Raw, ());
+    exchange::call_all(&Raw);
 
     let mut data = [0; 300];
     let data = bytes(&mut data);
@@ -23,6 +28,7 @@ pub(crate) fn call_all() {
         data,
     };
     black_box(frame.encode(bytes(&mut [0; 300])).is_ok());
+    black_box(Frame::parse(black_box(data)));
 
     let float = black_box(0.0_f32);
     let stroke = black_box(Stroke::Mm50);

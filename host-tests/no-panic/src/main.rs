@@ -26,9 +26,10 @@ mod control;
 mod cyclic;
 mod decoder;
 mod device;
+mod exchange;
 #[cfg(feature = "bridge")]
 mod isotp;
-#[cfg(feature = "ling")]
+#[cfg(feature = "ling-legacy")]
 mod legacy;
 #[cfg(feature = "ling")]
 mod ling;
@@ -39,6 +40,7 @@ use core::hint::black_box;
 use core::panic::PanicInfo;
 
 use armwire::Micros;
+use armwire::time::{Duration, Instant};
 
 unsafe extern "C" {
     /// Does not exist.
@@ -55,7 +57,7 @@ fn panic(_: &PanicInfo<'_>) -> ! {
 extern "C" fn _start() {
     #[cfg(feature = "ling")]
     ling::call_all();
-    #[cfg(feature = "ling")]
+    #[cfg(feature = "ling-legacy")]
     legacy::call_all();
     #[cfg(feature = "xarm")]
     xarm::call_all();
@@ -70,6 +72,8 @@ extern "C" fn _start() {
     }
     black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));
     black_box(black_box(Micros(0)).since(black_box(Micros(0))));
+    black_box(black_box(Instant::ZERO) + black_box(Duration::from_millis(black_box(0))));
+    black_box(black_box(Instant::ZERO).since(black_box(Instant::ZERO)) + black_box(Duration::ZERO));
     if cfg!(feature = "prove-panic") {
         black_box([1, 2, 3][black_box(3)]);
     }

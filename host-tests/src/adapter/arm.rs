@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use armwire::Decoder;
+use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Frame, Ling, MAX_FRAME};
 use armwire_bridge::control::Asker;
 
@@ -119,9 +119,9 @@ pub(super) enum Heard {
 /// The arm.
 pub(super) struct Arm {
     manners: Manners,
-    decoder: Decoder<Ling, MAX_FRAME>,
+    decoder: Decoder<MAX_FRAME>,
     /// Another arm at the same line, which never gives half a frame up: torque-off must reach it all the same.
-    stubborn: Decoder<Ling, MAX_FRAME>,
+    stubborn: Decoder<MAX_FRAME>,
     /// When it gives half a frame up.
     gives_up: Option<u64>,
     says: VecDeque<Saying>,
@@ -157,8 +157,9 @@ impl Arm {
         let mut rest = bytes;
         while !rest.is_empty() {
             rest = self.stubborn.push(rest);
-            while let Some(next) = self.stubborn.next(()) {
-                if next.is_ok_and(|frame| (frame.command, frame.function) == TORQUE && frame.data == [OFF]) {
+            while let Some(item) = self.stubborn.next(&Ling, ()) {
+                let frame = Frame::parse(item.bytes).filter(|_| item.kind == Kind::Frame);
+                if frame.is_some_and(|frame| (frame.command, frame.function) == TORQUE && frame.data == [OFF]) {
                     heard.push(Heard::TorqueOff);
                 }
             }
@@ -176,11 +177,9 @@ impl Arm {
         let Some(quiet) = self.gives_up.take_if(|at| *at <= now) else {
             return;
         };
-        while self.decoder.pending() > 0 {
-            let _ = self.decoder.idle(());
-            // What seemed to be the rest of a frame is heard now, and answered as early as if it had been heard before.
-            self.answer_all(quiet, 0, LATEST - PATIENCE, random, heard);
-        }
+        self.decoder.idle();
+        // What seemed to be the rest of a frame is heard now, and answered as early as if it had been heard before.
+        self.answer_all(quiet, 0, LATEST - PATIENCE, random, heard);
     }
 
     /// The next bytes that are on the line by `now`, and when the last of them was.
@@ -201,12 +200,12 @@ impl Arm {
 
     /// Answers what it has heard by `end`, when `behind` more bytes had come.
     fn answer_all(&mut self, end: u64, behind: usize, latest: u64, random: &mut Random, heard: &mut Vec<Heard>) {
-        while let Some(next) = self.decoder.next(()) {
-            let Ok(Frame {
+        while let Some(item) = self.decoder.next(&Ling, ()) {
+            let Some(Frame {
                 command,
                 function,
                 data,
-            }) = next
+            }) = Frame::parse(item.bytes).filter(|_| item.kind == Kind::Frame)
             else {
                 continue;
             };

@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use armwire::Decoder;
+use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire_bridge::Counters;
 use armwire_bridge::config::Config;
@@ -95,7 +95,7 @@ pub(super) struct Oracle {
 
     /// What the host on USB has said and is not on the line, and what of it is on the line and no whole request.
     usb: VecDeque<u8>,
-    usb_requests: Decoder<Ling, MAX_FRAME>,
+    usb_requests: Decoder<MAX_FRAME>,
     /// The line has had another rate since the last zeros.
     was_other_rate: bool,
     /// What hosts on CAN have said and is not on the line, and when it came.
@@ -439,11 +439,8 @@ impl Oracle {
                 while !rest.is_empty() {
                     rest = self.usb_requests.push(rest);
                     let mut frames = Vec::new();
-                    while let Some(next) = self.usb_requests.next(()) {
-                        frames.extend(
-                            next.ok()
-                                .map(|frame| super::arm::frame((frame.command, frame.function), frame.data)),
-                        );
+                    while let Some(item) = self.usb_requests.next(&Ling, ()) {
+                        frames.extend((item.kind == Kind::Frame).then(|| item.bytes.to_vec()));
                     }
                     for frame in frames {
                         self.requested(asker, &frame, now, now, end);

@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 
 use armwire::Micros;
-use armwire::Protocol;
 use armwire::ling::{self, Ling, MAX_FRAME};
+use armwire::messages::Messages;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::Config;
@@ -630,6 +630,8 @@ const fn nanos_a_byte(baud: u32) -> u64 {
 /// The request that moves the arm there.
 pub(super) fn motion(target: &ling::Move) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
-    let len = Ling::encode_request(&ling::Request::Move(*target), &mut out).expect("there is room");
+    let len = Ling
+        .encode_request(&ling::Request::Move(*target), &mut out)
+        .expect("there is room");
     out[..len].to_vec()
 }

@@ -4,8 +4,8 @@
 
 use std::collections::VecDeque;
 
-use armwire::Decoder;
-use armwire::ling::{Frame, Ling, MAX_FRAME};
+use armwire::decoder::{Decoder, Kind};
+use armwire::ling::{Ling, MAX_FRAME};
 use armwire_bridge::can::telemetry::{Sample, event_from_frame};
 use armwire_bridge::can::{Frame as CanFrame, Function, Node};
 use armwire_bridge::control::{Asker, Event, Stamp};
@@ -134,7 +134,7 @@ const WINDOW: u32 = 3;
 pub struct UsbHost {
     /// What it asks and gets.
     pub asking: Asking,
-    decoder: Decoder<Ling, MAX_FRAME>,
+    decoder: Decoder<MAX_FRAME>,
     /// When bytes last came.
     heard: Nanos,
     /// Bytes that came.
@@ -190,10 +190,8 @@ impl UsbHost {
         }
         if self.asking.give_up(now) && now.since(self.heard) > SILENCE {
             // What looks like the beginning of a frame may hold back the answers behind it.
-            while let Some(noise) = self.decoder.idle(()) {
-                self.noise_bytes += noise.len as u32;
-                self.decode();
-            }
+            self.decoder.idle();
+            self.decode();
         }
         // Now more, now fewer at a time.
         let window = 1 + self.asking.answered % WINDOW;
@@ -207,10 +205,10 @@ impl UsbHost {
 
     /// Takes what has come whole.
     fn decode(&mut self) {
-        while let Some(next) = self.decoder.next(()) {
-            match next {
-                Ok(frame) => self.asking.hear(&encoded(frame)),
-                Err(noise) => self.noise_bytes += noise.len as u32,
+        while let Some(item) = self.decoder.next(&Ling, ()) {
+            match item.kind {
+                Kind::Frame => self.asking.hear(item.bytes),
+                _ => self.noise_bytes += item.bytes.len() as u32,
             }
         }
     }
@@ -553,11 +551,4 @@ impl Hosts {
             Err(error) => panic!("{error}"),
         }
     }
-}
-
-/// The bytes of a frame.
-fn encoded(frame: Frame<'_>) -> Vec<u8> {
-    let mut bytes = [0; MAX_FRAME];
-    let len = frame.encode(&mut bytes).unwrap();
-    bytes[..len].to_vec()
 }

@@ -1,7 +1,9 @@
 //! A program at the serial port: the crate's client, in virtual time.
 
 use armwire::ling::{self, Ling};
-use armwire::{Client, Config, Event, Input, Micros, Protocol};
+use armwire::messages::Messages;
+use armwire::time::Instant;
+use armwire::{Client, Config, Event, Micros, Output};
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 
@@ -13,23 +15,27 @@ pub type Program = ProgramOf<Ling, { ling::MAX_FRAME }>;
 
 /// A program that talks to an arm by `P`, whose longest frame has `N` bytes.
 #[derive(Debug)]
-pub struct ProgramOf<P: Protocol, const N: usize> {
+pub struct ProgramOf<P: Messages, const N: usize> {
     client: Client<P, N>,
-    others: Vec<Event<P>>,
+    /// What happened besides the outcome of calls.
+    others: Vec<String>,
+    /// The last answer, as a frame, and what it was expected as.
+    answer: (Vec<u8>, P::Expect),
 }
 
-impl<P: Protocol, const N: usize> Default for ProgramOf<P, N> {
+impl<P: Messages + Default, const N: usize> Default for ProgramOf<P, N> {
     fn default() -> Self {
         Self::new(Config::DEFAULT)
     }
 }
 
-impl<P: Protocol, const N: usize> ProgramOf<P, N> {
+impl<P: Messages + Default, const N: usize> ProgramOf<P, N> {
     /// A program with a client of its own.
     pub fn new(config: Config) -> Self {
         Self {
-            client: Client::new(config),
+            client: Client::new(P::default(), config),
             others: Vec::new(),
+            answer: (Vec::new(), P::default().unsolicited()),
         }
     }
 
@@ -38,57 +44,81 @@ impl<P: Protocol, const N: usize> ProgramOf<P, N> {
     /// # Panics
     ///
     /// If anything but the answer happens.
-    pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: P::Request) -> Option<P::Response> {
-        let event = self.try_call(board, request);
-        assert_eq!(self.others, [], "while waiting for the answer to {request:?}");
-        match event {
-            Event::Answer(response) => Some(response),
-            Event::Sent => None,
-            other => panic!("{other:?} instead of an answer to {request:?} at {}", board.now()),
-        }
+    pub fn call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: P::Request<'_>) -> Option<P::Response<'_>> {
+        let is_answered = self.run(board, &request);
+        assert!(
+            self.others.is_empty(),
+            "{:?} while waiting for the answer to {request:?}",
+            self.others
+        );
+        is_answered.then(|| self.answer())
     }
 
-    /// Makes one call on a line that may be bad, and returns how it ended.
+    /// Makes one call as [`call`](Self::call) does, on a line that may be bad.
     ///
     /// # Panics
     ///
-    /// If the port closes.
-    pub fn try_call<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: P::Request) -> Event<P> {
+    /// If there is no answer.
+    pub fn call_on_bad_line<A: Arm>(
+        &mut self,
+        board: &mut VirtualBoard<A>,
+        request: P::Request<'_>,
+    ) -> Option<P::Response<'_>> {
+        self.run(board, &request).then(|| self.answer())
+    }
+
+    /// Whether the arm answered the request; the answer is in `answer`.
+    fn run<A: Arm>(&mut self, board: &mut VirtualBoard<A>, request: &P::Request<'_>) -> bool {
         self.client.submit(request).unwrap();
+        let mut frame = vec![0; N];
+        let len = self.client.messages().encode_request(request, &mut frame).unwrap();
+        self.answer.1 = self.client.messages().request(&frame[..len]).unwrap().expect;
+        let mut bytes = Vec::new();
         loop {
-            while let Some(bytes) = self.client.poll_transmit(board.now().micros()) {
-                let n = bytes.len();
-                board.usb().write(bytes).unwrap();
-                self.client.transmitted(board.now().micros(), n).unwrap();
-            }
-            let bytes = self.listen(board);
-            let mut input = Input::Bytes(&bytes);
-            while let Some(event) = self.client.handle(board.now().micros(), &mut input) {
-                match event {
-                    Event::Answer(_) | Event::Unacceptable(_) | Event::TimedOut { .. } => return event,
-                    Event::Sent => {
-                        board
-                            .run_until(Nanos::from_millis(100), |board| board.usb().unsent() == 0)
-                            .unwrap();
-                        board.run_for(OBEYED).unwrap();
-                        return event;
-                    }
-                    other => self.others.push(other),
+            let now = Instant::from(board.now().micros());
+            let left = self.client.receive(now, &bytes).len();
+            bytes.drain(..bytes.len() - left);
+            match self.client.poll(now) {
+                Output::Transmit(out) => {
+                    let n = out.len();
+                    board.usb().write(out).unwrap();
+                    self.client.transmitted(board.now().micros().into(), n).unwrap();
                 }
+                Output::Timeout(until) => bytes.extend(listen(board, until)),
+                Output::Event(Event::Answer(response)) => {
+                    let n = P::default().encode_response(&response, None, &mut frame).unwrap();
+                    frame.truncate(n);
+                    self.answer.0 = frame;
+                    return true;
+                }
+                Output::Event(Event::Sent) => {
+                    board
+                        .run_until(Nanos::from_millis(100), |board| board.usb().unsent() == 0)
+                        .unwrap();
+                    board.run_for(OBEYED).unwrap();
+                    return false;
+                }
+                Output::Event(event @ (Event::Unacceptable(_) | Event::TimedOut { .. })) => {
+                    panic!("{event:?} instead of an answer to {request:?} at {}", board.now());
+                }
+                Output::Event(other) => self.others.push(format!("{other:?}")),
             }
         }
     }
 
-    /// Runs until there are bytes from the adapter, or the client has waited long enough.
-    fn listen<A: Arm>(&self, board: &mut VirtualBoard<A>) -> Vec<u8> {
-        let now = board.now().micros();
-        let limit = match self.client.poll_timeout() {
-            Some(due) => due.since(now),
-            None => Micros(0),
-        };
-        match board.run_until(limit, |board| board.usb().unread() > 0) {
-            Ok(_) | Err(Error::TimedOut { .. }) => board.usb().read(),
-            Err(error) => panic!("{error}"),
-        }
+    fn answer(&self) -> P::Response<'_> {
+        let (frame, expect) = &self.answer;
+        let response = self.client.messages().parse_response(frame, *expect);
+        response.expect("the client has accepted it")
+    }
+}
+
+/// Runs until there are bytes from the adapter, or it is this late.
+fn listen<A: Arm>(board: &mut VirtualBoard<A>, until: Option<Instant>) -> Vec<u8> {
+    let until = until.map_or(Micros(0), Micros::from);
+    let limit = until.since(board.now().micros());
+    match board.run_until(limit, |board| board.usb().unread() > 0) {
+        Ok(_) | Err(Error::TimedOut { .. }) => board.usb().read(),
+        Err(error) => panic!("{error}"),
     }
 }

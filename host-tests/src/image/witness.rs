@@ -2,8 +2,10 @@
 
 use std::collections::VecDeque;
 
+use armwire::Micros;
+use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Frame, JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
-use armwire::{Decoder, Micros, Protocol};
+use armwire::messages::Messages;
 use armwire_sim::serial::SerialDevice;
 
 /// Command and function of the question where the joints are. All [tickets](Ticket) have them too, so that only what is in
@@ -74,7 +76,7 @@ pub struct Witness {
     /// How long it thinks.
     turnaround: Micros,
     silent: bool,
-    decoder: Decoder<Ling, MAX_FRAME>,
+    decoder: Decoder<MAX_FRAME>,
     /// When it last heard a byte, and when it looks next whether the line has been quiet since.
     heard: Micros,
     looks: Option<Micros>,
@@ -190,36 +192,22 @@ impl Witness {
             self.looks = Some(quiet);
             return;
         }
-        while let Some(noise) = self.decoder.idle(()) {
-            self.deeds.noise_bytes += noise.len as u32;
-            self.hear(now);
-        }
+        self.decoder.idle();
+        self.hear(now);
     }
 
     /// Does what is asked in the bytes that it has.
     fn hear(&mut self, now: Micros) {
-        loop {
-            let (command, data) = match self.decoder.next(()) {
-                Some(Ok(frame)) => ((frame.command, frame.function), frame.data.to_vec()),
-                Some(Err(noise)) => {
-                    self.deeds.noise_bytes += noise.len as u32;
-                    continue;
-                }
-                None => return,
+        while let Some(item) = self.decoder.next(&Ling, ()) {
+            let bytes = item.bytes.to_vec();
+            let Some(frame) = Frame::parse(&bytes).filter(|_| item.kind == Kind::Frame) else {
+                self.deeds.noise_bytes += bytes.len() as u32;
+                continue;
             };
+            let command = (frame.command, frame.function);
             if command != JOINTS_COMMAND {
-                let mut bytes = [0; MAX_FRAME];
-                let (command, function) = command;
-                let data = &data;
-                let len = Frame {
-                    command,
-                    function,
-                    data,
-                }
-                .encode(&mut bytes)
-                .unwrap();
-                self.others.push(bytes[..len].to_vec());
-            } else if let Some(answer) = self.answer(command, &data) {
+                self.others.push(bytes);
+            } else if let Some(answer) = self.answer(command, frame.data) {
                 self.put(now + self.turnaround, &answer);
             }
         }
@@ -300,7 +288,9 @@ pub fn joint_answer(joints: [u16; JOINTS]) -> Vec<u8> {
         status: MotionStatus::Idle,
     };
     let mut bytes = [0; MAX_FRAME];
-    let len = Ling::encode_response(&Response::Joints(state), &mut bytes).unwrap();
+    let len = Ling
+        .encode_response(&Response::Joints(state), None, &mut bytes)
+        .unwrap();
     bytes[..len].to_vec()
 }
 

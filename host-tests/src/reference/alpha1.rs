@@ -1,7 +1,7 @@
 //! Alpha1 frames, by the table of the PC protocol and the servos' manual: header, its nibbles swapped, DATA, CHECK, end
 //! mark ED.
 
-use armwire::Reason;
+use armwire::framing::Reason;
 
 use super::{Look, checked, length};
 
@@ -13,9 +13,6 @@ pub enum Speaker {
     /// The robot or a servo, and the id of the servo that is to acknowledge.
     Robot(Option<u8>),
 }
-
-/// The longest frame that armwire takes: a report of USB HID.
-const MAX_FRAME: usize = 64;
 
 /// How the rest of a frame looks.
 enum Row {
@@ -84,7 +81,7 @@ fn look_at_row(bytes: &[u8], row: Row) -> Look {
     let len = match row {
         // Row FB has 01 here, and a frame of the Bluetooth protocol its length, less one.
         Row::Fixed(_) if bytes[0] == 0xFB && third != 1 => {
-            if !(6..MAX_FRAME).contains(&third) {
+            if third < 6 {
                 let (offset, expected, got) = (2, &[1], bytes[2]);
                 return Look::Nothing(Reason::Byte { offset, expected, got });
             }
@@ -92,7 +89,7 @@ fn look_at_row(bytes: &[u8], row: Row) -> Look {
         }
         Row::Fixed(len) => len,
         Row::Text => {
-            let (min, max, got) = (1, MAX_FRAME - 4, third);
+            let (min, max, got) = (1, 255, third);
             if !(min..=max).contains(&got) {
                 return Look::Nothing(length(min, max, got));
             }

@@ -1,6 +1,6 @@
 //! Frames of Ling's older generation, by `docs/protocols/ling.md`: header AA, command, length, data, parity, end mark FF.
 
-use armwire::Reason;
+use armwire::framing::Reason;
 
 use super::{Look, checked, length};
 

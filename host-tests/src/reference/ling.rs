@@ -1,6 +1,6 @@
 //! Ling frames, by section 1 of the document: header AA, command, function, length, data, checksum, end mark FF.
 
-use armwire::Reason;
+use armwire::framing::Reason;
 
 use super::{Look, checked, length};
 

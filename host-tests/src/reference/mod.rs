@@ -4,7 +4,7 @@
 //! likes and starts over at the next byte. Of the crate under test they take nothing but the names of what can be wrong.
 //!
 //! ```
-//! use armwire::Reason;
+//! use armwire::framing::Reason;
 //! use armwire_host_tests::reference::{Piece, decode, ling};
 //!
 //! let pieces = decode(&[0x11, 0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF], ling::look);
@@ -22,7 +22,7 @@ pub mod xarm;
 
 use std::ops::Range;
 
-use armwire::Reason;
+use armwire::framing::Reason;
 
 /// What begins at the first of some bytes, of which there is at least one.
 #[derive(Clone, Debug, PartialEq, Eq)]

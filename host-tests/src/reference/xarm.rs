@@ -1,7 +1,7 @@
 //! xArm frames, by the vendor's page: transaction id, protocol id and length, each two bytes and big-endian, then as many
 //! bytes as the length says.
 
-use armwire::Reason;
+use armwire::framing::Reason;
 
 use super::{Piece, length};
 

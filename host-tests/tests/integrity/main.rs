@@ -17,9 +17,10 @@ use armwire::ling::{self, Ling};
 use armwire::xarm::{self, XArm};
 use armwire_host_tests::reference::vectors::{self, Vector};
 
+use armwire::messages::Messages;
 use blind::Place;
 use errors::Kind;
-use outcome::{Outcome, Sorted, Subject};
+use outcome::{Outcome, Subject};
 
 /// How often each outcome came of one kind of error, and how often the frame behind was lost.
 #[derive(Clone, Copy, Default)]
@@ -44,7 +45,7 @@ impl Count {
 }
 
 /// What all errors of a kind make of a frame.
-fn count<P: Sorted, const N: usize>(subject: &Subject<P>, kind: Kind) -> Count {
+fn count<P: Messages + Default, const N: usize>(subject: &Subject<P>, kind: Kind) -> Count {
     let mut count = Count::default();
     kind.each(&subject.bytes, |damaged| {
         count.tried += 1;
@@ -57,7 +58,7 @@ fn count<P: Sorted, const N: usize>(subject: &Subject<P>, kind: Kind) -> Count {
 /// What of each kind all make of all these frames. There is a thread for each kind.
 fn measure<P, const N: usize>(vectors: &[Vector], subject: fn(&Vector) -> Subject<P>) -> Vec<(Kind, Count)>
 where
-    P: Sorted,
+    P: Messages + Default,
 {
     let all = |kind| {
         let mut sum = Count::default();
@@ -94,7 +95,7 @@ fn table(counts: &[(Kind, Count)]) -> String {
 }
 
 /// The bits, each named by its byte from the start of the frame, of which nobody sees that they are flipped.
-fn unseen_bits<P: Sorted, const N: usize>(subject: &Subject<P>) -> Vec<(usize, u8)> {
+fn unseen_bits<P: Messages + Default, const N: usize>(subject: &Subject<P>) -> Vec<(usize, u8)> {
     let mut bits = (0..subject.bytes.len()).flat_map(|byte| (0..8).map(move |bit| (byte, bit)));
     let mut unseen = Vec::new();
     Kind::OneBit.each(&subject.bytes, |damaged| {

@@ -1,6 +1,9 @@
 //! What becomes of a damaged frame.
 
-use armwire::{Decoder, Noise, Protocol, Reason, alpha1, ling, xarm};
+use armwire::decoder::{Decoder, Kind};
+use armwire::framing::Reason;
+use armwire::messages::Messages;
+use armwire::{Cause, ParseError};
 use armwire_host_tests::reference::vectors::Vector;
 
 /// What became of a frame. The later one counts if there are two.
@@ -72,99 +75,68 @@ impl Outcome {
     }
 }
 
-/// A protocol whose errors can be sorted.
-pub(crate) trait Sorted: Protocol {
-    /// What it means that a frame is not a message for this reason.
-    fn refused(error: &Self::Error) -> Outcome;
-}
-
-fn ling_cause(cause: ling::Cause) -> Outcome {
-    match cause {
-        ling::Cause::Unknown => Outcome::Unknown,
-        ling::Cause::Length { .. } => Outcome::Length,
-        ling::Cause::Byte { .. } | ling::Cause::Value { .. } => Outcome::Range,
-        other => panic!("a cause without a column: {other:?}"),
+/// What it means that a frame is not a message for this reason.
+fn refused(error: &ParseError) -> Outcome {
+    match error.cause {
+        Cause::Length { .. } => Outcome::Length,
+        Cause::Byte { .. } | Cause::Value { .. } => Outcome::Range,
+        _ => Outcome::Unknown,
     }
-}
-
-impl Sorted for ling::Ling {
-    fn refused(error: &ling::ParseError) -> Outcome {
-        ling_cause(error.cause)
-    }
-}
-
-impl Sorted for ling::legacy::Legacy {
-    fn refused(error: &ling::legacy::ParseError) -> Outcome {
-        ling_cause(error.cause)
-    }
-}
-
-impl Sorted for xarm::XArm {
-    fn refused(error: &xarm::ParseError) -> Outcome {
-        match error {
-            xarm::ParseError::Call {
-                cause: xarm::Cause::Value { .. },
-                ..
-            } => Outcome::Range,
-            xarm::ParseError::Call { .. } => Outcome::Length,
-            _ => Outcome::Unknown,
-        }
-    }
-}
-
-impl Sorted for alpha1::Alpha1 {
-    fn refused(error: &alpha1::ParseError) -> Outcome {
-        match error.cause {
-            alpha1::Cause::Length { .. } => Outcome::Length,
-            alpha1::Cause::Byte { .. } | alpha1::Cause::Value { .. } | alpha1::Cause::Offset(_) => Outcome::Range,
-            _ => Outcome::Unknown,
-        }
-    }
-}
-
-/// What a frame means.
-enum Message<P: Protocol> {
-    Request(P::Request),
-    /// And what it answers.
-    Response(P::Response, Option<P::Request>),
 }
 
 /// A frame whose damage is tried.
-pub(crate) struct Subject<P: Protocol> {
+pub(crate) struct Subject<M: Messages> {
     /// The frame.
     pub(crate) bytes: Vec<u8>,
-    expect: P::Expect,
-    message: Message<P>,
+    messages: M,
+    expect: M::Expect,
+    /// Whether the host sends it, or what it answers.
+    from: Sender<M::Key>,
 }
 
-impl<P: Sorted> Subject<P> {
+/// Who sends a frame.
+enum Sender<K> {
+    Host,
+    Arm(Option<K>),
+}
+
+impl<M: Messages + Default> Subject<M> {
     /// A frame from the host.
     pub(crate) fn request(vector: &Vector) -> Self {
-        let request = request_of::<P>(&vector.bytes);
+        let messages = M::default();
+        assert!(messages.parse_request(&vector.bytes).is_ok(), "{}", vector.name);
         Self {
             bytes: vector.bytes.clone(),
-            expect: P::REQUESTS,
-            message: Message::Request(request),
+            expect: messages.requests(),
+            messages,
+            from: Sender::Host,
         }
     }
 
     /// A frame from the arm.
     pub(crate) fn response(vector: &Vector) -> Self {
-        let request = vector.request.as_deref().map(request_of::<P>);
-        let expect = P::expect(request.as_ref());
-        let frame = P::view(&vector.bytes).expect(vector.name);
-        let response = P::parse_response(frame, expect).expect(vector.name);
-        if let Some(request) = &request {
-            assert!(
-                P::answers(request, &P::response_ref(&response)),
-                "{} answers something else",
-                vector.name
-            );
-        }
+        let messages = M::default();
+        let request = vector
+            .request
+            .as_deref()
+            .map(|bytes| messages.request(bytes).expect("a request"));
+        let expect = request.map_or(messages.unsolicited(), |info| info.expect);
+        let key = request.map(|info| info.key);
+        assert!(
+            messages.parse_response(&vector.bytes, expect).is_ok(),
+            "{}",
+            vector.name
+        );
+        assert!(
+            key.is_none_or(|key| messages.is_response_to(key, &vector.bytes)),
+            "{} answers something else",
+            vector.name
+        );
         Self {
             bytes: vector.bytes.clone(),
+            messages,
             expect,
-            message: Message::Response(response, request),
+            from: Sender::Arm(key),
         }
     }
 
@@ -173,7 +145,7 @@ impl<P: Sorted> Subject<P> {
         let (mut first, mut delivered) = (None, None);
         self.hear::<N>(damaged, |heard| match heard {
             Ok((_, outcome)) => delivered = delivered.max(Some(outcome)),
-            Err(noise) => first = first.or(Some(Outcome::of_noise(noise.reason))),
+            Err(reason) => first = first.or(Some(Outcome::of_noise(reason))),
         });
         delivered.or(first).unwrap_or(Outcome::Silence)
     }
@@ -187,50 +159,58 @@ impl<P: Sorted> Subject<P> {
     }
 
     /// All that comes of a line: where a frame ends and what it is, or noise.
-    fn hear<const N: usize>(&self, line: &[u8], mut tell: impl FnMut(Result<(usize, Outcome), Noise>)) {
-        let mut decoder = Decoder::<P, N>::new();
+    fn hear<const N: usize>(&self, line: &[u8], mut tell: impl FnMut(Result<(usize, Outcome), Reason>)) {
+        let mut decoder = Decoder::<N>::new();
         let mut rest = line;
-        let mut told = true;
-        while told || !rest.is_empty() {
+        loop {
             rest = decoder.push(rest);
-            told = false;
-            if rest.is_empty()
-                && let Some(noise) = decoder.idle(self.expect)
-            {
-                tell(Err(noise));
-                told = true;
+            if rest.is_empty() {
+                decoder.idle();
             }
-            while let Some(next) = decoder
-                .next(self.expect)
-                .map(|next| next.map(|frame| self.judge(frame)))
-            {
-                let end = line.len() - rest.len() - decoder.pending();
-                tell(next.map(|outcome| (end, outcome)));
-                told = true;
-            }
-        }
-    }
-
-    fn judge(&self, frame: P::Frame<'_>) -> Outcome {
-        match &self.message {
-            Message::Request(sent) => match P::parse_request(frame) {
-                Err(error) => P::refused(&error),
-                Ok(request) if request == *sent => Outcome::Unharmed,
-                Ok(_) => Outcome::Undetected,
-            },
-            Message::Response(sent, request) => match P::parse_response(frame, self.expect) {
-                Err(error) => P::refused(&error),
-                Ok(response) if response == *sent => Outcome::Unharmed,
-                Ok(response) if request.is_some_and(|request| !P::answers(&request, &P::response_ref(&response))) => {
-                    Outcome::NoAnswer
+            while let Some(item) = decoder.next(&self.messages, self.expect) {
+                match item.kind {
+                    Kind::Frame => {
+                        let end = item.offset as usize + item.bytes.len();
+                        tell(Ok((end, self.judge(item.bytes))));
+                    }
+                    Kind::Noise(reason) | Kind::Broken(reason) => tell(Err(reason)),
+                    Kind::Padding => {}
                 }
-                Ok(_) => Outcome::Undetected,
-            },
+            }
+            if rest.is_empty() {
+                return;
+            }
         }
     }
-}
 
-fn request_of<P: Protocol>(bytes: &[u8]) -> P::Request {
-    let frame = P::view(bytes).expect("a frame");
-    P::parse_request(frame).expect("a request")
+    fn judge(&self, frame: &[u8]) -> Outcome {
+        match self.from {
+            Sender::Host => match (
+                self.messages.parse_request(frame),
+                self.messages.parse_request(&self.bytes),
+            ) {
+                (Err(error), _) => refused(&error),
+                // xArm's numbers are in the frame, not in the request.
+                (Ok(request), Ok(sent)) if request == sent && self.key(frame) == self.key(&self.bytes) => {
+                    Outcome::Unharmed
+                }
+                _ => Outcome::Undetected,
+            },
+            Sender::Arm(key) => {
+                let sent = self.messages.parse_response(&self.bytes, self.expect);
+                match (self.messages.parse_response(frame, self.expect), sent) {
+                    (Err(error), _) => refused(&error),
+                    _ if key.is_some_and(|key| !self.messages.is_response_to(key, frame)) => Outcome::NoAnswer,
+                    (Ok(response), Ok(sent)) if response == sent && (key.is_some() || frame == self.bytes) => {
+                        Outcome::Unharmed
+                    }
+                    _ => Outcome::Undetected,
+                }
+            }
+        }
+    }
+
+    fn key(&self, request: &[u8]) -> Option<M::Key> {
+        self.messages.request(request).map(|info| info.key)
+    }
 }

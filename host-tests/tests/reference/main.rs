@@ -7,13 +7,15 @@
 mod streams;
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::{env, slice};
 
 use armwire::alpha1::{self, Alpha1, Expect, ServoAnswer, ServoId};
+use armwire::decoder::{Decoder, Kind};
+use armwire::framing::{Framing, Reason};
 use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{self, Ling};
 use armwire::xarm::{self, Direction, XArm};
-use armwire::{Decoder, Framing, Noise, Reason};
 use armwire_host_tests::reference::alpha1::Speaker;
 use armwire_host_tests::reference::vectors::{self, Vector};
 use armwire_host_tests::reference::{self, Piece};
@@ -29,18 +31,19 @@ type Reference = Box<dyn Fn(&[u8]) -> Vec<Piece>>;
 
 /// A line: what the decoder is told of it, and how the reference sees it.
 struct Line<F: Framing> {
+    framing: F,
     /// What the decoder expects of the next frame.
     expect: F::Expect,
     /// The reference.
     reference: Reference,
-    /// How long a frame was on the wire and what it carries, in the words of the reference.
-    frame: fn(F::Frame<'_>) -> (usize, Vec<u8>),
+    /// What a frame carries, in the words of the reference.
+    content: fn(&[u8]) -> Vec<u8>,
 }
 
 impl<F: Framing> Line<F> {
     /// What the reference makes of streams with a silence after each.
     fn plain(&self, streams: &[Vec<u8>]) -> Vec<Piece> {
-        if F::RELIABLE {
+        if F::LOSSLESS {
             return (self.reference)(&streams.concat());
         }
         let mut before = 0;
@@ -54,12 +57,11 @@ impl<F: Framing> Line<F> {
 
     /// What the decoder makes of them in chunks of any lengths.
     fn streamed<const N: usize>(&self, streams: &[Vec<u8>], random: &mut Rand32) -> Vec<Piece> {
-        let mut decoder = Decoder::<F, N>::new();
-        let (mut pushed, mut pieces) = (0, Vec::new());
+        let (mut decoder, mut pieces) = (Decoder::<N>::new(), Pieces::default());
         for stream in streams {
             let mut rest = &stream[..];
             while !rest.is_empty() {
-                let need = decoder.need(self.expect);
+                let need = decoder.need(&self.framing, self.expect);
                 assert!(need > 0, "it needs nothing and says nothing");
                 let len = match random.rand_range(0..4) {
                     0 => 1,
@@ -69,64 +71,94 @@ impl<F: Framing> Line<F> {
                 };
                 let (mut chunk, later) = rest.split_at(len.min(rest.len()));
                 rest = later;
-                let (silent, before) = (chunk.len() < need, pieces.len());
-                let buffered = random.rand_range(0..2) == 0;
-                while buffered && !chunk.is_empty() {
-                    let left = decoder.push(chunk);
-                    pushed += chunk.len() - left.len();
-                    chunk = left;
-                    self.take(&mut decoder, &[], pushed, &mut pieces);
+                let (short, before) = (chunk.len() < need, pieces.frames);
+                while !chunk.is_empty() {
+                    chunk = decoder.push(chunk);
+                    self.take(&mut decoder, &mut pieces);
                 }
-                self.take(&mut decoder, chunk, pushed, &mut pieces);
-                pushed += chunk.len();
-                assert!(!silent || pieces.len() == before, "it said that it needs {need} bytes");
+                assert!(!short || pieces.frames == before, "it said that it needs {need} bytes");
             }
-            self.fall_silent(&mut decoder, pushed, &mut pieces);
+            decoder.idle();
+            self.take(&mut decoder, &mut pieces);
+            // The strays before and after a silence are not one piece.
+            pieces.stray = None;
+            assert!(F::LOSSLESS || decoder.pending() == 0, "undecided on a silent line");
         }
-        pieces
+        pieces.pieces
     }
 
-    fn fall_silent<const N: usize>(&self, decoder: &mut Decoder<F, N>, pushed: usize, pieces: &mut Vec<Piece>) {
-        loop {
-            let before = pieces.len();
-            pieces.extend(decoder.idle(self.expect).map(piece));
-            self.take(decoder, &[], pushed, pieces);
-            if pieces.len() == before {
-                break;
+    /// Takes all items out of the decoder.
+    fn take<const N: usize>(&self, decoder: &mut Decoder<N>, pieces: &mut Pieces) {
+        while let Some(item) = decoder.next(&self.framing, self.expect) {
+            let start = item.offset as usize;
+            let at = start..start + item.bytes.len();
+            match item.kind {
+                Kind::Frame => pieces.frame(at, (self.content)(item.bytes)),
+                Kind::Padding => {}
+                Kind::Noise(reason) => pieces.noise(at, reason, F::LOSSLESS),
+                Kind::Broken(reason) => pieces.broken(start, reason),
             }
         }
-        assert!(F::RELIABLE || decoder.pending() == 0, "undecided on a silent line");
-    }
-
-    /// What comes out of the decoder, which has taken `pushed` bytes and now gets these.
-    fn take<const N: usize>(&self, decoder: &mut Decoder<F, N>, bytes: &[u8], pushed: usize, pieces: &mut Vec<Piece>) {
-        let mut rest = bytes;
-        while let Some(next) = decoder.decode(&mut rest, self.expect) {
-            match next.map(self.frame) {
-                Err(noise) => pieces.push(piece(noise)),
-                Ok((len, content)) => {
-                    let end = pushed + bytes.len() - rest.len() - decoder.pending();
-                    pieces.push(Piece::Frame {
-                        at: end - len..end,
-                        content,
-                    });
-                }
-            }
-        }
-        assert!(rest.is_empty(), "it says nothing and leaves bytes");
     }
 }
 
-fn piece(noise: Noise) -> Piece {
-    let start = noise.offset as usize;
-    Piece::Noise {
-        at: start..start + noise.len,
-        reason: noise.reason,
+/// What comes out of a decoder, in the pieces of the reference.
+#[derive(Default)]
+struct Pieces {
+    pieces: Vec<Piece>,
+    frames: usize,
+    /// The end of a run of stray bytes that may go on.
+    stray: Option<usize>,
+    /// What came of a frame that is skipped whole, from where.
+    skipped: Option<(usize, usize)>,
+    broken: bool,
+}
+
+impl Pieces {
+    fn frame(&mut self, at: Range<usize>, content: Vec<u8>) {
+        self.frames += 1;
+        self.pieces.push(Piece::Frame { at, content });
+    }
+
+    /// The reference has a skipped frame once it has come whole.
+    fn noise(&mut self, at: Range<usize>, reason: Reason, lossless: bool) {
+        if let (true, Reason::Length { got, .. }) = (lossless, reason) {
+            let (start, came) = self.skipped.take().unwrap_or((at.start, 0));
+            let (came, whole) = (came + at.len(), xarm::HEADER + usize::from(got));
+            assert!(came <= whole, "more is skipped than there is");
+            match came == whole {
+                true => self.pieces.push(Piece::Noise {
+                    at: start..at.end,
+                    reason,
+                }),
+                false => self.skipped = Some((start, came)),
+            }
+            return;
+        }
+        match self.pieces.last_mut() {
+            Some(Piece::Noise { at: run, .. }) if reason == Reason::Stray && self.stray == Some(at.start) => {
+                run.end = at.end;
+            }
+            _ => self.pieces.push(Piece::Noise { at: at.clone(), reason }),
+        }
+        self.stray = (reason == Reason::Stray).then_some(at.end);
+    }
+
+    /// The reference has the bytes up to the one that breaks the stream.
+    fn broken(&mut self, start: usize, reason: Reason) {
+        if !self.broken {
+            let Reason::Byte { offset, .. } = reason else {
+                panic!("{reason:?}")
+            };
+            let at = start..start + usize::from(offset) + 1;
+            self.pieces.push(Piece::Noise { at, reason });
+        }
+        self.broken = true;
     }
 }
 
 fn moved(piece: Piece, by: usize) -> Piece {
-    let to = |at: std::ops::Range<usize>| at.start + by..at.end + by;
+    let to = |at: Range<usize>| at.start + by..at.end + by;
     match piece {
         Piece::Frame { at, content } => Piece::Frame { at: to(at), content },
         Piece::Noise { at, reason } => Piece::Noise { at: to(at), reason },
@@ -185,24 +217,24 @@ fn agree<F: Framing, const N: usize>(line: &Line<F>, dialect: &Dialect, kinds: &
 
 fn ling() -> Line<Ling> {
     Line {
+        framing: Ling,
         expect: (),
         reference: Box::new(|stream| reference::decode(stream, reference::ling::look)),
-        frame: |frame| {
-            let content = [&[frame.command, frame.function], frame.data].concat();
-            (frame.data.len() + ling::OVERHEAD, content)
+        content: |bytes| {
+            let frame = ling::Frame::parse(bytes).expect("a frame");
+            [&[frame.command, frame.function], frame.data].concat()
         },
     }
 }
 
 fn legacy() -> Line<Legacy> {
     Line {
+        framing: Legacy,
         expect: (),
         reference: Box::new(|stream| reference::decode(stream, reference::legacy::look)),
-        frame: |frame| {
-            (
-                frame.data.len() + legacy::OVERHEAD,
-                [&[frame.command], frame.data].concat(),
-            )
+        content: |bytes| {
+            let frame = legacy::Frame::parse(bytes).expect("a frame");
+            [&[frame.command], frame.data].concat()
         },
     }
 }
@@ -213,11 +245,13 @@ fn xarm(direction: Direction) -> Line<XArm> {
         Direction::Responses => reference::xarm::Speaker::Arm,
     };
     Line {
+        framing: XArm::PRIVATE,
         expect: direction,
         reference: Box::new(move |stream| reference::xarm::decode(stream, speaker)),
-        frame: |frame| {
+        content: |bytes| {
+            let frame = xarm::Frame::parse(bytes).expect("a frame");
             let ids = [frame.transaction.to_be_bytes(), frame.protocol.to_be_bytes()].concat();
-            (xarm::HEADER + frame.body.len(), [&ids, frame.body].concat())
+            [&ids, frame.body].concat()
         },
     }
 }
@@ -231,15 +265,12 @@ fn alpha1(speaker: Speaker) -> Line<Alpha1> {
         }
     };
     Line {
+        framing: Alpha1,
         expect,
         reference: Box::new(move |stream| reference::decode(stream, |bytes| reference::alpha1::look(bytes, speaker))),
-        frame: |frame| match frame {
-            alpha1::Frame::Byte(byte) => (1, vec![byte]),
-            alpha1::Frame::Message { command, data } => {
-                // Only answers without a CHECK have one byte of DATA that is AA or EE: a text counts from 1 to 60.
-                let check = !matches!(data, [0xAA | 0xEE]);
-                (3 + usize::from(check) + data.len(), [&[command], data].concat())
-            }
+        content: |bytes| match alpha1::Frame::parse(bytes).expect("a frame") {
+            alpha1::Frame::Byte(byte) => vec![byte],
+            alpha1::Frame::Message { command, data } => [&[command], data].concat(),
         },
     }
 }

@@ -151,6 +151,7 @@ fn xarm_frame(random: &mut Rand32, least: usize) -> Vec<u8> {
 /// What an Alpha1 and its servos hear.
 pub(crate) const ALPHA1_HOST: Dialect = Dialect {
     frame: |random| match random.rand_range(0..6) {
+        0 if random.rand_range(0..4) == 0 => false_count(random, 0xF3),
         0 => alpha1::frame(0xF3, &alpha1_text(random)),
         1 => {
             let mut data = ALPHA1_HOST.bytes(random, 29);
@@ -169,6 +170,7 @@ pub(crate) const ALPHA1_HOST: Dialect = Dialect {
 /// What an Alpha1 and its servos say.
 pub(crate) const ALPHA1_ROBOT: Dialect = Dialect {
     frame: |random| match random.rand_range(0..8) {
+        0 if random.rand_range(0..4) == 0 => false_count(random, 0xF1),
         0 => alpha1::frame(0xF1, &alpha1_text(random)),
         1 => alpha1::frame(0xEF, &ALPHA1_ROBOT.bytes(random, 4)),
         2 => alpha1::frame(0xF5, &ALPHA1_ROBOT.bytes(random, 11)),
@@ -187,8 +189,16 @@ pub(crate) const ALPHA1_ROBOT: Dialect = Dialect {
 const ALPHA1_MARKS: &[u8] =
     b"\xF1\x1F\xEF\xFE\xF2\x2F\xF5\x5F\xFB\xBF\xF4\x4F\xF9\x9F\xF3\x3F\xFA\xAF\xFC\xCF\xED\xED\xAA\xEE\x01\x06\0\0\x3C\x3D";
 
+/// What begins a frame with a text, or one of the robot's Bluetooth protocol, and counts less than is in any.
+fn false_count(random: &mut Rand32, header: u8) -> Vec<u8> {
+    match random.rand_range(0..3) {
+        0 => vec![0xFB, 0xBF, pick(random, &[0, 2, 5])],
+        _ => vec![header, header.rotate_left(4), 0],
+    }
+}
+
 fn alpha1_text(random: &mut Rand32) -> Vec<u8> {
-    let len = length(random, 59);
+    let len = length(random, 254);
     let mut data = ALPHA1_HOST.bytes(random, len + 1);
     data[0] = data.len() as u8;
     data

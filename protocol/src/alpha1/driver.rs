@@ -4,9 +4,10 @@ use embedded_io_async::{Read, Write};
 
 use super::{
     Action, Address, Alpha1, Angle, FirmwareVersion, Interval, Led, MAX_FRAME, MoveTime, Offset, OffsetTool, Outcome,
-    ParseError, Request, Response, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
+    Request, Response, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
 };
-use crate::driver::{self, Clock, Driver};
+use crate::Config;
+use crate::driver::{CallError, Clock, Driver};
 
 /// An Alpha1, or a bus of its servos, at the other end of a port.
 ///
@@ -20,13 +21,15 @@ use crate::driver::{self, Clock, Driver};
 /// # use armwire::driver::Clock;
 /// # use embedded_io_async::{Read, Write};
 /// use core::num::NonZeroU32;
+///
 /// use armwire::Config;
-/// use armwire::alpha1::{Arm, CallError, Outcome, Text};
+/// use armwire::alpha1::{Arm, Outcome, Text};
+/// use armwire::driver::CallError;
 ///
 /// const BAUD: NonZeroU32 = NonZeroU32::new(115_200).unwrap();
 ///
-/// async fn play<P: Read + Write>(port: P, clock: impl Clock, name: Text) -> Result<Outcome, CallError<P::Error>> {
-///     let mut arm = Arm::new(port, clock, Config { baud: BAUD, ..Config::DEFAULT });
+/// async fn play<P: Read + Write>(port: P, clock: impl Clock, name: Text<'_>) -> Result<Outcome, CallError<P::Error>> {
+///     let mut arm = Arm::open(port, clock, Config { baud: BAUD, ..Config::DEFAULT });
 ///     let _ = arm.stop().await?;
 ///     arm.play(name).await
 /// }
@@ -45,14 +48,19 @@ use crate::driver::{self, Clock, Driver};
 /// ```
 pub type Arm<Port, C> = Driver<Alpha1, Port, C, MAX_FRAME>;
 
-/// Why a call to an Alpha1 failed: `E` is the error of the port.
-pub type CallError<E> = driver::CallError<E, ParseError>;
-
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {
-    /// The robot's hardware version.
-    pub async fn read_hardware_version(&mut self) -> Result<Text, CallError<Port::Error>> {
-        self.read(Request::ReadHardwareVersion, |response| match response {
-            Response::HardwareVersion(version) => Some(version),
+    /// The robot, or the bus of servos, at the other end of `port`.
+    pub const fn open(port: Port, clock: C, config: Config) -> Self {
+        Self::new(Alpha1, port, clock, config)
+    }
+
+    /// What `take` makes of the robot's hardware version, which is up to 254 bytes long.
+    pub async fn read_hardware_version<T>(
+        &mut self,
+        take: impl FnOnce(Text<'_>) -> T,
+    ) -> Result<T, CallError<Port::Error>> {
+        self.read(&Request::ReadHardwareVersion, |response| match response {
+            Response::HardwareVersion(version) => Some(take(version)),
             _ => None,
         })
         .await
@@ -60,7 +68,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// The robot's firmware version.
     pub async fn read_firmware_version(&mut self) -> Result<FirmwareVersion, CallError<Port::Error>> {
-        self.read(Request::ReadFirmwareVersion, |response| match response {
+        self.read(&Request::ReadFirmwareVersion, |response| match response {
             Response::FirmwareVersion(version) => Some(version),
             _ => None,
         })
@@ -69,7 +77,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Which servos run.
     pub async fn read_servo_states(&mut self) -> Result<ServoStates, CallError<Port::Error>> {
-        self.read(Request::ReadServoStates, |response| match response {
+        self.read(&Request::ReadServoStates, |response| match response {
             Response::ServoStates(states) => Some(states),
             _ => None,
         })
@@ -78,7 +86,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Moves all servos.
     pub async fn act(&mut self, action: Action) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(Request::Act(action), |response| match response {
+        self.read(&Request::Act(action), |response| match response {
             Response::Acted(outcome) => Some(outcome),
             _ => None,
         })
@@ -86,8 +94,8 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     }
 
     /// Plays the action of this name.
-    pub async fn play(&mut self, name: Text) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(Request::Play(name), |response| match response {
+    pub async fn play(&mut self, name: Text<'_>) -> Result<Outcome, CallError<Port::Error>> {
+        self.read(&Request::Play(name), |response| match response {
             Response::Playing(outcome) => Some(outcome),
             _ => None,
         })
@@ -96,7 +104,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Stops the action that is played.
     pub async fn stop(&mut self) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(Request::Stop, |response| match response {
+        self.read(&Request::Stop, |response| match response {
             Response::Stopped(outcome) => Some(outcome),
             _ => None,
         })
@@ -105,7 +113,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Connects or disconnects the servo offset tool.
     pub async fn set_offset_tool(&mut self, tool: OffsetTool) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(Request::SetOffsetTool(tool), |response| match response {
+        self.read(&Request::SetOffsetTool(tool), |response| match response {
             Response::OffsetTool(outcome) => Some(outcome),
             _ => None,
         })
@@ -114,7 +122,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Says what the robot is on USB from now on. The port may close over it.
     pub async fn set_usb_type(&mut self, usb: UsbType) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(Request::SetUsbType(usb), |response| match response {
+        self.read(&Request::SetUsbType(usb), |response| match response {
             Response::UsbType(outcome) => Some(outcome),
             _ => None,
         })
@@ -129,24 +137,25 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         time: MoveTime,
         lock: Interval,
     ) -> Result<(), CallError<Port::Error>> {
-        self.tell(ServoRequest::Move { to, angle, time, lock }).await
+        self.tell(&Request::Servo(ServoRequest::Move { to, angle, time, lock }))
+            .await
     }
 
     /// Switches the motor of a servo, or of all, off: **what it holds up falls.**
     pub async fn release_servo(&mut self, to: Address) -> Result<(), CallError<Port::Error>> {
-        self.tell(ServoRequest::Release(to)).await
+        self.tell(&Request::Servo(ServoRequest::Release(to))).await
     }
 
     /// Switches the light of a servo, or of all.
     pub async fn set_servo_led(&mut self, to: Address, led: Led) -> Result<(), CallError<Port::Error>> {
-        self.tell(ServoRequest::SetLed { to, led }).await
+        self.tell(&Request::Servo(ServoRequest::SetLed { to, led })).await
     }
 
     /// The target and the actual angle of a servo, in degrees. **It switches its motor off to answer: what it holds up
     /// falls.**
     pub async fn read_servo_angles(&mut self, servo: ServoId) -> Result<(Outcome, u16, u16), CallError<Port::Error>> {
         self.read(
-            Request::Servo(ServoRequest::ReadAngles(servo)),
+            &Request::Servo(ServoRequest::ReadAngles(servo)),
             |response| match response {
                 Response::Servo(ServoResponse::Angles {
                     outcome,
@@ -163,7 +172,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// Gives a servo another id.
     pub async fn change_servo_id(&mut self, from: ServoId, to: ServoId) -> Result<Outcome, CallError<Port::Error>> {
         self.read(
-            Request::Servo(ServoRequest::ChangeId { from, to }),
+            &Request::Servo(ServoRequest::ChangeId { from, to }),
             |response| match response {
                 Response::Servo(ServoResponse::IdChanged { outcome, .. }) => Some(outcome),
                 _ => None,
@@ -179,7 +188,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         offset: Offset,
     ) -> Result<Outcome, CallError<Port::Error>> {
         self.read(
-            Request::Servo(ServoRequest::SetOffset(servo, offset)),
+            &Request::Servo(ServoRequest::SetOffset(servo, offset)),
             |response| match response {
                 Response::Servo(ServoResponse::OffsetSet { outcome, .. }) => Some(outcome),
                 _ => None,
@@ -191,7 +200,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// How far the zero of a servo is put off, in thirds of a degree.
     pub async fn read_servo_offset(&mut self, servo: ServoId) -> Result<(Outcome, i16), CallError<Port::Error>> {
         self.read(
-            Request::Servo(ServoRequest::ReadOffset(servo)),
+            &Request::Servo(ServoRequest::ReadOffset(servo)),
             |response| match response {
                 Response::Servo(ServoResponse::Offset { outcome, thirds, .. }) => Some((outcome, thirds)),
                 _ => None,
@@ -203,17 +212,12 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// The version of a servo's firmware.
     pub async fn read_servo_version(&mut self, servo: ServoId) -> Result<(Outcome, [u8; 4]), CallError<Port::Error>> {
         self.read(
-            Request::Servo(ServoRequest::ReadVersion(servo)),
+            &Request::Servo(ServoRequest::ReadVersion(servo)),
             |response| match response {
                 Response::Servo(ServoResponse::Version { outcome, version, .. }) => Some((outcome, version)),
                 _ => None,
             },
         )
         .await
-    }
-
-    /// A call that a single servo acknowledges, and all do not.
-    async fn tell(&mut self, request: ServoRequest) -> Result<(), CallError<Port::Error>> {
-        self.call(Request::Servo(request)).await.map(drop)
     }
 }

@@ -27,16 +27,17 @@ use core::ops::RangeInclusive;
 use core::slice;
 
 use super::{Alpha1, Outcome, ServoId};
-use crate::framing::verify;
-use crate::{BufferTooShort, EncodeError, Framing, OutOfRange, Reason, Scan};
+use crate::framing::{Framing, Reason, Scan, verify};
+use crate::{BufferTooShort, EncodeError, OutOfRange};
 
-/// The longest frame, in bytes: what one report on USB HID holds.
+/// The longest frame, in bytes: a version or name of [`MAX_TEXT`] bytes. On USB HID such a frame takes five reports.
 ///
-/// The length byte of a text could say 255, but every false header would then hold back up to 258 bytes of good frames.
-pub const MAX_FRAME: usize = 64;
+/// A decoder for the servo bus, or for a robot whose names and versions are short, may have as few as 33 bytes, which an action
+/// takes.
+pub const MAX_FRAME: usize = MAX_TEXT + 5;
 
-/// The most bytes that a version or a name has: [`MAX_FRAME`] less header, count, CHECK and end mark.
-pub const MAX_TEXT: usize = MAX_FRAME - 5;
+/// The most bytes of a version or a name: the byte that counts them counts itself, too.
+pub const MAX_TEXT: usize = u8::MAX as usize - 1;
 
 /// The end mark: the last byte of every frame but a servo's acknowledgement, which is a byte by itself.
 pub const TAIL: u8 = 0xED;
@@ -50,9 +51,8 @@ pub(super) const ACT: u8 = 0x01;
 /// What the count of a text may say; it counts itself.
 const COUNT: RangeInclusive<usize> = 1..=MAX_TEXT + 1;
 
-/// What the length of a Bluetooth frame may say; it counts itself, one header byte and all that follows. No longer one
-/// than fits the decoder's buffer can be recognised.
-const BLUETOOTH: RangeInclusive<usize> = 6..=MAX_FRAME - 1;
+/// What the length of a Bluetooth frame may say; it counts itself, one header byte and all that follows.
+const BLUETOOTH: RangeInclusive<usize> = 6..=u8::MAX as usize;
 
 /// The first bytes of the headers.
 pub(super) mod header {
@@ -93,39 +93,21 @@ pub fn checksum(data: &[u8]) -> u8 {
 ///
 /// ```
 /// use armwire::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
-/// use armwire::{Framing, Scan};
+/// use armwire::framing::{Framing, Scan};
 ///
 /// let line = [0xAB];
 /// let answer = ServoAnswer::Acknowledgement(ServoId::new(1)?);
-/// assert_eq!(Alpha1::scan(&line, Expect::Responses(Some(answer))), Scan::Frame(1));
-/// assert!(matches!(Alpha1::scan(&line, Expect::Responses(None)), Scan::Skip(1, _)));
+/// assert_eq!(Alpha1.scan(&line, Expect::Responses(Some(answer))), Scan::Frame(1));
+/// assert!(matches!(Alpha1.scan(&line, Expect::Responses(None)), Scan::Noise(1, _)));
 /// # Ok::<(), armwire::OutOfRange>(())
 /// ```
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Expect {
     /// Frames from the host.
     Requests,
     /// Frames from the robot or a servo, and which of a servo's answers, if one.
     Responses(Option<ServoAnswer>),
-}
-
-impl Eq for Expect {}
-
-impl PartialEq for Expect {
-    fn eq(&self, other: &Self) -> bool {
-        same(*self, *other)
-    }
-}
-
-/// Whether two are the same. In the decoder, which asks it twice, it would take a Cortex-M0 another eight bytes of stack.
-#[cfg_attr(target_pointer_width = "32", inline(never))]
-fn same(one: Expect, other: Expect) -> bool {
-    match (one, other) {
-        (Expect::Requests, Expect::Requests) => true,
-        (Expect::Responses(one), Expect::Responses(other)) => one == other,
-        _ => false,
-    }
 }
 
 impl Expect {
@@ -246,37 +228,38 @@ impl Frame<'_> {
             Self::Message { command, data } => check_message(command, data, expect)?,
             Self::Byte(byte) => check_byte(byte, expect)?,
         }
-        self.put(expect, out).map_err(EncodeError::BufferTooShort)
-    }
-
-    /// Writes a frame that is known to be one.
-    pub(super) fn put(&self, expect: Expect, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let needed = self.bytes(expect).count();
-        let got = out.len();
-        let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
-        for (to, from) in out.iter_mut().zip(self.bytes(expect)) {
-            *to = from;
-        }
-        Ok(needed)
-    }
-
-    /// All of it.
-    fn bytes(&self, expect: Expect) -> impl Iterator<Item = u8> {
-        let (header, data, check, tail) = match self {
-            Self::Message { command, data } => {
-                let check = !matches!(layout(*command, expect), Some(Layout::Status));
-                let header = [*command, command.rotate_left(4)];
-                (Some(header), *data, check.then(|| checksum(data)), Some(TAIL))
-            }
-            Self::Byte(byte) => (None, slice::from_ref(byte), None, None),
+        let put = match *self {
+            Self::Message { command, data } => put(out, expect, command, [data, &[]]),
+            Self::Byte(byte) => put_byte(out, byte),
         };
-        header
-            .into_iter()
-            .flatten()
-            .chain(data.iter().copied())
-            .chain(check)
-            .chain(tail)
+        put.map_err(EncodeError::BufferTooShort)
     }
+}
+
+/// Writes a frame that is known to be one, and whose data is in two parts.
+pub(super) fn put(out: &mut [u8], expect: Expect, command: u8, data: [&[u8]; 2]) -> Result<usize, BufferTooShort> {
+    let [start, end] = data;
+    let check = !matches!(layout(command, expect), Some(Layout::Status));
+    let check = check.then(|| checksum(start).wrapping_add(checksum(end)));
+    let data = start.iter().chain(end).copied();
+    let bytes = [command, command.rotate_left(4)]
+        .into_iter()
+        .chain(data)
+        .chain(check)
+        .chain([TAIL]);
+    let needed = bytes.clone().count();
+    let got = out.len();
+    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
+    for (to, from) in out.iter_mut().zip(bytes) {
+        *to = from;
+    }
+    Ok(needed)
+}
+
+/// Writes the single byte of a servo.
+pub(super) fn put_byte(out: &mut [u8], byte: u8) -> Result<usize, BufferTooShort> {
+    *out.first_mut().ok_or(BufferTooShort { needed: 1, got: 0 })? = byte;
+    Ok(1)
 }
 
 /// Whether a frame with a header is one that its reader takes.
@@ -345,7 +328,7 @@ fn scan_frame(window: &[u8], layout: Layout) -> Scan {
         Layout::Counted => {
             let (min, max) = COUNT.into_inner();
             let (min, max, got) = (min as u16, max as u16, third.into());
-            Scan::Skip(1, Reason::Length { min, max, got })
+            Scan::Noise(1, Reason::Length { min, max, got })
         }
         Layout::Status => scan_status(window),
     }
@@ -355,7 +338,7 @@ fn scan_frame(window: &[u8], layout: Layout) -> Scan {
 fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
     if !BLUETOOTH.contains(&len) {
         let (offset, expected, got) = (2, &[ACT], len as u8);
-        return Scan::Skip(1, Reason::Byte { offset, expected, got });
+        return Scan::Noise(1, Reason::Byte { offset, expected, got });
     }
     verify(window, len + 1, 2, checksum, TAIL)
 }
@@ -364,26 +347,43 @@ fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
 fn scan_status(window: &[u8]) -> Scan {
     match *window {
         [_, _, status, TAIL, ..] if STATUS.contains(&status) => Scan::Frame(4),
-        [_, _, status, got, ..] if STATUS.contains(&status) => Scan::Skip(1, Reason::Tail { expected: TAIL, got }),
+        [_, _, status, got, ..] if STATUS.contains(&status) => Scan::Noise(1, Reason::Tail { expected: TAIL, got }),
         [_, _, got, _, ..] => {
             let (offset, expected) = (2, STATUS);
-            Scan::Skip(1, Reason::Byte { offset, expected, got })
+            Scan::Noise(1, Reason::Byte { offset, expected, got })
         }
         _ => Scan::Need(4_usize.saturating_sub(window.len())),
     }
 }
 
-impl Framing for Alpha1 {
-    const MAX_FRAME: usize = MAX_FRAME;
-    const RELIABLE: bool = false;
-    type Expect = Expect;
-    type Frame<'a> = Frame<'a>;
+impl<'a> Frame<'a> {
+    /// The frame that these bytes are, which [`scan`](Framing::scan) has found to be one. Of other bytes the result is
+    /// unspecified.
+    pub fn parse(bytes: &'a [u8]) -> Option<Self> {
+        match bytes {
+            [byte] => Some(Self::Byte(*byte)),
+            [first, second, ..] if *second != first.rotate_left(4) => None,
+            [command, _, status, TAIL] => Some(Self::Message {
+                command: *command,
+                data: slice::from_ref(status),
+            }),
+            [command, _, data @ .., _, TAIL] => Some(Self::Message {
+                command: *command,
+                data,
+            }),
+            _ => None,
+        }
+    }
+}
 
-    fn scan(window: &[u8], expect: Expect) -> Scan {
+impl Framing for Alpha1 {
+    type Expect = Expect;
+
+    fn scan(&self, window: &[u8], expect: Expect) -> Scan {
         let Some((&first, rest)) = window.split_first() else {
             return Scan::Need(1);
         };
-        // The bytes of ten servos could begin a frame, such as the echo of what was sent. Those wait for what follows, be it
+        // The bytes of ten servos could begin a frame, such as the echo of a request. Those wait for what follows, be it
         // silence.
         if rest.first().is_none_or(|second| *second == first.rotate_left(4))
             && let Some(layout) = layout(first, expect)
@@ -395,33 +395,41 @@ impl Framing for Alpha1 {
             return Scan::Frame(1);
         }
         if first == 0 {
-            return Scan::Fill(1 + rest.iter().take_while(|&&byte| byte == 0).count());
+            return Scan::Padding(1 + rest.iter().take_while(|&&byte| byte == 0).count());
         }
         let starts = |&next: &u8| next == 0 || Some(next) == byte || layout(next, expect).is_some();
         let stray = rest.iter().position(starts).unwrap_or(rest.len());
-        Scan::Skip(1 + stray, Reason::Stray)
+        Scan::Noise(1 + stray, Reason::Stray)
     }
 
-    fn scan_idle(window: &[u8], expect: Expect, missing: usize) -> Scan {
-        match *window {
-            [byte] if Some(byte) == expect.byte() => Scan::Frame(1),
-            _ => Scan::Skip(1, Reason::Truncated { missing }),
+    fn scan_idle(&self, window: &[u8], expect: Expect) -> Scan {
+        match (self.scan(window, expect), window) {
+            (Scan::Need(_), &[byte]) if Some(byte) == expect.byte() => Scan::Frame(1),
+            (Scan::Need(missing), _) => Scan::Noise(1, Reason::Truncated { missing }),
+            (verdict, _) => verdict,
         }
     }
 
-    fn view(bytes: &[u8]) -> Option<Frame<'_>> {
-        match bytes {
-            [byte] => Some(Frame::Byte(*byte)),
-            [first, second, ..] if *second != first.rotate_left(4) => None,
-            [command, _, status, TAIL] => Some(Frame::Message {
-                command: *command,
-                data: slice::from_ref(status),
-            }),
-            [command, _, data @ .., _, TAIL] => Some(Frame::Message {
-                command: *command,
-                data,
-            }),
-            _ => None,
+    fn terminator(&self, expect: Expect) -> Option<u8> {
+        match expect.byte() {
+            Some(_) => None,
+            None => Some(TAIL),
         }
+    }
+
+    fn shortest(&self, expect: Expect) -> usize {
+        match (expect, expect.byte()) {
+            (_, Some(_)) => 1,
+            (Expect::Requests, None) => 5,
+            (Expect::Responses(_), None) => 4,
+        }
+    }
+
+    fn requests(&self) -> Expect {
+        Expect::Requests
+    }
+
+    fn unsolicited(&self) -> Expect {
+        Expect::Responses(None)
     }
 }

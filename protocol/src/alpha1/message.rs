@@ -1,47 +1,23 @@
 //! The messages of the Alpha1 document and of the servos' manual, and the bytes they travel as.
 
-use core::fmt;
-
-use super::frame::{ACT, acknowledgement, header};
+use super::dialect::{NO_ANGLE, command, version_command};
+use super::frame::{ACT, acknowledgement, header, put, put_byte};
 use super::value::{
-    Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, SERVOS, ServoId, ServoStates, Text, TextRef,
-    UsbType,
+    Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, SERVOS, ServoId, ServoStates, Text, UsbType,
 };
-use super::{Alpha1, Expect, Frame, MAX_FRAME, ServoAnswer};
-use crate::error::write_either;
-use crate::{BufferTooShort, Micros, OutOfRange, Protocol, Reply};
-
-/// Commands to a servo, in frames FA AF (servo manual).
-mod command {
-    pub(super) const MOVE: u8 = 0x01;
-    pub(super) const READ_ANGLES: u8 = 0x02;
-    pub(super) const LED: u8 = 0x04;
-    pub(super) const CHANGE_ID: u8 = 0xCD;
-    pub(super) const SET_OFFSET: u8 = 0xD2;
-    pub(super) const READ_OFFSET: u8 = 0xD4;
-    pub(super) const ALL: &[u8] = &[MOVE, READ_ANGLES, LED, CHANGE_ID, SET_OFFSET, READ_OFFSET];
-}
-
-/// Commands to a servo, in frames FC CF.
-mod version_command {
-    pub(super) const READ: u8 = 0x01;
-    pub(super) const BOOT_LOADER: u8 = 0x02;
-}
-
-/// Where FF stands in place of an angle (see [`Action::angles`] and [`ServoRequest::Release`]).
-const NO_ANGLE: u8 = 0xFF;
+use super::{Alpha1, Expect, Frame, Key, ServoAnswer};
+use crate::error::{Cause, MessageId, ParseError, constant, sized};
+use crate::messages::Messages;
+use crate::{BufferTooShort, OutOfRange};
 
 /// What the reader of a response expects, as far as it matters to the writer: not which answer of a servo it is.
 const RESPONSES: Expect = Expect::Responses(None);
-
-/// The longest a servo thinks (servo manual).
-const SERVO_TURNAROUND: Micros = Micros(400);
 
 /// What the host says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Request {
+pub enum Request<'a> {
     /// Row F1: the robot's hardware version. Answered by [`Response::HardwareVersion`].
     ReadHardwareVersion,
     /// Row EF: which servos run. Answered by [`Response::ServoStates`].
@@ -57,7 +33,7 @@ pub enum Request {
     /// Row F9: what the robot is on USB from now on. Answered by [`Response::UsbType`].
     SetUsbType(UsbType),
     /// Row F3: plays the action of this name. Answered by [`Response::Playing`].
-    Play(Text),
+    Play(Text<'a>),
     /// Rows FA and FC: something to one servo, or to all. Answered by [`Response::Servo`], unless it is to all.
     Servo(ServoRequest),
 }
@@ -141,9 +117,9 @@ pub enum ServoRequest {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
-pub enum Response {
+pub enum Response<'a> {
     /// Answers [`Request::ReadHardwareVersion`].
-    HardwareVersion(Text),
+    HardwareVersion(Text<'a>),
     /// Answers [`Request::ReadServoStates`].
     ServoStates(ServoStates),
     /// Answers [`Request::Stop`].
@@ -159,31 +135,6 @@ pub enum Response {
     /// Answers [`Request::Play`].
     Playing(Outcome),
     /// Answers [`Request::Servo`].
-    Servo(ServoResponse),
-}
-
-/// A [`Response`] whose texts are borrowed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub enum ResponseRef<'a> {
-    /// [`Response::HardwareVersion`].
-    HardwareVersion(TextRef<'a>),
-    /// [`Response::ServoStates`].
-    ServoStates(ServoStates),
-    /// [`Response::Stopped`].
-    Stopped(Outcome),
-    /// [`Response::FirmwareVersion`].
-    FirmwareVersion(Outcome, &'a [u8; 10]),
-    /// [`Response::Acted`].
-    Acted(Outcome),
-    /// [`Response::OffsetTool`].
-    OffsetTool(Outcome),
-    /// [`Response::UsbType`].
-    UsbType(Outcome),
-    /// [`Response::Playing`].
-    Playing(Outcome),
-    /// [`Response::Servo`].
     Servo(ServoResponse),
 }
 
@@ -258,112 +209,8 @@ pub enum ServoResponse {
     },
 }
 
-/// A good frame that is no message.
-///
-/// ```
-/// use armwire::Protocol;
-/// use armwire::alpha1::{Alpha1, Cause, Frame};
-///
-/// let frame = Frame::Message { command: 0xF9, data: &[4, 0, 0, 0, 0, 0] };
-/// let error = Alpha1::parse_request(frame).unwrap_err();
-/// assert_eq!(error.cause, Cause::Byte { offset: 0, expected: &[1, 2, 3], got: 4 });
-/// assert_eq!(error.to_string(), "command F9: data byte 0 is 04, must be 01 or 02 or 03");
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ParseError {
-    /// The first byte of the frame.
-    pub command: u8,
-    /// What is wrong with it.
-    pub cause: Cause,
-}
-
-/// What is wrong with a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub enum Cause {
-    /// The document has no such command.
-    Unknown,
-    /// An answer of a servo, or the shape of one, where none is expected: what it answers cannot be told.
-    Unexpected,
-    /// A frame of the robot's Bluetooth protocol, which this is not.
-    Bluetooth,
-    /// A command that starts the boot loader of a servo, which this crate does not offer.
-    BootLoader,
-    /// The data has the wrong length.
-    Length {
-        /// The lengths it may have, in bytes.
-        expected: &'static [usize],
-        /// The length it has, in bytes.
-        got: usize,
-    },
-    /// A byte that may have few values has another.
-    Byte {
-        /// Where it is, in bytes from the start of the data.
-        offset: usize,
-        /// What it may be.
-        expected: &'static [u8],
-        /// What it is.
-        got: u8,
-    },
-    /// A value is out of its range.
-    Value {
-        /// Where it is, in bytes from the start of the data.
-        offset: usize,
-        /// What it is and may be.
-        error: OutOfRange,
-    },
-    /// A servo's offset is out of its range.
-    Offset(OutOfRange<i16>),
-}
-
-impl fmt::Display for ParseError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "command {:02X}: ", self.command)?;
-        match self.cause {
-            Cause::Unknown => f.write_str("unknown"),
-            Cause::Unexpected => f.write_str("an answer of a servo, but none is expected"),
-            Cause::Bluetooth => f.write_str("a frame of the robot's Bluetooth protocol"),
-            Cause::BootLoader => f.write_str("it would start a servo's boot loader, which is not offered"),
-            Cause::Length { expected, got } => {
-                write!(f, "{got} data bytes, expected ")?;
-                write_either(f, expected, |f, length| write!(f, "{length}"))
-            }
-            Cause::Byte { offset, expected, got } => {
-                write!(f, "data byte {offset} is {got:02X}, must be ")?;
-                write_either(f, expected, |f, byte| write!(f, "{byte:02X}"))
-            }
-            Cause::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
-            Cause::Offset(error) => write!(f, "{error}"),
-        }
-    }
-}
-
-impl core::error::Error for ParseError {}
-
-/// Data of a known length, or the error that says which it should have.
-fn sized<'a, const N: usize>(data: &'a [u8], expected: &'static [usize]) -> Result<&'a [u8; N], Cause> {
-    let got = data.len();
-    data.try_into().map_err(|_| Cause::Length { expected, got })
-}
-
-/// Checks data that always is the same, `offset` bytes from the start of all data.
-fn constant<const N: usize>(offset: usize, data: &[u8; N], expected: &'static [u8; N]) -> Result<(), Cause> {
-    for (i, (got, expected)) in data.iter().zip(expected.chunks(1)).enumerate() {
-        if expected != [*got] {
-            return Err(Cause::Byte {
-                offset: offset.saturating_add(i),
-                expected,
-                got: *got,
-            });
-        }
-    }
-    Ok(())
-}
-
 /// The text after its count, which counts itself.
-fn text(data: &[u8]) -> Result<&[u8], Cause> {
+fn text(data: &[u8]) -> Result<Text<'_>, Cause> {
     let [count, text @ ..] = data else {
         return Err(Cause::Length { expected: &[1], got: 0 });
     };
@@ -376,18 +223,17 @@ fn text(data: &[u8]) -> Result<&[u8], Cause> {
             min: len,
             max: len,
         };
-        return Err(Cause::Value { offset: 0, error });
+        return Err(Cause::value(0, error));
     }
-    let at = |error| Cause::Value { offset: 1, error };
-    Text::check(text).map(|()| text).map_err(at)
+    Text::new(text).map_err(|error| Cause::value(1, error))
 }
 
 fn servo(offset: usize, id: u8) -> Result<ServoId, Cause> {
-    ServoId::new(id).map_err(|error| Cause::Value { offset, error })
+    ServoId::new(id).map_err(|error| Cause::value(offset, error))
 }
 
 fn address(id: u8) -> Result<Address, Cause> {
-    Address::from_wire(id).map_err(|error| Cause::Value { offset: 0, error })
+    Address::from_wire(id).map_err(|error| Cause::value(0, error))
 }
 
 fn outcome(offset: usize, status: u8) -> Result<Outcome, Cause> {
@@ -418,17 +264,11 @@ impl Action {
         data
     }
 
-    #[inline(always)]
     fn from_data(data: &[u8; Self::LEN]) -> Result<Self, Cause> {
         let [act, a, b, c, d, e, angles @ .., time, high, low] = data;
         constant(0, &[*act, *a, *b, *c, *d, *e], &[ACT, 0, 0, 0, 0, 0])?;
-        // Not `map`, which takes 84 B of stack also where it is only asked whether a frame is such a request.
-        let mut targets = [None; SERVOS];
-        for (target, byte) in targets.iter_mut().zip(angles) {
-            *target = Angle::from_wire(*byte);
-        }
         Ok(Self {
-            angles: targets,
+            angles: angles.map(Angle::from_wire),
             time: MoveTime::new(*time),
             interval: Interval::new(u16::from_be_bytes([*high, *low])),
         })
@@ -458,7 +298,6 @@ impl ServoRequest {
     }
 
     /// From the data of a frame FA AF.
-    #[inline(always)]
     fn from_data(data: &[u8; 6]) -> Result<Self, Cause> {
         let [id, command, a, b, c, d] = *data;
         match command {
@@ -488,7 +327,7 @@ impl ServoRequest {
             }
             command::SET_OFFSET => {
                 constant(2, &[a, b], &[0; 2])?;
-                let offset = Offset::new(i16::from_be_bytes([c, d])).map_err(Cause::Offset)?;
+                let offset = Offset::new(i16::from_be_bytes([c, d])).map_err(|error| Cause::value(4, error))?;
                 Ok(Self::SetOffset(servo(0, id)?, offset))
             }
             // The manual allows anything in the four bytes that are left.
@@ -515,34 +354,6 @@ impl ServoRequest {
                 expected: &[version_command::READ],
                 got,
             }),
-        }
-    }
-
-    /// The answer it gets; `None` if none.
-    const fn answer(self) -> Option<ServoAnswer> {
-        match self {
-            Self::Move { to, .. } | Self::Release(to) | Self::SetLed { to, .. } => match to {
-                Address::One(servo) => Some(ServoAnswer::Acknowledgement(servo)),
-                Address::All => None,
-            },
-            Self::ReadAngles(_) => Some(ServoAnswer::Angles),
-            Self::ChangeId { .. } => Some(ServoAnswer::IdChanged),
-            Self::SetOffset(..) => Some(ServoAnswer::OffsetSet),
-            Self::ReadOffset(_) => Some(ServoAnswer::Offset),
-            Self::ReadVersion(_) => Some(ServoAnswer::Version),
-        }
-    }
-
-    /// Whether a frame with this header comes from the servo that is asked. Not where a single byte is the answer.
-    fn is_answered_by(self, command: u8, data: &[u8]) -> bool {
-        let from = |servo: ServoId| data.first() == Some(&servo.get());
-        match self {
-            Self::Move { .. } | Self::Release(_) | Self::SetLed { .. } => false,
-            Self::ReadAngles(servo) | Self::SetOffset(servo, _) | Self::ReadOffset(servo) => {
-                command == header::SERVO && from(servo)
-            }
-            Self::ChangeId { from: old, to } => command == header::SERVO && (from(old) || from(to)),
-            Self::ReadVersion(servo) => command == header::SERVO_VERSION && from(servo),
         }
     }
 }
@@ -582,7 +393,7 @@ impl ServoResponse {
 
     fn encode(self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let (command, servo, outcome, [a, b, c, d]) = match self {
-            Self::Acknowledged(servo) => return Frame::Byte(acknowledgement(servo)).put(RESPONSES, out),
+            Self::Acknowledged(servo) => return put_byte(out, acknowledgement(servo)),
             Self::Angles {
                 servo,
                 outcome,
@@ -604,33 +415,16 @@ impl ServoResponse {
                 version,
             } => (header::SERVO_VERSION, servo, outcome, version),
         };
-        encode(out, RESPONSES, command, &[servo.get(), outcome as u8, a, b, c, d])
-    }
-
-    /// Whether it is the answer to `request`.
-    fn answers(self, request: ServoRequest) -> bool {
-        match (request, self) {
-            (
-                ServoRequest::Move { to, .. } | ServoRequest::Release(to) | ServoRequest::SetLed { to, .. },
-                Self::Acknowledged(servo),
-            ) => to == Address::One(servo),
-            (ServoRequest::ReadAngles(asked), Self::Angles { servo, .. })
-            | (ServoRequest::SetOffset(asked, _), Self::OffsetSet { servo, .. })
-            | (ServoRequest::ReadOffset(asked), Self::Offset { servo, .. })
-            | (ServoRequest::ReadVersion(asked), Self::Version { servo, .. }) => asked == servo,
-            (ServoRequest::ChangeId { from, to }, Self::IdChanged { servo, outcome, was }) => match outcome {
-                Outcome::Success => (servo, was) == (to, from.get()),
-                // What a servo that refuses says of ids is not documented.
-                Outcome::Failure => servo == from || servo == to,
-            },
-            _ => false,
-        }
+        put(
+            out,
+            RESPONSES,
+            command,
+            [&[servo.get(), outcome as u8, a, b, c, d], &[]],
+        )
     }
 }
 
-// Inlined, the optimiser makes no request where it is only asked whether a frame is one.
-#[inline(always)]
-fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
+fn parse_request(command: u8, data: &[u8]) -> Result<Request<'_>, Cause> {
     match command {
         header::HARDWARE_VERSION => constant(0, sized(data, &[6])?, &[0; 6]).map(|()| Request::ReadHardwareVersion),
         header::SERVO_STATES => constant(0, sized(data, &[6])?, &[0; 6]).map(|()| Request::ReadServoStates),
@@ -668,80 +462,58 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request, Cause> {
                 }),
             }
         }
-        header::PLAY => Ok(Request::Play(Text::from_wire(text(data)?))),
+        header::PLAY => text(data).map(Request::Play),
         header::SERVO => ServoRequest::from_data(sized(data, &[6])?).map(Request::Servo),
         header::SERVO_VERSION => ServoRequest::from_version_data(sized(data, &[6])?).map(Request::Servo),
         _ => Err(Cause::Unknown),
     }
 }
 
-/// What a frame of the robot or a servo says.
-fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<ResponseRef<'_>, ParseError> {
-    let wrong = |cause| ParseError { command, cause };
-    let only_status = || status(data).map_err(wrong);
+fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Result<Response<'_>, Cause> {
     match command {
-        header::HARDWARE_VERSION => {
-            let text = text(data).map_err(wrong)?;
-            Ok(ResponseRef::HardwareVersion(TextRef::from_wire(text)))
-        }
-        header::SERVO_STATES => {
-            let states = sized(data, &[4]).map_err(wrong)?;
-            Ok(ResponseRef::ServoStates(ServoStates(*states)))
-        }
-        header::STOP => Ok(ResponseRef::Stopped(only_status()?)),
+        header::HARDWARE_VERSION => text(data).map(Response::HardwareVersion),
+        header::SERVO_STATES => sized(data, &[4]).map(|states| Response::ServoStates(ServoStates(*states))),
+        header::STOP => status(data).map(Response::Stopped),
         header::FIRMWARE_VERSION => {
-            let [status, text @ ..] = sized::<11>(data, &[11]).map_err(wrong)?;
-            Ok(ResponseRef::FirmwareVersion(outcome(0, *status).map_err(wrong)?, text))
+            let [status, text @ ..] = *sized::<11>(data, &[11])?;
+            let outcome = outcome(0, status)?;
+            Ok(Response::FirmwareVersion(FirmwareVersion { outcome, text }))
         }
-        header::ACT if data.first() != Some(&ACT) => Err(wrong(Cause::Bluetooth)),
+        header::ACT if data.first() != Some(&ACT) => Err(Cause::Bluetooth),
         header::ACT => {
-            let [_, status, rest @ ..] = sized::<6>(data, &[6]).map_err(wrong)?;
-            constant(2, rest, &[0; 4]).map_err(wrong)?;
-            Ok(ResponseRef::Acted(outcome(1, *status).map_err(wrong)?))
+            let [_, status, rest @ ..] = sized::<6>(data, &[6])?;
+            constant(2, rest, &[0; 4])?;
+            outcome(1, *status).map(Response::Acted)
         }
-        header::OFFSET_TOOL => Ok(ResponseRef::OffsetTool(only_status()?)),
-        header::USB_TYPE => Ok(ResponseRef::UsbType(only_status()?)),
-        header::PLAY => Ok(ResponseRef::Playing(only_status()?)),
-        header::SERVO => {
-            let data = sized(data, &[6]).map_err(wrong)?;
-            Ok(ResponseRef::Servo(
-                ServoResponse::from_data(data, answer).map_err(wrong)?,
-            ))
-        }
-        header::SERVO_VERSION => {
-            let data = sized(data, &[6]).map_err(wrong)?;
-            Ok(ResponseRef::Servo(
-                ServoResponse::from_version_data(data).map_err(wrong)?,
-            ))
-        }
-        _ => Err(wrong(Cause::Unknown)),
+        header::OFFSET_TOOL => status(data).map(Response::OffsetTool),
+        header::USB_TYPE => status(data).map(Response::UsbType),
+        header::PLAY => status(data).map(Response::Playing),
+        header::SERVO => ServoResponse::from_data(sized(data, &[6])?, answer).map(Response::Servo),
+        header::SERVO_VERSION => ServoResponse::from_version_data(sized(data, &[6])?).map(Response::Servo),
+        _ => Err(Cause::Unknown),
     }
 }
 
-/// Writes a frame with a header.
-fn encode(out: &mut [u8], expect: Expect, command: u8, data: &[u8]) -> Result<usize, BufferTooShort> {
-    Frame::Message { command, data }.put(expect, out)
+/// The byte before a text, which counts itself too.
+fn count(text: Text<'_>) -> u8 {
+    (text.as_bytes().len() as u8).wrapping_add(1)
 }
 
-impl Protocol for Alpha1 {
-    const REQUESTS: Expect = Expect::Requests;
-    const IDENTIFIED: bool = false;
-    type Request = Request;
-    type Response = Response;
-    type ResponseRef<'a> = ResponseRef<'a>;
-    type Error = ParseError;
+impl Messages for Alpha1 {
+    type Request<'a> = Request<'a>;
+    type Response<'a> = Response<'a>;
 
-    fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let mut encode = |command, data: &[u8]| encode(out, Expect::Requests, command, data);
-        match request {
+    fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+        let mut encode = |command, data: &[u8]| put(out, Expect::Requests, command, [data, &[]]);
+        match *request {
             Request::ReadHardwareVersion => encode(header::HARDWARE_VERSION, &[0; 6]),
             Request::ReadServoStates => encode(header::SERVO_STATES, &[0; 6]),
             Request::Stop => encode(header::STOP, &[0; 6]),
             Request::ReadFirmwareVersion => encode(header::FIRMWARE_VERSION, &[1, 0, 0, 0, 0, 0]),
             Request::Act(action) => encode(header::ACT, &action.data()),
-            Request::SetOffsetTool(tool) => encode(header::OFFSET_TOOL, &[1, *tool as u8, 0, 0, 0, 0]),
-            Request::SetUsbType(usb) => encode(header::USB_TYPE, &[*usb as u8, 0, 0, 0, 0, 0]),
-            Request::Play(name) => encode(header::PLAY, name.as_wire()),
+            Request::SetOffsetTool(tool) => encode(header::OFFSET_TOOL, &[1, tool as u8, 0, 0, 0, 0]),
+            Request::SetUsbType(usb) => encode(header::USB_TYPE, &[usb as u8, 0, 0, 0, 0, 0]),
+            Request::Play(name) => put(out, Expect::Requests, header::PLAY, [&[count(name)], name.as_bytes()]),
             Request::Servo(request) => {
                 let (command, data) = request.to_data();
                 encode(command, &data)
@@ -749,169 +521,66 @@ impl Protocol for Alpha1 {
         }
     }
 
-    fn encode_response(response: &Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let mut encode = |command, data: &[u8]| encode(out, RESPONSES, command, data);
-        match response {
-            Response::HardwareVersion(version) => encode(header::HARDWARE_VERSION, version.as_wire()),
-            Response::ServoStates(states) => encode(header::SERVO_STATES, &states.0),
-            Response::Stopped(outcome) => encode(header::STOP, &[*outcome as u8]),
-            Response::FirmwareVersion(FirmwareVersion { outcome, text }) => {
-                let [a, b, c, d, e, f, g, h, i, j] = *text;
-                encode(
-                    header::FIRMWARE_VERSION,
-                    &[*outcome as u8, a, b, c, d, e, f, g, h, i, j],
-                )
+    fn encode_response(
+        &self,
+        response: &Response<'_>,
+        _to: Option<Key>,
+        out: &mut [u8],
+    ) -> Result<usize, BufferTooShort> {
+        let mut encode = |command, data: &[u8], text: &[u8]| put(out, RESPONSES, command, [data, text]);
+        match *response {
+            Response::HardwareVersion(version) => {
+                encode(header::HARDWARE_VERSION, &[count(version)], version.as_bytes())
             }
-            Response::Acted(outcome) => encode(header::ACT, &[ACT, *outcome as u8, 0, 0, 0, 0]),
-            Response::OffsetTool(outcome) => encode(header::OFFSET_TOOL, &[*outcome as u8]),
-            Response::UsbType(outcome) => encode(header::USB_TYPE, &[*outcome as u8]),
-            Response::Playing(outcome) => encode(header::PLAY, &[*outcome as u8]),
+            Response::ServoStates(states) => encode(header::SERVO_STATES, &states.0, &[]),
+            Response::Stopped(outcome) => encode(header::STOP, &[outcome as u8], &[]),
+            Response::FirmwareVersion(FirmwareVersion { outcome, text }) => {
+                encode(header::FIRMWARE_VERSION, &[outcome as u8], &text)
+            }
+            Response::Acted(outcome) => encode(header::ACT, &[ACT, outcome as u8, 0, 0, 0, 0], &[]),
+            Response::OffsetTool(outcome) => encode(header::OFFSET_TOOL, &[outcome as u8], &[]),
+            Response::UsbType(outcome) => encode(header::USB_TYPE, &[outcome as u8], &[]),
+            Response::Playing(outcome) => encode(header::PLAY, &[outcome as u8], &[]),
             Response::Servo(response) => response.encode(out),
         }
     }
 
-    fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
-        match frame {
-            Frame::Message { command, data } => {
-                parse_request(command, data).map_err(|cause| ParseError { command, cause })
-            }
-            Frame::Byte(command) => Err(ParseError {
-                command,
-                cause: Cause::Unexpected,
-            }),
+    fn parse_request<'a>(&self, frame: &'a [u8]) -> Result<Request<'a>, ParseError> {
+        match Frame::parse(frame) {
+            Some(Frame::Message { command, data }) => parse_request(command, data).map_err(error_in(command)),
+            Some(Frame::Byte(command)) => Err(error_in(command)(Cause::Unexpected)),
+            None => Err(NO_FRAME),
         }
     }
 
-    fn is_request(frame: Frame<'_>) -> bool {
-        match frame {
-            Frame::Message {
-                command: header::PLAY,
-                data,
-            } => text(data).is_ok(),
-            Frame::Message { command, data } => parse_request(command, data).is_ok(),
-            Frame::Byte(_) => false,
-        }
-    }
-
-    fn parse_response_ref<'a>(frame: Self::Frame<'a>, expect: Expect) -> Result<Self::ResponseRef<'a>, ParseError> {
+    fn parse_response<'a>(&self, frame: &'a [u8], expect: Expect) -> Result<Response<'a>, ParseError> {
         let answer = match expect {
             Expect::Responses(answer) => answer,
             Expect::Requests => None,
         };
-        match (frame, answer) {
-            (Frame::Message { command, data }, answer) => parse_response(command, data, answer),
-            (Frame::Byte(byte), Some(ServoAnswer::Acknowledgement(servo))) if byte == acknowledgement(servo) => {
-                Ok(ResponseRef::Servo(ServoResponse::Acknowledged(servo)))
+        match (Frame::parse(frame), answer) {
+            (Some(Frame::Message { command, data }), answer) => {
+                parse_response(command, data, answer).map_err(error_in(command))
             }
-            (Frame::Byte(command), _) => Err(ParseError {
-                command,
-                cause: Cause::Unexpected,
-            }),
-        }
-    }
-
-    // Inlined, it would add to the stack of all that its caller calls besides.
-    #[inline(never)]
-    fn to_response(response: &ResponseRef<'_>) -> Response {
-        match response {
-            ResponseRef::HardwareVersion(text) => Response::HardwareVersion(Text::from_wire(text.as_bytes())),
-            ResponseRef::FirmwareVersion(outcome, text) => {
-                // As a whole a Cortex-M0 calls `memcpy` for it, which takes 88 B of stack.
-                let [a, b, c, d, e, f, g, h, i, j] = **text;
-                let (outcome, text) = (*outcome, [a, b, c, d, e, f, g, h, i, j]);
-                Response::FirmwareVersion(FirmwareVersion { outcome, text })
+            (Some(Frame::Byte(byte)), Some(ServoAnswer::Acknowledgement(servo))) if byte == acknowledgement(servo) => {
+                Ok(Response::Servo(ServoResponse::Acknowledged(servo)))
             }
-            ResponseRef::ServoStates(states) => Response::ServoStates(*states),
-            ResponseRef::Stopped(outcome) => Response::Stopped(*outcome),
-            ResponseRef::Acted(outcome) => Response::Acted(*outcome),
-            ResponseRef::OffsetTool(outcome) => Response::OffsetTool(*outcome),
-            ResponseRef::UsbType(outcome) => Response::UsbType(*outcome),
-            ResponseRef::Playing(outcome) => Response::Playing(*outcome),
-            ResponseRef::Servo(response) => Response::Servo(*response),
+            (Some(Frame::Byte(command)), _) => Err(error_in(command)(Cause::Unexpected)),
+            (None, _) => Err(NO_FRAME),
         }
     }
+}
 
-    fn response_ref(response: &Response) -> ResponseRef<'_> {
-        match response {
-            Response::HardwareVersion(text) => ResponseRef::HardwareVersion(text.borrowed()),
-            Response::FirmwareVersion(version) => ResponseRef::FirmwareVersion(version.outcome, &version.text),
-            Response::ServoStates(states) => ResponseRef::ServoStates(*states),
-            Response::Stopped(outcome) => ResponseRef::Stopped(*outcome),
-            Response::Acted(outcome) => ResponseRef::Acted(*outcome),
-            Response::OffsetTool(outcome) => ResponseRef::OffsetTool(*outcome),
-            Response::UsbType(outcome) => ResponseRef::UsbType(*outcome),
-            Response::Playing(outcome) => ResponseRef::Playing(*outcome),
-            Response::Servo(response) => ResponseRef::Servo(*response),
-        }
-    }
+/// Bytes that are no frame.
+const NO_FRAME: ParseError = ParseError {
+    message: MessageId::None,
+    cause: Cause::Unknown,
+};
 
-    fn expect(request: Option<&Request>) -> Expect {
-        match request {
-            Some(Request::Servo(request)) => Expect::Responses(request.answer()),
-            _ => Expect::Responses(None),
-        }
-    }
-
-    fn reply(request: &Request) -> Option<Reply> {
-        // The document gives no times. Reads take what the robot has at hand; the others wait for its SD card, USB or
-        // Bluetooth.
-        let (quick, slow) = (Micros::from_millis(100), Micros::from_millis(1_000));
-        let (len, turnaround) = match request {
-            Request::ReadHardwareVersion => (MAX_FRAME, quick),
-            Request::ReadServoStates => (8, quick),
-            Request::Stop => (4, quick),
-            Request::ReadFirmwareVersion => (15, quick),
-            Request::Act(_) => (10, quick),
-            Request::SetOffsetTool(_) | Request::SetUsbType(_) | Request::Play(_) => (4, slow),
-            Request::Servo(request) => match request.answer()? {
-                ServoAnswer::Acknowledgement(_) => (1, SERVO_TURNAROUND),
-                _ => (10, SERVO_TURNAROUND),
-            },
-        };
-        Some(Reply { len, turnaround })
-    }
-
-    fn answers(request: &Request, response: &ResponseRef<'_>) -> bool {
-        match (request, response) {
-            (Request::ReadHardwareVersion, ResponseRef::HardwareVersion(_))
-            | (Request::ReadServoStates, ResponseRef::ServoStates(_))
-            | (Request::Stop, ResponseRef::Stopped(_))
-            | (Request::ReadFirmwareVersion, ResponseRef::FirmwareVersion(..))
-            | (Request::Act(_), ResponseRef::Acted(_))
-            | (Request::SetOffsetTool(_), ResponseRef::OffsetTool(_))
-            | (Request::SetUsbType(_), ResponseRef::UsbType(_))
-            | (Request::Play(_), ResponseRef::Playing(_)) => true,
-            (Request::Servo(request), ResponseRef::Servo(response)) => response.answers(*request),
-            _ => false,
-        }
-    }
-
-    fn is_response_to(request: &Request, frame: Frame<'_>) -> bool {
-        let Frame::Message { command, data } = frame else {
-            return false;
-        };
-        match request {
-            Request::ReadHardwareVersion => command == header::HARDWARE_VERSION,
-            Request::ReadServoStates => command == header::SERVO_STATES,
-            Request::Stop => command == header::STOP,
-            Request::ReadFirmwareVersion => command == header::FIRMWARE_VERSION,
-            // A frame of the robot's Bluetooth protocol has the same header.
-            Request::Act(_) => command == header::ACT && data.first() == Some(&ACT),
-            Request::SetOffsetTool(_) => command == header::OFFSET_TOOL,
-            Request::SetUsbType(_) => command == header::USB_TYPE,
-            Request::Play(_) => command == header::PLAY,
-            Request::Servo(request) => request.is_answered_by(command, data),
-        }
-    }
-
-    fn repeatable(request: &Request) -> bool {
-        // Reading a servo's angles is not among them: it switches the motor off.
-        matches!(
-            request,
-            Request::ReadHardwareVersion
-                | Request::ReadServoStates
-                | Request::ReadFirmwareVersion
-                | Request::Servo(ServoRequest::ReadOffset(_) | ServoRequest::ReadVersion(_))
-        )
+/// The error in the frame of this command.
+fn error_in(command: u8) -> impl Fn(Cause) -> ParseError {
+    move |cause| ParseError {
+        message: MessageId::Command(command),
+        cause,
     }
 }

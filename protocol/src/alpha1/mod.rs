@@ -7,8 +7,8 @@
 //! ```
 //! use core::time::Duration;
 //!
-//! use armwire::Protocol;
 //! use armwire::alpha1::{Address, Alpha1, Angle, Interval, MAX_FRAME, MoveTime, Request, ServoId, ServoRequest};
+//! use armwire::messages::Messages;
 //!
 //! let request = Request::Servo(ServoRequest::Move {
 //!     to: Address::One(ServoId::new(1)?),
@@ -17,32 +17,32 @@
 //!     lock: Interval::from_duration(Duration::from_secs(1))?,
 //! });
 //! let mut out = [0; MAX_FRAME];
-//! let n = Alpha1::encode_request(&request, &mut out).unwrap_or_default();
+//! let n = Alpha1.encode_request(&request, &mut out).unwrap_or_default();
 //! assert_eq!(out[..n], [0xFA, 0xAF, 0x01, 0x01, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED]);
 //! # Ok::<(), armwire::OutOfRange<f32>>(())
 //! ```
 
+mod dialect;
 #[cfg(feature = "async")]
 mod driver;
 mod frame;
+pub mod hid;
 mod message;
 #[cfg(test)]
 mod tests;
 mod value;
 
+pub use dialect::Key;
 #[cfg(feature = "async")]
-pub use driver::{Arm, CallError};
+pub use driver::Arm;
 pub use frame::{Expect, Frame, MAX_FRAME, MAX_TEXT, ServoAnswer, TAIL, checksum};
-pub use message::{
-    Action, Cause, FirmwareVersion, ParseError, Request, Response, ResponseRef, ServoRequest, ServoResponse,
-};
+pub use message::{Action, FirmwareVersion, Request, Response, ServoRequest, ServoResponse};
 pub use value::{
     Address, Angle, Interval, Led, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS, ServoId,
-    ServoStates, Text, TextRef, UsbType,
+    ServoStates, Text, UsbType,
 };
 
-/// The Alpha1 protocol: a name for [`Decoder`](crate::Decoder), [`Client`](crate::Client) and
-/// [`Device`](crate::Device).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The Alpha1 protocol, and that of its servos.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Alpha1 {}
+pub struct Alpha1;

@@ -6,7 +6,6 @@ use core::time::Duration;
 
 use super::MAX_TEXT;
 use crate::OutOfRange;
-use crate::copy::hidden;
 
 /// Servos that an action has room for (row FB). An Alpha1 has 16.
 pub const SERVOS: usize = 20;
@@ -324,10 +323,7 @@ impl Offset {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Led(pub u8);
 
-/// A version or the name of an action: 0 to 59 bytes. Their alphabet is not documented; names may be GBK.
-///
-/// The length byte could say 254, but a report on USB HID has 64 bytes and the frame around a text takes 5, so 59 is
-/// the most that fits one. It also bounds how much a false header can hold back.
+/// A version or the name of an action: 0 to 254 bytes. Their alphabet is not documented; names may be GBK.
 ///
 /// ```
 /// use armwire::alpha1::Text;
@@ -335,31 +331,23 @@ pub struct Led(pub u8);
 /// let name = Text::new(b"dance")?;
 /// assert_eq!((name.as_bytes(), name.as_str()), (&b"dance"[..], Some("dance")));
 /// assert_eq!(Text::new(b"\x1b[2J")?.to_string(), "\\x1b[2J");
-/// let error = Text::new(&[b'a'; 60]).unwrap_err();
-/// assert_eq!(error.to_string(), "text length is 60 bytes, must be 0..=59");
+/// let error = Text::new(&[b'a'; 255]).unwrap_err();
+/// assert_eq!(error.to_string(), "text length is 255 bytes, must be 0..=254");
 /// # Ok::<(), armwire::OutOfRange>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Text {
-    /// As on the wire: the count, which counts itself too, and the text. Then zeros.
-    data: [u8; MAX_TEXT + 1],
-}
+pub struct Text<'a>(&'a [u8]);
 
-impl Text {
+impl<'a> Text<'a> {
     /// A text of these bytes.
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] over 59 bytes.
-    pub fn new(text: &[u8]) -> Result<Self, OutOfRange> {
-        Self::check(text).map(|()| Self::from_wire(text))
-    }
-
-    /// Whether a text may have so many bytes.
-    pub(super) fn check(text: &[u8]) -> Result<(), OutOfRange> {
+    /// [`OutOfRange`] over 254 bytes.
+    pub fn new(text: &'a [u8]) -> Result<Self, OutOfRange> {
         if text.len() <= MAX_TEXT {
-            return Ok(());
+            return Ok(Self(text));
         }
         Err(OutOfRange {
             what: "text length",
@@ -370,76 +358,22 @@ impl Text {
         })
     }
 
-    /// The text of these bytes, which it may have.
-    pub(super) fn from_wire(text: &[u8]) -> Self {
-        Self { data: counted(text) }
-    }
-
-    /// The count and the text.
-    pub(super) fn as_wire(&self) -> &[u8] {
-        let [count, ..] = self.data;
-        self.data.get(..count.into()).unwrap_or_default()
-    }
-
     /// The bytes.
-    pub fn as_bytes(&self) -> &[u8] {
-        self.as_wire().get(1..).unwrap_or_default()
-    }
-
-    /// The same, borrowed.
-    pub fn borrowed(&self) -> TextRef<'_> {
-        TextRef(self.as_bytes())
-    }
-
-    /// The text, or `None` if one of its bytes is no printable ASCII character.
-    pub fn as_str(&self) -> Option<&str> {
-        let text = self.as_bytes();
-        let printable = text.iter().all(|byte| matches!(byte, b' '..=b'~'));
-        str::from_utf8(text).ok().filter(|_| printable)
-    }
-}
-
-/// A [`Text`], borrowed.
-///
-/// ```
-/// use armwire::alpha1::Text;
-///
-/// assert_eq!(Text::new(b"dance")?.borrowed().as_bytes(), b"dance");
-/// # Ok::<(), armwire::OutOfRange>(())
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TextRef<'a>(&'a [u8]);
-
-impl<'a> TextRef<'a> {
-    /// The text of these bytes, which it may have.
-    pub(super) const fn from_wire(text: &'a [u8]) -> Self {
-        Self(text)
-    }
-
-    /// The bytes of the text.
     pub const fn as_bytes(self) -> &'a [u8] {
         self.0
     }
-}
 
-/// The count, which counts itself too, this text, which has room, and zeros.
-///
-/// The compiler builds a local in the place of what is returned only if it is never borrowed, as it is to iterate over it.
-#[inline(never)]
-fn counted(text: &[u8]) -> [u8; MAX_TEXT + 1] {
-    let mut data = [0; MAX_TEXT + 1];
-    data[0] = (text.len() as u8).wrapping_add(1);
-    for (at, byte) in (1..=MAX_TEXT).zip(text) {
-        data[at] = hidden(*byte);
+    /// The text, or `None` if one of its bytes is no printable ASCII character.
+    pub fn as_str(self) -> Option<&'a str> {
+        let printable = self.0.iter().all(|byte| matches!(byte, b' '..=b'~'));
+        str::from_utf8(self.0).ok().filter(|_| printable)
     }
-    data
 }
 
 /// What is not printable is escaped: it came from outside.
-impl fmt::Display for Text {
+impl fmt::Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.as_bytes().escape_ascii())
+        write!(f, "{}", self.0.escape_ascii())
     }
 }
 

@@ -3,10 +3,10 @@
 use embedded_io_async::{Read, Write};
 
 use super::{
-    Info, JointState, Ling, MAX_FRAME, Move, ParseError, PerServo, Request, Response, SelfCheck, Stroke,
-    TemperatureLimit, Torque,
+    Info, JointState, Ling, MAX_FRAME, Move, PerServo, Request, Response, SelfCheck, Stroke, TemperatureLimit, Torque,
 };
-use crate::driver::{self, Clock, Driver};
+use crate::Config;
+use crate::driver::{CallError, Clock, Driver};
 
 /// A Ling arm at the other end of a port.
 ///
@@ -17,10 +17,11 @@ use crate::driver::{self, Clock, Driver};
 /// # use armwire::driver::Clock;
 /// # use embedded_io_async::{Read, Write};
 /// use armwire::Config;
-/// use armwire::ling::{Arm, CallError};
+/// use armwire::driver::CallError;
+/// use armwire::ling::Arm;
 ///
 /// async fn is_sound<P: Read + Write>(port: P, clock: impl Clock) -> Result<bool, CallError<P::Error>> {
-///     let mut arm = Arm::new(port, clock, Config::default());
+///     let mut arm = Arm::open(port, clock, Config::default());
 ///     let celsius = arm.read_temperatures().await?;
 ///     let check = arm.self_check().await?;
 ///     Ok(check.all_normal(celsius.kind()) && celsius.as_slice().iter().all(|&celsius| celsius < 60))
@@ -34,13 +35,15 @@ use crate::driver::{self, Clock, Driver};
 /// ```
 pub type Arm<Port, C> = Driver<Ling, Port, C, MAX_FRAME>;
 
-/// Why a call to a Ling arm failed: `E` is the error of the port.
-pub type CallError<E> = driver::CallError<E, ParseError>;
-
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {
+    /// The arm at the other end of `port`.
+    pub const fn open(port: Port, clock: C, config: Config) -> Self {
+        Self::new(Ling, port, clock, config)
+    }
+
     /// Who the arm is.
     pub async fn read_info(&mut self) -> Result<Info, CallError<Port::Error>> {
-        self.read(Request::ReadInfo, |response| match response {
+        self.read(&Request::ReadInfo, |response| match response {
             Response::Info(info) => Some(info),
             _ => None,
         })
@@ -49,7 +52,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Where the arm is.
     pub async fn read_joints(&mut self) -> Result<JointState, CallError<Port::Error>> {
-        self.read(Request::ReadJoints, |response| match response {
+        self.read(&Request::ReadJoints, |response| match response {
             Response::Joints(state) => Some(state),
             _ => None,
         })
@@ -58,7 +61,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// The temperature of every servo, in °C.
     pub async fn read_temperatures(&mut self) -> Result<PerServo<u8>, CallError<Port::Error>> {
-        self.read(Request::ReadTemperatures, |response| match response {
+        self.read(&Request::ReadTemperatures, |response| match response {
             Response::Temperatures(celsius) => Some(celsius),
             _ => None,
         })
@@ -67,7 +70,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// The velocity of every servo, in ticks per second.
     pub async fn read_velocities(&mut self) -> Result<PerServo<u16>, CallError<Port::Error>> {
-        self.read(Request::ReadVelocities, |response| match response {
+        self.read(&Request::ReadVelocities, |response| match response {
             Response::Velocities(ticks) => Some(ticks),
             _ => None,
         })
@@ -76,7 +79,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Which gripper the arm thinks it has.
     pub async fn read_stroke(&mut self) -> Result<Stroke, CallError<Port::Error>> {
-        self.read(Request::ReadStroke, |response| match response {
+        self.read(&Request::ReadStroke, |response| match response {
             Response::Stroke(stroke) => Some(stroke),
             _ => None,
         })
@@ -85,7 +88,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Checks every servo.
     pub async fn self_check(&mut self) -> Result<SelfCheck, CallError<Port::Error>> {
-        self.read(Request::SelfCheck, |response| match response {
+        self.read(&Request::SelfCheck, |response| match response {
             Response::SelfCheck(check) => Some(check),
             _ => None,
         })
@@ -94,26 +97,26 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Moves the joints and the gripper. The arm confirms nothing: read the joints to see it move.
     pub async fn move_to(&mut self, target: Move) -> Result<(), CallError<Port::Error>> {
-        self.call(Request::Move(target)).await.map(drop)
+        self.tell(&Request::Move(target)).await
     }
 
     /// Switches the torque. The arm confirms nothing.
     pub async fn set_torque(&mut self, torque: Torque) -> Result<(), CallError<Port::Error>> {
-        self.call(Request::SetTorque(torque)).await.map(drop)
+        self.tell(&Request::SetTorque(torque)).await
     }
 
     /// Makes the present pose the zero position, and switches the torque off. The arm confirms nothing.
     pub async fn set_zero(&mut self) -> Result<(), CallError<Port::Error>> {
-        self.call(Request::SetZero).await.map(drop)
+        self.tell(&Request::SetZero).await
     }
 
     /// Tells the arm which gripper it has. The arm confirms nothing: [`read_stroke`](Self::read_stroke) does.
     pub async fn set_stroke(&mut self, stroke: Stroke) -> Result<(), CallError<Port::Error>> {
-        self.call(Request::SetStroke(stroke)).await.map(drop)
+        self.tell(&Request::SetStroke(stroke)).await
     }
 
     /// Sets the temperature at which the arm protects itself. The arm confirms nothing.
     pub async fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), CallError<Port::Error>> {
-        self.call(Request::SetTemperatureLimit(limit)).await.map(drop)
+        self.tell(&Request::SetTemperatureLimit(limit)).await
     }
 }

@@ -14,9 +14,11 @@
 //! recognised as that one sequence of bytes and nothing else has such slack. No other frame can start like it: with
 //! length 0 its fifth byte would be the checksum, C8.
 
+use crc::{CRC_32_ISO_HDLC, Crc};
+
 use super::Ling;
-use crate::framing::verify;
-use crate::{BufferTooShort, EncodeError, Framing, OutOfRange, Reason, Scan};
+use crate::framing::{Framing, Reason, Scan, verify};
+use crate::{BufferTooShort, EncodeError, OutOfRange};
 
 /// The most data bytes a frame may have.
 ///
@@ -38,8 +40,7 @@ const HEADER: u8 = 0xAA;
 /// The end mark: the last byte of every frame.
 pub const TAIL: u8 = 0xFF;
 
-#[cfg(feature = "crc-table16")]
-static CRC: crc::Crc<u32, crc::Table<16>> = crc::Crc::<u32, crc::Table<16>>::new(&crc::CRC_32_ISO_HDLC);
+static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// The checksum of `body`, which is command, function, length and data.
 ///
@@ -47,11 +48,7 @@ static CRC: crc::Crc<u32, crc::Table<16>> = crc::Crc::<u32, crc::Table<16>>::new
 /// assert_eq!(armwire::ling::checksum(&[0x06, 0x00, 0x01, 0xFE]), 0x9A); // section 2.5
 /// ```
 pub fn checksum(body: &[u8]) -> u8 {
-    #[cfg(not(feature = "crc-table16"))]
-    let crc = super::crc::crc32(body);
-    #[cfg(feature = "crc-table16")]
-    let crc = CRC.checksum(body);
-    crc as u8
+    CRC.checksum(body) as u8
 }
 
 /// A frame whose header, length, checksum and end mark are good.
@@ -119,23 +116,38 @@ impl Frame<'_> {
     }
 }
 
-impl Framing for Ling {
-    const MAX_FRAME: usize = MAX_FRAME;
-    const RELIABLE: bool = false;
-    type Expect = ();
-    type Frame<'a> = Frame<'a>;
+impl<'a> Frame<'a> {
+    /// The frame that these bytes are, which [`scan`](Framing::scan) has found to be one. Of other bytes the result is
+    /// unspecified.
+    pub fn parse(bytes: &'a [u8]) -> Option<Self> {
+        match bytes {
+            [_, command, function, _, data @ .., _, _] => Some(Self {
+                command: *command,
+                function: *function,
+                data,
+            }),
+            _ => None,
+        }
+    }
+}
 
-    fn scan(window: &[u8], (): ()) -> Scan {
+impl Framing for Ling {
+    type Expect = ();
+
+    fn scan(&self, window: &[u8], (): ()) -> Scan {
         if window.first() != Some(&HEADER) {
             let stray = window.iter().position(|&byte| byte == HEADER);
-            return Scan::Skip(stray.unwrap_or(window.len()), Reason::Stray);
+            return match stray.unwrap_or(window.len()) {
+                0 => Scan::Need(1),
+                n => Scan::Noise(n, Reason::Stray),
+            };
         }
         let &[_, _, _, len, ..] = window else {
             return Scan::Need(4 - window.len());
         };
         let len = usize::from(len);
         if len > MAX_DATA {
-            return Scan::Skip(
+            return Scan::Noise(
                 1,
                 Reason::Length {
                     min: 0,
@@ -151,14 +163,15 @@ impl Framing for Ling {
         verify(window, total, 1, checksum, TAIL)
     }
 
-    fn view(bytes: &[u8]) -> Option<Frame<'_>> {
-        match bytes {
-            [_, command, function, _, data @ .., _, _] => Some(Frame {
-                command: *command,
-                function: *function,
-                data,
-            }),
-            _ => None,
-        }
+    fn terminator(&self, (): ()) -> Option<u8> {
+        Some(TAIL)
     }
+
+    fn shortest(&self, (): ()) -> usize {
+        OVERHEAD
+    }
+
+    fn requests(&self) {}
+
+    fn unsolicited(&self) {}
 }

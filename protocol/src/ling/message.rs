@@ -1,14 +1,13 @@
 //! The messages of the Ling document, section 2, and the bytes they travel as.
 
-use core::fmt;
-
 use super::value::{
     JOINTS, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit,
     Version,
 };
-use super::{Frame, Ling, SELF_CHECK};
-use crate::error::write_either;
-use crate::{BufferTooShort, Micros, OutOfRange, Protocol, Reply};
+use super::{Frame, Key, Ling, SELF_CHECK};
+use crate::error::{Cause, MessageId, ParseError, sized};
+use crate::messages::Messages;
+use crate::{BufferTooShort, OutOfRange};
 
 /// Commands (section 1.1).
 mod command {
@@ -31,9 +30,6 @@ mod function {
 
 /// The data byte of requests that carry no value.
 const ASK: u8 = 0xFE;
-
-/// Longest known response on the wire: information, 24 data bytes.
-const MAX_RESPONSE: usize = 30;
 
 /// What the host says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -184,100 +180,13 @@ impl JointState {
     }
 }
 
-/// A good frame that is no message of the document.
-///
-/// ```
-/// use armwire::Protocol;
-/// use armwire::ling::{Cause, Frame, Ling};
-///
-/// let error = Ling::parse_response(Frame { command: 0x06, function: 0x00, data: &[0; 3] }, ()).unwrap_err();
-/// assert_eq!(error.cause, Cause::Length { expected: &[15], got: 3 });
-/// assert_eq!(error.to_string(), "command 06 function 00: 3 data bytes, expected 15");
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ParseError {
-    /// The frame's command.
-    pub command: u8,
-    /// The frame's function.
-    pub function: u8,
-    /// What is wrong with it.
-    pub cause: Cause,
-}
-
-/// What is wrong with a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub enum Cause {
-    /// The document has no such command and function in this direction.
-    Unknown,
-    /// The data has the wrong length.
-    Length {
-        /// The lengths it may have, in bytes.
-        expected: &'static [usize],
-        /// The length it has, in bytes.
-        got: usize,
-    },
-    /// A byte that must have one value has another.
-    Byte {
-        /// Where it is, in bytes from the start of the data.
-        offset: usize,
-        /// What it must be.
-        expected: u8,
-        /// What it is.
-        got: u8,
-    },
-    /// A value is out of its range.
-    Value {
-        /// Where it is, in bytes from the start of the data.
-        offset: usize,
-        /// What it is and may be.
-        error: OutOfRange,
-    },
-}
-
-impl fmt::Display for ParseError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "command {:02X} function {:02X}: {}",
-            self.command, self.function, self.cause
-        )
-    }
-}
-
-impl fmt::Display for Cause {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Unknown => f.write_str("unknown"),
-            Self::Length { expected, got } => {
-                write!(f, "{got} data bytes, expected ")?;
-                write_either(f, expected, |f, length| write!(f, "{length}"))
-            }
-            Self::Byte { offset, expected, got } => {
-                write!(f, "data byte {offset} is {got:02X}, must be {expected:02X}")
-            }
-            Self::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
-        }
-    }
-}
-
-impl core::error::Error for ParseError {}
-
-/// Data of a known length, or the error that says which it should have.
-pub(super) fn sized<'a, const N: usize>(data: &'a [u8], expected: &'static [usize]) -> Result<&'a [u8; N], Cause> {
-    let got = data.len();
-    data.try_into().map_err(|_| Cause::Length { expected, got })
-}
-
 /// The data of a request that carries no value.
 fn asked(data: &[u8]) -> Result<(), Cause> {
     match *sized(data, &[1])? {
         [ASK] => Ok(()),
         [got] => Err(Cause::Byte {
             offset: 0,
-            expected: ASK,
+            expected: &[ASK],
             got,
         }),
     }
@@ -325,9 +234,8 @@ impl Move {
         data
     }
 
-    #[inline(always)]
     fn from_data(data: &[u8; Self::LEN]) -> Result<Self, Cause> {
-        let at = |offset| move |error| Cause::Value { offset, error };
+        let at = |offset| move |error: OutOfRange| Cause::value(offset, error);
         let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
         for (i, (joint, bytes)) in joints.iter_mut().zip(data.as_chunks::<4>().0).enumerate() {
             let [position, speed] = words(bytes);
@@ -345,7 +253,6 @@ impl Move {
     }
 }
 
-#[inline(always)]
 fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
     match (frame.command, frame.function) {
         (command::INFO, 0) => asked(frame.data).map(|()| Request::ReadInfo),
@@ -358,23 +265,23 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
         (command::TORQUE, 0) => match *sized(frame.data, &[1])? {
             [0] => Ok(Request::SetTorque(Torque::Off)),
             [1] => Ok(Request::SetTorque(Torque::On)),
-            [got] => Err(Cause::Value {
-                offset: 0,
-                error: OutOfRange {
+            [got] => Err(Cause::value(
+                0,
+                OutOfRange {
                     what: "torque switch",
                     unit: "",
-                    got: got.into(),
+                    got: u16::from(got),
                     min: 0,
                     max: 1,
                 },
-            }),
+            )),
         },
         (command::JOINTS, function::STATE) => asked(frame.data).map(|()| Request::ReadJoints),
         (command::JOINTS, function::TEMPERATURE) => match *sized(frame.data, &[1])? {
             [ASK] => Ok(Request::ReadTemperatures),
             [celsius] => TemperatureLimit::new(celsius)
                 .map(Request::SetTemperatureLimit)
-                .map_err(|error| Cause::Value { offset: 0, error }),
+                .map_err(|error| Cause::value(0, error)),
         },
         (command::JOINTS, function::VELOCITY) => asked(frame.data).map(|()| Request::ReadVelocities),
         (command::JOINTS, function::MOVE) => Move::from_data(sized(frame.data, &[Move::LEN])?).map(Request::Move),
@@ -400,7 +307,7 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
             let [code] = *sized(frame.data, &[1])?;
             Stroke::from_code(code)
                 .map(Response::Stroke)
-                .map_err(|error| Cause::Value { offset: 0, error })
+                .map_err(|error| Cause::value(0, error))
         }
         (command::JOINTS, function::STATE) => {
             let data: &[u8; 15] = sized(frame.data, &[15])?;
@@ -432,15 +339,11 @@ fn parse_response(frame: Frame<'_>) -> Result<Response, Cause> {
     }
 }
 
-impl Protocol for Ling {
-    const REQUESTS: () = ();
-    const IDENTIFIED: bool = false;
-    type Request = Request;
-    type Response = Response;
-    type ResponseRef<'a> = Response;
-    type Error = ParseError;
+impl Messages for Ling {
+    type Request<'a> = Request;
+    type Response<'a> = Response;
 
-    fn encode_request(request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+    fn encode_request(&self, request: &Request, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let mut encode = |command, function, data: &[u8]| encode(out, command, function, data);
         match *request {
             Request::ReadInfo => encode(command::INFO, 0, &[ASK]),
@@ -465,7 +368,7 @@ impl Protocol for Ling {
         }
     }
 
-    fn encode_response(response: &Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+    fn encode_response(&self, response: &Response, _to: Option<Key>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let mut encode = |command, function, data: &[u8]| encode(out, command, function, data);
         match response {
             Response::Info(info) => {
@@ -503,94 +406,26 @@ impl Protocol for Ling {
         }
     }
 
-    // Inlined, the optimiser makes no request where it is only asked whether a frame is one.
-    #[inline(always)]
-    fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
-        let Frame { command, function, .. } = frame;
-        parse_request(frame).map_err(|cause| ParseError {
-            command,
-            function,
-            cause,
-        })
+    fn parse_request(&self, frame: &[u8]) -> Result<Request, ParseError> {
+        parse(frame, parse_request)
     }
 
-    // What is borrowed is the response itself, and need not be copied.
-    fn parse_response(frame: Frame<'_>, (): ()) -> Result<Response, ParseError> {
-        Self::parse_response_ref(frame, ())
+    fn parse_response(&self, frame: &[u8], (): ()) -> Result<Response, ParseError> {
+        parse(frame, parse_response)
     }
+}
 
-    fn parse_response_ref<'a>(frame: Self::Frame<'a>, (): ()) -> Result<Self::ResponseRef<'a>, ParseError> {
-        let Frame { command, function, .. } = frame;
-        parse_response(frame).map_err(|cause| ParseError {
-            command,
-            function,
-            cause,
-        })
-    }
-
-    fn to_response(response: &Response) -> Response {
-        *response
-    }
-
-    fn response_ref(response: &Response) -> Response {
-        *response
-    }
-
-    fn expect(_request: Option<&Request>) {}
-
-    fn reply(request: &Request) -> Option<Reply> {
-        // The document gives no times. The vendor's software asks again after 200 ms.
-        let turnaround = match request {
-            Request::ReadInfo
-            | Request::ReadStroke
-            | Request::ReadJoints
-            | Request::ReadTemperatures
-            | Request::ReadVelocities => Micros::from_millis(50),
-            // Each servo may be asked in turn.
-            Request::SelfCheck => Micros::from_millis(500),
-            Request::SetZero
-            | Request::SetStroke(_)
-            | Request::SetTorque(_)
-            | Request::SetTemperatureLimit(_)
-            | Request::Move(_) => return None,
-        };
-        Some(Reply {
-            len: MAX_RESPONSE,
-            turnaround,
-        })
-    }
-
-    fn answers(request: &Request, response: &Response) -> bool {
-        matches!(
-            (request, response),
-            (Request::ReadInfo, Response::Info(_))
-                | (Request::ReadStroke, Response::Stroke(_))
-                | (Request::ReadJoints, Response::Joints(_))
-                | (Request::ReadTemperatures, Response::Temperatures(_))
-                | (Request::ReadVelocities, Response::Velocities(_))
-                | (Request::SelfCheck, Response::SelfCheck(_))
-        )
-    }
-
-    fn is_response_to(request: &Request, frame: Frame<'_>) -> bool {
-        let answer = match request {
-            Request::ReadInfo => (command::INFO, 0),
-            Request::ReadStroke => (command::STROKE, function::READ_STROKE),
-            Request::ReadJoints => (command::JOINTS, function::STATE),
-            Request::ReadTemperatures => (command::JOINTS, function::TEMPERATURE),
-            Request::ReadVelocities => (command::JOINTS, function::VELOCITY),
-            Request::SelfCheck => (command::SELF_CHECK, 0),
-            Request::SetZero
-            | Request::SetStroke(_)
-            | Request::SetTorque(_)
-            | Request::SetTemperatureLimit(_)
-            | Request::Move(_) => return false,
-        };
-        answer == (frame.command, frame.function)
-    }
-
-    fn repeatable(request: &Request) -> bool {
-        // All that is answered is a read, and the self-check changes nothing.
-        Self::reply(request).is_some()
-    }
+/// Reads a frame, and names it in the error.
+fn parse<T>(frame: &[u8], message: impl Fn(Frame<'_>) -> Result<T, Cause>) -> Result<T, ParseError> {
+    let Some(frame) = Frame::parse(frame) else {
+        return Err(ParseError {
+            message: MessageId::None,
+            cause: Cause::Unknown,
+        });
+    };
+    let Frame { command, function, .. } = frame;
+    message(frame).map_err(|cause| ParseError {
+        message: MessageId::Function { command, function },
+        cause,
+    })
 }

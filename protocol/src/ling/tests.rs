@@ -2,11 +2,14 @@
 
 extern crate std;
 
-use std::string::ToString;
 use std::vec::Vec;
 
 use super::*;
-use crate::{Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Protocol, Reason};
+use crate::decoder::{self, Decoder};
+use crate::framing::{Framing, Reason, Scan};
+use crate::messages::Messages;
+use crate::time::Instant;
+use crate::{Cause, Client, Config, Device, DeviceEvent, Event, Output};
 
 /// A frame written in hex.
 fn hex(text: &str) -> Vec<u8> {
@@ -140,20 +143,26 @@ fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
     ])
 }
 
-/// The one frame that `bytes` are.
-fn frame_of(bytes: &[u8]) -> Frame<'_> {
-    use crate::{Framing, Scan};
-    assert_eq!(Ling::scan(bytes, ()), Scan::Frame(bytes.len()));
-    Ling::view(bytes).unwrap()
+/// These bytes, which must be one frame.
+fn frame_of(bytes: &[u8]) -> &[u8] {
+    assert_eq!(Ling.scan(bytes, ()), Scan::Frame(bytes.len()));
+    bytes
+}
+
+/// The bytes of a frame.
+fn bytes_of(frame: Frame<'_>) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let n = frame.encode(&mut out).unwrap();
+    out[..n].to_vec()
 }
 
 #[test]
 fn every_request_of_the_document_holds_in_both_directions() {
     for (section, bytes, request) in requests() {
         let mut out = [0; MAX_FRAME];
-        let n = Ling::encode_request(&request, &mut out).unwrap();
+        let n = Ling.encode_request(&request, &mut out).unwrap();
         assert_eq!(out[..n], bytes, "{section}");
-        assert_eq!(Ling::parse_request(frame_of(&bytes)), Ok(request), "{section}");
+        assert_eq!(Ling.parse_request(frame_of(&bytes)), Ok(request), "{section}");
     }
 }
 
@@ -161,35 +170,9 @@ fn every_request_of_the_document_holds_in_both_directions() {
 fn every_response_of_the_document_holds_in_both_directions() {
     for (section, bytes, response) in responses() {
         let mut out = [0; MAX_FRAME];
-        let n = Ling::encode_response(&response, &mut out).unwrap();
+        let n = Ling.encode_response(&response, None, &mut out).unwrap();
         assert_eq!(out[..n], bytes, "{section}");
-        assert_eq!(Ling::parse_response(frame_of(&bytes), ()), Ok(response), "{section}");
-    }
-}
-
-#[test]
-fn every_frame_of_the_document_means_the_same_however_it_is_cut() {
-    let requests = requests().into_iter().map(|(_, bytes, _)| bytes);
-    let responses = responses().into_iter().map(|(_, bytes, _)| bytes);
-    for bytes in requests.chain(responses) {
-        for first in 0..=bytes.len() {
-            for second in first..=bytes.len() {
-                let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
-                let mut frames = 0;
-                for chunk in [&bytes[..first], &bytes[first..second], &bytes[second..]] {
-                    assert!(decoder.push(chunk).is_empty());
-                    while let Some(frame) = decoder.next(()) {
-                        assert_eq!(frame, Ok(frame_of(&bytes)));
-                        frames += 1;
-                    }
-                }
-                assert_eq!(
-                    (frames, decoder.pending()),
-                    (1, 0),
-                    "{bytes:02X?} cut at {first}, {second}"
-                );
-            }
-        }
+        assert_eq!(Ling.parse_response(frame_of(&bytes), ()), Ok(response), "{section}");
     }
 }
 
@@ -197,10 +180,13 @@ fn every_frame_of_the_document_means_the_same_however_it_is_cut() {
 fn the_two_frames_printed_with_a_wrong_checksum_are_rejected_and_say_so() {
     // Section 2.3 prints the checksum of "set 100 mm" in the query and in its answer.
     for (printed, expected) in [("AA 04 0E 01 FE 7F FF", 0x1B), ("AA 04 0E 01 01 7F FF", 0x96)] {
-        let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+        let mut decoder = Decoder::<MAX_FRAME>::new();
         assert!(decoder.push(&hex(printed)).is_empty());
-        let noise = decoder.next(()).unwrap().unwrap_err();
-        assert_eq!(noise.reason, Reason::Checksum { expected, got: 0x7F });
+        let noise = decoder.next(&Ling, ()).unwrap();
+        assert_eq!(
+            noise.kind,
+            decoder::Kind::Noise(Reason::Checksum { expected, got: 0x7F })
+        );
     }
 }
 
@@ -208,33 +194,27 @@ fn the_two_frames_printed_with_a_wrong_checksum_are_rejected_and_say_so() {
 fn a_device_accepts_the_self_check_as_printed_and_in_both_well_formed_spellings() {
     for spelling in ["AA FE 00 00 FE 93 FF", "AA FE 00 00 C8 FF", "AA FE 00 01 FE D2 FF"] {
         for chunk in 1..=7 {
-            let mut device = Device::<Ling, MAX_FRAME>::new();
-            let mut heard = Vec::new();
+            let mut device = Device::<Ling, MAX_FRAME>::new(Ling);
+            let mut requests = Vec::new();
             for bytes in hex(spelling).chunks(chunk) {
-                let mut input = Input::Bytes(bytes);
-                while let Some(event) = device.handle(&mut input) {
-                    heard.push(event);
+                assert!(device.receive(bytes).is_empty());
+                while let Some(event) = device.poll() {
+                    let DeviceEvent::Request { request, .. } = event else {
+                        panic!("{event:?}")
+                    };
+                    requests.push(request);
                 }
             }
-            assert_eq!(
-                heard,
-                [Heard::Request(Request::SelfCheck)],
-                "{spelling} in chunks of {chunk}"
-            );
+            assert_eq!(requests, [Request::SelfCheck], "{spelling} in chunks of {chunk}");
         }
     }
 }
 
 #[test]
 fn only_the_self_check_has_slack_in_its_length() {
-    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
-    let body = [0x06, 0x00, 0x00, 0xFE];
-    assert!(
-        decoder
-            .push(&[0xAA, 0x06, 0x00, 0x00, 0xFE, checksum(&body), 0xFF])
-            .is_empty()
-    );
-    assert!(decoder.next(()).unwrap().is_err());
+    let check = checksum(&[0x06, 0x00, 0x00, 0xFE]);
+    let verdict = Ling.scan(&[0xAA, 0x06, 0x00, 0x00, 0xFE, check, 0xFF], ());
+    assert!(matches!(verdict, Scan::Noise(1, _)), "{verdict:?}");
 }
 
 #[test]
@@ -244,8 +224,8 @@ fn leader_arms_send_six_readings() {
         Response::Velocities(PerServo::Leader([1, 2, 3, 4, 5, 5000])),
     ] {
         let mut out = [0; MAX_FRAME];
-        let n = Ling::encode_response(&response, &mut out).unwrap();
-        assert_eq!(Ling::parse_response(frame_of(&out[..n]), ()), Ok(response));
+        let n = Ling.encode_response(&response, None, &mut out).unwrap();
+        assert_eq!(Ling.parse_response(frame_of(&out[..n]), ()), Ok(response));
     }
 }
 
@@ -256,7 +236,7 @@ fn a_reply_of_the_wrong_length_names_the_lengths_it_may_have() {
         function: 0x01,
         data: &[35; 7],
     };
-    let error = Ling::parse_response(frame, ()).unwrap_err();
+    let error = Ling.parse_response(&bytes_of(frame), ()).unwrap_err();
     assert_eq!(
         std::format!("{error}"),
         "command 06 function 01: 7 data bytes, expected 6 or 10"
@@ -266,14 +246,14 @@ fn a_reply_of_the_wrong_length_names_the_lengths_it_may_have() {
 #[test]
 fn a_value_out_of_range_is_an_error_that_says_where() {
     let mut out = [0; MAX_FRAME];
-    let n = Ling::encode_request(&moving(0), &mut out).unwrap();
+    let n = Ling.encode_request(&moving(0), &mut out).unwrap();
     out[4 + 9] = 0x10; // joint 3: 0x1000 ticks
     let frame = Frame {
         command: 0x06,
         function: 0x03,
         data: &out[4..n - 2],
     };
-    let error = Ling::parse_request(frame).unwrap_err();
+    let error = Ling.parse_request(&bytes_of(frame)).unwrap_err();
     assert_eq!(
         std::format!("{error}"),
         "command 06 function 03: joint position is 4096 ticks, must be 0..=4095 (data byte 8)"
@@ -287,17 +267,17 @@ fn the_gripper_may_be_told_speeds_that_joints_may_not() {
         gripper: (Opening::OPEN, GripperSpeed(5500)),
     });
     let mut out = [0; MAX_FRAME];
-    let n = Ling::encode_request(&request, &mut out).unwrap();
-    assert_eq!(Ling::parse_request(frame_of(&out[..n])), Ok(request));
+    let n = Ling.encode_request(&request, &mut out).unwrap();
+    assert_eq!(Ling.parse_request(frame_of(&out[..n])), Ok(request));
 }
 
 #[test]
 fn no_request_can_be_mistaken_for_a_response() {
     for (section, bytes, _) in requests() {
-        assert!(Ling::parse_response(frame_of(&bytes), ()).is_err(), "{section}");
-        let mut client = Client::<Ling, MAX_FRAME>::new(Config::DEFAULT);
-        let event = client.handle(Micros(0), &mut Input::Bytes(&bytes));
-        assert_eq!(event, Some(Event::Echo), "{section}");
+        assert!(Ling.parse_response(frame_of(&bytes), ()).is_err(), "{section}");
+        let mut client = Client::<Ling, MAX_FRAME>::new(Ling, Config::DEFAULT);
+        assert!(client.receive(Instant::ZERO, &bytes).is_empty());
+        assert_eq!(client.poll(Instant::ZERO), Output::Event(Event::Echo), "{section}");
     }
 }
 
@@ -311,7 +291,7 @@ fn the_longest_frame_has_64_bytes_of_data() {
     };
     let mut out = [0; MAX_FRAME];
     assert_eq!(frame.encode(&mut out), Ok(70));
-    assert_eq!(Ling::view(&out), Some(frame));
+    assert_eq!(Frame::parse(&out), Some(frame));
     assert_eq!(Frame { data: &[], ..frame }.encode(&mut out), Ok(6));
     assert!(
         Frame {
@@ -330,10 +310,11 @@ fn a_self_check_with_more_data_than_either_print_has_is_refused() {
         function: 0,
         data,
     };
-    assert_eq!(Ling::parse_request(frame(&[])), Ok(Request::SelfCheck));
-    assert_eq!(Ling::parse_request(frame(&[0xFE])), Ok(Request::SelfCheck));
+    for data in [&[][..], &[0xFE]] {
+        assert_eq!(Ling.parse_request(&bytes_of(frame(data))), Ok(Request::SelfCheck));
+    }
     for data in [&[0xFE, 0xFE][..], &[0]] {
-        assert!(Ling::parse_request(frame(data)).is_err(), "{data:x?}");
+        assert!(Ling.parse_request(&bytes_of(frame(data))).is_err(), "{data:x?}");
     }
 }
 
@@ -343,100 +324,17 @@ fn a_move_that_is_out_of_range_says_at_which_byte() {
     for offset in (0..26).step_by(2) {
         let mut data = home.clone();
         data[offset..offset + 2].copy_from_slice(&[0xFF, 0xFF]);
-        let error = Ling::parse_request(Frame {
+        let error = Ling.parse_request(&bytes_of(Frame {
             command: 6,
             function: 3,
             data: &data,
-        });
+        }));
         let error = error.unwrap_err();
         assert!(
             matches!(error.cause, Cause::Value { offset: at, .. } if at == offset),
             "{offset}: {error:?}"
         );
     }
-}
-
-#[test]
-fn what_follows_a_frame_that_was_pushed_half_is_left_to_the_caller() {
-    let query = hex("AA 06 00 01 FE 9A FF");
-    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
-    assert!(decoder.push(&query[..5]).is_empty());
-    assert!(decoder.next(()).is_none());
-    let mut rest = &[&query[5..], &query].concat()[..];
-    assert!(decoder.decode(&mut rest, ()).unwrap().is_ok());
-    assert_eq!((rest, decoder.pending()), (&query[..], 0));
-}
-
-#[test]
-fn there_is_nothing_to_wait_for_while_the_end_of_a_cancelled_request_is_not_sent() {
-    let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
-    client.submit(Request::ReadJoints).unwrap();
-    assert_eq!(client.poll_transmit(Micros(0)).unwrap().len(), 7);
-    client.transmitted(Micros(0), 3).unwrap();
-    client.cancel(Micros(0));
-    client.submit(Request::ReadInfo).unwrap();
-    assert_eq!(client.poll_timeout(), None);
-    assert_eq!(client.poll_transmit(Micros(0)).unwrap().len(), 4);
-}
-
-#[test]
-fn a_request_that_comes_back_says_why() {
-    let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
-    client.submit(Request::ReadJoints).unwrap();
-    let busy = client.submit(Request::ReadInfo).unwrap_err();
-    assert_eq!(busy.to_string(), "a request is already in flight");
-}
-
-#[test]
-fn an_answer_that_has_begun_when_it_is_due_gets_the_time_to_end() {
-    let joints = hex("AA 06 00 0F 00 08 00 08 00 08 00 08 00 08 00 08 00 08 00");
-    let mut answer = [0; MAX_FRAME];
-    let frame = Frame {
-        command: 0x06,
-        function: 0,
-        data: &joints[4..],
-    };
-    let len = frame.encode(&mut answer).unwrap();
-    let (first, second) = answer[..len].split_at(10);
-
-    let mut client = Client::<Ling, MAX_FRAME>::new(Config::default());
-    client.submit(Request::ReadJoints).unwrap();
-    let sent = client.poll_transmit(Micros(0)).unwrap().len();
-    client.transmitted(Micros(0), sent).unwrap();
-    let due = client.poll_timeout().unwrap();
-    assert_eq!(client.handle(Micros(due.0 - 1), &mut Input::Bytes(first)), None);
-    assert_eq!(client.handle(due, &mut Input::Tick), None);
-    let later = due + Micros(5_000);
-    assert!(client.poll_timeout().unwrap() > later);
-    let event = client.handle(later, &mut Input::Bytes(second));
-    assert!(matches!(event, Some(Event::Answer(Response::Joints(_)))), "{event:?}");
-}
-
-#[test]
-fn what_comes_first_behind_an_idle_line_is_taken_whole() {
-    let query = hex("AA 06 00 01 FE 9A FF");
-    let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
-    assert_eq!(decoder.idle(()), None);
-    let line = [&[0x11, 0x22][..], &query, &query[..2]].concat();
-    let mut rest = &line[..];
-    let mut frames = 0;
-    while let Some(next) = decoder.decode(&mut rest, ()) {
-        frames += usize::from(next.is_ok());
-    }
-    assert_eq!((frames, rest.len(), decoder.pending()), (1, 0, 2));
-}
-
-#[test]
-fn nothing_that_changes_the_arm_may_be_repeated() {
-    for request in [
-        Request::SetZero,
-        Request::SetStroke(Stroke::Mm50),
-        Request::SetTorque(Torque::On),
-        moving(0),
-    ] {
-        assert!(!Ling::repeatable(&request), "{request:?}");
-    }
-    assert!(Ling::repeatable(&Request::ReadJoints));
 }
 
 #[test]

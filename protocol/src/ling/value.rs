@@ -295,9 +295,9 @@ impl Stroke {
     }
 }
 
-/// The temperature at which the arm protects itself, `0..=253` °C; 85 °C from the factory (section 2.5).
+/// The temperature at which the arm protects itself, `0..=255` °C but for 254; 85 °C from the factory (section 2.5).
 ///
-/// 254 cannot be said: on the wire it asks for the temperatures. 255 is left out with it: no servo gets there.
+/// 254 cannot be said: on the wire it reads the temperatures.
 ///
 /// ```
 /// use armwire::ling::TemperatureLimit;
@@ -312,24 +312,24 @@ impl Stroke {
 pub struct TemperatureLimit(u8);
 
 impl TemperatureLimit {
-    /// What a new arm has.
+    /// The limit of a new arm.
     pub const FACTORY: Self = Self(85);
 
     /// A limit in °C.
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] over 253.
+    /// [`OutOfRange`] for 254.
     pub const fn new(celsius: u8) -> Result<Self, OutOfRange> {
-        if celsius <= 253 {
+        if celsius != 254 {
             return Ok(Self(celsius));
         }
         Err(OutOfRange {
-            what: "temperature limit",
+            what: "temperature limit (254 reads the temperatures)",
             unit: "°C",
             got: celsius as u16,
             min: 0,
-            max: 253,
+            max: 255,
         })
     }
 
@@ -605,7 +605,7 @@ mod tests {
         assert!(Opening::from_fraction(1.0001).is_err());
         assert!(Opening::from_fraction(-0.0001).is_err());
         assert!(Opening::from_millimetres(50.01, Stroke::Mm50).is_err());
-        assert!(TemperatureLimit::new(255).is_err());
+        assert!(TemperatureLimit::new(254).is_err() && TemperatureLimit::new(255).is_ok());
     }
 
     #[test]

@@ -5,19 +5,19 @@ use core::fmt;
 use embedded_io_async::{Read, Write};
 
 use super::{
-    Command, Header, Joint, MAX_FRAME, ParseError, ProtocolId, Raw, Reply, Request, Response, RotationRadius,
-    SerialsText, State, TorqueSource, Transactions, VersionText, XArm,
+    Joint, MAX_FRAME, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TorqueSource,
+    VersionText, XArm,
 };
 use crate::Config;
-use crate::driver::{self, Clock, Counters, Driver};
+use crate::driver::{CallError, Clock, Counters, Driver};
 
 /// An xArm at the other end of a TCP connection.
 ///
 /// Every call fails with [`ArmError`]. What the arm says of its own state comes with every answer: a warning or an
 /// error of the arm does not make its answer wrong. See [`Driver`] on dropping a call.
 ///
-/// It is a type of its own, where those of the other protocols are names for [`Driver`], because it counts the
-/// transactions and gives the state with every answer.
+/// It is a type of its own, where those of the other protocols are names for [`Driver`], because it gives the state with every
+/// answer.
 ///
 /// ```
 /// # use armwire::driver::Clock;
@@ -26,9 +26,9 @@ use crate::driver::{self, Clock, Counters, Driver};
 /// use armwire::xarm::{Arm, ArmError, State};
 ///
 /// async fn is_well<P: Read + Write>(connection: P, clock: impl Clock) -> Result<bool, ArmError<P::Error>> {
-///     let mut arm = Arm::new(connection, clock, Config::TCP);
-///     let version = arm.read_version().await?;
-///     Ok(version.value.version().is_ok() && version.state == State::OK)
+///     let mut arm = Arm::open(connection, clock, Config::TCP);
+///     let version = arm.read_version(|text| text.version().is_ok()).await?;
+///     Ok(version.value && version.state == State::OK)
 /// }
 /// ```
 ///
@@ -39,8 +39,6 @@ use crate::driver::{self, Clock, Counters, Driver};
 /// ```
 pub struct Arm<Port, C> {
     driver: Driver<XArm, Port, C, MAX_FRAME>,
-    transactions: Transactions,
-    protocol: ProtocolId,
 }
 
 /// What the arm answered.
@@ -52,9 +50,6 @@ pub struct Answer<T> {
     /// How the arm is.
     pub state: State,
 }
-
-/// Why a call to an xArm got no answer: `E` is the error of the port.
-pub type CallError<E> = driver::CallError<E, ParseError>;
 
 /// Why a call failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,44 +88,48 @@ impl<E: core::error::Error + 'static> core::error::Error for ArmError<E> {
 
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     /// The arm at the other end of `port`, in protocol id 2. [`Config::TCP`] suits.
-    pub const fn new(port: Port, clock: C, config: Config) -> Self {
+    pub const fn open(port: Port, clock: C, config: Config) -> Self {
         Self {
-            driver: Driver::new(port, clock, config),
-            transactions: Transactions::new(),
-            protocol: ProtocolId::Private,
+            driver: Driver::new(XArm::PRIVATE, port, clock, config),
         }
     }
 
     /// Makes every later call in this protocol id.
     pub const fn set_protocol(&mut self, protocol: ProtocolId) {
-        self.protocol = protocol;
+        self.driver.messages_mut().protocol = protocol;
     }
 
-    /// What the arm is and what runs on it.
-    pub async fn read_version(&mut self) -> Result<Answer<VersionText>, ArmError<Port::Error>> {
-        let reply = |reply| match reply {
-            Reply::Version(text) => Some(text),
+    /// The kind of the arm and the software on it: what `take` makes of the text.
+    pub async fn read_version<T>(
+        &mut self,
+        take: impl FnOnce(VersionText<'_>) -> T,
+    ) -> Result<Answer<T>, ArmError<Port::Error>> {
+        let take = |reply: Reply<'_>| match reply {
+            Reply::Version(text) => Some(take(text)),
             _ => None,
         };
-        self.call(Command::ReadVersion, reply).await
+        self.call(Request::ReadVersion, take).await
     }
 
-    /// The serial numbers of the arm and of its control box.
-    pub async fn read_serials(&mut self) -> Result<Answer<SerialsText>, ArmError<Port::Error>> {
-        let reply = |reply| match reply {
-            Reply::Serials(text) => Some(text),
+    /// The serial numbers of the arm and of its control box: what `take` makes of them.
+    pub async fn read_serials<T>(
+        &mut self,
+        take: impl FnOnce(SerialsText<'_>) -> T,
+    ) -> Result<Answer<T>, ArmError<Port::Error>> {
+        let take = |reply: Reply<'_>| match reply {
+            Reply::Serials(text) => Some(take(text)),
             _ => None,
         };
-        self.call(Command::ReadSerials, reply).await
+        self.call(Request::ReadSerials, take).await
     }
 
     /// What the arm reports as the torque of its joints.
     pub async fn read_torque_source(&mut self) -> Result<Answer<TorqueSource>, ArmError<Port::Error>> {
-        let reply = |reply| match reply {
+        let take = |reply: Reply<'_>| match reply {
             Reply::TorqueSource(source) => Some(source),
             _ => None,
         };
-        self.call(Command::ReadTorqueSource, reply).await
+        self.call(Request::ReadTorqueSource, take).await
     }
 
     /// The radius of rotation of a joint relative to the tool.
@@ -138,40 +137,45 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         &mut self,
         joint: Joint,
     ) -> Result<Answer<RotationRadius>, ArmError<Port::Error>> {
-        let reply = |reply| match reply {
+        let take = |reply: Reply<'_>| match reply {
             Reply::RotationRadius(radius) => Some(radius),
             _ => None,
         };
-        self.call(Command::ReadRotationRadius(joint), reply).await
+        self.call(Request::ReadRotationRadius(joint), take).await
     }
 
     /// Reloads the friction parameters.
     pub async fn reload_dynamics(&mut self) -> Result<Answer<()>, ArmError<Port::Error>> {
-        self.call(Command::ReloadDynamics, done).await
+        self.call(Request::ReloadDynamics, done).await
     }
 
     /// Shuts the arm's operating system down.
     pub async fn shut_down(&mut self) -> Result<Answer<()>, ArmError<Port::Error>> {
-        self.call(Command::Shutdown, done).await
+        self.call(Request::Shutdown, done).await
     }
 
     /// Restarts the arm's operating system.
     pub async fn reboot(&mut self) -> Result<Answer<()>, ArmError<Port::Error>> {
-        self.call(Command::Reboot, done).await
+        self.call(Request::Reboot, done).await
     }
 
-    /// Asks any other register, and waits 10 s for the answer: see [`Command::Raw`] for registers that take longer.
-    pub async fn raw(&mut self, request: Raw) -> Result<Answer<Raw>, ArmError<Port::Error>> {
-        let reply = |reply| match reply {
-            Reply::Raw(raw) => Some(raw),
+    /// Asks any other register, waits 10 s for the answer, and returns what `take` makes of it: see [`Request::Raw`] for registers
+    /// that take longer.
+    pub async fn raw<T>(
+        &mut self,
+        request: Raw<'_>,
+        take: impl FnOnce(Raw<'_>) -> T,
+    ) -> Result<Answer<T>, ArmError<Port::Error>> {
+        let take = |reply: Reply<'_>| match reply {
+            Reply::Raw(raw) => Some(take(raw)),
             _ => None,
         };
-        self.call(Command::Raw(request), reply).await
+        self.call(Request::Raw(request), take).await
     }
 
     /// Says that the host is there. The arm does not answer.
     pub async fn heartbeat(&mut self) -> Result<(), ArmError<Port::Error>> {
-        self.driver.call(Request::Heartbeat).await?;
+        self.driver.tell(&Request::Heartbeat).await?;
         Ok(())
     }
 
@@ -187,21 +191,15 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     async fn call<T>(
         &mut self,
-        command: Command,
-        value: fn(Reply) -> Option<T>,
+        request: Request<'_>,
+        take: impl FnOnce(Reply<'_>) -> Option<T>,
     ) -> Result<Answer<T>, ArmError<Port::Error>> {
-        let header = Header {
-            transaction: self.transactions.next_id(),
-            protocol: self.protocol,
+        let take = |response: Response<'_>| match response {
+            Response::Reply { state, reply } => Some((state, take(reply))),
+            _ => None,
         };
-        let (state, reply) = self
-            .driver
-            .read(Request::Call { header, command }, |response| match response {
-                Response::Reply { state, reply, .. } => Some((state, reply)),
-                _ => None,
-            })
-            .await?;
-        match value(reply) {
+        let (state, value) = self.driver.read(&request, take).await?;
+        match value {
             Some(value) if !state.contains(State::INVALID) => Ok(Answer { value, state }),
             _ => Err(ArmError::Refused(state)),
         }
@@ -210,15 +208,11 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
 impl<Port, C> fmt::Debug for Arm<Port, C> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Arm")
-            .field("driver", &self.driver)
-            .field("transactions", &self.transactions)
-            .field("protocol", &self.protocol)
-            .finish()
+        f.debug_struct("Arm").field("driver", &self.driver).finish()
     }
 }
 
 /// The answer of a register that has nothing to say but that it is done.
-fn done(reply: Reply) -> Option<()> {
+fn done(reply: Reply<'_>) -> Option<()> {
     matches!(reply, Reply::Empty(_) | Reply::SystemControl(_)).then_some(())
 }

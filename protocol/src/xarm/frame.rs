@@ -20,7 +20,8 @@
 //! long, or a heartbeat that is none, is skipped.
 
 use super::XArm;
-use crate::{BufferTooShort, EncodeError, Framing, OutOfRange, Reason, Scan};
+use crate::framing::{Framing, Reason, Scan};
+use crate::{BufferTooShort, EncodeError, OutOfRange};
 
 /// Bytes before the body.
 pub const HEADER: usize = 6;
@@ -124,12 +125,7 @@ impl Frame<'_> {
             let expected = &[0];
             return Err(EncodeError::Byte { offset, expected, got });
         }
-        self.put(out).map_err(EncodeError::BufferTooShort)
-    }
-
-    /// Writes a frame that is known to be one.
-    pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        put(out, self.transaction, self.protocol, [self.body, &[]])
+        put(out, self.transaction, self.protocol, [self.body, &[]]).map_err(EncodeError::BufferTooShort)
     }
 
     /// All of it.
@@ -161,9 +157,9 @@ fn bytes(transaction: u16, protocol: u16, body: [&[u8]; 2]) -> impl Iterator<Ite
         .chain(end.iter().copied())
 }
 
-/// A byte that breaks the stream: the bytes up to it, `seen` of them, are no frame.
-const fn broken(seen: usize, offset: u8, expected: &'static [u8], got: u8) -> Scan {
-    Scan::Broken(seen, Reason::Byte { offset, expected, got })
+/// A byte that breaks the stream.
+const fn broken(offset: u8, expected: &'static [u8], got: u8) -> Scan {
+    Scan::Broken(Reason::Byte { offset, expected, got })
 }
 
 /// The first byte of a frame that is not the [`HEARTBEAT`]'s, and where it is.
@@ -172,24 +168,35 @@ fn wrong_in_heartbeat(frame: impl Iterator<Item = u8>) -> Option<(u8, u8)> {
     pairs.find_map(|(offset, (got, expected))| (got != expected).then_some((offset, got)))
 }
 
-impl Framing for XArm {
-    const MAX_FRAME: usize = MAX_FRAME;
-    const RELIABLE: bool = true;
-    type Expect = Direction;
-    type Frame<'a> = Frame<'a>;
+impl<'a> Frame<'a> {
+    /// The frame that these bytes are; `None` if its length field does not say how many they are.
+    pub fn parse(bytes: &'a [u8]) -> Option<Self> {
+        let (&[t1, t0, p1, p0, n1, n0], body) = bytes.split_first_chunk()?;
+        let n = usize::from(u16::from_be_bytes([n1, n0]));
+        (n > 0 && n == body.len()).then_some(Self {
+            transaction: u16::from_be_bytes([t1, t0]),
+            protocol: u16::from_be_bytes([p1, p0]),
+            body,
+        })
+    }
+}
 
-    fn scan(window: &[u8], direction: Direction) -> Scan {
+impl Framing for XArm {
+    const LOSSLESS: bool = true;
+    type Expect = Direction;
+
+    fn scan(&self, window: &[u8], direction: Direction) -> Scan {
         let Some((&[_, _, high], rest)) = window.split_first_chunk() else {
             return Scan::Need(3 - window.len());
         };
         if high != 0 {
-            return broken(3, 2, &[0], high);
+            return broken(2, &[0], high);
         }
         let Some((&low, rest)) = rest.split_first() else {
             return Scan::Need(1);
         };
         if u16::from(low) > LAST_ID {
-            return broken(4, 3, &[0, 1, 2, 3], low);
+            return broken(3, &[0, 1, 2, 3], low);
         }
         let Some((&length, body)) = rest.split_first_chunk() else {
             return Scan::Need(2 - rest.len());
@@ -198,7 +205,7 @@ impl Framing for XArm {
         let (min, max) = lengths(protocol, direction);
         let got = u16::from_be_bytes(length);
         if !(min..=max).contains(&got) {
-            return Scan::Skip(HEADER + usize::from(got), Reason::Length { min, max, got });
+            return Scan::Noise(HEADER + usize::from(got), Reason::Length { min, max, got });
         }
         let got = usize::from(got);
         if let Some(missing @ 1..) = got.checked_sub(body.len()) {
@@ -208,18 +215,27 @@ impl Framing for XArm {
             && let Some((offset, got)) = wrong_in_heartbeat(window.iter().copied())
         {
             let expected = &[0];
-            return Scan::Skip(HEARTBEAT.len(), Reason::Byte { offset, expected, got });
+            return Scan::Noise(HEARTBEAT.len(), Reason::Byte { offset, expected, got });
         }
         Scan::Frame(HEADER + got)
     }
 
-    fn view(bytes: &[u8]) -> Option<Frame<'_>> {
-        let (&[t1, t0, p1, p0, n1, n0], body) = bytes.split_first_chunk()?;
-        let n = usize::from(u16::from_be_bytes([n1, n0]));
-        (n > 0 && n == body.len()).then_some(Frame {
-            transaction: u16::from_be_bytes([t1, t0]),
-            protocol: u16::from_be_bytes([p1, p0]),
-            body,
-        })
+    fn terminator(&self, _direction: Direction) -> Option<u8> {
+        None
+    }
+
+    fn shortest(&self, direction: Direction) -> usize {
+        match direction {
+            Direction::Requests => HEADER + 1,
+            Direction::Responses => HEADER + 2,
+        }
+    }
+
+    fn requests(&self) -> Direction {
+        Direction::Requests
+    }
+
+    fn unsolicited(&self) -> Direction {
+        Direction::Responses
     }
 }

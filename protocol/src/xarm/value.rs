@@ -6,12 +6,11 @@ use core::str;
 
 use super::MAX_PARAMS;
 use crate::OutOfRange;
-use crate::copy::hidden;
 
 /// How many axes an arm has at most.
 pub const MAX_JOINTS: u8 = 7;
 
-/// Bytes of a text parameter (registers 1 and 2).
+/// Bytes of a text parameter (registers 1 and 2) as the arms send it, filled up with NUL. The document says "n Byte".
 pub const TEXT: usize = 40;
 
 /// Which of the arm's two dialects a message is in. A response is in that of its request.
@@ -334,12 +333,13 @@ impl PartialEq for RotationRadius {
 
 impl Eq for RotationRadius {}
 
-/// What kind of arm it is and what runs on it, as the arm sends it (register 1): text, filled up with NUL.
+/// The kind of the arm and the software on it, as the arm sends it (register 1): text, filled up with NUL.
 ///
 /// ```
 /// use armwire::xarm::VersionText;
 ///
-/// let text = VersionText::new("6,6,XI1202,AC1302,v1.12.10")?;
+/// let bytes = VersionText::encode("6,6,XI1202,AC1302,v1.12.10")?;
+/// let text = VersionText(&bytes);
 /// let version = text.version().unwrap();
 /// assert_eq!((version.axes, version.kind), (6, 6));
 /// assert_eq!((version.arm, version.control_box), ("XI1202", "AC1302"));
@@ -348,25 +348,25 @@ impl Eq for RotationRadius {}
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct VersionText(pub [u8; TEXT]);
+pub struct VersionText<'a>(pub &'a [u8]);
 
-impl VersionText {
-    /// What an arm sends for this text.
+impl<'a> VersionText<'a> {
+    /// The bytes that an arm sends for this text.
     ///
     /// # Errors
     ///
     /// [`OutOfRange`] when it has more than 39 characters, for the vendor's package needs a NUL after it, or when one
     /// of them is not printable ASCII.
-    pub fn new(text: &str) -> Result<Self, OutOfRange> {
+    pub fn encode(text: &str) -> Result<[u8; TEXT], OutOfRange> {
         check_len("version text", text.len(), TEXT - 1)?;
         check_characters("character of a version", text, b' ')?;
         let mut bytes = [0; TEXT];
         put(&mut bytes, text.bytes());
-        Ok(Self(bytes))
+        Ok(bytes)
     }
 
     /// The text up to the first NUL, or `None` if one of its bytes is not printable ASCII.
-    pub fn as_str(&self) -> Option<&str> {
+    pub fn as_str(self) -> Option<&'a str> {
         printable(self.text())
     }
 
@@ -378,7 +378,7 @@ impl VersionText {
     /// # Errors
     ///
     /// [`VersionError`] when the text is another. Old firmware sends its own version and nothing else.
-    pub fn version(&self) -> Result<Version<'_>, VersionError> {
+    pub fn version(self) -> Result<Version<'a>, VersionError> {
         let text = self.as_str().ok_or(VersionError::NotText)?;
         // Not `str::split`: in `core` it has a path to a panic.
         let mut fields = text.as_bytes().split(|&byte| byte == b',');
@@ -400,13 +400,13 @@ impl VersionText {
         })
     }
 
-    fn text(&self) -> &[u8] {
+    fn text(self) -> &'a [u8] {
         self.0.split(|&byte| byte == 0).next().unwrap_or_default()
     }
 }
 
 /// What is not printable is escaped: it came from outside.
-impl fmt::Display for VersionText {
+impl fmt::Display for VersionText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.text().escape_ascii())
     }
@@ -455,9 +455,7 @@ fn number<T: str::FromStr>(digits: &[u8]) -> Option<T> {
 /// ```
 /// use armwire::xarm::VersionText;
 ///
-/// let mut text = [0; 40];
-/// text[..6].copy_from_slice(b"v1.0.2");
-/// let error = VersionText(text).version().unwrap_err();
+/// let error = VersionText(b"v1.0.2").version().unwrap_err();
 /// assert_eq!(error.to_string(), "the version has 1 fields, expected axes,type,arm,control box,firmware");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -496,51 +494,51 @@ impl core::error::Error for VersionError {}
 /// ```
 /// use armwire::xarm::SerialsText;
 ///
-/// let serials = SerialsText::new("XI120204201B02", "AC130202B02L02")?;
+/// let bytes = SerialsText::encode("XI120204201B02", "AC130202B02L02")?;
+/// let serials = SerialsText(&bytes);
 /// assert_eq!(serials.arm(), Some("XI120204201B02"));
 /// assert_eq!(serials.control_box(), Some("AC130202B02L02"));
 /// # Ok::<(), armwire::OutOfRange>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct SerialsText(pub [u8; TEXT]);
+pub struct SerialsText<'a>(pub &'a [u8]);
 
-impl SerialsText {
-    /// What an arm sends for these serial numbers.
+impl<'a> SerialsText<'a> {
+    /// The bytes that an arm sends for these serial numbers.
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when the two have more than 37 characters together, or when one of them is not ASCII that can be
-    /// seen.
-    pub fn new(arm: &str, control_box: &str) -> Result<Self, OutOfRange> {
+    /// [`OutOfRange`] when the two have more than 37 characters together, or when one of them is not visible ASCII.
+    pub fn encode(arm: &str, control_box: &str) -> Result<[u8; TEXT], OutOfRange> {
         check_len("serial numbers", arm.len().saturating_add(control_box.len()), TEXT - 3)?;
         check_characters("character of a serial number", arm, b'!')?;
         check_characters("character of a serial number", control_box, b'!')?;
         let mut bytes = [0; TEXT];
         let text = arm.bytes().chain([0]).chain(control_box.bytes()).chain([b'\n']);
         put(&mut bytes, text);
-        Ok(Self(bytes))
+        Ok(bytes)
     }
 
     /// The arm's, or `None` if it is not printable ASCII.
-    pub fn arm(&self) -> Option<&str> {
+    pub fn arm(self) -> Option<&'a str> {
         printable(self.part(0))
     }
 
     /// The control box's, or `None` if it is not printable ASCII.
-    pub fn control_box(&self) -> Option<&str> {
+    pub fn control_box(self) -> Option<&'a str> {
         printable(self.part(1))
     }
 
     /// What stands between two NULs, without the line feed at its end.
-    fn part(&self, n: usize) -> &[u8] {
+    fn part(self, n: usize) -> &'a [u8] {
         let part = self.0.split(|&byte| byte == 0).nth(n).unwrap_or_default();
         part.strip_suffix(b"\n").unwrap_or(part)
     }
 }
 
 /// What is not printable is escaped: it came from outside.
-impl fmt::Display for SerialsText {
+impl fmt::Display for SerialsText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (arm, control_box) = (self.part(0).escape_ascii(), self.part(1).escape_ascii());
         write!(f, "{arm}, control box {control_box}")
@@ -601,52 +599,32 @@ fn put(bytes: &mut [u8], text: impl Iterator<Item = u8>) {
 /// );
 /// # Ok::<(), RawError>(())
 /// ```
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Raw {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Raw<'a> {
     register: u8,
-    len: u8,
-    /// Zero from `len` on.
-    params: [u8; MAX_PARAMS],
+    params: &'a [u8],
 }
 
-impl Raw {
+impl<'a> Raw<'a> {
     /// A register and its parameters.
     ///
     /// # Errors
     ///
     /// [`RawError`] when the register has types of its own, or there are more than [`MAX_PARAMS`] bytes of parameters.
-    pub fn new(register: u8, params: &[u8]) -> Result<Self, RawError> {
-        Self::check(register, params).map(|()| Self::from_wire(register, params))
-    }
-
-    /// Whether there may be such.
-    pub(super) fn check(register: u8, params: &[u8]) -> Result<(), RawError> {
+    pub const fn new(register: u8, params: &'a [u8]) -> Result<Self, RawError> {
         if let Some(register) = Register::from_code(register) {
             return Err(RawError::Typed(register));
         }
         match params.len() {
-            0..=MAX_PARAMS => Ok(()),
+            0..=MAX_PARAMS => Ok(Self { register, params }),
             got => Err(RawError::TooLong { max: MAX_PARAMS, got }),
         }
     }
 
-    /// A register and its parameters, of which it is known that there may be such.
-    #[inline(always)]
-    pub(super) fn from_wire(register: u8, params: &[u8]) -> Self {
-        Self {
-            register,
-            len: params.len() as u8,
-            params: padded(params),
-        }
-    }
-
-    /// A register, which must not be one of [`Register`], without parameters.
-    pub(super) const fn empty(register: u8) -> Self {
-        Self {
-            register,
-            len: 0,
-            params: [0; MAX_PARAMS],
-        }
+    /// A register that is none of [`Register`], and its parameters, as they came in a frame.
+    pub(super) const fn from_wire(register: u8, params: &'a [u8]) -> Self {
+        Self { register, params }
     }
 
     /// The register.
@@ -655,77 +633,8 @@ impl Raw {
     }
 
     /// The parameters.
-    pub const fn params(&self) -> &[u8] {
-        match self.params.as_slice().split_at_checked(self.len as usize) {
-            Some((params, _)) => params,
-            None => &[],
-        }
-    }
-
-    /// The same with its parameters borrowed.
-    pub const fn borrowed(&self) -> RawRef<'_> {
-        RawRef::from_wire(self.register, self.params())
-    }
-}
-
-/// A [`Raw`] whose parameters are borrowed.
-///
-/// ```
-/// use armwire::xarm::Raw;
-///
-/// let mode = Raw::new(19, &[1])?;
-/// assert_eq!((mode.borrowed().register(), mode.borrowed().params()), (19, &[1][..]));
-/// # Ok::<(), armwire::xarm::RawError>(())
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct RawRef<'a> {
-    register: u8,
-    params: &'a [u8],
-}
-
-impl<'a> RawRef<'a> {
-    /// A register and its parameters, of which it is known that there may be such.
-    pub(super) const fn from_wire(register: u8, params: &'a [u8]) -> Self {
-        Self { register, params }
-    }
-
-    /// The register.
-    pub const fn register(self) -> u8 {
-        self.register
-    }
-
-    /// The parameters.
-    pub const fn params(self) -> &'a [u8] {
+    pub const fn params(&self) -> &'a [u8] {
         self.params
-    }
-}
-
-/// These bytes, as far as there is room, and zeros behind them.
-///
-/// The compiler builds a local in the place of what is returned only if it is never borrowed, as it is to iterate over it.
-#[inline(never)]
-pub(super) fn padded<const N: usize>(bytes: &[u8]) -> [u8; N] {
-    let mut all = [0; N];
-    for (at, byte) in (0..N).zip(hidden(bytes)) {
-        all[at] = hidden(*byte);
-    }
-    all
-}
-
-impl fmt::Debug for Raw {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Raw")
-            .field("register", &self.register)
-            .field("params", &self.params())
-            .finish()
-    }
-}
-
-#[cfg(feature = "defmt")]
-impl defmt::Format for Raw {
-    fn format(&self, f: defmt::Formatter<'_>) {
-        defmt::write!(f, "Raw {{ register: {}, params: {} }}", self.register, self.params());
     }
 }
 
@@ -804,7 +713,10 @@ mod tests {
 
     #[test]
     fn a_version_is_five_fields_the_first_two_numbers() {
-        let version = |text| VersionText::new(text).unwrap().version().map(|version| version.axes);
+        let version = |text| {
+            let bytes = VersionText::encode(text).unwrap();
+            VersionText(&bytes).version().map(|version| version.axes)
+        };
         assert_eq!(version("7,12,XI1300,AC1300,v2.5.0"), Ok(7));
         assert_eq!(version("v1.0.2"), Err(VersionError::Fields { got: 1 }));
         assert_eq!(
@@ -814,7 +726,7 @@ mod tests {
         assert_eq!(version("+6,6,a,b,v1.1.1"), Err(VersionError::Number("number of axes")));
         assert_eq!(version("six,6,a,b,v1.1.1"), Err(VersionError::Number("number of axes")));
         assert_eq!(version("6,256,a,b,v1.1.1"), Err(VersionError::Number("type")));
-        assert_eq!(VersionText([0xFF; TEXT]).version(), Err(VersionError::NotText));
+        assert_eq!(VersionText(&[0xFF; TEXT]).version(), Err(VersionError::NotText));
     }
 
     #[test]
@@ -839,38 +751,38 @@ mod tests {
     #[test]
     fn texts_without_a_nul_are_read_to_their_end() {
         let mut text = [b'7'; TEXT];
-        assert_eq!(VersionText(text).as_str().map(str::len), Some(TEXT));
+        assert_eq!(VersionText(&text).as_str().map(str::len), Some(TEXT));
         text[20] = 0;
-        assert_eq!(SerialsText(text).arm().map(str::len), Some(20));
-        assert_eq!(SerialsText(text).control_box().map(str::len), Some(19));
-        assert_eq!(SerialsText([0; TEXT]).control_box(), Some(""));
+        assert_eq!(SerialsText(&text).arm().map(str::len), Some(20));
+        assert_eq!(SerialsText(&text).control_box().map(str::len), Some(19));
+        assert_eq!(SerialsText(&[0; TEXT]).control_box(), Some(""));
     }
 
     #[test]
     fn a_text_that_does_not_fit_or_cannot_be_shown_is_refused() {
         let long = "0123456789012345678901234567890123456789";
-        let error = VersionText::new(long).unwrap_err();
+        let error = VersionText::encode(long).unwrap_err();
         assert_eq!(std::format!("{error}"), "version text is 40 characters, must be 0..=39");
-        assert!(VersionText::new(&long[..39]).is_ok_and(|text| text.0[39] == 0));
-        assert!(SerialsText::new(&long[..20], &long[..18]).is_err());
-        assert!(SerialsText::new(&long[..20], &long[..17]).is_ok_and(|text| text.0[39] == 0));
-        assert!(SerialsText::new("A B", "C").is_err() && SerialsText::new("A", "B\n").is_err());
-        assert!(SerialsText::new("\u{E9}", "C").is_err() && SerialsText::new("A", "\u{7F}").is_err());
-        assert!(VersionText::new("6,6\n").is_err() && VersionText::new("\u{E9}").is_err());
+        assert!(VersionText::encode(&long[..39]).is_ok_and(|text| text[39] == 0));
+        assert!(SerialsText::encode(&long[..20], &long[..18]).is_err());
+        assert!(SerialsText::encode(&long[..20], &long[..17]).is_ok_and(|text| text[39] == 0));
+        assert!(SerialsText::encode("A B", "C").is_err() && SerialsText::encode("A", "B\n").is_err());
+        assert!(SerialsText::encode("\u{E9}", "C").is_err() && SerialsText::encode("A", "\u{7F}").is_err());
+        assert!(VersionText::encode("6,6\n").is_err() && VersionText::encode("\u{E9}").is_err());
     }
 
     #[test]
     fn what_an_arm_sends_cannot_steer_a_terminal() {
         let mut text = [0; TEXT];
         put(&mut text, b"AD\x1b[31m\0\x07\n".iter().copied());
-        assert_eq!(SerialsText(text).arm(), None);
-        assert_eq!(std::format!("{}", SerialsText(text)), "AD\\x1b[31m, control box \\x07");
-        assert_eq!(std::format!("{}", VersionText(text)), "AD\\x1b[31m");
+        assert_eq!(SerialsText(&text).arm(), None);
+        assert_eq!(std::format!("{}", SerialsText(&text)), "AD\\x1b[31m, control box \\x07");
+        assert_eq!(std::format!("{}", VersionText(&text)), "AD\\x1b[31m");
         // UTF-8, and a terminal's control characters all the same: DEL and CSI.
         for control in ["\u{7F}", "\u{9B}31m"] {
             let mut text = [0; TEXT];
             put(&mut text, control.bytes());
-            assert_eq!((VersionText(text).as_str(), SerialsText(text).arm()), (None, None));
+            assert_eq!((VersionText(&text).as_str(), SerialsText(&text).arm()), (None, None));
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Virtual servos on a bus of their own, without a robot around them.
 
-use armwire::alpha1::{Request, ServoId};
-use armwire::{Input, Micros};
+use armwire::Micros;
+use armwire::alpha1::{Alpha1, Request, ServoId};
+use armwire::messages::Messages;
 
 use super::SERVOS;
 use super::chain::Chain;
@@ -91,19 +92,20 @@ impl ServoBus {
         self.port.counters
     }
 
-    fn hear(&mut self, now: Micros, input: &mut Input<'_>) {
-        while let Some(request) = self.port.hear(input) {
-            let answer = match request {
-                Request::Servo(request) => self.chain.obey(now, &request),
+    fn hear(&mut self, now: Micros) {
+        while let Some(frame) = self.port.next_request() {
+            let answer = match Alpha1.parse_request(&frame) {
+                Ok(Request::Servo(request)) => self.chain.obey(now, &request),
                 _ => None,
             };
-            self.port.reply(now, &request, answer);
+            self.port.reply(now, &frame, answer);
         }
     }
 
     fn advance(&mut self, now: Micros) {
         if let Some(idle_at) = self.port.take_idle(now) {
-            self.hear(idle_at, &mut Input::Idle);
+            self.port.idle();
+            self.hear(idle_at);
         }
     }
 }
@@ -111,9 +113,8 @@ impl ServoBus {
 impl SerialDevice for ServoBus {
     fn receive(&mut self, now: Micros, byte: u8) {
         self.advance(now);
-        if self.port.notice(now, byte) {
-            self.hear(now, &mut Input::Bytes(&[byte]));
-        }
+        self.port.receive(now, byte);
+        self.hear(now);
     }
 
     fn transmit(&mut self, now: Micros) -> Option<u8> {

@@ -1,7 +1,8 @@
 //! Servos on one wire.
 
+use armwire::Micros;
 use armwire::alpha1::{Alpha1, MAX_FRAME, Response, ServoId, ServoRequest};
-use armwire::{Micros, Protocol};
+use armwire::messages::Messages;
 
 use super::servo::Servo;
 
@@ -39,8 +40,10 @@ fn and(mut wire: Vec<u8>, other: Vec<u8>) -> Vec<u8> {
 }
 
 /// The bytes of a response.
-pub(super) fn encode(response: &Response) -> Vec<u8> {
+pub(super) fn encode(response: &Response<'_>) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
-    let len = Alpha1::encode_response(response, &mut out).expect("every response fits the longest frame");
+    let len = Alpha1
+        .encode_response(response, None, &mut out)
+        .expect("every response fits the longest frame");
     out[..len].to_vec()
 }

@@ -2,8 +2,11 @@
 
 use std::collections::VecDeque;
 
-use armwire::alpha1::{Alpha1, MAX_FRAME, Outcome, Request};
-use armwire::{Device, Heard, Input, Micros, Protocol};
+use armwire::Micros;
+use armwire::alpha1::{Alpha1, Expect, MAX_FRAME, Outcome, hid};
+use armwire::decoder::{Decoder, Kind as ItemKind};
+use armwire::dialect::Dialect;
+use armwire::messages::Messages;
 
 use crate::serial::Counters;
 
@@ -15,7 +18,7 @@ pub(super) const MAX_REPLIES: usize = 8;
 pub(super) enum Kind {
     /// Bytes, both ways at once.
     Serial,
-    /// The same, but each answer is a USB HID report: filled up with zeros to 64 bytes.
+    /// The same, but each answer is in USB HID reports: filled up with zeros to 64 bytes.
     Reports,
     /// One wire for both ways, on which a host may hear itself.
     SingleWire { echo: bool },
@@ -35,7 +38,7 @@ pub(super) struct Port {
     turnaround: Micros,
     /// How long the line must be silent for a frame that waits for its end to be given up.
     idle: Micros,
-    device: Device<Alpha1, MAX_FRAME>,
+    decoder: Decoder<MAX_FRAME>,
     /// When the line counts as idle, if it is not known to be.
     idle_at: Option<Micros>,
     echo: VecDeque<u8>,
@@ -49,7 +52,7 @@ impl Port {
             kind,
             turnaround,
             idle,
-            device: Device::new(),
+            decoder: Decoder::new(),
             idle_at: None,
             echo: VecDeque::new(),
             replies: VecDeque::new(),
@@ -57,20 +60,26 @@ impl Port {
         }
     }
 
-    /// Takes note of a byte, and returns whether it can be heard: on a single wire not while an answer is on it.
-    pub(super) fn notice(&mut self, now: Micros, byte: u8) -> bool {
+    /// Takes a byte, unless it cannot be heard: on a single wire it cannot while an answer is on it.
+    pub(super) fn receive(&mut self, now: Micros, byte: u8) {
         self.counters.bytes += 1;
         if let Kind::SingleWire { echo } = self.kind {
             if self.is_talking() {
                 self.counters.collided += 1;
-                return false;
+                return;
             }
             if echo {
                 self.echo.push_back(byte);
             }
         }
         self.idle_at = Some(now + self.idle);
-        true
+        // All before it was taken out: there is room.
+        let _ = self.decoder.push(&[byte]);
+    }
+
+    /// Lets the decoder know that the line is idle.
+    pub(super) fn idle(&mut self) {
+        self.decoder.idle();
     }
 
     /// The time at which the line became idle, if it has by now; once.
@@ -78,16 +87,18 @@ impl Port {
         self.idle_at.take_if(|idle_at| *idle_at <= now)
     }
 
-    /// The next request in the input. Call again with the same input until it returns `None`.
-    pub(super) fn hear(&mut self, input: &mut Input<'_>) -> Option<Request> {
+    /// The frame of the next request. Call again until it returns `None`.
+    pub(super) fn next_request(&mut self) -> Option<Vec<u8>> {
         loop {
-            match self.device.handle(input)? {
-                Heard::Request(request) => {
+            let item = self.decoder.next(&Alpha1, Expect::Requests)?;
+            match item.kind {
+                ItemKind::Frame if Alpha1.parse_request(item.bytes).is_ok() => {
                     self.counters.requests += 1;
-                    return Some(request);
+                    return Some(item.bytes.to_vec());
                 }
-                Heard::Unknown(_) => self.counters.unknown += 1,
-                Heard::Noise(noise) | Heard::Broken(noise) => self.counters.noise_bytes += noise.len as u64,
+                ItemKind::Frame => self.counters.unknown += 1,
+                ItemKind::Noise(_) | ItemKind::Broken(_) => self.counters.noise_bytes += item.bytes.len() as u64,
+                ItemKind::Padding => {}
             }
         }
     }
@@ -99,9 +110,10 @@ impl Port {
     }
 
     /// Queues the answer to a request that was heard at `now`, if there is one.
-    pub(super) fn reply(&mut self, now: Micros, request: &Request, answer: Option<Vec<u8>>) {
+    pub(super) fn reply(&mut self, now: Micros, request: &[u8], answer: Option<Vec<u8>>) {
         let Some(mut bytes) = answer else {
-            self.counters.refused += u64::from(Alpha1::reply(request).is_some());
+            let answered = Alpha1.request(request).is_some_and(|info| info.response.is_some());
+            self.counters.refused += u64::from(answered);
             return;
         };
         if self.replies.len() == MAX_REPLIES {
@@ -110,8 +122,7 @@ impl Port {
         }
         self.counters.answered += 1;
         if self.kind == Kind::Reports {
-            // The longest frame is as long as a report.
-            bytes.resize(MAX_FRAME, 0);
+            bytes = hid::reports(&bytes).flatten().collect();
         }
         self.replies.push_back(Reply {
             due: now + self.turnaround,

@@ -14,11 +14,12 @@
 
 use std::slice;
 
+use armwire::Micros;
 use armwire::alpha1::{
-    Action, FirmwareVersion, OLDEST_FIRMWARE, OffsetTool, Outcome, Request, Response, ServoId, ServoStates, Text,
-    UsbType,
+    Action, Alpha1, FirmwareVersion, OLDEST_FIRMWARE, OffsetTool, Outcome, Request, Response, ServoId, ServoStates,
+    Text, UsbType,
 };
-use armwire::{Input, Micros};
+use armwire::messages::Messages;
 
 use super::SERVOS;
 use super::action::{NamedAction, Pose, STANDING};
@@ -30,16 +31,14 @@ use crate::serial::{Counters, SerialDevice};
 /// What a virtual robot is, and how it answers.
 ///
 /// ```
-/// use armwire::alpha1::Text;
 /// use armwire_sim::alpha1::RobotConfig;
 ///
-/// let config = RobotConfig { hardware: Text::new(b"Alpha1_V1.0")?, hid: true, ..RobotConfig::default() };
-/// # Ok::<(), armwire::OutOfRange>(())
+/// let config = RobotConfig { hardware: b"Alpha1_V1.0".to_vec(), hid: true, ..RobotConfig::default() };
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RobotConfig {
-    /// Hardware version.
-    pub hardware: Text,
+    /// Hardware version, at most 254 bytes.
+    pub hardware: Vec<u8>,
     /// Firmware version, ten digits: the oldest that speaks this protocol is [`OLDEST_FIRMWARE`].
     pub firmware: [u8; 10],
     /// From the last stop bit of a request, or the last byte of the answer before, to the first start bit of its
@@ -49,7 +48,7 @@ pub struct RobotConfig {
     /// not known. On USB a host that is held up pauses inside a request, so this is long: as long as a host waits for
     /// what a robot has at hand.
     pub idle: Micros,
-    /// Whether each answer is a USB HID report, filled up with zeros to 64 bytes. Requests may be so in any case.
+    /// Whether each answer is in USB HID reports, filled up with zeros to 64 bytes. Requests may be so in any case.
     pub hid: bool,
 }
 
@@ -57,8 +56,7 @@ impl Default for RobotConfig {
     /// Hardware `Alpha1_V2.0`, the oldest firmware, 1 ms of turnaround, 100 ms until a line is idle, no reports.
     fn default() -> Self {
         Self {
-            // 11 of at most 59 bytes.
-            hardware: Text::new(b"Alpha1_V2.0").expect("a short text"),
+            hardware: b"Alpha1_V2.0".to_vec(),
             firmware: OLDEST_FIRMWARE,
             turnaround: Micros::from_millis(1),
             idle: Micros::from_millis(100),
@@ -108,7 +106,12 @@ pub struct Alpha1Robot {
 
 impl Alpha1Robot {
     /// A standing robot.
+    ///
+    /// # Panics
+    ///
+    /// If its hardware version has more than 254 bytes.
     pub fn new(config: RobotConfig) -> Self {
+        Text::new(&config.hardware).expect("the hardware version has 254 bytes at most");
         let kind = if config.hid { Kind::Reports } else { Kind::Serial };
         let ids = (1..=SERVOS as u8).filter_map(|id| ServoId::new(id).ok());
         let mut robot = Self {
@@ -130,7 +133,8 @@ impl Alpha1Robot {
     /// methods below tell is the state at the last time given.
     pub fn advance(&mut self, now: Micros) {
         if let Some(idle_at) = self.port.take_idle(now) {
-            self.hear(idle_at, &mut Input::Idle);
+            self.port.idle();
+            self.hear(idle_at);
         }
         self.play(now);
     }
@@ -165,18 +169,22 @@ impl Alpha1Robot {
         self.port.counters
     }
 
-    fn hear(&mut self, now: Micros, input: &mut Input<'_>) {
+    fn hear(&mut self, now: Micros) {
         self.play(now);
-        while let Some(request) = self.port.hear(input) {
-            let answer = self.obey(now, &request);
-            self.port.reply(now, &request, answer);
+        while let Some(frame) = self.port.next_request() {
+            let request = Alpha1.parse_request(&frame);
+            let answer = request.ok().and_then(|request| self.obey(now, &request));
+            self.port.reply(now, &frame, answer);
         }
     }
 
     /// Does what is asked and returns the answer, if there is one.
-    fn obey(&mut self, now: Micros, request: &Request) -> Option<Vec<u8>> {
+    fn obey(&mut self, now: Micros, request: &Request<'_>) -> Option<Vec<u8>> {
         let response = match *request {
-            Request::ReadHardwareVersion => Response::HardwareVersion(self.config.hardware),
+            Request::ReadHardwareVersion => {
+                let version = Text::new(&self.config.hardware).ok()?;
+                return Some(encode(&Response::HardwareVersion(version)));
+            }
             Request::ReadServoStates => Response::ServoStates(self.states()),
             Request::ReadFirmwareVersion => Response::FirmwareVersion(FirmwareVersion {
                 outcome: Outcome::Success,
@@ -191,7 +199,7 @@ impl Alpha1Robot {
                 Response::Acted(self.port.outcome(obeyed))
             }
             Request::Play(name) => {
-                let obeyed = self.start(now, &name);
+                let obeyed = self.start(now, name);
                 Response::Playing(self.port.outcome(obeyed))
             }
             Request::SetOffsetTool(offset_tool) => {
@@ -241,7 +249,7 @@ impl Alpha1Robot {
     }
 
     /// Starts an action, if there is one of this name. Returns whether there is.
-    fn start(&mut self, now: Micros, name: &Text) -> bool {
+    fn start(&mut self, now: Micros, name: Text<'_>) -> bool {
         let Some(action) = NamedAction::find(name.as_bytes()) else {
             return false;
         };
@@ -274,9 +282,8 @@ impl Alpha1Robot {
 impl SerialDevice for Alpha1Robot {
     fn receive(&mut self, now: Micros, byte: u8) {
         self.advance(now);
-        if self.port.notice(now, byte) {
-            self.hear(now, &mut Input::Bytes(&[byte]));
-        }
+        self.port.receive(now, byte);
+        self.hear(now);
     }
 
     fn transmit(&mut self, now: Micros) -> Option<u8> {

@@ -8,7 +8,10 @@ use armwire::alpha1::{
     Offset, OffsetTool, Outcome, Request, Response, ServoAnswer, ServoId, ServoRequest, ServoResponse, ServoStates,
     Text, UsbType,
 };
-use armwire::{Config, Decoder, Event, Micros, Protocol};
+use armwire::decoder::{Decoder, Kind};
+use armwire::dialect::Dialect;
+use armwire::messages::Messages;
+use armwire::{Config, Micros};
 use oorandom::Rand32;
 use proptest::prelude::*;
 
@@ -16,7 +19,7 @@ use super::port::MAX_REPLIES;
 use super::*;
 use crate::faults::{Line, Rates, any_rates};
 use crate::serial::SerialDevice;
-use crate::wire::{Silence, Wire};
+use crate::wire::{LineEvent, Silence, Wire};
 
 type Host<D> = Wire<Alpha1, D, MAX_FRAME>;
 
@@ -50,7 +53,7 @@ fn angle(degrees: u8) -> Angle {
     Angle::new(degrees).unwrap()
 }
 
-fn name(name: &str) -> Text {
+fn name(name: &str) -> Text<'_> {
     Text::new(name.as_bytes()).unwrap()
 }
 
@@ -59,7 +62,7 @@ fn millis(millis: u64) -> Micros {
 }
 
 /// All 20 servos to one angle.
-fn act(degrees: u8, time: u64, interval: u64) -> Request {
+fn act(degrees: u8, time: u64, interval: u64) -> Request<'static> {
     Request::Act(Action {
         angles: [Some(angle(degrees)); 20],
         time: MoveTime::from_duration(Duration::from_millis(time)).unwrap(),
@@ -67,7 +70,7 @@ fn act(degrees: u8, time: u64, interval: u64) -> Request {
     })
 }
 
-fn go(to: Address, degrees: u8, time: u64, lock: u64) -> Request {
+fn go(to: Address, degrees: u8, time: u64, lock: u64) -> Request<'static> {
     Request::Servo(ServoRequest::Move {
         to,
         angle: angle(degrees),
@@ -76,15 +79,15 @@ fn go(to: Address, degrees: u8, time: u64, lock: u64) -> Request {
     })
 }
 
-fn acknowledged(servo: u8) -> Result<Option<Response>, Silence> {
+fn acknowledged(servo: u8) -> Result<Option<Response<'static>>, Silence> {
     Ok(Some(Response::Servo(ServoResponse::Acknowledged(id(servo)))))
 }
 
-fn acted(outcome: Outcome) -> Result<Option<Response>, Silence> {
+fn acted(outcome: Outcome) -> Result<Option<Response<'static>>, Silence> {
     Ok(Some(Response::Acted(outcome)))
 }
 
-fn played(outcome: Outcome) -> Result<Option<Response>, Silence> {
+fn played(outcome: Outcome) -> Result<Option<Response<'static>>, Silence> {
     Ok(Some(Response::Playing(outcome)))
 }
 
@@ -116,9 +119,9 @@ fn ask(device: &mut impl SerialDevice, now: &mut Micros, request: &[u8]) -> Vec<
     listen(device, now)
 }
 
-fn bytes(request: &Request) -> Vec<u8> {
+fn bytes(request: &Request<'_>) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
-    let n = Alpha1::encode_request(request, &mut out).unwrap();
+    let n = Alpha1.encode_request(request, &mut out).unwrap();
     out[..n].to_vec()
 }
 
@@ -209,7 +212,7 @@ fn servos_answer_the_manuals_frames_on_their_bus_and_through_the_robot() {
 #[test]
 fn versions_are_those_it_is_given() {
     let config = RobotConfig {
-        hardware: name("x"),
+        hardware: b"x".to_vec(),
         firmware: *b"2016010100",
         ..RobotConfig::default()
     };
@@ -620,7 +623,7 @@ fn a_host_on_the_same_wire_hears_itself_and_calls_still_work() {
     ));
     assert_eq!(host.call(go(Address::All, 1, 0, 0)), Ok(None));
     host.wait(millis(10));
-    assert_eq!(host.take_events(), [Event::Echo; 3]);
+    assert_eq!(host.take_events(), [LineEvent::Echo, LineEvent::Echo, LineEvent::Echo]);
 }
 
 #[test]
@@ -853,7 +856,7 @@ fn any_servo_request() -> impl Strategy<Value = ServoRequest> {
     ]
 }
 
-fn any_request() -> impl Strategy<Value = Request> {
+fn any_request() -> impl Strategy<Value = Request<'static>> {
     prop_oneof![
         Just(Request::ReadHardwareVersion),
         Just(Request::ReadServoStates),
@@ -907,9 +910,14 @@ proptest! {
     ) {
         let mut host = host(Alpha1Robot::new(RobotConfig { hid, ..RobotConfig::default() }));
         for request in requests {
-            let told_to_all = Alpha1::reply(&request).is_none();
+            let info = Alpha1.request(&bytes(&request)).unwrap();
+            let told_to_all = info.response.is_none();
             match host.call(request) {
-                Ok(Some(response)) => prop_assert!(Alpha1::answers(&request, &Alpha1::response_ref(&response))),
+                Ok(Some(response)) => {
+                    let mut out = [0; MAX_FRAME];
+                    let n = Alpha1.encode_response(&response, None, &mut out).unwrap();
+                    prop_assert!(Alpha1.is_response_to(info.key, &out[..n]));
+                }
                 Ok(None) => prop_assert!(told_to_all),
                 Err(_) => prop_assert!(is_for_none_there(&request), "{:?}", request),
             }
@@ -957,15 +965,15 @@ proptest! {
         let said = listen(&mut robot, &mut now);
         // What a frame of a servo answers does not matter here; what is no frame is the byte by which one acknowledges.
         let expect = Expect::Responses(Some(ServoAnswer::Angles));
-        let mut decoder = Decoder::<Alpha1, MAX_FRAME>::new();
+        let mut decoder = Decoder::<MAX_FRAME>::new();
         let (mut rest, mut frames, mut frame_bytes) = (&said[..], 0, 0);
         while !rest.is_empty() {
             rest = decoder.push(rest);
-            while let Some(next) = decoder.next(expect) {
-                if let Ok(frame) = next {
-                    let response = Alpha1::parse_response(frame, expect).unwrap();
+            while let Some(item) = decoder.next(&Alpha1, expect) {
+                if item.kind == Kind::Frame {
+                    prop_assert!(Alpha1.parse_response(item.bytes, expect).is_ok());
                     frames += 1;
-                    frame_bytes += Alpha1::encode_response(&response, &mut [0; MAX_FRAME]).unwrap();
+                    frame_bytes += item.bytes.len();
                 }
             }
         }
@@ -975,12 +983,12 @@ proptest! {
 }
 
 /// Whether it is for a servo that a robot does not have.
-fn is_for_none_there(request: &Request) -> bool {
+fn is_for_none_there(request: &Request<'_>) -> bool {
     // The id is the first byte of the data.
     matches!(request, Request::Servo(_)) && bytes(request)[2] > 16
 }
 
-fn keeps_ids(request: &Request) -> bool {
+fn keeps_ids(request: &Request<'_>) -> bool {
     !matches!(request, Request::Servo(ServoRequest::ChangeId { .. }))
 }
 

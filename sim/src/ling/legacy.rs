@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use armwire::ling::legacy::{Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS};
 use armwire::ling::{JOINTS, Position, TICKS_PER_TURN};
-use armwire::{Device, Heard, Input, Micros};
+use armwire::{Device, DeviceEvent, Micros};
 
 use crate::serial::SerialDevice;
 
@@ -92,7 +92,7 @@ impl LegacyArm {
                 sync_button: 0,
                 attitude_button: 0,
             },
-            device: Device::new(),
+            device: Device::new(Legacy),
             line: VecDeque::new(),
             due: config.period,
             counters: Counters::default(),
@@ -115,7 +115,7 @@ impl LegacyArm {
     fn say(&mut self, response: &Response) {
         let mut out = [0; MAX_FRAME];
         // Every response fits.
-        let n = self.device.respond(response, &mut out).unwrap_or(0);
+        let n = self.device.respond(response, None, &mut out).unwrap_or(0);
         self.line.extend(&out[..n]);
     }
 }
@@ -123,12 +123,13 @@ impl LegacyArm {
 impl SerialDevice for LegacyArm {
     fn receive(&mut self, _now: Micros, byte: u8) {
         self.counters.bytes += 1;
-        let mut input = Input::Bytes(&[byte]);
-        while let Some(heard) = self.device.handle(&mut input) {
-            match heard {
-                Heard::Request(request) => match request {},
-                Heard::Unknown(_) => self.counters.frames += 1,
-                Heard::Noise(_) | Heard::Broken(_) => {}
+        // All before it was taken out: there is room.
+        let _ = self.device.receive(&[byte]);
+        while let Some(event) = self.device.poll() {
+            match event {
+                DeviceEvent::Request { request, .. } => match request {},
+                DeviceEvent::Unknown { .. } => self.counters.frames += 1,
+                DeviceEvent::Noise { .. } | DeviceEvent::Broken { .. } => {}
             }
         }
     }
@@ -155,12 +156,12 @@ impl SerialDevice for LegacyArm {
 mod tests {
     use std::num::NonZeroU32;
 
-    use armwire::Event;
     use armwire::ling::legacy::{Detector, OlderGeneration};
+    use armwire::messages::Messages;
 
     use super::*;
     use crate::faults::{Line, Rates};
-    use crate::wire::Wire;
+    use crate::wire::{LineEvent, Wire};
 
     fn host<D: SerialDevice>(baud: u32, arm: D) -> Wire<Legacy, D, MAX_FRAME> {
         let config = armwire::Config {
@@ -188,12 +189,15 @@ mod tests {
 
             let (mut joints, mut grippers) = (0, 0);
             for event in host.take_events() {
-                match event {
-                    Event::Unsolicited(Response::Joints(state)) => {
+                let LineEvent::Unsolicited(frame) = event else {
+                    panic!("{event:?}")
+                };
+                match Legacy.parse_response(&frame, ()) {
+                    Ok(Response::Joints(state)) => {
                         assert_eq!((state.firmware, state.positions()), (firmware, Ok(positions())));
                         joints += 1;
                     }
-                    Event::Unsolicited(Response::Gripper(state)) => {
+                    Ok(Response::Gripper(state)) => {
                         assert_eq!((state.firmware, state.id), (firmware, 1));
                         grippers += 1;
                     }
@@ -220,7 +224,7 @@ mod tests {
         let mut host = host(9_600, LegacyArm::new(Config::default()));
         host.wait(Micros::from_millis(10_000));
         let events = host.take_events();
-        assert!(events.iter().all(|event| matches!(event, Event::Unsolicited(_))));
+        assert!(events.iter().all(|event| matches!(event, LineEvent::Unsolicited(_))));
         assert!((200..270).contains(&host.device().counters().said));
     }
 

@@ -16,7 +16,7 @@ use armwire::ling::{
     Info, JOINTS, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response,
     SelfCheck, SerialNumber, Stroke, Torque, Version,
 };
-use armwire::{Device, Heard, Input, Micros};
+use armwire::{Device, DeviceEvent, Micros};
 
 pub use crate::serial::Counters;
 use crate::serial::SerialDevice;
@@ -128,7 +128,7 @@ impl LingArm {
         Self {
             body: Body::new(config.kind, config.ambient),
             config,
-            device: Device::new(),
+            device: Device::new(Ling),
             idle_at: None,
             echo: VecDeque::new(),
             replies: VecDeque::new(),
@@ -143,7 +143,8 @@ impl LingArm {
             && idle_at <= now
         {
             self.idle_at = None;
-            self.hear(idle_at, &mut Input::Idle);
+            self.device.idle();
+            self.hear(idle_at);
         }
         self.body.advance(now);
     }
@@ -210,18 +211,19 @@ impl LingArm {
         self.body.set_faulty(id, faulty);
     }
 
-    fn hear(&mut self, now: Micros, input: &mut Input<'_>) {
+    fn hear(&mut self, now: Micros) {
         self.body.advance(now);
-        while let Some(heard) = self.device.handle(input) {
-            match heard {
-                Heard::Request(request) => {
+        while let Some(event) = self.device.poll() {
+            match event {
+                DeviceEvent::Request { request, .. } => {
                     self.counters.requests += 1;
                     if let Some(response) = self.obey(&request) {
                         self.reply(now, &response);
                     }
                 }
-                Heard::Unknown(_) => self.counters.unknown += 1,
-                Heard::Noise(noise) | Heard::Broken(noise) => self.counters.noise_bytes += noise.len as u64,
+                DeviceEvent::Unknown { .. } => self.counters.unknown += 1,
+                DeviceEvent::Noise { bytes, .. } => self.counters.noise_bytes += bytes.len() as u64,
+                DeviceEvent::Broken { .. } => {}
             }
         }
     }
@@ -271,7 +273,7 @@ impl LingArm {
     fn reply(&mut self, now: Micros, response: &Response) {
         let mut bytes = [0; MAX_FRAME];
         let room = self.replies.len() < MAX_REPLIES;
-        match self.device.respond(response, &mut bytes) {
+        match self.device.respond(response, None, &mut bytes) {
             Ok(len) if room => {
                 self.counters.answered += 1;
                 self.replies.push_back(Reply {
@@ -294,7 +296,9 @@ impl SerialDevice for LingArm {
             self.echo.push_back(byte);
         }
         self.idle_at = Some(now + self.config.idle);
-        self.hear(now, &mut Input::Bytes(&[byte]));
+        // All before it was taken out: there is room.
+        let _ = self.device.receive(&[byte]);
+        self.hear(now);
     }
 
     fn transmit(&mut self, now: Micros) -> Option<u8> {

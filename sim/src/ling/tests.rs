@@ -1,13 +1,14 @@
 //! How a virtual arm behaves, seen through its line.
 
+use armwire::decoder::{self, Decoder};
 use armwire::ling::{Frame, GripperSpeed, Move, Speed, TemperatureLimit};
-use armwire::{Decoder, Event, Protocol};
+use armwire::messages::Messages;
 use oorandom::Rand32;
 use proptest::prelude::*;
 
 use super::*;
 use crate::faults::{Line, Rates, any_rates};
-use crate::wire::Wire;
+use crate::wire::{LineEvent, Wire};
 
 type Host<D> = Wire<Ling, D, MAX_FRAME>;
 
@@ -54,7 +55,7 @@ fn listen(arm: &mut LingArm, now: &mut Micros) -> Vec<u8> {
 
 fn bytes(request: &Request) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
-    let n = Ling::encode_request(request, &mut out).unwrap();
+    let n = Ling.encode_request(request, &mut out).unwrap();
     out[..n].to_vec()
 }
 
@@ -344,7 +345,7 @@ fn with_an_echo_every_byte_comes_back_and_calls_still_work() {
     });
     host.call(Request::SetTorque(Torque::Off)).unwrap();
     assert_eq!(joints(&mut host).status, MotionStatus::Idle);
-    assert_eq!(host.take_events(), [Event::Echo; 2]);
+    assert_eq!(host.take_events(), [LineEvent::Echo, LineEvent::Echo]);
 }
 
 #[test]
@@ -464,12 +465,13 @@ proptest! {
         let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
         hear(&mut arm, &mut now, &noise);
         let said = listen(&mut arm, &mut now);
-        let mut decoder = Decoder::<Ling, MAX_FRAME>::new();
+        let mut decoder = Decoder::<MAX_FRAME>::new();
         let (mut rest, mut answers) = (&said[..], 0);
         while !rest.is_empty() {
             rest = decoder.push(rest);
-            while let Some(frame) = decoder.next(()) {
-                prop_assert!(frame.is_ok_and(|frame| Ling::parse_response(frame, ()).is_ok()), "{:02X?}", said);
+            while let Some(item) = decoder.next(&Ling, ()) {
+                prop_assert_eq!(item.kind, decoder::Kind::Frame, "{:02X?}", said);
+                prop_assert!(Ling.parse_response(item.bytes, ()).is_ok(), "{:02X?}", said);
                 answers += 1;
             }
         }

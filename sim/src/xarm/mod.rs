@@ -35,10 +35,10 @@ mod server;
 #[cfg(test)]
 mod tests;
 
-use armwire::Micros;
 use armwire::xarm::{
-    Command, ParseError, Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TorqueSource, VersionText,
+    Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
 };
+use armwire::{Micros, ParseError};
 
 use body::{Body, Refused, Target};
 use geometry::Frame;
@@ -75,7 +75,7 @@ mod register {
 /// use armwire_sim::xarm::{Config, Model};
 ///
 /// let config = Config {
-///     serials: SerialsText::new("XS130000000B00", "AC130000000L00")?,
+///     serials: SerialsText::encode("XS130000000B00", "AC130000000L00")?,
 ///     ..Config::new(Model::XArm7)
 /// };
 /// # Ok::<(), armwire::OutOfRange>(())
@@ -84,11 +84,11 @@ mod register {
 pub struct Config {
     /// Which xArm it is.
     pub model: Model,
-    /// Its versions; axes and type should say the same as `model`. The SDK does more with later firmware than this arm
+    /// Its versions, as [`VersionText`] has them; axes and type should say the same as `model`. The SDK does more with later firmware than this arm
     /// has registers for.
-    pub version: VersionText,
-    /// Serial numbers of arm and control box.
-    pub serials: SerialsText,
+    pub version: [u8; TEXT],
+    /// Serial numbers of arm and control box, as [`SerialsText`] has them.
+    pub serials: [u8; TEXT],
 }
 
 impl Config {
@@ -108,8 +108,8 @@ impl Config {
         let serial = format!("X{letter}120204201B02");
         Self {
             model,
-            version: VersionText::new(&version).expect("it fits"),
-            serials: SerialsText::new(&serial, "AC130202B02L02").expect("they fit"),
+            version: VersionText::encode(&version).expect("it fits"),
+            serials: SerialsText::encode(&serial, "AC130202B02L02").expect("they fit"),
         }
     }
 }
@@ -120,15 +120,13 @@ impl Config {
 ///
 /// ```
 /// use armwire::Micros;
-/// use armwire::xarm::{Command, Header, ProtocolId, Reply, Request, Response, State, TorqueSource};
+/// use armwire::xarm::{Reply, Request, Response, State, TorqueSource};
 /// use armwire_sim::xarm::{Config, Model, VirtualXArm};
 ///
 /// let mut arm = VirtualXArm::new(Config::new(Model::XArm6));
-/// let header = Header { transaction: 1, protocol: ProtocolId::Private };
-/// let request = Request::Call { header, command: Command::ReadTorqueSource };
 /// let reply = Reply::TorqueSource(TorqueSource::Torque);
-/// let answer = Response::Reply { header, state: State::NOT_READY, reply };
-/// assert_eq!(arm.answer(Micros(0), &request), Some(answer));
+/// let answer = Response::Reply { state: State::NOT_READY, reply };
+/// assert_eq!(arm.answer(Micros(0), &Request::ReadTorqueSource), Some(answer));
 /// ```
 #[derive(Clone, Debug)]
 pub struct VirtualXArm {
@@ -137,6 +135,8 @@ pub struct VirtualXArm {
     torque_source: TorqueSource,
     /// Whether motion may be approximate.
     approximates: bool,
+    /// The parameters of the last answer.
+    params: Vec<u8>,
 }
 
 impl VirtualXArm {
@@ -147,6 +147,7 @@ impl VirtualXArm {
             body: Body::new(config.model),
             torque_source: TorqueSource::Torque,
             approximates: false,
+            params: Vec::new(),
         }
     }
 
@@ -188,52 +189,54 @@ impl VirtualXArm {
     ///
     /// Shutdown and reboot leave it switched off and on again, with its joints where they are and everything else as
     /// when it was made. What becomes of connections is up to the one who serves it.
-    pub fn answer(&mut self, now: Micros, request: &Request) -> Option<Response> {
+    pub fn answer(&mut self, now: Micros, request: &Request<'_>) -> Option<Response<'_>> {
         self.advance(now);
-        let &Request::Call { header, command } = request else {
-            return None; // A heartbeat.
-        };
-        let done = match command {
-            Command::ReadVersion => Ok(Reply::Version(self.config.version)),
-            Command::ReadSerials => Ok(Reply::Serials(self.config.serials)),
-            Command::ReadTorqueSource => Ok(Reply::TorqueSource(self.torque_source)),
-            Command::ReadRotationRadius(joint) => self.radius(joint.number()),
-            Command::ReloadDynamics => Ok(Reply::empty(command.register())),
-            Command::Shutdown | Command::Reboot => {
-                // It answers as the arm it still is.
-                let state = self.state();
-                self.restart();
-                return Some(Response::Reply {
-                    header,
-                    state,
-                    reply: Reply::empty(command.register()),
-                });
-            }
-            Command::Raw(raw) => self.obey(&raw),
-            // A command of a later version of the document.
+        let register = request.register()?; // A heartbeat has none.
+        // It answers a restart as the arm it still is.
+        let before = self.state();
+        let radius = match request {
+            Request::ReadRotationRadius(joint) => self.radius(joint.number()),
             _ => Err(Refused),
         };
+        let raw = match request {
+            Request::Raw(raw) => self.obey(raw),
+            Request::Shutdown | Request::Reboot => {
+                self.restart();
+                Ok(())
+            }
+            _ => Ok(()),
+        };
+        let reply = match request {
+            Request::ReadVersion => Ok(Reply::Version(VersionText(&self.config.version))),
+            Request::ReadSerials => Ok(Reply::Serials(SerialsText(&self.config.serials))),
+            Request::ReadTorqueSource => Ok(Reply::TorqueSource(self.torque_source)),
+            Request::ReadRotationRadius(_) => radius.map(Reply::RotationRadius),
+            Request::ReloadDynamics | Request::Shutdown | Request::Reboot => Ok(Reply::empty(register)),
+            Request::Raw(_) => raw.and_then(|()| Raw::new(register, &self.params).map(Reply::Raw).map_err(|_| Refused)),
+            // A request of a later version of the document.
+            _ => Err(Refused),
+        };
+        let state = match (request, &reply) {
+            (Request::Shutdown | Request::Reboot, _) => before,
+            (_, Ok(_)) => self.state(),
+            (_, Err(Refused)) => self.state() | State::INVALID,
+        };
         Some(Response::Reply {
-            header,
-            state: match done {
-                Ok(_) => self.state(),
-                Err(Refused) => self.state() | State::INVALID,
-            },
-            reply: done.unwrap_or(Reply::empty(command.register())),
+            state,
+            reply: reply.unwrap_or(Reply::empty(register)),
         })
     }
 
-    /// The answer to a good frame that is no request.
-    pub fn refuse(&mut self, now: Micros, error: &ParseError) -> Response {
+    /// The answer to a good frame that is no request; `None` if the frame names nothing.
+    pub fn refuse(&mut self, now: Micros, error: &ParseError) -> Option<Response<'static>> {
         self.advance(now);
-        match error.refusal() {
-            Response::Reply { header, state, reply } => Response::Reply {
-                header,
+        Some(match Response::refusal(error)? {
+            Response::Reply { state, reply } => Response::Reply {
                 state: state | self.state(),
                 reply,
             },
             other => other,
-        }
+        })
     }
 
     /// How it is, as it says five times a second: [`REPORT`] bytes.
@@ -254,17 +257,17 @@ impl VirtualXArm {
     /// How far the flange is from the axis of a joint, from 1.
     ///
     /// The document does not define the radius. This is what the words say, and it is 0 for joint 6, as in its example.
-    fn radius(&self, joint: u8) -> Result<Reply, Refused> {
+    fn radius(&self, joint: u8) -> Result<RotationRadius, Refused> {
         let joint = usize::from(joint) - 1;
         let millimetres = self.body.placed().radius(joint).ok_or(Refused)? as f32;
-        Ok(Reply::RotationRadius(RotationRadius { millimetres }))
+        Ok(RotationRadius { millimetres })
     }
 
-    /// Does what the document does not have.
-    fn obey(&mut self, raw: &Raw) -> Result<Reply, Refused> {
+    /// Does what the document does not have, and notes the parameters of the answer.
+    fn obey(&mut self, raw: &Raw<'_>) -> Result<(), Refused> {
         let body = &mut self.body;
         let done = Vec::new();
-        let params = match (raw.register(), raw.params()) {
+        self.params = match (raw.register(), raw.params()) {
             (register::READ_VERIFICATION, []) => vec![0],
             (register::READ_APPROXIMATION, []) => vec![self.approximates.into()],
             (register::READ_STATE, []) => vec![body.state()],
@@ -303,7 +306,7 @@ impl VirtualXArm {
             }
             _ => return Err(Refused),
         };
-        Raw::new(raw.register(), &params).map(Reply::Raw).map_err(|_| Refused)
+        Ok(())
     }
 }
 

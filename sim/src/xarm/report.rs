@@ -37,7 +37,7 @@ pub(super) fn report(arm: &VirtualXArm) -> Vec<u8> {
     out.zeros(2); // sensitivity to collisions and to guiding hands
     out.floats(&[0.0, 0.0, -1.0]); // gravity
     out.bytes(&[kind, kind, 0, 0, 0, 0]); // type, axes, ids
-    out.bytes(&arm.config.version.0[..29]);
+    out.bytes(&arm.config.version[..29]);
     out.zeros(1);
     out.zeros(5 * 4); // motion in space: jerk, accelerations, speeds
     out.floats(&[0.0, 0.0, MAX_ACCELERATION.into(), 0.0, MAX_SPEED.into()]); // the same of joints

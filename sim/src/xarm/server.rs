@@ -8,8 +8,10 @@ use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use armwire::xarm::{Command, MAX_FRAME, Request, Response, XArm};
-use armwire::{Device, Heard, Input, Micros, Noise, Protocol};
+use armwire::framing::Reason;
+use armwire::messages::Messages;
+use armwire::xarm::{HEADER, Key, MAX_FRAME, Request, Response, XArm};
+use armwire::{Device, DeviceEvent, Micros};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::sockopt::{set_socket_keepalive, set_tcp_keepidle};
@@ -83,8 +85,8 @@ pub enum Notice {
     TooMany(SocketAddr),
     /// A client went away.
     Gone(SocketAddr),
-    /// A client sent what cannot be a frame, so its connection is closed.
-    Broken(SocketAddr, Noise),
+    /// A client sent, after this many bytes, what cannot be a frame, so its connection is closed.
+    Broken(SocketAddr, u64, Reason),
     /// A connection failed.
     Lost(SocketAddr, io::Error),
     /// A client had the arm rebooted, so all connections are closed, and new ones are welcome.
@@ -100,7 +102,12 @@ impl fmt::Display for Notice {
             Self::Connected(peer, Port::Report) => write!(f, "{peer}: connected for reports"),
             Self::TooMany(peer) => write!(f, "{peer}: sent away, there are {MAX_CLIENTS} clients already"),
             Self::Gone(peer) => write!(f, "{peer}: gone"),
-            Self::Broken(peer, noise) => write!(f, "{peer}: connection closed, not an xArm frame: {noise}"),
+            Self::Broken(peer, offset, reason) => {
+                write!(
+                    f,
+                    "{peer}: connection closed, not an xArm frame after {offset} bytes: {reason}"
+                )
+            }
             Self::Lost(peer, error) => write!(f, "{peer}: connection lost: {error}"),
             Self::Rebooted(peer) => write!(f, "{peer}: reboots the arm, all connections closed"),
             Self::ShutDown(peer) => write!(f, "{peer}: shuts the arm down, all connections closed"),
@@ -286,38 +293,63 @@ impl Service<'_> {
     /// Takes what a client says and queues the answers, up to one that cuts the power.
     fn hear(&mut self, client: &mut Client) -> io::Result<Option<Cut>> {
         let mut bytes = [0; READ];
-        let mut input = Input::Bytes(client.read(&mut bytes)?);
+        let mut rest = client.read(&mut bytes)?;
         if client.ended && client.leaves.is_none() {
             (self.notice)(Notice::Gone(client.peer));
             client.dismiss();
         }
         let now = self.now();
-        while let Some(heard) = client.device.as_mut().and_then(|device| device.handle(&mut input)) {
-            match heard {
-                Heard::Request(request) => {
+        loop {
+            let Client {
+                device,
+                out,
+                peer,
+                skipped,
+                ..
+            } = client;
+            let Some(device) = device else { return Ok(None) };
+            let Some(event) = device.poll() else {
+                if rest.is_empty() {
+                    return Ok(None);
+                }
+                rest = device.receive(rest);
+                continue;
+            };
+            match event {
+                DeviceEvent::Request { request, key } => {
                     self.served.requests += 1;
                     if let Some(answer) = self.arm.answer(now, &request) {
-                        client.tell(&answer);
+                        tell(out, &answer, key);
                     }
                     if let Some(cut) = Cut::by(&request) {
                         return Ok(Some(cut));
                     }
                 }
-                Heard::Unknown(error) => {
+                DeviceEvent::Unknown { error, key, .. } => {
                     self.served.unknown += 1;
-                    client.tell(&self.arm.refuse(now, &error));
+                    if let Some(refusal) = self.arm.refuse(now, &error) {
+                        tell(out, &refusal, key);
+                    }
                 }
                 // A frame that is too long or too short, or a heartbeat that is none: nobody can say to what request.
-                Heard::Noise(_) => self.served.unknown += 1,
-                Heard::Broken(noise) => {
+                DeviceEvent::Noise { offset, bytes, reason } => {
+                    if offset >= *skipped {
+                        self.served.unknown += 1;
+                        let len = match reason {
+                            Reason::Length { got, .. } => HEADER + usize::from(got),
+                            _ => bytes.len(),
+                        };
+                        *skipped = offset + len as u64;
+                    }
+                }
+                DeviceEvent::Broken { offset, reason } => {
                     self.served.broken += 1;
-                    (self.notice)(Notice::Broken(client.peer, noise));
+                    (self.notice)(Notice::Broken(*peer, offset, reason));
                     client.dismiss();
-                    break;
+                    return Ok(None);
                 }
             }
         }
-        Ok(None)
     }
 
     /// Whether a client stays, and why not if that is news.
@@ -374,13 +406,10 @@ enum Cut {
 }
 
 impl Cut {
-    fn by(request: &Request) -> Option<Self> {
+    fn by(request: &Request<'_>) -> Option<Self> {
         match request {
-            Request::Call { command, .. } => match command {
-                Command::Reboot => Some(Self::Reboot),
-                Command::Shutdown => Some(Self::Shutdown),
-                _ => None,
-            },
+            Request::Reboot => Some(Self::Reboot),
+            Request::Shutdown => Some(Self::Shutdown),
             _ => None,
         }
     }
@@ -392,6 +421,8 @@ struct Client {
     peer: SocketAddr,
     /// What hears its requests; `None` if it is there for reports.
     device: Option<Device<XArm, MAX_FRAME>>,
+    /// Where the last frame ends that was skipped.
+    skipped: u64,
     /// What it is still to get.
     out: VecDeque<u8>,
     /// Nothing more comes from it.
@@ -406,7 +437,8 @@ impl Client {
         Self {
             stream,
             peer,
-            device: (port == Port::Control).then(Device::new),
+            device: (port == Port::Control).then(|| Device::new(XArm::PRIVATE)),
+            skipped: 0,
             out: VecDeque::new(),
             ended: false,
             leaves: None,
@@ -432,13 +464,6 @@ impl Client {
         };
         // What comes from one that is to go is read, but not heard.
         Ok(if self.leaves.is_none() { &bytes[..n] } else { &[] })
-    }
-
-    fn tell(&mut self, response: &Response) {
-        let mut out = [0; MAX_FRAME];
-        // The buffer has room for any frame.
-        let n = XArm::encode_response(response, &mut out).unwrap_or(0);
-        self.out.extend(&out[..n]);
     }
 
     /// Lets it go once it has got everything.
@@ -473,6 +498,14 @@ impl Client {
         interest.set(PollFlags::OUT, !self.out.is_empty());
         interest
     }
+}
+
+/// Queues a response to the request with this key.
+fn tell(out: &mut VecDeque<u8>, response: &Response<'_>, to: Option<Key>) {
+    let mut frame = [0; MAX_FRAME];
+    // The buffer has room for any frame.
+    let n = XArm::PRIVATE.encode_response(response, to, &mut frame).unwrap_or(0);
+    out.extend(&frame[..n]);
 }
 
 fn is_nothing_yet(error: &io::Error) -> bool {

@@ -2,18 +2,13 @@
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
-use armwire::Protocol;
-use armwire::xarm::{Frame, Header, Joint, ModbusFunction, ProtocolId, Register, XArm};
+use armwire::messages::Messages;
+use armwire::xarm::{Direction, Frame, Joint, Key, MAX_FRAME, ModbusFunction, Register, XArm};
 use proptest::prelude::*;
 
 use super::*;
 
 const MODELS: [Model; 3] = [Model::XArm5, Model::XArm6, Model::XArm7];
-const HEADER: Header = Header {
-    transaction: 0x1234,
-    protocol: ProtocolId::Private,
-};
-
 fn arm() -> VirtualXArm {
     VirtualXArm::new(Config::new(Model::XArm6))
 }
@@ -22,24 +17,27 @@ fn seconds(seconds: f64) -> Micros {
     Micros((seconds * 1e6) as u64)
 }
 
-/// Asks, and expects an answer with the same header.
-fn ask(arm: &mut VirtualXArm, now: Micros, command: Command) -> (State, Reply) {
-    let request = Request::Call {
-        header: HEADER,
-        command,
-    };
+/// Asks, and expects an answer of the same register.
+fn ask<'a>(arm: &'a mut VirtualXArm, now: Micros, request: Request<'_>) -> (State, Reply<'a>) {
     match arm.answer(now, &request) {
-        Some(Response::Reply { header, state, reply }) => {
-            assert_eq!((header, reply.register()), (HEADER, command.register()));
+        Some(Response::Reply { state, reply }) => {
+            assert_eq!(Some(reply.register()), request.register());
             (state, reply)
         }
         other => panic!("{other:?}"),
     }
 }
 
+/// The bytes of a frame.
+fn bytes_of(frame: Frame<'_>) -> Vec<u8> {
+    let mut out = [0; MAX_FRAME];
+    let n = frame.encode(Direction::Requests, &mut out).unwrap();
+    out[..n].to_vec()
+}
+
 /// Asks a register that the document does not have.
 fn raw(arm: &mut VirtualXArm, now: Micros, register: u8, params: &[u8]) -> (State, Vec<u8>) {
-    match ask(arm, now, Command::Raw(Raw::new(register, params).unwrap())) {
+    match ask(arm, now, Request::Raw(Raw::new(register, params).unwrap())) {
         (state, Reply::Raw(raw)) => (state, raw.params().to_vec()),
         other => panic!("{other:?}"),
     }
@@ -97,9 +95,16 @@ fn the_registers_of_the_document_are_answered_as_in_its_examples() {
                 protocol,
                 body,
             };
-            let response = arm.answer(Micros(0), &XArm::parse_request(frame).unwrap()).unwrap();
-            let mut out = [0; armwire::xarm::MAX_FRAME];
-            let n = XArm::encode_response(&response, &mut out).unwrap();
+            let frame = bytes_of(frame);
+            let request = XArm::PRIVATE.parse_request(&frame).unwrap();
+            let response = arm.answer(Micros(0), &request).unwrap();
+            let key = Key {
+                transaction: 1,
+                protocol,
+                register: body[0],
+            };
+            let mut out = [0; MAX_FRAME];
+            let n = XArm::PRIVATE.encode_response(&response, Some(key), &mut out).unwrap();
             let header = [0, 1, 0, protocol as u8, 0, expected.len() as u8];
             // Joint 6 turns about the flange: all but exactly 0.
             if body[0] == 6 {
@@ -154,7 +159,7 @@ fn what_it_does_not_have_is_invalid_and_changes_nothing() {
             "{register}"
         );
     }
-    let seventh = Command::ReadRotationRadius(Joint::new(7).unwrap());
+    let seventh = Request::ReadRotationRadius(Joint::new(7).unwrap());
     let refused = (State::INVALID, Reply::Empty(Register::RotationRadius));
     assert_eq!(ask(&mut arm, Micros(0), seventh), refused);
     assert_eq!(arm.report(Micros(0)), before);
@@ -172,13 +177,12 @@ fn parameters_that_a_register_does_not_have_are_invalid_besides_what_else_it_is(
             protocol: 2,
             body,
         };
-        let error = XArm::parse_request(frame).unwrap_err();
+        let error = XArm::PRIVATE.parse_request(&bytes_of(frame)).unwrap_err();
         let expected = Response::Reply {
-            header: HEADER,
             state: State::INVALID | State::NOT_READY,
             reply: Reply::Empty(register),
         };
-        assert_eq!(arm.refuse(Micros(0), &error), expected);
+        assert_eq!(arm.refuse(Micros(0), &error), Some(expected));
     }
 }
 
@@ -189,13 +193,12 @@ fn standard_modbus_is_refused_in_its_own_words() {
         protocol: 0,
         body: &[1, 3, 0, 0, 0, 2],
     };
-    let error = XArm::parse_request(frame).unwrap_err();
+    let error = XArm::PRIVATE.parse_request(&bytes_of(frame)).unwrap_err();
     let expected = Response::ModbusRefused {
-        transaction: 7,
         unit: 1,
         function: ModbusFunction::new(3).unwrap(),
     };
-    assert_eq!(arm().refuse(Micros(0), &error), expected);
+    assert_eq!(arm().refuse(Micros(0), &error), Some(expected));
 }
 
 #[test]
@@ -377,7 +380,7 @@ fn what_is_reported_as_torque_can_be_chosen() {
     let mut arm = arm();
     for source in [TorqueSource::Current, TorqueSource::Torque] {
         raw(&mut arm, Micros(0), 70, &[source as u8]);
-        let told = ask(&mut arm, Micros(0), Command::ReadTorqueSource).1;
+        let told = ask(&mut arm, Micros(0), Request::ReadTorqueSource).1;
         assert_eq!(told, Reply::TorqueSource(source));
         assert_eq!(arm.report(Micros(0))[494], (source as u8) << 2);
     }
@@ -387,7 +390,7 @@ fn what_is_reported_as_torque_can_be_chosen() {
 
 #[test]
 fn a_reboot_leaves_the_joints_and_nothing_else() {
-    for command in [Command::Reboot, Command::Shutdown] {
+    for command in [Request::Reboot, Request::Shutdown] {
         let mut arm = ready();
         raw(&mut arm, Micros(0), 23, &move_to(0.1, 1.0, 1.0));
         raw(&mut arm, seconds(5.0), 70, &[1]);
@@ -399,7 +402,7 @@ fn a_reboot_leaves_the_joints_and_nothing_else() {
         let mut fresh = VirtualXArm::new(Config::new(Model::XArm6));
         assert_eq!(read(&mut arm, seconds(6.0), 13), read(&mut fresh, Micros(0), 13));
         assert_eq!(read(&mut arm, seconds(6.0), 14), [0, 0]);
-        let told = ask(&mut arm, seconds(6.0), Command::ReadTorqueSource);
+        let told = ask(&mut arm, seconds(6.0), Request::ReadTorqueSource);
         assert_eq!(told, (State::NOT_READY, Reply::TorqueSource(TorqueSource::Torque)));
         assert!((arm.joints()[0] - 0.1).abs() < 1e-6);
     }
@@ -444,8 +447,8 @@ fn a_report_tells_what_the_registers_tell() {
         assert_eq!(report[87..91], [all, all, 0, 13]);
         assert_eq!(values(&report[133..145]), [0.0, 0.0, -1.0]);
         assert_eq!(report[145..147], [joints as u8; 2]);
-        let text = arm.config.version.as_str().unwrap().as_bytes();
-        assert_eq!(report[151..151 + text.len()], *text);
+        let text = VersionText(&arm.config.version).as_str().unwrap().as_bytes().to_vec();
+        assert_eq!(report[151..151 + text.len()], text);
         assert_eq!(report[151 + text.len()], 0);
         let (_, all_joints) = raw(&mut arm, now, 42, &[2]);
         assert_eq!(report[256..284], all_joints[28..]);
@@ -459,11 +462,11 @@ fn a_report_tells_what_the_registers_tell() {
 fn the_versions_agree_with_the_model() {
     for model in MODELS {
         let config = Config::new(model);
-        let version = config.version.version().unwrap();
+        let version = VersionText(&config.version).version().unwrap();
         assert_eq!(usize::from(version.axes), model.joints());
         assert_eq!(usize::from(version.kind), model.joints());
         assert_eq!(version.firmware_numbers(), Some([1, 12, 10]));
-        assert!(config.serials.arm().unwrap().starts_with(version.arm));
+        assert!(SerialsText(&config.serials).arm().unwrap().starts_with(version.arm));
     }
 }
 
@@ -502,8 +505,8 @@ proptest! {
         for (register, params, wait) in requests {
             now = now + Micros(wait);
             let body = [&[register], &params[..]].concat();
-            let frame = Frame { transaction: 1, protocol: 3, body: &body };
-            match XArm::parse_request(frame) {
+            let frame = bytes_of(Frame { transaction: 1, protocol: 3, body: &body });
+            match XArm::PRIVATE.parse_request(&frame) {
                 Ok(request) => { arm.answer(now, &request); }
                 Err(error) => { arm.refuse(now, &error); }
             }

@@ -5,8 +5,9 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use armwire::Micros;
+use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Ling, MAX_FRAME};
-use armwire::{Decoder, Micros};
 use armwire_bridge::LineCoding;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::Config as AdapterConfig;
@@ -101,7 +102,7 @@ fn serve(pty: &Pty, bit_rate: u32, mut adapter: Adapter, stop: &AtomicBool, log:
 /// What is of an adapter on CAN: ISO-TP to the arm and to the control port.
 struct Adapter {
     arm: LingArm,
-    answers: Decoder<Ling, MAX_FRAME>,
+    answers: Decoder<MAX_FRAME>,
     to_arm: Endpoint<MAX_FRAME, MAX_FRAME>,
     control: Endpoint<MAX_MESSAGE, MAX_MESSAGE>,
     config: AdapterConfig,
@@ -150,10 +151,9 @@ impl Adapter {
         if !self.to_arm.is_sending() {
             while let Some(byte) = self.arm.transmit(now) {
                 assert!(self.answers.push(&[byte]).is_empty());
-                if let Some(answer) = self.answers.next(()) {
-                    let mut pdu = [0; MAX_FRAME];
-                    let n = answer.unwrap().encode(&mut pdu).unwrap();
-                    self.to_arm.send(&pdu[..n]).unwrap();
+                if let Some(answer) = self.answers.next(&Ling, ()) {
+                    assert_eq!(answer.kind, Kind::Frame);
+                    self.to_arm.send(answer.bytes).unwrap();
                     break;
                 }
             }

@@ -1,7 +1,7 @@
 //! What the checks are to find: done to a run behind their back, to see that they do.
 
-use armwire::Protocol;
 use armwire::ling::{GripperSpeed, JOINTS, Ling, MAX_FRAME, Move, Opening, Position, Request, Speed};
+use armwire::messages::Messages;
 use armwire_virtual_board::Nanos;
 use armwire_virtual_board::line::Fault as LineFault;
 
@@ -57,8 +57,9 @@ impl Rig {
                     gripper: (Opening::CLOSED, GripperSpeed(1_000)),
                 };
                 let mut motion = [0; MAX_FRAME];
-                let len =
-                    Ling::encode_request(&Request::Move(target), &mut motion).map_err(|error| format!("{error:?}"))?;
+                let len = Ling
+                    .encode_request(&Request::Move(target), &mut motion)
+                    .map_err(|error| format!("{error:?}"))?;
                 self.board.usb().write(&motion[..len])?;
             }
             Deceit::Restarts => {

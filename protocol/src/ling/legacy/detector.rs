@@ -3,7 +3,8 @@
 use core::fmt;
 
 use super::{BAUD_RATES, Legacy, MAX_FRAME};
-use crate::{Decoder, Protocol};
+use crate::decoder::{Decoder, Kind};
+use crate::messages::Messages;
 
 /// So many frames in succession are no chance.
 ///
@@ -51,7 +52,7 @@ impl core::error::Error for OlderGeneration {}
 /// ```
 #[derive(Debug, Default)]
 pub struct Detector {
-    decoder: Decoder<Legacy, MAX_FRAME>,
+    decoder: Decoder<MAX_FRAME>,
     /// Frames in succession, up to [`ENOUGH`].
     succession: u8,
 }
@@ -68,12 +69,17 @@ impl Detector {
     /// Hears what came from the arm next, and says what was found, now or before.
     pub fn hear(&mut self, mut bytes: &[u8]) -> Option<OlderGeneration> {
         while self.succession < ENOUGH {
-            match self.decoder.next(()) {
-                Some(Ok(frame)) if Legacy::parse_response(frame, ()).is_ok() => self.succession += 1,
-                Some(Ok(_)) => {}
-                Some(Err(_)) => self.succession = 0,
-                None if bytes.is_empty() => return None,
-                None => bytes = self.decoder.push(bytes),
+            let Some(item) = self.decoder.next(&Legacy, ()) else {
+                if bytes.is_empty() {
+                    return None;
+                }
+                bytes = self.decoder.push(bytes);
+                continue;
+            };
+            match item.kind {
+                Kind::Frame if Legacy.parse_response(item.bytes, ()).is_ok() => self.succession += 1,
+                Kind::Frame | Kind::Padding => {}
+                Kind::Noise(_) | Kind::Broken(_) => self.succession = 0,
             }
         }
         Some(OlderGeneration)

@@ -12,8 +12,9 @@
 //! are not covered. What arrives is good for a look, not for a control loop.
 
 use super::Legacy;
-use crate::framing::verify;
-use crate::{BufferTooShort, Framing, Reason, Scan};
+use crate::BufferTooShort;
+use crate::dialect::{Dialect, InfoOf};
+use crate::framing::{Framing, Reason, Scan, verify};
 
 /// The most data bytes a frame may have.
 ///
@@ -42,15 +43,15 @@ pub fn parity(data: &[u8]) -> u8 {
 /// A frame whose header, length, parity and end mark are good.
 ///
 /// It cannot be written by itself: there is nothing to say to such an arm. What a virtual one says goes by
-/// [`Device::respond`](crate::Device::respond).
+/// a device.
 ///
 /// ```
-/// use armwire::Decoder;
-/// use armwire::ling::legacy::{Legacy, MAX_FRAME};
+/// use armwire::decoder::Decoder;
+/// use armwire::ling::legacy::{Frame, Legacy, MAX_FRAME};
 ///
-/// let mut decoder = Decoder::<Legacy, MAX_FRAME>::new();
+/// let mut decoder = Decoder::<MAX_FRAME>::new();
 /// assert!(decoder.push(&[0xAA, 0x0A, 0x03, 0x05, 0x04, 0x13, 0x00, 0xFF]).is_empty());
-/// let frame = decoder.next(()).unwrap().unwrap();
+/// let frame = decoder.next(&Legacy, ()).and_then(|item| Frame::parse(item.bytes)).unwrap();
 /// assert_eq!((frame.command, frame.data), (0x0A, &[5, 4, 19][..]));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,23 +80,36 @@ impl Frame<'_> {
     }
 }
 
-impl Framing for Legacy {
-    const MAX_FRAME: usize = MAX_FRAME;
-    const RELIABLE: bool = false;
-    type Expect = ();
-    type Frame<'a> = Frame<'a>;
+impl<'a> Frame<'a> {
+    /// The frame that these bytes are, which [`scan`](Framing::scan) has found to be one.
+    pub fn parse(bytes: &'a [u8]) -> Option<Self> {
+        match bytes {
+            [HEADER, command, _, data @ .., _, TAIL] => Some(Self {
+                command: *command,
+                data,
+            }),
+            _ => None,
+        }
+    }
+}
 
-    fn scan(window: &[u8], (): ()) -> Scan {
+impl Framing for Legacy {
+    type Expect = ();
+
+    fn scan(&self, window: &[u8], (): ()) -> Scan {
         if window.first() != Some(&HEADER) {
             let stray = window.iter().position(|&byte| byte == HEADER);
-            return Scan::Skip(stray.unwrap_or(window.len()), Reason::Stray);
+            return match stray.unwrap_or(window.len()) {
+                0 => Scan::Need(1),
+                n => Scan::Noise(n, Reason::Stray),
+            };
         }
         let &[_, _, len, ..] = window else {
             return Scan::Need(3 - window.len());
         };
         let len = usize::from(len);
         if len > MAX_DATA {
-            return Scan::Skip(
+            return Scan::Noise(
                 1,
                 Reason::Length {
                     min: 0,
@@ -107,13 +121,28 @@ impl Framing for Legacy {
         verify(window, len + OVERHEAD, 3, parity, TAIL)
     }
 
-    fn view(bytes: &[u8]) -> Option<Frame<'_>> {
-        match bytes {
-            [HEADER, command, _, data @ .., _, TAIL] => Some(Frame {
-                command: *command,
-                data,
-            }),
-            _ => None,
-        }
+    fn terminator(&self, (): ()) -> Option<u8> {
+        Some(TAIL)
+    }
+
+    fn shortest(&self, (): ()) -> usize {
+        OVERHEAD
+    }
+
+    fn requests(&self) {}
+
+    fn unsolicited(&self) {}
+}
+
+/// Nothing is sent to such an arm, so nothing is an answer.
+impl Dialect for Legacy {
+    type Key = ();
+
+    fn request(&self, _frame: &[u8]) -> Option<InfoOf<Self>> {
+        None
+    }
+
+    fn is_response_to(&self, (): (), _frame: &[u8]) -> bool {
+        false
     }
 }

@@ -1,11 +1,11 @@
 //! What an arm of the older generation says, and the bytes it travels as.
 
-use core::fmt;
-
 use super::{Frame, Legacy};
-use crate::ling::message::{put_words, sized, words};
-use crate::ling::{Cause, JOINTS, Position};
-use crate::{BufferTooShort, OutOfRange, Protocol, Reply};
+use crate::error::{Cause, MessageId, ParseError, sized};
+use crate::ling::message::{put_words, words};
+use crate::ling::{JOINTS, Position};
+use crate::messages::Messages;
+use crate::{BufferTooShort, OutOfRange};
 
 /// Commands.
 mod command {
@@ -159,34 +159,6 @@ impl GripperState {
     const LEN: usize = 7;
 }
 
-/// A good frame that is no message known.
-///
-/// ```
-/// use armwire::Protocol;
-/// use armwire::ling::Cause;
-/// use armwire::ling::legacy::{Frame, Legacy};
-///
-/// let error = Legacy::parse_response(Frame { command: 0x14, data: &[0; 12] }, ()).unwrap_err();
-/// assert_eq!(error.cause, Cause::Length { expected: &[18], got: 12 });
-/// assert_eq!(error.to_string(), "command 14: 12 data bytes, expected 18");
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ParseError {
-    /// The frame's command.
-    pub command: u8,
-    /// What is wrong with it.
-    pub cause: Cause,
-}
-
-impl fmt::Display for ParseError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "command {:02X}: {}", self.command, self.cause)
-    }
-}
-
-impl core::error::Error for ParseError {}
-
 fn parse_joints(firmware: Firmware, data: &[u8]) -> Result<Response, Cause> {
     let data: &[u8; JointState::LEN] = sized(data, &[JointState::LEN])?;
     Ok(Response::Joints(JointState {
@@ -208,19 +180,15 @@ fn parse_gripper(firmware: Firmware, data: &[u8]) -> Result<Response, Cause> {
     }))
 }
 
-impl Protocol for Legacy {
-    const REQUESTS: () = ();
-    const IDENTIFIED: bool = false;
-    type Request = Request;
-    type Response = Response;
-    type ResponseRef<'a> = Response;
-    type Error = ParseError;
+impl Messages for Legacy {
+    type Request<'a> = Request;
+    type Response<'a> = Response;
 
-    fn encode_request(request: &Request, _out: &mut [u8]) -> Result<usize, BufferTooShort> {
+    fn encode_request(&self, request: &Request, _out: &mut [u8]) -> Result<usize, BufferTooShort> {
         match *request {}
     }
 
-    fn encode_response(response: &Response, out: &mut [u8]) -> Result<usize, BufferTooShort> {
+    fn encode_response(&self, response: &Response, _to: Option<()>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         match *response {
             Response::Joints(JointState { firmware, servos }) => {
                 let mut data = [0; JointState::LEN];
@@ -239,53 +207,31 @@ impl Protocol for Legacy {
     }
 
     /// No frame is a request: to such an arm, every one is unknown.
-    fn parse_request(frame: Frame<'_>) -> Result<Request, ParseError> {
-        Err(ParseError {
-            command: frame.command,
-            cause: Cause::Unknown,
-        })
+    fn parse_request(&self, frame: &[u8]) -> Result<Request, ParseError> {
+        parse(frame, |_, _| Err(Cause::Unknown))
     }
 
-    // What is borrowed is the response itself, and need not be copied.
-    fn parse_response(frame: Frame<'_>, (): ()) -> Result<Response, ParseError> {
-        Self::parse_response_ref(frame, ())
-    }
-
-    fn parse_response_ref<'a>(frame: Self::Frame<'a>, (): ()) -> Result<Self::ResponseRef<'a>, ParseError> {
-        let Frame { command, data } = frame;
-        let parsed = match command {
+    fn parse_response(&self, frame: &[u8], (): ()) -> Result<Response, ParseError> {
+        parse(frame, |command, data| match command {
             command::JOINTS_V5 => parse_joints(Firmware::V5, data),
             command::JOINTS_V6_0 => parse_joints(Firmware::V6_0, data),
             command::GRIPPER_V5 => parse_gripper(Firmware::V5, data),
             command::GRIPPER_V6_0 => parse_gripper(Firmware::V6_0, data),
             _ => Err(Cause::Unknown),
-        };
-        parsed.map_err(|cause| ParseError { command, cause })
+        })
     }
+}
 
-    fn to_response(response: &Response) -> Response {
-        *response
-    }
-
-    fn response_ref(response: &Response) -> Response {
-        *response
-    }
-
-    fn expect(_request: Option<&Request>) {}
-
-    fn reply(request: &Request) -> Option<Reply> {
-        match *request {}
-    }
-
-    fn answers(request: &Request, _response: &Response) -> bool {
-        match *request {}
-    }
-
-    fn is_response_to(request: &Request, _frame: Frame<'_>) -> bool {
-        match *request {}
-    }
-
-    fn repeatable(request: &Request) -> bool {
-        match *request {}
-    }
+/// Reads a frame, and names it in the error.
+fn parse<T>(frame: &[u8], message: impl Fn(u8, &[u8]) -> Result<T, Cause>) -> Result<T, ParseError> {
+    let Some(Frame { command, data }) = Frame::parse(frame) else {
+        return Err(ParseError {
+            message: MessageId::None,
+            cause: Cause::Unknown,
+        });
+    };
+    message(command, data).map_err(|cause| ParseError {
+        message: MessageId::Command(command),
+        cause,
+    })
 }

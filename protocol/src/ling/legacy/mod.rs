@@ -9,19 +9,22 @@
 //! same bytes as the decoder of current frames and tells when they are of this kind.
 //!
 //! ```
-//! use armwire::ling::Position;
 //! use core::num::NonZeroU32;
+//!
+//! use armwire::ling::Position;
 //! use armwire::ling::legacy::{Legacy, MAX_FRAME, Response};
-//! use armwire::{Client, Config, Event, Input, Micros};
+//! use armwire::time::Instant;
+//! use armwire::{Client, Config, Event, Output};
 //!
 //! const BAUD: NonZeroU32 = NonZeroU32::new(921_600).unwrap();
 //!
-//! let mut client = Client::<Legacy, MAX_FRAME>::new(Config { baud: BAUD, ..Config::default() });
+//! let mut client = Client::<Legacy, MAX_FRAME>::new(Legacy, Config { baud: BAUD, ..Config::default() });
 //! let line = [
 //!     0xAA, 0x14, 0x12, 0xA9, 0x07, 0xA9, 0x07, 0xE6, 0x0C, 0x19, 0x03, 0x6D, 0x06, 0x92, 0x09, 0x2F, 0x07, 0xED,
 //!     0x04, 0x81, 0x08, 0x00, 0xFF,
 //! ];
-//! let Some(Event::Unsolicited(Response::Joints(state))) = client.handle(Micros(0), &mut Input::Bytes(&line)) else {
+//! assert!(client.receive(Instant::ZERO, &line).is_empty());
+//! let Output::Event(Event::Unsolicited(Response::Joints(state))) = client.poll(Instant::ZERO) else {
 //!     panic!("no joint frame");
 //! };
 //! assert_eq!(state.positions()?.map(Position::ticks), [1961, 3302, 1645, 1839, 1261, 2177]);
@@ -36,7 +39,7 @@ mod tests;
 
 pub use detector::{Detector, OlderGeneration};
 pub use frame::{Frame, MAX_DATA, MAX_FRAME, OVERHEAD, parity};
-pub use message::{Firmware, GripperState, JointState, ParseError, Request, Response, SERVOS};
+pub use message::{Firmware, GripperState, JointState, Request, Response, SERVOS};
 
 /// The baud rates of such arms, the commoner first.
 ///
@@ -44,8 +47,7 @@ pub use message::{Firmware, GripperState, JointState, ParseError, Request, Respo
 /// package 6.1 says 921 600 of all firmware before 6.
 pub const BAUD_RATES: [u32; 2] = [1_000_000, 921_600];
 
-/// The older generation's protocol: a name for [`Decoder`](crate::Decoder), [`Client`](crate::Client) and
-/// [`Device`](crate::Device).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The older generation's protocol.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Legacy {}
+pub struct Legacy;

@@ -6,8 +6,12 @@ use std::string::ToString;
 use std::vec::Vec;
 
 use super::*;
-use crate::ling::{Cause, Ling};
-use crate::{Client, Config, Decoder, Device, Event, Framing, Heard, Input, Micros, Protocol, Reason, Scan};
+use crate::decoder::{Decoder, Kind};
+use crate::framing::{Framing, Reason, Scan};
+use crate::ling::Ling;
+use crate::messages::Messages;
+use crate::time::Instant;
+use crate::{Cause, Client, Config, Device, DeviceEvent, Event, Output};
 
 /// A frame written in hex.
 fn hex(text: &str) -> Vec<u8> {
@@ -73,11 +77,10 @@ fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
 fn every_frame_holds_in_both_directions() {
     for (source, bytes, response) in responses() {
         let mut out = [0; MAX_FRAME];
-        let n = Legacy::encode_response(&response, &mut out).unwrap();
+        let n = Legacy.encode_response(&response, None, &mut out).unwrap();
         assert_eq!(out[..n], bytes, "{source}");
-        assert_eq!(Legacy::scan(&bytes, ()), Scan::Frame(n), "{source}");
-        let frame = Legacy::view(&bytes).unwrap();
-        assert_eq!(Legacy::parse_response(frame, ()), Ok(response), "{source}");
+        assert_eq!(Legacy.scan(&bytes, ()), Scan::Frame(n), "{source}");
+        assert_eq!(Legacy.parse_response(&bytes, ()), Ok(response), "{source}");
     }
 }
 
@@ -122,7 +125,7 @@ fn a_wrong_parity_and_a_missing_end_are_named_with_what_they_should_be() {
     ] {
         let mut bytes = good.clone();
         bytes[at] = byte;
-        assert_eq!(Legacy::scan(&bytes, ()), Scan::Skip(1, reason));
+        assert_eq!(Legacy.scan(&bytes, ()), Scan::Noise(1, reason));
     }
 }
 
@@ -132,8 +135,7 @@ fn the_parity_misses_what_it_must_miss() {
     let missed = (8 * 3..8 * 21).filter(|bit| {
         let mut bytes = good.clone();
         bytes[bit / 8] ^= 1 << (bit % 8);
-        let frame = matches!(Legacy::scan(&bytes, ()), Scan::Frame(_)).then(|| Legacy::view(&bytes).unwrap());
-        frame.is_some_and(|frame| Legacy::parse_response(frame, ()) != Ok(response))
+        matches!(Legacy.scan(&bytes, ()), Scan::Frame(_)) && Legacy.parse_response(&bytes, ()) != Ok(response)
     });
     assert_eq!(missed.count(), 18 * 7, "seven bits in eight are not covered");
 }
@@ -147,14 +149,15 @@ fn the_longest_frame_is_taken_from_a_buffer_that_just_holds_it() {
     };
     let mut bytes = [0; MAX_FRAME];
     assert_eq!(frame.put(&mut bytes), Ok(MAX_FRAME));
-    let mut decoder = Decoder::<Legacy, MAX_FRAME>::new();
+    let mut decoder = Decoder::<MAX_FRAME>::new();
     assert!(decoder.push(&bytes).is_empty());
-    assert_eq!(decoder.next(()), Some(Ok(frame)));
+    let item = decoder.next(&Legacy, ()).unwrap();
+    assert_eq!((item.kind, Frame::parse(item.bytes)), (Kind::Frame, Some(frame)));
 }
 
 #[test]
 fn a_good_frame_that_is_no_message_is_told_from_one() {
-    let parse = |text: &str| Legacy::parse_response(Legacy::view(&hex(text)).unwrap(), ()).unwrap_err();
+    let parse = |text: &str| Legacy.parse_response(&hex(text), ()).unwrap_err();
     assert_eq!(parse("AA 0A 03 05 04 13 00 FF").to_string(), "command 0A: unknown");
     let error = parse("AA 12 03 05 04 13 00 FF");
     assert_eq!(error.cause, Cause::Length { expected: &[7], got: 3 });
@@ -162,22 +165,26 @@ fn a_good_frame_that_is_no_message_is_told_from_one() {
 
 #[test]
 fn to_such_an_arm_every_frame_is_unknown() {
-    let mut device = Device::<Legacy, MAX_FRAME>::new();
-    let torque_off = hex("AA 13 01 00 00 FF");
-    let heard = device.handle(&mut Input::Bytes(&torque_off));
-    let cause = Cause::Unknown;
-    assert_eq!(heard, Some(Heard::Unknown(ParseError { command: 0x13, cause })));
+    let mut device = Device::<Legacy, MAX_FRAME>::new(Legacy);
+    assert!(device.receive(&hex("AA 13 01 00 00 FF")).is_empty());
+    let Some(DeviceEvent::Unknown { error, key: None, .. }) = device.poll() else {
+        panic!("another event");
+    };
+    assert_eq!(error.to_string(), "command 13: unknown");
 }
 
 #[test]
 fn a_client_reads_and_never_has_a_byte_to_send() {
-    let mut client = Client::<Legacy, MAX_FRAME>::new(Config::DEFAULT);
+    let mut client = Client::<Legacy, MAX_FRAME>::new(Legacy, Config::DEFAULT);
     for (i, (source, bytes, response)) in responses().into_iter().enumerate() {
-        let now = Micros::from_millis(25 * i as u64);
-        let event = client.handle(now, &mut Input::Bytes(&bytes));
-        assert_eq!(event, Some(Event::Unsolicited(response)), "{source}");
-        assert_eq!(client.poll_transmit(now), None);
-        assert_eq!(client.poll_timeout(), None);
+        let now = Instant::from_micros(25_000 * i as u64);
+        assert!(client.receive(now, &bytes).is_empty());
+        assert_eq!(
+            client.poll(now),
+            Output::Event(Event::Unsolicited(response)),
+            "{source}"
+        );
+        assert_eq!(client.poll(now), Output::Timeout(None));
     }
 }
 
@@ -187,15 +194,16 @@ fn the_decoder_of_current_frames_finds_none_in_what_such_an_arm_says() {
         .into_iter()
         .flat_map(|(_, bytes, _)| bytes)
         .collect::<Vec<_>>();
-    let mut decoder = Decoder::<Ling, { crate::ling::MAX_FRAME }>::new();
+    let mut decoder = Decoder::<{ crate::ling::MAX_FRAME }>::new();
     let (mut rest, mut noise) = (&line[..], 0);
     while !rest.is_empty() || decoder.pending() > 0 {
         rest = decoder.push(rest);
-        while let Some(next) = decoder.next(()) {
-            noise += next.unwrap_err().len;
-        }
         if rest.is_empty() {
-            noise += decoder.idle(()).map_or(0, |dropped| dropped.len);
+            decoder.idle();
+        }
+        while let Some(item) = decoder.next(&Ling, ()) {
+            assert_ne!(item.kind, Kind::Frame);
+            noise += item.bytes.len();
         }
     }
     assert_eq!(noise, line.len());
@@ -257,8 +265,8 @@ fn the_message_says_what_it_is_what_armwire_does_and_what_to_do() {
 
 #[test]
 fn a_header_is_looked_for_and_its_length_waited_for() {
-    assert_eq!(Legacy::scan(&[1, 2, 0xAA], ()), Scan::Skip(2, Reason::Stray));
-    assert_eq!(Legacy::scan(&[1, 2, 3], ()), Scan::Skip(3, Reason::Stray));
-    assert_eq!(Legacy::scan(&[0xAA], ()), Scan::Need(2));
-    assert_eq!(Legacy::scan(&[0xAA, 0x14], ()), Scan::Need(1));
+    assert_eq!(Legacy.scan(&[1, 2, 0xAA], ()), Scan::Noise(2, Reason::Stray));
+    assert_eq!(Legacy.scan(&[1, 2, 3], ()), Scan::Noise(3, Reason::Stray));
+    assert_eq!(Legacy.scan(&[0xAA], ()), Scan::Need(2));
+    assert_eq!(Legacy.scan(&[0xAA, 0x14], ()), Scan::Need(1));
 }

@@ -3,7 +3,8 @@
 use std::error::Error;
 
 use armwire::ling::{Ling, MAX_FRAME, Request, Response};
-use armwire::{Client, Config, Event, Input, Micros};
+use armwire::time::Instant;
+use armwire::{Client, Config, Event, Micros, Output};
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::latency::{self, Mismatch};
 use armwire_virtual_board::line::Direction;
@@ -30,7 +31,7 @@ impl Host {
         Self {
             board,
             figures: Figures::default(),
-            client: Client::new(Config::DEFAULT),
+            client: Client::new(Ling, Config::DEFAULT),
         }
     }
 
@@ -47,52 +48,50 @@ impl Host {
         self.board.uart().forget_bytes();
         self.board.usb().forget_packets();
         let start = self.board.now();
-        self.client.submit(request)?;
+        self.client.submit(&request)?;
+        let mut bytes = Vec::new();
         loop {
-            while let Some(bytes) = self.client.poll_transmit(self.board.now().micros()) {
-                let n = bytes.len();
-                self.board.usb().write(bytes)?;
-                self.client.transmitted(self.now(), n)?;
-            }
-            let bytes = self.listen()?;
-            let now = self.now();
-            let mut input = Input::Bytes(&bytes);
-            match self.client.handle(now, &mut input) {
-                Some(Event::Answer(response)) => {
+            let left = self.client.receive(self.board.now().micros().into(), &bytes).len();
+            bytes.drain(..bytes.len() - left);
+            match self.client.poll(self.board.now().micros().into()) {
+                Output::Transmit(out) => {
+                    let n = out.len();
+                    self.board.usb().write(out)?;
+                    self.client.transmitted(self.board.now().micros().into(), n)?;
+                }
+                Output::Timeout(until) => bytes.extend(self.listen(until)?),
+                Output::Event(Event::Answer(response)) => {
                     let took = self.board.now().since(start);
                     self.measure(start, took)?;
                     return Ok((Some(response), took));
                 }
-                Some(Event::Sent) => {
+                Output::Event(Event::Sent) => {
                     // It is queued for the adapter; wait until it is with the arm.
                     self.board
                         .run_until(Micros::from_millis(10), |board| board.usb().unsent() == 0)?;
                     self.board.run_for(MOVE_ON_WIRE)?;
                     return Ok((None, self.board.now().since(start)));
                 }
-                Some(Event::TimedOut { sends }) => {
+                Output::Event(Event::TimedOut { sends }) => {
                     return Err(format!("the arm did not answer {request:?}, asked {sends} times").into());
                 }
-                Some(other) => return Err(format!("while waiting for the answer to {request:?}: {other:?}").into()),
-                None => {}
+                Output::Event(other) => {
+                    return Err(format!("while waiting for the answer to {request:?}: {other:?}").into());
+                }
             }
         }
     }
 
-    /// Runs until there are bytes from the adapter, or the client has waited long enough.
-    fn listen(&mut self) -> Result<Vec<u8>, Box<dyn Error>> {
-        if let Some(due) = self.client.poll_timeout() {
-            let limit = due.since(self.now());
+    /// Runs until there are bytes from the adapter, or it is this late.
+    fn listen(&mut self, until: Option<Instant>) -> Result<Vec<u8>, Box<dyn Error>> {
+        if let Some(until) = until {
+            let limit = Micros::from(until).since(self.board.now().micros());
             match self.board.run_until(limit, |board| board.usb().unread() > 0) {
                 Ok(_) | Err(armwire_virtual_board::Error::TimedOut { .. }) => {}
                 Err(error) => return Err(error.into()),
             }
         }
         Ok(self.board.usb().read())
-    }
-
-    fn now(&self) -> Micros {
-        self.board.now().micros()
     }
 
     /// Notes what the adapter added to a call.

@@ -1,14 +1,14 @@
 //! A line of which nothing is known: bytes without frames.
 
-use crate::engine::dialect::{Dialect, Effect, InfoOf, RequestInfo};
-use crate::engine::framing::{Framing, Reason, Scan};
+use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo};
+use crate::framing::{Framing, Reason, Scan};
 
 /// A line without frames: every byte is stray, and no request is answered.
 ///
 /// ```
-/// use armwire::engine::decoder::{Decoder, Kind};
-/// use armwire::engine::framing::Reason;
-/// use armwire::engine::raw::Raw;
+/// use armwire::decoder::{Decoder, Kind};
+/// use armwire::framing::Reason;
+/// use armwire::raw::Raw;
 ///
 /// let mut decoder = Decoder::<8>::new();
 /// assert!(decoder.push(&[1, 2, 3]).is_empty());

@@ -2,7 +2,7 @@
 
 use super::frame::{HEARTBEAT_ID, MODBUS_ID};
 use super::{Direction, Frame, MAX_FRAME, XArm};
-use crate::engine::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
+use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
 /// What a response has in common with its request, and with no other.

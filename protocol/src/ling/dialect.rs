@@ -1,7 +1,7 @@
 //! Which frames of a Ling arm belong together (document section 2).
 
 use super::{Ling, MAX_FRAME};
-use crate::engine::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
+use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
 /// The longest known response on the wire: information, 24 data bytes.

@@ -4,8 +4,8 @@
 //! *stale*. The rules:
 //!
 //! * An answer belongs to the oldest unresolved send of its key that was handed over before the answer's first byte: by the
-//!   decoder's offset, and by time where bytes are stamped. A send is resolved by its answer, or when it is due plus the stale
-//!   window.
+//!   decoder's offset, and by time where bytes are stamped. A send is resolved by its answer, or, once stale, when it is due
+//!   plus the stale window. A repeat is of the same send, which then has as many answers.
 //! * A request that wants an answer may go when no stale send of its key is unresolved, whoever's, none of its key by another
 //!   initiator, and none with another `Expect`. Once a request waits, no newer request that conflicts with it passes it.
 //!   Requests without an answer wait for nothing.
@@ -20,7 +20,7 @@
 
 use core::cell::Cell;
 
-use crate::engine::dialect::{Dialect, InfoOf};
+use crate::dialect::{Dialect, InfoOf};
 use crate::time::{Duration, Instant};
 
 /// Who sends requests.
@@ -38,7 +38,7 @@ impl Initiator for () {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Handover {
-    /// How many bytes had arrived: the decoder's [`received`](crate::engine::decoder::Decoder::received).
+    /// How many bytes had arrived: the decoder's [`received`](crate::decoder::Decoder::received).
     pub offset: u64,
     /// When its last byte is on the line.
     pub at: Instant,
@@ -82,6 +82,8 @@ struct Sent<D: Dialect, I> {
     due: Instant,
     /// How long the answer may take, from the end of the request or from the answer before.
     patience: Duration,
+    /// How often it was handed over and not answered: repeats are of the same call.
+    times: u16,
     stale: bool,
 }
 
@@ -94,6 +96,7 @@ impl<D: Dialect, I: Initiator> Sent<D, I> {
             at: handover.at,
             due: handover.due,
             patience: handover.due.since(handover.at),
+            times: 1,
             stale: false,
         }
     }
@@ -200,43 +203,42 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         }
     }
 
-    /// A request was handed over again. Its earlier sends are due when this one is.
+    /// A request was handed over again, and may be answered once more. It is due when this repeat is.
     pub fn repeat(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
-        let of_call = |sent: &&mut Sent<D, I>| sent.who == who && sent.info.key == info.key && !sent.stale;
-        for sent in self.sends.iter_mut().filter(of_call) {
-            sent.due = handover.due;
-        }
-        self.begin(info, who, handover);
+        let of_call = |sent: &&mut Sent<D, I>| sent.who == who && sent.info == info;
+        let sent = self.sends.iter_mut().find(of_call);
+        let Some(sent) = sent else {
+            return self.begin(info, who, handover);
+        };
+        sent.times = sent.times.saturating_add(1);
+        sent.due = handover.due;
+        sent.stale = false;
     }
 
-    /// A frame arrived, its last byte at `now`: which request it answers.
+    /// A frame arrived, its last byte at `now`: which request it answers. [Resolve](Self::expire) before what was over when it
+    /// came, not what was over when it was read.
     pub fn on_frame(&mut self, dialect: &D, frame: &[u8], first: FirstByte, now: Instant) -> Match<I> {
         let window = self.stale_window;
-        let answered = self.sends.iter().position(|sent| {
+        let answered = self.sends.iter_mut().find(|sent| {
             sent.offset <= first.offset
                 && first.at.is_none_or(|at| sent.at <= at)
-                && now < sent.due + window
                 && dialect.is_response_to(sent.info.key, frame)
         });
-        let Some(sent) = answered.and_then(|index| self.sends.remove(index)) else {
+        let Some(sent) = answered else {
             return Match::Unsolicited;
         };
-        for behind in self
-            .sends
-            .iter_mut()
-            .filter(|other| sent.at <= other.at && !other.stale)
-        {
+        sent.times = sent.times.saturating_sub(1);
+        let (who, sent, stale) = (sent.who, sent.at, sent.stale);
+        self.sends.remove_first_where(|sent| sent.times == 0);
+        for behind in self.sends.iter_mut().filter(|other| sent <= other.at && !other.stale) {
             behind.due = behind.due.max(now + behind.patience);
         }
         if let Some(saturation) = &mut self.saturated {
             saturation.until = saturation.until.max(now + saturation.patience + window);
         }
-        match sent.stale {
-            true => Match::Late(sent.who),
-            false => Match::Answer {
-                who: sent.who,
-                sent: sent.at,
-            },
+        match stale {
+            true => Match::Late(who),
+            false => Match::Answer { who, sent },
         }
     }
 
@@ -259,11 +261,17 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
             .min()
     }
 
-    /// Gives up the oldest pending send whose answer is missing at `now` and says whose it was. Call it until it returns `None`.
-    pub fn on_timeout(&mut self, now: Instant) -> Option<I> {
+    /// Resolves the stale sends whose window is over.
+    pub fn expire(&mut self, now: Instant) {
         let window = self.stale_window;
         self.sends.remove_where(|sent| sent.stale && sent.due + window <= now);
         let _ = self.saturated.take_if(|saturation| saturation.until <= now);
+    }
+
+    /// [Resolves](Self::expire) stale sends, then gives up the oldest pending send whose answer is missing at `now` and says whose
+    /// it was. Call it until it returns `None`.
+    pub fn on_timeout(&mut self, now: Instant) -> Option<I> {
+        self.expire(now);
         let missing = self.sends.iter_mut().find(|sent| !sent.stale && sent.due <= now)?;
         missing.stale = true;
         Some(missing.who)

@@ -2,7 +2,7 @@
 
 use super::frame::{ACT, acknowledgement, header};
 use super::{Alpha1, Expect, MAX_FRAME, Outcome, ServoAnswer, ServoId};
-use crate::engine::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
+use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
 /// Commands to a servo, in frames FA AF (servo manual).

@@ -2,7 +2,7 @@
 
 use core::fmt::Debug;
 
-use crate::engine::framing::Framing;
+use crate::framing::Framing;
 use crate::time::Duration;
 
 /// What a request does to the arm.

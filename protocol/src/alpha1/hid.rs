@@ -1,6 +1,6 @@
 //! Reports of 64 bytes, in which an Alpha1 on USB HID speaks: frames, and zeros behind them.
 //!
-//! A report has no header of its own. So the bytes of a received report go to a [`Decoder`](crate::engine::decoder::Decoder) as
+//! A report has no header of its own. So the bytes of a received report go to a [`Decoder`](crate::decoder::Decoder) as
 //! they are: the zeros between frames come out as padding, and a frame longer than a report goes on in the next one. The
 //! operating system may want a report number before the bytes that are written, as Linux's hidraw does: it is 0.
 
@@ -10,8 +10,8 @@ pub const REPORT: usize = 64;
 /// The reports that a frame takes: one, or up to five for a long name.
 ///
 /// ```
-/// use armwire::engine::alpha1::{Alpha1, Expect, hid};
-/// use armwire::engine::decoder::{Decoder, Kind};
+/// use armwire::alpha1::{Alpha1, Expect, hid};
+/// use armwire::decoder::{Decoder, Kind};
 ///
 /// let stop = [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
 /// let mut decoder = Decoder::<260>::new();

@@ -1,0 +1,34 @@
+//! The exchange follows its rules: which answer belongs to which request, who may send and who waits, what is bounded, and
+//! that nothing is evicted. The oracle keeps every send for ever.
+#![no_main]
+
+use armwire_fuzz::{Result, Unstructured};
+use exchange_oracle::{Step, Who};
+use libfuzzer_sys::fuzz_target;
+
+#[allow(dead_code, unreachable_pub, reason = "the tests of the protocol crate have it, too")]
+#[path = "../../../protocol/tests/exchange_oracle/mod.rs"]
+mod exchange_oracle;
+
+fuzz_target!(|input: &[u8]| {
+    let mut u = Unstructured::new(input);
+    let mut steps = Vec::new();
+    while !u.is_empty() {
+        // What is left may be too short for one more.
+        let Ok(step) = any_step(&mut u) else { break };
+        steps.push(step);
+    }
+    exchange_oracle::check(steps);
+});
+
+fn any_step(u: &mut Unstructured<'_>) -> Result<Step> {
+    const KEYS: [u8; 5] = [0, 1, 2, 10, 11];
+    const WHO: [Who; 3] = [Who::Usb, Who::Can, Who::Poll];
+    Ok(match u.int_in_range(0..=4)? {
+        0 => Step::Send(*u.choose(&KEYS)?, *u.choose(&WHO)?),
+        1 => Step::Withdraw(*u.choose(&WHO)?),
+        2 => Step::Answer(u.int_in_range(0..=7)?),
+        3 => Step::Say(*u.choose(&KEYS)?),
+        _ => Step::Wait(u.int_in_range(0..=200)?),
+    })
+}

@@ -1,0 +1,296 @@
+//! A line with an exchange, and an oracle written from the exchange's rules. The fuzz target of the exchange has it, too.
+
+use armwire::dialect::{Dialect, Effect, RequestInfo, ResponseTiming};
+use armwire::exchange::{Exchange, FirstByte, Handover, Initiator, Match};
+use armwire::framing::{Framing, Reason, Scan};
+use armwire::time::{Duration, Instant};
+
+/// A frame is two bytes: its key, and whatever. What must be expected is the key divided by ten.
+#[derive(Clone, Copy, Debug)]
+pub struct Bytes<const NUMBERED: bool>;
+
+pub type Plain = Bytes<false>;
+pub type Numbered = Bytes<true>;
+
+impl<const NUMBERED: bool> Framing for Bytes<NUMBERED> {
+    type Expect = u8;
+
+    fn scan(&self, window: &[u8], _expect: u8) -> Scan {
+        match window.len() {
+            0 | 1 => Scan::Noise(1, Reason::Stray),
+            _ => Scan::Frame(2),
+        }
+    }
+
+    fn terminator(&self, _expect: u8) -> Option<u8> {
+        None
+    }
+
+    fn shortest(&self, _expect: u8) -> usize {
+        2
+    }
+
+    fn requests(&self) -> u8 {
+        u8::MAX
+    }
+
+    fn unsolicited(&self) -> u8 {
+        u8::MAX
+    }
+}
+
+impl<const NUMBERED: bool> Dialect for Bytes<NUMBERED> {
+    const HAS_TRANSACTION_ID: bool = NUMBERED;
+    type Key = u8;
+
+    fn request(&self, frame: &[u8]) -> Option<RequestInfo<u8, u8>> {
+        frame.first().map(|key| info(*key))
+    }
+
+    fn is_response_to(&self, key: u8, frame: &[u8]) -> bool {
+        frame.first() == Some(&key)
+    }
+}
+
+pub const fn info(key: u8) -> RequestInfo<u8, u8> {
+    RequestInfo {
+        key,
+        expect: key / 10,
+        response: Some(ResponseTiming {
+            longest: 2,
+            turnaround: PATIENCE,
+        }),
+        effect: Effect::Read,
+    }
+}
+
+pub const UNANSWERED: RequestInfo<u8, u8> = RequestInfo {
+    response: None,
+    ..info(0)
+};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Who {
+    Usb,
+    Can,
+    Poll,
+}
+
+impl Initiator for Who {
+    fn may_exceed(self) -> bool {
+        self == Self::Usb
+    }
+}
+
+pub const PATIENCE: Duration = Duration::from_micros(100);
+pub const WINDOW: Duration = Duration::from_micros(50);
+
+/// A line with an exchange of four sends.
+pub struct Line<D: Dialect<Key = u8, Expect = u8>, I: Initiator = Who> {
+    pub dialect: D,
+    pub exchange: Exchange<D, I, 4>,
+    pub offset: u64,
+}
+
+impl<D: Dialect<Key = u8, Expect = u8>, I: Initiator> Line<D, I> {
+    pub fn new(dialect: D) -> Self {
+        Self {
+            dialect,
+            exchange: Exchange::new(WINDOW),
+            offset: 0,
+        }
+    }
+
+    pub fn may(&mut self, key: u8, who: I) -> bool {
+        self.exchange.may_send(&info(key), who)
+    }
+
+    /// Hands a request over at this time.
+    pub fn send(&mut self, key: u8, who: I, at: u64) {
+        self.exchange.begin(info(key), who, self.handover(at));
+    }
+
+    pub fn handover(&self, at: u64) -> Handover {
+        let at = Instant::from_micros(at);
+        Handover {
+            offset: self.offset,
+            at,
+            due: at + PATIENCE,
+        }
+    }
+
+    /// A frame of this key arrives at this time, its first byte with it.
+    pub fn frame(&mut self, key: u8, now: u64) -> Match<I> {
+        self.frame_from(key, self.offset, Some(now), now)
+    }
+
+    pub fn frame_from(&mut self, key: u8, offset: u64, at: Option<u64>, now: u64) -> Match<I> {
+        self.offset = self.offset.max(offset + 2);
+        let first = FirstByte {
+            offset,
+            at: at.map(Instant::from_micros),
+        };
+        self.exchange
+            .on_frame(&self.dialect, &[key, 0], first, Instant::from_micros(now))
+    }
+
+    /// Whose answers are missing at this time.
+    pub fn missing(&mut self, now: u64) -> Vec<I> {
+        std::iter::from_fn(|| self.exchange.on_timeout(Instant::from_micros(now))).collect()
+    }
+
+    pub fn timeout(&self) -> Option<u64> {
+        self.exchange.timeout().map(Instant::as_micros)
+    }
+}
+
+pub fn plain() -> Line<Plain> {
+    Line::new(Bytes)
+}
+
+pub fn answer(who: Who, sent: u64) -> Match<Who> {
+    Match::Answer {
+        who,
+        sent: Instant::from_micros(sent),
+    }
+}
+
+/// What happens on a line.
+#[derive(Clone, Debug)]
+pub enum Step {
+    /// Somebody wants to send, and does if it may.
+    Send(u8, Who),
+    /// Somebody gives up waiting.
+    Withdraw(Who),
+    /// The arm answers the nth request that it has, or says this of itself.
+    Answer(usize),
+    Say(u8),
+    Wait(u64),
+}
+
+/// A send as the oracle keeps it: all of them, for ever.
+#[derive(Clone, Debug)]
+struct Fact {
+    key: u8,
+    who: Who,
+    offset: u64,
+    at: u64,
+    due: u64,
+    stale: bool,
+    resolved: bool,
+    counted: bool,
+}
+
+/// Holds the exchange against an oracle that keeps every send for ever and looks each rule up.
+pub fn check(steps: impl IntoIterator<Item = Step>) {
+    let mut line = plain();
+    let mut facts: Vec<Fact> = Vec::new();
+    // Requests that wait, in order: key and who.
+    let mut waiting: Vec<(u8, Who)> = Vec::new();
+    let (mut now, mut saturated_until) = (0_u64, None::<u64>);
+    for step in steps {
+        match step {
+            Step::Wait(micros) => now += micros,
+            Step::Withdraw(who) => {
+                line.exchange.withdraw(who);
+                waiting.retain(|(_, other)| *other != who);
+            }
+            Step::Send(key, who) => {
+                let open: Vec<_> = facts.iter().filter(|fact| fact.counted && !fact.resolved).collect();
+                let ahead: Vec<_> = waiting.iter().take_while(|(_, other)| *other != who).collect();
+                let others_wait = waiting.iter().any(|(_, other)| *other != who);
+                let alone = open.iter().all(|fact| fact.who == who) && !others_wait;
+                let counted_room = saturated_until.is_none() && open.len() + ahead.len() < 4;
+                let free = open
+                    .iter()
+                    .all(|fact| fact.key / 10 == key / 10 && (fact.key != key || fact.who == who && !fact.stale));
+                let passes = ahead.iter().any(|(other, _)| *other == key || other / 10 != key / 10);
+                let may = (counted_room || who == Who::Usb && alone) && free && !passes;
+                assert_eq!(line.may(key, who), may, "{:?} {:?} {:?}", key, who, facts);
+                if !may {
+                    match waiting.iter_mut().find(|(_, other)| *other == who) {
+                        Some(waiter) => waiter.0 = key,
+                        None => waiting.push((key, who)),
+                    }
+                    continue;
+                }
+                waiting.retain(|(_, other)| *other != who);
+                let counted = saturated_until.is_none() && open.len() < 4;
+                if !counted {
+                    saturated_until = saturated_until.max(Some(now + 150));
+                }
+                line.send(key, who, now);
+                let offset = line.offset;
+                let (due, stale, resolved) = (now + 100, false, false);
+                facts.push(Fact {
+                    key,
+                    who,
+                    offset,
+                    at: now,
+                    due,
+                    stale,
+                    resolved,
+                    counted,
+                });
+            }
+            Step::Answer(_) | Step::Say(_) => {
+                let key = match step {
+                    Step::Answer(nth) => {
+                        let open: Vec<_> = facts.iter().filter(|fact| !fact.resolved).collect();
+                        match open.get(nth) {
+                            Some(fact) => fact.key,
+                            None => continue,
+                        }
+                    }
+                    Step::Say(key) => key,
+                    _ => unreachable!(),
+                };
+                let offset = line.offset;
+                let of = facts.iter().position(|fact| {
+                    fact.counted
+                        && !fact.resolved
+                        && fact.key == key
+                        && fact.offset <= offset
+                        && (!fact.stale || now < fact.due + 50)
+                });
+                let expected = match of {
+                    None => Match::Unsolicited,
+                    Some(index) if facts[index].stale => Match::Late(facts[index].who),
+                    Some(index) => answer(facts[index].who, facts[index].at),
+                };
+                assert_eq!(line.frame(key, now), expected);
+                if let Some(index) = of {
+                    facts[index].resolved = true;
+                    let at = facts[index].at;
+                    for (other, fact) in facts.iter_mut().enumerate() {
+                        if fact.counted && !fact.resolved && !fact.stale && fact.at >= at && other != index {
+                            fact.due = fact.due.max(now + 100);
+                        }
+                    }
+                    saturated_until = saturated_until.map(|until| until.max(now + 150));
+                }
+            }
+        }
+        // Time passes for what is due.
+        let mut missing = Vec::new();
+        for fact in facts.iter_mut().filter(|fact| fact.counted && !fact.resolved) {
+            if !fact.stale && fact.due <= now {
+                fact.stale = true;
+                missing.push(fact.who);
+            }
+            fact.resolved = fact.stale && fact.due + 50 <= now;
+        }
+        saturated_until = saturated_until.filter(|until| now < *until);
+        assert_eq!(line.missing(now), missing);
+        // Nothing that is due is left, and what is left is bounded.
+        let open: Vec<_> = facts.iter().filter(|fact| fact.counted && !fact.resolved).collect();
+        assert!(open.len() <= 4);
+        let next = open
+            .iter()
+            .map(|fact| if fact.stale { fact.due + 50 } else { fact.due });
+        assert_eq!(line.timeout(), next.chain(saturated_until).min());
+        let expect = open.first().map_or(u8::MAX, |fact| fact.key / 10);
+        assert_eq!(line.exchange.expect(&Bytes), expect);
+        assert_eq!(line.exchange.is_idle(), open.is_empty() && saturated_until.is_none());
+    }
+}
