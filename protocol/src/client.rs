@@ -503,13 +503,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
         let out = &mut self.outgoing;
         let left = out.at.map_or(0, |at| out.len.saturating_sub(at));
         if n > left {
-            return Err(OutOfRange {
-                what: "transmitted",
-                unit: "bytes",
-                got: n,
-                min: 0,
-                max: left,
-            });
+            return Err(OutOfRange::new("transmitted", "bytes", n, 0, left));
         }
         if n < left {
             out.at = out.at.map(|at| at.saturating_add(n));

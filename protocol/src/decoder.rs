@@ -143,13 +143,7 @@ impl<const N: usize> Decoder<N> {
     pub fn commit(&mut self, n: usize) -> Result<(), OutOfRange<usize>> {
         let max = N.saturating_sub(self.tail);
         if n > max {
-            return Err(OutOfRange {
-                what: "committed",
-                unit: "bytes",
-                got: n,
-                min: 0,
-                max,
-            });
+            return Err(OutOfRange::new("committed", "bytes", n, 0, max));
         }
         self.tail = self.tail.wrapping_add(n);
         self.received = self.received.wrapping_add(n as u64);

@@ -10,7 +10,7 @@ use embedded_io_async::{Read, Write};
 use crate::framing::Reason;
 use crate::messages::Messages;
 use crate::time::Instant;
-use crate::{Cause, Client, Config, Event, MessageId, OutOfRange, Output, ParseError, SubmitError};
+use crate::{Client, Config, Event, OutOfRange, Output, ParseError, SubmitError};
 
 /// A monotonic clock that can also wait: the driver's only need of a runtime.
 ///
@@ -259,10 +259,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         take: impl FnOnce(M::Response<'_>) -> Option<T>,
     ) -> Result<T, CallError<Port::Error>> {
         let answer = self.call(request, take).await?;
-        answer.flatten().ok_or(CallError::Unacceptable(ParseError {
-            message: MessageId::None,
-            cause: Cause::Unknown,
-        }))
+        answer.flatten().ok_or(CallError::Unacceptable(ParseError::NO_FRAME))
     }
 
     /// Makes a call whose answer, if there is one, says nothing.

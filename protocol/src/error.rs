@@ -51,40 +51,28 @@ pub struct OutOfRange<T = u16> {
     pub max: T,
 }
 
+impl<T: Copy> OutOfRange<T> {
+    /// The error of a value `got` outside `min..=max`.
+    pub const fn new(what: &'static str, unit: &'static str, got: T, min: T, max: T) -> Self {
+        Self {
+            what,
+            unit,
+            got,
+            min,
+            max,
+        }
+    }
+
+    /// The same error in a wider type.
+    fn widen<U: From<T> + Copy>(self) -> OutOfRange<U> {
+        OutOfRange::new(self.what, self.unit, self.got.into(), self.min.into(), self.max.into())
+    }
+}
+
 /// A count is a quantity too, so that one `?` takes both.
 impl From<OutOfRange> for OutOfRange<f32> {
     fn from(count: OutOfRange) -> Self {
-        Self {
-            what: count.what,
-            unit: count.unit,
-            got: count.got.into(),
-            min: count.min.into(),
-            max: count.max.into(),
-        }
-    }
-}
-
-impl From<OutOfRange> for OutOfRange<i32> {
-    fn from(count: OutOfRange) -> Self {
-        Self {
-            what: count.what,
-            unit: count.unit,
-            got: count.got.into(),
-            min: count.min.into(),
-            max: count.max.into(),
-        }
-    }
-}
-
-impl From<OutOfRange<i16>> for OutOfRange<i32> {
-    fn from(count: OutOfRange<i16>) -> Self {
-        Self {
-            what: count.what,
-            unit: count.unit,
-            got: count.got.into(),
-            min: count.min.into(),
-            max: count.max.into(),
-        }
+        count.widen()
     }
 }
 
@@ -236,11 +224,26 @@ pub enum Cause {
     },
 }
 
+#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
+impl ParseError {
+    /// Bytes that are no frame.
+    pub(crate) const NO_FRAME: Self = Self {
+        message: MessageId::None,
+        cause: Cause::Unknown,
+    };
+}
+
+#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 impl Cause {
     /// A value out of its range.
-    pub(crate) fn value(offset: usize, error: impl Into<OutOfRange<i32>>) -> Self {
-        let error = error.into();
-        Self::Value { offset, error }
+    pub(crate) fn value<T: Copy>(offset: usize, error: OutOfRange<T>) -> Self
+    where
+        i32: From<T>,
+    {
+        Self::Value {
+            offset,
+            error: error.widen(),
+        }
     }
 }
 

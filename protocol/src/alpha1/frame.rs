@@ -304,13 +304,7 @@ fn check_range(what: &'static str, unit: &'static str, got: u16, min: u16, max: 
     if (min..=max).contains(&got) {
         return Ok(());
     }
-    Err(EncodeError::OutOfRange(OutOfRange {
-        what,
-        unit,
-        got,
-        min,
-        max,
-    }))
+    Err(EncodeError::OutOfRange(OutOfRange::new(what, unit, got, min, max)))
 }
 
 /// The verdict on a window that starts with a header.

@@ -216,13 +216,7 @@ fn text(data: &[u8]) -> Result<Text<'_>, Cause> {
     };
     let (got, len) = (u16::from(*count), u16::try_from(data.len()).unwrap_or(u16::MAX));
     if got != len {
-        let error = OutOfRange {
-            what: "count",
-            unit: "",
-            got,
-            min: len,
-            max: len,
-        };
+        let error = OutOfRange::new("count", "", got, len, len);
         return Err(Cause::value(0, error));
     }
     Text::new(text).map_err(|error| Cause::value(1, error))
@@ -549,7 +543,7 @@ impl Messages for Alpha1 {
         match Frame::parse(frame) {
             Some(Frame::Message { command, data }) => parse_request(command, data).map_err(error_in(command)),
             Some(Frame::Byte(command)) => Err(error_in(command)(Cause::Unexpected)),
-            None => Err(NO_FRAME),
+            None => Err(ParseError::NO_FRAME),
         }
     }
 
@@ -566,16 +560,10 @@ impl Messages for Alpha1 {
                 Ok(Response::Servo(ServoResponse::Acknowledged(servo)))
             }
             (Some(Frame::Byte(command)), _) => Err(error_in(command)(Cause::Unexpected)),
-            (None, _) => Err(NO_FRAME),
+            (None, _) => Err(ParseError::NO_FRAME),
         }
     }
 }
-
-/// Bytes that are no frame.
-const NO_FRAME: ParseError = ParseError {
-    message: MessageId::None,
-    cause: Cause::Unknown,
-};
 
 /// The error in the frame of this command.
 fn error_in(command: u8) -> impl Fn(Cause) -> ParseError {

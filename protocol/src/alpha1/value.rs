@@ -48,13 +48,13 @@ impl Angle {
         if degrees <= Self::MAX.0 {
             return Ok(Self(degrees));
         }
-        Err(OutOfRange {
-            what: "servo angle",
-            unit: "degrees",
-            got: degrees as u16,
-            min: 0,
-            max: Self::MAX.0 as u16,
-        })
+        Err(OutOfRange::new(
+            "servo angle",
+            "degrees",
+            degrees as u16,
+            0,
+            Self::MAX.0 as u16,
+        ))
     }
 
     /// The angle in degrees; `None` if it came from the wire and is over 240.
@@ -167,13 +167,13 @@ impl Interval {
 /// The number of units nearest to a duration that is not over `max`, which is at most 65535 units.
 fn nearest(what: &'static str, duration: Duration, max: Duration) -> Result<u16, OutOfRange<f32>> {
     if duration > max {
-        return Err(OutOfRange {
+        return Err(OutOfRange::new(
             what,
-            unit: "s",
-            got: duration.as_secs_f32(),
-            min: 0.0,
-            max: max.as_secs_f32(),
-        });
+            "s",
+            duration.as_secs_f32(),
+            0.0,
+            max.as_secs_f32(),
+        ));
     }
     let unit = UNIT_MILLIS * 1_000;
     let micros = duration.as_secs() * 1_000_000 + u64::from(duration.subsec_micros());
@@ -211,13 +211,7 @@ impl ServoId {
         if 1 <= id && id <= Self::MAX.0 {
             return Ok(Self(id));
         }
-        Err(OutOfRange {
-            what: "servo id",
-            unit: "",
-            got: id as u16,
-            min: 1,
-            max: Self::MAX.0 as u16,
-        })
+        Err(OutOfRange::new("servo id", "", id as u16, 1, Self::MAX.0 as u16))
     }
 
     /// The number.
@@ -291,13 +285,13 @@ impl Offset {
         if Self::MIN.0 <= thirds && thirds <= Self::MAX.0 {
             return Ok(Self(thirds));
         }
-        Err(OutOfRange {
-            what: "servo offset",
-            unit: "thirds of a degree",
-            got: thirds,
-            min: Self::MIN.0,
-            max: Self::MAX.0,
-        })
+        Err(OutOfRange::new(
+            "servo offset",
+            "thirds of a degree",
+            thirds,
+            Self::MIN.0,
+            Self::MAX.0,
+        ))
     }
 
     /// Thirds of a degree, `-90..=90`.
@@ -349,13 +343,13 @@ impl<'a> Text<'a> {
         if text.len() <= MAX_TEXT {
             return Ok(Self(text));
         }
-        Err(OutOfRange {
-            what: "text length",
-            unit: "bytes",
-            got: u16::try_from(text.len()).unwrap_or(u16::MAX),
-            min: 0,
-            max: MAX_TEXT as u16,
-        })
+        Err(OutOfRange::new(
+            "text length",
+            "bytes",
+            u16::try_from(text.len()).unwrap_or(u16::MAX),
+            0,
+            MAX_TEXT as u16,
+        ))
     }
 
     /// The bytes.

@@ -86,13 +86,13 @@ impl Frame<'_> {
     pub fn encode(&self, out: &mut [u8]) -> Result<usize, EncodeError> {
         let len = self.data.len();
         if len > MAX_DATA {
-            return Err(EncodeError::OutOfRange(OutOfRange {
-                what: "data",
-                unit: "bytes",
-                got: u16::try_from(len).unwrap_or(u16::MAX),
-                min: 0,
-                max: MAX_DATA as u16,
-            }));
+            return Err(EncodeError::OutOfRange(OutOfRange::new(
+                "data",
+                "bytes",
+                u16::try_from(len).unwrap_or(u16::MAX),
+                0,
+                MAX_DATA as u16,
+            )));
         }
         self.put(out).map_err(EncodeError::BufferTooShort)
     }

@@ -267,13 +267,7 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
             [1] => Ok(Request::SetTorque(Torque::On)),
             [got] => Err(Cause::value(
                 0,
-                OutOfRange {
-                    what: "torque switch",
-                    unit: "",
-                    got: u16::from(got),
-                    min: 0,
-                    max: 1,
-                },
+                OutOfRange::new("torque switch", "", u16::from(got), 0, 1),
             )),
         },
         (command::JOINTS, function::STATE) => asked(frame.data).map(|()| Request::ReadJoints),
@@ -418,10 +412,7 @@ impl Messages for Ling {
 /// Reads a frame, and names it in the error.
 fn parse<T>(frame: &[u8], message: impl Fn(Frame<'_>) -> Result<T, Cause>) -> Result<T, ParseError> {
     let Some(frame) = Frame::parse(frame) else {
-        return Err(ParseError {
-            message: MessageId::None,
-            cause: Cause::Unknown,
-        });
+        return Err(ParseError::NO_FRAME);
     };
     let Frame { command, function, .. } = frame;
     message(frame).map_err(|cause| ParseError {

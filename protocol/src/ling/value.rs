@@ -61,13 +61,7 @@ impl Position {
         if ticks <= Self::MAX.0 {
             return Ok(Self(ticks));
         }
-        Err(OutOfRange {
-            what: "joint position",
-            unit: "ticks",
-            got: ticks,
-            min: 0,
-            max: Self::MAX.0,
-        })
+        Err(OutOfRange::new("joint position", "ticks", ticks, 0, Self::MAX.0))
     }
 
     /// The position nearest to an angle in radians.
@@ -76,13 +70,13 @@ impl Position {
     ///
     /// [`OutOfRange`] unless the angle is in `-π..=π` less one tick.
     pub fn from_radians(angle: f32) -> Result<Self, OutOfRange<f32>> {
-        let angle = in_range(OutOfRange {
-            what: "joint angle",
-            unit: "rad",
-            got: angle,
-            min: Self(0).radians(),
-            max: Self::MAX.radians(),
-        })?;
+        let angle = in_range(OutOfRange::new(
+            "joint angle",
+            "rad",
+            angle,
+            Self(0).radians(),
+            Self::MAX.radians(),
+        ))?;
         Ok(Self(nearest(angle * TICKS_PER_RADIAN + CENTRE)))
     }
 
@@ -127,13 +121,13 @@ impl Speed {
         if ticks_per_second <= Self::MAX.0 {
             return Ok(Self(ticks_per_second));
         }
-        Err(OutOfRange {
-            what: "joint speed",
-            unit: "ticks/s",
-            got: ticks_per_second,
-            min: 0,
-            max: Self::MAX.0,
-        })
+        Err(OutOfRange::new(
+            "joint speed",
+            "ticks/s",
+            ticks_per_second,
+            0,
+            Self::MAX.0,
+        ))
     }
 
     /// The speed nearest to one in radians per second.
@@ -142,13 +136,13 @@ impl Speed {
     ///
     /// [`OutOfRange`] under 0 and over 5000 ticks/s.
     pub fn from_radians_per_second(speed: f32) -> Result<Self, OutOfRange<f32>> {
-        let speed = in_range(OutOfRange {
-            what: "joint speed",
-            unit: "rad/s",
-            got: speed,
-            min: 0.0,
-            max: Self::MAX.radians_per_second(),
-        })?;
+        let speed = in_range(OutOfRange::new(
+            "joint speed",
+            "rad/s",
+            speed,
+            0.0,
+            Self::MAX.radians_per_second(),
+        ))?;
         Ok(Self(nearest(speed * TICKS_PER_RADIAN)))
     }
 
@@ -194,13 +188,7 @@ impl Opening {
         if per_mille <= Self::OPEN.0 {
             return Ok(Self(per_mille));
         }
-        Err(OutOfRange {
-            what: "gripper opening",
-            unit: "‰",
-            got: per_mille,
-            min: 0,
-            max: Self::OPEN.0,
-        })
+        Err(OutOfRange::new("gripper opening", "‰", per_mille, 0, Self::OPEN.0))
     }
 
     /// The opening nearest to a fraction of the stroke.
@@ -209,13 +197,7 @@ impl Opening {
     ///
     /// [`OutOfRange`] unless it is in `0.0..=1.0`.
     pub fn from_fraction(fraction: f32) -> Result<Self, OutOfRange<f32>> {
-        let fraction = in_range(OutOfRange {
-            what: "gripper opening as a fraction",
-            unit: "",
-            got: fraction,
-            min: 0.0,
-            max: 1.0,
-        })?;
+        let fraction = in_range(OutOfRange::new("gripper opening as a fraction", "", fraction, 0.0, 1.0))?;
         Ok(Self(nearest(fraction * f32::from(Self::OPEN.0))))
     }
 
@@ -226,13 +208,7 @@ impl Opening {
     /// [`OutOfRange`] under 0 and over the stroke.
     pub fn from_millimetres(distance: f32, stroke: Stroke) -> Result<Self, OutOfRange<f32>> {
         let full = f32::from(stroke.millimetres());
-        let distance = in_range(OutOfRange {
-            what: "gripper opening",
-            unit: "mm",
-            got: distance,
-            min: 0.0,
-            max: full,
-        })?;
+        let distance = in_range(OutOfRange::new("gripper opening", "mm", distance, 0.0, full))?;
         Ok(Self(nearest(distance / full * f32::from(Self::OPEN.0))))
     }
 
@@ -284,13 +260,7 @@ impl Stroke {
             0 => Ok(Self::Mm50),
             1 => Ok(Self::Mm75),
             2 => Ok(Self::Mm100),
-            _ => Err(OutOfRange {
-                what: "gripper stroke type",
-                unit: "",
-                got: code as u16,
-                min: 0,
-                max: 2,
-            }),
+            _ => Err(OutOfRange::new("gripper stroke type", "", code as u16, 0, 2)),
         }
     }
 }
@@ -324,13 +294,13 @@ impl TemperatureLimit {
         if celsius != 254 {
             return Ok(Self(celsius));
         }
-        Err(OutOfRange {
-            what: "temperature limit (254 reads the temperatures)",
-            unit: "°C",
-            got: celsius as u16,
-            min: 0,
-            max: 255,
-        })
+        Err(OutOfRange::new(
+            "temperature limit (254 reads the temperatures)",
+            "°C",
+            celsius as u16,
+            0,
+            255,
+        ))
     }
 
     /// The limit in °C.

@@ -102,15 +102,7 @@ impl Frame<'_> {
     /// assert_eq!(error.to_string(), "body is 1 bytes, must be 2..=254");
     /// ```
     pub fn encode(&self, direction: Direction, out: &mut [u8]) -> Result<usize, EncodeError> {
-        let range = |what, unit, got, min, max| {
-            EncodeError::OutOfRange(OutOfRange {
-                what,
-                unit,
-                got,
-                min,
-                max,
-            })
-        };
+        let range = |what, unit, got, min, max| EncodeError::OutOfRange(OutOfRange::new(what, unit, got, min, max));
         if self.protocol > LAST_ID {
             return Err(range("protocol id", "", self.protocol, 0, LAST_ID));
         }

@@ -197,16 +197,12 @@ enum Start<'a> {
 
 impl<'a> Start<'a> {
     fn of(frame: &'a [u8]) -> Result<Self, ParseError> {
-        const NO_FRAME: ParseError = ParseError {
-            message: MessageId::None,
-            cause: Cause::Unknown,
-        };
-        let frame = Frame::parse(frame).ok_or(NO_FRAME)?;
+        let frame = Frame::parse(frame).ok_or(ParseError::NO_FRAME)?;
         match (frame.protocol, frame.body) {
             (HEARTBEAT_ID, _) => Ok(Self::Heartbeat),
             (MODBUS_ID, &[unit, function, ref rest @ ..]) => Ok(Self::Modbus { unit, function, rest }),
             (2 | 3, &[register, ref rest @ ..]) => Ok(Self::Call(register, rest)),
-            _ => Err(NO_FRAME),
+            _ => Err(ParseError::NO_FRAME),
         }
     }
 }
@@ -333,13 +329,13 @@ fn parse_request(register: u8, params: &[u8]) -> Result<Request<'_>, Cause> {
         (Register::SystemControl, [control::REBOOT]) => Ok(Request::Reboot),
         (Register::SystemControl, [got]) => Err(Cause::value(
             0,
-            OutOfRange {
-                what: "system control",
-                unit: "",
-                got: u16::from(*got),
-                min: control::SHUTDOWN.into(),
-                max: control::REBOOT.into(),
-            },
+            OutOfRange::new(
+                "system control",
+                "",
+                u16::from(*got),
+                control::SHUTDOWN.into(),
+                control::REBOOT.into(),
+            ),
         )),
         (Register::RotationRadius | Register::SystemControl, _) => Err(Cause::Length { expected: &[1], got }),
         _ => Err(Cause::Length { expected: &[0], got }),

@@ -57,13 +57,13 @@ impl ModbusFunction {
     pub const fn new(number: u8) -> Result<Self, OutOfRange> {
         match number {
             0..Self::REFUSED => Ok(Self(number)),
-            _ => Err(OutOfRange {
-                what: "Modbus function",
-                unit: "",
-                got: number as u16,
-                min: 0,
-                max: Self::REFUSED as u16 - 1,
-            }),
+            _ => Err(OutOfRange::new(
+                "Modbus function",
+                "",
+                number as u16,
+                0,
+                Self::REFUSED as u16 - 1,
+            )),
         }
     }
 
@@ -220,13 +220,7 @@ impl Joint {
     pub const fn new(number: u8) -> Result<Self, OutOfRange> {
         match number {
             1..=MAX_JOINTS => Ok(Self(number)),
-            _ => Err(OutOfRange {
-                what: "joint",
-                unit: "",
-                got: number as u16,
-                min: 1,
-                max: MAX_JOINTS as u16,
-            }),
+            _ => Err(OutOfRange::new("joint", "", number as u16, 1, MAX_JOINTS as u16)),
         }
     }
 
@@ -255,13 +249,7 @@ impl TorqueSource {
         match code {
             0 => Ok(Self::Torque),
             1 => Ok(Self::Current),
-            _ => Err(OutOfRange {
-                what: "torque source",
-                unit: "",
-                got: code as u16,
-                min: 0,
-                max: 1,
-            }),
+            _ => Err(OutOfRange::new("torque source", "", code as u16, 0, 1)),
         }
     }
 }
@@ -316,13 +304,13 @@ fn radius_in_range(metres: f32) -> Result<f32, OutOfRange<f32>> {
     if (0.0..=RotationRadius::MAX_METRES).contains(&metres) {
         return Ok(metres);
     }
-    Err(OutOfRange {
-        what: "rotation radius",
-        unit: "m",
-        got: metres,
-        min: 0.0,
-        max: RotationRadius::MAX_METRES,
-    })
+    Err(OutOfRange::new(
+        "rotation radius",
+        "m",
+        metres,
+        0.0,
+        RotationRadius::MAX_METRES,
+    ))
 }
 
 impl PartialEq for RotationRadius {
@@ -555,25 +543,19 @@ fn check_len(what: &'static str, len: usize, max: usize) -> Result<(), OutOfRang
     if len <= max {
         return Ok(());
     }
-    Err(OutOfRange {
+    Err(OutOfRange::new(
         what,
-        unit: "characters",
-        got: u16::try_from(len).unwrap_or(u16::MAX),
-        min: 0,
-        max: max as u16,
-    })
+        "characters",
+        u16::try_from(len).unwrap_or(u16::MAX),
+        0,
+        max as u16,
+    ))
 }
 
 fn check_characters(what: &'static str, text: &str, min: u8) -> Result<(), OutOfRange> {
     match text.bytes().find(|byte| !(min..=b'~').contains(byte)) {
         None => Ok(()),
-        Some(got) => Err(OutOfRange {
-            what,
-            unit: "",
-            got: got.into(),
-            min: min.into(),
-            max: b'~'.into(),
-        }),
+        Some(got) => Err(OutOfRange::new(what, "", got.into(), min.into(), b'~'.into())),
     }
 }
 

@@ -225,10 +225,7 @@ impl Messages for Legacy {
 /// Reads a frame, and names it in the error.
 fn parse<T>(frame: &[u8], message: impl Fn(u8, &[u8]) -> Result<T, Cause>) -> Result<T, ParseError> {
     let Some(Frame { command, data }) = Frame::parse(frame) else {
-        return Err(ParseError {
-            message: MessageId::None,
-            cause: Cause::Unknown,
-        });
+        return Err(ParseError::NO_FRAME);
     };
     message(command, data).map_err(|cause| ParseError {
         message: MessageId::Command(command),
