@@ -327,15 +327,17 @@ fn step() -> impl Strategy<Value = Step> {
     let key = prop_oneof![0..3_u8, 10..12_u8];
     prop_oneof![
         4 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Send(key, who)),
-        1 => who.prop_map(Step::Withdraw),
+        1 => (key.clone(), who.clone()).prop_map(|(key, who)| Step::Repeat(key, who)),
+        1 => who.clone().prop_map(Step::Withdraw),
+        1 => who.prop_map(Step::GiveUp),
         3 => (0..3_usize).prop_map(Step::Answer),
-        1 => key.prop_map(Step::Say),
+        1 => (key, 0..4_u64, 0..60_u64).prop_map(|(key, bytes, micros)| Step::Say(key, bytes, micros)),
         2 => (1..60_u64).prop_map(Step::Wait),
     ]
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #![proptest_config(ProptestConfig::with_cases(1_000))]
 
     #[test]
     fn the_exchange_follows_its_rules(steps in vec(step(), 0..120)) {

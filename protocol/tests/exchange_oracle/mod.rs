@@ -158,13 +158,18 @@ pub fn answer(who: Who, sent: u64) -> Match<Who> {
 /// What happens on a line.
 #[derive(Clone, Debug)]
 pub enum Step {
-    /// Somebody wants to send, and does if it may.
+    /// An initiator wants to send, and does if it may.
     Send(u8, Who),
-    /// Somebody gives up waiting.
+    /// An initiator sends its oldest unresolved request of this key again, if it has one.
+    Repeat(u8, Who),
+    /// An initiator's request that waits goes no more.
     Withdraw(Who),
-    /// The arm answers the nth request that it has, or says this of itself.
+    /// An initiator gives up the answers to what it sent.
+    GiveUp(Who),
+    /// The arm answers the nth request that it has.
     Answer(usize),
-    Say(u8),
+    /// A frame of this key ends, whose first byte arrived so many bytes and microseconds ago.
+    Say(u8, u64, u64),
     Wait(u64),
 }
 
@@ -176,6 +181,7 @@ struct Fact {
     offset: u64,
     at: u64,
     due: u64,
+    times: usize,
     stale: bool,
     resolved: bool,
     counted: bool,
@@ -194,6 +200,21 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
             Step::Withdraw(who) => {
                 line.exchange.withdraw(who);
                 waiting.retain(|(_, other)| *other != who);
+            }
+            Step::GiveUp(who) => {
+                line.exchange.give_up(who);
+                for fact in facts.iter_mut().filter(|fact| fact.counted && !fact.resolved) {
+                    fact.stale |= fact.who == who;
+                }
+            }
+            Step::Repeat(key, who) => {
+                let is_it = |fact: &&mut Fact| fact.counted && !fact.resolved && (fact.key, fact.who) == (key, who);
+                let Some(fact) = facts.iter_mut().find(is_it) else {
+                    continue;
+                };
+                line.exchange.repeat(info(key), who, line.handover(now));
+                fact.times += 1;
+                (fact.due, fact.stale) = (now + 100, false);
             }
             Step::Send(key, who) => {
                 let open: Vec<_> = facts.iter().filter(|fact| fact.counted && !fact.resolved).collect();
@@ -221,36 +242,38 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                 }
                 line.send(key, who, now);
                 let offset = line.offset;
-                let (due, stale, resolved) = (now + 100, false, false);
+                let (due, times, stale, resolved) = (now + 100, 1, false, false);
                 facts.push(Fact {
                     key,
                     who,
                     offset,
                     at: now,
                     due,
+                    times,
                     stale,
                     resolved,
                     counted,
                 });
             }
-            Step::Answer(_) | Step::Say(_) => {
-                let key = match step {
+            Step::Answer(_) | Step::Say(..) => {
+                let (key, bytes, micros) = match step {
                     Step::Answer(nth) => {
                         let open: Vec<_> = facts.iter().filter(|fact| !fact.resolved).collect();
                         match open.get(nth) {
-                            Some(fact) => fact.key,
+                            Some(fact) => (fact.key, 0, 0),
                             None => continue,
                         }
                     }
-                    Step::Say(key) => key,
+                    Step::Say(key, bytes, micros) => (key, bytes, micros),
                     _ => unreachable!(),
                 };
-                let offset = line.offset;
+                let (offset, began) = (line.offset.saturating_sub(bytes), now.saturating_sub(micros));
                 let of = facts.iter().position(|fact| {
                     fact.counted
                         && !fact.resolved
                         && fact.key == key
                         && fact.offset <= offset
+                        && fact.at <= began
                         && (!fact.stale || now < fact.due + 50)
                 });
                 let expected = match of {
@@ -258,12 +281,13 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                     Some(index) if facts[index].stale => Match::Late(facts[index].who),
                     Some(index) => answer(facts[index].who, facts[index].at),
                 };
-                assert_eq!(line.frame(key, now), expected);
+                assert_eq!(line.frame_from(key, offset, Some(began), now), expected);
                 if let Some(index) = of {
-                    facts[index].resolved = true;
+                    facts[index].times -= 1;
+                    facts[index].resolved = facts[index].times == 0;
                     let at = facts[index].at;
-                    for (other, fact) in facts.iter_mut().enumerate() {
-                        if fact.counted && !fact.resolved && !fact.stale && fact.at >= at && other != index {
+                    for fact in &mut facts {
+                        if fact.counted && !fact.resolved && !fact.stale && fact.at >= at {
                             fact.due = fact.due.max(now + 100);
                         }
                     }
