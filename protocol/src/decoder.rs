@@ -129,7 +129,9 @@ impl<const N: usize> Decoder<N> {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn space(&mut self) -> &mut [u8] {
-        if self.head > 0 {
+        if self.head >= self.tail {
+            (self.head, self.tail) = (0, 0);
+        } else if self.head > 0 {
             self.move_to_front();
         }
         self.buf.get_mut(self.tail..).unwrap_or_default()
@@ -141,14 +143,19 @@ impl<const N: usize> Decoder<N> {
     ///
     /// [`OutOfRange`] when that is more than there is room for. Nothing is accepted then.
     pub fn commit(&mut self, n: usize) -> Result<(), OutOfRange<usize>> {
-        let max = N.saturating_sub(self.tail);
+        let max = N.wrapping_sub(self.tail);
         if n > max {
             return Err(OutOfRange::new("committed", "bytes", n, 0, max));
         }
+        self.accept(n);
+        Ok(())
+    }
+
+    /// Accepts bytes for which there is room.
+    const fn accept(&mut self, n: usize) {
         self.tail = self.tail.wrapping_add(n);
         self.received = self.received.wrapping_add(n as u64);
         self.idle &= n == 0;
-        Ok(())
     }
 
     /// Copies in as much of `bytes` as there is room for and returns the rest.
@@ -162,8 +169,7 @@ impl<const N: usize> Decoder<N> {
         for (to, from) in space.iter_mut().zip(now) {
             *to = *from;
         }
-        // There is room: this cannot fail.
-        let _ = self.commit(n);
+        self.accept(n);
         later
     }
 
@@ -192,62 +198,61 @@ impl<const N: usize> Decoder<N> {
     ///
     /// Loops are made of this, because an item that is returned from inside a loop would borrow the decoder for all of it.
     pub fn advance<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
-        let (n, kind) = self.classify(framing, expect)?;
-        let window = self.pending();
-        let now = n.clamp(1, window.max(1)).min(window);
-        self.skip = match kind {
-            Kind::Noise(_) => n.saturating_sub(now),
-            Kind::Frame | Kind::Padding | Kind::Broken(_) => 0,
-        };
-        let span = Span {
-            offset: self.offset(),
-            kind,
-            start: self.head,
-            end: self.head.wrapping_add(now),
-        };
-        self.head = span.end;
-        Some(span)
-    }
-
-    /// What the front of the window is, and how many bytes of it, which may reach past the window.
-    fn classify<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<(usize, Kind)> {
         if self.idle && !F::LOSSLESS {
             // The rest of a frame that was too long does not come any more.
             self.skip = 0;
         }
-        let window_len = self.pending();
-        if window_len == 0 {
+        let window = self.window();
+        if window.is_empty() {
             return None;
         }
         if let Some(reason) = self.broken {
-            return Some((window_len, Kind::Broken(reason)));
+            return Some(self.take(window.len(), Kind::Broken(reason)));
         }
         if self.skip > 0 {
-            return Some((self.skip, Kind::Noise(self.skip_reason)));
+            return Some(self.take_noise(self.skip, self.skip_reason));
         }
-        let window = self.window();
         let verdict = match self.idle {
             true => framing.scan_idle(window, expect),
             false => framing.scan(window, expect),
         };
-        let (n, reason) = match verdict {
+        match verdict {
             Scan::Need(missing) => {
-                let total = window_len.saturating_add(missing);
-                if total <= N {
-                    return None;
-                }
-                (total, too_long::<N>(total))
+                let total = window.len().saturating_add(missing);
+                (total > N).then(|| self.take_noise(total, too_long::<N>(total)))
             }
-            Scan::Frame(n) => return Some((n, Kind::Frame)),
-            Scan::Padding(n) => return Some((n, Kind::Padding)),
+            Scan::Frame(n) => Some(self.take(n, Kind::Frame)),
+            Scan::Padding(n) => Some(self.take(n, Kind::Padding)),
+            Scan::Noise(n, reason) => Some(self.take_noise(n, reason)),
             Scan::Broken(reason) => {
+                let rest = window.len();
                 self.broken = Some(reason);
-                return Some((window_len, Kind::Broken(reason)));
+                Some(self.take(rest, Kind::Broken(reason)))
             }
-            Scan::Noise(n, reason) => (n, reason),
-        };
+        }
+    }
+
+    /// Takes noise out that may reach past the window.
+    // Not inlined: copies of it slow the path of a frame.
+    #[inline(never)]
+    fn take_noise(&mut self, n: usize, reason: Reason) -> Span {
+        let span = self.take(n, Kind::Noise(reason));
+        self.skip = n.saturating_sub(span.len());
         self.skip_reason = reason;
-        Some((n, Kind::Noise(reason)))
+        span
+    }
+
+    /// Takes the first `n` bytes out of the window, at least one and no more than it has.
+    fn take(&mut self, n: usize, kind: Kind) -> Span {
+        let (offset, start) = (self.offset(), self.head);
+        let end = start.wrapping_add(n.max(1)).min(self.tail);
+        self.head = end;
+        Span {
+            offset,
+            kind,
+            start,
+            end,
+        }
     }
 
     /// The item at a span.
@@ -318,6 +323,8 @@ impl<const N: usize> Decoder<N> {
     }
 
     /// Brings the window to the front of the buffer.
+    // Not inlined: most calls of `space` do not need it.
+    #[inline(never)]
     fn move_to_front(&mut self) {
         // `copy_within` has a panic that is left when it is not inlined.
         let cells = Cell::from_mut(&mut self.buf[..]).as_slice_of_cells();

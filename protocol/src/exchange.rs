@@ -75,7 +75,8 @@ pub enum Match<I> {
 
 /// A request that was handed over and wants an answer.
 struct Sent<D: Dialect, I> {
-    info: InfoOf<D>,
+    key: D::Key,
+    expect: D::Expect,
     who: I,
     offset: u64,
     at: Instant,
@@ -90,7 +91,8 @@ struct Sent<D: Dialect, I> {
 impl<D: Dialect, I: Initiator> Sent<D, I> {
     fn new(info: InfoOf<D>, who: I, handover: Handover) -> Self {
         Self {
-            info,
+            key: info.key,
+            expect: info.expect,
             who,
             offset: handover.offset,
             at: handover.at,
@@ -103,13 +105,14 @@ impl<D: Dialect, I: Initiator> Sent<D, I> {
 
     /// Whether a request of `who` must wait until this send is resolved.
     fn blocks(&self, info: &InfoOf<D>, who: I) -> bool {
-        self.info.expect != info.expect || self.info.key == info.key && (self.stale || self.who != who)
+        self.expect != info.expect || self.key == info.key && (self.stale || self.who != who)
     }
 }
 
 /// A request that may not go yet.
 struct Waiting<D: Dialect, I> {
-    info: InfoOf<D>,
+    key: D::Key,
+    expect: D::Expect,
     who: I,
 }
 
@@ -143,7 +146,7 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
     /// What may come next on the line: the answer to the oldest unresolved send.
     pub fn expect(&self, dialect: &D) -> D::Expect {
         match self.sends.iter().next() {
-            Some(oldest) => oldest.info.expect,
+            Some(oldest) => oldest.expect,
             None => dialect.unsolicited(),
         }
     }
@@ -163,16 +166,20 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         let room = self.saturated.is_none() && self.sends.len().saturating_add(ahead().count()) < N;
         let may = (room || alone && who.may_exceed())
             && !self.sends.iter().any(|sent| sent.blocks(info, who))
-            && !ahead().any(|waiting| waiting.info.key == info.key || waiting.info.expect != info.expect);
+            && !ahead().any(|waiting| waiting.key == info.key || waiting.expect != info.expect);
         if may {
             return true;
         }
         // There is room for every initiator, as long as they are no more than sends.
         if let Some(waiting) = self.waiting.iter_mut().find(|waiting| waiting.who == who) {
-            waiting.info = *info;
+            (waiting.key, waiting.expect) = (info.key, info.expect);
             return false;
         }
-        self.waiting.push(Waiting { info: *info, who });
+        self.waiting.push(Waiting {
+            key: info.key,
+            expect: info.expect,
+            who,
+        });
         false
     }
 
@@ -205,7 +212,7 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
 
     /// A request was handed over again, and may be answered once more. It is due when this repeat is.
     pub fn repeat(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
-        let of_call = |sent: &&mut Sent<D, I>| sent.who == who && sent.info == info;
+        let of_call = |sent: &&mut Sent<D, I>| sent.who == who && sent.key == info.key;
         let sent = self.sends.iter_mut().find(of_call);
         let Some(sent) = sent else {
             return self.begin(info, who, handover);
@@ -222,7 +229,7 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         let answered = self.sends.iter_mut().find(|sent| {
             sent.offset <= first.offset
                 && first.at.is_none_or(|at| sent.at <= at)
-                && dialect.is_response_to(sent.info.key, frame)
+                && dialect.is_response_to(sent.key, frame)
         });
         let Some(sent) = answered else {
             return Match::Unsolicited;
@@ -336,7 +343,8 @@ impl<T, const N: usize> Slots<T, N> {
         let slots = Cell::from_mut(&mut self.0[..]).as_slice_of_cells().get(index..)?;
         let removed = slots.first()?.take();
         for (to, from) in slots.iter().zip(slots.iter().skip(1)) {
-            to.set(from.take());
+            let Some(next) = from.take() else { break };
+            to.set(Some(next));
         }
         removed
     }
