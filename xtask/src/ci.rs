@@ -10,7 +10,9 @@ use crate::process::{self, shown};
 use crate::steps::Steps;
 use crate::toolchain::Toolchain;
 use crate::workspace::{self, ALONE};
-use crate::{campaign, coverage, deny, features, fuzz, integrity, no_panic, performance, semver, unsafe_code, vendor};
+use crate::{
+    campaign, coverage, deny, features, fuzz, integrity, no_panic, performance, readme, semver, unsafe_code, vendor,
+};
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
@@ -70,6 +72,7 @@ pub(crate) fn run() -> Result {
     })?;
     ci.step("docs/integrity.md", || integrity::run(&[]))?;
     ci.step("each feature alone, and the oldest compiler", features::each)?;
+    ci.step("README's example with its dependencies", readme::check)?;
     ci.step("public API", semver::run)?;
     ci.step("crates without std", no_std)?;
     ci.step("clippy for the microcontroller", clippy_thumb)?;

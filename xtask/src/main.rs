@@ -18,6 +18,7 @@ mod no_panic;
 mod performance;
 mod process;
 mod program;
+mod readme;
 mod semver;
 mod soak;
 mod steps;
