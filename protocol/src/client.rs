@@ -360,8 +360,6 @@ pub struct Client<M: Messages, const N: usize> {
     last_rx: Instant,
     /// The number of the last request.
     number: u16,
-    /// Where the stream broke, once it was told.
-    broken_at: Option<u64>,
 }
 
 impl<M: Messages, const N: usize> Client<M, N> {
@@ -381,7 +379,6 @@ impl<M: Messages, const N: usize> Client<M, N> {
             },
             last_rx: Instant::ZERO,
             number: 0,
-            broken_at: None,
         }
     }
 
@@ -527,12 +524,12 @@ impl<M: Messages, const N: usize> Client<M, N> {
             self.decoder.idle();
         }
         let expect = self.outgoing.exchange.expect(&self.messages);
-        if let Some(span) = self.next_span(expect) {
+        if let Some(span) = self.decoder.advance_to_event(&self.messages, expect) {
             return Output::Event(self.event(span, expect, now));
         }
         // Only now, for bytes may have arrived long before they were put in.
         self.outgoing.exchange.expire(now);
-        if let (Some(reason), Some(offset)) = (self.decoder.broken(), self.broken_at) {
+        if let Some((offset, reason)) = self.decoder.broken() {
             return match self.outgoing.stop() {
                 true => Output::Event(Event::Broken { offset, reason }),
                 false => Output::Timeout(None),
@@ -564,25 +561,12 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
     }
 
-    /// The next item that is not padding, and not behind a break that was told.
-    fn next_span(&mut self, expect: M::Expect) -> Option<Span> {
-        while let Some(span) = self.decoder.advance(&self.messages, expect) {
-            match span.kind {
-                Kind::Padding => {}
-                Kind::Broken(_) if self.broken_at.is_some() => {}
-                Kind::Frame | Kind::Noise(_) | Kind::Broken(_) => return Some(span),
-            }
-        }
-        None
-    }
-
     /// What comes of an item.
     fn event(&mut self, span: Span, expect: M::Expect, now: Instant) -> Event<'_, M::Response<'_>> {
         let Item { offset, kind, bytes } = self.decoder.item(span);
         match kind {
             Kind::Noise(reason) => return Event::Noise { offset, bytes, reason },
             Kind::Broken(reason) => {
-                self.broken_at = Some(offset);
                 self.outgoing.stop();
                 return Event::Broken { offset, reason };
             }

@@ -94,8 +94,8 @@ pub struct Decoder<const N: usize> {
     skip_reason: Reason,
     /// Nothing came since the line went idle.
     idle: bool,
-    /// Why the stream broke.
-    broken: Option<Reason>,
+    /// Where the stream broke, in bytes since the decoder was made, and why.
+    broken: Option<(u64, Reason)>,
 }
 
 impl<const N: usize> Decoder<N> {
@@ -206,7 +206,7 @@ impl<const N: usize> Decoder<N> {
         if window.is_empty() {
             return None;
         }
-        if let Some(reason) = self.broken {
+        if let Some((_, reason)) = self.broken {
             return Some(self.take(window.len(), Kind::Broken(reason)));
         }
         if self.skip > 0 {
@@ -226,7 +226,7 @@ impl<const N: usize> Decoder<N> {
             Scan::Noise(n, reason) => Some(self.take_noise(n, reason)),
             Scan::Broken(reason) => {
                 let rest = window.len();
-                self.broken = Some(reason);
+                self.broken = Some((self.offset(), reason));
                 Some(self.take(rest, Kind::Broken(reason)))
             }
         }
@@ -252,6 +252,19 @@ impl<const N: usize> Decoder<N> {
             kind,
             start,
             end,
+        }
+    }
+
+    /// The next item that is not padding. Of a broken stream it is only the first one.
+    pub(crate) fn advance_to_event<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
+        loop {
+            let was_broken = self.broken.is_some();
+            let span = self.advance(framing, expect)?;
+            match span.kind {
+                Kind::Padding => {}
+                Kind::Broken(_) if was_broken => {}
+                Kind::Frame | Kind::Noise(_) | Kind::Broken(_) => return Some(span),
+            }
         }
     }
 
@@ -317,8 +330,9 @@ impl<const N: usize> Decoder<N> {
         self.received
     }
 
-    /// Why the stream broke. `None` while all is well, and always on a line that is not lossless.
-    pub const fn broken(&self) -> Option<Reason> {
+    /// Where the stream broke, in bytes since the decoder was made, and why. `None` while all is well, and always on a line that
+    /// is not lossless.
+    pub const fn broken(&self) -> Option<(u64, Reason)> {
         self.broken
     }
 

@@ -66,8 +66,6 @@ pub enum DeviceEvent<'a, R, K> {
 pub struct Device<M: Messages, const N: usize> {
     messages: M,
     decoder: Decoder<N>,
-    /// That the stream broke was told.
-    broken: bool,
 }
 
 impl<M: Messages, const N: usize> Device<M, N> {
@@ -76,7 +74,6 @@ impl<M: Messages, const N: usize> Device<M, N> {
         Self {
             messages,
             decoder: Decoder::new(),
-            broken: false,
         }
     }
 
@@ -109,20 +106,10 @@ impl<M: Messages, const N: usize> Device<M, N> {
 
     /// What was received next; `None` when more bytes are needed.
     pub fn poll(&mut self) -> Option<DeviceEvent<'_, M::Request<'_>, M::Key>> {
-        let span = self.next_span()?;
+        let span = self
+            .decoder
+            .advance_to_event(&self.messages, self.messages.requests())?;
         Some(self.event(span))
-    }
-
-    /// The next item that is not padding, and not behind a break that was told.
-    fn next_span(&mut self) -> Option<Span> {
-        while let Some(span) = self.decoder.advance(&self.messages, self.messages.requests()) {
-            match span.kind {
-                Kind::Padding => {}
-                Kind::Broken(_) if self.broken => {}
-                Kind::Frame | Kind::Noise(_) | Kind::Broken(_) => return Some(span),
-            }
-        }
-        None
     }
 
     /// What comes of an item.
@@ -131,7 +118,6 @@ impl<M: Messages, const N: usize> Device<M, N> {
         match kind {
             Kind::Noise(reason) => return DeviceEvent::Noise { offset, bytes, reason },
             Kind::Broken(reason) => {
-                self.broken = true;
                 return DeviceEvent::Broken { offset, reason };
             }
             Kind::Frame | Kind::Padding => {}

@@ -104,7 +104,7 @@ impl<P: Subject, const N: usize> Ear<P, N> {
 
     /// Why the stream broke.
     pub fn broken(&self) -> Option<Reason> {
-        self.decoder.broken()
+        self.decoder.broken().map(|(_, reason)| reason)
     }
 
     fn frames(&self) -> usize {
