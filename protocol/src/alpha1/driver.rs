@@ -86,47 +86,27 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Moves all servos.
     pub async fn act(&mut self, action: Action) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::Act(action), |response| match response {
-            Response::Acted(outcome) => Some(outcome),
-            _ => None,
-        })
-        .await
+        self.read(&Request::Act(action), outcome).await
     }
 
     /// Plays the action of this name.
     pub async fn play(&mut self, name: Text<'_>) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::Play(name), |response| match response {
-            Response::Playing(outcome) => Some(outcome),
-            _ => None,
-        })
-        .await
+        self.read(&Request::Play(name), outcome).await
     }
 
     /// Stops the action that is played.
     pub async fn stop(&mut self) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::Stop, |response| match response {
-            Response::Stopped(outcome) => Some(outcome),
-            _ => None,
-        })
-        .await
+        self.read(&Request::Stop, outcome).await
     }
 
     /// Connects or disconnects the servo offset tool.
     pub async fn set_offset_tool(&mut self, tool: OffsetTool) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::SetOffsetTool(tool), |response| match response {
-            Response::OffsetTool(outcome) => Some(outcome),
-            _ => None,
-        })
-        .await
+        self.read(&Request::SetOffsetTool(tool), outcome).await
     }
 
     /// Says what the robot is on USB from now on. The port may close over it.
     pub async fn set_usb_type(&mut self, usb: UsbType) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(&Request::SetUsbType(usb), |response| match response {
-            Response::UsbType(outcome) => Some(outcome),
-            _ => None,
-        })
-        .await
+        self.read(&Request::SetUsbType(usb), outcome).await
     }
 
     /// Moves a servo, or all of them to the same angle.
@@ -171,14 +151,8 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
 
     /// Gives a servo another id.
     pub async fn change_servo_id(&mut self, from: ServoId, to: ServoId) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(
-            &Request::Servo(ServoRequest::ChangeId { from, to }),
-            |response| match response {
-                Response::Servo(ServoResponse::IdChanged { outcome, .. }) => Some(outcome),
-                _ => None,
-            },
-        )
-        .await
+        self.read(&Request::Servo(ServoRequest::ChangeId { from, to }), outcome)
+            .await
     }
 
     /// Puts the zero of a servo off.
@@ -187,14 +161,8 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         servo: ServoId,
         offset: Offset,
     ) -> Result<Outcome, CallError<Port::Error>> {
-        self.read(
-            &Request::Servo(ServoRequest::SetOffset(servo, offset)),
-            |response| match response {
-                Response::Servo(ServoResponse::OffsetSet { outcome, .. }) => Some(outcome),
-                _ => None,
-            },
-        )
-        .await
+        self.read(&Request::Servo(ServoRequest::SetOffset(servo, offset)), outcome)
+            .await
     }
 
     /// How far the zero of a servo is put off, in thirds of a degree.
@@ -219,5 +187,20 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
             },
         )
         .await
+    }
+}
+
+/// The outcome in a response that has nothing else to say.
+const fn outcome(response: Response<'_>) -> Option<Outcome> {
+    match response {
+        Response::Stopped(outcome)
+        | Response::Acted(outcome)
+        | Response::OffsetTool(outcome)
+        | Response::UsbType(outcome)
+        | Response::Playing(outcome)
+        | Response::Servo(ServoResponse::IdChanged { outcome, .. } | ServoResponse::OffsetSet { outcome, .. }) => {
+            Some(outcome)
+        }
+        _ => None,
     }
 }
