@@ -3,6 +3,8 @@
 use core::fmt;
 use core::num::NonZeroU32;
 
+use thiserror::Error;
+
 use crate::decoder::{Decoder, Item, Kind, Span};
 use crate::dialect::{Effect, InfoOf, ResponseTiming};
 use crate::exchange::{Exchange, FirstByte, Handover, Match};
@@ -143,26 +145,17 @@ pub enum Event<'a, R> {
 }
 
 /// Why a request was not accepted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum SubmitError {
     /// Another request is in flight, or the rest of a cancelled one is still to be transmitted.
+    #[error("a request is already in flight")]
     Busy,
     /// The client's buffer is shorter than the request.
+    #[error(transparent)]
     TooLong(BufferTooShort),
 }
-
-impl fmt::Display for SubmitError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Busy => f.write_str("a request is already in flight"),
-            Self::TooLong(error) => error.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for SubmitError {}
 
 /// The request in flight.
 struct Call {

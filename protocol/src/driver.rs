@@ -6,6 +6,7 @@ use core::pin::pin;
 use core::task::Poll;
 
 use embedded_io_async::{Read, Write};
+use thiserror::Error;
 
 use crate::framing::Reason;
 use crate::messages::Messages;
@@ -56,59 +57,46 @@ impl<C: Clock> Clock for &C {
 pub const READS_BEFORE_SEND: usize = 256;
 
 /// Why a call failed: `E` is the error of the port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum CallError<E> {
     /// The port failed.
-    Io(E),
+    #[error("the port failed: {0}")]
+    Io(#[source] E),
     /// The port took or gave no bytes where it must: it is closed.
+    #[error("the port is closed")]
     Closed,
     /// The port says that it took or gave more bytes than there were.
-    Port(OutOfRange<usize>),
+    #[error("the port miscounts: {0}")]
+    Port(#[source] OutOfRange<usize>),
     /// The client did not accept the request.
-    Submit(SubmitError),
+    #[error("{0}")]
+    Submit(#[source] SubmitError),
     /// A lossless stream broke: nothing after this can be read, and the connection must be closed.
+    #[error("the connection is broken: byte {offset}: {reason}")]
     Broken {
         /// Where, in bytes since the driver was made.
         offset: u64,
         /// Why.
+        #[source]
         reason: Reason,
     },
     /// The arm's answer has a value or a length that the protocol does not have, for this reason.
-    Unacceptable(ParseError),
+    #[error("the arm's answer cannot be accepted: {0}")]
+    Unacceptable(#[source] ParseError),
     /// The arm did not answer.
+    #[error(fmt = timed_out)]
     TimedOut {
         /// How often the request was sent.
         sends: u8,
     },
 }
 
-impl<E: fmt::Display> fmt::Display for CallError<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Io(error) => write!(f, "the port failed: {error}"),
-            Self::Closed => f.write_str("the port is closed"),
-            Self::Port(error) => write!(f, "the port miscounts: {error}"),
-            Self::Submit(error) => error.fmt(f),
-            Self::Broken { offset, reason } => write!(f, "the connection is broken: byte {offset}: {reason}"),
-            Self::Unacceptable(error) => write!(f, "the arm's answer cannot be accepted: {error}"),
-            Self::TimedOut { sends: 1 } => f.write_str("the arm did not answer"),
-            Self::TimedOut { sends } => write!(f, "the arm did not answer, asked {sends} times"),
-        }
-    }
-}
-
-impl<E: core::error::Error + 'static> core::error::Error for CallError<E> {
-    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
-        match self {
-            Self::Io(error) => Some(error),
-            Self::Port(error) => Some(error),
-            Self::Submit(error) => Some(error),
-            Self::Broken { reason, .. } => Some(reason),
-            Self::Unacceptable(error) => Some(error),
-            Self::Closed | Self::TimedOut { .. } => None,
-        }
+fn timed_out(sends: &u8, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    match sends {
+        1 => f.write_str("the arm did not answer"),
+        _ => write!(f, "the arm did not answer, asked {sends} times"),
     }
 }
 

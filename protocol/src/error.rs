@@ -2,29 +2,18 @@
 
 use core::fmt;
 
-use crate::framing::Reason;
+use thiserror::Error;
 
 /// A buffer too short for what was to be written into it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[error("the message takes {needed} bytes, the buffer has {got}")]
 pub struct BufferTooShort {
     /// Bytes it would have taken.
     pub needed: usize,
     /// Bytes there were.
     pub got: usize,
 }
-
-impl fmt::Display for BufferTooShort {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "the message takes {} bytes, the buffer has {}",
-            self.needed, self.got
-        )
-    }
-}
-
-impl core::error::Error for BufferTooShort {}
 
 /// A value outside what the protocol can say: a count as it is on the wire, or a quantity in SI units (`f32`).
 ///
@@ -36,10 +25,11 @@ impl core::error::Error for BufferTooShort {}
 /// let error = Position::from_radians(-4.0).unwrap_err();
 /// assert_eq!(error.to_string(), "joint angle is -4 rad, must be -3.1415927..=3.1400588");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[error("{what} is {got}{}{unit}, must be {min}..={max}", if unit.is_empty() { "" } else { " " })]
 pub struct OutOfRange<T = u16> {
-    /// What the value is of.
+    /// The name of the value.
     pub what: &'static str,
     /// Its unit, or an empty string.
     pub unit: &'static str,
@@ -69,6 +59,28 @@ impl<T: Copy> OutOfRange<T> {
     }
 }
 
+/// The value, if it is in its range.
+#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
+pub(crate) fn within<T: Copy + PartialOrd>(
+    what: &'static str,
+    unit: &'static str,
+    got: T,
+    min: T,
+    max: T,
+) -> Result<T, OutOfRange<T>> {
+    match (min..=max).contains(&got) {
+        true => Ok(got),
+        false => Err(OutOfRange::new(what, unit, got, min, max)),
+    }
+}
+
+/// Whether a length is at most `max`, which is less than 65 535.
+#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
+pub(crate) fn at_most(what: &'static str, unit: &'static str, len: usize, max: u16) -> Result<(), OutOfRange> {
+    let len = u16::try_from(len).unwrap_or(u16::MAX);
+    within(what, unit, len, 0, max).map(drop)
+}
+
 /// A count is a quantity too, so that one `?` takes both.
 impl From<OutOfRange> for OutOfRange<f32> {
     fn from(count: OutOfRange) -> Self {
@@ -76,20 +88,7 @@ impl From<OutOfRange> for OutOfRange<f32> {
     }
 }
 
-impl<T: fmt::Display> fmt::Display for OutOfRange<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let space = if self.unit.is_empty() { "" } else { " " };
-        write!(
-            f,
-            "{} is {}{space}{}, must be {}..={}",
-            self.what, self.got, self.unit, self.min, self.max
-        )
-    }
-}
-
-impl<T: fmt::Display + fmt::Debug> core::error::Error for OutOfRange<T> {}
-
-/// Why a frame cannot be written: what cannot be read back is not.
+/// The reason for which a frame cannot be written: its reader would not take it.
 ///
 /// ```
 /// use armwire::ling::{Frame, MAX_DATA};
@@ -101,36 +100,17 @@ impl<T: fmt::Display + fmt::Debug> core::error::Error for OutOfRange<T> {}
 /// };
 /// assert_eq!((error.what, error.got, error.max), ("data", 65, 64));
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum EncodeError {
     /// The buffer is too short.
-    BufferTooShort(BufferTooShort),
-    /// A field, or the length of a part, is one that no frame has.
-    OutOfRange(OutOfRange),
-    /// A byte that may have few values has another.
-    Byte {
-        /// Where it is, in bytes from the start of the frame.
-        offset: u8,
-        /// What it may be.
-        expected: &'static [u8],
-        /// What it is.
-        got: u8,
-    },
+    #[error(transparent)]
+    BufferTooShort(#[from] BufferTooShort),
+    /// The data is longer than that of any frame.
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
 }
-
-impl fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::BufferTooShort(error) => error.fmt(f),
-            Self::OutOfRange(error) => error.fmt(f),
-            Self::Byte { offset, expected, got } => Reason::Byte { offset, expected, got }.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for EncodeError {}
 
 /// A good frame that is no message of its document: which message it would be, what is wrong with it, and where.
 ///
@@ -149,16 +129,17 @@ impl core::error::Error for EncodeError {}
 /// let error = Alpha1.parse_request(&usb_type).unwrap_err();
 /// assert_eq!(error.to_string(), "command F9: data byte 0 is 04, must be 01 or 02 or 03");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[error("{message}: {cause}")]
 pub struct ParseError {
-    /// Which message the frame would be.
+    /// The message that the frame would be.
     pub message: MessageId,
-    /// What is wrong with it.
+    /// The error in it.
     pub cause: Cause,
 }
 
-/// What names a message.
+/// The name of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -185,21 +166,26 @@ pub enum MessageId {
     },
 }
 
-/// What is wrong with a message. Offsets are in bytes from the start of its data.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The error in a message. Offsets are in bytes from the start of its data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 // Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
 #[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
 #[non_exhaustive]
 pub enum Cause {
     /// The document has no such message in this direction.
+    #[error("unknown")]
     Unknown,
     /// An answer of a servo, or the shape of one, where none is expected: its request cannot be told.
+    #[error("an answer of a servo, but none is expected")]
     Unexpected,
     /// A frame of the robot's Bluetooth protocol.
+    #[error("a frame of the robot's Bluetooth protocol")]
     Bluetooth,
     /// A command that starts the boot loader of a servo, which this crate does not offer.
+    #[error("it would start a servo's boot loader, which is not offered")]
     BootLoader,
     /// The data has the wrong length.
+    #[error("{got} data bytes, expected {}", either(expected, fmt::Display::fmt))]
     Length {
         /// The lengths it may have, in bytes.
         expected: &'static [usize],
@@ -207,6 +193,7 @@ pub enum Cause {
         got: usize,
     },
     /// A byte with few allowed values has another.
+    #[error("data byte {offset} is {got:02X}, must be {}", either(expected, |byte, f| write!(f, "{byte:02X}")))]
     Byte {
         /// The byte's place.
         offset: usize,
@@ -216,6 +203,7 @@ pub enum Cause {
         got: u8,
     },
     /// A value is out of its range.
+    #[error("{error} (data byte {offset})")]
     Value {
         /// The value's place.
         offset: usize,
@@ -231,10 +219,21 @@ impl ParseError {
         message: MessageId::None,
         cause: Cause::Unknown,
     };
+
+    /// Makes the error of a message from its cause.
+    pub(crate) fn of(message: MessageId) -> impl Fn(Cause) -> Self {
+        move |cause| Self { message, cause }
+    }
 }
 
 #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 impl Cause {
+    /// A byte with another value than those allowed.
+    #[cfg(any(feature = "ling", feature = "alpha1"))]
+    pub(crate) const fn byte(offset: usize, expected: &'static [u8], got: u8) -> Self {
+        Self::Byte { offset, expected, got }
+    }
+
     /// A value out of its range.
     pub(crate) fn value<T: Copy>(offset: usize, error: OutOfRange<T>) -> Self
     where
@@ -244,12 +243,6 @@ impl Cause {
             offset,
             error: error.widen(),
         }
-    }
-}
-
-impl fmt::Display for ParseError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.message, self.cause)
     }
 }
 
@@ -265,28 +258,6 @@ impl fmt::Display for MessageId {
     }
 }
 
-impl fmt::Display for Cause {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Unknown => f.write_str("unknown"),
-            Self::Unexpected => f.write_str("an answer of a servo, but none is expected"),
-            Self::Bluetooth => f.write_str("a frame of the robot's Bluetooth protocol"),
-            Self::BootLoader => f.write_str("it would start a servo's boot loader, which is not offered"),
-            Self::Length { expected, got } => {
-                write!(f, "{got} data bytes, expected ")?;
-                write_either(f, expected, |f, length| write!(f, "{length}"))
-            }
-            Self::Byte { offset, expected, got } => {
-                write!(f, "data byte {offset} is {got:02X}, must be ")?;
-                write_either(f, expected, |f, byte| write!(f, "{byte:02X}"))
-            }
-            Self::Value { offset, error } => write!(f, "{error} (data byte {offset})"),
-        }
-    }
-}
-
-impl core::error::Error for ParseError {}
-
 /// Data of a known length, or the error that says which it should have.
 #[cfg(any(feature = "ling", feature = "alpha1"))]
 pub(crate) fn sized<'a, const N: usize>(data: &'a [u8], expected: &'static [usize]) -> Result<&'a [u8; N], Cause> {
@@ -299,25 +270,22 @@ pub(crate) fn sized<'a, const N: usize>(data: &'a [u8], expected: &'static [usiz
 pub(crate) fn constant<const N: usize>(offset: usize, data: &[u8; N], expected: &'static [u8; N]) -> Result<(), Cause> {
     for (i, (got, expected)) in data.iter().zip(expected.chunks(1)).enumerate() {
         if expected != [*got] {
-            return Err(Cause::Byte {
-                offset: offset.saturating_add(i),
-                expected,
-                got: *got,
-            });
+            return Err(Cause::byte(offset.saturating_add(i), expected, *got));
         }
     }
     Ok(())
 }
 
-/// Writes what may be instead of what is: `a or b or c`.
-pub(crate) fn write_either<T>(
-    f: &mut fmt::Formatter<'_>,
+/// Choices as `a or b or c`.
+pub(crate) fn either<T>(
     choices: &[T],
-    write: impl Fn(&mut fmt::Formatter<'_>, &T) -> fmt::Result,
-) -> fmt::Result {
-    for (i, choice) in choices.iter().enumerate() {
-        f.write_str(if i == 0 { "" } else { " or " })?;
-        write(f, choice)?;
-    }
-    Ok(())
+    write: impl Fn(&T, &mut fmt::Formatter<'_>) -> fmt::Result,
+) -> impl fmt::Display {
+    fmt::from_fn(move |f| {
+        for (i, choice) in choices.iter().enumerate() {
+            f.write_str(if i == 0 { "" } else { " or " })?;
+            write(choice, f)?;
+        }
+        Ok(())
+    })
 }

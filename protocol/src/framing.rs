@@ -1,8 +1,12 @@
 //! Where frames begin and end.
 
-use core::fmt::{self, Debug};
+use core::fmt::Debug;
 
-use crate::error::write_either;
+use thiserror::Error;
+
+#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
+use crate::BufferTooShort;
+use crate::error::either;
 
 /// The verdict of a [`Framing`] on the front of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,14 +27,16 @@ pub enum Scan {
 }
 
 /// Why bytes belong to no frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 // Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
 #[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
 #[non_exhaustive]
 pub enum Reason {
     /// No frame starts here.
+    #[error("no frame starts here")]
     Stray,
     /// A frame seemed to start here, but no frame of this protocol, or none that the decoder has room for, has such a length.
+    #[error("length field says {got}, must be {min}..={max}")]
     Length {
         /// The least that the length may be.
         min: u16,
@@ -40,6 +46,7 @@ pub enum Reason {
         got: u16,
     },
     /// A frame seemed to start here, but a byte with few allowed values has another.
+    #[error("byte {offset} is {got:#04x}, expected {}", either(expected, |byte, f| write!(f, "{byte:#04x}")))]
     Byte {
         /// The byte's place, counted from the start of the frame.
         offset: u8,
@@ -49,6 +56,7 @@ pub enum Reason {
         expected: &'static [u8],
     },
     /// A frame seemed to start here, but its checksum does not match.
+    #[error("checksum {got:#04x}, expected {expected:#04x}")]
     Checksum {
         /// The checksum of the bytes that arrived.
         expected: u8,
@@ -56,6 +64,7 @@ pub enum Reason {
         got: u8,
     },
     /// A frame seemed to start here, but its terminator is missing.
+    #[error("end mark {got:#04x}, expected {expected:#04x}")]
     Tail {
         /// The terminator of this protocol.
         expected: u8,
@@ -63,29 +72,12 @@ pub enum Reason {
         got: u8,
     },
     /// A frame seemed to start here, but the line went idle before its end.
+    #[error("line went idle with {missing} bytes missing")]
     Truncated {
         /// How many bytes were still to come.
         missing: usize,
     },
 }
-
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::Stray => write!(f, "no frame starts here"),
-            Self::Length { min, max, got } => write!(f, "length field says {got}, must be {min}..={max}"),
-            Self::Byte { offset, expected, got } => {
-                write!(f, "byte {offset} is {got:#04x}, expected ")?;
-                write_either(f, expected, |f, byte| write!(f, "{byte:#04x}"))
-            }
-            Self::Checksum { expected, got } => write!(f, "checksum {got:#04x}, expected {expected:#04x}"),
-            Self::Tail { expected, got } => write!(f, "end mark {got:#04x}, expected {expected:#04x}"),
-            Self::Truncated { missing } => write!(f, "line went idle with {missing} bytes missing"),
-        }
-    }
-}
-
-impl core::error::Error for Reason {}
 
 /// Where frames begin and end on one kind of line.
 ///
@@ -147,4 +139,15 @@ pub(crate) fn verify(
         }),
         Some([]) | None => Scan::Need(total.saturating_sub(window.len()).max(1)),
     }
+}
+
+/// Writes bytes at the front of `out` and returns their number.
+#[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
+pub(crate) fn write(out: &mut [u8], bytes: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
+    let (needed, got) = (bytes.clone().count(), out.len());
+    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
+    for (to, from) in out.iter_mut().zip(bytes) {
+        *to = from;
+    }
+    Ok(needed)
 }

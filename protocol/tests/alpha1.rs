@@ -11,10 +11,9 @@ use std::task::{Context, Poll, Waker};
 
 use armwire::alpha1::*;
 use armwire::driver::{CallError, Clock, Counters};
-use armwire::framing::{Framing, Scan};
 use armwire::messages::Messages;
 use armwire::time::Instant;
-use armwire::{BufferTooShort, Client, Config, Device, DeviceEvent, EncodeError, Output};
+use armwire::{Client, Config, Device, DeviceEvent, Output};
 use common::Subject;
 use embedded_io_async::{ErrorType, Read, Write};
 use proptest::array::{uniform4, uniform10, uniform20};
@@ -159,19 +158,6 @@ fn noise() -> impl Strategy<Value = u8> {
     ]
 }
 
-/// The data of frames, or nearly so.
-fn data() -> impl Strategy<Value = Vec<u8>> {
-    let counted = vec(noise(), 1..=MAX_TEXT + 3).prop_map(|mut data| {
-        data[0] = data.len() as u8;
-        data
-    });
-    prop_oneof![
-        1 => vec(noise(), 0..=MAX_TEXT + 3),
-        1 => counted,
-        3 => prop_oneof![Just(1), Just(4), Just(6), Just(11), Just(29)].prop_flat_map(|len| vec(noise(), len)),
-    ]
-}
-
 impl Subject for Alpha1 {
     const PADDING: Option<u8> = Some(0);
 
@@ -254,35 +240,17 @@ proptest! {
     }
 
     #[test]
-    fn a_frame_is_written_only_if_its_reader_takes_it_as_it_was(
-        expect in Alpha1::any_expect(), command in noise(), data in data(),
+    fn a_frame_that_was_read_has_all_its_bytes(
+        bytes in Alpha1::any_expect().prop_flat_map(Alpha1::any_frame),
     ) {
-        let frame = Frame::Message { command, data: &data };
-        let mut out = [0; MAX_FRAME];
-        if let Ok(n) = frame.encode(expect, &mut out) {
-            prop_assert_eq!(Alpha1.scan(&out[..n], expect), Scan::Frame(n));
-            prop_assert_eq!(Frame::parse(&out[..n]), Some(frame));
-            let needed = n;
-            let too_short = BufferTooShort { needed, got: n - 1 };
-            prop_assert_eq!(frame.encode(expect, &mut out[..n - 1]), Err(EncodeError::BufferTooShort(too_short)));
-        } else {
-            let header = [command, command.rotate_left(4)];
-            let bytes = [&header, &data[..], &[checksum(&data), 0xED]].concat();
-            // Those from Bluetooth, with their length in place of the first byte of data, are read and never written.
-            let is_from_bluetooth = command == 0xFB && data.first().copied() == u8::try_from(bytes.len() - 1).ok();
-            let is_taken = Alpha1.scan(&bytes, expect) == Scan::Frame(bytes.len());
-            prop_assert!(!is_taken || is_from_bluetooth);
-        }
-    }
-
-    #[test]
-    fn a_frame_that_was_read_can_be_written_again(
-        (expect, bytes) in Alpha1::any_expect().prop_flat_map(|expect| (Just(expect), Alpha1::any_frame(expect))),
-    ) {
-        let mut out = [0; MAX_FRAME];
-        let n = Frame::parse(&bytes).unwrap().encode(expect, &mut out);
-        prop_assert_eq!(n, Ok(bytes.len()));
-        prop_assert_eq!(&out[..bytes.len()], &bytes);
+        let again = match Frame::parse(&bytes).unwrap() {
+            Frame::Message { command, data: [status] } if bytes.len() == 4 => {
+                vec![command, command.rotate_left(4), *status, 0xED]
+            }
+            Frame::Message { command, data } => message(command, data),
+            Frame::Byte(byte) => vec![byte],
+        };
+        prop_assert_eq!(again, bytes);
     }
 
     #[test]
@@ -548,14 +516,13 @@ fn a_servo_whose_byte_is_a_header_is_heard_once_the_line_is_silent() {
     }
 }
 
+/// A frame with a checksum.
+fn message(command: u8, data: &[u8]) -> Vec<u8> {
+    [&[command, command.rotate_left(4)], data, &[checksum(data), 0xED]].concat()
+}
+
 #[test]
 fn only_moves_releases_and_lights_are_to_all_servos() {
-    fn frame(command: u8, data: &[u8]) -> Vec<u8> {
-        let mut out = [0; MAX_FRAME];
-        let frame = Frame::Message { command, data };
-        let n = frame.encode(Expect::Requests, &mut out).unwrap();
-        out[..n].to_vec()
-    }
     for (data, request) in [
         ([0, 0x01, 0xFF, 0, 0, 0], ServoRequest::Release(Address::All)),
         (
@@ -575,7 +542,7 @@ fn only_moves_releases_and_lights_are_to_all_servos() {
             },
         ),
     ] {
-        assert_eq!(Alpha1.parse_request(&frame(0xFA, &data)), Ok(Request::Servo(request)));
+        assert_eq!(Alpha1.parse_request(&message(0xFA, &data)), Ok(Request::Servo(request)));
         let mut out = [0; MAX_FRAME];
         let n = Alpha1.encode_request(&Request::Servo(request), &mut out).unwrap();
         assert_eq!((n, &out[2..8]), (10, &data[..]));
@@ -591,7 +558,7 @@ fn only_moves_releases_and_lights_are_to_all_servos() {
         (0xFA, [0, 0xD4, 0, 0, 0, 0]),
         (0xFC, [0, 0x01, 0, 0, 0, 0]),
     ] {
-        let error = Alpha1.parse_request(&frame(command, &data)).unwrap_err();
+        let error = Alpha1.parse_request(&message(command, &data)).unwrap_err();
         assert!(error.to_string().contains(refused), "{error}");
     }
 }

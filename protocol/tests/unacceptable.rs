@@ -1,10 +1,10 @@
 //! Answers that match their request and cannot be accepted.
 
-use armwire::alpha1::{self, Alpha1, Expect, Interval, MoveTime, Offset, ServoId, ServoRequest};
+use armwire::alpha1::{self, Alpha1, Interval, MoveTime, Offset, ServoId, ServoRequest};
 use armwire::ling::{self, Ling, Stroke};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
-use armwire::xarm::{self, Direction, Raw, XArm};
+use armwire::xarm::{self, Raw, XArm};
 use armwire::{Client, Config, Event, Output};
 
 /// A client on a line that answers at once.
@@ -64,21 +64,17 @@ fn ling(command: u8, function: u8, data: &[u8]) -> Vec<u8> {
 }
 
 fn xarm(transaction: u16, body: &[u8]) -> Vec<u8> {
-    let mut out = [0; xarm::MAX_FRAME];
-    let frame = xarm::Frame {
-        transaction,
-        protocol: 2,
-        body,
-    };
-    let n = frame.encode(Direction::Responses, &mut out).unwrap();
-    out[..n].to_vec()
+    let numbers = [transaction, 2, body.len() as u16].map(u16::to_be_bytes);
+    [numbers.as_flattened(), body].concat()
 }
 
+/// With a checksum, except a single status.
 fn alpha1(command: u8, data: &[u8]) -> Vec<u8> {
-    let mut out = [0; alpha1::MAX_FRAME];
-    let frame = alpha1::Frame::Message { command, data };
-    let n = frame.encode(Expect::Responses(None), &mut out).unwrap();
-    out[..n].to_vec()
+    let check: &[u8] = match data {
+        [0xAA | 0xEE] => &[],
+        _ => &[alpha1::checksum(data)],
+    };
+    [&[command, command.rotate_left(4)], data, check, &[0xED]].concat()
 }
 
 /// The answer ends the request at once, with this reason, and the next request goes out at once.

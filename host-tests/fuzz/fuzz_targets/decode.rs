@@ -5,7 +5,7 @@
 use armwire::decoder::Kind;
 use armwire::framing::Scan;
 use armwire_fuzz::line::Ear;
-use armwire_fuzz::{Check, ROOM, Result, Said, Subject, Unstructured, check, request_bytes, response_bytes};
+use armwire_fuzz::{Check, Result, Said, Subject, Unstructured, check, request_bytes, response_bytes};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| check::<Decode>(input));
@@ -46,10 +46,8 @@ impl Check for Decode {
 
 /// Written anew it is the same bytes, and so is what it means, but for what the protocol leaves open.
 fn check_frame<P: Subject>(bytes: &[u8], expect: P::Expect) {
-    let mut out = [0; ROOM];
-    let n = P::rewrite(bytes, expect, &mut out).expect("it was read");
     assert_eq!(
-        &out[..n],
+        P::rewrite(bytes),
         if bytes == SELF_CHECK_WITH_LENGTH {
             &SELF_CHECK
         } else {

@@ -1,6 +1,5 @@
 //! Arbitrary messages of Alpha1.
 
-use armwire::EncodeError;
 use armwire::alpha1::{
     Action, Address, Alpha1, Angle, Expect, FirmwareVersion, Frame, Interval, Led, MAX_TEXT, MoveTime, Offset,
     OffsetTool, Outcome, Request, Response, ServoAnswer, ServoId, ServoRequest, ServoResponse, ServoStates, Text,
@@ -205,15 +204,19 @@ impl Subject for Alpha1 {
         reference::decode(line, |bytes| reference::alpha1::look(bytes, speaker))
     }
 
-    fn rewrite(bytes: &[u8], expect: Expect, out: &mut [u8]) -> Result<usize, EncodeError> {
+    fn rewrite(bytes: &[u8]) -> Vec<u8> {
         match Frame::parse(bytes).expect("it is a frame") {
-            // A frame of the robot's Bluetooth protocol, which is read and never written.
-            Frame::Message { command: 0xFB, data } if data.first() != Some(&1) => {
-                let bytes = [&[0xFB, 0xBF], data, &[checksum(data), 0xED]].concat();
-                out[..bytes.len()].copy_from_slice(&bytes);
-                Ok(bytes.len())
-            }
-            frame => frame.encode(expect, out),
+            Frame::Message {
+                command,
+                data: [status],
+            } if bytes.len() == 4 => vec![command, command.rotate_left(4), *status, 0xED],
+            Frame::Message { command, data } => alpha1_message(command, data),
+            Frame::Byte(byte) => vec![byte],
         }
     }
+}
+
+/// A frame with a checksum.
+pub fn alpha1_message(command: u8, data: &[u8]) -> Vec<u8> {
+    [&[command, command.rotate_left(4)], data, &[checksum(data), 0xED]].concat()
 }

@@ -12,5 +12,7 @@ pub mod ling;
 mod subject;
 mod xarm;
 
+pub use alpha1::alpha1_message;
 pub use arbitrary::{Arbitrary, Result, Unstructured};
 pub use subject::{Check, ROOM, Said, Subject, check, request_bytes, response_bytes};
+pub use xarm::xarm_frame;

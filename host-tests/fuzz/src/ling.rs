@@ -1,9 +1,8 @@
 //! Arbitrary messages of Ling.
 
-use armwire::EncodeError;
 use armwire::ling::{
-    Frame, GripperSpeed, Info, JointState, Ling, MAX_DATA, Move, OVERHEAD, Opening, PerServo, Position, Request,
-    Response, SELF_CHECK, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
+    Frame, GripperSpeed, Info, JointState, Ling, MAX_DATA, MAX_FRAME, Move, OVERHEAD, Opening, PerServo, Position,
+    Request, Response, SELF_CHECK, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
 };
 use armwire::messages::Messages;
 use armwire_host_tests::reference::{self, Piece};
@@ -101,18 +100,18 @@ impl Subject for Ling {
         reference::decode(line, reference::ling::look)
     }
 
-    fn rewrite(bytes: &[u8], (): (), out: &mut [u8]) -> Result<usize, EncodeError> {
+    fn rewrite(bytes: &[u8]) -> Vec<u8> {
         let frame = Frame::parse(bytes).expect("it is a frame");
         assert_eq!(frame.data.len() + OVERHEAD, bytes.len());
         // One frame is not written as all others: its length field is 0.
         let request = Ling.parse_request(bytes);
         match frame.data {
-            [data] if request == Ok(Request::SelfCheck) && *data == SELF_CHECK[4] => {
-                let len = SELF_CHECK.len();
-                out[..len].copy_from_slice(&SELF_CHECK);
-                Ok(len)
+            [data] if request == Ok(Request::SelfCheck) && *data == SELF_CHECK[4] => SELF_CHECK.to_vec(),
+            _ => {
+                let mut out = [0; MAX_FRAME];
+                let len = frame.encode(&mut out).expect("it was read");
+                out[..len].to_vec()
             }
-            _ => frame.encode(out),
         }
     }
 }

@@ -2,7 +2,6 @@
 
 use core::fmt::Debug;
 
-use armwire::EncodeError;
 use armwire::alpha1::{self, Alpha1};
 use armwire::ling::legacy::{self, Legacy};
 use armwire::ling::{self, Ling};
@@ -52,7 +51,7 @@ pub trait Subject: Messages + Copy + Default + Debug {
     fn reference(line: &[u8], expect: Self::Expect) -> Vec<Piece>;
 
     /// Takes the frame apart and writes it anew.
-    fn rewrite(frame: &[u8], expect: Self::Expect, out: &mut [u8]) -> Result<usize, EncodeError>;
+    fn rewrite(frame: &[u8]) -> Vec<u8>;
 }
 
 /// The bytes of a request.

@@ -1,6 +1,5 @@
 //! Arbitrary messages of xArm.
 
-use armwire::EncodeError;
 use armwire::xarm::{
     Direction, Frame, HEADER, Joint, Key, MAX_PARAMS, ModbusFunction, ProtocolId, Raw, Register, Reply, Request,
     Response, RotationRadius, SerialsText, State, TorqueSource, VersionText, XArm,
@@ -106,9 +105,15 @@ impl Subject for XArm {
         reference::xarm::decode(line, speaker)
     }
 
-    fn rewrite(bytes: &[u8], expect: Direction, out: &mut [u8]) -> Result<usize, EncodeError> {
+    fn rewrite(bytes: &[u8]) -> Vec<u8> {
         let frame = Frame::parse(bytes).expect("it is a frame");
         assert_eq!(frame.body.len() + HEADER, bytes.len());
-        frame.encode(expect, out)
+        xarm_frame(frame)
     }
+}
+
+/// The bytes of a frame.
+pub fn xarm_frame(frame: Frame<'_>) -> Vec<u8> {
+    let numbers = [frame.transaction, frame.protocol, frame.body.len() as u16].map(u16::to_be_bytes);
+    [numbers.as_flattened(), frame.body].concat()
 }

@@ -28,14 +28,6 @@ pub(crate) fn call_all() {
     black_box(hid::reports(text).map(black_box).count());
     black_box(Frame::parse(text));
     black_box(checksum(text));
-    let frame = Frame::Message {
-        command: black_box(0),
-        data: text,
-    };
-    for frame in [frame, Frame::Byte(black_box(0))] {
-        let encoded = black_box(frame).encode(black_box(Expect::Requests), bytes(&mut [0; 300]));
-        black_box(encoded.is_ok());
-    }
 
     let duration = black_box(Duration::ZERO);
     black_box(MoveTime::from_duration(duration).is_ok_and(|time| time.duration() == duration));
@@ -50,6 +42,5 @@ pub(crate) fn call_all() {
 
     let states = black_box(ServoStates::from_bits(black_box(0)));
     black_box(states.bits());
-    black_box(states.is_running(black_box(0)));
     black_box(states.running().map(u32::from).fold(0, u32::wrapping_add));
 }

@@ -23,16 +23,6 @@ pub(crate) fn call_all() {
 
     let mut body = [0; 300];
     let body = bytes(&mut body);
-    let frame = Frame {
-        transaction: black_box(0),
-        protocol: black_box(0),
-        body,
-    };
-    black_box(
-        frame
-            .encode(black_box(Direction::Requests), bytes(&mut [0; 300]))
-            .is_ok(),
-    );
     black_box(Frame::parse(body));
     black_box(Raw::new(black_box(0), body).is_ok_and(|raw| !black_box(raw).params().is_empty()));
     black_box(black_box(Request::Reboot).eq(&black_box(Request::Reboot)));

@@ -27,8 +27,8 @@ use core::ops::RangeInclusive;
 use core::slice;
 
 use super::{Alpha1, Outcome, ServoId};
-use crate::framing::{Framing, Reason, Scan, verify};
-use crate::{BufferTooShort, EncodeError, OutOfRange};
+use crate::BufferTooShort;
+use crate::framing::{Framing, Reason, Scan, verify, write};
 
 /// The longest frame, in bytes: a version or name of [`MAX_TEXT`] bytes. On USB HID such a frame takes five reports.
 ///
@@ -66,18 +66,6 @@ pub(super) mod header {
     pub(crate) const PLAY: u8 = 0xF3;
     pub(crate) const SERVO: u8 = 0xFA;
     pub(crate) const SERVO_VERSION: u8 = 0xFC;
-    pub(super) const ALL: &[u8] = &[
-        HARDWARE_VERSION,
-        SERVO_STATES,
-        STOP,
-        FIRMWARE_VERSION,
-        ACT,
-        OFFSET_TOOL,
-        USB_TYPE,
-        PLAY,
-        SERVO,
-        SERVO_VERSION,
-    ];
 }
 
 /// The checksum of `data`: the low byte of its sum.
@@ -155,26 +143,18 @@ enum Layout {
 
 /// Where each frame ends: the whole table.
 const fn layout(first: u8, expect: Expect) -> Option<Layout> {
+    use header::*;
     Some(match (expect, first) {
-        (Expect::Requests, header::HARDWARE_VERSION) => Layout::Data(6),
-        (Expect::Requests, header::SERVO_STATES) => Layout::Data(6),
-        (Expect::Requests, header::STOP) => Layout::Data(6),
-        (Expect::Requests, header::FIRMWARE_VERSION) => Layout::Data(6),
+        (_, SERVO | SERVO_VERSION) => Layout::Data(6),
+        (Expect::Requests, HARDWARE_VERSION | SERVO_STATES | STOP | FIRMWARE_VERSION) => Layout::Data(6),
+        (Expect::Requests, OFFSET_TOOL | USB_TYPE) => Layout::Data(6),
         (Expect::Requests, header::ACT) => Layout::Data(29),
-        (Expect::Requests, header::OFFSET_TOOL) => Layout::Data(6),
-        (Expect::Requests, header::USB_TYPE) => Layout::Data(6),
-        (Expect::Requests, header::PLAY) => Layout::Counted,
-
-        (Expect::Responses(_), header::HARDWARE_VERSION) => Layout::Counted,
-        (Expect::Responses(_), header::SERVO_STATES) => Layout::Data(4),
-        (Expect::Responses(_), header::STOP) => Layout::Status,
-        (Expect::Responses(_), header::FIRMWARE_VERSION) => Layout::Data(11),
+        (Expect::Requests, PLAY) => Layout::Counted,
+        (Expect::Responses(_), HARDWARE_VERSION) => Layout::Counted,
+        (Expect::Responses(_), SERVO_STATES) => Layout::Data(4),
+        (Expect::Responses(_), FIRMWARE_VERSION) => Layout::Data(11),
         (Expect::Responses(_), header::ACT) => Layout::Data(6),
-        (Expect::Responses(_), header::OFFSET_TOOL) => Layout::Status,
-        (Expect::Responses(_), header::USB_TYPE) => Layout::Status,
-        (Expect::Responses(_), header::PLAY) => Layout::Status,
-
-        (_, header::SERVO | header::SERVO_VERSION) => Layout::Data(6),
+        (Expect::Responses(_), STOP | OFFSET_TOOL | USB_TYPE | PLAY) => Layout::Status,
         _ => return None,
     })
 }
@@ -195,116 +175,14 @@ pub enum Frame<'a> {
     Byte(u8),
 }
 
-impl Frame<'_> {
-    /// Writes the frame at the front of `out` and returns its length in bytes. Whether it has a CHECK follows from its
-    /// row and from `expect`, which is what its reader expects.
-    ///
-    /// # Errors
-    ///
-    /// [`EncodeError`] when `out` is shorter than the frame, or the frame is none that [`scan`](Framing::scan) takes.
-    ///
-    /// ```
-    /// use armwire::alpha1::{Expect, Frame};
-    ///
-    /// let mut out = [0; 100];
-    /// let stop = Frame::Message { command: 0xF2, data: &[0; 6] };
-    /// assert_eq!(stop.encode(Expect::Requests, &mut out), Ok(10));
-    /// assert_eq!(out[..10], [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED]);
-    /// let stopped = Frame::Message { command: 0xF2, data: &[0xAA] };
-    /// assert_eq!(stopped.encode(Expect::Responses(None), &mut out), Ok(4));
-    /// assert_eq!(out[..4], [0xF2, 0x2F, 0xAA, 0xED]);
-    ///
-    /// let error = stopped.encode(Expect::Requests, &mut out).unwrap_err();
-    /// assert_eq!(error.to_string(), "data is 1 bytes, must be 6..=6");
-    /// let playing = Frame::Message { command: 0xF3, data: &[1] };
-    /// let error = playing.encode(Expect::Responses(None), &mut out).unwrap_err();
-    /// assert_eq!(error.to_string(), "byte 2 is 0x01, expected 0xaa or 0xee");
-    /// let play = Frame::Message { command: 0xF3, data: b"\x05dance" };
-    /// let error = play.encode(Expect::Requests, &mut out).unwrap_err();
-    /// assert_eq!(error.to_string(), "count is 5, must be 6..=6");
-    /// ```
-    pub fn encode(&self, expect: Expect, out: &mut [u8]) -> Result<usize, EncodeError> {
-        match *self {
-            Self::Message { command, data } => check_message(command, data, expect)?,
-            Self::Byte(byte) => check_byte(byte, expect)?,
-        }
-        let put = match *self {
-            Self::Message { command, data } => put(out, expect, command, [data, &[]]),
-            Self::Byte(byte) => put_byte(out, byte),
-        };
-        put.map_err(EncodeError::BufferTooShort)
-    }
-}
-
-/// Writes a frame that is known to be one, and whose data is in two parts.
+/// Writes a frame whose data is in two parts.
 pub(super) fn put(out: &mut [u8], expect: Expect, command: u8, data: [&[u8]; 2]) -> Result<usize, BufferTooShort> {
     let [start, end] = data;
     let check = !matches!(layout(command, expect), Some(Layout::Status));
     let check = check.then(|| checksum(start).wrapping_add(checksum(end)));
     let data = start.iter().chain(end).copied();
-    let bytes = [command, command.rotate_left(4)]
-        .into_iter()
-        .chain(data)
-        .chain(check)
-        .chain([TAIL]);
-    let needed = bytes.clone().count();
-    let got = out.len();
-    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
-    for (to, from) in out.iter_mut().zip(bytes) {
-        *to = from;
-    }
-    Ok(needed)
-}
-
-/// Writes the single byte of a servo.
-pub(super) fn put_byte(out: &mut [u8], byte: u8) -> Result<usize, BufferTooShort> {
-    *out.first_mut().ok_or(BufferTooShort { needed: 1, got: 0 })? = byte;
-    Ok(1)
-}
-
-/// Whether a frame with a header is one that its reader takes.
-fn check_message(command: u8, data: &[u8], expect: Expect) -> Result<(), EncodeError> {
-    let byte = |offset, expected, got| Err(EncodeError::Byte { offset, expected, got });
-    let Some(layout) = layout(command, expect) else {
-        return byte(0, header::ALL, command);
-    };
-    if let (header::ACT, &[act, ..]) = (command, data)
-        && act != ACT
-    {
-        return byte(2, &[ACT], act);
-    }
-    let (min, max) = match layout {
-        Layout::Data(len) => (len, len),
-        Layout::Counted => COUNT.into_inner(),
-        Layout::Status => (1, 1),
-    };
-    let len = u16::try_from(data.len()).unwrap_or(u16::MAX);
-    check_range("data", "bytes", len, min as u16, max as u16)?;
-    match (layout, data) {
-        (Layout::Counted, [count, ..]) => check_range("count", "", u16::from(*count), len, len),
-        (Layout::Status, [status]) if !STATUS.contains(status) => byte(2, STATUS, *status),
-        _ => Ok(()),
-    }
-}
-
-/// Whether a single byte is the one that is expected.
-fn check_byte(byte: u8, expect: Expect) -> Result<(), EncodeError> {
-    match expect.byte().map(u16::from) {
-        Some(expected) => check_range("acknowledgement", "", byte.into(), expected, expected),
-        None => Err(EncodeError::Byte {
-            offset: 0,
-            expected: header::ALL,
-            got: byte,
-        }),
-    }
-}
-
-/// Whether a count is in its range.
-fn check_range(what: &'static str, unit: &'static str, got: u16, min: u16, max: u16) -> Result<(), EncodeError> {
-    if (min..=max).contains(&got) {
-        return Ok(());
-    }
-    Err(EncodeError::OutOfRange(OutOfRange::new(what, unit, got, min, max)))
+    let bytes = [command, command.rotate_left(4)].into_iter().chain(data);
+    write(out, bytes.chain(check).chain([TAIL]))
 }
 
 /// The verdict on a window that starts with a header.

@@ -1,12 +1,13 @@
 //! The messages of the Alpha1 document and of the servos' manual, and the bytes they travel as.
 
 use super::dialect::{NO_ANGLE, command, version_command};
-use super::frame::{ACT, acknowledgement, header, put, put_byte};
+use super::frame::{ACT, acknowledgement, header, put};
 use super::value::{
     Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Outcome, SERVOS, ServoId, ServoStates, Text, UsbType,
 };
 use super::{Alpha1, Expect, Frame, Key, ServoAnswer};
 use crate::error::{Cause, MessageId, ParseError, constant, sized};
+use crate::framing::write;
 use crate::messages::Messages;
 use crate::{BufferTooShort, OutOfRange};
 
@@ -231,11 +232,11 @@ fn address(id: u8) -> Result<Address, Cause> {
 }
 
 fn outcome(offset: usize, status: u8) -> Result<Outcome, Cause> {
-    Outcome::from_wire(status).ok_or(Cause::Byte {
+    Outcome::from_wire(status).ok_or(Cause::byte(
         offset,
-        expected: &[Outcome::Success as u8, Outcome::Failure as u8],
-        got: status,
-    })
+        &[Outcome::Success as u8, Outcome::Failure as u8],
+        status,
+    ))
 }
 
 /// Data that is nothing but a status.
@@ -326,11 +327,7 @@ impl ServoRequest {
             }
             // The manual allows anything in the four bytes that are left.
             command::READ_OFFSET => servo(0, id).map(Self::ReadOffset),
-            got => Err(Cause::Byte {
-                offset: 1,
-                expected: command::ALL,
-                got,
-            }),
+            got => Err(Cause::byte(1, command::ALL, got)),
         }
     }
 
@@ -343,11 +340,7 @@ impl ServoRequest {
                 servo(0, *id).map(Self::ReadVersion)
             }
             version_command::BOOT_LOADER => Err(Cause::BootLoader),
-            got => Err(Cause::Byte {
-                offset: 1,
-                expected: &[version_command::READ],
-                got,
-            }),
+            got => Err(Cause::byte(1, &[version_command::READ], got)),
         }
     }
 }
@@ -387,7 +380,7 @@ impl ServoResponse {
 
     fn encode(self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let (command, servo, outcome, [a, b, c, d]) = match self {
-            Self::Acknowledged(servo) => return put_byte(out, acknowledgement(servo)),
+            Self::Acknowledged(servo) => return write(out, [acknowledgement(servo)].into_iter()),
             Self::Angles {
                 servo,
                 outcome,
@@ -435,11 +428,7 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request<'_>, Cause> {
             match *state {
                 0 => Ok(Request::SetOffsetTool(OffsetTool::Disconnect)),
                 1 => Ok(Request::SetOffsetTool(OffsetTool::Connect)),
-                got => Err(Cause::Byte {
-                    offset: 1,
-                    expected: &[0, 1],
-                    got,
-                }),
+                got => Err(Cause::byte(1, &[0, 1], got)),
             }
         }
         header::USB_TYPE => {
@@ -449,11 +438,7 @@ fn parse_request(command: u8, data: &[u8]) -> Result<Request<'_>, Cause> {
                 1 => Ok(Request::SetUsbType(UsbType::Disk)),
                 2 => Ok(Request::SetUsbType(UsbType::SerialPort)),
                 3 => Ok(Request::SetUsbType(UsbType::Hid)),
-                got => Err(Cause::Byte {
-                    offset: 0,
-                    expected: &[1, 2, 3],
-                    got,
-                }),
+                got => Err(Cause::byte(0, &[1, 2, 3], got)),
             }
         }
         header::PLAY => text(data).map(Request::Play),
@@ -541,8 +526,10 @@ impl Messages for Alpha1 {
 
     fn parse_request<'a>(&self, frame: &'a [u8]) -> Result<Request<'a>, ParseError> {
         match Frame::parse(frame) {
-            Some(Frame::Message { command, data }) => parse_request(command, data).map_err(error_in(command)),
-            Some(Frame::Byte(command)) => Err(error_in(command)(Cause::Unexpected)),
+            Some(Frame::Message { command, data }) => {
+                parse_request(command, data).map_err(ParseError::of(MessageId::Command(command)))
+            }
+            Some(Frame::Byte(command)) => Err(ParseError::of(MessageId::Command(command))(Cause::Unexpected)),
             None => Err(ParseError::NO_FRAME),
         }
     }
@@ -554,21 +541,13 @@ impl Messages for Alpha1 {
         };
         match (Frame::parse(frame), answer) {
             (Some(Frame::Message { command, data }), answer) => {
-                parse_response(command, data, answer).map_err(error_in(command))
+                parse_response(command, data, answer).map_err(ParseError::of(MessageId::Command(command)))
             }
             (Some(Frame::Byte(byte)), Some(ServoAnswer::Acknowledgement(servo))) if byte == acknowledgement(servo) => {
                 Ok(Response::Servo(ServoResponse::Acknowledged(servo)))
             }
-            (Some(Frame::Byte(command)), _) => Err(error_in(command)(Cause::Unexpected)),
+            (Some(Frame::Byte(command)), _) => Err(ParseError::of(MessageId::Command(command))(Cause::Unexpected)),
             (None, _) => Err(ParseError::NO_FRAME),
         }
-    }
-}
-
-/// The error in the frame of this command.
-fn error_in(command: u8) -> impl Fn(Cause) -> ParseError {
-    move |cause| ParseError {
-        message: MessageId::Command(command),
-        cause,
     }
 }

@@ -13,7 +13,7 @@ use crate::dialect::{Dialect, Effect};
 use crate::framing::{Framing, Reason, Scan};
 use crate::messages::Messages;
 use crate::time::Instant;
-use crate::{Cause, Client, Config, Device, DeviceEvent, EncodeError, Event, Output, time};
+use crate::{Cause, Client, Config, Device, DeviceEvent, Event, Output, time};
 
 /// A frame written in hex.
 fn hex(text: &str) -> Vec<u8> {
@@ -590,9 +590,6 @@ fn a_bluetooth_frame_is_named_and_passed_over_whole_whoever_sends_it() {
                 "command FB: a frame of the robot's Bluetooth protocol"
             );
             assert_eq!(Alpha1.parse_response(&bytes, expect), Err(error));
-            let (offset, expected, got) = (2, &[0x01][..], bytes[2]);
-            let written = Frame::parse(&bytes).unwrap().encode(expect, &mut [0; MAX_FRAME]);
-            assert_eq!(written, Err(EncodeError::Byte { offset, expected, got }));
         }
         let events = hear(Request::Stop, &[bytes, hex("F2 2F AA ED")].concat());
         assert!(events[0].starts_with("Unknown"), "{events:?}");
@@ -871,49 +868,6 @@ fn a_firmware_version_without_a_status_is_an_error_that_says_where() {
 }
 
 #[test]
-fn a_frame_that_its_reader_would_not_take_is_not_written_and_the_error_names_what_is_wrong() {
-    let answers = Expect::Responses(None);
-    let byte = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(1))));
-    let message = |command, data| Frame::Message { command, data };
-    let commands = "0xf1 or 0xef or 0xf2 or 0xf5 or 0xfb or 0xf4 or 0xf9 or 0xf3 or 0xfa or 0xfc";
-    for (frame, expect, expected) in [
-        (
-            message(0xF0, &[0; 6]),
-            answers,
-            &*std::format!("byte 0 is 0xf0, expected {commands}"),
-        ),
-        (
-            message(0xF1, &[0; 5]),
-            Expect::Requests,
-            "data is 5 bytes, must be 6..=6",
-        ),
-        (message(0xF1, &[]), answers, "data is 0 bytes, must be 1..=255"),
-        (message(0xF1, &[1; 256]), answers, "data is 256 bytes, must be 1..=255"),
-        (message(0xF3, &[3, 65]), Expect::Requests, "count is 3, must be 2..=2"),
-        (message(0xF3, &[0xAA, 0]), answers, "data is 2 bytes, must be 1..=1"),
-        (message(0xF2, &[0xAB]), answers, "byte 2 is 0xab, expected 0xaa or 0xee"),
-        (
-            message(0xFB, &[6; 29]),
-            Expect::Requests,
-            "byte 2 is 0x06, expected 0x01",
-        ),
-        (message(0xFB, &[6; 6]), answers, "byte 2 is 0x06, expected 0x01"),
-        (Frame::Byte(0xAC), byte, "acknowledgement is 172, must be 171..=171"),
-        (
-            Frame::Byte(0xAB),
-            answers,
-            &*std::format!("byte 0 is 0xab, expected {commands}"),
-        ),
-    ] {
-        let error = frame.encode(expect, &mut [0; 300]).unwrap_err();
-        assert_eq!(std::format!("{error}"), expected);
-    }
-    let mut out = [0; 1];
-    assert_eq!(Frame::Byte(0xAB).encode(byte, &mut out), Ok(1));
-    assert_eq!(out, [0xAB]);
-}
-
-#[test]
 fn every_byte_of_an_action_but_ff_is_an_angle_and_is_kept() {
     let Request::Act(action) = acting() else { unreachable!() };
     let mut out = [0; MAX_FRAME];
@@ -989,10 +943,7 @@ fn what_has_no_second_header_byte_is_viewed_as_nothing() {
 #[test]
 fn a_servo_runs_if_its_bit_is_set() {
     let states = ServoStates::from_bits(0x8000_0005);
-    for servo in 0..=u8::MAX {
-        let expected = (1..=32).contains(&servo).then_some([1, 3, 32].contains(&servo));
-        assert_eq!(states.is_running(servo), expected, "servo {servo}");
-    }
+    assert!(states.running().eq([1, 3, 32]));
 }
 
 #[test]

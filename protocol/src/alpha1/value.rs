@@ -6,6 +6,7 @@ use core::time::Duration;
 
 use super::MAX_TEXT;
 use crate::OutOfRange;
+use crate::error::at_most;
 
 /// Servos that an action has room for (row FB). An Alpha1 has 16.
 pub const SERVOS: usize = 20;
@@ -167,13 +168,8 @@ impl Interval {
 /// The number of units nearest to a duration that is not over `max`, which is at most 65535 units.
 fn nearest(what: &'static str, duration: Duration, max: Duration) -> Result<u16, OutOfRange<f32>> {
     if duration > max {
-        return Err(OutOfRange::new(
-            what,
-            "s",
-            duration.as_secs_f32(),
-            0.0,
-            max.as_secs_f32(),
-        ));
+        let (got, max) = (duration.as_secs_f32(), max.as_secs_f32());
+        return Err(OutOfRange::new(what, "s", got, 0.0, max));
     }
     let unit = UNIT_MILLIS * 1_000;
     let micros = duration.as_secs() * 1_000_000 + u64::from(duration.subsec_micros());
@@ -340,16 +336,8 @@ impl<'a> Text<'a> {
     ///
     /// [`OutOfRange`] over 254 bytes.
     pub fn new(text: &'a [u8]) -> Result<Self, OutOfRange> {
-        if text.len() <= MAX_TEXT {
-            return Ok(Self(text));
-        }
-        Err(OutOfRange::new(
-            "text length",
-            "bytes",
-            u16::try_from(text.len()).unwrap_or(u16::MAX),
-            0,
-            MAX_TEXT as u16,
-        ))
+        at_most("text length", "bytes", text.len(), MAX_TEXT as u16)?;
+        Ok(Self(text))
     }
 
     /// The bytes.
@@ -382,8 +370,6 @@ impl fmt::Display for Text<'_> {
 ///
 /// let states = ServoStates([0x00, 0x00, 0x80, 0x05]);
 /// assert!(states.running().eq([1, 3, 16]));
-/// assert_eq!(states.is_running(2), Some(false));
-/// assert_eq!(states.is_running(33), None);
 /// assert_eq!(ServoStates::from_bits(0x8005), states);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -399,13 +385,6 @@ impl ServoStates {
     /// The mask, servo 1 lowest.
     pub const fn bits(self) -> u32 {
         u32::from_be_bytes(self.0)
-    }
-
-    /// Whether a servo runs; `None` unless its number is in `1..=32`.
-    pub fn is_running(self, servo: u8) -> Option<bool> {
-        (1..=32)
-            .contains(&servo)
-            .then(|| self.running().any(|running| running == servo))
     }
 
     /// The numbers, from 1, of the servos that run.

@@ -17,8 +17,9 @@
 use crc::{CRC_32_ISO_HDLC, Crc};
 
 use super::Ling;
-use crate::framing::{Framing, Reason, Scan, verify};
-use crate::{BufferTooShort, EncodeError, OutOfRange};
+use crate::error::at_most;
+use crate::framing::{Framing, Reason, Scan, verify, write};
+use crate::{BufferTooShort, EncodeError};
 
 /// The most data bytes a frame may have.
 ///
@@ -35,7 +36,7 @@ pub const MAX_FRAME: usize = MAX_DATA + OVERHEAD;
 /// The self-check request as the document prints it: length 0, yet one data byte, which the checksum covers.
 pub const SELF_CHECK: [u8; 7] = [HEADER, 0xFE, 0x00, 0x00, 0xFE, 0x93, TAIL];
 
-const HEADER: u8 = 0xAA;
+pub(super) const HEADER: u8 = 0xAA;
 
 /// The end mark: the last byte of every frame.
 pub const TAIL: u8 = 0xFF;
@@ -84,35 +85,19 @@ impl Frame<'_> {
     /// assert_eq!(error.to_string(), "data is 65 bytes, must be 0..=64");
     /// ```
     pub fn encode(&self, out: &mut [u8]) -> Result<usize, EncodeError> {
-        let len = self.data.len();
-        if len > MAX_DATA {
-            return Err(EncodeError::OutOfRange(OutOfRange::new(
-                "data",
-                "bytes",
-                u16::try_from(len).unwrap_or(u16::MAX),
-                0,
-                MAX_DATA as u16,
-            )));
-        }
-        self.put(out).map_err(EncodeError::BufferTooShort)
+        at_most("data", "bytes", self.data.len(), MAX_DATA as u16)?;
+        Ok(self.put(out)?)
     }
 
     /// Writes a frame whose data is known not to be too long.
     pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let needed = self.data.len() + OVERHEAD;
-        let too_short = BufferTooShort { needed, got: out.len() };
-        let Some([header, body @ .., check, tail]) = out.get_mut(..needed) else {
-            return Err(too_short);
-        };
-        let [command, function, len, data @ ..] = &mut *body else {
-            return Err(too_short);
-        };
-        (*header, *command, *function, *len) = (HEADER, self.command, self.function, self.data.len() as u8);
-        for (to, from) in data.iter_mut().zip(self.data) {
-            *to = *from;
-        }
-        (*check, *tail) = (checksum(body), TAIL);
-        Ok(needed)
+        let head = [self.command, self.function, self.data.len() as u8];
+        let mut crc = CRC.digest();
+        crc.update(&head);
+        crc.update(self.data);
+        let data = head.into_iter().chain(self.data.iter().copied());
+        let bytes = [HEADER].into_iter().chain(data);
+        write(out, bytes.chain([crc.finalize() as u8, TAIL]))
     }
 }
 
@@ -131,31 +116,33 @@ impl<'a> Frame<'a> {
     }
 }
 
+/// The length that a header gives at this place, at most `max`; or the verdict on a window without one.
+pub(super) fn data_len(window: &[u8], place: usize, max: usize) -> Result<usize, Scan> {
+    if window.first() != Some(&HEADER) {
+        let stray = window.iter().position(|&byte| byte == HEADER);
+        return Err(match stray.unwrap_or(window.len()) {
+            0 => Scan::Need(1),
+            n => Scan::Noise(n, Reason::Stray),
+        });
+    }
+    match window.get(place).copied() {
+        Some(len) if usize::from(len) <= max => Ok(len.into()),
+        Some(len) => {
+            let (min, max, got) = (0, max as u16, len.into());
+            Err(Scan::Noise(1, Reason::Length { min, max, got }))
+        }
+        None => Err(Scan::Need((place + 1).saturating_sub(window.len()))),
+    }
+}
+
 impl Framing for Ling {
     type Expect = ();
 
     fn scan(&self, window: &[u8], (): ()) -> Scan {
-        if window.first() != Some(&HEADER) {
-            let stray = window.iter().position(|&byte| byte == HEADER);
-            return match stray.unwrap_or(window.len()) {
-                0 => Scan::Need(1),
-                n => Scan::Noise(n, Reason::Stray),
-            };
-        }
-        let &[_, _, _, len, ..] = window else {
-            return Scan::Need(4 - window.len());
+        let len = match data_len(window, 3, MAX_DATA) {
+            Ok(len) => len,
+            Err(verdict) => return verdict,
         };
-        let len = usize::from(len);
-        if len > MAX_DATA {
-            return Scan::Noise(
-                1,
-                Reason::Length {
-                    min: 0,
-                    max: MAX_DATA as u16,
-                    got: len as u16,
-                },
-            );
-        }
         let total = match window {
             [_, 0xFE, 0x00, 0x00, 0xFE, ..] => SELF_CHECK.len(),
             _ => len + OVERHEAD,

@@ -184,11 +184,7 @@ impl JointState {
 fn asked(data: &[u8]) -> Result<(), Cause> {
     match *sized(data, &[1])? {
         [ASK] => Ok(()),
-        [got] => Err(Cause::Byte {
-            offset: 0,
-            expected: &[ASK],
-            got,
-        }),
+        [got] => Err(Cause::byte(0, &[ASK], got)),
     }
 }
 
@@ -265,10 +261,7 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
         (command::TORQUE, 0) => match *sized(frame.data, &[1])? {
             [0] => Ok(Request::SetTorque(Torque::Off)),
             [1] => Ok(Request::SetTorque(Torque::On)),
-            [got] => Err(Cause::value(
-                0,
-                OutOfRange::new("torque switch", "", u16::from(got), 0, 1),
-            )),
+            [got] => Err(Cause::value(0, OutOfRange::new("torque switch", "", got, 0, 1))),
         },
         (command::JOINTS, function::STATE) => asked(frame.data).map(|()| Request::ReadJoints),
         (command::JOINTS, function::TEMPERATURE) => match *sized(frame.data, &[1])? {
@@ -415,8 +408,5 @@ fn parse<T>(frame: &[u8], message: impl Fn(Frame<'_>) -> Result<T, Cause>) -> Re
         return Err(ParseError::NO_FRAME);
     };
     let Frame { command, function, .. } = frame;
-    message(frame).map_err(|cause| ParseError {
-        message: MessageId::Function { command, function },
-        cause,
-    })
+    message(frame).map_err(ParseError::of(MessageId::Function { command, function }))
 }

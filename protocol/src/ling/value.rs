@@ -5,6 +5,7 @@ use core::fmt;
 use core::str;
 
 use crate::OutOfRange;
+use crate::error::within;
 
 /// Joints of the arm, the gripper not counted.
 pub const JOINTS: usize = 6;
@@ -14,15 +15,6 @@ pub const TICKS_PER_TURN: u16 = 4096;
 
 const CENTRE: f32 = TICKS_PER_TURN as f32 / 2.0;
 const TICKS_PER_RADIAN: f32 = TICKS_PER_TURN as f32 / TAU;
-
-/// A quantity if it is in range; NaN is in none.
-fn in_range(quantity: OutOfRange<f32>) -> Result<f32, OutOfRange<f32>> {
-    if (quantity.min..=quantity.max).contains(&quantity.got) {
-        Ok(quantity.got)
-    } else {
-        Err(quantity)
-    }
-}
 
 /// The whole number nearest to `value`, which is not negative.
 fn nearest(value: f32) -> u16 {
@@ -70,13 +62,7 @@ impl Position {
     ///
     /// [`OutOfRange`] unless the angle is in `-π..=π` less one tick.
     pub fn from_radians(angle: f32) -> Result<Self, OutOfRange<f32>> {
-        let angle = in_range(OutOfRange::new(
-            "joint angle",
-            "rad",
-            angle,
-            Self(0).radians(),
-            Self::MAX.radians(),
-        ))?;
+        let angle = within("joint angle", "rad", angle, Self(0).radians(), Self::MAX.radians())?;
         Ok(Self(nearest(angle * TICKS_PER_RADIAN + CENTRE)))
     }
 
@@ -136,13 +122,7 @@ impl Speed {
     ///
     /// [`OutOfRange`] under 0 and over 5000 ticks/s.
     pub fn from_radians_per_second(speed: f32) -> Result<Self, OutOfRange<f32>> {
-        let speed = in_range(OutOfRange::new(
-            "joint speed",
-            "rad/s",
-            speed,
-            0.0,
-            Self::MAX.radians_per_second(),
-        ))?;
+        let speed = within("joint speed", "rad/s", speed, 0.0, Self::MAX.radians_per_second())?;
         Ok(Self(nearest(speed * TICKS_PER_RADIAN)))
     }
 
@@ -197,7 +177,7 @@ impl Opening {
     ///
     /// [`OutOfRange`] unless it is in `0.0..=1.0`.
     pub fn from_fraction(fraction: f32) -> Result<Self, OutOfRange<f32>> {
-        let fraction = in_range(OutOfRange::new("gripper opening as a fraction", "", fraction, 0.0, 1.0))?;
+        let fraction = within("gripper opening as a fraction", "", fraction, 0.0, 1.0)?;
         Ok(Self(nearest(fraction * f32::from(Self::OPEN.0))))
     }
 
@@ -208,7 +188,7 @@ impl Opening {
     /// [`OutOfRange`] under 0 and over the stroke.
     pub fn from_millimetres(distance: f32, stroke: Stroke) -> Result<Self, OutOfRange<f32>> {
         let full = f32::from(stroke.millimetres());
-        let distance = in_range(OutOfRange::new("gripper opening", "mm", distance, 0.0, full))?;
+        let distance = within("gripper opening", "mm", distance, 0.0, full)?;
         Ok(Self(nearest(distance / full * f32::from(Self::OPEN.0))))
     }
 

@@ -3,6 +3,7 @@
 use core::fmt;
 
 use embedded_io_async::{Read, Write};
+use thiserror::Error;
 
 use super::{
     Joint, MAX_FRAME, ProtocolId, Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TorqueSource,
@@ -52,38 +53,16 @@ pub struct Answer<T> {
 }
 
 /// Why a call failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ArmError<E> {
     /// There was no answer, or none that can be accepted.
-    Call(CallError<E>),
+    #[error(transparent)]
+    Call(#[from] CallError<E>),
     /// The arm answered, but that its state is invalid, or without what was asked for.
+    #[error("the arm refused, its state: {0}")]
     Refused(State),
-}
-
-impl<E> From<CallError<E>> for ArmError<E> {
-    fn from(error: CallError<E>) -> Self {
-        Self::Call(error)
-    }
-}
-
-impl<E: fmt::Display> fmt::Display for ArmError<E> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Call(error) => error.fmt(f),
-            Self::Refused(state) => write!(f, "the arm refused, its state: {state}"),
-        }
-    }
-}
-
-impl<E: core::error::Error + 'static> core::error::Error for ArmError<E> {
-    fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
-        match self {
-            Self::Call(error) => error.source(),
-            Self::Refused(_) => None,
-        }
-    }
 }
 
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {

@@ -20,8 +20,8 @@
 //! long, or a heartbeat that is none, is skipped.
 
 use super::XArm;
-use crate::framing::{Framing, Reason, Scan};
-use crate::{BufferTooShort, EncodeError, OutOfRange};
+use crate::BufferTooShort;
+use crate::framing::{Framing, Reason, Scan, write};
 
 /// Bytes before the body.
 pub const HEADER: usize = 6;
@@ -81,83 +81,22 @@ pub struct Frame<'a> {
     pub body: &'a [u8],
 }
 
-impl Frame<'_> {
-    /// Writes the frame at the front of `out` and returns its length in bytes.
-    ///
-    /// # Errors
-    ///
-    /// [`EncodeError`] when `out` is shorter than the frame, or the frame is none that [`scan`](Framing::scan) takes.
-    ///
-    /// ```
-    /// use armwire::xarm::{Direction, Frame};
-    ///
-    /// let mut out = [0; 300];
-    /// let frame = Frame { transaction: 1, protocol: 2, body: &[0x06, 0x06] };
-    /// assert_eq!(frame.encode(Direction::Requests, &mut out), Ok(8));
-    /// assert_eq!(out[..8], [0x00, 0x01, 0x00, 0x02, 0x00, 0x02, 0x06, 0x06]);
-    ///
-    /// let error = Frame { protocol: 4, ..frame }.encode(Direction::Requests, &mut out).unwrap_err();
-    /// assert_eq!(error.to_string(), "protocol id is 4, must be 0..=3");
-    /// let error = Frame { body: &[6], ..frame }.encode(Direction::Responses, &mut out).unwrap_err();
-    /// assert_eq!(error.to_string(), "body is 1 bytes, must be 2..=254");
-    /// ```
-    pub fn encode(&self, direction: Direction, out: &mut [u8]) -> Result<usize, EncodeError> {
-        let range = |what, unit, got, min, max| EncodeError::OutOfRange(OutOfRange::new(what, unit, got, min, max));
-        if self.protocol > LAST_ID {
-            return Err(range("protocol id", "", self.protocol, 0, LAST_ID));
-        }
-        let (min, max) = lengths(self.protocol, direction);
-        let len = u16::try_from(self.body.len()).unwrap_or(u16::MAX);
-        if !(min..=max).contains(&len) {
-            return Err(range("body", "bytes", len, min, max));
-        }
-        if self.protocol == HEARTBEAT_ID
-            && let Some((offset, got)) = wrong_in_heartbeat(self.bytes())
-        {
-            let expected = &[0];
-            return Err(EncodeError::Byte { offset, expected, got });
-        }
-        put(out, self.transaction, self.protocol, [self.body, &[]]).map_err(EncodeError::BufferTooShort)
-    }
-
-    /// All of it.
-    fn bytes(&self) -> impl Iterator<Item = u8> {
-        bytes(self.transaction, self.protocol, [self.body, &[]])
-    }
-}
-
-/// Writes a frame that is known to be one, and whose body is in two parts.
+/// Writes a frame whose body is in two parts.
 pub(super) fn put(out: &mut [u8], transaction: u16, protocol: u16, body: [&[u8]; 2]) -> Result<usize, BufferTooShort> {
-    let [start, end] = body.map(<[u8]>::len);
-    let needed = HEADER.saturating_add(start).saturating_add(end);
-    let got = out.len();
-    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
-    for (to, from) in out.iter_mut().zip(bytes(transaction, protocol, body)) {
-        *to = from;
-    }
-    Ok(needed)
-}
-
-/// All bytes of a frame.
-fn bytes(transaction: u16, protocol: u16, body: [&[u8]; 2]) -> impl Iterator<Item = u8> {
     let [start, end] = body;
     let len = start.len().saturating_add(end.len());
-    [transaction, protocol, len as u16]
-        .into_iter()
-        .flat_map(u16::to_be_bytes)
-        .chain(start.iter().copied())
-        .chain(end.iter().copied())
+    let numbers = [transaction, protocol, len as u16].into_iter();
+    write(
+        out,
+        numbers
+            .flat_map(u16::to_be_bytes)
+            .chain(start.iter().chain(end).copied()),
+    )
 }
 
 /// A byte that breaks the stream.
 const fn broken(offset: u8, expected: &'static [u8], got: u8) -> Scan {
     Scan::Broken(Reason::Byte { offset, expected, got })
-}
-
-/// The first byte of a frame that is not the [`HEARTBEAT`]'s, and where it is.
-fn wrong_in_heartbeat(frame: impl Iterator<Item = u8>) -> Option<(u8, u8)> {
-    let mut pairs = (0..).zip(frame.zip(HEARTBEAT));
-    pairs.find_map(|(offset, (got, expected))| (got != expected).then_some((offset, got)))
 }
 
 impl<'a> Frame<'a> {
@@ -204,7 +143,9 @@ impl Framing for XArm {
             return Scan::Need(missing);
         }
         if protocol == HEARTBEAT_ID
-            && let Some((offset, got)) = wrong_in_heartbeat(window.iter().copied())
+            && let Some((offset, (&got, _))) = (0..)
+                .zip(window.iter().zip(&HEARTBEAT))
+                .find(|(_, (got, byte))| got != byte)
         {
             let expected = &[0];
             return Scan::Noise(HEARTBEAT.len(), Reason::Byte { offset, expected, got });

@@ -6,6 +6,7 @@ use super::value::{
 };
 use super::{Direction, Frame, HEARTBEAT, Key, XArm};
 use crate::error::{Cause, MessageId, ParseError};
+use crate::framing::write;
 use crate::messages::Messages;
 use crate::{BufferTooShort, OutOfRange};
 
@@ -209,11 +210,9 @@ impl<'a> Start<'a> {
 
 /// The error in a request or a response in standard Modbus.
 const fn modbus(unit: u8, function: u8) -> ParseError {
+    let function = ModbusFunction::of_byte(function).number();
     ParseError {
-        message: MessageId::Modbus {
-            unit,
-            function: ModbusFunction::of_byte(function).number(),
-        },
+        message: MessageId::Modbus { unit, function },
         cause: Cause::Unknown,
     }
 }
@@ -224,7 +223,7 @@ impl Messages for XArm {
 
     fn encode_request(&self, request: &Request<'_>, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let Some(register) = request.register() else {
-            return put_heartbeat(out);
+            return write(out, HEARTBEAT.into_iter());
         };
         // The number is stamped by the sender.
         let mut encode = |params: &[u8]| put(out, 0, self.protocol as u16, [&[register], params]);
@@ -253,7 +252,7 @@ impl Messages for XArm {
         };
         let (state, reply) = match response {
             Response::Reply { state, reply } => (state, reply),
-            Response::Heartbeat => return put_heartbeat(out),
+            Response::Heartbeat => return write(out, HEARTBEAT.into_iter()),
             Response::ModbusRefused { unit, function } => {
                 let body = [*unit, function.refused(), ILLEGAL_FUNCTION];
                 return put(out, transaction, MODBUS_ID, [&body, &[]]);
@@ -275,7 +274,9 @@ impl Messages for XArm {
         match Start::of(frame)? {
             Start::Heartbeat => Ok(Request::Heartbeat),
             Start::Modbus { unit, function, .. } => Err(modbus(unit, function)),
-            Start::Call(register, params) => parse_request(register, params).map_err(error_in(register)),
+            Start::Call(register, params) => {
+                parse_request(register, params).map_err(ParseError::of(MessageId::Register(register)))
+            }
         }
     }
 
@@ -291,24 +292,11 @@ impl Messages for XArm {
                 function: ModbusFunction::of_byte(function),
             }),
             Start::Modbus { unit, function, .. } => Err(modbus(unit, function)),
-            Start::Call(register, rest) => parse_response(register, rest).map_err(error_in(register)),
+            Start::Call(register, rest) => {
+                parse_response(register, rest).map_err(ParseError::of(MessageId::Register(register)))
+            }
         }
     }
-}
-
-/// The error in the message of this register.
-fn error_in(register: u8) -> impl Fn(Cause) -> ParseError {
-    move |cause| ParseError {
-        message: MessageId::Register(register),
-        cause,
-    }
-}
-
-fn put_heartbeat(out: &mut [u8]) -> Result<usize, BufferTooShort> {
-    let (needed, got) = (HEARTBEAT.len(), out.len());
-    let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
-    out.copy_from_slice(&HEARTBEAT);
-    Ok(needed)
 }
 
 fn parse_request(register: u8, params: &[u8]) -> Result<Request<'_>, Cause> {
@@ -327,16 +315,10 @@ fn parse_request(register: u8, params: &[u8]) -> Result<Request<'_>, Cause> {
         },
         (Register::SystemControl, [control::SHUTDOWN]) => Ok(Request::Shutdown),
         (Register::SystemControl, [control::REBOOT]) => Ok(Request::Reboot),
-        (Register::SystemControl, [got]) => Err(Cause::value(
-            0,
-            OutOfRange::new(
-                "system control",
-                "",
-                u16::from(*got),
-                control::SHUTDOWN.into(),
-                control::REBOOT.into(),
-            ),
-        )),
+        (Register::SystemControl, [got]) => {
+            let error = OutOfRange::new("system control", "", *got, control::SHUTDOWN, control::REBOOT);
+            Err(Cause::value(0, error))
+        }
         (Register::RotationRadius | Register::SystemControl, _) => Err(Cause::Length { expected: &[1], got }),
         _ => Err(Cause::Length { expected: &[0], got }),
     }

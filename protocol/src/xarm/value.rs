@@ -4,8 +4,11 @@ use core::fmt;
 use core::ops::BitOr;
 use core::str;
 
+use thiserror::Error;
+
 use super::MAX_PARAMS;
 use crate::OutOfRange;
+use crate::error::{at_most, within};
 
 /// How many axes an arm has at most.
 pub const MAX_JOINTS: u8 = 7;
@@ -299,18 +302,8 @@ impl RotationRadius {
     }
 }
 
-/// A radius if it is in range; NaN is not.
 fn radius_in_range(metres: f32) -> Result<f32, OutOfRange<f32>> {
-    if (0.0..=RotationRadius::MAX_METRES).contains(&metres) {
-        return Ok(metres);
-    }
-    Err(OutOfRange::new(
-        "rotation radius",
-        "m",
-        metres,
-        0.0,
-        RotationRadius::MAX_METRES,
-    ))
+    within("rotation radius", "m", metres, 0.0, RotationRadius::MAX_METRES)
 }
 
 impl PartialEq for RotationRadius {
@@ -346,7 +339,7 @@ impl<'a> VersionText<'a> {
     /// [`OutOfRange`] when it has more than 39 characters, for the vendor's package needs a NUL after it, or when one
     /// of them is not printable ASCII.
     pub fn encode(text: &str) -> Result<[u8; TEXT], OutOfRange> {
-        check_len("version text", text.len(), TEXT - 1)?;
+        at_most("version text", "characters", text.len(), TEXT as u16 - 1)?;
         check_characters("character of a version", text, b' ')?;
         let mut bytes = [0; TEXT];
         put(&mut bytes, text.bytes());
@@ -446,35 +439,23 @@ fn number<T: str::FromStr>(digits: &[u8]) -> Option<T> {
 /// let error = VersionText(b"v1.0.2").version().unwrap_err();
 /// assert_eq!(error.to_string(), "the version has 1 fields, expected axes,type,arm,control box,firmware");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum VersionError {
     /// A byte is not printable ASCII.
+    #[error("the version is not printable ASCII")]
     NotText,
     /// There are not five fields.
+    #[error("the version has {got} fields, expected axes,type,arm,control box,firmware")]
     Fields {
         /// How many there are.
         got: usize,
     },
     /// This field is not a number up to 255.
+    #[error("the {0} in the version is not a number up to 255")]
     Number(&'static str),
 }
-
-impl fmt::Display for VersionError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotText => f.write_str("the version is not printable ASCII"),
-            Self::Fields { got } => write!(
-                f,
-                "the version has {got} fields, expected axes,type,arm,control box,firmware"
-            ),
-            Self::Number(field) => write!(f, "the {field} in the version is not a number up to 255"),
-        }
-    }
-}
-
-impl core::error::Error for VersionError {}
 
 /// The serial numbers of the arm and of its control box, as the arm sends them (register 2): the first, NUL, the
 /// second, a line feed, filled up with NUL.
@@ -499,7 +480,8 @@ impl<'a> SerialsText<'a> {
     ///
     /// [`OutOfRange`] when the two have more than 37 characters together, or when one of them is not visible ASCII.
     pub fn encode(arm: &str, control_box: &str) -> Result<[u8; TEXT], OutOfRange> {
-        check_len("serial numbers", arm.len().saturating_add(control_box.len()), TEXT - 3)?;
+        let len = arm.len().saturating_add(control_box.len());
+        at_most("serial numbers", "characters", len, TEXT as u16 - 3)?;
         check_characters("character of a serial number", arm, b'!')?;
         check_characters("character of a serial number", control_box, b'!')?;
         let mut bytes = [0; TEXT];
@@ -537,19 +519,6 @@ impl fmt::Display for SerialsText<'_> {
 fn printable(text: &[u8]) -> Option<&str> {
     let printable = text.iter().all(|byte| (b' '..=b'~').contains(byte));
     str::from_utf8(text).ok().filter(|_| printable)
-}
-
-fn check_len(what: &'static str, len: usize, max: usize) -> Result<(), OutOfRange> {
-    if len <= max {
-        return Ok(());
-    }
-    Err(OutOfRange::new(
-        what,
-        "characters",
-        u16::try_from(len).unwrap_or(u16::MAX),
-        0,
-        max as u16,
-    ))
 }
 
 fn check_characters(what: &'static str, text: &str, min: u8) -> Result<(), OutOfRange> {
@@ -621,13 +590,15 @@ impl<'a> Raw<'a> {
 }
 
 /// Why there is no such [`Raw`] message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum RawError {
     /// The register has types of its own.
+    #[error("register {} has types of its own", *.0 as u8)]
     Typed(Register),
     /// There are too many parameters.
+    #[error("a message has at most {max} bytes of parameters, not {got}")]
     TooLong {
         /// The most bytes of parameters a message may have.
         max: usize,
@@ -635,19 +606,6 @@ pub enum RawError {
         got: usize,
     },
 }
-
-impl fmt::Display for RawError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Typed(register) => write!(f, "register {} has types of its own", *register as u8),
-            Self::TooLong { max, got } => {
-                write!(f, "a message has at most {max} bytes of parameters, not {got}")
-            }
-        }
-    }
-}
-
-impl core::error::Error for RawError {}
 
 #[cfg(test)]
 mod tests {

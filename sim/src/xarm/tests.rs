@@ -3,7 +3,7 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use armwire::messages::Messages;
-use armwire::xarm::{Direction, Frame, Joint, Key, MAX_FRAME, ModbusFunction, Register, XArm};
+use armwire::xarm::{Frame, Joint, Key, MAX_FRAME, ModbusFunction, Register, XArm};
 use proptest::prelude::*;
 
 use super::*;
@@ -30,9 +30,8 @@ fn ask<'a>(arm: &'a mut VirtualXArm, now: Micros, request: Request<'_>) -> (Stat
 
 /// The bytes of a frame.
 fn bytes_of(frame: Frame<'_>) -> Vec<u8> {
-    let mut out = [0; MAX_FRAME];
-    let n = frame.encode(Direction::Requests, &mut out).unwrap();
-    out[..n].to_vec()
+    let numbers = [frame.transaction, frame.protocol, frame.body.len() as u16].map(u16::to_be_bytes);
+    [numbers.as_flattened(), frame.body].concat()
 }
 
 /// Asks a register that the document does not have.

@@ -1,6 +1,6 @@
 //! Whether a line carries the older generation.
 
-use core::fmt;
+use thiserror::Error;
 
 use super::{BAUD_RATES, Legacy, MAX_FRAME};
 use crate::decoder::{Decoder, Kind};
@@ -12,23 +12,16 @@ use crate::messages::Messages;
 const ENOUGH: u8 = 3;
 
 /// There is an arm of the older generation on the line. As text it is for whoever uses the arm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[error(
+    "a Ling arm of the older generation: its firmware is from before late 2025, when frames got a function byte. armwire \
+     reads its joints but sends it nothing; for all else, ask the vendor for a firmware update. (Such arms talk at {} or \
+     {} baud.)",
+    BAUD_RATES[0],
+    BAUD_RATES[1]
+)]
 pub struct OlderGeneration;
-
-impl fmt::Display for OlderGeneration {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [one, other] = BAUD_RATES;
-        write!(
-            f,
-            "a Ling arm of the older generation: its firmware is from before late 2025, when frames got a function \
-             byte. armwire reads its joints but sends it nothing; for all else, ask the vendor for a firmware update. \
-             (Such arms talk at {one} or {other} baud.)"
-        )
-    }
-}
-
-impl core::error::Error for OlderGeneration {}
 
 /// Tells from what is heard on a line whether an arm of the older generation talks there.
 ///

@@ -14,7 +14,8 @@
 use super::Legacy;
 use crate::BufferTooShort;
 use crate::dialect::{Dialect, InfoOf};
-use crate::framing::{Framing, Reason, Scan, verify};
+use crate::framing::{Framing, Scan, verify, write};
+use crate::ling::frame::{HEADER, TAIL, data_len};
 
 /// The most data bytes a frame may have.
 ///
@@ -26,9 +27,6 @@ pub const OVERHEAD: usize = 5;
 
 /// The longest frame, in bytes.
 pub const MAX_FRAME: usize = MAX_DATA + OVERHEAD;
-
-const HEADER: u8 = 0xAA;
-const TAIL: u8 = 0xFF;
 
 /// The sum of the data bytes modulo 2: 0 or 1.
 ///
@@ -66,17 +64,11 @@ pub struct Frame<'a> {
 impl Frame<'_> {
     /// Writes a frame whose data is known not to be too long.
     pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
-        let needed = self.data.len() + OVERHEAD;
-        let too_short = BufferTooShort { needed, got: out.len() };
-        let Some([header, command, len, data @ .., check, tail]) = out.get_mut(..needed) else {
-            return Err(too_short);
-        };
-        (*header, *command, *len) = (HEADER, self.command, self.data.len() as u8);
-        for (to, from) in data.iter_mut().zip(self.data) {
-            *to = *from;
-        }
-        (*check, *tail) = (parity(self.data), TAIL);
-        Ok(needed)
+        let bytes = [HEADER, self.command, self.data.len() as u8].into_iter();
+        write(
+            out,
+            bytes.chain(self.data.iter().copied()).chain([parity(self.data), TAIL]),
+        )
     }
 }
 
@@ -97,28 +89,10 @@ impl Framing for Legacy {
     type Expect = ();
 
     fn scan(&self, window: &[u8], (): ()) -> Scan {
-        if window.first() != Some(&HEADER) {
-            let stray = window.iter().position(|&byte| byte == HEADER);
-            return match stray.unwrap_or(window.len()) {
-                0 => Scan::Need(1),
-                n => Scan::Noise(n, Reason::Stray),
-            };
+        match data_len(window, 2, MAX_DATA) {
+            Ok(len) => verify(window, len + OVERHEAD, 3, parity, TAIL),
+            Err(verdict) => verdict,
         }
-        let &[_, _, len, ..] = window else {
-            return Scan::Need(3 - window.len());
-        };
-        let len = usize::from(len);
-        if len > MAX_DATA {
-            return Scan::Noise(
-                1,
-                Reason::Length {
-                    min: 0,
-                    max: MAX_DATA as u16,
-                    got: len as u16,
-                },
-            );
-        }
-        verify(window, len + OVERHEAD, 3, parity, TAIL)
     }
 
     fn terminator(&self, (): ()) -> Option<u8> {

@@ -227,8 +227,5 @@ fn parse<T>(frame: &[u8], message: impl Fn(u8, &[u8]) -> Result<T, Cause>) -> Re
     let Some(Frame { command, data }) = Frame::parse(frame) else {
         return Err(ParseError::NO_FRAME);
     };
-    message(command, data).map_err(|cause| ParseError {
-        message: MessageId::Command(command),
-        cause,
-    })
+    message(command, data).map_err(ParseError::of(MessageId::Command(command)))
 }
