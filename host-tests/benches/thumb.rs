@@ -1,7 +1,8 @@
 //! A program for a Cortex-M4 whose cases are counted from the outside: instructions, and bytes of stack.
 //!
 //! [`mark`] is called before and after each case, and after the last one. The first case is empty: what it takes, all take.
-//! Each protocol then has four: a reply decoded, the same byte by byte, the request encoded, a whole call.
+//! Each protocol then has four: a reply decoded that is in the decoder's space, a reply decoded byte by byte, the request
+//! encoded, a whole call.
 #![no_std]
 #![no_main]
 

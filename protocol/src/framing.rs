@@ -146,8 +146,12 @@ pub(crate) fn verify(
 pub(crate) fn write(out: &mut [u8], bytes: impl Iterator<Item = u8> + Clone) -> Result<usize, BufferTooShort> {
     let (needed, got) = (bytes.clone().count(), out.len());
     let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
-    for (to, from) in out.iter_mut().zip(bytes) {
-        *to = from;
-    }
+    let mut out = out.iter_mut();
+    // One part after the other: `zip` would ask before each byte in which part it is.
+    bytes.for_each(|byte| {
+        if let Some(to) = out.next() {
+            *to = byte;
+        }
+    });
     Ok(needed)
 }

@@ -18,9 +18,9 @@ pub(crate) const CASES: [&str; 4] = [
 /// The protocols in the order of the program, and the most that they may take: instructions of each case, and bytes of flash
 /// of decoder and client. 5 % to 10 % more than they do.
 pub(crate) const PROTOCOLS: [(&str, [u64; 4], usize); 3] = [
-    ("Ling", [375, 2450, 95, 755], 8_900),
-    ("xArm", [240, 2860, 317, 1650], 9_000),
-    ("Alpha1", [360, 2480, 40, 735], 12_100),
+    ("Ling", [310, 3500, 136, 1150], 10_300),
+    ("xArm", [165, 3450, 75, 960], 8_800),
+    ("Alpha1", [268, 3430, 44, 1110], 12_800),
 ];
 
 /// The most stack that a case may take, in bytes. The answer to a call is in it, which has up to 264 of them for an xArm.
