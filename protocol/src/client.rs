@@ -16,7 +16,7 @@ use crate::{BufferTooShort, OutOfRange, ParseError};
 /// Sends that may be unresolved: the one in flight, and stale ones.
 const SENDS: usize = 4;
 
-/// How a [`Client`] treats its line.
+/// The timing of a [`Client`].
 ///
 /// ```
 /// use core::num::NonZeroU32;
@@ -30,14 +30,14 @@ const SENDS: usize = 4;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    /// Baud rate of the line, from which follows how long messages take on it; `NonZeroU32::MAX` where there is none.
+    /// Baud rate of the line, which gives the time of messages on it; `NonZeroU32::MAX` for a line without one.
     pub baud: NonZeroU32,
     /// The longest that the way to the line and back may delay an answer: USB and operating system, or nothing.
     pub latency: Duration,
-    /// How often a request that only reads is sent again after silence.
+    /// The number of repeats of a request that only reads and gets no answer.
     pub repeats: u8,
-    /// How long after it was due an answer may still arrive. After a missing answer, the next request with the same answer
-    /// waits for so long, unless answers are numbered. An arm that is later than this can be mixed up.
+    /// The time after its due time in which an answer may still arrive. After a missing answer, the next request with the
+    /// same answer waits for this time, unless answers are numbered. An arm that is later than this can be mixed up.
     pub stale_window: Duration,
 }
 
@@ -78,25 +78,25 @@ impl Config {
         Duration::from_micros(whole + u64::from(rest))
     }
 
-    /// How long to wait for an answer from when the last of `len` bytes of its request was handed over.
+    /// The time to wait for an answer, from the handover of the last of `len` bytes of its request.
     fn patience(&self, len: usize, response: ResponseTiming) -> Duration {
         self.on_wire(len.saturating_add(response.longest.into())) + response.turnaround + self.latency
     }
 }
 
-/// What a [`Client`] wants of its caller. `R` is the protocol's response.
+/// The next step of a [`Client`]'s caller. `R` is the protocol's response.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Output<'a, R> {
     /// These bytes are to be transmitted. Say with [`transmitted`](Client::transmitted) how many the line took.
     Transmit(&'a [u8]),
-    /// Something happened.
+    /// An event.
     Event(Event<'a, R>),
     /// Nothing to do before bytes arrive or this time is reached; `None` if there is nothing to wait for.
     Timeout(Option<Instant>),
 }
 
-/// What happened on the line.
+/// An event on the line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Event<'a, R> {
@@ -109,7 +109,7 @@ pub enum Event<'a, R> {
     Sent,
     /// The request in flight got no answer and is given up.
     TimedOut {
-        /// How often it was sent.
+        /// The number of times that it was sent.
         sends: u8,
     },
     /// An answer to a request that was given up, cancelled, or answered before.
@@ -122,29 +122,29 @@ pub enum Event<'a, R> {
     Unknown {
         /// The frame.
         frame: &'a [u8],
-        /// Why it is none.
+        /// The reason.
         error: ParseError,
     },
     /// Bytes that are not part of a frame.
     Noise {
-        /// Where they start, in bytes since the client was made.
+        /// The place of the first byte, in bytes since the client was made.
         offset: u64,
         /// The bytes. A run of noise may come in several events.
         bytes: &'a [u8],
-        /// Why.
+        /// The reason.
         reason: Reason,
     },
     /// A lossless stream broke here: nothing after this can be read, the request in flight if any is given up, and so is every
     /// later one. Close the connection.
     Broken {
-        /// Where, in bytes since the client was made.
+        /// The place of the break, in bytes since the client was made.
         offset: u64,
-        /// Why.
+        /// The reason.
         reason: Reason,
     },
 }
 
-/// Why a request was not accepted.
+/// The reason for which a request was not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -160,9 +160,9 @@ pub enum SubmitError {
 /// The request in flight.
 struct Call {
     state: State,
-    /// How often all of it was sent.
+    /// The number of times that all of it was sent.
     sends: u8,
-    /// How often it may be sent again.
+    /// The number of repeats left.
     repeats: u8,
 }
 
@@ -178,16 +178,17 @@ enum State {
     Sent,
 }
 
-/// What goes out, and what may come in answer.
+/// The outgoing frame and its possible answers.
 struct Outgoing<M: Messages, const N: usize> {
     exchange: Exchange<M, (), SENDS>,
     call: Option<Call>,
-    /// What the frame in `tx` asks for. `None` before the first.
+    /// The part of the frame in `tx` in its exchange. `None` before the first.
     info: Option<InfoOf<M>>,
     tx: [u8; N],
     /// The frame: `tx[..len]`.
     len: usize,
-    /// How much of it was transmitted, while it is being transmitted: the rest of a frame goes out even if its call has ended.
+    /// The number of its bytes that were transmitted, while it is being transmitted: the rest of a frame goes out even if its
+    /// call has ended.
     at: Option<usize>,
 }
 
@@ -256,7 +257,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         self.exchange.due(()).filter(|_| waiting)
     }
 
-    /// The answer is missing: the request is sent again, or has timed out after so many sends.
+    /// The answer is missing: the request is sent again, or has timed out after the returned number of sends.
     fn give_up(&mut self) -> Option<u8> {
         let call = self.call.as_mut()?;
         if call.repeats > 0 && self.info.is_some_and(|info| info.effect == Effect::Read) {
@@ -488,7 +489,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when there were not so many. Nothing is taken for transmitted then.
+    /// [`OutOfRange`] when `n` is more than what is left. Nothing is taken for transmitted then.
     pub fn transmitted(&mut self, now: Instant, n: usize) -> Result<(), OutOfRange<usize>> {
         let out = &mut self.outgoing;
         let left = out.at.map_or(0, |at| out.len.saturating_sub(at));
@@ -503,14 +504,14 @@ impl<M: Messages, const N: usize> Client<M, N> {
         Ok(())
     }
 
-    /// What to do next. Call it again after an event, once bytes arrived or were transmitted, and at the time it gives.
+    /// The next step. Call it again after an event, once bytes arrived or were transmitted, and at the time it gives.
     pub fn poll(&mut self, now: Instant) -> Output<'_, M::Response<'_>> {
         let out = &mut self.outgoing;
         if out.call.as_ref().is_some_and(|call| call.state == State::Sent) {
             out.call = None;
             return Output::Event(Event::Sent);
         }
-        // A false header may be holding the answer back. After so long a silence it is no frame. Or it is an answer whose end only
+        // A false header may be holding the answer back. After this silence it is no frame. Or it is an answer whose end only
         // silence can tell.
         let due = out.due();
         if due.is_some_and(|due| due <= now) && self.last_rx + self.config.latency <= now {
@@ -554,7 +555,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
     }
 
-    /// What comes of an item.
+    /// The event of an item.
     fn event(&mut self, span: Span, expect: M::Expect, now: Instant) -> Event<'_, M::Response<'_>> {
         let Item { offset, kind, bytes } = self.decoder.item(span);
         match kind {

@@ -5,7 +5,7 @@ use core::cell::Cell;
 use crate::OutOfRange;
 use crate::framing::{Framing, Reason, Scan};
 
-/// What a stretch of bytes is.
+/// The kind of an [`Item`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Kind {
@@ -19,37 +19,37 @@ pub enum Kind {
     Broken(Reason),
 }
 
-/// Where an item lies in a [`Decoder`]. It borrows nothing, and is good until the next bytes are put in.
+/// The place of an item in a [`Decoder`]. It borrows nothing, and is valid until the next bytes are put in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Span {
-    /// Where the item starts, in bytes since the decoder was made.
+    /// The item's first byte, in bytes since the decoder was made.
     pub offset: u64,
-    /// What it is.
+    /// Its kind.
     pub kind: Kind,
     start: usize,
     end: usize,
 }
 
 impl Span {
-    /// How many bytes the item has, at least one.
+    /// The item's length in bytes, at least 1.
     pub const fn len(&self) -> usize {
         self.end.saturating_sub(self.start)
     }
 
-    /// Never so.
+    /// Always `false`.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// A stretch of the bytes received.
+/// A run of received bytes of one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Item<'a> {
-    /// Where it starts, in bytes since the decoder was made.
+    /// Its first byte, in bytes since the decoder was made.
     pub offset: u64,
-    /// What it is.
+    /// Its kind.
     pub kind: Kind,
     /// The bytes.
     pub bytes: &'a [u8],
@@ -62,7 +62,7 @@ pub struct Item<'a> {
 /// scanning resumes at its second byte, so a false header never costs a good frame; a frame longer than `N` is noise with
 /// [`Reason::Length`] and is skipped whole.
 ///
-/// The decoder holds no framing: whoever knows what kind of arm is on the line passes it in.
+/// The decoder holds no framing: its owner knows the kind of arm on the line and passes the framing in.
 ///
 /// ```
 /// use armwire::decoder::{Decoder, Kind};
@@ -92,9 +92,9 @@ pub struct Decoder<const N: usize> {
     /// Bytes still to come of noise that reaches past the window, and its reason.
     skip: usize,
     skip_reason: Reason,
-    /// Nothing came since the line went idle.
+    /// No byte has arrived since the line went idle.
     idle: bool,
-    /// Where the stream broke, in bytes since the decoder was made, and why.
+    /// The first byte of a break, in bytes since the decoder was made, and its reason.
     broken: Option<(u64, Reason)>,
 }
 
@@ -194,7 +194,7 @@ impl<const N: usize> Decoder<N> {
         self.idle = true;
     }
 
-    /// Takes the next item out of the window and says where it lies; `None` when more bytes are needed to tell.
+    /// Takes the next item out of the window and returns its place; `None` when a verdict needs more bytes.
     ///
     /// Loops are made of this, because an item that is returned from inside a loop would borrow the decoder for all of it.
     pub fn advance<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
@@ -283,7 +283,7 @@ impl<const N: usize> Decoder<N> {
         Some(self.item(span))
     }
 
-    /// How many more bytes must arrive before there can be another frame: a receive threshold, at least 1 once
+    /// The receive threshold: the number of bytes before which there is no other frame, at least 1 once
     /// [`advance`](Self::advance) has returned `None`. Zero while there is an item to take.
     ///
     /// ```
@@ -315,12 +315,12 @@ impl<const N: usize> Decoder<N> {
         self.buf.get(self.head..self.tail).unwrap_or_default()
     }
 
-    /// How many bytes are not yet decided on.
+    /// The number of bytes not yet decided on.
     pub const fn pending(&self) -> usize {
         self.tail.saturating_sub(self.head)
     }
 
-    /// Where the window starts, in bytes since the decoder was made.
+    /// The window's first byte, in bytes since the decoder was made.
     pub const fn offset(&self) -> u64 {
         self.received.wrapping_sub(self.pending() as u64)
     }
@@ -330,8 +330,8 @@ impl<const N: usize> Decoder<N> {
         self.received
     }
 
-    /// Where the stream broke, in bytes since the decoder was made, and why. `None` while all is well, and always on a line that
-    /// is not lossless.
+    /// The place of a break, in bytes since the decoder was made, and its reason. `None` for an intact stream, and always on a
+    /// line that is not lossless.
     pub const fn broken(&self) -> Option<(u64, Reason)> {
         self.broken
     }
@@ -357,7 +357,7 @@ impl<const N: usize> Default for Decoder<N> {
     }
 }
 
-/// Why a frame of `total` bytes is noise to a decoder of `N` bytes.
+/// The reason for which a frame of `total` bytes is noise to a decoder of `N` bytes.
 fn too_long<const N: usize>(total: usize) -> Reason {
     let clamp = |n| u16::try_from(n).unwrap_or(u16::MAX);
     Reason::Length {

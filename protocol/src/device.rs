@@ -7,7 +7,7 @@ use crate::framing::Reason;
 use crate::messages::Messages;
 use crate::{BufferTooShort, OutOfRange, ParseError};
 
-/// What a [`Device`] received: `R` is the protocol's request, `K` its key.
+/// An event of a [`Device`]: `R` is the protocol's request, `K` its key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum DeviceEvent<'a, R, K> {
@@ -15,32 +15,32 @@ pub enum DeviceEvent<'a, R, K> {
     Request {
         /// The request.
         request: R,
-        /// What its response is recognised by.
+        /// The key of its response.
         key: Option<K>,
     },
     /// A good frame that is no request of the protocol.
     Unknown {
         /// The frame.
         frame: &'a [u8],
-        /// Why it is none.
+        /// The reason.
         error: ParseError,
-        /// What a response to it would be recognised by.
+        /// The key that a response to it would have.
         key: Option<K>,
     },
     /// Bytes that are not part of a frame.
     Noise {
-        /// Where they start, in bytes since the device was made.
+        /// The place of the first byte, in bytes since the device was made.
         offset: u64,
         /// The bytes. A run of noise may come in several events.
         bytes: &'a [u8],
-        /// Why.
+        /// The reason.
         reason: Reason,
     },
     /// A lossless stream broke here: nothing after this can be read. Close the connection.
     Broken {
-        /// Where, in bytes since the device was made.
+        /// The place of the break, in bytes since the device was made.
         offset: u64,
-        /// Why.
+        /// The reason.
         reason: Reason,
     },
 }
@@ -104,7 +104,7 @@ impl<M: Messages, const N: usize> Device<M, N> {
         self.decoder.idle();
     }
 
-    /// What was received next; `None` when more bytes are needed.
+    /// The next event; `None` when more bytes are needed.
     pub fn poll(&mut self) -> Option<DeviceEvent<'_, M::Request<'_>, M::Key>> {
         let span = self
             .decoder
@@ -112,7 +112,7 @@ impl<M: Messages, const N: usize> Device<M, N> {
         Some(self.event(span))
     }
 
-    /// What comes of an item.
+    /// The event of an item.
     fn event(&mut self, span: Span) -> DeviceEvent<'_, M::Request<'_>, M::Key> {
         let Item { offset, kind, bytes } = self.decoder.item(span);
         match kind {

@@ -1,21 +1,21 @@
-//! What a frame says about the exchange that it is part of, from its bytes alone.
+//! The part of a frame in its exchange, from its bytes alone.
 
 use core::fmt::Debug;
 
 use crate::framing::Framing;
 use crate::time::Duration;
 
-/// What a request does to the arm.
+/// The effect of a request on the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Effect {
-    /// It changes nothing. Only such a request is ever repeated.
+    /// No change. Requests with another effect are never repeated.
     Read,
-    /// It moves the arm.
+    /// Motion.
     Motion,
-    /// It switches the torque.
+    /// Torque on or off.
     Torque,
-    /// It changes anything else, or is not documented.
+    /// Any other change, or an undocumented effect.
     Setting,
 }
 
@@ -29,24 +29,24 @@ pub struct ResponseTiming {
     pub turnaround: Duration,
 }
 
-/// What a request says about its exchange.
+/// The part of a request in its exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RequestInfo<K, E> {
-    /// What its response is recognised by.
+    /// The key of its response.
     pub key: K,
-    /// What to expect on the line until the response is there.
+    /// The expectation of the line until the response has arrived.
     pub expect: E,
     /// The response to wait for; `None` if the arm does not respond.
     pub response: Option<ResponseTiming>,
-    /// What it does to the arm.
+    /// Its effect on the arm.
     pub effect: Effect,
 }
 
 /// A [`RequestInfo`] of this dialect.
 pub type InfoOf<D> = RequestInfo<<D as Dialect>::Key, <D as Framing>::Expect>;
 
-/// Which frames are requests and responses on one kind of line, and which belong together.
+/// The requests and responses of one kind of line, and their assignment to each other.
 ///
 /// It works on the bytes of frames and makes no messages of them, so an adapter between a host and an arm can afford it.
 pub trait Dialect: Framing {
@@ -54,10 +54,10 @@ pub trait Dialect: Framing {
     /// for, or given up, before the next request of its key may go.
     const HAS_TRANSACTION_ID: bool = false;
 
-    /// What a response is recognised by.
+    /// The part of a response that assigns it to its request.
     type Key: Copy + Eq + Debug;
 
-    /// What a frame from a host says about its exchange. A frame with a good envelope that the document does not have may be of
+    /// The part of a host's frame in its exchange. A frame with a good envelope that the document does not have may be of
     /// a newer arm: it is taken for a setting that is answered, if its shape allows. `None` if it can be no request.
     fn request(&self, frame: &[u8]) -> Option<RequestInfo<Self::Key, Self::Expect>>;
 

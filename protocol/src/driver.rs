@@ -52,11 +52,11 @@ impl<C: Clock> Clock for &C {
 
 /// The most reads that give bytes before [`Driver::call`] sends a request, where the bytes do not end.
 ///
-/// What has arrived is read first, so that an old answer is not taken for the new one. A port that keeps more than this
+/// The port's bytes are read first, so that an old answer is not taken for the new one. A port that keeps more than this
 /// many reads give may pass an old answer off as a new one.
 pub const READS_BEFORE_SEND: usize = 256;
 
-/// Why a call failed: `E` is the error of the port.
+/// The error of a call: `E` is the error of the port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -76,9 +76,9 @@ pub enum CallError<E> {
     /// A lossless stream broke: nothing after this can be read, and the connection must be closed.
     #[error("the connection is broken: byte {offset}: {reason}")]
     Broken {
-        /// Where, in bytes since the driver was made.
+        /// The place of the break, in bytes since the driver was made.
         offset: u64,
-        /// Why.
+        /// The reason.
         #[source]
         reason: Reason,
     },
@@ -88,7 +88,7 @@ pub enum CallError<E> {
     /// The arm did not answer.
     #[error(fmt = timed_out)]
     TimedOut {
-        /// How often the request was sent.
+        /// The number of times that the request was sent.
         sends: u8,
     },
 }
@@ -100,7 +100,7 @@ fn timed_out(sends: &u8, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     }
 }
 
-/// Counts of what was heard besides answers.
+/// Counts of received frames and bytes besides answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
@@ -205,7 +205,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         request: &M::Request<'_>,
         take: impl FnOnce(M::Response<'_>) -> T,
     ) -> Result<Option<T>, CallError<Port::Error>> {
-        // What is in flight here belongs to a call that was dropped, or failed.
+        // A request in flight here belongs to a call that was dropped, or failed.
         self.client.cancel();
         self.finish().await?;
         self.client.submit(request).map_err(CallError::Submit)?;
@@ -221,7 +221,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
                     self.transmitted(n)?;
                     continue;
                 }
-                // What has arrived already is read first, so that no old answer is taken for a new one.
+                // Bytes that have arrived already are read first, so that no old answer is taken for a new one.
                 Output::Transmit(_) => Instant::ZERO,
                 Output::Timeout(until) => until.unwrap_or_default(),
                 Output::Event(Event::Answer(response)) => return Ok(Some(take(response))),
@@ -256,7 +256,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         self.call(request, |_| ()).await.map(drop)
     }
 
-    /// What was received besides answers, since the driver was made.
+    /// The counts of received frames and bytes besides answers, since the driver was made.
     pub const fn counters(&self) -> Counters {
         self.counters
     }

@@ -175,7 +175,7 @@ pub enum Cause {
     /// The document has no such message in this direction.
     #[error("unknown")]
     Unknown,
-    /// An answer of a servo, or the shape of one, where none is expected: its request cannot be told.
+    /// An unexpected answer of a servo, or the shape of one: its request is unknown.
     #[error("an answer of a servo, but none is expected")]
     Unexpected,
     /// A frame of the robot's Bluetooth protocol.

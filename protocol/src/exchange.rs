@@ -1,4 +1,4 @@
-//! Which answer belongs to which request.
+//! The assignment of answers to requests.
 //!
 //! A *send* is a request that was handed to the line and wants an answer. It is *pending* until its initiator gives it up, then
 //! *stale*. The rules:
@@ -6,7 +6,7 @@
 //! * An answer belongs to the oldest unresolved send of its key that was handed over before the answer's first byte: by the
 //!   decoder's offset, and by time where bytes are stamped. A send is resolved by its answer, or, once stale, when it is due
 //!   plus the stale window. A repeat is of the same send, which then has as many answers.
-//! * A request that wants an answer may go when no stale send of its key is unresolved, whoever's, none of its key by another
+//! * A request that wants an answer may go when no stale send of its key by any initiator is unresolved, none of its key by another
 //!   initiator, and none with another `Expect`. Once a request waits, no newer request that conflicts with it passes it.
 //!   Requests without an answer wait for nothing.
 //! * `N` counts sends, and nothing is evicted. One initiator ([`Initiator::may_exceed`]), while alone, may send more: the
@@ -23,7 +23,7 @@ use core::cell::Cell;
 use crate::dialect::{Dialect, InfoOf};
 use crate::time::{Duration, Instant};
 
-/// Who sends requests.
+/// A sender of requests.
 pub trait Initiator: Copy + Eq {
     /// Whether it may, while it alone uses the line, have more sends unresolved than the exchange counts.
     fn may_exceed(self) -> bool {
@@ -38,7 +38,7 @@ impl Initiator for () {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Handover {
-    /// How many bytes had arrived: the decoder's [`received`](crate::decoder::Decoder::received).
+    /// The number of bytes that had arrived: the decoder's [`received`](crate::decoder::Decoder::received).
     pub offset: u64,
     /// When its last byte is on the line.
     pub at: Instant,
@@ -46,30 +46,30 @@ pub struct Handover {
     pub due: Instant,
 }
 
-/// Where a frame's first byte is in what arrived.
+/// The place of a frame's first byte among the received bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FirstByte {
-    /// How many bytes arrived before it.
+    /// The number of bytes before it.
     pub offset: u64,
     /// When it arrived, where bytes are stamped.
     pub at: Option<Instant>,
 }
 
-/// Which request a frame answers.
+/// The request that a frame answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Match<I> {
-    /// A pending one.
+    /// A pending request.
     Answer {
-        /// Whose.
+        /// Its initiator.
         who: I,
         /// When its last byte was on the line.
         sent: Instant,
     },
-    /// A stale one of this initiator.
+    /// A stale request of this initiator.
     Late(I),
-    /// None.
+    /// No request.
     Unsolicited,
 }
 
@@ -81,9 +81,9 @@ struct Sent<D: Dialect, I> {
     offset: u64,
     at: Instant,
     due: Instant,
-    /// How long the answer may take, from the end of the request or from the answer before.
+    /// The longest time to the answer, from the end of the request or from the previous answer.
     patience: Duration,
-    /// How often it was handed over and not answered: repeats are of the same call.
+    /// The number of times that it was handed over and not answered: repeats are of the same call.
     times: u16,
     stale: bool,
 }
@@ -133,7 +133,7 @@ pub struct Exchange<D: Dialect, I, const N: usize> {
 }
 
 impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
-    /// An exchange without sends. An answer may come so long after it was due before it can be taken for another.
+    /// An exchange without sends. An answer that comes within the stale window after its due time is taken for no other's.
     pub const fn new(stale_window: Duration) -> Self {
         Self {
             stale_window,
@@ -143,7 +143,7 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         }
     }
 
-    /// What may come next on the line: the answer to the oldest unresolved send.
+    /// The expectation of the line: the answer to the oldest unresolved send.
     pub fn expect(&self, dialect: &D) -> D::Expect {
         match self.sends.iter().next() {
             Some(oldest) => oldest.expect,

@@ -1,4 +1,4 @@
-//! Where frames begin and end.
+//! The boundaries of frames.
 
 use core::fmt::Debug;
 
@@ -26,7 +26,7 @@ pub enum Scan {
     Broken(Reason),
 }
 
-/// Why bytes belong to no frame.
+/// The reason for which bytes belong to no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 // Without a bound for each field: the bound for `&'static [u8]` is not provable where one for `&'a [u8]` is assumed.
 #[cfg_attr(feature = "defmt", derive(defmt::Format), defmt(bound()))]
@@ -74,12 +74,12 @@ pub enum Reason {
     /// A frame seemed to start here, but the line went idle before its end.
     #[error("line went idle with {missing} bytes missing")]
     Truncated {
-        /// How many bytes were still to come.
+        /// The number of missing bytes.
         missing: usize,
     },
 }
 
-/// Where frames begin and end on one kind of line.
+/// The boundaries of frames on one kind of line.
 ///
 /// An implementation keeps no state of the stream: it looks at the bytes received so far and classifies the front of them.
 /// The [`Decoder`](crate::decoder::Decoder) keeps the bytes, the [`Exchange`](crate::exchange::Exchange) knows what to expect.
@@ -88,7 +88,7 @@ pub trait Framing {
     /// cannot begin a frame break the stream ([`Scan::Broken`]).
     const LOSSLESS: bool = false;
 
-    /// What the reader knows about the next frame, for protocols whose frames do not carry their own end; `()` elsewhere.
+    /// The reader's knowledge of the next frame, for protocols whose frames do not carry their own end; `()` elsewhere.
     type Expect: Copy + Eq + Debug;
 
     /// Classifies the front of `window`. A verdict other than [`Scan::Need`] does not change when more bytes follow, except
@@ -110,10 +110,10 @@ pub trait Framing {
     /// The length of the shortest frame, in bytes.
     fn shortest(&self, expect: Self::Expect) -> usize;
 
-    /// What the arm, and whoever listens to its host, expects.
+    /// The arm's expectation, and that of a listener to its host.
     fn requests(&self) -> Self::Expect;
 
-    /// What a host expects that has asked for nothing.
+    /// The expectation of a host without a pending request.
     fn unsolicited(&self) -> Self::Expect;
 }
 

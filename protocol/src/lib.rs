@@ -1,8 +1,8 @@
 //! Exact, allocation-free robot-arm protocols.
 //!
-//! Bytes in → [`Decoder`](decoder::Decoder) → frame → typed message → [`Client`] or [`Device`] → bytes out. No step does I/O, reads a
-//! clock, allocates, or panics on its input: the same code runs in an interrupt handler, in a task, on a
-//! desktop, and in a test in no time at all.
+//! Bytes in → [`Decoder`](decoder::Decoder) → frame → typed message → [`Client`] or [`Device`] → bytes out. No step does
+//! I/O, reads a clock, allocates, or panics on its input: the same code runs in an interrupt handler, in a task, on a desktop,
+//! and in a test in no time at all.
 //!
 //! | Layer | Knows | Does not know |
 //! |---|---|---|

@@ -1,4 +1,4 @@
-//! Which frames of an Alpha1 and of its servos belong together (document and servo manual).
+//! The exchanges of an Alpha1 and of its servos (document and servo manual).
 
 use super::frame::{ACT, acknowledgement, header};
 use super::{Alpha1, Expect, MAX_FRAME, Outcome, ServoAnswer, ServoId};
@@ -23,13 +23,13 @@ pub(super) mod version_command {
     pub(super) const ALL: &[u8] = &[READ, BOOT_LOADER];
 }
 
-/// What stands in a move in place of an angle to switch the motor off.
+/// The byte in place of an angle that switches the motor off.
 pub(super) const NO_ANGLE: u8 = 0xFF;
 
 /// The longest time a servo takes to answer (servo manual).
 const SERVO_TURNAROUND: Duration = Duration::from_micros(400);
 
-/// What a response is recognised by.
+/// The key of a response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Key {

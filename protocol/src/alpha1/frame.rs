@@ -42,16 +42,16 @@ pub const MAX_TEXT: usize = u8::MAX as usize - 1;
 /// The end mark: the last byte of every frame but a servo's acknowledgement, which is a byte by itself.
 pub const TAIL: u8 = 0xED;
 
-/// What the status in an answer may be.
+/// The values of the status in an answer.
 const STATUS: &[u8] = &[Outcome::Success as u8, Outcome::Failure as u8];
 
-/// What follows FB BF, in both directions (row FB).
+/// The byte after FB BF, in both directions (row FB).
 pub(super) const ACT: u8 = 0x01;
 
-/// What the count of a text may say; it counts itself.
+/// The range of a text's count; it counts itself.
 const COUNT: RangeInclusive<usize> = 1..=MAX_TEXT + 1;
 
-/// What the length of a Bluetooth frame may say; it counts itself, one header byte and all that follows.
+/// The range of a Bluetooth frame's length; it counts itself, one header byte and all that follows.
 const BLUETOOTH: RangeInclusive<usize> = 6..=u8::MAX as usize;
 
 /// The first bytes of the headers.
@@ -77,7 +77,7 @@ pub fn checksum(data: &[u8]) -> u8 {
     data.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
 }
 
-/// What a reader knows about the next frame.
+/// The reader's knowledge of the next frame.
 ///
 /// ```
 /// use armwire::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
@@ -108,7 +108,7 @@ impl Expect {
     }
 }
 
-/// Which answer of a servo is expected: they do not say it.
+/// The expected answer of a servo: the frames do not say it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ServoAnswer {
@@ -118,7 +118,7 @@ pub enum ServoAnswer {
     Angles,
     /// Its new id.
     IdChanged,
-    /// That its offset is set.
+    /// The confirmation of a set offset.
     OffsetSet,
     /// Its offset.
     Offset,
@@ -131,9 +131,9 @@ pub(super) const fn acknowledgement(servo: ServoId) -> u8 {
     servo.get().wrapping_add(0xAA)
 }
 
-/// What follows a header.
+/// The bytes after a header.
 enum Layout {
-    /// So many bytes of DATA, CHECK, ED.
+    /// This number of bytes of DATA, CHECK, ED.
     Data(usize),
     /// A byte that counts itself and the text that follows it, CHECK, ED.
     Counted,
@@ -141,7 +141,7 @@ enum Layout {
     Status,
 }
 
-/// Where each frame ends: the whole table.
+/// The layout of each frame: the whole table.
 const fn layout(first: u8, expect: Expect) -> Option<Layout> {
     use header::*;
     Some(match (expect, first) {
@@ -163,7 +163,7 @@ const fn layout(first: u8, expect: Expect) -> Option<Layout> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Frame<'a> {
-    /// One with a header.
+    /// A frame with a header.
     Message {
         /// The first byte of the header, which names the row of the document.
         command: u8,

@@ -1,4 +1,4 @@
-//! Which frames of a Ling arm belong together (document section 2).
+//! The exchanges of a Ling arm (document section 2).
 
 use super::{Ling, MAX_FRAME};
 use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
@@ -13,7 +13,7 @@ const READ: u8 = 0xFE;
 /// The self-check, a command by itself.
 const SELF_CHECK: u8 = 0xFE;
 
-/// What a response has in common with its request.
+/// The key of a response: the bytes that it has in common with its request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Key {

@@ -1,11 +1,11 @@
-//! Which frames of an xArm belong together.
+//! The exchanges of an xArm.
 
 use super::frame::{HEARTBEAT_ID, MODBUS_ID};
 use super::{Direction, Frame, MAX_FRAME, XArm};
 use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
-/// What a response has in common with its request, and with no other.
+/// The key of a response: the values that it has in common with its request, and with no other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Key {
