@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use armwire::Micros;
+use crate::Micros;
 use heapless::Deque;
 
 use crate::arm::Tap;
@@ -257,8 +257,7 @@ impl Bridge {
     /// whether it was opened or closed by this: a packet on its way is then for nobody.
     ///
     /// ```
-    /// use armwire::Micros;
-    /// use armwire_bridge::{Bridge, PACKET};
+    /// use armwire_bridge::{Bridge, Micros, PACKET};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.usb_configured(true);
@@ -336,9 +335,8 @@ impl Bridge {
     /// The host sent a packet on the control interface. Ask [`control_room`](Self::control_room) before.
     ///
     /// ```
-    /// use armwire::Micros;
     /// use armwire_bridge::control::{FromAdapter, FromHost, MAX_COBS, Reader, Reply, Request, VERSION, encode_cobs};
-    /// use armwire_bridge::{Bridge, PACKET};
+    /// use armwire_bridge::{Bridge, Micros, PACKET};
     ///
     /// let mut bridge = Bridge::default();
     /// let mut message = [0; MAX_COBS];
@@ -415,8 +413,7 @@ impl Bridge {
     /// to wait for.
     ///
     /// ```
-    /// use armwire::Micros;
-    /// use armwire_bridge::Bridge;
+    /// use armwire_bridge::{Bridge, Micros};
     /// use armwire_bridge::can::{Frame, Function};
     ///
     /// let mut bridge = Bridge::default();
@@ -543,8 +540,7 @@ impl Bridge {
     /// [`Refused`] when the UART cannot do it. It is counted, and the line coding stays as it was.
     ///
     /// ```
-    /// use armwire::Micros;
-    /// use armwire_bridge::{Bridge, Refused};
+    /// use armwire_bridge::{Bridge, Micros, Refused};
     ///
     /// let mut bridge = Bridge::default();
     /// let refused = bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 1, 0, 8], Micros(0));
@@ -812,8 +808,7 @@ impl Bridge {
     /// if the configuration that said so was not saved.
     ///
     /// ```
-    /// use armwire::Micros;
-    /// use armwire_bridge::Bridge;
+    /// use armwire_bridge::{Bridge, Micros};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.restarted_while_armed();
@@ -979,7 +974,7 @@ impl Bridge {
     /// only a restart cures. A host that does not read is no such thing.
     ///
     /// ```
-    /// use armwire::Micros;
+    /// use armwire_bridge::Micros;
     ///
     /// let mut bridge = armwire_bridge::Bridge::default();
     /// bridge.uart_received(&[], Micros(0));

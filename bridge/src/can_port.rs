@@ -1,10 +1,8 @@
 //! The adapter's end of the CAN bus: two ISO-TP connections, cyclic frames both ways, and what is said by the way.
 
-use armwire::Micros;
 use armwire::ling::{JointState, Move};
 use heapless::Deque;
 
-use crate::Counters;
 use crate::can::command::Commands;
 use crate::can::telemetry::{Errors, Sample, event_to_frame};
 use crate::can::{Frame, Function, MAX_CLASSIC};
@@ -14,6 +12,7 @@ use crate::counters::count;
 use crate::earliest::Earliest;
 use crate::isotp::{self, Endpoint, Link};
 use crate::queue::Queue;
+use crate::{Counters, Micros};
 
 /// The longest message from a host on the control connection, in bytes. The longest there is, which sets the
 /// configuration, has 31.

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use armwire::Micros;
+use crate::Micros;
 use serde::{Deserialize, Serialize};
 
 use crate::can::Node;

@@ -14,12 +14,12 @@
 
 use core::fmt;
 
-use armwire::{Micros, ling};
+use armwire::ling;
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{ArmKind, Config, ConfigError};
-use crate::{Counters, LineCoding};
+use crate::{Counters, LineCoding, Micros};
 
 pub use crate::control_codec::{Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
@@ -342,7 +342,7 @@ impl Histogram {
     /// Counts one duration.
     ///
     /// ```
-    /// use armwire::Micros;
+    /// use armwire_bridge::Micros;
     /// use armwire_bridge::control::Histogram;
     ///
     /// let mut histogram = Histogram::default();

@@ -1,6 +1,6 @@
 //! The control port: hears requests on USB and on CAN, does what they ask, and tells subscribers what happens.
 
-use armwire::Micros;
+use crate::Micros;
 
 use crate::bridge::{Action, Bridge};
 use crate::can_port::{CanPort, MAX_REQUEST};

@@ -1,6 +1,6 @@
 //! The earliest of several instants.
 
-use armwire::Micros;
+use crate::Micros;
 
 /// Later than every instant that there is.
 const NEVER: Micros = Micros(u64::MAX);

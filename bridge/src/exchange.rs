@@ -1,6 +1,6 @@
 //! Requests that are with the arm: whose they are, what answers them, and from when on an answer is missing.
 
-use armwire::Micros;
+use crate::Micros;
 use armwire::alpha1::Expect;
 use heapless::Vec;
 

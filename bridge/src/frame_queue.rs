@@ -1,6 +1,6 @@
 //! Frames of the arm that subscribers are still to be told of: only what is needed to tell, not the message.
 
-use armwire::Micros;
+use crate::Micros;
 
 use crate::control::{Asker, Event, FrameBytes, FromAdapter, Stamp};
 use crate::queue::Queue;

@@ -46,8 +46,7 @@
 //!   moves nothing.
 //!
 //! ```
-//! use armwire::Micros;
-//! use armwire_bridge::{Bridge, PACKET};
+//! use armwire_bridge::{Bridge, Micros, PACKET};
 //!
 //! let mut bridge = Bridge::default();
 //! bridge.usb_configured(true);
@@ -96,6 +95,7 @@ mod poll;
 mod queue;
 pub mod store;
 mod stream;
+mod time;
 mod turn;
 mod usb;
 
@@ -105,3 +105,4 @@ mod tests;
 pub use bridge::{Action, Bridge, Burst, CanErrors, DOWN, LEAD, Need, PACKET, UP};
 pub use counters::{Counters, UartErrors};
 pub use line::{Line, LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits};
+pub use time::Micros;

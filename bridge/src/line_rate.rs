@@ -1,12 +1,10 @@
 //! The line's rate: the arm's own, unless the host on USB holds another, and the line that `hold-line` keeps for USB.
 
-use armwire::Micros;
-
 use crate::config::ArmKind;
 use crate::control::{LineHolder, LineState};
 use crate::control_server::Port;
 use crate::earliest::Earliest;
-use crate::{Line, LineCoding};
+use crate::{Line, LineCoding, Micros};
 
 /// How long after SET_LINE_CODING an open port gets its rate without a byte: many programs set two rates in a row, and only
 /// the last is meant.

@@ -4,7 +4,6 @@
 //! is in the middle of something. Frames that answer a request go to whoever has asked. Everything else that the arm
 //! says goes to the host on USB, byte by byte while nobody else waits for an answer.
 
-use armwire::Micros;
 use armwire::alpha1::Expect;
 
 use crate::arm::{Asked, Piece};
@@ -13,7 +12,7 @@ use crate::control::{Asker, Failure, FrameBytes, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::exchange::Heard;
 use crate::turn::behind;
-use crate::{Line, UartErrors};
+use crate::{Line, Micros, UartErrors};
 
 /// How long the host on USB may pause inside a frame before others get their turn.
 const STALL: Micros = Micros::from_millis(10);
@@ -73,8 +72,7 @@ impl Bridge {
     /// that they end are late, and counted.
     ///
     /// ```
-    /// use armwire::Micros;
-    /// use armwire_bridge::Bridge;
+    /// use armwire_bridge::{Bridge, Micros};
     ///
     /// let mut bridge = Bridge::default();
     /// assert!(bridge.uart_received_unseen(&[0xAA, 0x04, 0x0E, 0x01, 0x02, 0x2C, 0xFF], Micros(250)));
@@ -93,8 +91,7 @@ impl Bridge {
     /// Call [`uart_received`](Self::uart_received) first with what arrived before. Returns the same as that.
     ///
     /// ```
-    /// use armwire::Micros;
-    /// use armwire_bridge::{Bridge, PACKET};
+    /// use armwire_bridge::{Bridge, Micros, PACKET};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.usb_configured(true);
@@ -128,8 +125,7 @@ impl Bridge {
     /// An interrupt handler that sees each byte as it comes needs to wake nobody before.
     ///
     /// ```
-    /// use armwire::Micros;
-    /// use armwire_bridge::{Bridge, Need};
+    /// use armwire_bridge::{Bridge, Micros, Need};
     ///
     /// let mut bridge = Bridge::default();
     /// let need = bridge.need();
@@ -242,8 +238,7 @@ impl Bridge {
     /// [`timeout`](Self::timeout).
     ///
     /// ```
-    /// use armwire::Micros;
-    /// use armwire_bridge::Bridge;
+    /// use armwire_bridge::{Bridge, Micros};
     /// use armwire_bridge::config::{Can, Config};
     /// use armwire_bridge::control::Identity;
     ///
@@ -309,10 +304,9 @@ impl Bridge {
     /// at once, and hand them over at once, or when [`Burst::start`] says.
     ///
     /// ```
-    /// use armwire::Micros;
     /// use armwire_bridge::config::{Config, Poll};
     /// use armwire_bridge::control::Identity;
-    /// use armwire_bridge::{Bridge, Burst, LEAD};
+    /// use armwire_bridge::{Bridge, Burst, LEAD, Micros};
     ///
     /// // A poll goes out at its slot, which is on a fixed grid from the first tick on.
     /// let config = Config { poll: Poll::Hertz(100), ..Config::default() };

@@ -1,6 +1,6 @@
 //! The adapter's own requests, on time.
 
-use armwire::Micros;
+use crate::Micros;
 
 use crate::config;
 

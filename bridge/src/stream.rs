@@ -1,6 +1,6 @@
 //! A host that streams motion, and when it has fallen silent.
 
-use armwire::Micros;
+use crate::Micros;
 
 /// How many requests for motion in a row make a stream.
 const STREAM: u8 = 3;

@@ -12,11 +12,10 @@ mod share;
 
 use std::vec::Vec;
 
-use armwire::Micros;
 use armwire::ling::{Frame, MAX_FRAME};
 use proptest::prelude::*;
 
-use crate::{Bridge, DOWN, Line, LineCoding, Need, PACKET, Refused, UP, UartErrors};
+use crate::{Bridge, DOWN, Line, LineCoding, Micros, Need, PACKET, Refused, UP, UartErrors};
 
 /// An adapter whose host has the port open.
 fn open() -> Bridge {

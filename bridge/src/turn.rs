@@ -1,6 +1,6 @@
 //! Whose turn it is to speak to the arm.
 
-use armwire::Micros;
+use crate::Micros;
 
 use crate::arm::Asked;
 use crate::config::ArmKind;

@@ -5,7 +5,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire::framing::Reason;
-use armwire::{Client, Config, Event, Micros, Output, time, xarm};
+use armwire::{Client, Config, Event, Output, time, xarm};
+use armwire_bridge::Micros;
 
 use crate::describe::Arm;
 use crate::problem::{Heard, Problem};

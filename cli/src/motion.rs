@@ -3,8 +3,8 @@
 use std::io::{Write, stdout};
 use std::time::Duration;
 
-use armwire::Micros;
 use armwire::ling::{JointState, Ling, Move, Request, Response, TICKS_PER_TURN, Torque};
+use armwire_bridge::Micros;
 use clap::Args;
 
 use crate::call::{Switch, Target, seconds};

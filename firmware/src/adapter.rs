@@ -2,9 +2,8 @@
 
 use core::cell::{Cell, RefCell};
 
-use armwire::Micros;
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, Bridge, config};
+use armwire_bridge::{Action, Bridge, Micros, config};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;

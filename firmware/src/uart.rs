@@ -18,9 +18,8 @@
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
 
-use armwire::Micros;
 use armwire_bridge::control::MAX_FRAME;
-use armwire_bridge::{Bridge, Line, Need, Parity, StopBits, UartErrors};
+use armwire_bridge::{Bridge, Line, Micros, Need, Parity, StopBits, UartErrors};
 use critical_section::Mutex;
 use embassy_futures::join::join;
 use embassy_futures::select::select;

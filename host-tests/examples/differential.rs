@@ -11,10 +11,10 @@ use std::collections::VecDeque;
 use std::io::{BufWriter, Result, Write, stdout};
 use std::{env, iter};
 
-use armwire::Micros;
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Response};
 use armwire::messages::Messages;
+use armwire_bridge::Micros;
 use armwire_host_tests::reference::{self, Piece, ling};
 use armwire_sim::faults::{Line, Rates};
 use armwire_sim::serial::SerialDevice;

@@ -6,9 +6,10 @@ use std::future::{Future, poll_fn};
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
 
+use armwire::Config;
 use armwire::driver;
 use armwire::time::Instant;
-use armwire::{Config, Micros};
+use armwire_bridge::Micros;
 use armwire_sim::serial::SerialDevice;
 use embedded_io_async::ErrorType;
 
@@ -209,7 +210,8 @@ mod xarm {
     use std::collections::VecDeque;
 
     use armwire::xarm::{MAX_FRAME, State, XArm};
-    use armwire::{Device, DeviceEvent, Micros};
+    use armwire::{Device, DeviceEvent};
+    use armwire_bridge::Micros;
     use armwire_sim::serial::SerialDevice;
     use armwire_sim::xarm::{Config as ArmConfig, Model, VirtualXArm};
 

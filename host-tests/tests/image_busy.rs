@@ -5,7 +5,7 @@ use std::env;
 use std::thread;
 use std::time::Instant;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_bridge::control::Asker;
 use armwire_host_tests::image::{Hosts, Witness, polled, session};
 use armwire_virtual_board::Nanos;

@@ -6,8 +6,8 @@ use std::env;
 use std::fs;
 use std::time::Instant;
 
-use armwire::Micros;
 use armwire::ling::JOINTS;
+use armwire_bridge::Micros;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{
     Asker, Event, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Request, Stamp, Subscription,

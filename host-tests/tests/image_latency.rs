@@ -1,9 +1,9 @@
 //! The time that the firmware image adds to a call, with a cycle for each instruction. `cargo xtask performance` has the core's
 //! own timing, too.
 
-use armwire::Micros;
 use armwire::ling::{Ling, MAX_FRAME, Response, Stroke};
 use armwire::messages::Messages;
+use armwire_bridge::Micros;
 use armwire_host_tests::image::quiet::{Added, call, forget, pause, until_armed};
 use armwire_host_tests::image::{MEGABAUD, Spread, Talker, chip, counters, facts, on_board, plug_in, read_all};
 use armwire_sim::ling::LingArm;

@@ -1,10 +1,9 @@
 //! What may happen on the arm's line: errors, and other rates.
 
-use armwire::Micros;
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire::messages::Messages;
-use armwire_bridge::Counters;
+use armwire_bridge::{Counters, Micros};
 use armwire_host_tests::image::{
     MEGABAUD, Talker, as_received, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
     read_all, same_bytes,

@@ -1,7 +1,7 @@
 //! A Ling arm, driven through the firmware image as a program drives it.
 
-use armwire::Micros;
 use armwire::ling::*;
+use armwire_bridge::Micros;
 use armwire_host_tests::image::{MEGABAUD, Program, on_board, plug_in};
 use armwire_sim::ling::{Config, LingArm};
 use armwire_virtual_board::VirtualBoard;

@@ -1,7 +1,7 @@
 //! The firmware image asks the arm by itself: on time at a set rate, and as fast as the wire allows.
 
-use armwire::Micros;
 use armwire::ling::Request;
+use armwire_bridge::Micros;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control;

@@ -1,7 +1,7 @@
 //! The firmware image and the line's rate: who may change it, when it is the arm's again, and `hold-line`.
 
-use armwire::Micros;
 use armwire::ling::{JOINTS, Request, Torque};
+use armwire_bridge::Micros;
 use armwire_bridge::can::Node;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::config::{Can, Config, Poll, Silence};

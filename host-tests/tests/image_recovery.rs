@@ -1,12 +1,11 @@
 //! The firmware image when something goes wrong: what is lost is counted, and all else goes on.
 
-use armwire::Micros;
 use armwire::ling::{Request, Torque};
-use armwire_bridge::PACKET;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::{Config, Silence};
 use armwire_bridge::control::{self, Asker, Event, Refusal};
 use armwire_bridge::isotp;
+use armwire_bridge::{Micros, PACKET};
 use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{
     Asking, Control, MEGABAUD, Session, Ticket, Witness, byte_time, path, plug_in, polled, session,

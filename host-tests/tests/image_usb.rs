@@ -1,7 +1,7 @@
 //! What a USB host may do to the adapter: find it, stop reading, let it wait, reset it, suspend it, pull it out.
 
-use armwire::Micros;
 use armwire::ling::{Request, Response};
+use armwire_bridge::Micros;
 use armwire_host_tests::image::{
     MEGABAUD, Program, Talker, counters, exchange, noise, on_board, on_board_with, open, path, plug_in, read_all,
     same_bytes,

@@ -4,7 +4,8 @@
 use std::collections::VecDeque;
 
 use armwire::ling::*;
-use armwire::{Config, Device, DeviceEvent, Micros};
+use armwire::{Config, Device, DeviceEvent};
+use armwire_bridge::Micros;
 use armwire_sim::serial::SerialDevice;
 use armwire_sim::wire::Wire;
 use proptest::collection::vec;

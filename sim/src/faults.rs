@@ -4,7 +4,7 @@
 
 use std::collections::VecDeque;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use oorandom::Rand32;
 #[cfg(test)]
 use proptest::prelude::*;
@@ -137,7 +137,7 @@ impl Direction {
 /// A device behind a line with faults; itself a device.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire_sim::faults::{Line, Rates};
 /// use armwire_sim::ling::{Config, LingArm};
 /// use armwire_sim::serial::SerialDevice;

@@ -1,6 +1,6 @@
 //! The seam between a virtual device and whatever line carries its bytes.
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 
 /// A device at the far end of a serial line: an arm, or a line with faults in front of one.
 ///

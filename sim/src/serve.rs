@@ -4,7 +4,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 
 use crate::pty::Pty;
 use crate::serial::SerialDevice;

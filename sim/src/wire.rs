@@ -5,7 +5,8 @@ use std::fmt;
 use armwire::framing::Reason;
 use armwire::messages::Messages;
 use armwire::time::Instant;
-use armwire::{Client, Config, Event, Micros, Output, ParseError};
+use armwire::{Client, Config, Event, Output, ParseError};
+use armwire_bridge::Micros;
 
 use crate::serial::SerialDevice;
 
@@ -67,7 +68,8 @@ pub enum LineEvent {
 ///
 /// ```
 /// use armwire::ling::{Ling, MAX_FRAME, Request, Response, Stroke};
-/// use armwire::{Config, Micros};
+/// use armwire::Config;
+/// use armwire_bridge::Micros;
 /// use armwire_sim::ling::LingArm;
 /// use armwire_sim::wire::Wire;
 ///

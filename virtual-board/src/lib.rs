@@ -2,7 +2,7 @@
 //! arm at its edges.
 //!
 //! ```no_run
-//! use armwire::Micros;
+//! use armwire_bridge::Micros;
 //! use armwire_sim::ling::{Config as ArmConfig, LingArm};
 //! use armwire_virtual_board::usb::cdc::LineCoding;
 //! use armwire_virtual_board::{Config, VirtualBoard};

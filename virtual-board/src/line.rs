@@ -563,7 +563,7 @@ fn sample(byte: u8, (sender, sent): (u64, Format), (receiver, expected): (u64, F
 mod tests {
     use std::collections::VecDeque;
 
-    use armwire::Micros;
+    use armwire_bridge::Micros;
 
     use super::*;
 

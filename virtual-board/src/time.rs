@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Add;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 
 /// Nanoseconds of virtual time: an instant since power-on, or a span between two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]

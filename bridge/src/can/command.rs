@@ -12,8 +12,9 @@
 //! sender that repeats one command for ever, whichever it is, moves nothing: what starts a stream does not move, and
 //! what moves does not start one.
 
+use crate::Micros;
+use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
-use armwire::{Micros, OutOfRange};
 
 use super::{Frame, Function, Node, telemetry};
 use crate::control::Refusal;
@@ -105,7 +106,7 @@ impl Command {
 /// Takes command frames, and says what moves the arm and what is refused.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire_bridge::can::{Node, command::{Command, Commands}};
 /// use armwire_bridge::control::Refusal;
 ///

@@ -1,6 +1,7 @@
 //! How an endpoint treats its bus.
 
-use armwire::{Micros, OutOfRange};
+use crate::Micros;
+use armwire::OutOfRange;
 
 use crate::can::Id;
 
@@ -17,7 +18,7 @@ pub enum Link {
 /// How an [`Endpoint`](super::Endpoint) sends, what it asks of those who send to it, and how long it waits.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire_bridge::can::Id;
 /// use armwire_bridge::isotp::{Config, Link, SeparationTime};
 ///
@@ -72,7 +73,7 @@ impl Config {
 /// STmin, the least time between consecutive frames: 0 to 127 ms, or 100 to 900 µs.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire_bridge::isotp::SeparationTime;
 ///
 /// assert_eq!(SeparationTime::from_millis(20).unwrap().micros(), Micros(20_000));

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use armwire::Micros;
+use crate::Micros;
 
 use super::pci::{self, Pci};
 use super::receiver::Receiver;
@@ -152,7 +152,7 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// Then ask [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
     ///
     /// ```
-    /// use armwire::Micros;
+    /// use armwire_bridge::Micros;
     /// use armwire_bridge::can::Id;
     /// use armwire_bridge::isotp::{Config, Endpoint, Link};
     ///
@@ -192,7 +192,7 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// One that is whole stays.
     ///
     /// ```
-    /// # use armwire::Micros;
+    /// # use armwire_bridge::Micros;
     /// # use armwire_bridge::can::Id;
     /// # use armwire_bridge::isotp::{Config, Endpoint, Link};
     /// # let mut endpoint = Endpoint::<64, 64>::new(Config::new(Link::Classic, Id::new(0x610).unwrap()));

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use armwire::Micros;
+use crate::Micros;
 
 /// What happened. What succeeds in sending is no event: [`is_sending`](super::Endpoint::is_sending) says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,7 +21,7 @@ pub enum Event {
 /// What came of one call: nothing, one event, or two when a frame ended one PDU and began another.
 ///
 /// ```
-/// # use armwire::Micros;
+/// # use armwire_bridge::Micros;
 /// # use armwire_bridge::can::Id;
 /// # use armwire_bridge::isotp::{Config, Endpoint, Error, Event, Link};
 /// # let mut endpoint = Endpoint::<64, 64>::new(Config::new(Link::Classic, Id::new(0x610).unwrap()));

@@ -4,7 +4,7 @@
 //! next frame:
 //!
 //! ```
-//! use armwire::Micros;
+//! use armwire_bridge::Micros;
 //! use armwire_bridge::can::{Function, Node};
 //! use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
 //!
@@ -52,7 +52,7 @@ mod sender;
 #[cfg(test)]
 mod tests;
 
-use armwire::Micros;
+use crate::Micros;
 
 pub use config::{Config, Link, SeparationTime};
 pub use endpoint::{Endpoint, MAX_PDU};

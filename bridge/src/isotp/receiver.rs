@@ -1,6 +1,6 @@
 //! The half of an endpoint that receives.
 
-use armwire::Micros;
+use crate::Micros;
 
 use super::pci::{CONTINUE, FLOW_CONTROL, OVERFLOW};
 use super::{Config, Error, Event, Events, Ignored, Link, NEVER, Refused, block};

@@ -5,7 +5,7 @@ extern crate std;
 use std::string::ToString;
 use std::vec::Vec;
 
-use armwire::Micros;
+use crate::Micros;
 use proptest::prelude::*;
 
 use super::{Config, Endpoint, Error, Event, Events, Ignored, Link, MAX_PDU, Refused, SendError, SeparationTime};

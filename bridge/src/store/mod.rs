@@ -25,7 +25,7 @@
 use core::fmt;
 use core::ops::Range;
 
-use armwire::Micros;
+use crate::Micros;
 use embedded_storage_async::nor_flash::NorFlash;
 use heapless::Vec;
 use sequential_storage::cache::{Cache, Uncached};
@@ -89,7 +89,7 @@ const HEAD: usize = size_of::<u32>() + size_of::<u16>();
 /// # }
 /// # let flash = ram::Flash([0xFF; 4096]);
 /// # let example = async {
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire_bridge::config::{Config, Poll};
 /// use armwire_bridge::store::{Saved, Store};
 ///

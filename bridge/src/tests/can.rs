@@ -4,14 +4,12 @@ extern crate std;
 
 use std::vec::Vec;
 
-use armwire::Micros;
-
 use super::rig::{self, ling};
 use crate::can::command::Command;
 use crate::can::{Frame, Function};
 use crate::config::{Can, Config};
 use crate::control::{FromHost, Identity, MAX_FRAME, Request, Subscription, encode};
-use crate::{Action, Bridge, Counters};
+use crate::{Action, Bridge, Counters, Micros};
 
 /// An adapter on this bus.
 fn on_bus(can: Can) -> Bridge {

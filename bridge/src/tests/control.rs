@@ -5,7 +5,7 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use armwire::Micros;
+use crate::Micros;
 use proptest::prelude::*;
 
 use super::rig::{Rig, ask, ling, polite};

@@ -5,7 +5,7 @@ extern crate std;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::Micros;
+use crate::Micros;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 

@@ -5,12 +5,10 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use armwire::Micros;
-
 use super::rig::{Rig, ling, polite};
-use crate::LEAD;
 use crate::config::{Config, Poll};
 use crate::control::{Asker, Identity, Reply, Request};
+use crate::{LEAD, Micros};
 
 fn polling(poll: Poll) -> Rig {
     Rig::new(Config {

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::Micros;
+use crate::Micros;
 use armwire::alpha1::Expect;
 
 use crate::arm::{Piece, Tap};

@@ -6,7 +6,6 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::Micros;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 
@@ -16,7 +15,7 @@ use crate::can::telemetry::event_from_frame;
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, Silence};
 use crate::control::{Asker, Event, Failure, Identity, MAX_FRAME, Refusal, Reply, Request};
-use crate::{Action, Bridge, DOWN, PACKET};
+use crate::{Action, Bridge, DOWN, Micros, PACKET};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 

@@ -6,16 +6,15 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::Micros;
 use armwire::alpha1::{self, Alpha1};
 use armwire::messages::Messages;
 use proptest::prelude::*;
 
 use super::rig::{Rig, ling, polite};
-use crate::Action;
 use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, Poll};
 use crate::control::{Asker, Event, Refusal, Reply, Request};
+use crate::{Action, Micros};
 
 const JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 

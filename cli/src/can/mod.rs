@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_FRAME, MAX_MESSAGE, Reply, Request};
 use armwire_bridge::isotp::{self, Endpoint, Event};

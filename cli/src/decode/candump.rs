@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use armwire::Micros;
 use armwire::framing::Scan;
+use armwire_bridge::Micros;
 use armwire_bridge::can::{Frame, Function, Id};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message};
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link};

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use armwire::Micros;
 use armwire::ling::Position;
 use armwire::ling::legacy::{GripperState, Legacy, Response};
+use armwire_bridge::Micros;
 
 use super::reading::{LineErrors, News, Quantity, Reading, Source};
 use crate::describe::{joint, legacy};

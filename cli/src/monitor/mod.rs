@@ -18,8 +18,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::Micros;
 use armwire::ling::legacy::Legacy;
+use armwire_bridge::Micros;
 use clap::Args;
 
 use crate::adapter::{counters, describe, identify, latencies};

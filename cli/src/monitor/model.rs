@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_bridge::control::{Latencies, Stamp};
 use serde_json::{Map, Value};
 

@@ -4,7 +4,7 @@ use std::io::{self, IsTerminal, Write, stdout};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 use serde_json::{Map, Value};

@@ -1,6 +1,6 @@
 //! Readings for other programs: comma-separated values, or a JSON object a line.
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use serde_json::{Map, Value, json};
 
 use super::model::{Latest, Model};

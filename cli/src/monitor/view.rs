@@ -1,6 +1,6 @@
 //! What a monitor shows on a terminal.
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};

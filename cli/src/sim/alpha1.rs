@@ -3,8 +3,8 @@
 use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
 
-use armwire::Micros;
 use armwire::alpha1::{ServoId, Text};
+use armwire_bridge::Micros;
 use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use clap::Args;
 

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::AtomicBool;
 
-use armwire::Micros;
 use armwire::ling::{Kind, SerialNumber, Stroke};
+use armwire_bridge::Micros;
 use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{Config, LingArm};
 use clap::Args;

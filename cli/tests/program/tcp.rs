@@ -5,7 +5,7 @@ use std::net::{TcpListener, TcpStream};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_sim::ling::{Config, LingArm};
 use armwire_sim::serial::SerialDevice;
 

@@ -10,7 +10,7 @@ use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Waker;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use critical_section::{CriticalSection, Mutex};
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 use embassy_stm32::pac::timer::vals::Urs;

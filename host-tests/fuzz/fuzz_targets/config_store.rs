@@ -6,7 +6,7 @@ use core::future::Future;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_bridge::config::Config;
 use armwire_bridge::store::{Error, Saved, Store};
 use armwire_fuzz::config::{any_config, any_good_config};

@@ -3,7 +3,7 @@
 //! that is read the same.
 #![no_main]
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{
     Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reader, Reason, Reply,

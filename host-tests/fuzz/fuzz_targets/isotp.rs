@@ -3,7 +3,7 @@
 //! come, what is received is no longer than there is room for.
 #![no_main]
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_bridge::can::Id;
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link, SendError, SeparationTime};
 use armwire_fuzz::{Arbitrary, Result, Unstructured};

@@ -13,7 +13,8 @@ use armwire::ling::{
     TemperatureLimit, Version,
 };
 use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, VersionText, XArm};
-use armwire::{Micros, OutOfRange};
+use armwire::OutOfRange;
+use armwire_bridge::Micros;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};

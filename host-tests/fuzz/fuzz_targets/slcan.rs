@@ -2,7 +2,7 @@
 //! adapter answers each line once, sends frames only while its channel is open, and tells of those that it heard.
 #![no_main]
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_fuzz::{Arbitrary, Result, Unstructured};
 use armwire_sim::can::{Frame, Id};
 use armwire_sim::slcan::{Adapter, Commands, Replies, Reply, Status};

@@ -1,6 +1,6 @@
 //! An adapter, and what must hold of it whatever happens around it.
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire::alpha1::Alpha1;
 use armwire::framing::Scan;
 use armwire::ling::{self, Ling};

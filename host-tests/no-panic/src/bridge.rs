@@ -2,11 +2,10 @@
 
 use core::hint::black_box;
 
-use armwire::Micros;
 use armwire_bridge::can::{Frame, Id};
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Bridge, CanErrors, Counters, Line, LineCoding, PACKET, UartErrors};
+use armwire_bridge::{Bridge, CanErrors, Counters, Line, LineCoding, Micros, PACKET, UartErrors};
 
 use crate::bytes;
 

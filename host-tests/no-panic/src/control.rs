@@ -2,7 +2,7 @@
 
 use core::hint::black_box;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_bridge::control::{
     FromAdapter, FromHost, Histogram, MAX_MESSAGE, Message, Reader, Reply, Request, decode, encode, encode_cobs,
 };

@@ -2,7 +2,7 @@
 
 use core::hint::black_box;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::isotp::{Config, Endpoint, Link, SeparationTime};
 

@@ -39,7 +39,7 @@ mod xarm;
 use core::hint::black_box;
 use core::panic::PanicInfo;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire::time::{Duration, Instant};
 
 unsafe extern "C" {

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use armwire::Micros;
 use armwire::ling::{self, Ling, MAX_FRAME};
 use armwire::messages::Messages;
+use armwire_bridge::Micros;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::Config;

@@ -20,8 +20,7 @@ mod witness;
 use std::env;
 use std::path::PathBuf;
 
-use armwire::Micros;
-use armwire_bridge::Counters;
+use armwire_bridge::{Counters, Micros};
 use armwire_virtual_board::line::{Arm, Direction, Fault, LineByte, Outcome};
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::usb::host::Request;

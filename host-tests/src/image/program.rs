@@ -3,7 +3,8 @@
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 use armwire::time::Instant;
-use armwire::{Client, Config, Event, Micros, Output};
+use armwire::{Client, Config, Event, Output};
+use armwire_bridge::Micros;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 

@@ -1,10 +1,9 @@
 //! A board with everybody at it, and the books of what happened.
 
-use armwire::Micros;
-use armwire_bridge::Counters;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::Request;
+use armwire_bridge::{Counters, Micros};
 use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
 use super::{

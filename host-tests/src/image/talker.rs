@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::mem;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_sim::serial::SerialDevice;
 
 /// Says what it is told, without a pause, and keeps what it hears.

@@ -2,10 +2,10 @@
 
 use std::collections::VecDeque;
 
-use armwire::Micros;
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Frame, JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire::messages::Messages;
+use armwire_bridge::Micros;
 use armwire_sim::serial::SerialDevice;
 
 /// Command and function of the question where the joints are. All [tickets](Ticket) have them too, so that only what is in

@@ -3,8 +3,8 @@
 //! They are this simulation's own, not the real robot's. Servos 1 to 3 are one arm and 4 to 6 the other, 7 to 11 are
 //! one leg and 12 to 16 the other; standing, all are in the middle.
 
-use armwire::Micros;
 use armwire::alpha1::Angle;
+use armwire_bridge::Micros;
 
 use super::SERVOS;
 

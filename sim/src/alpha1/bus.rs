@@ -1,8 +1,8 @@
 //! Virtual servos on a bus of their own, without a robot around them.
 
-use armwire::Micros;
 use armwire::alpha1::{Alpha1, Request, ServoId};
 use armwire::messages::Messages;
+use armwire_bridge::Micros;
 
 use super::SERVOS;
 use super::chain::Chain;
@@ -50,7 +50,7 @@ impl Default for BusConfig {
 /// They hear nothing while one of them is talking, and know no requests but those to servos.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire_sim::alpha1::{BusConfig, ServoBus};
 /// use armwire_sim::serial::SerialDevice;
 ///

@@ -1,8 +1,8 @@
 //! Servos on one wire.
 
-use armwire::Micros;
 use armwire::alpha1::{Alpha1, MAX_FRAME, Response, ServoId, ServoRequest};
 use armwire::messages::Messages;
+use armwire_bridge::Micros;
 
 use super::servo::Servo;
 

@@ -2,11 +2,11 @@
 
 use std::collections::VecDeque;
 
-use armwire::Micros;
 use armwire::alpha1::{Alpha1, Expect, MAX_FRAME, Outcome, hid};
 use armwire::decoder::{Decoder, Kind as ItemKind};
 use armwire::dialect::Dialect;
 use armwire::messages::Messages;
+use armwire_bridge::Micros;
 
 use crate::serial::Counters;
 

@@ -14,12 +14,12 @@
 
 use std::slice;
 
-use armwire::Micros;
 use armwire::alpha1::{
     Action, Alpha1, FirmwareVersion, OLDEST_FIRMWARE, OffsetTool, Outcome, Request, Response, ServoId, ServoStates,
     Text, UsbType,
 };
 use armwire::messages::Messages;
+use armwire_bridge::Micros;
 
 use super::SERVOS;
 use super::action::{NamedAction, Pose, STANDING};
@@ -80,7 +80,7 @@ struct Playing {
 /// It is deterministic: what it does depends on the bytes it receives and when, and not on how often it is polled.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
 /// use armwire_sim::serial::SerialDevice;
 ///

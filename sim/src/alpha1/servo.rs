@@ -14,8 +14,8 @@
 
 use std::time::Duration;
 
-use armwire::Micros;
 use armwire::alpha1::{Address, Angle, Led, Offset, Outcome, ServoId, ServoRequest, ServoResponse};
+use armwire_bridge::Micros;
 
 /// The version that a servo tells, as in the manual's example.
 const VERSION: [u8; 4] = [0x41, 0x16, 0x51, 0x01];

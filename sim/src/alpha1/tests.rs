@@ -3,6 +3,7 @@
 use std::num::NonZeroU32;
 use std::time::Duration;
 
+use armwire::Config;
 use armwire::alpha1::{
     Action, Address, Alpha1, Angle, Expect, FirmwareVersion, Interval, Led, MAX_FRAME, MoveTime, OLDEST_FIRMWARE,
     Offset, OffsetTool, Outcome, Request, Response, ServoAnswer, ServoId, ServoRequest, ServoResponse, ServoStates,
@@ -11,7 +12,7 @@ use armwire::alpha1::{
 use armwire::decoder::{Decoder, Kind};
 use armwire::dialect::Dialect;
 use armwire::messages::Messages;
-use armwire::{Config, Micros};
+use armwire_bridge::Micros;
 use oorandom::Rand32;
 use proptest::prelude::*;
 

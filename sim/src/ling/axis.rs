@@ -3,7 +3,7 @@
 //! A speed in ticks per second over a time in microseconds is a whole number of millionths of a tick. So positions are
 //! kept in millionths, nothing is ever rounded, and it makes no difference in how many steps time goes by.
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 
 /// Millionths of a tick in a tick.
 const MICRO: i64 = 1_000_000;

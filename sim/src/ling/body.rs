@@ -13,8 +13,8 @@
 //! * At the limit the arm reports overheating and goes on. 5 °C above it protects itself: it stops, switches its torque
 //!   off, and neither moves nor holds. Either ends 5 °C below the limit; the torque stays off.
 
-use armwire::Micros;
 use armwire::ling::{JOINTS, Kind, MotionStatus, Move, TemperatureLimit};
+use armwire_bridge::Micros;
 
 use super::axis::Axis;
 

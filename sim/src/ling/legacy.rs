@@ -4,14 +4,15 @@ use std::collections::VecDeque;
 
 use armwire::ling::legacy::{Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS};
 use armwire::ling::{JOINTS, Position, TICKS_PER_TURN};
-use armwire::{Device, DeviceEvent, Micros};
+use armwire::{Device, DeviceEvent};
+use armwire_bridge::Micros;
 
 use crate::serial::SerialDevice;
 
 /// What a virtual arm of the older generation says, and how often.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire::ling::legacy::Firmware;
 /// use armwire_sim::ling::legacy::Config;
 ///
@@ -52,7 +53,7 @@ pub struct Counters {
 /// Its joints stay where they are put. When the line is taken at the end of a period, that reading is left out.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire_sim::ling::legacy::{Config, LegacyArm};
 /// use armwire_sim::serial::SerialDevice;
 ///

@@ -16,7 +16,8 @@ use armwire::ling::{
     Info, JOINTS, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response,
     SelfCheck, SerialNumber, Stroke, Torque, Version,
 };
-use armwire::{Device, DeviceEvent, Micros};
+use armwire::{Device, DeviceEvent};
+use armwire_bridge::Micros;
 
 pub use crate::serial::Counters;
 use crate::serial::SerialDevice;
@@ -28,7 +29,7 @@ const MAX_REPLIES: usize = 8;
 /// What a virtual arm is, and how it answers.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire::ling::Stroke;
 /// use armwire_sim::ling::Config;
 ///
@@ -99,7 +100,7 @@ struct Reply {
 /// It is deterministic: what it does depends on the bytes it receives and when, and not on how often it is polled.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire_sim::ling::{Config, LingArm};
 /// use armwire_sim::serial::SerialDevice;
 ///

@@ -1,6 +1,6 @@
 //! The adapter's end.
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 
 use super::{BitRate, Command, Commands, DataBitRate, MINUTE, Reply, Status};
 use crate::can::{Frame, Id};

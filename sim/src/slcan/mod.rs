@@ -16,7 +16,7 @@
 //! No line carries ESI of an FD frame, nor a classic DLC above 8.
 //!
 //! ```
-//! use armwire::Micros;
+//! use armwire_bridge::Micros;
 //! use armwire_sim::can::{Frame, Id};
 //! use armwire_sim::slcan::{Adapter, BitRate, Command, Replies, Reply};
 //!

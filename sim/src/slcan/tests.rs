@@ -1,4 +1,4 @@
-use armwire::Micros;
+use armwire_bridge::Micros;
 use proptest::prelude::*;
 
 use super::*;

@@ -16,7 +16,7 @@
 use std::array;
 use std::collections::VecDeque;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 
 use super::geometry::{MAX_JOINTS, Model, Placed};
 use super::profile::Profile;

@@ -35,10 +35,11 @@ mod server;
 #[cfg(test)]
 mod tests;
 
+use armwire::ParseError;
 use armwire::xarm::{
     Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
 };
-use armwire::{Micros, ParseError};
+use armwire_bridge::Micros;
 
 use body::{Body, Refused, Target};
 use geometry::Frame;
@@ -119,7 +120,7 @@ impl Config {
 /// It is deterministic: what it does depends on the requests it gets and when, and not on how often it is asked.
 ///
 /// ```
-/// use armwire::Micros;
+/// use armwire_bridge::Micros;
 /// use armwire::xarm::{Reply, Request, Response, State, TorqueSource};
 /// use armwire_sim::xarm::{Config, Model, VirtualXArm};
 ///

@@ -1,6 +1,6 @@
 //! How far along its way something is that speeds up, cruises and slows down.
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 
 /// Rest to rest over a way, at a given acceleration and at no more than a given speed.
 ///

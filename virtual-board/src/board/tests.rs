@@ -2,7 +2,7 @@
 
 mod trace;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_bridge::can::{Frame, Id};
 
 use super::*;

@@ -5,16 +5,15 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use armwire::Micros;
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Ling, MAX_FRAME};
-use armwire_bridge::LineCoding;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::Config as AdapterConfig;
 use armwire_bridge::control::{
     self, FromAdapter, FromHost, Identity, LineHolder, LineState, MAX_MESSAGE, Reply, Request,
 };
 use armwire_bridge::isotp::{Config, Endpoint, Link};
+use armwire_bridge::{LineCoding, Micros};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;

@@ -6,8 +6,8 @@
 //! A span that the adapter adds begins when the adapter could act: when what it must pass on was there, and what it must pass
 //! it on to was free of what went before. The time before that is not counted.
 
-use armwire::Micros;
 use armwire::ling::Request;
+use armwire_bridge::Micros;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{Event, Request as ControlRequest};
 use armwire_host_tests::image::requests::frame;

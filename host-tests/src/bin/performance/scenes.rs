@@ -3,8 +3,8 @@
 
 use std::time::Instant;
 
-use armwire::Micros;
 use armwire::ling::JOINTS;
+use armwire_bridge::Micros;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::Request;

@@ -1,6 +1,6 @@
 //! The cable between the adapter and the arm: single bytes on it can be damaged, and it can be pulled out.
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_sim::serial::SerialDevice;
 
 use super::super::Witness;

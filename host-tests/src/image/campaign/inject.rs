@@ -1,11 +1,10 @@
 //! How each fault is brought about.
 
-use armwire::Micros;
 use armwire::ling::{self, MAX_FRAME};
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{Reply, Request};
-use armwire_bridge::{Counters, LineCoding};
+use armwire_bridge::{Counters, LineCoding, Micros};
 use armwire_virtual_board::line::Fault as LineFault;
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::usb::host::Request as UsbRequest;

@@ -1,10 +1,9 @@
 //! A board with everybody at it, of which anything may go wrong.
 
-use armwire::Micros;
-use armwire_bridge::Counters;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Request;
+use armwire_bridge::{Counters, Micros};
 use armwire_virtual_board::line::Direction;
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, Timing, VirtualBoard};
 

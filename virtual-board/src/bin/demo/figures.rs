@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_virtual_board::Nanos;
 
 /// One byte on the arm's line at 1 Mbaud.

@@ -4,7 +4,8 @@ use std::error::Error;
 
 use armwire::ling::{Ling, MAX_FRAME, Request, Response};
 use armwire::time::Instant;
-use armwire::{Client, Config, Event, Micros, Output};
+use armwire::{Client, Config, Event, Output};
+use armwire_bridge::Micros;
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::latency::{self, Mismatch};
 use armwire_virtual_board::line::Direction;

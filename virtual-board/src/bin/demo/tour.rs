@@ -2,11 +2,11 @@
 
 use std::error::Error;
 
-use armwire::Micros;
 use armwire::ling::{
     GripperSpeed, JointState, Kind, Move, Opening, PerServo, Position, Request, Response, Speed, Torque,
 };
 use armwire_bridge::Counters;
+use armwire_bridge::Micros;
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::{Nanos, VirtualBoard, usb};
 

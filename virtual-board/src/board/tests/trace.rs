@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_sim::serial::SerialDevice;
 
 use super::*;

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use armwire::Micros;
+use armwire_bridge::Micros;
 use armwire_sim::serial::SerialDevice;
 
 use super::*;

@@ -411,7 +411,7 @@ mod tests {
     use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
 
-    use armwire::Micros;
+    use armwire_bridge::Micros;
     use armwire_sim::serial::SerialDevice;
 
     use super::*;
