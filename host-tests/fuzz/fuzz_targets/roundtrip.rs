@@ -4,6 +4,7 @@
 
 use core::time::Duration;
 
+use armwire::OutOfRange;
 use armwire::alpha1::{self, Alpha1, Angle, Interval, MoveTime, Offset, ServoId, ServoStates, Text, hid};
 use armwire::decoder::Kind as Item;
 use armwire::framing::{Framing, Scan};
@@ -13,7 +14,6 @@ use armwire::ling::{
     TemperatureLimit, Version,
 };
 use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, VersionText, XArm};
-use armwire::OutOfRange;
 use armwire_bridge::Micros;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};

@@ -2,7 +2,11 @@
 //! in such pieces as a receiver takes that is told how many bytes are needed.
 #![no_main]
 
+use armwire::decoder::{Decoder, Kind};
+use armwire::dialect::Dialect;
+use armwire::framing::{Framing, Reason};
 use armwire::ling::legacy::Detector;
+use armwire::raw::Raw;
 use armwire_fuzz::line::Ear;
 use armwire_fuzz::{Check, Result, Subject, Unstructured, check};
 use libfuzzer_sys::fuzz_target;
@@ -51,6 +55,29 @@ impl Check for Split {
         assert_eq!(chunked.heard, needed.heard);
         assert_eq!(pieces.hear(rest), told);
         assert!(told.is_none_or(|older| older.to_string().contains("older generation")));
+        check_raw::<N>(line);
         Ok(())
     }
+}
+
+/// On a raw line every byte is stray, and no request is answered.
+fn check_raw<const N: usize>(line: &[u8]) {
+    let mut decoder = Decoder::<N>::new();
+    let (mut rest, mut heard) = (line, Vec::<u8>::new());
+    loop {
+        rest = decoder.push(rest);
+        while let Some(item) = decoder.next(&Raw, Raw.unsolicited()) {
+            assert_eq!(item.kind, Kind::Noise(Reason::Stray));
+            heard.extend(item.bytes);
+        }
+        assert_eq!(decoder.need(&Raw, Raw.requests()), 1);
+        if rest.is_empty() {
+            break;
+        }
+    }
+    assert_eq!(heard, line);
+    assert_eq!(Raw.terminator(()), None);
+    let request = Raw.request(line);
+    assert_eq!(request.is_none(), line.is_empty());
+    assert!(request.is_none_or(|info| info.response.is_none() && !Raw.is_response_to(info.key, line)));
 }

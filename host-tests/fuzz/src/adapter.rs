@@ -1,10 +1,11 @@
 //! An adapter, and what must hold of it whatever happens around it.
 
-use armwire_bridge::Micros;
 use armwire::alpha1::Alpha1;
 use armwire::framing::Scan;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
+use armwire::time::{Duration, Instant};
+use armwire_bridge::Micros;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame};
 use armwire_bridge::can::{Frame, Function, Id};
@@ -259,7 +260,11 @@ impl World {
     /// The arm says bytes.
     pub fn arm_says(&mut self, bytes: &[u8]) {
         self.arm_said.extend(bytes);
-        self.hear(|bridge, now| bridge.uart_received(bytes, now));
+        // An interrupt handler may have missed the last byte.
+        match self.arm_said.len() % 2 {
+            0 => self.hear(|bridge, now| bridge.uart_received(bytes, now)),
+            _ => self.hear(|bridge, now| bridge.uart_received_unseen(bytes, now)),
+        }
         assert!(self.bridge.need().most > 0);
     }
 
@@ -558,7 +563,7 @@ impl World {
 
     /// Lets time pass.
     pub fn wait(&mut self, micros: u64) {
-        self.now = self.now + Micros(micros);
+        self.now = (Instant::from(self.now) + Duration::from_micros(micros)).into();
         // One tick may find that something else is late: by a second there is nothing left.
         self.bridge.tick(self.now);
         self.bridge.tick(self.now);
@@ -600,6 +605,7 @@ impl World {
             "bytes for the arm are sent twice, or counted as dropped and sent"
         );
         assert!(c.late_answers + c.unasked_frames <= c.frames);
+        assert!(c.late_stamps <= c.frames);
         assert!(c.empty_packets_to_host <= c.packets_to_host);
         assert_eq!(self.bridge.config().check(), Ok(()));
         if self.dropped() == 0 {
