@@ -10,6 +10,8 @@ use armwire_bridge::{Bridge, CanErrors, Counters, Line, LineCoding, Micros, PACK
 use crate::bytes;
 
 pub(crate) fn call_all() {
+    black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));
+    black_box(black_box(Micros(0)).since(black_box(Micros(0))));
     let now = black_box(Micros(0));
 
     let mut bridge = Bridge::new(black_box(Identity::default()), black_box(Config::default()));

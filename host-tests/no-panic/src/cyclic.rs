@@ -3,11 +3,11 @@
 use core::hint::black_box;
 
 use armwire::ling::{JointState, MotionStatus};
-use armwire_bridge::{Counters, Micros};
 use armwire_bridge::can::command::{Command, Commands};
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};
 use armwire_bridge::control::{Event, Stamp};
+use armwire_bridge::{Counters, Micros};
 
 use crate::bytes;
 

@@ -39,7 +39,6 @@ mod xarm;
 use core::hint::black_box;
 use core::panic::PanicInfo;
 
-use armwire_bridge::Micros;
 use armwire::time::{Duration, Instant};
 
 unsafe extern "C" {
@@ -70,8 +69,6 @@ extern "C" fn _start() {
         cyclic::call_all();
         isotp::call_all();
     }
-    black_box(Micros::from_millis(black_box(0)) + black_box(Micros(0)));
-    black_box(black_box(Micros(0)).since(black_box(Micros(0))));
     black_box(black_box(Instant::ZERO) + black_box(Duration::from_millis(black_box(0))));
     black_box(black_box(Instant::ZERO).since(black_box(Instant::ZERO)) + black_box(Duration::ZERO));
     if cfg!(feature = "prove-panic") {
