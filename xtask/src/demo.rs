@@ -15,7 +15,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
     let (board, args) = board(args)?;
     let image = image::build(&Options::of(board))?;
     println!("{image}");
-    println!("building the virtual board, about 3 minutes the first time");
+    println!("building the virtual board, a minute or two the first time");
     replace_ourselves(command("run").arg("--").arg("--image").arg(image.path).args(args))
 }
 
