@@ -71,7 +71,7 @@ pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
 pub(crate) struct Link<P: Arm, L> {
     line: L,
     client: Client<P, BUFFER>,
-    /// What was read and not taken by the client yet.
+    /// Bytes that were read and not taken by the client yet.
     unread: Vec<u8>,
     start: Instant,
     dropped: usize,
@@ -101,7 +101,7 @@ impl<P: Arm, L: Line> Link<P, L> {
         request: P::Request<'_>,
         take: impl FnOnce(P::Response<'_>) -> T,
     ) -> Result<Option<T>, Problem> {
-        // What is left of a call that failed.
+        // The rest of a call that failed.
         self.client.cancel();
         self.finish()?;
         self.client
@@ -166,7 +166,8 @@ impl<P: Arm, L: Line> Link<P, L> {
         }
     }
 
-    /// What `take` makes of what the arm says unasked, waiting so long for the first byte; nothing when none came.
+    /// The arm's unsolicited responses, as `take` makes them, after waiting at most this long for the first byte; `None` when
+    /// no byte came.
     pub(crate) fn hear<T>(
         &mut self,
         wait: Duration,

@@ -239,7 +239,7 @@ fn entry(offset: usize, bytes: &[u8], text: &str) -> String {
     format!("{offset:8}  {}\n          {text}", hex::show(bytes))
 }
 
-/// What to expect of whoever says it.
+/// The expectation of a decoder that hears this side of the line.
 fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
     match from {
         Some(Speaker::Host) => arm.requests(),

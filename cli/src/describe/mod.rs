@@ -37,7 +37,7 @@ pub(crate) trait Arm: Messages + Default {
     /// Why the arm did not do what it was asked, if that is what the response says.
     fn refusal(response: &Self::Response<'_>) -> Option<String>;
 
-    /// What a frame says besides its message, in parentheses, such as its number.
+    /// The rest of a frame besides its message, in parentheses, such as its number.
     fn envelope(_frame: &[u8]) -> String {
         String::new()
     }

@@ -77,7 +77,7 @@ struct World<P: Subject, const N: usize> {
     told: Told<P>,
 }
 
-/// What must be so by what was told.
+/// The state that follows from the events so far.
 struct Told<P: Subject> {
     protocol: P,
     config: Config,

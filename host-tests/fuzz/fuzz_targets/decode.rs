@@ -34,7 +34,7 @@ impl Check for Decode {
                 Kind::Frame => check_frame::<P>(bytes, expect),
                 Kind::Padding => assert!(bytes.iter().all(|byte| Some(*byte) == P::FILL), "lost {bytes:02X?}"),
                 Kind::Noise(reason) => assert!(!reason.to_string().is_empty()),
-                // What follows is not read.
+                // Later bytes are not read.
                 Kind::Broken(reason) => assert_eq!((ear.broken(), at), (Some(reason), line.len())),
             }
         }
@@ -58,7 +58,7 @@ fn check_frame<P: Subject>(bytes: &[u8], expect: P::Expect) {
     let asked = protocol.request(bytes);
     let from_host = protocol.scan(bytes, protocol.requests()) == Scan::Frame(bytes.len());
     match protocol.parse_request(bytes) {
-        // What the arm says may be longer than any request.
+        // A response may be longer than any request.
         Ok(_) if !from_host => {}
         Ok(request) => {
             let again = request_bytes(protocol, &request);
