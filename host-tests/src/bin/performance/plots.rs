@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use plotters::coord::CoordTranslate;
 use plotters::prelude::*;
 
 use crate::latency::WAYS;
@@ -79,12 +80,7 @@ fn latency(boards: &[&Measured]) -> Result<String> {
                     .label(*way)
                     .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(2)));
             }
-            chart
-                .configure_series_labels()
-                .position(SeriesLabelPosition::UpperRight)
-                .background_style(WHITE)
-                .border_style(BLACK.mix(0.3))
-                .draw()?;
+            draw_legend(&mut chart)?;
         }
         root.present()?;
     }
@@ -151,13 +147,18 @@ fn bars(axis: &str, boards: &[&Measured], percent: impl Fn(&Figures) -> Option<f
                 EmptyElement::at((value, SegmentValue::CenterOf(place))) + label
             }))?;
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE)
-            .border_style(BLACK.mix(0.3))
-            .draw()?;
+        draw_legend(&mut chart)?;
         root.present()?;
     }
     Ok(svg)
+}
+
+/// Names the colours, in the upper right corner.
+fn draw_legend<'a, C: CoordTranslate>(chart: &mut ChartContext<'a, SVGBackend<'a>, C>) -> Result<()> {
+    Ok(chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperRight)
+        .background_style(WHITE)
+        .border_style(BLACK.mix(0.3))
+        .draw()?)
 }
