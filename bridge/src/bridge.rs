@@ -9,7 +9,7 @@ use crate::arm::Tap;
 use crate::can::Frame;
 use crate::can_port::{CanPort, Received};
 use crate::config::{self, Config};
-use crate::control::{Asker, Event, Failure, Identity, Latencies, MAX_FRAME, Refusal, Stamp};
+use crate::control::{Event, Failure, Identity, Initiator, Latencies, MAX_FRAME, Refusal, Stamp};
 use crate::control_server::{ControlServer, Port};
 use crate::counters::count;
 use crate::earliest::Earliest;
@@ -101,14 +101,14 @@ pub(crate) struct Streams {
 }
 
 impl Streams {
-    pub(crate) const ASKERS: [Asker; 3] = [Asker::Usb, Asker::Can, Asker::Command];
+    pub(crate) const INITIATORS: [Initiator; 3] = [Initiator::Usb, Initiator::Can, Initiator::Command];
 
-    pub(crate) const fn of(&mut self, asker: Asker) -> Option<&mut Stream> {
-        match asker {
-            Asker::Usb => Some(&mut self.usb),
-            Asker::Can => Some(&mut self.can),
-            Asker::Command => Some(&mut self.command),
-            Asker::Poll | Asker::Adapter => None,
+    pub(crate) const fn of(&mut self, initiator: Initiator) -> Option<&mut Stream> {
+        match initiator {
+            Initiator::Usb => Some(&mut self.usb),
+            Initiator::Can => Some(&mut self.can),
+            Initiator::Command => Some(&mut self.command),
+            Initiator::Poll | Initiator::Adapter => None,
         }
     }
 
@@ -380,7 +380,7 @@ impl Bridge {
             Some(Received::Control) => self.serve(now),
             // The bus may be the one before a change of the configuration.
             Some(Received::Command(target)) if self.config.can.commands => self.take_command(&target, now),
-            Some(Received::Refused(asker, refusal)) => self.refuse(asker, refusal, now),
+            Some(Received::Refused(initiator, refusal)) => self.refuse(initiator, refusal, now),
             Some(Received::Command(_)) | None => {}
         }
     }
@@ -481,14 +481,14 @@ impl Bridge {
             };
             self.can.arm.release();
             match request {
-                Some(_) if self.is_held => self.refuse(Asker::Can, Refusal::LineHeld, now),
+                Some(_) if self.is_held => self.refuse(Initiator::Can, Refusal::LineHeld, now),
                 Some(request) => {
                     if request.asked.moves {
                         self.streams.can.motion(self.config.silence.after(), came);
                     }
                     let _ = self.can_requests.push_back(request);
                 }
-                None => self.refuse(Asker::Can, Refusal::NotAFrame, now),
+                None => self.refuse(Initiator::Can, Refusal::NotAFrame, now),
             }
         }
     }
@@ -500,22 +500,22 @@ impl Bridge {
             return;
         };
         if self.is_held {
-            self.refuse(Asker::Command, Refusal::LineHeld, now);
+            self.refuse(Initiator::Command, Refusal::LineHeld, now);
             return;
         }
         let waiting = self.command.take();
         self.command = Waiting::new(self.config.arm, bytes.get(..len).unwrap_or_default(), now);
         self.streams.command.motion(self.config.silence.after(), now);
         if waiting.is_some() {
-            self.refuse(Asker::Command, Refusal::QueueFull, now);
+            self.refuse(Initiator::Command, Refusal::QueueFull, now);
         }
     }
 
     // Not inlined: it is seldom needed, and not worth the room in all those who do.
     #[inline(never)]
-    pub(crate) fn refuse(&mut self, asker: Asker, reason: Refusal, now: Micros) {
+    pub(crate) fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Micros) {
         let c = &mut self.counters;
-        let counter = match (asker, reason) {
+        let counter = match (initiator, reason) {
             (_, Refusal::QueueFull) => &mut c.refused_can_requests,
             (_, Refusal::NotAFrame) => &mut c.refused_can_frames,
             (_, Refusal::Incomplete) => &mut c.commands_incomplete,
@@ -525,7 +525,7 @@ impl Bridge {
             (_, Refusal::OtherRate) => &mut c.refused_other_rate,
         };
         count(counter, 1);
-        self.tell(Event::Refused { asker, reason }, now);
+        self.tell(Event::Refused { initiator, reason }, now);
     }
 
     // ---- The line coding ----
@@ -600,7 +600,7 @@ impl Bridge {
     fn refuse_usb(&mut self, bytes: usize, now: Micros) {
         count(&mut self.counters.refused_rate_bytes, bytes);
         if self.rate.refuse() {
-            self.refuse(Asker::Usb, Refusal::OtherRate, now);
+            self.refuse(Initiator::Usb, Refusal::OtherRate, now);
         }
     }
 
@@ -630,13 +630,13 @@ impl Bridge {
             return;
         }
         if self.config.poll != config::Poll::Off {
-            self.refuse(Asker::Poll, Refusal::LineHeld, now);
+            self.refuse(Initiator::Poll, Refusal::LineHeld, now);
         }
         if self.command.take().is_some() {
-            self.refuse(Asker::Command, Refusal::LineHeld, now);
+            self.refuse(Initiator::Command, Refusal::LineHeld, now);
         }
         while self.can_requests.pop_front().is_some() {
-            self.refuse(Asker::Can, Refusal::LineHeld, now);
+            self.refuse(Initiator::Can, Refusal::LineHeld, now);
         }
         self.take_can_request(now);
         if self.identify.take().is_some() {
@@ -683,9 +683,9 @@ impl Bridge {
             .or(self.exchange.timeout())
             .or(self.hold_timeout())
             .or(self.command_timeout())
-            .or(self.silence_timeout(Asker::Usb))
-            .or(self.silence_timeout(Asker::Can))
-            .or(self.silence_timeout(Asker::Command))
+            .or(self.silence_timeout(Initiator::Usb))
+            .or(self.silence_timeout(Initiator::Can))
+            .or(self.silence_timeout(Initiator::Command))
             .or(self.rate_timeout())
             .or(self.can.timeout())
             .get()
@@ -699,21 +699,21 @@ impl Bridge {
         if self.rate_timeout().is_some_and(|at| at <= now) {
             self.tick_rate(now);
         }
-        for asker in Streams::ASKERS {
-            if self.silence_timeout(asker).is_none_or(|at| at > now) {
+        for initiator in Streams::INITIATORS {
+            if self.silence_timeout(initiator).is_none_or(|at| at > now) {
                 continue;
             }
-            match asker {
+            match initiator {
                 // USB does not tell whether it wants to say something.
-                Asker::Usb if self.usb_is_held_back() => self.streams.usb.hear(now),
-                _ => self.silent(asker, now),
+                Initiator::Usb if self.usb_is_held_back() => self.streams.usb.hear(now),
+                _ => self.silent(initiator, now),
             }
         }
         // Torque-off may have begun to wait for the line.
         self.tick_hold(now);
         let was_replying = self.can.control.is_sending();
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
-            self.refuse(Asker::Command, refusal, now);
+            self.refuse(Initiator::Command, refusal, now);
         }
         self.serve_behind_reply(was_replying, now);
     }
@@ -750,33 +750,33 @@ impl Bridge {
         }
     }
 
-    /// When `asker` counts as silent, unless it says something before. While its motion waits for another's turn it has more
+    /// When `initiator` counts as silent, unless it says something before. While its motion waits for another's turn it has more
     /// time: a host on CAN cannot be heard when there is no room for more.
-    fn silence_timeout(&self, asker: Asker) -> Option<Micros> {
-        let stream = match asker {
-            Asker::Can => &self.streams.can,
-            Asker::Command => &self.streams.command,
+    fn silence_timeout(&self, initiator: Initiator) -> Option<Micros> {
+        let stream = match initiator {
+            Initiator::Can => &self.streams.can,
+            Initiator::Command => &self.streams.command,
             _ => &self.streams.usb,
         };
         let timeout = stream.timeout(self.config.silence.after())?;
         let mut waiting = self.can_requests.iter().filter(|request| request.asked.moves);
         match waiting.next() {
-            Some(oldest) if asker == Asker::Can => Some(timeout.max(oldest.since + MOTION_WAIT)),
+            Some(oldest) if initiator == Initiator::Can => Some(timeout.max(oldest.since + MOTION_WAIT)),
             _ => Some(timeout),
         }
     }
 
     /// A host that streamed motion says nothing any more: what it has sent and is not out is old.
-    fn silent(&mut self, asker: Asker, now: Micros) {
-        let dropped = match asker {
-            Asker::Usb => {
+    fn silent(&mut self, initiator: Initiator, now: Micros) {
+        let dropped = match initiator {
+            Initiator::Usb => {
                 let dropped = self.down.len();
                 self.down.clear();
                 self.cut_usb();
                 self.rate.dropped();
                 dropped
             }
-            Asker::Can => {
+            Initiator::Can => {
                 let queued: usize = self.can_requests.iter().map(|request| request.bytes.len()).sum();
                 let last = self.can.arm.received().map_or(0, <[u8]>::len);
                 self.can_requests.clear();
@@ -793,7 +793,7 @@ impl Bridge {
             self.torque_off.get_or_insert(now);
             self.take_line_back();
         }
-        self.end_stream(asker, dropped, torque_off, now);
+        self.end_stream(initiator, dropped, torque_off, now);
     }
 
     /// Whether the torque is to go off if the adapter starts again now: a host streams motion, and its silence would switch
@@ -833,18 +833,18 @@ impl Bridge {
 
     /// The adapter is about to stop: no stream stays behind with its torque on.
     pub(crate) fn disarm(&mut self, now: Micros) {
-        for asker in Streams::ASKERS {
-            if self.silence_switches_off() && self.streams.of(asker).is_some_and(|stream| stream.is_armed()) {
-                self.silent(asker, now);
+        for initiator in Streams::INITIATORS {
+            if self.silence_switches_off() && self.streams.of(initiator).is_some_and(|stream| stream.is_armed()) {
+                self.silent(initiator, now);
             }
         }
     }
 
-    /// Reports that `asker` streams motion no more, if it did.
+    /// Reports that `initiator` streams motion no more, if it did.
     // Not inlined, as above.
     #[inline(never)]
-    pub(crate) fn end_stream(&mut self, asker: Asker, dropped: usize, torque_off: bool, now: Micros) {
-        if !self.streams.of(asker).is_some_and(Stream::end) {
+    pub(crate) fn end_stream(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: Micros) {
+        if !self.streams.of(initiator).is_some_and(Stream::end) {
             return;
         }
         count(&mut self.counters.host_silences, 1);
@@ -852,7 +852,7 @@ impl Bridge {
         let dropped = dropped as u16;
         self.tell(
             Event::HostSilent {
-                asker,
+                initiator,
                 dropped,
                 torque_off,
             },
@@ -866,7 +866,7 @@ impl Bridge {
         // The reply goes out as the bus was, and so does the answer that the arm owes a host there.
         let replied =
             |port: &mut Port| *port == Port::Usb || !self.can.control.is_sending() && !self.control.owes_can();
-        if self.exchange.holder() != Some(Asker::Can) && self.can_change.take_if(replied).is_some() {
+        if self.exchange.holder() != Some(Initiator::Can) && self.can_change.take_if(replied).is_some() {
             count(&mut self.counters.refused_can_requests, self.can_requests.len());
             self.can_requests.clear();
             self.can.close(&mut self.counters);
@@ -888,8 +888,8 @@ impl Bridge {
         };
         count(counter, 1);
         // While the flash was written nobody was heard.
-        for asker in Streams::ASKERS {
-            if let Some(stream) = self.streams.of(asker) {
+        for initiator in Streams::INITIATORS {
+            if let Some(stream) = self.streams.of(initiator) {
                 stream.hear(now);
             }
         }
@@ -923,7 +923,7 @@ impl Bridge {
             self.follow_holder(now);
         } else if !config.can.commands || config.can.bus() != was.can.bus() {
             self.drop_command(now);
-            self.end_stream(Asker::Command, 0, false, now);
+            self.end_stream(Initiator::Command, 0, false, now);
         }
         if config.poll != was.poll || config.arm != was.arm {
             self.poll = Poll::new(config.poll);

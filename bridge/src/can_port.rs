@@ -7,7 +7,7 @@ use crate::can::command::Commands;
 use crate::can::telemetry::{Errors, Sample, event_to_frame};
 use crate::can::{Frame, Function, MAX_CLASSIC};
 use crate::config;
-use crate::control::{Asker, Event, FrameBytes, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
+use crate::control::{Event, FrameBytes, Initiator, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
 use crate::counters::count;
 use crate::earliest::Earliest;
 use crate::isotp::{self, Endpoint, Link};
@@ -43,7 +43,7 @@ pub(crate) enum Received {
     /// A command is to move the arm.
     Command(Move),
     /// A request, a message or a command was refused.
-    Refused(Asker, Refusal),
+    Refused(Initiator, Refusal),
 }
 
 /// The adapter on the bus.
@@ -132,21 +132,21 @@ impl CanPort {
                     self.arm_came = now;
                 }
                 Some(match refused {
-                    true => Received::Refused(Asker::Can, Refusal::QueueFull),
+                    true => Received::Refused(Initiator::Can, Refusal::QueueFull),
                     false => Received::Arm,
                 })
             }
             Function::ControlRequest => {
                 let refused = note(self.control.receive(frame.data(), now), counters);
                 Some(match refused {
-                    true => Received::Refused(Asker::Can, Refusal::QueueFull),
+                    true => Received::Refused(Initiator::Can, Refusal::QueueFull),
                     false => Received::Control,
                 })
             }
             Function::CommandA | Function::CommandB if self.config.commands => {
                 match self.commands.receive(frame, now)? {
                     Ok(target) => Some(Received::Command(target)),
-                    Err(refusal) => Some(Received::Refused(Asker::Command, refusal)),
+                    Err(refusal) => Some(Received::Refused(Initiator::Command, refusal)),
                 }
             }
             _ => None,

@@ -247,7 +247,7 @@ pub enum Event {
     /// The arm sent a frame.
     Frame {
         /// Who had asked for it, `None` if nobody.
-        asker: Option<Asker>,
+        initiator: Option<Initiator>,
         /// The frame.
         bytes: FrameBytes,
     },
@@ -255,7 +255,7 @@ pub enum Event {
     /// moved is there no more: the arm is configured to be of another kind.
     HostSilent {
         /// Which.
-        asker: Asker,
+        initiator: Initiator,
         /// Bytes dropped.
         dropped: u16,
         /// Whether the torque was switched off.
@@ -264,7 +264,7 @@ pub enum Event {
     /// Something was refused; the counter of that name says how often.
     Refused {
         /// Whose it was.
-        asker: Asker,
+        initiator: Initiator,
         /// Why.
         reason: Refusal,
     },
@@ -278,7 +278,7 @@ pub enum Event {
 /// Who uses the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Asker {
+pub enum Initiator {
     /// The host on USB.
     Usb,
     /// A host on CAN, by ISO-TP.
@@ -291,7 +291,7 @@ pub enum Asker {
     Adapter,
 }
 
-impl Asker {
+impl Initiator {
     /// Everybody, in the order of turns.
     pub(crate) const ALL: [Self; 5] = [Self::Usb, Self::Can, Self::Poll, Self::Command, Self::Adapter];
 }
@@ -367,7 +367,7 @@ impl Histogram {
     }
 }
 
-impl fmt::Display for Asker {
+impl fmt::Display for Initiator {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::Usb => "usb",
@@ -404,7 +404,7 @@ mod tests {
     #[test]
     fn who_asked_and_why_it_was_refused_can_be_read() {
         let names = ["usb", "can", "poll", "command", "adapter"];
-        assert_eq!(Asker::ALL.map(|asker| asker.to_string()), names);
+        assert_eq!(Initiator::ALL.map(|initiator| initiator.to_string()), names);
         assert_eq!(Refusal::Stale.to_string(), "not a new command");
     }
 

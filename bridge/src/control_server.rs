@@ -6,7 +6,7 @@ use crate::bridge::{Action, Bridge};
 use crate::can_port::{CanPort, MAX_REQUEST};
 use crate::config::{Config, ConfigError};
 use crate::control::{
-    ArmIdentity, Asker, COBS, Event, Failure, FrameBytes, FromAdapter, FromHost, Identity, MAX_COBS, MAX_EVENT,
+    ArmIdentity, COBS, Event, Failure, FrameBytes, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_EVENT,
     MAX_MESSAGE, Malformed, Reader, Reply, Request, Stamp, Subscription, VERSION, decode, encode, encode_cobs,
 };
 use crate::control_codec::add_cobs;
@@ -211,18 +211,18 @@ impl ControlServer {
     pub(crate) fn frame(
         &mut self,
         at: Micros,
-        asker: Option<Asker>,
+        initiator: Option<Initiator>,
         bytes: &[u8],
         can: &mut CanPort,
         counters: &mut Counters,
     ) {
         let subscribers = [self.usb_subscription, self.can_subscription];
         let subscribers = subscribers.iter().filter(|subscription| subscription.frames).count();
-        if subscribers == 0 || self.untold.push(at, asker, bytes) {
+        if subscribers == 0 || self.untold.push(at, initiator, bytes) {
             return;
         }
         self.tell_frames(can, counters);
-        let kept = self.untold.push(at, asker, bytes);
+        let kept = self.untold.push(at, initiator, bytes);
         count(&mut counters.dropped_events, if kept { 0 } else { subscribers });
     }
 

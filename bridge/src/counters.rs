@@ -73,7 +73,7 @@ pub struct Counters {
     pub requests_poll: u32,
     /// Cyclic commands on CAN that went to the arm.
     pub requests_command: u32,
-    /// Requests of the adapter itself that went to the arm, see [`Asker::Adapter`](crate::control::Asker), and zeros that
+    /// Requests of the adapter itself that went to the arm, see [`Initiator::Adapter`](crate::control::Initiator), and zeros that
     /// ended a frame before one.
     pub requests_adapter: u32,
     /// Requests of all of these that the arm should have answered and did not in time.

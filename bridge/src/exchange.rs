@@ -5,7 +5,7 @@ use armwire::alpha1::Expect;
 use heapless::Vec;
 
 use crate::arm::{Asked, Key, UNASKED};
-use crate::control::Asker;
+use crate::control::Initiator;
 use crate::earliest::Earliest;
 
 /// Requests that are remembered at a time. Only the host on USB can send one before the last is answered.
@@ -20,9 +20,9 @@ const OWED: usize = FLIGHTS + KINDS;
 /// How long after it was due an answer may still come.
 pub(crate) const LATENESS: Micros = Micros::from_millis(50);
 
-/// The requests of one asker, of which the arm has answered none yet.
+/// The requests of one initiator, of which the arm has answered none yet.
 pub(crate) struct Exchange {
-    asker: Asker,
+    initiator: Initiator,
     /// In the order in which they were sent.
     flights: Vec<Flight, FLIGHTS>,
     /// Those that were sent besides, by what answers them, and how many of still other kinds.
@@ -66,8 +66,8 @@ struct Owed {
 /// What a frame of the arm turned out to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Heard {
-    /// The answer to a request of this asker, so long after it, if that is remembered.
-    Answer(Asker, Option<Micros>),
+    /// The answer to a request of this initiator, so long after it, if that is remembered.
+    Answer(Initiator, Option<Micros>),
     /// The answer to a request that was given up.
     Late,
     /// Nobody has asked for it.
@@ -77,7 +77,7 @@ pub(crate) enum Heard {
 impl Exchange {
     pub(crate) const fn new() -> Self {
         Self {
-            asker: Asker::Adapter,
+            initiator: Initiator::Adapter,
             flights: Vec::new(),
             more: Vec::new(),
             others: 0,
@@ -89,14 +89,14 @@ impl Exchange {
     }
 
     /// Whose requests are with the arm. `None` when the arm owes nobody an answer.
-    pub(crate) fn holder(&self) -> Option<Asker> {
-        (self.open() > 0).then_some(self.asker)
+    pub(crate) fn holder(&self) -> Option<Initiator> {
+        (self.open() > 0).then_some(self.initiator)
     }
 
     /// Whether somebody else than the host on USB holds the line: what the arm says is held back until it is known whose
     /// it is.
     pub(crate) fn is_not_usbs(&self) -> bool {
-        self.holder().is_some_and(|holder| holder != Asker::Usb)
+        self.holder().is_some_and(|holder| holder != Initiator::Usb)
     }
 
     /// How many answers the arm owes whoever holds the line.
@@ -111,13 +111,13 @@ impl Exchange {
 
     /// A request that the arm answers within `patience` went out, the last byte of it at `sent`.
     ///
-    /// Of several askers only after those of the one before have ended.
-    pub(crate) fn begin(&mut self, asker: Asker, asked: Asked, sent: Micros, patience: Micros) {
+    /// Of several initiators only after those of the one before have ended.
+    pub(crate) fn begin(&mut self, initiator: Initiator, asked: Asked, sent: Micros, patience: Micros) {
         self.due = match self.holder() {
             Some(_) => self.due.max(sent + patience),
             None => sent + patience,
         };
-        self.asker = asker;
+        self.initiator = initiator;
         let flight = Flight {
             key: asked.key,
             expect: asked.expect,
@@ -189,7 +189,7 @@ impl Exchange {
         for patience in self.flights.iter().map(|flight| flight.patience).chain(more) {
             self.due = self.due.max(now + patience);
         }
-        Heard::Answer(self.asker, sent.map(|sent| now.since(sent)))
+        Heard::Answer(self.initiator, sent.map(|sent| now.since(sent)))
     }
 
     /// Whether a frame with this key answers a request that is not remembered by itself, which it then has.
@@ -301,14 +301,14 @@ mod tests {
     fn the_patience_for_many_requests_ends_with_them() {
         let mut exchange = Exchange::new();
         for _ in 0..=FLIGHTS {
-            exchange.begin(Asker::Usb, asked(0), Micros(0), SECOND);
+            exchange.begin(Initiator::Usb, asked(0), Micros(0), SECOND);
         }
         for _ in 0..=FLIGHTS {
             assert!(matches!(answer(&mut exchange, 0, MILLISECOND), Heard::Answer(..)));
         }
         assert_eq!((exchange.holder(), exchange.timeout()), (None, None));
 
-        exchange.begin(Asker::Can, asked(0), SECOND, MILLISECOND);
+        exchange.begin(Initiator::Can, asked(0), SECOND, MILLISECOND);
         assert_eq!(answer(&mut exchange, 2, SECOND), Heard::Unasked);
         assert_eq!(exchange.timeout(), Some(SECOND + MILLISECOND));
     }
@@ -317,13 +317,13 @@ mod tests {
     fn each_of_many_requests_is_answered_once_whatever_they_ask() {
         let mut exchange = Exchange::new();
         for n in 0..20 {
-            exchange.begin(Asker::Usb, asked(n), Micros(0), SECOND);
+            exchange.begin(Initiator::Usb, asked(n), Micros(0), SECOND);
         }
         for n in 0..20 {
-            assert_eq!(exchange.holder(), Some(Asker::Usb));
+            assert_eq!(exchange.holder(), Some(Initiator::Usb));
             assert!(matches!(
                 answer(&mut exchange, n, MILLISECOND),
-                Heard::Answer(Asker::Usb, _)
+                Heard::Answer(Initiator::Usb, _)
             ));
         }
         assert_eq!(exchange.holder(), None);
@@ -335,8 +335,8 @@ mod tests {
     #[test]
     fn a_late_answer_is_late_once_and_only_for_its_own_request() {
         let mut exchange = Exchange::new();
-        exchange.begin(Asker::Usb, asked(0), Micros(0), MILLISECOND);
-        exchange.begin(Asker::Usb, asked(2), Micros(0), MILLISECOND);
+        exchange.begin(Initiator::Usb, asked(0), Micros(0), MILLISECOND);
+        exchange.begin(Initiator::Usb, asked(2), Micros(0), MILLISECOND);
         assert_eq!(exchange.tick(MILLISECOND), 2);
         assert_eq!(answer(&mut exchange, 0, MILLISECOND), Heard::Late);
         assert_eq!(answer(&mut exchange, 0, MILLISECOND), Heard::Unasked);
@@ -349,7 +349,7 @@ mod tests {
         let mut exchange = Exchange::new();
         assert_eq!(exchange.abandon(), 0);
         for n in 0..20 {
-            exchange.begin(Asker::Usb, asked(n), Micros(0), SECOND);
+            exchange.begin(Initiator::Usb, asked(n), Micros(0), SECOND);
         }
         assert_eq!(exchange.abandon(), 20);
         assert_eq!((exchange.holder(), exchange.timeout()), (None, None));
@@ -360,10 +360,10 @@ mod tests {
     fn as_many_answers_are_late_as_were_missing() {
         let mut exchange = Exchange::new();
         for _ in 0..2 {
-            exchange.begin(Asker::Usb, asked(0), Micros(0), MILLISECOND);
+            exchange.begin(Initiator::Usb, asked(0), Micros(0), MILLISECOND);
         }
         assert_eq!(exchange.tick(MILLISECOND), 2);
-        exchange.begin(Asker::Usb, asked(1), MILLISECOND, MILLISECOND);
+        exchange.begin(Initiator::Usb, asked(1), MILLISECOND, MILLISECOND);
         assert_eq!(exchange.tick(Micros(2_000)), 1);
         for _ in 0..2 {
             assert!(exchange.is_owed(asked(0).key));

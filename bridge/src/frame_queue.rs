@@ -2,7 +2,7 @@
 
 use crate::Micros;
 
-use crate::control::{Asker, Event, FrameBytes, FromAdapter, Stamp};
+use crate::control::{Event, FrameBytes, FromAdapter, Initiator, Stamp};
 use crate::queue::Queue;
 
 /// Bytes of room: 6 answers with the joints of a Ling arm.
@@ -29,13 +29,13 @@ impl FrameQueue {
     }
 
     /// Appends a frame that ended at `at`, and returns whether there was room.
-    pub(crate) fn push(&mut self, at: Micros, asker: Option<Asker>, bytes: &[u8]) -> bool {
+    pub(crate) fn push(&mut self, at: Micros, initiator: Option<Initiator>, bytes: &[u8]) -> bool {
         let fits = bytes.len().saturating_add(HEADER) <= self.bytes.room();
         if fits {
             let mut header = [0; HEADER];
             let [stamp @ .., by, len] = &mut header;
             *stamp = at.0.to_le_bytes();
-            *by = asker.map_or(NOBODY, |asker| asker as u8);
+            *by = initiator.map_or(NOBODY, |initiator| initiator as u8);
             *len = bytes.len() as u8;
             self.bytes.push(&header);
             self.bytes.push(bytes);
@@ -53,11 +53,11 @@ impl FrameQueue {
         let mut header = [0; HEADER];
         self.bytes.pop(&mut header);
         let [stamp @ .., by, len] = header;
-        let asker = Asker::ALL.get(usize::from(by)).copied();
+        let initiator = Initiator::ALL.get(usize::from(by)).copied();
         let bytes = FrameBytes::new();
         *message = FromAdapter::Event {
             at: Stamp(u64::from_le_bytes(stamp)),
-            event: Event::Frame { asker, bytes },
+            event: Event::Frame { initiator, bytes },
         };
         if let FromAdapter::Event {
             event: Event::Frame { bytes, .. },
@@ -81,11 +81,11 @@ mod tests {
     use super::*;
     use crate::control::MAX_FRAME;
 
-    fn frames(len: usize) -> impl Iterator<Item = (u64, Option<Asker>, FrameBytes)> {
-        let askers = Asker::ALL.map(Some).into_iter().chain([None]).cycle();
-        askers.enumerate().map(move |(n, asker)| {
+    fn frames(len: usize) -> impl Iterator<Item = (u64, Option<Initiator>, FrameBytes)> {
+        let initiators = Initiator::ALL.map(Some).into_iter().chain([None]).cycle();
+        initiators.enumerate().map(move |(n, initiator)| {
             let bytes = FrameBytes::from_slice(&[n as u8; MAX_FRAME][..len]).unwrap();
-            (u64::MAX - n as u64, asker, bytes)
+            (u64::MAX - n as u64, initiator, bytes)
         })
     }
 
@@ -98,10 +98,10 @@ mod tests {
         };
         for len in [1, 7, 21, MAX_FRAME] {
             let frames: Vec<_> = frames(len)
-                .take_while(|(at, asker, bytes)| queue.push(Micros(*at), *asker, bytes))
-                .map(|(at, asker, bytes)| FromAdapter::Event {
+                .take_while(|(at, initiator, bytes)| queue.push(Micros(*at), *initiator, bytes))
+                .map(|(at, initiator, bytes)| FromAdapter::Event {
                     at: Stamp(at),
-                    event: Event::Frame { asker, bytes },
+                    event: Event::Frame { initiator, bytes },
                 })
                 .collect();
             assert_eq!(frames.len(), ROOM / (len + HEADER));

@@ -8,7 +8,7 @@ use armwire::alpha1::Expect;
 
 use crate::arm::{Asked, Piece};
 use crate::bridge::{Bridge, Burst, LEAD, Need, Streams};
-use crate::control::{Asker, Failure, FrameBytes, MAX_FRAME, Refusal};
+use crate::control::{Failure, FrameBytes, Initiator, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::exchange::Heard;
 use crate::turn::behind;
@@ -34,7 +34,7 @@ pub(crate) struct Unshared {
     /// Where in the tap.
     start: u8,
     len: u8,
-    asker: Option<Asker>,
+    initiator: Option<Initiator>,
     at: Micros,
 }
 
@@ -195,12 +195,12 @@ impl Bridge {
             count(&mut self.counters.frames, 1);
             let key = self.config.arm.key_of_answer(bytes);
             let began = now.since(on_wire(self.rate.byte_nanos(), bytes.len().saturating_sub(1)));
-            let asker = match self.exchange.hear(key, fresh, began, now) {
-                Heard::Answer(asker, after) => {
+            let initiator = match self.exchange.hear(key, fresh, began, now) {
+                Heard::Answer(initiator, after) => {
                     if let Some(after) = after {
                         self.latencies.answer.add(after);
                     }
-                    Some(asker)
+                    Some(initiator)
                 }
                 Heard::Late => {
                     count(&mut self.counters.late_answers, 1);
@@ -211,21 +211,21 @@ impl Bridge {
                     None
                 }
             };
-            if matches!(asker, None | Some(Asker::Usb)) {
+            if matches!(initiator, None | Some(Initiator::Usb)) {
                 self.port.push(unpassed, &mut self.counters);
             }
             self.unshared = Some(Unshared {
                 start: start as u8,
                 len: bytes.len() as u8,
-                asker,
+                initiator,
                 at: now,
             });
-            if let Some(asker) = asker.filter(|_| self.exchange.holder().is_none()) {
-                let answer = match asker {
-                    Asker::Adapter => FrameBytes::from_slice(bytes).ok(),
+            if let Some(initiator) = initiator.filter(|_| self.exchange.holder().is_none()) {
+                let answer = match initiator {
+                    Initiator::Adapter => FrameBytes::from_slice(bytes).ok(),
                     _ => None,
                 };
-                self.ended(asker, answer, now);
+                self.ended(initiator, answer, now);
             }
         }
         any
@@ -249,7 +249,13 @@ impl Bridge {
     /// assert!(bridge.can_due(Micros(100)));
     /// ```
     pub fn share(&mut self) {
-        let Some(Unshared { start, len, asker, at }) = self.unshared.take() else {
+        let Some(Unshared {
+            start,
+            len,
+            initiator,
+            at,
+        }) = self.unshared.take()
+        else {
             return;
         };
         let bytes = self.tap.given(start.into(), len.into());
@@ -258,34 +264,35 @@ impl Bridge {
         if telemetry && let Some(state) = self.config.arm.joints(bytes) {
             self.can.state(state, at);
         }
-        let on_can = match asker {
-            Some(asker) => asker == Asker::Can,
+        let on_can = match initiator {
+            Some(initiator) => initiator == Initiator::Can,
             None => self.config.can.unsolicited,
         };
         if on_can && !self.can.answer(bytes) {
             count(&mut self.counters.dropped_can_answers, 1);
         }
-        self.control.frame(at, asker, bytes, &mut self.can, &mut self.counters);
+        self.control
+            .frame(at, initiator, bytes, &mut self.can, &mut self.counters);
     }
 
-    /// The exchange of `asker` is over, with this answer if there is one and somebody wants it.
-    fn ended(&mut self, asker: Asker, answer: Option<FrameBytes>, now: Micros) {
-        self.close(asker, answer, now);
-        if asker == Asker::Adapter {
+    /// The exchange of `initiator` is over, with this answer if there is one and somebody wants it.
+    fn ended(&mut self, initiator: Initiator, answer: Option<FrameBytes>, now: Micros) {
+        self.close(initiator, answer, now);
+        if initiator == Initiator::Adapter {
             self.serve(now);
         }
     }
 
-    /// Notes that the exchange of `asker` is over. What that lets the control port answer is not answered yet.
-    fn close(&mut self, asker: Asker, answer: Option<FrameBytes>, now: Micros) {
+    /// Notes that the exchange of `initiator` is over. What that lets the control port answer is not answered yet.
+    fn close(&mut self, initiator: Initiator, answer: Option<FrameBytes>, now: Micros) {
         self.turn.went(now);
-        match asker {
-            Asker::Poll => {
+        match initiator {
+            Initiator::Poll => {
                 let missed = self.poll.ended(now);
                 count(&mut self.counters.missed_polls, missed);
             }
-            Asker::Adapter => self.control.arm_identified(Ok(answer)),
-            Asker::Usb | Asker::Can | Asker::Command => {}
+            Initiator::Adapter => self.control.arm_identified(Ok(answer)),
+            Initiator::Usb | Initiator::Can | Initiator::Command => {}
         }
         self.pass();
     }
@@ -325,10 +332,10 @@ impl Bridge {
             return None;
         }
         let (len, start) = match self.next(now)? {
-            Asker::Usb => (self.say_usb(out, now), None),
+            Initiator::Usb => (self.say_usb(out, now), None),
             _ if out.len() < MAX_FRAME => return None,
-            Asker::Poll => self.say_poll(out, now)?,
-            asker => (self.say_waiting(asker, out, now)?, None),
+            Initiator::Poll => self.say_poll(out, now)?,
+            initiator => (self.say_waiting(initiator, out, now)?, None),
         };
         count(&mut self.counters.host_to_arm_bytes, len);
         (len > 0).then_some(Burst { len, start })
@@ -352,44 +359,44 @@ impl Bridge {
     }
 
     /// Whose turn it is now, if anybody's.
-    fn next(&self, now: Micros) -> Option<Asker> {
+    fn next(&self, now: Micros) -> Option<Initiator> {
         if self.torque_off.is_some() && !self.usb_speaks() {
             // It waits for nobody's answer.
-            return Some(Asker::Adapter);
+            return Some(Initiator::Adapter);
         }
         if self.exchange.is_not_usbs() {
             return None;
         }
-        let ready = |asker| self.is_ready(asker, now);
+        let ready = |initiator| self.is_ready(initiator, now);
         // More of what was begun, or more requests while nobody else has one.
         if self.usb_speaks() || self.others_are_silent(now) {
-            return ready(Asker::Usb).then_some(Asker::Usb);
+            return ready(Initiator::Usb).then_some(Initiator::Usb);
         }
         if self.exchange.holder().is_some() {
-            let usb = ready(Asker::Usb) && !self.others_wait(now);
-            return usb.then_some(Asker::Usb);
+            let usb = ready(Initiator::Usb) && !self.others_wait(now);
+            return usb.then_some(Initiator::Usb);
         }
         // Nearly always only the poll is left.
         if self.down.is_empty() && self.all_but_the_poll_are_silent() {
-            return ready(Asker::Poll).then_some(Asker::Poll);
+            return ready(Initiator::Poll).then_some(Initiator::Poll);
         }
         // A poll must be on time, but whoever has waited for one does not wait for the next.
         let urgent = self.poll.is_urgent();
-        let passed_over = |asker: Asker| {
-            asker != Asker::Poll
-                && ready(asker)
-                && self.turn.last == Asker::Poll
-                && self.since(asker, now) <= Some(self.turn.polled)
+        let passed_over = |initiator: Initiator| {
+            initiator != Initiator::Poll
+                && ready(initiator)
+                && self.turn.last == Initiator::Poll
+                && self.since(initiator, now) <= Some(self.turn.polled)
         };
-        if urgent && ready(Asker::Poll) && !Asker::ALL.into_iter().any(passed_over) {
-            return Some(Asker::Poll);
+        if urgent && ready(Initiator::Poll) && !Initiator::ALL.into_iter().any(passed_over) {
+            return Some(Initiator::Poll);
         }
-        let mut asker = self.turn.rotated;
-        for _ in Asker::ALL {
-            asker = behind(asker);
+        let mut initiator = self.turn.rotated;
+        for _ in Initiator::ALL {
+            initiator = behind(initiator);
             // If a poll that must be on time is still here, it is not its turn.
-            if ready(asker) && !(asker == Asker::Poll && urgent) {
-                return Some(asker);
+            if ready(initiator) && !(initiator == Initiator::Poll && urgent) {
+                return Some(initiator);
             }
         }
         None
@@ -407,44 +414,46 @@ impl Bridge {
 
     /// Whether anybody but the host on USB could speak, or could but for an answer that may be late.
     fn others_wait(&self, now: Micros) -> bool {
-        let [_, others @ ..] = Asker::ALL;
+        let [_, others @ ..] = Initiator::ALL;
         !self.others_are_silent(now)
             && others
                 .into_iter()
-                .any(|asker| self.is_ready(asker, now) || self.is_held_back(asker, now))
+                .any(|initiator| self.is_ready(initiator, now) || self.is_held_back(initiator, now))
     }
 
-    /// Whether `asker` could speak if it were its turn: it has something to say, and an answer to that could be told from
+    /// Whether `initiator` could speak if it were its turn: it has something to say, and an answer to that could be told from
     /// one that is late.
-    fn is_ready(&self, asker: Asker, now: Micros) -> bool {
-        match asker {
-            Asker::Usb => !self.down.is_empty() && self.rate.change(self.down.len()).is_none() && self.usb_may_go(now),
-            Asker::Command => self.command.is_some(),
-            Asker::Adapter if self.torque_off.is_some() => true,
-            _ => self.asks(asker, now).is_some_and(|request| self.may_go(request)),
+    fn is_ready(&self, initiator: Initiator, now: Micros) -> bool {
+        match initiator {
+            Initiator::Usb => {
+                !self.down.is_empty() && self.rate.change(self.down.len()).is_none() && self.usb_may_go(now)
+            }
+            Initiator::Command => self.command.is_some(),
+            Initiator::Adapter if self.torque_off.is_some() => true,
+            _ => self.asks(initiator, now).is_some_and(|request| self.may_go(request)),
         }
     }
 
-    /// The request with which `asker` waits, of those that get an answer.
-    fn asks(&self, asker: Asker, now: Micros) -> Option<&[u8]> {
-        match asker {
-            Asker::Usb | Asker::Command => None,
-            Asker::Can => {
+    /// The request with which `initiator` waits, of those that get an answer.
+    fn asks(&self, initiator: Initiator, now: Micros) -> Option<&[u8]> {
+        match initiator {
+            Initiator::Usb | Initiator::Command => None,
+            Initiator::Can => {
                 let request = self.can_requests.front().filter(|_| self.can_change.is_none())?;
                 Some(&request.bytes)
             }
-            Asker::Poll => self
+            Initiator::Poll => self
                 .config
                 .arm
                 .poll()
                 .filter(|_| self.poll.due_since(LEAD, now).is_some()),
-            Asker::Adapter => self.config.arm.identify().filter(|_| self.identify.is_some()),
+            Initiator::Adapter => self.config.arm.identify().filter(|_| self.identify.is_some()),
         }
     }
 
-    /// Whether `asker` waits only because its answer could not be told from one that is late.
-    fn is_held_back(&self, asker: Asker, now: Micros) -> bool {
-        !self.exchange.owes_nothing() && self.asks(asker, now).is_some_and(|request| !self.may_go(request))
+    /// Whether `initiator` waits only because its answer could not be told from one that is late.
+    fn is_held_back(&self, initiator: Initiator, now: Micros) -> bool {
+        !self.exchange.owes_nothing() && self.asks(initiator, now).is_some_and(|request| !self.may_go(request))
     }
 
     /// Whether the host on USB may go on: with others on the line, it does not ask again what may be answered late either.
@@ -468,16 +477,16 @@ impl Bridge {
         asked.is_none_or(|asked| asked.reply.is_none() || !self.exchange.is_owed(asked.key))
     }
 
-    /// Since when `asker` has had something to say.
+    /// Since when `initiator` has had something to say.
     // Inlined for each of them it takes more room than all else that asks.
     #[inline(never)]
-    fn since(&self, asker: Asker, now: Micros) -> Option<Micros> {
-        match asker {
-            Asker::Usb => Some(self.turn.usb_moved),
-            Asker::Can => self.can_requests.front().map(|request| request.since),
-            Asker::Command => self.command.as_ref().map(|request| request.since),
-            Asker::Poll => self.poll.due_since(LEAD, now),
-            Asker::Adapter => self.torque_off.or(self.identify),
+    fn since(&self, initiator: Initiator, now: Micros) -> Option<Micros> {
+        match initiator {
+            Initiator::Usb => Some(self.turn.usb_moved),
+            Initiator::Can => self.can_requests.front().map(|request| request.since),
+            Initiator::Command => self.command.as_ref().map(|request| request.since),
+            Initiator::Poll => self.poll.due_since(LEAD, now),
+            Initiator::Adapter => self.torque_off.or(self.identify),
         }
     }
 
@@ -501,7 +510,7 @@ impl Bridge {
         if !self.usb_speaks() {
             self.turn.usb_began = now;
         }
-        self.turn.taken(Asker::Usb, true);
+        self.turn.taken(Initiator::Usb, true);
         let before = self.rate.before_change(out.len());
         let out = out.get_mut(..before).unwrap_or_default();
         let mut said = 0;
@@ -544,7 +553,7 @@ impl Bridge {
                     (whole, self.turn.raw, self.turn.is_cut) = (true, false, !self.rate.is_arms());
                     count(&mut self.counters.requests_usb, 1);
                     self.latencies.turn.add(self.turn.usb_waited());
-                    self.begin(Asker::Usb, asked, sent);
+                    self.begin(Initiator::Usb, asked, sent);
                     // No arm understands another rate, and under `hold-line` nobody's torque goes off.
                     let counts = self.rate.is_arms() && !self.rate.is_on_hold();
                     if asked.moves && counts {
@@ -576,17 +585,17 @@ impl Bridge {
         self.poll.began();
         self.turn.polled = now;
         let asked = self.config.arm.asked(request);
-        self.say(Asker::Poll, asked, len, start.unwrap_or(now));
+        self.say(Initiator::Poll, asked, len, start.unwrap_or(now));
         Some((len, start))
     }
 
     /// Moves the request of another to the front of `out`.
-    fn say_waiting(&mut self, asker: Asker, out: &mut [u8], now: Micros) -> Option<usize> {
+    fn say_waiting(&mut self, initiator: Initiator, out: &mut [u8], now: Micros) -> Option<usize> {
         if self.turn.is_cut {
             return self.end_cut(out, now);
         }
-        let (len, since, asked) = match asker {
-            Asker::Can => {
+        let (len, since, asked) = match initiator {
+            Initiator::Can => {
                 let request = self.can_requests.pop_front()?;
                 if request.asked.holds {
                     self.streams.can.end();
@@ -594,7 +603,7 @@ impl Bridge {
                 self.take_can_request(now);
                 (copy(&request.bytes, out)?, request.since, request.asked)
             }
-            Asker::Command => {
+            Initiator::Command => {
                 let request = self.command.take()?;
                 (copy(&request.bytes, out)?, request.since, request.asked)
             }
@@ -607,7 +616,7 @@ impl Bridge {
             }
         };
         self.latencies.turn.add(now.since(since));
-        self.say(asker, asked, len, now);
+        self.say(initiator, asked, len, now);
         Some(len)
     }
 
@@ -618,33 +627,34 @@ impl Bridge {
         out.fill(0);
         self.turn.is_cut = false;
         count(&mut self.counters.requests_adapter, 1);
-        self.turn.taken(Asker::Adapter, false);
+        self.turn.taken(Initiator::Adapter, false);
         self.turn.went(now);
         Some(out.len())
     }
 
     /// A request of `len` bytes goes out at `start`.
-    fn say(&mut self, asker: Asker, asked: Asked, len: usize, start: Micros) {
-        let counter = match asker {
-            Asker::Usb => &mut self.counters.requests_usb,
-            Asker::Can => &mut self.counters.requests_can,
-            Asker::Poll => &mut self.counters.requests_poll,
-            Asker::Command => &mut self.counters.requests_command,
-            Asker::Adapter => &mut self.counters.requests_adapter,
+    fn say(&mut self, initiator: Initiator, asked: Asked, len: usize, start: Micros) {
+        let counter = match initiator {
+            Initiator::Usb => &mut self.counters.requests_usb,
+            Initiator::Can => &mut self.counters.requests_can,
+            Initiator::Poll => &mut self.counters.requests_poll,
+            Initiator::Command => &mut self.counters.requests_command,
+            Initiator::Adapter => &mut self.counters.requests_adapter,
         };
         count(counter, 1);
-        self.turn.taken(asker, asker != Asker::Poll || !self.poll.is_urgent());
+        self.turn
+            .taken(initiator, initiator != Initiator::Poll || !self.poll.is_urgent());
         self.turn.others_had = Some(start);
         self.turn.went(start);
-        self.begin(asker, asked, start + on_wire(self.rate.byte_nanos(), len));
+        self.begin(initiator, asked, start + on_wire(self.rate.byte_nanos(), len));
     }
 
     /// A request is out at `sent`.
-    fn begin(&mut self, asker: Asker, asked: Asked, sent: Micros) {
+    fn begin(&mut self, initiator: Initiator, asked: Asked, sent: Micros) {
         if let Some(reply) = asked.reply {
             let on_wire = on_wire(self.rate.byte_nanos(), reply.len.into());
             let patience = Micros(reply.turnaround.into()) + on_wire + MARGIN;
-            self.exchange.begin(asker, asked, sent, patience);
+            self.exchange.begin(initiator, asked, sent, patience);
         }
     }
 
@@ -659,9 +669,9 @@ impl Bridge {
             return None;
         }
         let now = Micros(0);
-        let [_, others @ ..] = Asker::ALL;
-        let ready = others.into_iter().filter(|asker| self.is_ready(*asker, now));
-        let since = ready.filter_map(|asker| self.since(asker, now)).min()?;
+        let [_, others @ ..] = Initiator::ALL;
+        let ready = others.into_iter().filter(|initiator| self.is_ready(*initiator, now));
+        let since = ready.filter_map(|initiator| self.since(initiator, now)).min()?;
         let quiet = match self.asks.pending() {
             0 => self.turn.usb_moved.max(self.heard) + QUIET,
             _ => self.turn.usb_moved + STALL,
@@ -680,7 +690,7 @@ impl Bridge {
     #[inline(never)]
     pub(crate) fn drop_command(&mut self, now: Micros) {
         if self.command.take().is_some() {
-            self.refuse(Asker::Command, Refusal::Stale, now);
+            self.refuse(Initiator::Command, Refusal::Stale, now);
         }
     }
 
@@ -695,8 +705,8 @@ impl Bridge {
         let holder = self.exchange.holder();
         let missing = self.exchange.tick(now);
         count(&mut self.counters.unanswered_requests, missing);
-        if let (Some(asker), None) = (holder, self.exchange.holder()) {
-            self.ended(asker, None, now);
+        if let (Some(initiator), None) = (holder, self.exchange.holder()) {
+            self.ended(initiator, None, now);
         }
         let missed = self.poll.tick(LEAD, now);
         count(&mut self.counters.missed_polls, missed);
@@ -717,7 +727,7 @@ impl Bridge {
     pub(crate) fn identify_arm(&mut self, now: Micros) {
         match self.config.arm.identify() {
             Some(_) if self.is_held => {
-                self.refuse(Asker::Adapter, Refusal::LineHeld, now);
+                self.refuse(Initiator::Adapter, Refusal::LineHeld, now);
                 self.control.arm_identified(Err(Failure::LineHeld));
             }
             Some(_) => self.identify = Some(now),
@@ -730,8 +740,8 @@ impl Bridge {
         let holder = self.exchange.holder();
         let missing = self.exchange.abandon();
         count(&mut self.counters.unanswered_requests, missing);
-        if let Some(asker) = holder {
-            self.close(asker, None, now);
+        if let Some(initiator) = holder {
+            self.close(initiator, None, now);
         }
         self.tap.clear();
         self.asks.clear();
@@ -739,16 +749,16 @@ impl Bridge {
         self.torque_off = None;
         self.can.stop_commands();
         if self.command.take().is_some() {
-            self.refuse(Asker::Command, Refusal::NotAFrame, now);
+            self.refuse(Initiator::Command, Refusal::NotAFrame, now);
         }
-        for asker in Streams::ASKERS {
-            self.end_stream(asker, 0, false, now);
+        for initiator in Streams::INITIATORS {
+            self.end_stream(initiator, 0, false, now);
         }
         if self.identify.take().is_some() {
             self.identify_arm(now);
         }
         while self.can_requests.pop_front().is_some() {
-            self.refuse(Asker::Can, Refusal::NotAFrame, now);
+            self.refuse(Initiator::Can, Refusal::NotAFrame, now);
         }
         self.take_can_request(now);
     }

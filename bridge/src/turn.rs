@@ -4,7 +4,7 @@ use crate::Micros;
 
 use crate::arm::Asked;
 use crate::config::ArmKind;
-use crate::control::{Asker, FrameBytes};
+use crate::control::{FrameBytes, Initiator};
 
 /// A request that waits for its turn.
 #[derive(Clone)]
@@ -30,9 +30,9 @@ const SHARED: Micros = Micros::from_millis(1_000);
 
 /// Who had the line last, and for how long the host on USB has had or wanted it.
 pub(crate) struct Turn {
-    pub(crate) last: Asker,
+    pub(crate) last: Initiator,
     /// Who had it last of those that take turns, as a poll that must be on time does not.
-    pub(crate) rotated: Asker,
+    pub(crate) rotated: Initiator,
     /// When the last poll went out.
     pub(crate) polled: Micros,
     /// When another than the host on USB last had the line.
@@ -57,8 +57,8 @@ pub(crate) struct Turn {
 impl Turn {
     pub(crate) const fn new() -> Self {
         Self {
-            last: Asker::Adapter,
-            rotated: Asker::Adapter,
+            last: Initiator::Adapter,
+            rotated: Initiator::Adapter,
             polled: Micros(0),
             others_had: None,
             raw: false,
@@ -99,11 +99,11 @@ impl Turn {
         self.others_had.is_some_and(|at| now.since(at) < SHARED)
     }
 
-    /// `asker` has the line, and goes to the end of the row if it is `in_turn`.
-    pub(crate) fn taken(&mut self, asker: Asker, in_turn: bool) {
-        self.last = asker;
+    /// `initiator` has the line, and goes to the end of the row if it is `in_turn`.
+    pub(crate) fn taken(&mut self, initiator: Initiator, in_turn: bool) {
+        self.last = initiator;
         if in_turn {
-            self.rotated = asker;
+            self.rotated = initiator;
         }
     }
 
@@ -118,13 +118,13 @@ impl Turn {
     }
 }
 
-/// Whose turn comes after that of `asker`.
-pub(crate) const fn behind(asker: Asker) -> Asker {
-    match asker {
-        Asker::Usb => Asker::Can,
-        Asker::Can => Asker::Poll,
-        Asker::Poll => Asker::Command,
-        Asker::Command => Asker::Adapter,
-        Asker::Adapter => Asker::Usb,
+/// Whose turn comes after that of `initiator`.
+pub(crate) const fn behind(initiator: Initiator) -> Initiator {
+    match initiator {
+        Initiator::Usb => Initiator::Can,
+        Initiator::Can => Initiator::Poll,
+        Initiator::Poll => Initiator::Command,
+        Initiator::Command => Initiator::Adapter,
+        Initiator::Adapter => Initiator::Usb,
     }
 }

@@ -7,7 +7,7 @@ use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_to_frame};
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::{CAN_BIT_RATES, Can};
-use armwire_bridge::control::{Asker, Event, Refusal, Stamp};
+use armwire_bridge::control::{Event, Initiator, Refusal, Stamp};
 use proptest::prelude::*;
 
 const DBC: &str = include_str!("../../docs/armwire.dbc");
@@ -185,8 +185,14 @@ proptest! {
 }
 
 #[test]
-fn events_and_askers_have_their_names() {
-    let askers = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
+fn events_and_initiators_have_their_names() {
+    let initiators = [
+        Initiator::Usb,
+        Initiator::Can,
+        Initiator::Poll,
+        Initiator::Command,
+        Initiator::Adapter,
+    ];
     let reasons = [
         Refusal::QueueFull,
         Refusal::NotAFrame,
@@ -197,22 +203,22 @@ fn events_and_askers_have_their_names() {
         Refusal::OtherRate,
     ];
     let mut cases = Vec::new();
-    for asker in askers {
+    for initiator in initiators {
         for reason in reasons {
             cases.push((
-                Event::Refused { asker, reason },
+                Event::Refused { initiator, reason },
                 format!("refused: {reason}"),
-                asker.to_string(),
+                initiator.to_string(),
                 0,
             ));
         }
         for (torque_off, name) in [(false, "host silent"), (true, "host silent, torque switched off")] {
             let event = Event::HostSilent {
-                asker,
+                initiator,
                 dropped: 515,
                 torque_off,
             };
-            cases.push((event, name.to_owned(), asker.to_string(), 515));
+            cases.push((event, name.to_owned(), initiator.to_string(), 515));
         }
     }
     for (off, name) in [(true, "bus off"), (false, "back on the bus")] {
@@ -224,21 +230,21 @@ fn events_and_askers_have_their_names() {
         names(Function::Event.base(), "Asker"),
     );
     let (mut whats_left, mut who_left) = (whats.clone(), who.clone());
-    for (event, what, asker, dropped) in cases {
+    for (event, what, initiator, dropped) in cases {
         let frame = event_to_frame(&event, Stamp(0xABCD_1234_5678), Node::default()).unwrap();
-        let &[what_code, asker_code, ..] = frame.data() else {
+        let &[what_code, initiator_code, ..] = frame.data() else {
             panic!("{frame:?}");
         };
-        assert_eq!((&whats[&what_code], &who[&asker_code]), (&what, &asker));
+        assert_eq!((&whats[&what_code], &who[&initiator_code]), (&what, &initiator));
         let expected = [
             ("What", what_code.into()),
-            ("Asker", asker_code.into()),
+            ("Asker", initiator_code.into()),
             ("Dropped", dropped.into()),
             ("Stamp", f64::from(0x1234_5678)),
         ];
         check(&[frame], &expected);
         whats_left.remove(&what_code);
-        who_left.remove(&asker_code);
+        who_left.remove(&initiator_code);
     }
     assert!(
         whats_left.is_empty() && who_left.is_empty(),

@@ -9,7 +9,7 @@ use armwire::messages::Messages;
 use armwire::{Config as ClientConfig, ling};
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
-use armwire_bridge::control::{self, Asker, Event, Reply};
+use armwire_bridge::control::{self, Event, Initiator, Reply};
 use armwire_host_tests::image::{
     CanProgram, Control, MEGABAUD, Program, ProgramOf, Talker, byte_time, counters, noise, open, path, plug_in,
     same_bytes,
@@ -185,7 +185,7 @@ fn an_alpha1_is_driven_from_usb_and_can_and_polled() {
             matches!(
                 event,
                 Event::Frame {
-                    asker: Some(Asker::Poll),
+                    initiator: Some(Initiator::Poll),
                     ..
                 }
             )

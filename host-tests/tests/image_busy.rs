@@ -6,7 +6,7 @@ use std::thread;
 use std::time::Instant;
 
 use armwire_bridge::Micros;
-use armwire_bridge::control::Asker;
+use armwire_bridge::control::Initiator;
 use armwire_host_tests::image::{Hosts, Witness, polled, session};
 use armwire_virtual_board::Nanos;
 
@@ -66,9 +66,9 @@ fn busy(frames: u32, turnaround: Micros, hertz: u16) {
         // Each poll was told of, on the bus and at the control interface.
         assert_eq!((can.telemetry.samples, can.telemetry.gaps), (deeds.polls, 0));
         assert!(f64::from(deeds.polls) > 0.99 * seconds * f64::from(hertz));
-        assert_eq!(subscriber.frames(Some(Asker::Usb)), usb.asking.answered);
-        assert_eq!(subscriber.frames(Some(Asker::Can)), can.asking.answered);
-        assert_eq!(subscriber.frames(Some(Asker::Poll)), deeds.polls);
+        assert_eq!(subscriber.frames(Some(Initiator::Usb)), usb.asking.answered);
+        assert_eq!(subscriber.frames(Some(Initiator::Can)), can.asking.answered);
+        assert_eq!(subscriber.frames(Some(Initiator::Poll)), deeds.polls);
         assert_eq!((subscriber.frames(None), subscriber.disorder), (0, 0));
         assert_eq!(subscriber.events, []);
         // The arm heard nothing else.

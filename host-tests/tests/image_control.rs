@@ -3,7 +3,7 @@
 use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
 use armwire::messages::Messages;
 use armwire_bridge::config::{Config, Poll};
-use armwire_bridge::control::{self, Asker, Event, Reply, Stamp};
+use armwire_bridge::control::{self, Event, Initiator, Reply, Stamp};
 use armwire_bridge::store::SAVE_BUDGET;
 use armwire_host_tests::image::{
     Control, MEGABAUD, Program, Talker, chip, counters, facts, on_board, open, path, plug_in, read_all,
@@ -148,7 +148,7 @@ fn frames_are_stamped_when_their_last_byte_is_in() {
                 (
                     at,
                     Event::Frame {
-                        asker: Some(Asker::Usb),
+                        initiator: Some(Initiator::Usb),
                         ..
                     },
                 ),

@@ -10,7 +10,7 @@ use armwire::ling::JOINTS;
 use armwire_bridge::Micros;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{
-    Asker, Event, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Request, Stamp, Subscription,
+    Event, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_MESSAGE, Reader, Request, Stamp, Subscription,
     encode_cobs,
 };
 use armwire_bridge::{Bridge, Counters, PACKET};
@@ -207,7 +207,7 @@ impl Listener {
                     continue;
                 };
                 let Event::Frame {
-                    asker: Some(Asker::Poll),
+                    initiator: Some(Initiator::Poll),
                     bytes,
                 } = event
                 else {

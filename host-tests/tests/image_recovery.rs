@@ -3,7 +3,7 @@
 use armwire::ling::{Request, Torque};
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::{Config, Silence};
-use armwire_bridge::control::{self, Asker, Event, Refusal};
+use armwire_bridge::control::{self, Event, Initiator, Refusal};
 use armwire_bridge::isotp;
 use armwire_bridge::{Micros, PACKET};
 use armwire_host_tests::image::requests::{frame, motion};
@@ -205,7 +205,7 @@ fn errors_and_strays_on_the_arms_line_are_counted_and_cost_no_other_answer() {
         let subscriber = session.hosts.subscriber.as_ref().unwrap();
         let frames = subscriber.all_frames();
         let noise = traffic.bytes_from_arm - subscriber.frame_bytes;
-        let polls = subscriber.frames(Some(Asker::Poll));
+        let polls = subscriber.frames(Some(Initiator::Poll));
         let lost = [
             session.hosts.usb.as_ref().unwrap().asking.given_up,
             session.hosts.can.as_ref().unwrap().asking.given_up,
@@ -347,7 +347,8 @@ fn an_arm_that_falls_silent_is_asked_on_in_the_same_slots() {
         session.expect_slots();
 
         let deeds = session.deeds();
-        let told = [Asker::Usb, Asker::Can, Asker::Poll].map(|asker| session.subscriber().frames(Some(asker)));
+        let told = [Initiator::Usb, Initiator::Can, Initiator::Poll]
+            .map(|initiator| session.subscriber().frames(Some(initiator)));
         let lost = [
             deeds.tickets_of_usb() - told[0],
             deeds.tickets_of_can() - told[1],
@@ -363,7 +364,7 @@ fn an_arm_that_falls_silent_is_asked_on_in_the_same_slots() {
         assert_eq!(session.usb().asking.asked(), deeds.tickets_of_usb());
         let refused = session.can().asking.asked() - deeds.tickets_of_can();
         let refusal = Event::Refused {
-            asker: Asker::Can,
+            initiator: Initiator::Can,
             reason: Refusal::QueueFull,
         };
         assert_eq!(events(session), vec![refusal; refused as usize]);
@@ -416,7 +417,7 @@ fn polls_are_in_the_slots_of_before_when_an_arm_was_silent() {
 }
 
 /// Lets `send` send motion every 20 ms and then no more, while others use the arm.
-fn fall_silent(asker: Asker, torque_off: bool, send: impl Fn(&mut Session<'_>, &[u8])) {
+fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Session<'_>, &[u8])) {
     const MOVES: u32 = 10;
     let config = Config {
         silence: Silence {
@@ -426,8 +427,8 @@ fn fall_silent(asker: Asker, torque_off: bool, send: impl Fn(&mut Session<'_>, &
         ..polled(HERTZ)
     };
     session(TURNAROUND, config, |session| {
-        match asker {
-            Asker::Usb => session.usb().asking.asks = false,
+        match initiator {
+            Initiator::Usb => session.usb().asking.asks = false,
             _ => session.can().asking.asks = false,
         }
         for _ in 0..MOVES {
@@ -438,7 +439,7 @@ fn fall_silent(asker: Asker, torque_off: bool, send: impl Fn(&mut Session<'_>, &
         assert_eq!(events(session), []);
         session.run_for(millis(20));
         let event = Event::HostSilent {
-            asker,
+            initiator,
             dropped: 0,
             torque_off,
         };
@@ -463,8 +464,8 @@ fn fall_silent(asker: Asker, torque_off: bool, send: impl Fn(&mut Session<'_>, &
         expect_no_strays(session);
         session.expect_slots();
         session.expect_counters(|expected, _| {
-            match asker {
-                Asker::Usb => expected.requests_usb += MOVES + 1,
+            match initiator {
+                Initiator::Usb => expected.requests_usb += MOVES + 1,
                 _ => expected.requests_can += MOVES + 1,
             }
             expected.requests_adapter += u32::from(torque_off);
@@ -475,28 +476,28 @@ fn fall_silent(asker: Asker, torque_off: bool, send: impl Fn(&mut Session<'_>, &
 
 #[test]
 fn a_host_on_usb_that_falls_silent_is_told_of() {
-    fall_silent(Asker::Usb, false, |session, motion| {
+    fall_silent(Initiator::Usb, false, |session, motion| {
         session.board.usb().write(motion).unwrap()
     });
 }
 
 #[test]
 fn the_torque_goes_off_when_a_host_on_usb_falls_silent_and_that_is_configured() {
-    fall_silent(Asker::Usb, true, |session, motion| {
+    fall_silent(Initiator::Usb, true, |session, motion| {
         session.board.usb().write(motion).unwrap()
     });
 }
 
 #[test]
 fn a_host_on_can_that_falls_silent_is_told_of() {
-    fall_silent(Asker::Can, false, |session, motion| {
+    fall_silent(Initiator::Can, false, |session, motion| {
         session.can().orders.push_back(motion.to_vec())
     });
 }
 
 #[test]
 fn the_torque_goes_off_when_a_host_on_can_falls_silent_and_that_is_configured() {
-    fall_silent(Asker::Can, true, |session, motion| {
+    fall_silent(Initiator::Can, true, |session, motion| {
         session.can().orders.push_back(motion.to_vec())
     });
 }
@@ -560,7 +561,7 @@ fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
         // Two wait in the adapter and one in the connection, besides the one that is with the arm.
         assert!((4..BURST).contains(&answers.len()));
         let refusal = Event::Refused {
-            asker: Asker::Can,
+            initiator: Initiator::Can,
             reason: Refusal::QueueFull,
         };
         assert_eq!(events(session), vec![refusal.clone(); refused as usize]);

@@ -7,7 +7,7 @@ use armwire::ling::{JointState, MotionStatus};
 
 use super::{Frame, Function, Id, Node};
 use crate::Counters;
-use crate::control::{Asker, Event, Refusal, Stamp};
+use crate::control::{Event, Initiator, Refusal, Stamp};
 
 /// Where a Ling arm was, and when: one answer of the arm, in three frames.
 ///
@@ -187,19 +187,19 @@ impl Errors {
 /// ```
 /// use armwire_bridge::can::Node;
 /// use armwire_bridge::can::telemetry::{event_from_frame, event_to_frame};
-/// use armwire_bridge::control::{Asker, Event, Refusal, Stamp};
+/// use armwire_bridge::control::{Initiator, Event, Refusal, Stamp};
 ///
-/// let event = Event::Refused { asker: Asker::Command, reason: Refusal::Stale };
+/// let event = Event::Refused { initiator: Initiator::Command, reason: Refusal::Stale };
 /// let frame = event_to_frame(&event, Stamp(0x1_0000_0002), Node::new(0).unwrap()).unwrap();
 /// assert_eq!(frame.data(), [4, 4, 0, 0, 2, 0, 0, 0]);
 /// assert_eq!(event_from_frame(&frame), Some((2, event)));
 /// ```
 pub fn event_to_frame(event: &Event, at: Stamp, node: Node) -> Option<Frame> {
-    let (what, asker, dropped) = match *event {
+    let (what, initiator, dropped) = match *event {
         Event::Frame { .. } => return None,
-        Event::Refused { asker, reason } => (refusal_code(reason), asker_code(asker), 0),
+        Event::Refused { initiator, reason } => (refusal_code(reason), initiator_code(initiator), 0),
         Event::HostSilent {
-            asker,
+            initiator,
             dropped,
             torque_off,
         } => {
@@ -208,30 +208,30 @@ pub fn event_to_frame(event: &Event, at: Stamp, node: Node) -> Option<Frame> {
             } else {
                 HOST_SILENT
             };
-            (what, asker_code(asker), dropped)
+            (what, initiator_code(initiator), dropped)
         }
         Event::BusOff { off } => (if off { BUS_OFF } else { BUS_ON }, NOBODY, 0),
     };
     let [low, high] = halves(at.0 as u32);
     let id = Function::Event.id(node);
-    Some(frame(id, [u16::from_le_bytes([what, asker]), dropped, low, high]))
+    Some(frame(id, [u16::from_le_bytes([what, initiator]), dropped, low, high]))
 }
 
 /// What EVENT says, and the low 32 bits of its stamp. `None` when it is another frame, or says what no adapter of this
 /// version says.
 pub fn event_from_frame(frame: &Frame) -> Option<(u32, Event)> {
     let (_, [what, dropped, low, high]) = words(frame, Function::Event)?;
-    let [what, asker] = what.to_le_bytes();
-    let who = Asker::ALL.into_iter().find(|&who| asker_code(who) == asker);
+    let [what, initiator] = what.to_le_bytes();
+    let who = Initiator::ALL.into_iter().find(|&who| initiator_code(who) == initiator);
     let event = match (what, dropped) {
-        (BUS_OFF | BUS_ON, 0) if asker == NOBODY => Event::BusOff { off: what == BUS_OFF },
+        (BUS_OFF | BUS_ON, 0) if initiator == NOBODY => Event::BusOff { off: what == BUS_OFF },
         (HOST_SILENT | HOST_SILENT_TORQUE_OFF, _) => Event::HostSilent {
-            asker: who?,
+            initiator: who?,
             dropped,
             torque_off: what == HOST_SILENT_TORQUE_OFF,
         },
         (_, 0) => Event::Refused {
-            asker: who?,
+            initiator: who?,
             reason: REFUSALS.into_iter().find(|&reason| refusal_code(reason) == what)?,
         },
         _ => return None,
@@ -270,13 +270,13 @@ const fn refusal_code(reason: Refusal) -> u8 {
 /// Whose it was, if it was nobody's.
 const NOBODY: u8 = 0;
 
-const fn asker_code(asker: Asker) -> u8 {
-    match asker {
-        Asker::Usb => 1,
-        Asker::Can => 2,
-        Asker::Poll => 3,
-        Asker::Command => 4,
-        Asker::Adapter => 5,
+const fn initiator_code(initiator: Initiator) -> u8 {
+    match initiator {
+        Initiator::Usb => 1,
+        Initiator::Can => 2,
+        Initiator::Poll => 3,
+        Initiator::Command => 4,
+        Initiator::Adapter => 5,
     }
 }
 
@@ -328,11 +328,12 @@ mod tests {
     }
 
     fn event() -> impl Strategy<Value = Event> {
-        let asker = || prop::sample::select(&Asker::ALL[..]);
+        let initiator = || prop::sample::select(&Initiator::ALL[..]);
         prop_oneof![
-            (asker(), prop::sample::select(&REFUSALS[..])).prop_map(|(asker, reason)| Event::Refused { asker, reason }),
-            (asker(), any::<(u16, bool)>()).prop_map(|(asker, (dropped, torque_off))| Event::HostSilent {
-                asker,
+            (initiator(), prop::sample::select(&REFUSALS[..]))
+                .prop_map(|(initiator, reason)| Event::Refused { initiator, reason }),
+            (initiator(), any::<(u16, bool)>()).prop_map(|(initiator, (dropped, torque_off))| Event::HostSilent {
+                initiator,
                 dropped,
                 torque_off
             }),
@@ -374,11 +375,11 @@ mod tests {
         }
 
         #[test]
-        fn what_is_read_as_an_event_is_written_as_it_was(data in any::<[u8; 8]>(), what in 0..40_u8, asker in 0..7_u8) {
+        fn what_is_read_as_an_event_is_written_as_it_was(data in any::<[u8; 8]>(), what in 0..40_u8, initiator in 0..7_u8) {
             let node = Node::default();
             let [_, _, rest @ ..] = data;
             let [a, b, c, d, e, f] = rest;
-            for data in [data, [what, asker, a, b, c, d, e, f], [what, asker, 0, 0, c, d, e, f]] {
+            for data in [data, [what, initiator, a, b, c, d, e, f], [what, initiator, 0, 0, c, d, e, f]] {
                 let frame = Frame::new(Function::Event.id(node), &data).unwrap();
                 if let Some((at, event)) = event_from_frame(&frame) {
                     prop_assert_eq!(event_to_frame(&event, Stamp(at.into()), node), Some(frame));
@@ -413,7 +414,7 @@ mod tests {
     #[test]
     fn a_frame_of_the_arm_is_no_event_frame() {
         let event = Event::Frame {
-            asker: None,
+            initiator: None,
             bytes: crate::control::FrameBytes::default(),
         };
         assert_eq!(event_to_frame(&event, Stamp(0), Node::default()), None);

@@ -12,8 +12,8 @@ use super::*;
 use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll, Silence};
 use crate::control::{
-    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, LineHolder, LineState, MAX_COBS,
-    MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
+    ArmIdentity, Event, Failure, FrameBytes, Histogram, Identity, Initiator, Latencies, LineHolder, LineState,
+    MAX_COBS, MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
 };
 use crate::{Counters, LineCoding, Parity, StopBits};
 
@@ -176,13 +176,13 @@ fn failure() -> impl Strategy<Value = Failure> {
     ]
 }
 
-fn asker() -> impl Strategy<Value = Asker> {
+fn initiator() -> impl Strategy<Value = Initiator> {
     prop::sample::select(vec![
-        Asker::Usb,
-        Asker::Can,
-        Asker::Poll,
-        Asker::Command,
-        Asker::Adapter,
+        Initiator::Usb,
+        Initiator::Can,
+        Initiator::Poll,
+        Initiator::Command,
+        Initiator::Adapter,
     ])
 }
 
@@ -197,13 +197,13 @@ fn event() -> impl Strategy<Value = Event> {
         Refusal::OtherRate,
     ]);
     prop_oneof![
-        (prop::option::of(asker()), frame_bytes()).prop_map(|(asker, bytes)| Event::Frame { asker, bytes }),
-        (asker(), any::<u16>(), any::<bool>()).prop_map(|(asker, dropped, torque_off)| Event::HostSilent {
-            asker,
+        (prop::option::of(initiator()), frame_bytes()).prop_map(|(initiator, bytes)| Event::Frame { initiator, bytes }),
+        (initiator(), any::<u16>(), any::<bool>()).prop_map(|(initiator, dropped, torque_off)| Event::HostSilent {
+            initiator,
             dropped,
             torque_off
         }),
-        (asker(), refusal).prop_map(|(asker, reason)| Event::Refused { asker, reason }),
+        (initiator(), refusal).prop_map(|(initiator, reason)| Event::Refused { initiator, reason }),
         any::<bool>().prop_map(|off| Event::BusOff { off }),
     ]
 }
@@ -232,7 +232,7 @@ fn the_longest_frame_fits_in_an_event() {
     let event = FromAdapter::Event {
         at: Stamp(u64::MAX),
         event: Event::Frame {
-            asker: Some(Asker::Adapter),
+            initiator: Some(Initiator::Adapter),
             bytes: FrameBytes::from_slice(&[0xFF; MAX_FRAME]).unwrap(),
         },
     };
@@ -561,7 +561,7 @@ fn the_longest_messages_fit() {
     encoded_cobs(&FromAdapter::Event {
         at: Stamp(u64::MAX),
         event: Event::Frame {
-            asker: Some(Asker::Adapter),
+            initiator: Some(Initiator::Adapter),
             bytes: FrameBytes::from_slice(&[0xFF; MAX_FRAME]).unwrap(),
         },
     });

@@ -15,7 +15,7 @@ use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::config::{ArmKind, Can, Config, Poll, Silence};
 use crate::control::{
-    Asker, Event, Failure, FromAdapter, HOLD_LEASE_MS, LineHolder, LineState, Refusal, Reply, Request,
+    Event, Failure, FromAdapter, HOLD_LEASE_MS, Initiator, LineHolder, LineState, Refusal, Reply, Request,
 };
 use crate::{LineCoding, PACKET};
 
@@ -103,9 +103,9 @@ fn motion() -> Vec<u8> {
 }
 
 /// What was refused, and of whom.
-fn refusals(rig: &Rig) -> Vec<(Asker, Refusal)> {
+fn refusals(rig: &Rig) -> Vec<(Initiator, Refusal)> {
     let refused = rig.events.iter().filter_map(|(_, event)| match event {
-        Event::Refused { asker, reason } => Some((*asker, *reason)),
+        Event::Refused { initiator, reason } => Some((*initiator, *reason)),
         _ => None,
     });
     refused.collect()
@@ -119,7 +119,10 @@ fn line_state(rig: &mut Rig) -> LineState {
 }
 
 fn polls(rig: &Rig) -> usize {
-    rig.askers.iter().filter(|&&asker| asker == Asker::Poll).count()
+    rig.initiators
+        .iter()
+        .filter(|&&initiator| initiator == Initiator::Poll)
+        .count()
 }
 
 #[test]
@@ -195,7 +198,7 @@ fn the_line_is_the_arms_when_the_host_goes() {
             .filter(|((_, bytes), _)| bytes.contains(&2));
         let last: Vec<_> = last.map(|((_, bytes), &baud)| (bytes.len(), baud)).collect();
         assert_eq!(last, [(40, 9_600)]);
-        let late = |n: &usize| rig.askers[*n] == Asker::Poll && rig.said[*n].0 > 100 * MS;
+        let late = |n: &usize| rig.initiators[*n] == Initiator::Poll && rig.said[*n].0 > 100 * MS;
         assert!((0..rig.said.len()).filter(late).count() > 10);
         assert_eq!(rig.bridge.timeout().map(|at| at.0 > rig.now), Some(true));
     }
@@ -271,7 +274,7 @@ fn another_rate_waits_for_the_stream_on_can() {
             (c.refused_rate_bytes, c.refused_other_rate, c.refused_line_held),
             (1_000, 1, 0)
         );
-        assert_eq!(refusals(&rig), [(Asker::Usb, Refusal::OtherRate)]);
+        assert_eq!(refusals(&rig), [(Initiator::Usb, Refusal::OtherRate)]);
         assert_eq!(rig.line(), motion().repeat(15));
         let waits = LineState {
             waiting: Some(coding(9_600)),
@@ -302,12 +305,15 @@ fn polls_and_can_are_refused_while_another_rate_is_held() {
         assert_eq!(rig.call(Request::IdentifyArm), Reply::Failed(Failure::LineHeld));
         rig.run(100 * MS);
         assert_eq!(rig.said.len(), said, "{:?}", rig.said);
-        let askers = [Asker::Poll, Asker::Can, Asker::Command, Asker::Adapter];
-        let expected = askers.map(|asker| (asker, Refusal::LineHeld));
+        let initiators = [Initiator::Poll, Initiator::Can, Initiator::Command, Initiator::Adapter];
+        let expected = initiators.map(|initiator| (initiator, Refusal::LineHeld));
         assert_eq!(refusals(&rig), expected);
         let told = rig.frames.iter().filter_map(|(_, frame)| event_from_frame(frame));
         let told: Vec<_> = told.map(|(_, event)| event).collect();
-        assert_eq!(told, expected.map(|(asker, reason)| Event::Refused { asker, reason }));
+        assert_eq!(
+            told,
+            expected.map(|(initiator, reason)| Event::Refused { initiator, reason })
+        );
         let c = rig.bridge.counters();
         assert_eq!(
             (c.refused_line_held, c.missed_polls),
@@ -347,7 +353,10 @@ fn a_request_that_waits_is_refused_when_the_line_is_held() {
     rig.run(SECOND);
     assert_eq!(
         refusals(&rig),
-        [(Asker::Can, Refusal::LineHeld), (Asker::Adapter, Refusal::LineHeld)]
+        [
+            (Initiator::Can, Refusal::LineHeld),
+            (Initiator::Adapter, Refusal::LineHeld)
+        ]
     );
     assert_eq!(rig.replies.last(), Some(&(identify, Reply::Failed(Failure::LineHeld))));
     // The answer that was waited for had its time at the arm's rate.
@@ -392,7 +401,7 @@ fn torque_off_goes_out_at_the_arms_rate_whatever_a_host_has_set() {
         assert_eq!(rig.said[n - 1].1, [0; 70]);
         assert_eq!(rig.said.len(), n + 1, "the host's rate does not come back by itself");
         assert!(rig.bridge.counters().refused_rate_bytes > 0);
-        assert_eq!(refusals(&rig), [(Asker::Usb, Refusal::OtherRate)]);
+        assert_eq!(refusals(&rig), [(Initiator::Usb, Refusal::OtherRate)]);
         let state = LineState {
             waiting: Some(coding(baud)),
             ..LineState::default()
@@ -484,7 +493,10 @@ fn hold_line_gives_usb_the_line_alone() {
     assert!(polls(&rig) <= before + 1);
     assert_eq!(
         refusals(&rig),
-        [(Asker::Poll, Refusal::LineHeld), (Asker::Can, Refusal::LineHeld)]
+        [
+            (Initiator::Poll, Refusal::LineHeld),
+            (Initiator::Can, Refusal::LineHeld)
+        ]
     );
     assert_eq!(line_state(&mut rig).holder, LineHolder::HoldLine);
     let others = polls(&rig);

@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use super::rig::{Rig, ling, polite};
 use crate::config::{Config, Poll};
-use crate::control::{Asker, Identity, Reply, Request};
+use crate::control::{Identity, Initiator, Reply, Request};
 use crate::{LEAD, Micros};
 
 fn polling(poll: Poll) -> Rig {
@@ -19,8 +19,8 @@ fn polling(poll: Poll) -> Rig {
 
 /// When each poll began.
 fn polls(rig: &Rig) -> Vec<u64> {
-    let bursts = rig.askers.iter().zip(&rig.said);
-    let polls = bursts.filter(|(asker, _)| **asker == Asker::Poll);
+    let bursts = rig.initiators.iter().zip(&rig.said);
+    let polls = bursts.filter(|(initiator, _)| **initiator == Initiator::Poll);
     polls.map(|(_, (at, _))| *at).collect()
 }
 

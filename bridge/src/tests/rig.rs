@@ -14,8 +14,8 @@ use crate::arm::{Piece, Tap};
 use crate::can::{Frame, Function, Node};
 use crate::config::Config;
 use crate::control::{
-    Asker, Event, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request, Stamp, Subscription,
-    decode, encode, encode_cobs,
+    Event, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request, Stamp,
+    Subscription, decode, encode, encode_cobs,
 };
 use crate::isotp::{self, Endpoint, Link};
 use crate::{Action, Bridge, PACKET};
@@ -32,7 +32,7 @@ pub(super) struct Rig {
     /// What went to the arm, and when each burst began.
     pub(super) said: Vec<(u64, Vec<u8>)>,
     /// Who said each of them.
-    pub(super) askers: Vec<Asker>,
+    pub(super) initiators: Vec<Initiator>,
     /// The baud rate of each of them.
     pub(super) bauds: Vec<u32>,
     /// When the UART can take more.
@@ -79,7 +79,7 @@ impl Rig {
             bridge,
             now: 0,
             said: vec![],
-            askers: vec![],
+            initiators: vec![],
             bauds: vec![],
             tx_free: 0,
             ear: Tap::new(),
@@ -216,7 +216,7 @@ impl Rig {
                     let start = burst.start.map_or(now.0, |at| at.0);
                     assert!(start >= now.0);
                     self.tx_free = start + self.bridge.rate.line().coding.micros(burst.len);
-                    self.askers.push(self.bridge.turn.last);
+                    self.initiators.push(self.bridge.turn.last);
                     self.bauds.push(self.bridge.rate.line().coding.baud);
                     self.said.push((start, out[..burst.len].to_vec()));
                     self.tell_arm(&out[..burst.len], start);

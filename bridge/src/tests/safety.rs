@@ -14,7 +14,7 @@ use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, Silence};
-use crate::control::{Asker, Event, Failure, Identity, MAX_FRAME, Refusal, Reply, Request};
+use crate::control::{Event, Failure, Identity, Initiator, MAX_FRAME, Refusal, Reply, Request};
 use crate::{Action, Bridge, DOWN, Micros, PACKET};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
@@ -68,7 +68,7 @@ fn a_host_that_streams_motion_and_falls_silent_is_reported_once() {
         }
         rig.run(2_000_000);
         let event = Event::HostSilent {
-            asker: Asker::Usb,
+            initiator: Initiator::Usb,
             dropped: 0,
             torque_off,
         };
@@ -81,8 +81,8 @@ fn a_host_that_streams_motion_and_falls_silent_is_reported_once() {
         let last = rig.said.last().unwrap();
         if torque_off {
             assert_eq!(
-                (last, *rig.askers.last().unwrap()),
-                (&(1_400_000, TORQUE_OFF.to_vec()), Asker::Adapter)
+                (last, *rig.initiators.last().unwrap()),
+                (&(1_400_000, TORQUE_OFF.to_vec()), Initiator::Adapter)
             );
         } else {
             assert_eq!(last.1, motion());
@@ -171,7 +171,7 @@ fn what_a_silent_host_had_sent_and_is_not_out_is_dropped() {
     rig.run(1_000_000);
     let dropped = last.len() as u16;
     let event = Event::HostSilent {
-        asker: Asker::Usb,
+        initiator: Initiator::Usb,
         dropped,
         torque_off: false,
     };
@@ -197,7 +197,7 @@ fn a_stream_from_can_is_watched_too() {
     assert!(matches!(
         silences(&rig)[0].1,
         Event::HostSilent {
-            asker: Asker::Can,
+            initiator: Initiator::Can,
             dropped: 0,
             ..
         }
@@ -266,7 +266,7 @@ fn a_stream_stays_armed_while_another_has_the_line() {
     let last = rig.now - 200_000;
     rig.run(2_000_000);
     let event = Event::HostSilent {
-        asker: Asker::Usb,
+        initiator: Initiator::Usb,
         dropped: 0,
         torque_off: true,
     };
@@ -396,7 +396,7 @@ fn stream_commands(rig: &mut Rig) {
 fn refusals(rig: &Rig) -> Vec<Refusal> {
     let refused = |event: &Event| match event {
         Event::Refused {
-            asker: Asker::Command,
+            initiator: Initiator::Command,
             reason,
         } => Some(*reason),
         _ => None,
@@ -536,13 +536,13 @@ fn a_host_on_usb_that_is_held_back_is_not_silent() {
 
 #[test]
 fn a_stream_of_motion_ends_when_the_arm_is_another_one() {
-    for asker in [Asker::Usb, Asker::Can, Asker::Command] {
+    for initiator in [Initiator::Usb, Initiator::Can, Initiator::Command] {
         let mut rig = Rig::new(silence(500, true));
         rig.subscribe();
         for sequence in 0..6 {
-            match asker {
-                Asker::Usb => rig.usb_out.extend(motion()),
-                Asker::Can => rig.can_out.push_back(motion()),
+            match initiator {
+                Initiator::Usb => rig.usb_out.extend(motion()),
+                Initiator::Can => rig.can_out.push_back(motion()),
                 _ => send(&mut rig, command(sequence)),
             }
             rig.run(10_000);
@@ -560,7 +560,7 @@ fn a_stream_of_motion_ends_when_the_arm_is_another_one() {
         let said = rig.said.len();
         rig.run(1_000_000);
         let event = Event::HostSilent {
-            asker,
+            initiator,
             dropped: 0,
             torque_off: false,
         };
@@ -598,7 +598,7 @@ fn a_command_that_has_waited_for_longer_than_its_time_out_moves_nothing() {
     rig.run(1_000_000);
     assert_eq!(rig.line(), ling::SELF_CHECK);
     let refused = Event::Refused {
-        asker: Asker::Command,
+        initiator: Initiator::Command,
         reason: Refusal::Stale,
     };
     let told: Vec<_> = rig.events.iter().filter(|(_, event)| *event == refused).collect();

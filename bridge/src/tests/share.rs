@@ -13,7 +13,7 @@ use proptest::prelude::*;
 use super::rig::{Rig, ling, polite};
 use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, Poll};
-use crate::control::{Asker, Event, Refusal, Reply, Request};
+use crate::control::{Event, Initiator, Refusal, Reply, Request};
 use crate::{Action, Micros};
 
 const JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
@@ -49,7 +49,7 @@ fn kinds(mut stream: &[u8]) -> Vec<(u8, u8)> {
 }
 
 #[test]
-fn each_reply_goes_to_its_asker_only() {
+fn each_reply_goes_to_its_initiator_only() {
     let mut rig = polling(Poll::Hertz(300));
     rig.subscribe();
     for n in 0..50 {
@@ -67,14 +67,14 @@ fn each_reply_goes_to_its_asker_only() {
     assert_eq!(u64::from(c.requests_poll), rig.now * 300 / 1_000_000);
 
     // Subscribers hear them all, and whose each was.
-    let asked = |asker: Option<Asker>| {
+    let asked = |initiator: Option<Initiator>| {
         rig.events
             .iter()
-            .filter(move |(_, event)| matches!(event, Event::Frame { asker: a, .. } if *a == asker))
+            .filter(move |(_, event)| matches!(event, Event::Frame { initiator: a, .. } if *a == initiator))
     };
-    assert_eq!(asked(Some(Asker::Usb)).count(), 50);
-    assert_eq!(asked(Some(Asker::Can)).count(), 50);
-    assert_eq!(asked(Some(Asker::Poll)).count() as u32, c.requests_poll);
+    assert_eq!(asked(Some(Initiator::Usb)).count(), 50);
+    assert_eq!(asked(Some(Initiator::Can)).count(), 50);
+    assert_eq!(asked(Some(Initiator::Poll)).count() as u32, c.requests_poll);
     assert!(rig.events.is_sorted_by_key(|&(at, _)| at));
     assert_eq!(c.frames as usize, rig.events.len());
 }
@@ -124,11 +124,11 @@ fn what_nobody_asked_for_goes_to_the_host_on_usb_and_to_subscribers_also_in_anot
     assert_eq!(kinds(&rig.can.concat()), [(0x01, 0)]);
     let c = rig.bridge.counters();
     assert_eq!((c.unasked_frames, c.noise_bytes, c.frames), (1, 2, 2));
-    assert!(matches!(&rig.events[0].1, Event::Frame { asker: None, bytes } if bytes[..] == unasked));
+    assert!(matches!(&rig.events[0].1, Event::Frame { initiator: None, bytes } if bytes[..] == unasked));
     assert!(matches!(
         &rig.events[1].1,
         Event::Frame {
-            asker: Some(Asker::Can),
+            initiator: Some(Initiator::Can),
             ..
         }
     ));
@@ -289,8 +289,8 @@ fn one_who_asks_a_silent_arm_what_polls_ask_has_every_other_turn() {
         rig.run(10_000);
     }
     // While an answer may still come late, neither may go; when it no longer may, both wait.
-    let turns = |asker| rig.askers.iter().filter(|who| **who == asker).count();
-    let (can, polls) = (turns(Asker::Can), turns(Asker::Poll));
+    let turns = |initiator| rig.initiators.iter().filter(|who| **who == initiator).count();
+    let (can, polls) = (turns(Initiator::Can), turns(Initiator::Poll));
     assert!(can > 10 && can.abs_diff(polls) <= 1, "{can} of CAN, {polls} polls");
 }
 
@@ -311,13 +311,13 @@ fn nobody_waits_for_more_than_one_turn_of_each_other() {
             rig.run(200);
         }
         assert!(asked > 100);
-        for asker in [Asker::Usb, Asker::Can, Asker::Poll] {
-            let turns = rig.askers.iter().enumerate().filter(|(_, who)| **who == asker);
+        for initiator in [Initiator::Usb, Initiator::Can, Initiator::Poll] {
+            let turns = rig.initiators.iter().enumerate().filter(|(_, who)| **who == initiator);
             let turns: Vec<_> = turns.map(|(n, _)| n).skip(3).collect();
             assert!(turns.len() > 100);
             assert!(
                 turns.windows(2).all(|pair| pair[1] - pair[0] <= 5),
-                "{asker}: {turns:?}"
+                "{initiator}: {turns:?}"
             );
         }
         assert_eq!(rig.bridge.counters().unanswered_requests, 0);
@@ -337,11 +337,11 @@ fn the_fastest_poll_takes_its_turn_like_all_others() {
         rig.run(200);
     }
     // At first CAN has not said anything yet.
-    let turns = &rig.askers[6..];
+    let turns = &rig.initiators[6..];
     assert!(turns.len() > 100);
     for round in turns.windows(3) {
-        for asker in [Asker::Usb, Asker::Can, Asker::Poll] {
-            assert!(round.contains(&asker), "{round:?}");
+        for initiator in [Initiator::Usb, Initiator::Can, Initiator::Poll] {
+            assert!(round.contains(&initiator), "{round:?}");
         }
     }
 }
@@ -439,7 +439,7 @@ fn what_is_no_frame_of_the_arm_is_refused_on_can() {
     assert_eq!(rig.line(), []);
     assert_eq!(rig.bridge.counters().refused_can_frames, 4);
     let refused = Event::Refused {
-        asker: Asker::Can,
+        initiator: Initiator::Can,
         reason: Refusal::NotAFrame,
     };
     assert_eq!(rig.events.iter().filter(|(_, event)| *event == refused).count(), 4);
@@ -467,7 +467,7 @@ fn what_does_not_fit_the_queue_from_can_is_refused_and_counted() {
     rig.run(10_000);
     assert_eq!(rig.bridge.counters().refused_can_requests, 2);
     let full = Event::Refused {
-        asker: Asker::Can,
+        initiator: Initiator::Can,
         reason: Refusal::QueueFull,
     };
     assert_eq!(rig.events.iter().filter(|(_, event)| *event == full).count(), 2);
@@ -723,8 +723,8 @@ fn a_frame_that_began_before_the_request_was_out_is_no_answer_to_it() {
         rig.run(70 - 10 * (ahead - 1));
         rig.arm_says(&ling(0x06, 0, &[99; 15]));
         rig.run(1_000);
-        let asker = answers.then_some(Asker::Usb);
-        let heard = |(_, event): &(_, Event)| matches!(event, Event::Frame { asker: of, .. } if *of == asker);
+        let initiator = answers.then_some(Initiator::Usb);
+        let heard = |(_, event): &(_, Event)| matches!(event, Event::Frame { initiator: of, .. } if *of == initiator);
         assert!(rig.events.iter().any(heard), "{ahead} bytes ahead: {:?}", rig.events);
     }
 }
@@ -797,16 +797,16 @@ proptest! {
         let line = rig.line();
         prop_assert_eq!(c.host_to_arm_bytes as usize, line.len());
         prop_assert_eq!(c.requests_can + c.refused_can_frames + c.refused_can_requests, from_can);
-        let bursts = || rig.askers.iter().zip(&rig.said);
-        let of_usb = bursts().filter(|(asker, _)| **asker == Asker::Usb);
+        let bursts = || rig.initiators.iter().zip(&rig.said);
+        let of_usb = bursts().filter(|(initiator, _)| **initiator == Initiator::Usb);
         let of_usb: Vec<u8> = of_usb.flat_map(|(_, (_, bytes))| bytes.clone()).collect();
         prop_assert_eq!(of_usb, from_usb);
-        for (asker, (_, bytes)) in bursts() {
-            let ends_half_a_frame = *asker == Asker::Adapter && bytes[..] == [0; 70];
-            prop_assert!(*asker == Asker::Usb || ends_half_a_frame || kinds(bytes).len() == 1);
+        for (initiator, (_, bytes)) in bursts() {
+            let ends_half_a_frame = *initiator == Initiator::Adapter && bytes[..] == [0; 70];
+            prop_assert!(*initiator == Initiator::Usb || ends_half_a_frame || kinds(bytes).len() == 1);
         }
-        prop_assert_eq!(rig.askers.iter().filter(|asker| **asker == Asker::Can).count() as u32, c.requests_can);
-        prop_assert_eq!(rig.askers.iter().filter(|asker| **asker == Asker::Poll).count() as u32, c.requests_poll);
+        prop_assert_eq!(rig.initiators.iter().filter(|initiator| **initiator == Initiator::Can).count() as u32, c.requests_can);
+        prop_assert_eq!(rig.initiators.iter().filter(|initiator| **initiator == Initiator::Poll).count() as u32, c.requests_poll);
 
         // Up: what others got is not on USB, and everything else is.
         let on_can: usize = rig.can.iter().map(Vec::len).sum();

@@ -115,14 +115,14 @@ fn told(event: &Event) -> Option<String> {
     Some(match event {
         Event::Frame { .. } => return None,
         Event::HostSilent {
-            asker,
+            initiator,
             dropped,
             torque_off,
         } => {
             let torque = if *torque_off { ", the torque is off" } else { "" };
-            format!("the host on {asker} fell silent in a motion: {dropped} bytes dropped{torque}")
+            format!("the host on {initiator} fell silent in a motion: {dropped} bytes dropped{torque}")
         }
-        Event::Refused { asker, reason } => format!("a request of {asker} was refused: {reason}"),
+        Event::Refused { initiator, reason } => format!("a request of {initiator} was refused: {reason}"),
         Event::BusOff { off: true } => "the adapter has left the CAN bus, for there are too many errors".to_owned(),
         Event::BusOff { off: false } => "the adapter is back on the CAN bus".to_owned(),
     })

@@ -389,8 +389,8 @@ fn read<P: Subject>(bytes: &[u8], expect: P::Expect) {
 /// Values of the adapter, and how they are shown.
 fn small_print(u: &mut Unstructured<'_>) -> Result<()> {
     let (event, byte) = (any_event(u)?, u.arbitrary::<u8>()?);
-    if let Event::Refused { asker, reason } = event {
-        assert!(!format!("{asker}{reason}").is_empty());
+    if let Event::Refused { initiator, reason } = event {
+        assert!(!format!("{initiator}{reason}").is_empty());
     }
     let bucket = usize::from(byte % 20);
     assert_eq!(Histogram::limit(bucket).is_some(), bucket < Histogram::BUCKETS - 1);

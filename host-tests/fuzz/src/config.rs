@@ -3,7 +3,7 @@
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, CAN_BIT_RATES, CAN_DATA_BIT_RATES, Can, Config, Poll, Silence};
 use armwire_bridge::control::{
-    ArmIdentity, Asker, Event, Failure, FrameBytes, Histogram, Identity, Latencies, LineHolder, LineState, Refusal,
+    ArmIdentity, Event, Failure, FrameBytes, Histogram, Identity, Initiator, Latencies, LineHolder, LineState, Refusal,
     Reply, Request, Subscription,
 };
 use armwire_bridge::{Counters, LineCoding, Parity, StopBits};
@@ -91,7 +91,13 @@ pub fn any_request(u: &mut Unstructured<'_>) -> Result<Request> {
     })
 }
 
-const ASKERS: [Asker; 5] = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
+const INITIATORS: [Initiator; 5] = [
+    Initiator::Usb,
+    Initiator::Can,
+    Initiator::Poll,
+    Initiator::Command,
+    Initiator::Adapter,
+];
 
 const REFUSALS: [Refusal; 7] = [
     Refusal::QueueFull,
@@ -111,19 +117,19 @@ fn any_frame(u: &mut Unstructured<'_>) -> Result<FrameBytes> {
 
 /// Any event that an adapter tells of.
 pub fn any_event(u: &mut Unstructured<'_>) -> Result<Event> {
-    let asker = *u.choose(&ASKERS)?;
+    let initiator = *u.choose(&INITIATORS)?;
     Ok(match u.int_in_range(0..=3)? {
         0 => Event::Frame {
-            asker: Some(asker).filter(|_| u.arbitrary().unwrap_or(false)),
+            initiator: Some(initiator).filter(|_| u.arbitrary().unwrap_or(false)),
             bytes: any_frame(u)?,
         },
         1 => Event::HostSilent {
-            asker,
+            initiator,
             dropped: u.arbitrary()?,
             torque_off: u.arbitrary()?,
         },
         2 => Event::Refused {
-            asker,
+            initiator,
             reason: *u.choose(&REFUSALS)?,
         },
         _ => Event::BusOff { off: u.arbitrary()? },

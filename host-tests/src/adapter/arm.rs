@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Frame, Ling, MAX_FRAME};
-use armwire_bridge::control::Asker;
+use armwire_bridge::control::Initiator;
 
 use super::byte_times;
 use crate::random::Random;
@@ -46,7 +46,7 @@ const PATIENCE: u64 = 20_000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Tag {
     /// Who asks.
-    pub(super) initiator: Asker,
+    pub(super) initiator: Initiator,
     /// How many that initiator had asked before.
     pub(super) number: u32,
 }
@@ -69,8 +69,14 @@ impl Tag {
 
     fn from_data(data: &[u8]) -> Option<Self> {
         let &[initiator, a, b, c, d] = data else { return None };
-        let all = [Asker::Usb, Asker::Can, Asker::Poll, Asker::Command, Asker::Adapter];
-        let initiator = all.into_iter().find(|asker| *asker as u8 == initiator)?;
+        let all = [
+            Initiator::Usb,
+            Initiator::Can,
+            Initiator::Poll,
+            Initiator::Command,
+            Initiator::Adapter,
+        ];
+        let initiator = all.into_iter().find(|kind| *kind as u8 == initiator)?;
         let number = u32::from_le_bytes([a, b, c, d]);
         Some(Self { initiator, number })
     }
@@ -214,7 +220,7 @@ impl Arm {
                 [0xFE] if key == (0x06, 0x00) => {
                     self.polls += 1;
                     Tag {
-                        initiator: Asker::Poll,
+                        initiator: Initiator::Poll,
                         number: self.polls,
                     }
                     .frame(key)
@@ -222,7 +228,7 @@ impl Arm {
                 [0xFE] if key == (0x01, 0x00) => {
                     self.identified += 1;
                     Tag {
-                        initiator: Asker::Adapter,
+                        initiator: Initiator::Adapter,
                         number: self.identified,
                     }
                     .frame(key)

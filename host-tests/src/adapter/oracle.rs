@@ -10,7 +10,7 @@ use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire_bridge::Counters;
 use armwire_bridge::config::Config;
-use armwire_bridge::control::{Asker, Event, Refusal};
+use armwire_bridge::control::{Event, Initiator, Refusal};
 
 use super::arm::{Key, SELF_CHECK, Tag};
 
@@ -152,12 +152,12 @@ pub(super) struct Oracle {
     replied: u32,
 }
 
-const fn index(asker: Asker) -> Option<usize> {
-    match asker {
-        Asker::Usb => Some(0),
-        Asker::Can => Some(1),
-        Asker::Command => Some(2),
-        Asker::Poll | Asker::Adapter => None,
+const fn index(initiator: Initiator) -> Option<usize> {
+    match initiator {
+        Initiator::Usb => Some(0),
+        Initiator::Can => Some(1),
+        Initiator::Command => Some(2),
+        Initiator::Poll | Initiator::Adapter => None,
     }
 }
 
@@ -245,15 +245,15 @@ impl Oracle {
 
     /// Nothing that is due is missing at `now`.
     pub(super) fn check(&mut self, now: u64) {
-        for asker in [Asker::Usb, Asker::Can, Asker::Command] {
-            let Some(stream) = index(asker).map(|at| self.streams[at]) else {
+        for initiator in [Initiator::Usb, Initiator::Can, Initiator::Command] {
+            let Some(stream) = index(initiator).map(|at| self.streams[at]) else {
                 continue;
             };
-            let waits = if asker == Asker::Can { MOTION_WAIT } else { 0 };
+            let waits = if initiator == Initiator::Can { MOTION_WAIT } else { 0 };
             let silent = stream.alive + self.after().max(waits);
             assert!(
                 stream.run < STREAM || self.after() == 0 || now <= silent + INSTANT,
-                "{asker} streams motion, is silent since {} µs, and nothing is reported at {now} µs",
+                "{initiator} streams motion, is silent since {} µs, and nothing is reported at {now} µs",
                 stream.alive
             );
         }
@@ -417,21 +417,24 @@ impl Oracle {
     // ---- What comes out ----
 
     /// Bytes of this initiator begin on the line at `start` and end at `end`.
-    pub(super) fn sent(&mut self, asker: Asker, bytes: &[u8], now: u64, start: u64, end: u64) {
+    pub(super) fn sent(&mut self, initiator: Initiator, bytes: &[u8], now: u64, start: u64, end: u64) {
         self.line_bytes += bytes.len() as u64;
         assert!(
-            asker == Asker::Usb || self.at_arms_rate,
-            "{asker} says {bytes:02X?} at another rate than the arm's"
+            initiator == Initiator::Usb || self.at_arms_rate,
+            "{initiator} says {bytes:02X?} at another rate than the arm's"
         );
-        let is_alone = matches!(asker, Asker::Usb | Asker::Adapter);
-        assert!(is_alone || !self.is_held, "{asker} says {bytes:02X?} under hold-line");
+        let is_alone = matches!(initiator, Initiator::Usb | Initiator::Adapter);
+        assert!(
+            is_alone || !self.is_held,
+            "{initiator} says {bytes:02X?} under hold-line"
+        );
         self.moved = self.moved.max(end);
         self.answer_time = match self.at_arms_rate {
             true => 0,
             false => (end - start) * MAX_FRAME as u64 / bytes.len() as u64,
         };
-        match asker {
-            Asker::Usb => {
+        match initiator {
+            Initiator::Usb => {
                 let said: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
                 assert_eq!(bytes, said, "the host on USB said other bytes");
                 self.usb_moved = end;
@@ -443,31 +446,31 @@ impl Oracle {
                         frames.extend((item.kind == Kind::Frame).then(|| item.bytes.to_vec()));
                     }
                     for frame in frames {
-                        self.requested(asker, &frame, now, now, end);
+                        self.requested(initiator, &frame, now, now, end);
                     }
                 }
             }
-            Asker::Can => {
+            Initiator::Can => {
                 let (came, said) = self.can.pop_front().expect("no host on CAN has a request");
                 assert_eq!(bytes, said, "hosts on CAN said something else, or in another order");
-                self.requested(asker, bytes, came, now, end);
+                self.requested(initiator, bytes, came, now, end);
             }
-            Asker::Command => {
+            Initiator::Command => {
                 let (came, command) = self.command.take().expect("nobody has a command");
                 assert_eq!(bytes, command, "the command was another");
                 let timeout = u64::from(self.config.can.command_timeout_ms) * 1_000;
                 assert!(now <= came + timeout, "a command of {came} µs is sent at {now} µs");
-                self.requested(asker, bytes, came, now, end);
+                self.requested(initiator, bytes, came, now, end);
             }
-            Asker::Poll => {
+            Initiator::Poll => {
                 assert_eq!(bytes, READ_JOINTS, "the adapter polls");
-                self.requested(asker, bytes, now, start, end);
+                self.requested(initiator, bytes, now, start, end);
             }
-            Asker::Adapter if bytes == READ_INFO => {
+            Initiator::Adapter if bytes == READ_INFO => {
                 assert!(self.is_identifying, "nobody wants to know what arm there is");
-                self.requested(asker, bytes, now, now, end);
+                self.requested(initiator, bytes, now, now, end);
             }
-            Asker::Adapter if bytes == TORQUE_OFF => {
+            Initiator::Adapter if bytes == TORQUE_OFF => {
                 assert!(
                     self.torque_offs_due > 0,
                     "torque-off at {now} µs, and no stream has ended"
@@ -475,7 +478,7 @@ impl Oracle {
                 self.torque_offs_due = 0;
                 self.torque_offs += 1;
             }
-            Asker::Adapter => {
+            Initiator::Adapter => {
                 assert!(bytes.iter().all(|byte| *byte == 0), "the adapter says {bytes:02X?}");
                 self.half_frame |= self.usb_requests.pending() > 0;
                 assert!(
@@ -488,7 +491,7 @@ impl Oracle {
         }
     }
 
-    fn requested(&mut self, asker: Asker, frame: &[u8], came: u64, now: u64, end: u64) {
+    fn requested(&mut self, initiator: Initiator, frame: &[u8], came: u64, now: u64, end: u64) {
         let after = self.after();
         match ask(frame) {
             Ask::Answer(key, tag) => {
@@ -497,22 +500,25 @@ impl Oracle {
                 self.answers_until = self.answers_until.max(end + self.turnaround() + self.answer_time);
                 if let Some(tag) = tag {
                     self.unanswered.push((key, tag, end + turnaround(key)));
-                    self.last.insert((asker as u8, key), tag.number);
+                    self.last.insert((initiator as u8, key), tag.number);
                 }
-                let of_usb = self.unanswered.iter().filter(|(_, tag, _)| tag.initiator == Asker::Usb);
+                let of_usb = self
+                    .unanswered
+                    .iter()
+                    .filter(|(_, tag, _)| tag.initiator == Initiator::Usb);
                 let in_flight = of_usb.filter(|(_, _, due)| now < *due).count();
                 self.most_in_flight = self.most_in_flight.max(in_flight);
             }
             // At another rate the arm does not understand it, and nobody is watched under `hold-line`.
             Ask::Motion | Ask::TorqueOn if !self.at_arms_rate || self.is_held => {}
             Ask::Motion => {
-                if let Some(at) = index(asker) {
-                    self.streams[at].perhaps += u32::from(asker == Asker::Usb);
+                if let Some(at) = index(initiator) {
+                    self.streams[at].perhaps += u32::from(initiator == Initiator::Usb);
                     self.streams[at].moved(came, now, after);
                 }
             }
             Ask::TorqueOn => {
-                if let Some(at) = index(asker) {
+                if let Some(at) = index(initiator) {
                     self.streams[at].end();
                 }
             }
@@ -543,8 +549,8 @@ impl Oracle {
             .position(|(asked, by, _)| (*asked, *by) == (key, tag));
         let asked = asked.map(|at| self.unanswered.remove(at));
         let is_in_time = asked.is_some_and(|(.., due)| now <= due);
-        self.in_time = is_in_time.then_some(tag).filter(|tag| tag.initiator == Asker::Can);
-        if asked.is_some() || matches!(tag.initiator, Asker::Poll | Asker::Adapter) {
+        self.in_time = is_in_time.then_some(tag).filter(|tag| tag.initiator == Initiator::Can);
+        if asked.is_some() || matches!(tag.initiator, Initiator::Poll | Initiator::Adapter) {
             // Those behind have their time from now on.
             self.answers_until = self.answers_until.max(now + self.turnaround());
         }
@@ -582,7 +588,7 @@ impl Oracle {
         let tag = Tag::of(pdu).map(|(_, tag)| tag.initiator);
         assert_eq!(
             tag,
-            Some(Asker::Can),
+            Some(Initiator::Can),
             "a host on CAN heard the answer to another: {pdu:02X?}"
         );
     }
@@ -591,27 +597,27 @@ impl Oracle {
     pub(super) fn event(&mut self, now: u64, at: u64, event: &Event) -> bool {
         match event {
             Event::Refused {
-                asker,
+                initiator,
                 reason: Refusal::LineHeld,
             } => {
                 assert!(
                     self.is_held || self.may_be_held || self.owes_other_rate || !self.wants_arms_rate,
-                    "{asker} is refused at {now} µs, and nobody holds the line"
+                    "{initiator} is refused at {now} µs, and nobody holds the line"
                 );
-                match asker {
-                    Asker::Can => return self.can.pop_front().is_some(),
-                    Asker::Command => drop(self.command.take()),
+                match initiator {
+                    Initiator::Can => return self.can.pop_front().is_some(),
+                    Initiator::Command => drop(self.command.take()),
                     _ => {}
                 }
             }
-            Event::Frame { asker, bytes } => self.frame(*asker, bytes),
+            Event::Frame { initiator, bytes } => self.frame(*initiator, bytes),
             Event::HostSilent {
-                asker,
+                initiator,
                 dropped,
                 torque_off,
-            } => self.silent(*asker, (*dropped).into(), *torque_off, now, at),
+            } => self.silent(*initiator, (*dropped).into(), *torque_off, now, at),
             Event::Refused {
-                asker: Asker::Command,
+                initiator: Initiator::Command,
                 reason: Refusal::Stale,
             } => {
                 // It has waited for too long, or was no new one.
@@ -623,29 +629,29 @@ impl Oracle {
         false
     }
 
-    /// The adapter takes this frame for the answer to a request of `asker`.
-    fn frame(&mut self, asker: Option<Asker>, bytes: &[u8]) {
+    /// The adapter takes this frame for the answer to a request of `initiator`.
+    fn frame(&mut self, initiator: Option<Initiator>, bytes: &[u8]) {
         self.frames += 1;
         if let Some(tag) = self.in_time.take() {
             assert_eq!(
-                asker,
+                initiator,
                 Some(tag.initiator),
                 "an answer in time is taken for late or unasked: {bytes:02X?}"
             );
         }
-        let Some(asker) = asker else { return };
-        if asker != Asker::Usb {
+        let Some(initiator) = initiator else { return };
+        if initiator != Initiator::Usb {
             self.for_others += bytes.len() as u64;
         }
-        if asker == Asker::Can {
+        if initiator == Initiator::Can {
             self.can_answers += 1;
         }
         let Some((key, tag)) = Tag::of(bytes) else {
-            panic!("{asker} did not ask for {bytes:02X?}");
+            panic!("{initiator} did not ask for {bytes:02X?}");
         };
-        assert_eq!(tag.initiator, asker, "an answer goes to another: {bytes:02X?}");
-        if asker == Asker::Can {
-            let last = self.last.get(&(asker as u8, key)).copied();
+        assert_eq!(tag.initiator, initiator, "an answer goes to another: {bytes:02X?}");
+        if initiator == Initiator::Can {
+            let last = self.last.get(&(initiator as u8, key)).copied();
             assert_eq!(
                 last,
                 Some(tag.number),
@@ -654,19 +660,19 @@ impl Oracle {
         }
     }
 
-    fn silent(&mut self, asker: Asker, dropped: usize, torque_off: bool, now: u64, at: u64) {
+    fn silent(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: u64, at: u64) {
         self.silences += 1;
-        let Some(stream) = index(asker).map(|at| self.streams[at]) else {
-            panic!("{asker} is no host");
+        let Some(stream) = index(initiator).map(|at| self.streams[at]) else {
+            panic!("{initiator} is no host");
         };
         if !self.is_ending {
             assert!(
                 stream.perhaps >= STREAM,
-                "{asker} streams nothing and is silent at {at} µs"
+                "{initiator} streams nothing and is silent at {at} µs"
             );
             assert!(
                 at + INSTANT >= stream.surely_alive + self.after(),
-                "{asker} is not silent at {at} µs: heard at {} µs",
+                "{initiator} is not silent at {at} µs: heard at {} µs",
                 stream.surely_alive
             );
         }
@@ -676,15 +682,15 @@ impl Oracle {
             self.torque_offs_due += 1;
             self.torque_off_due.get_or_insert(now.max(at) + TORQUE_OFF_BOUND);
         }
-        match asker {
-            Asker::Usb => {
+        match initiator {
+            Initiator::Usb => {
                 assert_eq!(dropped, self.usb.len(), "bytes of the host on USB that are dropped");
                 self.usb.clear();
                 // To be mended in the adapter: if these bytes were for another rate that was not in effect yet, it goes on
                 // refusing others.
                 self.usb_requests = Decoder::new();
             }
-            Asker::Can => {
+            Initiator::Can => {
                 let waiting: usize = self.can.iter().map(|(_, pdu)| pdu.len()).sum();
                 assert_eq!(dropped, waiting, "bytes of hosts on CAN that are dropped");
                 self.can.clear();
@@ -694,7 +700,7 @@ impl Oracle {
                 assert_eq!(dropped, waiting, "bytes of a command that is dropped");
             }
         }
-        if let Some(at) = index(asker) {
+        if let Some(at) = index(initiator) {
             self.streams[at].end();
         }
     }

@@ -2,7 +2,7 @@
 
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
 use armwire_bridge::config::{Can, Config, Poll, Silence};
-use armwire_bridge::control::{Asker, Request};
+use armwire_bridge::control::{Initiator, Request};
 
 use super::Circumstances;
 use super::arm::{Key, Manners, QUESTIONS, SELF_CHECK, TORQUE, Tag, frame};
@@ -238,14 +238,14 @@ impl Plan {
         let rig = &mut self.rig;
         match deed {
             Deed::UsbAsks(key) => {
-                let tag = next_tag(Asker::Usb, &mut self.asked[0]);
+                let tag = next_tag(Initiator::Usb, &mut self.asked[0]);
                 rig.usb_says(&tag.frame(key));
             }
             Deed::UsbMoves => rig.usb_says(&move_to(2_048)),
             Deed::UsbHolds => rig.usb_says(&frame(TORQUE, &[1])),
             Deed::UsbSays(bytes) => rig.usb_says(&bytes),
             Deed::UsbStops(len) => {
-                let tag = next_tag(Asker::Usb, &mut self.asked[0]);
+                let tag = next_tag(Initiator::Usb, &mut self.asked[0]);
                 rig.usb_says(&tag.frame(QUESTIONS[0])[..len]);
             }
             Deed::SetRate(baud) => rig.set_rate(baud),
@@ -253,7 +253,7 @@ impl Plan {
             Deed::Dtr(high) => rig.set_dtr(high),
             Deed::Control(request) => rig.control(request),
             Deed::CanAsks(key) => {
-                let tag = next_tag(Asker::Can, &mut self.asked[1]);
+                let tag = next_tag(Initiator::Can, &mut self.asked[1]);
                 rig.can_says(tag.frame(key));
             }
             Deed::CanMoves => rig.can_says(move_to(1_024)),
@@ -266,7 +266,7 @@ impl Plan {
     }
 }
 
-fn next_tag(initiator: Asker, asked: &mut u32) -> Tag {
+fn next_tag(initiator: Initiator, asked: &mut u32) -> Tag {
     *asked += 1;
     Tag {
         initiator,

@@ -9,7 +9,7 @@ use armwire_bridge::can::command::Command;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{
-    Asker, Event, Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request,
+    Event, Failure, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request,
     Subscription, encode_cobs,
 };
 use armwire_bridge::isotp::{self, Endpoint, Link};
@@ -271,15 +271,15 @@ impl Rig {
         let Some(burst) = burst else { return false };
         let after = self.bridge.counters();
         let initiator = [
-            (Asker::Can, after.requests_can != before.requests_can),
-            (Asker::Poll, after.requests_poll != before.requests_poll),
-            (Asker::Command, after.requests_command != before.requests_command),
-            (Asker::Adapter, after.requests_adapter != before.requests_adapter),
+            (Initiator::Can, after.requests_can != before.requests_can),
+            (Initiator::Poll, after.requests_poll != before.requests_poll),
+            (Initiator::Command, after.requests_command != before.requests_command),
+            (Initiator::Adapter, after.requests_adapter != before.requests_adapter),
         ];
         let initiator = initiator
             .into_iter()
             .find(|(_, has)| *has)
-            .map_or(Asker::Usb, |(asker, _)| asker);
+            .map_or(Initiator::Usb, |(initiator, _)| initiator);
         let start = burst.start.map_or(self.now, |at| at.0);
         let bytes = &out[..burst.len];
         self.uart_is_free = start + (burst.len as u64 * nanos_a_byte(self.baud)).div_ceil(1_000);
@@ -416,7 +416,13 @@ impl Rig {
             FromAdapter::Event { at, event } => {
                 self.tell(|| format!("event: {event:?}"));
                 let is_taken = self.oracle.event(self.now, at.0, event);
-                self.is_refused |= matches!(event, Event::Refused { asker: Asker::Can, .. }) && !is_taken;
+                self.is_refused |= matches!(
+                    event,
+                    Event::Refused {
+                        initiator: Initiator::Can,
+                        ..
+                    }
+                ) && !is_taken;
             }
         }
     }

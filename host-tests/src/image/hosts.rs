@@ -8,7 +8,7 @@ use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire_bridge::can::telemetry::{Sample, event_from_frame};
 use armwire_bridge::can::{Frame as CanFrame, Function, Node};
-use armwire_bridge::control::{Asker, Event, Stamp};
+use armwire_bridge::control::{Event, Initiator, Stamp};
 use armwire_bridge::isotp::{self, Config, Endpoint, Link};
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Nanos, VirtualBoard};
@@ -25,7 +25,7 @@ const PATIENCE: Nanos = Nanos::from_millis(150);
 /// One who asks the arm with tickets, and looks at every answer.
 #[derive(Debug)]
 pub struct Asking {
-    asker: u8,
+    initiator: u8,
     next: u32,
     open: VecDeque<(u32, Nanos)>,
     /// How many requests of anybody the arm had answered before that whose answer came last.
@@ -43,9 +43,9 @@ pub struct Asking {
 }
 
 impl Asking {
-    fn new(asker: u8) -> Self {
+    fn new(initiator: u8) -> Self {
         Self {
-            asker,
+            initiator,
             next: 0,
             open: VecDeque::new(),
             place: None,
@@ -68,8 +68,8 @@ impl Asking {
     }
 
     /// Who asks, as in a [`Ticket`].
-    pub fn asker(&self) -> u8 {
-        self.asker
+    pub fn initiator(&self) -> u8 {
+        self.initiator
     }
 
     /// The number of the request whose answer came last.
@@ -85,15 +85,15 @@ impl Asking {
 
     /// The next request.
     fn ask(&mut self, now: Nanos) -> Vec<u8> {
-        let (asker, number) = (self.asker, self.next);
+        let (initiator, number) = (self.initiator, self.next);
         self.next += 1;
         self.open.push_back((number, now));
-        Ticket { asker, number }.request()
+        Ticket { initiator, number }.request()
     }
 
     fn hear(&mut self, answer: &[u8]) {
         let open = Ticket::of_answer(answer).and_then(|(ticket, place)| {
-            let mine = ticket.asker == self.asker && Some(place) > self.place;
+            let mine = ticket.initiator == self.initiator && Some(place) > self.place;
             let nth = self.open.iter().position(|&(number, _)| number == ticket.number);
             nth.filter(|_| mine).map(|nth| (nth, place))
         });
@@ -354,10 +354,10 @@ impl CanHost {
 }
 
 /// Those who ask, and nobody.
-const ASKERS: usize = 6;
+const INITIATORS: usize = 6;
 
-fn place(asker: Option<Asker>) -> usize {
-    asker.map_or(ASKERS - 1, |asker| asker as usize)
+fn place(initiator: Option<Initiator>) -> usize {
+    initiator.map_or(INITIATORS - 1, |initiator| initiator as usize)
 }
 
 /// A program at the control interface that is told of everything.
@@ -366,10 +366,10 @@ pub struct Subscriber {
     /// The interface.
     pub control: Control,
     /// Frames of the arm, by who had asked for them.
-    frames: [u32; ASKERS],
+    frames: [u32; INITIATORS],
     /// Bytes in these.
     pub frame_bytes: u32,
-    bytes: [u32; ASKERS],
+    bytes: [u32; INITIATORS],
     last: Stamp,
     /// Frames with a stamp before that of the one before.
     pub disorder: u32,
@@ -388,9 +388,9 @@ impl Subscriber {
         control.subscribe(board);
         Self {
             control,
-            frames: [0; ASKERS],
+            frames: [0; INITIATORS],
             frame_bytes: 0,
-            bytes: [0; ASKERS],
+            bytes: [0; INITIATORS],
             last: Stamp(0),
             disorder: 0,
             events: Vec::new(),
@@ -415,9 +415,9 @@ impl Subscriber {
 
     /// Forgets what it was told of.
     pub fn forget(&mut self) {
-        self.frames = [0; ASKERS];
+        self.frames = [0; INITIATORS];
         self.frame_bytes = 0;
-        self.bytes = [0; ASKERS];
+        self.bytes = [0; INITIATORS];
         self.events.clear();
         (self.last, self.disorder) = (Stamp(0), 0);
     }
@@ -426,10 +426,10 @@ impl Subscriber {
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
         for (at, event) in self.control.take_events(board) {
             match event {
-                Event::Frame { asker, bytes } => {
-                    self.frames[place(asker)] += 1;
+                Event::Frame { initiator, bytes } => {
+                    self.frames[place(initiator)] += 1;
                     self.frame_bytes += bytes.len() as u32;
-                    self.bytes[place(asker)] += bytes.len() as u32;
+                    self.bytes[place(initiator)] += bytes.len() as u32;
                     self.disorder += u32::from(at < self.last);
                     self.last = at;
                 }
@@ -443,14 +443,14 @@ impl Subscriber {
         self.frames.iter().sum()
     }
 
-    /// How many bytes were in the frames that `asker` had asked for, or nobody.
-    pub fn bytes(&self, asker: Option<Asker>) -> u32 {
-        self.bytes[place(asker)]
+    /// How many bytes were in the frames that `initiator` had asked for, or nobody.
+    pub fn bytes(&self, initiator: Option<Initiator>) -> u32 {
+        self.bytes[place(initiator)]
     }
 
-    /// How many frames of the arm `asker` had asked for, or nobody.
-    pub fn frames(&self, asker: Option<Asker>) -> u32 {
-        self.frames[place(asker)]
+    /// How many frames of the arm `initiator` had asked for, or nobody.
+    pub fn frames(&self, initiator: Option<Initiator>) -> u32 {
+        self.frames[place(initiator)]
     }
 }
 

@@ -17,7 +17,7 @@ pub(super) const USB: u8 = 0;
 pub(super) const CAN: u8 = 1;
 
 /// How many there are.
-const ASKERS: usize = 2;
+const INITIATORS: usize = 2;
 
 /// The one data byte of the question itself.
 const QUESTION: [u8; 1] = [0xFE];
@@ -36,8 +36,8 @@ const PATIENCE: Micros = Micros::from_millis(20);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ticket {
     /// Who asks: 0 is the host on USB, 1 the one on CAN.
-    pub asker: u8,
-    /// How many that asker had asked before.
+    pub initiator: u8,
+    /// How many that initiator had asked before.
     pub number: u32,
 }
 
@@ -49,16 +49,16 @@ impl Ticket {
 
     fn data(self) -> Vec<u8> {
         let [a, b, c, d] = self.number.to_le_bytes();
-        vec![self.asker, a, b, c, d]
+        vec![self.initiator, a, b, c, d]
     }
 
     /// What an answer answers, and how many requests the arm had answered before. `None` if it is no answer to a ticket.
     pub fn of_answer(answer: &[u8]) -> Option<(Self, u32)> {
-        let &[0xAA, 0x06, 0x00, 9, asker, a, b, c, d, e, f, g, h, ..] = answer else {
+        let &[0xAA, 0x06, 0x00, 9, initiator, a, b, c, d, e, f, g, h, ..] = answer else {
             return None;
         };
         let number = u32::from_le_bytes([a, b, c, d]);
-        Some((Self { asker, number }, u32::from_le_bytes([e, f, g, h])))
+        Some((Self { initiator, number }, u32::from_le_bytes([e, f, g, h])))
     }
 }
 
@@ -89,8 +89,8 @@ pub struct Witness {
 /// What it has heard and said.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Deeds {
-    /// Tickets it heard, of each asker.
-    tickets: [u32; ASKERS],
+    /// Tickets it heard, of each initiator.
+    tickets: [u32; INITIATORS],
     /// Questions for its joints that it heard.
     pub polls: u32,
     /// Both, as far as it answered them.
@@ -301,7 +301,7 @@ mod tests {
     #[test]
     fn half_a_frame_is_given_up_in_silence_and_what_seemed_its_rest_is_answered() {
         let mut witness = Witness::new(Micros(500));
-        let [first, second] = [0, 1].map(|number| Ticket { asker: USB, number }.request());
+        let [first, second] = [0, 1].map(|number| Ticket { initiator: USB, number }.request());
         let mut longer = first;
         longer[3] |= 0x20;
         for byte in longer.into_iter().chain(second) {

@@ -1,7 +1,7 @@
 //! What must be true after every run, whatever went wrong in it.
 
 use armwire_bridge::Counters;
-use armwire_bridge::control::{Asker, Event, MAX_FRAME};
+use armwire_bridge::control::{Event, Initiator, MAX_FRAME};
 use armwire_virtual_board::Nanos;
 use armwire_virtual_board::report::{Cause, Crash, Violation};
 
@@ -287,11 +287,13 @@ impl Rig {
                 }
                 let ticket = Ticket::of_answer(stray).map(|(ticket, _)| ticket);
                 let is_late = ticket.is_some_and(|ticket| {
-                    ticket.asker == asking.asker() && ticket.number < asking.asked() && !late.contains(&ticket.number)
+                    ticket.initiator == asking.initiator()
+                        && ticket.number < asking.asked()
+                        && !late.contains(&ticket.number)
                 });
                 // What the adapter has given up for others is nobody's, and goes to the serial port.
                 let is_of_others = match ticket {
-                    Some(ticket) => ticket.asker != asking.asker() && ticket.number < other_asked,
+                    Some(ticket) => ticket.initiator != asking.initiator() && ticket.number < other_asked,
                     None => stray.starts_with(&JOINTS),
                 };
                 if name == "USB" && is_of_others {
@@ -317,8 +319,8 @@ impl Rig {
         let Some(usb) = &self.hosts.usb else { return };
         let missing_counted = counted(|c| c.dropped_bytes) + counted(|c| c.unheard_bytes);
         let for_others = |told: &super::super::Subscriber| {
-            [Asker::Can, Asker::Poll]
-                .map(|asker| told.bytes(Some(asker)))
+            [Initiator::Can, Initiator::Poll]
+                .map(|initiator| told.bytes(Some(initiator)))
                 .iter()
                 .sum::<u32>()
         };

@@ -44,7 +44,7 @@ impl Rig {
             }
             Deceit::MakesUpAnswer => {
                 let ticket = Ticket {
-                    asker: 1,
+                    initiator: 1,
                     number: u32::MAX,
                 };
                 if let Some(can) = &mut self.hosts.can {
