@@ -484,7 +484,7 @@ impl Bridge {
                 Some(_) if self.is_held => self.refuse(Initiator::Can, Refusal::LineHeld, now),
                 Some(request) => {
                     if request.asked.moves {
-                        self.streams.can.motion(self.config.silence.after(), came);
+                        self.streams.can.motion(self.config.host_timeout.after(), came);
                     }
                     let _ = self.can_requests.push_back(request);
                 }
@@ -505,7 +505,7 @@ impl Bridge {
         }
         let waiting = self.command.take();
         self.command = Waiting::new(self.config.arm, bytes.get(..len).unwrap_or_default(), now);
-        self.streams.command.motion(self.config.silence.after(), now);
+        self.streams.command.motion(self.config.host_timeout.after(), now);
         if waiting.is_some() {
             self.refuse(Initiator::Command, Refusal::QueueFull, now);
         }
@@ -758,7 +758,7 @@ impl Bridge {
             Initiator::Command => &self.streams.command,
             _ => &self.streams.usb,
         };
-        let timeout = stream.timeout(self.config.silence.after())?;
+        let timeout = stream.timeout(self.config.host_timeout.after())?;
         let mut waiting = self.can_requests.iter().filter(|request| request.asked.moves);
         match waiting.next() {
             Some(oldest) if initiator == Initiator::Can => Some(timeout.max(oldest.since + MOTION_WAIT)),
@@ -827,8 +827,8 @@ impl Bridge {
 
     /// Whether the torque goes off when a host that streams motion falls silent.
     fn silence_switches_off(&self) -> bool {
-        let silence = self.config.silence;
-        silence.torque_off && silence.after() > Micros(0) && self.config.arm.torque_off().is_some()
+        let host_timeout = self.config.host_timeout;
+        host_timeout.torque_off && host_timeout.after() > Micros(0) && self.config.arm.torque_off().is_some()
     }
 
     /// The adapter is about to stop: no stream stays behind with its torque on.

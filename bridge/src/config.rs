@@ -45,7 +45,7 @@ pub struct Config {
     /// The CAN bus.
     pub can: Can,
     /// What happens when a host that streams motion falls silent.
-    pub silence: Silence,
+    pub host_timeout: HostTimeout,
 }
 
 /// What hangs on the UART: its baud rate, its framing and its wiring.
@@ -103,7 +103,7 @@ pub struct Can {
 /// What happens when a host that streams motion falls silent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Silence {
+pub struct HostTimeout {
     /// After how long, in milliseconds, 0 for never.
     pub after_ms: u16,
     /// Whether the torque is switched off then. The arm may fall.
@@ -238,7 +238,7 @@ impl Can {
     }
 }
 
-impl Silence {
+impl HostTimeout {
     /// After how long, zero for never.
     pub(crate) const fn after(&self) -> Micros {
         Micros::from_millis(self.after_ms as u64)
@@ -261,7 +261,7 @@ impl Default for Can {
 }
 
 /// After half a second, and the torque stays on.
-impl Default for Silence {
+impl Default for HostTimeout {
     fn default() -> Self {
         Self {
             after_ms: 500,

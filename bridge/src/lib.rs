@@ -40,7 +40,7 @@
 //! * **A host on USB that holds another rate, or the line**, has it alone: polls, commands and requests of others are
 //!   [refused](control::Refusal::LineHeld). [`GetLine`](control::Request::GetLine) tells the holder.
 //! * **A host that streamed motion and says nothing any more** is [reported](control::Event::HostSilent); what it had
-//!   sent and is not out by then is dropped. The torque goes off if that is [wanted](config::Silence::torque_off), and waits
+//!   sent and is not out by then is dropped. The torque goes off if that is [wanted](config::HostTimeout::torque_off), and waits
 //!   for nobody's answer.
 //! * **A cyclic command** that has waited for its turn for longer than [its time-out](config::Can::command_timeout_ms)
 //!   moves nothing.

@@ -557,7 +557,7 @@ impl Bridge {
                     // No arm understands another rate, and under `hold-line` nobody's torque goes off.
                     let counts = self.rate.is_arms() && !self.rate.is_on_hold();
                     if asked.moves && counts {
-                        self.streams.usb.motion(self.config.silence.after(), now);
+                        self.streams.usb.motion(self.config.host_timeout.after(), now);
                     } else if asked.holds && counts {
                         self.streams.usb.end();
                     }

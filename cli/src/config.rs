@@ -158,18 +158,18 @@ static KEYS: [Key; 11] = [
     Key {
         name: "silence.after-ms",
         help: "after how many milliseconds a host that streamed motion counts as silent: 0 for never, up to 65535",
-        get: |config| json!(config.silence.after_ms),
+        get: |config| json!(config.host_timeout.after_ms),
         set: |config, text| {
-            config.silence.after_ms = number(text, "a time in milliseconds, 0 for never, up to 65535")?;
+            config.host_timeout.after_ms = number(text, "a time in milliseconds, 0 for never, up to 65535")?;
             Ok(())
         },
     },
     Key {
         name: "silence.torque-off",
         help: "whether the torque is switched off then, so that the arm may fall: on or off",
-        get: |config| json!(config.silence.torque_off),
+        get: |config| json!(config.host_timeout.torque_off),
         set: |config, text| {
-            config.silence.torque_off = switch(text)?;
+            config.host_timeout.torque_off = switch(text)?;
             Ok(())
         },
     },
@@ -283,7 +283,7 @@ fn show(config: &Config) -> String {
 
 #[cfg(test)]
 mod tests {
-    use armwire_bridge::config::{Can, Silence};
+    use armwire_bridge::config::{Can, HostTimeout};
 
     use super::*;
 
@@ -300,7 +300,7 @@ mod tests {
             command_timeout_ms: 40,
             unsolicited: true,
         },
-        silence: Silence {
+        host_timeout: HostTimeout {
             after_ms: 0,
             torque_off: true,
         },

@@ -211,7 +211,7 @@ fn saves_that_would_wear_the_flash_out_are_refused_also_after_a_power_cycle() {
     let mut control = Control::open(board);
     let mut save = |board: &mut VirtualBoard<_>, after_ms| {
         let mut config = Config::default();
-        config.silence.after_ms = after_ms;
+        config.host_timeout.after_ms = after_ms;
         control.order(board, control::Request::SetConfig(config));
         control.call(board, control::Request::SaveConfig)
     };

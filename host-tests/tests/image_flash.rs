@@ -25,7 +25,7 @@ fn with_full_flash(timing: Timing) -> BoardConfig<LingArm> {
 
 fn save(board: &mut VirtualBoard<LingArm>, control: &mut Control, after_ms: u16) -> Reply {
     let mut config = Config::default();
-    config.silence.after_ms = after_ms;
+    config.host_timeout.after_ms = after_ms;
     control.order(board, control::Request::SetConfig(config));
     control.call(board, control::Request::SaveConfig)
 }
@@ -81,7 +81,7 @@ fn a_supply_that_sags_in_a_save_leaves_what_was_saved_before() {
     assert_eq!(save(board, &mut control, 700), Reply::Done);
     for words in [1, 2, 4] {
         let mut config = Config::default();
-        config.silence.after_ms = 800;
+        config.host_timeout.after_ms = 800;
         control.order(board, control::Request::SetConfig(config));
         let before = board.flash_operations();
         control.send(board, control::Request::SaveConfig);
@@ -101,7 +101,7 @@ fn a_supply_that_sags_in_a_save_leaves_what_was_saved_before() {
         let Reply::Config(kept) = control.call(board, control::Request::GetConfig) else {
             panic!("no configuration")
         };
-        assert_eq!(kept.silence.after_ms, 700, "{words} words");
+        assert_eq!(kept.host_timeout.after_ms, 700, "{words} words");
     }
     board.check().unwrap();
 }

@@ -4,7 +4,7 @@ use armwire::ling::{JOINTS, Request, Torque};
 use armwire_bridge::Micros;
 use armwire_bridge::can::Node;
 use armwire_bridge::can::command::Command;
-use armwire_bridge::config::{Can, Config, Poll, Silence};
+use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{self, Failure, HOLD_LEASE_MS, LineHolder, LineState, Reply};
 use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{Control, MEGABAUD, Talker, counters, noise, on_board, plug_in, same_bytes};
@@ -33,7 +33,7 @@ fn set_up(board: &mut Board, poll: Poll) -> Control {
             commands: true,
             ..Can::default()
         },
-        silence: Silence {
+        host_timeout: HostTimeout {
             after_ms: 300,
             torque_off: true,
         },

@@ -2,7 +2,7 @@
 
 use armwire::ling::{Request, Torque};
 use armwire_bridge::can::{Frame, Function, Node};
-use armwire_bridge::config::{Config, Silence};
+use armwire_bridge::config::{Config, HostTimeout};
 use armwire_bridge::control::{self, Event, Initiator, Refusal};
 use armwire_bridge::isotp;
 use armwire_bridge::{Micros, PACKET};
@@ -420,7 +420,7 @@ fn polls_are_in_the_slots_of_before_when_an_arm_was_silent() {
 fn fall_silent(initiator: Initiator, torque_off: bool, send: impl Fn(&mut Session<'_>, &[u8])) {
     const MOVES: u32 = 10;
     let config = Config {
-        silence: Silence {
+        host_timeout: HostTimeout {
             after_ms: 300,
             torque_off,
         },
@@ -507,12 +507,12 @@ fn the_torque_goes_off_when_the_watchdog_restarts_an_armed_adapter() {
     let mut board = VirtualBoard::start(BoardConfig::new(path(), Witness::new(TURNAROUND))).unwrap();
     plug_in(&mut board, MEGABAUD);
     let mut control = Control::open(&mut board);
-    let silence = Silence {
+    let host_timeout = HostTimeout {
         after_ms: 300,
         torque_off: true,
     };
     let config = Config {
-        silence,
+        host_timeout,
         ..Config::default()
     };
     control.order(&mut board, control::Request::SetConfig(config));

@@ -10,7 +10,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::can::Node;
-use crate::config::{ArmKind, Can, Config, ConfigError, Poll, Silence};
+use crate::config::{ArmKind, Can, Config, ConfigError, HostTimeout, Poll};
 use crate::control::{
     ArmIdentity, Event, Failure, FrameBytes, Histogram, Identity, Initiator, Latencies, LineHolder, LineState,
     MAX_COBS, MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
@@ -43,12 +43,12 @@ fn config() -> impl Strategy<Value = Config> {
             unsolicited,
         },
     );
-    let silence = any::<(u16, bool)>().prop_map(|(after_ms, torque_off)| Silence { after_ms, torque_off });
-    (arm(), poll, can, silence).prop_map(|(arm, poll, can, silence)| Config {
+    let host_timeout = any::<(u16, bool)>().prop_map(|(after_ms, torque_off)| HostTimeout { after_ms, torque_off });
+    (arm(), poll, can, host_timeout).prop_map(|(arm, poll, can, host_timeout)| Config {
         arm,
         poll,
         can,
-        silence,
+        host_timeout,
     })
 }
 

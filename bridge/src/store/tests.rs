@@ -13,7 +13,7 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlashError, NorFlashErrorK
 use proptest::prelude::*;
 
 use super::*;
-use crate::config::{ArmKind, Can, Poll as PollRate, Silence};
+use crate::config::{ArmKind, Can, HostTimeout, Poll as PollRate};
 
 /// The small sectors of an STM32F405 (RM0090 table 5), written by words.
 type F405 = Nor<4, 0x4000>;
@@ -259,7 +259,7 @@ fn append<F: NorFlash>(flash: &mut F, content: &[u8]) {
 fn config(number: u16) -> Config {
     Config {
         poll: PollRate::Hertz(number % 1_000 + 1),
-        silence: Silence {
+        host_timeout: HostTimeout {
             after_ms: number,
             torque_off: false,
         },
@@ -525,7 +525,7 @@ fn longest() -> Config {
             unsolicited: true,
             ..Can::default()
         },
-        silence: Silence {
+        host_timeout: HostTimeout {
             after_ms: u16::MAX,
             torque_off: true,
         },
@@ -538,12 +538,12 @@ fn save_until_refused<F: NorFlash>(flash: &mut F, uptime: Micros) -> (u32, u16) 
     let range = 0..flash.capacity() as u32;
     let mut saves = 0;
     loop {
-        let differs = Silence {
+        let differs = HostTimeout {
             after_ms: u16::MAX - (saves % 2) as u16,
             torque_off: true,
         };
         let config = Config {
-            silence: differs,
+            host_timeout: differs,
             ..longest()
         };
         match now(Store::new(&mut *flash, range.clone()).unwrap().save(&config, uptime)) {

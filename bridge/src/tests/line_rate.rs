@@ -13,7 +13,7 @@ use super::rig::{Rig, ling};
 use crate::can::Node;
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
-use crate::config::{ArmKind, Can, Config, Poll, Silence};
+use crate::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use crate::control::{
     Event, Failure, FromAdapter, HOLD_LEASE_MS, Initiator, LineHolder, LineState, Refusal, Reply, Request,
 };
@@ -59,7 +59,7 @@ fn open(poll: Poll) -> Rig {
             commands: true,
             ..Can::default()
         },
-        silence: Silence {
+        host_timeout: HostTimeout {
             after_ms: 500,
             torque_off: true,
         },

@@ -67,7 +67,7 @@ fn a_configuration_with_the_same_poll_leaves_the_slots_where_they_are() {
     let mut rig = polling(Poll::Hertz(100));
     rig.run(25_000);
     let mut config = rig.bridge.config();
-    config.silence.after_ms = 0;
+    config.host_timeout.after_ms = 0;
     assert_eq!(rig.call(Request::SetConfig(config)), Reply::Done);
     rig.run(30_000);
     assert_eq!(polls(&rig), [10_000, 20_000, 30_000, 40_000, 50_000]);

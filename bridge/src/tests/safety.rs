@@ -13,7 +13,7 @@ use super::rig::{Rig, ask, ling, polite};
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::can::{Frame, Function, Node};
-use crate::config::{ArmKind, Can, Config, Silence};
+use crate::config::{ArmKind, Can, Config, HostTimeout};
 use crate::control::{Event, Failure, Identity, Initiator, MAX_FRAME, Refusal, Reply, Request};
 use crate::{Action, Bridge, DOWN, Micros, PACKET};
 
@@ -21,7 +21,7 @@ const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
 fn silence(after_ms: u16, torque_off: bool) -> Config {
     Config {
-        silence: Silence { after_ms, torque_off },
+        host_timeout: HostTimeout { after_ms, torque_off },
         can: Can {
             commands: true,
             ..Can::default()
@@ -550,7 +550,7 @@ fn a_stream_of_motion_ends_when_the_arm_is_another_one() {
         let changed = rig.now;
         let other = Config {
             arm: ArmKind::Alpha1,
-            silence: Silence {
+            host_timeout: HostTimeout {
                 after_ms: 500,
                 torque_off: true,
             },

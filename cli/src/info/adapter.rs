@@ -16,9 +16,9 @@ pub(super) fn run(control: &mut ControlLink) -> Result<(), Problem> {
         Poll::Fastest => "fastest".to_owned(),
         Poll::Hertz(hertz) => format!("{hertz} Hz"),
     };
-    let silence = match config.silence.after_ms {
+    let silence = match config.host_timeout.after_ms {
         0 => "never".to_owned(),
-        millis if config.silence.torque_off => format!("after {millis} ms (torque off)"),
+        millis if config.host_timeout.torque_off => format!("after {millis} ms (torque off)"),
         millis => format!("after {millis} ms"),
     };
     show(

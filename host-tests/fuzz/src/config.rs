@@ -1,7 +1,7 @@
 //! Arbitrary configurations of an adapter, and messages of its control port.
 
 use armwire_bridge::can::Node;
-use armwire_bridge::config::{ArmKind, CAN_BIT_RATES, CAN_DATA_BIT_RATES, Can, Config, Poll, Silence};
+use armwire_bridge::config::{ArmKind, CAN_BIT_RATES, CAN_DATA_BIT_RATES, Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{
     ArmIdentity, Event, Failure, FrameBytes, Histogram, Identity, Initiator, Latencies, LineHolder, LineState, Refusal,
     Reply, Request, Subscription,
@@ -34,7 +34,7 @@ pub fn any_config(u: &mut Unstructured<'_>) -> Result<Config> {
         command_timeout_ms: u.arbitrary::<u16>()? % 10_002,
         unsolicited: u.arbitrary()?,
     };
-    let silence = Silence {
+    let host_timeout = HostTimeout {
         after_ms: u.arbitrary()?,
         torque_off: u.arbitrary()?,
     };
@@ -42,7 +42,7 @@ pub fn any_config(u: &mut Unstructured<'_>) -> Result<Config> {
         arm,
         poll,
         can,
-        silence,
+        host_timeout,
     })
 }
 
@@ -56,7 +56,7 @@ pub fn any_good_config(u: &mut Unstructured<'_>) -> Result<Config> {
     config.can.telemetry_hz %= config.can.max_telemetry_hz() + 1;
     config.can.command_timeout_ms = config.can.command_timeout_ms.clamp(1, 10_000);
     config.can.commands &= config.arm == ArmKind::Ling;
-    config.silence.after_ms %= 1_000;
+    config.host_timeout.after_ms %= 1_000;
     config.poll = match (config.arm, config.poll) {
         (ArmKind::Alpha1Servo | ArmKind::Raw, _) => Poll::Off,
         (_, Poll::Hertz(hertz)) => Poll::Hertz(hertz.clamp(1, 1_000)),

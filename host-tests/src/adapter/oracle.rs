@@ -240,7 +240,7 @@ impl Oracle {
     }
 
     fn after(&self) -> u64 {
-        u64::from(self.config.silence.after_ms) * 1_000
+        u64::from(self.config.host_timeout.after_ms) * 1_000
     }
 
     /// Nothing that is due is missing at `now`.
@@ -404,7 +404,7 @@ impl Oracle {
     /// Whether a host streams motion for sure, and its silence would switch the torque off.
     pub(super) fn is_armed(&self) -> bool {
         let streams = self.streams.iter().any(|stream| stream.run >= STREAM);
-        streams && self.config.silence.torque_off && self.after() > 0
+        streams && self.config.host_timeout.torque_off && self.after() > 0
     }
 
     /// Nobody was served, or heard, for `span`.
@@ -676,7 +676,10 @@ impl Oracle {
                 stream.surely_alive
             );
         }
-        assert_eq!(torque_off, self.config.silence.torque_off, "what becomes of the torque");
+        assert_eq!(
+            torque_off, self.config.host_timeout.torque_off,
+            "what becomes of the torque"
+        );
         if torque_off {
             self.is_revoked |= !self.wants_arms_rate;
             self.torque_offs_due += 1;

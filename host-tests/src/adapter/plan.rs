@@ -1,7 +1,7 @@
 //! What everybody does in a run, and when.
 
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
-use armwire_bridge::config::{Can, Config, Poll, Silence};
+use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
 use armwire_bridge::control::{Initiator, Request};
 
 use super::Circumstances;
@@ -85,7 +85,7 @@ impl Plan {
             lost: r.one_of(&[0, 0, 0, 2, 20, 100]),
             checks_itself: r.percent(20),
         };
-        let after = u64::from(config.silence.after_ms).max(50) * MILLISECOND;
+        let after = u64::from(config.host_timeout.after_ms).max(50) * MILLISECOND;
         let end = r.between(600, 2_000) * MILLISECOND;
         let mut deeds = Vec::new();
         let mut is_whole = true;
@@ -285,7 +285,7 @@ fn config(r: &mut Random) -> Config {
             command_timeout_ms: r.between(20, 200) as u16,
             ..Can::default()
         },
-        silence: Silence {
+        host_timeout: HostTimeout {
             after_ms: r.one_of(&[0, 100, 200, 300, 500]),
             torque_off: r.percent(80),
         },
