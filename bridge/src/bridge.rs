@@ -27,14 +27,14 @@ use crate::{Counters, LineCoding, Refused};
 pub const PACKET: usize = 64;
 
 /// Room for bytes from the arm that the host on USB has not read yet: 20 ms of a saturated 1 Mbaud line.
-pub const UP: usize = 2048;
+pub const TO_HOST_BUFFER: usize = 2048;
 
 /// Room for bytes of the host on USB that have not gone out yet: enough to keep a 2 Mbaud line busy while USB brings
 /// more.
-pub const DOWN: usize = 512;
+pub const TO_ARM_BUFFER: usize = 512;
 
 const _: () = assert!(
-    UP >= 2 * PACKET && DOWN >= PACKET,
+    TO_HOST_BUFFER >= 2 * PACKET && TO_ARM_BUFFER >= PACKET,
     "a queue is shorter than the packets it must hold"
 );
 
@@ -65,14 +65,14 @@ pub struct Bridge {
     /// Whether polls and CAN are being refused because the host on USB holds the line.
     pub(crate) is_held: bool,
     /// When the UART was last looked at.
-    pub(crate) looked: Micros,
+    pub(crate) last_rx_poll: Micros,
     /// When the arm was last heard.
-    pub(crate) heard: Micros,
+    pub(crate) last_rx: Micros,
 
     // ---- The hosts ----
     pub(crate) port: HostPort,
     /// Bytes from the host on USB.
-    pub(crate) down: Queue<DOWN>,
+    pub(crate) down: Queue<TO_ARM_BUFFER>,
     /// Listens in on what the host on USB says to the arm, as it goes out.
     pub(crate) asks: Tap,
     pub(crate) can: CanPort,
@@ -126,19 +126,19 @@ impl Streams {
 /// What the UART must receive before anything can be due, an idle line and errors aside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Need {
+pub struct RxThreshold {
     /// So many bytes, at least 1, whatever they are.
-    pub most: usize,
-    /// Or at least so many, if the last of them is `mark`.
-    pub least: usize,
+    pub max: usize,
+    /// Or at least so many, if the last of them is `terminator`.
+    pub min: usize,
     /// The byte with which the next frame ends. `None` if that is not known, or it is known how many bytes are missing.
-    pub mark: Option<u8>,
+    pub terminator: Option<u8>,
 }
 
-impl Need {
+impl RxThreshold {
     /// Whether it takes no more than these `bytes`, of which the last is `last`.
     pub fn is_met(&self, bytes: usize, last: u8) -> bool {
-        bytes >= self.most || bytes >= self.least && self.mark == Some(last)
+        bytes >= self.max || bytes >= self.min && self.terminator == Some(last)
     }
 }
 
@@ -148,12 +148,12 @@ impl Need {
 pub struct Burst {
     /// How many, at least 1.
     pub len: usize,
-    /// When the first is to start, [`LEAD`] away at most: wait for it, and send nothing in between. `None`: at once.
+    /// When the first is to start, [`POLL_LEAD_TIME`] away at most: wait for it, and send nothing in between. `None`: at once.
     pub start: Option<Micros>,
 }
 
 /// How long before its slot a poll is handed over, so that nothing else that runs makes it late.
-pub const LEAD: Micros = Micros(25);
+pub const POLL_LEAD_TIME: Micros = Micros(25);
 
 /// What the CAN controller had to complain of since it was last asked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -201,8 +201,8 @@ impl Bridge {
             poll: Poll::new(config.poll),
             rate: LineRate::new(config.arm),
             is_held: false,
-            looked: Micros(0),
-            heard: Micros(0),
+            last_rx_poll: Micros(0),
+            last_rx: Micros(0),
             port: HostPort::new(),
             down: Queue::new(),
             asks: Tap::new(),
@@ -232,7 +232,7 @@ impl Bridge {
         self.port.configured(configured, &mut self.counters);
         self.rate.reset(self.down.len());
         self.forget_usb();
-        self.follow_holder(self.looked);
+        self.follow_holder(self.last_rx_poll);
     }
 
     /// The USB bus was reset: a new host, or the same one anew.
@@ -248,7 +248,7 @@ impl Bridge {
     pub fn usb_suspended(&mut self) {
         count(&mut self.counters.usb_suspends, 1);
         self.rate.release(self.down.len());
-        self.follow_holder(self.looked);
+        self.follow_holder(self.last_rx_poll);
     }
 
     /// The host raised or lowered DTR: it opened or closed the port.
@@ -611,7 +611,7 @@ impl Bridge {
             self.down.clear();
             self.asks.clear();
             (self.turn.raw, self.turn.is_cut) = (false, true);
-            self.follow_holder(self.looked);
+            self.follow_holder(self.last_rx_poll);
         }
     }
 
@@ -679,7 +679,7 @@ impl Bridge {
     /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed. `None` when
     /// nothing waits for the time.
     pub fn timeout(&self) -> Option<Micros> {
-        Earliest::of(self.poll.timeout(LEAD))
+        Earliest::of(self.poll.timeout(POLL_LEAD_TIME))
             .or(self.exchange.timeout())
             .or(self.hold_timeout())
             .or(self.command_timeout())
@@ -735,7 +735,7 @@ impl Bridge {
 
     /// When a byte of the host on USB or of the arm last moved.
     fn moved(&self) -> Micros {
-        self.turn.usb_moved.max(self.heard)
+        self.turn.usb_moved.max(self.last_rx)
     }
 
     /// Whether the host on USB cannot be heard because there is no room for what it says to the arm.
@@ -872,7 +872,7 @@ impl Bridge {
             self.can.close(&mut self.counters);
             self.can = CanPort::new(self.config.can);
             self.rate.unhold(Port::Can);
-            self.follow_holder(self.looked);
+            self.follow_holder(self.last_rx_poll);
             self.control.forget_can();
             return Some(Action::RestartCan(self.config.can));
         }
@@ -928,7 +928,7 @@ impl Bridge {
         if config.poll != was.poll || config.arm != was.arm {
             self.poll = Poll::new(config.poll);
             self.poll.pause(self.is_held, now);
-            self.poll.tick(LEAD, now);
+            self.poll.tick(POLL_LEAD_TIME, now);
         }
     }
 
@@ -985,7 +985,7 @@ impl Bridge {
         let unsent = !self.down.is_empty() || self.rate.changes();
         // While the arm owes somebody an answer, bytes may wait for that. It ends by itself.
         let stands = self.exchange.holder().is_none();
-        now.since(self.looked) > PATIENCE || unsent && stands && now.since(self.turn.moved()) > PATIENCE
+        now.since(self.last_rx_poll) > PATIENCE || unsent && stands && now.since(self.turn.moved()) > PATIENCE
     }
 }
 

@@ -390,7 +390,7 @@ impl Bridge {
             let reply = match self.control.finished(port, &self.config) {
                 Some(reply) => Some(reply),
                 None => match self.next_request(port) {
-                    Some(request) => self.heed(port, request, now),
+                    Some(request) => self.handle_request(port, request, now),
                     None => break,
                 },
             };
@@ -416,7 +416,7 @@ impl Bridge {
     }
 
     /// Does what a host asks. `None` when the reply comes later.
-    fn heed(&mut self, port: Port, request: Result<FromHost, Malformed>, now: Micros) -> Option<(u8, Reply)> {
+    fn handle_request(&mut self, port: Port, request: Result<FromHost, Malformed>, now: Micros) -> Option<(u8, Reply)> {
         let FromHost { sequence, request } = match request {
             Ok(request) => request,
             Err(malformed) => {

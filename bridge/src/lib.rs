@@ -59,7 +59,7 @@
 //! // … and the arm answers. Before the end of the frame is in, nothing is sent; then all of it is, at once.
 //! let answer = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
 //! bridge.uart_received(&answer[..5], Micros(350));
-//! assert_eq!(bridge.need().most, 2);
+//! assert_eq!(bridge.rx_threshold().max, 2);
 //! let mut packet = [0; PACKET];
 //! assert_eq!(bridge.usb_transmit(&mut packet), None);
 //!
@@ -102,7 +102,9 @@ mod usb;
 #[cfg(test)]
 mod tests;
 
-pub use bridge::{Action, Bridge, Burst, CanErrors, DOWN, LEAD, Need, PACKET, UP};
+pub use bridge::{
+    Action, Bridge, Burst, CanErrors, PACKET, POLL_LEAD_TIME, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER,
+};
 pub use counters::{Counters, UartErrors};
 pub use line::{Line, LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits};
 pub use time::Micros;

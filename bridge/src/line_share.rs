@@ -7,7 +7,7 @@
 use armwire::alpha1::Expect;
 
 use crate::arm::{Asked, Piece};
-use crate::bridge::{Bridge, Burst, LEAD, Need, Streams};
+use crate::bridge::{Bridge, Burst, POLL_LEAD_TIME, RxThreshold, Streams};
 use crate::control::{Failure, FrameBytes, Initiator, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::exchange::Heard;
@@ -45,13 +45,13 @@ impl Bridge {
     /// that is the stamp of the frame it ends.
     ///
     /// Returns whether there was a frame: then ask everything that can be due, and [`share`](Self::share) it when there is
-    /// time. Without one only [`usb_due`](Self::usb_due) can have come true. Then ask what to [look for](Self::need).
+    /// time. Without one only [`usb_due`](Self::usb_due) can have come true. Then ask what to [look for](Self::rx_threshold).
     pub fn uart_received(&mut self, bytes: &[u8], now: Micros) -> bool {
-        self.looked = now;
+        self.last_rx_poll = now;
         if bytes.is_empty() {
             return false;
         }
-        self.heard = now;
+        self.last_rx = now;
         count(&mut self.counters.arm_to_host_bytes, bytes.len());
         let mut any = false;
         let mut rest = bytes;
@@ -125,31 +125,31 @@ impl Bridge {
     /// An interrupt handler that sees each byte as it comes needs to wake nobody before.
     ///
     /// ```
-    /// use armwire_bridge::{Bridge, Micros, Need};
+    /// use armwire_bridge::{Bridge, Micros, RxThreshold};
     ///
     /// let mut bridge = Bridge::default();
-    /// let need = bridge.need();
-    /// assert_eq!(need, Need { most: 64, least: 6, mark: Some(0xFF) });
+    /// let need = bridge.rx_threshold();
+    /// assert_eq!(need, RxThreshold { max: 64, min: 6, terminator: Some(0xFF) });
     /// assert!(need.is_met(7, 0xFF) && !need.is_met(7, 0xFE));
     /// bridge.uart_received(&[0xAA, 0x06, 0x00, 0x0F], Micros(0));
-    /// assert_eq!(bridge.need(), Need { most: 17, least: 17, mark: None });
+    /// assert_eq!(bridge.rx_threshold(), RxThreshold { max: 17, min: 17, terminator: None });
     /// ```
-    pub fn need(&self) -> Need {
+    pub fn rx_threshold(&self) -> RxThreshold {
         let (kind, expect) = (self.config.arm, self.exchange.expect());
         let heard = AGE.checked_div(self.rate.byte_nanos()).unwrap_or(0) as usize;
         let room = self.port.need();
         match self.tap.ending(kind, expect) {
-            Some((mark, least)) => Need {
-                most: heard.max(least).min(room),
-                least,
-                mark: Some(mark),
+            Some((mark, least)) => RxThreshold {
+                max: heard.max(least).min(room),
+                min: least,
+                terminator: Some(mark),
             },
             None => {
                 let most = self.tap.need(kind, expect).min(heard.max(1)).min(room);
-                Need {
-                    most,
-                    least: most,
-                    mark: None,
+                RxThreshold {
+                    max: most,
+                    min: most,
+                    terminator: None,
                 }
             }
         }
@@ -313,13 +313,13 @@ impl Bridge {
     /// ```
     /// use armwire_bridge::config::{Config, Poll};
     /// use armwire_bridge::control::Identity;
-    /// use armwire_bridge::{Bridge, Burst, LEAD, Micros};
+    /// use armwire_bridge::{Bridge, Burst, POLL_LEAD_TIME, Micros};
     ///
     /// // A poll goes out at its slot, which is on a fixed grid from the first tick on.
     /// let config = Config { poll: Poll::Hertz(100), ..Config::default() };
     /// let mut bridge = Bridge::new(Identity::default(), config);
     /// bridge.tick(Micros(500));
-    /// assert_eq!(bridge.timeout(), Some(Micros(10_500 - LEAD.0)));
+    /// assert_eq!(bridge.timeout(), Some(Micros(10_500 - POLL_LEAD_TIME.0)));
     /// let now = Micros(10_480);
     /// bridge.tick(now);
     /// let burst = bridge.uart_transmit(&mut [0; 70], now);
@@ -351,10 +351,10 @@ impl Bridge {
 
     /// The UART works like this from here on. A frame that had begun will not end.
     pub fn line_changed(&mut self, line: Line) {
-        self.uart_idle(self.looked);
+        self.uart_idle(self.last_rx_poll);
         self.cut_usb();
         self.rate.changed(line);
-        self.follow_holder(self.looked);
+        self.follow_holder(self.last_rx_poll);
         count(&mut self.counters.line_codings, 1);
     }
 
@@ -404,7 +404,7 @@ impl Bridge {
 
     /// Whether nobody but the host on USB has anything to say, which is so nearly always.
     fn others_are_silent(&self, now: Micros) -> bool {
-        self.all_but_the_poll_are_silent() && self.poll.due_since(LEAD, now).is_none()
+        self.all_but_the_poll_are_silent() && self.poll.due_since(POLL_LEAD_TIME, now).is_none()
     }
 
     /// The same, the poll aside.
@@ -446,7 +446,7 @@ impl Bridge {
                 .config
                 .arm
                 .poll()
-                .filter(|_| self.poll.due_since(LEAD, now).is_some()),
+                .filter(|_| self.poll.due_since(POLL_LEAD_TIME, now).is_some()),
             Initiator::Adapter => self.config.arm.identify().filter(|_| self.identify.is_some()),
         }
     }
@@ -485,7 +485,7 @@ impl Bridge {
             Initiator::Usb => Some(self.turn.usb_moved),
             Initiator::Can => self.can_requests.front().map(|request| request.since),
             Initiator::Command => self.command.as_ref().map(|request| request.since),
-            Initiator::Poll => self.poll.due_since(LEAD, now),
+            Initiator::Poll => self.poll.due_since(POLL_LEAD_TIME, now),
             Initiator::Adapter => self.torque_off.or(self.identify),
         }
     }
@@ -673,7 +673,7 @@ impl Bridge {
         let ready = others.into_iter().filter(|initiator| self.is_ready(*initiator, now));
         let since = ready.filter_map(|initiator| self.since(initiator, now)).min()?;
         let quiet = match self.asks.pending() {
-            0 => self.turn.usb_moved.max(self.heard) + QUIET,
+            0 => self.turn.usb_moved.max(self.last_rx) + QUIET,
             _ => self.turn.usb_moved + STALL,
         };
         Some(quiet.min(since.max(self.turn.usb_began) + RAW_TURN))
@@ -708,7 +708,7 @@ impl Bridge {
         if let (Some(initiator), None) = (holder, self.exchange.holder()) {
             self.ended(initiator, None, now);
         }
-        let missed = self.poll.tick(LEAD, now);
+        let missed = self.poll.tick(POLL_LEAD_TIME, now);
         count(&mut self.counters.missed_polls, missed);
         if self.command_timeout().is_some_and(|at| at <= now) {
             self.drop_command(now);

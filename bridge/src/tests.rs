@@ -15,7 +15,9 @@ use std::vec::Vec;
 use armwire::ling::{Frame, MAX_FRAME};
 use proptest::prelude::*;
 
-use crate::{Bridge, DOWN, Line, LineCoding, Micros, Need, PACKET, Refused, UP, UartErrors};
+use crate::{
+    Bridge, Line, LineCoding, Micros, PACKET, Refused, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, UartErrors,
+};
 
 /// An adapter whose host has the port open.
 fn open() -> Bridge {
@@ -171,8 +173,8 @@ fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not
         assert_eq!(sent(&mut bridge), [1; 10]);
     }
     bridge.uart_idle(NOW);
-    assert_eq!(packets(&mut bridge).concat(), line[..UP]);
-    assert_eq!(bridge.counters().dropped_bytes, 4_000 - UP as u32);
+    assert_eq!(packets(&mut bridge).concat(), line[..TO_HOST_BUFFER]);
+    assert_eq!(bridge.counters().dropped_bytes, 4_000 - TO_HOST_BUFFER as u32);
 
     let frame = frame(&[1, 2, 3]);
     bridge.uart_received(&frame, NOW);
@@ -183,11 +185,11 @@ fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not
 fn bytes_that_were_dropped_hold_nothing_back() {
     let mut bridge = Bridge::default();
     bridge.usb_configured(true);
-    bridge.uart_received(&[7; UP], NOW);
+    bridge.uart_received(&[7; TO_HOST_BUFFER], NOW);
     bridge.uart_idle(NOW);
     let line = [frame(&[1]), frame(&[2, 3])].concat();
     bridge.uart_received(&line[..line.len() - 1], NOW);
-    assert_eq!(packets(&mut bridge).concat(), [7; UP]);
+    assert_eq!(packets(&mut bridge).concat(), [7; TO_HOST_BUFFER]);
 }
 
 #[test]
@@ -199,7 +201,7 @@ fn the_host_is_held_back_until_its_packet_fits() {
         bridge.usb_received(&packet, NOW);
         expected.extend(packet);
     }
-    assert_eq!(expected.len(), DOWN);
+    assert_eq!(expected.len(), TO_ARM_BUFFER);
     bridge.usb_received(&[0xEE; 3], NOW); // against the rule: counted, never mixed in
     assert_eq!(bridge.counters().refused_bytes, 3);
 
@@ -210,7 +212,7 @@ fn the_host_is_held_back_until_its_packet_fits() {
     transmit(&mut bridge, &mut last);
     assert!(bridge.usb_room());
     assert_eq!([&out[..], &last[..], &sent(&mut bridge)].concat(), expected);
-    assert_eq!(bridge.counters().host_to_arm_bytes, DOWN as u32);
+    assert_eq!(bridge.counters().host_to_arm_bytes, TO_ARM_BUFFER as u32);
 }
 
 #[test]
@@ -393,11 +395,11 @@ fn dtr_without_a_configuration_means_nothing() {
 }
 
 /// Any frame, and a packet or what comes in a millisecond.
-const fn any_frame(most: usize) -> Need {
-    Need {
-        most,
-        least: 6,
-        mark: Some(0xFF),
+const fn any_frame(most: usize) -> RxThreshold {
+    RxThreshold {
+        max: most,
+        min: 6,
+        terminator: Some(0xFF),
     }
 }
 
@@ -405,30 +407,30 @@ const fn any_frame(most: usize) -> Need {
 fn of_a_frame_that_has_begun_all_of_it_is_needed() {
     let mut bridge = open();
     let frame = frame(&[9; 15]);
-    assert_eq!(bridge.need(), any_frame(PACKET));
+    assert_eq!(bridge.rx_threshold(), any_frame(PACKET));
     for (at, missing) in [(1, 5), (6, 15), (6, 15), (20, 1)] {
         let from = bridge.counters().arm_to_host_bytes as usize;
         bridge.uart_received(&frame[from..at], NOW);
-        let need = Need {
-            most: missing,
-            least: missing,
-            mark: None,
+        let need = RxThreshold {
+            max: missing,
+            min: missing,
+            terminator: None,
         };
-        assert_eq!(bridge.need(), need);
+        assert_eq!(bridge.rx_threshold(), need);
         assert!(need.is_met(missing, 0) && !need.is_met(missing - 1, 0xFF));
     }
     bridge.uart_received(&frame[20..], NOW);
     // The host has not fetched the 21 bytes.
-    assert_eq!(bridge.need(), any_frame(PACKET - 21));
+    assert_eq!(bridge.rx_threshold(), any_frame(PACKET - 21));
 }
 
 #[test]
 fn a_packet_that_is_nearly_full_needs_the_rest_of_it() {
     let mut bridge = open();
     bridge.uart_received(&[0x11; 62], NOW);
-    assert_eq!(bridge.need(), any_frame(2));
+    assert_eq!(bridge.rx_threshold(), any_frame(2));
     bridge.uart_received(&[0x11; 3], NOW);
-    assert_eq!(bridge.need(), any_frame(PACKET));
+    assert_eq!(bridge.rx_threshold(), any_frame(PACKET));
 }
 
 #[test]
@@ -440,9 +442,9 @@ fn what_is_known_of_a_slow_line_is_not_old_while_bytes_come() {
             ..LineCoding::LING
         };
         bridge.line_changed(line(coding.to_cdc()));
-        assert_eq!(bridge.need(), any_frame(most));
+        assert_eq!(bridge.rx_threshold(), any_frame(most));
         bridge.uart_received(&frame(&[9; 15])[..6], NOW);
-        assert_eq!(bridge.need().most, rest);
+        assert_eq!(bridge.rx_threshold().max, rest);
     }
 }
 
@@ -450,7 +452,7 @@ fn what_is_known_of_a_slow_line_is_not_old_while_bytes_come() {
 fn a_host_that_does_not_read_costs_no_extra_looks() {
     let mut bridge = open();
     bridge.uart_received(&[0x11; 500], Micros(0));
-    assert_eq!(bridge.need(), any_frame(PACKET));
+    assert_eq!(bridge.rx_threshold(), any_frame(PACKET));
 }
 
 #[test]
@@ -540,7 +542,7 @@ proptest! {
             }
             let (now, later) = rest.split_at(n.min(rest.len()));
             bridge.uart_received(now, NOW);
-            prop_assert!(bridge.need().most >= 1);
+            prop_assert!(bridge.rx_threshold().max >= 1);
             if idle {
                 bridge.uart_idle(NOW);
             }
@@ -573,7 +575,7 @@ proptest! {
         for (at, &byte) in says.iter().enumerate() {
             let due = eager.uart_received(&[byte], NOW);
             let untold = &says[from..=at];
-            if lazy.need().is_met(untold.len(), byte) || untold.len() > *late.next().unwrap() + 40 {
+            if lazy.rx_threshold().is_met(untold.len(), byte) || untold.len() > *late.next().unwrap() + 40 {
                 prop_assert_eq!(lazy.uart_received(untold, NOW), due, "at {}", at);
                 from = at + 1;
             } else {
@@ -624,10 +626,10 @@ proptest! {
 
 #[test]
 fn what_is_needed_has_come_with_the_mark_or_with_as_many_bytes_as_it_can_be() {
-    let need = Need {
-        most: 5,
-        least: 2,
-        mark: Some(0xFF),
+    let need = RxThreshold {
+        max: 5,
+        min: 2,
+        terminator: Some(0xFF),
     };
     for (bytes, last, is_met) in [
         (5, 0, true),
@@ -638,6 +640,9 @@ fn what_is_needed_has_come_with_the_mark_or_with_as_many_bytes_as_it_can_be() {
     ] {
         assert_eq!(need.is_met(bytes, last), is_met, "{bytes} bytes, the last {last}");
     }
-    let unmarked = Need { mark: None, ..need };
+    let unmarked = RxThreshold {
+        terminator: None,
+        ..need
+    };
     assert!(!unmarked.is_met(4, 0xFF) && unmarked.is_met(5, 0xFF));
 }

@@ -2,11 +2,11 @@
 
 use crate::counters::count;
 use crate::queue::Queue;
-use crate::{Counters, PACKET, UP};
+use crate::{Counters, PACKET, TO_HOST_BUFFER};
 
-/// Bytes for the host, up to [`UP`] of them.
+/// Bytes for the host, up to [`TO_HOST_BUFFER`] of them.
 pub(crate) struct HostPort {
-    bytes: Queue<UP>,
+    bytes: Queue<TO_HOST_BUFFER>,
     /// How many of them, from the front, no longer wait for more to fill the packet.
     due: usize,
     transfer: Transfer,

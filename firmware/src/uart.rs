@@ -19,7 +19,7 @@ use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
 
 use armwire_bridge::control::MAX_FRAME;
-use armwire_bridge::{Bridge, Line, Micros, Need, Parity, StopBits, UartErrors};
+use armwire_bridge::{Bridge, Line, Micros, Parity, RxThreshold, StopBits, UartErrors};
 use critical_section::Mutex;
 use embassy_futures::join::join;
 use embassy_futures::select::select;
@@ -161,14 +161,14 @@ fn is_reached(end: usize) -> bool {
 }
 
 /// Asks the interrupt handler to say when this is met.
-fn look_for(need: Need) {
-    let (last, least) = need.mark.map_or((0, SIZE), |mark| (mark, need.least));
+fn look_for(need: RxThreshold) {
+    let (last, least) = need.terminator.map_or((0, SIZE), |mark| (mark, need.min));
     // The handler is not to see a part of it.
     critical_section::with(|_| {
         FROM.store(HEAD.load(Ordering::Relaxed), Ordering::Relaxed);
         LAST.store(last, Ordering::Relaxed);
         LEAST.store(least, Ordering::Relaxed);
-        NEEDED.store(need.most, Ordering::Relaxed);
+        NEEDED.store(need.max, Ordering::Relaxed);
         usart::set_byte_interrupt(true);
     });
 }
@@ -316,11 +316,11 @@ impl Receiver {
                 yield_now().await;
                 self.adapter.tell_the_others();
             }
-            let need = self.adapter.look(Bridge::need);
+            let need = self.adapter.look(Bridge::rx_threshold);
             look_for(need);
             // Bytes that came before the interrupt handler knew of the need give no signal. What came before them, and what
             // is asked next, goes out before they are looked at.
-            if untaken(tail()) >= need.least.min(need.most) {
+            if untaken(tail()) >= need.min.min(need.max) {
                 let_others_run().await;
             } else {
                 let resting = rest(Task::Receive);

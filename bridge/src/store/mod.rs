@@ -138,7 +138,7 @@ pub enum Error<E> {
     /// The flash reports this.
     Flash(E),
     /// What was written is not what is read.
-    NotKept,
+    VerifyFailed,
     /// The [budget](SAVE_BUDGET) is spent.
     TooManySaves {
         /// In how many seconds the next save may come, at least 1.
@@ -204,7 +204,7 @@ impl<F: NorFlash> Store<F> {
     pub async fn save(&mut self, config: &Config, uptime: Micros) -> Result<(), Error<F::Error>> {
         config.check().map_err(Error::Config)?;
         let mut content = [0; MAX_RECORD - HEAD];
-        let content = postcard::to_slice(&(LAYOUT, config), &mut content).map_err(|_| Error::NotKept)?;
+        let content = postcard::to_slice(&(LAYOUT, config), &mut content).map_err(|_| Error::VerifyFailed)?;
         self.append(content, uptime).await
     }
 
@@ -231,7 +231,7 @@ impl<F: NorFlash> Store<F> {
                 wait_s: (wait as u32).div_ceil(1_000_000) as u16,
             });
         };
-        let record = Record::new(sequence, left, content).ok_or(Error::NotKept)?;
+        let record = Record::new(sequence, left, content).ok_or(Error::VerifyFailed)?;
         if self.push(page, &record).await.is_err() {
             let next = self.page_after(page);
             self.queue(next).erase_all().await.map_err(error)?;
@@ -259,7 +259,7 @@ impl<F: NorFlash> Store<F> {
         self.queue(page).push(&record.0, false).await.map_err(error)?;
         match self.last(page).await? {
             Some(kept) if kept == *record => Ok(()),
-            _ => Err(Error::NotKept),
+            _ => Err(Error::VerifyFailed),
         }
     }
 
@@ -363,7 +363,7 @@ impl<E> From<Error<E>> for Failure {
     fn from(error: Error<E>) -> Self {
         match error {
             Error::TooManySaves { wait_s } => Self::TooManySaves { wait_s },
-            Error::Config(_) | Error::Flash(_) | Error::NotKept => Self::Flash,
+            Error::Config(_) | Error::Flash(_) | Error::VerifyFailed => Self::Flash,
         }
     }
 }
@@ -371,7 +371,7 @@ impl<E> From<Error<E>> for Failure {
 fn error<E>(error: sequential_storage::Error<E>) -> Error<E> {
     match error {
         sequential_storage::Error::Storage { value, .. } => Error::Flash(value),
-        _ => Error::NotKept,
+        _ => Error::VerifyFailed,
     }
 }
 
@@ -380,7 +380,7 @@ impl<E: fmt::Debug> fmt::Display for Error<E> {
         match self {
             Self::Config(error) => error.fmt(f),
             Self::Flash(error) => write!(f, "the flash reports {error:?}"),
-            Self::NotKept => f.write_str("the flash does not keep what is written"),
+            Self::VerifyFailed => f.write_str("the flash does not keep what is written"),
             Self::TooManySaves { wait_s } => {
                 write!(f, "the flash would wear out: the next save may come in {wait_s} s")
             }

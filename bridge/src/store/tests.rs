@@ -733,7 +733,7 @@ fn a_flash_that_keeps_nothing_of_what_it_says_it_writes_is_reported() {
         let mut flash = filled::<4, 0x4000>(saves);
         flash.worn = true;
         let error = save(&mut flash, &config(2)).unwrap_err();
-        assert_eq!(error, Error::NotKept);
+        assert_eq!(error, Error::VerifyFailed);
         assert_eq!(format!("{error}"), "the flash does not keep what is written");
     }
 }

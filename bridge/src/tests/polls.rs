@@ -8,7 +8,7 @@ use std::vec::Vec;
 use super::rig::{Rig, ling, polite};
 use crate::config::{Config, Poll};
 use crate::control::{Identity, Initiator, Reply, Request};
-use crate::{LEAD, Micros};
+use crate::{Micros, POLL_LEAD_TIME};
 
 fn polling(poll: Poll) -> Rig {
     Rig::new(Config {
@@ -34,7 +34,7 @@ fn a_poll_is_handed_over_before_its_slot_and_nothing_goes_out_in_between() {
     bridge.usb_configured(true);
     assert_eq!(bridge.timeout(), Some(Micros(0)));
     bridge.tick(Micros(300));
-    let at = Micros(1_300 - LEAD.0);
+    let at = Micros(1_300 - POLL_LEAD_TIME.0);
     assert_eq!(bridge.timeout(), Some(at));
     assert!(!bridge.uart_due(Micros(at.0 - 1)));
     assert!(bridge.uart_due(at));

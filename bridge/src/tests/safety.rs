@@ -15,7 +15,7 @@ use crate::can::telemetry::event_from_frame;
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, HostTimeout};
 use crate::control::{Event, Failure, Identity, Initiator, MAX_FRAME, Refusal, Reply, Request};
-use crate::{Action, Bridge, DOWN, Micros, PACKET};
+use crate::{Action, Bridge, Micros, PACKET, TO_ARM_BUFFER};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
@@ -105,7 +105,11 @@ fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
         assert!(bridge.uart_transmit(&mut [0; MAX_FRAME], Micros(0)).is_some());
     }
     // Room is left for four bytes less than a packet.
-    let moves = motion().into_iter().cycle().take(DOWN + 4 - PACKET).collect::<Vec<_>>();
+    let moves = motion()
+        .into_iter()
+        .cycle()
+        .take(TO_ARM_BUFFER + 4 - PACKET)
+        .collect::<Vec<_>>();
     for packet in moves.chunks(PACKET) {
         assert!(bridge.usb_room());
         bridge.usb_received(packet, Micros(0));

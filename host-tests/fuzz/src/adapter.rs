@@ -265,7 +265,7 @@ impl World {
             0 => self.hear(|bridge, now| bridge.uart_received(bytes, now)),
             _ => self.hear(|bridge, now| bridge.uart_received_unseen(bytes, now)),
         }
-        assert!(self.bridge.need().most > 0);
+        assert!(self.bridge.rx_threshold().max > 0);
     }
 
     /// The line goes idle.
@@ -357,7 +357,7 @@ impl World {
         };
         assert!(due && (1..=room).contains(&burst.len));
         if let Some(start) = burst.start {
-            assert!(self.now < start && start <= self.now + armwire_bridge::LEAD);
+            assert!(self.now < start && start <= self.now + armwire_bridge::POLL_LEAD_TIME);
         }
         let bytes = &out[..burst.len];
         self.to_arm += bytes.len();

@@ -34,7 +34,7 @@ pub(crate) fn call_all() {
     black_box(&mut *bridge).share();
     black_box(black_box(&*bridge).uart_due(now));
     black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
-    black_box(black_box(black_box(&*bridge).need()).is_met(black_box(7), black_box(0xFF)));
+    black_box(black_box(black_box(&*bridge).rx_threshold()).is_met(black_box(7), black_box(0xFF)));
 
     black_box(
         black_box(&mut *bridge)
