@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::Micros;
+use crate::{Duration, Instant};
 use heapless::Deque;
 
 use crate::arm::Tap;
@@ -39,10 +39,10 @@ const _: () = assert!(
 );
 
 /// How long bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
-const PATIENCE: Micros = Micros::from_millis(1_000);
+const PATIENCE: Duration = Duration::from_millis(1_000);
 
 /// How long a motion of a host on CAN may wait for its turn before the host can count as silent.
-const MOTION_WAIT: Micros = Micros::from_millis(150);
+const MOTION_WAIT: Duration = Duration::from_millis(150);
 
 /// Requests from CAN that wait for their turn.
 const CAN_REQUESTS: usize = 2;
@@ -65,9 +65,9 @@ pub struct Bridge {
     /// Whether polls and CAN are being refused because the host on USB holds the line.
     pub(crate) is_held: bool,
     /// When the UART was last looked at.
-    pub(crate) last_rx_poll: Micros,
+    pub(crate) last_rx_poll: Instant,
     /// When the arm was last heard.
-    pub(crate) last_rx: Micros,
+    pub(crate) last_rx: Instant,
 
     // ---- The hosts ----
     pub(crate) port: HostPort,
@@ -81,9 +81,9 @@ pub struct Bridge {
     pub(crate) can_requests: Deque<Waiting, CAN_REQUESTS>,
     pub(crate) command: Option<Waiting>,
     /// Since when the torque is to be switched off.
-    pub(crate) torque_off: Option<Micros>,
+    pub(crate) torque_off: Option<Instant>,
     /// Since when somebody wants to know what arm there is.
-    pub(crate) identify: Option<Micros>,
+    pub(crate) identify: Option<Instant>,
     pub(crate) streams: Streams,
     pub(crate) control: ControlServer,
 
@@ -149,11 +149,11 @@ pub struct Burst {
     /// How many, at least 1.
     pub len: usize,
     /// When the first is to start, [`POLL_LEAD_TIME`] away at most: wait for it, and send nothing in between. `None`: at once.
-    pub start: Option<Micros>,
+    pub start: Option<Instant>,
 }
 
 /// How long before its slot a poll is handed over, so that nothing else that runs makes it late.
-pub const POLL_LEAD_TIME: Micros = Micros(25);
+pub const POLL_LEAD_TIME: Duration = Duration::from_micros(25);
 
 /// What the CAN controller had to complain of since it was last asked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -201,8 +201,8 @@ impl Bridge {
             poll: Poll::new(config.poll),
             rate: LineRate::new(config.arm),
             is_held: false,
-            last_rx_poll: Micros(0),
-            last_rx: Micros(0),
+            last_rx_poll: Instant::ZERO,
+            last_rx: Instant::ZERO,
             port: HostPort::new(),
             down: Queue::new(),
             asks: Tap::new(),
@@ -257,21 +257,21 @@ impl Bridge {
     /// whether it was opened or closed by this: a packet on its way is then for nobody.
     ///
     /// ```
-    /// use armwire_bridge::{Bridge, Micros, PACKET};
+    /// use armwire_bridge::{Bridge, Instant, PACKET};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.usb_configured(true);
-    /// bridge.uart_received(b"old", Micros(0));
-    /// bridge.usb_dtr(true, Micros(50));
-    /// bridge.uart_received(b"new", Micros(100));
-    /// bridge.uart_idle(Micros(200));
+    /// bridge.uart_received(b"old", Instant::ZERO);
+    /// bridge.usb_dtr(true, Instant::from_micros(50));
+    /// bridge.uart_received(b"new", Instant::from_micros(100));
+    /// bridge.uart_idle(Instant::from_micros(200));
     ///
     /// let mut packet = [0; PACKET];
     /// assert_eq!(bridge.usb_transmit(&mut packet), Some(3));
     /// assert_eq!(&packet[..3], b"new");
     /// assert_eq!(bridge.counters().unheard_bytes, 3);
     /// ```
-    pub fn usb_dtr(&mut self, high: bool, now: Micros) -> bool {
+    pub fn usb_dtr(&mut self, high: bool, now: Instant) -> bool {
         if self.is_attached() {
             self.rate.dtr(high, self.down.len(), now);
             self.follow_holder(now);
@@ -289,7 +289,7 @@ impl Bridge {
     /// The host sent a packet. Ask [`usb_room`](Self::usb_room) before.
     ///
     /// Then ask [`uart_due`](Self::uart_due).
-    pub fn usb_received(&mut self, packet: &[u8], now: Micros) {
+    pub fn usb_received(&mut self, packet: &[u8], now: Instant) {
         count(&mut self.counters.packets_from_host, 1);
         if self.rate.is_unmet() && !packet.is_empty() && !self.take_rate(now) {
             self.refuse_usb(packet.len(), now);
@@ -336,15 +336,15 @@ impl Bridge {
     ///
     /// ```
     /// use armwire_bridge::control::{FromAdapter, FromHost, MAX_COBS, Reader, Reply, Request, VERSION, encode_cobs};
-    /// use armwire_bridge::{Bridge, Micros, PACKET};
+    /// use armwire_bridge::{Bridge, Instant, PACKET};
     ///
     /// let mut bridge = Bridge::default();
     /// let mut message = [0; MAX_COBS];
     /// let len = encode_cobs(&FromHost { sequence: 7, request: Request::Identify }, &mut message).unwrap();
-    /// bridge.control_received(&message[..len], Micros(0));
+    /// bridge.control_received(&message[..len], Instant::ZERO);
     ///
     /// let mut packet = [0; PACKET];
-    /// let len = bridge.control_transmit(&mut packet, Micros(0)).unwrap();
+    /// let len = bridge.control_transmit(&mut packet, Instant::ZERO).unwrap();
     /// let mut reader = Reader::<64>::new();
     /// reader.push(&packet[..len]);
     /// let Some(Ok(FromAdapter::Reply { sequence: 7, reply: Reply::Identity(identity) })) = reader.next() else {
@@ -352,7 +352,7 @@ impl Bridge {
     /// };
     /// assert_eq!(identity, bridge.identity());
     /// ```
-    pub fn control_received(&mut self, packet: &[u8], now: Micros) {
+    pub fn control_received(&mut self, packet: &[u8], now: Instant) {
         self.control.usb_received(packet);
         self.serve(now);
     }
@@ -364,7 +364,7 @@ impl Bridge {
 
     /// Moves the next packet of the control interface into `packet` and returns its length, 0 for one without data. `None`
     /// when nothing is due.
-    pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Micros) -> Option<usize> {
+    pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Instant) -> Option<usize> {
         self.share();
         let len = self.control.usb_transmit(packet, &mut self.can, &mut self.counters)?;
         self.serve(now);
@@ -374,7 +374,7 @@ impl Bridge {
     // ---- The CAN bus ----
 
     /// A frame came from the bus. Those with identifiers that are not this adapter's are passed over.
-    pub fn can_received(&mut self, frame: &Frame, now: Micros) {
+    pub fn can_received(&mut self, frame: &Frame, now: Instant) {
         match self.can.received(frame, now, &mut self.counters) {
             Some(Received::Arm) => self.take_can_request(now),
             Some(Received::Control) => self.serve(now),
@@ -387,7 +387,7 @@ impl Bridge {
 
     /// Whether to ask for [`can_transmit`](Self::can_transmit): it has a frame, or what it has can only be queued, behind
     /// what goes to the same subscriber, or turns out to be for nobody. Then nothing is due after it.
-    pub fn can_due(&self, now: Micros) -> bool {
+    pub fn can_due(&self, now: Instant) -> bool {
         self.unshared.is_some() || self.can.is_due(now) || self.control.can_due()
     }
 
@@ -395,7 +395,7 @@ impl Bridge {
     ///
     /// Hand it to the controller at once, and ask only when the controller has room: what waits here can still be overtaken
     /// by what is more urgent. When it has left, say [so](Self::can_sent).
-    pub fn can_transmit(&mut self, now: Micros) -> Option<Frame> {
+    pub fn can_transmit(&mut self, now: Instant) -> Option<Frame> {
         self.share();
         if self.control.can_due() {
             self.tell_frames();
@@ -413,7 +413,7 @@ impl Bridge {
     /// to wait for.
     ///
     /// ```
-    /// use armwire_bridge::{Bridge, Micros};
+    /// use armwire_bridge::{Bridge, Instant};
     /// use armwire_bridge::can::{Frame, Function};
     ///
     /// let mut bridge = Bridge::default();
@@ -423,16 +423,16 @@ impl Bridge {
     ///     bridge.can_received(&frame, now);
     /// };
     /// // The counters, in a first frame and more behind it, with 1 ms between them.
-    /// hear(&mut bridge, &[2, 0, 6], Micros(0));
-    /// assert_eq!(bridge.can_transmit(Micros(0)).unwrap().data()[0], 0x10);
-    /// hear(&mut bridge, &[0x30, 0, 1], Micros(200));
-    /// assert!(bridge.can_transmit(Micros(200)).is_some());
+    /// hear(&mut bridge, &[2, 0, 6], Instant::ZERO);
+    /// assert_eq!(bridge.can_transmit(Instant::ZERO).unwrap().data()[0], 0x10);
+    /// hear(&mut bridge, &[0x30, 0, 1], Instant::from_micros(200));
+    /// assert!(bridge.can_transmit(Instant::from_micros(200)).is_some());
     /// // Others have the bus. When the frame has left, the next may be handed over a millisecond later.
-    /// assert!(!bridge.can_due(Micros(5_000)));
-    /// assert!(bridge.can_sent(0, Micros(5_000)));
-    /// assert!(bridge.timeout() == Some(Micros(6_000)) && bridge.can_due(Micros(6_000)));
+    /// assert!(!bridge.can_due(Instant::from_micros(5_000)));
+    /// assert!(bridge.can_sent(0, Instant::from_micros(5_000)));
+    /// assert!(bridge.timeout() == Some(Instant::from_micros(6_000)) && bridge.can_due(Instant::from_micros(6_000)));
     /// ```
-    pub fn can_sent(&mut self, waiting: u8, now: Micros) -> bool {
+    pub fn can_sent(&mut self, waiting: u8, now: Instant) -> bool {
         self.can.sent(waiting, now)
     }
 
@@ -454,7 +454,7 @@ impl Bridge {
     }
 
     /// The CAN controller left the bus (`off`), or is back on it. What was under way by ISO-TP is given up.
-    pub fn can_bus_off(&mut self, off: bool, now: Micros) {
+    pub fn can_bus_off(&mut self, off: bool, now: Instant) {
         self.share();
         if off {
             count(&mut self.counters.can_bus_offs, 1);
@@ -470,7 +470,7 @@ impl Bridge {
     }
 
     /// Takes requests for the arm from the bus as far as there is room for them.
-    pub(crate) fn take_can_request(&mut self, now: Micros) {
+    pub(crate) fn take_can_request(&mut self, now: Instant) {
         while !self.can_requests.is_full()
             && let Some(pdu) = self.can.arm.received()
         {
@@ -494,7 +494,7 @@ impl Bridge {
     }
 
     /// Lets the newest command wait for its turn.
-    fn take_command(&mut self, target: &armwire::ling::Move, now: Micros) {
+    fn take_command(&mut self, target: &armwire::ling::Move, now: Instant) {
         let mut bytes = [0; MAX_FRAME];
         let Some(len) = self.config.arm.moving(target, &mut bytes) else {
             return;
@@ -513,7 +513,7 @@ impl Bridge {
 
     // Not inlined: it is seldom needed, and not worth the room in all those who do.
     #[inline(never)]
-    pub(crate) fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Micros) {
+    pub(crate) fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Instant) {
         let c = &mut self.counters;
         let counter = match (initiator, reason) {
             (_, Refusal::QueueFull) => &mut c.refused_can_requests,
@@ -540,22 +540,22 @@ impl Bridge {
     /// [`Refused`] when the UART cannot do it. It is counted, and the line coding stays as it was.
     ///
     /// ```
-    /// use armwire_bridge::{Bridge, Micros, Refused};
+    /// use armwire_bridge::{Bridge, Instant, Refused};
     ///
     /// let mut bridge = Bridge::default();
-    /// let refused = bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 1, 0, 8], Micros(0));
+    /// let refused = bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 1, 0, 8], Instant::ZERO);
     /// assert_eq!(refused, Err(Refused::StopBits(1)));
     /// assert_eq!(bridge.line_coding().baud, 1_000_000);
     ///
-    /// bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 0, 8], Micros(0)).unwrap();
+    /// bridge.request_line_coding([0x00, 0xC2, 0x01, 0x00, 0, 0, 8], Instant::ZERO).unwrap();
     /// assert_eq!(bridge.line_change(), None);
-    /// bridge.usb_received(b"at 115200 baud", Micros(0));
+    /// bridge.usb_received(b"at 115200 baud", Instant::ZERO);
     /// let line = bridge.line_change().unwrap();
     /// // Here firmware waits for the last bit to leave, and changes the UART.
     /// bridge.line_changed(line);
     /// assert_eq!(bridge.line_coding().baud, 115_200);
     /// ```
-    pub fn request_line_coding(&mut self, bytes: [u8; 7], now: Micros) -> Result<(), Refused> {
+    pub fn request_line_coding(&mut self, bytes: [u8; 7], now: Instant) -> Result<(), Refused> {
         let coding = LineCoding::from_cdc(bytes).inspect_err(|_| count(&mut self.counters.refused_line_codings, 1))?;
         self.turn.usb_queued(self.down.is_empty(), now);
         self.rate.request(coding, self.down.len(), now);
@@ -586,7 +586,7 @@ impl Bridge {
     /// The rate that the host on USB has set takes effect with its next byte. Returns whether it does.
     // Not inlined: it is seldom needed.
     #[inline(never)]
-    fn take_rate(&mut self, now: Micros) -> bool {
+    fn take_rate(&mut self, now: Instant) -> bool {
         let takes = self.may_change_rate() && !self.rate.is_revoked();
         if takes {
             self.rate.take(self.down.len(), now);
@@ -597,7 +597,7 @@ impl Bridge {
 
     /// Bytes of the host on USB are dropped, because the line does not have their rate.
     #[inline(never)]
-    fn refuse_usb(&mut self, bytes: usize, now: Micros) {
+    fn refuse_usb(&mut self, bytes: usize, now: Instant) {
         count(&mut self.counters.refused_rate_bytes, bytes);
         if self.rate.refuse() {
             self.refuse(Initiator::Usb, Refusal::OtherRate, now);
@@ -619,7 +619,7 @@ impl Bridge {
     /// ends.
     // Not inlined: it is seldom needed.
     #[inline(never)]
-    pub(crate) fn follow_holder(&mut self, now: Micros) {
+    pub(crate) fn follow_holder(&mut self, now: Instant) {
         let held = self.rate.is_held(self.down.len());
         if core::mem::replace(&mut self.is_held, held) == held {
             return;
@@ -648,7 +648,7 @@ impl Bridge {
 
     /// A host on the control port wants the line for USB alone.
     #[inline(never)]
-    pub(crate) fn hold_line(&mut self, port: Port, now: Micros) -> Result<(), Failure> {
+    pub(crate) fn hold_line(&mut self, port: Port, now: Instant) -> Result<(), Failure> {
         if self.torque_off.is_some() || self.streams.is_armed() {
             return Err(Failure::StreamArmed);
         }
@@ -663,7 +663,7 @@ impl Bridge {
 
     /// The host on the control port wants it no more.
     #[inline(never)]
-    pub(crate) fn release_line(&mut self, port: Port, now: Micros) {
+    pub(crate) fn release_line(&mut self, port: Port, now: Instant) {
         self.rate.unhold(port);
         self.follow_holder(now);
     }
@@ -678,7 +678,7 @@ impl Bridge {
 
     /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed. `None` when
     /// nothing waits for the time.
-    pub fn timeout(&self) -> Option<Micros> {
+    pub fn timeout(&self) -> Option<Instant> {
         Earliest::of(self.poll.timeout(POLL_LEAD_TIME))
             .or(self.exchange.timeout())
             .or(self.hold_timeout())
@@ -694,7 +694,7 @@ impl Bridge {
     /// It is `now`: what is late is given up, and what is due becomes so.
     ///
     /// Then ask everything that can be due.
-    pub fn tick(&mut self, now: Micros) {
+    pub fn tick(&mut self, now: Instant) {
         self.tick_line(now);
         if self.rate_timeout().is_some_and(|at| at <= now) {
             self.tick_rate(now);
@@ -721,20 +721,20 @@ impl Bridge {
     /// When the line's rate changes or its holder loses it, unless something happens before.
     // Not inlined: it is asked for in a task that is large already.
     #[inline(never)]
-    fn rate_timeout(&self) -> Option<Micros> {
+    fn rate_timeout(&self) -> Option<Instant> {
         self.rate.timeout(self.may_change_rate())
     }
 
     /// The line's rate changes, or its holder loses it.
     #[inline(never)]
-    fn tick_rate(&mut self, now: Micros) {
+    fn tick_rate(&mut self, now: Instant) {
         self.rate
             .tick(self.may_change_rate(), self.moved(), self.down.len(), now);
         self.follow_holder(now);
     }
 
     /// When a byte of the host on USB or of the arm last moved.
-    fn moved(&self) -> Micros {
+    fn moved(&self) -> Instant {
         self.turn.usb_moved.max(self.last_rx)
     }
 
@@ -744,7 +744,7 @@ impl Bridge {
     }
 
     /// Serves hosts if a reply on CAN that was under way is out or given up: there may be room for the next one.
-    fn serve_behind_reply(&mut self, was_replying: bool, now: Micros) {
+    fn serve_behind_reply(&mut self, was_replying: bool, now: Instant) {
         if was_replying && !self.can.control.is_sending() {
             self.serve(now);
         }
@@ -752,7 +752,7 @@ impl Bridge {
 
     /// When `initiator` counts as silent, unless it says something before. While its motion waits for another's turn it has more
     /// time: a host on CAN cannot be heard when there is no room for more.
-    fn silence_timeout(&self, initiator: Initiator) -> Option<Micros> {
+    fn silence_timeout(&self, initiator: Initiator) -> Option<Instant> {
         let stream = match initiator {
             Initiator::Can => &self.streams.can,
             Initiator::Command => &self.streams.command,
@@ -767,7 +767,7 @@ impl Bridge {
     }
 
     /// A host that streamed motion says nothing any more: what it has sent and is not out is old.
-    fn silent(&mut self, initiator: Initiator, now: Micros) {
+    fn silent(&mut self, initiator: Initiator, now: Instant) {
         let dropped = match initiator {
             Initiator::Usb => {
                 let dropped = self.down.len();
@@ -808,19 +808,19 @@ impl Bridge {
     /// if the configuration that said so was not saved.
     ///
     /// ```
-    /// use armwire_bridge::{Bridge, Micros};
+    /// use armwire_bridge::{Bridge, Instant};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.restarted_while_armed();
     /// let mut buf = [0; 256];
     /// // Zeros end a frame that the arm may have heard half of.
-    /// assert_eq!(bridge.uart_transmit(&mut buf, Micros(0)).unwrap().len, 70);
-    /// assert_eq!(bridge.uart_transmit(&mut buf, Micros(0)).unwrap().len, 7);
+    /// assert_eq!(bridge.uart_transmit(&mut buf, Instant::ZERO).unwrap().len, 70);
+    /// assert_eq!(bridge.uart_transmit(&mut buf, Instant::ZERO).unwrap().len, 7);
     /// assert_eq!(buf[..7], [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF]);
     /// ```
     pub fn restarted_while_armed(&mut self) {
         if self.config.arm.torque_off().is_some() {
-            self.torque_off = Some(Micros(0));
+            self.torque_off = Some(Instant::ZERO);
             self.turn.is_cut = true;
         }
     }
@@ -828,11 +828,11 @@ impl Bridge {
     /// Whether the torque goes off when a host that streams motion falls silent.
     fn silence_switches_off(&self) -> bool {
         let host_timeout = self.config.host_timeout;
-        host_timeout.torque_off && host_timeout.after() > Micros(0) && self.config.arm.torque_off().is_some()
+        host_timeout.torque_off && host_timeout.after() > Duration::ZERO && self.config.arm.torque_off().is_some()
     }
 
     /// The adapter is about to stop: no stream stays behind with its torque on.
-    pub(crate) fn disarm(&mut self, now: Micros) {
+    pub(crate) fn disarm(&mut self, now: Instant) {
         for initiator in Streams::INITIATORS {
             if self.silence_switches_off() && self.streams.of(initiator).is_some_and(|stream| stream.is_armed()) {
                 self.silent(initiator, now);
@@ -843,7 +843,7 @@ impl Bridge {
     /// Reports that `initiator` streams motion no more, if it did.
     // Not inlined, as above.
     #[inline(never)]
-    pub(crate) fn end_stream(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: Micros) {
+    pub(crate) fn end_stream(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: Instant) {
         if !self.streams.of(initiator).is_some_and(Stream::end) {
             return;
         }
@@ -881,7 +881,7 @@ impl Bridge {
     }
 
     /// What became of [`Action::Save`] or [`Action::Reset`].
-    pub fn saved(&mut self, result: Result<(), Failure>, now: Micros) {
+    pub fn saved(&mut self, result: Result<(), Failure>, now: Instant) {
         let counter = match result {
             Ok(()) => &mut self.counters.config_saves,
             Err(_) => &mut self.counters.config_failures,
@@ -908,7 +908,7 @@ impl Bridge {
     }
 
     /// Is from now on as `config` says.
-    pub(crate) fn adopt(&mut self, config: Config, by: Port, now: Micros) {
+    pub(crate) fn adopt(&mut self, config: Config, by: Port, now: Instant) {
         self.share();
         let was = core::mem::replace(&mut self.config, config);
         if config.can.bus() != was.can.bus() {
@@ -933,9 +933,9 @@ impl Bridge {
     }
 
     /// Tells whoever wants to be told of what is no frame.
-    pub(crate) fn tell(&mut self, event: Event, now: Micros) {
+    pub(crate) fn tell(&mut self, event: Event, now: Instant) {
         self.share();
-        if !self.can.note(&event, Stamp(now.0)) {
+        if !self.can.note(&event, Stamp(now.as_micros())) {
             count(&mut self.counters.dropped_events, 1);
         }
         if self.control.is_heard() {
@@ -974,14 +974,14 @@ impl Bridge {
     /// only a restart cures. A host that does not read is no such thing.
     ///
     /// ```
-    /// use armwire_bridge::Micros;
+    /// use armwire_bridge::Instant;
     ///
     /// let mut bridge = armwire_bridge::Bridge::default();
-    /// bridge.uart_received(&[], Micros(0));
-    /// assert!(!bridge.is_stuck(Micros::from_millis(900)));
-    /// assert!(bridge.is_stuck(Micros::from_millis(1_100)));
+    /// bridge.uart_received(&[], Instant::ZERO);
+    /// assert!(!bridge.is_stuck(Instant::from_millis(900)));
+    /// assert!(bridge.is_stuck(Instant::from_millis(1_100)));
     /// ```
-    pub fn is_stuck(&self, now: Micros) -> bool {
+    pub fn is_stuck(&self, now: Instant) -> bool {
         let unsent = !self.down.is_empty() || self.rate.changes();
         // While the arm owes somebody an answer, bytes may wait for that. It ends by itself.
         let stands = self.exchange.holder().is_none();

@@ -12,7 +12,7 @@ use crate::counters::count;
 use crate::earliest::Earliest;
 use crate::isotp::{self, Endpoint, Link};
 use crate::queue::Queue;
-use crate::{Counters, Micros};
+use crate::{Counters, Duration, Instant};
 
 /// The longest message from a host on the control connection, in bytes. The longest there is, which sets the
 /// configuration, has 31.
@@ -31,7 +31,7 @@ const NOTES: usize = 4;
 const SAMPLE_FRAMES: usize = 3;
 
 /// How often the error counts go out while telemetry is on.
-const ERRORS_PERIOD: Micros = Micros::from_millis(1_000);
+const ERRORS_PERIOD: Duration = Duration::from_millis(1_000);
 
 /// What came from the bus and is not dealt with here.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,7 +51,7 @@ pub(crate) struct CanPort {
     config: config::Can,
     pub(crate) arm: Endpoint<MAX_FRAME, MAX_FRAME>,
     /// When the last frame of a request for the arm came.
-    pub(crate) arm_came: Micros,
+    pub(crate) arm_came: Instant,
     pub(crate) control: Endpoint<MAX_REQUEST, MAX_MESSAGE>,
     commands: Commands,
     answers: Deque<FrameBytes, ANSWERS>,
@@ -59,20 +59,20 @@ pub(crate) struct CanPort {
     events: Queue<EVENTS>,
     notes: Deque<[u8; MAX_CLASSIC], NOTES>,
     /// Where the arm was last, if that has not gone out.
-    newest: Option<(JointState, Micros)>,
+    newest: Option<(JointState, Instant)>,
     /// The sample that is going out, and how many of its frames have.
     sample: Option<(Sample, usize)>,
     samples: u8,
     /// When the next sample may begin.
-    sample_at: Micros,
+    sample_at: Instant,
     /// When the error counts go out.
-    errors_at: Option<Micros>,
+    errors_at: Option<Instant>,
     /// Frames that the controller has, and how many of them, from the first, are gone when the last of each connection is.
     handed: u8,
     arm_handed: u8,
     control_handed: u8,
     /// Until when time-outs have been dealt with.
-    ticked: Micros,
+    ticked: Instant,
 }
 
 impl CanPort {
@@ -85,21 +85,21 @@ impl CanPort {
         Self {
             config,
             arm: Endpoint::new(answers(Function::ArmAnswer)),
-            arm_came: Micros(0),
+            arm_came: Instant::ZERO,
             control: Endpoint::new(answers(Function::ControlAnswer)),
-            commands: Commands::new(config.node, Micros::from_millis(config.command_timeout_ms.into())),
+            commands: Commands::new(config.node, Duration::from_millis(config.command_timeout_ms.into())),
             answers: Deque::new(),
             events: Queue::new(),
             notes: Deque::new(),
             newest: None,
             sample: None,
             samples: 0,
-            sample_at: Micros(0),
-            errors_at: (config.telemetry_hz > 0).then_some(Micros(0)),
+            sample_at: Instant::ZERO,
+            errors_at: (config.telemetry_hz > 0).then_some(Instant::ZERO),
             handed: 0,
             arm_handed: 0,
             control_handed: 0,
-            ticked: Micros(0),
+            ticked: Instant::ZERO,
         }
     }
 
@@ -107,10 +107,10 @@ impl CanPort {
     pub(crate) fn adopt(&mut self, config: config::Can, counters: &mut Counters) {
         self.drop_half_command(counters);
         self.config = config;
-        self.commands = Commands::new(config.node, Micros::from_millis(config.command_timeout_ms.into()));
+        self.commands = Commands::new(config.node, Duration::from_millis(config.command_timeout_ms.into()));
         self.newest = None;
-        self.sample_at = Micros(0);
-        self.errors_at = (config.telemetry_hz > 0).then_some(Micros(0));
+        self.sample_at = Instant::ZERO;
+        self.errors_at = (config.telemetry_hz > 0).then_some(Instant::ZERO);
     }
 
     /// What the CAN controller is.
@@ -119,7 +119,7 @@ impl CanPort {
     }
 
     /// A frame came from the bus.
-    pub(crate) fn received(&mut self, frame: &Frame, now: Micros, counters: &mut Counters) -> Option<Received> {
+    pub(crate) fn received(&mut self, frame: &Frame, now: Instant, counters: &mut Counters) -> Option<Received> {
         count(&mut counters.can_frames_received, 1);
         let (function, node) = Function::of(frame.id())?;
         if node != self.config.node {
@@ -188,7 +188,7 @@ impl CanPort {
     }
 
     /// Where the arm is, for telemetry, which is on.
-    pub(crate) const fn state(&mut self, state: JointState, at: Micros) {
+    pub(crate) const fn state(&mut self, state: JointState, at: Instant) {
         self.newest = Some((state, at));
     }
 
@@ -228,9 +228,9 @@ impl CanPort {
     }
 
     /// From when on [`transmit`](Self::transmit) has a frame, perhaps a time that has passed.
-    fn transmit_at(&self) -> Option<Micros> {
+    fn transmit_at(&self) -> Option<Instant> {
         match self.has_next() {
-            true => Some(Micros(0)),
+            true => Some(Instant::ZERO),
             false => {
                 let [sample, errors, arm, control] = self.times();
                 Earliest::of(sample).or(errors).or(arm).or(control).get()
@@ -244,7 +244,7 @@ impl CanPort {
     }
 
     /// From when on there is something to say of what has its time.
-    fn times(&self) -> [Option<Micros>; 4] {
+    fn times(&self) -> [Option<Instant>; 4] {
         [
             self.newest.map(|_| self.sample_at),
             self.errors_at,
@@ -254,12 +254,12 @@ impl CanPort {
     }
 
     /// Whether [`transmit`](Self::transmit) has a frame.
-    pub(crate) fn is_due(&self, now: Micros) -> bool {
+    pub(crate) fn is_due(&self, now: Instant) -> bool {
         self.has_next() || self.times().iter().flatten().any(|at| *at <= now)
     }
 
     /// The next frame for the bus, the most urgent first.
-    pub(crate) fn transmit(&mut self, now: Micros, counters: &mut Counters) -> Option<Frame> {
+    pub(crate) fn transmit(&mut self, now: Instant, counters: &mut Counters) -> Option<Frame> {
         let frame = self.next_frame(now, counters);
         if frame.is_some() {
             count(&mut counters.can_frames_sent, 1);
@@ -269,7 +269,7 @@ impl CanPort {
     }
 
     /// The controller still has `waiting` of the frames that it was handed. Whether there may be something new to wait for.
-    pub(crate) fn sent(&mut self, waiting: u8, now: Micros) -> bool {
+    pub(crate) fn sent(&mut self, waiting: u8, now: Instant) -> bool {
         let gone = self.handed.saturating_sub(waiting);
         if gone == 0 {
             return false;
@@ -286,7 +286,7 @@ impl CanPort {
         arm || control
     }
 
-    fn next_frame(&mut self, now: Micros, counters: &Counters) -> Option<Frame> {
+    fn next_frame(&mut self, now: Instant, counters: &Counters) -> Option<Frame> {
         if self.sample.is_none() && self.sample_at <= now {
             self.begin_sample(now);
         }
@@ -316,23 +316,23 @@ impl CanPort {
         Some(frame)
     }
 
-    fn begin_sample(&mut self, now: Micros) {
+    fn begin_sample(&mut self, now: Instant) {
         let Some((state, stamp)) = self.newest.take() else {
             return;
         };
         let sample = Sample {
             state,
-            stamp: stamp.0 as u32,
+            stamp: stamp.as_micros() as u32,
             count: self.samples,
         };
         self.samples = self.samples.wrapping_add(1);
         self.sample = Some((sample, 0));
         let period = 1_000_000_u64.checked_div(self.config.telemetry_hz.into());
-        self.sample_at = next(self.sample_at, Micros(period.unwrap_or(0)), now);
+        self.sample_at = next(self.sample_at, Duration::from_micros(period.unwrap_or(0)), now);
     }
 
     /// When [`tick`](Self::tick) or [`transmit`](Self::transmit) has something to do.
-    pub(crate) fn timeout(&self) -> Option<Micros> {
+    pub(crate) fn timeout(&self) -> Option<Instant> {
         // What is due since the last tick waits for the controller, not for the time.
         let transmit_at = self.transmit_at().filter(|at| *at > self.ticked);
         Earliest::of(transmit_at)
@@ -343,7 +343,7 @@ impl CanPort {
     }
 
     /// It is `now`. A command whose other half did not come is refused.
-    pub(crate) fn tick(&mut self, now: Micros, counters: &mut Counters) -> Option<Refusal> {
+    pub(crate) fn tick(&mut self, now: Instant, counters: &mut Counters) -> Option<Refusal> {
         self.ticked = now;
         note(self.arm.tick(now), counters);
         note(self.control.tick(now), counters);
@@ -384,7 +384,7 @@ fn leave(handed: &mut u8, gone: u8) -> bool {
 }
 
 /// The first instant of a grid through `at` that is after `now`.
-fn next(at: Micros, period: Micros, now: Micros) -> Micros {
+fn next(at: Instant, period: Duration, now: Instant) -> Instant {
     let next = at + period;
     if next > now { next } else { now + period }
 }

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::Micros;
+use crate::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::can::Node;
@@ -240,8 +240,8 @@ impl Can {
 
 impl HostTimeout {
     /// After how long, zero for never.
-    pub(crate) const fn after(&self) -> Micros {
-        Micros::from_millis(self.after_ms as u64)
+    pub(crate) const fn after(&self) -> Duration {
+        Duration::from_millis(self.after_ms as u64)
     }
 }
 

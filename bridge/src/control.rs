@@ -19,7 +19,7 @@ use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{ArmKind, Config, ConfigError};
-use crate::{Counters, LineCoding, Micros};
+use crate::{Counters, Duration, LineCoding};
 
 pub use crate::control_codec::{Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
@@ -342,25 +342,25 @@ impl Histogram {
     /// Counts one duration.
     ///
     /// ```
-    /// use armwire_bridge::Micros;
+    /// use armwire_bridge::Duration;
     /// use armwire_bridge::control::Histogram;
     ///
     /// let mut histogram = Histogram::default();
-    /// histogram.add(Micros(5));
+    /// histogram.add(Duration::from_micros(5));
     /// assert_eq!(histogram.counts[2], 1);
-    /// assert_eq!(Histogram::limit(2), Some(Micros(8)));
+    /// assert_eq!(Histogram::limit(2), Some(Duration::from_micros(8)));
     /// ```
-    pub fn add(&mut self, duration: Micros) {
-        let magnitude = duration.0.checked_ilog2().unwrap_or(0) as usize;
+    pub fn add(&mut self, duration: Duration) {
+        let magnitude = duration.as_micros().checked_ilog2().unwrap_or(0) as usize;
         if let Some(count) = self.counts.get_mut(magnitude.min(Self::BUCKETS - 1)) {
             *count = count.wrapping_add(1);
         }
     }
 
     /// The duration that those in this bucket are shorter than; `None` for the last.
-    pub const fn limit(bucket: usize) -> Option<Micros> {
+    pub const fn limit(bucket: usize) -> Option<Duration> {
         if bucket < Self::BUCKETS - 1 {
-            Some(Micros(2 << bucket))
+            Some(Duration::from_micros(2 << bucket))
         } else {
             None
         }
@@ -413,8 +413,8 @@ mod tests {
         let limits = core::array::from_fn::<_, { Histogram::BUCKETS }, _>(Histogram::limit);
         for micros in [0, 1, 2, 3, 4, 7, 8, 16_383, 16_384, 32_767, 32_768, 65_536, u64::MAX] {
             let mut histogram = Histogram::default();
-            histogram.add(Micros(micros));
-            let below = |limit: &Option<Micros>| limit.is_none_or(|limit| micros < limit.0);
+            histogram.add(Duration::from_micros(micros));
+            let below = |limit: &Option<Duration>| limit.is_none_or(|limit| micros < limit.as_micros());
             let bucket = limits.iter().position(below).unwrap();
             assert_eq!(histogram.counts[bucket], 1, "{micros} µs");
         }

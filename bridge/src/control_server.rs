@@ -1,6 +1,6 @@
 //! The control port: hears requests on USB and on CAN, does what they ask, and tells subscribers what happens.
 
-use crate::Micros;
+use crate::Instant;
 
 use crate::bridge::{Action, Bridge};
 use crate::can_port::{CanPort, MAX_REQUEST};
@@ -210,7 +210,7 @@ impl ControlServer {
     /// there is none behind it.
     pub(crate) fn frame(
         &mut self,
-        at: Micros,
+        at: Instant,
         initiator: Option<Initiator>,
         bytes: &[u8],
         can: &mut CanPort,
@@ -253,8 +253,8 @@ impl ControlServer {
     }
 
     /// Tells subscribers of what is no frame.
-    pub(crate) fn tell(&mut self, event: Event, now: Micros, can: &mut CanPort, counters: &mut Counters) {
-        let at = Stamp(now.0);
+    pub(crate) fn tell(&mut self, event: Event, now: Instant, can: &mut CanPort, counters: &mut Counters) {
+        let at = Stamp(now.as_micros());
         let event = FromAdapter::Event { at, event };
         self.publish(&event, |subscription| subscription.events, can, counters);
     }
@@ -359,7 +359,7 @@ impl ControlServer {
 
 impl Bridge {
     /// Answers what hosts have asked on the control port, as far as there is room for the answers.
-    pub(crate) fn serve(&mut self, now: Micros) {
+    pub(crate) fn serve(&mut self, now: Instant) {
         self.share();
         self.tell_frames();
         // What one asks may end what another waits for.
@@ -384,7 +384,7 @@ impl Bridge {
     }
 
     /// Serves one port, and returns whether there was anything to do.
-    fn serve_port(&mut self, port: Port, now: Micros) -> bool {
+    fn serve_port(&mut self, port: Port, now: Instant) -> bool {
         let mut any = false;
         while self.control.has_room(port, &self.can) {
             let reply = match self.control.finished(port, &self.config) {
@@ -416,7 +416,12 @@ impl Bridge {
     }
 
     /// Does what a host asks. `None` when the reply comes later.
-    fn handle_request(&mut self, port: Port, request: Result<FromHost, Malformed>, now: Micros) -> Option<(u8, Reply)> {
+    fn handle_request(
+        &mut self,
+        port: Port,
+        request: Result<FromHost, Malformed>,
+        now: Instant,
+    ) -> Option<(u8, Reply)> {
         let FromHost { sequence, request } = match request {
             Ok(request) => request,
             Err(malformed) => {
@@ -495,7 +500,7 @@ impl Bridge {
     }
 
     /// Becomes what a host wants it to be, if it can.
-    fn configure(&mut self, config: Config, by: Port, now: Micros) -> Result<(), ConfigError> {
+    fn configure(&mut self, config: Config, by: Port, now: Instant) -> Result<(), ConfigError> {
         self.control.check(&config)?;
         self.adopt(config, by, now);
         Ok(())

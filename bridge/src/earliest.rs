@@ -1,30 +1,30 @@
 //! The earliest of several instants.
 
-use crate::Micros;
+use crate::Instant;
 
 /// Later than every instant that there is.
-const NEVER: Micros = Micros(u64::MAX);
+const NEVER: Instant = Instant::from_micros(u64::MAX);
 
 /// The earliest instant so far, if there is one.
 ///
 /// It is asked for after everything that happens: options in an array take three times as long.
 #[derive(Clone, Copy)]
-pub(crate) struct Earliest(Micros);
+pub(crate) struct Earliest(Instant);
 
 impl Earliest {
     #[inline]
-    pub(crate) fn of(instant: Option<Micros>) -> Self {
+    pub(crate) fn of(instant: Option<Instant>) -> Self {
         Self(instant.unwrap_or(NEVER))
     }
 
     /// That, or this one if it is earlier.
     #[inline]
-    pub(crate) fn or(self, instant: Option<Micros>) -> Self {
+    pub(crate) fn or(self, instant: Option<Instant>) -> Self {
         Self(self.0.min(instant.unwrap_or(NEVER)))
     }
 
     #[inline]
-    pub(crate) fn get(self) -> Option<Micros> {
+    pub(crate) fn get(self) -> Option<Instant> {
         (self.0 != NEVER).then_some(self.0)
     }
 }
@@ -35,7 +35,7 @@ mod tests {
 
     #[test]
     fn none_is_never() {
-        let [a, b] = [Some(Micros(1)), Some(Micros(2))];
+        let [a, b] = [Some(Instant::from_micros(1)), Some(Instant::from_micros(2))];
         assert_eq!(Earliest::of(None).or(None).get(), None);
         for [first, second, third] in [[a, b, None], [None, b, a], [b, None, a]] {
             assert_eq!(Earliest::of(first).or(second).or(third).get(), a);

@@ -1,6 +1,6 @@
 //! Requests that are with the arm: whose they are, what answers them, and from when on an answer is missing.
 
-use crate::Micros;
+use crate::{Duration, Instant};
 use armwire::alpha1::Expect;
 use heapless::Vec;
 
@@ -18,7 +18,7 @@ const KINDS: usize = 8;
 const OWED: usize = FLIGHTS + KINDS;
 
 /// How long after it was due an answer may still come.
-pub(crate) const LATENESS: Micros = Micros::from_millis(50);
+pub(crate) const LATENESS: Duration = Duration::from_millis(50);
 
 /// The requests of one initiator, of which the arm has answered none yet.
 pub(crate) struct Exchange {
@@ -29,13 +29,13 @@ pub(crate) struct Exchange {
     more: Vec<More, KINDS>,
     others: u32,
     /// The longest that the arm may take for one of those.
-    more_patience: Micros,
+    more_patience: Duration,
     /// When all answers that are still missing are given up.
-    due: Micros,
+    due: Instant,
     /// In the order in which they were given up.
     owed: Vec<Owed, OWED>,
     /// Until when an answer of any kind may still be late: more kinds were missing than are remembered.
-    saturated: Micros,
+    saturated: Instant,
 }
 
 /// A request that is with the arm.
@@ -43,9 +43,9 @@ pub(crate) struct Exchange {
 struct Flight {
     key: Key,
     expect: Expect,
-    patience: Micros,
+    patience: Duration,
     /// When its last byte is out.
-    sent: Micros,
+    sent: Instant,
 }
 
 /// Requests that are with the arm and of which not more is remembered.
@@ -60,14 +60,14 @@ struct More {
 struct Owed {
     key: Key,
     count: u32,
-    until: Micros,
+    until: Instant,
 }
 
 /// What a frame of the arm turned out to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Heard {
     /// The answer to a request of this initiator, so long after it, if that is remembered.
-    Answer(Initiator, Option<Micros>),
+    Answer(Initiator, Option<Duration>),
     /// The answer to a request that was given up.
     Late,
     /// Nobody has asked for it.
@@ -81,10 +81,10 @@ impl Exchange {
             flights: Vec::new(),
             more: Vec::new(),
             others: 0,
-            more_patience: Micros(0),
-            due: Micros(0),
+            more_patience: Duration::ZERO,
+            due: Instant::ZERO,
             owed: Vec::new(),
-            saturated: Micros(0),
+            saturated: Instant::ZERO,
         }
     }
 
@@ -112,7 +112,7 @@ impl Exchange {
     /// A request that the arm answers within `patience` went out, the last byte of it at `sent`.
     ///
     /// Of several initiators only after those of the one before have ended.
-    pub(crate) fn begin(&mut self, initiator: Initiator, asked: Asked, sent: Micros, patience: Micros) {
+    pub(crate) fn begin(&mut self, initiator: Initiator, asked: Asked, sent: Instant, patience: Duration) {
         self.due = match self.holder() {
             Some(_) => self.due.max(sent + patience),
             None => sent + patience,
@@ -161,7 +161,7 @@ impl Exchange {
 
     /// The arm said a frame with this key, the first byte of which was in at `began` and the last at `now`. It is `fresh`
     /// if all of it came after the last request was handed over.
-    pub(crate) fn hear(&mut self, key: Option<Key>, fresh: bool, began: Micros, now: Micros) -> Heard {
+    pub(crate) fn hear(&mut self, key: Option<Key>, fresh: bool, began: Instant, now: Instant) -> Heard {
         let Some(key) = key else { return Heard::Unasked };
         // An arm answers in turn: the oldest request of the kind is the one that was given up.
         if let Some(owed) = self.owed.iter_mut().find(|owed| owed.key == key) {
@@ -208,18 +208,18 @@ impl Exchange {
 
     /// Whether a request with this key must wait, because its answer could not be told from one that was given up.
     pub(crate) fn is_owed(&self, key: Key) -> bool {
-        self.saturated > Micros(0) || self.owed.iter().any(|owed| owed.key == key)
+        self.saturated > Instant::ZERO || self.owed.iter().any(|owed| owed.key == key)
     }
 
     /// Whether no answer was given up that may still come.
     pub(crate) fn owes_nothing(&self) -> bool {
-        self.owed.is_empty() && self.saturated == Micros(0)
+        self.owed.is_empty() && self.saturated == Instant::ZERO
     }
 
     /// When to call [`tick`](Self::tick), unless something happens before.
-    pub(crate) fn timeout(&self) -> Option<Micros> {
+    pub(crate) fn timeout(&self) -> Option<Instant> {
         let owed = self.owed.iter().map(|owed| owed.until).min();
-        let saturated = Some(self.saturated).filter(|until| *until > Micros(0));
+        let saturated = Some(self.saturated).filter(|until| *until > Instant::ZERO);
         Earliest::of(owed)
             .or(saturated)
             .or(self.holder().map(|_| self.due))
@@ -227,7 +227,7 @@ impl Exchange {
     }
 
     /// It is `now`: how many answers are given up.
-    pub(crate) fn tick(&mut self, now: Micros) -> usize {
+    pub(crate) fn tick(&mut self, now: Instant) -> usize {
         // Nearly always there is nothing to look after.
         if self.owes_nothing() && self.holder().is_none() {
             return 0;
@@ -238,7 +238,7 @@ impl Exchange {
         };
         self.owed.retain(|owed| now < owed.until);
         if self.saturated <= now {
-            self.saturated = Micros(0);
+            self.saturated = Instant::ZERO;
         }
         missing
     }
@@ -275,7 +275,7 @@ impl Exchange {
         let missing = self.open();
         self.forget();
         self.owed.clear();
-        self.saturated = Micros(0);
+        self.saturated = Instant::ZERO;
         missing
     }
 }
@@ -285,15 +285,19 @@ mod tests {
     use super::*;
     use crate::config::ArmKind;
 
-    const MILLISECOND: Micros = Micros::from_millis(1);
-    const SECOND: Micros = Micros::from_millis(1_000);
+    const MILLISECOND: Duration = Duration::from_millis(1);
+    const SECOND: Duration = Duration::from_millis(1_000);
+
+    fn after(span: Duration) -> Instant {
+        Instant::ZERO + span
+    }
 
     /// A request that Ling's arm answers with `function`.
     fn asked(function: u8) -> Asked {
         ArmKind::Ling.asked(&[0xAA, 0x06, function, 1, 0xFE, 0, 0xFF])
     }
 
-    fn answer(exchange: &mut Exchange, function: u8, now: Micros) -> Heard {
+    fn answer(exchange: &mut Exchange, function: u8, now: Instant) -> Heard {
         exchange.hear(Some(asked(function).key), true, now, now)
     }
 
@@ -301,46 +305,49 @@ mod tests {
     fn the_patience_for_many_requests_ends_with_them() {
         let mut exchange = Exchange::new();
         for _ in 0..=FLIGHTS {
-            exchange.begin(Initiator::Usb, asked(0), Micros(0), SECOND);
+            exchange.begin(Initiator::Usb, asked(0), Instant::ZERO, SECOND);
         }
         for _ in 0..=FLIGHTS {
-            assert!(matches!(answer(&mut exchange, 0, MILLISECOND), Heard::Answer(..)));
+            assert!(matches!(
+                answer(&mut exchange, 0, after(MILLISECOND)),
+                Heard::Answer(..)
+            ));
         }
         assert_eq!((exchange.holder(), exchange.timeout()), (None, None));
 
-        exchange.begin(Initiator::Can, asked(0), SECOND, MILLISECOND);
-        assert_eq!(answer(&mut exchange, 2, SECOND), Heard::Unasked);
-        assert_eq!(exchange.timeout(), Some(SECOND + MILLISECOND));
+        exchange.begin(Initiator::Can, asked(0), after(SECOND), MILLISECOND);
+        assert_eq!(answer(&mut exchange, 2, after(SECOND)), Heard::Unasked);
+        assert_eq!(exchange.timeout(), Some(after(SECOND) + MILLISECOND));
     }
 
     #[test]
     fn each_of_many_requests_is_answered_once_whatever_they_ask() {
         let mut exchange = Exchange::new();
         for n in 0..20 {
-            exchange.begin(Initiator::Usb, asked(n), Micros(0), SECOND);
+            exchange.begin(Initiator::Usb, asked(n), Instant::ZERO, SECOND);
         }
         for n in 0..20 {
             assert_eq!(exchange.holder(), Some(Initiator::Usb));
             assert!(matches!(
-                answer(&mut exchange, n, MILLISECOND),
+                answer(&mut exchange, n, after(MILLISECOND)),
                 Heard::Answer(Initiator::Usb, _)
             ));
         }
         assert_eq!(exchange.holder(), None);
         for n in 0..20 {
-            assert_eq!(answer(&mut exchange, n, MILLISECOND), Heard::Unasked);
+            assert_eq!(answer(&mut exchange, n, after(MILLISECOND)), Heard::Unasked);
         }
     }
 
     #[test]
     fn a_late_answer_is_late_once_and_only_for_its_own_request() {
         let mut exchange = Exchange::new();
-        exchange.begin(Initiator::Usb, asked(0), Micros(0), MILLISECOND);
-        exchange.begin(Initiator::Usb, asked(2), Micros(0), MILLISECOND);
-        assert_eq!(exchange.tick(MILLISECOND), 2);
-        assert_eq!(answer(&mut exchange, 0, MILLISECOND), Heard::Late);
-        assert_eq!(answer(&mut exchange, 0, MILLISECOND), Heard::Unasked);
-        assert_eq!(answer(&mut exchange, 2, MILLISECOND), Heard::Late);
+        exchange.begin(Initiator::Usb, asked(0), Instant::ZERO, MILLISECOND);
+        exchange.begin(Initiator::Usb, asked(2), Instant::ZERO, MILLISECOND);
+        assert_eq!(exchange.tick(after(MILLISECOND)), 2);
+        assert_eq!(answer(&mut exchange, 0, after(MILLISECOND)), Heard::Late);
+        assert_eq!(answer(&mut exchange, 0, after(MILLISECOND)), Heard::Unasked);
+        assert_eq!(answer(&mut exchange, 2, after(MILLISECOND)), Heard::Late);
         assert!(exchange.owes_nothing());
     }
 
@@ -349,27 +356,27 @@ mod tests {
         let mut exchange = Exchange::new();
         assert_eq!(exchange.abandon(), 0);
         for n in 0..20 {
-            exchange.begin(Initiator::Usb, asked(n), Micros(0), SECOND);
+            exchange.begin(Initiator::Usb, asked(n), Instant::ZERO, SECOND);
         }
         assert_eq!(exchange.abandon(), 20);
         assert_eq!((exchange.holder(), exchange.timeout()), (None, None));
-        assert_eq!(answer(&mut exchange, 0, SECOND), Heard::Unasked);
+        assert_eq!(answer(&mut exchange, 0, after(SECOND)), Heard::Unasked);
     }
 
     #[test]
     fn as_many_answers_are_late_as_were_missing() {
         let mut exchange = Exchange::new();
         for _ in 0..2 {
-            exchange.begin(Initiator::Usb, asked(0), Micros(0), MILLISECOND);
+            exchange.begin(Initiator::Usb, asked(0), Instant::ZERO, MILLISECOND);
         }
-        assert_eq!(exchange.tick(MILLISECOND), 2);
-        exchange.begin(Initiator::Usb, asked(1), MILLISECOND, MILLISECOND);
-        assert_eq!(exchange.tick(Micros(2_000)), 1);
+        assert_eq!(exchange.tick(after(MILLISECOND)), 2);
+        exchange.begin(Initiator::Usb, asked(1), after(MILLISECOND), MILLISECOND);
+        assert_eq!(exchange.tick(Instant::from_micros(2_000)), 1);
         for _ in 0..2 {
             assert!(exchange.is_owed(asked(0).key));
-            assert_eq!(answer(&mut exchange, 0, Micros(3_000)), Heard::Late);
+            assert_eq!(answer(&mut exchange, 0, Instant::from_micros(3_000)), Heard::Late);
         }
-        assert_eq!(answer(&mut exchange, 0, Micros(3_000)), Heard::Unasked);
+        assert_eq!(answer(&mut exchange, 0, Instant::from_micros(3_000)), Heard::Unasked);
         assert!(exchange.is_owed(asked(1).key));
     }
 }

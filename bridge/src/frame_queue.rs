@@ -1,6 +1,6 @@
 //! Frames of the arm that subscribers are still to be told of: only what is needed to tell, not the message.
 
-use crate::Micros;
+use crate::Instant;
 
 use crate::control::{Event, FrameBytes, FromAdapter, Initiator, Stamp};
 use crate::queue::Queue;
@@ -29,12 +29,12 @@ impl FrameQueue {
     }
 
     /// Appends a frame that ended at `at`, and returns whether there was room.
-    pub(crate) fn push(&mut self, at: Micros, initiator: Option<Initiator>, bytes: &[u8]) -> bool {
+    pub(crate) fn push(&mut self, at: Instant, initiator: Option<Initiator>, bytes: &[u8]) -> bool {
         let fits = bytes.len().saturating_add(HEADER) <= self.bytes.room();
         if fits {
             let mut header = [0; HEADER];
             let [stamp @ .., by, len] = &mut header;
-            *stamp = at.0.to_le_bytes();
+            *stamp = at.as_micros().to_le_bytes();
             *by = initiator.map_or(NOBODY, |initiator| initiator as u8);
             *len = bytes.len() as u8;
             self.bytes.push(&header);
@@ -98,7 +98,7 @@ mod tests {
         };
         for len in [1, 7, 21, MAX_FRAME] {
             let frames: Vec<_> = frames(len)
-                .take_while(|(at, initiator, bytes)| queue.push(Micros(*at), *initiator, bytes))
+                .take_while(|(at, initiator, bytes)| queue.push(Instant::from_micros(*at), *initiator, bytes))
                 .map(|(at, initiator, bytes)| FromAdapter::Event {
                     at: Stamp(at),
                     event: Event::Frame { initiator, bytes },

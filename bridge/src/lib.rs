@@ -46,24 +46,24 @@
 //!   moves nothing.
 //!
 //! ```
-//! use armwire_bridge::{Bridge, Micros, PACKET};
+//! use armwire_bridge::{Bridge, Instant, PACKET};
 //!
 //! let mut bridge = Bridge::default();
 //! bridge.usb_configured(true);
 //!
 //! // The host asks for the joint positions …
-//! bridge.usb_received(&[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF], Micros(0));
+//! bridge.usb_received(&[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF], Instant::ZERO);
 //! let mut buf = [0; 256];
-//! assert_eq!(bridge.uart_transmit(&mut buf, Micros(0)).unwrap().len, 7);
+//! assert_eq!(bridge.uart_transmit(&mut buf, Instant::ZERO).unwrap().len, 7);
 //!
 //! // … and the arm answers. Before the end of the frame is in, nothing is sent; then all of it is, at once.
 //! let answer = [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF];
-//! bridge.uart_received(&answer[..5], Micros(350));
+//! bridge.uart_received(&answer[..5], Instant::from_micros(350));
 //! assert_eq!(bridge.rx_threshold().max, 2);
 //! let mut packet = [0; PACKET];
 //! assert_eq!(bridge.usb_transmit(&mut packet), None);
 //!
-//! bridge.uart_received(&answer[5..], Micros(370));
+//! bridge.uart_received(&answer[5..], Instant::from_micros(370));
 //! assert_eq!(bridge.usb_transmit(&mut packet), Some(7));
 //! assert_eq!(packet[..7], answer);
 //! assert_eq!(bridge.counters().frames, 1);
@@ -95,16 +95,16 @@ mod poll;
 mod queue;
 pub mod store;
 mod stream;
-mod time;
 mod turn;
 mod usb;
 
 #[cfg(test)]
 mod tests;
 
+pub use armwire::time;
+pub use armwire::time::{Duration, Instant};
 pub use bridge::{
     Action, Bridge, Burst, CanErrors, PACKET, POLL_LEAD_TIME, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER,
 };
 pub use counters::{Counters, UartErrors};
 pub use line::{Line, LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits};
-pub use time::Micros;

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::Micros;
+use crate::Duration;
 use serde::{Deserialize, Serialize};
 
 /// The slowest line, in baud.
@@ -161,7 +161,9 @@ impl LineCoding {
         let millis = bits.checked_div(self.baud).unwrap_or(0);
         let rest = bits.checked_rem(self.baud).unwrap_or(0);
         let micros = rest.saturating_mul(1_000).checked_div(self.baud).unwrap_or(0);
-        Micros::from_millis(millis.into()).0.saturating_add(micros.into())
+        Duration::from_millis(millis.into())
+            .as_micros()
+            .saturating_add(micros.into())
     }
 
     /// The time that a byte takes on the line, in nanoseconds, rounded down.

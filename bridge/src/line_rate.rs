@@ -4,17 +4,17 @@ use crate::config::ArmKind;
 use crate::control::{LineHolder, LineState};
 use crate::control_server::Port;
 use crate::earliest::Earliest;
-use crate::{Line, LineCoding, Micros};
+use crate::{Duration, Instant, Line, LineCoding};
 
 /// How long after SET_LINE_CODING an open port gets its rate without a byte: many programs set two rates in a row, and only
 /// the last is meant.
-const SETTLE: Micros = Micros::from_millis(100);
+const SETTLE: Duration = Duration::from_millis(100);
 
 /// How long a host that does not raise DTR keeps its rate without a byte either way.
-const IDLE: Micros = Micros::from_millis(10_000);
+const IDLE: Duration = Duration::from_millis(10_000);
 
 /// How long [`HoldLine`](crate::control::Request::HoldLine) holds unless it is renewed.
-const LEASE: Micros = Micros::from_millis(crate::control::HOLD_LEASE_MS as u64);
+const LEASE: Duration = Duration::from_millis(crate::control::HOLD_LEASE_MS as u64);
 
 /// A change of the line between bytes of the host on USB.
 #[derive(Clone, Copy)]
@@ -41,14 +41,14 @@ pub(crate) struct LineRate {
     requested: LineCoding,
     /// While the port is open, when `requested` takes effect without a byte. Else, when to see whether the host has said
     /// nothing for [`IDLE`].
-    deadline: Option<Micros>,
+    deadline: Option<Instant>,
     /// Torque-off took the line from the host. Its rate stays out of effect until it sets one.
     revoked: bool,
     /// Bytes of the host were refused since it set its rate.
     refused: bool,
     dtr: bool,
     /// The port that requested `hold-line`, and the end of its lease.
-    hold: Option<(Port, Micros)>,
+    hold: Option<(Port, Instant)>,
 }
 
 impl LineRate {
@@ -140,7 +140,7 @@ impl LineRate {
 
     /// The host on USB sent SET_LINE_CODING behind `queued` bytes. The arm's own rate takes effect behind these; another one
     /// with the next byte, or, while the port is open, after 100 ms.
-    pub(crate) fn request(&mut self, coding: LineCoding, queued: usize, now: Micros) {
+    pub(crate) fn request(&mut self, coding: LineCoding, queued: usize, now: Instant) {
         (self.requested, self.revoked, self.refused) = (coding, false, false);
         if !self.has_own_rate {
             self.arm.coding = coding;
@@ -163,7 +163,7 @@ impl LineRate {
     }
 
     /// The rate that the host on USB has set takes effect behind the `queued` bytes.
-    pub(crate) fn take(&mut self, queued: usize, now: Micros) {
+    pub(crate) fn take(&mut self, queued: usize, now: Instant) {
         let to = Line {
             coding: self.requested,
             half_duplex: self.arm.half_duplex,
@@ -178,7 +178,7 @@ impl LineRate {
     }
 
     /// The host raised or lowered DTR.
-    pub(crate) fn dtr(&mut self, high: bool, queued: usize, now: Micros) {
+    pub(crate) fn dtr(&mut self, high: bool, queued: usize, now: Instant) {
         let fell = self.dtr && !high;
         let rose = high && !self.dtr;
         self.dtr = high;
@@ -260,7 +260,7 @@ impl LineRate {
     }
 
     /// `port` keeps the line for USB for the time of a lease. Returns whether it may: another port may have it.
-    pub(crate) fn hold(&mut self, port: Port, now: Micros) -> bool {
+    pub(crate) fn hold(&mut self, port: Port, now: Instant) -> bool {
         let is_free = self.hold.is_none_or(|(holder, _)| holder == port);
         if is_free {
             self.hold = Some((port, now + LEASE));
@@ -294,14 +294,14 @@ impl LineRate {
     // ---- Time ----
 
     /// When to call [`tick`](Self::tick). While the host's rate `may` not take effect, it waits.
-    pub(crate) fn timeout(&self, may: bool) -> Option<Micros> {
+    pub(crate) fn timeout(&self, may: bool) -> Option<Instant> {
         let deadline = self.deadline.filter(|_| may || !self.dtr);
         Earliest::of(deadline).or(self.hold.map(|(_, until)| until)).get()
     }
 
     /// It is `now`: what [`timeout`](Self::timeout) has waited for comes. The last byte either way moved at `moved`, and
     /// `queued` bytes of the host on USB wait.
-    pub(crate) fn tick(&mut self, may: bool, moved: Micros, queued: usize, now: Micros) {
+    pub(crate) fn tick(&mut self, may: bool, moved: Instant, queued: usize, now: Instant) {
         let _ = self.hold.take_if(|(_, until)| *until <= now);
         if self.deadline.is_none_or(|at| at > now) || self.dtr && !may {
             return;

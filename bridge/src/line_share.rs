@@ -12,22 +12,22 @@ use crate::control::{Failure, FrameBytes, Initiator, MAX_FRAME, Refusal};
 use crate::counters::count;
 use crate::exchange::Heard;
 use crate::turn::behind;
-use crate::{Line, Micros, UartErrors};
+use crate::{Duration, Instant, Line, UartErrors};
 
 /// How long the host on USB may pause inside a frame before others get their turn.
-const STALL: Micros = Micros::from_millis(10);
+const STALL: Duration = Duration::from_millis(10);
 
 /// How old what is known of the line may be while bytes come, in nanoseconds.
 const AGE: u32 = 1_000_000;
 
 /// How long the line must be quiet, both ways, after bytes that are no frame.
-const QUIET: Micros = Micros::from_millis(5);
+const QUIET: Duration = Duration::from_millis(5);
 
 /// How long others wait at most for one who sends bytes that are no frame.
-const RAW_TURN: Micros = Micros::from_millis(100);
+const RAW_TURN: Duration = Duration::from_millis(100);
 
 /// What the adapter itself may add to the time of an answer: two bytes in the transmitter, a look at the receiver.
-const MARGIN: Micros = Micros::from_millis(1);
+const MARGIN: Duration = Duration::from_millis(1);
 
 /// A frame of the arm that is not [shared](Bridge::share) yet. It lies in the tap until more comes.
 pub(crate) struct Unshared {
@@ -35,7 +35,7 @@ pub(crate) struct Unshared {
     start: u8,
     len: u8,
     initiator: Option<Initiator>,
-    at: Micros,
+    at: Instant,
 }
 
 impl Bridge {
@@ -46,7 +46,7 @@ impl Bridge {
     ///
     /// Returns whether there was a frame: then ask everything that can be due, and [`share`](Self::share) it when there is
     /// time. Without one only [`usb_due`](Self::usb_due) can have come true. Then ask what to [look for](Self::rx_threshold).
-    pub fn uart_received(&mut self, bytes: &[u8], now: Micros) -> bool {
+    pub fn uart_received(&mut self, bytes: &[u8], now: Instant) -> bool {
         self.last_rx_poll = now;
         if bytes.is_empty() {
             return false;
@@ -72,13 +72,13 @@ impl Bridge {
     /// that they end are late, and counted.
     ///
     /// ```
-    /// use armwire_bridge::{Bridge, Micros};
+    /// use armwire_bridge::{Bridge, Instant};
     ///
     /// let mut bridge = Bridge::default();
-    /// assert!(bridge.uart_received_unseen(&[0xAA, 0x04, 0x0E, 0x01, 0x02, 0x2C, 0xFF], Micros(250)));
+    /// assert!(bridge.uart_received_unseen(&[0xAA, 0x04, 0x0E, 0x01, 0x02, 0x2C, 0xFF], Instant::from_micros(250)));
     /// assert_eq!(bridge.counters().late_stamps, 1);
     /// ```
-    pub fn uart_received_unseen(&mut self, bytes: &[u8], now: Micros) -> bool {
+    pub fn uart_received_unseen(&mut self, bytes: &[u8], now: Instant) -> bool {
         let before = self.counters.frames;
         let any = self.uart_received(bytes, now);
         let ended = self.counters.frames.wrapping_sub(before);
@@ -91,16 +91,16 @@ impl Bridge {
     /// Call [`uart_received`](Self::uart_received) first with what arrived before. Returns the same as that.
     ///
     /// ```
-    /// use armwire_bridge::{Bridge, Micros, PACKET};
+    /// use armwire_bridge::{Bridge, Instant, PACKET};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.usb_configured(true);
-    /// bridge.uart_received(b"what is this", Micros(100));
+    /// bridge.uart_received(b"what is this", Instant::from_micros(100));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
-    /// bridge.uart_idle(Micros(110));
+    /// bridge.uart_idle(Instant::from_micros(110));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));
     /// ```
-    pub fn uart_idle(&mut self, now: Micros) -> bool {
+    pub fn uart_idle(&mut self, now: Instant) -> bool {
         let any = self.take_pieces(true, now);
         self.port.release(self.passed);
         any
@@ -125,13 +125,13 @@ impl Bridge {
     /// An interrupt handler that sees each byte as it comes needs to wake nobody before.
     ///
     /// ```
-    /// use armwire_bridge::{Bridge, Micros, RxThreshold};
+    /// use armwire_bridge::{Bridge, Instant, RxThreshold};
     ///
     /// let mut bridge = Bridge::default();
     /// let need = bridge.rx_threshold();
     /// assert_eq!(need, RxThreshold { max: 64, min: 6, terminator: Some(0xFF) });
     /// assert!(need.is_met(7, 0xFF) && !need.is_met(7, 0xFE));
-    /// bridge.uart_received(&[0xAA, 0x06, 0x00, 0x0F], Micros(0));
+    /// bridge.uart_received(&[0xAA, 0x06, 0x00, 0x0F], Instant::ZERO);
     /// assert_eq!(bridge.rx_threshold(), RxThreshold { max: 17, min: 17, terminator: None });
     /// ```
     pub fn rx_threshold(&self) -> RxThreshold {
@@ -166,7 +166,7 @@ impl Bridge {
     }
 
     /// Takes what the tap has decided on, and returns whether there was a frame.
-    fn take_pieces(&mut self, idle: bool, now: Micros) -> bool {
+    fn take_pieces(&mut self, idle: bool, now: Instant) -> bool {
         let mut any = false;
         while self.tap.pending() > 0 {
             self.share();
@@ -194,7 +194,7 @@ impl Bridge {
             any = true;
             count(&mut self.counters.frames, 1);
             let key = self.config.arm.key_of_answer(bytes);
-            let began = now.since(on_wire(self.rate.byte_nanos(), bytes.len().saturating_sub(1)));
+            let began = now - on_wire(self.rate.byte_nanos(), bytes.len().saturating_sub(1));
             let initiator = match self.exchange.hear(key, fresh, began, now) {
                 Heard::Answer(initiator, after) => {
                     if let Some(after) = after {
@@ -238,15 +238,15 @@ impl Bridge {
     /// [`timeout`](Self::timeout).
     ///
     /// ```
-    /// use armwire_bridge::{Bridge, Micros};
+    /// use armwire_bridge::{Bridge, Instant};
     /// use armwire_bridge::config::{Can, Config};
     /// use armwire_bridge::control::Identity;
     ///
     /// let can = Can { unsolicited: true, ..Can::default() };
     /// let mut bridge = Bridge::new(Identity::default(), Config { can, ..Config::default() });
-    /// assert!(bridge.uart_received(&[0xAA, 0x04, 0x0E, 0x01, 0x02, 0x2C, 0xFF], Micros(100)));
+    /// assert!(bridge.uart_received(&[0xAA, 0x04, 0x0E, 0x01, 0x02, 0x2C, 0xFF], Instant::from_micros(100)));
     /// bridge.share();
-    /// assert!(bridge.can_due(Micros(100)));
+    /// assert!(bridge.can_due(Instant::from_micros(100)));
     /// ```
     pub fn share(&mut self) {
         let Some(Unshared {
@@ -276,7 +276,7 @@ impl Bridge {
     }
 
     /// The exchange of `initiator` is over, with this answer if there is one and somebody wants it.
-    fn ended(&mut self, initiator: Initiator, answer: Option<FrameBytes>, now: Micros) {
+    fn ended(&mut self, initiator: Initiator, answer: Option<FrameBytes>, now: Instant) {
         self.close(initiator, answer, now);
         if initiator == Initiator::Adapter {
             self.serve(now);
@@ -284,7 +284,7 @@ impl Bridge {
     }
 
     /// Notes that the exchange of `initiator` is over. What that lets the control port answer is not answered yet.
-    fn close(&mut self, initiator: Initiator, answer: Option<FrameBytes>, now: Micros) {
+    fn close(&mut self, initiator: Initiator, answer: Option<FrameBytes>, now: Instant) {
         self.turn.went(now);
         match initiator {
             Initiator::Poll => {
@@ -300,7 +300,7 @@ impl Bridge {
     // ---- What is said to the arm ----
 
     /// Whether [`uart_transmit`](Self::uart_transmit) has bytes or [`line_change`](Self::line_change) has something.
-    pub fn uart_due(&self, now: Micros) -> bool {
+    pub fn uart_due(&self, now: Instant) -> bool {
         self.line_change().is_some() || self.next(now).is_some()
     }
 
@@ -313,19 +313,19 @@ impl Bridge {
     /// ```
     /// use armwire_bridge::config::{Config, Poll};
     /// use armwire_bridge::control::Identity;
-    /// use armwire_bridge::{Bridge, Burst, POLL_LEAD_TIME, Micros};
+    /// use armwire_bridge::{Bridge, Burst, POLL_LEAD_TIME, Instant};
     ///
     /// // A poll goes out at its slot, which is on a fixed grid from the first tick on.
     /// let config = Config { poll: Poll::Hertz(100), ..Config::default() };
     /// let mut bridge = Bridge::new(Identity::default(), config);
-    /// bridge.tick(Micros(500));
-    /// assert_eq!(bridge.timeout(), Some(Micros(10_500 - POLL_LEAD_TIME.0)));
-    /// let now = Micros(10_480);
+    /// bridge.tick(Instant::from_micros(500));
+    /// assert_eq!(bridge.timeout(), Some(Instant::from_micros(10_500) - POLL_LEAD_TIME));
+    /// let now = Instant::from_micros(10_480);
     /// bridge.tick(now);
     /// let burst = bridge.uart_transmit(&mut [0; 70], now);
-    /// assert_eq!(burst, Some(Burst { len: 7, start: Some(Micros(10_500)) }));
+    /// assert_eq!(burst, Some(Burst { len: 7, start: Some(Instant::from_micros(10_500)) }));
     /// ```
-    pub fn uart_transmit(&mut self, out: &mut [u8], now: Micros) -> Option<Burst> {
+    pub fn uart_transmit(&mut self, out: &mut [u8], now: Instant) -> Option<Burst> {
         self.tick_line(now);
         self.tick_hold(now);
         if self.line_change().is_some() {
@@ -359,7 +359,7 @@ impl Bridge {
     }
 
     /// Whose turn it is now, if anybody's.
-    fn next(&self, now: Micros) -> Option<Initiator> {
+    fn next(&self, now: Instant) -> Option<Initiator> {
         if self.torque_off.is_some() && !self.usb_speaks() {
             // It waits for nobody's answer.
             return Some(Initiator::Adapter);
@@ -403,7 +403,7 @@ impl Bridge {
     }
 
     /// Whether nobody but the host on USB has anything to say, which is so nearly always.
-    fn others_are_silent(&self, now: Micros) -> bool {
+    fn others_are_silent(&self, now: Instant) -> bool {
         self.all_but_the_poll_are_silent() && self.poll.due_since(POLL_LEAD_TIME, now).is_none()
     }
 
@@ -413,7 +413,7 @@ impl Bridge {
     }
 
     /// Whether anybody but the host on USB could speak, or could but for an answer that may be late.
-    fn others_wait(&self, now: Micros) -> bool {
+    fn others_wait(&self, now: Instant) -> bool {
         let [_, others @ ..] = Initiator::ALL;
         !self.others_are_silent(now)
             && others
@@ -423,7 +423,7 @@ impl Bridge {
 
     /// Whether `initiator` could speak if it were its turn: it has something to say, and an answer to that could be told from
     /// one that is late.
-    fn is_ready(&self, initiator: Initiator, now: Micros) -> bool {
+    fn is_ready(&self, initiator: Initiator, now: Instant) -> bool {
         match initiator {
             Initiator::Usb => {
                 !self.down.is_empty() && self.rate.change(self.down.len()).is_none() && self.usb_may_go(now)
@@ -435,7 +435,7 @@ impl Bridge {
     }
 
     /// The request with which `initiator` waits, of those that get an answer.
-    fn asks(&self, initiator: Initiator, now: Micros) -> Option<&[u8]> {
+    fn asks(&self, initiator: Initiator, now: Instant) -> Option<&[u8]> {
         match initiator {
             Initiator::Usb | Initiator::Command => None,
             Initiator::Can => {
@@ -452,13 +452,13 @@ impl Bridge {
     }
 
     /// Whether `initiator` waits only because its answer could not be told from one that is late.
-    fn is_held_back(&self, initiator: Initiator, now: Micros) -> bool {
+    fn is_held_back(&self, initiator: Initiator, now: Instant) -> bool {
         !self.exchange.owes_nothing() && self.asks(initiator, now).is_some_and(|request| !self.may_go(request))
     }
 
     /// Whether the host on USB may go on: with others on the line, it does not ask again what may be answered late either.
     /// Alone it may, for it hears every answer.
-    fn usb_may_go(&self, now: Micros) -> bool {
+    fn usb_may_go(&self, now: Instant) -> bool {
         // Nearly always no answer is late. What was begun is not held back.
         if self.exchange.owes_nothing() || self.usb_speaks() {
             return true;
@@ -480,7 +480,7 @@ impl Bridge {
     /// Since when `initiator` has had something to say.
     // Inlined for each of them it takes more room than all else that asks.
     #[inline(never)]
-    fn since(&self, initiator: Initiator, now: Micros) -> Option<Micros> {
+    fn since(&self, initiator: Initiator, now: Instant) -> Option<Instant> {
         match initiator {
             Initiator::Usb => Some(self.turn.usb_moved),
             Initiator::Can => self.can_requests.front().map(|request| request.since),
@@ -501,7 +501,7 @@ impl Bridge {
     }
 
     /// Moves bytes of the host on USB to the front of `out`, up to the end of a request if others wait.
-    fn say_usb(&mut self, out: &mut [u8], now: Micros) -> usize {
+    fn say_usb(&mut self, out: &mut [u8], now: Instant) -> usize {
         if self.usb_is_held_back() {
             self.streams.usb.hear(now);
         }
@@ -538,7 +538,7 @@ impl Bridge {
     }
 
     /// Listens in on bytes of the host on USB, the last of which is out at `end`. Whether a request ended.
-    fn hear_usb(&mut self, bytes: &[u8], end: Micros, now: Micros) -> bool {
+    fn hear_usb(&mut self, bytes: &[u8], end: Instant, now: Instant) -> bool {
         let mut whole = false;
         let mut rest = bytes;
         // At another rate the arm may take them for the beginning of anything.
@@ -549,7 +549,7 @@ impl Bridge {
                 if let Piece::Frame(frame) = piece {
                     let asked = self.config.arm.asked(frame);
                     let behind = rest.len().saturating_add(self.asks.pending());
-                    let sent = end.since(on_wire(self.rate.byte_nanos(), behind));
+                    let sent = end - on_wire(self.rate.byte_nanos(), behind);
                     (whole, self.turn.raw, self.turn.is_cut) = (true, false, !self.rate.is_arms());
                     count(&mut self.counters.requests_usb, 1);
                     self.latencies.turn.add(self.turn.usb_waited());
@@ -570,7 +570,7 @@ impl Bridge {
     }
 
     /// Moves the poll to the front of `out`. It is to start at its slot.
-    fn say_poll(&mut self, out: &mut [u8], now: Micros) -> Option<(usize, Option<Micros>)> {
+    fn say_poll(&mut self, out: &mut [u8], now: Instant) -> Option<(usize, Option<Instant>)> {
         if self.turn.is_cut {
             return Some((self.end_cut(out, now)?, None));
         }
@@ -590,7 +590,7 @@ impl Bridge {
     }
 
     /// Moves the request of another to the front of `out`.
-    fn say_waiting(&mut self, initiator: Initiator, out: &mut [u8], now: Micros) -> Option<usize> {
+    fn say_waiting(&mut self, initiator: Initiator, out: &mut [u8], now: Instant) -> Option<usize> {
         if self.turn.is_cut {
             return self.end_cut(out, now);
         }
@@ -622,7 +622,7 @@ impl Bridge {
 
     /// Moves zeros to the front of `out`: they end whatever the host on USB had begun, and no frame ends with one. An arm
     /// that waits for the rest of a frame would take another's request for that.
-    fn end_cut(&mut self, out: &mut [u8], now: Micros) -> Option<usize> {
+    fn end_cut(&mut self, out: &mut [u8], now: Instant) -> Option<usize> {
         let out = out.get_mut(..MAX_FRAME)?;
         out.fill(0);
         self.turn.is_cut = false;
@@ -633,7 +633,7 @@ impl Bridge {
     }
 
     /// A request of `len` bytes goes out at `start`.
-    fn say(&mut self, initiator: Initiator, asked: Asked, len: usize, start: Micros) {
+    fn say(&mut self, initiator: Initiator, asked: Asked, len: usize, start: Instant) {
         let counter = match initiator {
             Initiator::Usb => &mut self.counters.requests_usb,
             Initiator::Can => &mut self.counters.requests_can,
@@ -650,10 +650,10 @@ impl Bridge {
     }
 
     /// A request is out at `sent`.
-    fn begin(&mut self, initiator: Initiator, asked: Asked, sent: Micros) {
+    fn begin(&mut self, initiator: Initiator, asked: Asked, sent: Instant) {
         if let Some(reply) = asked.reply {
             let on_wire = on_wire(self.rate.byte_nanos(), reply.len.into());
-            let patience = Micros(reply.turnaround.into()) + on_wire + MARGIN;
+            let patience = Duration::from_micros(reply.turnaround.into()) + on_wire + MARGIN;
             self.exchange.begin(initiator, asked, sent, patience);
         }
     }
@@ -664,11 +664,11 @@ impl Bridge {
     }
 
     /// Until when the host on USB has the line to itself while others wait and it is silent.
-    pub(crate) fn hold_timeout(&self) -> Option<Micros> {
+    pub(crate) fn hold_timeout(&self) -> Option<Instant> {
         if !self.usb_speaks() || self.exchange.holder().is_some() && self.torque_off.is_none() {
             return None;
         }
-        let now = Micros(0);
+        let now = Instant::ZERO;
         let [_, others @ ..] = Initiator::ALL;
         let ready = others.into_iter().filter(|initiator| self.is_ready(*initiator, now));
         let since = ready.filter_map(|initiator| self.since(initiator, now)).min()?;
@@ -680,15 +680,15 @@ impl Bridge {
     }
 
     /// When the command that waits for its turn is too old to move the arm.
-    pub(crate) fn command_timeout(&self) -> Option<Micros> {
-        let timeout = Micros::from_millis(self.config.can.command_timeout_ms.into());
+    pub(crate) fn command_timeout(&self) -> Option<Instant> {
+        let timeout = Duration::from_millis(self.config.can.command_timeout_ms.into());
         self.command.as_ref().map(|command| command.since + timeout)
     }
 
     /// The command that waits for its turn moves nothing any more.
     // Not inlined: it is seldom needed.
     #[inline(never)]
-    pub(crate) fn drop_command(&mut self, now: Micros) {
+    pub(crate) fn drop_command(&mut self, now: Instant) {
         if self.command.take().is_some() {
             self.refuse(Initiator::Command, Refusal::Stale, now);
         }
@@ -701,7 +701,7 @@ impl Bridge {
     }
 
     /// It is `now`: late answers are given up, polls become due, and old commands are dropped.
-    pub(crate) fn tick_line(&mut self, now: Micros) {
+    pub(crate) fn tick_line(&mut self, now: Instant) {
         let holder = self.exchange.holder();
         let missing = self.exchange.tick(now);
         count(&mut self.counters.unanswered_requests, missing);
@@ -716,7 +716,7 @@ impl Bridge {
     }
 
     /// It is `now`: a host on USB that has paused loses the turn.
-    pub(crate) fn tick_hold(&mut self, now: Micros) {
+    pub(crate) fn tick_hold(&mut self, now: Instant) {
         if self.hold_timeout().is_some_and(|at| at <= now) {
             self.cut_usb();
             self.turn.raw = false;
@@ -724,7 +724,7 @@ impl Bridge {
     }
 
     /// Asks the arm what it is, when it is its turn.
-    pub(crate) fn identify_arm(&mut self, now: Micros) {
+    pub(crate) fn identify_arm(&mut self, now: Instant) {
         match self.config.arm.identify() {
             Some(_) if self.is_held => {
                 self.refuse(Initiator::Adapter, Refusal::LineHeld, now);
@@ -736,7 +736,7 @@ impl Bridge {
     }
 
     /// Another kind of arm is there: what was said to and by the one before is over.
-    pub(crate) fn change_arm(&mut self, now: Micros) {
+    pub(crate) fn change_arm(&mut self, now: Instant) {
         let holder = self.exchange.holder();
         let missing = self.exchange.abandon();
         count(&mut self.counters.unanswered_requests, missing);
@@ -766,8 +766,8 @@ impl Bridge {
 
 /// How long a frame takes on a line on which a byte takes so many nanoseconds. To divide by the baud rate each time would
 /// cost more than all else that is done with it.
-fn on_wire(byte_nanos: u32, len: usize) -> Micros {
-    Micros(u64::from((len as u32).saturating_mul(byte_nanos) / 1_000))
+fn on_wire(byte_nanos: u32, len: usize) -> Duration {
+    Duration::from_micros(u64::from((len as u32).saturating_mul(byte_nanos) / 1_000))
 }
 
 /// Copies a whole request.

@@ -1,6 +1,6 @@
 //! The adapter's own requests, on time.
 
-use crate::Micros;
+use crate::{Duration, Instant};
 
 use crate::config;
 
@@ -11,7 +11,7 @@ use crate::config;
 pub(crate) struct Poll {
     rate: config::Poll,
     /// The next slot. `None` until the time is known.
-    slot: Option<Micros>,
+    slot: Option<Instant>,
     /// What was rounded off there, in parts of a microsecond of which `rate` make a whole one.
     rest: u32,
     state: State,
@@ -23,7 +23,7 @@ enum State {
     /// The next slot has not come.
     Early,
     /// It is time, since then.
-    Due(Micros),
+    Due(Instant),
     /// The poll is with the arm.
     InFlight,
 }
@@ -40,7 +40,7 @@ impl Poll {
     }
 
     /// Since when the next poll may go out, which is `lead` before its slot. `None` while it may not.
-    pub(crate) fn due_since(&self, lead: Micros, now: Micros) -> Option<Micros> {
+    pub(crate) fn due_since(&self, lead: Duration, now: Instant) -> Option<Instant> {
         match self.state {
             _ if self.is_paused => None,
             State::Due(since) => Some(since),
@@ -54,12 +54,12 @@ impl Poll {
     }
 
     /// The next slot. `None` without a rate, or when polling has not begun.
-    pub(crate) const fn slot(&self) -> Option<Micros> {
+    pub(crate) const fn slot(&self) -> Option<Instant> {
         self.slot
     }
 
     /// The slot a period after this one. `None` without a rate.
-    fn after(&mut self, slot: Micros) -> Option<Micros> {
+    fn after(&mut self, slot: Instant) -> Option<Instant> {
         let config::Poll::Hertz(rate) = self.rate else {
             return None;
         };
@@ -70,19 +70,19 @@ impl Poll {
         if carry {
             self.rest = self.rest.saturating_sub(rate);
         }
-        Some(slot + Micros(period.saturating_add(carry.into()).into()))
+        Some(slot + Duration::from_micros(period.saturating_add(carry.into()).into()))
     }
 
     /// When to call [`tick`](Self::tick), `lead` before the slot.
-    pub(crate) fn timeout(&self, lead: Micros) -> Option<Micros> {
+    pub(crate) fn timeout(&self, lead: Duration) -> Option<Instant> {
         match (self.rate, self.state) {
             (config::Poll::Off, _) | (_, State::Due(_) | State::InFlight) => None,
-            _ => Some(self.slot.map_or(Micros(0), |slot| slot.since(lead))),
+            _ => Some(self.slot.map_or(Instant::ZERO, |slot| slot - lead)),
         }
     }
 
     /// It is `now`. Returns how many slots have passed in a [pause](Self::pause).
-    pub(crate) fn tick(&mut self, lead: Micros, now: Micros) -> usize {
+    pub(crate) fn tick(&mut self, lead: Duration, now: Instant) -> usize {
         if self.timeout(lead).is_none() {
             return 0;
         }
@@ -99,7 +99,7 @@ impl Poll {
     }
 
     /// From here on no poll goes out, or polls go out again. Returns how many slots have passed by that.
-    pub(crate) fn pause(&mut self, pause: bool, now: Micros) -> usize {
+    pub(crate) fn pause(&mut self, pause: bool, now: Instant) -> usize {
         self.is_paused = pause;
         match pause {
             true => self.miss(now),
@@ -108,7 +108,7 @@ impl Poll {
     }
 
     /// Passes over the slot of a poll at a set rate that may not go out, and those up to `now`. Returns how many.
-    fn miss(&mut self, now: Micros) -> usize {
+    fn miss(&mut self, now: Instant) -> usize {
         if !self.is_urgent() || !matches!(self.state, State::Due(_)) {
             return 0;
         }
@@ -122,7 +122,7 @@ impl Poll {
     }
 
     /// It was answered or given up. Returns how many slots have passed since its own.
-    pub(crate) fn ended(&mut self, now: Micros) -> usize {
+    pub(crate) fn ended(&mut self, now: Instant) -> usize {
         if self.state != State::InFlight {
             return 0;
         }
@@ -146,22 +146,22 @@ const SECOND: u32 = 1_000_000;
 mod tests {
     use super::*;
 
-    const NO_LEAD: Micros = Micros(0);
-    const NOW: Micros = Micros(0);
+    const NO_LEAD: Duration = Duration::ZERO;
+    const NOW: Instant = Instant::ZERO;
     const SECOND: u64 = super::SECOND as u64;
 
     /// The slots of a day, each poll answered after `answer` µs, and how many were missed.
-    fn day(rate: u16, answer: u64) -> impl Iterator<Item = (Micros, u64)> {
+    fn day(rate: u16, answer: u64) -> impl Iterator<Item = (Instant, u64)> {
         let mut poll = Poll::new(config::Poll::Hertz(rate));
-        poll.tick(NO_LEAD, Micros(777));
+        poll.tick(NO_LEAD, Instant::from_micros(777));
         core::iter::from_fn(move || {
             let slot = poll.timeout(NO_LEAD)?;
             poll.tick(NO_LEAD, slot);
             assert!(poll.due_since(NO_LEAD, NOW).is_some());
             poll.began();
-            Some((slot, poll.ended(slot + Micros(answer)) as u64))
+            Some((slot, poll.ended(slot + Duration::from_micros(answer)) as u64))
         })
-        .take_while(|(slot, _)| slot.0 <= 777 + 86_400 * SECOND)
+        .take_while(|(slot, _)| slot.as_micros() <= 777 + 86_400 * SECOND)
     }
 
     #[test]
@@ -170,7 +170,10 @@ mod tests {
         for (rate, answer, step) in [(1, 400, 1), (7, 400, 1), (300, SECOND, 300), (1_000, SECOND, 1_000)] {
             let mut number = 1;
             for (slot, missed) in day(rate, answer) {
-                assert_eq!((slot.0, missed), (777 + number * SECOND / u64::from(rate), step - 1));
+                assert_eq!(
+                    (slot.as_micros(), missed),
+                    (777 + number * SECOND / u64::from(rate), step - 1)
+                );
                 number += step;
             }
             assert_eq!(number, 86_400 * u64::from(rate) + 1);
@@ -181,7 +184,7 @@ mod tests {
     fn a_slot_that_passes_before_the_answer_is_missed_and_the_grid_stays() {
         // 300 Hz: a slot each 3333.3 µs, and an answer after 10 000 µs, when the third one after has just come.
         for (k, (slot, missed)) in day(300, 10_000).take(1_000).enumerate() {
-            assert_eq!((slot.0, missed), (777 + (1 + 3 * k as u64) * SECOND / 300, 2));
+            assert_eq!((slot.as_micros(), missed), (777 + (1 + 3 * k as u64) * SECOND / 300, 2));
         }
         // One microsecond later it is missed, too.
         assert!(day(300, 10_001).take(1_000).all(|(_, missed)| missed == 3));
@@ -190,21 +193,21 @@ mod tests {
     #[test]
     fn the_fastest_poll_is_due_whenever_none_is_with_the_arm() {
         let mut poll = Poll::new(config::Poll::Fastest);
-        assert_eq!(poll.timeout(NO_LEAD), Some(Micros(0)));
-        poll.tick(NO_LEAD, Micros(5));
+        assert_eq!(poll.timeout(NO_LEAD), Some(Instant::ZERO));
+        poll.tick(NO_LEAD, Instant::from_micros(5));
         for at in [10, 11, 12] {
             assert!(poll.due_since(NO_LEAD, NOW).is_some());
             assert_eq!((poll.slot(), poll.timeout(NO_LEAD)), (None, None));
             poll.began();
             assert_eq!(poll.due_since(NO_LEAD, NOW), None);
-            assert_eq!(poll.ended(Micros(at)), 0);
+            assert_eq!(poll.ended(Instant::from_micros(at)), 0);
         }
     }
 
     #[test]
     fn nothing_is_polled_when_polling_is_off() {
         let mut poll = Poll::new(config::Poll::Off);
-        poll.tick(NO_LEAD, Micros(5));
+        poll.tick(NO_LEAD, Instant::from_micros(5));
         assert_eq!((poll.due_since(NO_LEAD, NOW), poll.timeout(NO_LEAD)), (None, None));
     }
 }

@@ -1,6 +1,6 @@
 //! A host that streams motion, and when it has fallen silent.
 
-use crate::Micros;
+use crate::{Duration, Instant};
 
 /// How many requests for motion in a row make a stream.
 const STREAM: u8 = 3;
@@ -11,19 +11,19 @@ pub(crate) struct Stream {
     /// Requests for motion that came sooner after each other than the time that counts as silence.
     run: u8,
     /// When the last of them came.
-    moved: Micros,
+    moved: Instant,
     /// When the host was last heard, whatever it said.
-    heard: Micros,
+    heard: Instant,
 }
 
 impl Stream {
     /// The host said something, or could not.
-    pub(crate) fn hear(&mut self, now: Micros) {
+    pub(crate) fn hear(&mut self, now: Instant) {
         self.heard = now;
     }
 
     /// The host asked for motion.
-    pub(crate) fn motion(&mut self, after: Micros, now: Micros) {
+    pub(crate) fn motion(&mut self, after: Duration, now: Instant) {
         self.run = match self.run {
             // A stream ends when its host falls silent or ends it. A gap is no end: another may have had the line.
             STREAM.. => STREAM,
@@ -35,8 +35,8 @@ impl Stream {
     }
 
     /// When the host counts as silent. `None` when it streams nothing, or when `after` is zero.
-    pub(crate) fn timeout(&self, after: Micros) -> Option<Micros> {
-        (self.is_armed() && after > Micros(0)).then(|| self.heard + after)
+    pub(crate) fn timeout(&self, after: Duration) -> Option<Instant> {
+        (self.is_armed() && after > Duration::ZERO).then(|| self.heard + after)
     }
 
     /// Whether the host streams motion.
@@ -54,7 +54,7 @@ impl Stream {
 mod tests {
     use super::*;
 
-    const AFTER: Micros = Micros::from_millis(500);
+    const AFTER: Duration = Duration::from_millis(500);
 
     #[test]
     fn three_requests_closer_than_the_silence_are_a_stream() {
@@ -62,11 +62,11 @@ mod tests {
             let mut stream = Stream::default();
             for n in 0..3 {
                 assert_eq!(stream.timeout(AFTER), None);
-                stream.motion(AFTER, Micros::from_millis(n * gap));
+                stream.motion(AFTER, Instant::from_millis(n * gap));
             }
-            let end = Micros::from_millis(2 * gap) + AFTER;
+            let end = Instant::from_millis(2 * gap) + AFTER;
             assert_eq!(stream.timeout(AFTER), streams.then_some(end));
-            assert_eq!(stream.timeout(Micros(0)), None);
+            assert_eq!(stream.timeout(Duration::ZERO), None);
         }
     }
 
@@ -74,12 +74,12 @@ mod tests {
     fn a_host_that_says_anything_is_not_silent() {
         let mut stream = Stream::default();
         for n in 0..3 {
-            stream.motion(AFTER, Micros(n));
+            stream.motion(AFTER, Instant::from_micros(n));
         }
-        stream.hear(Micros(100));
-        assert_eq!(stream.timeout(AFTER), Some(Micros(100) + AFTER));
+        stream.hear(Instant::from_micros(100));
+        assert_eq!(stream.timeout(AFTER), Some(Instant::from_micros(100) + AFTER));
         assert!(stream.end() && !stream.end());
-        stream.motion(AFTER, Micros(200));
+        stream.motion(AFTER, Instant::from_micros(200));
         assert_eq!(stream.timeout(AFTER), None);
     }
 }

@@ -16,7 +16,8 @@ use armwire::ling::{Frame, MAX_FRAME};
 use proptest::prelude::*;
 
 use crate::{
-    Bridge, Line, LineCoding, Micros, PACKET, Refused, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, UartErrors,
+    Bridge, Duration, Instant, Line, LineCoding, PACKET, Refused, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER,
+    UartErrors,
 };
 
 /// An adapter whose host has the port open.
@@ -71,9 +72,9 @@ fn line(coding: [u8; 7]) -> Line {
     }
 }
 
-const NOW: Micros = Micros(0);
+const NOW: Instant = Instant::ZERO;
 /// When a rate that was set takes effect on an open port.
-const SETTLED: Micros = Micros::from_millis(100);
+const SETTLED: Instant = Instant::from_millis(100);
 const BAUD_115200: [u8; 7] = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
 
 #[test]
@@ -272,7 +273,7 @@ fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
     bridge.tick(SETTLED);
     assert_eq!(bridge.line_change(), None);
     bridge.request_line_coding(BAUD_115200, SETTLED).unwrap();
-    bridge.tick(SETTLED + SETTLED);
+    bridge.tick(SETTLED + Duration::from_millis(100));
     assert!(bridge.line_change().is_some());
     bridge.request_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
     assert_eq!(bridge.line_change(), None);
@@ -292,7 +293,7 @@ fn a_line_coding_that_comes_while_the_uart_is_changed_takes_effect_after_that() 
         let first = bridge.line_change().unwrap();
         // Firmware waits for the last bit to leave. Meanwhile:
         bridge.request_line_coding(last, SETTLED).unwrap();
-        bridge.tick(SETTLED + SETTLED);
+        bridge.tick(SETTLED + Duration::from_millis(100));
         bridge.line_changed(first);
         assert_eq!(bridge.line_coding().to_cdc(), last);
         let line = bridge.line_change().unwrap();
@@ -451,7 +452,7 @@ fn what_is_known_of_a_slow_line_is_not_old_while_bytes_come() {
 #[test]
 fn a_host_that_does_not_read_costs_no_extra_looks() {
     let mut bridge = open();
-    bridge.uart_received(&[0x11; 500], Micros(0));
+    bridge.uart_received(&[0x11; 500], Instant::ZERO);
     assert_eq!(bridge.rx_threshold(), any_frame(PACKET));
 }
 
@@ -473,7 +474,7 @@ fn uart_errors_are_counted_by_kind() {
 
 #[test]
 fn bytes_that_stop_moving_are_a_fault_and_a_host_that_does_not_read_is_none() {
-    let at = Micros::from_millis;
+    let at = Instant::from_millis;
     let mut bridge = open();
     bridge.uart_received(&[7; 500], at(5_000));
     assert!(!bridge.is_stuck(at(6_000)));

@@ -161,8 +161,8 @@ pub(crate) fn percentile(histogram: &Histogram, percent: u64) -> Option<String> 
 /// A bucket in words, such as `< 512 µs`.
 pub(crate) fn limit(bucket: usize) -> String {
     match Histogram::limit(bucket) {
-        Some(limit) => format!("< {} µs", limit.0),
-        None => format!("≥ {} µs", Histogram::limit(bucket - 1).unwrap_or_default().0),
+        Some(limit) => format!("< {} µs", limit.as_micros()),
+        None => format!("≥ {} µs", Histogram::limit(bucket - 1).unwrap_or_default().as_micros()),
     }
 }
 
@@ -174,8 +174,8 @@ pub(crate) fn print_json(value: &Value) -> Result<(), Problem> {
 /// A histogram as the upper limits of its buckets, in microseconds, with their counts. The last has no limit.
 pub(crate) fn histogram_json(histogram: &Histogram) -> Value {
     let buckets = histogram.counts.iter().enumerate();
-    let buckets =
-        buckets.map(|(i, count)| json!({ "below_us": Histogram::limit(i).map(|limit| limit.0), "count": count }));
+    let buckets = buckets
+        .map(|(i, count)| json!({ "below_us": Histogram::limit(i).map(|limit| limit.as_micros()), "count": count }));
     Value::Array(buckets.collect())
 }
 

@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use armwire::framing::Reason;
 use armwire::{Client, Config, Event, Output, time, xarm};
-use armwire_bridge::Micros;
 
 use crate::describe::Arm;
 use crate::problem::{Heard, Problem};
@@ -114,7 +113,7 @@ impl<P: Arm, L: Line> Link<P, L> {
         let mut drained = !self.client.expects_answer();
         loop {
             let now = self.now();
-            let until = match self.client.poll(now.into()) {
+            let until = match self.client.poll(now) {
                 Output::Transmit(bytes) if drained || heard.count > BUFFERED => {
                     let n = self.line.write(bytes)?;
                     self.transmitted(n);
@@ -134,7 +133,7 @@ impl<P: Arm, L: Line> Link<P, L> {
                         }
                         Event::TimedOut { sends } => {
                             heard.sends = sends;
-                            heard.millis = now.since(begun).0 / 1_000;
+                            heard.millis = now.since(begun).as_micros() / 1_000;
                             return Err(self.no_answer(&request, heard));
                         }
                         Event::Broken { offset, reason } => {
@@ -160,8 +159,8 @@ impl<P: Arm, L: Line> Link<P, L> {
                     continue;
                 }
             };
-            let wait = Micros::from(until).since(now);
-            let n = self.receive(Duration::from_micros(wait.0), Some(&mut heard))?;
+            let wait = until.since(now);
+            let n = self.receive(Duration::from_micros(wait.as_micros()), Some(&mut heard))?;
             drained = n == 0;
         }
     }
@@ -176,7 +175,7 @@ impl<P: Arm, L: Line> Link<P, L> {
         let n = self.receive(wait, None)?;
         let now = self.now();
         let mut heard = Vec::new();
-        while let Output::Event(event) = self.client.poll(now.into()) {
+        while let Output::Event(event) = self.client.poll(now) {
             match event {
                 Event::Unsolicited(response) => heard.push(take(response)),
                 Event::Noise { bytes, reason, .. } => {
@@ -192,7 +191,7 @@ impl<P: Arm, L: Line> Link<P, L> {
     /// Transmits the rest of a request whose call failed.
     fn finish(&mut self) -> Result<(), Problem> {
         while !self.client.is_idle() {
-            match self.client.poll(self.now().into()) {
+            match self.client.poll(self.now()) {
                 Output::Transmit(bytes) => {
                     let n = self.line.write(bytes)?;
                     self.transmitted(n);
@@ -205,7 +204,7 @@ impl<P: Arm, L: Line> Link<P, L> {
     }
 
     fn transmitted(&mut self, n: usize) {
-        let now = self.now().into();
+        let now = self.now();
         self.client
             .transmitted(now, n)
             .expect("the line wrote no more than there was");
@@ -227,12 +226,12 @@ impl<P: Arm, L: Line> Link<P, L> {
     }
 
     /// Time since the line was opened.
-    pub(crate) fn now(&self) -> Micros {
-        Micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
+    pub(crate) fn now(&self) -> time::Instant {
+        time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 
-    pub(crate) fn sleep_until(&self, instant: Micros) {
-        thread::sleep(Duration::from_micros(instant.since(self.now()).0));
+    pub(crate) fn sleep_until(&self, instant: time::Instant) {
+        thread::sleep(Duration::from_micros(instant.since(self.now()).as_micros()));
     }
 
     /// Lets the client receive what has arrived, waiting so long for it. Returns how many bytes that were.
@@ -247,7 +246,7 @@ impl<P: Arm, L: Line> Link<P, L> {
                 heard.bytes.extend(buf[..n].iter().take(room));
             }
         }
-        let now = self.now().into();
+        let now = self.now();
         let left = self.client.receive(now, &self.unread).len();
         let n = self.unread.len() - left;
         self.unread.drain(..n);

@@ -4,7 +4,7 @@ use std::io::{Write, stdout};
 use std::time::Duration;
 
 use armwire::ling::{JointState, Ling, Move, Request, Response, TICKS_PER_TURN, Torque};
-use armwire_bridge::Micros;
+use armwire_bridge::time;
 use clap::Args;
 
 use crate::call::{Switch, Target, seconds};
@@ -18,7 +18,7 @@ use crate::{Baud, older};
 /// How near a joint is when it is there: 3 ticks, 0.26°.
 const NEAR: u16 = 3;
 /// How often is looked.
-const PERIOD: Micros = Micros::from_millis(20);
+const PERIOD: time::Duration = time::Duration::from_millis(20);
 
 /// Where the arm is.
 #[derive(Args)]
@@ -91,7 +91,7 @@ impl SetTorque {
 
 /// Waits until the arm is where it was told to go.
 fn wait(link: &mut Link<Ling, impl Line>, target: &Move, timeout: Duration) -> Result<JointState, Problem> {
-    let until = link.now() + Micros(timeout.as_micros().try_into().unwrap_or(u64::MAX));
+    let until = link.now() + time::Duration::from_micros(timeout.as_micros().try_into().unwrap_or(u64::MAX));
     loop {
         if let Some(Response::Joints(state)) = link.call(Request::ReadJoints, |response| response)? {
             let off = far(target, &state);

@@ -3,7 +3,7 @@
 use core::cell::{Cell, RefCell};
 
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, Bridge, Micros, config};
+use armwire_bridge::{Action, Bridge, config, time};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Instant;
@@ -144,6 +144,6 @@ impl Adapter {
 }
 
 /// Now, by the microsecond timer.
-pub(crate) fn now() -> Micros {
-    Micros(Instant::now().as_micros())
+pub(crate) fn now() -> time::Instant {
+    time::Instant::from_micros(Instant::now().as_micros())
 }

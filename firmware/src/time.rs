@@ -22,7 +22,7 @@ pub(crate) async fn tick(adapter: &'static Adapter) {
         let resting = rest(Task::Time);
         let due = match timeout {
             Some(at) => {
-                let due = Timer::at(Instant::from_micros(at.0));
+                let due = Timer::at(Instant::from_micros(at.as_micros()));
                 matches!(select(due, adapter.changed.wait()).await, Either::First(()))
             }
             None => {

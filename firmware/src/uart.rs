@@ -19,7 +19,7 @@ use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
 
 use armwire_bridge::control::MAX_FRAME;
-use armwire_bridge::{Bridge, Line, Micros, Parity, RxThreshold, StopBits, UartErrors};
+use armwire_bridge::{Bridge, Duration, Instant, Line, Parity, RxThreshold, StopBits, UartErrors};
 use critical_section::Mutex;
 use embassy_futures::join::join;
 use embassy_futures::select::select;
@@ -47,7 +47,7 @@ const SIZE: usize = 1024;
 struct Mark {
     end: usize,
     /// When the byte before it came in or, where the line went idle, when that was known.
-    at: Micros,
+    at: Instant,
     idle: bool,
 }
 
@@ -99,7 +99,7 @@ impl Handler<UartInterrupt> for InterruptHandler {
 
 /// Notes that a byte has come that is needed, and asks only for others with which a frame can end, as long as there is
 /// room to note them.
-fn reach(end: usize, at: Micros) {
+fn reach(end: usize, at: Instant) {
     let is_full = critical_section::with(|cs| {
         let mut marks = MARKS.borrow_ref_mut(cs);
         // What is not one more byte, such as the idle line behind it, brings the handler here again.
@@ -116,7 +116,7 @@ fn reach(end: usize, at: Micros) {
 }
 
 /// Notes where the line went idle. Without room, what was noted last was not long before.
-fn fall_idle(end: usize, at: Micros) {
+fn fall_idle(end: usize, at: Instant) {
     critical_section::with(|cs| {
         let mut marks = MARKS.borrow_ref_mut(cs);
         if marks.is_full() {
@@ -373,8 +373,8 @@ impl Receiver {
                 nothing = false;
                 if mark.idle {
                     // It takes the time of a byte to know.
-                    let at = mark.at.0.saturating_sub(bridge.line_coding().micros(1));
-                    frames |= take(bridge, chunk, mark.end, Micros(at), Bridge::uart_received_unseen);
+                    let at = mark.at - Duration::from_micros(bridge.line_coding().micros(1));
+                    frames |= take(bridge, chunk, mark.end, at, Bridge::uart_received_unseen);
                     frames |= bridge.uart_idle(mark.at);
                 } else {
                     frames |= take(bridge, chunk, mark.end, mark.at, Bridge::uart_received);
@@ -413,8 +413,8 @@ fn take(
     bridge: &mut Bridge,
     chunk: &mut [u8; 64],
     end: usize,
-    at: Micros,
-    receive: fn(&mut Bridge, &[u8], Micros) -> bool,
+    at: Instant,
+    receive: fn(&mut Bridge, &[u8], Instant) -> bool,
 ) -> bool {
     let mut frames = false;
     loop {
@@ -479,7 +479,7 @@ pub(crate) async fn transmit(
 /// Hands `bytes` to the UART, the first of which is to start at `start`. Returns when the last one waits behind the one
 /// on the line; on a single wire, when it is out and the receiver listens again. When it is dropped, no further byte goes to
 /// the UART.
-async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Micros>, half_duplex: bool) {
+async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Instant>, half_duplex: bool) {
     if half_duplex {
         usart::set_receiver(false);
     }

@@ -14,7 +14,7 @@ use std::{env, iter};
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, PerServo, Response};
 use armwire::messages::Messages;
-use armwire_bridge::Micros;
+use armwire_bridge::Instant;
 use armwire_host_tests::reference::{self, Piece, ling};
 use armwire_sim::faults::{Line, Rates};
 use armwire_sim::serial::SerialDevice;
@@ -90,13 +90,13 @@ fn rows() -> Vec<(String, Damage)> {
 struct Mouth(VecDeque<u8>);
 
 impl SerialDevice for Mouth {
-    fn receive(&mut self, _now: Micros, _byte: u8) {}
+    fn receive(&mut self, _now: Instant, _byte: u8) {}
 
-    fn transmit(&mut self, _now: Micros) -> Option<u8> {
+    fn transmit(&mut self, _now: Instant) -> Option<u8> {
         self.0.pop_front()
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         None
     }
 }
@@ -126,7 +126,7 @@ fn arrives(frame: &[u8], damage: &Damage, line: &mut Line<Mouth>, random: &mut R
     match damage {
         Damage::Line(_) => {
             line.device_mut().0.extend(frame);
-            iter::from_fn(|| line.transmit(Micros(0))).collect()
+            iter::from_fn(|| line.transmit(Instant::ZERO)).collect()
         }
         Damage::Cut(ppm) if happens(ppm) => {
             let len = random.rand_range(1..frame.len() as u32) as usize;

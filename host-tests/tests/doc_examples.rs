@@ -9,24 +9,24 @@ use std::task::{Context, Poll, Waker};
 use armwire::Config;
 use armwire::driver;
 use armwire::time::Instant;
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_sim::serial::SerialDevice;
 use embedded_io_async::ErrorType;
 
 /// The longest that an example takes.
-const LIMIT: Micros = Micros::from_millis(30_000);
+const LIMIT: Instant = Instant::from_millis(30_000);
 /// The time of a byte at 1 Mbaud. The virtual arms work at any rate.
-const BYTE: Micros = Micros(10);
+const BYTE: Duration = Duration::from_micros(10);
 
 /// A device, and what time it is.
 struct World<D> {
     device: D,
-    now: Micros,
-    wake: Option<Micros>,
+    now: Instant,
+    wake: Option<Instant>,
 }
 
 impl<D> World<D> {
-    fn wake_at(&mut self, at: Micros) {
+    fn wake_at(&mut self, at: Instant) {
         self.wake = Some(self.wake.map_or(at, |wake| wake.min(at)));
     }
 }
@@ -43,7 +43,7 @@ impl<D: SerialDevice> embedded_io_async::Read for Port<'_, D> {
             let world = &mut *self.0.borrow_mut();
             if let Some(byte) = world.device.transmit(world.now) {
                 buf[0] = byte;
-                world.now = world.now + BYTE;
+                world.now += BYTE;
                 return Poll::Ready(Ok(1));
             }
             if let Some(at) = world.device.poll_timeout() {
@@ -59,7 +59,7 @@ impl<D: SerialDevice> embedded_io_async::Write for Port<'_, D> {
     async fn write(&mut self, buf: &[u8]) -> Result<usize, Infallible> {
         let world = &mut *self.0.borrow_mut();
         for byte in buf {
-            world.now = world.now + BYTE;
+            world.now += BYTE;
             world.device.receive(world.now, *byte);
         }
         Ok(buf.len())
@@ -74,11 +74,10 @@ struct Clock<'w, D>(&'w RefCell<World<D>>);
 
 impl<D> driver::Clock for Clock<'_, D> {
     fn now(&self) -> Instant {
-        self.0.borrow().now.into()
+        self.0.borrow().now
     }
 
     async fn wait_until(&self, instant: Instant) {
-        let instant = Micros::from(instant);
         poll_fn(|_| {
             let mut world = self.0.borrow_mut();
             if instant <= world.now {
@@ -94,7 +93,7 @@ impl<D> driver::Clock for Clock<'_, D> {
 fn world<D>(device: D) -> RefCell<World<D>> {
     RefCell::new(World {
         device,
-        now: Micros(0),
+        now: Instant::ZERO,
         wake: None,
     })
 }
@@ -118,7 +117,7 @@ mod ling {
     use armwire::ling::{GripperSpeed, JOINTS, Opening, Position, Speed};
     use armwire_sim::ling::{Config as ArmConfig, LingArm};
 
-    use super::{Clock as VirtualClock, Config, Micros, Port, run, world};
+    use super::{Clock as VirtualClock, Config, Instant, Port, run, world};
 
     include!("../../protocol/doc/ling_tour.rs");
 
@@ -145,7 +144,7 @@ mod ling {
             assert_eq!(arm.joints(), [Position::CENTRE.ticks(); JOINTS], "the pose is the zero");
             assert_eq!((arm.counters().refused, arm.counters().unknown), (0, 0));
             // 400 ticks at 2000 ticks/s.
-            assert!(world.now >= Micros::from_millis(190), "joint {joint} had not arrived");
+            assert!(world.now >= Instant::from_millis(190), "joint {joint} had not arrived");
         }
     }
 }
@@ -154,7 +153,7 @@ mod alpha1_robot {
     use armwire::alpha1::{Angle, Interval, MoveTime};
     use armwire_sim::alpha1::{Alpha1Robot, RobotConfig, SERVOS};
 
-    use super::{Clock as VirtualClock, Config, Micros, Port, run, world};
+    use super::{Clock as VirtualClock, Config, Instant, Port, run, world};
 
     include!("../../protocol/doc/alpha1_robot.rs");
 
@@ -173,7 +172,7 @@ mod alpha1_robot {
         let name = Text::new(b"dance").unwrap();
         assert_eq!(run(&world, robot(&mut arm, &clock, action, name)), Ok(true));
         assert_eq!(world.borrow().device.usb(), UsbType::SerialPort);
-        assert!(world.borrow().now >= Micros::from_millis(1_000), "it waited");
+        assert!(world.borrow().now >= Instant::from_millis(1_000), "it waited");
     }
 }
 
@@ -209,9 +208,9 @@ mod alpha1_servo {
 mod xarm {
     use std::collections::VecDeque;
 
+    use armwire::time::Instant;
     use armwire::xarm::{MAX_FRAME, State, XArm};
     use armwire::{Device, DeviceEvent};
-    use armwire_bridge::Micros;
     use armwire_sim::serial::SerialDevice;
     use armwire_sim::xarm::{Config as ArmConfig, Model, VirtualXArm};
 
@@ -239,7 +238,7 @@ mod xarm {
     }
 
     impl SerialDevice for Connection {
-        fn receive(&mut self, now: Micros, byte: u8) {
+        fn receive(&mut self, now: Instant, byte: u8) {
             assert!(self.device.receive(&[byte]).is_empty());
             while let Some(event) = self.device.poll() {
                 let DeviceEvent::Request { request, key } = event else {
@@ -255,11 +254,11 @@ mod xarm {
             }
         }
 
-        fn transmit(&mut self, _now: Micros) -> Option<u8> {
+        fn transmit(&mut self, _now: Instant) -> Option<u8> {
             self.says.pop_front()
         }
 
-        fn poll_timeout(&self) -> Option<Micros> {
+        fn poll_timeout(&self) -> Option<Instant> {
             None
         }
     }

@@ -169,7 +169,7 @@ fn an_alpha1_is_driven_from_usb_and_can_and_polled() {
         let acknowledged = Some(Response::Servo(ServoResponse::Acknowledged(servo)));
         assert_eq!(program.call(board, Request::Servo(turn)), acknowledged);
         board.run_for(Nanos::from_millis(200)).unwrap();
-        let now = board.now().micros();
+        let now = board.now().instant();
         assert_eq!(board.with_arm(|robot| robot.servos()[0].angle(now)), 30.0);
         assert_eq!(
             program.call(board, Request::Stop),

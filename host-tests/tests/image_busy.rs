@@ -5,23 +5,23 @@ use std::env;
 use std::thread;
 use std::time::Instant;
 
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_bridge::control::Initiator;
 use armwire_host_tests::image::{Hosts, Witness, polled, session};
 use armwire_virtual_board::Nanos;
 
 /// How long the arm thinks and how often it is polled in each part of the long run.
-const PARTS: [(Micros, u16); 4] = [
-    (Micros(0), 100),
-    (Micros(50), 200),
-    (Micros(100), 333),
-    (Micros(200), 400),
+const PARTS: [(Duration, u16); 4] = [
+    (Duration::ZERO, 100),
+    (Duration::from_micros(50), 200),
+    (Duration::from_micros(100), 333),
+    (Duration::from_micros(200), 400),
 ];
 
 /// Lets everybody work until the arm has answered `frames` times, and expects that all is in order.
 ///
 /// The arm thinks for `turnaround` before each answer, and is polled `hertz` times a second.
-fn busy(frames: u32, turnaround: Micros, hertz: u16) {
+fn busy(frames: u32, turnaround: Duration, hertz: u16) {
     let began = Instant::now();
     session(turnaround, polled(hertz), |session| {
         let start = session.board.now();
@@ -94,5 +94,5 @@ fn every_frame_of_a_busy_arm_passes() {
 
 #[test]
 fn everybody_gets_every_answer_and_nobody_anothers() {
-    busy(20_000, Micros(100), 200);
+    busy(20_000, Duration::from_micros(100), 200);
 }

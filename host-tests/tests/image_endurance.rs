@@ -7,12 +7,12 @@ use std::fs;
 use std::time::Instant;
 
 use armwire::ling::JOINTS;
-use armwire_bridge::Micros;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{
     Event, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_MESSAGE, Reader, Request, Stamp, Subscription,
     encode_cobs,
 };
+use armwire_bridge::time;
 use armwire_bridge::{Bridge, Counters, PACKET};
 use armwire_host_tests::image::{
     Control, MEGABAUD, Traffic, Witness, byte_time, counters, facts, joint_answer, on_board, plug_in,
@@ -100,17 +100,17 @@ struct Streamer {
 }
 
 impl SerialDevice for Streamer {
-    fn receive(&mut self, _: Micros, byte: u8) {
+    fn receive(&mut self, _: time::Instant, byte: u8) {
         self.heard.take(byte);
     }
 
-    fn transmit(&mut self, _: Micros) -> Option<u8> {
+    fn transmit(&mut self, _: time::Instant) -> Option<u8> {
         self.left = self.left.checked_sub(1)?;
         self.says.next()
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
-        (self.left > 0).then_some(Micros(0))
+    fn poll_timeout(&self) -> Option<time::Instant> {
+        (self.left > 0).then_some(time::Instant::ZERO)
     }
 }
 
@@ -199,7 +199,7 @@ struct Listener {
 
 impl Listener {
     /// Takes a packet, in which there may be frames that all ended at `at`.
-    fn hear(&mut self, mut packet: &[u8], at: Micros) {
+    fn hear(&mut self, mut packet: &[u8], at: time::Instant) {
         while !packet.is_empty() {
             packet = self.reader.push(packet);
             while let Some(message) = self.reader.next::<FromAdapter>() {
@@ -215,7 +215,7 @@ impl Listener {
                 };
                 assert_eq!(bytes[..], joints(self.frames as u32)[..], "an answer of another poll");
                 assert!(stamp > self.last || self.frames == 0, "{stamp:?} after {:?}", self.last);
-                assert_eq!(stamp.0, at.0, "the stamp of answer {}", self.frames);
+                assert_eq!(stamp.0, at.as_micros(), "the stamp of answer {}", self.frames);
                 self.last = stamp;
                 self.frames += 1;
                 self.bytes += bytes.len() as u64;
@@ -247,10 +247,10 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
     });
     let mut message = [0; MAX_COBS];
     let len = encode_cobs(&FromHost { sequence: 1, request }, &mut message).unwrap();
-    bridge.control_received(&message[..len], Micros(0));
+    bridge.control_received(&message[..len], time::Instant::ZERO);
 
     let mut packet = [0; PACKET];
-    let mut now = Micros(0);
+    let mut now = time::Instant::ZERO;
     let (mut polls, mut heard) = (0_u32, 0_u64);
     let mut before = None;
     loop {
@@ -260,17 +260,17 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
             heard += burst.len as u64;
             let answer = joints(polls);
             let thinks = THINKS + u64::from(polls) % THINKS;
-            let end = Micros(start.0 + BYTE * (burst.len + answer.len()) as u64 + thinks);
+            let end = time::Instant::from_micros(start.as_micros() + BYTE * (burst.len + answer.len()) as u64 + thinks);
             polls += 1;
             bridge.uart_received(&answer, end);
-            bridge.uart_idle(Micros(end.0 + BYTE));
+            bridge.uart_idle(time::Instant::from_micros(end.as_micros() + BYTE));
             now = end;
             while let Some(len) = bridge.control_transmit(&mut packet, end) {
                 listener.hear(&packet[..len], end);
             }
         }
         now = bridge.timeout().unwrap().max(now);
-        if now.0 >= SPAN {
+        if now.as_micros() >= SPAN {
             break;
         }
         bridge.tick(now);
@@ -279,7 +279,7 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
         }
         // What is polled goes nowhere else.
         assert_eq!(bridge.usb_transmit(&mut packet), None);
-        if before.is_none() && now.0 > SPAN / 10 {
+        if before.is_none() && now.as_micros() > SPAN / 10 {
             before = memory();
         }
     }
@@ -343,7 +343,7 @@ fn listen(
                 panic!("{event:?}");
             };
             let last = ends.drain(..bytes.len()).next_back().unwrap();
-            let ahead = stamp.0.wrapping_sub(last.micros().0) as i64;
+            let ahead = stamp.0.wrapping_sub(last.instant().as_micros()) as i64;
             let off = ahead - *stamps.ahead.get_or_insert(ahead);
             if off.abs() > STAMPS_WITHIN {
                 stamps.wrong.push((stamp, off));
@@ -358,7 +358,7 @@ fn stamps_and_counters_stay_exact_over_each_turn_of_the_clocks_timer() {
     const BEFORE_US: u32 = 300_000;
     const SPAN: Nanos = Nanos::from_millis(700);
     const SETTLING: Nanos = Nanos::from_millis(20);
-    on_board(Witness::new(Micros(100)), |board| {
+    on_board(Witness::new(time::Duration::from_micros(100)), |board| {
         plug_in(board, MEGABAUD);
         let mut control = Control::open(board);
         control.subscribe(board);
@@ -376,7 +376,7 @@ fn stamps_and_counters_stay_exact_over_each_turn_of_the_clocks_timer() {
             listen(board, &mut control, &mut traffic, SETTLING, &mut stamps);
             let Stamps { frames, ahead, wrong } = stamps;
             assert_eq!(wrong, [], "stamps that are wrong, and by how many microseconds");
-            let now = board.now().micros().0.wrapping_add_signed(ahead.unwrap());
+            let now = board.now().instant().as_micros().wrapping_add_signed(ahead.unwrap());
             assert!(last < turn && turn < now, "the turn at {turn}: {now} us");
             last = now;
             let after = counters(board);
@@ -399,7 +399,7 @@ fn a_day_of_polls_on_the_image() {
     const STEP: Nanos = Nanos::from_millis(1_000);
     let hours = env::var("ARMWIRE_HOURS").map_or(24.0, |hours| hours.parse::<f64>().unwrap());
     let began = Instant::now();
-    on_board(Witness::new(Micros(100)), |board| {
+    on_board(Witness::new(time::Duration::from_micros(100)), |board| {
         plug_in(board, MEGABAUD);
         let mut control = Control::open(board);
         control.subscribe(board);

@@ -3,7 +3,7 @@
 
 use armwire::ling::{Ling, MAX_FRAME, Response, Stroke};
 use armwire::messages::Messages;
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_host_tests::image::quiet::{Added, call, forget, pause, until_armed};
 use armwire_host_tests::image::{MEGABAUD, Spread, Talker, chip, counters, facts, on_board, plug_in, read_all};
 use armwire_sim::ling::LingArm;
@@ -72,7 +72,7 @@ fn an_answer_is_in_time_while_the_host_sends_without_a_pause() {
             board.run_for(pause(armed.count() as u64)).unwrap();
             forget(board);
             board.with_arm(|arm| arm.say(&frame[..n]));
-            board.run_for(Micros(500)).unwrap();
+            board.run_for(Duration::from_micros(500)).unwrap();
             assert_eq!(board.usb().read(), frame[..n]);
             armed.add(until_armed(board));
         }

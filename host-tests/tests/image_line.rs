@@ -3,7 +3,7 @@
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire::messages::Messages;
-use armwire_bridge::{Counters, Micros};
+use armwire_bridge::{Counters, Duration, Instant};
 use armwire_host_tests::image::{
     MEGABAUD, Talker, as_received, byte_time, counters, exchange, noise, on_board, on_board_with, path, plug_in,
     read_all, same_bytes,
@@ -67,9 +67,9 @@ fn one_fault(board: &mut VirtualBoard<Talker>, fault: Fault, counted: fn(&Counte
     const BAD: u16 = 1;
     let length = frame(0).len() as u64;
     // With a pause after each frame, and without.
-    for pause in [Micros(0), Micros(300)] {
+    for pause in [Instant::ZERO, Instant::from_micros(300)] {
         // A byte is lost to an overrun only right after another.
-        let first = u64::from(fault == Fault::Overrun && pause > Micros(0));
+        let first = u64::from(fault == Fault::Overrun && pause > Instant::ZERO);
         for place in first..length {
             board.uart().forget_bytes();
             let before = counted(&counters(board));
@@ -214,10 +214,10 @@ fn follow_rate(board: &mut VirtualBoard<Talker>, baud: u32) {
         if actual.abs_diff(baud.into()) * 100 < u64::from(baud) {
             board.uart().set_arm_baud(baud);
             // The new rate takes the UART off the line for some microseconds. No arm speaks just then: it was not asked.
-            board.run_for(Micros(50)).unwrap();
+            board.run_for(Duration::from_micros(50)).unwrap();
             return;
         }
-        board.run_for(Micros(5)).unwrap();
+        board.run_for(Duration::from_micros(5)).unwrap();
     }
     panic!(
         "the UART did not come to {baud} baud, it runs at {:?}",
@@ -247,7 +247,7 @@ fn what_the_host_wrote_before_it_changed_the_rate_goes_out_at_the_old_one() {
             let before = noise(nth as u64, 300);
             board.usb().write(&before).unwrap();
             board
-                .run_until(Micros::from_millis(50), |board| board.usb().unsent() == 0)
+                .run_until(Duration::from_millis(50), |board| board.usb().unsent() == 0)
                 .unwrap();
             board.usb().set_line_coding(LineCoding::new(baud)).unwrap();
             follow_rate(board, baud);
@@ -268,7 +268,7 @@ fn the_rate_changes_while_the_arm_talks_and_the_rest_of_what_it_says_arrives() {
             .enumerate()
         {
             board.with_arm(|arm| arm.say(&noise(nth as u64, 3_000)));
-            board.run_for(Micros(3_000)).unwrap();
+            board.run_for(Duration::from_micros(3_000)).unwrap();
             change_rate(board, baud);
             // What the adapter received while the two rates differed may be anything, up to a full packet of it waits.
             board.run_for(Nanos(100 * byte_time(baud).0)).unwrap();

@@ -1,7 +1,7 @@
 //! A Ling arm, driven through the firmware image as a program drives it.
 
 use armwire::ling::*;
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_host_tests::image::{MEGABAUD, Program, on_board, plug_in};
 use armwire_sim::ling::{Config, LingArm};
 use armwire_virtual_board::VirtualBoard;
@@ -84,7 +84,7 @@ fn a_move_brings_the_arm_to_its_target_while_velocities_and_joints_are_read() {
                 break;
             }
             assert_ne!(state.joints, [2_048; JOINTS], "the joints follow");
-            board.run_for(Micros::from_millis(20)).unwrap();
+            board.run_for(Duration::from_millis(20)).unwrap();
         }
         assert!(fastest > 500, "{fastest} ticks per second");
 

@@ -1,7 +1,7 @@
 //! The firmware image asks the arm by itself: on time at a set rate, and as fast as the wire allows.
 
 use armwire::ling::Request;
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control;
@@ -11,7 +11,7 @@ use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::{Arm, Direction, LineByte};
 use armwire_virtual_board::{Nanos, VirtualBoard};
 
-fn ling(turnaround: Micros) -> LingArm {
+fn ling(turnaround: Duration) -> LingArm {
     LingArm::new(armwire_sim::ling::Config {
         turnaround,
         ..armwire_sim::ling::Config::follower()
@@ -66,7 +66,7 @@ fn each_poll_starts_at_its_slot_with_traffic_on_usb_and_can() {
     const PERIOD: u64 = 4_000_000;
     /// How late a poll may be.
     const LATE: u64 = 10_000;
-    on_board(ling(Micros(100)), |board| {
+    on_board(ling(Duration::from_micros(100)), |board| {
         plug_in(board, MEGABAUD);
         board.can().attach(1_000_000);
         let mut on_can = CanProgram::new(Node::default());
@@ -115,7 +115,7 @@ fn each_poll_starts_at_its_slot_with_traffic_on_usb_and_can() {
 #[test]
 fn as_fast_as_the_wire_allows_is_that_fast() {
     for turnaround in [0_u32, 100, 500] {
-        on_board(ling(Micros(turnaround.into())), |board| {
+        on_board(ling(Duration::from_micros(turnaround.into())), |board| {
             plug_in(board, MEGABAUD);
             poll(board, Poll::Fastest);
             board.run_for(Nanos::from_millis(10)).unwrap();

@@ -1,7 +1,7 @@
 //! The firmware image and the line's rate: who may change it, when it is the arm's again, and `hold-line`.
 
 use armwire::ling::{JOINTS, Request, Torque};
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_bridge::can::Node;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::config::{Can, Config, HostTimeout, Poll};
@@ -323,7 +323,7 @@ fn hold_line_is_refused_while_a_host_streams_motion() {
         assert_eq!(control.call(board, control::Request::HoldLine), refused);
         control.order(board, control::Request::EndStream);
         control.order(board, control::Request::HoldLine);
-        board.run_for(Micros::from_millis(1_000)).unwrap();
+        board.run_for(Duration::from_millis(1_000)).unwrap();
         assert_eq!(board.with_arm(Talker::take_heard), motion().repeat(3));
     });
 }

@@ -5,7 +5,7 @@ use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::{Config, HostTimeout};
 use armwire_bridge::control::{self, Event, Initiator, Refusal};
 use armwire_bridge::isotp;
-use armwire_bridge::{Micros, PACKET};
+use armwire_bridge::{Duration, PACKET};
 use armwire_host_tests::image::requests::{frame, motion};
 use armwire_host_tests::image::{
     Asking, Control, MEGABAUD, Session, Ticket, Witness, byte_time, path, plug_in, polled, session,
@@ -14,7 +14,7 @@ use armwire_virtual_board::line::{Direction, Fault, LineByte};
 use armwire_virtual_board::report::Cause;
 use armwire_virtual_board::{Config as BoardConfig, Nanos, VirtualBoard};
 
-const TURNAROUND: Micros = Micros(100);
+const TURNAROUND: Duration = Duration::from_micros(100);
 
 /// Polls per second.
 const HERTZ: u16 = 100;
@@ -536,7 +536,7 @@ fn the_torque_goes_off_when_the_watchdog_restarts_an_armed_adapter() {
 fn requests_from_can_that_find_no_room_are_refused_and_told_of() {
     const BURST: usize = 12;
     // The arm thinks for as long as the burst takes.
-    session(Micros(2_000), polled(HERTZ), |session| {
+    session(Duration::from_micros(2_000), polled(HERTZ), |session| {
         session.can().asking.asks = false;
         session.run_for(millis(100));
         // As many as there are, without a wait for the answers, each in one frame.

@@ -1,7 +1,7 @@
 //! What a USB host may do to the adapter: find it, stop reading, let it wait, reset it, suspend it, pull it out.
 
 use armwire::ling::{Request, Response};
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_host_tests::image::{
     MEGABAUD, Program, Talker, counters, exchange, noise, on_board, on_board_with, open, path, plug_in, read_all,
     same_bytes,
@@ -191,7 +191,7 @@ fn the_port_works_again_after_it_was_unplugged() {
             exchange_some(board, nth);
             board.usb().detach();
             board.with_arm(|arm| arm.say(b"nobody hears this"));
-            board.run_for(Micros::from_millis(20 + nth)).unwrap();
+            board.run_for(Duration::from_millis(20 + nth)).unwrap();
             assert!(!board.usb().connected());
             plug_in(board, MEGABAUD);
             assert_eq!(read_all(board), []);
@@ -207,7 +207,7 @@ fn an_adapter_that_is_pulled_out_in_full_flow_works_again() {
         for nth in 0..8 {
             board.with_arm(|arm| arm.say(&noise(nth, 10_000)));
             board.usb().write(&noise(nth, 10_000)).unwrap();
-            board.run_for(Micros(20_000 + 137 * nth)).unwrap();
+            board.run_for(Duration::from_micros(20_000 + 137 * nth)).unwrap();
             board.usb().detach();
             board.run_for(Nanos::from_millis(200)).unwrap();
             plug_in(board, MEGABAUD);
@@ -224,7 +224,7 @@ fn the_port_works_again_after_a_bus_reset_in_full_flow() {
         for nth in 0..8 {
             board.with_arm(|arm| arm.say(&noise(nth, 10_000)));
             board.usb().write(&noise(nth, 10_000)).unwrap();
-            board.run_for(Micros(20_000 + 137 * nth)).unwrap();
+            board.run_for(Duration::from_micros(20_000 + 137 * nth)).unwrap();
             board.usb().reset_bus();
             board.run_for(Nanos::from_millis(200)).unwrap();
             open(board, MEGABAUD);
@@ -262,7 +262,7 @@ fn a_port_suspended_in_full_flow_counts_what_it_could_not_keep() {
         let (said, asked) = (noise(1, 20_000), noise(2, 20_000));
         board.with_arm(|arm| arm.say(&said));
         board.usb().write(&asked).unwrap();
-        board.run_for(Micros(50_123)).unwrap();
+        board.run_for(Duration::from_micros(50_123)).unwrap();
         board.usb().suspend();
         board.run_for(Nanos::from_millis(50)).unwrap();
         board.usb().resume();

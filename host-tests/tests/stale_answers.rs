@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use armwire::ling::*;
 use armwire::{Config, Device, DeviceEvent};
-use armwire_bridge::Micros;
+use armwire_bridge::{Duration, Instant};
 use armwire_sim::serial::SerialDevice;
 use armwire_sim::wire::Wire;
 use proptest::collection::vec;
@@ -15,13 +15,13 @@ use proptest::prelude::*;
 struct Dawdler {
     device: Device<Ling, MAX_FRAME>,
     /// How late the coming answers are, in turn; `None` for one that never comes.
-    delays: VecDeque<Option<Micros>>,
+    delays: VecDeque<Option<Duration>>,
     heard: u16,
-    replies: VecDeque<(Micros, u8)>,
+    replies: VecDeque<(Instant, u8)>,
 }
 
 impl SerialDevice for Dawdler {
-    fn receive(&mut self, now: Micros, byte: u8) {
+    fn receive(&mut self, now: Instant, byte: u8) {
         assert!(self.device.receive(&[byte]).is_empty());
         if let Some(DeviceEvent::Request {
             request: Request::ReadJoints,
@@ -36,21 +36,21 @@ impl SerialDevice for Dawdler {
             };
             let mut out = [0; MAX_FRAME];
             let n = self.device.respond(&Response::Joints(state), None, &mut out).unwrap();
-            if let Some(delay) = self.delays.pop_front().unwrap_or(Some(Micros(200))) {
+            if let Some(delay) = self.delays.pop_front().unwrap_or(Some(Duration::from_micros(200))) {
                 // One line: an answer cannot overtake the one before it.
-                let after = self.replies.back().map_or(Micros(0), |&(due, _)| due);
+                let after = self.replies.back().map_or(Instant::ZERO, |&(due, _)| due);
                 let due = after.max(now + delay);
                 self.replies.extend(out[..n].iter().map(|&byte| (due, byte)));
             }
         }
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         let (_, byte) = self.replies.pop_front_if(|(due, _)| *due <= now)?;
         Some(byte)
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         self.replies.front().map(|&(due, _)| due)
     }
 }
@@ -59,8 +59,8 @@ proptest! {
     #[test]
     fn an_answer_belongs_to_the_call_that_returns_it(
         delays in vec(prop_oneof![
-            3 => Just(Some(Micros(200))),
-            3 => (0..150_000_u64).prop_map(|delay| Some(Micros(delay))),
+            3 => Just(Some(Duration::from_micros(200))),
+            3 => (0..150_000_u64).prop_map(|delay| Some(Duration::from_micros(delay))),
             1 => Just(None),
         ], 0..60),
         calls in 1..30_usize,

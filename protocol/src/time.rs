@@ -1,10 +1,10 @@
 //! Time as the state machines see it: microseconds on the caller's monotonic clock.
 
-use core::ops::{Add, AddAssign};
+use core::ops::{Add, AddAssign, Sub};
 
 /// A point in time on the caller's monotonic clock, in microseconds since an origin that the caller chooses.
 ///
-/// The crate never reads a clock. 64 bits do not wrap in the life of any machine. Sums saturate.
+/// The crate never reads a clock. 64 bits do not wrap in the life of any machine. Sums and differences saturate.
 ///
 /// ```
 /// use armwire::time::{Duration, Instant};
@@ -13,6 +13,8 @@ use core::ops::{Add, AddAssign};
 /// assert_eq!(due.as_micros(), 2_050);
 /// assert_eq!(due.since(Instant::from_micros(2_000)), Duration::from_micros(50));
 /// assert_eq!(Instant::from_micros(2_000).since(due), Duration::ZERO);
+/// assert_eq!(due - Duration::from_micros(50), Instant::from_millis(2));
+/// assert_eq!(due - Duration::from_millis(3), Instant::ZERO);
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -25,6 +27,11 @@ impl Instant {
     /// The instant this many microseconds after the origin.
     pub const fn from_micros(micros: u64) -> Self {
         Self(micros)
+    }
+
+    /// The instant this many milliseconds after the origin.
+    pub const fn from_millis(millis: u64) -> Self {
+        Self(millis.saturating_mul(1_000))
     }
 
     /// Microseconds since the origin.
@@ -43,6 +50,14 @@ impl Add<Duration> for Instant {
 
     fn add(self, duration: Duration) -> Self {
         Self(self.0.saturating_add(duration.0))
+    }
+}
+
+impl Sub<Duration> for Instant {
+    type Output = Self;
+
+    fn sub(self, duration: Duration) -> Self {
+        Self(self.0.saturating_sub(duration.0))
     }
 }
 

@@ -4,7 +4,7 @@
 
 use std::collections::VecDeque;
 
-use armwire_bridge::Micros;
+use armwire::time::{Duration, Instant};
 use oorandom::Rand32;
 #[cfg(test)]
 use proptest::prelude::*;
@@ -31,7 +31,7 @@ pub struct Rates {
     /// A random byte arrives before it.
     pub noise: u32,
     /// The longest delay.
-    pub max_delay: Micros,
+    pub max_delay: Duration,
 }
 
 impl Rates {
@@ -46,7 +46,7 @@ impl Rates {
             duplicate: ppm,
             delay: ppm,
             noise: ppm,
-            max_delay: Micros::from_millis(5),
+            max_delay: Duration::from_millis(5),
         }
     }
 }
@@ -73,7 +73,7 @@ struct Direction {
     random: Rand32,
     injected: Injected,
     /// Bytes and when they are due, in order.
-    queue: VecDeque<(Micros, u8)>,
+    queue: VecDeque<(Instant, u8)>,
 }
 
 impl Direction {
@@ -95,7 +95,7 @@ impl Direction {
     }
 
     /// Queues what becomes of a byte.
-    fn put(&mut self, now: Micros, mut byte: u8) {
+    fn put(&mut self, now: Instant, mut byte: u8) {
         let rates = self.rates;
         // Delays overlap: nothing is later than `max_delay`, and nothing overtakes.
         let mut due = self.queue.back().map_or(now, |&(due, _)| due.max(now));
@@ -114,8 +114,8 @@ impl Direction {
         }
         if self.happens(rates.delay) {
             self.injected.delayed += 1;
-            let longest = rates.max_delay.0.min(u64::from(u32::MAX - 1)) as u32;
-            let delay = Micros(self.random.rand_range(0..longest + 1).into());
+            let longest = rates.max_delay.as_micros().min(u64::from(u32::MAX - 1)) as u32;
+            let delay = Duration::from_micros(self.random.rand_range(0..longest + 1).into());
             due = due.max(now + delay);
         }
         self.queue.push_back((due, byte));
@@ -125,11 +125,11 @@ impl Direction {
         }
     }
 
-    fn take(&mut self, now: Micros) -> Option<(Micros, u8)> {
+    fn take(&mut self, now: Instant) -> Option<(Instant, u8)> {
         self.queue.pop_front_if(|&mut (due, _)| due <= now)
     }
 
-    fn due(&self) -> Option<Micros> {
+    fn due(&self) -> Option<Instant> {
         self.queue.front().map(|&(due, _)| due)
     }
 }
@@ -137,14 +137,14 @@ impl Direction {
 /// A device behind a line with faults; itself a device.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire::time::Instant;
 /// use armwire_sim::faults::{Line, Rates};
 /// use armwire_sim::ling::{Config, LingArm};
 /// use armwire_sim::serial::SerialDevice;
 ///
 /// let deaf = Rates { drop: 1_000_000, ..Rates::NONE };
 /// let mut line = Line::new(LingArm::new(Config::follower()), deaf, Rates::NONE, 1);
-/// line.receive(Micros(10), 0xAA);
+/// line.receive(Instant::from_micros(10), 0xAA);
 /// assert_eq!(line.device().counters().bytes, 0);
 /// assert_eq!(line.injected_to_device().dropped, 1);
 /// ```
@@ -191,7 +191,7 @@ impl<D: SerialDevice> Line<D> {
         &mut self.device
     }
 
-    fn deliver(&mut self, now: Micros) {
+    fn deliver(&mut self, now: Instant) {
         while let Some((due, byte)) = self.to_device.take(now) {
             self.device.receive(due, byte);
         }
@@ -199,13 +199,13 @@ impl<D: SerialDevice> Line<D> {
 }
 
 impl<D: SerialDevice> SerialDevice for Line<D> {
-    fn receive(&mut self, now: Micros, byte: u8) {
+    fn receive(&mut self, now: Instant, byte: u8) {
         self.deliver(now);
         self.to_device.put(now, byte);
         self.deliver(now);
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.deliver(now);
         while self.from_device.queue.is_empty() {
             let byte = self.device.transmit(now)?;
@@ -214,7 +214,7 @@ impl<D: SerialDevice> SerialDevice for Line<D> {
         self.from_device.take(now).map(|(_, byte)| byte)
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         // The device waits while a byte of its own is delayed.
         let from = self.from_device.due().or_else(|| self.device.poll_timeout());
         [self.to_device.due(), from].into_iter().flatten().min()
@@ -242,26 +242,26 @@ mod tests {
     struct Mirror(VecDeque<u8>);
 
     impl SerialDevice for Mirror {
-        fn receive(&mut self, _now: Micros, byte: u8) {
+        fn receive(&mut self, _now: Instant, byte: u8) {
             self.0.push_back(byte);
         }
 
-        fn transmit(&mut self, _now: Micros) -> Option<u8> {
+        fn transmit(&mut self, _now: Instant) -> Option<u8> {
             self.0.pop_front()
         }
 
-        fn poll_timeout(&self) -> Option<Micros> {
-            (!self.0.is_empty()).then_some(Micros(0))
+        fn poll_timeout(&self) -> Option<Instant> {
+            (!self.0.is_empty()).then_some(Instant::ZERO)
         }
     }
 
     const BYTES: usize = 100_000;
 
     /// What comes back of many bytes, one every 10 µs, and when.
-    fn run(line: &mut Line<Mirror>) -> Vec<(Micros, u8)> {
+    fn run(line: &mut Line<Mirror>) -> Vec<(Instant, u8)> {
         let mut back = Vec::new();
         for i in 0..BYTES as u64 + 10_000 {
-            let now = Micros(10 * i);
+            let now = Instant::from_micros(10 * i);
             if i < BYTES as u64 {
                 line.receive(now, i as u8);
             }
@@ -278,7 +278,7 @@ mod tests {
         assert!(
             back.iter()
                 .enumerate()
-                .all(|(i, &(at, byte))| at == Micros(10 * i as u64) && byte == i as u8)
+                .all(|(i, &(at, byte))| at == Instant::from_micros(10 * i as u64) && byte == i as u8)
         );
     }
 
@@ -318,7 +318,11 @@ mod tests {
             let mut line = Line::new(Mirror::default(), to, from, 1);
             let back = run(&mut line);
             assert!(back.iter().enumerate().all(|(i, &(_, byte))| byte == i as u8));
-            assert!(back.iter().enumerate().any(|(i, &(at, _))| at > Micros(10 * i as u64)));
+            assert!(
+                back.iter()
+                    .enumerate()
+                    .any(|(i, &(at, _))| at > Instant::from_micros(10 * i as u64))
+            );
             assert_eq!(line.poll_timeout(), None);
         }
     }

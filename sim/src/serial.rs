@@ -1,6 +1,6 @@
 //! The seam between a virtual device and whatever line carries its bytes.
 
-use armwire_bridge::Micros;
+use armwire::time::Instant;
 
 /// A device at the far end of a serial line: an arm, or a line with faults in front of one.
 ///
@@ -8,16 +8,16 @@ use armwire_bridge::Micros;
 /// runs backwards. Framing, baud rate and pacing belong to the line.
 pub trait SerialDevice {
     /// Takes one byte whose stop bit ended at `now`.
-    fn receive(&mut self, now: Micros, byte: u8);
+    fn receive(&mut self, now: Instant, byte: u8);
 
     /// The next byte to put on the line, if one may start at `now`.
     ///
     /// Called again as soon as the line is free: the device need not know the baud rate.
-    fn transmit(&mut self, now: Micros) -> Option<u8>;
+    fn transmit(&mut self, now: Instant) -> Option<u8>;
 
     /// When the device next wants [`transmit`](Self::transmit) to be called, or `None` while only a received byte can
     /// give it something to say.
-    fn poll_timeout(&self) -> Option<Micros>;
+    fn poll_timeout(&self) -> Option<Instant>;
 }
 
 /// What a device has heard, since it was made.

@@ -4,7 +4,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use armwire_bridge::Micros;
+use armwire::time;
 
 use crate::pty::Pty;
 use crate::serial::SerialDevice;
@@ -33,7 +33,7 @@ pub struct Served {
 /// When the pty fails.
 pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io::Result<Served> {
     let start = Instant::now();
-    let now = || Micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));
+    let now = || time::Instant::from_micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));
     let mut served = Served::default();
     let mut input = [0; 256];
     let mut output = Vec::new();
@@ -55,7 +55,7 @@ pub fn serve(device: &mut impl SerialDevice, pty: &Pty, stop: &AtomicBool) -> io
 
         let timeout = device
             .poll_timeout()
-            .map(|due| Duration::from_micros(due.since(now()).0));
+            .map(|due| Duration::from_micros(due.since(now()).as_micros()));
         pty.wait(Some(timeout.unwrap_or(NOTICE).min(NOTICE)))?;
     }
     Ok(served)

@@ -4,9 +4,9 @@ use std::fmt;
 
 use armwire::framing::Reason;
 use armwire::messages::Messages;
+use armwire::time::Duration;
 use armwire::time::Instant;
 use armwire::{Client, Config, Event, Output, ParseError};
-use armwire_bridge::Micros;
 
 use crate::serial::SerialDevice;
 
@@ -69,25 +69,25 @@ pub enum LineEvent {
 /// ```
 /// use armwire::ling::{Ling, MAX_FRAME, Request, Response, Stroke};
 /// use armwire::Config;
-/// use armwire_bridge::Micros;
+/// use armwire::time::Instant;
 /// use armwire_sim::ling::LingArm;
 /// use armwire_sim::wire::Wire;
 ///
 /// let arm = LingArm::new(armwire_sim::ling::Config::follower());
 /// let mut wire = Wire::<Ling, _, MAX_FRAME>::new(Config::default(), arm);
 /// assert_eq!(wire.call(Request::ReadStroke), Ok(Some(Response::Stroke(Stroke::Mm50))));
-/// assert_eq!(wire.elapsed(), Micros(7 * 10 + 200 + 7 * 10));
+/// assert_eq!(wire.elapsed(), Instant::from_micros(7 * 10 + 200 + 7 * 10));
 /// ```
 #[derive(Debug)]
 pub struct Wire<M: Messages, D, const N: usize> {
     client: Client<M, N>,
     device: D,
-    now: Micros,
-    byte_time: Micros,
+    now: Instant,
+    byte_time: Duration,
     /// The byte on its way to the device, and when it is there.
-    to_device: Option<(Micros, u8)>,
+    to_device: Option<(Instant, u8)>,
     /// The byte on its way to the host, and when it is there.
-    to_host: Option<(Micros, u8)>,
+    to_host: Option<(Instant, u8)>,
     events: Vec<LineEvent>,
     /// The last answer, as a frame, and what it is expected as.
     answer: (Vec<u8>, M::Expect),
@@ -106,8 +106,8 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
         Self {
             client: Client::new(M::default(), config),
             device,
-            now: Micros(0),
-            byte_time: Micros(10_000_000_u64.div_ceil(config.baud.get().into())),
+            now: Instant::ZERO,
+            byte_time: Duration::from_micros(10_000_000_u64.div_ceil(config.baud.get().into())),
             to_device: None,
             to_host: None,
             events: Vec::new(),
@@ -140,7 +140,7 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
         self.answer.1 = info.expect;
         let mut outcome = None;
         loop {
-            outcome = self.step(Micros(u64::MAX)).or(outcome);
+            outcome = self.step(Instant::from_micros(u64::MAX)).or(outcome);
             if self.to_device.is_some() {
                 continue;
             }
@@ -157,7 +157,7 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
     }
 
     /// Lets time pass without a call.
-    pub fn wait(&mut self, span: Micros) {
+    pub fn wait(&mut self, span: Duration) {
         let end = self.now + span;
         loop {
             // One step more at the end itself, to let the device know the time.
@@ -170,7 +170,7 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
     }
 
     /// Virtual time since the start.
-    pub fn elapsed(&self) -> Micros {
+    pub fn elapsed(&self) -> Instant {
         self.now
     }
 
@@ -190,7 +190,7 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
     }
 
     /// Goes to the next instant at which something happens, or to `end`, and returns how a call ended, if one did.
-    fn step(&mut self, end: Micros) -> Option<Outcome> {
+    fn step(&mut self, end: Instant) -> Option<Outcome> {
         let (mut outcome, client_due) = self.poll(None);
         // While its line is taken the device need not be asked: it says the same later.
         if self.to_host.is_none() {
@@ -203,10 +203,10 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
         };
         let host_due = self.to_device.map(|(due, _)| due);
         // What is due already waits for the line to be free.
-        let client_due = client_due.map(Micros::from).filter(|due| *due > self.now);
+        let client_due = client_due.filter(|due| *due > self.now);
         let due = [host_due, device_due, client_due];
         if outcome.is_none() {
-            self.now = due.into_iter().flatten().fold(end, Micros::min).max(self.now);
+            self.now = due.into_iter().flatten().fold(end, Instant::min).max(self.now);
         }
         if let Some((_, byte)) = self.to_device.take_if(|(due, _)| *due <= self.now) {
             self.device.receive(self.now, byte);
@@ -218,7 +218,7 @@ impl<M: Messages + Default, D: SerialDevice, const N: usize> Wire<M, D, N> {
 
     /// Lets the client receive a byte, transmit one if its line is free, and say what happened.
     fn poll(&mut self, received: Option<u8>) -> (Option<Outcome>, Option<Instant>) {
-        let now = Instant::from(self.now);
+        let now = self.now;
         let rest = self.client.receive(now, received.as_slice());
         assert!(rest.is_empty(), "the client has room");
         let mut outcome = None;
@@ -295,7 +295,7 @@ mod tests {
         for (baud, byte_time) in [(1_000_000, 10), (115_200, 87), (2_000_000, 5)] {
             let mut wire = wire(baud, LingArm::new(ling::Config::follower()));
             wire.call(Request::ReadJoints).unwrap();
-            assert_eq!(wire.elapsed(), Micros((7 + 21) * byte_time + 200));
+            assert_eq!(wire.elapsed(), Instant::from_micros((7 + 21) * byte_time + 200));
         }
     }
 

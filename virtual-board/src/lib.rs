@@ -2,7 +2,7 @@
 //! arm at its edges.
 //!
 //! ```no_run
-//! use armwire_bridge::Micros;
+//! use armwire_bridge::Duration;
 //! use armwire_sim::ling::{Config as ArmConfig, LingArm};
 //! use armwire_virtual_board::usb::cdc::LineCoding;
 //! use armwire_virtual_board::{Config, VirtualBoard};
@@ -12,7 +12,7 @@
 //! board.usb().attach();
 //! board.usb().open(0, LineCoding::new(1_000_000))?;
 //! board.usb().write(&[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF])?;
-//! board.run_until(Micros::from_millis(5), |board| board.usb().unread() > 0)?;
+//! board.run_until(Duration::from_millis(5), |board| board.usb().unread() > 0)?;
 //! println!("{} after power-on: {:02x?}", board.now(), board.usb().read());
 //! board.check()?;
 //! # Ok::<(), armwire_virtual_board::Error>(())

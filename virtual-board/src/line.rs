@@ -356,7 +356,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         while let Some(own) = &mut self.own
             && let Some(due) = self.arm.poll_timeout()
             && Nanos::from(due).max(self.free) <= now
-            && let Some(sent) = self.arm.transmit(now.micros())
+            && let Some(sent) = self.arm.transmit(now.instant())
         {
             own.collided = true;
             self.count += 1;
@@ -393,7 +393,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
             sent,
             outcome,
         });
-        self.arm.receive(now.micros(), value);
+        self.arm.receive(now.instant(), value);
     }
 
     /// The board's receiver is free: what was on its way has arrived, and the next byte may start.
@@ -415,7 +415,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
         if now < self.free {
             return None;
         }
-        let sent = self.arm.transmit(now.micros())?;
+        let sent = self.arm.transmit(now.instant())?;
         let mut outcome = Outcome::Arrived;
         let arm = (self.arm_bit, self.arm_format);
         let mut arrival = sample(sent, arm, (self.board_bit, self.board_format));
@@ -465,7 +465,7 @@ impl<A: SerialDevice + ?Sized> Line<A> {
 
     /// Sends one byte to nobody at `at`. Returns whether there was one.
     fn lose(&mut self, at: Nanos) -> bool {
-        let Some(sent) = self.arm.transmit(at.micros()) else {
+        let Some(sent) = self.arm.transmit(at.instant()) else {
             return false;
         };
         self.count += 1;
@@ -563,7 +563,7 @@ fn sample(byte: u8, (sender, sent): (u64, Format), (receiver, expected): (u64, F
 mod tests {
     use std::collections::VecDeque;
 
-    use armwire_bridge::Micros;
+    use armwire_bridge::Instant;
 
     use super::*;
 
@@ -575,16 +575,16 @@ mod tests {
     }
 
     impl SerialDevice for Talker {
-        fn receive(&mut self, _: Micros, byte: u8) {
+        fn receive(&mut self, _: Instant, byte: u8) {
             self.heard.push(byte);
         }
 
-        fn transmit(&mut self, _: Micros) -> Option<u8> {
+        fn transmit(&mut self, _: Instant) -> Option<u8> {
             self.says.pop_front()
         }
 
-        fn poll_timeout(&self) -> Option<Micros> {
-            (!self.says.is_empty()).then_some(Micros(0))
+        fn poll_timeout(&self) -> Option<Instant> {
+            (!self.says.is_empty()).then_some(Instant::ZERO)
         }
     }
 

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Add;
 
-use armwire_bridge::Micros;
+use armwire_bridge::{Duration, Instant};
 
 /// Nanoseconds of virtual time: an instant since power-on, or a span between two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -15,9 +15,9 @@ impl Nanos {
         Self(millis * 1_000_000)
     }
 
-    /// Whole microseconds, rounded down.
-    pub const fn micros(self) -> Micros {
-        Micros(self.0 / 1_000)
+    /// As an instant, in whole microseconds, rounded down.
+    pub const fn instant(self) -> Instant {
+        Instant::from_micros(self.0 / 1_000)
     }
 
     /// The span from `earlier` to `self`, or zero if `earlier` is later.
@@ -34,9 +34,15 @@ impl Add for Nanos {
     }
 }
 
-impl From<Micros> for Nanos {
-    fn from(micros: Micros) -> Self {
-        Self(micros.0.saturating_mul(1_000))
+impl From<Instant> for Nanos {
+    fn from(instant: Instant) -> Self {
+        Self(instant.as_micros().saturating_mul(1_000))
+    }
+}
+
+impl From<Duration> for Nanos {
+    fn from(duration: Duration) -> Self {
+        Self(duration.as_micros().saturating_mul(1_000))
     }
 }
 

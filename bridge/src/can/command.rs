@@ -12,7 +12,7 @@
 //! sender that repeats one command for ever, whichever it is, moves nothing: what starts a stream does not move, and
 //! what moves does not start one.
 
-use crate::Micros;
+use crate::{Duration, Instant};
 use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
 
@@ -106,16 +106,16 @@ impl Command {
 /// Takes command frames, and says what moves the arm and what is refused.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire_bridge::{Duration, Instant};
 /// use armwire_bridge::can::{Node, command::{Command, Commands}};
 /// use armwire_bridge::control::Refusal;
 ///
 /// let node = Node::new(0).unwrap();
-/// let mut commands = Commands::new(node, Micros::from_millis(100));
+/// let mut commands = Commands::new(node, Duration::from_millis(100));
 /// let mut send = |sequence, at| {
 ///     let [a, b] = Command { sequence, joints: [2048; 6], speed: 25, gripper: 0 }.to_frames(node);
-///     assert_eq!(commands.receive(&a, Micros::from_millis(at)), None);
-///     commands.receive(&b, Micros::from_millis(at))
+///     assert_eq!(commands.receive(&a, Instant::from_millis(at)), None);
+///     commands.receive(&b, Instant::from_millis(at))
 /// };
 /// assert_eq!(send(9, 0), Some(Err(Refusal::Stale))); // there is no stream
 /// assert_eq!(send(0, 10), None); // now there is
@@ -127,11 +127,11 @@ impl Command {
 #[derive(Clone, Debug)]
 pub struct Commands {
     node: Node,
-    timeout: Micros,
+    timeout: Duration,
     /// The frame whose other half has not come.
     half: Option<Half>,
     /// The last sequence number of the stream that started or moved, and when.
-    last: Option<(u8, Micros)>,
+    last: Option<(u8, Instant)>,
     /// Whether it has moved, so that 0 is a number like any other.
     has_moved: bool,
 }
@@ -140,7 +140,7 @@ pub struct Commands {
 struct Half {
     function: Function,
     words: [u16; 4],
-    at: Micros,
+    at: Instant,
 }
 
 impl Half {
@@ -149,14 +149,14 @@ impl Half {
         last as u8
     }
 
-    fn deadline(&self, timeout: Micros) -> Micros {
+    fn deadline(&self, timeout: Duration) -> Instant {
         self.at + timeout
     }
 }
 
 impl Commands {
     /// For the commands to `node`, with this time-out.
-    pub const fn new(node: Node, timeout: Micros) -> Self {
+    pub const fn new(node: Node, timeout: Duration) -> Self {
         Self {
             node,
             timeout,
@@ -170,7 +170,7 @@ impl Commands {
     /// before, [`Refusal::Stale`] or [`Refusal::OutOfRange`] of this one, or [`Refusal::NotAFrame`] when it has not 8
     /// bytes. `None` when nothing is to be done: this is the first half, or starts a stream, or is no command to this
     /// node.
-    pub fn receive(&mut self, frame: &Frame, now: Micros) -> Option<Result<Move, Refusal>> {
+    pub fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<Move, Refusal>> {
         let (function @ (Function::CommandA | Function::CommandB), node) = Function::of(frame.id())? else {
             return None;
         };
@@ -203,13 +203,13 @@ impl Commands {
     }
 
     /// It is `now`: [`Refusal::Incomplete`] when the other half of a command is late.
-    pub fn tick(&mut self, now: Micros) -> Option<Refusal> {
+    pub fn tick(&mut self, now: Instant) -> Option<Refusal> {
         self.half.take_if(|half| now >= half.deadline(self.timeout))?;
         Some(Refusal::Incomplete)
     }
 
     /// When to call [`tick`](Self::tick), unless the other half comes before. `None` when none is waited for.
-    pub fn timeout(&self) -> Option<Micros> {
+    pub fn timeout(&self) -> Option<Instant> {
         self.half.map(|half| half.deadline(self.timeout))
     }
 
@@ -219,7 +219,7 @@ impl Commands {
     }
 
     /// What becomes of a whole command.
-    fn judge(&mut self, command: &Command, now: Micros) -> Option<Result<Move, Refusal>> {
+    fn judge(&mut self, command: &Command, now: Instant) -> Option<Result<Move, Refusal>> {
         let running = self.last.filter(|&(_, at)| now < at + self.timeout);
         let has_moved = self.has_moved && running.is_some();
         match running.map(|(last, _)| last) {
@@ -261,14 +261,14 @@ mod tests {
 
     use super::*;
 
-    const TIMEOUT: Micros = Micros::from_millis(100);
+    const TIMEOUT: Duration = Duration::from_millis(100);
 
     /// Commands to node 3, and the time.
     #[derive(Clone)]
     struct Bus {
         commands: Commands,
         node: Node,
-        now: Micros,
+        now: Instant,
     }
 
     impl Bus {
@@ -277,7 +277,7 @@ mod tests {
             Self {
                 commands: Commands::new(node, TIMEOUT),
                 node,
-                now: Micros(1_000_000),
+                now: Instant::from_micros(1_000_000),
             }
         }
 
@@ -292,7 +292,7 @@ mod tests {
         }
 
         fn pass(&mut self, millis: u64) {
-            self.now = self.now + Micros::from_millis(millis);
+            self.now += Duration::from_millis(millis);
         }
 
         fn receive(&mut self, frame: &Frame) -> Option<Result<Move, Refusal>> {
@@ -522,10 +522,10 @@ mod tests {
         ) {
             let mut bus = Bus::new();
             let mut sent: Vec<(bool, u8, u64)> = Vec::new();
-            let mut moved: Option<(u8, Micros)> = None;
+            let mut moved: Option<(u8, Instant)> = None;
             for (is_a, sequence, millis) in halves {
                 bus.pass(millis);
-                sent.push((is_a, sequence, bus.now.0));
+                sent.push((is_a, sequence, bus.now.as_micros()));
                 // Where the joints go says which frame they are from.
                 let command = Command { joints: [sent.len() as u16 - 1; JOINTS], ..command(sequence) };
                 let [a, b] = command.to_frames(bus.node);
@@ -536,14 +536,14 @@ mod tests {
                 let ((a_is_a, a_sequence, a_at), (b_is_a, b_sequence, b_at)) = (sent[a], sent[b]);
                 prop_assert!(a_is_a && !b_is_a);
                 prop_assert_eq!((a_sequence, b_sequence), (sequence, sequence));
-                prop_assert!(a_at.abs_diff(b_at) < TIMEOUT.0);
+                prop_assert!(a_at.abs_diff(b_at) < TIMEOUT.as_micros());
                 match moved {
                     Some((last, at)) if bus.now.since(at) < TIMEOUT => {
                         prop_assert!(sequence > last);
                     }
                     _ => {
                         // Since the last move there was a whole command with 0.
-                        let since = moved.map_or(0, |(_, at)| at.0);
+                        let since = moved.map_or(0, |(_, at)| at.as_micros());
                         let zeros = sent.iter().copied().filter(|&(_, sequence, at)| sequence == 0 && at >= since);
                         let (a, b): (Vec<_>, Vec<_>) = zeros.partition(|(is_a, ..)| *is_a);
                         prop_assert!(!a.is_empty() && !b.is_empty());

@@ -1,6 +1,6 @@
 //! How an endpoint treats its bus.
 
-use crate::Micros;
+use crate::Duration;
 use armwire::OutOfRange;
 
 use crate::can::Id;
@@ -18,7 +18,7 @@ pub enum Link {
 /// How an [`Endpoint`](super::Endpoint) sends, what it asks of those who send to it, and how long it waits.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire_bridge::Duration;
 /// use armwire_bridge::can::Id;
 /// use armwire_bridge::isotp::{Config, Link, SeparationTime};
 ///
@@ -28,7 +28,7 @@ pub enum Link {
 ///     st_min: SeparationTime::from_millis(1).unwrap(),
 ///     ..Config::new(Link::Classic, Id::new(0x612).unwrap())
 /// };
-/// assert_eq!(config.n_cr, Micros::from_millis(1_000));
+/// assert_eq!(config.n_cr, Duration::from_millis(1_000));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -42,12 +42,12 @@ pub struct Config {
     /// STmin, what it asks for: the least time between consecutive frames.
     pub st_min: SeparationTime,
     /// N_As: how long a frame of a PDU that has begun may take to [leave](super::Endpoint::transmitted) once it is due.
-    pub n_as: Micros,
+    pub n_as: Duration,
     /// N_Bs: how long the other side may take for a flow control frame.
-    pub n_bs: Micros,
+    pub n_bs: Duration,
     /// N_Cr: how long the other side may take for a consecutive frame. It begins when flow control is handed over, and anew
     /// when that has left; so it ends the wait for that, too, and there is no N_Ar.
-    pub n_cr: Micros,
+    pub n_cr: Duration,
     /// How often in a row the other side may say that it is not ready. The standard has it limit itself (N_WFTmax); one that
     /// does not would hold the endpoint for ever.
     pub max_waits: u8,
@@ -62,9 +62,9 @@ impl Config {
             tx,
             block_size: 0,
             st_min: SeparationTime::ZERO,
-            n_as: Micros::from_millis(1_000),
-            n_bs: Micros::from_millis(1_000),
-            n_cr: Micros::from_millis(1_000),
+            n_as: Duration::from_millis(1_000),
+            n_bs: Duration::from_millis(1_000),
+            n_cr: Duration::from_millis(1_000),
             max_waits: 9,
         }
     }
@@ -73,10 +73,10 @@ impl Config {
 /// STmin, the least time between consecutive frames: 0 to 127 ms, or 100 to 900 µs.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire_bridge::Duration;
 /// use armwire_bridge::isotp::SeparationTime;
 ///
-/// assert_eq!(SeparationTime::from_millis(20).unwrap().micros(), Micros(20_000));
+/// assert_eq!(SeparationTime::from_millis(20).unwrap().duration(), Duration::from_micros(20_000));
 /// assert_eq!(SeparationTime::from_hundreds_of_micros(9).unwrap().to_byte(), 0xF9);
 ///
 /// // A value that the standard reserves counts as the longest there is.
@@ -131,12 +131,12 @@ impl SeparationTime {
     }
 
     /// How long it is.
-    pub const fn micros(self) -> Micros {
+    pub const fn duration(self) -> Duration {
         let micros = match self.0 {
             millis @ 0..=Self::MAX_MILLIS => millis as u32 * 1_000,
             hundreds => (hundreds & 0x0F) as u32 * 100,
         };
-        Micros(micros as u64)
+        Duration::from_micros(micros as u64)
     }
 }
 
@@ -157,14 +157,14 @@ mod tests {
     #[test]
     fn a_separation_time_is_0_to_127_milliseconds_or_1_to_9_hundreds_of_microseconds() {
         for value in 0..=u8::MAX {
-            let millis = SeparationTime::from_millis(value).map(SeparationTime::micros);
+            let millis = SeparationTime::from_millis(value).map(SeparationTime::duration);
             match value {
-                0..=127 => assert_eq!(millis, Ok(Micros::from_millis(value.into()))),
+                0..=127 => assert_eq!(millis, Ok(Duration::from_millis(value.into()))),
                 _ => assert_eq!(millis, Err(out_of_range("ms", value, 0, 127))),
             }
-            let hundreds = SeparationTime::from_hundreds_of_micros(value).map(SeparationTime::micros);
+            let hundreds = SeparationTime::from_hundreds_of_micros(value).map(SeparationTime::duration);
             match value {
-                1..=9 => assert_eq!(hundreds, Ok(Micros(u64::from(value) * 100))),
+                1..=9 => assert_eq!(hundreds, Ok(Duration::from_micros(u64::from(value) * 100))),
                 _ => assert_eq!(hundreds, Err(out_of_range("times 100 µs", value, 1, 9))),
             }
         }

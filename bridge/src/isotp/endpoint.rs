@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::Micros;
+use crate::Instant;
 
 use super::pci::{self, Pci};
 use super::receiver::Receiver;
@@ -49,7 +49,7 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// A frame for this endpoint came, with this data.
     ///
     /// Then ask [`received`](Self::received), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
-    pub fn receive(&mut self, data: &[u8], now: Micros) -> Events {
+    pub fn receive(&mut self, data: &[u8], now: Instant) -> Events {
         let config = &self.config;
         let event = match pci::parse(data) {
             Ok(Pci::Single(pdu)) => return self.receiver.single(&mut self.rx, pdu),
@@ -127,9 +127,9 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
 
     /// From when on [`transmit`](Self::transmit) has a frame, perhaps a time that has passed. `None` when it has none
     /// unless something happens before.
-    pub fn transmit_at(&self) -> Option<Micros> {
+    pub fn transmit_at(&self) -> Option<Instant> {
         if self.receiver.has_answer() {
-            return Some(Micros(0));
+            return Some(Instant::ZERO);
         }
         some(self.sender.transmit_at())
     }
@@ -141,7 +141,7 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// counts as stuck after [`n_as`](Config::n_as), unless it is answered.
     ///
     /// Then ask [`is_sending`](Self::is_sending), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
-    pub fn transmit(&mut self, now: Micros) -> Option<Frame> {
+    pub fn transmit(&mut self, now: Instant) -> Option<Frame> {
         let answer = self.receiver.transmit(&self.config, now);
         answer.or_else(|| self.sender.transmit(&self.tx, &self.config, now))
     }
@@ -152,19 +152,19 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// Then ask [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
     ///
     /// ```
-    /// use armwire_bridge::Micros;
+    /// use armwire_bridge::Instant;
     /// use armwire_bridge::can::Id;
     /// use armwire_bridge::isotp::{Config, Endpoint, Link};
     ///
     /// let mut endpoint = Endpoint::<64, 64>::new(Config::new(Link::Classic, Id::new(0x610).unwrap()));
     /// endpoint.send(&[0; 20]).unwrap();
-    /// assert!(endpoint.transmit(Micros(0)).is_some());
-    /// assert_eq!(endpoint.timeout(), Some(Micros(1_000_000)));
+    /// assert!(endpoint.transmit(Instant::ZERO).is_some());
+    /// assert_eq!(endpoint.timeout(), Some(Instant::from_micros(1_000_000)));
     /// // Others had the bus for 300 µs.
-    /// endpoint.transmitted(Micros(430));
-    /// assert_eq!(endpoint.timeout(), Some(Micros(1_000_430)));
+    /// endpoint.transmitted(Instant::from_micros(430));
+    /// assert_eq!(endpoint.timeout(), Some(Instant::from_micros(1_000_430)));
     /// ```
-    pub fn transmitted(&mut self, now: Micros) {
+    pub fn transmitted(&mut self, now: Instant) {
         self.receiver.transmitted(&self.config, now);
         self.sender.transmitted(now);
     }
@@ -172,7 +172,7 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     // ---- Time ----
 
     /// When to call [`tick`](Self::tick), unless something happens before. `None` when nothing is waited for.
-    pub fn timeout(&self) -> Option<Micros> {
+    pub fn timeout(&self) -> Option<Instant> {
         some(self.receiver.timeout().min(self.sender.timeout(&self.config)))
     }
 
@@ -181,7 +181,7 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// else is being sent.
     ///
     /// Call [`receive`](Self::receive) first with what came before. Then ask [`is_sending`](Self::is_sending).
-    pub fn tick(&mut self, now: Micros) -> Events {
+    pub fn tick(&mut self, now: Instant) -> Events {
         Events {
             first: self.receiver.tick(&self.config, now),
             second: self.sender.tick(&self.config, now),
@@ -192,21 +192,21 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// One that is whole stays.
     ///
     /// ```
-    /// # use armwire_bridge::Micros;
+    /// # use armwire_bridge::Instant;
     /// # use armwire_bridge::can::Id;
     /// # use armwire_bridge::isotp::{Config, Endpoint, Link};
     /// # let mut endpoint = Endpoint::<64, 64>::new(Config::new(Link::Classic, Id::new(0x610).unwrap()));
     /// endpoint.send(&[1, 2]).unwrap();
     /// assert_eq!(endpoint.abort(), 1);
     /// assert!(!endpoint.is_sending());
-    /// assert_eq!(endpoint.transmit(Micros(0)), None);
+    /// assert_eq!(endpoint.transmit(Instant::ZERO), None);
     /// ```
     pub fn abort(&mut self) -> usize {
         usize::from(self.receiver.abort()).saturating_add(self.sender.abort().into())
     }
 }
 
-fn some(at: Micros) -> Option<Micros> {
+fn some(at: Instant) -> Option<Instant> {
     (at != NEVER).then_some(at)
 }
 

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::Micros;
+use crate::Duration;
 
 /// What happened. What succeeds in sending is no event: [`is_sending`](super::Endpoint::is_sending) says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,13 +21,13 @@ pub enum Event {
 /// What came of one call: nothing, one event, or two when a frame ended one PDU and began another.
 ///
 /// ```
-/// # use armwire_bridge::Micros;
+/// # use armwire_bridge::Instant;
 /// # use armwire_bridge::can::Id;
 /// # use armwire_bridge::isotp::{Config, Endpoint, Error, Event, Link};
 /// # let mut endpoint = Endpoint::<64, 64>::new(Config::new(Link::Classic, Id::new(0x610).unwrap()));
-/// let mut events = endpoint.receive(&[0x10, 20, 1, 2, 3, 4, 5, 6], Micros(0));
+/// let mut events = endpoint.receive(&[0x10, 20, 1, 2, 3, 4, 5, 6], Instant::ZERO);
 /// assert_eq!(events.next(), None);
-/// let mut events = endpoint.receive(&[0x01, 7], Micros(0));
+/// let mut events = endpoint.receive(&[0x01, 7], Instant::ZERO);
 /// assert_eq!(events.next(), Some(Event::Failed(Error::Interrupted { expected: 20, got: 6 })));
 /// assert_eq!(events.next(), Some(Event::Received));
 /// ```
@@ -62,7 +62,7 @@ pub enum Error {
     /// Sending: a frame did not leave in time (N_TIMEOUT_A).
     NotTransmitted {
         /// How long it was waited for.
-        waited: Micros,
+        waited: Duration,
         /// The length of the PDU.
         len: usize,
         /// The bytes of it that were handed over, those that have not left included.
@@ -71,7 +71,7 @@ pub enum Error {
     /// Sending: flow control did not come in time (N_TIMEOUT_Bs).
     NoFlowControl {
         /// How long it was waited for.
-        waited: Micros,
+        waited: Duration,
     },
     /// Sending: the receiver said too often in a row that it is not ready (N_WFT_OVRN).
     TooManyWaits {
@@ -91,7 +91,7 @@ pub enum Error {
     /// Receiving: a consecutive frame did not come in time (N_TIMEOUT_Cr).
     NoConsecutiveFrame {
         /// How long it was waited for.
-        waited: Micros,
+        waited: Duration,
         /// The bytes the PDU was to have.
         expected: usize,
         /// The bytes that came.
@@ -119,16 +119,16 @@ impl fmt::Display for Error {
             Self::NotTransmitted { waited, len, handed } => write!(
                 f,
                 "sending: a frame did not leave in {} µs, with {handed} of {len} bytes handed over",
-                waited.0
+                waited.as_micros()
             ),
-            Self::NoFlowControl { waited } => write!(f, "sending: no flow control in {} µs", waited.0),
+            Self::NoFlowControl { waited } => write!(f, "sending: no flow control in {} µs", waited.as_micros()),
             Self::TooManyWaits { max } => write!(f, "sending: the receiver asked to wait more than {max} times"),
             Self::Overflow { len } => write!(f, "sending: the receiver has no room for {len} bytes"),
             Self::InvalidFlowStatus { got } => write!(f, "sending: flow status is {got}, must be 0..=2"),
             Self::NoConsecutiveFrame { waited, expected, got } => write!(
                 f,
                 "receiving: no consecutive frame in {} µs after {got} of {expected} bytes",
-                waited.0
+                waited.as_micros()
             ),
             Self::WrongSequenceNumber { expected, got } => {
                 write!(f, "receiving: consecutive frame {expected} was expected, {got} came")

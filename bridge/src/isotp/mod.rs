@@ -4,14 +4,14 @@
 //! next frame:
 //!
 //! ```
-//! use armwire_bridge::Micros;
+//! use armwire_bridge::Instant;
 //! use armwire_bridge::can::{Function, Node};
 //! use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
 //!
 //! let node = Node::new(0).unwrap();
 //! let mut host = Endpoint::<300, 300>::new(Config::new(Link::Classic, Function::ArmRequest.id(node)));
 //! let mut adapter = Endpoint::<300, 300>::new(Config::new(Link::Classic, Function::ArmAnswer.id(node)));
-//! let now = Micros(0);
+//! let now = Instant::ZERO;
 //!
 //! // The first frame …
 //! host.send(b"longer than seven").unwrap();
@@ -52,14 +52,14 @@ mod sender;
 #[cfg(test)]
 mod tests;
 
-use crate::Micros;
+use crate::Instant;
 
 pub use config::{Config, Link, SeparationTime};
 pub use endpoint::{Endpoint, MAX_PDU};
 pub use event::{Error, Event, Events, Ignored, Refused, SendError};
 
 /// No time at all: nothing is waited for.
-const NEVER: Micros = Micros(u64::MAX);
+const NEVER: Instant = Instant::from_micros(u64::MAX);
 
 /// How many consecutive frames a block has. No PDU has as many as one without end.
 const fn block(size: u8) -> u16 {

@@ -1,6 +1,6 @@
 //! The half of an endpoint that receives.
 
-use crate::Micros;
+use crate::Instant;
 
 use super::pci::{CONTINUE, FLOW_CONTROL, OVERFLOW};
 use super::{Config, Error, Event, Events, Ignored, Link, NEVER, Refused, block};
@@ -10,7 +10,7 @@ use crate::can::{Frame, MAX_FD};
 pub(super) struct Receiver {
     state: State,
     /// When the next consecutive frame is late.
-    deadline: Micros,
+    deadline: Instant,
     /// Bytes in the PDU, and how many of them came.
     len: usize,
     got: usize,
@@ -39,7 +39,7 @@ impl Receiver {
     pub(super) const fn new() -> Self {
         Self {
             state: State::Idle,
-            deadline: Micros(0),
+            deadline: Instant::ZERO,
             len: 0,
             got: 0,
             frame_len: 0,
@@ -71,14 +71,14 @@ impl Receiver {
         is_receiving
     }
 
-    pub(super) fn timeout(&self) -> Micros {
+    pub(super) fn timeout(&self) -> Instant {
         match self.state {
             State::Receiving => self.deadline,
             _ => NEVER,
         }
     }
 
-    pub(super) fn tick(&mut self, config: &Config, now: Micros) -> Option<Event> {
+    pub(super) fn tick(&mut self, config: &Config, now: Instant) -> Option<Event> {
         if self.state != State::Receiving || now < self.deadline {
             return None;
         }
@@ -96,7 +96,7 @@ impl Receiver {
     }
 
     /// The flow control frame to send, if there is one.
-    pub(super) fn transmit(&mut self, config: &Config, now: Micros) -> Option<Frame> {
+    pub(super) fn transmit(&mut self, config: &Config, now: Instant) -> Option<Frame> {
         let status = self.answer.take()?;
         self.handed = true;
         self.deadline = now + config.n_cr;
@@ -105,7 +105,7 @@ impl Receiver {
     }
 
     /// The flow control frame has left, unless that was said before.
-    pub(super) fn transmitted(&mut self, config: &Config, now: Micros) {
+    pub(super) fn transmitted(&mut self, config: &Config, now: Instant) {
         if core::mem::take(&mut self.handed) {
             self.deadline = now + config.n_cr;
         }
@@ -137,7 +137,7 @@ impl Receiver {
         buffer: &mut [u8],
         (frame_len, len, data): (usize, u32, &[u8]),
         config: &Config,
-        now: Micros,
+        now: Instant,
     ) -> Events {
         let interrupted = self.interrupt();
         let event = match self.room(buffer, len) {
@@ -170,7 +170,7 @@ impl Receiver {
         buffer: &mut [u8],
         (number, data): (u8, &[u8]),
         config: &Config,
-        now: Micros,
+        now: Instant,
     ) -> Option<Event> {
         if self.state != State::Receiving || self.answer.is_some() {
             return Some(Event::Ignored(Ignored::UnexpectedConsecutive { got: number }));

@@ -1,6 +1,6 @@
 //! The half of an endpoint that sends.
 
-use crate::Micros;
+use crate::Instant;
 
 use super::pci::{self, CONSECUTIVE, CONTINUE, FIRST, WAIT};
 use super::{Config, Error, Event, Ignored, Link, NEVER, SeparationTime, block};
@@ -10,7 +10,7 @@ use crate::can::{Frame, MAX_CLASSIC, MAX_FD};
 pub(super) struct Sender {
     state: State,
     /// When the next frame is due. Otherwise since when the last one was handed over, or flow control is waited for.
-    at: Micros,
+    at: Instant,
     /// Bytes in the PDU, and how many of them were handed over.
     len: usize,
     sent: usize,
@@ -40,7 +40,7 @@ impl Sender {
     pub(super) const fn new() -> Self {
         Self {
             state: State::Idle,
-            at: Micros(0),
+            at: Instant::ZERO,
             len: 0,
             sent: 0,
             number: 0,
@@ -73,7 +73,7 @@ impl Sender {
 
     // Not inlined: it is asked for at many places, and each would have the sums.
     #[inline(never)]
-    pub(super) fn timeout(&self, config: &Config) -> Micros {
+    pub(super) fn timeout(&self, config: &Config) -> Instant {
         match self.state {
             State::Idle | State::Begin => NEVER,
             State::Wait if !self.handed => self.at + config.n_bs,
@@ -82,7 +82,7 @@ impl Sender {
         }
     }
 
-    pub(super) fn tick(&mut self, config: &Config, now: Micros) -> Option<Event> {
+    pub(super) fn tick(&mut self, config: &Config, now: Instant) -> Option<Event> {
         if matches!(self.state, State::Idle | State::Begin) || now < self.timeout(config) {
             return None;
         }
@@ -98,7 +98,7 @@ impl Sender {
         Some(Event::Failed(error))
     }
 
-    pub(super) fn transmit_at(&self) -> Micros {
+    pub(super) fn transmit_at(&self) -> Instant {
         match self.state {
             // The separation begins when the frame before has left.
             State::Go if self.handed && self.gap != SeparationTime::ZERO => NEVER,
@@ -108,7 +108,7 @@ impl Sender {
     }
 
     /// The next frame of the PDU at the start of `buffer`, if one is due.
-    pub(super) fn transmit(&mut self, buffer: &[u8], config: &Config, now: Micros) -> Option<Frame> {
+    pub(super) fn transmit(&mut self, buffer: &[u8], config: &Config, now: Instant) -> Option<Frame> {
         if !matches!(self.state, State::Begin | State::Go) || now < self.transmit_at() {
             return None;
         }
@@ -140,10 +140,10 @@ impl Sender {
     }
 
     /// The last frame has left, unless that was said before.
-    pub(super) fn transmitted(&mut self, now: Micros) {
+    pub(super) fn transmitted(&mut self, now: Instant) {
         if core::mem::take(&mut self.handed) {
             self.at = match self.state {
-                State::Go => now + self.gap.micros(),
+                State::Go => now + self.gap.duration(),
                 _ => now,
             };
         }
@@ -154,7 +154,7 @@ impl Sender {
         &mut self,
         (status, block_size, gap): (u8, u8, SeparationTime),
         config: &Config,
-        now: Micros,
+        now: Instant,
     ) -> Option<Event> {
         if self.state != State::Wait {
             return Some(Event::Ignored(Ignored::UnexpectedFlowControl { got: status }));

@@ -5,7 +5,7 @@ extern crate std;
 use std::string::ToString;
 use std::vec::Vec;
 
-use crate::Micros;
+use crate::{Duration, Instant};
 use proptest::prelude::*;
 
 use super::{Config, Endpoint, Error, Event, Events, Ignored, Link, MAX_PDU, Refused, SendError, SeparationTime};
@@ -13,8 +13,8 @@ use crate::can::{FD_LENGTHS, Frame, Id};
 
 type Full = Endpoint<MAX_PDU, MAX_PDU>;
 
-const T0: Micros = Micros(5_000);
-const SECOND: Micros = Micros::from_millis(1_000);
+const T0: Instant = Instant::from_micros(5_000);
+const SECOND: Duration = Duration::from_millis(1_000);
 
 fn config(link: Link) -> Config {
     Config::new(link, Id::new(0x610).unwrap())
@@ -33,13 +33,18 @@ fn events<const N: usize>(expected: [Event; N], got: Events) {
     assert_eq!(got.collect::<Vec<_>>(), expected);
 }
 
+/// The instant so many microseconds after [`T0`].
+fn after(micros: u64) -> Instant {
+    T0 + Duration::from_micros(micros)
+}
+
 /// The data of the next frame, which is due.
-fn next(endpoint: &mut Full, now: Micros) -> Vec<u8> {
+fn next(endpoint: &mut Full, now: Instant) -> Vec<u8> {
     endpoint.transmit(now).expect("a frame is due").data().to_vec()
 }
 
 /// Everything that is due.
-fn all(endpoint: &mut Full, now: Micros) -> Vec<Vec<u8>> {
+fn all(endpoint: &mut Full, now: Instant) -> Vec<Vec<u8>> {
     core::iter::from_fn(|| Some(endpoint.transmit(now)?.data().to_vec())).collect()
 }
 
@@ -61,7 +66,7 @@ fn receiving() -> Full {
 }
 
 /// Both ends are idle and work.
-fn is_usable(endpoint: &mut Full, now: Micros) {
+fn is_usable(endpoint: &mut Full, now: Instant) {
     assert_eq!((endpoint.is_sending(), endpoint.timeout()), (false, None));
     events([Event::Received], endpoint.receive(&[0x02, 0xAB, 0xCD], now));
     assert_eq!(endpoint.received(), Some(&[0xAB, 0xCD][..]));
@@ -189,7 +194,7 @@ fn each_flow_control_sets_block_size_and_separation_time_anew() {
     events([], sender.receive(&[0x30, 2, 5], T0));
     assert_eq!(all(&mut sender, T0).len(), 1);
     sender.transmitted(T0);
-    assert_eq!(all(&mut sender, T0 + Micros(5_000)).len(), 1);
+    assert_eq!(all(&mut sender, after(5_000)).len(), 1);
     assert_eq!(sender.transmit_at(), None);
 }
 
@@ -211,13 +216,13 @@ fn consecutive_frames_keep_the_separation_time() {
         events([], sender.receive(&[0x30, 0, byte], T0));
         assert_eq!(next(&mut sender, T0)[0], 0x21);
         sender.transmitted(T0);
-        let due = T0 + Micros(micros);
+        let due = after(micros);
         assert_eq!(
             (sender.transmit_at(), sender.timeout()),
             (Some(due), Some(due + SECOND))
         );
         if micros > 0 {
-            assert_eq!(sender.transmit(Micros(due.0 - 1)), None);
+            assert_eq!(sender.transmit(due - Duration::from_micros(1)), None);
         }
         assert_eq!(next(&mut sender, due)[0], 0x22);
     }
@@ -226,20 +231,17 @@ fn consecutive_frames_keep_the_separation_time() {
 #[test]
 fn the_separation_begins_when_the_frame_has_left() {
     let mut sender = waiting(27);
-    sender.transmitted(T0 + Micros(100));
-    assert_eq!(sender.timeout(), Some(T0 + Micros(100) + SECOND));
-    events([], sender.receive(&[0x30, 0, 1], T0 + Micros(300)));
-    assert_eq!(next(&mut sender, T0 + Micros(300))[0], 0x21);
+    sender.transmitted(after(100));
+    assert_eq!(sender.timeout(), Some(after(100) + SECOND));
+    events([], sender.receive(&[0x30, 0, 1], after(300)));
+    assert_eq!(next(&mut sender, after(300))[0], 0x21);
     // Others have the bus, for longer than the separation.
-    assert_eq!(
-        (sender.transmit_at(), sender.transmit(T0 + Micros(1_900))),
-        (None, None)
-    );
-    sender.transmitted(T0 + Micros(2_000));
-    assert_eq!(sender.transmit_at(), Some(T0 + Micros(3_000)));
+    assert_eq!((sender.transmit_at(), sender.transmit(after(1_900))), (None, None));
+    sender.transmitted(after(2_000));
+    assert_eq!(sender.transmit_at(), Some(after(3_000)));
     // It is said once for each frame.
-    sender.transmitted(T0 + Micros(2_500));
-    assert_eq!(sender.transmit_at(), Some(T0 + Micros(3_000)));
+    sender.transmitted(after(2_500));
+    assert_eq!(sender.transmit_at(), Some(after(3_000)));
 }
 
 #[test]
@@ -250,9 +252,9 @@ fn flow_control_between_two_consecutive_frames_takes_nothing_from_their_separati
     events([], both.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
     assert_eq!(next(&mut both, T0)[0], 0x30);
     assert_eq!(both.transmit_at(), None);
-    both.transmitted(T0 + Micros(300));
-    assert_eq!(both.transmit_at(), Some(T0 + Micros(1_300)));
-    assert_eq!(both.timeout(), Some(T0 + Micros(300) + SECOND));
+    both.transmitted(after(300));
+    assert_eq!(both.transmit_at(), Some(after(1_300)));
+    assert_eq!(both.timeout(), Some(after(300) + SECOND));
 }
 
 #[test]
@@ -263,8 +265,8 @@ fn flow_control_that_nobody_waits_for_does_not_end_the_wait_for_a_frame_to_leave
     let ignored = Event::Ignored(Ignored::UnexpectedFlowControl { got: 0 });
     events([ignored], sender.receive(&[0x30, 0, 0], T0));
     assert_eq!(sender.transmit_at(), None);
-    sender.transmitted(T0 + Micros(300));
-    assert_eq!(sender.transmit_at(), Some(T0 + Micros(1_300)));
+    sender.transmitted(after(300));
+    assert_eq!(sender.transmit_at(), Some(after(1_300)));
 }
 
 #[test]
@@ -278,17 +280,17 @@ fn without_separation_nobody_waits_for_a_frame_to_leave() {
 fn flow_control_tells_that_the_frame_before_has_left() {
     let mut sender = waiting(27);
     events([], sender.receive(&[0x30, 0, 1], T0));
-    sender.transmitted(T0 + Micros(100));
+    sender.transmitted(after(100));
     assert_eq!(sender.transmit_at(), Some(T0));
 }
 
 #[test]
 fn without_flow_control_sending_ends_after_n_bs() {
     let mut sender = waiting(20);
-    sender.transmitted(T0 + Micros(100));
-    let deadline = T0 + Micros(100) + SECOND;
+    sender.transmitted(after(100));
+    let deadline = after(100) + SECOND;
     assert_eq!(sender.timeout(), Some(deadline));
-    events([], sender.tick(Micros(deadline.0 - 1)));
+    events([], sender.tick(deadline - Duration::from_micros(1)));
     assert!(sender.is_sending());
     events(
         [Event::Failed(Error::NoFlowControl { waited: SECOND })],
@@ -302,9 +304,9 @@ fn without_flow_control_sending_ends_after_n_bs() {
 }
 
 /// It fails at `deadline` and no sooner, for a frame did not leave. Those that leave later are of nothing.
-fn does_not_get_rid_of_a_frame(mut sender: Full, handed: usize, deadline: Micros) {
+fn does_not_get_rid_of_a_frame(mut sender: Full, handed: usize, deadline: Instant) {
     assert_eq!(sender.timeout(), Some(deadline));
-    events([], sender.tick(Micros(deadline.0 - 1)));
+    events([], sender.tick(deadline - Duration::from_micros(1)));
     assert!(sender.is_sending());
     let (waited, len) = (SECOND, 40);
     events(
@@ -325,37 +327,37 @@ fn a_frame_that_never_leaves_ends_the_pdu() {
     let mut sender = waiting(40);
     sender.transmitted(T0);
     events([], sender.receive(&[0x30, 0, 1], T0));
-    assert_eq!(all(&mut sender, T0 + Micros(200)).len(), 1);
-    does_not_get_rid_of_a_frame(sender, 13, T0 + Micros(200) + SECOND);
+    assert_eq!(all(&mut sender, after(200)).len(), 1);
+    does_not_get_rid_of_a_frame(sender, 13, after(200) + SECOND);
 
     // The last one of a block.
     let mut sender = waiting(40);
     events([], sender.receive(&[0x30, 2, 0], T0));
-    assert_eq!(all(&mut sender, T0 + Micros(200)).len(), 2);
-    does_not_get_rid_of_a_frame(sender, 20, T0 + Micros(200) + SECOND);
+    assert_eq!(all(&mut sender, after(200)).len(), 2);
+    does_not_get_rid_of_a_frame(sender, 20, after(200) + SECOND);
 
     // One of many that are handed over as there is room: while there is, they leave.
     let mut sender = waiting(40);
     events([], sender.receive(&[0x30, 0, 0], T0));
     for passed in [0, 700_000, 1_400_000] {
-        let now = T0 + Micros(passed);
+        let now = after(passed);
         events([], sender.tick(now));
         assert!(sender.transmit(now).is_some());
     }
-    does_not_get_rid_of_a_frame(sender, 27, T0 + Micros(1_400_000) + SECOND);
+    does_not_get_rid_of_a_frame(sender, 27, after(1_400_000) + SECOND);
 }
 
 #[test]
 fn a_frame_that_is_due_and_cannot_be_handed_over_ends_the_pdu() {
     let mut sender = waiting(40);
-    events([], sender.receive(&[0x30, 0, 0], T0 + Micros(300)));
-    does_not_get_rid_of_a_frame(sender, 6, T0 + Micros(300) + SECOND);
+    events([], sender.receive(&[0x30, 0, 0], after(300)));
+    does_not_get_rid_of_a_frame(sender, 6, after(300) + SECOND);
 
     let mut sender = waiting(40);
     events([], sender.receive(&[0x30, 0, 5], T0));
     assert_eq!(all(&mut sender, T0).len(), 1);
-    sender.transmitted(T0 + Micros(100));
-    does_not_get_rid_of_a_frame(sender, 13, T0 + Micros(5_100) + SECOND);
+    sender.transmitted(after(100));
+    does_not_get_rid_of_a_frame(sender, 13, after(5_100) + SECOND);
 }
 
 #[test]
@@ -379,7 +381,7 @@ fn a_receiver_may_ask_to_wait_but_not_for_ever() {
     assert_eq!(all(&mut sender, T0).len(), 1);
 
     // Each wait gives the time anew, and a block starts the count anew.
-    let late = T0 + Micros(900_000);
+    let late = after(900_000);
     events([], sender.receive(&[0x31, 0, 0], late));
     assert_eq!((sender.transmit_at(), sender.timeout()), (None, Some(late + SECOND)));
     events([], sender.receive(&[0x31, 0, 0], late));
@@ -495,7 +497,7 @@ fn flow_control_asks_for_what_is_configured_after_each_block() {
     events([], receiver.receive(&[0x21, 6, 7, 8, 9, 10, 11, 12], T0));
     assert_eq!(receiver.transmit(T0), None);
     events([], receiver.receive(&[0x22, 13, 14, 15, 16, 17, 18, 19], T0));
-    assert_eq!(receiver.transmit_at(), Some(Micros(0)));
+    assert_eq!(receiver.transmit_at(), Some(Instant::ZERO));
     assert_eq!(all(&mut receiver, T0), [flow_control]);
     events([], receiver.receive(&[0x23, 20, 21, 22, 23, 24, 25, 26], T0));
     // The last block is full too: nothing more is asked for.
@@ -545,14 +547,14 @@ fn a_sender_may_use_any_frame_length_and_keeps_to_it() {
 #[test]
 fn without_the_next_frame_receiving_ends_after_n_cr() {
     let mut receiver = receiving();
-    receiver.transmitted(T0 + Micros(100));
-    let deadline = T0 + Micros(100) + SECOND;
+    receiver.transmitted(after(100));
+    let deadline = after(100) + SECOND;
     assert_eq!(receiver.timeout(), Some(deadline));
-    let got = T0 + Micros(700_000);
+    let got = after(700_000);
     events([], receiver.receive(&[0x21, 6, 7, 8, 9, 10, 11, 12], got));
     let deadline = got + SECOND;
     assert_eq!(receiver.timeout(), Some(deadline));
-    events([], receiver.tick(Micros(deadline.0 - 1)));
+    events([], receiver.tick(deadline - Duration::from_micros(1)));
     let error = Error::NoConsecutiveFrame {
         waited: SECOND,
         expected: 20,
@@ -583,7 +585,7 @@ fn receiving_ends_too_when_flow_control_never_gets_the_bus() {
 fn the_sender_has_its_full_time_from_flow_control() {
     let mut receiver = endpoint(Link::Classic);
     events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
-    let handed = T0 + Micros(600_000);
+    let handed = after(600_000);
     assert_eq!(next(&mut receiver, handed)[0], 0x30);
     assert_eq!(receiver.timeout(), Some(handed + SECOND));
 }
@@ -608,36 +610,38 @@ fn both_time_outs_are_told_at_once() {
 #[test]
 fn time_outs_are_what_the_configuration_says() {
     let mut both = Full::new(Config {
-        n_as: Micros(90),
-        n_bs: Micros(70),
-        n_cr: Micros(50),
+        n_as: Duration::from_micros(90),
+        n_bs: Duration::from_micros(70),
+        n_cr: Duration::from_micros(50),
         ..config(Link::Classic)
     });
     both.send(&pdu(20)).unwrap();
     assert_eq!(all(&mut both, T0).len(), 1);
-    assert_eq!(both.timeout(), Some(T0 + Micros(90)));
+    assert_eq!(both.timeout(), Some(after(90)));
     both.transmitted(T0);
-    assert_eq!(both.timeout(), Some(T0 + Micros(70)));
+    assert_eq!(both.timeout(), Some(after(70)));
     events([], both.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
-    assert_eq!(both.timeout(), Some(T0 + Micros(50)));
-    let (waited, expected, got) = (Micros(50), 20, 6);
+    assert_eq!(both.timeout(), Some(after(50)));
+    let (waited, expected, got) = (Duration::from_micros(50), 20, 6);
     events(
         [Event::Failed(Error::NoConsecutiveFrame { waited, expected, got })],
-        both.tick(T0 + Micros(69)),
+        both.tick(after(69)),
     );
-    assert_eq!(both.timeout(), Some(T0 + Micros(70)));
+    assert_eq!(both.timeout(), Some(after(70)));
     events(
-        [Event::Failed(Error::NoFlowControl { waited: Micros(70) })],
-        both.tick(T0 + Micros(70)),
+        [Event::Failed(Error::NoFlowControl {
+            waited: Duration::from_micros(70),
+        })],
+        both.tick(after(70)),
     );
     both.send(&pdu(20)).unwrap();
     assert_eq!(all(&mut both, T0).len(), 1);
     let error = Error::NotTransmitted {
-        waited: Micros(90),
+        waited: Duration::from_micros(90),
         len: 20,
         handed: 6,
     };
-    events([Event::Failed(error)], both.tick(T0 + Micros(90)));
+    events([Event::Failed(error)], both.tick(after(90)));
     assert_eq!(
         error.to_string(),
         "sending: a frame did not leave in 90 µs, with 6 of 20 bytes handed over"
@@ -840,7 +844,7 @@ fn malformed_frames_change_nothing() {
         let mut both = receiving();
         both.send(&pdu(20)).unwrap();
         assert_eq!(all(&mut both, T0).len(), 1);
-        events([Event::Ignored(reason)], both.receive(&frame, T0 + Micros(1)));
+        events([Event::Ignored(reason)], both.receive(&frame, after(1)));
         assert_eq!(both.timeout(), Some(T0 + SECOND));
         // Both transfers go on.
         events([], both.receive(&[0x21, 6, 7, 8, 9, 10, 11, 12], T0));
@@ -862,7 +866,7 @@ fn after_abort_both_halves_are_idle() {
     let mut receiver = receiving();
     receiver.abort();
     events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
-    receiver.transmitted(T0 + Micros(100));
+    receiver.transmitted(after(100));
     assert_eq!(receiver.timeout(), Some(T0 + SECOND));
 
     // A flow control frame not yet out is not sent either.
@@ -875,7 +879,7 @@ fn after_abort_both_halves_are_idle() {
 
 #[test]
 fn the_end_of_time_is_a_time_like_any_other() {
-    let end = Micros(u64::MAX);
+    let end = Instant::from_micros(u64::MAX);
     let mut both = endpoint(Link::Classic);
     events([], both.tick(end));
     assert_eq!(
@@ -896,15 +900,15 @@ struct Bus {
     ends: [Full; 2],
     events: [Vec<Event>; 2],
     received: [Vec<Vec<u8>>; 2],
-    now: Micros,
+    now: Instant,
     /// Which frames get lost, in the order in which they are sent; those after the last do not.
     lost: std::vec::IntoIter<bool>,
     /// Every frame, lost or not: who sent it, when it began, when it had left.
-    log: Vec<(usize, Micros, Micros, Frame)>,
+    log: Vec<(usize, Instant, Instant, Frame)>,
 }
 
 /// What a frame takes on the bus, more or less.
-const FRAME_TIME: Micros = Micros(130);
+const FRAME_TIME: Duration = Duration::from_micros(130);
 
 impl Bus {
     fn new(configs: [Config; 2], lost: Vec<bool>) -> Self {
@@ -964,12 +968,12 @@ impl Bus {
     /// Whether end `from` kept to what the other end's configuration asks for.
     fn kept_to(&self, from: usize, asked: &Config) -> bool {
         let mut in_block = 0_u16;
-        let mut left: Option<Micros> = None;
+        let mut left: Option<Instant> = None;
         for (who, began, ended, frame) in &self.log {
             match frame.data()[0] >> 4 {
                 2 if *who == from => {
                     in_block += 1;
-                    let kept = left.is_none_or(|left| began.since(left) >= asked.st_min.micros());
+                    let kept = left.is_none_or(|left| began.since(left) >= asked.st_min.duration());
                     if !kept || asked.block_size > 0 && in_block > u16::from(asked.block_size) {
                         return false;
                     }
@@ -1097,7 +1101,7 @@ proptest! {
         let mut end = Full::new(config);
         let mut now = T0;
         for (mut frame, kind, passed) in steps {
-            now = now + Micros(passed);
+            now += Duration::from_micros(passed);
             if let Some(first) = frame.first_mut().filter(|_| kind < 4) {
                 *first = kind << 4 | *first & 0x0F;
             }

@@ -25,7 +25,7 @@
 use core::fmt;
 use core::ops::Range;
 
-use crate::Micros;
+use crate::{Duration, Instant};
 use embedded_storage_async::nor_flash::NorFlash;
 use heapless::Vec;
 use sequential_storage::cache::{Cache, Uncached};
@@ -38,7 +38,7 @@ use crate::control::Failure;
 pub const SAVE_BUDGET: u16 = 1_000;
 
 /// How long an adapter must be on to earn one more save. In ten years these are 525 960.
-pub const SAVE_INTERVAL: Micros = Micros::from_millis(10 * 60 * 1_000);
+pub const SAVE_INTERVAL: Duration = Duration::from_millis(10 * 60 * 1_000);
 
 /// The layout of what is saved. A field more in [`Config`] is another layout.
 const LAYOUT: u8 = 2;
@@ -89,7 +89,7 @@ const HEAD: usize = size_of::<u32>() + size_of::<u16>();
 /// # }
 /// # let flash = ram::Flash([0xFF; 4096]);
 /// # let example = async {
-/// use armwire_bridge::Micros;
+/// use armwire_bridge::Instant;
 /// use armwire_bridge::config::{Config, Poll};
 /// use armwire_bridge::store::{Saved, Store};
 ///
@@ -97,10 +97,10 @@ const HEAD: usize = size_of::<u32>() + size_of::<u16>();
 /// assert_eq!(store.load().await?, Saved::Nothing);
 ///
 /// let config = Config { poll: Poll::Hertz(200), ..Config::default() };
-/// store.save(&config, Micros(0)).await?;
+/// store.save(&config, Instant::ZERO).await?;
 /// assert_eq!(store.load().await?, Saved::Config(config));
 ///
-/// store.reset(Micros(0)).await?;
+/// store.reset(Instant::ZERO).await?;
 /// assert_eq!(store.load().await?, Saved::Nothing);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// # };
@@ -113,7 +113,7 @@ pub struct Store<F> {
     flash: F,
     range: Range<u32>,
     /// Until when time has earned saves that a record counts.
-    credited: Micros,
+    credited: Instant,
 }
 
 /// What is saved.
@@ -177,7 +177,7 @@ impl<F: NorFlash> Store<F> {
         Ok(Self {
             flash,
             range,
-            credited: Micros(0),
+            credited: Instant::ZERO,
         })
     }
 
@@ -201,7 +201,7 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     ///
     /// [`Error`] says what is wrong.
-    pub async fn save(&mut self, config: &Config, uptime: Micros) -> Result<(), Error<F::Error>> {
+    pub async fn save(&mut self, config: &Config, uptime: Instant) -> Result<(), Error<F::Error>> {
         config.check().map_err(Error::Config)?;
         let mut content = [0; MAX_RECORD - HEAD];
         let content = postcard::to_slice(&(LAYOUT, config), &mut content).map_err(|_| Error::VerifyFailed)?;
@@ -213,12 +213,12 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     ///
     /// [`Error`] says what is wrong.
-    pub async fn reset(&mut self, uptime: Micros) -> Result<(), Error<F::Error>> {
+    pub async fn reset(&mut self, uptime: Instant) -> Result<(), Error<F::Error>> {
         self.append(&[], uptime).await
     }
 
     /// Puts a record behind the newest, or on the next page if that one is full or spoilt.
-    async fn append(&mut self, content: &[u8], uptime: Micros) -> Result<(), Error<F::Error>> {
+    async fn append(&mut self, content: &[u8], uptime: Instant) -> Result<(), Error<F::Error>> {
         let (page, sequence, left) = match self.newest().await?.0 {
             Some((_, newest)) if newest.content() == content => return Ok(()),
             Some((page, newest)) => (page, newest.sequence().wrapping_add(1), newest.left()),
@@ -226,7 +226,7 @@ impl<F: NorFlash> Store<F> {
         };
         let (left, credited) = self.earn(left, uptime);
         let Some(left) = left.checked_sub(1) else {
-            let wait = (credited + SAVE_INTERVAL).since(uptime).0;
+            let wait = (credited + SAVE_INTERVAL).since(uptime).as_micros();
             return Err(Error::TooManySaves {
                 wait_s: (wait as u32).div_ceil(1_000_000) as u16,
             });
@@ -242,7 +242,7 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// The budget with the saves that time has earned, and the instant up to which time is counted. A full budget earns nothing.
-    fn earn(&self, left: u16, uptime: Micros) -> (u16, Micros) {
+    fn earn(&self, left: u16, uptime: Instant) -> (u16, Instant) {
         let (mut left, mut credited) = (left, self.credited);
         while left < SAVE_BUDGET {
             let next = credited + SAVE_INTERVAL;

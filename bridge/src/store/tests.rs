@@ -233,7 +233,7 @@ fn now<T>(future: impl Future<Output = T>) -> T {
 }
 
 /// When the budget is full, whatever was saved before.
-const UPTIME: Micros = Micros::from_millis(10 * 86_400_000);
+const UPTIME: Instant = Instant::from_millis(10 * 86_400_000);
 
 fn load<F: NorFlash>(flash: &mut F) -> Saved {
     let range = 0..flash.capacity() as u32;
@@ -534,7 +534,7 @@ fn longest() -> Config {
 
 /// Saves configurations that differ, one after another and the adapter started anew before each, until one is refused.
 /// Returns how many were saved, and how long to wait for the next, in seconds.
-fn save_until_refused<F: NorFlash>(flash: &mut F, uptime: Micros) -> (u32, u16) {
+fn save_until_refused<F: NorFlash>(flash: &mut F, uptime: Instant) -> (u32, u16) {
     let range = 0..flash.capacity() as u32;
     let mut saves = 0;
     loop {
@@ -557,7 +557,7 @@ fn save_until_refused<F: NorFlash>(flash: &mut F, uptime: Micros) -> (u32, u16) 
 #[test]
 fn saves_are_refused_when_the_budget_is_spent_also_after_restarts() {
     let mut flash = G431::new(2);
-    let start = Micros::from_millis(1_000);
+    let start = Instant::from_millis(1_000);
     assert_eq!(save_until_refused(&mut flash, start), (SAVE_BUDGET.into(), 599));
     assert_eq!(save_until_refused(&mut flash, start), (0, 599));
     let kept = load(&mut flash);
@@ -569,13 +569,13 @@ fn saves_are_refused_when_the_budget_is_spent_also_after_restarts() {
 #[test]
 fn time_earns_saves_one_by_one() {
     let mut flash = G431::new(2);
-    save_until_refused(&mut flash, Micros(0));
+    save_until_refused(&mut flash, Instant::ZERO);
     let range = flash.range();
     let mut store = Store::new(&mut flash, range).unwrap();
     let mut refused = Vec::new();
     // Twice an hour for a minute, a save each second.
     for second in (1_795..1_855).chain(3_595..3_655) {
-        let uptime = Micros::from_millis(second * 1_000);
+        let uptime = Instant::from_millis(second * 1_000);
         match now(store.save(&config(second as u16), uptime)) {
             Ok(()) => refused.push(None),
             Err(Error::TooManySaves { wait_s }) => refused.push(Some(wait_s)),
@@ -593,11 +593,11 @@ fn time_earns_saves_one_by_one() {
 #[test]
 fn the_budget_of_ten_years_does_not_wear_the_flash_out() {
     const ERASES: u32 = 10_000; // the endurance of a page in both chips' datasheets
-    let ten_years = Micros::from_millis(3_652 * 86_400_000 + 12 * 3_600_000);
-    let saves = u32::from(SAVE_BUDGET) + (ten_years.0 / SAVE_INTERVAL.0) as u32;
+    let ten_years = Instant::from_millis(3_652 * 86_400_000 + 12 * 3_600_000);
+    let saves = u32::from(SAVE_BUDGET) + (ten_years.as_micros() / SAVE_INTERVAL.as_micros()) as u32;
     fn erases_of<const WRITE: usize, const ERASE: usize>() -> u32 {
         let mut flash = Nor::<WRITE, ERASE>::new(2);
-        let saves = save_until_refused(&mut flash, Micros(0)).0;
+        let saves = save_until_refused(&mut flash, Instant::ZERO).0;
         // The part of a page that is written and not erased yet counts as a whole one.
         let erases = flash.erased.iter().sum::<u32>() + 2;
         saves / erases

@@ -4,12 +4,12 @@ extern crate std;
 
 use std::vec::Vec;
 
-use super::rig::{self, ling};
+use super::rig::{self, at, ling};
 use crate::can::command::Command;
 use crate::can::{Frame, Function};
 use crate::config::{Can, Config};
 use crate::control::{FromHost, Identity, MAX_FRAME, Request, Subscription, encode};
-use crate::{Action, Bridge, Counters, Micros};
+use crate::{Action, Bridge, Counters, Duration, Instant};
 
 /// An adapter on this bus.
 fn on_bus(can: Can) -> Bridge {
@@ -21,13 +21,13 @@ fn on_bus(can: Can) -> Bridge {
 }
 
 /// An adapter that hears a frame of this function.
-fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: Micros) {
+fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: Instant) {
     let id = function.id(bridge.can_config().node);
     bridge.can_received(&Frame::new(id, data).unwrap(), now);
 }
 
 /// A request on the control connection, in a single frame.
-fn ask(bridge: &mut Bridge, request: Request, now: Micros) {
+fn ask(bridge: &mut Bridge, request: Request, now: Instant) {
     let mut bytes = [0; 8];
     let message = FromHost { sequence: 0, request };
     let len = encode(&message, &mut bytes[1..]).unwrap();
@@ -36,7 +36,7 @@ fn ask(bridge: &mut Bridge, request: Request, now: Micros) {
 }
 
 /// What the next frame for the bus is for.
-fn hand(bridge: &mut Bridge, now: Micros) -> Option<Function> {
+fn hand(bridge: &mut Bridge, now: Instant) -> Option<Function> {
     let due = bridge.can_due(now);
     let frame = bridge.can_transmit(now);
     assert_eq!(frame.is_some(), due);
@@ -46,11 +46,11 @@ fn hand(bridge: &mut Bridge, now: Micros) -> Option<Function> {
 /// An adapter that has sent the first frame of an answer, and is told to go on with this separation.
 fn answering(st_min: u8) -> Bridge {
     let mut bridge = Bridge::default();
-    ask(&mut bridge, Request::GetLatencies, Micros(0));
-    assert_eq!(hand(&mut bridge, Micros(0)), Some(Function::ControlAnswer));
-    assert_eq!(hand(&mut bridge, Micros(0)), None);
-    assert!(bridge.can_sent(0, Micros(130)));
-    hear(&mut bridge, Function::ControlRequest, &[0x30, 0, st_min], Micros(300));
+    ask(&mut bridge, Request::GetLatencies, Instant::ZERO);
+    assert_eq!(hand(&mut bridge, Instant::ZERO), Some(Function::ControlAnswer));
+    assert_eq!(hand(&mut bridge, Instant::ZERO), None);
+    assert!(bridge.can_sent(0, at(130)));
+    hear(&mut bridge, Function::ControlRequest, &[0x30, 0, st_min], at(300));
     bridge
 }
 
@@ -58,8 +58,8 @@ fn answering(st_min: u8) -> Bridge {
 fn a_consecutive_frame_keeps_its_distance_from_when_the_one_before_has_left() {
     let mut bridge = answering(1);
     // The frame and others wait for a bus that others have.
-    bridge.can_bus_off(false, Micros(300));
-    let now = Micros(300);
+    bridge.can_bus_off(false, at(300));
+    let now = at(300);
     assert_eq!(hand(&mut bridge, now), Some(Function::Event));
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
     bridge.can_bus_off(false, now);
@@ -70,36 +70,36 @@ fn a_consecutive_frame_keeps_its_distance_from_when_the_one_before_has_left() {
         (5_200, 1, true),
         (5_300, 1, false),
     ] {
-        assert_eq!(hand(&mut bridge, Micros(at)), None);
-        assert_eq!(bridge.can_sent(waiting, Micros(at)), news);
+        assert_eq!(hand(&mut bridge, Instant::from_micros(at)), None);
+        assert_eq!(bridge.can_sent(waiting, Instant::from_micros(at)), news);
     }
     // It left at 5.2 ms.
-    assert_eq!(bridge.timeout(), Some(Micros(6_200)));
-    assert_eq!(hand(&mut bridge, Micros(6_199)), None);
-    assert_eq!(hand(&mut bridge, Micros(6_200)), Some(Function::ControlAnswer));
-    assert_eq!(hand(&mut bridge, Micros(9_000)), None);
+    assert_eq!(bridge.timeout(), Some(at(6_200)));
+    assert_eq!(hand(&mut bridge, at(6_199)), None);
+    assert_eq!(hand(&mut bridge, at(6_200)), Some(Function::ControlAnswer));
+    assert_eq!(hand(&mut bridge, at(9_000)), None);
 }
 
 #[test]
 fn without_a_separation_the_controller_has_always_something_to_send() {
     let mut bridge = answering(0);
     for _ in 0..3 {
-        assert_eq!(hand(&mut bridge, Micros(300)), Some(Function::ControlAnswer));
+        assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
     }
-    assert!(!bridge.can_sent(2, Micros(430)));
-    assert_eq!(hand(&mut bridge, Micros(430)), Some(Function::ControlAnswer));
+    assert!(!bridge.can_sent(2, at(430)));
+    assert_eq!(hand(&mut bridge, at(430)), Some(Function::ControlAnswer));
 }
 
 #[test]
 fn what_the_bus_before_has_yet_to_send_is_not_taken_for_what_this_one_was_handed() {
     let mut bridge = answering(1);
     // Three frames of the bus before are in front of it.
-    assert_eq!(hand(&mut bridge, Micros(300)), Some(Function::ControlAnswer));
+    assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
     for waiting in [4, 3, 2, 1] {
-        assert!(!bridge.can_sent(waiting, Micros(400)));
+        assert!(!bridge.can_sent(waiting, at(400)));
     }
-    assert!(bridge.can_sent(0, Micros(500)));
-    assert_eq!(bridge.timeout(), Some(Micros(1_500)));
+    assert!(bridge.can_sent(0, at(500)));
+    assert_eq!(bridge.timeout(), Some(at(1_500)));
 }
 
 /// What was counted while `f` ran: transfers that failed, answers dropped, events dropped, half commands.
@@ -121,35 +121,40 @@ fn counted(bridge: &mut Bridge, f: impl FnOnce(&mut Bridge)) -> [u32; 4] {
 #[test]
 fn a_transfer_of_which_a_frame_never_leaves_the_controller_is_given_up_and_counted() {
     let mut bridge = answering(1);
-    assert_eq!(hand(&mut bridge, Micros(300)), Some(Function::ControlAnswer));
-    assert_eq!(bridge.timeout(), Some(Micros(1_000_300)));
-    assert_eq!(counted(&mut bridge, |bridge| bridge.tick(Micros(1_000_299))), [0; 4]);
-    assert_eq!(
-        counted(&mut bridge, |bridge| bridge.tick(Micros(1_000_300))),
-        [1, 0, 0, 0]
-    );
-    assert_eq!((hand(&mut bridge, Micros(1_000_300)), bridge.timeout()), (None, None));
+    assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
+    assert_eq!(bridge.timeout(), Some(at(1_000_300)));
+    assert_eq!(counted(&mut bridge, |bridge| bridge.tick(at(1_000_299))), [0; 4]);
+    assert_eq!(counted(&mut bridge, |bridge| bridge.tick(at(1_000_300))), [1, 0, 0, 0]);
+    assert_eq!((hand(&mut bridge, at(1_000_300)), bridge.timeout()), (None, None));
     // The next is handed over behind that frame, and its time begins when both have left.
-    let now = Micros(60_000_000);
+    let now = at(60_000_000);
     ask(&mut bridge, Request::GetLatencies, now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
-    assert!(!bridge.can_sent(1, now + Micros(100)));
-    assert_eq!(bridge.timeout(), Some(now + Micros(1_000_000)));
-    assert!(bridge.can_sent(0, now + Micros(200)));
-    assert_eq!(bridge.timeout(), Some(now + Micros(1_000_200)));
-    hear(&mut bridge, Function::ControlRequest, &[0x30, 0, 0], now + Micros(400));
-    assert_eq!(hand(&mut bridge, now + Micros(400)), Some(Function::ControlAnswer));
+    assert!(!bridge.can_sent(1, now + Duration::from_micros(100)));
+    assert_eq!(bridge.timeout(), Some(now + Duration::from_micros(1_000_000)));
+    assert!(bridge.can_sent(0, now + Duration::from_micros(200)));
+    assert_eq!(bridge.timeout(), Some(now + Duration::from_micros(1_000_200)));
+    hear(
+        &mut bridge,
+        Function::ControlRequest,
+        &[0x30, 0, 0],
+        now + Duration::from_micros(400),
+    );
+    assert_eq!(
+        hand(&mut bridge, now + Duration::from_micros(400)),
+        Some(Function::ControlAnswer)
+    );
 }
 
 #[test]
 fn a_request_that_waits_for_a_reply_to_go_out_is_heeded_when_that_is_given_up() {
-    let give_up: [fn(&mut Bridge, Micros); 2] = [Bridge::tick, |bridge, now| bridge.can_bus_off(true, now)];
+    let give_up: [fn(&mut Bridge, Instant); 2] = [Bridge::tick, |bridge, now| bridge.can_bus_off(true, now)];
     for give_up in give_up {
         let mut bridge = answering(1);
-        assert_eq!(hand(&mut bridge, Micros(300)), Some(Function::ControlAnswer));
-        ask(&mut bridge, Request::GetConfig, Micros(400));
+        assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
+        ask(&mut bridge, Request::GetConfig, at(400));
         assert_eq!(bridge.counters().control_requests, 1);
-        let now = Micros(1_000_300);
+        let now = at(1_000_300);
         assert_eq!(counted(&mut bridge, |bridge| give_up(bridge, now)), [1, 0, 0, 0]);
         assert_eq!(bridge.counters().control_requests, 2);
         let handed: Vec<_> = core::iter::from_fn(|| hand(&mut bridge, now)).collect();
@@ -159,7 +164,7 @@ fn a_request_that_waits_for_a_reply_to_go_out_is_heeded_when_that_is_given_up() 
 
 #[test]
 fn transfers_under_way_when_the_bus_is_lost_are_counted_each_way() {
-    let now = Micros(300);
+    let now = at(300);
     let mut bridge = answering(0);
     hear(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
     let lost = counted(&mut bridge, |bridge| bridge.can_bus_off(true, now));
@@ -170,7 +175,7 @@ fn transfers_under_way_when_the_bus_is_lost_are_counted_each_way() {
 }
 
 /// On this bus, if the host on USB has it so.
-fn configure(bridge: &mut Bridge, can: Can, now: Micros) {
+fn configure(bridge: &mut Bridge, can: Can, now: Instant) {
     let config = Config { can, ..bridge.config() };
     rig::ask(bridge, 1, Request::SetConfig(config), now);
     assert_eq!(bridge.config(), config);
@@ -178,7 +183,7 @@ fn configure(bridge: &mut Bridge, can: Can, now: Micros) {
 
 #[test]
 fn what_waits_when_the_bus_is_another_one_is_counted() {
-    let now = Micros(0);
+    let now = Instant::ZERO;
     let can = Can {
         unsolicited: true,
         commands: true,
@@ -222,7 +227,7 @@ fn what_waits_when_the_bus_is_another_one_is_counted() {
 
 #[test]
 fn a_frame_for_a_subscriber_who_has_not_read_the_last_is_due_once() {
-    let now = Micros(0);
+    let now = Instant::ZERO;
     let mut bridge = Bridge::default();
     let frames = Subscription {
         frames: true,
@@ -249,12 +254,12 @@ fn half_a_command_is_counted_when_others_are_configured() {
         ..Can::default()
     };
     let mut bridge = on_bus(can);
-    hear(&mut bridge, Function::CommandA, &[0; 8], Micros(0));
+    hear(&mut bridge, Function::CommandA, &[0; 8], Instant::ZERO);
     let other = Can {
         command_timeout_ms: 50,
         ..can
     };
-    let lost = counted(&mut bridge, |bridge| configure(bridge, other, Micros(0)));
+    let lost = counted(&mut bridge, |bridge| configure(bridge, other, Instant::ZERO));
     assert_eq!(lost, [0, 0, 0, 1]);
 }
 
@@ -267,7 +272,7 @@ fn told_of_two() -> (Bridge, [Vec<u8>; 2]) {
     let mut bridge = on_bus(can);
     let frames = [ling(0x04, 0x0E, &[2]), ling(0x04, 0x0E, &[1])];
     for (at, frame) in frames.iter().enumerate() {
-        assert!(bridge.uart_received(frame, Micros(100 * (1 + at as u64))));
+        assert!(bridge.uart_received(frame, Instant::from_micros(100 * (1 + at as u64))));
     }
     (bridge, frames)
 }
@@ -280,12 +285,12 @@ fn what_the_arm_says_reaches_the_bus_in_its_order_whenever_it_is_passed_on() {
             bridge.share();
         }
         for frame in frames {
-            assert!(bridge.can_due(Micros(300)));
-            let sent = bridge.can_transmit(Micros(300)).unwrap();
+            assert!(bridge.can_due(at(300)));
+            let sent = bridge.can_transmit(at(300)).unwrap();
             assert_eq!(sent.data()[..=frame.len()], [&[frame.len() as u8], &frame[..]].concat());
-            bridge.can_sent(0, Micros(300));
+            bridge.can_sent(0, at(300));
         }
-        assert!(!bridge.can_due(Micros(300)));
+        assert!(!bridge.can_due(at(300)));
     }
 }
 
@@ -293,8 +298,8 @@ fn what_the_arm_says_reaches_the_bus_in_its_order_whenever_it_is_passed_on() {
 fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
     let others: [fn(&mut Bridge); 3] = [
         // Nobody is told of what comes from here on.
-        |bridge| configure(bridge, Can::default(), Micros(300)),
-        |bridge| bridge.can_bus_off(false, Micros(300)),
+        |bridge| configure(bridge, Can::default(), at(300)),
+        |bridge| bridge.can_bus_off(false, at(300)),
         |bridge| bridge.line_changed(bridge.rate.line()),
     ];
     for other in others {
@@ -302,8 +307,8 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
         other(&mut bridge);
         let mut answers = 0;
         for _ in 0..8 {
-            let frame = bridge.can_transmit(Micros(300));
-            bridge.can_sent(0, Micros(300));
+            let frame = bridge.can_transmit(at(300));
+            bridge.can_sent(0, at(300));
             let of_the_arm = |frame: &Frame| Function::of(frame.id()).unwrap().0 == Function::ArmAnswer;
             if let Some(frame) = frame.filter(of_the_arm) {
                 answers += 1;
@@ -318,14 +323,14 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
 fn half_a_command_is_nothing_where_commands_are_not_configured() {
     let mut bridge = on_bus(Can::default());
     assert!(!bridge.can_config().commands);
-    hear(&mut bridge, Function::CommandA, &[0; 8], Micros(0));
+    hear(&mut bridge, Function::CommandA, &[0; 8], Instant::ZERO);
     assert_eq!(bridge.timeout(), None);
     assert_eq!(bridge.counters().can_frames_received, 1);
 }
 
 #[test]
 fn to_configure_what_is_in_force_changes_nothing_of_a_command() {
-    let now = Micros(0);
+    let now = Instant::ZERO;
     let can = Can {
         commands: true,
         ..Can::default()

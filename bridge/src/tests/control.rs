@@ -5,10 +5,10 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use crate::Micros;
+use crate::Instant;
 use proptest::prelude::*;
 
-use super::rig::{Rig, ask, ling, polite};
+use super::rig::{Rig, ask, at, ling, polite};
 use crate::can::telemetry::{Errors, Sample, event_from_frame};
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
@@ -92,7 +92,7 @@ fn what_is_not_known_is_answered_too() {
         (&[1, 0], 0),
     ];
     for (bytes, sequence) in messages {
-        rig.bridge.control_received(bytes, Micros(rig.now));
+        rig.bridge.control_received(bytes, at(rig.now));
         rig.run(100);
         let (replied, reply) = rig.replies.pop().unwrap_or_else(|| panic!("{bytes:?}"));
         assert_eq!(
@@ -116,7 +116,7 @@ fn requests_that_come_together_are_answered_in_order_and_packets_do_not_matter()
         while !rest.is_empty() {
             if rig.bridge.control_room() {
                 let (packet, later) = rest.split_at(cut.min(rest.len()));
-                rig.bridge.control_received(packet, Micros(rig.now));
+                rig.bridge.control_received(packet, at(rig.now));
                 rest = later;
             }
             rig.run(10);
@@ -133,7 +133,7 @@ fn a_host_that_does_not_read_is_held_back_and_loses_no_reply() {
     for _ in 0..200 {
         if rig.bridge.control_room() {
             asked += 1;
-            rig.bridge.control_received(&[3, asked, 2, 0], Micros(0));
+            rig.bridge.control_received(&[3, asked, 2, 0], Instant::ZERO);
         }
     }
     assert!(asked < 50);
@@ -221,9 +221,9 @@ fn what_one_host_ends_for_another_is_told_before_it_has_its_own_reply() {
 #[test]
 fn a_request_that_finds_too_little_room_waits_for_more() {
     let mut bridge = Bridge::default();
-    ask(&mut bridge, 1, Request::IdentifyArm, Micros(0));
-    assert_eq!(bridge.uart_transmit(&mut [0; 6], Micros(0)), None);
-    let burst = bridge.uart_transmit(&mut [0; MAX_FRAME], Micros(0));
+    ask(&mut bridge, 1, Request::IdentifyArm, Instant::ZERO);
+    assert_eq!(bridge.uart_transmit(&mut [0; 6], Instant::ZERO), None);
+    let burst = bridge.uart_transmit(&mut [0; MAX_FRAME], Instant::ZERO);
     assert_eq!(burst, Some(Burst { len: 7, start: None }));
 }
 
@@ -406,14 +406,14 @@ fn a_configuration_is_saved_and_forgotten_by_firmware() {
             reply: Reply::Failed(Failure::Busy)
         }]
     );
-    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(10);
     assert_eq!(rig.replies, [(saving, Reply::Done)]);
 
     let reset = rig.ask(Request::ResetConfig);
     assert_eq!(rig.actions.last(), Some(&Action::Reset));
     assert_eq!(rig.bridge.config(), Config::default());
-    rig.bridge.saved(Err(Failure::Flash), Micros(rig.now));
+    rig.bridge.saved(Err(Failure::Flash), at(rig.now));
     rig.run(10);
     assert_eq!(rig.replies.last(), Some(&(reset, Reply::Failed(Failure::Flash))));
     let c = rig.bridge.counters();
@@ -425,7 +425,7 @@ fn whoever_saves_too_often_is_told_how_long_to_wait() {
     let mut rig = quiet();
     let saving = rig.ask(Request::SaveConfig);
     let failure = Failure::TooManySaves { wait_s: 599 };
-    rig.bridge.saved(Err(failure), Micros(rig.now));
+    rig.bridge.saved(Err(failure), at(rig.now));
     rig.run(10);
     assert_eq!(rig.replies, [(saving, Reply::Failed(failure))]);
 }
@@ -436,7 +436,7 @@ fn who_asked_to_save_is_told_unless_it_has_gone() {
     rig.ask(Request::SaveConfig);
     rig.bridge.usb_reset();
     rig.bridge.usb_configured(true);
-    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(1_000);
     assert_eq!(rig.replies, []);
 
@@ -444,7 +444,7 @@ fn who_asked_to_save_is_told_unless_it_has_gone() {
     rig.run(10_000);
     rig.bridge.usb_reset();
     rig.bridge.usb_configured(true);
-    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(10_000);
     let done = FromAdapter::Reply {
         sequence: 1,
@@ -491,7 +491,7 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
     let mut rig = quiet();
     assert_eq!(call_on_can(&mut rig, 1, Request::Subscribe(frames)), Reply::Done);
     rig.usb_out.extend(ling(0x06, 0, &[0xFE]));
-    rig.bridge.can_bus_off(true, Micros(rig.now));
+    rig.bridge.can_bus_off(true, at(rig.now));
     rig.run(20_000);
     assert_eq!(rig.events, []);
     let [
@@ -504,14 +504,14 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
         panic!("{:?}", rig.can_control)
     };
     rig.subscribe();
-    rig.bridge.can_bus_off(false, Micros(rig.now));
+    rig.bridge.can_bus_off(false, at(rig.now));
     rig.run(10);
     assert_eq!(rig.events[0].1, Event::BusOff { off: false });
 
     // A host that reads nothing on either port.
     let frame = ling(0x06, 0, &[1; 15]);
     for _ in 0..100 {
-        rig.bridge.uart_received(&frame, Micros(rig.now));
+        rig.bridge.uart_received(&frame, at(rig.now));
     }
     rig.run(100_000);
     let dropped = rig.bridge.counters().dropped_events;
@@ -522,7 +522,7 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
     // Nobody is told any more once the host on USB has gone.
     rig.bridge.usb_reset();
     rig.bridge.usb_configured(true);
-    rig.bridge.uart_received(&frame, Micros(rig.now));
+    rig.bridge.uart_received(&frame, at(rig.now));
     rig.run(100_000);
     assert_eq!((rig.events.len() - 1, rig.can_control.len() - 1), (usb, can + 1));
 }
@@ -534,8 +534,8 @@ fn subscribed() -> Bridge {
         frames: true,
         events: false,
     };
-    ask(&mut bridge, 1, Request::Subscribe(frames), Micros(0));
-    assert!(bridge.control_transmit(&mut [0; PACKET], Micros(0)).is_some());
+    ask(&mut bridge, 1, Request::Subscribe(frames), Instant::ZERO);
+    assert!(bridge.control_transmit(&mut [0; PACKET], Instant::ZERO).is_some());
     bridge
 }
 
@@ -545,16 +545,16 @@ fn what_subscribers_are_told_ends_with_a_short_packet_on_usb() {
     let mut empty = 0;
     for len in 0..=63 {
         let mut bridge = subscribed();
-        bridge.uart_received(&ling(0x06, 0, &[0x55; 63][..len]), Micros(0));
+        bridge.uart_received(&ling(0x06, 0, &[0x55; 63][..len]), Instant::ZERO);
         assert!(bridge.control_prepare());
         assert!(!bridge.control_prepare());
         let mut last = PACKET;
         while bridge.control_due() {
-            last = bridge.control_transmit(&mut packet, Micros(0)).expect("one is due");
+            last = bridge.control_transmit(&mut packet, Instant::ZERO).expect("one is due");
         }
         assert!(last < PACKET, "{len}");
         empty += usize::from(last == 0);
-        assert_eq!(bridge.control_transmit(&mut packet, Micros(0)), None);
+        assert_eq!(bridge.control_transmit(&mut packet, Instant::ZERO), None);
     }
     assert_eq!(empty, 1, "one of them fills its packet");
 }
@@ -635,7 +635,7 @@ fn error_counts_go_out_once_a_second() {
 fn error_counts_that_had_to_wait_go_out_once() {
     let mut bridge = telemetry(10, Poll::Off).bridge;
     // First on an instant of its grid, then long after one.
-    for now in [Micros(1_000_000), Micros(2_500_000), Micros(4_500_000)] {
+    for now in [at(1_000_000), at(2_500_000), at(4_500_000)] {
         assert!(bridge.can_transmit(now).is_some());
         bridge.can_sent(0, now);
         assert_eq!(bridge.can_transmit(now), None);
@@ -669,9 +669,9 @@ fn bus_off_is_told_and_counted_and_ends_what_was_under_way() {
     rig.can_out.push_back(ling(0x01, 0, &[0xFE]));
     rig.run(700);
     assert!(rig.bridge.can.arm.is_sending());
-    rig.bridge.can_bus_off(true, Micros(rig.now));
+    rig.bridge.can_bus_off(true, at(rig.now));
     assert!(!rig.bridge.can.arm.is_sending());
-    rig.bridge.can_bus_off(false, Micros(rig.now));
+    rig.bridge.can_bus_off(false, at(rig.now));
     rig.run(10_000);
     let c = rig.bridge.counters();
     assert_eq!((c.can_bus_offs, c.isotp_failures), (1, 1));
@@ -702,13 +702,13 @@ proptest! {
             while !rig.bridge.control_room() {
                 rig.run(100_000);
                 // Firmware has an answer to what it was asked by chance.
-                rig.bridge.saved(Ok(()), Micros(rig.now));
+                rig.bridge.saved(Ok(()), at(rig.now));
             }
-            rig.bridge.control_received(packet, Micros(rig.now));
+            rig.bridge.control_received(packet, at(rig.now));
         }
         rig.run(100_000);
-        rig.bridge.saved(Ok(()), Micros(rig.now));
-        rig.bridge.control_received(&[0], Micros(rig.now));
+        rig.bridge.saved(Ok(()), at(rig.now));
+        rig.bridge.control_received(&[0], at(rig.now));
         rig.run(100_000);
         let c = rig.bridge.counters();
         prop_assert!(c.control_requests >= c.control_unsupported);
@@ -726,7 +726,7 @@ fn the_reply_to_a_reset_on_can_goes_out_before_the_bus_is_another() {
     rig.ask_on_can(7, Request::ResetConfig);
     rig.run(10_000);
     assert_eq!(rig.actions, [Action::Reset]);
-    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(10_000);
     let reply = Reply::Done;
     assert_eq!(rig.can_control, [FromAdapter::Reply { sequence: 7, reply }]);
@@ -741,12 +741,12 @@ fn a_save_whose_host_has_gone_is_not_taken_for_that_of_the_next_who_asks() {
     rig.bridge.usb_configured(true);
     let busy = Reply::Failed(Failure::Busy);
     assert_eq!(call_on_can(&mut rig, 1, Request::SaveConfig), busy);
-    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(10_000);
     assert_eq!(rig.can_control, []);
     rig.ask_on_can(2, Request::SaveConfig);
     rig.run(10_000);
-    rig.bridge.saved(Err(Failure::Flash), Micros(rig.now));
+    rig.bridge.saved(Err(Failure::Flash), at(rig.now));
     rig.run(10_000);
     let reply = Reply::Failed(Failure::Flash);
     assert_eq!(rig.can_control, [FromAdapter::Reply { sequence: 2, reply }]);

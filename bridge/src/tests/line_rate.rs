@@ -5,11 +5,10 @@ extern crate std;
 use std::vec;
 use std::vec::Vec;
 
-use crate::Micros;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 
-use super::rig::{Rig, ling};
+use super::rig::{Rig, at, ling};
 use crate::can::Node;
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
@@ -38,12 +37,12 @@ fn coding(baud: u32) -> LineCoding {
 
 fn set_rate(rig: &mut Rig, baud: u32) {
     let bytes = coding(baud).to_cdc();
-    rig.bridge.request_line_coding(bytes, Micros(rig.now)).unwrap();
+    rig.bridge.request_line_coding(bytes, at(rig.now)).unwrap();
     rig.run(0);
 }
 
 fn dtr(rig: &mut Rig, high: bool) {
-    rig.bridge.usb_dtr(high, Micros(rig.now));
+    rig.bridge.usb_dtr(high, at(rig.now));
     rig.run(0);
 }
 
@@ -177,7 +176,7 @@ fn the_line_is_the_arms_when_the_host_goes() {
     type Goes = fn(&mut Rig);
     let ways: [Goes; 4] = [
         |rig| {
-            rig.bridge.usb_dtr(false, Micros(rig.now));
+            rig.bridge.usb_dtr(false, at(rig.now));
         },
         |rig| rig.bridge.usb_reset(),
         |rig| rig.bridge.usb_configured(false),
@@ -200,7 +199,7 @@ fn the_line_is_the_arms_when_the_host_goes() {
         assert_eq!(last, [(40, 9_600)]);
         let late = |n: &usize| rig.initiators[*n] == Initiator::Poll && rig.said[*n].0 > 100 * MS;
         assert!((0..rig.said.len()).filter(late).count() > 10);
-        assert_eq!(rig.bridge.timeout().map(|at| at.0 > rig.now), Some(true));
+        assert_eq!(rig.bridge.timeout().map(|at| at.as_micros() > rig.now), Some(true));
     }
 }
 

@@ -5,10 +5,10 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use super::rig::{Rig, ling, polite};
+use super::rig::{Rig, at, ling, polite};
 use crate::config::{Config, Poll};
 use crate::control::{Identity, Initiator, Reply, Request};
-use crate::{Micros, POLL_LEAD_TIME};
+use crate::{Duration, Instant, POLL_LEAD_TIME};
 
 fn polling(poll: Poll) -> Rig {
     Rig::new(Config {
@@ -32,18 +32,18 @@ fn a_poll_is_handed_over_before_its_slot_and_nothing_goes_out_in_between() {
     };
     let mut bridge = crate::Bridge::new(Identity::default(), config);
     bridge.usb_configured(true);
-    assert_eq!(bridge.timeout(), Some(Micros(0)));
-    bridge.tick(Micros(300));
-    let at = Micros(1_300 - POLL_LEAD_TIME.0);
-    assert_eq!(bridge.timeout(), Some(at));
-    assert!(!bridge.uart_due(Micros(at.0 - 1)));
-    assert!(bridge.uart_due(at));
+    assert_eq!(bridge.timeout(), Some(Instant::ZERO));
+    bridge.tick(at(300));
+    let due = at(1_300) - POLL_LEAD_TIME;
+    assert_eq!(bridge.timeout(), Some(due));
+    assert!(!bridge.uart_due(due - Duration::from_micros(1)));
+    assert!(bridge.uart_due(due));
     let mut out = [0; 70];
-    let burst = bridge.uart_transmit(&mut out, Micros(1_290)).unwrap();
-    assert_eq!((burst.len, burst.start), (7, Some(Micros(1_300))));
-    bridge.usb_received(b"hello", Micros(1_291));
-    assert!(!bridge.uart_due(Micros(1_291)));
-    assert_eq!(bridge.uart_transmit(&mut out, Micros(1_299)), None);
+    let burst = bridge.uart_transmit(&mut out, at(1_290)).unwrap();
+    assert_eq!((burst.len, burst.start), (7, Some(at(1_300))));
+    bridge.usb_received(b"hello", at(1_291));
+    assert!(!bridge.uart_due(at(1_291)));
+    assert_eq!(bridge.uart_transmit(&mut out, at(1_299)), None);
 }
 
 #[test]
@@ -139,14 +139,14 @@ fn polling_is_switched_on_and_off_by_the_configuration() {
 
 #[test]
 fn a_poll_that_is_asked_for_at_its_slot_starts_at_once_and_is_not_late() {
-    for (now, start, late) in [(10_499, Some(Micros(10_500)), 0), (10_500, None, 0), (10_501, None, 1)] {
+    for (now, start, late) in [(10_499, Some(at(10_500)), 0), (10_500, None, 0), (10_501, None, 1)] {
         let config = Config {
             poll: Poll::Hertz(100),
             ..Config::default()
         };
         let mut bridge = crate::Bridge::new(Identity::default(), config);
-        bridge.tick(Micros(500));
-        let burst = bridge.uart_transmit(&mut [0; 256], Micros(now)).unwrap();
+        bridge.tick(at(500));
+        let burst = bridge.uart_transmit(&mut [0; 256], at(now)).unwrap();
         assert_eq!(
             (burst.start, bridge.counters().late_polls),
             (start, late),

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::vec;
 use std::vec::Vec;
 
-use crate::Micros;
+use crate::Instant;
 use armwire::alpha1::Expect;
 
 use crate::arm::{Piece, Tap};
@@ -114,11 +114,11 @@ impl Rig {
         self.pump();
         loop {
             let voice = self.voice.front().map(|&(at, _)| at);
-            let timeout = self.bridge.timeout().map(|at| at.0);
+            let timeout = self.bridge.timeout().map(|at| at.as_micros());
             let hosts = [self.arm.timeout(), self.control.timeout()]
                 .into_iter()
                 .flatten()
-                .map(|at| at.0)
+                .map(|at| at.as_micros())
                 .min();
             let tx = (self.tx_free > self.now).then_some(self.tx_free);
             let bus = (self.bus_free > self.now).then_some(self.bus_free);
@@ -136,7 +136,7 @@ impl Rig {
     }
 
     /// Lets the bridge hear the arm. If it says that there was no frame, nothing else is due than was.
-    fn hear(&mut self, now: Micros, hear: impl FnOnce(&mut Bridge) -> bool) {
+    fn hear(&mut self, now: Instant, hear: impl FnOnce(&mut Bridge) -> bool) {
         let due = |bridge: &Bridge| {
             let uart = (bridge.uart_due(now), bridge.line_change());
             let hosts = (
@@ -156,15 +156,17 @@ impl Rig {
     }
 
     fn step(&mut self) {
-        let now = Micros(self.now);
-        while let Some((at, byte)) = self.voice.pop_front_if(|(at, _)| *at <= now.0) {
-            self.hear(Micros(at), |bridge| bridge.uart_received(&[byte], Micros(at)));
+        let now = at(self.now);
+        while let Some((at, byte)) = self.voice.pop_front_if(|(at, _)| *at <= now.as_micros()) {
+            self.hear(Instant::from_micros(at), |bridge| {
+                bridge.uart_received(&[byte], Instant::from_micros(at))
+            });
             let next = self.voice.front().map(|&(at, _)| at);
             // Times are rounded down to microseconds.
             let idle = at + self.byte_time() + 1;
             self.idle = next.is_none_or(|next| next > idle).then_some(idle);
         }
-        if self.idle.take_if(|at| *at <= now.0).is_some() {
+        if self.idle.take_if(|at| *at <= now.as_micros()).is_some() {
             self.hear(now, |bridge| bridge.uart_idle(now));
         }
         let _ = self.arm.tick(now);
@@ -174,7 +176,7 @@ impl Rig {
 
     /// Does all that can be done without waiting.
     fn pump(&mut self) {
-        let now = Micros(self.now);
+        let now = at(self.now);
         loop {
             let mut idle = true;
             if self.bridge.timeout().is_some_and(|at| at <= now) {
@@ -202,9 +204,11 @@ impl Rig {
             assert_eq!(self.bridge.control_transmit(&mut packet, now), None);
             if self.bridge.uart_cut() {
                 // The byte on the line goes out, and perhaps the one behind it.
-                self.tx_free = self.tx_free.min(now.0 + self.bridge.rate.line().coding.micros(2));
+                self.tx_free = self
+                    .tx_free
+                    .min(now.as_micros() + self.bridge.rate.line().coding.micros(2));
             }
-            if self.tx_free <= now.0 {
+            if self.tx_free <= now.as_micros() {
                 let mut out = [0; 70];
                 let due = self.bridge.uart_due(now);
                 if let Some(line) = self.bridge.line_change() {
@@ -213,8 +217,8 @@ impl Rig {
                     idle = false;
                 } else if let Some(burst) = self.bridge.uart_transmit(&mut out, now) {
                     assert!(due);
-                    let start = burst.start.map_or(now.0, |at| at.0);
-                    assert!(start >= now.0);
+                    let start = burst.start.map_or(now.as_micros(), |at| at.as_micros());
+                    assert!(start >= now.as_micros());
                     self.tx_free = start + self.bridge.rate.line().coding.micros(burst.len);
                     self.initiators.push(self.bridge.turn.last);
                     self.bauds.push(self.bridge.rate.line().coding.baud);
@@ -223,7 +227,7 @@ impl Rig {
                     idle = false;
                 }
             }
-            if self.bus_free <= now.0 {
+            if self.bus_free <= now.as_micros() {
                 idle &= !self.use_bus(now);
             }
             while let Some(action) = self.bridge.action() {
@@ -279,12 +283,12 @@ impl Rig {
     }
 
     /// Moves one frame over the bus, if there is one.
-    fn use_bus(&mut self, now: Micros) -> bool {
+    fn use_bus(&mut self, now: Instant) -> bool {
         let due = self.bridge.can_due(now);
         let frame = self.bridge.can_transmit(now);
         assert_eq!(frame.is_some(), due);
         if let Some(frame) = frame {
-            self.bus_free = now.0 + CAN_FRAME;
+            self.bus_free = now.as_micros() + CAN_FRAME;
             self.hear_bus(&frame, now);
             self.bridge.can_sent(0, now);
             return true;
@@ -297,12 +301,12 @@ impl Rig {
         let frame = self.arm.transmit(now).inspect(|_| self.arm.transmitted(now));
         let frame = frame.or_else(|| self.control.transmit(now).inspect(|_| self.control.transmitted(now)));
         let Some(frame) = frame else { return false };
-        self.bus_free = now.0 + CAN_FRAME;
+        self.bus_free = now.as_micros() + CAN_FRAME;
         self.bridge.can_received(&frame, now);
         true
     }
 
-    fn hear_bus(&mut self, frame: &Frame, now: Micros) {
+    fn hear_bus(&mut self, frame: &Frame, now: Instant) {
         let (function, node) = Function::of(frame.id()).unwrap();
         match function {
             Function::ArmAnswer if node == self.node => {
@@ -325,7 +329,7 @@ impl Rig {
 
     /// A frame from somebody on the bus.
     pub(super) fn can_frame(&mut self, frame: &Frame) {
-        self.bridge.can_received(frame, Micros(self.now));
+        self.bridge.can_received(frame, at(self.now));
         self.pump();
     }
 
@@ -334,7 +338,7 @@ impl Rig {
         self.sequence += 1;
         let sequence = self.sequence;
         assert!(self.bridge.control_room());
-        ask(&mut self.bridge, sequence, request, Micros(self.now));
+        ask(&mut self.bridge, sequence, request, at(self.now));
         self.pump();
         sequence
     }
@@ -369,8 +373,13 @@ impl Rig {
     }
 }
 
+/// The instant so many microseconds after the start.
+pub(super) const fn at(micros: u64) -> Instant {
+    Instant::from_micros(micros)
+}
+
 /// The host on USB asks something on the control interface.
-pub(super) fn ask(bridge: &mut Bridge, sequence: u8, request: Request, now: Micros) {
+pub(super) fn ask(bridge: &mut Bridge, sequence: u8, request: Request, now: Instant) {
     let mut bytes = [0; MAX_COBS];
     let len = encode_cobs(&FromHost { sequence, request }, &mut bytes).unwrap();
     bridge.control_received(&bytes[..len], now);

@@ -9,13 +9,13 @@ use std::vec::Vec;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 
-use super::rig::{Rig, ask, ling, polite};
+use super::rig::{Rig, ask, at, ling, polite};
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, HostTimeout};
 use crate::control::{Event, Failure, Identity, Initiator, MAX_FRAME, Refusal, Reply, Request};
-use crate::{Action, Bridge, Micros, PACKET, TO_ARM_BUFFER};
+use crate::{Action, Bridge, Duration, Instant, PACKET, TO_ARM_BUFFER};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
@@ -101,8 +101,8 @@ fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
     let mut bridge = Bridge::new(Identity::default(), silence(500, false));
     bridge.usb_configured(true);
     for _ in 0..3 {
-        bridge.usb_received(&motion(), Micros(0));
-        assert!(bridge.uart_transmit(&mut [0; MAX_FRAME], Micros(0)).is_some());
+        bridge.usb_received(&motion(), Instant::ZERO);
+        assert!(bridge.uart_transmit(&mut [0; MAX_FRAME], Instant::ZERO).is_some());
     }
     // Room is left for four bytes less than a packet.
     let moves = motion()
@@ -112,16 +112,16 @@ fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
         .collect::<Vec<_>>();
     for packet in moves.chunks(PACKET) {
         assert!(bridge.usb_room());
-        bridge.usb_received(packet, Micros(0));
+        bridge.usb_received(packet, Instant::ZERO);
     }
     assert!(!bridge.usb_room());
-    let room = Micros::from_millis(400);
+    let room = Instant::from_millis(400);
     // The first bytes of the next move.
     let burst = bridge.uart_transmit(&mut [0; 10], room).unwrap();
     assert_eq!(burst.len, 10);
     assert!(bridge.usb_room());
-    let silent = room + Micros::from_millis(500);
-    bridge.tick(Micros(silent.0 - 1));
+    let silent = room + Duration::from_millis(500);
+    bridge.tick(silent - Duration::from_micros(1));
     assert_eq!(bridge.counters().host_silences, 0);
     bridge.tick(silent);
     assert_eq!(bridge.counters().host_silences, 1);
@@ -334,7 +334,7 @@ fn the_torque_goes_off_before_a_restart() {
         let mut rig = Rig::new(silence(500, true));
         rig.usb_out.extend(motion().repeat(3));
         rig.run(10_000);
-        let now = Micros(rig.now);
+        let now = at(rig.now);
         ask(&mut rig.bridge, 1, request, now);
         assert_eq!(rig.bridge.action(), None);
         let mut out = [0; MAX_FRAME];
@@ -494,7 +494,7 @@ fn commands_end_with_the_configuration_though_the_bus_is_still_the_one_before() 
     let mut off = Config::default();
     off.can.node = Node::new(5).unwrap();
     // Nobody has set up the controller anew yet.
-    let now = Micros(rig.now);
+    let now = at(rig.now);
     ask(&mut rig.bridge, 1, Request::SetConfig(off), now);
     for frame in command(1).to_frames(Node::default()) {
         rig.bridge.can_received(&frame, now);
@@ -750,7 +750,7 @@ fn while_the_flash_is_written_nobody_is_silent() {
     rig.ask(Request::SaveConfig);
     // The core of an STM32F405 stands still.
     rig.now += 250_000;
-    rig.bridge.saved(Ok(()), Micros(rig.now));
+    rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(100_000);
     assert_eq!(rig.bridge.counters().host_silences, 0);
     rig.run(200_000);

@@ -10,11 +10,11 @@ use armwire::alpha1::{self, Alpha1};
 use armwire::messages::Messages;
 use proptest::prelude::*;
 
-use super::rig::{Rig, ling, polite};
+use super::rig::{Rig, at, ling, polite};
 use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, Poll};
 use crate::control::{Event, Initiator, Refusal, Reply, Request};
-use crate::{Action, Micros};
+use crate::{Action, Duration};
 
 const JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 
@@ -497,7 +497,7 @@ fn bytes_that_wait_for_an_answer_that_comes_in_time_are_no_fault() {
     rig.usb_out.extend(JOINTS);
     for _ in 0..19 {
         rig.run(100_000);
-        assert!(!rig.bridge.is_stuck(Micros(rig.now)), "{}", rig.now);
+        assert!(!rig.bridge.is_stuck(at(rig.now)), "{}", rig.now);
         assert_eq!(rig.bridge.counters().requests_usb, 4);
     }
     rig.run(1_000_000);
@@ -583,10 +583,10 @@ fn a_line_coding_waits_for_the_answer_to_anothers_request() {
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(250);
     let coding = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
-    rig.bridge.request_line_coding(coding, Micros(rig.now)).unwrap();
-    rig.bridge.usb_received(&[1], Micros(rig.now));
+    rig.bridge.request_line_coding(coding, at(rig.now)).unwrap();
+    rig.bridge.usb_received(&[1], at(rig.now));
     assert_eq!(
-        (rig.bridge.line_change(), rig.bridge.uart_due(Micros(rig.now))),
+        (rig.bridge.line_change(), rig.bridge.uart_due(at(rig.now))),
         (None, false)
     );
     rig.run(10_000);
@@ -841,14 +841,14 @@ fn bytes_that_waited_for_an_answer_that_never_came_do_not_look_stuck() {
     while rig.said.is_empty() {
         rig.run(1);
     }
-    rig.bridge.usb_received(&[1; 10], Micros(rig.now));
-    let mut now = Micros(rig.now);
+    rig.bridge.usb_received(&[1; 10], at(rig.now));
+    let mut now = at(rig.now);
     while !rig.bridge.uart_due(now) {
         now = rig.bridge.timeout().unwrap();
         rig.bridge.uart_received(&[], now);
         rig.bridge.tick(now);
     }
-    assert!(now > Micros(rig.now + 1_000_000));
+    assert!(now > at(rig.now + 1_000_000));
     assert!(!rig.bridge.is_stuck(now));
-    assert!(rig.bridge.is_stuck(now + Micros(1_000_001)));
+    assert!(rig.bridge.is_stuck(now + Duration::from_micros(1_000_001)));
 }

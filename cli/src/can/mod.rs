@@ -9,10 +9,10 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use armwire_bridge::Micros;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_FRAME, MAX_MESSAGE, Reply, Request};
 use armwire_bridge::isotp::{self, Endpoint, Event};
+use armwire_bridge::time;
 use armwire_sim::slcan::BitRate;
 
 use crate::held;
@@ -207,7 +207,7 @@ impl Channel {
             .into_iter()
             .flatten()
             .min();
-        let due = due.map(|due| Duration::from_micros(due.since(self.now()).0));
+        let due = due.map(|due| Duration::from_micros(due.since(self.now()).as_micros()));
         let wait = if self.inbox.is_empty() { wait } else { Duration::ZERO };
         let frame = self.bus.receive(self.rx, due.unwrap_or(wait).min(wait))?;
         let now = self.now();
@@ -234,8 +234,8 @@ impl Channel {
         Ok(())
     }
 
-    fn now(&self) -> Micros {
-        Micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
+    fn now(&self) -> time::Instant {
+        time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use armwire::framing::Scan;
-use armwire_bridge::Micros;
+use armwire_bridge::Instant;
 use armwire_bridge::can::{Frame, Function, Id};
 use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message};
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
@@ -27,7 +27,7 @@ pub(super) fn is_log(text: &[u8]) -> bool {
 struct Logged<'a> {
     /// In seconds, as it is in the log.
     stamp: &'a str,
-    at: Micros,
+    at: Instant,
     /// None for remote frames, error frames and extended identifiers, of which an adapter has none.
     frame: Option<Frame>,
 }
@@ -125,7 +125,7 @@ fn parse(line: &str) -> Option<Logged<'_>> {
     let (seconds, micros) = stamp.split_once('.')?;
     let seconds: u64 = seconds.parse().ok()?;
     let micros: u64 = micros.parse().ok().filter(|_| micros.len() == 6)?;
-    let at = Micros(seconds.checked_mul(1_000_000)?.checked_add(micros)?);
+    let at = Instant::from_micros(seconds.checked_mul(1_000_000)?.checked_add(micros)?);
     let raw = u32::from_str_radix(id, 16).ok()?;
     let fd = data.strip_prefix('#');
     let standard = (id.len() == 3).then(|| Id::new(raw as u16).ok()).flatten();
@@ -165,12 +165,12 @@ mod tests {
         let (mut sender, mut receiver) = (end(function), end(back));
         sender.send(pdu).unwrap();
         while receiver.received().is_none() {
-            let frame = sender.transmit(Micros(0)).unwrap();
+            let frame = sender.transmit(Instant::ZERO).unwrap();
             log(lines, &frame);
-            let _ = receiver.receive(frame.data(), Micros(0));
-            if let Some(frame) = receiver.transmit(Micros(0)) {
+            let _ = receiver.receive(frame.data(), Instant::ZERO);
+            if let Some(frame) = receiver.transmit(Instant::ZERO) {
                 log(lines, &frame);
-                let _ = sender.receive(frame.data(), Micros(0));
+                let _ = sender.receive(frame.data(), Instant::ZERO);
             }
         }
         assert_eq!(receiver.received(), Some(pdu));

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use armwire::ling::Position;
 use armwire::ling::legacy::{GripperState, Legacy, Response};
-use armwire_bridge::Micros;
+use armwire_bridge::time;
 
 use super::reading::{LineErrors, News, Quantity, Reading, Source};
 use crate::describe::{joint, legacy};
@@ -12,7 +12,7 @@ use crate::link::{Line, Link};
 use crate::problem::Problem;
 
 /// How long such an arm may say nothing of its joints, though it says it forty times a second.
-const SILENCE: Micros = Micros::from_millis(500);
+const SILENCE: time::Duration = time::Duration::from_millis(500);
 
 /// An arm that is heard.
 pub(super) struct Heard<L> {
@@ -41,10 +41,12 @@ impl<L: Line> Source for Heard<L> {
         let mut joints = None;
         loop {
             let left = match joints {
-                Some(_) => Micros(0),
+                Some(_) => time::Duration::ZERO,
                 None => until.since(self.link.now()),
             };
-            let heard = self.link.hear(Duration::from_micros(left.0), |response| response)?;
+            let heard = self
+                .link
+                .hear(Duration::from_micros(left.as_micros()), |response| response)?;
             match (heard, &joints) {
                 (None, Some(joints)) => return Ok(News::Reading(reading(*joints, self.gripper.as_ref()), None)),
                 (None, None) if until <= self.link.now() => {

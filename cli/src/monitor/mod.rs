@@ -19,7 +19,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use armwire::ling::legacy::Legacy;
-use armwire_bridge::Micros;
+use armwire_bridge::time;
 use clap::Args;
 
 use crate::adapter::{counters, describe, identify, latencies};
@@ -35,8 +35,8 @@ use output::{Form, Step};
 use reading::{LineErrors, News, Source};
 
 /// How often the temperatures are asked for, and the adapter for its counters.
-const CELSIUS: Micros = Micros::from_millis(5_000);
-const ADAPTER: Micros = Micros::from_millis(1_000);
+const CELSIUS: time::Duration = time::Duration::from_millis(5_000);
+const ADAPTER: time::Duration = time::Duration::from_millis(1_000);
 
 /// The arguments of `armwire monitor`.
 #[derive(Args)]
@@ -99,7 +99,7 @@ impl Monitor {
     ) -> Result<(), Problem> {
         let form = Form::new(self.csv, self.json);
         let start = Instant::now();
-        let now = || Micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));
+        let now = || time::Instant::from_micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));
         let rate = source.is_paced().then_some(self.rate);
         let mut model = Model::new(&self.place.port, source.arm(), source.servos(), rate);
         let mut celsius = Timer::new(CELSIUS);
@@ -173,7 +173,7 @@ fn step(
     source: &mut dyn Source,
     celsius: Option<&mut Timer>,
     model: &mut Model,
-    now: &dyn Fn() -> Micros,
+    now: &dyn Fn() -> time::Instant,
 ) -> Result<Step, Problem> {
     let begun = now();
     model.asked += u64::from(source.is_asked());
@@ -186,7 +186,12 @@ fn step(
 }
 
 /// Takes news into the model. `begun` is when the call began, if there was one.
-fn take(news: Result<News, Problem>, model: &mut Model, begun: Option<Micros>, now: Micros) -> Result<Step, Problem> {
+fn take(
+    news: Result<News, Problem>,
+    model: &mut Model,
+    begun: Option<time::Instant>,
+    now: time::Instant,
+) -> Result<Step, Problem> {
     match news {
         Ok(News::Reading(reading, stamp)) => {
             model.read(Latest {
@@ -236,25 +241,25 @@ fn ask_adapter(control: &mut ControlLink, model: &mut Model) {
 }
 
 /// How long it is until the next reading of so many a second. After a pause in the line there is no catching up.
-fn until_next(now: Micros, rate: u32) -> Duration {
+fn until_next(now: time::Instant, rate: u32) -> Duration {
     let period = 1_000_000 / u64::from(rate);
-    Duration::from_micros(period - now.0 % period)
+    Duration::from_micros(period - now.as_micros() % period)
 }
 
 /// Something that is done now and then.
 struct Timer {
-    period: Micros,
-    due: Micros,
+    period: time::Duration,
+    due: time::Instant,
 }
 
 impl Timer {
-    fn new(period: Micros) -> Self {
-        let due = Micros(0);
+    fn new(period: time::Duration) -> Self {
+        let due = time::Instant::ZERO;
         Self { period, due }
     }
 
     /// Whether it is to be done now; then it is due again after its period.
-    fn is_due(&mut self, now: Micros) -> bool {
+    fn is_due(&mut self, now: time::Instant) -> bool {
         let is_due = self.due <= now;
         if is_due {
             self.due = now + self.period;
@@ -277,7 +282,7 @@ mod tests {
 
     #[test]
     fn readings_are_at_multiples_of_the_period_and_none_is_made_up_for() {
-        let wait = |micros| until_next(Micros(micros), 20).as_micros();
+        let wait = |micros| until_next(time::Instant::from_micros(micros), 20).as_micros();
         assert_eq!(
             [0, 1, 49_999, 50_000, 170_000].map(wait),
             [50_000, 49_999, 1, 50_000, 30_000]
@@ -286,8 +291,8 @@ mod tests {
 
     #[test]
     fn what_is_done_now_and_then_is_not_made_up_for_either() {
-        let mut watched = Timer::new(Micros(100));
-        let due = [0, 99, 100, 350, 440, 450].map(|now| watched.is_due(Micros(now)));
+        let mut watched = Timer::new(time::Duration::from_micros(100));
+        let due = [0, 99, 100, 350, 440, 450].map(|now| watched.is_due(time::Instant::from_micros(now)));
         assert_eq!(due, [true, false, true, true, false, true]);
     }
 }

@@ -2,20 +2,20 @@
 
 use std::collections::VecDeque;
 
-use armwire_bridge::Micros;
 use armwire_bridge::control::{Latencies, Stamp};
+use armwire_bridge::{Duration, Instant};
 use serde_json::{Map, Value};
 
 use super::reading::{LineErrors, Reading};
 
 /// For how long answers count for the rate.
-const WINDOW: Micros = Micros::from_millis(2_000);
+const WINDOW: Duration = Duration::from_millis(2_000);
 /// How long a notice stays while readings come.
-const NOTICE: Micros = Micros::from_millis(5_000);
+const NOTICE: Duration = Duration::from_millis(5_000);
 /// Of how many calls the median is.
 const CALLS: usize = 1_000;
 /// What one point of a sparkline stands for, and how many are kept.
-const STEP: Micros = Micros::from_millis(100);
+const STEP: Duration = Duration::from_millis(100);
 const POINTS: usize = 512;
 
 /// All that a monitor knows.
@@ -40,13 +40,13 @@ pub(super) struct Model {
     pub(super) adapter: Option<Adapter>,
     /// The last thing that the user should know.
     pub(super) notice: Option<String>,
-    noticed: Micros,
+    noticed: Instant,
     /// When the answers of the last time came.
-    answers: VecDeque<Micros>,
+    answers: VecDeque<Instant>,
     calls: Calls,
     /// The past of each quantity, the newest last, and when that point began.
     history: Vec<VecDeque<Option<f64>>>,
-    point: Option<Micros>,
+    point: Option<Instant>,
 }
 
 /// A reading, and what is known of its time.
@@ -54,11 +54,11 @@ pub(super) struct Model {
 pub(super) struct Latest {
     pub(super) reading: Reading,
     /// On the monitor's clock.
-    pub(super) at: Micros,
+    pub(super) at: Instant,
     /// On the adapter's clock, if it stamped it.
     pub(super) stamp: Option<Stamp>,
     /// How long the call took, if there was one.
-    pub(super) latency: Option<Micros>,
+    pub(super) latency: Option<Duration>,
 }
 
 /// What an adapter told of itself.
@@ -71,16 +71,16 @@ pub(super) struct Adapter {
 /// How long calls took.
 #[derive(Debug, Default)]
 struct Calls {
-    last: VecDeque<Micros>,
-    range: Option<(Micros, Micros)>,
+    last: VecDeque<Duration>,
+    range: Option<(Duration, Duration)>,
 }
 
 /// How long calls took: the shortest and the longest of all, and the median of the last ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CallTimes {
-    pub(super) min: Micros,
-    pub(super) median: Micros,
-    pub(super) worst: Micros,
+    pub(super) min: Duration,
+    pub(super) median: Duration,
+    pub(super) worst: Duration,
 }
 
 impl Model {
@@ -111,26 +111,26 @@ impl Model {
     }
 
     /// The arm did not answer.
-    pub(super) fn time_out(&mut self, now: Micros, why: String) {
+    pub(super) fn time_out(&mut self, now: Instant, why: String) {
         self.timed_out += 1;
         self.notify(now, why);
         self.forget(now);
     }
 
     /// Something is worth telling, until others have been read for a while.
-    pub(super) fn notify(&mut self, now: Micros, text: String) {
+    pub(super) fn notify(&mut self, now: Instant, text: String) {
         self.notice = Some(text);
         self.noticed = now;
     }
 
     /// Readings per second of late.
-    pub(super) fn achieved(&self, now: Micros) -> f64 {
+    pub(super) fn achieved(&self, now: Instant) -> f64 {
         let mut recent = self.answers.iter().filter(|&&at| now.since(at) < WINDOW);
         let (Some(&first), Some(&last)) = (recent.next(), self.answers.back()) else {
             return 0.0;
         };
         let pauses = recent.count() as u64;
-        let (span, quiet) = (last.since(first).0, now.since(last).0);
+        let (span, quiet) = (last.since(first).as_micros(), now.since(last).as_micros());
         // What has not come yet is missing only after twice the usual pause.
         let is_late = quiet * pauses > 2 * span;
         let span = if is_late { span + quiet } else { span };
@@ -156,21 +156,23 @@ impl Model {
         self.history.get(quantity).unwrap_or(NONE).iter().copied()
     }
 
-    fn forget(&mut self, now: Micros) {
+    fn forget(&mut self, now: Instant) {
         while self.answers.front().is_some_and(|&at| now.since(at) >= WINDOW) {
             self.answers.pop_front();
         }
     }
 
     /// Takes a reading into the sparklines: a point is the last reading of its step, and empty where there was none.
-    fn remember(&mut self, at: Micros, reading: &Reading) {
+    fn remember(&mut self, at: Instant, reading: &Reading) {
         self.history.resize_with(reading.quantities.len(), VecDeque::new);
         let steps = match self.point {
-            Some(point) => (at.since(point).0 / STEP.0).min(POINTS as u64),
+            Some(point) => (at.since(point).as_micros() / STEP.as_micros()).min(POINTS as u64),
             None => 1,
         };
         if steps > 0 {
-            self.point = Some(Micros(at.0 / STEP.0 * STEP.0));
+            self.point = Some(Instant::from_micros(
+                at.as_micros() / STEP.as_micros() * STEP.as_micros(),
+            ));
         }
         for (history, quantity) in self.history.iter_mut().zip(&reading.quantities) {
             for _ in 0..steps {
@@ -187,7 +189,7 @@ impl Model {
 }
 
 impl Calls {
-    fn add(&mut self, latency: Micros) {
+    fn add(&mut self, latency: Duration) {
         let (min, worst) = self.range.unwrap_or((latency, latency));
         self.range = Some((min.min(latency), worst.max(latency)));
         if self.last.len() == CALLS {
@@ -215,16 +217,16 @@ pub(super) mod tests {
                 status: Some("locked".to_owned()),
                 line: "a line".to_owned(),
             },
-            at: Micros::from_millis(millis),
+            at: Instant::from_millis(millis),
             stamp: None,
-            latency: Some(Micros(micros)),
+            latency: Some(Duration::from_micros(micros)),
         }
     }
 
     #[test]
     fn the_rate_is_that_of_late_and_falls_to_nothing_in_silence() {
         let mut model = Model::default();
-        let at = Micros::from_millis;
+        let at = Instant::from_millis;
         assert_eq!(model.achieved(at(0)), 0.0);
         for n in 0..=10 {
             model.read(latest(n * 50, 900, &[]));
@@ -253,7 +255,10 @@ pub(super) mod tests {
         }
         model.read(latest(0, 5_000, &[]));
         let times = model.call_times().unwrap();
-        assert_eq!([times.min, times.median, times.worst], [100, 900, 5_000].map(Micros));
+        assert_eq!(
+            [times.min, times.median, times.worst],
+            [100, 900, 5_000].map(Duration::from_micros)
+        );
         assert_eq!(model.calls.last.len(), CALLS);
     }
 
@@ -282,7 +287,7 @@ pub(super) mod tests {
         model.asked += 1;
         model.read(latest(0, 900, &[Some(1.0)]));
         model.asked += 1;
-        model.time_out(Micros::from_millis(300), "no answer".to_owned());
+        model.time_out(Instant::from_millis(300), "no answer".to_owned());
         assert_eq!((model.asked, model.answered, model.timed_out), (2, 1, 1));
         assert_eq!(model.notice.as_deref(), Some("no answer"));
         assert!(model.latest.is_some());

@@ -4,7 +4,7 @@ use std::io::{self, IsTerminal, Write, stdout};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire_bridge::Micros;
+use armwire_bridge::time;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 use serde_json::{Map, Value};
@@ -45,7 +45,7 @@ pub(super) enum Step {
 /// What shows a model.
 pub(super) trait Output {
     /// Shows how things are after this step.
-    fn show(&mut self, model: &Model, now: Micros, step: Step) -> Result<(), Problem>;
+    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Problem>;
 
     /// Waits for so long. Returns whether the user wants to end.
     fn wait(&mut self, wait: Duration) -> Result<bool, Problem> {
@@ -101,7 +101,7 @@ impl Drop for Screen {
 }
 
 impl Output for Screen {
-    fn show(&mut self, model: &Model, now: Micros, _: Step) -> Result<(), Problem> {
+    fn show(&mut self, model: &Model, now: time::Instant, _: Step) -> Result<(), Problem> {
         if self.drawn.is_some_and(|drawn| drawn.elapsed() < DRAWN) {
             return Ok(());
         }
@@ -144,12 +144,14 @@ fn is_end(code: KeyCode, modifiers: KeyModifiers) -> bool {
 struct Lines;
 
 impl Output for Lines {
-    fn show(&mut self, model: &Model, _: Micros, step: Step) -> Result<(), Problem> {
+    fn show(&mut self, model: &Model, _: time::Instant, step: Step) -> Result<(), Problem> {
         complain(model, step);
         match (&model.latest, step) {
-            (Some(latest), Step::Reading) => {
-                print(&format!("{:9.3} s  {}", latest.at.0 as f64 / 1e6, latest.reading.line))
-            }
+            (Some(latest), Step::Reading) => print(&format!(
+                "{:9.3} s  {}",
+                latest.at.as_micros() as f64 / 1e6,
+                latest.reading.line
+            )),
             _ => Ok(()),
         }
     }
@@ -160,7 +162,7 @@ struct Csv {
 }
 
 impl Output for Csv {
-    fn show(&mut self, model: &Model, now: Micros, step: Step) -> Result<(), Problem> {
+    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Problem> {
         complain(model, step);
         let Some(row) = row(model, now, step) else {
             return Ok(());
@@ -175,7 +177,7 @@ impl Output for Csv {
 struct Json;
 
 impl Output for Json {
-    fn show(&mut self, model: &Model, now: Micros, step: Step) -> Result<(), Problem> {
+    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Problem> {
         complain(model, step);
         let Some(row) = row(model, now, step) else {
             return Ok(());
@@ -185,7 +187,7 @@ impl Output for Json {
 }
 
 /// The row of a step that has one.
-fn row(model: &Model, now: Micros, step: Step) -> Option<Map<String, Value>> {
+fn row(model: &Model, now: time::Instant, step: Step) -> Option<Map<String, Value>> {
     let latest = model.latest.as_ref()?;
     match step {
         Step::Reading => Some(table::row(model, now, Some(latest))),

@@ -1,6 +1,6 @@
 //! Readings for other programs: comma-separated values, or a JSON object a line.
 
-use armwire_bridge::Micros;
+use armwire_bridge::Instant;
 use serde_json::{Map, Value, json};
 
 use super::model::{Latest, Model};
@@ -8,17 +8,24 @@ use super::model::{Latest, Model};
 /// The columns of readings, with the values of one: units are in the names, and what is missing is null.
 ///
 /// Also without a reading, for an arm that did not answer, once there was one.
-pub(super) fn row(model: &Model, now: Micros, latest: Option<&Latest>) -> Map<String, Value> {
+pub(super) fn row(model: &Model, now: Instant, latest: Option<&Latest>) -> Map<String, Value> {
     let mut row = Map::new();
     let mut put = |column: &str, value: Value| row.insert(column.to_owned(), value);
-    put("time_s", number(latest.map_or(now, |latest| latest.at).0 as f64 / 1e6));
+    put(
+        "time_s",
+        number(latest.map_or(now, |latest| latest.at).as_micros() as f64 / 1e6),
+    );
     put(
         "adapter_time_us",
         json!(latest.and_then(|latest| latest.stamp).map(|stamp| stamp.0)),
     );
     put(
         "latency_us",
-        json!(latest.and_then(|latest| latest.latency).map(|latency| latency.0)),
+        json!(
+            latest
+                .and_then(|latest| latest.latency)
+                .map(|latency| latency.as_micros())
+        ),
     );
     // The arm has the quantities that it had before.
     if let Some(known) = latest.or(model.latest.as_ref()) {
@@ -82,7 +89,7 @@ mod tests {
         model.celsius = vec![31, 30];
         let mut latest = latest(1_500, 900, &[Some(0.1), None]);
         latest.reading.status = Some("odd, \"very\"".to_owned());
-        let line = row(&model, Micros(0), Some(&latest));
+        let line = row(&model, Instant::ZERO, Some(&latest));
         assert_eq!(
             Value::Object(line.clone()).to_string(),
             r#"{"time_s":1.5,"adapter_time_us":null,"latency_us":900,"joint_1_rad":0.1,"joint_2_rad":null,"status":"odd, \"very\"","temperature_1_celsius":31,"temperature_2_celsius":30,"temperature_3_celsius":null}"#
@@ -101,7 +108,7 @@ mod tests {
         for quantity in &mut latest.reading.quantities {
             quantity.is_whole = true;
         }
-        let line = row(&Model::new("COM3", "Alpha1", 0, Some(20)), Micros(0), Some(&latest));
+        let line = row(&Model::new("COM3", "Alpha1", 0, Some(20)), Instant::ZERO, Some(&latest));
         assert_eq!(csv_line(&line), "0.0,,0,1,2048,,locked");
     }
 
@@ -111,10 +118,10 @@ mod tests {
         model.celsius = vec![31];
         let mut stamped = latest(1_000, 900, &[Some(0.1)]);
         stamped.stamp = Some(Stamp(123));
-        let full = row(&model, Micros(0), Some(&stamped));
+        let full = row(&model, Instant::ZERO, Some(&stamped));
         assert_eq!(full["adapter_time_us"], 123);
         model.read(stamped);
-        let empty = row(&model, Micros::from_millis(2_000), None);
+        let empty = row(&model, Instant::from_millis(2_000), None);
         assert_eq!(csv_head(&empty), csv_head(&full));
         assert_eq!(csv_line(&empty), "2.0,,,,,");
     }
@@ -124,7 +131,7 @@ mod tests {
         let model = Model::new("COM3", "xArm", 0, Some(20));
         let line = row(
             &model,
-            Micros(0),
+            Instant::ZERO,
             Some(&latest(0, 0, &[Some(f32::NAN), Some(f32::INFINITY)])),
         );
         assert_eq!(csv_line(&line), "0.0,,0,,,locked");

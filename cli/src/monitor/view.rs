@@ -1,6 +1,6 @@
 //! What a monitor shows on a terminal.
 
-use armwire_bridge::Micros;
+use armwire_bridge::{Duration, Instant};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -32,7 +32,7 @@ struct Part {
 }
 
 /// Draws all of it, as much as there is room for.
-pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Micros) {
+pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
     let rows = Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)]);
     let [head, body, foot] = rows.areas(frame.area());
     frame.render_widget(
@@ -118,7 +118,7 @@ fn arm(model: &Model, width: usize) -> Part {
 }
 
 /// The calls, or what was heard.
-fn calls(model: &Model, now: Micros) -> Part {
+fn calls(model: &Model, now: Instant) -> Part {
     let achieved = model.achieved(now);
     let wanted = model.rate.map_or(String::new(), |rate| format!(" of {rate}"));
     let calls = match model.asked {
@@ -189,8 +189,8 @@ fn name(text: &str) -> Span<'static> {
     Span::styled(format!("{text:<width$} ", width = NAME - 1), DIM)
 }
 
-fn millis(time: Micros) -> String {
-    format!("{:.2} ms", time.0 as f64 / 1e3)
+fn millis(time: Duration) -> String {
+    format!("{:.2} ms", time.as_micros() as f64 / 1e3)
 }
 
 /// Values, the newest first, as bars, the newest last, between the least and the greatest of them.
@@ -230,7 +230,7 @@ mod tests {
     fn screen(model: &Model, width: u16, height: u16) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal
-            .draw(|frame| draw(frame, model, Micros::from_millis(1_000)))
+            .draw(|frame| draw(frame, model, Instant::from_millis(1_000)))
             .unwrap();
         let buffer = terminal.backend().buffer();
         let cells = buffer.content().chunks(width.into());

@@ -4,7 +4,7 @@ use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
 
 use armwire::alpha1::{ServoId, Text};
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use clap::Args;
 
@@ -93,8 +93,8 @@ impl Alpha1Sim {
         let config = RobotConfig {
             hardware: self.hardware.clone().map_or(base.hardware, String::into_bytes),
             firmware: self.firmware.unwrap_or(base.firmware),
-            turnaround: Micros(self.turnaround_us),
-            idle: Micros::from_millis(self.idle_ms.into()),
+            turnaround: Duration::from_micros(self.turnaround_us),
+            idle: Duration::from_millis(self.idle_ms.into()),
             hid: self.hid,
         };
         let name = format!("Alpha1 with hardware {}", config.hardware.escape_ascii());
@@ -107,7 +107,7 @@ impl Alpha1ServoSim {
     pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
         let config = BusConfig {
             ids: self.ids.0.clone(),
-            turnaround: Micros(self.turnaround_us),
+            turnaround: Duration::from_micros(self.turnaround_us),
             echo: self.echo,
             ..BusConfig::default()
         };

@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use armwire::ling::{Kind, SerialNumber, Stroke};
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{Config, LingArm};
 use clap::Args;
@@ -66,7 +66,7 @@ impl LingSim {
         let config = Config {
             serial: self.serial.unwrap_or(base.serial),
             stroke: self.stroke,
-            turnaround: Micros(self.turnaround_us),
+            turnaround: Duration::from_micros(self.turnaround_us),
             echo: self.echo,
             ..base
         };

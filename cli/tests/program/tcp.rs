@@ -5,7 +5,7 @@ use std::net::{TcpListener, TcpStream};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use armwire_bridge::Micros;
+use armwire_bridge::time;
 use armwire_sim::ling::{Config, LingArm};
 use armwire_sim::serial::SerialDevice;
 
@@ -30,7 +30,7 @@ fn carry(mut stream: TcpStream, mut arm: LingArm) {
     let mut bytes = [0; 256];
     loop {
         let read = stream.read(&mut bytes);
-        let now = Micros(start.elapsed().as_micros() as u64);
+        let now = time::Instant::from_micros(start.elapsed().as_micros() as u64);
         match read {
             Ok(0) => return,
             Ok(n) => bytes[..n].iter().for_each(|&byte| arm.receive(now, byte)),

@@ -10,7 +10,7 @@ use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Waker;
 
-use armwire_bridge::Micros;
+use armwire_bridge::Instant;
 use critical_section::{CriticalSection, Mutex};
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 use embassy_stm32::pac::timer::vals::Urs;
@@ -66,8 +66,8 @@ pub(super) fn start() {
 /// Lets the DMA bring what goes out from `at` on, which is less than a half-turn away, or at once if that has passed.
 ///
 /// The interrupt handler does it: no task could be as punctual.
-pub(crate) fn transmit_at(at: Micros) {
-    TIMER.ccr(START).write_value(at.0 as u32);
+pub(crate) fn transmit_at(at: Instant) {
+    TIMER.ccr(START).write_value(at.as_micros() as u32);
     TIMER.sr().write(|w| {
         // Writing 0 clears, writing 1 leaves alone.
         w.0 = u32::MAX;
@@ -75,7 +75,7 @@ pub(crate) fn transmit_at(at: Micros) {
     });
     ask_for_start(true);
     // The counter may have gone past it meanwhile.
-    if CLOCK.now() >= at.0 {
+    if CLOCK.now() >= at.as_micros() {
         start_transmitting();
     }
 }

@@ -6,7 +6,7 @@ use core::future::Future;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 
-use armwire_bridge::Micros;
+use armwire_bridge::Instant;
 use armwire_bridge::config::Config;
 use armwire_bridge::store::{Error, Saved, Store};
 use armwire_fuzz::config::{any_config, any_good_config};
@@ -20,7 +20,7 @@ fuzz_target!(|input: &[u8]| {
 });
 
 /// After ten days, each save is one that time has earned.
-const UPTIME: Micros = Micros::from_millis(10 * 86_400_000);
+const UPTIME: Instant = Instant::from_millis(10 * 86_400_000);
 
 const PAGE: usize = 256;
 const SIZE: usize = 2 * PAGE;

@@ -3,13 +3,13 @@
 //! that is read the same.
 #![no_main]
 
-use armwire_bridge::Micros;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::{
     Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reader, Reason, Reply,
     Request, decode, encode, encode_cobs,
 };
 use armwire_bridge::{Action, Bridge, PACKET};
+use armwire_bridge::{Duration, Instant};
 use armwire_fuzz::config::any_request;
 use armwire_fuzz::{Arbitrary, Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
@@ -38,7 +38,7 @@ enum Step<'a> {
 
 struct Host {
     bridge: Bridge,
-    now: Micros,
+    now: Instant,
     /// What it still has to say, in packets of so many bytes.
     out: Vec<u8>,
     packet: usize,
@@ -55,7 +55,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     };
     let mut host = Host {
         bridge: Bridge::new(identity, Config::default()),
-        now: Micros(0),
+        now: Instant::ZERO,
         out: Vec::new(),
         packet: u.int_in_range(1..=PACKET)?,
         asked: Vec::new(),
@@ -73,7 +73,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             Step::Garbage(bytes) => host.say(&[bytes, &[0]].concat()),
             Step::Take(packets) => (0..packets).for_each(|_| host.take()),
             Step::Act { done } => host.act(done),
-            Step::Wait(micros) => host.wait(host.now + Micros(micros.into())),
+            Step::Wait(micros) => host.wait(host.now + Duration::from_micros(micros.into())),
         }
         host.give();
     }
@@ -115,7 +115,7 @@ impl Host {
             rest = self.reader.push(rest);
             match self.reader.next() {
                 Some(Ok(FromAdapter::Reply { sequence, reply })) => self.replies.push((sequence, reply)),
-                Some(Ok(FromAdapter::Event { at, .. })) => assert!(at.0 <= self.now.0),
+                Some(Ok(FromAdapter::Event { at, .. })) => assert!(at.0 <= self.now.as_micros()),
                 Some(Err(error)) => panic!("the adapter said what nobody reads: {error}"),
                 None => {}
             }
@@ -130,7 +130,7 @@ impl Host {
         }
     }
 
-    fn wait(&mut self, until: Micros) {
+    fn wait(&mut self, until: Instant) {
         self.now = self.now.max(until);
         self.bridge.tick(self.now);
         if let Some(line) = self.bridge.line_change() {
@@ -145,7 +145,7 @@ impl Host {
             self.give();
             (0..20).for_each(|_| self.take());
             self.act(true);
-            self.wait(self.now + Micros::from_millis(200));
+            self.wait(self.now + Duration::from_millis(200));
         }
         let mut asked: Vec<u8> = self.asked.iter().map(sequence).collect();
         let mut answered: Vec<u8> = self.replies.iter().map(|(sequence, _)| *sequence).collect();

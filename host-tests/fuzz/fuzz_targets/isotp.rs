@@ -3,9 +3,9 @@
 //! come, what is received is no longer than there is room for.
 #![no_main]
 
-use armwire_bridge::Micros;
 use armwire_bridge::can::Id;
 use armwire_bridge::isotp::{Config, Endpoint, Event, Link, SendError, SeparationTime};
+use armwire_bridge::{Duration, Instant};
 use armwire_fuzz::{Arbitrary, Result, Unstructured};
 use libfuzzer_sys::fuzz_target;
 
@@ -71,7 +71,7 @@ struct Side {
 
 struct Bus {
     sides: [Side; 2],
-    now: Micros,
+    now: Instant,
     /// Nothing was lost so far, and nothing else went wrong.
     flawless: bool,
     /// Something came that nobody sent.
@@ -86,7 +86,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
     };
     let mut bus = Bus {
         sides: [side(any_end(u, 0x600)?), side(any_end(u, 0x610)?)],
-        now: Micros(0),
+        now: Instant::ZERO,
         flawless: true,
         foreign: false,
     };
@@ -97,7 +97,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
                 bus.transmit(from.into(), fate);
             }
             Step::Release { at } => bus.sides[usize::from(at)].end.release(),
-            Step::Wait(micros) => bus.wait(bus.now + Micros(micros.into())),
+            Step::Wait(micros) => bus.wait(bus.now + Duration::from_micros(micros.into())),
             Step::WaitUntilDue => {
                 let due = bus.sides.iter().filter_map(|side| side.end.timeout()).min();
                 bus.wait(due.unwrap_or(bus.now));
@@ -216,7 +216,7 @@ impl Bus {
         self.sides[here].received = place + 1;
     }
 
-    fn wait(&mut self, until: Micros) {
+    fn wait(&mut self, until: Instant) {
         self.now = self.now.max(until);
         for at in 0..2 {
             for event in self.sides[at].end.tick(self.now) {

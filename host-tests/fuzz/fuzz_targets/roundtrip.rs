@@ -14,7 +14,6 @@ use armwire::ling::{
     TemperatureLimit, Version,
 };
 use armwire::xarm::{self, Raw, RotationRadius, SerialsText, State, VersionText, XArm};
-use armwire_bridge::Micros;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};
@@ -23,6 +22,7 @@ use armwire_bridge::control::{
     encode_cobs,
 };
 use armwire_bridge::isotp::SeparationTime;
+use armwire_bridge::time;
 use armwire_bridge::{Counters, LineCoding, Refused};
 use armwire_fuzz::config::{any_config, any_event, any_reply, any_request};
 use armwire_fuzz::line::Ear;
@@ -241,7 +241,7 @@ fn values(u: &mut Unstructured<'_>) -> Result<()> {
     }
     let byte = u.arbitrary()?;
     let gap = SeparationTime::from_byte(byte);
-    assert!(gap.to_byte() == byte || gap.micros().0 == 127_000);
+    assert!(gap.to_byte() == byte || gap.duration().as_micros() == 127_000);
     let mut cdc: [u8; 7] = u.arbitrary()?;
     if u.arbitrary()? {
         // A baud rate that there is, and most often all else.
@@ -396,7 +396,7 @@ fn small_print(u: &mut Unstructured<'_>) -> Result<()> {
     assert_eq!(Histogram::limit(bucket).is_some(), bucket < Histogram::BUCKETS - 1);
     if let Some(limit) = Histogram::limit(bucket) {
         let mut histogram = Histogram::default();
-        histogram.add(Micros(limit.0 - 1));
+        histogram.add(time::Duration::from_micros(limit.as_micros() - 1));
         assert_eq!(histogram.counts[bucket], 1);
     }
     let mut counters = Counters::default();
@@ -405,13 +405,16 @@ fn small_print(u: &mut Unstructured<'_>) -> Result<()> {
     let bytes = counters.to_bytes(&mut room).expect("there is room");
     assert_eq!(Counters::from_bytes(bytes), Ok(counters));
     match SeparationTime::from_millis(byte) {
-        Ok(gap) => assert_eq!(gap.micros(), Micros::from_millis(byte.into())),
+        Ok(gap) => assert_eq!(gap.duration(), time::Duration::from_millis(byte.into())),
         Err(error) => assert!(byte > 127 && !error.to_string().is_empty()),
     }
     match SeparationTime::from_hundreds_of_micros(byte) {
         Ok(gap) => assert_eq!(
-            (gap.micros(), gap),
-            (Micros(u64::from(byte) * 100), SeparationTime::from_byte(gap.to_byte()))
+            (gap.duration(), gap),
+            (
+                time::Duration::from_micros(u64::from(byte) * 100),
+                SeparationTime::from_byte(gap.to_byte())
+            )
         ),
         Err(error) => assert!(!(1..=9).contains(&byte) && !error.to_string().is_empty()),
     }

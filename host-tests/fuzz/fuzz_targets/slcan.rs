@@ -2,7 +2,7 @@
 //! adapter answers each line once, sends frames only while its channel is open, and tells of those that it heard.
 #![no_main]
 
-use armwire_bridge::Micros;
+use armwire_bridge::{Duration, Instant};
 use armwire_fuzz::{Arbitrary, Result, Unstructured};
 use armwire_sim::can::{Frame, Id};
 use armwire_sim::slcan::{Adapter, Commands, Replies, Reply, Status};
@@ -107,10 +107,10 @@ fn adapter(u: &mut Unstructured<'_>) -> Result<()> {
     let mut adapter = Adapter::new();
     let mut reader = Replies::default();
     let (mut line_ends, mut answers, mut told) = (0, 0, 0);
-    let (mut room, mut now) = (true, Micros(0));
+    let (mut room, mut now) = (true, Instant::ZERO);
     let mut heard = Vec::new();
     while !u.is_empty() {
-        now = now + Micros(1_001);
+        now += Duration::from_micros(1_001);
         match u.arbitrary()? {
             Step::Program(bytes) => line_ends += program(&mut adapter, bytes, room),
             Step::Line(n) => line_ends += program(&mut adapter, LINES[usize::from(n) % LINES.len()], room),

@@ -5,7 +5,6 @@ use armwire::framing::Scan;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 use armwire::time::{Duration, Instant};
-use armwire_bridge::Micros;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame};
 use armwire_bridge::can::{Frame, Function, Id};
@@ -26,7 +25,7 @@ pub struct World {
     /// The adapter.
     pub bridge: Bridge,
     /// The time.
-    pub now: Micros,
+    pub now: Instant,
     config: Config,
 
     /// All that the arm said, and the host on USB heard.
@@ -107,7 +106,7 @@ impl World {
         bridge.usb_configured(!detached);
         Self {
             bridge,
-            now: Micros(0),
+            now: Instant::ZERO,
             config,
             arm_said: Vec::new(),
             usb_heard: Vec::new(),
@@ -274,7 +273,7 @@ impl World {
     }
 
     /// Lets the bridge hear the arm. Without a frame nothing else is due than was.
-    fn hear(&mut self, hear: impl FnOnce(&mut Bridge, Micros) -> bool) {
+    fn hear(&mut self, hear: impl FnOnce(&mut Bridge, Instant) -> bool) {
         let (due, told) = (self.dues(), self.tells());
         let frame = hear(&mut self.bridge, self.now);
         // A frame before, of which it was not known yet who wants to be told, may turn out to be for nobody.
@@ -563,7 +562,7 @@ impl World {
 
     /// Lets time pass.
     pub fn wait(&mut self, micros: u64) {
-        self.now = (Instant::from(self.now) + Duration::from_micros(micros)).into();
+        self.now += Duration::from_micros(micros);
         // One tick may find that something else is late: by a second there is nothing left.
         self.bridge.tick(self.now);
         self.bridge.tick(self.now);
@@ -586,7 +585,7 @@ impl World {
             self.control.timeout(),
         ];
         let due = due.into_iter().flatten().min().unwrap_or(self.now);
-        self.wait(due.since(self.now).0);
+        self.wait(due.since(self.now).as_micros());
     }
 
     // ---- What must hold ----
@@ -644,9 +643,9 @@ impl World {
     /// Lets all that was begun end.
     fn settle(&mut self) {
         // An Alpha1 has more than a second for an answer: the line is held no longer for one of the requests that wait.
-        const HOLD: Micros = Micros::from_millis(3_000);
+        const HOLD: Duration = Duration::from_millis(3_000);
         // A lease of the line and the rate of a host without DTR last for 10 s, and replies of many CAN frames take seconds.
-        let mut end = self.now + Micros::from_millis(25_000);
+        let mut end = self.now + Duration::from_millis(25_000);
         while self.now < end {
             // A host on CAN may still ask for polls.
             self.stop_polls();
@@ -771,11 +770,11 @@ fn event_is_received(event: &isotp::Event) -> bool {
 }
 
 /// Whether it is a reply; an event is not of a time to come.
-fn is_reply(message: FromAdapter, now: Micros) -> bool {
+fn is_reply(message: FromAdapter, now: Instant) -> bool {
     match message {
         FromAdapter::Reply { .. } => true,
         FromAdapter::Event { at, .. } => {
-            assert!(at.0 <= now.0);
+            assert!(at.0 <= now.as_micros());
             false
         }
     }

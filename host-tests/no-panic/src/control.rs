@@ -2,7 +2,7 @@
 
 use core::hint::black_box;
 
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_bridge::control::{
     FromAdapter, FromHost, Histogram, MAX_MESSAGE, Message, Reader, Reply, Request, decode, encode, encode_cobs,
 };
@@ -20,7 +20,7 @@ pub(crate) fn call_all() {
     });
 
     let mut histogram = black_box(Histogram::default());
-    black_box(&mut histogram).add(black_box(Micros(0)));
+    black_box(&mut histogram).add(black_box(Duration::ZERO));
     black_box(Histogram::limit(black_box(0)));
 }
 

@@ -7,12 +7,12 @@ use armwire_bridge::can::command::{Command, Commands};
 use armwire_bridge::can::telemetry::{Errors, Sample, event_from_frame, event_to_frame};
 use armwire_bridge::can::{Frame, Id, Node};
 use armwire_bridge::control::{Event, Stamp};
-use armwire_bridge::{Counters, Micros};
+use armwire_bridge::{Counters, Duration, Instant};
 
 use crate::bytes;
 
 pub(crate) fn call_all() {
-    let now = black_box(Micros(0));
+    let now = black_box(Instant::ZERO);
     let node = black_box(Node::new(black_box(0))).unwrap_or_default();
     let id = black_box(Id::new(black_box(0))).unwrap_or(Id::MAX);
     let Ok(frame) = black_box(Frame::new_fd(id, bytes(&mut [0; 64]))) else {
@@ -48,7 +48,7 @@ pub(crate) fn call_all() {
     black_box(command.to_frames(node));
     black_box(command.target().is_ok());
 
-    let mut commands = Commands::new(node, now);
+    let mut commands = Commands::new(node, black_box(Duration::ZERO));
     let commands = black_box(&mut commands);
     black_box(commands.receive(&frame, now));
     black_box(black_box(&*commands).timeout());

@@ -2,9 +2,9 @@
 
 use core::hint::black_box;
 
-use armwire_bridge::Micros;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::isotp::{Config, Endpoint, Link, SeparationTime};
+use armwire_bridge::{Duration, Instant};
 
 use crate::bytes;
 
@@ -30,13 +30,13 @@ pub(crate) fn call_all() {
     black_box(SeparationTime::from_millis(black_box(0)).is_ok());
     black_box(SeparationTime::from_hundreds_of_micros(black_box(1)).is_ok());
     let st_min = SeparationTime::from_byte(black_box(0));
-    black_box((st_min.to_byte(), st_min.micros()));
+    black_box((st_min.to_byte(), st_min.duration()));
     let config = Config {
         block_size: black_box(0),
         st_min,
-        n_as: Micros(black_box(0)),
-        n_bs: Micros(black_box(0)),
-        n_cr: Micros(black_box(0)),
+        n_as: Duration::from_micros(black_box(0)),
+        n_bs: Duration::from_micros(black_box(0)),
+        n_cr: Duration::from_micros(black_box(0)),
         max_waits: black_box(0),
         ..Config::new(black_box(Link::Classic), id)
     };
@@ -46,7 +46,7 @@ pub(crate) fn call_all() {
 }
 
 fn call<const RX: usize, const TX: usize>(config: Config) {
-    let now = black_box(Micros(0));
+    let now = black_box(Instant::ZERO);
     let mut endpoint = Endpoint::<RX, TX>::new(config);
     let endpoint = black_box(&mut endpoint);
     for event in endpoint.receive(bytes(&mut [0; 100]), now) {

@@ -70,6 +70,7 @@ extern "C" fn _start() {
         isotp::call_all();
     }
     black_box(black_box(Instant::ZERO) + black_box(Duration::from_millis(black_box(0))));
+    black_box(black_box(Instant::from_millis(black_box(0))) - black_box(Duration::ZERO));
     black_box(black_box(Instant::ZERO).since(black_box(Instant::ZERO)) + black_box(Duration::ZERO));
     if cfg!(feature = "prove-panic") {
         black_box([1, 2, 3][black_box(3)]);

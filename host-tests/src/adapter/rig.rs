@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use armwire::ling::{self, Ling, MAX_FRAME};
 use armwire::messages::Messages;
-use armwire_bridge::Micros;
+use armwire_bridge::Instant;
 use armwire_bridge::can::command::Command;
 use armwire_bridge::can::{Frame, Function, Node};
 use armwire_bridge::config::Config;
@@ -115,8 +115,8 @@ impl Rig {
         }
     }
 
-    fn time(&self) -> Micros {
-        Micros(self.now)
+    fn time(&self) -> Instant {
+        Instant::from_micros(self.now)
     }
 
     /// Lets time pass until `end`.
@@ -129,13 +129,13 @@ impl Rig {
             let later = |at: u64| (at > self.now).then_some(at);
             let next = [
                 self.arm.timeout(),
-                self.bridge.timeout().map(|at| at.0),
+                self.bridge.timeout().map(|at| at.as_micros()),
                 self.idle,
                 Some(self.looks),
                 later(self.uart_is_free),
                 later(self.bus_is_free),
-                self.can.transmit_at().map(|at| at.0).and_then(later),
-                self.can.timeout().map(|at| at.0),
+                self.can.transmit_at().map(|at| at.as_micros()).and_then(later),
+                self.can.timeout().map(|at| at.as_micros()),
             ];
             let next = next.into_iter().flatten().min().unwrap_or(end).max(self.now);
             if next > end {
@@ -188,8 +188,8 @@ impl Rig {
             true => bytes.split_at(self.random.between(1, bytes.len() as u64 - 1) as usize),
             false => bytes.split_at(0),
         };
-        let early = Micros(at - byte_times(tail.len()));
-        for (bytes, at) in [(head, early), (tail, Micros(at))] {
+        let early = Instant::from_micros(at - byte_times(tail.len()));
+        for (bytes, at) in [(head, early), (tail, Instant::from_micros(at))] {
             if !bytes.is_empty() {
                 self.bridge.uart_received(bytes, at);
                 self.hear_control();
@@ -280,7 +280,7 @@ impl Rig {
             .into_iter()
             .find(|(_, has)| *has)
             .map_or(Initiator::Usb, |(initiator, _)| initiator);
-        let start = burst.start.map_or(self.now, |at| at.0);
+        let start = burst.start.map_or(self.now, |at| at.as_micros());
         let bytes = &out[..burst.len];
         self.uart_is_free = start + (burst.len as u64 * nanos_a_byte(self.baud)).div_ceil(1_000);
         self.tell(|| format!("{initiator} at {start}: {bytes:02X?}"));
@@ -388,7 +388,10 @@ impl Rig {
             refused => self.oracle.usb_is_dropped(refused),
         }
         let mut packet = [0; PACKET];
-        while let Some(len) = self.bridge.control_transmit(&mut packet, Micros(self.now)) {
+        while let Some(len) = self
+            .bridge
+            .control_transmit(&mut packet, Instant::from_micros(self.now))
+        {
             let mut rest = &packet[..len];
             while !rest.is_empty() {
                 rest = self.replies.push(rest);
@@ -577,7 +580,7 @@ impl Rig {
         }
         let mut line: Vec<u8> = Vec::new();
         let mut out = [0; MAX_FRAME];
-        while let Some(burst) = self.bridge.uart_transmit(&mut out, Micros(0)) {
+        while let Some(burst) = self.bridge.uart_transmit(&mut out, Instant::ZERO) {
             line.extend(&out[..burst.len]);
         }
         let expected = if is_armed {

@@ -47,7 +47,7 @@ impl CanProgram {
     ///
     /// If a transfer fails.
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) -> Option<Vec<u8>> {
-        let now = board.now().micros();
+        let now = board.now().instant();
         for frame in board.can().read() {
             if frame.id() != Function::ArmAnswer.id(self.node) {
                 continue;

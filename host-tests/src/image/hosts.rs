@@ -300,7 +300,7 @@ impl CanHost {
 
     /// Does what is due on the bus and asks anew.
     pub fn poll<A: Arm>(&mut self, board: &mut VirtualBoard<A>) {
-        let now = board.now().micros();
+        let now = board.now().instant();
         let frames = board.can().read();
         if self.hangs {
             return;

@@ -20,7 +20,7 @@ mod witness;
 use std::env;
 use std::path::PathBuf;
 
-use armwire_bridge::{Counters, Micros};
+use armwire_bridge::{Counters, Duration};
 use armwire_virtual_board::line::{Arm, Direction, Fault, LineByte, Outcome};
 use armwire_virtual_board::usb::cdc::LineCoding;
 use armwire_virtual_board::usb::host::Request;
@@ -41,7 +41,7 @@ pub use witness::{Deeds, Ticket, Witness, joint_answer};
 pub const MEGABAUD: u32 = 1_000_000;
 
 /// Longer than anything waits in the adapter, at 115200 baud and above.
-const SETTLING: Micros = Micros::from_millis(10);
+const SETTLING: Duration = Duration::from_millis(10);
 
 /// The firmware image.
 ///

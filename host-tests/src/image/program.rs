@@ -4,12 +4,12 @@ use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 use armwire::time::Instant;
 use armwire::{Client, Config, Event, Output};
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_virtual_board::line::Arm;
 use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 
 /// From the last stop bit of a request until an arm without an answer has obeyed it.
-const OBEYED: Micros = Micros::from_millis(1);
+const OBEYED: Duration = Duration::from_millis(1);
 
 /// A program that talks to a Ling arm.
 pub type Program = ProgramOf<Ling, { ling::MAX_FRAME }>;
@@ -76,14 +76,14 @@ impl<P: Messages + Default, const N: usize> ProgramOf<P, N> {
         self.answer.1 = self.client.messages().request(&frame[..len]).unwrap().expect;
         let mut bytes = Vec::new();
         loop {
-            let now = Instant::from(board.now().micros());
+            let now = board.now().instant();
             let left = self.client.receive(now, &bytes).len();
             bytes.drain(..bytes.len() - left);
             match self.client.poll(now) {
                 Output::Transmit(out) => {
                     let n = out.len();
                     board.usb().write(out).unwrap();
-                    self.client.transmitted(board.now().micros().into(), n).unwrap();
+                    self.client.transmitted(board.now().instant(), n).unwrap();
                 }
                 Output::Timeout(until) => bytes.extend(listen(board, until)),
                 Output::Event(Event::Answer(response)) => {
@@ -116,8 +116,8 @@ impl<P: Messages + Default, const N: usize> ProgramOf<P, N> {
 
 /// Runs until there are bytes from the adapter, or it is this late.
 fn listen<A: Arm>(board: &mut VirtualBoard<A>, until: Option<Instant>) -> Vec<u8> {
-    let until = until.map_or(Micros(0), Micros::from);
-    let limit = until.since(board.now().micros());
+    let until = until.map_or(Instant::ZERO, Instant::from);
+    let limit = until.since(board.now().instant());
     match board.run_until(limit, |board| board.usb().unread() > 0) {
         Ok(_) | Err(Error::TimedOut { .. }) => board.usb().read(),
         Err(error) => panic!("{error}"),

@@ -3,7 +3,7 @@
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{self, Config, Poll};
 use armwire_bridge::control::Request;
-use armwire_bridge::{Counters, Micros};
+use armwire_bridge::{Counters, Duration};
 use armwire_virtual_board::{Config as BoardConfig, Nanos, Timing, VirtualBoard};
 
 use super::{
@@ -51,7 +51,7 @@ pub fn polled(hertz: u16) -> Config {
 /// # Panics
 ///
 /// As [`on_board_with`].
-pub fn session<R>(turnaround: Micros, config: Config, test: impl FnOnce(&mut Session<'_>) -> R) -> R {
+pub fn session<R>(turnaround: Duration, config: Config, test: impl FnOnce(&mut Session<'_>) -> R) -> R {
     let slow = BoardConfig {
         timing: Timing::Drawn,
         ..BoardConfig::new(path(), Witness::new(turnaround))

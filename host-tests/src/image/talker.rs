@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::mem;
 
-use armwire_bridge::Micros;
+use armwire_bridge::Instant;
 use armwire_sim::serial::SerialDevice;
 
 /// Says what it is told, without a pause, and keeps what it hears.
@@ -26,15 +26,15 @@ impl Talker {
 }
 
 impl SerialDevice for Talker {
-    fn receive(&mut self, _: Micros, byte: u8) {
+    fn receive(&mut self, _: Instant, byte: u8) {
         self.heard.push(byte);
     }
 
-    fn transmit(&mut self, _: Micros) -> Option<u8> {
+    fn transmit(&mut self, _: Instant) -> Option<u8> {
         self.says.pop_front()
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
-        (!self.says.is_empty()).then_some(Micros(0))
+    fn poll_timeout(&self) -> Option<Instant> {
+        (!self.says.is_empty()).then_some(Instant::ZERO)
     }
 }

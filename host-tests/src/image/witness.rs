@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Frame, JOINTS, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire::messages::Messages;
-use armwire_bridge::Micros;
+use armwire_bridge::{Duration, Instant};
 use armwire_sim::serial::SerialDevice;
 
 /// Command and function of the question where the joints are. All [tickets](Ticket) have them too, so that only what is in
@@ -30,7 +30,7 @@ const TICK_BITS: u32 = 12;
 
 /// How long the line must be quiet for the arm to give half a frame up: longer than the adapter lets a host pause in the
 /// middle of a request, shorter than it waits for an answer. How long a real one waits is not known.
-const PATIENCE: Micros = Micros::from_millis(20);
+const PATIENCE: Duration = Duration::from_millis(20);
 
 /// A request that is like no other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,14 +74,14 @@ pub(super) fn number_in(state: &JointState) -> u32 {
 #[derive(Debug)]
 pub struct Witness {
     /// How long it thinks.
-    turnaround: Micros,
+    turnaround: Duration,
     silent: bool,
     decoder: Decoder<MAX_FRAME>,
     /// When it last heard a byte, and when it looks next whether the line has been quiet since.
-    heard: Micros,
-    looks: Option<Micros>,
+    heard: Instant,
+    looks: Option<Instant>,
     /// Each byte, and from when on it may be said.
-    says: VecDeque<(Micros, u8)>,
+    says: VecDeque<(Instant, u8)>,
     deeds: Deeds,
     others: Vec<Vec<u8>>,
 }
@@ -132,12 +132,12 @@ impl Deeds {
 
 impl Witness {
     /// An arm that thinks for `turnaround` before each answer.
-    pub fn new(turnaround: Micros) -> Self {
+    pub fn new(turnaround: Duration) -> Self {
         Self {
             turnaround,
             silent: false,
             decoder: Decoder::new(),
-            heard: Micros(0),
+            heard: Instant::ZERO,
             looks: None,
             says: VecDeque::new(),
             deeds: Deeds::default(),
@@ -152,7 +152,7 @@ impl Witness {
 
     /// Says `bytes` unasked, after what it has still to say.
     pub fn say(&mut self, bytes: &[u8]) {
-        self.put(Micros(0), bytes);
+        self.put(Instant::ZERO, bytes);
     }
 
     /// Starts it anew, as its own watchdog would: what it has still to say it never says.
@@ -177,13 +177,13 @@ impl Witness {
         std::mem::take(&mut self.others)
     }
 
-    fn put(&mut self, due: Micros, bytes: &[u8]) {
+    fn put(&mut self, due: Instant, bytes: &[u8]) {
         self.deeds.bytes_said += bytes.len() as u32;
         self.says.extend(bytes.iter().map(|&byte| (due, byte)));
     }
 
     /// Lets time pass: half a frame is given up once the line has been quiet.
-    fn advance(&mut self, now: Micros) {
+    fn advance(&mut self, now: Instant) {
         if self.looks.take_if(|at| *at <= now).is_none() {
             return;
         }
@@ -197,7 +197,7 @@ impl Witness {
     }
 
     /// Does what is asked in the bytes that it has.
-    fn hear(&mut self, now: Micros) {
+    fn hear(&mut self, now: Instant) {
         while let Some(item) = self.decoder.next(&Ling, ()) {
             let bytes = item.bytes.to_vec();
             let Some(frame) = Frame::parse(&bytes).filter(|_| item.kind == Kind::Frame) else {
@@ -234,7 +234,7 @@ impl Witness {
 }
 
 impl SerialDevice for Witness {
-    fn receive(&mut self, now: Micros, byte: u8) {
+    fn receive(&mut self, now: Instant, byte: u8) {
         self.advance(now);
         self.deeds.bytes_heard += 1;
         self.heard = now;
@@ -243,12 +243,12 @@ impl SerialDevice for Witness {
         self.hear(now);
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.advance(now);
         self.says.pop_front_if(|(due, _)| *due <= now).map(|(_, byte)| byte)
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         let says = self.says.front().map(|&(due, _)| due);
         [says, self.looks].into_iter().flatten().min()
     }
@@ -300,14 +300,14 @@ mod tests {
 
     #[test]
     fn half_a_frame_is_given_up_in_silence_and_what_seemed_its_rest_is_answered() {
-        let mut witness = Witness::new(Micros(500));
+        let mut witness = Witness::new(Duration::from_micros(500));
         let [first, second] = [0, 1].map(|number| Ticket { initiator: USB, number }.request());
         let mut longer = first;
         longer[3] |= 0x20;
         for byte in longer.into_iter().chain(second) {
-            witness.receive(Micros(100), byte);
+            witness.receive(Instant::from_micros(100), byte);
         }
-        assert_eq!(witness.transmit(Micros(100) + PATIENCE), None);
+        assert_eq!(witness.transmit(Instant::from_micros(100) + PATIENCE), None);
         assert_eq!((witness.deeds().tickets_of_usb(), witness.deeds().noise_bytes), (1, 11));
         assert!(witness.is_talking());
     }

@@ -4,7 +4,7 @@
 //! one leg and 12 to 16 the other; standing, all are in the middle.
 
 use armwire::alpha1::Angle;
-use armwire_bridge::Micros;
+use armwire::time::Duration;
 
 use super::SERVOS;
 
@@ -13,9 +13,9 @@ use super::SERVOS;
 pub(super) struct Pose {
     pub(super) angles: [Angle; SERVOS],
     /// How long they take.
-    pub(super) duration: Micros,
+    pub(super) duration: Duration,
     /// From the start of this pose to that of the next, or the end of the action.
-    pub(super) interval: Micros,
+    pub(super) interval: Duration,
 }
 
 /// A sequence of poses with a name.
@@ -69,8 +69,8 @@ const fn pose(changes: &[(usize, u8)], duration: u64, interval: u64) -> Pose {
     }
     Pose {
         angles,
-        duration: Micros::from_millis(duration),
-        interval: Micros::from_millis(interval),
+        duration: Duration::from_millis(duration),
+        interval: Duration::from_millis(interval),
     }
 }
 

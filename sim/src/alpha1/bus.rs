@@ -2,7 +2,7 @@
 
 use armwire::alpha1::{Alpha1, Request, ServoId};
 use armwire::messages::Messages;
-use armwire_bridge::Micros;
+use armwire::time::{Duration, Instant};
 
 use super::SERVOS;
 use super::chain::Chain;
@@ -25,10 +25,10 @@ pub struct BusConfig {
     /// bit.
     pub ids: Vec<ServoId>,
     /// From the last stop bit of a request to the first start bit of its answer. A real servo answers within 400 µs.
-    pub turnaround: Micros,
+    pub turnaround: Duration,
     /// How long the line must be silent for a frame that waits for its end to be given up. The real servo's patience is
     /// not known.
-    pub idle: Micros,
+    pub idle: Duration,
     /// Whether every byte received comes back at once, as it does to a host on the same wire.
     pub echo: bool,
 }
@@ -38,8 +38,8 @@ impl Default for BusConfig {
     fn default() -> Self {
         Self {
             ids: (1..=SERVOS as u8).filter_map(|id| ServoId::new(id).ok()).collect(),
-            turnaround: Micros(200),
-            idle: Micros::from_millis(5),
+            turnaround: Duration::from_micros(200),
+            idle: Duration::from_millis(5),
             echo: false,
         }
     }
@@ -50,16 +50,16 @@ impl Default for BusConfig {
 /// They hear nothing while one of them is talking, and know no requests but those to servos.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire::time::Instant;
 /// use armwire_sim::alpha1::{BusConfig, ServoBus};
 /// use armwire_sim::serial::SerialDevice;
 ///
 /// let mut bus = ServoBus::new(BusConfig::default());
 /// for byte in [0xFA, 0xAF, 0x01, 0x01, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED] {
-///     bus.receive(Micros(0), byte); // servo 1 to 90° in 1 s
+///     bus.receive(Instant::ZERO, byte); // servo 1 to 90° in 1 s
 /// }
-/// assert_eq!(bus.transmit(Micros(199)), None);
-/// assert_eq!(bus.transmit(Micros(200)), Some(0xAB));
+/// assert_eq!(bus.transmit(Instant::from_micros(199)), None);
+/// assert_eq!(bus.transmit(Instant::from_micros(200)), Some(0xAB));
 /// ```
 #[derive(Debug)]
 pub struct ServoBus {
@@ -92,7 +92,7 @@ impl ServoBus {
         self.port.counters
     }
 
-    fn hear(&mut self, now: Micros) {
+    fn hear(&mut self, now: Instant) {
         while let Some(frame) = self.port.next_request() {
             let answer = match Alpha1.parse_request(&frame) {
                 Ok(Request::Servo(request)) => self.chain.obey(now, &request),
@@ -102,7 +102,7 @@ impl ServoBus {
         }
     }
 
-    fn advance(&mut self, now: Micros) {
+    fn advance(&mut self, now: Instant) {
         if let Some(idle_at) = self.port.take_idle(now) {
             self.port.idle();
             self.hear(idle_at);
@@ -111,18 +111,18 @@ impl ServoBus {
 }
 
 impl SerialDevice for ServoBus {
-    fn receive(&mut self, now: Micros, byte: u8) {
+    fn receive(&mut self, now: Instant, byte: u8) {
         self.advance(now);
         self.port.receive(now, byte);
         self.hear(now);
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.advance(now);
         self.port.transmit(now)
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         self.port.poll_timeout()
     }
 }

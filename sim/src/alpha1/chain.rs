@@ -2,7 +2,7 @@
 
 use armwire::alpha1::{Alpha1, MAX_FRAME, Response, ServoId, ServoRequest};
 use armwire::messages::Messages;
-use armwire_bridge::Micros;
+use armwire::time::Instant;
 
 use super::servo::Servo;
 
@@ -27,7 +27,7 @@ impl Chain {
     ///
     /// Two servos with one id answer at once, and the wire is low whenever one of them pulls it low: what arrives is
     /// what both say, bit by bit.
-    pub(super) fn obey(&mut self, now: Micros, request: &ServoRequest) -> Option<Vec<u8>> {
+    pub(super) fn obey(&mut self, now: Instant, request: &ServoRequest) -> Option<Vec<u8>> {
         let answers = self.0.iter_mut().filter_map(|servo| servo.obey(now, request));
         answers.map(|answer| encode(&Response::Servo(answer))).reduce(and)
     }

@@ -6,7 +6,7 @@ use armwire::alpha1::{Alpha1, Expect, MAX_FRAME, Outcome, hid};
 use armwire::decoder::{Decoder, Kind as ItemKind};
 use armwire::dialect::Dialect;
 use armwire::messages::Messages;
-use armwire_bridge::Micros;
+use armwire::time::{Duration, Instant};
 
 use crate::serial::Counters;
 
@@ -27,7 +27,7 @@ pub(super) enum Kind {
 /// An answer that waits for the line or is on it.
 #[derive(Debug)]
 struct Reply {
-    due: Micros,
+    due: Instant,
     bytes: Vec<u8>,
     sent: usize,
 }
@@ -35,19 +35,19 @@ struct Reply {
 #[derive(Debug)]
 pub(super) struct Port {
     kind: Kind,
-    turnaround: Micros,
+    turnaround: Duration,
     /// How long the line must be silent for a frame that waits for its end to be given up.
-    idle: Micros,
+    idle: Duration,
     decoder: Decoder<MAX_FRAME>,
     /// When the line counts as idle, if it is not known to be.
-    idle_at: Option<Micros>,
+    idle_at: Option<Instant>,
     echo: VecDeque<u8>,
     replies: VecDeque<Reply>,
     pub(super) counters: Counters,
 }
 
 impl Port {
-    pub(super) fn new(kind: Kind, turnaround: Micros, idle: Micros) -> Self {
+    pub(super) fn new(kind: Kind, turnaround: Duration, idle: Duration) -> Self {
         Self {
             kind,
             turnaround,
@@ -61,7 +61,7 @@ impl Port {
     }
 
     /// Takes a byte, unless it cannot be heard: on a single wire it cannot while an answer is on it.
-    pub(super) fn receive(&mut self, now: Micros, byte: u8) {
+    pub(super) fn receive(&mut self, now: Instant, byte: u8) {
         self.counters.bytes += 1;
         if let Kind::SingleWire { echo } = self.kind {
             if self.is_talking() {
@@ -83,7 +83,7 @@ impl Port {
     }
 
     /// The time at which the line became idle, if it has by now; once.
-    pub(super) fn take_idle(&mut self, now: Micros) -> Option<Micros> {
+    pub(super) fn take_idle(&mut self, now: Instant) -> Option<Instant> {
         self.idle_at.take_if(|idle_at| *idle_at <= now)
     }
 
@@ -110,7 +110,7 @@ impl Port {
     }
 
     /// Queues the answer to a request that was heard at `now`, if there is one.
-    pub(super) fn reply(&mut self, now: Micros, request: &[u8], answer: Option<Vec<u8>>) {
+    pub(super) fn reply(&mut self, now: Instant, request: &[u8], answer: Option<Vec<u8>>) {
         let Some(mut bytes) = answer else {
             let answered = Alpha1.request(request).is_some_and(|info| info.response.is_some());
             self.counters.refused += u64::from(answered);
@@ -132,7 +132,7 @@ impl Port {
     }
 
     /// The next byte to put on the line, if one may start at `now`.
-    pub(super) fn transmit(&mut self, now: Micros) -> Option<u8> {
+    pub(super) fn transmit(&mut self, now: Instant) -> Option<u8> {
         // An echo waits for the end of an answer that is on the line.
         if !self.is_talking()
             && let Some(byte) = self.echo.pop_front()
@@ -152,8 +152,8 @@ impl Port {
         Some(byte)
     }
 
-    pub(super) fn poll_timeout(&self) -> Option<Micros> {
-        let echo = (!self.echo.is_empty()).then_some(Micros(0));
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        let echo = (!self.echo.is_empty()).then_some(Instant::ZERO);
         let reply = self.replies.front().map(|reply| reply.due);
         [echo, reply, self.idle_at].into_iter().flatten().min()
     }

@@ -19,7 +19,7 @@ use armwire::alpha1::{
     Text, UsbType,
 };
 use armwire::messages::Messages;
-use armwire_bridge::Micros;
+use armwire::time::{Duration, Instant};
 
 use super::SERVOS;
 use super::action::{NamedAction, Pose, STANDING};
@@ -43,11 +43,11 @@ pub struct RobotConfig {
     pub firmware: [u8; 10],
     /// From the last stop bit of a request, or the last byte of the answer before, to the first start bit of its
     /// answer.
-    pub turnaround: Micros,
+    pub turnaround: Duration,
     /// How long the line must be silent for a frame that waits for its end to be given up. The real robot's patience is
     /// not known. On USB a host that is held up pauses inside a request, so this is long: as long as a host waits for
     /// what a robot has at hand.
-    pub idle: Micros,
+    pub idle: Duration,
     /// Whether each answer is in USB HID reports, filled up with zeros to 64 bytes. Requests may be so in any case.
     pub hid: bool,
 }
@@ -58,8 +58,8 @@ impl Default for RobotConfig {
         Self {
             hardware: b"Alpha1_V2.0".to_vec(),
             firmware: OLDEST_FIRMWARE,
-            turnaround: Micros::from_millis(1),
-            idle: Micros::from_millis(100),
+            turnaround: Duration::from_millis(1),
+            idle: Duration::from_millis(100),
             hid: false,
         }
     }
@@ -72,7 +72,7 @@ struct Playing {
     /// The poses to come.
     poses: slice::Iter<'static, Pose>,
     /// When the next one is due, or the action is over.
-    due: Micros,
+    due: Instant,
 }
 
 /// A virtual Alpha1, switched on at time zero.
@@ -80,16 +80,16 @@ struct Playing {
 /// It is deterministic: what it does depends on the bytes it receives and when, and not on how often it is polled.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire::time::Instant;
 /// use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
 /// use armwire_sim::serial::SerialDevice;
 ///
 /// let mut robot = Alpha1Robot::new(RobotConfig::default());
 /// for byte in [0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED] {
-///     robot.receive(Micros(0), byte); // stop playing
+///     robot.receive(Instant::ZERO, byte); // stop playing
 /// }
-/// assert_eq!(robot.transmit(Micros(999)), None);
-/// let answer: Vec<_> = std::iter::from_fn(|| robot.transmit(Micros(1_000))).collect();
+/// assert_eq!(robot.transmit(Instant::from_micros(999)), None);
+/// let answer: Vec<_> = std::iter::from_fn(|| robot.transmit(Instant::from_micros(1_000))).collect();
 /// assert_eq!(answer, [0xF2, 0x2F, 0xAA, 0xED]);
 /// ```
 #[derive(Debug)]
@@ -99,7 +99,7 @@ pub struct Alpha1Robot {
     chain: Chain,
     playing: Option<Playing>,
     /// Before this no debug action is taken.
-    taken_from: Micros,
+    taken_from: Instant,
     offset_tool: OffsetTool,
     usb: UsbType,
 }
@@ -118,20 +118,20 @@ impl Alpha1Robot {
             port: Port::new(kind, config.turnaround, config.idle),
             chain: Chain::new(ids),
             playing: None,
-            taken_from: Micros(0),
+            taken_from: Instant::ZERO,
             offset_tool: OffsetTool::Disconnect,
             usb: if config.hid { UsbType::Hid } else { UsbType::SerialPort },
             config,
         };
         for (servo, angle) in robot.chain.servos_mut().iter_mut().zip(STANDING) {
-            servo.go(Micros(0), angle, Micros(0), Micros(0));
+            servo.go(Instant::ZERO, angle, Duration::ZERO, Duration::ZERO);
         }
         robot
     }
 
     /// Lets time pass, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do: what the
     /// methods below tell is the state at the last time given.
-    pub fn advance(&mut self, now: Micros) {
+    pub fn advance(&mut self, now: Instant) {
         if let Some(idle_at) = self.port.take_idle(now) {
             self.port.idle();
             self.hear(idle_at);
@@ -169,7 +169,7 @@ impl Alpha1Robot {
         self.port.counters
     }
 
-    fn hear(&mut self, now: Micros) {
+    fn hear(&mut self, now: Instant) {
         self.play(now);
         while let Some(frame) = self.port.next_request() {
             let request = Alpha1.parse_request(&frame);
@@ -179,7 +179,7 @@ impl Alpha1Robot {
     }
 
     /// Does what is asked and returns the answer, if there is one.
-    fn obey(&mut self, now: Micros, request: &Request<'_>) -> Option<Vec<u8>> {
+    fn obey(&mut self, now: Instant, request: &Request<'_>) -> Option<Vec<u8>> {
         let response = match *request {
             Request::ReadHardwareVersion => {
                 let version = Text::new(&self.config.hardware).ok()?;
@@ -223,7 +223,7 @@ impl Alpha1Robot {
     }
 
     /// Starts the debug action, if it may and can. Returns whether it does.
-    fn act(&mut self, now: Micros, action: &Action) -> bool {
+    fn act(&mut self, now: Instant, action: &Action) -> bool {
         let mut moves = self.servos().iter().zip(action.angles);
         let can = moves.all(|(servo, angle)| angle.is_none_or(|angle| servo.can_go(angle)));
         if !can || now < self.taken_from {
@@ -240,7 +240,7 @@ impl Alpha1Robot {
         true
     }
 
-    fn stop(&mut self, now: Micros) {
+    fn stop(&mut self, now: Instant) {
         self.playing = None;
         self.taken_from = now;
         for servo in self.chain.servos_mut() {
@@ -249,7 +249,7 @@ impl Alpha1Robot {
     }
 
     /// Starts an action, if there is one of this name. Returns whether there is.
-    fn start(&mut self, now: Micros, name: Text<'_>) -> bool {
+    fn start(&mut self, now: Instant, name: Text<'_>) -> bool {
         let Some(action) = NamedAction::find(name.as_bytes()) else {
             return false;
         };
@@ -263,7 +263,7 @@ impl Alpha1Robot {
     }
 
     /// Takes all poses that are due, each at its time.
-    fn play(&mut self, now: Micros) {
+    fn play(&mut self, now: Instant) {
         while let Some(playing) = self.playing.as_mut().filter(|playing| playing.due <= now) {
             let start = playing.due;
             let Some(pose) = playing.poses.next() else {
@@ -280,18 +280,18 @@ impl Alpha1Robot {
 }
 
 impl SerialDevice for Alpha1Robot {
-    fn receive(&mut self, now: Micros, byte: u8) {
+    fn receive(&mut self, now: Instant, byte: u8) {
         self.advance(now);
         self.port.receive(now, byte);
         self.hear(now);
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.advance(now);
         self.port.transmit(now)
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         self.port.poll_timeout()
     }
 }

@@ -15,7 +15,7 @@
 use std::time::Duration;
 
 use armwire::alpha1::{Address, Angle, Led, Offset, Outcome, ServoId, ServoRequest, ServoResponse};
-use armwire_bridge::Micros;
+use armwire::time;
 
 /// The version that a servo tells, as in the manual's example.
 const VERSION: [u8; 4] = [0x41, 0x16, 0x51, 0x01];
@@ -30,9 +30,9 @@ const MAX: i64 = 240 * DEGREE;
 struct Turn {
     from: i64,
     to: i64,
-    start: Micros,
+    start: time::Instant,
     /// 5.1 s at most.
-    span: Micros,
+    span: time::Duration,
 }
 
 impl Turn {
@@ -40,20 +40,20 @@ impl Turn {
         Self {
             from: at,
             to: at,
-            start: Micros(0),
-            span: Micros(0),
+            start: time::Instant::ZERO,
+            span: time::Duration::ZERO,
         }
     }
 
-    fn at(&self, now: Micros) -> i64 {
+    fn at(&self, now: time::Instant) -> i64 {
         let elapsed = now.since(self.start);
         if elapsed >= self.span {
             return self.to;
         }
-        self.from + (self.to - self.from) * elapsed.0 as i64 / self.span.0 as i64
+        self.from + (self.to - self.from) * elapsed.as_micros() as i64 / self.span.as_micros() as i64
     }
 
-    fn end(&self) -> Micros {
+    fn end(&self) -> time::Instant {
         self.start + self.span
     }
 }
@@ -70,7 +70,7 @@ pub struct Servo {
     faulty: bool,
     turn: Turn,
     /// When it is done with what it was last told.
-    done: Micros,
+    done: time::Instant,
 }
 
 impl Servo {
@@ -84,7 +84,7 @@ impl Servo {
             running: false,
             faulty: false,
             turn: Turn::rest(90 * DEGREE),
-            done: Micros(0),
+            done: time::Instant::ZERO,
         }
     }
 
@@ -94,12 +94,12 @@ impl Servo {
     }
 
     /// Its angle, in degrees.
-    pub fn angle(&self, now: Micros) -> f64 {
+    pub fn angle(&self, now: time::Instant) -> f64 {
         self.turn.at(now) as f64 / DEGREE as f64
     }
 
     /// Where its horn is against the housing, in degrees: its angle and its offset.
-    pub fn horn(&self, now: Micros) -> f64 {
+    pub fn horn(&self, now: time::Instant) -> f64 {
         self.angle(now) + f64::from(self.offset.thirds()) / 3.0
     }
 
@@ -114,12 +114,12 @@ impl Servo {
     }
 
     /// Whether it moves.
-    pub fn is_moving(&self, now: Micros) -> bool {
+    pub fn is_moving(&self, now: time::Instant) -> bool {
         now < self.turn.end()
     }
 
     /// Whether it moves, or the completion time of its last move is not over.
-    pub fn is_busy(&self, now: Micros) -> bool {
+    pub fn is_busy(&self, now: time::Instant) -> bool {
         now < self.done
     }
 
@@ -155,7 +155,7 @@ impl Servo {
     }
 
     /// Goes to an angle and holds it. Returns whether it obeys.
-    pub(super) fn go(&mut self, now: Micros, angle: Angle, span: Micros, lock: Micros) -> bool {
+    pub(super) fn go(&mut self, now: time::Instant, angle: Angle, span: time::Duration, lock: time::Duration) -> bool {
         let Some(degrees) = angle.degrees().filter(|_| !self.faulty) else {
             return false;
         };
@@ -171,13 +171,13 @@ impl Servo {
     }
 
     /// Stays where it is. If it holds, it goes on holding.
-    pub(super) fn stop(&mut self, now: Micros) {
+    pub(super) fn stop(&mut self, now: time::Instant) {
         self.turn = Turn::rest(self.turn.at(now));
         self.done = now;
     }
 
     /// Does what is asked and returns its answer: `None` if another is meant, or all are, or it cannot say no.
-    pub(super) fn obey(&mut self, now: Micros, request: &ServoRequest) -> Option<ServoResponse> {
+    pub(super) fn obey(&mut self, now: time::Instant, request: &ServoRequest) -> Option<ServoResponse> {
         match *request {
             ServoRequest::Move { to, angle, time, lock } => self.acknowledge(to, |servo| {
                 servo.go(now, angle, micros(time.duration()), micros(lock.duration()))
@@ -252,12 +252,12 @@ impl Servo {
         }
     }
 
-    fn release(&mut self, now: Micros) {
+    fn release(&mut self, now: time::Instant) {
         self.stop(now);
         self.running = false;
     }
 
-    fn set_offset(&mut self, now: Micros, offset: Offset) {
+    fn set_offset(&mut self, now: time::Instant, offset: Offset) {
         if !self.running {
             let shift = i64::from(self.offset.thirds() - offset.thirds()) * THIRD;
             self.turn = Turn::rest((self.turn.at(now) + shift).clamp(0, MAX));
@@ -267,6 +267,6 @@ impl Servo {
 }
 
 /// A duration of the wire, which is at most 1310.7 s, in microseconds.
-pub(super) fn micros(duration: Duration) -> Micros {
-    Micros(duration.as_micros() as u64)
+pub(super) fn micros(duration: Duration) -> time::Duration {
+    time::Duration::from_micros(duration.as_micros() as u64)
 }

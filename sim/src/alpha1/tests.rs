@@ -12,7 +12,7 @@ use armwire::alpha1::{
 use armwire::decoder::{Decoder, Kind};
 use armwire::dialect::Dialect;
 use armwire::messages::Messages;
-use armwire_bridge::Micros;
+use armwire::time;
 use oorandom::Rand32;
 use proptest::prelude::*;
 
@@ -58,8 +58,8 @@ fn name(name: &str) -> Text<'_> {
     Text::new(name.as_bytes()).unwrap()
 }
 
-fn millis(millis: u64) -> Micros {
-    Micros::from_millis(millis)
+fn millis(millis: u64) -> time::Duration {
+    time::Duration::from_millis(millis)
 }
 
 /// All 20 servos to one angle.
@@ -92,19 +92,19 @@ fn played(outcome: Outcome) -> Result<Option<Response<'static>>, Silence> {
     Ok(Some(Response::Playing(outcome)))
 }
 
-fn angles(servos: &[Servo], now: Micros) -> Vec<f64> {
+fn angles(servos: &[Servo], now: time::Instant) -> Vec<f64> {
     servos.iter().map(|servo| servo.angle(now)).collect()
 }
 
-fn hear(device: &mut impl SerialDevice, now: &mut Micros, bytes: &[u8]) {
+fn hear(device: &mut impl SerialDevice, now: &mut time::Instant, bytes: &[u8]) {
     for &byte in bytes {
-        *now = *now + Micros(87);
+        *now += time::Duration::from_micros(87);
         device.receive(*now, byte);
     }
 }
 
 /// Everything the device says until it has no more to say, and the time then.
-fn listen(device: &mut impl SerialDevice, now: &mut Micros) -> Vec<u8> {
+fn listen(device: &mut impl SerialDevice, now: &mut time::Instant) -> Vec<u8> {
     let mut said = Vec::new();
     loop {
         match (device.transmit(*now), device.poll_timeout()) {
@@ -115,7 +115,7 @@ fn listen(device: &mut impl SerialDevice, now: &mut Micros) -> Vec<u8> {
     }
 }
 
-fn ask(device: &mut impl SerialDevice, now: &mut Micros, request: &[u8]) -> Vec<u8> {
+fn ask(device: &mut impl SerialDevice, now: &mut time::Instant, request: &[u8]) -> Vec<u8> {
     hear(device, now, request);
     listen(device, now)
 }
@@ -134,7 +134,7 @@ fn frame(header: [u8; 2], data: &[u8]) -> Vec<u8> {
 
 #[test]
 fn every_row_of_the_document_gets_its_answer() {
-    let (mut robot, mut now) = (robot(), Micros(0));
+    let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     let action = [&[1, 0, 0, 0, 0, 0][..], &[90; 20], &[25, 0, 0]].concat();
     let rows = [
         (frame([0xF1, 0x1F], &[0; 6]), &b"\xF1\x1F\x0CAlpha1_V2.0\x68\xED"[..]),
@@ -167,7 +167,7 @@ fn every_row_of_the_document_gets_its_answer() {
 #[test]
 fn servos_answer_the_manuals_frames_on_their_bus_and_through_the_robot() {
     fn check(mut device: impl SerialDevice) {
-        let mut now = Micros(0);
+        let mut now = time::Instant::ZERO;
         let frames = [
             // Move to 90° in 1 s.
             (&[0xFA, 0xAF, 1, 1, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED][..], &[0xAB][..]),
@@ -235,7 +235,7 @@ fn versions_are_those_it_is_given() {
 
 #[test]
 fn a_debug_action_moves_the_servos_evenly_in_the_given_time() {
-    let (mut robot, mut start) = (robot(), Micros(0));
+    let (mut robot, mut start) = (robot(), time::Instant::ZERO);
     let Request::Act(mut action) = act(180, 2_000, 0) else {
         unreachable!()
     };
@@ -259,7 +259,7 @@ fn a_debug_action_moves_the_servos_evenly_in_the_given_time() {
             "{angles:?}"
         );
     }
-    assert!(robot.servos()[15].is_moving(start + Micros(1_999_999)));
+    assert!(robot.servos()[15].is_moving(start + time::Duration::from_micros(1_999_999)));
     assert!(!robot.servos()[15].is_moving(start + millis(2_000)));
     assert!(!robot.servos()[0].is_moving(start));
 }
@@ -273,9 +273,9 @@ fn a_debug_action_without_duration_is_there_at_once() {
 
 #[test]
 fn a_new_move_starts_where_the_servo_is() {
-    let (mut robot, mut now) = (robot(), Micros(0));
+    let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     hear(&mut robot, &mut now, &bytes(&act(190, 1_000, 0)));
-    let mut now = Micros(now.0 + 500_000 - 33 * 87); // the end of the second frame
+    let mut now = time::Instant::from_micros(now.as_micros() + 500_000 - 33 * 87); // the end of the second frame
     hear(&mut robot, &mut now, &bytes(&act(40, 1_000, 0)));
     assert_eq!(robot.servos()[3].angle(now), 140.0);
     assert_eq!(robot.servos()[3].angle(now + millis(100)), 130.0);
@@ -284,12 +284,12 @@ fn a_new_move_starts_where_the_servo_is() {
 
 #[test]
 fn a_debug_action_before_the_interval_is_over_is_refused_and_moves_nothing() {
-    let (mut robot, mut now) = (robot(), Micros(0));
+    let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     hear(&mut robot, &mut now, &bytes(&act(100, 200, 1_000)));
     let end = now;
     let second = bytes(&act(50, 0, 0));
 
-    let mut early = Micros(end.0 + 1_000_000 - 33 * 87 - 1);
+    let mut early = time::Instant::from_micros(end.as_micros() + 1_000_000 - 33 * 87 - 1);
     hear(&mut robot, &mut early, &second);
     assert_eq!(listen(&mut robot, &mut early)[10..14], [0xFB, 0xBF, 0x01, 0xEE]);
     assert_eq!(robot.servos()[0].angle(early), 100.0);
@@ -311,7 +311,7 @@ fn to_stop_ends_the_interval() {
 
 #[test]
 fn an_angle_that_no_servo_can_go_to_is_refused_if_the_robot_has_that_servo() {
-    let (mut robot, mut now) = (robot(), Micros(0));
+    let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     for (servo, raw, outcome) in [(16, 241, 0xEE), (1, 254, 0xEE), (17, 241, 0xAA), (16, 240, 0xAA)] {
         let mut angles = [100; 20];
         angles[servo - 1] = raw;
@@ -326,7 +326,7 @@ fn an_angle_that_no_servo_can_go_to_is_refused_if_the_robot_has_that_servo() {
 
 #[test]
 fn an_action_plays_its_poses_at_their_times_and_ends() {
-    let (mut robot, mut start) = (robot(), Micros(0));
+    let (mut robot, mut start) = (robot(), time::Instant::ZERO);
     hear(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
 
     assert_eq!(robot.servos()[0].angle(start + millis(300)), 135.0);
@@ -335,7 +335,7 @@ fn an_action_plays_its_poses_at_their_times_and_ends() {
     assert_eq!(robot.servos()[1].target(), 120.0, "the second pose has begun");
     assert_eq!(robot.servos()[1].angle(start + millis(750)), 105.0);
 
-    robot.advance(start + Micros(2_299_999));
+    robot.advance(start + time::Duration::from_micros(2_299_999));
     assert_eq!(robot.playing(), Some("wave"));
     robot.advance(start + millis(2_300));
     assert_eq!(robot.playing(), None);
@@ -508,12 +508,12 @@ fn servos_with_one_id_answer_at_once_and_what_they_say_mixes() {
     });
     assert!(bus.servos_mut()[0].turn_by_hand(angle(0x0F)));
     assert!(bus.servos_mut()[1].turn_by_hand(angle(0x3C)));
-    let mut now = Micros(0);
+    let mut now = time::Instant::ZERO;
     let same = ask(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
     assert_eq!(same, [0xAB], "both say the same");
 
     for (servo, degrees) in [(0, 0x0F), (1, 0x3C)] {
-        bus.servos_mut()[servo].go(now, angle(degrees), Micros(0), Micros(0));
+        bus.servos_mut()[servo].go(now, angle(degrees), time::Duration::ZERO, time::Duration::ZERO);
     }
     let mixed = ask(
         &mut bus,
@@ -587,11 +587,11 @@ fn what_it_is_told_of_usb_and_the_offset_tool_is_kept() {
 
 #[test]
 fn a_bus_answers_within_400_us_and_only_servo_frames() {
-    let (mut bus, mut now) = (bus(), Micros(0));
+    let (mut bus, mut now) = (bus(), time::Instant::ZERO);
     hear(&mut bus, &mut now, &bytes(&go(one(1), 90, 0, 0)));
-    assert_eq!(bus.transmit(now + Micros(199)), None);
-    assert_eq!(bus.transmit(now + Micros(400)), Some(0xAB));
-    now = now + millis(10);
+    assert_eq!(bus.transmit(now + time::Duration::from_micros(199)), None);
+    assert_eq!(bus.transmit(now + time::Duration::from_micros(400)), Some(0xAB));
+    now += millis(10);
 
     for request in [
         Request::ReadHardwareVersion,
@@ -629,13 +629,13 @@ fn a_host_on_the_same_wire_hears_itself_and_calls_still_work() {
 
 #[test]
 fn a_servo_that_talks_is_deaf_and_so_are_the_others() {
-    let (mut bus, mut now) = (bus(), Micros(0));
+    let (mut bus, mut now) = (bus(), time::Instant::ZERO);
     hear(
         &mut bus,
         &mut now,
         &bytes(&Request::Servo(ServoRequest::ReadVersion(id(1)))),
     );
-    now = now + Micros(200);
+    now += time::Duration::from_micros(200);
     assert_eq!(bus.transmit(now), Some(0xFC));
     hear(&mut bus, &mut now, &bytes(&go(one(2), 10, 0, 0)));
     let rest = listen(&mut bus, &mut now);
@@ -651,7 +651,7 @@ fn requests_and_answers_may_be_filled_up_to_reports() {
                 hid,
                 ..RobotConfig::default()
             }),
-            Micros(0),
+            time::Instant::ZERO,
         );
         for (request, answer) in [
             (Request::Stop, 4),
@@ -686,7 +686,7 @@ fn the_filling_of_reports_says_nothing_to_a_client() {
 
 #[test]
 fn what_is_no_request_is_counted_and_not_answered() {
-    let (mut robot, mut now) = (robot(), Micros(0));
+    let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     let wrong_values = [
         frame([0xF9, 0x9F], &[4, 0, 0, 0, 0, 0]),     // no such USB type
         frame([0xF4, 0x4F], &[1, 2, 0, 0, 0, 0]),     // neither connected nor not
@@ -713,22 +713,22 @@ fn what_is_no_request_is_counted_and_not_answered() {
 
 #[test]
 fn an_idle_line_frees_the_request_behind_a_false_header() {
-    let (mut robot, mut now) = (robot(), Micros(0));
+    let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     hear(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
     hear(&mut robot, &mut now, &bytes(&Request::Stop));
-    assert_eq!(robot.transmit(now + Micros(100_999)), None);
-    assert_eq!(robot.transmit(now + Micros(101_000)), Some(0xF2)); // idle 100 ms, turnaround 1 ms
+    assert_eq!(robot.transmit(now + time::Duration::from_micros(100_999)), None);
+    assert_eq!(robot.transmit(now + time::Duration::from_micros(101_000)), Some(0xF2)); // idle 100 ms, turnaround 1 ms
 }
 
 #[test]
 fn a_pause_inside_a_request_is_borne_by_a_robot_and_ends_it_on_the_servo_bus() {
-    fn answer_after(mut device: impl SerialDevice, pause: Micros) -> Vec<u8> {
-        let mut now = Micros(0);
+    fn answer_after(mut device: impl SerialDevice, pause: time::Duration) -> Vec<u8> {
+        let mut now = time::Instant::ZERO;
         let request = bytes(&go(one(1), 10, 0, 0));
         let (first, second) = request.split_at(5);
         hear(&mut device, &mut now, first);
         // The next byte comes 87 µs later.
-        now = now + pause;
+        now += pause;
         ask(&mut device, &mut now, second)
     }
     assert_eq!(answer_after(robot(), millis(99)), [0xAB]);
@@ -739,7 +739,7 @@ fn a_pause_inside_a_request_is_borne_by_a_robot_and_ends_it_on_the_servo_bus() {
 
 #[test]
 fn a_pose_that_is_due_before_an_idle_line_frees_a_request_comes_before_it() {
-    let (mut robot, mut start) = (robot(), Micros(0));
+    let (mut robot, mut start) = (robot(), time::Instant::ZERO);
     hear(&mut robot, &mut start, &bytes(&Request::Play(name("wave"))));
     let mut now = start + millis(550);
     hear(&mut robot, &mut now, &[0xF3, 0x3F, 60]);
@@ -758,13 +758,13 @@ fn the_requests_of_two_hosts_in_one_burst_however_cut_get_all_their_answers() {
         Request::ReadFirmwareVersion,
     ];
     let burst = requests.map(|request| bytes(&request)).concat();
-    let (mut robot, mut now) = (robot(), Micros(0));
+    let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     let whole = ask(&mut robot, &mut now, &burst);
     assert_eq!(whole.len(), 16 + 10 + 4 + 15);
     for cut in 0..burst.len() {
         let (first, second) = burst.split_at(cut);
         hear(&mut robot, &mut now, first);
-        now = now + millis(99); // less than the line's idle time
+        now += millis(99); // less than the line's idle time
         let mut said: Vec<_> = std::iter::from_fn(|| robot.transmit(now)).collect();
         hear(&mut robot, &mut now, second);
         said.extend(listen(&mut robot, &mut now));
@@ -775,14 +775,14 @@ fn the_requests_of_two_hosts_in_one_burst_however_cut_get_all_their_answers() {
 
 #[test]
 fn answers_wait_for_each_other_and_too_many_are_counted() {
-    let (mut robot, mut now) = (robot(), Micros(0));
+    let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     for _ in 0..MAX_REPLIES + 2 {
         for byte in bytes(&Request::Stop) {
             robot.receive(now, byte);
         }
     }
     assert_eq!(robot.counters().overrun, 2);
-    now = now + millis(1);
+    now += millis(1);
     let first: Vec<_> = std::iter::from_fn(|| robot.transmit(now)).collect();
     assert_eq!(first.len(), 4, "one answer at a time");
     assert_eq!(listen(&mut robot, &mut now).len(), 4 * (MAX_REPLIES - 1));
@@ -791,7 +791,7 @@ fn answers_wait_for_each_other_and_too_many_are_counted() {
 #[test]
 fn every_intact_request_is_answered_whatever_noise_stands_before_it() {
     let mut random = Rand32::new(7);
-    let (mut robot, mut now) = (robot(), Micros(0));
+    let (mut robot, mut now) = (robot(), time::Instant::ZERO);
     let request = bytes(&Request::ReadFirmwareVersion);
     let mut swallowed = 0;
     for _ in 0..20_000 {
@@ -932,13 +932,13 @@ proptest! {
     ) {
         let (mut rarely, mut often) = (robot(), robot());
         polls.sort_unstable();
-        let mut polls = polls.into_iter().map(Micros).peekable();
-        let mut now = Micros(0);
+        let mut polls = polls.into_iter().map(time::Instant::from_micros).peekable();
+        let mut now = time::Instant::ZERO;
         for (request, pause) in script {
             hear(&mut rarely, &mut now.clone(), &bytes(&request));
             hear(&mut often, &mut now, &bytes(&request));
             let begin = now;
-            now = now + Micros(pause);
+            now += time::Duration::from_micros(pause);
             while let Some(poll) = polls.next_if(|&poll| poll <= now) {
                 // A poll in the past is none: time never runs backwards.
                 often.advance(poll.max(begin));
@@ -961,7 +961,7 @@ proptest! {
         ),
     ) {
         let noise = noise.concat();
-        let (mut robot, mut now) = (robot(), Micros(0));
+        let (mut robot, mut now) = (robot(), time::Instant::ZERO);
         hear(&mut robot, &mut now, &noise);
         let said = listen(&mut robot, &mut now);
         // What a frame of a servo answers does not matter here; what is no frame is the byte by which one acknowledges.
@@ -996,11 +996,15 @@ fn keeps_ids(request: &Request<'_>) -> bool {
 #[test]
 fn a_clock_that_starts_late_or_ends_never_is_no_trouble() {
     let mut robot = robot();
-    let mut now = Micros(1_700_000_000_000_000);
+    let mut now = time::Instant::from_micros(1_700_000_000_000_000);
     hear(&mut robot, &mut now, &bytes(&Request::Play(name("dance"))));
     robot.advance(now + millis(60_000));
     assert_eq!(angles(robot.servos(), now + millis(60_000)), [90.0; 16]);
-    robot.advance(Micros(u64::MAX));
-    hear(&mut robot, &mut Micros(u64::MAX), &bytes(&act(100, 5_000, 5_000)));
-    assert_eq!(robot.servos()[0].angle(Micros(u64::MAX)), 90.0);
+    robot.advance(time::Instant::from_micros(u64::MAX));
+    hear(
+        &mut robot,
+        &mut time::Instant::from_micros(u64::MAX),
+        &bytes(&act(100, 5_000, 5_000)),
+    );
+    assert_eq!(robot.servos()[0].angle(time::Instant::from_micros(u64::MAX)), 90.0);
 }

@@ -3,7 +3,7 @@
 //! A speed in ticks per second over a time in microseconds is a whole number of millionths of a tick. So positions are
 //! kept in millionths, nothing is ever rounded, and it makes no difference in how many steps time goes by.
 
-use armwire_bridge::Micros;
+use armwire::time::Duration;
 
 /// Millionths of a tick in a tick.
 const MICRO: i64 = 1_000_000;
@@ -41,8 +41,8 @@ impl Axis {
     }
 
     /// Lets time pass and returns the distance travelled, in millionths of a tick.
-    pub(super) fn advance(&mut self, span: Micros) -> u64 {
-        let reach = i64::try_from(span.0)
+    pub(super) fn advance(&mut self, span: Duration) -> u64 {
+        let reach = i64::try_from(span.as_micros())
             .unwrap_or(i64::MAX)
             .saturating_mul(i64::from(self.speed));
         let travel = (self.target - self.position).clamp(-reach, reach);
@@ -71,8 +71,10 @@ mod tests {
         let (mut once, mut often) = (Axis::at(2048), Axis::at(2048));
         once.go(4095, 777);
         often.go(4095, 777);
-        let travelled = (0..1_000_000).map(|_| often.advance(Micros(1))).sum::<u64>();
-        assert_eq!(once.advance(Micros(1_000_000)), travelled);
+        let travelled = (0..1_000_000)
+            .map(|_| often.advance(Duration::from_micros(1)))
+            .sum::<u64>();
+        assert_eq!(once.advance(Duration::from_micros(1_000_000)), travelled);
         assert_eq!(once, often);
         assert_eq!(once.ticks(), 2048 + 777);
     }
@@ -82,7 +84,7 @@ mod tests {
         let mut axis = Axis::at(2048);
         for _ in 0..1_000 {
             axis.go(2000, 1);
-            axis.advance(Micros::from_millis(1));
+            axis.advance(Duration::from_millis(1));
         }
         assert_eq!(axis.ticks(), 2047);
     }
@@ -92,7 +94,7 @@ mod tests {
         let mut axis = Axis::at(0);
         axis.go(4095, 5000);
         assert_eq!(axis.velocity(), 5000);
-        axis.advance(Micros(u64::MAX));
+        axis.advance(Duration::from_micros(u64::MAX));
         assert_eq!((axis.ticks(), axis.velocity()), (4095, 0));
     }
 
@@ -100,7 +102,7 @@ mod tests {
     fn at_speed_zero_it_does_not_move() {
         let mut axis = Axis::at(100);
         axis.go(200, 0);
-        axis.advance(Micros(u64::MAX));
+        axis.advance(Duration::from_micros(u64::MAX));
         assert_eq!((axis.ticks(), axis.velocity()), (100, 0));
     }
 }

@@ -14,7 +14,7 @@
 //!   off, and neither moves nor holds. Either ends 5 °C below the limit; the torque stays off.
 
 use armwire::ling::{JOINTS, Kind, MotionStatus, Move, TemperatureLimit};
-use armwire_bridge::Micros;
+use armwire::time::{Duration, Instant};
 
 use super::axis::Axis;
 
@@ -28,10 +28,10 @@ const FOLLOWER_SERVOS: [usize; 10] = [0, 0, 1, 1, 2, 2, 3, 4, 5, GRIPPER];
 const LEADER_SERVOS: [usize; 6] = [0, 1, 2, 3, 4, 5];
 
 /// Heat is computed at multiples of this.
-const HEAT_STEP: Micros = Micros::from_millis(100);
+const HEAT_STEP: Duration = Duration::from_millis(100);
 /// How long a servo takes for 63 % of the way to its final temperature.
-const TIME_CONSTANT: Micros = Micros::from_millis(120_000);
-const HEAT_STEPS: i64 = (TIME_CONSTANT.0 / HEAT_STEP.0) as i64;
+const TIME_CONSTANT: Duration = Duration::from_millis(120_000);
+const HEAT_STEPS: i64 = (TIME_CONSTANT.as_micros() / HEAT_STEP.as_micros()) as i64;
 
 /// Temperatures are in millionths of a degree.
 const DEGREE: i64 = 1_000_000;
@@ -60,7 +60,7 @@ struct Servo {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Body {
     kind: Kind,
-    now: Micros,
+    now: Instant,
     axes: [Axis; AXES],
     /// How far each axis travelled since the last heat step, in millionths of a tick.
     travelled: [u64; AXES],
@@ -88,7 +88,7 @@ impl Body {
         centred[GRIPPER] = Axis::at(0);
         Self {
             kind,
-            now: Micros(0),
+            now: Instant::ZERO,
             axes: centred,
             travelled: [0; AXES],
             servos: axes.iter().map(servo).collect(),
@@ -101,9 +101,11 @@ impl Body {
     }
 
     /// Lets time pass. The outcome is the same in however many steps it passes.
-    pub(super) fn advance(&mut self, now: Micros) {
+    pub(super) fn advance(&mut self, now: Instant) {
         loop {
-            let step = Micros((self.now.0 / HEAT_STEP.0 + 1).saturating_mul(HEAT_STEP.0));
+            let step = Instant::from_micros(
+                (self.now.as_micros() / HEAT_STEP.as_micros() + 1).saturating_mul(HEAT_STEP.as_micros()),
+            );
             if now < step {
                 break;
             }
@@ -117,7 +119,7 @@ impl Body {
         self.travel(now);
     }
 
-    fn travel(&mut self, to: Micros) {
+    fn travel(&mut self, to: Instant) {
         let span = to.since(self.now);
         for (axis, travelled) in self.axes.iter_mut().zip(&mut self.travelled) {
             *travelled += axis.advance(span);
@@ -129,7 +131,7 @@ impl Body {
     fn warm(&mut self) -> bool {
         let mut settled = self.travelled == [0; AXES];
         for servo in &mut self.servos {
-            let mean_speed = (self.travelled[servo.axis] / HEAT_STEP.0) as i64;
+            let mean_speed = (self.travelled[servo.axis] / HEAT_STEP.as_micros()) as i64;
             let holding = if self.torque { HOLDING } else { 0 };
             let goal = self.ambient + holding + mean_speed * PER_TICK_PER_SECOND;
             let change = (goal - servo.temperature) / HEAT_STEPS;
@@ -225,7 +227,7 @@ impl Body {
     }
 
     #[cfg(test)]
-    pub(super) fn now(&self) -> Micros {
+    pub(super) fn now(&self) -> Instant {
         self.now
     }
 

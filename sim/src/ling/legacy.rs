@@ -4,27 +4,27 @@ use std::collections::VecDeque;
 
 use armwire::ling::legacy::{Firmware, GripperState, JointState, Legacy, MAX_FRAME, Response, SERVOS};
 use armwire::ling::{JOINTS, Position, TICKS_PER_TURN};
+use armwire::time::{Duration, Instant};
 use armwire::{Device, DeviceEvent};
-use armwire_bridge::Micros;
 
 use crate::serial::SerialDevice;
 
 /// What a virtual arm of the older generation says, and how often.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire::time::Duration;
 /// use armwire::ling::legacy::Firmware;
 /// use armwire_sim::ling::legacy::Config;
 ///
 /// let config = Config { firmware: Firmware::V5, ..Config::default() };
-/// assert_eq!(config.period, Micros::from_millis(25));
+/// assert_eq!(config.period, Duration::from_millis(25));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Config {
     /// Which commands its frames have.
     pub firmware: Firmware,
     /// From one joint frame to the next; a gripper frame follows each at once. No less than 1 µs.
-    pub period: Micros,
+    pub period: Duration,
 }
 
 impl Default for Config {
@@ -32,7 +32,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             firmware: Firmware::V6_0,
-            period: Micros::from_millis(25),
+            period: Duration::from_millis(25),
         }
     }
 }
@@ -53,13 +53,13 @@ pub struct Counters {
 /// Its joints stay where they are put. When the line is taken at the end of a period, that reading is left out.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire::time::Instant;
 /// use armwire_sim::ling::legacy::{Config, LegacyArm};
 /// use armwire_sim::serial::SerialDevice;
 ///
 /// let mut arm = LegacyArm::new(Config::default());
-/// assert_eq!(arm.transmit(Micros(24_999)), None);
-/// let said: Vec<u8> = std::iter::from_fn(|| arm.transmit(Micros(25_000))).collect();
+/// assert_eq!(arm.transmit(Instant::from_micros(24_999)), None);
+/// let said: Vec<u8> = std::iter::from_fn(|| arm.transmit(Instant::from_micros(25_000))).collect();
 /// assert_eq!(said[..3], [0xAA, 0x14, 0x12]);
 /// assert_eq!(said[23..26], [0xAA, 0x12, 0x07]);
 /// ```
@@ -71,7 +71,7 @@ pub struct LegacyArm {
     device: Device<Legacy, MAX_FRAME>,
     line: VecDeque<u8>,
     /// When the next joint frame is due.
-    due: Micros,
+    due: Instant,
     counters: Counters,
 }
 
@@ -95,7 +95,7 @@ impl LegacyArm {
             },
             device: Device::new(Legacy),
             line: VecDeque::new(),
-            due: config.period,
+            due: Instant::ZERO + config.period,
             counters: Counters::default(),
         }
     }
@@ -122,7 +122,7 @@ impl LegacyArm {
 }
 
 impl SerialDevice for LegacyArm {
-    fn receive(&mut self, _now: Micros, byte: u8) {
+    fn receive(&mut self, _now: Instant, byte: u8) {
         self.counters.bytes += 1;
         // All before it was taken out: there is room.
         let _ = self.device.receive(&[byte]);
@@ -135,21 +135,21 @@ impl SerialDevice for LegacyArm {
         }
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         if self.due <= now {
             if self.line.is_empty() {
                 self.counters.said += 1;
                 self.say(&Response::Joints(self.joints));
                 self.say(&Response::Gripper(self.gripper));
             }
-            let period = self.config.period.0.max(1);
-            self.due = Micros((now.0 / period + 1) * period);
+            let period = self.config.period.as_micros().max(1);
+            self.due = Instant::from_micros((now.as_micros() / period + 1) * period);
         }
         self.line.pop_front()
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
-        Some(if self.line.is_empty() { self.due } else { Micros(0) })
+    fn poll_timeout(&self) -> Option<Instant> {
+        Some(if self.line.is_empty() { self.due } else { Instant::ZERO })
     }
 }
 
@@ -186,7 +186,7 @@ mod tests {
             let mut arm = LegacyArm::new(config);
             arm.set_joints(positions());
             let mut host = host(921_600, arm);
-            host.wait(Micros::from_millis(1_010));
+            host.wait(Duration::from_millis(1_010));
 
             let (mut joints, mut grippers) = (0, 0);
             for event in host.take_events() {
@@ -214,16 +214,16 @@ mod tests {
     fn it_ignores_and_counts_what_it_is_sent() {
         let mut arm = LegacyArm::new(Config::default());
         for byte in [0x11, 0xAA, 0x13, 0x01, 0x00, 0x00, 0xFF] {
-            arm.receive(Micros(0), byte);
+            arm.receive(Instant::ZERO, byte);
         }
         assert_eq!((arm.counters().bytes, arm.counters().frames), (7, 1));
-        assert_eq!(arm.poll_timeout(), Some(Micros::from_millis(25)));
+        assert_eq!(arm.poll_timeout(), Some(Instant::from_millis(25)));
     }
 
     #[test]
     fn a_line_too_slow_for_its_rate_leaves_readings_out_and_frames_whole() {
         let mut host = host(9_600, LegacyArm::new(Config::default()));
-        host.wait(Micros::from_millis(10_000));
+        host.wait(Duration::from_millis(10_000));
         let events = host.take_events();
         assert!(events.iter().all(|event| matches!(event, LineEvent::Unsolicited(_))));
         assert!((200..270).contains(&host.device().counters().said));
@@ -234,23 +234,23 @@ mod tests {
         let mut arm = LegacyArm::new(Config::default());
         let mut detector = Detector::new();
         let mut recognised = None;
-        for micros in (0..1_000_000).step_by(10).map(Micros) {
+        for micros in (0..1_000_000).step_by(10).map(Instant::from_micros) {
             if let Some(byte) = arm.transmit(micros)
                 && detector.hear(&[byte]).is_some()
             {
                 recognised.get_or_insert(micros);
             }
         }
-        assert!(recognised.unwrap() <= Micros::from_millis(51), "{recognised:?}");
+        assert!(recognised.unwrap() <= Instant::from_millis(51), "{recognised:?}");
 
         let faults = Rates {
-            max_delay: Micros(100),
+            max_delay: Duration::from_micros(100),
             ..Rates::each(3_000)
         };
         let mut line = Line::new(LegacyArm::new(Config::default()), Rates::NONE, faults, 1);
         let mut detector = Detector::new();
         let told = (0..1_000_000).step_by(10).find_map(|micros| {
-            let byte = line.transmit(Micros(micros))?;
+            let byte = line.transmit(Instant::from_micros(micros))?;
             detector.hear(&[byte])
         });
         assert_eq!(told, Some(OlderGeneration));

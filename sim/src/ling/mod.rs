@@ -16,8 +16,8 @@ use armwire::ling::{
     Info, JOINTS, JointState, Kind, Ling, MAX_FRAME, MotionStatus, Opening, PerServo, Position, Request, Response,
     SelfCheck, SerialNumber, Stroke, Torque, Version,
 };
+use armwire::time::{Duration, Instant};
 use armwire::{Device, DeviceEvent};
-use armwire_bridge::Micros;
 
 pub use crate::serial::Counters;
 use crate::serial::SerialDevice;
@@ -29,11 +29,11 @@ const MAX_REPLIES: usize = 8;
 /// What a virtual arm is, and how it answers.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire::time::Duration;
 /// use armwire::ling::Stroke;
 /// use armwire_sim::ling::Config;
 ///
-/// let config = Config { stroke: Stroke::Mm100, turnaround: Micros(50), ..Config::follower() };
+/// let config = Config { stroke: Stroke::Mm100, turnaround: Duration::from_micros(50), ..Config::follower() };
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Config {
@@ -50,12 +50,12 @@ pub struct Config {
     /// Ambient temperature, in °C.
     pub ambient: u8,
     /// From the last stop bit of a request, or the last byte of the answer before, to the first start bit of its answer.
-    pub turnaround: Micros,
+    pub turnaround: Duration,
     /// How long the line must be silent for a frame that waits for its end to be given up.
     ///
     /// The real arm's patience is not known. Whoever forwards bytes in packets leaves gaps within frames, a full-speed
     /// USB host up to one millisecond; so this is more by default, and less than any host waits for an answer.
-    pub idle: Micros,
+    pub idle: Duration,
     /// Whether every byte received comes back at once, as from a half-duplex adapter.
     pub echo: bool,
 }
@@ -70,8 +70,8 @@ impl Config {
             firmware: Version(610),
             stroke: Stroke::Mm50,
             ambient: 25,
-            turnaround: Micros(200),
-            idle: Micros::from_millis(2),
+            turnaround: Duration::from_micros(200),
+            idle: Duration::from_millis(2),
             echo: false,
         }
     }
@@ -89,7 +89,7 @@ impl Config {
 /// An answer that waits for the line or is on it.
 #[derive(Debug)]
 struct Reply {
-    due: Micros,
+    due: Instant,
     bytes: [u8; MAX_FRAME],
     len: usize,
     sent: usize,
@@ -100,16 +100,16 @@ struct Reply {
 /// It is deterministic: what it does depends on the bytes it receives and when, and not on how often it is polled.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire::time::Instant;
 /// use armwire_sim::ling::{Config, LingArm};
 /// use armwire_sim::serial::SerialDevice;
 ///
 /// let mut arm = LingArm::new(Config::follower());
 /// for (i, byte) in [0xAA, 0x04, 0x0E, 0x01, 0xFE, 0x1B, 0xFF].into_iter().enumerate() {
-///     arm.receive(Micros(10 * (i as u64 + 1)), byte);
+///     arm.receive(Instant::from_micros(10 * (i as u64 + 1)), byte);
 /// }
-/// assert_eq!(arm.transmit(Micros(269)), None);
-/// assert_eq!(arm.transmit(Micros(270)), Some(0xAA)); // 200 µs after the request's end
+/// assert_eq!(arm.transmit(Instant::from_micros(269)), None);
+/// assert_eq!(arm.transmit(Instant::from_micros(270)), Some(0xAA)); // 200 µs after the request's end
 /// ```
 #[derive(Debug)]
 pub struct LingArm {
@@ -117,7 +117,7 @@ pub struct LingArm {
     body: Body,
     device: Device<Ling, MAX_FRAME>,
     /// When the line counts as idle, if it is not known to be.
-    idle_at: Option<Micros>,
+    idle_at: Option<Instant>,
     echo: VecDeque<u8>,
     replies: VecDeque<Reply>,
     counters: Counters,
@@ -139,7 +139,7 @@ impl LingArm {
 
     /// Lets time pass, as [`receive`](SerialDevice::receive) and [`transmit`](SerialDevice::transmit) do: what the
     /// methods below tell is the state at the last time given.
-    pub fn advance(&mut self, now: Micros) {
+    pub fn advance(&mut self, now: Instant) {
         if let Some(idle_at) = self.idle_at
             && idle_at <= now
         {
@@ -212,7 +212,7 @@ impl LingArm {
         self.body.set_faulty(id, faulty);
     }
 
-    fn hear(&mut self, now: Micros) {
+    fn hear(&mut self, now: Instant) {
         self.body.advance(now);
         while let Some(event) = self.device.poll() {
             match event {
@@ -271,7 +271,7 @@ impl LingArm {
         None
     }
 
-    fn reply(&mut self, now: Micros, response: &Response) {
+    fn reply(&mut self, now: Instant, response: &Response) {
         let mut bytes = [0; MAX_FRAME];
         let room = self.replies.len() < MAX_REPLIES;
         match self.device.respond(response, None, &mut bytes) {
@@ -290,7 +290,7 @@ impl LingArm {
 }
 
 impl SerialDevice for LingArm {
-    fn receive(&mut self, now: Micros, byte: u8) {
+    fn receive(&mut self, now: Instant, byte: u8) {
         self.advance(now);
         self.counters.bytes += 1;
         if self.config.echo {
@@ -302,7 +302,7 @@ impl SerialDevice for LingArm {
         self.hear(now);
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.advance(now);
         let begun = self.replies.front().is_some_and(|reply| reply.sent > 0);
         // An echo waits for the end of an answer that is on the line.
@@ -322,8 +322,8 @@ impl SerialDevice for LingArm {
         Some(byte)
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
-        let echo = (!self.echo.is_empty()).then_some(Micros(0));
+    fn poll_timeout(&self) -> Option<Instant> {
+        let echo = (!self.echo.is_empty()).then_some(Instant::ZERO);
         let reply = self.replies.front().map(|reply| reply.due);
         [echo, reply, self.idle_at].into_iter().flatten().min()
     }

@@ -30,19 +30,19 @@ fn go(ticks: u16, speed: u16, per_mille: u16) -> Request {
     })
 }
 
-fn seconds(seconds: u64) -> Micros {
-    Micros::from_millis(1_000 * seconds)
+fn seconds(seconds: u64) -> Duration {
+    Duration::from_millis(1_000 * seconds)
 }
 
-fn hear(arm: &mut LingArm, now: &mut Micros, bytes: &[u8]) {
+fn hear(arm: &mut LingArm, now: &mut Instant, bytes: &[u8]) {
     for &byte in bytes {
-        *now = *now + Micros(10);
+        *now += Duration::from_micros(10);
         arm.receive(*now, byte);
     }
 }
 
 /// Everything the arm says until it has no more to say, and the time then.
-fn listen(arm: &mut LingArm, now: &mut Micros) -> Vec<u8> {
+fn listen(arm: &mut LingArm, now: &mut Instant) -> Vec<u8> {
     let mut said = Vec::new();
     loop {
         match (arm.transmit(*now), arm.poll_timeout()) {
@@ -65,16 +65,16 @@ fn joints_and_gripper_move_at_the_commanded_speed_and_stop_at_the_target() {
     host.call(go(3048, 1000, 600)).unwrap();
     let start = host.elapsed();
 
-    host.device_mut().advance(start + Micros::from_millis(500));
+    host.device_mut().advance(start + Duration::from_millis(500));
     assert_eq!(host.device().joints(), [2548; JOINTS]);
     assert_eq!(host.device().gripper(), 500);
     assert_eq!(host.device().velocities(), PerServo::Follower([1000; 10]));
 
-    host.device_mut().advance(start + Micros::from_millis(700));
+    host.device_mut().advance(start + Duration::from_millis(700));
     // The gripper, the last servo, is there.
     assert_eq!(host.device().velocities().as_slice()[8..], [1000, 0]);
 
-    host.device_mut().advance(start + Micros(999_499));
+    host.device_mut().advance(start + Duration::from_micros(999_499));
     assert_eq!(host.device().joints(), [3047; JOINTS]);
     host.device_mut().advance(start + seconds(1));
     assert_eq!(host.device().joints(), [3048; JOINTS]);
@@ -103,7 +103,7 @@ fn a_gripper_speed_beyond_the_joints_maximum_is_obeyed() {
     };
     target.gripper.1 = GripperSpeed(5500); // what the vendor's software sends
     host.call(Request::Move(target)).unwrap();
-    host.wait(Micros::from_millis(182));
+    host.wait(Duration::from_millis(182));
     assert_eq!(host.device().gripper(), 1000);
 }
 
@@ -114,7 +114,7 @@ fn without_torque_it_stops_ignores_motion_and_gives_way() {
     assert!(!host.device_mut().push_gripper(Opening::OPEN));
 
     host.call(go(3000, 1000, 1000)).unwrap();
-    host.wait(Micros::from_millis(100));
+    host.wait(Duration::from_millis(100));
     host.call(Request::SetTorque(Torque::Off)).unwrap();
     let stopped = joints(&mut host);
     assert_eq!(stopped.status, MotionStatus::Idle);
@@ -139,7 +139,7 @@ fn without_torque_it_stops_ignores_motion_and_gives_way() {
 fn zeroing_makes_the_present_pose_the_origin_and_switches_the_torque_off() {
     let mut host = host(Config::follower());
     host.call(go(3000, 1000, 500)).unwrap();
-    host.wait(Micros::from_millis(100));
+    host.wait(Duration::from_millis(100));
     host.call(Request::SetZero).unwrap();
     let state = joints(&mut host);
     assert_eq!((state.joints, state.status), ([2048; JOINTS], MotionStatus::Idle));
@@ -160,7 +160,7 @@ fn the_stroke_it_is_told_is_the_stroke_it_tells() {
 fn servos_start_at_ambient_warm_up_in_motion_and_cool_down_at_rest() {
     let mut host = host(Config::follower());
     assert_eq!(host.device().temperatures(), PerServo::Follower([25; 10]));
-    host.device_mut().advance(seconds(3_600));
+    host.device_mut().advance(Instant::ZERO + seconds(3_600));
     assert_eq!(host.device().temperatures(), PerServo::Follower([34; 10])); // a hair under 35
 
     host.wait(seconds(3_600));
@@ -222,7 +222,7 @@ fn hard_work_overheats_an_arm_with_the_factory_limit() {
     let mut seen = Vec::new();
     for leg in 0..1_000 {
         host.call(go(if leg % 2 == 0 { 4095 } else { 0 }, 5000, 0)).unwrap();
-        host.wait(Micros::from_millis(800));
+        host.wait(Duration::from_millis(800));
         seen.push(host.device().status());
     }
     seen.dedup();
@@ -284,7 +284,7 @@ fn a_leader_has_six_servos_and_does_not_move_by_itself() {
 
 #[test]
 fn requests_without_an_answer_and_frames_that_are_no_request_meet_silence() {
-    let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+    let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     for request in [go(2048, 100, 0), Request::SetZero, Request::SetStroke(Stroke::Mm75)] {
         hear(&mut arm, &mut now, &bytes(&request));
     }
@@ -318,7 +318,7 @@ fn every_spelling_of_the_self_check_is_answered() {
         &[0xAA, 0xFE, 0x00, 0x00, 0xC8, 0xFF],
         &[0xAA, 0xFE, 0x00, 0x01, 0xFE, 0xD2, 0xFF],
     ] {
-        let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+        let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
         hear(&mut arm, &mut now, request);
         assert_eq!(
             listen(&mut arm, &mut now),
@@ -329,12 +329,12 @@ fn every_spelling_of_the_self_check_is_answered() {
 
 #[test]
 fn an_idle_line_frees_the_request_behind_a_false_header() {
-    let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+    let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     hear(&mut arm, &mut now, &[0xAA, 0x06, 0x00, 64]);
     hear(&mut arm, &mut now, &bytes(&Request::ReadStroke));
     let heard = now;
-    assert_eq!(arm.transmit(heard + Micros(2_199)), None);
-    assert_eq!(arm.transmit(heard + Micros(2_200)), Some(0xAA)); // idle 2 ms, turnaround 200 µs
+    assert_eq!(arm.transmit(heard + Duration::from_micros(2_199)), None);
+    assert_eq!(arm.transmit(heard + Duration::from_micros(2_200)), Some(0xAA)); // idle 2 ms, turnaround 200 µs
 }
 
 #[test]
@@ -350,7 +350,7 @@ fn with_an_echo_every_byte_comes_back_and_calls_still_work() {
 
 #[test]
 fn answers_wait_for_each_other_and_too_many_are_counted() {
-    let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+    let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     for _ in 0..MAX_REPLIES + 2 {
         hear(&mut arm, &mut now, &bytes(&Request::ReadStroke));
     }
@@ -365,7 +365,7 @@ fn answers_wait_for_each_other_and_too_many_are_counted() {
 #[test]
 fn every_intact_request_is_answered_whatever_noise_stands_before_it() {
     let mut random = Rand32::new(7);
-    let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+    let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
     let request = bytes(&Request::ReadStroke);
     let mut swallowed = 0;
     for _ in 0..20_000 {
@@ -426,7 +426,7 @@ proptest! {
             let _ = host.call(request);
         }
         host.device_mut().set_rates(Rates::NONE, Rates::NONE);
-        host.wait(Micros::from_millis(500)); // delayed bytes and late answers
+        host.wait(Duration::from_millis(500)); // delayed bytes and late answers
         prop_assert!(matches!(host.call(Request::ReadJoints), Ok(Some(Response::Joints(_)))));
         prop_assert!(matches!(host.call(Request::ReadInfo), Ok(Some(Response::Info(_)))));
     }
@@ -438,12 +438,12 @@ proptest! {
     ) {
         let (mut rarely, mut often) = (LingArm::new(Config::follower()), LingArm::new(Config::follower()));
         polls.sort_unstable();
-        let mut polls = polls.into_iter().map(Micros).peekable();
-        let mut now = Micros(0);
+        let mut polls = polls.into_iter().map(Instant::from_micros).peekable();
+        let mut now = Instant::ZERO;
         for (request, pause) in script {
             hear(&mut rarely, &mut now.clone(), &bytes(&request));
             hear(&mut often, &mut now, &bytes(&request));
-            now = now + Micros(pause);
+            now += Duration::from_micros(pause);
             while let Some(poll) = polls.next_if(|&poll| poll <= now) {
                 // A poll in the past of this byte is none: time never runs backwards.
                 often.advance(poll.max(often.body.now()));
@@ -462,7 +462,7 @@ proptest! {
         ),
     ) {
         let noise = noise.concat();
-        let (mut arm, mut now) = (LingArm::new(Config::follower()), Micros(0));
+        let (mut arm, mut now) = (LingArm::new(Config::follower()), Instant::ZERO);
         hear(&mut arm, &mut now, &noise);
         let said = listen(&mut arm, &mut now);
         let mut decoder = Decoder::<MAX_FRAME>::new();
@@ -484,8 +484,8 @@ proptest! {
 #[test]
 fn a_clock_that_starts_late_or_ends_never_is_no_trouble() {
     let mut arm = LingArm::new(Config::follower());
-    arm.advance(Micros(1_700_000_000_000_000));
+    arm.advance(Instant::from_micros(1_700_000_000_000_000));
     assert_eq!(arm.joints(), [2048; JOINTS]);
-    arm.advance(Micros(u64::MAX));
+    arm.advance(Instant::from_micros(u64::MAX));
     assert!(arm.is_holding());
 }

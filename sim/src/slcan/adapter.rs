@@ -1,6 +1,6 @@
 //! The adapter's end.
 
-use armwire_bridge::Micros;
+use armwire::time::Instant;
 
 use super::{BitRate, Command, Commands, DataBitRate, MINUTE, Reply, Status};
 use crate::can::{Frame, Id};
@@ -101,7 +101,7 @@ impl Adapter {
     }
 
     /// A frame on the bus that others sent, at `now`. It is for the program, unless the channel is closed.
-    pub fn hear(&mut self, frame: &Frame, now: Micros) {
+    pub fn hear(&mut self, frame: &Frame, now: Instant) {
         if self.channel == Channel::Closed {
             return;
         }
@@ -109,7 +109,7 @@ impl Adapter {
             self.report(Status::RECEIVE_QUEUE_FULL);
             return;
         }
-        let millis = (now.0 / 1_000 % u64::from(MINUTE)) as u16;
+        let millis = (now.as_micros() / 1_000 % u64::from(MINUTE)) as u16;
         let millis = self.time_stamps.then_some(millis);
         Reply::Frame { frame: *frame, millis }.encode(&mut self.output);
     }

@@ -16,7 +16,7 @@
 //! No line carries ESI of an FD frame, nor a classic DLC above 8.
 //!
 //! ```
-//! use armwire_bridge::Micros;
+//! use armwire::time::Instant;
 //! use armwire_sim::can::{Frame, Id};
 //! use armwire_sim::slcan::{Adapter, BitRate, Command, Replies, Reply};
 //!
@@ -39,7 +39,7 @@
 //!     });
 //! }
 //! assert_eq!(bus, [frame]);
-//! adapter.hear(&frame, Micros(0));
+//! adapter.hear(&frame, Instant::ZERO);
 //!
 //! let mut replies = Replies::default();
 //! let heard: Vec<_> = adapter.output().drain(..).filter_map(|byte| replies.push(byte)).collect();

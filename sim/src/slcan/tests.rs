@@ -1,4 +1,4 @@
-use armwire_bridge::Micros;
+use armwire::time::Instant;
 use proptest::prelude::*;
 
 use super::*;
@@ -168,10 +168,10 @@ fn a_channel_opens_once_it_has_a_bit_rate_and_closes() {
 fn frames_pass_while_it_is_open_and_are_stamped_if_that_is_wanted() {
     let mut desk = Desk::default();
     let frame = Frame::data_frame(Id::Standard(0x612), &[0x30, 0, 0xA5]);
-    desk.adapter.hear(&frame, Micros(0));
+    desk.adapter.hear(&frame, Instant::ZERO);
     assert_eq!(desk.say(b"S8\rZ1\rO\rt61233000a5\r"), b"\r\r\rz\r");
     assert_eq!(desk.bus, [frame]);
-    desk.adapter.hear(&frame, Micros::from_millis(60_000 + 0x1234));
+    desk.adapter.hear(&frame, Instant::from_millis(60_000 + 0x1234));
     assert_eq!(desk.say(b""), b"t61233000A51234\r");
 }
 
@@ -184,7 +184,7 @@ fn what_was_refused_and_lost_shows_in_the_status_until_that_is_read() {
     assert_eq!(desk.say(b"S8\rO\rt1230\rF\rF\r"), b"\r\r\x07F02\rF00\r");
     let frame = Frame::data_frame(Id::Standard(0), &[0; 8]);
     for _ in 0..10_000 {
-        desk.adapter.hear(&frame, Micros(0));
+        desk.adapter.hear(&frame, Instant::ZERO);
     }
     let kept = desk.say(b"").len();
     assert!((65_536..65_600).contains(&kept), "{kept}");

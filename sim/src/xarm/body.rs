@@ -16,7 +16,7 @@
 use std::array;
 use std::collections::VecDeque;
 
-use armwire_bridge::Micros;
+use armwire::time::Instant;
 
 use super::geometry::{MAX_JOINTS, Model, Placed};
 use super::profile::Profile;
@@ -60,14 +60,14 @@ pub(super) struct Target {
 /// A move under way.
 #[derive(Clone, Debug)]
 struct Motion {
-    start: Micros,
+    start: Instant,
     from: [f64; MAX_JOINTS],
     to: Target,
     profile: Profile,
 }
 
 impl Motion {
-    fn new(start: Micros, from: [f64; MAX_JOINTS], to: Target) -> Self {
+    fn new(start: Instant, from: [f64; MAX_JOINTS], to: Target) -> Self {
         let ways = from
             .iter()
             .zip(to.joints)
@@ -89,7 +89,7 @@ pub(super) struct Refused;
 #[derive(Clone, Debug)]
 pub(super) struct Body {
     model: Model,
-    now: Micros,
+    now: Instant,
     /// In radians.
     joints: [f64; MAX_JOINTS],
     /// In radians per second.
@@ -108,7 +108,7 @@ impl Body {
     pub(super) fn new(model: Model) -> Self {
         Self {
             model,
-            now: Micros(0),
+            now: Instant::ZERO,
             joints: [0.0; MAX_JOINTS],
             velocities: [0.0; MAX_JOINTS],
             motion: None,
@@ -131,7 +131,7 @@ impl Body {
     }
 
     /// Lets time pass. The outcome is the same in however many steps it passes.
-    pub(super) fn advance(&mut self, now: Micros) {
+    pub(super) fn advance(&mut self, now: Instant) {
         self.now = self.now.max(now);
         while let Some(motion) = &self.motion {
             let elapsed = self.now.since(motion.start);
@@ -150,7 +150,7 @@ impl Body {
         }
     }
 
-    fn start_next(&mut self, start: Micros) {
+    fn start_next(&mut self, start: Instant) {
         let next = self.waiting.pop_front();
         self.motion = next.map(|to| Motion::new(start, self.joints, to));
     }

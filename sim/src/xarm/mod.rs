@@ -36,10 +36,10 @@ mod server;
 mod tests;
 
 use armwire::ParseError;
+use armwire::time::Instant;
 use armwire::xarm::{
     Raw, Reply, Request, Response, RotationRadius, SerialsText, State, TEXT, TorqueSource, VersionText,
 };
-use armwire_bridge::Micros;
 
 use body::{Body, Refused, Target};
 use geometry::Frame;
@@ -120,14 +120,14 @@ impl Config {
 /// It is deterministic: what it does depends on the requests it gets and when, and not on how often it is asked.
 ///
 /// ```
-/// use armwire_bridge::Micros;
+/// use armwire::time::Instant;
 /// use armwire::xarm::{Reply, Request, Response, State, TorqueSource};
 /// use armwire_sim::xarm::{Config, Model, VirtualXArm};
 ///
 /// let mut arm = VirtualXArm::new(Config::new(Model::XArm6));
 /// let reply = Reply::TorqueSource(TorqueSource::Torque);
 /// let answer = Response::Reply { state: State::NOT_READY, reply };
-/// assert_eq!(arm.answer(Micros(0), &Request::ReadTorqueSource), Some(answer));
+/// assert_eq!(arm.answer(Instant::ZERO, &Request::ReadTorqueSource), Some(answer));
 /// ```
 #[derive(Clone, Debug)]
 pub struct VirtualXArm {
@@ -154,7 +154,7 @@ impl VirtualXArm {
 
     /// Lets time pass, as [`answer`](Self::answer) and [`report`](Self::report) do: what the methods below tell is the
     /// state at the last time given.
-    pub fn advance(&mut self, now: Micros) {
+    pub fn advance(&mut self, now: Instant) {
         self.body.advance(now);
     }
 
@@ -190,7 +190,7 @@ impl VirtualXArm {
     ///
     /// Shutdown and reboot leave it switched off and on again, with its joints where they are and everything else as
     /// when it was made. What becomes of connections is up to the one who serves it.
-    pub fn answer(&mut self, now: Micros, request: &Request<'_>) -> Option<Response<'_>> {
+    pub fn answer(&mut self, now: Instant, request: &Request<'_>) -> Option<Response<'_>> {
         self.advance(now);
         let register = request.register()?; // A heartbeat has none.
         // It answers a restart as the arm it still is.
@@ -229,7 +229,7 @@ impl VirtualXArm {
     }
 
     /// The answer to a good frame that is no request; `None` if the frame names nothing.
-    pub fn refuse(&mut self, now: Micros, error: &ParseError) -> Option<Response<'static>> {
+    pub fn refuse(&mut self, now: Instant, error: &ParseError) -> Option<Response<'static>> {
         self.advance(now);
         Some(match Response::refusal(error)? {
             Response::Reply { state, reply } => Response::Reply {
@@ -241,7 +241,7 @@ impl VirtualXArm {
     }
 
     /// How it is, as it says five times a second: [`REPORT`] bytes.
-    pub fn report(&mut self, now: Micros) -> Vec<u8> {
+    pub fn report(&mut self, now: Instant) -> Vec<u8> {
         self.advance(now);
         report::report(self)
     }

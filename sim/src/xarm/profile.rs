@@ -1,6 +1,6 @@
 //! How far along its way something is that speeds up, cruises and slows down.
 
-use armwire_bridge::Micros;
+use armwire::time::Duration;
 
 /// Rest to rest over a way, at a given acceleration and at no more than a given speed.
 ///
@@ -24,11 +24,11 @@ impl Profile {
     }
 
     /// How long it takes.
-    pub(super) fn duration(&self) -> Micros {
+    pub(super) fn duration(&self) -> Duration {
         if self.peak > 0.0 {
-            Micros((self.seconds() * 1e6).ceil() as u64)
+            Duration::from_micros((self.seconds() * 1e6).ceil() as u64)
         } else {
-            Micros(0)
+            Duration::ZERO
         }
     }
 
@@ -37,11 +37,11 @@ impl Profile {
     }
 
     /// How far it has come, as a fraction of the way, and how fast that grows, per second.
-    pub(super) fn at(&self, time: Micros) -> (f64, f64) {
+    pub(super) fn at(&self, time: Duration) -> (f64, f64) {
         if time >= self.duration() {
             return (1.0, 0.0);
         }
-        let time = time.0 as f64 / 1e6;
+        let time = time.as_micros() as f64 / 1e6;
         let left = (self.seconds() - time).max(0.0);
         let ramp = self.peak / self.acceleration;
         let (gone, speed) = if time < ramp {
@@ -68,22 +68,22 @@ mod tests {
     fn a_long_way_has_a_cruise_and_a_short_one_has_none() {
         // 1 s up, 9 s at 1/s, 1 s down.
         let long = Profile::new(10.0, 1.0, 1.0);
-        assert_eq!(long.duration(), Micros::from_millis(11_000));
-        assert_eq!(long.at(Micros::from_millis(500)), (0.0125, 0.05));
-        assert_eq!(long.at(Micros::from_millis(5_500)), (0.5, 0.1));
-        assert_eq!(long.at(Micros::from_millis(10_500)), (0.9875, 0.05));
+        assert_eq!(long.duration(), Duration::from_millis(11_000));
+        assert_eq!(long.at(Duration::from_millis(500)), (0.0125, 0.05));
+        assert_eq!(long.at(Duration::from_millis(5_500)), (0.5, 0.1));
+        assert_eq!(long.at(Duration::from_millis(10_500)), (0.9875, 0.05));
 
         // 1 s up, 1 s down.
         let short = Profile::new(1.0, 5.0, 1.0);
-        assert_eq!(short.duration(), Micros::from_millis(2_000));
-        assert_eq!(short.at(Micros::from_millis(1_000)), (0.5, 1.0));
+        assert_eq!(short.duration(), Duration::from_millis(2_000));
+        assert_eq!(short.at(Duration::from_millis(1_000)), (0.5, 1.0));
     }
 
     #[test]
     fn no_way_takes_no_time() {
         let none = Profile::new(0.0, 1.0, 1.0);
-        assert_eq!(none.duration(), Micros(0));
-        assert_eq!(none.at(Micros(0)), (1.0, 0.0));
+        assert_eq!(none.duration(), Duration::ZERO);
+        assert_eq!(none.at(Duration::ZERO), (1.0, 0.0));
     }
 
     proptest! {
@@ -93,10 +93,10 @@ mod tests {
         ) {
             let profile = Profile::new(way, speed, acceleration);
             let steps = 1_000;
-            let step = (profile.duration().0 / steps).max(1);
+            let step = (profile.duration().as_micros() / steps).max(1);
             let mut before = (0.0, 0.0);
             for i in 1..=steps {
-                let (gone, rate) = profile.at(Micros(i * step));
+                let (gone, rate) = profile.at(Duration::from_micros(i * step));
                 prop_assert!(gone >= before.0 && gone <= 1.0 + 1e-9);
                 prop_assert!(rate * way <= speed * (1.0 + 1e-9));
                 let change = (rate - before.1).abs() * way;

@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 
 use armwire::framing::Reason;
 use armwire::messages::Messages;
+use armwire::time;
 use armwire::xarm::{HEADER, Key, MAX_FRAME, Request, Response, XArm};
 use armwire::{Device, DeviceEvent};
-use armwire_bridge::Micros;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::sockopt::{set_socket_keepalive, set_tcp_keepidle};
@@ -220,8 +220,8 @@ struct Service<'a> {
 }
 
 impl Service<'_> {
-    fn now(&self) -> Micros {
-        Micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
+    fn now(&self) -> time::Instant {
+        time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 
     fn accept(&mut self, listener: &TcpListener, port: Port) -> io::Result<()> {

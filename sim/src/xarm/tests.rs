@@ -3,6 +3,7 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use armwire::messages::Messages;
+use armwire::time::Duration;
 use armwire::xarm::{Frame, Joint, Key, MAX_FRAME, ModbusFunction, Register, XArm};
 use proptest::prelude::*;
 
@@ -13,12 +14,12 @@ fn arm() -> VirtualXArm {
     VirtualXArm::new(Config::new(Model::XArm6))
 }
 
-fn seconds(seconds: f64) -> Micros {
-    Micros((seconds * 1e6) as u64)
+fn seconds(seconds: f64) -> Instant {
+    Instant::from_micros((seconds * 1e6) as u64)
 }
 
 /// Asks, and expects an answer of the same register.
-fn ask<'a>(arm: &'a mut VirtualXArm, now: Micros, request: Request<'_>) -> (State, Reply<'a>) {
+fn ask<'a>(arm: &'a mut VirtualXArm, now: Instant, request: Request<'_>) -> (State, Reply<'a>) {
     match arm.answer(now, &request) {
         Some(Response::Reply { state, reply }) => {
             assert_eq!(Some(reply.register()), request.register());
@@ -35,14 +36,14 @@ fn bytes_of(frame: Frame<'_>) -> Vec<u8> {
 }
 
 /// Asks a register that the document does not have.
-fn raw(arm: &mut VirtualXArm, now: Micros, register: u8, params: &[u8]) -> (State, Vec<u8>) {
+fn raw(arm: &mut VirtualXArm, now: Instant, register: u8, params: &[u8]) -> (State, Vec<u8>) {
     match ask(arm, now, Request::Raw(Raw::new(register, params).unwrap())) {
         (state, Reply::Raw(raw)) => (state, raw.params().to_vec()),
         other => panic!("{other:?}"),
     }
 }
 
-fn read(arm: &mut VirtualXArm, now: Micros, register: u8) -> Vec<u8> {
+fn read(arm: &mut VirtualXArm, now: Instant, register: u8) -> Vec<u8> {
     let (state, params) = raw(arm, now, register, &[]);
     assert!(!state.contains(State::INVALID), "register {register}");
     params
@@ -61,7 +62,7 @@ fn move_to(angle: f32, speed: f32, acceleration: f32) -> Vec<u8> {
 }
 
 /// Switches motors on, chooses position mode and sets state 0.
-fn get_ready(arm: &mut VirtualXArm, now: Micros) {
+fn get_ready(arm: &mut VirtualXArm, now: Instant) {
     for (register, params) in [(11, &[8, 1][..]), (19, &[0]), (12, &[0])] {
         assert!(!raw(arm, now, register, params).0.contains(State::INVALID));
     }
@@ -70,7 +71,7 @@ fn get_ready(arm: &mut VirtualXArm, now: Micros) {
 
 fn ready() -> VirtualXArm {
     let mut arm = arm();
-    get_ready(&mut arm, Micros(0));
+    get_ready(&mut arm, Instant::ZERO);
     arm
 }
 
@@ -96,7 +97,7 @@ fn the_registers_of_the_document_are_answered_as_in_its_examples() {
             };
             let frame = bytes_of(frame);
             let request = XArm::PRIVATE.parse_request(&frame).unwrap();
-            let response = arm.answer(Micros(0), &request).unwrap();
+            let response = arm.answer(Instant::ZERO, &request).unwrap();
             let key = Key {
                 transaction: 1,
                 protocol,
@@ -118,13 +119,13 @@ fn the_registers_of_the_document_are_answered_as_in_its_examples() {
 
 #[test]
 fn a_heartbeat_is_not_answered() {
-    assert_eq!(arm().answer(Micros(0), &Request::Heartbeat), None);
+    assert_eq!(arm().answer(Instant::ZERO, &Request::Heartbeat), None);
 }
 
 #[test]
 fn what_it_does_not_have_is_invalid_and_changes_nothing() {
     let mut arm = ready();
-    let before = arm.report(Micros(0));
+    let before = arm.report(Instant::ZERO);
     let nan = move_to(f32::NAN, 1.0, 1.0);
     let (fast, slow, still) = (move_to(0.1, 3.2, 1.0), move_to(0.1, -1.0, 1.0), move_to(0.1, 1.0, 0.0));
     let wrong: [(u8, &[u8]); 22] = [
@@ -153,15 +154,15 @@ fn what_it_does_not_have_is_invalid_and_changes_nothing() {
     ];
     for (register, params) in wrong {
         assert_eq!(
-            raw(&mut arm, Micros(0), register, params),
+            raw(&mut arm, Instant::ZERO, register, params),
             (State::INVALID, vec![]),
             "{register}"
         );
     }
     let seventh = Request::ReadRotationRadius(Joint::new(7).unwrap());
     let refused = (State::INVALID, Reply::Empty(Register::RotationRadius));
-    assert_eq!(ask(&mut arm, Micros(0), seventh), refused);
-    assert_eq!(arm.report(Micros(0)), before);
+    assert_eq!(ask(&mut arm, Instant::ZERO, seventh), refused);
+    assert_eq!(arm.report(Instant::ZERO), before);
 }
 
 #[test]
@@ -181,7 +182,7 @@ fn parameters_that_a_register_does_not_have_are_invalid_besides_what_else_it_is(
             state: State::INVALID | State::NOT_READY,
             reply: Reply::Empty(register),
         };
-        assert_eq!(arm.refuse(Micros(0), &error), Some(expected));
+        assert_eq!(arm.refuse(Instant::ZERO, &error), Some(expected));
     }
 }
 
@@ -197,13 +198,13 @@ fn standard_modbus_is_refused_in_its_own_words() {
         unit: 1,
         function: ModbusFunction::new(3).unwrap(),
     };
-    assert_eq!(arm().refuse(Micros(0), &error), Some(expected));
+    assert_eq!(arm().refuse(Instant::ZERO, &error), Some(expected));
 }
 
 #[test]
 fn it_is_ready_when_motors_mode_and_state_are() {
     let mut arm = arm();
-    let now = Micros(0);
+    let now = Instant::ZERO;
     assert_eq!((arm.state(), read(&mut arm, now, 13)), (State::NOT_READY, vec![4]));
     // One motor after the other: the last makes it ready.
     raw(&mut arm, now, 12, &[0]);
@@ -228,7 +229,7 @@ fn a_move_keeps_to_speed_and_acceleration_and_ends_at_the_target() {
     let mut arm = ready();
     // 1 s to gain speed, 1 s at speed, 1 s to lose it.
     assert_eq!(
-        raw(&mut arm, Micros(0), 23, &move_to(-1.0, 0.5, 0.5)),
+        raw(&mut arm, Instant::ZERO, 23, &move_to(-1.0, 0.5, 0.5)),
         (State::OK, vec![])
     );
     for (time, angle, velocity) in [
@@ -262,7 +263,7 @@ fn joints_with_different_ways_arrive_together() {
     let mut arm = ready();
     let values = [1.0, -0.5, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 10.0, 0.0_f32];
     let params = values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<_>>();
-    raw(&mut arm, Micros(0), 23, &params);
+    raw(&mut arm, Instant::ZERO, 23, &params);
     for time in [0.05, 0.4, 0.8, 1.05] {
         arm.advance(seconds(time));
         let [a, b, c, d, ..] = arm.joints();
@@ -279,10 +280,16 @@ fn moves_wait_for_each_other_and_so_long_as_there_is_room() {
     let full = body::MAX_MOVES as u16;
     for i in 0..full {
         let angle = if i % 2 == 0 { 0.1 } else { 0.0 };
-        assert_eq!(raw(&mut arm, Micros(0), 23, &move_to(angle, 1.0, 20.0)).0, State::OK);
+        assert_eq!(
+            raw(&mut arm, Instant::ZERO, 23, &move_to(angle, 1.0, 20.0)).0,
+            State::OK
+        );
     }
-    assert_eq!(raw(&mut arm, Micros(0), 23, &move_to(0.0, 1.0, 20.0)).0, State::INVALID);
-    assert_eq!(read(&mut arm, Micros(0), 14), full.to_be_bytes());
+    assert_eq!(
+        raw(&mut arm, Instant::ZERO, 23, &move_to(0.0, 1.0, 20.0)).0,
+        State::INVALID
+    );
+    assert_eq!(read(&mut arm, Instant::ZERO, 14), full.to_be_bytes());
     // Each takes 0.15 s; at 10 s the 67th is under way.
     assert_eq!(read(&mut arm, seconds(10.0), 14), (full - 66).to_be_bytes());
     assert_eq!(read(&mut arm, seconds(1e3), 14), [0, 0]);
@@ -292,8 +299,8 @@ fn moves_wait_for_each_other_and_so_long_as_there_is_room() {
 #[test]
 fn a_pause_keeps_moves_and_a_stop_drops_them() {
     let mut arm = ready();
-    raw(&mut arm, Micros(0), 23, &move_to(-1.0, 0.5, 0.5));
-    raw(&mut arm, Micros(0), 23, &move_to(0.0, 0.5, 0.5));
+    raw(&mut arm, Instant::ZERO, 23, &move_to(-1.0, 0.5, 0.5));
+    raw(&mut arm, Instant::ZERO, 23, &move_to(0.0, 0.5, 0.5));
     assert_eq!(raw(&mut arm, seconds(1.5), 12, &[3]).0, State::OK);
     assert_eq!(read(&mut arm, seconds(2.0), 13), [3]);
     assert_eq!(read(&mut arm, seconds(2.0), 14), [0, 2]);
@@ -327,8 +334,8 @@ fn a_pause_keeps_moves_and_a_stop_drops_them() {
 fn a_joint_beyond_its_limit_is_an_error_until_it_is_cleared() {
     for (model, angle) in [(Model::XArm5, -1.7), (Model::XArm6, 0.2), (Model::XArm7, -0.2)] {
         let mut arm = VirtualXArm::new(Config::new(model));
-        get_ready(&mut arm, Micros(0));
-        let now = Micros(0);
+        get_ready(&mut arm, Instant::ZERO);
+        let now = Instant::ZERO;
         let stuck = State::ERROR | State::NOT_READY;
         assert_eq!(raw(&mut arm, now, 23, &move_to(angle, 1.0, 1.0)).0, stuck);
         assert_eq!(
@@ -350,12 +357,12 @@ fn every_joint_moves_to_both_of_its_limits() {
         for (joint, &(min, max)) in model.limits().iter().enumerate() {
             for angle in [min, max] {
                 let mut arm = VirtualXArm::new(Config::new(model));
-                get_ready(&mut arm, Micros(0));
+                get_ready(&mut arm, Instant::ZERO);
                 let mut values = [0.0; 10];
                 values[joint] = angle;
                 values[7..9].fill(3.0);
                 let params = values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<_>>();
-                assert_eq!(raw(&mut arm, Micros(0), 23, &params).0, State::OK);
+                assert_eq!(raw(&mut arm, Instant::ZERO, 23, &params).0, State::OK);
                 arm.advance(seconds(10.0));
                 assert_eq!(arm.joints()[joint] as f32, angle);
             }
@@ -367,31 +374,34 @@ fn every_joint_moves_to_both_of_its_limits() {
 fn warnings_show_and_stop_nothing() {
     let mut arm = ready();
     arm.set_warning(13);
-    assert_eq!(raw(&mut arm, Micros(0), 23, &move_to(0.1, 1.0, 1.0)).0, State::WARNING);
-    assert_eq!(read(&mut arm, Micros(0), 15), [0, 13]);
-    assert_eq!(read(&mut arm, Micros(0), 13), [1]);
-    assert_eq!(raw(&mut arm, Micros(0), 17, &[]).0, State::OK);
-    assert_eq!(read(&mut arm, Micros(0), 15), [0, 0]);
+    assert_eq!(
+        raw(&mut arm, Instant::ZERO, 23, &move_to(0.1, 1.0, 1.0)).0,
+        State::WARNING
+    );
+    assert_eq!(read(&mut arm, Instant::ZERO, 15), [0, 13]);
+    assert_eq!(read(&mut arm, Instant::ZERO, 13), [1]);
+    assert_eq!(raw(&mut arm, Instant::ZERO, 17, &[]).0, State::OK);
+    assert_eq!(read(&mut arm, Instant::ZERO, 15), [0, 0]);
 }
 
 #[test]
 fn what_is_reported_as_torque_can_be_chosen() {
     let mut arm = arm();
     for source in [TorqueSource::Current, TorqueSource::Torque] {
-        raw(&mut arm, Micros(0), 70, &[source as u8]);
-        let told = ask(&mut arm, Micros(0), Request::ReadTorqueSource).1;
+        raw(&mut arm, Instant::ZERO, 70, &[source as u8]);
+        let told = ask(&mut arm, Instant::ZERO, Request::ReadTorqueSource).1;
         assert_eq!(told, Reply::TorqueSource(source));
-        assert_eq!(arm.report(Micros(0))[494], (source as u8) << 2);
+        assert_eq!(arm.report(Instant::ZERO)[494], (source as u8) << 2);
     }
-    assert_eq!(values(&read(&mut arm, Micros(0), 55)), [0.0; 7]);
-    assert_eq!(read(&mut arm, Micros(0), 3), [0]);
+    assert_eq!(values(&read(&mut arm, Instant::ZERO, 55)), [0.0; 7]);
+    assert_eq!(read(&mut arm, Instant::ZERO, 3), [0]);
 }
 
 #[test]
 fn a_reboot_leaves_the_joints_and_nothing_else() {
     for command in [Request::Reboot, Request::Shutdown] {
         let mut arm = ready();
-        raw(&mut arm, Micros(0), 23, &move_to(0.1, 1.0, 1.0));
+        raw(&mut arm, Instant::ZERO, 23, &move_to(0.1, 1.0, 1.0));
         raw(&mut arm, seconds(5.0), 70, &[1]);
         raw(&mut arm, seconds(5.0), 23, &move_to(0.0, 1.0, 1.0));
         arm.set_warning(13);
@@ -399,7 +409,7 @@ fn a_reboot_leaves_the_joints_and_nothing_else() {
         assert_eq!(ask(&mut arm, seconds(5.0), command), done);
 
         let mut fresh = VirtualXArm::new(Config::new(Model::XArm6));
-        assert_eq!(read(&mut arm, seconds(6.0), 13), read(&mut fresh, Micros(0), 13));
+        assert_eq!(read(&mut arm, seconds(6.0), 13), read(&mut fresh, Instant::ZERO, 13));
         assert_eq!(read(&mut arm, seconds(6.0), 14), [0, 0]);
         let told = ask(&mut arm, seconds(6.0), Request::ReadTorqueSource);
         assert_eq!(told, (State::NOT_READY, Reply::TorqueSource(TorqueSource::Torque)));
@@ -412,7 +422,7 @@ fn the_flange_is_told_as_it_is() {
     let mut arm = ready();
     let values_to = [FRAC_PI_2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 3.0, 0.0];
     let params = values_to.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<_>>();
-    raw(&mut arm, Micros(0), 23, &params);
+    raw(&mut arm, Instant::ZERO, 23, &params);
     let pose = values(&read(&mut arm, seconds(9.0), 41));
     let expected = [0.0, 207.0, 112.0, PI, 0.0, FRAC_PI_2];
     assert!(pose.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{pose:?}");
@@ -428,11 +438,11 @@ fn a_report_tells_what_the_registers_tell() {
     for model in MODELS {
         let mut arm = VirtualXArm::new(Config::new(model));
         let joints = model.joints();
-        get_ready(&mut arm, Micros(0));
+        get_ready(&mut arm, Instant::ZERO);
         arm.set_warning(13);
-        raw(&mut arm, Micros(0), 66, &[1]);
-        raw(&mut arm, Micros(0), 23, &move_to(0.15, 0.5, 0.5));
-        raw(&mut arm, Micros(0), 23, &move_to(0.0, 0.5, 0.5));
+        raw(&mut arm, Instant::ZERO, 66, &[1]);
+        raw(&mut arm, Instant::ZERO, 23, &move_to(0.15, 0.5, 0.5));
+        raw(&mut arm, Instant::ZERO, 23, &move_to(0.0, 0.5, 0.5));
         let now = seconds(0.5);
         let report = arm.report(now);
         assert_eq!(report.len(), REPORT);
@@ -479,16 +489,16 @@ proptest! {
     ) {
         let mut often = ready();
         for &angle in &angles {
-            raw(&mut often, Micros(0), 23, &move_to(angle, speed, acceleration));
+            raw(&mut often, Instant::ZERO, 23, &move_to(angle, speed, acceleration));
         }
         let mut once = often.clone();
         let mut times = times;
         times.sort_unstable();
         for time in times {
-            often.advance(Micros(time));
+            often.advance(Instant::from_micros(time));
         }
         for end in [20_000_000, 1_000_000_000] {
-            prop_assert_eq!(often.report(Micros(end)), once.report(Micros(end)));
+            prop_assert_eq!(often.report(Instant::from_micros(end)), once.report(Instant::from_micros(end)));
         }
     }
 
@@ -500,9 +510,9 @@ proptest! {
         ),
     ) {
         let mut arm = ready();
-        let mut now = Micros(0);
+        let mut now = Instant::ZERO;
         for (register, params, wait) in requests {
-            now = now + Micros(wait);
+            now += Duration::from_micros(wait);
             let body = [&[register], &params[..]].concat();
             let frame = bytes_of(Frame { transaction: 1, protocol: 3, body: &body });
             match XArm::PRIVATE.parse_request(&frame) {

@@ -2,8 +2,8 @@
 
 mod trace;
 
-use armwire_bridge::Micros;
 use armwire_bridge::can::{Frame, Id};
+use armwire_bridge::{Duration, Instant};
 
 use super::*;
 use crate::can::{BusFrame, ErrorState, NodeConfig, Outcome, Sender};
@@ -14,13 +14,13 @@ use crate::report::{Cause, Restart};
 pub(crate) struct Nobody;
 
 impl armwire_sim::serial::SerialDevice for Nobody {
-    fn receive(&mut self, _: Micros, _: u8) {}
+    fn receive(&mut self, _: Instant, _: u8) {}
 
-    fn transmit(&mut self, _: Micros) -> Option<u8> {
+    fn transmit(&mut self, _: Instant) -> Option<u8> {
         None
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         None
     }
 }
@@ -92,7 +92,7 @@ fn where_gdb_may_attach_is_known() {
 #[test]
 fn time_passes_as_far_as_asked() {
     let mut board = board(&[HANG, NOP], &[]);
-    board.run_for(Micros(1_234)).unwrap();
+    board.run_for(Duration::from_micros(1_234)).unwrap();
     assert!(board.now().since(Nanos(1_234_000)) < Nanos(10), "{}", board.now());
     board.check().unwrap();
 }
@@ -100,7 +100,7 @@ fn time_passes_as_far_as_asked() {
 #[test]
 fn waiting_for_what_does_not_happen_ends_in_time() {
     let mut board = board(&[HANG, NOP], &[]);
-    let error = board.run_until(Micros(2_500), |_| false).unwrap_err();
+    let error = board.run_until(Duration::from_micros(2_500), |_| false).unwrap_err();
     assert!(
         matches!(
             error,
@@ -110,7 +110,7 @@ fn waiting_for_what_does_not_happen_ends_in_time() {
         ),
         "{error}"
     );
-    assert_eq!(board.now().micros(), Micros(2_500));
+    assert_eq!(board.now().instant(), Instant::from_micros(2_500));
 }
 
 #[test]
@@ -123,7 +123,7 @@ fn a_watchdog_that_is_not_fed_restarts_the_part() {
     };
     assert_eq!(cause, Cause::Watchdog);
     // RM0090 table 107: 512 ms at the shortest prescaler and the longest reload, from the 32 kHz LSI.
-    assert!((512_000..513_000).contains(&at.micros().0), "{at}");
+    assert!((512_000..513_000).contains(&at.instant().as_micros()), "{at}");
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn an_access_to_nothing_fails_the_check() {
     // UART7 is the F427's.
     let mut board = board(&[ldr(0, 1), load(1, 0), HANG, NOP], &[0x4000_7800]);
     // There is no handler for the bus fault, or for what follows from that.
-    let crashed = board.run_for(Micros(10));
+    let crashed = board.run_for(Duration::from_micros(10));
     assert!(
         matches!(
             crashed,
@@ -159,7 +159,7 @@ fn a_peripheral_without_its_clock_refuses_and_one_without_a_model_is_named() {
         &[ldr(0, 2), load(1, 0), ldr(0, 2), load(1, 0), HANG, NOP],
         &[0x4000_4400, 0x4001_3C00],
     );
-    board.run_for(Micros(10)).unwrap();
+    board.run_for(Duration::from_micros(10)).unwrap();
     let found = board.report().unwrap().violations;
     let named = |violation: &Violation| match violation {
         Violation::Refused { address, .. } => *address == 0x4000_4400,
@@ -179,7 +179,7 @@ fn the_unique_id_and_the_flash_size_are_where_the_manual_says() {
     // The half word at 0x1FFF_7A22: 1024 KiB. The one before it is not known.
     let code = [ldr(0, 1), 0x8801, HANG, NOP];
     let mut board = board_with(&code, &[0x1FFF_7A22], |config| config);
-    board.run_for(Micros(10)).unwrap();
+    board.run_for(Duration::from_micros(10)).unwrap();
     board.check().unwrap();
 }
 
@@ -187,7 +187,7 @@ fn the_unique_id_and_the_flash_size_are_where_the_manual_says() {
 fn two_runs_leave_the_same_trace_and_another_program_leaves_another() {
     let run = |address| {
         let mut board = board(&[ldr(0, 1), load(1, 0), HANG, NOP], &[address]);
-        board.run_for(Micros(100)).unwrap();
+        board.run_for(Duration::from_micros(100)).unwrap();
         board.trace_hash()
     };
     assert_eq!(run(0x4002_3800), run(0x4002_3800));
@@ -204,7 +204,7 @@ fn instructions_take_as_long_as_they_are_made_to_cost() {
             instruction_cost: NonZeroU32::new(percent).unwrap(),
             ..config
         });
-        board.run_for(Micros(3)).unwrap();
+        board.run_for(Duration::from_micros(3)).unwrap();
         board.report().unwrap().violations.len()
     };
     assert_eq!(refused_after(100), 1);
@@ -362,10 +362,10 @@ fn flash_word(board: &VirtualBoard<Nobody>) -> u32 {
 #[test]
 fn the_core_stands_still_while_the_flash_is_busy() {
     let mut board = programmer(|config| config);
-    board.run_for(Micros(15)).unwrap();
+    board.run_for(Duration::from_micros(15)).unwrap();
     assert_eq!((board.flash_operations(), flash_word(&board)), (1, u32::MAX));
     assert!(board.report().unwrap().violations.is_empty());
-    board.run_for(Micros(4)).unwrap();
+    board.run_for(Duration::from_micros(4)).unwrap();
     assert_eq!(flash_word(&board), WORD);
     assert!(matches!(
         board.report().unwrap().violations[..],
@@ -379,10 +379,10 @@ fn the_core_stands_still_while_the_flash_is_busy() {
 #[test]
 fn a_power_cycle_starts_over_with_the_same_flash() {
     let mut board = programmer(|config| config);
-    board.run_for(Micros(20)).unwrap();
+    board.run_for(Duration::from_micros(20)).unwrap();
     board.power_cycle().unwrap();
     assert_eq!((flash_word(&board), board.flash_operations()), (WORD, 1));
-    board.run_for(Micros(20)).unwrap();
+    board.run_for(Duration::from_micros(20)).unwrap();
     assert_eq!(board.flash_operations(), 2, "it ran again");
     let restarts = board.report().unwrap().restarts;
     assert!(
@@ -400,7 +400,7 @@ fn a_power_cycle_starts_over_with_the_same_flash() {
 #[test]
 fn the_next_board_has_the_flash_that_it_is_given() {
     let mut first = programmer(|config| config);
-    first.run_for(Micros(20)).unwrap();
+    first.run_for(Duration::from_micros(20)).unwrap();
     let mut board = board_with(&[NOP, HANG], &[], |config| Config {
         flash: Some(first.flash()),
         ..config
@@ -418,12 +418,15 @@ fn a_power_cut_leaves_a_word_half_programmed_and_the_board_dead_until_power_come
             seed,
             ..config
         });
-        let error = board.run_for(Micros(100)).unwrap_err();
+        let error = board.run_for(Duration::from_micros(100)).unwrap_err();
         let Error::PowerCut { at, operation: 1 } = error else {
             panic!("{error}");
         };
         assert_eq!(at, board.now());
-        assert!(matches!(board.run_for(Micros(1)), Err(Error::PowerCut { .. })));
+        assert!(matches!(
+            board.run_for(Duration::from_micros(1)),
+            Err(Error::PowerCut { .. })
+        ));
         let word = flash_word(&board);
         assert_eq!(word & WORD, WORD, "only bits that are to be clear are");
         (board, word)
@@ -433,13 +436,13 @@ fn a_power_cut_leaves_a_word_half_programmed_and_the_board_dead_until_power_come
     assert_eq!(run(1).1, word);
     assert_ne!(run(2).1, word);
     board.power_cycle().unwrap();
-    board.run_for(Micros(20)).unwrap();
+    board.run_for(Duration::from_micros(20)).unwrap();
     assert_eq!(flash_word(&board), WORD);
 
     board.cut_power_after(0);
     board.power_cycle().unwrap();
     assert!(matches!(
-        board.run_for(Micros(100)),
+        board.run_for(Duration::from_micros(100)),
         Err(Error::PowerCut { operation: 3, .. })
     ));
 }
@@ -458,7 +461,7 @@ fn a_power_cut_leaves_a_sector_half_erased() {
         power_cut_after: Some(0),
         ..config
     });
-    let error = board.run_for(Micros(260_000)).unwrap_err();
+    let error = board.run_for(Duration::from_micros(260_000)).unwrap_err();
     assert!(matches!(error, Error::PowerCut { operation: 1, .. }), "{error}");
     let flash = board.flash();
     let sector = &flash[0x4000..0x8000];
@@ -481,16 +484,18 @@ fn flash_contents_of_another_size_are_refused() {
 fn firmware_that_jumps_to_the_boot_loader_is_seen_there_until_a_reset() {
     let mut board = board_into_boot_loader();
     assert!(!board.is_in_boot_loader());
-    let took = board.run_until(Micros(10), |board| board.is_in_boot_loader()).unwrap();
+    let took = board
+        .run_until(Duration::from_micros(10), |board| board.is_in_boot_loader())
+        .unwrap();
     // 23 cycles of 16 MHz, and a look each millisecond.
-    assert!(took < Micros(3).into(), "{took}");
+    assert!(took < Duration::from_micros(3).into(), "{took}");
     board.run_for(Nanos::from_millis(1)).unwrap();
     assert!(board.is_in_boot_loader());
     board.check().unwrap();
     board.power_cycle().unwrap();
-    board.run_for(Micros(1)).unwrap();
+    board.run_for(Duration::from_micros(1)).unwrap();
     assert!(!board.is_in_boot_loader());
-    board.run_for(Micros(2)).unwrap();
+    board.run_for(Duration::from_micros(2)).unwrap();
     assert!(board.is_in_boot_loader());
 }
 
@@ -499,7 +504,7 @@ fn the_memory_at_address_0_may_be_remapped_for_the_boot_loader() {
     // RCC_APB2ENR: SYSCFGEN; SYSCFG_MEMRMP: system memory (9.2.1).
     let (code, literals) = stores(&[(0x4002_3844, 1 << 14), (0x4001_3800, 1)]);
     let mut board = board(&code, &literals);
-    board.run_for(Micros(10)).unwrap();
+    board.run_for(Duration::from_micros(10)).unwrap();
     board.check().unwrap();
     assert_eq!(board.read_word(0x4001_3800).unwrap(), 1);
 }
@@ -543,7 +548,7 @@ fn preemption(first: u32, second: u32) -> Vec<u64> {
     flash.extend(code);
     let image = Image::plain(0x0800_0000, flash);
     let mut board = VirtualBoard::start_image(image, Config::new("test", Nobody)).unwrap();
-    board.run_for(Micros(10)).unwrap();
+    board.run_for(Duration::from_micros(10)).unwrap();
     let address = |violation: &Violation| match violation {
         Violation::Refused { address, .. } => *address,
         other => panic!("{other:?}"),

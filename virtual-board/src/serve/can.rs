@@ -84,7 +84,7 @@ impl CanPort {
     /// Gives the program what the adapter received and what went wrong.
     pub(super) fn give(&mut self, can: &Can<'_>, now: Nanos) -> Result<(), Error> {
         for frame in can.read_by(self.node) {
-            self.adapter.hear(&frame, now.micros());
+            self.adapter.hear(&frame, now.instant());
         }
         let is_wrong = |outcome| outcome != Outcome::Sent;
         if self.joined.is_some() && can.frames().iter().any(|frame| is_wrong(frame.outcome)) {

@@ -13,7 +13,7 @@ use armwire_bridge::control::{
     self, FromAdapter, FromHost, Identity, LineHolder, LineState, MAX_MESSAGE, Reply, Request,
 };
 use armwire_bridge::isotp::{Config, Endpoint, Link};
-use armwire_bridge::{LineCoding, Micros};
+use armwire_bridge::{LineCoding, time};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
@@ -74,7 +74,7 @@ fn serve(pty: &Pty, bit_rate: u32, mut adapter: Adapter, stop: &AtomicBool, log:
     let mut slcan = Slcan::new();
     let mut bytes = [0; 1024];
     while !stop.load(Ordering::Relaxed) {
-        let now = Micros(start.elapsed().as_micros() as u64);
+        let now = time::Instant::from_micros(start.elapsed().as_micros() as u64);
         let n = pty.read(&mut bytes).unwrap();
         for &byte in &bytes[..n] {
             let mut sent = None;
@@ -122,7 +122,7 @@ impl Adapter {
         }
     }
 
-    fn receive(&mut self, frame: &Frame, now: Micros) {
+    fn receive(&mut self, frame: &Frame, now: time::Instant) {
         let events = match Function::of(frame.id()) {
             Some((Function::ArmRequest, node)) if node == self.config.can.node => {
                 self.to_arm.receive(frame.data(), now)
@@ -139,7 +139,7 @@ impl Adapter {
     }
 
     /// What the adapter sends now.
-    fn transmit(&mut self, now: Micros) -> Vec<Frame> {
+    fn transmit(&mut self, now: time::Instant) -> Vec<Frame> {
         let is_held = self.is_held.load(Ordering::Relaxed);
         if let Some(request) = self.to_arm.received() {
             for &byte in request.iter().filter(|_| !is_held) {

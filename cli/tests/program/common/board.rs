@@ -10,7 +10,7 @@ use std::{fs, io};
 
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, Bridge, Micros, PACKET};
+use armwire_bridge::{Action, Bridge, PACKET, time};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
@@ -76,7 +76,7 @@ impl Served {
         };
         let mut bridge = Bridge::new(identity, Config::default());
         bridge.usb_configured(true);
-        bridge.usb_dtr(true, Micros(0));
+        bridge.usb_dtr(true, time::Instant::ZERO);
         Self {
             bridge,
             arm: LingArm::new(ArmConfig::follower()),
@@ -89,7 +89,7 @@ impl Served {
     fn serve(mut self, stop: &AtomicBool) {
         let start = Instant::now();
         while !stop.load(Ordering::Relaxed) {
-            let now = Micros(start.elapsed().as_micros() as u64);
+            let now = time::Instant::from_micros(start.elapsed().as_micros() as u64);
             self.hear(now).unwrap();
             if self.bridge.timeout().is_some_and(|at| at <= now) {
                 self.bridge.tick(now);
@@ -102,7 +102,7 @@ impl Served {
     }
 
     /// What the host says, as far as there is room for it.
-    fn hear(&mut self, now: Micros) -> io::Result<()> {
+    fn hear(&mut self, now: time::Instant) -> io::Result<()> {
         let mut packet = [0; PACKET];
         if self.bridge.usb_room() {
             match self.port.read(&mut packet)? {
@@ -120,7 +120,7 @@ impl Served {
     }
 
     /// What goes to the arm, and what comes from it.
-    fn exchange(&mut self, now: Micros) {
+    fn exchange(&mut self, now: time::Instant) {
         let mut bytes = [0; 256];
         while let Some(burst) = self.bridge.uart_transmit(&mut bytes, now) {
             for &byte in &bytes[..burst.len] {
@@ -136,7 +136,7 @@ impl Served {
         }
     }
 
-    fn act(&mut self, now: Micros) {
+    fn act(&mut self, now: time::Instant) {
         match self.bridge.action() {
             // Nothing is kept, for nothing starts again.
             Some(Action::Save(_) | Action::Reset) => self.bridge.saved(Ok(()), now),
@@ -146,7 +146,7 @@ impl Served {
     }
 
     /// What the host hears.
-    fn say(&mut self, now: Micros) -> io::Result<()> {
+    fn say(&mut self, now: time::Instant) -> io::Result<()> {
         let mut packet = [0; PACKET];
         while let Some(n) = self.bridge.usb_transmit(&mut packet) {
             self.port.write(&packet[..n])?;

@@ -7,7 +7,7 @@
 //! it on to was free of what went before. The time before that is not counted.
 
 use armwire::ling::Request;
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::control::{Event, Request as ControlRequest};
 use armwire_host_tests::image::requests::frame;
@@ -21,7 +21,7 @@ use armwire_virtual_board::{Error, Nanos, VirtualBoard};
 use crate::board::Board;
 
 /// The time for which the arm thinks.
-const TURNAROUND: Micros = Micros(100);
+const TURNAROUND: Duration = Duration::from_micros(100);
 /// The adapter's own polls in a second, each told of by cyclic frames.
 const POLL_HZ: u16 = 200;
 /// Bits per second on the bus.
@@ -281,7 +281,8 @@ fn rooms(frames: &[(Nanos, Nanos)]) -> Vec<Nanos> {
 
 /// The delays of stamps after the earliest, in microseconds.
 fn delays(stamps: &[(usize, u64)], exchanges: &[Exchange]) -> Vec<u64> {
-    let ahead = |&(number, stamp): &(usize, u64)| stamp.wrapping_sub(exchanges[number].end.micros().0) as i64;
+    let ahead =
+        |&(number, stamp): &(usize, u64)| stamp.wrapping_sub(exchanges[number].end.instant().as_micros()) as i64;
     let least = stamps.iter().map(ahead).min().unwrap_or_default();
     stamps.iter().map(|stamp| (ahead(stamp) - least) as u64).collect()
 }

@@ -4,7 +4,7 @@
 use std::time::Instant;
 
 use armwire::ling::JOINTS;
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::Request;
@@ -38,7 +38,7 @@ pub(crate) enum Scene {
     /// The adapter polls the arm at 200 Hz, and sends its state on the bus.
     Polled,
     /// The adapter polls the arm as fast as the line allows. The arm thinks so long before each answer.
-    Fastest(Micros),
+    Fastest(Duration),
     /// The UART carries bytes without a pause both ways at this rate, and USB the same bytes. With a bus, the rate is 1 Mbaud,
     /// and the arm sends frames, which go to the bus by ISO-TP, as many as it carries.
     Saturated(u32, Option<Link>),
@@ -48,9 +48,9 @@ impl Scene {
     pub(crate) const ALL: [Self; 10] = [
         Self::Idle,
         Self::Polled,
-        Self::Fastest(Micros(500)),
-        Self::Fastest(Micros(100)),
-        Self::Fastest(Micros(0)),
+        Self::Fastest(Duration::from_micros(500)),
+        Self::Fastest(Duration::from_micros(100)),
+        Self::Fastest(Duration::ZERO),
         Self::Saturated(115_200, None),
         Self::SATURATED,
         Self::Saturated(2 * MEGABAUD, None),
@@ -64,7 +64,7 @@ impl Scene {
         match self {
             Self::Idle => "idle".to_owned(),
             Self::Polled => "poll and telemetry at 200 Hz".to_owned(),
-            Self::Fastest(pause) => format!("fastest poll, arm thinks {} µs", pause.0),
+            Self::Fastest(pause) => format!("fastest poll, arm thinks {} µs", pause.as_micros()),
             Self::Saturated(baud, None) => format!("{} kbaud both ways", f64::from(baud) / 1e3),
             Self::Saturated(_, Some(Link::Classic)) => "1000 kbaud both ways, CAN full".to_owned(),
             Self::Saturated(_, Some(Link::Fd)) => "1000 kbaud both ways, CAN FD full".to_owned(),
@@ -102,12 +102,12 @@ pub(crate) fn measure(board: &Board, scene: Scene) -> Option<Figures> {
         Scene::Saturated(_, Some(Link::Fd)) if !facts(board.chip).can_fd => None,
         Scene::Saturated(baud, bus) => Some(saturate(board, scene, baud, bus)),
         Scene::Fastest(turnaround) => Some(poll(board, scene, turnaround)),
-        Scene::Idle | Scene::Polled => Some(poll(board, scene, Micros(100))),
+        Scene::Idle | Scene::Polled => Some(poll(board, scene, Duration::from_micros(100))),
     }
 }
 
 /// Plays a scene with an arm of Ling's.
-fn poll(board: &Board, scene: Scene, turnaround: Micros) -> Figures {
+fn poll(board: &Board, scene: Scene, turnaround: Duration) -> Figures {
     let config = ArmConfig::follower();
     let arm = LingArm::new(ArmConfig { turnaround, ..config });
     board.run(arm, MEGABAUD, |board| {
@@ -122,7 +122,7 @@ fn poll(board: &Board, scene: Scene, turnaround: Micros) -> Figures {
 }
 
 /// Polls in a second. The line allows them without a pause but for the time that the arm takes to think.
-fn polls(line: &[LineByte], turnaround: Micros) -> Rate {
+fn polls(line: &[LineByte], turnaround: Duration) -> Rate {
     let begins = |&nth: &usize| [nth - 1, nth].map(|nth| line[nth].direction) == [Direction::ToBoard, Direction::ToArm];
     let starts: Vec<usize> = (1..line.len()).filter(begins).collect();
     let [first, .., last] = starts[..] else {

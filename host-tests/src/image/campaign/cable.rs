@@ -1,6 +1,6 @@
 //! The cable between the adapter and the arm: single bytes on it can be damaged, and it can be pulled out.
 
-use armwire_bridge::Micros;
+use armwire_bridge::{Duration, Instant};
 use armwire_sim::serial::SerialDevice;
 
 use super::super::Witness;
@@ -22,7 +22,7 @@ pub enum Damage {
     /// It arrives twice.
     Duplicate,
     /// It, and so what follows it, is so much later. Only on the way from the arm.
-    Delay(Micros),
+    Delay(Duration),
     /// Some of its bits, those that are set here, are flipped.
     Corrupt(u8),
 }
@@ -34,7 +34,7 @@ pub struct Cable {
     is_out: bool,
     plan: Option<(Way, u32, Damage)>,
     /// What goes before all else that the arm says, and from when on.
-    ahead: Option<(Micros, u8)>,
+    ahead: Option<(Instant, u8)>,
     /// Bytes that were damaged.
     hits: u32,
 }
@@ -90,7 +90,7 @@ impl Cable {
 }
 
 impl SerialDevice for Cable {
-    fn receive(&mut self, now: Micros, byte: u8) {
+    fn receive(&mut self, now: Instant, byte: u8) {
         if self.is_out {
             return;
         }
@@ -105,7 +105,7 @@ impl SerialDevice for Cable {
         }
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         if let Some((due, byte)) = self.ahead {
             if due > now {
                 return None;
@@ -134,7 +134,7 @@ impl SerialDevice for Cable {
         None
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         match self.ahead {
             Some((due, _)) => Some(due),
             None => self.arm.poll_timeout(),

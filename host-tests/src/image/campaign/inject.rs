@@ -4,7 +4,7 @@ use armwire::ling::{self, MAX_FRAME};
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{Reply, Request};
-use armwire_bridge::{Counters, LineCoding, Micros};
+use armwire_bridge::{Counters, Duration, LineCoding};
 use armwire_virtual_board::line::Fault as LineFault;
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::usb::host::Request as UsbRequest;
@@ -51,7 +51,7 @@ impl Rig {
             Fault::ByteDropped => self.damage(Way::FromArm, Damage::Drop)?,
             Fault::ByteDuplicated => self.damage(Way::FromArm, Damage::Duplicate)?,
             Fault::ByteLate => {
-                let span = Micros(self.random.between(100, 20_000));
+                let span = Duration::from_micros(self.random.between(100, 20_000));
                 self.damage(Way::FromArm, Damage::Delay(span))?;
             }
             Fault::ByteCorrupted => {
@@ -321,7 +321,7 @@ impl Rig {
             UsbRequest::read(kind, request, 0, 0, Counters::MAX_LEN as u16),
         ];
         let which = self.random.between(0, requests.len() as u64 - 1) as usize;
-        let span = Micros(self.random.between(0, 400));
+        let span = Duration::from_micros(self.random.between(0, 400));
         self.board.usb().abandon(requests[which].clone(), span)?;
         Ok(())
     }

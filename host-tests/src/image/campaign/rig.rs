@@ -3,7 +3,7 @@
 use armwire_bridge::can::Node;
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Request;
-use armwire_bridge::{Counters, Micros};
+use armwire_bridge::{Counters, Duration};
 use armwire_virtual_board::line::Direction;
 use armwire_virtual_board::{Config as BoardConfig, Error, Nanos, Timing, VirtualBoard};
 
@@ -23,7 +23,7 @@ const RATE: u32 = 1_000_000;
 const HERTZ: u16 = 200;
 
 /// How long the arm thinks: long enough that a run is not made of exchanges alone.
-const TURNAROUND: Micros = Micros(500);
+const TURNAROUND: Duration = Duration::from_micros(500);
 
 /// How long nobody looks at most, and how long when a moment is waited for.
 const GLANCE: Nanos = Nanos(250_000);
@@ -140,7 +140,7 @@ impl Rig {
 
     /// Lets everybody work for a number of microseconds from `low` to `high`.
     pub(super) fn work_between(&mut self, low: u64, high: u64) -> Result {
-        let span = Nanos::from(Micros(self.random.between(low, high)));
+        let span = Nanos::from(Duration::from_micros(self.random.between(low, high)));
         self.work(span)
     }
 

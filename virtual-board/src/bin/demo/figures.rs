@@ -2,11 +2,11 @@
 
 use std::fmt;
 
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_virtual_board::Nanos;
 
 /// One byte on the arm's line at 1 Mbaud.
-pub(crate) const BYTE: Micros = Micros(10);
+pub(crate) const BYTE: Duration = Duration::from_micros(10);
 
 /// The least, the mean and the most of a time.
 #[derive(Clone, Copy, Debug, Default)]

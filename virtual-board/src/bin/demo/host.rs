@@ -5,7 +5,7 @@ use std::error::Error;
 use armwire::ling::{Ling, MAX_FRAME, Request, Response};
 use armwire::time::Instant;
 use armwire::{Client, Config, Event, Output};
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::latency::{self, Mismatch};
 use armwire_virtual_board::line::Direction;
@@ -15,7 +15,7 @@ use armwire_virtual_board::{Nanos, VirtualBoard, usb};
 use crate::figures::{BYTE, Figures};
 
 /// The longest request, 34 bytes, on the arm's line.
-const MOVE_ON_WIRE: Micros = Micros(34 * BYTE.0);
+const MOVE_ON_WIRE: Duration = Duration::from_micros(34 * BYTE.as_micros());
 
 /// Longer than any pause within an answer.
 const ANSWER_PAUSE: Nanos = Nanos::from_millis(1);
@@ -52,13 +52,13 @@ impl Host {
         self.client.submit(&request)?;
         let mut bytes = Vec::new();
         loop {
-            let left = self.client.receive(self.board.now().micros().into(), &bytes).len();
+            let left = self.client.receive(self.board.now().instant(), &bytes).len();
             bytes.drain(..bytes.len() - left);
-            match self.client.poll(self.board.now().micros().into()) {
+            match self.client.poll(self.board.now().instant()) {
                 Output::Transmit(out) => {
                     let n = out.len();
                     self.board.usb().write(out)?;
-                    self.client.transmitted(self.board.now().micros().into(), n)?;
+                    self.client.transmitted(self.board.now().instant(), n)?;
                 }
                 Output::Timeout(until) => bytes.extend(self.listen(until)?),
                 Output::Event(Event::Answer(response)) => {
@@ -69,7 +69,7 @@ impl Host {
                 Output::Event(Event::Sent) => {
                     // It is queued for the adapter; wait until it is with the arm.
                     self.board
-                        .run_until(Micros::from_millis(10), |board| board.usb().unsent() == 0)?;
+                        .run_until(Duration::from_millis(10), |board| board.usb().unsent() == 0)?;
                     self.board.run_for(MOVE_ON_WIRE)?;
                     return Ok((None, self.board.now().since(start)));
                 }
@@ -86,7 +86,7 @@ impl Host {
     /// Runs until there are bytes from the adapter, or it is this late.
     fn listen(&mut self, until: Option<Instant>) -> Result<Vec<u8>, Box<dyn Error>> {
         if let Some(until) = until {
-            let limit = Micros::from(until).since(self.board.now().micros());
+            let limit = until.since(self.board.now().instant());
             match self.board.run_until(limit, |board| board.usb().unread() > 0) {
                 Ok(_) | Err(armwire_virtual_board::Error::TimedOut { .. }) => {}
                 Err(error) => return Err(error.into()),

@@ -6,7 +6,7 @@ use armwire::ling::{
     GripperSpeed, JointState, Kind, Move, Opening, PerServo, Position, Request, Response, Speed, Torque,
 };
 use armwire_bridge::Counters;
-use armwire_bridge::Micros;
+use armwire_bridge::Duration;
 use armwire_sim::ling::LingArm;
 use armwire_virtual_board::{Nanos, VirtualBoard, usb};
 
@@ -19,7 +19,7 @@ const TARGET: [f32; 6] = [30.0, -20.0, 45.0, 0.0, 60.0, -90.0];
 const READS: u32 = 500;
 
 /// How often a move is looked at.
-const GLANCE: Micros = Micros::from_millis(200);
+const GLANCE: Duration = Duration::from_millis(200);
 
 pub(crate) fn run(board: VirtualBoard<LingArm>) -> Result<(), Box<dyn Error>> {
     let mut host = Host::new(board);
@@ -183,7 +183,7 @@ fn torque_off(host: &mut Host) -> Result<(), Box<dyn Error>> {
 fn measure(host: &mut Host) -> Result<(), Box<dyn Error>> {
     host.figures = Default::default();
     for nth in 0..READS {
-        host.board.run_for(Micros(u64::from(nth % 7)))?;
+        host.board.run_for(Duration::from_micros(u64::from(nth % 7)))?;
         read_joints(host)?;
     }
     println!();

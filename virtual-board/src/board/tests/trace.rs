@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use armwire_bridge::Micros;
+use armwire_bridge::{Duration, Instant};
 use armwire_sim::serial::SerialDevice;
 
 use super::*;
@@ -14,22 +14,23 @@ use crate::line::Direction;
 
 /// An arm that returns each byte, inverted, after a while.
 #[derive(Debug, Default)]
-struct Echo(VecDeque<(Micros, u8)>);
+struct Echo(VecDeque<(Instant, u8)>);
 
 impl Echo {
-    const AFTER: Micros = Micros(35);
+    const AFTER: Duration = Duration::from_micros(35);
 }
 
 impl SerialDevice for Echo {
-    fn receive(&mut self, now: Micros, byte: u8) {
-        self.0.push_back((Micros(now.0 + Self::AFTER.0), !byte));
+    fn receive(&mut self, now: Instant, byte: u8) {
+        self.0
+            .push_back((Instant::from_micros(now.as_micros() + Self::AFTER.as_micros()), !byte));
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.0.pop_front_if(|(due, _)| *due <= now).map(|(_, byte)| byte)
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         self.0.front().map(|(due, _)| *due)
     }
 }

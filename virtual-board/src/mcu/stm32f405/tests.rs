@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use armwire_bridge::Micros;
+use armwire_bridge::Instant;
 use armwire_sim::serial::SerialDevice;
 
 use super::*;
@@ -69,20 +69,20 @@ mod usart;
 /// An arm that says what it is given when it is due.
 #[derive(Debug, Default)]
 struct Arm {
-    says: VecDeque<(Micros, u8)>,
-    heard: Vec<(Micros, u8)>,
+    says: VecDeque<(Instant, u8)>,
+    heard: Vec<(Instant, u8)>,
 }
 
 impl SerialDevice for Arm {
-    fn receive(&mut self, now: Micros, byte: u8) {
+    fn receive(&mut self, now: Instant, byte: u8) {
         self.heard.push((now, byte));
     }
 
-    fn transmit(&mut self, now: Micros) -> Option<u8> {
+    fn transmit(&mut self, now: Instant) -> Option<u8> {
         self.says.pop_front_if(|&mut (due, _)| due <= now).map(|(_, byte)| byte)
     }
 
-    fn poll_timeout(&self) -> Option<Micros> {
+    fn poll_timeout(&self) -> Option<Instant> {
         self.says.front().map(|&(due, _)| due)
     }
 }
@@ -217,7 +217,7 @@ impl Bench {
     }
 
     fn say(&mut self, bytes: &[u8]) {
-        let due = self.now.micros();
+        let due = self.now.instant();
         lock(&self.line)
             .arm_mut()
             .says
@@ -266,7 +266,7 @@ fn bytes_to_the_arm_take_ten_bit_times_at_the_rate_that_the_firmware_set() {
     bench.write(USART_DR, 0x55);
     bench.run_until(Nanos(100_000));
     let heard = lock(&bench.line).arm_mut().heard.clone();
-    assert_eq!(heard, [(Micros(60), 0x55)]);
+    assert_eq!(heard, [(Instant::from_micros(60), 0x55)]);
     assert_eq!(lock(&bench.line).board_baud(), Some(1_000_000));
 }
 
@@ -434,7 +434,10 @@ fn the_dma_does_not_reach_core_coupled_memory() {
 fn an_arm_outlives_a_reset_of_the_part() {
     let mut bench = Bench::new(Reenabled::Restarts);
     bench.say(&[1]);
-    lock(&bench.line).arm_mut().says.push_back((Micros(500), 2));
+    lock(&bench.line)
+        .arm_mut()
+        .says
+        .push_back((Instant::from_micros(500), 2));
     bench.run_until(Nanos(50_000));
     bench.restart(Cause::Software);
     assert!(bench.is_refused(USART_CR1), "its clock is off");

@@ -411,7 +411,7 @@ mod tests {
     use std::collections::VecDeque;
     use std::sync::{Arc, Mutex};
 
-    use armwire_bridge::Micros;
+    use armwire_bridge::Instant;
     use armwire_sim::serial::SerialDevice;
 
     use super::*;
@@ -425,16 +425,16 @@ mod tests {
     }
 
     impl SerialDevice for Talker {
-        fn receive(&mut self, _: Micros, byte: u8) {
+        fn receive(&mut self, _: Instant, byte: u8) {
             self.heard.push(byte);
         }
 
-        fn transmit(&mut self, _: Micros) -> Option<u8> {
+        fn transmit(&mut self, _: Instant) -> Option<u8> {
             self.says.pop_front()
         }
 
-        fn poll_timeout(&self) -> Option<Micros> {
-            (!self.says.is_empty()).then_some(Micros(0))
+        fn poll_timeout(&self) -> Option<Instant> {
+            (!self.says.is_empty()).then_some(Instant::ZERO)
         }
     }
 

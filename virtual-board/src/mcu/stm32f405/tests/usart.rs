@@ -167,7 +167,7 @@ fn txe_says_that_the_next_byte_may_come_and_tc_that_the_last_has_gone() {
     bench.run_until(Nanos(70_000));
     assert_eq!(bench.flags(TXE | TC), TXE | TC);
     let heard = lock(&bench.line).arm_mut().heard.clone();
-    assert_eq!(heard, [(Micros(60), 1), (Micros(70), 2)]);
+    assert_eq!(heard, [(Instant::from_micros(60), 1), (Instant::from_micros(70), 2)]);
 }
 
 #[test]
