@@ -14,17 +14,18 @@
 
 use core::fmt;
 
-use armwire::ling;
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{ArmKind, Config, ConfigError};
-use crate::{Counters, Duration, LineCoding};
+use crate::counters::Counters;
+use crate::line_coding::LineCoding;
+use crate::time::Duration;
 
 pub use crate::control_codec::{Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
 /// The version of this schema.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 
 /// The longest message in postcard format, in bytes.
 pub const MAX_MESSAGE: usize = 288;
@@ -39,7 +40,9 @@ pub const MAX_COBS: usize = MAX_MESSAGE + COBS;
 pub(crate) const COBS: usize = 4;
 
 /// The longest frame that the adapter takes, in bytes: Ling's. Those of an Alpha1 with names over 65 bytes are longer.
-pub const MAX_FRAME: usize = ling::MAX_FRAME;
+pub const MAX_FRAME: usize = 70;
+#[cfg(feature = "ling")]
+const _: () = assert!(MAX_FRAME == armwire::ling::MAX_FRAME);
 
 /// A frame of an arm, in bytes as on the wire.
 pub type FrameBytes = Vec<u8, MAX_FRAME>;

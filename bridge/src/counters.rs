@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::control::{Malformed, NoRoom};
+use crate::control::{Malformed, NoRoom, Refusal};
 use crate::control_codec::{read, read_older, write};
 
 /// Counts since the adapter started, and how often it did. Each wraps at 2³².
@@ -40,7 +40,7 @@ pub struct Counters {
     /// which the USB peripheral had when a host went, is not among them: nobody knows whether it was fetched.
     pub unheard_bytes: u32,
     /// Bytes from the host dropped because it sent a packet there was no room for. Firmware that asks
-    /// [`Bridge::usb_room`](crate::Bridge::usb_room) never sees this count.
+    /// [`Status::usb_room`](crate::Status::usb_room) never sees this count.
     pub refused_bytes: u32,
     /// Framing errors the UART reported.
     pub framing_errors: u32,
@@ -146,14 +146,18 @@ pub struct Counters {
     /// Frames whose last byte no interrupt handler saw come. Their stamp is later than that: the line was idle, or the ring
     /// was looked at.
     pub late_stamps: u32,
+    /// Requests of the host on USB that were sent while it had more with the arm than are tracked. Their answers count as
+    /// unasked.
+    pub untracked_requests: u32,
 }
 
 impl Counters {
     /// How many there are.
-    pub const COUNT: usize = 56;
+    pub const COUNT: usize = 57;
 
-    /// How many of them, the last ones, version 3 of the control port added.
-    pub(crate) const SINCE_VERSION_3: usize = 5;
+    /// How many of them, the last ones, versions 3 and 4 of the control port added: version 4 has the last one only.
+    pub(crate) const SINCE_VERSION_3: usize = 6;
+    pub(crate) const SINCE_VERSION_4: usize = 1;
 
     /// The most bytes they take on the control port.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -172,7 +176,7 @@ impl Counters {
         Ok(buf.get(..len).unwrap_or_default())
     }
 
-    /// The counts that an adapter sent. Counts of a later version are passed over; those that version 2 does not have are 0.
+    /// The counts that an adapter sent. Counts of a later version are passed over; those that an older version does not have are 0.
     ///
     /// # Errors
     ///
@@ -191,15 +195,92 @@ impl Counters {
             .or_else(|reason| read_older(bytes).ok_or(reason))
             .map_err(|reason| Malformed { sequence: None, reason })
     }
+
+    /// Each count of both.
+    pub(crate) fn plus(&self, other: &Self) -> Self {
+        Self {
+            arm_to_host_bytes: self.arm_to_host_bytes.wrapping_add(other.arm_to_host_bytes),
+            host_to_arm_bytes: self.host_to_arm_bytes.wrapping_add(other.host_to_arm_bytes),
+            packets_to_host: self.packets_to_host.wrapping_add(other.packets_to_host),
+            empty_packets_to_host: self.empty_packets_to_host.wrapping_add(other.empty_packets_to_host),
+            packets_from_host: self.packets_from_host.wrapping_add(other.packets_from_host),
+            frames: self.frames.wrapping_add(other.frames),
+            noise_bytes: self.noise_bytes.wrapping_add(other.noise_bytes),
+            dropped_bytes: self.dropped_bytes.wrapping_add(other.dropped_bytes),
+            unheard_bytes: self.unheard_bytes.wrapping_add(other.unheard_bytes),
+            refused_bytes: self.refused_bytes.wrapping_add(other.refused_bytes),
+            framing_errors: self.framing_errors.wrapping_add(other.framing_errors),
+            parity_errors: self.parity_errors.wrapping_add(other.parity_errors),
+            noise_errors: self.noise_errors.wrapping_add(other.noise_errors),
+            overrun_errors: self.overrun_errors.wrapping_add(other.overrun_errors),
+            ring_overruns: self.ring_overruns.wrapping_add(other.ring_overruns),
+            usb_resets: self.usb_resets.wrapping_add(other.usb_resets),
+            usb_suspends: self.usb_suspends.wrapping_add(other.usb_suspends),
+            line_codings: self.line_codings.wrapping_add(other.line_codings),
+            refused_line_codings: self.refused_line_codings.wrapping_add(other.refused_line_codings),
+            panics: self.panics.wrapping_add(other.panics),
+            watchdog_resets: self.watchdog_resets.wrapping_add(other.watchdog_resets),
+            requests_usb: self.requests_usb.wrapping_add(other.requests_usb),
+            requests_can: self.requests_can.wrapping_add(other.requests_can),
+            requests_poll: self.requests_poll.wrapping_add(other.requests_poll),
+            requests_command: self.requests_command.wrapping_add(other.requests_command),
+            requests_adapter: self.requests_adapter.wrapping_add(other.requests_adapter),
+            unanswered_requests: self.unanswered_requests.wrapping_add(other.unanswered_requests),
+            late_answers: self.late_answers.wrapping_add(other.late_answers),
+            unasked_frames: self.unasked_frames.wrapping_add(other.unasked_frames),
+            late_polls: self.late_polls.wrapping_add(other.late_polls),
+            missed_polls: self.missed_polls.wrapping_add(other.missed_polls),
+            refused_can_requests: self.refused_can_requests.wrapping_add(other.refused_can_requests),
+            refused_can_frames: self.refused_can_frames.wrapping_add(other.refused_can_frames),
+            dropped_can_answers: self.dropped_can_answers.wrapping_add(other.dropped_can_answers),
+            isotp_failures: self.isotp_failures.wrapping_add(other.isotp_failures),
+            can_frames_received: self.can_frames_received.wrapping_add(other.can_frames_received),
+            can_frames_sent: self.can_frames_sent.wrapping_add(other.can_frames_sent),
+            can_receive_overruns: self.can_receive_overruns.wrapping_add(other.can_receive_overruns),
+            can_bus_errors: self.can_bus_errors.wrapping_add(other.can_bus_errors),
+            can_bus_offs: self.can_bus_offs.wrapping_add(other.can_bus_offs),
+            commands_incomplete: self.commands_incomplete.wrapping_add(other.commands_incomplete),
+            commands_stale: self.commands_stale.wrapping_add(other.commands_stale),
+            commands_out_of_range: self.commands_out_of_range.wrapping_add(other.commands_out_of_range),
+            host_silences: self.host_silences.wrapping_add(other.host_silences),
+            silenced_bytes: self.silenced_bytes.wrapping_add(other.silenced_bytes),
+            control_requests: self.control_requests.wrapping_add(other.control_requests),
+            control_unsupported: self.control_unsupported.wrapping_add(other.control_unsupported),
+            dropped_events: self.dropped_events.wrapping_add(other.dropped_events),
+            config_saves: self.config_saves.wrapping_add(other.config_saves),
+            config_failures: self.config_failures.wrapping_add(other.config_failures),
+            dropped_can_frames: self.dropped_can_frames.wrapping_add(other.dropped_can_frames),
+            refused_line_held: self.refused_line_held.wrapping_add(other.refused_line_held),
+            refused_other_rate: self.refused_other_rate.wrapping_add(other.refused_other_rate),
+            refused_rate_bytes: self.refused_rate_bytes.wrapping_add(other.refused_rate_bytes),
+            hard_faults: self.hard_faults.wrapping_add(other.hard_faults),
+            late_stamps: self.late_stamps.wrapping_add(other.late_stamps),
+            untracked_requests: self.untracked_requests.wrapping_add(other.untracked_requests),
+        }
+    }
+
+    /// Counts a refusal.
+    pub(crate) fn count_refusal(&mut self, reason: Refusal) {
+        let counter = match reason {
+            Refusal::QueueFull => &mut self.refused_can_requests,
+            Refusal::NotAFrame => &mut self.refused_can_frames,
+            Refusal::Incomplete => &mut self.commands_incomplete,
+            Refusal::Stale => &mut self.commands_stale,
+            Refusal::OutOfRange => &mut self.commands_out_of_range,
+            Refusal::LineHeld => &mut self.refused_line_held,
+            Refusal::OtherRate => &mut self.refused_other_rate,
+        };
+        count(counter, 1);
+    }
 }
 
-/// Errors a UART reports together, as its status register does.
+/// Errors of receiving since the last report.
 ///
 /// ```
 /// use armwire_bridge::{Bridge, UartErrors};
 ///
 /// let mut bridge = Bridge::default();
-/// bridge.uart_errors(UartErrors { framing: 1, noise: 1, ..UartErrors::default() });
+/// bridge.uart_errors(&UartErrors { framing: 1, noise: 1, ..UartErrors::default() });
 /// assert_eq!(bridge.counters().framing_errors, 1);
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -213,6 +294,22 @@ pub struct UartErrors {
     pub noise: u32,
     /// Times a byte arrived before the last one was taken.
     pub overrun: u32,
+    /// Times the receive ring was overwritten before it was read.
+    pub ring_overrun: u32,
+    /// Frames whose last byte no interrupt handler saw come, so that their stamps are late.
+    pub late_stamps: u32,
+}
+
+/// Errors a CAN controller reports together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct CanErrors {
+    /// Errors on the bus.
+    pub bus: u32,
+    /// Times frames were lost because they were not taken in time.
+    pub overruns: u32,
+    /// Frames that it was handed and had not sent when it was set up anew.
+    pub unsent: u32,
 }
 
 /// Adds `n`.
@@ -229,7 +326,7 @@ mod tests {
         // Every count at its largest takes five bytes; `from_bytes` takes them from that many of the same byte.
         let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
         let counters = Counters::from_bytes(most.as_flattened()).unwrap();
-        assert_eq!(counters.late_stamps, u32::MAX);
+        assert_eq!(counters.untracked_requests, u32::MAX);
         let mut buf = [0; Counters::MAX_LEN];
         assert_eq!(counters.to_bytes(&mut buf).unwrap(), most.as_flattened());
         assert!(counters.to_bytes(&mut [0; Counters::MAX_LEN - 1]).is_err());

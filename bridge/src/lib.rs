@@ -75,36 +75,29 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-mod arm;
+mod action;
+pub mod arm;
 mod bridge;
 pub mod can;
-mod can_port;
 pub mod config;
 pub mod control;
 mod control_codec;
-mod control_server;
 mod counters;
-mod earliest;
-mod exchange;
-mod frame_queue;
+mod events;
+mod hosts;
 pub mod isotp;
 mod line;
-mod line_rate;
-mod line_share;
-mod poll;
+mod line_coding;
 mod queue;
 pub mod store;
-mod stream;
-mod turn;
-mod usb;
 
 #[cfg(test)]
 mod tests;
 
+pub use action::Action;
 pub use armwire::time;
 pub use armwire::time::{Duration, Instant};
-pub use bridge::{
-    Action, Bridge, Burst, CanErrors, PACKET, POLL_LEAD_TIME, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER,
-};
-pub use counters::{Counters, UartErrors};
-pub use line::{Line, LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits};
+pub use bridge::{Bridge, CanEvent, Start, Status, UsbEvent};
+pub use counters::{CanErrors, Counters, UartErrors};
+pub use line::{PACKET, POLL_LEAD_TIME, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, Transmit};
+pub use line_coding::{LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits, UartConfig};

@@ -151,9 +151,8 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         }
     }
 
-    /// Whether a request may go now. If not, it waits from now on, in order, until it [goes](Self::begin) or is
-    /// [withdrawn](Self::withdraw). An initiator waits with one request at a time.
-    pub fn may_send(&mut self, info: &InfoOf<D>, who: I) -> bool {
+    /// Whether a request may go now.
+    pub fn can_send(&self, info: &InfoOf<D>, who: I) -> bool {
         if info.response.is_none() {
             return true;
         }
@@ -164,10 +163,15 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         let ahead = || self.waiting.iter().take_while(|waiting| !waits(waiting));
         let alone = self.waiting.iter().all(waits) && self.sends.iter().all(|sent| sent.who == who);
         let room = self.saturated.is_none() && self.sends.len().saturating_add(ahead().count()) < N;
-        let may = (room || alone && who.may_exceed())
+        (room || alone && who.may_exceed())
             && !self.sends.iter().any(|sent| sent.blocks(info, who))
-            && !ahead().any(|waiting| waiting.key == info.key || waiting.expect != info.expect);
-        if may {
+            && !ahead().any(|waiting| waiting.key == info.key || waiting.expect != info.expect)
+    }
+
+    /// Whether a request may go now. If not, it waits from now on, in order, until it [goes](Self::begin) or is
+    /// [withdrawn](Self::withdraw). An initiator waits with one request at a time.
+    pub fn may_send(&mut self, info: &InfoOf<D>, who: I) -> bool {
+        if self.can_send(info, who) {
             return true;
         }
         // There is room for every initiator, as long as they are no more than sends.
@@ -288,6 +292,11 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
     pub fn due(&self, who: I) -> Option<Instant> {
         let pending = self.sends.iter().filter(|sent| sent.who == who && !sent.stale);
         pending.map(|sent| sent.due).min()
+    }
+
+    /// The initiator of the oldest pending send: an answer to it may be on its way.
+    pub fn holder(&self) -> Option<I> {
+        self.sends.iter().find(|sent| !sent.stale).map(|sent| sent.who)
     }
 
     /// Whether no send is unresolved.

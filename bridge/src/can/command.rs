@@ -12,7 +12,7 @@
 //! sender that repeats one command for ever, whichever it is, moves nothing: what starts a stream does not move, and
 //! what moves does not start one.
 
-use crate::{Duration, Instant};
+use crate::time::{Duration, Instant};
 use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
 

@@ -1,5 +1,6 @@
 //! The adapter on a CAN bus: frames, and which identifier means what.
 
+#[cfg(feature = "ling")]
 pub mod command;
 mod frame;
 mod ids;

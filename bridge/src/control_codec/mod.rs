@@ -153,18 +153,22 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
     })
 }
 
-/// Reads [`Counters`] of version 2, or a message that ends with them: the counts that they lack are 0. `None` if `bytes` are
-/// not exactly that.
+/// Reads [`Counters`] of version 2 or 3, or a message that ends with them: the counts that they lack are 0. `None` if `bytes`
+/// are not exactly that.
 pub(crate) fn read_older<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
     // With a zero behind it, a count that was cut would be read as a smaller one.
     bytes.last().filter(|last| **last < 0x80)?;
     let mut completed = [0; MAX_MESSAGE];
     completed.get_mut(..bytes.len())?.copy_from_slice(bytes);
-    let len = bytes.len().saturating_add(Counters::SINCE_VERSION_3);
-    match read(completed.get(..len)?) {
-        Ok((value, [])) => Some(value),
-        _ => None,
-    }
+    [Counters::SINCE_VERSION_4, Counters::SINCE_VERSION_3]
+        .into_iter()
+        .find_map(|missing| {
+            let len = bytes.len().saturating_add(missing);
+            match read(completed.get(..len)?) {
+                Ok((value, [])) => Some(value),
+                _ => None,
+            }
+        })
 }
 
 /// Reads whatever it is in postcard format from the front of `bytes`, and returns what is behind it, too.

@@ -1,6 +1,6 @@
 //! How an endpoint treats its bus.
 
-use crate::Duration;
+use crate::time::Duration;
 use armwire::OutOfRange;
 
 use crate::can::Id;

@@ -5,7 +5,7 @@ extern crate std;
 use std::string::ToString;
 use std::vec::Vec;
 
-use crate::{Duration, Instant};
+use crate::time::{Duration, Instant};
 use proptest::prelude::*;
 
 use super::{Config, Endpoint, Error, Event, Events, Ignored, Link, MAX_PDU, Refused, SendError, SeparationTime};

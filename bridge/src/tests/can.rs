@@ -4,12 +4,12 @@ extern crate std;
 
 use std::vec::Vec;
 
-use super::rig::{self, at, ling};
+use super::rig::{self, at, ling, transmit};
 use crate::can::command::Command;
 use crate::can::{Frame, Function};
 use crate::config::{Can, Config};
 use crate::control::{FromHost, Identity, MAX_FRAME, Request, Subscription, encode};
-use crate::{Action, Bridge, Counters, Duration, Instant};
+use crate::{Action, Bridge, CanEvent, Counters, Duration, Instant, Start, UartConfig};
 
 /// An adapter on this bus.
 fn on_bus(can: Can) -> Bridge {
@@ -17,12 +17,12 @@ fn on_bus(can: Can) -> Bridge {
         can,
         ..Config::default()
     };
-    Bridge::new(Identity::default(), config)
+    Bridge::new(Identity::default(), config, Start::default())
 }
 
 /// An adapter that hears a frame of this function.
 fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: Instant) {
-    let id = function.id(bridge.can_config().node);
+    let id = function.id(bridge.config().can.node);
     bridge.can_received(&Frame::new(id, data).unwrap(), now);
 }
 
@@ -37,7 +37,7 @@ fn ask(bridge: &mut Bridge, request: Request, now: Instant) {
 
 /// What the next frame for the bus is for.
 fn hand(bridge: &mut Bridge, now: Instant) -> Option<Function> {
-    let due = bridge.can_due(now);
+    let due = bridge.status(now).can;
     let frame = bridge.can_transmit(now);
     assert_eq!(frame.is_some(), due);
     Some(Function::of(frame?.id()).unwrap().0)
@@ -49,7 +49,7 @@ fn answering(st_min: u8) -> Bridge {
     ask(&mut bridge, Request::GetLatencies, Instant::ZERO);
     assert_eq!(hand(&mut bridge, Instant::ZERO), Some(Function::ControlAnswer));
     assert_eq!(hand(&mut bridge, Instant::ZERO), None);
-    assert!(bridge.can_sent(0, at(130)));
+    assert!(bridge.can_event(CanEvent::Waiting(0), at(130)));
     hear(&mut bridge, Function::ControlRequest, &[0x30, 0, st_min], at(300));
     bridge
 }
@@ -58,11 +58,11 @@ fn answering(st_min: u8) -> Bridge {
 fn a_consecutive_frame_keeps_its_distance_from_when_the_one_before_has_left() {
     let mut bridge = answering(1);
     // The frame and others wait for a bus that others have.
-    bridge.can_bus_off(false, at(300));
+    bridge.can_event(CanEvent::BusOn, at(300));
     let now = at(300);
     assert_eq!(hand(&mut bridge, now), Some(Function::Event));
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
-    bridge.can_bus_off(false, now);
+    bridge.can_event(CanEvent::BusOn, now);
     assert_eq!(hand(&mut bridge, now), Some(Function::Event));
     for (at, waiting, news) in [
         (5_000, 3, false),
@@ -71,7 +71,10 @@ fn a_consecutive_frame_keeps_its_distance_from_when_the_one_before_has_left() {
         (5_300, 1, false),
     ] {
         assert_eq!(hand(&mut bridge, Instant::from_micros(at)), None);
-        assert_eq!(bridge.can_sent(waiting, Instant::from_micros(at)), news);
+        assert_eq!(
+            bridge.can_event(CanEvent::Waiting(waiting), Instant::from_micros(at)),
+            news
+        );
     }
     // It left at 5.2 ms.
     assert_eq!(bridge.timeout(), Some(at(6_200)));
@@ -86,7 +89,7 @@ fn without_a_separation_the_controller_has_always_something_to_send() {
     for _ in 0..3 {
         assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
     }
-    assert!(!bridge.can_sent(2, at(430)));
+    assert!(!bridge.can_event(CanEvent::Waiting(2), at(430)));
     assert_eq!(hand(&mut bridge, at(430)), Some(Function::ControlAnswer));
 }
 
@@ -96,9 +99,9 @@ fn what_the_bus_before_has_yet_to_send_is_not_taken_for_what_this_one_was_handed
     // Three frames of the bus before are in front of it.
     assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
     for waiting in [4, 3, 2, 1] {
-        assert!(!bridge.can_sent(waiting, at(400)));
+        assert!(!bridge.can_event(CanEvent::Waiting(waiting), at(400)));
     }
-    assert!(bridge.can_sent(0, at(500)));
+    assert!(bridge.can_event(CanEvent::Waiting(0), at(500)));
     assert_eq!(bridge.timeout(), Some(at(1_500)));
 }
 
@@ -130,9 +133,9 @@ fn a_transfer_of_which_a_frame_never_leaves_the_controller_is_given_up_and_count
     let now = at(60_000_000);
     ask(&mut bridge, Request::GetLatencies, now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
-    assert!(!bridge.can_sent(1, now + Duration::from_micros(100)));
+    assert!(!bridge.can_event(CanEvent::Waiting(1), now + Duration::from_micros(100)));
     assert_eq!(bridge.timeout(), Some(now + Duration::from_micros(1_000_000)));
-    assert!(bridge.can_sent(0, now + Duration::from_micros(200)));
+    assert!(bridge.can_event(CanEvent::Waiting(0), now + Duration::from_micros(200)));
     assert_eq!(bridge.timeout(), Some(now + Duration::from_micros(1_000_200)));
     hear(
         &mut bridge,
@@ -148,7 +151,9 @@ fn a_transfer_of_which_a_frame_never_leaves_the_controller_is_given_up_and_count
 
 #[test]
 fn a_request_that_waits_for_a_reply_to_go_out_is_heeded_when_that_is_given_up() {
-    let give_up: [fn(&mut Bridge, Instant); 2] = [Bridge::tick, |bridge, now| bridge.can_bus_off(true, now)];
+    let give_up: [fn(&mut Bridge, Instant); 2] = [Bridge::tick, |bridge, now| {
+        bridge.can_event(CanEvent::BusOff, now);
+    }];
     for give_up in give_up {
         let mut bridge = answering(1);
         assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
@@ -167,10 +172,14 @@ fn transfers_under_way_when_the_bus_is_lost_are_counted_each_way() {
     let now = at(300);
     let mut bridge = answering(0);
     hear(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
-    let lost = counted(&mut bridge, |bridge| bridge.can_bus_off(true, now));
+    let lost = counted(&mut bridge, |bridge| {
+        bridge.can_event(CanEvent::BusOff, now);
+    });
     assert_eq!(lost, [2, 0, 0, 0]);
     // Nothing is under way now.
-    let lost = counted(&mut bridge, |bridge| bridge.can_bus_off(true, now));
+    let lost = counted(&mut bridge, |bridge| {
+        bridge.can_event(CanEvent::BusOff, now);
+    });
     assert_eq!(lost, [0; 4]);
 }
 
@@ -201,7 +210,7 @@ fn what_waits_when_the_bus_is_another_one_is_counted() {
     for _ in 0..4 {
         bridge.uart_received(&ling(0x06, 0, &[1; 15]), now);
     }
-    bridge.can_bus_off(false, now);
+    bridge.can_event(CanEvent::BusOn, now);
     // Half a request, and half a command.
     hear(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
     let command = Command {
@@ -219,7 +228,7 @@ fn what_waits_when_the_bus_is_another_one_is_counted() {
     };
     let lost = counted(&mut bridge, |bridge| {
         configure(bridge, other, now);
-        assert_eq!(bridge.action(), Some(Action::RestartCan(other)));
+        assert_eq!(bridge.action(Instant::ZERO), Some(Action::RestartCan(other)));
     });
     assert_eq!(lost, [3, 3, 3 + 2, 1]);
     assert_eq!(hand(&mut bridge, now), None);
@@ -235,15 +244,15 @@ fn a_frame_for_a_subscriber_who_has_not_read_the_last_is_due_once() {
     };
     ask(&mut bridge, Request::Subscribe(frames), now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
-    bridge.can_sent(0, now);
+    bridge.can_event(CanEvent::Waiting(0), now);
     // The first frame of the first event is out, and waits for flow control; the second event can only be queued.
     bridge.uart_received(&ling(0x06, 0, &[1; 15]), now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
-    bridge.can_sent(0, now);
+    bridge.can_event(CanEvent::Waiting(0), now);
     bridge.uart_received(&ling(0x06, 0, &[2; 15]), now);
-    assert!(bridge.can_due(now));
+    assert!(bridge.status(now).can);
     assert_eq!(bridge.can_transmit(now), None);
-    assert!(!bridge.can_due(now));
+    assert!(!bridge.status(now).can);
     assert_eq!(bridge.counters().dropped_events, 0);
 }
 
@@ -272,7 +281,10 @@ fn told_of_two() -> (Bridge, [Vec<u8>; 2]) {
     let mut bridge = on_bus(can);
     let frames = [ling(0x04, 0x0E, &[2]), ling(0x04, 0x0E, &[1])];
     for (at, frame) in frames.iter().enumerate() {
-        assert!(bridge.uart_received(frame, Instant::from_micros(100 * (1 + at as u64))));
+        assert_eq!(
+            bridge.uart_received(frame, Instant::from_micros(100 * (1 + at as u64))),
+            1
+        );
     }
     (bridge, frames)
 }
@@ -282,15 +294,15 @@ fn what_the_arm_says_reaches_the_bus_in_its_order_whenever_it_is_passed_on() {
     for shared in [false, true] {
         let (mut bridge, frames) = told_of_two();
         if shared {
-            bridge.share();
+            bridge.status(at(250));
         }
         for frame in frames {
-            assert!(bridge.can_due(at(300)));
+            assert!(bridge.status(at(300)).can);
             let sent = bridge.can_transmit(at(300)).unwrap();
             assert_eq!(sent.data()[..=frame.len()], [&[frame.len() as u8], &frame[..]].concat());
-            bridge.can_sent(0, at(300));
+            bridge.can_event(CanEvent::Waiting(0), at(300));
         }
-        assert!(!bridge.can_due(at(300)));
+        assert!(!bridge.status(at(300)).can);
     }
 }
 
@@ -299,8 +311,10 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
     let others: [fn(&mut Bridge); 3] = [
         // Nobody is told of what comes from here on.
         |bridge| configure(bridge, Can::default(), at(300)),
-        |bridge| bridge.can_bus_off(false, at(300)),
-        |bridge| bridge.line_changed(bridge.rate.line()),
+        |bridge| {
+            bridge.can_event(CanEvent::BusOn, at(300));
+        },
+        |bridge| bridge.uart_configured(UartConfig::default()),
     ];
     for other in others {
         let (mut bridge, [_, last]) = told_of_two();
@@ -308,7 +322,7 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
         let mut answers = 0;
         for _ in 0..8 {
             let frame = bridge.can_transmit(at(300));
-            bridge.can_sent(0, at(300));
+            bridge.can_event(CanEvent::Waiting(0), at(300));
             let of_the_arm = |frame: &Frame| Function::of(frame.id()).unwrap().0 == Function::ArmAnswer;
             if let Some(frame) = frame.filter(of_the_arm) {
                 answers += 1;
@@ -322,7 +336,7 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
 #[test]
 fn half_a_command_is_nothing_where_commands_are_not_configured() {
     let mut bridge = on_bus(Can::default());
-    assert!(!bridge.can_config().commands);
+    assert!(!bridge.config().can.commands);
     hear(&mut bridge, Function::CommandA, &[0; 8], Instant::ZERO);
     assert_eq!(bridge.timeout(), None);
     assert_eq!(bridge.counters().can_frames_received, 1);
@@ -354,7 +368,7 @@ fn to_configure_what_is_in_force_changes_nothing_of_a_command() {
     bridge.can_received(&other, now);
     configure(&mut bridge, can, now);
     let mut out = [0; MAX_FRAME];
-    let sent = bridge.uart_transmit(&mut out, now).unwrap();
+    let sent = transmit(&mut bridge, &mut out, now).unwrap();
     assert_eq!((sent.len, &out[..3]), (34, &[0xAA, 0x06, 0x03][..]));
     assert_eq!(bridge.counters().requests_command, 1);
 }

@@ -5,17 +5,16 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use crate::Instant;
 use proptest::prelude::*;
 
-use super::rig::{Rig, ask, at, ling, polite};
+use super::rig::{Burst, Rig, ask, at, ling, polite, transmit};
 use crate::can::telemetry::{Errors, Sample, event_from_frame};
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, ConfigError, Poll};
 use crate::control::{
     ArmIdentity, Event, Failure, FromAdapter, Identity, MAX_FRAME, Reply, Request, Subscription, VERSION,
 };
-use crate::{Action, Bridge, Burst, CanErrors, Line, LineCoding, PACKET};
+use crate::{Action, Bridge, CanErrors, CanEvent, Instant, LineCoding, PACKET, Start, UartConfig, UsbEvent};
 
 fn quiet() -> Rig {
     Rig::new(Config::default())
@@ -49,7 +48,7 @@ fn simple_questions_are_answered_on_both_ports() {
         panic!()
     };
     assert_eq!(latencies.answer.counts.iter().sum::<u32>(), 1);
-    assert_eq!(latencies, rig.bridge.latencies);
+    assert_eq!(latencies, *rig.bridge.line.latencies());
 
     assert_eq!(
         call_on_can(&mut rig, 9, Request::Identify),
@@ -76,8 +75,9 @@ fn an_adapter_says_what_it_was_made_as() {
         board: "stm32f405".try_into().unwrap(),
         ..Identity::default()
     };
-    let bridge = Bridge::new(identity.clone(), Config::default());
-    assert_eq!(bridge.identity(), identity);
+    let mut rig = quiet();
+    rig.bridge = Bridge::new(identity.clone(), Config::default(), Start::default());
+    assert_eq!(rig.call(Request::Identify), Reply::Identity(identity));
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn requests_that_come_together_are_answered_in_order_and_packets_do_not_matter()
         let stream: Vec<u8> = (1..=20).flat_map(|sequence| [3, sequence, 6, 0]).collect();
         let mut rest = &stream[..];
         while !rest.is_empty() {
-            if rig.bridge.control_room() {
+            if rig.bridge.status(Instant::ZERO).control_room {
                 let (packet, later) = rest.split_at(cut.min(rest.len()));
                 rig.bridge.control_received(packet, at(rig.now));
                 rest = later;
@@ -131,7 +131,7 @@ fn a_host_that_does_not_read_is_held_back_and_loses_no_reply() {
     let mut rig = quiet();
     let mut asked = 0;
     for _ in 0..200 {
-        if rig.bridge.control_room() {
+        if rig.bridge.status(Instant::ZERO).control_room {
             asked += 1;
             rig.bridge.control_received(&[3, asked, 2, 0], Instant::ZERO);
         }
@@ -222,8 +222,8 @@ fn what_one_host_ends_for_another_is_told_before_it_has_its_own_reply() {
 fn a_request_that_finds_too_little_room_waits_for_more() {
     let mut bridge = Bridge::default();
     ask(&mut bridge, 1, Request::IdentifyArm, Instant::ZERO);
-    assert_eq!(bridge.uart_transmit(&mut [0; 6], Instant::ZERO), None);
-    let burst = bridge.uart_transmit(&mut [0; MAX_FRAME], Instant::ZERO);
+    assert_eq!(transmit(&mut bridge, &mut [0; 6], Instant::ZERO), None);
+    let burst = transmit(&mut bridge, &mut [0; MAX_FRAME], Instant::ZERO);
     assert_eq!(burst, Some(Burst { len: 7, start: None }));
 }
 
@@ -263,14 +263,14 @@ fn a_configuration_is_in_force_at_once_or_refused_whole() {
     assert_eq!(rig.call(Request::GetConfig), Reply::Config(good));
     rig.run(10);
     assert_eq!(rig.actions, [Action::RestartCan(good.can)]);
-    assert_eq!((rig.bridge.can_config(), rig.bridge.config()), (good.can, good));
+    assert_eq!((rig.bridge.config().can, rig.bridge.config()), (good.can, good));
     let baud_115200 = LineCoding {
         baud: 115_200,
         ..LineCoding::LING
     };
     assert_eq!(
-        rig.bridge.rate.line(),
-        Line {
+        rig.uart,
+        UartConfig {
             coding: baud_115200,
             half_duplex: false
         }
@@ -373,7 +373,7 @@ fn cyclic_frames_change_without_leaving_the_bus() {
         rig.can_control,
         [reply(1, Reply::Done), reply(2, Reply::Config(config))]
     );
-    assert_eq!((rig.bridge.can_config(), &rig.actions[..]), (config.can, &[][..]));
+    assert_eq!((rig.bridge.config().can, &rig.actions[..]), (config.can, &[][..]));
     assert_eq!(samples(&rig).len(), 5);
 
     config.can.telemetry_hz = 0;
@@ -434,16 +434,16 @@ fn whoever_saves_too_often_is_told_how_long_to_wait() {
 fn who_asked_to_save_is_told_unless_it_has_gone() {
     let mut rig = quiet();
     rig.ask(Request::SaveConfig);
-    rig.bridge.usb_reset();
-    rig.bridge.usb_configured(true);
+    rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
+    rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(1_000);
     assert_eq!(rig.replies, []);
 
     rig.ask_on_can(1, Request::SaveConfig);
     rig.run(10_000);
-    rig.bridge.usb_reset();
-    rig.bridge.usb_configured(true);
+    rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
+    rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(10_000);
     let done = FromAdapter::Reply {
@@ -457,14 +457,14 @@ fn who_asked_to_save_is_told_unless_it_has_gone() {
 fn who_asked_what_arm_there_is_is_told_unless_it_has_gone() {
     let mut rig = quiet();
     rig.ask(Request::IdentifyArm);
-    rig.bridge.usb_reset();
-    rig.bridge.usb_configured(true);
+    rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
+    rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     rig.run(1_000);
     assert_eq!(rig.replies, []);
 
     rig.ask_on_can(1, Request::IdentifyArm);
     rig.run(200);
-    rig.bridge.usb_reset();
+    rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
     rig.run(10_000);
     let told = FromAdapter::Reply {
         sequence: 1,
@@ -491,7 +491,7 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
     let mut rig = quiet();
     assert_eq!(call_on_can(&mut rig, 1, Request::Subscribe(frames)), Reply::Done);
     rig.usb_out.extend(ling(0x06, 0, &[0xFE]));
-    rig.bridge.can_bus_off(true, at(rig.now));
+    rig.bridge.can_event(CanEvent::BusOff, at(rig.now));
     rig.run(20_000);
     assert_eq!(rig.events, []);
     let [
@@ -504,7 +504,7 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
         panic!("{:?}", rig.can_control)
     };
     rig.subscribe();
-    rig.bridge.can_bus_off(false, at(rig.now));
+    rig.bridge.can_event(CanEvent::BusOn, at(rig.now));
     rig.run(10);
     assert_eq!(rig.events[0].1, Event::BusOff { off: false });
 
@@ -520,8 +520,8 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
     assert!(usb >= 5 && can >= 5, "{usb} {can}");
 
     // Nobody is told any more once the host on USB has gone.
-    rig.bridge.usb_reset();
-    rig.bridge.usb_configured(true);
+    rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
+    rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     rig.bridge.uart_received(&frame, at(rig.now));
     rig.run(100_000);
     assert_eq!((rig.events.len() - 1, rig.can_control.len() - 1), (usb, can + 1));
@@ -546,11 +546,9 @@ fn what_subscribers_are_told_ends_with_a_short_packet_on_usb() {
     for len in 0..=63 {
         let mut bridge = subscribed();
         bridge.uart_received(&ling(0x06, 0, &[0x55; 63][..len]), Instant::ZERO);
-        assert!(bridge.control_prepare());
-        assert!(!bridge.control_prepare());
         let mut last = PACKET;
-        while bridge.control_due() {
-            last = bridge.control_transmit(&mut packet, Instant::ZERO).expect("one is due");
+        while bridge.status(Instant::ZERO).control {
+            last = bridge.control_transmit(&mut packet, Instant::ZERO).unwrap_or(last);
         }
         assert!(last < PACKET, "{len}");
         empty += usize::from(last == 0);
@@ -615,11 +613,12 @@ fn telemetry_goes_out_at_its_rate_and_never_twice() {
 #[test]
 fn error_counts_go_out_once_a_second() {
     let mut rig = telemetry(10, Poll::Off);
-    rig.bridge.can_errors(CanErrors {
+    let errors = CanErrors {
         bus: 3,
         overruns: 1,
         unsent: 0,
-    });
+    };
+    rig.bridge.can_event(CanEvent::Errors(errors), Instant::ZERO);
     rig.run(5_500_000);
     let errors: Vec<_> = rig
         .frames
@@ -637,7 +636,7 @@ fn error_counts_that_had_to_wait_go_out_once() {
     // First on an instant of its grid, then long after one.
     for now in [at(1_000_000), at(2_500_000), at(4_500_000)] {
         assert!(bridge.can_transmit(now).is_some());
-        bridge.can_sent(0, now);
+        bridge.can_event(CanEvent::Waiting(0), now);
         assert_eq!(bridge.can_transmit(now), None);
     }
 }
@@ -668,10 +667,9 @@ fn bus_off_is_told_and_counted_and_ends_what_was_under_way() {
     rig.manners = Box::new(move |request| polite(request));
     rig.can_out.push_back(ling(0x01, 0, &[0xFE]));
     rig.run(700);
-    assert!(rig.bridge.can.arm.is_sending());
-    rig.bridge.can_bus_off(true, at(rig.now));
-    assert!(!rig.bridge.can.arm.is_sending());
-    rig.bridge.can_bus_off(false, at(rig.now));
+    assert_eq!(rig.can, Vec::<Vec<u8>>::new());
+    rig.bridge.can_event(CanEvent::BusOff, at(rig.now));
+    rig.bridge.can_event(CanEvent::BusOn, at(rig.now));
     rig.run(10_000);
     let c = rig.bridge.counters();
     assert_eq!((c.can_bus_offs, c.isotp_failures), (1, 1));
@@ -699,7 +697,7 @@ proptest! {
     ) {
         let mut rig = quiet();
         for packet in garbage.chunks(64) {
-            while !rig.bridge.control_room() {
+            while !rig.bridge.status(Instant::ZERO).control_room {
                 rig.run(100_000);
                 // Firmware has an answer to what it was asked by chance.
                 rig.bridge.saved(Ok(()), at(rig.now));
@@ -737,8 +735,8 @@ fn the_reply_to_a_reset_on_can_goes_out_before_the_bus_is_another() {
 fn a_save_whose_host_has_gone_is_not_taken_for_that_of_the_next_who_asks() {
     let mut rig = quiet();
     rig.ask(Request::SaveConfig);
-    rig.bridge.usb_reset();
-    rig.bridge.usb_configured(true);
+    rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
+    rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     let busy = Reply::Failed(Failure::Busy);
     assert_eq!(call_on_can(&mut rig, 1, Request::SaveConfig), busy);
     rig.bridge.saved(Ok(()), at(rig.now));
@@ -759,8 +757,8 @@ fn what_arm_there_is_is_not_told_by_the_silence_that_met_another() {
     rig.manners = Box::new(move |request| polite(request).filter(|_| !core::mem::take(&mut first)));
     rig.ask(Request::IdentifyArm);
     rig.run(1_000);
-    rig.bridge.usb_reset();
-    rig.bridge.usb_configured(true);
+    rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
+    rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     let busy = Reply::Failed(Failure::Busy);
     assert_eq!(call_on_can(&mut rig, 1, Request::IdentifyArm), busy);
     rig.run(500_000);
@@ -785,6 +783,6 @@ fn a_configuration_for_can_fd_is_not_one_of_a_board_without() {
             can_fd,
             ..Identity::default()
         };
-        assert_eq!(Bridge::new(identity, config).config(), expected);
+        assert_eq!(Bridge::new(identity, config, Start::default()).config(), expected);
     }
 }

@@ -16,7 +16,7 @@ use crate::config::{ArmKind, Can, Config, HostTimeout, Poll};
 use crate::control::{
     Event, Failure, FromAdapter, HOLD_LEASE_MS, Initiator, LineHolder, LineState, Refusal, Reply, Request,
 };
-use crate::{LineCoding, PACKET};
+use crate::{Instant, LineCoding, PACKET, UsbEvent};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
@@ -37,17 +37,17 @@ fn coding(baud: u32) -> LineCoding {
 
 fn set_rate(rig: &mut Rig, baud: u32) {
     let bytes = coding(baud).to_cdc();
-    rig.bridge.request_line_coding(bytes, at(rig.now)).unwrap();
+    rig.bridge.set_line_coding(bytes, at(rig.now)).unwrap();
     rig.run(0);
 }
 
 fn dtr(rig: &mut Rig, high: bool) {
-    rig.bridge.usb_dtr(high, at(rig.now));
+    rig.bridge.usb_event(UsbEvent::Dtr(high), at(rig.now));
     rig.run(0);
 }
 
 fn baud(rig: &Rig) -> u32 {
-    rig.bridge.rate.line().coding.baud
+    rig.uart.coding.baud
 }
 
 /// An adapter that polls, takes commands and switches the torque off, whose port is open.
@@ -176,11 +176,17 @@ fn the_line_is_the_arms_when_the_host_goes() {
     type Goes = fn(&mut Rig);
     let ways: [Goes; 4] = [
         |rig| {
-            rig.bridge.usb_dtr(false, at(rig.now));
+            rig.bridge.usb_event(UsbEvent::Dtr(false), at(rig.now));
         },
-        |rig| rig.bridge.usb_reset(),
-        |rig| rig.bridge.usb_configured(false),
-        |rig| rig.bridge.usb_suspended(),
+        |rig| {
+            rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
+        },
+        |rig| {
+            rig.bridge.usb_event(UsbEvent::Configured(false), Instant::ZERO);
+        },
+        |rig| {
+            rig.bridge.usb_event(UsbEvent::Suspended, Instant::ZERO);
+        },
     ];
     for goes in ways {
         let mut rig = open_at_9600(Poll::Hertz(100));
@@ -447,7 +453,13 @@ fn what_goes_out_at_another_rate_is_no_motion() {
         rig.run(100 * MS);
     }
     rig.run(2 * SECOND);
-    assert_eq!((rig.bridge.is_armed(), rig.bridge.counters().host_silences), (false, 0));
+    assert_eq!(
+        (
+            rig.bridge.status(Instant::ZERO).is_armed,
+            rig.bridge.counters().host_silences
+        ),
+        (false, 0)
+    );
 }
 
 #[test]
@@ -522,7 +534,14 @@ fn hold_line_ends_with_its_lease_unless_it_is_renewed() {
 #[test]
 fn hold_line_ends_when_its_host_is_gone() {
     type Goes = fn(&mut Rig);
-    let ways: [Goes; 2] = [|rig| rig.bridge.usb_reset(), |rig| rig.bridge.usb_configured(true)];
+    let ways: [Goes; 2] = [
+        |rig| {
+            rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
+        },
+        |rig| {
+            rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
+        },
+    ];
     for goes in ways {
         let mut rig = open(Poll::Off);
         assert_eq!(rig.call(Request::HoldLine), Reply::Done);
@@ -560,7 +579,10 @@ fn nobodys_torque_goes_off_under_hold_line() {
         rig.run(20 * MS);
     }
     rig.run(5 * SECOND);
-    assert_eq!((rig.line(), rig.bridge.is_armed()), (motion().repeat(5), false));
+    assert_eq!(
+        (rig.line(), rig.bridge.status(Instant::ZERO).is_armed),
+        (motion().repeat(5), false)
+    );
 }
 
 #[test]

@@ -5,10 +5,10 @@ extern crate std;
 use std::boxed::Box;
 use std::vec::Vec;
 
-use super::rig::{Rig, at, ling, polite};
+use super::rig::{Rig, at, ling, polite, transmit};
 use crate::config::{Config, Poll};
 use crate::control::{Identity, Initiator, Reply, Request};
-use crate::{Duration, Instant, POLL_LEAD_TIME};
+use crate::{Bridge, Duration, Instant, POLL_LEAD_TIME, Start, UsbEvent};
 
 fn polling(poll: Poll) -> Rig {
     Rig::new(Config {
@@ -30,20 +30,20 @@ fn a_poll_is_handed_over_before_its_slot_and_nothing_goes_out_in_between() {
         poll: Poll::Hertz(1_000),
         ..Config::default()
     };
-    let mut bridge = crate::Bridge::new(Identity::default(), config);
-    bridge.usb_configured(true);
+    let mut bridge = Bridge::new(Identity::default(), config, Start::default());
+    bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     assert_eq!(bridge.timeout(), Some(Instant::ZERO));
     bridge.tick(at(300));
     let due = at(1_300) - POLL_LEAD_TIME;
     assert_eq!(bridge.timeout(), Some(due));
-    assert!(!bridge.uart_due(due - Duration::from_micros(1)));
-    assert!(bridge.uart_due(due));
+    assert!(!bridge.status(due - Duration::from_micros(1)).uart);
+    assert!(bridge.status(due).uart);
     let mut out = [0; 70];
-    let burst = bridge.uart_transmit(&mut out, at(1_290)).unwrap();
+    let burst = transmit(&mut bridge, &mut out, at(1_290)).unwrap();
     assert_eq!((burst.len, burst.start), (7, Some(at(1_300))));
     bridge.usb_received(b"hello", at(1_291));
-    assert!(!bridge.uart_due(at(1_291)));
-    assert_eq!(bridge.uart_transmit(&mut out, at(1_299)), None);
+    assert!(!bridge.status(at(1_291)).uart);
+    assert_eq!(transmit(&mut bridge, &mut out, at(1_299)), None);
 }
 
 #[test]
@@ -58,7 +58,7 @@ fn polls_start_at_their_slots_for_minutes() {
         assert!(polls.iter().zip(slots).all(|(at, slot)| *at == slot));
         let c = rig.bridge.counters();
         assert_eq!((c.late_polls, c.missed_polls, c.unanswered_requests), (0, 0, 0));
-        assert_eq!(rig.bridge.latencies.poll.counts[0], count);
+        assert_eq!(rig.bridge.line.latencies().poll.counts[0], count);
     }
 }
 
@@ -94,7 +94,7 @@ fn a_poll_is_late_only_by_the_exchange_that_is_under_way_and_is_counted() {
     }
     assert!(late > 100);
     assert_eq!(c.late_polls, late);
-    let rest = &rig.bridge.latencies.poll.counts[9..];
+    let rest = &rig.bridge.line.latencies().poll.counts[9..];
     assert!(rest.iter().all(|count| *count == 0));
 }
 
@@ -144,9 +144,9 @@ fn a_poll_that_is_asked_for_at_its_slot_starts_at_once_and_is_not_late() {
             poll: Poll::Hertz(100),
             ..Config::default()
         };
-        let mut bridge = crate::Bridge::new(Identity::default(), config);
+        let mut bridge = Bridge::new(Identity::default(), config, Start::default());
         bridge.tick(at(500));
-        let burst = bridge.uart_transmit(&mut [0; 256], at(now)).unwrap();
+        let burst = transmit(&mut bridge, &mut [0; 256], at(now)).unwrap();
         assert_eq!(
             (burst.start, bridge.counters().late_polls),
             (start, late),

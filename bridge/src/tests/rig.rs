@@ -7,10 +7,9 @@ use std::collections::VecDeque;
 use std::vec;
 use std::vec::Vec;
 
-use crate::Instant;
-use armwire::alpha1::Expect;
+use armwire::decoder::{Decoder, Kind};
+use armwire::framing::Framing;
 
-use crate::arm::{Piece, Tap};
 use crate::can::{Frame, Function, Node};
 use crate::config::Config;
 use crate::control::{
@@ -18,7 +17,7 @@ use crate::control::{
     Subscription, decode, encode, encode_cobs,
 };
 use crate::isotp::{self, Endpoint, Link};
-use crate::{Action, Bridge, PACKET};
+use crate::{Action, Bridge, CanEvent, Counters, Instant, PACKET, Start, Status, Transmit, UartConfig, UsbEvent};
 
 /// What the arm says to a request, and after how long.
 pub(super) type Manners = Box<dyn FnMut(&[u8]) -> Option<(u64, Vec<u8>)>>;
@@ -29,6 +28,8 @@ const CAN_FRAME: u64 = 130;
 pub(super) struct Rig {
     pub(super) bridge: Bridge,
     pub(super) now: u64,
+    /// How the UART works.
+    pub(super) uart: UartConfig,
     /// What went to the arm, and when each burst began.
     pub(super) said: Vec<(u64, Vec<u8>)>,
     /// Who said each of them.
@@ -38,7 +39,7 @@ pub(super) struct Rig {
     /// When the UART can take more.
     tx_free: u64,
     /// What the arm hears, from when on, and its answers' bytes with the time each is in.
-    ear: Tap,
+    ear: Decoder<70>,
     pub(super) manners: Manners,
     voice: VecDeque<(u64, u8)>,
     idle: Option<u64>,
@@ -73,16 +74,17 @@ impl Rig {
             can_fd: link == Link::Fd,
             ..Identity::default()
         };
-        let mut bridge = Bridge::new(identity, config);
-        bridge.usb_configured(true);
+        let mut bridge = Bridge::new(identity, config, Start::default());
+        bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
         Self {
             bridge,
             now: 0,
+            uart: UartConfig::default(),
             said: vec![],
             initiators: vec![],
             bauds: vec![],
             tx_free: 0,
-            ear: Tap::new(),
+            ear: Decoder::new(),
             manners: Box::new(polite()),
             voice: VecDeque::new(),
             idle: None,
@@ -105,7 +107,7 @@ impl Rig {
     }
 
     fn byte_time(&self) -> u64 {
-        self.bridge.rate.line().coding.micros(1)
+        self.uart.coding.micros(1)
     }
 
     /// Lets `micros` pass.
@@ -135,22 +137,19 @@ impl Rig {
         self.pump();
     }
 
-    /// Lets the bridge hear the arm. If it says that there was no frame, nothing else is due than was.
-    fn hear(&mut self, now: Instant, hear: impl FnOnce(&mut Bridge) -> bool) {
-        let due = |bridge: &Bridge| {
-            let uart = (bridge.uart_due(now), bridge.line_change());
-            let hosts = (
-                bridge.usb_room(),
-                bridge.control_room(),
-                bridge.control_due(),
-                bridge.can_due(now),
-            );
-            (uart, hosts, bridge.timeout())
+    /// Lets the bridge hear the arm. Without a frame nothing else is due than was, but for packets to the host.
+    fn hear(&mut self, now: Instant, hear: impl FnOnce(&mut Bridge) -> usize) {
+        let due = |bridge: &mut Bridge| {
+            let status = Status {
+                usb: false,
+                ..bridge.status(now)
+            };
+            (status, bridge.timeout())
         };
-        let (uart, hosts, timeout) = due(&self.bridge);
-        if !hear(&mut self.bridge) {
-            let (uart_then, hosts_then, timeout_then) = due(&self.bridge);
-            assert_eq!((uart_then, hosts_then), (uart, hosts));
+        let (status, timeout) = due(&mut self.bridge);
+        if hear(&mut self.bridge) == 0 {
+            let (status_then, timeout_then) = due(&mut self.bridge);
+            assert_eq!(status_then, status);
             assert!(timeout_then >= timeout, "{timeout_then:?} {timeout:?}");
         }
     }
@@ -186,51 +185,57 @@ impl Rig {
                     "a tick leaves nothing that is late"
                 );
             }
-            while self.bridge.usb_room() && !self.usb_out.is_empty() {
+            while self.bridge.status(now).usb_room && !self.usb_out.is_empty() {
                 let n = self.usb_out.len().min(PACKET);
                 let packet: Vec<u8> = self.usb_out.drain(..n).collect();
                 self.bridge.usb_received(&packet, now);
             }
             let mut packet = [0; PACKET];
-            while self.bridge.usb_due() {
+            while self.bridge.status(now).usb {
                 let n = self.bridge.usb_transmit(&mut packet).expect("one is due");
                 self.usb.extend(&packet[..n]);
             }
             assert_eq!(self.bridge.usb_transmit(&mut packet), None);
-            while self.bridge.control_due() {
-                let n = self.bridge.control_transmit(&mut packet, now).expect("one is due");
-                self.hear_control(&packet[..n]);
+            while self.bridge.status(now).control {
+                if let Some(n) = self.bridge.control_transmit(&mut packet, now) {
+                    self.hear_control(&packet[..n]);
+                }
             }
             assert_eq!(self.bridge.control_transmit(&mut packet, now), None);
-            if self.bridge.uart_cut() {
+            if self.bridge.status(now).uart_cut {
                 // The byte on the line goes out, and perhaps the one behind it.
-                self.tx_free = self
-                    .tx_free
-                    .min(now.as_micros() + self.bridge.rate.line().coding.micros(2));
+                self.tx_free = self.tx_free.min(now.as_micros() + self.uart.coding.micros(2));
             }
             if self.tx_free <= now.as_micros() {
                 let mut out = [0; 70];
-                let due = self.bridge.uart_due(now);
-                if let Some(line) = self.bridge.line_change() {
-                    assert!(due);
-                    self.bridge.line_changed(line);
-                    idle = false;
-                } else if let Some(burst) = self.bridge.uart_transmit(&mut out, now) {
-                    assert!(due);
-                    let start = burst.start.map_or(now.as_micros(), |at| at.as_micros());
-                    assert!(start >= now.as_micros());
-                    self.tx_free = start + self.bridge.rate.line().coding.micros(burst.len);
-                    self.initiators.push(self.bridge.turn.last);
-                    self.bauds.push(self.bridge.rate.line().coding.baud);
-                    self.said.push((start, out[..burst.len].to_vec()));
-                    self.tell_arm(&out[..burst.len], start);
-                    idle = false;
+                let due = self.bridge.status(now).uart;
+                let before = self.bridge.counters();
+                let transmit = self.bridge.uart_transmit(&mut out, now);
+                assert_eq!(transmit.is_some(), due);
+                match transmit {
+                    None => {}
+                    Some(Transmit::Configure(uart)) => {
+                        self.bridge.uart_configured(uart);
+                        self.uart = uart;
+                        idle = false;
+                    }
+                    Some(Transmit::Burst { len, start }) => {
+                        self.bridge.uart_transmitted(now);
+                        let start = start.map_or(now.as_micros(), Instant::as_micros);
+                        assert!(start >= now.as_micros());
+                        self.tx_free = start + self.uart.coding.micros(len);
+                        self.initiators.push(initiator(&before, &self.bridge.counters()));
+                        self.bauds.push(self.uart.coding.baud);
+                        self.said.push((start, out[..len].to_vec()));
+                        self.tell_arm(&out[..len], start);
+                        idle = false;
+                    }
                 }
             }
             if self.bus_free <= now.as_micros() {
                 idle &= !self.use_bus(now);
             }
-            while let Some(action) = self.bridge.action() {
+            while let Some(action) = self.bridge.action(now) {
                 self.actions.push(action);
                 idle = false;
             }
@@ -254,13 +259,14 @@ impl Rig {
 
     /// The arm hears bytes that are on the line from `start` on, and answers one request after the other.
     fn tell_arm(&mut self, bytes: &[u8], start: u64) {
-        let coding = self.bridge.rate.line().coding;
+        let coding = self.uart.coding;
         for (n, byte) in bytes.iter().enumerate() {
             assert!(self.ear.push(&[*byte]).is_empty());
             let heard = start + coding.micros(n + 1);
-            while let Some(piece) = self.ear.next(self.bridge.config.arm, Expect::Requests, false) {
-                let Piece::Frame(frame) = piece else { continue };
-                if let Some((after, answer)) = (self.manners)(frame) {
+            let arm = self.bridge.config().arm;
+            while let Some(item) = self.ear.next(&arm, arm.requests()) {
+                let Kind::Frame = item.kind else { continue };
+                if let Some((after, answer)) = (self.manners)(item.bytes) {
                     let start = self.voice.back().map_or(0, |&(at, _)| at).max(heard) + after;
                     let bytes = answer.iter().enumerate();
                     self.voice
@@ -273,7 +279,7 @@ impl Rig {
     /// The arm says something of its own accord.
     pub(super) fn arm_says(&mut self, bytes: &[u8]) {
         let start = self.voice.back().map_or(0, |&(at, _)| at).max(self.now);
-        let coding = self.bridge.rate.line().coding;
+        let coding = self.uart.coding;
         self.voice.extend(
             bytes
                 .iter()
@@ -284,15 +290,16 @@ impl Rig {
 
     /// Moves one frame over the bus, if there is one.
     fn use_bus(&mut self, now: Instant) -> bool {
-        let due = self.bridge.can_due(now);
-        let frame = self.bridge.can_transmit(now);
-        assert_eq!(frame.is_some(), due);
-        if let Some(frame) = frame {
+        while self.bridge.status(now).can {
+            let Some(frame) = self.bridge.can_transmit(now) else {
+                continue;
+            };
             self.bus_free = now.as_micros() + CAN_FRAME;
             self.hear_bus(&frame, now);
-            self.bridge.can_sent(0, now);
+            self.bridge.can_event(CanEvent::Waiting(0), now);
             return true;
         }
+        assert_eq!(self.bridge.can_transmit(now), None);
         if !self.arm.is_sending()
             && let Some(pdu) = self.can_out.pop_front()
         {
@@ -337,7 +344,7 @@ impl Rig {
     pub(super) fn ask(&mut self, request: Request) -> u8 {
         self.sequence += 1;
         let sequence = self.sequence;
-        assert!(self.bridge.control_room());
+        assert!(self.bridge.status(at(self.now)).control_room);
         ask(&mut self.bridge, sequence, request, at(self.now));
         self.pump();
         sequence
@@ -376,6 +383,41 @@ impl Rig {
 /// The instant so many microseconds after the start.
 pub(super) const fn at(micros: u64) -> Instant {
     Instant::from_micros(micros)
+}
+
+/// Bytes that went to the arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Burst {
+    pub(super) len: usize,
+    pub(super) start: Option<Instant>,
+}
+
+/// Hands the next bytes for the arm over.
+pub(super) fn transmit(bridge: &mut Bridge, out: &mut [u8], now: Instant) -> Option<Burst> {
+    match bridge.uart_transmit(out, now)? {
+        Transmit::Configure(_) => None,
+        Transmit::Burst { len, start } => {
+            bridge.uart_transmitted(now);
+            Some(Burst { len, start })
+        }
+    }
+}
+
+/// The initiator whose bytes went to the arm between these counts.
+fn initiator(before: &Counters, after: &Counters) -> Initiator {
+    let requests = |c: &Counters| {
+        [
+            (Initiator::Can, c.requests_can),
+            (Initiator::Poll, c.requests_poll),
+            (Initiator::Command, c.requests_command),
+            (Initiator::Adapter, c.requests_adapter),
+        ]
+    };
+    let others = requests(before).into_iter().zip(requests(after));
+    let changed = others
+        .filter(|(before, after)| before != after)
+        .map(|((initiator, _), _)| initiator);
+    changed.last().unwrap_or(Initiator::Usb)
 }
 
 /// The host on USB asks something on the control interface.

@@ -9,13 +9,13 @@ use std::vec::Vec;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 
-use super::rig::{Rig, ask, at, ling, polite};
+use super::rig::{Rig, ask, at, ling, polite, transmit};
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::can::{Frame, Function, Node};
 use crate::config::{ArmKind, Can, Config, HostTimeout};
 use crate::control::{Event, Failure, Identity, Initiator, MAX_FRAME, Refusal, Reply, Request};
-use crate::{Action, Bridge, Duration, Instant, PACKET, TO_ARM_BUFFER};
+use crate::{Action, Bridge, Duration, Instant, PACKET, Start, TO_ARM_BUFFER, UsbEvent};
 
 const TORQUE_OFF: [u8; 7] = [0xAA, 0x05, 0x00, 0x01, 0x00, 0x6F, 0xFF];
 
@@ -98,11 +98,11 @@ fn a_host_that_streams_motion_and_falls_silent_is_reported_once() {
 
 #[test]
 fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
-    let mut bridge = Bridge::new(Identity::default(), silence(500, false));
-    bridge.usb_configured(true);
+    let mut bridge = Bridge::new(Identity::default(), silence(500, false), Start::default());
+    bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     for _ in 0..3 {
         bridge.usb_received(&motion(), Instant::ZERO);
-        assert!(bridge.uart_transmit(&mut [0; MAX_FRAME], Instant::ZERO).is_some());
+        assert!(transmit(&mut bridge, &mut [0; MAX_FRAME], Instant::ZERO).is_some());
     }
     // Room is left for four bytes less than a packet.
     let moves = motion()
@@ -111,15 +111,15 @@ fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
         .take(TO_ARM_BUFFER + 4 - PACKET)
         .collect::<Vec<_>>();
     for packet in moves.chunks(PACKET) {
-        assert!(bridge.usb_room());
+        assert!(bridge.status(Instant::ZERO).usb_room);
         bridge.usb_received(packet, Instant::ZERO);
     }
-    assert!(!bridge.usb_room());
+    assert!(!bridge.status(Instant::ZERO).usb_room);
     let room = Instant::from_millis(400);
     // The first bytes of the next move.
-    let burst = bridge.uart_transmit(&mut [0; 10], room).unwrap();
+    let burst = transmit(&mut bridge, &mut [0; 10], room).unwrap();
     assert_eq!(burst.len, 10);
-    assert!(bridge.usb_room());
+    assert!(bridge.status(Instant::ZERO).usb_room);
     let silent = room + Duration::from_millis(500);
     bridge.tick(silent - Duration::from_micros(1));
     assert_eq!(bridge.counters().host_silences, 0);
@@ -314,13 +314,13 @@ fn a_host_ends_its_stream_and_keeps_the_torque() {
         let mut rig = Rig::new(silence(500, true));
         rig.usb_out.extend(motion().repeat(3));
         rig.run(10_000);
-        assert!(rig.bridge.is_armed());
+        assert!(rig.bridge.status(Instant::ZERO).is_armed);
         match by_request {
             true => assert_eq!(rig.call(Request::EndStream), Reply::Done),
             false => rig.usb_out.extend(ling(0x05, 0, &[1])),
         }
         rig.run(2_000_000);
-        assert!(!rig.bridge.is_armed());
+        assert!(!rig.bridge.status(Instant::ZERO).is_armed);
         assert_eq!(rig.bridge.counters().requests_adapter, 0);
     }
 }
@@ -336,12 +336,12 @@ fn the_torque_goes_off_before_a_restart() {
         rig.run(10_000);
         let now = at(rig.now);
         ask(&mut rig.bridge, 1, request, now);
-        assert_eq!(rig.bridge.action(), None);
+        assert_eq!(rig.bridge.action(at(rig.now)), None);
         let mut out = [0; MAX_FRAME];
-        let burst = rig.bridge.uart_transmit(&mut out, now).unwrap();
+        let burst = transmit(&mut rig.bridge, &mut out, now).unwrap();
         assert_eq!(out[..burst.len], TORQUE_OFF);
-        assert_eq!(rig.bridge.action(), Some(action));
-        assert!(!rig.bridge.is_armed());
+        assert_eq!(rig.bridge.action(at(rig.now)), Some(action));
+        assert!(!rig.bridge.status(Instant::ZERO).is_armed);
     }
 }
 
@@ -352,7 +352,10 @@ fn flash_is_not_written_while_a_stream_is_armed() {
         rig.usb_out.extend(motion().repeat(3));
         rig.run(10_000);
         assert_eq!(rig.call(request), Reply::Failed(Failure::StreamArmed));
-        assert_eq!((rig.actions.len(), rig.bridge.is_armed()), (0, true));
+        assert_eq!(
+            (rig.actions.len(), rig.bridge.status(Instant::ZERO).is_armed),
+            (0, true)
+        );
         rig.run(1_000_000);
         rig.ask(request);
         assert_eq!(rig.actions.len(), 1);
@@ -499,7 +502,7 @@ fn commands_end_with_the_configuration_though_the_bus_is_still_the_one_before() 
     for frame in command(1).to_frames(Node::default()) {
         rig.bridge.can_received(&frame, now);
     }
-    assert!(!rig.bridge.uart_due(now));
+    assert!(!rig.bridge.status(now).uart);
     rig.run(10_000);
     assert_eq!((rig.line(), rig.bridge.counters().requests_command), (vec![], 0));
 }
@@ -528,7 +531,7 @@ fn a_host_on_usb_that_is_held_back_is_not_silent() {
     let more = motion().repeat(30);
     rig.usb_out.extend(&more);
     rig.run(400_000);
-    assert!(!rig.bridge.usb_room());
+    assert!(!rig.bridge.status(Instant::ZERO).usb_room);
     assert_eq!(silences(&rig), []);
     rig.run(200_000);
     assert_eq!(rig.line(), [&motion().repeat(3)[..], &ling::SELF_CHECK, &more].concat());
@@ -737,7 +740,7 @@ fn a_request_on_can_has_waited_and_its_host_is_heard_since_it_came() {
     let silent = silences(&rig);
     assert!(matches!(silent[..], [(at, _)] if at <= came + 600_000), "{silent:?}");
     // Nobody asks for longer than 16 ms in vain.
-    assert_eq!(rig.bridge.latencies.turn.counts[15], 3);
+    assert_eq!(rig.bridge.line.latencies().turn.counts[15], 3);
 }
 
 #[test]

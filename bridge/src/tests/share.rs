@@ -88,7 +88,7 @@ fn a_frame_is_stamped_with_the_time_of_its_last_byte() {
     rig.run(1_000);
     // 7 bytes, 200 µs, 21 bytes.
     assert_eq!(rig.events.last().unwrap().0.0, 1_000 + 70 + 200 + 210);
-    assert_eq!(rig.bridge.latencies.answer.counts[8], 1);
+    assert_eq!(rig.bridge.line.latencies().answer.counts[8], 1);
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn a_request_of_the_host_on_usb_waits_from_its_first_byte_on() {
     let waited = rig.said[1].0 - 200;
     assert!((300..512).contains(&waited), "{waited}");
     // CAN's did not wait at all.
-    let latencies = rig.bridge.latencies.turn.counts;
+    let latencies = rig.bridge.line.latencies().turn.counts;
     assert_eq!((latencies[0], latencies[8], latencies.iter().sum()), (1, 1, 2));
 }
 
@@ -233,7 +233,7 @@ fn an_answer_may_come_while_the_host_still_asks_for_more() {
     let c = rig.bridge.counters();
     assert_eq!((c.frames, c.unasked_frames, c.unanswered_requests), (8, 0, 0));
     // From its request to the answer, which waits for those before it.
-    let latencies = rig.bridge.latencies.answer.counts;
+    let latencies = rig.bridge.line.latencies().answer.counts;
     assert_eq!((latencies[8], latencies[9], latencies.iter().sum()), (1, 1, 8));
 }
 
@@ -283,7 +283,7 @@ fn one_who_asks_a_silent_arm_what_polls_ask_has_every_other_turn() {
     let mut rig = polling(Poll::Hertz(100));
     rig.manners = Box::new(|_| None);
     for _ in 0..300 {
-        if rig.can_out.is_empty() && rig.bridge.can_requests.is_empty() {
+        if rig.can_out.is_empty() && rig.bridge.line.waiting().0 == 0 {
             rig.can_out.push_back(JOINTS.to_vec());
         }
         rig.run(10_000);
@@ -304,7 +304,7 @@ fn nobody_waits_for_more_than_one_turn_of_each_other() {
             if rig.usb_out.len() < 100 {
                 rig.usb_out.extend(temperatures());
             }
-            if rig.can_out.is_empty() && rig.bridge.can_requests.is_empty() {
+            if rig.can_out.is_empty() && rig.bridge.line.waiting().0 == 0 {
                 rig.can_out.push_back(velocities());
                 asked += 1;
             }
@@ -390,7 +390,7 @@ fn bytes_that_are_no_frame_keep_the_line_until_it_is_quiet_and_for_a_tenth_of_a_
             rig.can_out.push_back(info());
         }
         rig.run(1_000);
-        if began.is_none() && !rig.bridge.can_requests.is_empty() {
+        if began.is_none() && rig.bridge.line.waiting().0 > 0 {
             began = Some(rig.now);
         }
     }
@@ -497,7 +497,7 @@ fn bytes_that_wait_for_an_answer_that_comes_in_time_are_no_fault() {
     rig.usb_out.extend(JOINTS);
     for _ in 0..19 {
         rig.run(100_000);
-        assert!(!rig.bridge.is_stuck(at(rig.now)), "{}", rig.now);
+        assert!(!rig.bridge.status(at(rig.now)).is_stuck, "{}", rig.now);
         assert_eq!(rig.bridge.counters().requests_usb, 4);
     }
     rig.run(1_000_000);
@@ -527,7 +527,7 @@ fn a_missing_answer_frees_the_line_and_its_like_wait_until_it_cannot_come_any_mo
     // The late one went to the host on USB as what it is: something nobody waits for. The second got its own.
     assert_eq!(rig.usb[4], 1);
     assert_eq!(rig.can.iter().map(|pdu| pdu[4]).collect::<Vec<_>>(), [2]);
-    assert_eq!(rig.bridge.exchange.timeout(), None);
+    assert_eq!(rig.bridge.line.holder(), None);
 }
 
 #[test]
@@ -559,10 +559,7 @@ fn an_arm_of_another_kind_is_shared_by_its_own_frames() {
             ..Config::default()
         });
         rig.run(1_000);
-        assert_eq!(
-            (rig.bridge.rate.line().coding.baud, rig.bridge.rate.line().half_duplex),
-            (115_200, half_duplex)
-        );
+        assert_eq!((rig.uart.coding.baud, rig.uart.half_duplex), (115_200, half_duplex));
         rig.manners = Box::new(|request| match request[0] {
             0xEF => Some((100, vec![0xEF, 0xFE, 1, 2, 3, 4, 10, 0xED])),
             _ => Some((100, vec![request[2] + 0xAA])),
@@ -583,14 +580,14 @@ fn a_line_coding_waits_for_the_answer_to_anothers_request() {
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(250);
     let coding = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
-    rig.bridge.request_line_coding(coding, at(rig.now)).unwrap();
+    rig.bridge.set_line_coding(coding, at(rig.now)).unwrap();
     rig.bridge.usb_received(&[1], at(rig.now));
     assert_eq!(
-        (rig.bridge.line_change(), rig.bridge.uart_due(at(rig.now))),
+        (rig.bridge.line.uart_change(), rig.bridge.status(at(rig.now)).uart),
         (None, false)
     );
     rig.run(10_000);
-    assert_eq!((rig.can.len(), rig.bridge.rate.line().coding.baud), (1, 115_200));
+    assert_eq!((rig.can.len(), rig.uart.coding.baud), (1, 115_200));
 }
 
 /// What a host may say to the arm on USB.
@@ -819,8 +816,8 @@ proptest! {
         }
 
         // Nothing is waited for any more.
-        prop_assert_eq!(rig.bridge.exchange.holder(), None);
-        prop_assert!(rig.bridge.down.is_empty() && rig.bridge.can_requests.is_empty());
+        prop_assert_eq!(rig.bridge.line.holder(), None);
+        prop_assert_eq!(rig.bridge.line.waiting(), (0, 0));
         prop_assert!(rig.usb_out.is_empty());
     }
 }
@@ -843,12 +840,12 @@ fn bytes_that_waited_for_an_answer_that_never_came_do_not_look_stuck() {
     }
     rig.bridge.usb_received(&[1; 10], at(rig.now));
     let mut now = at(rig.now);
-    while !rig.bridge.uart_due(now) {
+    while !rig.bridge.status(now).uart {
         now = rig.bridge.timeout().unwrap();
         rig.bridge.uart_received(&[], now);
         rig.bridge.tick(now);
     }
     assert!(now > at(rig.now + 1_000_000));
-    assert!(!rig.bridge.is_stuck(now));
-    assert!(rig.bridge.is_stuck(now + Duration::from_micros(1_000_001)));
+    assert!(!rig.bridge.status(now).is_stuck);
+    assert!(rig.bridge.status(now + Duration::from_micros(1_000_001)).is_stuck);
 }

@@ -2,8 +2,9 @@
 
 use core::fmt;
 
-use crate::Duration;
 use serde::{Deserialize, Serialize};
+
+use crate::time::Duration;
 
 /// The slowest line, in baud.
 pub const MIN_BAUD: u32 = 1_200;
@@ -37,7 +38,7 @@ pub struct LineCoding {
 /// What the UART is to be: its line coding and its wiring.
 ///
 /// ```
-/// use armwire_bridge::{Bridge, Line, LineCoding};
+/// use armwire_bridge::{LineCoding, UartConfig};
 ///
 /// let bridge = Bridge::default();
 /// assert_eq!(bridge.line_change(), None); // it starts as a Ling arm's
@@ -45,7 +46,7 @@ pub struct LineCoding {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Line {
+pub struct UartConfig {
     /// Speed and shape of the bytes.
     pub coding: LineCoding,
     /// Whether both directions share one wire. What is sent must then not be received.

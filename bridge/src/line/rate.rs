@@ -2,9 +2,17 @@
 
 use crate::config::ArmKind;
 use crate::control::{LineHolder, LineState};
-use crate::control_server::Port;
-use crate::earliest::Earliest;
-use crate::{Duration, Instant, Line, LineCoding};
+use crate::line_coding::{LineCoding, UartConfig};
+use crate::time::{Duration, Instant};
+
+/// The port that a host controls the adapter by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ControlPort {
+    /// The control interface on USB.
+    Usb,
+    /// The control connection on CAN.
+    Can,
+}
 
 /// How long after SET_LINE_CODING an open port gets its rate without a byte: many programs set two rates in a row, and only
 /// the last is meant.
@@ -19,24 +27,24 @@ const LEASE: Duration = Duration::from_millis(crate::control::HOLD_LEASE_MS as u
 /// A change of the line between bytes of the host on USB.
 #[derive(Clone, Copy)]
 struct Change {
-    to: Line,
+    to: UartConfig,
     /// How many bytes go out before.
     behind: usize,
 }
 
 /// How the UART works, how it is to work, and who holds the line.
 pub(crate) struct LineRate {
-    line: Line,
+    line: UartConfig,
     /// How long a byte takes on it, in nanoseconds.
     byte_nanos: u32,
     /// The arm's own line.
-    arm: Line,
+    arm: UartConfig,
     /// Whether the arm has a rate of its own. The rate of another is what the host on USB sets.
     has_own_rate: bool,
     /// The next change: it comes before the bytes that wait behind it.
     step: Option<Change>,
     /// The target line, reached once no bytes wait.
-    goal: Line,
+    goal: UartConfig,
     /// The line coding that the host on USB last set, in effect or not.
     requested: LineCoding,
     /// While the port is open, when `requested` takes effect without a byte. Else, when to see whether the host has said
@@ -48,13 +56,13 @@ pub(crate) struct LineRate {
     refused: bool,
     dtr: bool,
     /// The port that requested `hold-line`, and the end of its lease.
-    hold: Option<(Port, Instant)>,
+    hold: Option<(ControlPort, Instant)>,
 }
 
 impl LineRate {
-    /// A UART as at [`Line::default`], which is to become the arm's.
+    /// A UART as at [`UartConfig::default`], which is to become the arm's.
     pub(crate) fn new(kind: ArmKind) -> Self {
-        let (line, arm) = (Line::default(), kind.line());
+        let (line, arm) = (UartConfig::default(), kind.uart());
         Self {
             line,
             byte_nanos: line.coding.nanos_a_byte(),
@@ -71,11 +79,6 @@ impl LineRate {
         }
     }
 
-    /// How the UART works.
-    pub(crate) const fn line(&self) -> Line {
-        self.line
-    }
-
     /// How long a byte takes on the line, in nanoseconds.
     pub(crate) const fn byte_nanos(&self) -> u32 {
         self.byte_nanos
@@ -89,7 +92,7 @@ impl LineRate {
     // ---- Changes of the UART ----
 
     /// The change that the UART makes before anything else goes out. `queued` bytes of the host on USB wait.
-    pub(crate) fn change(&self, queued: usize) -> Option<Line> {
+    pub(crate) fn change(&self, queued: usize) -> Option<UartConfig> {
         let (to, behind) = match &self.step {
             Some(step) => (&step.to, step.behind),
             None => (&self.goal, queued),
@@ -121,14 +124,14 @@ impl LineRate {
     }
 
     /// The UART works like this now.
-    pub(crate) fn changed(&mut self, line: Line) {
+    pub(crate) fn changed(&mut self, line: UartConfig) {
         let _ = self.step.take_if(|step| step.to == line);
         self.line = line;
         self.byte_nanos = line.coding.nanos_a_byte();
     }
 
     /// The UART is to work like this behind the `queued` bytes of the host on USB.
-    fn schedule(&mut self, to: Line, queued: usize) {
+    fn schedule(&mut self, to: UartConfig, queued: usize) {
         // Behind a change that has bytes behind it no packet is taken, so that the next change is behind all of them.
         if self.step.is_none_or(|step| step.behind == queued) {
             self.step = (to != self.line).then_some(Change { to, behind: queued });
@@ -164,7 +167,7 @@ impl LineRate {
 
     /// The rate that the host on USB has set takes effect behind the `queued` bytes.
     pub(crate) fn take(&mut self, queued: usize, now: Instant) {
-        let to = Line {
+        let to = UartConfig {
             coding: self.requested,
             half_duplex: self.arm.half_duplex,
         };
@@ -208,7 +211,7 @@ impl LineRate {
 
     /// Another arm is there. Its line follows behind the `queued` bytes, and the host's rate is that.
     pub(crate) fn set_arm(&mut self, kind: ArmKind, queued: usize) {
-        let arm = kind.line();
+        let arm = kind.uart();
         (self.arm, self.has_own_rate) = (arm, kind.has_own_rate());
         (self.requested, self.revoked, self.refused) = (arm.coding, false, false);
         self.deadline = None;
@@ -255,12 +258,12 @@ impl LineRate {
 
     // Not inlined: it is asked in many places.
     #[inline(never)]
-    fn is_other(&self, line: &Line) -> bool {
+    fn is_other(&self, line: &UartConfig) -> bool {
         line.coding != self.arm.coding
     }
 
     /// `port` keeps the line for USB for the time of a lease. Returns whether it may: another port may have it.
-    pub(crate) fn hold(&mut self, port: Port, now: Instant) -> bool {
+    pub(crate) fn hold(&mut self, port: ControlPort, now: Instant) -> bool {
         let is_free = self.hold.is_none_or(|(holder, _)| holder == port);
         if is_free {
             self.hold = Some((port, now + LEASE));
@@ -269,7 +272,7 @@ impl LineRate {
     }
 
     /// `port` keeps the line no more.
-    pub(crate) fn unhold(&mut self, port: Port) {
+    pub(crate) fn unhold(&mut self, port: ControlPort) {
         let _ = self.hold.take_if(|(holder, _)| *holder == port);
     }
 
@@ -296,7 +299,10 @@ impl LineRate {
     /// When to call [`tick`](Self::tick). While the host's rate `may` not take effect, it waits.
     pub(crate) fn timeout(&self, may: bool) -> Option<Instant> {
         let deadline = self.deadline.filter(|_| may || !self.dtr);
-        Earliest::of(deadline).or(self.hold.map(|(_, until)| until)).get()
+        [deadline, self.hold.map(|(_, until)| until)]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
     /// It is `now`: what [`timeout`](Self::timeout) has waited for comes. The last byte either way moved at `moved`, and

@@ -1,8 +1,10 @@
-//! The adapter's own requests, on time.
-
-use crate::{Duration, Instant};
+//! The slots of the adapter's own poll.
 
 use crate::config;
+use crate::time::{Duration, Instant};
+
+/// How long before its slot a poll is handed over, so that nothing else that runs makes it late.
+pub const POLL_LEAD_TIME: Duration = Duration::from_micros(25);
 
 /// Says when it is time for a poll.
 ///
@@ -39,18 +41,23 @@ impl Poll {
         }
     }
 
-    /// Since when the next poll may go out, which is `lead` before its slot. `None` while it may not.
-    pub(crate) fn due_since(&self, lead: Duration, now: Instant) -> Option<Instant> {
+    /// Since when the next poll may go out, [`POLL_LEAD_TIME`] before its slot. `None` while it may not.
+    pub(crate) fn due_since(&self, now: Instant) -> Option<Instant> {
         match self.state {
             _ if self.is_paused => None,
             State::Due(since) => Some(since),
-            _ => self.timeout(lead).filter(|at| *at <= now),
+            _ => self.timeout().filter(|at| *at <= now),
         }
     }
 
     /// Whether it is more urgent than what others have to ask.
     pub(crate) const fn is_urgent(&self) -> bool {
         matches!(self.rate, config::Poll::Hertz(_))
+    }
+
+    /// Whether there are no polls.
+    pub(crate) const fn is_off(&self) -> bool {
+        matches!(self.rate, config::Poll::Off)
     }
 
     /// The next slot. `None` without a rate, or when polling has not begun.
@@ -73,23 +80,23 @@ impl Poll {
         Some(slot + Duration::from_micros(period.saturating_add(carry.into()).into()))
     }
 
-    /// When to call [`tick`](Self::tick), `lead` before the slot.
-    pub(crate) fn timeout(&self, lead: Duration) -> Option<Instant> {
+    /// When to call [`tick`](Self::tick).
+    pub(crate) fn timeout(&self) -> Option<Instant> {
         match (self.rate, self.state) {
             (config::Poll::Off, _) | (_, State::Due(_) | State::InFlight) => None,
-            _ => Some(self.slot.map_or(Instant::ZERO, |slot| slot - lead)),
+            _ => Some(self.slot.map_or(Instant::ZERO, |slot| slot - POLL_LEAD_TIME)),
         }
     }
 
     /// It is `now`. Returns how many slots have passed in a [pause](Self::pause).
-    pub(crate) fn tick(&mut self, lead: Duration, now: Instant) -> usize {
-        if self.timeout(lead).is_none() {
+    pub(crate) fn tick(&mut self, now: Instant) -> usize {
+        if self.timeout().is_none() {
             return 0;
         }
         if self.slot.is_none() {
             self.slot = self.after(now);
         }
-        if let Some(at) = self.timeout(lead).filter(|at| *at <= now) {
+        if let Some(at) = self.timeout().filter(|at| *at <= now) {
             self.state = State::Due(at);
         }
         match self.is_paused {
@@ -146,18 +153,17 @@ const SECOND: u32 = 1_000_000;
 mod tests {
     use super::*;
 
-    const NO_LEAD: Duration = Duration::ZERO;
     const NOW: Instant = Instant::ZERO;
     const SECOND: u64 = super::SECOND as u64;
 
     /// The slots of a day, each poll answered after `answer` µs, and how many were missed.
     fn day(rate: u16, answer: u64) -> impl Iterator<Item = (Instant, u64)> {
         let mut poll = Poll::new(config::Poll::Hertz(rate));
-        poll.tick(NO_LEAD, Instant::from_micros(777));
+        poll.tick(Instant::from_micros(777));
         core::iter::from_fn(move || {
-            let slot = poll.timeout(NO_LEAD)?;
-            poll.tick(NO_LEAD, slot);
-            assert!(poll.due_since(NO_LEAD, NOW).is_some());
+            let slot = poll.timeout()?;
+            poll.tick(slot);
+            assert!(poll.due_since(NOW).is_some());
             poll.began();
             Some((slot, poll.ended(slot + Duration::from_micros(answer)) as u64))
         })
@@ -193,13 +199,13 @@ mod tests {
     #[test]
     fn the_fastest_poll_is_due_whenever_none_is_with_the_arm() {
         let mut poll = Poll::new(config::Poll::Fastest);
-        assert_eq!(poll.timeout(NO_LEAD), Some(Instant::ZERO));
-        poll.tick(NO_LEAD, Instant::from_micros(5));
+        assert_eq!(poll.timeout(), Some(Instant::ZERO));
+        poll.tick(Instant::from_micros(5));
         for at in [10, 11, 12] {
-            assert!(poll.due_since(NO_LEAD, NOW).is_some());
-            assert_eq!((poll.slot(), poll.timeout(NO_LEAD)), (None, None));
+            assert!(poll.due_since(NOW).is_some());
+            assert_eq!((poll.slot(), poll.timeout()), (None, None));
             poll.began();
-            assert_eq!(poll.due_since(NO_LEAD, NOW), None);
+            assert_eq!(poll.due_since(NOW), None);
             assert_eq!(poll.ended(Instant::from_micros(at)), 0);
         }
     }
@@ -207,7 +213,7 @@ mod tests {
     #[test]
     fn nothing_is_polled_when_polling_is_off() {
         let mut poll = Poll::new(config::Poll::Off);
-        poll.tick(NO_LEAD, Instant::from_micros(5));
-        assert_eq!((poll.due_since(NO_LEAD, NOW), poll.timeout(NO_LEAD)), (None, None));
+        poll.tick(Instant::from_micros(5));
+        assert_eq!((poll.due_since(NOW), poll.timeout()), (None, None));
     }
 }

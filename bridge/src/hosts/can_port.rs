@@ -1,18 +1,18 @@
-//! The adapter's end of the CAN bus: two ISO-TP connections, cyclic frames both ways, and what is said by the way.
+//! The adapter's end of the CAN bus: two ISO-TP connections, cyclic frames both ways, and events as frames.
 
-use armwire::ling::{JointState, Move};
 use heapless::Deque;
 
-use crate::can::command::Commands;
-use crate::can::telemetry::{Errors, Sample, event_to_frame};
+use crate::can::telemetry::{Errors, event_to_frame};
 use crate::can::{Frame, Function, MAX_CLASSIC};
-use crate::config;
+use crate::config::{self, ArmKind};
 use crate::control::{Event, FrameBytes, Initiator, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
-use crate::counters::count;
-use crate::earliest::Earliest;
+use crate::counters::{Counters, count};
 use crate::isotp::{self, Endpoint, Link};
 use crate::queue::Queue;
-use crate::{Counters, Duration, Instant};
+use crate::time::{Duration, Instant};
+
+use super::cyclic::Cyclic;
+use super::grid;
 
 /// The longest message from a host on the control connection, in bytes. The longest there is, which sets the
 /// configuration, has 31.
@@ -25,23 +25,20 @@ const ANSWERS: usize = 4;
 const EVENTS: usize = 192;
 
 /// Events that wait to go out as plain frames.
-const NOTES: usize = 4;
-
-/// Frames of a sample.
-const SAMPLE_FRAMES: usize = 3;
+const EVENT_FRAMES: usize = 4;
 
 /// How often the error counts go out while telemetry is on.
 const ERRORS_PERIOD: Duration = Duration::from_millis(1_000);
 
-/// What came from the bus and is not dealt with here.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A frame from the bus that is not dealt with here.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Received {
-    /// A request for the arm may be whole, or one was refused.
+    /// A request for the arm may be whole.
     Arm,
     /// A control message may be whole.
     Control,
-    /// A command is to move the arm.
-    Command(Move),
+    /// A command is to move the arm by this request.
+    Command(FrameBytes),
     /// A request, a message or a command was refused.
     Refused(Initiator, Refusal),
 }
@@ -53,18 +50,11 @@ pub(crate) struct CanPort {
     /// When the last frame of a request for the arm came.
     pub(crate) arm_came: Instant,
     pub(crate) control: Endpoint<MAX_REQUEST, MAX_MESSAGE>,
-    commands: Commands,
+    cyclic: Cyclic,
     answers: Deque<FrameBytes, ANSWERS>,
     /// Control messages that wait, each behind its length.
     events: Queue<EVENTS>,
-    notes: Deque<[u8; MAX_CLASSIC], NOTES>,
-    /// Where the arm was last, if that has not gone out.
-    newest: Option<(JointState, Instant)>,
-    /// The sample that is going out, and how many of its frames have.
-    sample: Option<(Sample, usize)>,
-    samples: u8,
-    /// When the next sample may begin.
-    sample_at: Instant,
+    event_frames: Deque<[u8; MAX_CLASSIC], EVENT_FRAMES>,
     /// When the error counts go out.
     errors_at: Option<Instant>,
     /// Frames that the controller has, and how many of them, from the first, are gone when the last of each connection is.
@@ -87,15 +77,11 @@ impl CanPort {
             arm: Endpoint::new(answers(Function::ArmAnswer)),
             arm_came: Instant::ZERO,
             control: Endpoint::new(answers(Function::ControlAnswer)),
-            commands: Commands::new(config.node, Duration::from_millis(config.command_timeout_ms.into())),
+            cyclic: Cyclic::new(&config),
             answers: Deque::new(),
             events: Queue::new(),
-            notes: Deque::new(),
-            newest: None,
-            sample: None,
-            samples: 0,
-            sample_at: Instant::ZERO,
-            errors_at: (config.telemetry_hz > 0).then_some(Instant::ZERO),
+            event_frames: Deque::new(),
+            errors_at: first_errors(&config),
             handed: 0,
             arm_handed: 0,
             control_handed: 0,
@@ -107,15 +93,13 @@ impl CanPort {
     pub(crate) fn adopt(&mut self, config: config::Can, counters: &mut Counters) {
         self.drop_half_command(counters);
         self.config = config;
-        self.commands = Commands::new(config.node, Duration::from_millis(config.command_timeout_ms.into()));
-        self.newest = None;
-        self.sample_at = Instant::ZERO;
-        self.errors_at = (config.telemetry_hz > 0).then_some(Instant::ZERO);
+        self.cyclic.adopt(&config);
+        self.errors_at = first_errors(&config);
     }
 
-    /// What the CAN controller is.
-    pub(crate) const fn config(&self) -> config::Can {
-        self.config
+    /// The configuration of the controller.
+    pub(crate) const fn config(&self) -> &config::Can {
+        &self.config
     }
 
     /// A frame came from the bus.
@@ -125,37 +109,35 @@ impl CanPort {
         if node != self.config.node {
             return None;
         }
+        let full = Received::Refused(Initiator::Can, Refusal::QueueFull);
         match function {
-            Function::ArmRequest => {
-                let refused = note(self.arm.receive(frame.data(), now), counters);
-                if !refused {
+            Function::ArmRequest => match count_events(self.arm.receive(frame.data(), now), counters) {
+                true => Some(full),
+                false => {
                     self.arm_came = now;
+                    Some(Received::Arm)
                 }
-                Some(match refused {
-                    true => Received::Refused(Initiator::Can, Refusal::QueueFull),
-                    false => Received::Arm,
-                })
-            }
-            Function::ControlRequest => {
-                let refused = note(self.control.receive(frame.data(), now), counters);
-                Some(match refused {
-                    true => Received::Refused(Initiator::Can, Refusal::QueueFull),
-                    false => Received::Control,
-                })
-            }
-            Function::CommandA | Function::CommandB if self.config.commands => {
-                match self.commands.receive(frame, now)? {
-                    Ok(target) => Some(Received::Command(target)),
-                    Err(refusal) => Some(Received::Refused(Initiator::Command, refusal)),
-                }
-            }
+            },
+            Function::ControlRequest => match count_events(self.control.receive(frame.data(), now), counters) {
+                true => Some(full),
+                false => Some(Received::Control),
+            },
+            Function::CommandA | Function::CommandB if self.config.commands => match self.cyclic.receive(frame, now)? {
+                Ok(request) => Some(Received::Command(request)),
+                Err(refusal) => Some(Received::Refused(Initiator::Command, refusal)),
+            },
             _ => None,
         }
     }
 
     /// The stream of commands is over: the next one must start anew.
     pub(crate) fn stop_commands(&mut self) {
-        self.commands.stop();
+        self.cyclic.stop_commands();
+    }
+
+    /// The arm sent a frame, which may be telemetry.
+    pub(crate) fn frame(&mut self, kind: ArmKind, bytes: &[u8], at: Instant) {
+        self.cyclic.frame(kind, bytes, at);
     }
 
     /// Whether an answer of the arm was queued. It is dropped where there is no room.
@@ -176,20 +158,15 @@ impl CanPort {
         fits
     }
 
-    /// Whether an event was queued as a plain frame.
-    pub(crate) fn note(&mut self, event: &Event, at: Stamp) -> bool {
-        match event_to_frame(event, at, self.config.node) {
+    /// Whether an event was queued as a plain frame, if it has one.
+    pub(crate) fn event_frame(&mut self, event: &Event, at: Instant) -> bool {
+        match event_to_frame(event, Stamp(at.as_micros()), self.config.node) {
             Some(frame) => match frame.data().first_chunk() {
-                Some(data) => self.notes.push_back(*data).is_ok(),
+                Some(data) => self.event_frames.push_back(*data).is_ok(),
                 None => false,
             },
             None => true,
         }
-    }
-
-    /// Where the arm is, for telemetry, which is on.
-    pub(crate) const fn state(&mut self, state: JointState, at: Instant) {
-        self.newest = Some((state, at));
     }
 
     /// Begins to send what waits for a connection that is free.
@@ -222,45 +199,38 @@ impl CanPort {
         !self.arm.is_sending() && !self.answers.is_empty()
     }
 
-    /// Whether an event does. Whoever has asked goes before those who are told.
+    /// Whether an event does. Replies go before events.
     fn control_has_next(&self) -> bool {
         !self.control.is_sending() && self.control.received().is_none() && !self.events.is_empty()
     }
 
     /// From when on [`transmit`](Self::transmit) has a frame, perhaps a time that has passed.
     fn transmit_at(&self) -> Option<Instant> {
-        match self.has_next() {
-            true => Some(Instant::ZERO),
-            false => {
-                let [sample, errors, arm, control] = self.times();
-                Earliest::of(sample).or(errors).or(arm).or(control).get()
-            }
+        if !self.event_frames.is_empty() || self.arm_has_next() || self.control_has_next() {
+            return Some(Instant::ZERO);
         }
-    }
-
-    /// Whether there is something to say at once.
-    fn has_next(&self) -> bool {
-        self.sample.is_some() || !self.notes.is_empty() || self.arm_has_next() || self.control_has_next()
-    }
-
-    /// From when on there is something to say of what has its time.
-    fn times(&self) -> [Option<Instant>; 4] {
-        [
-            self.newest.map(|_| self.sample_at),
+        let times = [
+            self.cyclic.transmit_at(),
             self.errors_at,
             self.arm.transmit_at(),
             self.control.transmit_at(),
-        ]
+        ];
+        times.into_iter().flatten().min()
     }
 
     /// Whether [`transmit`](Self::transmit) has a frame.
     pub(crate) fn is_due(&self, now: Instant) -> bool {
-        self.has_next() || self.times().iter().flatten().any(|at| *at <= now)
+        self.transmit_at().is_some_and(|at| at <= now)
     }
 
-    /// The next frame for the bus, the most urgent first.
-    pub(crate) fn transmit(&mut self, now: Instant, counters: &mut Counters) -> Option<Frame> {
-        let frame = self.next_frame(now, counters);
+    /// The next frame for the bus, the most urgent first. `line_counters` are those of the line to the arm.
+    pub(crate) fn transmit(
+        &mut self,
+        now: Instant,
+        counters: &mut Counters,
+        line_counters: &Counters,
+    ) -> Option<Frame> {
+        let frame = self.next_frame(now, counters, line_counters);
         if frame.is_some() {
             count(&mut counters.can_frames_sent, 1);
             self.handed = self.handed.saturating_add(1);
@@ -286,23 +256,15 @@ impl CanPort {
         arm || control
     }
 
-    fn next_frame(&mut self, now: Instant, counters: &Counters) -> Option<Frame> {
-        if self.sample.is_none() && self.sample_at <= now {
-            self.begin_sample(now);
-        }
-        if let Some((sample, sent)) = &mut self.sample {
-            let frame = sample.frame(*sent, self.config.node);
-            *sent = sent.saturating_add(1);
-            if *sent >= SAMPLE_FRAMES {
-                self.sample = None;
-            }
-            return frame;
+    fn next_frame(&mut self, now: Instant, counters: &Counters, line_counters: &Counters) -> Option<Frame> {
+        if let Some(frame) = self.cyclic.transmit(now) {
+            return Some(frame);
         }
         if let Some(at) = self.errors_at.take_if(|at| *at <= now) {
-            self.errors_at = Some(next(at, ERRORS_PERIOD, now));
-            return Some(Errors::from(counters).to_frame(self.config.node));
+            self.errors_at = Some(grid::next(at, ERRORS_PERIOD, now));
+            return Some(Errors::from(&counters.plus(line_counters)).to_frame(self.config.node));
         }
-        if let Some(data) = self.notes.pop_front() {
+        if let Some(data) = self.event_frames.pop_front() {
             return Frame::new(Function::Event.id(self.config.node), &data).ok();
         }
         self.feed();
@@ -316,53 +278,40 @@ impl CanPort {
         Some(frame)
     }
 
-    fn begin_sample(&mut self, now: Instant) {
-        let Some((state, stamp)) = self.newest.take() else {
-            return;
-        };
-        let sample = Sample {
-            state,
-            stamp: stamp.as_micros() as u32,
-            count: self.samples,
-        };
-        self.samples = self.samples.wrapping_add(1);
-        self.sample = Some((sample, 0));
-        let period = 1_000_000_u64.checked_div(self.config.telemetry_hz.into());
-        self.sample_at = next(self.sample_at, Duration::from_micros(period.unwrap_or(0)), now);
-    }
-
     /// When [`tick`](Self::tick) or [`transmit`](Self::transmit) has something to do.
     pub(crate) fn timeout(&self) -> Option<Instant> {
         // What is due since the last tick waits for the controller, not for the time.
         let transmit_at = self.transmit_at().filter(|at| *at > self.ticked);
-        Earliest::of(transmit_at)
-            .or(self.arm.timeout())
-            .or(self.control.timeout())
-            .or(self.commands.timeout())
-            .get()
+        let timeouts = [
+            transmit_at,
+            self.arm.timeout(),
+            self.control.timeout(),
+            self.cyclic.command_timeout(),
+        ];
+        timeouts.into_iter().flatten().min()
     }
 
     /// It is `now`. A command whose other half did not come is refused.
     pub(crate) fn tick(&mut self, now: Instant, counters: &mut Counters) -> Option<Refusal> {
         self.ticked = now;
-        note(self.arm.tick(now), counters);
-        note(self.control.tick(now), counters);
-        self.commands.tick(now)
+        count_events(self.arm.tick(now), counters);
+        count_events(self.control.tick(now), counters);
+        self.cyclic.tick(now)
     }
 
-    /// The controller left the bus: what was under way by ISO-TP is given up.
-    pub(crate) fn left(&mut self, counters: &mut Counters) {
+    /// The controller left the bus: ISO-TP transfers that were under way are given up.
+    pub(crate) fn on_bus_off(&mut self, counters: &mut Counters) {
         let given_up = self.arm.abort().saturating_add(self.control.abort());
         count(&mut counters.isotp_failures, given_up);
     }
 
     /// There will be another port in place of this one: what waits is given up, too.
     pub(crate) fn close(&mut self, counters: &mut Counters) {
-        self.left(counters);
+        self.on_bus_off(counters);
         let untaken = [self.arm.received(), self.control.received()].into_iter().flatten();
         count(&mut counters.isotp_failures, untaken.count());
         count(&mut counters.dropped_can_answers, self.answers.len());
-        count(&mut counters.dropped_events, self.notes.len());
+        count(&mut counters.dropped_events, self.event_frames.len());
         let mut message = [0; EVENTS];
         while self.next_event(&mut message) > 0 {
             count(&mut counters.dropped_events, 1);
@@ -370,11 +319,16 @@ impl CanPort {
         self.drop_half_command(counters);
     }
 
-    /// What is left of a command that waits for its other half.
+    /// Counts the command that waits for its other half, which will not come.
     fn drop_half_command(&self, counters: &mut Counters) {
-        let waits = self.commands.timeout().is_some();
+        let waits = self.cyclic.command_timeout().is_some();
         count(&mut counters.commands_incomplete, waits.into());
     }
+}
+
+/// When the error counts first go out.
+fn first_errors(config: &config::Can) -> Option<Instant> {
+    (config.telemetry_hz > 0).then_some(Instant::ZERO)
 }
 
 /// So many frames are gone. Whether with them the last of those that are counted here is.
@@ -383,14 +337,8 @@ fn leave(handed: &mut u8, gone: u8) -> bool {
     before > 0 && *handed == 0
 }
 
-/// The first instant of a grid through `at` that is after `now`.
-fn next(at: Instant, period: Duration, now: Instant) -> Instant {
-    let next = at + period;
-    if next > now { next } else { now + period }
-}
-
-/// Counts what failed. Whether a PDU was refused.
-fn note(events: isotp::Events, counters: &mut Counters) -> bool {
+/// Counts transfers that failed. Returns whether a PDU was refused.
+fn count_events(events: isotp::Events, counters: &mut Counters) -> bool {
     let mut refused = false;
     for event in events {
         match event {

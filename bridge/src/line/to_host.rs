@@ -1,12 +1,19 @@
 //! The serial port towards the host: which bytes wait for it, and when a packet of them is due.
 
-use crate::counters::count;
+use crate::counters::{Counters, count};
 use crate::queue::Queue;
-use crate::{Counters, PACKET, TO_HOST_BUFFER};
+
+/// Bytes in a full USB packet (full speed, bulk).
+pub const PACKET: usize = 64;
+
+/// Room for bytes of the arm that the host on USB has not read yet: 20 ms of a saturated 1 Mbaud line.
+pub const TO_HOST_BUFFER: usize = 2048;
 
 /// Bytes for the host, up to [`TO_HOST_BUFFER`] of them.
-pub(crate) struct HostPort {
+pub(crate) struct ToHost {
     bytes: Queue<TO_HOST_BUFFER>,
+    /// The watermark: the first byte of the arm that was not passed, by the decoder's offset.
+    passed: u64,
     /// How many of them, from the front, no longer wait for more to fill the packet.
     due: usize,
     transfer: Transfer,
@@ -39,19 +46,15 @@ enum State {
     Closed,
 }
 
-impl HostPort {
+impl ToHost {
     pub(crate) const fn new() -> Self {
         Self {
             bytes: Queue::new(),
+            passed: 0,
             due: 0,
             transfer: Transfer::Closed,
             state: State::Detached,
         }
-    }
-
-    /// How many bytes wait.
-    pub(crate) const fn len(&self) -> usize {
-        self.bytes.len()
     }
 
     /// Whether a host has configured the adapter.
@@ -81,11 +84,27 @@ impl HostPort {
         changed
     }
 
-    /// Queues bytes for the host, as far as there is one and room.
-    pub(crate) fn push(&mut self, bytes: &[u8], counters: &mut Counters) {
-        if bytes.is_empty() {
-            return; // the usual case for what ends a frame, not worth the rest
+    /// Passes bytes of the arm, the first of which has this offset, to the host: those that were not passed before.
+    pub(crate) fn pass(&mut self, offset: u64, bytes: &[u8], counters: &mut Counters) {
+        let passed = self.passed.saturating_sub(offset) as usize;
+        if let Some(bytes) = bytes.get(passed..).filter(|bytes| !bytes.is_empty()) {
+            self.skip(offset, passed.saturating_add(bytes.len()));
+            self.push(bytes, counters);
         }
+    }
+
+    /// Passes none of the `len` bytes from this offset on: they are another's.
+    pub(crate) const fn skip(&mut self, offset: u64, len: usize) {
+        self.passed = offset.wrapping_add(len as u64);
+    }
+
+    /// The decoder's offsets start anew.
+    pub(crate) const fn restart(&mut self) {
+        self.passed = 0;
+    }
+
+    /// Queues bytes for the host, as far as there is one and room.
+    fn push(&mut self, bytes: &[u8], counters: &mut Counters) {
         match self.state {
             State::Detached | State::Closed => count(&mut counters.unheard_bytes, bytes.len()),
             State::Attached | State::Open => {
@@ -95,8 +114,9 @@ impl HostPort {
         }
     }
 
-    /// All but the last `begun` bytes wait no longer.
-    pub(crate) fn release(&mut self, begun: usize) {
+    /// Bytes before this offset wait no longer. Those behind it begin the next frame.
+    pub(crate) fn release(&mut self, offset: u64) {
+        let begun = self.passed.saturating_sub(offset) as usize;
         self.due = self.due.max(self.bytes.len().saturating_sub(begun));
         if self.due == 0 && self.transfer == Transfer::Open {
             self.transfer = Transfer::Unterminated;
@@ -104,7 +124,7 @@ impl HostPort {
     }
 
     /// How many more bytes fill a packet, at least 1.
-    pub(crate) fn need(&self) -> usize {
+    pub(crate) fn to_full_packet(&self) -> usize {
         match PACKET.checked_sub(self.bytes.len()) {
             None | Some(0) => PACKET,
             Some(need) => need,

@@ -1,0 +1,128 @@
+//! A bounded queue of events: only what is needed to tell of a frame, not the message.
+
+use crate::can::telemetry::{event_from_frame, event_to_frame};
+use crate::can::{Frame, Function, Node};
+use crate::control::{Event, FrameBytes, Initiator, Stamp};
+use crate::queue::Queue;
+use crate::time::Instant;
+
+/// The bytes before an event's own: when it was, its kind, and its length.
+const HEADER: usize = 10;
+
+/// The kind of a frame is its initiator's place among [`Initiator::ALL`], or this if it has none.
+const UNSOLICITED: u8 = 0xFF;
+
+/// The kind of an event that is no frame: its bytes are those of its frame on CAN.
+const OTHER: u8 = 0xFE;
+
+/// First in, first out, in `N` bytes of room.
+pub(crate) struct EventQueue<const N: usize> {
+    bytes: Queue<N>,
+}
+
+impl<const N: usize> EventQueue<N> {
+    pub(crate) const fn new() -> Self {
+        Self { bytes: Queue::new() }
+    }
+
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
+    /// Appends a frame whose last byte arrived at `at`. Returns whether there was room.
+    pub(crate) fn push_frame(&mut self, at: Instant, initiator: Option<Initiator>, bytes: &[u8]) -> bool {
+        let kind = initiator.map_or(UNSOLICITED, |initiator| initiator as u8);
+        self.push_bytes(at, kind, bytes)
+    }
+
+    /// Appends an event. Returns whether there was room.
+    pub(crate) fn push(&mut self, at: Instant, event: &Event) -> bool {
+        if let Event::Frame { initiator, bytes } = event {
+            return self.push_frame(at, *initiator, bytes);
+        }
+        match event_to_frame(event, Stamp(at.as_micros()), Node::default()) {
+            Some(frame) => self.push_bytes(at, OTHER, frame.data()),
+            None => false,
+        }
+    }
+
+    fn push_bytes(&mut self, at: Instant, kind: u8, bytes: &[u8]) -> bool {
+        let fits = bytes.len().saturating_add(HEADER) <= self.bytes.room();
+        if fits {
+            let mut header = [0; HEADER];
+            let [stamp @ .., kind_byte, len] = &mut header;
+            *stamp = at.as_micros().to_le_bytes();
+            (*kind_byte, *len) = (kind, bytes.len() as u8);
+            self.bytes.push(&header);
+            self.bytes.push(bytes);
+        }
+        fits
+    }
+
+    /// Takes the first event.
+    pub(crate) fn pop(&mut self) -> Option<(Instant, Event)> {
+        let mut header = [0; HEADER];
+        if self.bytes.pop(&mut header) < HEADER {
+            return None;
+        }
+        let [stamp @ .., kind, len] = header;
+        let mut bytes = FrameBytes::new();
+        // No longer frame was pushed.
+        let _ = bytes.resize(len.into(), 0);
+        self.bytes.pop(&mut bytes);
+        let event = match kind {
+            OTHER => {
+                let frame = Frame::new(Function::Event.id(Node::default()), &bytes).ok()?;
+                event_from_frame(&frame)?.1
+            }
+            _ => Event::Frame {
+                initiator: Initiator::ALL.get(usize::from(kind)).copied(),
+                bytes,
+            },
+        };
+        Some((Instant::from_micros(u64::from_le_bytes(stamp)), event))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
+    use super::*;
+    use crate::control::{MAX_FRAME, Refusal};
+
+    fn events(len: usize) -> impl Iterator<Item = (Instant, Event)> {
+        let initiators = Initiator::ALL.map(Some).into_iter().chain([None]).cycle();
+        initiators.enumerate().map(move |(n, initiator)| {
+            let bytes = FrameBytes::from_slice(&[n as u8; MAX_FRAME][..len]).unwrap();
+            let event = match (n % 4, initiator) {
+                (1, Some(initiator)) => Event::Refused {
+                    initiator,
+                    reason: Refusal::OtherRate,
+                },
+                (2, Some(initiator)) => Event::HostSilent {
+                    initiator,
+                    dropped: u16::MAX,
+                    torque_off: true,
+                },
+                _ => Event::Frame { initiator, bytes },
+            };
+            (Instant::from_micros(u64::MAX - n as u64), event)
+        })
+    }
+
+    #[test]
+    fn events_come_out_as_they_went_in() {
+        let mut queue = EventQueue::<192>::new();
+        for len in [1, 7, 21, MAX_FRAME] {
+            let events: Vec<_> = events(len).take_while(|(at, event)| queue.push(*at, event)).collect();
+            assert!(events.len() >= 192 / (MAX_FRAME + HEADER));
+            for event in events {
+                assert_eq!(queue.pop(), Some(event));
+            }
+            assert_eq!((queue.is_empty(), queue.pop()), (true, None));
+        }
+    }
+}

@@ -1,0 +1,334 @@
+//! The control port: requests and replies on USB and on CAN, and events for their subscribers.
+
+use crate::config::Config;
+use crate::control::{
+    ArmIdentity, COBS, Event, Failure, FrameBytes, FromAdapter, FromHost, MAX_COBS, MAX_EVENT, MAX_MESSAGE, Malformed,
+    Reader, Reply, Stamp, Subscription, decode, encode, encode_cobs,
+};
+use crate::control_codec::add_cobs;
+use crate::counters::{Counters, count};
+use crate::events::EventQueue;
+use crate::line::{ControlPort, PACKET};
+use crate::queue::Queue;
+use crate::time::Instant;
+
+use super::can_port::{CanPort, MAX_REQUEST};
+
+/// Bytes that wait for the host on USB.
+const OUT: usize = 448;
+
+/// Room for events that subscribers are still to be told of: 6 answers with the joints of a Ling arm.
+const EVENTS: usize = 192;
+
+/// A request that is not answered at once, and its outcome once that is known.
+pub(super) struct Pending<T> {
+    /// The port that waits for the reply. `None` when its host has gone.
+    port: Option<ControlPort>,
+    sequence: u8,
+    outcome: Option<T>,
+}
+
+impl<T> Pending<T> {
+    pub(super) const fn new(port: ControlPort, sequence: u8) -> Option<Self> {
+        Some(Self {
+            port: Some(port),
+            sequence,
+            outcome: None,
+        })
+    }
+
+    /// The outcome is known. Without a host that waits for it, that is the end of it.
+    fn end(pending: &mut Option<Self>, outcome: T) {
+        if let Some(pending) = pending {
+            pending.outcome = Some(outcome);
+        }
+        let _ = pending.take_if(|pending| pending.port.is_none());
+    }
+
+    /// The host on this port has gone. Its request is not undone: no other of its kind is taken until it has ended.
+    fn forget(pending: &mut Option<Self>, port: ControlPort) {
+        if let Some(pending) = pending.as_mut().filter(|pending| pending.port == Some(port)) {
+            pending.port = None;
+        }
+        let _ = pending.take_if(|pending| pending.port.is_none() && pending.outcome.is_some());
+    }
+
+    /// The outcome for the host on this port, if it is known.
+    fn take(pending: &mut Option<Self>, port: ControlPort) -> Option<(u8, T)> {
+        let is_known = |pending: &mut Self| pending.port == Some(port) && pending.outcome.is_some();
+        let pending = pending.take_if(is_known)?;
+        Some((pending.sequence, pending.outcome?))
+    }
+}
+
+/// The control interface on USB.
+struct UsbPort {
+    reader: Reader<MAX_REQUEST>,
+    /// The last packet, of which the first `read` bytes have been read.
+    packet: [u8; PACKET],
+    len: usize,
+    read: usize,
+    out: Queue<OUT>,
+    /// The last packet to the host was full, so that the host waits for more.
+    is_open: bool,
+}
+
+impl UsbPort {
+    const fn new() -> Self {
+        Self {
+            reader: Reader::new(),
+            packet: [0; PACKET],
+            len: 0,
+            read: 0,
+            out: Queue::new(),
+            is_open: false,
+        }
+    }
+
+    /// The next message. `None` when none is whole.
+    fn next(&mut self) -> Option<Result<FromHost, Malformed>> {
+        let unread = self.packet.get(self.read..self.len).unwrap_or_default();
+        let rest = self.reader.push(unread).len();
+        self.read = self.len.saturating_sub(rest);
+        self.reader.next()
+    }
+
+    /// Queues a message if at least `spare` bytes of room are left then, and returns whether it did.
+    fn queue(&mut self, message: &[u8], spare: usize) -> bool {
+        let fits = message.len().saturating_add(spare) <= self.out.room();
+        if fits {
+            self.out.push(message);
+        }
+        fits
+    }
+}
+
+/// The control port on USB and on CAN.
+pub(super) struct ControlServer {
+    usb: UsbPort,
+    usb_subscription: Subscription,
+    can_subscription: Subscription,
+    /// Events that subscribers are told of when there is time: until then, others have something to send.
+    events: EventQueue<EVENTS>,
+    /// A request to identify the arm, and the arm's answer, `None` for none.
+    pub(super) arm: Option<Pending<Result<Option<FrameBytes>, Failure>>>,
+    /// A request to write or erase the configuration in flash.
+    pub(super) flash: Option<Pending<Result<(), Failure>>>,
+}
+
+impl ControlServer {
+    pub(super) const fn new() -> Self {
+        const NOTHING: Subscription = Subscription {
+            frames: false,
+            events: false,
+        };
+        Self {
+            usb: UsbPort::new(),
+            usb_subscription: NOTHING,
+            can_subscription: NOTHING,
+            events: EventQueue::new(),
+            arm: None,
+            flash: None,
+        }
+    }
+
+    // ---- Hosts that come and go ----
+
+    /// The host on a port has gone.
+    pub(super) fn forget(&mut self, port: ControlPort) {
+        *self.subscription(port) = Subscription::default();
+        Pending::forget(&mut self.arm, port);
+        Pending::forget(&mut self.flash, port);
+        if port == ControlPort::Usb {
+            self.usb = UsbPort::new();
+        }
+    }
+
+    /// Whether a host on CAN waits for a reply that comes later.
+    pub(super) fn owes_can(&self) -> bool {
+        let arm = self.arm.as_ref().and_then(|pending| pending.port);
+        let flash = self.flash.as_ref().and_then(|pending| pending.port);
+        [arm, flash].contains(&Some(ControlPort::Can))
+    }
+
+    // ---- Requests and replies ----
+
+    pub(super) const fn has_packet_room(&self) -> bool {
+        self.usb.read == self.usb.len
+    }
+
+    /// The host on USB sent a packet.
+    pub(super) fn packet_received(&mut self, packet: &[u8]) {
+        self.usb.len = packet.len().min(PACKET);
+        self.usb.read = 0;
+        for (to, from) in self.usb.packet.iter_mut().zip(packet) {
+            *to = *from;
+        }
+    }
+
+    /// The next request on this port, if there is room for its reply.
+    pub(super) fn next_request(&mut self, port: ControlPort, can: &mut CanPort) -> Option<Result<FromHost, Malformed>> {
+        match port {
+            ControlPort::Usb => self.usb.next(),
+            ControlPort::Can => {
+                let request = decode(can.control.received()?);
+                can.control.release();
+                Some(request)
+            }
+        }
+    }
+
+    /// Whether a reply finds room on this port.
+    pub(super) fn has_reply_room(&self, port: ControlPort, can: &CanPort) -> bool {
+        match port {
+            ControlPort::Usb => self.usb.out.room() >= MAX_COBS,
+            ControlPort::Can => !can.control.is_sending(),
+        }
+    }
+
+    pub(super) fn reply(&mut self, port: ControlPort, sequence: u8, reply: Reply, can: &mut CanPort) {
+        let message = FromAdapter::Reply { sequence, reply };
+        match port {
+            ControlPort::Usb => {
+                let mut bytes = [0; MAX_COBS];
+                let len = encode_cobs(&message, &mut bytes).unwrap_or(0);
+                self.usb.queue(bytes.get(..len).unwrap_or_default(), 0);
+            }
+            ControlPort::Can => {
+                let mut bytes = [0; MAX_MESSAGE];
+                let len = encode(&message, &mut bytes).unwrap_or(0);
+                // There was room.
+                let _ = can.control.send(bytes.get(..len).unwrap_or_default());
+            }
+        }
+    }
+
+    /// The arm has said what it is, or has not; or it could not be asked.
+    pub(super) fn arm_identified(&mut self, answer: Result<Option<FrameBytes>, Failure>) {
+        Pending::end(&mut self.arm, answer);
+    }
+
+    /// The configuration was written or erased.
+    pub(super) fn saved(&mut self, result: Result<(), Failure>) {
+        Pending::end(&mut self.flash, result);
+    }
+
+    /// The reply that the host on this port waits for, if it is known.
+    pub(super) fn finished(&mut self, port: ControlPort, config: &Config) -> Option<(u8, Reply)> {
+        if let Some((sequence, answer)) = Pending::take(&mut self.arm, port) {
+            let identity = |answer| {
+                Reply::Arm(ArmIdentity {
+                    kind: config.arm,
+                    answer,
+                })
+            };
+            return Some((sequence, answer.map_or_else(Reply::Failed, identity)));
+        }
+        let (sequence, result) = Pending::take(&mut self.flash, port)?;
+        Some((sequence, result.map_or_else(Reply::Failed, |()| Reply::Done)))
+    }
+
+    // ---- Subscribers ----
+
+    const fn subscription(&mut self, port: ControlPort) -> &mut Subscription {
+        match port {
+            ControlPort::Usb => &mut self.usb_subscription,
+            ControlPort::Can => &mut self.can_subscription,
+        }
+    }
+
+    pub(super) const fn subscribe(&mut self, port: ControlPort, subscription: Subscription) {
+        *self.subscription(port) = subscription;
+    }
+
+    /// Whether anybody is told of frames.
+    pub(super) const fn wants_frames(&self) -> bool {
+        self.usb_subscription.frames || self.can_subscription.frames
+    }
+
+    /// Tells subscribers of an event when there is time, as far as there is room.
+    pub(super) fn tell(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut Counters) {
+        let subscriptions = [self.usb_subscription, self.can_subscription];
+        let subscribers = subscriptions
+            .iter()
+            .filter(|subscription| wants(**subscription, event))
+            .count();
+        if subscribers == 0 || self.events.push(at, event) {
+            return;
+        }
+        self.publish_all(can, counters);
+        if !self.events.push(at, event) {
+            count(&mut counters.dropped_events, subscribers);
+        }
+    }
+
+    /// Tells subscribers of all events so far.
+    pub(super) fn publish_all(&mut self, can: &mut CanPort, counters: &mut Counters) {
+        while self.publish(can, counters) {}
+    }
+
+    /// Tells subscribers of the next event, as far as there is room, and returns whether there was one.
+    #[inline(never)]
+    pub(super) fn publish(&mut self, can: &mut CanPort, counters: &mut Counters) -> bool {
+        let Some((at, event)) = self.events.pop() else {
+            return false;
+        };
+        let to_usb = wants(self.usb_subscription, &event);
+        let to_can = wants(self.can_subscription, &event);
+        let at = Stamp(at.as_micros());
+        let mut bytes = [0; MAX_EVENT];
+        let len = encode(&FromAdapter::Event { at, event }, &mut bytes).unwrap_or(0);
+        let bytes = bytes.get(..len).unwrap_or_default();
+        if to_usb {
+            let mut message = [0; MAX_EVENT + COBS];
+            let len = add_cobs(bytes, &mut message).unwrap_or(0);
+            // Replies go before events.
+            let is_queued = self.usb.queue(message.get(..len).unwrap_or_default(), MAX_COBS);
+            count(&mut counters.dropped_events, usize::from(!is_queued));
+        }
+        if to_can {
+            let is_queued = can.event(bytes);
+            count(&mut counters.dropped_events, usize::from(!is_queued));
+        }
+        true
+    }
+
+    /// Whether [`packet`](Self::packet) has something to do.
+    pub(super) fn is_packet_due(&self) -> bool {
+        !self.usb.out.is_empty()
+            || self.usb.is_open
+            || !self.events.is_empty() && self.usb_subscription != Subscription::default()
+    }
+
+    /// Whether there is an event to publish on the bus.
+    pub(super) fn is_can_due(&self) -> bool {
+        !self.events.is_empty() && self.can_subscription != Subscription::default()
+    }
+
+    /// Moves the next packet for the host on USB into `packet` and returns its length, 0 for one without data. `None` when there
+    /// is none, or after one step towards it: others may have something to do in between.
+    pub(super) fn packet(
+        &mut self,
+        packet: &mut [u8; PACKET],
+        can: &mut CanPort,
+        counters: &mut Counters,
+    ) -> Option<usize> {
+        if self.usb.out.len() < PACKET && self.publish(can, counters) && self.usb.out.len() < PACKET {
+            return None;
+        }
+        if self.usb.out.is_empty() && !self.usb.is_open {
+            return None;
+        }
+        let len = self.usb.out.pop(packet);
+        self.usb.is_open = len == PACKET;
+        Some(len)
+    }
+}
+
+/// Whether a subscriber is told of an event.
+const fn wants(subscription: Subscription, event: &Event) -> bool {
+    match event {
+        Event::Frame { .. } => subscription.frames,
+        _ => subscription.events,
+    }
+}

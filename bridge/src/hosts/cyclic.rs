@@ -1,0 +1,134 @@
+//! Cyclic frames of a Ling arm on the bus: telemetry out, commands in.
+
+use armwire::ling::{JointState, Ling, Request, Response};
+use armwire::messages::Messages;
+
+use crate::can::command::Commands;
+use crate::can::telemetry::Sample;
+use crate::can::{Frame, Node};
+use crate::config::{self, ArmKind};
+use crate::control::{FrameBytes, Refusal};
+use crate::time::{Duration, Instant};
+
+use super::grid;
+
+/// Frames of a sample.
+const SAMPLE_FRAMES: usize = 3;
+
+/// Telemetry and commands of one node.
+pub(super) struct Cyclic {
+    node: Node,
+    telemetry_hz: u16,
+    commands: Commands,
+    /// The last state of the arm that has not gone out.
+    newest: Option<(JointState, Instant)>,
+    /// The sample that is going out, and how many of its frames have.
+    sample: Option<(Sample, usize)>,
+    samples: u8,
+    /// When the next sample may begin.
+    sample_at: Instant,
+}
+
+impl Cyclic {
+    pub(super) fn new(config: &config::Can) -> Self {
+        let timeout = Duration::from_millis(config.command_timeout_ms.into());
+        Self {
+            node: config.node,
+            telemetry_hz: config.telemetry_hz,
+            commands: Commands::new(config.node, timeout),
+            newest: None,
+            sample: None,
+            samples: 0,
+            sample_at: Instant::ZERO,
+        }
+    }
+
+    /// Other telemetry and commands, on the same bus. The sample that is going out goes on.
+    pub(super) fn adopt(&mut self, config: &config::Can) {
+        *self = Self {
+            sample: self.sample.take(),
+            samples: self.samples,
+            ..Self::new(config)
+        };
+    }
+
+    // ---- Commands ----
+
+    /// A command frame came: the request that moves the arm, or why there is none.
+    pub(super) fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<FrameBytes, Refusal>> {
+        let target = match self.commands.receive(frame, now)? {
+            Ok(target) => target,
+            Err(refusal) => return Some(Err(refusal)),
+        };
+        let mut bytes = FrameBytes::new();
+        let _ = bytes.resize_default(bytes.capacity());
+        let len = Ling.encode_request(&Request::Move(target), &mut bytes).ok()?;
+        bytes.truncate(len);
+        Some(Ok(bytes))
+    }
+
+    /// The stream of commands is over: the next one must start anew.
+    pub(super) fn stop_commands(&mut self) {
+        self.commands.stop();
+    }
+
+    /// When the command that waits for its other half is given up.
+    pub(super) fn command_timeout(&self) -> Option<Instant> {
+        self.commands.timeout()
+    }
+
+    /// It is `now`. A command whose other half did not come is refused.
+    pub(super) fn tick(&mut self, now: Instant) -> Option<Refusal> {
+        self.commands.tick(now)
+    }
+
+    // ---- Telemetry ----
+
+    /// The arm sent a frame, the last byte of which arrived at `at`.
+    pub(super) fn frame(&mut self, kind: ArmKind, bytes: &[u8], at: Instant) {
+        if self.telemetry_hz > 0
+            && kind == ArmKind::Ling
+            && let Ok(Response::Joints(state)) = Ling.parse_response(bytes, ())
+        {
+            self.newest = Some((state, at));
+        }
+    }
+
+    /// From when on there is a frame to send.
+    pub(super) fn transmit_at(&self) -> Option<Instant> {
+        match self.sample {
+            Some(_) => Some(Instant::ZERO),
+            None => self.newest.map(|_| self.sample_at),
+        }
+    }
+
+    /// The next frame for the bus.
+    pub(super) fn transmit(&mut self, now: Instant) -> Option<Frame> {
+        if self.sample.is_none() && self.sample_at <= now {
+            self.begin_sample(now);
+        }
+        let (sample, sent) = self.sample.as_mut()?;
+        let frame = sample.frame(*sent, self.node);
+        *sent = sent.saturating_add(1);
+        if *sent >= SAMPLE_FRAMES {
+            self.sample = None;
+        }
+        frame
+    }
+
+    fn begin_sample(&mut self, now: Instant) {
+        let Some((state, stamp)) = self.newest.take() else {
+            return;
+        };
+        let sample = Sample {
+            state,
+            stamp: stamp.as_micros() as u32,
+            count: self.samples,
+        };
+        self.samples = self.samples.wrapping_add(1);
+        self.sample = Some((sample, 0));
+        let period = 1_000_000_u64.checked_div(self.telemetry_hz.into());
+        let period = Duration::from_micros(period.unwrap_or(0));
+        self.sample_at = grid::next(self.sample_at, period, now);
+    }
+}

@@ -1,0 +1,442 @@
+//! The hosts' side of the adapter: the CAN bus, the control port, the configuration and the events for subscribers.
+//!
+//! It owns no part of the line to the arm: it hands [`Line`] requests and takes what the line delivers.
+
+mod can_port;
+mod control_server;
+#[cfg(feature = "ling")]
+mod cyclic;
+#[cfg(not(feature = "ling"))]
+#[path = "no_cyclic.rs"]
+mod cyclic;
+mod grid;
+
+use crate::action::Action;
+use crate::can::Frame;
+use crate::config::{Config, ConfigError};
+use crate::control::{Event, Failure, FromHost, Identity, Initiator, Malformed, Refusal, Reply, Request, VERSION};
+use crate::counters::{CanErrors, Counters, count};
+use crate::line::{ControlPort, Line, NotTaken, PACKET};
+use crate::time::Instant;
+
+use can_port::{CanPort, Received};
+use control_server::{ControlServer, Pending};
+
+/// Hosts on CAN and on the control port.
+pub(crate) struct Hosts {
+    identity: Identity,
+    config: Config,
+    can: CanPort,
+    /// The port whose host changed the configuration of the bus, until the bus is set up anew.
+    can_change: Option<ControlPort>,
+    control: ControlServer,
+    /// Actions that firmware has not taken yet.
+    save: Option<Action>,
+    restart: Option<Action>,
+    counters: Counters,
+}
+
+impl Hosts {
+    /// The adapter is configured as from the factory if it cannot be as `config` says.
+    pub(crate) fn new(identity: Identity, config: Config) -> Self {
+        let config = match check(&identity, &config) {
+            Ok(()) => config,
+            Err(_) => Config::default(),
+        };
+        Self {
+            identity,
+            config,
+            can: CanPort::new(config.can),
+            can_change: None,
+            control: ControlServer::new(),
+            save: None,
+            restart: None,
+            counters: Counters::default(),
+        }
+    }
+
+    pub(crate) const fn config(&self) -> &Config {
+        &self.config
+    }
+
+    pub(crate) const fn counters_mut(&mut self) -> &mut Counters {
+        &mut self.counters
+    }
+
+    /// All counters of the adapter.
+    pub(crate) fn all_counters(&self, line: &Line) -> Counters {
+        self.counters.plus(line.counters())
+    }
+
+    // ---- The line ----
+
+    /// Takes what the line delivers, and hands it the requests of CAN for which it has room.
+    pub(crate) fn update(&mut self, line: &mut Line, now: Instant) {
+        if self.take_deliveries(line) {
+            self.serve(line, now);
+        }
+        self.submit(line, now);
+    }
+
+    /// Takes what the line delivers. Returns whether a host may be waiting for that.
+    fn take_deliveries(&mut self, line: &mut Line) -> bool {
+        while let Some((at, event)) = line.delivery() {
+            self.deliver(at, event);
+        }
+        let answer = line.identified();
+        let any = answer.is_some();
+        if let Some(answer) = answer {
+            self.control.arm_identified(answer);
+        }
+        any
+    }
+
+    fn deliver(&mut self, at: Instant, mut event: Event) {
+        match &mut event {
+            Event::Frame { initiator, bytes } => {
+                self.can.frame(self.config.arm, bytes, at);
+                let on_can = match initiator {
+                    Some(initiator) => *initiator == Initiator::Can,
+                    None => self.config.can.unsolicited,
+                };
+                if on_can && !self.can.answer(bytes) {
+                    count(&mut self.counters.dropped_can_answers, 1);
+                }
+            }
+            Event::HostSilent {
+                initiator: Initiator::Can,
+                dropped,
+                ..
+            } => {
+                // The last request, for which the line had no room.
+                let last = self.can.arm.received().map_or(0, <[u8]>::len);
+                self.can.arm.release();
+                count(&mut self.counters.silenced_bytes, last);
+                *dropped = dropped.saturating_add(last as u16);
+            }
+            Event::HostSilent {
+                initiator: Initiator::Command,
+                ..
+            } => self.can.stop_commands(),
+            _ => {}
+        }
+        self.tell(&event, at);
+    }
+
+    /// Tells hosts of an event: on CAN as a frame by itself, and subscribers.
+    fn tell(&mut self, event: &Event, at: Instant) {
+        if !self.can.event_frame(event, at) {
+            count(&mut self.counters.dropped_events, 1);
+        }
+        self.control.tell(at, event, &mut self.can, &mut self.counters);
+    }
+
+    fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Instant) {
+        self.counters.count_refusal(reason);
+        self.tell(&Event::Refused { initiator, reason }, now);
+    }
+
+    /// Hands the line requests from the bus, as far as it has room for them.
+    fn submit(&mut self, line: &mut Line, now: Instant) {
+        while self.can_change.is_none()
+            && let Some(pdu) = self.can.arm.received()
+        {
+            let taken = line.request(pdu, self.can.arm_came);
+            if let Err(NotTaken::Full) = taken {
+                return;
+            }
+            self.can.arm.release();
+            if let Err(NotTaken::Refused(reason)) = taken {
+                self.refuse(Initiator::Can, reason, now);
+            }
+        }
+    }
+
+    /// Tells the line whether anybody but the host on USB wants its frames.
+    pub(crate) fn watch(&self, line: &mut Line) {
+        let can = self.can.config();
+        line.watch(self.control.wants_frames() || can.telemetry_hz > 0 || self.config.can.unsolicited);
+    }
+
+    // ---- The control interface on USB ----
+
+    pub(crate) const fn has_packet_room(&self) -> bool {
+        self.control.has_packet_room()
+    }
+
+    pub(crate) fn packet_received(&mut self, packet: &[u8], line: &mut Line, now: Instant) {
+        self.update(line, now);
+        self.control.packet_received(packet);
+        self.serve(line, now);
+    }
+
+    pub(crate) fn is_packet_due(&self) -> bool {
+        self.control.is_packet_due()
+    }
+
+    pub(crate) fn packet(&mut self, packet: &mut [u8; PACKET], line: &mut Line, now: Instant) -> Option<usize> {
+        self.update(line, now);
+        let len = self.control.packet(packet, &mut self.can, &mut self.counters)?;
+        self.serve(line, now);
+        Some(len)
+    }
+
+    /// The host on USB has gone.
+    pub(crate) fn usb_gone(&mut self, line: &mut Line) {
+        self.control.forget(ControlPort::Usb);
+        self.watch(line);
+    }
+
+    // ---- The CAN bus ----
+
+    /// A frame came from the bus.
+    pub(crate) fn can_received(&mut self, frame: &Frame, line: &mut Line, now: Instant) {
+        self.update(line, now);
+        match self.can.received(frame, now, &mut self.counters) {
+            Some(Received::Arm) => self.submit(line, now),
+            Some(Received::Control) => self.serve(line, now),
+            // The bus may be the one before a change of the configuration.
+            Some(Received::Command(request)) if self.config.can.commands => line.command(&request, now),
+            Some(Received::Refused(initiator, refusal)) => self.refuse(initiator, refusal, now),
+            Some(Received::Command(_)) | None => {}
+        }
+        self.update(line, now);
+    }
+
+    pub(crate) fn is_can_due(&self, now: Instant) -> bool {
+        self.can.is_due(now) || self.control.is_can_due()
+    }
+
+    /// The next frame for the bus, the most urgent first. `None` when there is none, or after one step towards it.
+    pub(crate) fn can_transmit(&mut self, line: &mut Line, now: Instant) -> Option<Frame> {
+        self.update(line, now);
+        if self.control.is_can_due() {
+            self.control.publish(&mut self.can, &mut self.counters);
+        }
+        let was_replying = self.can.control.is_sending();
+        let frame = self.can.transmit(now, &mut self.counters, line.counters());
+        self.serve_behind_reply(was_replying, line, now);
+        frame
+    }
+
+    /// The controller still has `waiting` of the frames that it was handed. Returns whether a connection may have more.
+    pub(crate) fn can_sent(&mut self, waiting: u8, now: Instant) -> bool {
+        self.can.sent(waiting, now)
+    }
+
+    pub(crate) const fn can_errors(&mut self, errors: CanErrors) {
+        let c = &mut self.counters;
+        c.can_bus_errors = c.can_bus_errors.wrapping_add(errors.bus);
+        c.can_receive_overruns = c.can_receive_overruns.wrapping_add(errors.overruns);
+        c.dropped_can_frames = c.dropped_can_frames.wrapping_add(errors.unsent);
+    }
+
+    /// The controller left the bus (`off`), or is back on it. ISO-TP transfers that were under way are given up.
+    pub(crate) fn can_bus_off(&mut self, off: bool, line: &mut Line, now: Instant) {
+        self.update(line, now);
+        if off {
+            count(&mut self.counters.can_bus_offs, 1);
+            self.can.on_bus_off(&mut self.counters);
+            self.serve(line, now);
+        }
+        self.tell(&Event::BusOff { off }, now);
+    }
+
+    // ---- Time, and actions of firmware ----
+
+    pub(crate) fn timeout(&self) -> Option<Instant> {
+        self.can.timeout()
+    }
+
+    pub(crate) fn tick(&mut self, line: &mut Line, now: Instant) {
+        let was_replying = self.can.control.is_sending();
+        if let Some(refusal) = self.can.tick(now, &mut self.counters) {
+            self.refuse(Initiator::Command, refusal, now);
+        }
+        self.serve_behind_reply(was_replying, line, now);
+        self.update(line, now);
+    }
+
+    /// The next action for firmware, once.
+    pub(crate) fn action(&mut self, line: &mut Line, now: Instant) -> Option<Action> {
+        self.update(line, now);
+        // The reply goes out on the bus as it was, and so does the answer that the arm owes a host there.
+        let is_replied = |port: &mut ControlPort| {
+            *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.owes_can()
+        };
+        if line.holder() != Some(Initiator::Can) && self.can_change.take_if(is_replied).is_some() {
+            line.drop_can_requests();
+            self.can.close(&mut self.counters);
+            self.can = CanPort::new(self.config.can);
+            line.release_line(ControlPort::Can, now);
+            self.control.forget(ControlPort::Can);
+            self.watch(line);
+            return Some(Action::RestartCan(self.config.can));
+        }
+        // Torque-off goes out before a restart.
+        let may_restart = !line.is_torque_off_waiting();
+        self.save.take().or_else(|| self.restart.take_if(|_| may_restart))
+    }
+
+    /// The configuration was written to flash, or erased there.
+    pub(crate) fn saved(&mut self, result: Result<(), Failure>, line: &mut Line, now: Instant) {
+        let counter = match result {
+            Ok(()) => &mut self.counters.config_saves,
+            Err(_) => &mut self.counters.config_failures,
+        };
+        count(counter, 1);
+        // Nobody was heard while the flash was written.
+        line.hosts_heard(now);
+        self.control.saved(result);
+        self.serve(line, now);
+    }
+
+    // ---- Requests on the control port ----
+
+    /// Answers the requests on the control port, as far as there is room for the replies.
+    fn serve(&mut self, line: &mut Line, now: Instant) {
+        // The request of one host may end what another waits for.
+        while self.serve_port(ControlPort::Usb, line, now) | self.serve_port(ControlPort::Can, line, now) {}
+    }
+
+    /// Serves hosts if a reply on CAN that was under way is out or given up: there may be room for the next one.
+    fn serve_behind_reply(&mut self, was_replying: bool, line: &mut Line, now: Instant) {
+        if was_replying && !self.can.control.is_sending() {
+            self.serve(line, now);
+        }
+    }
+
+    /// Serves one port, and returns whether there was anything to do.
+    fn serve_port(&mut self, port: ControlPort, line: &mut Line, now: Instant) -> bool {
+        let mut any = false;
+        while self.control.has_reply_room(port, &self.can) {
+            let reply = match self.control.finished(port, &self.config) {
+                Some(reply) => Some(reply),
+                None => match self.control.next_request(port, &mut self.can) {
+                    Some(request) => self.handle_request(port, request, line, now),
+                    None => break,
+                },
+            };
+            any = true;
+            // Events that came before it, or of it, go before the reply.
+            self.take_deliveries(line);
+            self.control.publish_all(&mut self.can, &mut self.counters);
+            if let Some((sequence, reply)) = reply {
+                self.control.reply(port, sequence, reply, &mut self.can);
+            }
+        }
+        any
+    }
+
+    /// Does what a host asks. `None` when the reply comes later.
+    fn handle_request(
+        &mut self,
+        port: ControlPort,
+        request: Result<FromHost, Malformed>,
+        line: &mut Line,
+        now: Instant,
+    ) -> Option<(u8, Reply)> {
+        count(&mut self.counters.control_requests, 1);
+        let FromHost { sequence, request } = match request {
+            Ok(request) => request,
+            Err(malformed) => {
+                count(&mut self.counters.control_unsupported, 1);
+                let reply = Reply::Unsupported { version: VERSION };
+                return Some((malformed.sequence.unwrap_or(0), reply));
+            }
+        };
+        let reply = match request {
+            Request::Identify => Reply::Identity(self.identity.clone()),
+            Request::IdentifyArm if self.control.arm.is_some() => Reply::Failed(Failure::Busy),
+            Request::IdentifyArm => {
+                self.control.arm = Pending::new(port, sequence);
+                line.identify(now);
+                return None;
+            }
+            Request::GetConfig => Reply::Config(self.config),
+            Request::SetConfig(config) => match check(&self.identity, &config) {
+                Ok(()) => {
+                    self.configure(config, port, line, now);
+                    Reply::Done
+                }
+                Err(error) => Reply::BadConfig(error),
+            },
+            Request::SaveConfig | Request::ResetConfig if self.control.flash.is_some() || self.save.is_some() => {
+                Reply::Failed(Failure::Busy)
+            }
+            Request::SaveConfig | Request::ResetConfig if line.is_armed() => Reply::Failed(Failure::StreamArmed),
+            Request::SaveConfig => {
+                self.control.flash = Pending::new(port, sequence);
+                self.save = Some(Action::Save(self.config));
+                return None;
+            }
+            Request::ResetConfig => {
+                self.control.flash = Pending::new(port, sequence);
+                self.save = Some(Action::Reset);
+                self.configure(Config::default(), port, line, now);
+                return None;
+            }
+            Request::GetCounters => Reply::Counters(self.all_counters(line)),
+            Request::GetLatencies => Reply::Latencies(*line.latencies()),
+            Request::Subscribe(subscription) => {
+                self.control.subscribe(port, subscription);
+                self.watch(line);
+                Reply::Done
+            }
+            Request::Restart => {
+                line.disarm(now);
+                self.restart = Some(Action::Restart);
+                Reply::Done
+            }
+            Request::RestartIntoBootLoader => {
+                line.disarm(now);
+                self.restart = Some(Action::RestartIntoBootLoader);
+                Reply::Done
+            }
+            Request::EndStream => {
+                match port {
+                    ControlPort::Usb => line.release_stream(Initiator::Usb),
+                    ControlPort::Can => {
+                        line.release_stream(Initiator::Can);
+                        line.release_stream(Initiator::Command);
+                    }
+                }
+                Reply::Done
+            }
+            Request::GetLine => Reply::Line(line.state()),
+            Request::HoldLine => match line.hold_line(port, now) {
+                Ok(()) => Reply::Done,
+                Err(failure) => Reply::Failed(failure),
+            },
+            Request::ReleaseLine => {
+                line.release_line(port, now);
+                Reply::Done
+            }
+        };
+        Some((sequence, reply))
+    }
+
+    /// The adapter is from now on as `config` says, by request of a host on a port.
+    fn configure(&mut self, config: Config, by: ControlPort, line: &mut Line, now: Instant) {
+        let was = core::mem::replace(&mut self.config, config);
+        if config.can.bus() != was.can.bus() {
+            self.can_change = Some(by);
+        } else if config.can != was.can && self.can_change.is_none() {
+            self.can.adopt(config.can, &mut self.counters);
+        }
+        if config.arm != was.arm {
+            self.can.stop_commands();
+        }
+        line.configure(&was, &config, now);
+        self.watch(line);
+    }
+}
+
+/// Whether an adapter can be configured like that.
+fn check(identity: &Identity, config: &Config) -> Result<(), ConfigError> {
+    config.check()?;
+    match config.can.data_bit_rate {
+        Some(_) if !identity.can_fd => Err(ConfigError::NoCanFd),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,1114 @@
+//! The arm's side of the adapter: the UART, whose turn it is, the serial port on USB, the dead-man and the poll's clock.
+//!
+//! One initiator at a time has the line: the host on USB that is in the middle of something, or the initiator whose request the
+//! arm is about to answer. A frame that answers a request goes to its initiator. All else that the arm sends goes to the host
+//! on USB, byte by byte while nobody else waits for an answer.
+
+mod arbiter;
+mod dead_man;
+mod from_host;
+mod poll;
+mod rate;
+mod requests;
+mod to_host;
+
+use armwire::decoder::{Decoder, Kind};
+use armwire::dialect::{Dialect, Effect};
+use armwire::exchange::{Exchange, FirstByte, Handover, Match};
+use armwire::framing::Framing;
+
+use crate::arm::{Info, OwnRequest};
+use crate::config::{ArmKind, Config};
+use crate::control::{Event, Failure, FrameBytes, Initiator, Latencies, LineState, MAX_FRAME, Refusal};
+use crate::counters::{Counters, UartErrors, count};
+use crate::events::EventQueue;
+use crate::line_coding::{LineCoding, Refused, UartConfig};
+use crate::time::{Duration, Instant};
+
+use arbiter::{Arbiter, Contender};
+use dead_man::{DeadMan, STREAMERS};
+use from_host::FromHost;
+use poll::Poll;
+use rate::LineRate;
+use requests::{Request, Requests};
+use to_host::ToHost;
+
+pub use from_host::TO_ARM_BUFFER;
+pub use poll::POLL_LEAD_TIME;
+pub(crate) use rate::ControlPort;
+pub use to_host::{PACKET, TO_HOST_BUFFER};
+
+/// Requests with the arm that are tracked one by one.
+const MAX_PENDING: usize = 8;
+
+/// How long after it was due an answer may still come.
+pub(crate) const STALE_WINDOW: Duration = Duration::from_millis(50);
+
+/// How much the adapter itself may add to the time of an answer: two bytes in the transmitter, a look at the receiver.
+const MARGIN: Duration = Duration::from_millis(1);
+
+/// How old the knowledge of the line may be while bytes arrive, in nanoseconds.
+const MAX_AGE_NANOS: u32 = 1_000_000;
+
+/// How long bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
+const STUCK_TIME: Duration = Duration::from_millis(1_000);
+
+/// Room for frames and events that are not delivered yet: ten answers with the joints of a Ling arm.
+const DELIVERIES: usize = 320;
+
+/// The number of bytes that the UART must receive before anything can be due, an idle line and errors aside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct RxThreshold {
+    /// This many bytes, at least 1, whatever they are.
+    pub max: usize,
+    /// Or at least this many, if the last of them is the terminator.
+    pub min: usize,
+    /// The byte with which the next frame ends. `None` if that is not known, or the number of missing bytes is.
+    pub terminator: Option<u8>,
+}
+
+impl RxThreshold {
+    /// Whether these `bytes`, of which the last is `last`, reach it.
+    pub fn is_met(&self, bytes: usize, last: u8) -> bool {
+        bytes >= self.max || bytes >= self.min && self.terminator == Some(last)
+    }
+}
+
+impl armwire::exchange::Initiator for Initiator {}
+
+/// The next thing for the UART to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Transmit {
+    /// Send bytes, then say that they [went out](crate::Bridge::uart_transmitted).
+    Burst {
+        /// The number of bytes, at least 1.
+        len: usize,
+        /// When the first is to start, [`POLL_LEAD_TIME`] away at most: wait for it, and send nothing in between. `None`: at
+        /// once.
+        start: Option<Instant>,
+    },
+    /// Change the UART once the last bit is out, then say [so](crate::Bridge::uart_configured).
+    Configure(UartConfig),
+}
+
+/// A burst that was handed to the UART.
+#[derive(Clone, Copy)]
+struct Burst {
+    initiator: Initiator,
+    len: usize,
+    start: Option<Instant>,
+    /// The request, if it is one of those that are tracked. The bytes of the host on USB are read once they went out.
+    info: Option<Info>,
+    /// Zeros that end what the arm may have heard half of.
+    is_zeros: bool,
+}
+
+/// Why a request is not taken.
+pub(crate) enum NotTaken {
+    /// There is no room now.
+    Full,
+    Refused(Refusal),
+}
+
+/// The line to the arm, and the serial port on USB.
+pub(crate) struct Line {
+    kind: ArmKind,
+    /// Reads the bytes of the arm.
+    decoder: Decoder<MAX_FRAME>,
+    exchange: Exchange<ArmKind, Initiator, MAX_PENDING>,
+    to_host: ToHost,
+    from_host: FromHost,
+    requests: Requests,
+    arbiter: Arbiter,
+    poll: Poll,
+    rate: LineRate,
+    dead_man: DeadMan,
+    /// The burst that the UART was given last, until it is accounted for.
+    burst: Option<Burst>,
+    /// The answer to the last identification.
+    identified: Option<Result<Option<FrameBytes>, Failure>>,
+    command_timeout: Duration,
+    /// Whether polls and CAN are being refused because the host on USB holds the line.
+    is_held: bool,
+    /// Whether somebody besides the host on USB is told of all frames.
+    is_watched: bool,
+    deliveries: EventQueue<DELIVERIES>,
+    /// When the UART was last looked at, when the arm was last heard, and when anything last went out.
+    last_rx_poll: Instant,
+    last_rx: Instant,
+    last_tx: Instant,
+    counters: Counters,
+    latencies: Latencies,
+}
+
+impl Line {
+    pub(crate) fn new(config: &Config) -> Self {
+        Self {
+            kind: config.arm,
+            decoder: Decoder::new(),
+            exchange: Exchange::new(STALE_WINDOW),
+            to_host: ToHost::new(),
+            from_host: FromHost::new(),
+            requests: Requests::default(),
+            arbiter: Arbiter::new(),
+            poll: Poll::new(config.poll),
+            rate: LineRate::new(config.arm),
+            dead_man: DeadMan::new(config.host_timeout, config.arm.takes(OwnRequest::TorqueOff)),
+            burst: None,
+            identified: None,
+            command_timeout: Duration::from_millis(config.can.command_timeout_ms.into()),
+            is_held: false,
+            is_watched: false,
+            deliveries: EventQueue::new(),
+            last_rx_poll: Instant::ZERO,
+            last_rx: Instant::ZERO,
+            last_tx: Instant::ZERO,
+            counters: Counters::default(),
+            latencies: Latencies::default(),
+        }
+    }
+
+    pub(crate) const fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    pub(crate) const fn latencies(&self) -> &Latencies {
+        &self.latencies
+    }
+
+    pub(crate) const fn to_host(&self) -> &ToHost {
+        &self.to_host
+    }
+
+    // ---- From the arm ----
+
+    /// The UART has received these bytes, the last of which arrived at `at`. Returns the number of frames that ended.
+    pub(crate) fn received(&mut self, bytes: &[u8], at: Instant) -> usize {
+        self.last_rx_poll = at;
+        if bytes.is_empty() {
+            return 0;
+        }
+        self.last_rx = at;
+        count(&mut self.counters.arm_to_host_bytes, bytes.len());
+        let mut frames: usize = 0;
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            rest = self.decoder.push(rest);
+            self.pass();
+            frames = frames.saturating_add(self.take_items(at));
+        }
+        if frames > 0 {
+            self.to_host.release(self.decoder.offset());
+        }
+        frames
+    }
+
+    /// The line was idle for the time of a byte: what has arrived goes out. Returns the number of frames that this ended.
+    pub(crate) fn idle(&mut self, now: Instant) -> usize {
+        self.decoder.idle();
+        let frames = self.take_items(now);
+        self.to_host.release(self.decoder.offset());
+        frames
+    }
+
+    /// The UART reported errors. The bytes they came with are passed on as they are.
+    pub(crate) fn errors(&mut self, errors: &UartErrors) {
+        let c = &mut self.counters;
+        for (counter, errors) in [
+            (&mut c.framing_errors, errors.framing),
+            (&mut c.parity_errors, errors.parity),
+            (&mut c.noise_errors, errors.noise),
+            (&mut c.overrun_errors, errors.overrun),
+            (&mut c.ring_overruns, errors.ring_overrun),
+            (&mut c.late_stamps, errors.late_stamps),
+        ] {
+            *counter = counter.wrapping_add(errors);
+        }
+    }
+
+    pub(crate) fn rx_threshold(&self) -> RxThreshold {
+        let expect = self.exchange.expect(&self.kind);
+        let heard = MAX_AGE_NANOS.checked_div(self.rate.byte_nanos()).unwrap_or(0) as usize;
+        let room = self.to_host.to_full_packet();
+        let need = self.decoder.need(&self.kind, expect).max(1);
+        // The terminator may also occur inside a frame: it tells the end only where the length is not known.
+        match self.kind.terminator(expect).filter(|_| self.decoder.pending() == 0) {
+            Some(terminator) => RxThreshold {
+                max: heard.max(need).min(room),
+                min: need,
+                terminator: Some(terminator),
+            },
+            None => {
+                let max = need.min(heard.max(1)).min(room);
+                RxThreshold {
+                    max,
+                    min: max,
+                    terminator: None,
+                }
+            }
+        }
+    }
+
+    /// Passes the bytes that are not decided on to the host on USB, unless they may be for another.
+    fn pass(&mut self) {
+        if !self.is_anothers() {
+            let (offset, window) = (self.decoder.offset(), self.decoder.window());
+            self.to_host.pass(offset, window, &mut self.counters);
+        }
+    }
+
+    /// Takes what the decoder has decided on, and returns the number of frames.
+    fn take_items(&mut self, at: Instant) -> usize {
+        let mut frames: usize = 0;
+        while let Some(span) = self.decoder.advance(&self.kind, self.exchange.expect(&self.kind)) {
+            let item = self.decoder.item(span);
+            if item.kind != Kind::Frame {
+                if let Kind::Noise(_) = item.kind {
+                    count(&mut self.counters.noise_bytes, item.bytes.len());
+                }
+                self.to_host.pass(item.offset, item.bytes, &mut self.counters);
+                continue;
+            }
+            frames = frames.saturating_add(1);
+            count(&mut self.counters.frames, 1);
+            let before = on_wire(self.rate.byte_nanos(), item.bytes.len().saturating_sub(1));
+            let first = FirstByte {
+                offset: item.offset,
+                at: Some(at - before),
+            };
+            self.exchange.expire(at - before);
+            let initiator = match self.exchange.on_frame(&self.kind, item.bytes, first, at) {
+                Match::Answer { who, sent } => {
+                    self.latencies.answer.add(at.since(sent));
+                    Some(who)
+                }
+                Match::Late(_) => {
+                    count(&mut self.counters.late_answers, 1);
+                    None
+                }
+                Match::Unsolicited => {
+                    count(&mut self.counters.unasked_frames, 1);
+                    None
+                }
+            };
+            match initiator {
+                None | Some(Initiator::Usb) => self.to_host.pass(item.offset, item.bytes, &mut self.counters),
+                Some(_) => self.to_host.skip(item.offset, item.bytes.len()),
+            }
+            let is_wanted = self.is_watched || matches!(initiator, Some(Initiator::Can));
+            if is_wanted && !self.deliveries.push_frame(at, initiator, item.bytes) {
+                count(&mut self.counters.dropped_events, 1);
+            }
+            if initiator == Some(Initiator::Adapter) {
+                self.identified = Some(Ok(FrameBytes::from_slice(item.bytes).ok()));
+            }
+            if let Some(initiator) = initiator.filter(|_| self.holder().is_none()) {
+                self.exchange_ended(initiator, at);
+            }
+        }
+        frames
+    }
+
+    /// The next frame or event for those who are told of it.
+    pub(crate) fn delivery(&mut self) -> Option<(Instant, Event)> {
+        self.deliveries.pop()
+    }
+
+    pub(crate) const fn has_delivery(&self) -> bool {
+        !self.deliveries.is_empty()
+    }
+
+    /// Whether somebody besides the host on USB is told of all frames, from here on.
+    pub(crate) const fn watch(&mut self, is_watched: bool) {
+        self.is_watched = is_watched;
+    }
+
+    /// The answer to an [identification](Self::identify), once: `None` in it if the arm did not answer.
+    pub(crate) const fn identified(&mut self) -> Option<Result<Option<FrameBytes>, Failure>> {
+        self.identified.take()
+    }
+
+    /// The initiator whose request the arm is about to answer.
+    pub(crate) fn holder(&self) -> Option<Initiator> {
+        self.exchange.holder()
+    }
+
+    /// Whether another than the host on USB is about to be answered: the bytes of the arm are held back until it is known whose
+    /// they are.
+    fn is_anothers(&self) -> bool {
+        self.holder().is_some_and(|holder| holder != Initiator::Usb)
+    }
+
+    /// The last request of an initiator is answered, or its answer is missing.
+    fn exchange_ended(&mut self, initiator: Initiator, now: Instant) {
+        self.last_tx = now;
+        match initiator {
+            Initiator::Poll => {
+                let missed = self.poll.ended(now);
+                count(&mut self.counters.missed_polls, missed);
+            }
+            Initiator::Adapter => {
+                self.identified.get_or_insert(Ok(None));
+            }
+            Initiator::Usb | Initiator::Can | Initiator::Command => {}
+        }
+        self.pass();
+    }
+
+    // ---- To the arm ----
+
+    /// Whether [`transmit`](Self::transmit) has something.
+    pub(crate) fn is_transmit_due(&self, now: Instant) -> bool {
+        self.uart_change().is_some() || self.next(now).is_some()
+    }
+
+    /// Copies the next bytes for the arm to the front of `out`, [`MAX_FRAME`] bytes at least, or says how the UART has to change
+    /// before. `None` when there is nothing now.
+    pub(crate) fn transmit(&mut self, out: &mut [u8], now: Instant) -> Option<Transmit> {
+        self.tick(now);
+        if let Some(uart) = self.uart_change() {
+            return Some(Transmit::Configure(uart));
+        }
+        let initiator = self.next(now)?;
+        let mut burst = Burst {
+            initiator,
+            len: 0,
+            start: None,
+            info: None,
+            is_zeros: false,
+        };
+        if initiator == Initiator::Usb {
+            // One request at a time while it matters which.
+            let one = !self.are_others_silent(now) || !self.exchange.is_idle() && self.arbiter.is_shared(now);
+            let len = out.len().min(self.rate.before_change(out.len()));
+            burst.len = self
+                .from_host
+                .peek(self.kind, one, out.get_mut(..len).unwrap_or_default());
+        } else if out.len() < MAX_FRAME {
+            return None;
+        } else if self.from_host.is_cut {
+            // No frame ends with zeros. An arm that waits for the rest of a frame would take another's request for that.
+            out.get_mut(..MAX_FRAME)?.fill(0);
+            (burst.len, burst.is_zeros) = (MAX_FRAME, true);
+        } else {
+            (burst.len, burst.info) = self.copy_request(initiator, out)?;
+            if initiator == Initiator::Poll {
+                burst.start = self.poll.slot().filter(|slot| *slot > now);
+            }
+        }
+        self.burst = Some(burst).filter(|burst| burst.len > 0);
+        self.burst.map(|burst| Transmit::Burst {
+            len: burst.len,
+            start: burst.start,
+        })
+    }
+
+    /// Copies the request with which an initiator waits to the front of `out`.
+    fn copy_request(&self, initiator: Initiator, out: &mut [u8]) -> Option<(usize, Option<Info>)> {
+        let waiting = match initiator {
+            Initiator::Can => self.requests.can.front(),
+            Initiator::Command => self.requests.command.as_ref(),
+            Initiator::Usb | Initiator::Poll | Initiator::Adapter => None,
+        };
+        if let Some(request) = waiting {
+            out.get_mut(..request.bytes.len())?.copy_from_slice(&request.bytes);
+            return Some((request.bytes.len(), request.info));
+        }
+        let len = self.kind.encode(self.own_request(initiator), out)?;
+        Some((len, self.kind.request(out.get(..len)?)))
+    }
+
+    /// The adapter's own request that is next.
+    const fn own_request(&self, initiator: Initiator) -> OwnRequest {
+        match initiator {
+            Initiator::Poll => OwnRequest::Poll,
+            _ if self.requests.torque_off.is_some() => OwnRequest::TorqueOff,
+            _ => OwnRequest::Identify,
+        }
+    }
+
+    /// The bytes of the last [`transmit`](Self::transmit) are on their way since `now`: accounts for them.
+    pub(crate) fn transmitted(&mut self, now: Instant) {
+        let Some(burst) = self.burst.take() else {
+            return;
+        };
+        count(&mut self.counters.host_to_arm_bytes, burst.len);
+        let start = burst.start.unwrap_or(now);
+        self.last_tx = start;
+        if burst.initiator == Initiator::Usb {
+            return self.host_transmitted(burst.len, now);
+        }
+        if burst.is_zeros {
+            count(&mut self.counters.requests_adapter, 1);
+            self.from_host.is_cut = false;
+            return self.arbiter.spoke(Initiator::Adapter);
+        }
+        let c = &mut self.counters;
+        let (counter, since) = match burst.initiator {
+            Initiator::Usb => return,
+            Initiator::Can => {
+                let request = self.requests.can.pop_front();
+                if let Some(request) = &request
+                    && request
+                        .info
+                        .is_some_and(|info| self.kind.is_torque_on(&info, &request.bytes))
+                {
+                    self.dead_man.end(Initiator::Can);
+                }
+                (&mut c.requests_can, request.map(|request| request.since))
+            }
+            Initiator::Poll => {
+                if let Some(slot) = self.poll.slot() {
+                    self.latencies.poll.add(now.since(slot));
+                    count(&mut c.late_polls, usize::from(now > slot));
+                }
+                self.poll.began();
+                (&mut c.requests_poll, None)
+            }
+            Initiator::Command => {
+                let request = self.requests.command.take();
+                (&mut c.requests_command, request.map(|request| request.since))
+            }
+            Initiator::Adapter => {
+                let since = self
+                    .requests
+                    .torque_off
+                    .take()
+                    .or_else(|| self.requests.identify.take());
+                (&mut c.requests_adapter, since)
+            }
+        };
+        count(counter, 1);
+        if let Some(since) = since {
+            self.latencies.turn.add(now.since(since));
+        }
+        let is_urgent = burst.initiator == Initiator::Poll && self.poll.is_urgent();
+        self.arbiter.taken(burst.initiator, is_urgent, start);
+        let end = start + on_wire(self.rate.byte_nanos(), burst.len);
+        self.track(burst.initiator, burst.info, end);
+    }
+
+    /// Accounts for bytes of the host on USB.
+    fn host_transmitted(&mut self, len: usize, now: Instant) {
+        if self.is_host_held_back() {
+            self.dead_man.heard(Initiator::Usb, now);
+        }
+        self.from_host.begin(now);
+        self.arbiter.taken(Initiator::Usb, false, now);
+        self.rate.sent(len);
+        // At another rate the arm may take them for the beginning of anything.
+        let is_heard = self.rate.is_arms();
+        self.from_host.is_cut |= !is_heard;
+        let byte_nanos = self.rate.byte_nanos();
+        let end = now + on_wire(byte_nanos, len);
+        let mut rest = len;
+        while rest > 0 {
+            let taken = self.from_host.sent(rest, now);
+            if taken == 0 {
+                break;
+            }
+            rest = rest.saturating_sub(taken);
+            while let Some((item, behind)) = self.from_host.next_item(self.kind) {
+                if item.kind != Kind::Frame {
+                    continue;
+                }
+                let info = self.kind.request(item.bytes);
+                let is_torque_on = info.is_some_and(|info| self.kind.is_torque_on(&info, item.bytes));
+                self.from_host.is_cut = !is_heard;
+                count(&mut self.counters.requests_usb, 1);
+                self.latencies.turn.add(self.from_host.waited());
+                let behind = on_wire(byte_nanos, rest.saturating_add(behind));
+                self.track(Initiator::Usb, info, end - behind);
+                // No arm understands another rate, and under `hold-line` nobody's torque goes off.
+                if is_heard && !self.rate.is_on_hold() {
+                    if info.is_some_and(|info| info.effect == Effect::Motion) {
+                        self.dead_man.motion(Initiator::Usb, now);
+                    } else if is_torque_on {
+                        self.dead_man.end(Initiator::Usb);
+                    }
+                }
+            }
+        }
+    }
+
+    /// A request's last byte is out at `end`: waits for its answer, if it has one.
+    fn track(&mut self, initiator: Initiator, info: Option<Info>, end: Instant) {
+        let Some((info, response)) = info.and_then(|info| Some((info, info.response?))) else {
+            return;
+        };
+        let longest = usize::from(response.longest).min(MAX_FRAME);
+        let handover = Handover {
+            offset: self.decoder.received(),
+            at: end,
+            due: end + response.turnaround + on_wire(self.rate.byte_nanos(), longest) + MARGIN,
+        };
+        self.exchange.begin(info, initiator, handover);
+        count(
+            &mut self.counters.untracked_requests,
+            self.exchange.is_saturated().into(),
+        );
+    }
+
+    /// Whose turn it is now, if anybody's.
+    fn next(&self, now: Instant) -> Option<Initiator> {
+        if self.requests.torque_off.is_some() && !self.from_host.is_speaking() {
+            // It waits for nobody's answer.
+            return Some(Initiator::Adapter);
+        }
+        if self.is_anothers() {
+            return None;
+        }
+        // More of what was begun, or more requests while nobody else has one.
+        if self.from_host.is_speaking() || self.are_others_silent(now) {
+            return self.contender(Initiator::Usb, now).map(|_| Initiator::Usb);
+        }
+        if self.holder().is_some() {
+            return None;
+        }
+        self.arbiter
+            .next(&Initiator::ALL.map(|initiator| self.contender(initiator, now)))
+    }
+
+    /// Whether nobody but the host on USB has anything to say, which is so nearly always.
+    fn are_others_silent(&self, now: Instant) -> bool {
+        self.requests.is_empty() && self.poll.due_since(now).is_none()
+    }
+
+    /// An initiator, if it could speak if it were its turn.
+    fn contender(&self, initiator: Initiator, now: Instant) -> Option<Contender> {
+        let since = self.since(initiator, now)?;
+        let may_go = match initiator {
+            Initiator::Usb => self.rate.change(self.from_host.len()).is_none() && self.may_host_go(now),
+            Initiator::Command => true,
+            Initiator::Adapter if self.requests.torque_off.is_some() => true,
+            Initiator::Can | Initiator::Poll | Initiator::Adapter => self.may_go(initiator),
+        };
+        may_go.then_some(Contender {
+            since,
+            is_urgent: initiator == Initiator::Poll && self.poll.is_urgent(),
+        })
+    }
+
+    /// Since when an initiator has something to say.
+    fn since(&self, initiator: Initiator, now: Instant) -> Option<Instant> {
+        match initiator {
+            Initiator::Usb => (self.from_host.len() > 0).then(|| self.from_host.moved()),
+            Initiator::Can => self.requests.can.front().map(|request| request.since),
+            Initiator::Command => self.requests.command.as_ref().map(|request| request.since),
+            Initiator::Poll => self.poll.due_since(now),
+            Initiator::Adapter => self.requests.torque_off.or(self.requests.identify),
+        }
+    }
+
+    /// Whether the answer to the request of an initiator could be told from all that may still come.
+    fn may_go(&self, initiator: Initiator) -> bool {
+        // Nearly always no answer is missing, and the request need not be known.
+        if self.exchange.is_idle() {
+            return true;
+        }
+        let request = self.copy_request(initiator, &mut [0; MAX_FRAME]);
+        request.is_some_and(|(_, info)| info.is_none_or(|info| self.exchange.can_send(&info, initiator)))
+    }
+
+    /// Whether the host on USB may go on. Alone it always may, for it hears every answer. With others on the line, it has no
+    /// more requests with the arm than are tracked, and none whose answer could be another's.
+    fn may_host_go(&self, now: Instant) -> bool {
+        // What was begun is not held back, and no arm answers at another rate.
+        if self.exchange.is_idle() || self.from_host.is_speaking() || !self.rate.is_arms() {
+            return true;
+        }
+        let is_alone = !self.arbiter.is_shared(now) && self.are_others_silent(now);
+        is_alone
+            || self
+                .from_host
+                .peek_request(self.kind)
+                .is_none_or(|info| self.exchange.can_send(&info, Initiator::Usb))
+    }
+
+    // ---- Requests of others than the host on USB ----
+
+    /// A host on CAN sent this request, which was whole at `came`.
+    pub(crate) fn request(&mut self, bytes: &[u8], came: Instant) -> Result<(), NotTaken> {
+        if self.requests.can.is_full() {
+            return Err(NotTaken::Full);
+        }
+        let request = Some(bytes).filter(|bytes| self.kind.is_request(bytes));
+        let Some(request) = request.and_then(|bytes| Request::new(self.kind, bytes, came)) else {
+            return Err(NotTaken::Refused(Refusal::NotAFrame));
+        };
+        if self.is_held {
+            return Err(NotTaken::Refused(Refusal::LineHeld));
+        }
+        if request.is_motion() {
+            self.dead_man.motion(Initiator::Can, came);
+        }
+        // There is room.
+        let _ = self.requests.can.push_back(request);
+        Ok(())
+    }
+
+    /// A host on CAN wants the arm to move by this request: the newest replaces the one that waits.
+    pub(crate) fn command(&mut self, bytes: &[u8], now: Instant) {
+        if self.is_held {
+            return self.refuse(Initiator::Command, Refusal::LineHeld, now);
+        }
+        let waiting = self.requests.command.take();
+        self.requests.command = Request::new(self.kind, bytes, now);
+        self.dead_man.motion(Initiator::Command, now);
+        if waiting.is_some() {
+            self.refuse(Initiator::Command, Refusal::QueueFull, now);
+        }
+    }
+
+    /// Asks the arm what it is, when it is its turn. The answer is [`identified`](Self::identified).
+    pub(crate) fn identify(&mut self, now: Instant) {
+        if !self.kind.takes(OwnRequest::Identify) {
+            self.identified = Some(Ok(None));
+        } else if self.is_held {
+            self.refuse(Initiator::Adapter, Refusal::LineHeld, now);
+            self.identified = Some(Err(Failure::LineHeld));
+        } else {
+            self.requests.identify = Some(now);
+        }
+    }
+
+    /// Drops the requests of hosts on CAN, for the bus becomes another.
+    pub(crate) fn drop_can_requests(&mut self) {
+        count(&mut self.counters.refused_can_requests, self.requests.can.len());
+        self.requests.can.clear();
+    }
+
+    fn refuse_can_requests(&mut self, reason: Refusal, now: Instant) {
+        while self.requests.can.pop_front().is_some() {
+            self.refuse(Initiator::Can, reason, now);
+        }
+    }
+
+    fn refuse_command(&mut self, reason: Refusal, now: Instant) {
+        if self.requests.command.take().is_some() {
+            self.refuse(Initiator::Command, reason, now);
+        }
+    }
+
+    #[cold]
+    fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Instant) {
+        self.counters.count_refusal(reason);
+        self.deliver(&Event::Refused { initiator, reason }, now);
+    }
+
+    fn deliver(&mut self, event: &Event, at: Instant) {
+        if !self.deliveries.push(at, event) {
+            count(&mut self.counters.dropped_events, 1);
+        }
+    }
+
+    // ---- The configuration ----
+
+    /// The adapter is configured anew.
+    pub(crate) fn configure(&mut self, was: &Config, config: &Config, now: Instant) {
+        self.command_timeout = Duration::from_millis(config.can.command_timeout_ms.into());
+        self.dead_man
+            .configure(config.host_timeout, config.arm.takes(OwnRequest::TorqueOff));
+        if config.arm != was.arm {
+            self.change_arm(config.arm, now);
+        } else if !config.can.commands || config.can.bus() != was.can.bus() {
+            self.refuse_command(Refusal::Stale, now);
+            self.end_stream(Initiator::Command, 0, false, now);
+        }
+        if config.poll != was.poll || config.arm != was.arm {
+            self.poll = Poll::new(config.poll);
+            self.poll.pause(self.is_held, now);
+            self.poll.tick(now);
+        }
+    }
+
+    /// Another kind of arm is there: the exchanges with the one before are over.
+    fn change_arm(&mut self, kind: ArmKind, now: Instant) {
+        let holder = self.holder();
+        let missing = self.exchange.clear();
+        count(&mut self.counters.unanswered_requests, missing);
+        if let Some(initiator) = holder {
+            self.exchange_ended(initiator, now);
+        }
+        self.kind = kind;
+        self.decoder = Decoder::new();
+        self.to_host.restart();
+        self.from_host.forget_turn();
+        self.requests.torque_off = None;
+        self.refuse_command(Refusal::NotAFrame, now);
+        for initiator in STREAMERS {
+            self.end_stream(initiator, 0, false, now);
+        }
+        if self.requests.identify.take().is_some() {
+            self.identify(now);
+        }
+        self.refuse_can_requests(Refusal::NotAFrame, now);
+        self.from_host.touch(now);
+        self.rate.set_arm(kind, self.from_host.len());
+        self.follow_holder(now);
+    }
+
+    // ---- The serial port on USB ----
+
+    /// The host enabled or disabled the adapter's configuration.
+    pub(crate) fn usb_configured(&mut self, configured: bool) {
+        self.to_host.configured(configured, &mut self.counters);
+        self.rate.reset(self.from_host.len());
+        self.release_line(ControlPort::Usb, self.last_rx_poll);
+    }
+
+    pub(crate) fn usb_reset(&mut self) {
+        count(&mut self.counters.usb_resets, 1);
+        self.usb_configured(false);
+    }
+
+    pub(crate) fn usb_suspended(&mut self) {
+        count(&mut self.counters.usb_suspends, 1);
+        self.rate.release(self.from_host.len());
+        self.follow_holder(self.last_rx_poll);
+    }
+
+    /// Returns whether the port was opened or closed by this.
+    pub(crate) fn dtr(&mut self, high: bool, now: Instant) -> bool {
+        if self.to_host.is_attached() {
+            self.rate.dtr(high, self.from_host.len(), now);
+            self.follow_holder(now);
+        }
+        self.to_host.dtr(high, &mut self.counters)
+    }
+
+    /// A packet of this length that was taken could not be sent.
+    pub(crate) fn packet_lost(&mut self, len: usize) {
+        count(&mut self.counters.unheard_bytes, len);
+    }
+
+    /// Whether the next packet of the host may be taken: not while a line coding waits to take effect, for what comes then is
+    /// for the new one.
+    pub(crate) fn has_packet_room(&self) -> bool {
+        !self.rate.changes() && self.from_host.room() >= PACKET
+    }
+
+    /// The host sent a packet.
+    pub(crate) fn packet_received(&mut self, packet: &[u8], now: Instant) {
+        count(&mut self.counters.packets_from_host, 1);
+        if self.rate.is_unmet() && !packet.is_empty() && !self.take_rate(now) {
+            return self.refuse_packet(packet.len(), now);
+        }
+        if !self.is_held {
+            self.dead_man.heard(Initiator::Usb, now);
+        }
+        let refused = self.from_host.push(packet, now);
+        count(&mut self.counters.refused_bytes, refused);
+    }
+
+    /// The next packet for the host.
+    pub(crate) fn packet(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
+        self.to_host.transmit(packet, &mut self.counters)
+    }
+
+    // ---- The line's rate, and who holds the line ----
+
+    /// The host on USB set a line coding.
+    pub(crate) fn set_line_coding(&mut self, bytes: [u8; 7], now: Instant) -> Result<(), Refused> {
+        let coding = LineCoding::from_cdc(bytes).inspect_err(|_| count(&mut self.counters.refused_line_codings, 1))?;
+        self.from_host.touch(now);
+        self.rate.request(coding, self.from_host.len(), now);
+        self.follow_holder(now);
+        Ok(())
+    }
+
+    pub(crate) const fn line_coding(&self) -> LineCoding {
+        self.rate.requested()
+    }
+
+    /// The state of the line for [`Reply::Line`](crate::control::Reply::Line).
+    pub(crate) fn state(&self) -> LineState {
+        self.rate.state(self.from_host.len())
+    }
+
+    /// How the UART has to change before anything else goes out. It waits for the answer to another's request, but torque-off
+    /// waits for nobody's.
+    pub(crate) fn uart_change(&self) -> Option<UartConfig> {
+        let uart = self.rate.change(self.from_host.len())?;
+        (self.requests.torque_off.is_some() || !self.is_anothers()).then_some(uart)
+    }
+
+    /// The UART was changed. A frame that had begun will not end.
+    pub(crate) fn uart_configured(&mut self, uart: UartConfig) {
+        self.idle(self.last_rx_poll);
+        self.from_host.cut();
+        self.rate.changed(uart);
+        self.follow_holder(self.last_rx_poll);
+        count(&mut self.counters.line_codings, 1);
+    }
+
+    /// Whether the bytes that the UART sends are to be cut: torque-off waits, and the arm does not understand their rate.
+    pub(crate) fn is_cut_due(&self) -> bool {
+        self.requests.torque_off.is_some() && !self.rate.is_arms()
+    }
+
+    /// Whether the host on USB may have another rate than the arm's.
+    fn may_change_rate(&self) -> bool {
+        !self.dead_man.is_can_streaming() && self.requests.torque_off.is_none()
+    }
+
+    /// The rate that the host on USB has set takes effect with its next byte. Returns whether it does.
+    #[cold]
+    fn take_rate(&mut self, now: Instant) -> bool {
+        let takes = self.may_change_rate() && !self.rate.is_revoked();
+        if takes {
+            self.rate.take(self.from_host.len(), now);
+            self.follow_holder(now);
+        }
+        takes
+    }
+
+    /// Bytes of the host on USB are dropped, because the line does not have their rate.
+    #[cold]
+    fn refuse_packet(&mut self, bytes: usize, now: Instant) {
+        count(&mut self.counters.refused_rate_bytes, bytes);
+        if self.rate.refuse() {
+            self.refuse(Initiator::Usb, Refusal::OtherRate, now);
+        }
+    }
+
+    /// Torque-off goes out at the arm's rate: the bytes of the host on USB at another rate are cut.
+    fn take_line_back(&mut self) {
+        if self.rate.revoke() {
+            let dropped = self.from_host.drop_waiting();
+            count(&mut self.counters.refused_rate_bytes, dropped);
+            self.from_host.forget_turn();
+            self.from_host.is_cut = true;
+            self.follow_holder(self.last_rx_poll);
+        }
+    }
+
+    /// A host on the control port wants the line for USB alone.
+    pub(crate) fn hold_line(&mut self, port: ControlPort, now: Instant) -> Result<(), Failure> {
+        if self.requests.torque_off.is_some() || self.dead_man.is_any_streaming() {
+            return Err(Failure::StreamArmed);
+        }
+        if !self.rate.hold(port, now) {
+            return Err(Failure::Busy);
+        }
+        self.follow_holder(now);
+        Ok(())
+    }
+
+    /// The host on the control port wants it no more.
+    pub(crate) fn release_line(&mut self, port: ControlPort, now: Instant) {
+        self.rate.unhold(port);
+        self.follow_holder(now);
+    }
+
+    /// Refuses the requests of polls and CAN when the host on USB begins to hold the line, and lets polls go on when that ends.
+    #[inline(never)]
+    fn follow_holder(&mut self, now: Instant) {
+        let held = self.rate.is_held(self.from_host.len());
+        if core::mem::replace(&mut self.is_held, held) == held {
+            return;
+        }
+        let missed = self.poll.pause(held, now);
+        count(&mut self.counters.missed_polls, missed);
+        if !held {
+            return;
+        }
+        if !self.poll.is_off() {
+            self.refuse(Initiator::Poll, Refusal::LineHeld, now);
+        }
+        self.refuse_command(Refusal::LineHeld, now);
+        self.refuse_can_requests(Refusal::LineHeld, now);
+        if self.requests.identify.take().is_some() {
+            self.identify(now);
+        }
+    }
+
+    // ---- The dead-man ----
+
+    /// Whether the torque is to go off if the adapter starts again now.
+    pub(crate) fn is_armed(&self) -> bool {
+        self.requests.torque_off.is_some() || self.dead_man.switches_off() && self.dead_man.is_any_streaming()
+    }
+
+    /// Whether torque-off waits to go out.
+    pub(crate) const fn is_torque_off_waiting(&self) -> bool {
+        self.requests.torque_off.is_some()
+    }
+
+    /// The adapter before this one stopped while it was armed: the torque goes off before all else.
+    pub(crate) fn restarted_while_armed(&mut self) {
+        if self.kind.takes(OwnRequest::TorqueOff) {
+            self.requests.torque_off = Some(Instant::ZERO);
+            self.from_host.is_cut = true;
+        }
+    }
+
+    /// The adapter is about to stop: no stream stays behind with its torque on.
+    pub(crate) fn disarm(&mut self, now: Instant) {
+        for initiator in STREAMERS {
+            if self.dead_man.switches_off() && self.dead_man.is_streaming(initiator) {
+                self.host_silent(initiator, now);
+            }
+        }
+    }
+
+    /// A host ends its stream of motion without loss of torque.
+    pub(crate) fn release_stream(&mut self, initiator: Initiator) {
+        self.dead_man.end(initiator);
+    }
+
+    /// No host could be heard until now.
+    pub(crate) fn hosts_heard(&mut self, now: Instant) {
+        self.dead_man.all_heard(now);
+    }
+
+    /// Whether the host on USB cannot be heard because there is no room for what it says to the arm.
+    fn is_host_held_back(&self) -> bool {
+        !self.has_packet_room() && !self.is_held
+    }
+
+    fn silence_timeout(&self, initiator: Initiator) -> Option<Instant> {
+        let waits_since = match initiator {
+            Initiator::Can => self.requests.can_motion_since(),
+            _ => None,
+        };
+        self.dead_man.timeout(initiator, waits_since)
+    }
+
+    /// A host that streamed motion says nothing any more: what it has sent and is not out is old.
+    fn host_silent(&mut self, initiator: Initiator, now: Instant) {
+        let dropped = match initiator {
+            Initiator::Usb => {
+                self.from_host.cut();
+                self.rate.dropped();
+                self.from_host.drop_waiting()
+            }
+            Initiator::Can => {
+                let dropped = self.requests.can_bytes();
+                self.requests.can.clear();
+                dropped
+            }
+            _ => self.requests.command.take().map_or(0, |request| request.bytes.len()),
+        };
+        let torque_off = self.dead_man.switches_off();
+        if torque_off {
+            self.requests.torque_off.get_or_insert(now);
+            self.take_line_back();
+        }
+        self.end_stream(initiator, dropped, torque_off, now);
+    }
+
+    /// Reports that a host streams motion no more, if it did.
+    fn end_stream(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: Instant) {
+        if !self.dead_man.end(initiator) {
+            return;
+        }
+        count(&mut self.counters.host_silences, 1);
+        count(&mut self.counters.silenced_bytes, dropped);
+        let event = Event::HostSilent {
+            initiator,
+            dropped: dropped as u16,
+            torque_off,
+        };
+        self.deliver(&event, now);
+    }
+
+    // ---- Time ----
+
+    /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed.
+    pub(crate) fn timeout(&self) -> Option<Instant> {
+        let [usb, can, command] = STREAMERS.map(|initiator| self.silence_timeout(initiator));
+        let timeouts = [
+            self.poll.timeout(),
+            self.exchange.timeout(),
+            self.turn_timeout(),
+            self.command_timeout(),
+            self.rate.timeout(self.may_change_rate()),
+            usb,
+            can,
+            command,
+        ];
+        timeouts.into_iter().flatten().min()
+    }
+
+    /// It is `now`: late answers are given up, polls become due, old commands are dropped, silent hosts lose their streams.
+    pub(crate) fn tick(&mut self, now: Instant) {
+        while let Some(initiator) = self.exchange.on_timeout(now) {
+            count(&mut self.counters.unanswered_requests, 1);
+            if self.holder().is_none() {
+                self.exchange_ended(initiator, now);
+            }
+        }
+        let missed = self.poll.tick(now);
+        count(&mut self.counters.missed_polls, missed);
+        if self.command_timeout().is_some_and(|at| at <= now) {
+            self.refuse_command(Refusal::Stale, now);
+        }
+        if self.rate.timeout(self.may_change_rate()).is_some_and(|at| at <= now) {
+            self.tick_rate(now);
+        }
+        for initiator in STREAMERS {
+            if self.silence_timeout(initiator).is_none_or(|at| at > now) {
+                continue;
+            }
+            match initiator {
+                // USB does not tell whether it wants to say something.
+                Initiator::Usb if self.is_host_held_back() => self.dead_man.heard(initiator, now),
+                _ => self.host_silent(initiator, now),
+            }
+        }
+        // Torque-off may have begun to wait for the line.
+        if self.turn_timeout().is_some_and(|at| at <= now) {
+            self.from_host.end_turn();
+        }
+    }
+
+    /// The line's rate changes, or its holder loses it.
+    #[cold]
+    fn tick_rate(&mut self, now: Instant) {
+        let moved = self.from_host.moved().max(self.last_rx);
+        self.rate.tick(self.may_change_rate(), moved, self.from_host.len(), now);
+        self.follow_holder(now);
+    }
+
+    /// When the command that waits for its turn is too old to move the arm.
+    fn command_timeout(&self) -> Option<Instant> {
+        let command = self.requests.command.as_ref()?;
+        Some(command.since + self.command_timeout)
+    }
+
+    /// When the host on USB, which has paused, loses its turn to others who wait.
+    fn turn_timeout(&self) -> Option<Instant> {
+        if !self.from_host.is_speaking() || self.holder().is_some() && self.requests.torque_off.is_none() {
+            return None;
+        }
+        let [_, others @ ..] = Initiator::ALL;
+        let ready = others.map(|initiator| self.contender(initiator, Instant::ZERO));
+        let since = ready.iter().flatten().map(|contender| contender.since).min()?;
+        Some(self.from_host.turn_timeout(since, self.last_rx))
+    }
+
+    /// Whether bytes for the arm stopped moving, or nobody has looked at the UART, for a second.
+    pub(crate) fn is_stuck(&self, now: Instant) -> bool {
+        let unsent = self.from_host.len() > 0 || self.rate.changes();
+        // While the arm owes somebody an answer, bytes may wait for that. It ends by itself.
+        let stands = self.holder().is_none();
+        let moved = self.from_host.moved().max(self.last_tx);
+        now.since(self.last_rx_poll) > STUCK_TIME || unsent && stands && now.since(moved) > STUCK_TIME
+    }
+}
+
+/// How long a frame takes on a line on which a byte takes this many nanoseconds.
+fn on_wire(byte_nanos: u32, len: usize) -> Duration {
+    Duration::from_micros(u64::from((len as u32).saturating_mul(byte_nanos) / 1_000))
+}
+
+#[cfg(test)]
+impl Line {
+    /// Requests of hosts on CAN that wait, and bytes of the host on USB.
+    pub(crate) fn waiting(&self) -> (usize, usize) {
+        (self.requests.can.len(), self.from_host.len())
+    }
+}

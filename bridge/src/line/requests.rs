@@ -1,0 +1,69 @@
+//! The requests that wait for their turn, those of the host on USB aside.
+
+use armwire::dialect::{Dialect, Effect};
+use heapless::Deque;
+
+use crate::arm::Info;
+use crate::config::ArmKind;
+use crate::control::FrameBytes;
+use crate::time::Instant;
+
+/// Requests from CAN that wait for their turn.
+const CAN_REQUESTS: usize = 2;
+
+/// A request that waits for its turn.
+#[derive(Clone)]
+pub(crate) struct Request {
+    pub(crate) bytes: FrameBytes,
+    /// Its part in the exchange; `None` if it has none.
+    pub(crate) info: Option<Info>,
+    pub(crate) since: Instant,
+}
+
+impl Request {
+    /// A request with these bytes. `None` if they are too many.
+    pub(crate) fn new(kind: ArmKind, bytes: &[u8], since: Instant) -> Option<Self> {
+        Some(Self {
+            bytes: FrameBytes::from_slice(bytes).ok()?,
+            info: kind.request(bytes),
+            since,
+        })
+    }
+
+    pub(crate) fn is_motion(&self) -> bool {
+        self.info.is_some_and(|info| info.effect == Effect::Motion)
+    }
+}
+
+/// The requests that wait.
+#[derive(Default)]
+pub(crate) struct Requests {
+    /// Requests of hosts on CAN, in the order in which they came.
+    pub(crate) can: Deque<Request, CAN_REQUESTS>,
+    /// The newest cyclic command.
+    pub(crate) command: Option<Request>,
+    /// Since when the torque is to be switched off.
+    pub(crate) torque_off: Option<Instant>,
+    /// Since when the arm is to be identified.
+    pub(crate) identify: Option<Instant>,
+}
+
+impl Requests {
+    /// Whether nothing waits, which is so nearly always.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.can.is_empty() && self.command.is_none() && self.torque_off.is_none() && self.identify.is_none()
+    }
+
+    /// The number of bytes of hosts on CAN.
+    pub(crate) fn can_bytes(&self) -> usize {
+        self.can.iter().map(|request| request.bytes.len()).sum()
+    }
+
+    /// Since when the oldest motion of a host on CAN waits.
+    pub(crate) fn can_motion_since(&self) -> Option<Instant> {
+        self.can
+            .iter()
+            .find(|request| request.is_motion())
+            .map(|request| request.since)
+    }
+}
