@@ -17,8 +17,10 @@ use crate::line_coding::{LineCoding, UartConfig};
 /// The expectation on a line of any kind: only Alpha1's frames need one.
 #[cfg(feature = "alpha1")]
 pub type Expect = alpha1::Expect;
+/// The expectation on a line of any kind: none of those that are compiled in needs one.
 #[cfg(not(feature = "alpha1"))]
-pub type Expect = ();
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Expect;
 
 /// The key of a response of any kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,9 +81,9 @@ impl ArmKind {
 
     /// Writes a request at the front of `out` and returns its length; `None` where there is none or no room for it.
     pub(crate) fn encode(self, request: OwnRequest, out: &mut [u8]) -> Option<usize> {
-        match (self, request) {
+        match (self, request, out) {
             #[cfg(feature = "ling")]
-            (Self::Ling, _) => {
+            (Self::Ling, request, out) => {
                 let request = match request {
                     OwnRequest::Poll => ling::Request::ReadJoints,
                     OwnRequest::Identify => ling::Request::ReadInfo,
@@ -91,9 +93,9 @@ impl ArmKind {
                 Ling.encode_request(&request, out).ok()
             }
             #[cfg(feature = "alpha1")]
-            (Self::Alpha1, OwnRequest::Poll) => Alpha1.encode_request(&alpha1::Request::ReadServoStates, out).ok(),
+            (Self::Alpha1, OwnRequest::Poll, out) => Alpha1.encode_request(&alpha1::Request::ReadServoStates, out).ok(),
             #[cfg(feature = "alpha1")]
-            (Self::Alpha1, OwnRequest::Identify) => {
+            (Self::Alpha1, OwnRequest::Identify, out) => {
                 Alpha1.encode_request(&alpha1::Request::ReadFirmwareVersion, out).ok()
             }
             _ => None,
@@ -123,57 +125,64 @@ impl Framing for ArmKind {
     type Expect = Expect;
 
     fn scan(&self, window: &[u8], expect: Expect) -> Scan {
-        match self {
+        match (self, expect) {
             #[cfg(feature = "ling")]
-            Self::Ling => Ling.scan(window, ()),
+            (Self::Ling, _) => Ling.scan(window, ()),
             #[cfg(feature = "alpha1")]
-            Self::Alpha1 | Self::Alpha1Servo => Alpha1.scan(window, expect),
-            _ => Raw.scan(window, ignore(expect)),
+            (Self::Alpha1 | Self::Alpha1Servo, expect) => Alpha1.scan(window, expect),
+            _ => Raw.scan(window, ()),
         }
     }
 
     fn scan_idle(&self, window: &[u8], expect: Expect) -> Scan {
-        match self {
+        match (self, expect) {
             #[cfg(feature = "ling")]
-            Self::Ling => Ling.scan_idle(window, ()),
+            (Self::Ling, _) => Ling.scan_idle(window, ()),
             #[cfg(feature = "alpha1")]
-            Self::Alpha1 | Self::Alpha1Servo => Alpha1.scan_idle(window, expect),
-            _ => Raw.scan_idle(window, ignore(expect)),
+            (Self::Alpha1 | Self::Alpha1Servo, expect) => Alpha1.scan_idle(window, expect),
+            _ => Raw.scan_idle(window, ()),
         }
     }
 
     fn terminator(&self, expect: Expect) -> Option<u8> {
-        match self {
+        match (self, expect) {
             #[cfg(feature = "ling")]
-            Self::Ling => Ling.terminator(()),
+            (Self::Ling, _) => Ling.terminator(()),
             #[cfg(feature = "alpha1")]
-            Self::Alpha1 | Self::Alpha1Servo => Alpha1.terminator(expect),
-            _ => Raw.terminator(ignore(expect)),
+            (Self::Alpha1 | Self::Alpha1Servo, expect) => Alpha1.terminator(expect),
+            _ => Raw.terminator(()),
         }
     }
 
     fn shortest(&self, expect: Expect) -> usize {
-        match self {
+        match (self, expect) {
             #[cfg(feature = "ling")]
-            Self::Ling => Ling.shortest(()),
+            (Self::Ling, _) => Ling.shortest(()),
             #[cfg(feature = "alpha1")]
-            Self::Alpha1 | Self::Alpha1Servo => Alpha1.shortest(expect),
+            (Self::Alpha1 | Self::Alpha1Servo, expect) => Alpha1.shortest(expect),
             // A raw line has no frames to wait for.
-            _ => {
-                ignore(expect);
-                MAX_FRAME
-            }
+            _ => MAX_FRAME,
         }
     }
 
+    #[cfg(feature = "alpha1")]
     fn requests(&self) -> Expect {
-        #[cfg(feature = "alpha1")]
         Alpha1.requests()
     }
 
+    #[cfg(feature = "alpha1")]
     fn unsolicited(&self) -> Expect {
-        #[cfg(feature = "alpha1")]
         Alpha1.unsolicited()
+    }
+
+    #[cfg(not(feature = "alpha1"))]
+    fn requests(&self) -> Expect {
+        Expect
+    }
+
+    #[cfg(not(feature = "alpha1"))]
+    fn unsolicited(&self) -> Expect {
+        Expect
     }
 }
 
@@ -204,9 +213,6 @@ impl Dialect for ArmKind {
         }
     }
 }
-
-/// A raw line expects nothing.
-const fn ignore(_: Expect) {}
 
 /// The same request, with the key and the expectation of any kind.
 fn with<K, E>(info: RequestInfo<K, E>, key: Key, expect: Expect) -> Info {

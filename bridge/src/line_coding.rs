@@ -35,14 +35,13 @@ pub struct LineCoding {
     pub stop_bits: StopBits,
 }
 
-/// What the UART is to be: its line coding and its wiring.
+/// How the UART works: its line coding and its wiring.
 ///
 /// ```
 /// use armwire_bridge::{LineCoding, UartConfig};
 ///
-/// let bridge = Bridge::default();
-/// assert_eq!(bridge.line_change(), None); // it starts as a Ling arm's
-/// assert_eq!(Line::default(), Line { coding: LineCoding::LING, half_duplex: false });
+/// // It starts as a Ling arm's.
+/// assert_eq!(UartConfig::default(), UartConfig { coding: LineCoding::LING, half_duplex: false });
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -3,6 +3,7 @@
 //! All are classic frames of 8 bytes, little-endian, on an FD bus too. Nothing is sent that is not known, and nothing
 //! twice: that a frame no longer comes says that there is nothing new.
 
+#[cfg(feature = "ling")]
 use armwire::ling::{JointState, MotionStatus};
 
 use super::{Frame, Function, Id, Node};
@@ -37,6 +38,7 @@ use crate::control::{Event, Initiator, Refusal, Stamp};
 /// let [_, other, _] = Sample { stamp: 0x0001_86A1, ..sample }.to_frames(Node::new(3).unwrap());
 /// assert_eq!(Sample::from_frames(&[frames[0], other, frames[2]]), None);
 /// ```
+#[cfg(feature = "ling")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sample {
@@ -48,6 +50,7 @@ pub struct Sample {
     pub count: u8,
 }
 
+#[cfg(feature = "ling")]
 impl Sample {
     /// JOINTS_A, JOINTS_B and STATE.
     pub fn to_frames(&self, node: Node) -> [Frame; 3] {

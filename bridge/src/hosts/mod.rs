@@ -265,7 +265,6 @@ impl Hosts {
             *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.owes_can()
         };
         if line.holder() != Some(Initiator::Can) && self.can_change.take_if(is_replied).is_some() {
-            line.drop_can_requests();
             self.can.close(&mut self.counters);
             self.can = CanPort::new(self.config.can);
             line.release_line(ControlPort::Can, now);
@@ -421,6 +420,7 @@ impl Hosts {
         let was = core::mem::replace(&mut self.config, config);
         if config.can.bus() != was.can.bus() {
             self.can_change = Some(by);
+            line.drop_can_requests();
         } else if config.can != was.can && self.can_change.is_none() {
             self.can.adopt(config.can, &mut self.counters);
         }

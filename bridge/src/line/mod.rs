@@ -381,7 +381,7 @@ impl Line {
         };
         if initiator == Initiator::Usb {
             // One request at a time while it matters which.
-            let one = !self.are_others_silent(now) || !self.exchange.is_idle() && self.arbiter.is_shared(now);
+            let one = !self.are_others_silent(now) || self.arbiter.is_shared(now);
             let len = out.len().min(self.rate.before_change(out.len()));
             burst.len = self
                 .from_host

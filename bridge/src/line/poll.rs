@@ -161,7 +161,7 @@ mod tests {
         let mut poll = Poll::new(config::Poll::Hertz(rate));
         poll.tick(Instant::from_micros(777));
         core::iter::from_fn(move || {
-            let slot = poll.timeout()?;
+            let slot = poll.slot()?;
             poll.tick(slot);
             assert!(poll.due_since(NOW).is_some());
             poll.began();

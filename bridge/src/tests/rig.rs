@@ -142,6 +142,7 @@ impl Rig {
         let due = |bridge: &mut Bridge| {
             let status = Status {
                 usb: false,
+                is_stuck: false,
                 ..bridge.status(now)
             };
             (status, bridge.timeout())
