@@ -2,12 +2,10 @@
 
 #[cfg(feature = "alpha1")]
 use armwire::alpha1::{self, Alpha1};
-use armwire::dialect::{Dialect, Effect, InfoOf, RequestInfo};
+use armwire::dialect::{Dialect, InfoOf, RequestInfo};
 use armwire::framing::{Framing, Scan};
 #[cfg(feature = "ling")]
 use armwire::ling::{self, Ling};
-#[cfg(any(feature = "ling", feature = "alpha1"))]
-use armwire::messages::Messages;
 use armwire::raw::Raw;
 
 use crate::config::ArmKind;
@@ -46,7 +44,6 @@ pub(crate) enum OwnRequest {
     /// The arm answers with its kind and version.
     Identify,
     TorqueOff,
-    TorqueOn,
 }
 
 impl ArmKind {
@@ -70,45 +67,30 @@ impl ArmKind {
         !matches!(self, Self::Raw)
     }
 
-    /// Whether this kind of arm takes a request.
-    pub(crate) const fn takes(self, request: OwnRequest) -> bool {
-        match self {
-            Self::Ling => true,
-            Self::Alpha1 => matches!(request, OwnRequest::Poll | OwnRequest::Identify),
-            Self::Alpha1Servo | Self::Raw => false,
-        }
-    }
-
-    /// Writes a request at the front of `out` and returns its length; `None` where there is none or no room for it.
-    pub(crate) fn encode(self, request: OwnRequest, out: &mut [u8]) -> Option<usize> {
-        match (self, request, out) {
+    /// The frame of a request. `None` if this kind of arm does not take it.
+    pub(crate) const fn own(self, request: OwnRequest) -> Option<&'static [u8]> {
+        match (self, request) {
             #[cfg(feature = "ling")]
-            (Self::Ling, request, out) => {
-                let request = match request {
-                    OwnRequest::Poll => ling::Request::ReadJoints,
-                    OwnRequest::Identify => ling::Request::ReadInfo,
-                    OwnRequest::TorqueOff => ling::Request::SetTorque(ling::Torque::Off),
-                    OwnRequest::TorqueOn => ling::Request::SetTorque(ling::Torque::On),
-                };
-                Ling.encode_request(&request, out).ok()
-            }
+            (Self::Ling, OwnRequest::Poll) => Some(&ling::READ_JOINTS),
+            #[cfg(feature = "ling")]
+            (Self::Ling, OwnRequest::Identify) => Some(&ling::READ_INFO),
+            #[cfg(feature = "ling")]
+            (Self::Ling, OwnRequest::TorqueOff) => Some(&ling::TORQUE_OFF),
             #[cfg(feature = "alpha1")]
-            (Self::Alpha1, OwnRequest::Poll, out) => Alpha1.encode_request(&alpha1::Request::ReadServoStates, out).ok(),
+            (Self::Alpha1, OwnRequest::Poll) => Some(&alpha1::READ_SERVO_STATES),
             #[cfg(feature = "alpha1")]
-            (Self::Alpha1, OwnRequest::Identify, out) => {
-                Alpha1.encode_request(&alpha1::Request::ReadFirmwareVersion, out).ok()
-            }
+            (Self::Alpha1, OwnRequest::Identify) => Some(&alpha1::READ_FIRMWARE_VERSION),
             _ => None,
         }
     }
 
     /// Whether `frame` switches the torque on: the arm is to stay where it is.
-    pub(crate) fn is_torque_on(self, info: &Info, frame: &[u8]) -> bool {
-        let mut torque_on = [0; MAX_FRAME];
-        info.effect == Effect::Torque
-            && self
-                .encode(OwnRequest::TorqueOn, &mut torque_on)
-                .is_some_and(|len| torque_on.get(..len) == Some(frame))
+    pub(crate) fn is_torque_on(self, frame: &[u8]) -> bool {
+        match self {
+            #[cfg(feature = "ling")]
+            Self::Ling => frame == ling::TORQUE_ON,
+            _ => false,
+        }
     }
 
     /// Whether `bytes` are exactly one frame from a host.

@@ -78,7 +78,7 @@ pub enum Request {
     /// Tell me of these things as they happen, on the port that this came by. Answered by [`Reply::Done`].
     Subscribe(Subscription),
     /// Start again. Answered by [`Reply::Done`] before it happens. If a stream of motion is
-    /// [armed](crate::Bridge::is_armed), torque-off goes out first.
+    /// [armed](crate::Status::is_armed), torque-off goes out first.
     Restart,
     /// Start the chip's own boot loader, for an update. Answered by [`Reply::Done`] before it happens.
     RestartIntoBootLoader,
@@ -203,7 +203,7 @@ pub enum Failure {
     Flash,
     /// Another request of this kind is still being answered.
     Busy,
-    /// A host streams motion. For a save or reset, only where its stream is [armed](crate::Bridge::is_armed): the core stands
+    /// A host streams motion. For a save or reset, only where its stream is [armed](crate::Status::is_armed): the core stands
     /// still while it writes flash. Since version 2.
     StreamArmed,
     /// The adapter was told to save so often that its flash would wear out (see [`store`](crate::store)). Since version 2.

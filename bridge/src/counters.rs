@@ -196,66 +196,28 @@ impl Counters {
             .map_err(|reason| Malformed { sequence: None, reason })
     }
 
-    /// Each count of both.
-    pub(crate) fn plus(&self, other: &Self) -> Self {
+    /// These of the line, with those of the hosts' side.
+    pub(crate) fn with_hosts(&self, hosts: &HostCounters) -> Self {
         Self {
-            arm_to_host_bytes: self.arm_to_host_bytes.wrapping_add(other.arm_to_host_bytes),
-            host_to_arm_bytes: self.host_to_arm_bytes.wrapping_add(other.host_to_arm_bytes),
-            packets_to_host: self.packets_to_host.wrapping_add(other.packets_to_host),
-            empty_packets_to_host: self.empty_packets_to_host.wrapping_add(other.empty_packets_to_host),
-            packets_from_host: self.packets_from_host.wrapping_add(other.packets_from_host),
-            frames: self.frames.wrapping_add(other.frames),
-            noise_bytes: self.noise_bytes.wrapping_add(other.noise_bytes),
-            dropped_bytes: self.dropped_bytes.wrapping_add(other.dropped_bytes),
-            unheard_bytes: self.unheard_bytes.wrapping_add(other.unheard_bytes),
-            refused_bytes: self.refused_bytes.wrapping_add(other.refused_bytes),
-            framing_errors: self.framing_errors.wrapping_add(other.framing_errors),
-            parity_errors: self.parity_errors.wrapping_add(other.parity_errors),
-            noise_errors: self.noise_errors.wrapping_add(other.noise_errors),
-            overrun_errors: self.overrun_errors.wrapping_add(other.overrun_errors),
-            ring_overruns: self.ring_overruns.wrapping_add(other.ring_overruns),
-            usb_resets: self.usb_resets.wrapping_add(other.usb_resets),
-            usb_suspends: self.usb_suspends.wrapping_add(other.usb_suspends),
-            line_codings: self.line_codings.wrapping_add(other.line_codings),
-            refused_line_codings: self.refused_line_codings.wrapping_add(other.refused_line_codings),
-            panics: self.panics.wrapping_add(other.panics),
-            watchdog_resets: self.watchdog_resets.wrapping_add(other.watchdog_resets),
-            requests_usb: self.requests_usb.wrapping_add(other.requests_usb),
-            requests_can: self.requests_can.wrapping_add(other.requests_can),
-            requests_poll: self.requests_poll.wrapping_add(other.requests_poll),
-            requests_command: self.requests_command.wrapping_add(other.requests_command),
-            requests_adapter: self.requests_adapter.wrapping_add(other.requests_adapter),
-            unanswered_requests: self.unanswered_requests.wrapping_add(other.unanswered_requests),
-            late_answers: self.late_answers.wrapping_add(other.late_answers),
-            unasked_frames: self.unasked_frames.wrapping_add(other.unasked_frames),
-            late_polls: self.late_polls.wrapping_add(other.late_polls),
-            missed_polls: self.missed_polls.wrapping_add(other.missed_polls),
-            refused_can_requests: self.refused_can_requests.wrapping_add(other.refused_can_requests),
-            refused_can_frames: self.refused_can_frames.wrapping_add(other.refused_can_frames),
-            dropped_can_answers: self.dropped_can_answers.wrapping_add(other.dropped_can_answers),
-            isotp_failures: self.isotp_failures.wrapping_add(other.isotp_failures),
-            can_frames_received: self.can_frames_received.wrapping_add(other.can_frames_received),
-            can_frames_sent: self.can_frames_sent.wrapping_add(other.can_frames_sent),
-            can_receive_overruns: self.can_receive_overruns.wrapping_add(other.can_receive_overruns),
-            can_bus_errors: self.can_bus_errors.wrapping_add(other.can_bus_errors),
-            can_bus_offs: self.can_bus_offs.wrapping_add(other.can_bus_offs),
-            commands_incomplete: self.commands_incomplete.wrapping_add(other.commands_incomplete),
-            commands_stale: self.commands_stale.wrapping_add(other.commands_stale),
-            commands_out_of_range: self.commands_out_of_range.wrapping_add(other.commands_out_of_range),
-            host_silences: self.host_silences.wrapping_add(other.host_silences),
-            silenced_bytes: self.silenced_bytes.wrapping_add(other.silenced_bytes),
-            control_requests: self.control_requests.wrapping_add(other.control_requests),
-            control_unsupported: self.control_unsupported.wrapping_add(other.control_unsupported),
-            dropped_events: self.dropped_events.wrapping_add(other.dropped_events),
-            config_saves: self.config_saves.wrapping_add(other.config_saves),
-            config_failures: self.config_failures.wrapping_add(other.config_failures),
-            dropped_can_frames: self.dropped_can_frames.wrapping_add(other.dropped_can_frames),
-            refused_line_held: self.refused_line_held.wrapping_add(other.refused_line_held),
-            refused_other_rate: self.refused_other_rate.wrapping_add(other.refused_other_rate),
-            refused_rate_bytes: self.refused_rate_bytes.wrapping_add(other.refused_rate_bytes),
-            hard_faults: self.hard_faults.wrapping_add(other.hard_faults),
-            late_stamps: self.late_stamps.wrapping_add(other.late_stamps),
-            untracked_requests: self.untracked_requests.wrapping_add(other.untracked_requests),
+            panics: hosts.panics,
+            watchdog_resets: hosts.watchdog_resets,
+            hard_faults: hosts.hard_faults,
+            dropped_can_answers: hosts.dropped_can_answers,
+            isotp_failures: hosts.isotp_failures,
+            can_frames_received: hosts.can_frames_received,
+            can_frames_sent: hosts.can_frames_sent,
+            can_receive_overruns: hosts.can_receive_overruns,
+            can_bus_errors: hosts.can_bus_errors,
+            can_bus_offs: hosts.can_bus_offs,
+            dropped_can_frames: hosts.dropped_can_frames,
+            control_requests: hosts.control_requests,
+            control_unsupported: hosts.control_unsupported,
+            config_saves: hosts.config_saves,
+            config_failures: hosts.config_failures,
+            commands_incomplete: self.commands_incomplete.wrapping_add(hosts.commands_incomplete),
+            silenced_bytes: self.silenced_bytes.wrapping_add(hosts.silenced_bytes),
+            dropped_events: self.dropped_events.wrapping_add(hosts.dropped_events),
+            ..*self
         }
     }
 
@@ -272,6 +234,29 @@ impl Counters {
         };
         count(counter, 1);
     }
+}
+
+/// The counts of the hosts' side, as in [`Counters`].
+#[derive(Clone, Copy, Default)]
+pub(crate) struct HostCounters {
+    pub(crate) panics: u32,
+    pub(crate) watchdog_resets: u32,
+    pub(crate) hard_faults: u32,
+    pub(crate) dropped_can_answers: u32,
+    pub(crate) isotp_failures: u32,
+    pub(crate) can_frames_received: u32,
+    pub(crate) can_frames_sent: u32,
+    pub(crate) can_receive_overruns: u32,
+    pub(crate) can_bus_errors: u32,
+    pub(crate) can_bus_offs: u32,
+    pub(crate) dropped_can_frames: u32,
+    pub(crate) control_requests: u32,
+    pub(crate) control_unsupported: u32,
+    pub(crate) config_saves: u32,
+    pub(crate) config_failures: u32,
+    pub(crate) commands_incomplete: u32,
+    pub(crate) silenced_bytes: u32,
+    pub(crate) dropped_events: u32,
 }
 
 /// Errors of receiving since the last report.

@@ -15,12 +15,15 @@ const UNSOLICITED: u8 = 0xFF;
 /// The kind of an event that is no frame: its bytes are those of its frame on CAN.
 const OTHER: u8 = 0xFE;
 
-/// First in, first out, in `N` bytes of room.
-pub(crate) struct EventQueue<const N: usize> {
-    bytes: Queue<N>,
+/// Room in bytes: eight answers with the joints of a Ling arm.
+const ROOM: usize = 256;
+
+/// First in, first out.
+pub(crate) struct EventQueue {
+    bytes: Queue<ROOM>,
 }
 
-impl<const N: usize> EventQueue<N> {
+impl EventQueue {
     pub(crate) const fn new() -> Self {
         Self { bytes: Queue::new() }
     }
@@ -115,10 +118,10 @@ mod tests {
 
     #[test]
     fn events_come_out_as_they_went_in() {
-        let mut queue = EventQueue::<192>::new();
+        let mut queue = EventQueue::new();
         for len in [1, 7, 21, MAX_FRAME] {
             let events: Vec<_> = events(len).take_while(|(at, event)| queue.push(*at, event)).collect();
-            assert!(events.len() >= 192 / (MAX_FRAME + HEADER));
+            assert!(events.len() >= ROOM / (MAX_FRAME + HEADER));
             for event in events {
                 assert_eq!(queue.pop(), Some(event));
             }

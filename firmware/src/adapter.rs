@@ -1,149 +1,131 @@
-//! What the tasks share: the bridge, and signals that say where there may be something to do.
+//! What the tasks share: the bridge, and the work that each of them waits for.
 
 use core::cell::{Cell, RefCell};
 
+use armwire_bridge::config::{self, Config};
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, Bridge, config, time};
+use armwire_bridge::{Action, Bridge, Instant, Start};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
-use embassy_time::Instant;
 
 use crate::restart;
 
 /// A signal between tasks. All of them run on one executor, so it needs no interrupt lock.
-pub(crate) type Notice<T = ()> = Signal<NoopRawMutex, T>;
+type Notice<T = ()> = Signal<NoopRawMutex, T>;
 
-/// The bridge and its signals.
+/// Work that a task waits for.
+#[derive(Clone, Copy)]
+pub(crate) enum Work {
+    /// Bytes for the arm, or a change of the line.
+    Uart,
+    /// The bytes that the UART is sending are to be cut.
+    UartCut,
+    /// A packet for the host on the serial port.
+    Port,
+    /// Room for a packet of that host.
+    PortRoom,
+    /// That host came or went, or opened or closed the port.
+    PortSession,
+    /// A packet for the host on the control interface.
+    Control,
+    /// Room for a packet of that host.
+    ControlRoom,
+    /// That host came or went.
+    ControlSession,
+    /// A frame for the CAN bus.
+    Can,
+    /// A look at all the others.
+    Dispatch,
+}
+
+/// How many kinds there are.
+const WORKS: usize = Work::Dispatch as usize + 1;
+
+/// The bridge, and the work there is.
 pub(crate) struct Adapter {
     bridge: RefCell<Bridge>,
-    /// How long the last packet was that was put in the serial port's endpoint.
-    pub(crate) last_packet: Cell<usize>,
-    /// There are bytes for the arm, or the line is to change.
-    pub(crate) bytes: Notice,
-    /// What the UART is sending is to be cut.
-    pub(crate) cut: Notice,
-    /// A packet for the host on the serial port is due.
-    pub(crate) packet: Notice,
-    /// There is room for a packet from the host on the serial port.
-    pub(crate) room: Notice,
-    /// A host came, went, opened or closed the serial port.
-    pub(crate) session: Notice,
-    /// A packet for the host on the control interface is due.
-    pub(crate) control_packet: Notice,
-    /// There is room for a packet from the host on the control interface.
-    pub(crate) control_room: Notice,
-    /// A host came or went.
-    pub(crate) control_session: Notice,
-    /// A frame for the CAN bus is due.
-    pub(crate) frame: Notice,
+    works: [Notice; WORKS],
+    /// An action that only firmware can take.
+    pub(crate) action: Notice<Action>,
     /// The CAN controller is to be set up anew.
     pub(crate) can_restart: Notice<config::Can>,
-    /// Something was said to the bridge.
-    pub(crate) changed: Notice,
-    /// What only firmware can do.
-    pub(crate) action: Notice<Action>,
+    /// How long the last packet was that was put in the serial port's endpoint.
+    pub(crate) last_packet: Cell<usize>,
 }
 
 impl Adapter {
     /// An adapter that no host has found yet.
-    pub(crate) fn new(identity: Identity, config: config::Config) -> Self {
+    pub(crate) fn new(identity: Identity, config: Config, start: Start) -> Self {
         Self {
-            bridge: RefCell::new(Bridge::new(identity, config)),
-            last_packet: Cell::new(0),
-            bytes: Notice::new(),
-            cut: Notice::new(),
-            packet: Notice::new(),
-            room: Notice::new(),
-            session: Notice::new(),
-            control_packet: Notice::new(),
-            control_room: Notice::new(),
-            control_session: Notice::new(),
-            frame: Notice::new(),
-            can_restart: Notice::new(),
-            changed: Notice::new(),
+            bridge: RefCell::new(Bridge::new(identity, config, start)),
+            works: [const { Notice::new() }; WORKS],
             action: Notice::new(),
+            can_restart: Notice::new(),
+            last_packet: Cell::new(0),
         }
     }
 
-    /// Calls `f` with the bridge, and tells every task for which there is something to do then.
-    ///
-    /// So no caller needs to know what its call may lead to. A task that is told without need looks and waits again.
-    pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
-        let result = self.take(f);
-        self.tell_of_the_arm();
-        self.taken();
-        result
-    }
-
-    /// Calls `f` with the bridge for something to send, and tells nobody: not before that is on its way.
+    /// Calls the bridge and wakes nobody.
     pub(crate) fn take<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
         f(&mut self.bridge.borrow_mut())
     }
 
-    /// Calls `f` with the bridge to look only.
-    pub(crate) fn look<R>(&self, f: impl FnOnce(&Bridge) -> R) -> R {
-        f(&self.bridge.borrow())
-    }
-
-    /// What was taken is on its way: who looks what else there is to do is told.
-    pub(crate) fn taken(&self) {
-        self.changed.signal(());
-    }
-
-    /// Tells those for whom a microsecond counts: who sends the host what the arm said, and who sends to the arm. Tell
-    /// the others when these have run.
-    // One piece of code, not one for each call.
-    #[inline(never)]
-    pub(crate) fn tell_of_the_arm(&self) {
-        // To ask whether there is something takes as long as to take it.
-        self.bytes.signal(());
-        self.tell_of_bytes();
-    }
-
-    /// Tells those who can wait, but who sends to the bus before all others.
-    pub(crate) fn tell_the_others(&self) {
-        self.take(Bridge::share);
-        if self.bridge.borrow().can_due(now()) {
-            self.frame.signal(());
+    /// Calls the bridge and wakes those for whom a microsecond counts. All others are looked after when these have run.
+    ///
+    /// So no caller needs to know what its call may lead to. A task that is woken without need looks and waits again.
+    pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
+        let result = self.take(f);
+        for work in [Work::Uart, Work::Port, Work::Dispatch] {
+            self.wake(work);
         }
-        self.taken();
+        result
     }
 
-    /// Tells who sends the host what the arm said, if there is something.
-    pub(crate) fn tell_of_bytes(&self) {
-        if self.bridge.borrow().usb_due() {
-            self.packet.signal(());
-        }
+    /// Wakes the task that waits for this work.
+    pub(crate) fn wake(&self, work: Work) {
+        self.works[work as usize].signal(());
     }
 
-    /// Tells all tasks for which there is something to do.
-    pub(crate) fn tell(&self) {
+    /// Waits for this work.
+    pub(crate) async fn wait(&self, work: Work) {
+        self.works[work as usize].wait().await;
+    }
+
+    /// Forgets that there was such work.
+    pub(crate) fn reset(&self, work: Work) {
+        self.works[work as usize].reset();
+    }
+
+    /// Wakes all tasks for which there is work.
+    pub(crate) fn dispatch(&self) {
+        self.reset(Work::Dispatch);
         let bridge = &mut *self.bridge.borrow_mut();
-        restart::armed(bridge.is_armed());
+        let now = now();
         // One at a time: the next is fetched when this one was taken.
         if !self.action.signaled()
-            && let Some(action) = bridge.action()
+            && let Some(action) = bridge.action(now)
         {
             self.action.signal(action);
         }
-        let now = now();
-        for (due, notice) in [
-            (bridge.control_room(), &self.control_room),
-            (bridge.control_due(), &self.control_packet),
-            (bridge.can_due(now), &self.frame),
-            (bridge.usb_room(), &self.room),
-            (bridge.usb_due(), &self.packet),
-            (bridge.uart_due(now), &self.bytes),
-            (bridge.uart_cut(), &self.cut),
+        let status = bridge.status(now);
+        restart::armed(status.is_armed);
+        for (is_due, work) in [
+            (status.uart, Work::Uart),
+            (status.uart_cut, Work::UartCut),
+            (status.usb, Work::Port),
+            (status.usb_room, Work::PortRoom),
+            (status.can, Work::Can),
+            (status.control, Work::Control),
+            (status.control_room, Work::ControlRoom),
         ] {
-            if due {
-                notice.signal(());
+            if is_due {
+                self.wake(work);
             }
         }
     }
 }
 
 /// Now, by the microsecond timer.
-pub(crate) fn now() -> time::Instant {
-    time::Instant::from_micros(Instant::now().as_micros())
+pub(crate) fn now() -> Instant {
+    Instant::from_micros(embassy_time::Instant::now().as_micros())
 }

@@ -2,12 +2,12 @@
 
 use core::future::pending;
 
-use armwire_bridge::CanErrors;
+use armwire_bridge::{CanErrors, CanEvent};
 use embassy_futures::select::{Either3, select3};
 use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, with_timeout};
 
-use crate::adapter::{Adapter, now};
+use crate::adapter::{Adapter, Work, now};
 use crate::board::{CAN_CAPACITY, Can};
 use crate::watchdog::{Task, progress, rest};
 
@@ -21,13 +21,13 @@ const CALM: Duration = Duration::from_millis(20);
 /// Serves the bus.
 #[embassy_executor::task]
 pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
-    can.start(&adapter.look(|bridge| bridge.can_config()));
+    can.start(&adapter.take(|bridge| bridge.config().can));
     // When the bus was last seen lost, or in trouble after that.
     let mut lost: Option<Instant> = None;
     loop {
         progress(Task::Can);
-        if adapter.take(|bridge| bridge.can_sent(can.waiting(), now())) {
-            adapter.taken();
+        if adapter.take(|bridge| bridge.can_event(CanEvent::Waiting(can.waiting()), now())) {
+            adapter.wake(Work::Dispatch);
         }
         // One frame at a time: a full bus must not keep the arm waiting. No more in one round than there can be at its
         // start: of those that come later there is an event.
@@ -39,17 +39,17 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         }
         let errors = can.take_errors();
         if errors != CanErrors::default() {
-            adapter.with(|bridge| bridge.can_errors(errors));
+            adapter.with(|bridge| bridge.can_event(CanEvent::Errors(errors), now()));
         }
         if can.take_bus_off() {
             if lost.is_none() {
-                adapter.with(|bridge| bridge.can_bus_off(true, now()));
+                adapter.with(|bridge| bridge.can_event(CanEvent::BusOff, now()));
             }
             lost = Some(Instant::now());
         } else if lost.is_some() && errors.bus > 0 {
             lost = Some(Instant::now());
         } else if lost.take_if(|lost| lost.elapsed() >= CALM).is_some() {
-            adapter.with(|bridge| bridge.can_bus_off(false, now()));
+            adapter.with(|bridge| bridge.can_event(CanEvent::BusOn, now()));
         }
         // What the controller has no room for waits in the bridge, where what is more urgent overtakes it.
         while transmit(adapter, &mut can) {
@@ -58,7 +58,7 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         let room = can.has_room();
         let frame = async {
             match room {
-                true => adapter.frame.wait().await,
+                true => adapter.wait(Work::Can).await,
                 false => pending().await,
             }
         };
@@ -89,15 +89,15 @@ fn receive(adapter: &Adapter, can: &mut Can) -> bool {
     frame.is_some()
 }
 
-/// Passes a frame from the bridge to the controller, and returns whether there was one, and room for it.
+/// Passes a frame from the bridge to the controller, or takes a step towards one. Returns whether there may be another.
 fn transmit(adapter: &Adapter, can: &mut Can) -> bool {
-    if !can.has_room() || !adapter.look(|bridge| bridge.can_due(now())) {
+    if !can.has_room() {
         return false;
     }
-    let frame = adapter.take(|bridge| bridge.can_transmit(now()));
-    if let Some(frame) = &frame {
-        can.transmit(frame);
-        adapter.taken();
-    }
-    frame.is_some()
+    let Some(frame) = adapter.take(|bridge| bridge.can_transmit(now())) else {
+        return adapter.take(|bridge| bridge.status(now()).can);
+    };
+    can.transmit(&frame);
+    adapter.wake(Work::Dispatch);
+    true
 }

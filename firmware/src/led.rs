@@ -11,7 +11,7 @@
 use embassy_stm32::gpio::Output;
 use embassy_time::Timer;
 
-use crate::adapter::Adapter;
+use crate::adapter::{Adapter, now};
 
 /// One step of a pattern.
 const STEP_MS: u64 = 50;
@@ -21,10 +21,11 @@ const STEP_MS: u64 = 50;
 pub(crate) async fn show(adapter: &'static Adapter, mut led: Output<'static>) {
     let mut passed = 0;
     for step in (0..20_u32).cycle() {
-        let (attached, total) = adapter.look(|bridge| {
+        let (attached, total) = adapter.take(|bridge| {
+            let is_attached = bridge.status(now()).is_attached;
             let counters = bridge.counters();
             let total = counters.arm_to_host_bytes.wrapping_add(counters.host_to_arm_bytes);
-            (bridge.is_attached(), total)
+            (is_attached, total)
         });
         let on = match (attached, total != passed) {
             (_, true) => step % 2 == 0,

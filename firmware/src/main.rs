@@ -27,6 +27,7 @@ mod uart;
 mod usb;
 mod watchdog;
 
+use armwire_bridge::Start;
 use armwire_bridge::config::Config;
 use embassy_executor::Spawner;
 use static_cell::StaticCell;
@@ -48,16 +49,16 @@ async fn main(spawner: Spawner) {
     let restarts = restart::started(board.reset_by_watchdog);
     let mut store = action::store(board.flash);
     let (config, is_lost) = action::load(&mut store);
-    let adapter = adapter(config);
-    adapter.with(|bridge| {
-        bridge.started_after(restarts.panics, restarts.watchdog, restarts.hard_faults);
-        if restarts.while_armed {
-            bridge.restarted_while_armed();
-        }
-        if is_lost {
-            bridge.started_without_config();
-        }
-    });
+    let adapter = adapter(
+        config,
+        Start {
+            panics: restarts.panics,
+            watchdog_resets: restarts.watchdog,
+            hard_faults: restarts.hard_faults,
+            was_armed: restarts.while_armed,
+            config_lost: is_lost,
+        },
+    );
     let usb = usb::new(board.usb, adapter);
 
     Priority::FromArm.start(spawner, uart::receive(adapter, board.rx_dma));
@@ -80,7 +81,7 @@ async fn main(spawner: Spawner) {
 
 /// The adapter. It is made on the stack, which has no room for it beside what `main` has there.
 #[inline(never)]
-fn adapter(config: Config) -> &'static Adapter {
+fn adapter(config: Config, start: Start) -> &'static Adapter {
     static ADAPTER: StaticCell<Adapter> = StaticCell::new();
-    ADAPTER.init_with(|| Adapter::new(identity::identity(), config))
+    ADAPTER.init_with(|| Adapter::new(identity::identity(), config, start))
 }

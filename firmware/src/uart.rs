@@ -19,7 +19,7 @@ use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
 
 use armwire_bridge::control::MAX_FRAME;
-use armwire_bridge::{Bridge, Duration, Instant, Line, Parity, RxThreshold, StopBits, UartErrors};
+use armwire_bridge::{Bridge, Duration, Instant, Parity, RxThreshold, StopBits, Transmit, UartConfig, UartErrors};
 use critical_section::Mutex;
 use embassy_futures::join::join;
 use embassy_futures::select::select;
@@ -33,7 +33,7 @@ use embassy_sync::signal::Signal;
 use embassy_time::Timer;
 use heapless::Deque;
 
-use crate::adapter::{Adapter, now};
+use crate::adapter::{Adapter, Work, now};
 use crate::board::usart::{self, Status};
 use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, transmit_at};
 use crate::priority::let_others_run;
@@ -314,9 +314,9 @@ impl Receiver {
             if self.look() {
                 // What a frame leads to goes out before the line is looked at again.
                 yield_now().await;
-                self.adapter.tell_the_others();
+                self.adapter.dispatch();
             }
-            let need = self.adapter.look(Bridge::rx_threshold);
+            let need = self.adapter.take(|bridge| bridge.rx_threshold());
             look_for(need);
             // Bytes that came before the interrupt handler knew of the need give no signal. What came before them, and what
             // is asked next, goes out before they are looked at.
@@ -358,41 +358,46 @@ impl Receiver {
     fn look(&mut self) -> bool {
         let chunk = &mut self.chunk;
         let frames = self.adapter.take(|bridge| {
+            let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // What the ring holds is of two turns: none of it can be told apart.
                 critical_section::with(|cs| {
                     HEAD.store(tail(), Ordering::Relaxed);
                     MARKS.borrow_ref_mut(cs).clear();
                 });
-                bridge.uart_ring_overrun();
+                errors.get_or_insert_default().ring_overrun = 1;
             }
             // What comes from here on is looked at the next time.
             let (end, at) = critical_section::with(|_| (tail(), now()));
-            let (mut frames, mut nothing) = (false, true);
+            let (mut frames, mut late, mut nothing) = (0, 0, true);
             while let Some(mark) = take_mark(end) {
                 nothing = false;
                 if mark.idle {
                     // It takes the time of a byte to know.
                     let at = mark.at - Duration::from_micros(bridge.line_coding().micros(1));
-                    frames |= take(bridge, chunk, mark.end, at, Bridge::uart_received_unseen);
-                    frames |= bridge.uart_idle(mark.at);
+                    late += take(bridge, chunk, mark.end, at);
+                    frames += bridge.uart_idle(mark.at);
                 } else {
-                    frames |= take(bridge, chunk, mark.end, mark.at, Bridge::uart_received);
+                    frames += take(bridge, chunk, mark.end, mark.at);
                 }
             }
             if nothing || untaken(end) > 0 {
-                frames |= take(bridge, chunk, end, at, Bridge::uart_received_unseen);
+                late += take(bridge, chunk, end, at);
             }
-            if let Some(errors) = critical_section::with(|cs| ERRORS.borrow(cs).take()) {
-                bridge.uart_errors(errors);
+            if late > 0 {
+                // No interrupt handler saw their last bytes come.
+                errors.get_or_insert_default().late_stamps = late as u32;
             }
-            frames
+            if let Some(errors) = errors {
+                bridge.uart_errors(&errors);
+            }
+            frames + late
         });
-        match frames {
-            true => self.adapter.tell_of_the_arm(),
-            false => self.adapter.tell_of_bytes(),
+        if frames > 0 {
+            self.adapter.wake(Work::Uart);
         }
-        frames
+        self.adapter.wake(Work::Port);
+        frames > 0
     }
 }
 
@@ -408,18 +413,12 @@ fn take_mark(end: usize) -> Option<Mark> {
     })
 }
 
-/// Passes the bytes before `end` to the bridge by `receive`, or tells it that there are none. Returns whether a frame ended.
-fn take(
-    bridge: &mut Bridge,
-    chunk: &mut [u8; 64],
-    end: usize,
-    at: Instant,
-    receive: fn(&mut Bridge, &[u8], Instant) -> bool,
-) -> bool {
-    let mut frames = false;
+/// Passes the bytes before `end` to the bridge, or tells it that there are none. Returns the number of frames that ended.
+fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], end: usize, at: Instant) -> usize {
+    let mut frames = 0;
     loop {
         let n = copy(chunk, end);
-        frames |= receive(bridge, &chunk[..n], at);
+        frames += bridge.uart_received(&chunk[..n], at);
         if untaken(end) == 0 {
             return frames;
         }
@@ -452,26 +451,34 @@ pub(crate) async fn transmit(
     mut dma: Channel<'static>,
 ) {
     usart::set_transmit_requests(true);
-    let mut line = Line::default();
+    let mut config = UartConfig::default();
     let mut chunk = [0; MAX_FRAME];
     loop {
         progress(Task::Transmit);
-        if let Some(burst) = adapter.take(|bridge| bridge.uart_transmit(&mut chunk, now())) {
-            // What was to be cut before this burst has been.
-            adapter.cut.reset();
-            let sending = send(&mut dma, &chunk[..burst.len], burst.start, line.half_duplex);
-            let room = async { adapter.taken() };
-            select(join(sending, room), adapter.cut.wait()).await;
-        } else if let Some(wanted) = adapter.look(|bridge| bridge.line_change()) {
-            change(&mut uart, line, wanted).await;
-            line = wanted;
-            adapter.with(|bridge| bridge.line_changed(line));
-            RESTART.store(true, Ordering::Relaxed);
-            wake();
-        } else {
-            let resting = rest(Task::Transmit);
-            adapter.bytes.wait().await;
-            drop(resting);
+        let at = now();
+        match adapter.take(|bridge| bridge.uart_transmit(&mut chunk, at)) {
+            Some(Transmit::Burst { len, start }) => {
+                // Bytes that were to be cut before this burst have been.
+                adapter.reset(Work::UartCut);
+                let sending = send(&mut dma, &chunk[..len], start, config.half_duplex);
+                let accounting = async {
+                    adapter.take(|bridge| bridge.uart_transmitted(at));
+                    adapter.wake(Work::Dispatch);
+                };
+                select(join(sending, accounting), adapter.wait(Work::UartCut)).await;
+            }
+            Some(Transmit::Configure(wanted)) => {
+                change(&mut uart, config, wanted).await;
+                config = wanted;
+                adapter.with(|bridge| bridge.uart_configured(wanted));
+                RESTART.store(true, Ordering::Relaxed);
+                wake();
+            }
+            None => {
+                let resting = rest(Task::Transmit);
+                adapter.wait(Work::Uart).await;
+                drop(resting);
+            }
         }
     }
 }
@@ -501,7 +508,7 @@ async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Instant>, 
 }
 
 /// Waits for the last bit to leave the line as it was, and changes it.
-async fn change(uart: &mut UartRx<'static, Blocking>, was: Line, wanted: Line) {
+async fn change(uart: &mut UartRx<'static, Blocking>, was: UartConfig, wanted: UartConfig) {
     while !usart::is_transmitted() {
         Timer::after_micros(10).await;
     }

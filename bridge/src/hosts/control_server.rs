@@ -6,7 +6,7 @@ use crate::control::{
     Reader, Reply, Stamp, Subscription, decode, encode, encode_cobs,
 };
 use crate::control_codec::add_cobs;
-use crate::counters::{Counters, count};
+use crate::counters::{HostCounters, count};
 use crate::events::EventQueue;
 use crate::line::{ControlPort, PACKET};
 use crate::queue::Queue;
@@ -16,9 +16,6 @@ use super::can_port::{CanPort, MAX_REQUEST};
 
 /// Bytes that wait for the host on USB.
 const OUT: usize = 448;
-
-/// Room for events that subscribers are still to be told of: 6 answers with the joints of a Ling arm.
-const EVENTS: usize = 192;
 
 /// A request that is not answered at once, and its outcome once that is known.
 pub(super) struct Pending<T> {
@@ -109,7 +106,7 @@ pub(super) struct ControlServer {
     usb_subscription: Subscription,
     can_subscription: Subscription,
     /// Events that subscribers are told of when there is time: until then, others have something to send.
-    events: EventQueue<EVENTS>,
+    events: EventQueue,
     /// A request to identify the arm, and the arm's answer, `None` for none.
     pub(super) arm: Option<Pending<Result<Option<FrameBytes>, Failure>>>,
     /// A request to write or erase the configuration in flash.
@@ -247,7 +244,7 @@ impl ControlServer {
     }
 
     /// Tells subscribers of an event when there is time, as far as there is room.
-    pub(super) fn tell(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut Counters) {
+    pub(super) fn tell(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut HostCounters) {
         let subscriptions = [self.usb_subscription, self.can_subscription];
         let subscribers = subscriptions
             .iter()
@@ -263,13 +260,13 @@ impl ControlServer {
     }
 
     /// Tells subscribers of all events so far.
-    pub(super) fn publish_all(&mut self, can: &mut CanPort, counters: &mut Counters) {
+    pub(super) fn publish_all(&mut self, can: &mut CanPort, counters: &mut HostCounters) {
         while self.publish(can, counters) {}
     }
 
     /// Tells subscribers of the next event, as far as there is room, and returns whether there was one.
     #[inline(never)]
-    pub(super) fn publish(&mut self, can: &mut CanPort, counters: &mut Counters) -> bool {
+    pub(super) fn publish(&mut self, can: &mut CanPort, counters: &mut HostCounters) -> bool {
         let Some((at, event)) = self.events.pop() else {
             return false;
         };
@@ -311,7 +308,7 @@ impl ControlServer {
         &mut self,
         packet: &mut [u8; PACKET],
         can: &mut CanPort,
-        counters: &mut Counters,
+        counters: &mut HostCounters,
     ) -> Option<usize> {
         if self.usb.out.len() < PACKET && self.publish(can, counters) && self.usb.out.len() < PACKET {
             return None;

@@ -14,8 +14,8 @@ mod grid;
 use crate::action::Action;
 use crate::can::Frame;
 use crate::config::{Config, ConfigError};
-use crate::control::{Event, Failure, FromHost, Identity, Initiator, Malformed, Refusal, Reply, Request, VERSION};
-use crate::counters::{CanErrors, Counters, count};
+use crate::control::{Event, Failure, FromHost, Identity, Initiator, Malformed, Reply, Request, VERSION};
+use crate::counters::{CanErrors, Counters, HostCounters, count};
 use crate::line::{ControlPort, Line, NotTaken, PACKET};
 use crate::time::Instant;
 
@@ -33,7 +33,7 @@ pub(crate) struct Hosts {
     /// Actions that firmware has not taken yet.
     save: Option<Action>,
     restart: Option<Action>,
-    counters: Counters,
+    counters: HostCounters,
 }
 
 impl Hosts {
@@ -51,7 +51,7 @@ impl Hosts {
             control: ControlServer::new(),
             save: None,
             restart: None,
-            counters: Counters::default(),
+            counters: HostCounters::default(),
         }
     }
 
@@ -59,13 +59,13 @@ impl Hosts {
         &self.config
     }
 
-    pub(crate) const fn counters_mut(&mut self) -> &mut Counters {
+    pub(crate) const fn counters_mut(&mut self) -> &mut HostCounters {
         &mut self.counters
     }
 
     /// All counters of the adapter.
     pub(crate) fn all_counters(&self, line: &Line) -> Counters {
-        self.counters.plus(line.counters())
+        line.counters().with_hosts(&self.counters)
     }
 
     // ---- The line ----
@@ -76,6 +76,8 @@ impl Hosts {
             self.serve(line, now);
         }
         self.submit(line, now);
+        // Refusals are events, too.
+        self.take_deliveries(line);
     }
 
     /// Takes what the line delivers. Returns whether a host may be waiting for that.
@@ -131,11 +133,6 @@ impl Hosts {
         self.control.tell(at, event, &mut self.can, &mut self.counters);
     }
 
-    fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Instant) {
-        self.counters.count_refusal(reason);
-        self.tell(&Event::Refused { initiator, reason }, now);
-    }
-
     /// Hands the line requests from the bus, as far as it has room for them.
     fn submit(&mut self, line: &mut Line, now: Instant) {
         while self.can_change.is_none()
@@ -147,7 +144,7 @@ impl Hosts {
             }
             self.can.arm.release();
             if let Err(NotTaken::Refused(reason)) = taken {
-                self.refuse(Initiator::Can, reason, now);
+                line.refuse(Initiator::Can, reason, now);
             }
         }
     }
@@ -165,7 +162,6 @@ impl Hosts {
     }
 
     pub(crate) fn packet_received(&mut self, packet: &[u8], line: &mut Line, now: Instant) {
-        self.update(line, now);
         self.control.packet_received(packet);
         self.serve(line, now);
     }
@@ -175,7 +171,7 @@ impl Hosts {
     }
 
     pub(crate) fn packet(&mut self, packet: &mut [u8; PACKET], line: &mut Line, now: Instant) -> Option<usize> {
-        self.update(line, now);
+        self.take_deliveries(line);
         let len = self.control.packet(packet, &mut self.can, &mut self.counters)?;
         self.serve(line, now);
         Some(len)
@@ -191,16 +187,14 @@ impl Hosts {
 
     /// A frame came from the bus.
     pub(crate) fn can_received(&mut self, frame: &Frame, line: &mut Line, now: Instant) {
-        self.update(line, now);
         match self.can.received(frame, now, &mut self.counters) {
             Some(Received::Arm) => self.submit(line, now),
             Some(Received::Control) => self.serve(line, now),
             // The bus may be the one before a change of the configuration.
             Some(Received::Command(request)) if self.config.can.commands => line.command(&request, now),
-            Some(Received::Refused(initiator, refusal)) => self.refuse(initiator, refusal, now),
+            Some(Received::Refused(initiator, refusal)) => line.refuse(initiator, refusal, now),
             Some(Received::Command(_)) | None => {}
         }
-        self.update(line, now);
     }
 
     pub(crate) fn is_can_due(&self, now: Instant) -> bool {
@@ -209,7 +203,7 @@ impl Hosts {
 
     /// The next frame for the bus, the most urgent first. `None` when there is none, or after one step towards it.
     pub(crate) fn can_transmit(&mut self, line: &mut Line, now: Instant) -> Option<Frame> {
-        self.update(line, now);
+        self.take_deliveries(line);
         if self.control.is_can_due() {
             self.control.publish(&mut self.can, &mut self.counters);
         }
@@ -233,7 +227,7 @@ impl Hosts {
 
     /// The controller left the bus (`off`), or is back on it. ISO-TP transfers that were under way are given up.
     pub(crate) fn can_bus_off(&mut self, off: bool, line: &mut Line, now: Instant) {
-        self.update(line, now);
+        self.take_deliveries(line);
         if off {
             count(&mut self.counters.can_bus_offs, 1);
             self.can.on_bus_off(&mut self.counters);
@@ -251,15 +245,13 @@ impl Hosts {
     pub(crate) fn tick(&mut self, line: &mut Line, now: Instant) {
         let was_replying = self.can.control.is_sending();
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
-            self.refuse(Initiator::Command, refusal, now);
+            line.refuse(Initiator::Command, refusal, now);
         }
         self.serve_behind_reply(was_replying, line, now);
-        self.update(line, now);
     }
 
     /// The next action for firmware, once.
     pub(crate) fn action(&mut self, line: &mut Line, now: Instant) -> Option<Action> {
-        self.update(line, now);
         // The reply goes out on the bus as it was, and so does the answer that the arm owes a host there.
         let is_replied = |port: &mut ControlPort| {
             *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.owes_can()
@@ -294,6 +286,7 @@ impl Hosts {
 
     /// Answers the requests on the control port, as far as there is room for the replies.
     fn serve(&mut self, line: &mut Line, now: Instant) {
+        self.take_deliveries(line);
         // The request of one host may end what another waits for.
         while self.serve_port(ControlPort::Usb, line, now) | self.serve_port(ControlPort::Can, line, now) {}
     }

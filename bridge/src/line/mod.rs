@@ -53,9 +53,6 @@ const MAX_AGE_NANOS: u32 = 1_000_000;
 /// How long bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
 const STUCK_TIME: Duration = Duration::from_millis(1_000);
 
-/// Room for frames and events that are not delivered yet: ten answers with the joints of a Ling arm.
-const DELIVERIES: usize = 320;
-
 /// The number of bytes that the UART must receive before anything can be due, an idle line and errors aside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -134,7 +131,7 @@ pub(crate) struct Line {
     is_held: bool,
     /// Whether somebody besides the host on USB is told of all frames.
     is_watched: bool,
-    deliveries: EventQueue<DELIVERIES>,
+    deliveries: EventQueue,
     /// When the UART was last looked at, when the arm was last heard, and when anything last went out.
     last_rx_poll: Instant,
     last_rx: Instant,
@@ -155,7 +152,7 @@ impl Line {
             arbiter: Arbiter::new(),
             poll: Poll::new(config.poll),
             rate: LineRate::new(config.arm),
-            dead_man: DeadMan::new(config.host_timeout, config.arm.takes(OwnRequest::TorqueOff)),
+            dead_man: DeadMan::new(config.host_timeout, config.arm.own(OwnRequest::TorqueOff).is_some()),
             burst: None,
             identified: None,
             command_timeout: Duration::from_millis(config.can.command_timeout_ms.into()),
@@ -393,7 +390,9 @@ impl Line {
             out.get_mut(..MAX_FRAME)?.fill(0);
             (burst.len, burst.is_zeros) = (MAX_FRAME, true);
         } else {
-            (burst.len, burst.info) = self.copy_request(initiator, out)?;
+            let (bytes, info) = self.waiting_request(initiator)?;
+            out.get_mut(..bytes.len())?.copy_from_slice(bytes);
+            (burst.len, burst.info) = (bytes.len(), info);
             if initiator == Initiator::Poll {
                 burst.start = self.poll.slot().filter(|slot| *slot > now);
             }
@@ -405,28 +404,19 @@ impl Line {
         })
     }
 
-    /// Copies the request with which an initiator waits to the front of `out`.
-    fn copy_request(&self, initiator: Initiator, out: &mut [u8]) -> Option<(usize, Option<Info>)> {
-        let waiting = match initiator {
-            Initiator::Can => self.requests.can.front(),
-            Initiator::Command => self.requests.command.as_ref(),
-            Initiator::Usb | Initiator::Poll | Initiator::Adapter => None,
-        };
-        if let Some(request) = waiting {
-            out.get_mut(..request.bytes.len())?.copy_from_slice(&request.bytes);
-            return Some((request.bytes.len(), request.info));
-        }
-        let len = self.kind.encode(self.own_request(initiator), out)?;
-        Some((len, self.kind.request(out.get(..len)?)))
-    }
-
-    /// The adapter's own request that is next.
-    const fn own_request(&self, initiator: Initiator) -> OwnRequest {
-        match initiator {
+    /// The request with which an initiator waits, those of the host on USB aside.
+    fn waiting_request(&self, initiator: Initiator) -> Option<(&[u8], Option<Info>)> {
+        let own = match initiator {
+            Initiator::Can | Initiator::Command => {
+                let request = self.requests.of(initiator)?;
+                return Some((&request.bytes, request.info));
+            }
             Initiator::Poll => OwnRequest::Poll,
             _ if self.requests.torque_off.is_some() => OwnRequest::TorqueOff,
             _ => OwnRequest::Identify,
-        }
+        };
+        let bytes = self.kind.own(own)?;
+        Some((bytes, self.kind.request(bytes)))
     }
 
     /// The bytes of the last [`transmit`](Self::transmit) are on their way since `now`: accounts for them.
@@ -450,10 +440,9 @@ impl Line {
             Initiator::Usb => return,
             Initiator::Can => {
                 let request = self.requests.can.pop_front();
-                if let Some(request) = &request
-                    && request
-                        .info
-                        .is_some_and(|info| self.kind.is_torque_on(&info, &request.bytes))
+                if request
+                    .as_ref()
+                    .is_some_and(|request| self.kind.is_torque_on(&request.bytes))
                 {
                     self.dead_man.end(Initiator::Can);
                 }
@@ -515,7 +504,7 @@ impl Line {
                     continue;
                 }
                 let info = self.kind.request(item.bytes);
-                let is_torque_on = info.is_some_and(|info| self.kind.is_torque_on(&info, item.bytes));
+                let is_torque_on = self.kind.is_torque_on(item.bytes);
                 self.from_host.is_cut = !is_heard;
                 count(&mut self.counters.requests_usb, 1);
                 self.latencies.turn.add(self.from_host.waited());
@@ -608,8 +597,8 @@ impl Line {
         if self.exchange.is_idle() {
             return true;
         }
-        let request = self.copy_request(initiator, &mut [0; MAX_FRAME]);
-        request.is_some_and(|(_, info)| info.is_none_or(|info| self.exchange.can_send(&info, initiator)))
+        self.waiting_request(initiator)
+            .is_some_and(|(_, info)| info.is_none_or(|info| self.exchange.can_send(&info, initiator)))
     }
 
     /// Whether the host on USB may go on. Alone it always may, for it hears every answer. With others on the line, it has no
@@ -664,7 +653,7 @@ impl Line {
 
     /// Asks the arm what it is, when it is its turn. The answer is [`identified`](Self::identified).
     pub(crate) fn identify(&mut self, now: Instant) {
-        if !self.kind.takes(OwnRequest::Identify) {
+        if self.kind.own(OwnRequest::Identify).is_none() {
             self.identified = Some(Ok(None));
         } else if self.is_held {
             self.refuse(Initiator::Adapter, Refusal::LineHeld, now);
@@ -692,8 +681,9 @@ impl Line {
         }
     }
 
+    /// Counts a refusal, and tells of it.
     #[cold]
-    fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Instant) {
+    pub(crate) fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Instant) {
         self.counters.count_refusal(reason);
         self.deliver(&Event::Refused { initiator, reason }, now);
     }
@@ -710,7 +700,7 @@ impl Line {
     pub(crate) fn configure(&mut self, was: &Config, config: &Config, now: Instant) {
         self.command_timeout = Duration::from_millis(config.can.command_timeout_ms.into());
         self.dead_man
-            .configure(config.host_timeout, config.arm.takes(OwnRequest::TorqueOff));
+            .configure(config.host_timeout, config.arm.own(OwnRequest::TorqueOff).is_some());
         if config.arm != was.arm {
             self.change_arm(config.arm, now);
         } else if !config.can.commands || config.can.bus() != was.can.bus() {
@@ -939,7 +929,7 @@ impl Line {
 
     /// The adapter before this one stopped while it was armed: the torque goes off before all else.
     pub(crate) fn restarted_while_armed(&mut self) {
-        if self.kind.takes(OwnRequest::TorqueOff) {
+        if self.kind.own(OwnRequest::TorqueOff).is_some() {
             self.requests.torque_off = Some(Instant::ZERO);
             self.from_host.is_cut = true;
         }

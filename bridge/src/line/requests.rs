@@ -5,7 +5,7 @@ use heapless::Deque;
 
 use crate::arm::Info;
 use crate::config::ArmKind;
-use crate::control::FrameBytes;
+use crate::control::{FrameBytes, Initiator};
 use crate::time::Instant;
 
 /// Requests from CAN that wait for their turn.
@@ -52,6 +52,15 @@ impl Requests {
     /// Whether nothing waits, which is so nearly always.
     pub(crate) fn is_empty(&self) -> bool {
         self.can.is_empty() && self.command.is_none() && self.torque_off.is_none() && self.identify.is_none()
+    }
+
+    /// The next request of hosts on CAN, or the command.
+    pub(crate) fn of(&self, initiator: Initiator) -> Option<&Request> {
+        match initiator {
+            Initiator::Can => self.can.front(),
+            Initiator::Command => self.command.as_ref(),
+            Initiator::Usb | Initiator::Poll | Initiator::Adapter => None,
+        }
     }
 
     /// The number of bytes of hosts on CAN.

@@ -415,10 +415,8 @@ fn initiator(before: &Counters, after: &Counters) -> Initiator {
         ]
     };
     let others = requests(before).into_iter().zip(requests(after));
-    let changed = others
-        .filter(|(before, after)| before != after)
-        .map(|((initiator, _), _)| initiator);
-    changed.last().unwrap_or(Initiator::Usb)
+    let mut changed = others.filter(|(before, after)| before != after);
+    changed.next().map_or(Initiator::Usb, |((initiator, _), _)| initiator)
 }
 
 /// The host on USB asks something on the control interface.

@@ -3,14 +3,14 @@
 pub(crate) mod pipe;
 mod windows;
 
-use armwire_bridge::{Counters, PACKET};
+use armwire_bridge::{Counters, PACKET, UsbEvent};
 use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
 use embassy_usb::driver::Endpoint;
 use embassy_usb::types::StringIndex;
 use embassy_usb::{Builder, Config, FunctionBuilder, Handler, UsbDevice};
 use static_cell::StaticCell;
 
-use crate::adapter::{Adapter, now};
+use crate::adapter::{Adapter, Work, now};
 use crate::board::{self, UsbDriver};
 use crate::usb::pipe::Endpoints;
 use crate::watchdog::{Task, rest};
@@ -136,14 +136,14 @@ impl Requests {
     fn cancel_unfetched_packet(&self) {
         if board::cancel_unfetched_packet(self.to_host) {
             let len = self.adapter.last_packet.get();
-            self.adapter.take(|bridge| bridge.usb_lost(len));
+            self.adapter.take(|bridge| bridge.usb_event(UsbEvent::Lost(len), now()));
         }
     }
 
     /// What is on its way to the host is for nobody now.
     fn end_sessions(&self) {
-        self.adapter.session.signal(());
-        self.adapter.control_session.signal(());
+        self.adapter.wake(Work::PortSession);
+        self.adapter.wake(Work::ControlSession);
     }
 }
 
@@ -151,19 +151,20 @@ impl Handler for Requests {
     fn reset(&mut self) {
         self.cancel_unfetched_packet();
         board::cancel_unfetched_packets();
-        self.adapter.with(|bridge| bridge.usb_reset());
+        self.adapter.with(|bridge| bridge.usb_event(UsbEvent::Reset, now()));
         self.end_sessions();
     }
 
     fn configured(&mut self, configured: bool) {
         self.cancel_unfetched_packet();
-        self.adapter.with(|bridge| bridge.usb_configured(configured));
+        self.adapter
+            .with(|bridge| bridge.usb_event(UsbEvent::Configured(configured), now()));
         self.end_sessions();
     }
 
     fn suspended(&mut self, suspended: bool) {
         if suspended {
-            self.adapter.with(|bridge| bridge.usb_suspended());
+            self.adapter.with(|bridge| bridge.usb_event(UsbEvent::Suspended, now()));
         }
     }
 
@@ -176,14 +177,14 @@ impl Handler for Requests {
             SEND_ENCAPSULATED_COMMAND => Some(OutResponse::Accepted),
             SET_LINE_CODING => {
                 let coding = data.try_into().ok()?;
-                let result = self.adapter.with(|bridge| bridge.request_line_coding(coding, now()));
+                let result = self.adapter.with(|bridge| bridge.set_line_coding(coding, now()));
                 Some(result.map_or(OutResponse::Rejected, |()| OutResponse::Accepted))
             }
             SET_CONTROL_LINE_STATE => {
                 let dtr = request.value & 1 != 0;
-                if self.adapter.with(|bridge| bridge.usb_dtr(dtr, now())) {
+                if self.adapter.with(|bridge| bridge.usb_event(UsbEvent::Dtr(dtr), now())) {
                     self.cancel_unfetched_packet();
-                    self.adapter.session.signal(());
+                    self.adapter.wake(Work::PortSession);
                 }
                 Some(OutResponse::Accepted)
             }
@@ -193,12 +194,12 @@ impl Handler for Requests {
 
     fn control_in<'a>(&'a mut self, request: Request, buf: &'a mut [u8]) -> Option<InResponse<'a>> {
         if is_for_the_port(&request) && request.request == GET_LINE_CODING {
-            let coding = self.adapter.look(|bridge| bridge.line_coding()).to_cdc();
+            let coding = self.adapter.take(|bridge| bridge.line_coding()).to_cdc();
             let buf = buf.get_mut(..coding.len())?;
             buf.copy_from_slice(&coding);
             Some(InResponse::Accepted(buf))
         } else if is_for_the_adapter(&request) && request.request == Counters::READ_REQUEST.1 {
-            let counters = self.adapter.look(|bridge| bridge.counters());
+            let counters = self.adapter.take(|bridge| bridge.counters());
             counters.to_bytes(buf).ok().map(InResponse::Accepted)
         } else if request.request_type == RequestType::Vendor && (request.request, request.index) == windows::REQUEST {
             Some(InResponse::Accepted(&windows::DESCRIPTORS))

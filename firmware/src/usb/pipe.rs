@@ -1,12 +1,12 @@
 //! The two pipes between hosts and the bridge: the arm's serial port and the control interface. Each has a bulk endpoint
 //! each way.
 
-use armwire_bridge::{Bridge, PACKET};
+use armwire_bridge::{Bridge, PACKET, UsbEvent};
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
 
-use crate::adapter::{Adapter, Notice, now};
+use crate::adapter::{Adapter, Work, now};
 use crate::board::UsbDriver;
 use crate::watchdog::{Task, rest};
 
@@ -20,57 +20,33 @@ pub(crate) struct Endpoints {
 }
 
 /// Which pipe.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pipe {
     Port,
     Control,
 }
 
 impl Pipe {
-    /// Makes a part of what is to be transmitted, and returns whether it did.
-    fn prepare(self, bridge: &mut Bridge) -> bool {
+    const fn tasks(self) -> (Task, Task) {
         match self {
-            Self::Port => false,
-            Self::Control => bridge.control_prepare(),
+            Self::Port => (Task::PortToHost, Task::PortFromHost),
+            Self::Control => (Task::ControlToHost, Task::ControlFromHost),
         }
     }
 
-    fn transmit(self, bridge: &mut Bridge, packet: &mut [u8; PACKET]) -> Option<usize> {
+    /// A packet to the host, room for a packet of the host, and the end of its session.
+    const fn works(self) -> (Work, Work, Work) {
         match self {
-            Self::Port => bridge.usb_transmit(packet),
-            Self::Control => bridge.control_transmit(packet, now()),
+            Self::Port => (Work::Port, Work::PortRoom, Work::PortSession),
+            Self::Control => (Work::Control, Work::ControlRoom, Work::ControlSession),
         }
     }
 
-    /// A packet of `len` bytes waits for the host to fetch it.
-    fn sent(self, adapter: &Adapter, len: usize) {
+    fn has_room(self, bridge: &mut Bridge) -> bool {
+        let status = bridge.status(now());
         match self {
-            Self::Port => adapter.last_packet.set(len),
-            Self::Control => {}
-        }
-    }
-
-    /// A packet of `len` bytes could not be sent.
-    fn lost(self, bridge: &mut Bridge, len: usize) {
-        match self {
-            Self::Port => bridge.usb_lost(len),
-            Self::Control => {}
-        }
-    }
-
-    /// A packet was sent, or lost.
-    fn taken(self, adapter: &Adapter) {
-        match self {
-            // Nobody waits for room there.
-            Self::Port => {}
-            Self::Control => adapter.taken(),
-        }
-    }
-
-    fn has_room(self, bridge: &Bridge) -> bool {
-        match self {
-            Self::Port => bridge.usb_room(),
-            Self::Control => bridge.control_room(),
+            Self::Port => status.usb_room,
+            Self::Control => status.control_room,
         }
     }
 
@@ -81,24 +57,27 @@ impl Pipe {
         }
     }
 
-    fn packet(self, adapter: &Adapter) -> &Notice {
+    fn transmit(self, bridge: &mut Bridge, packet: &mut [u8; PACKET]) -> Option<usize> {
         match self {
-            Self::Port => &adapter.packet,
-            Self::Control => &adapter.control_packet,
+            Self::Port => bridge.usb_transmit(packet),
+            Self::Control => bridge.control_transmit(packet, now()),
         }
     }
 
-    fn room(self, adapter: &Adapter) -> &Notice {
-        match self {
-            Self::Port => &adapter.room,
-            Self::Control => &adapter.control_room,
-        }
+    /// Whether there is another step towards a packet.
+    fn is_due(self, bridge: &mut Bridge) -> bool {
+        self == Self::Control && bridge.status(now()).control
     }
 
-    fn session(self, adapter: &Adapter) -> &Notice {
-        match self {
-            Self::Port => &adapter.session,
-            Self::Control => &adapter.control_session,
+    /// A packet of `len` bytes waits for the host to fetch it, or could not be sent.
+    fn finish(self, adapter: &Adapter, len: usize, is_sent: bool) {
+        match (self, is_sent) {
+            (Self::Port, true) => adapter.last_packet.set(len),
+            (Self::Port, false) => {
+                adapter.take(|bridge| bridge.usb_event(UsbEvent::Lost(len), now()));
+            }
+            // There is room for a reply.
+            (Self::Control, _) => adapter.wake(Work::Dispatch),
         }
     }
 }
@@ -106,38 +85,32 @@ impl Pipe {
 /// Sends the host what the bridge has for it.
 #[embassy_executor::task(pool_size = 2)]
 pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint: ToHost) {
-    let task = match pipe {
-        Pipe::Port => Task::PortToHost,
-        Pipe::Control => Task::ControlToHost,
-    };
-    let session = pipe.session(adapter);
+    let (task, _) = pipe.tasks();
+    let (work, _, session) = pipe.works();
     let mut packet = [0; PACKET];
     loop {
         let resting = rest(task);
         endpoint.wait_enabled().await;
         drop(resting);
         loop {
-            while adapter.take(|bridge| pipe.prepare(bridge)) {
-                yield_now().await;
-            }
-            session.reset();
+            adapter.reset(session);
             let Some(n) = adapter.take(|bridge| pipe.transmit(bridge, &mut packet)) else {
+                if adapter.take(|bridge| pipe.is_due(bridge)) {
+                    yield_now().await;
+                    continue;
+                }
                 let resting = rest(task);
-                pipe.packet(adapter).wait().await;
+                adapter.wait(work).await;
                 drop(resting);
                 continue;
             };
             // A packet that waits for the host to fetch the one before it is not for the next host. Nor may it go when that
             // one was taken back: the end of the session comes first.
-            let sending = select(session.wait(), endpoint.write(&packet[..n]));
+            let sending = select(adapter.wait(session), endpoint.write(&packet[..n]));
             let resting = rest(task);
             let sent = sending.await;
             drop(resting);
-            match sent {
-                Either::Second(Ok(())) => pipe.sent(adapter, n),
-                _ => adapter.take(|bridge| pipe.lost(bridge, n)),
-            }
-            pipe.taken(adapter);
+            pipe.finish(adapter, n, matches!(sent, Either::Second(Ok(()))));
             if matches!(sent, Either::Second(Err(_))) {
                 break;
             }
@@ -148,10 +121,8 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
 /// Takes what the host sends.
 #[embassy_executor::task(pool_size = 2)]
 pub(crate) async fn from_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint: FromHost) {
-    let task = match pipe {
-        Pipe::Port => Task::PortFromHost,
-        Pipe::Control => Task::ControlFromHost,
-    };
+    let (_, task) = pipe.tasks();
+    let (_, room, _) = pipe.works();
     let mut packet = [0; PACKET];
     loop {
         let resting = rest(task);
@@ -159,9 +130,9 @@ pub(crate) async fn from_host(adapter: &'static Adapter, pipe: Pipe, mut endpoin
         drop(resting);
         loop {
             // Until a packet is read, USB holds the host back.
-            while !adapter.look(|bridge| pipe.has_room(bridge)) {
+            while !adapter.take(|bridge| pipe.has_room(bridge)) {
                 let resting = rest(task);
-                pipe.room(adapter).wait().await;
+                adapter.wait(room).await;
                 drop(resting);
             }
             let resting = rest(task);

@@ -42,6 +42,12 @@ pub const MAX_TEXT: usize = u8::MAX as usize - 1;
 /// The end mark: the last byte of every frame but a servo's acknowledgement, which is a byte by itself.
 pub const TAIL: u8 = 0xED;
 
+/// The request for the servos that run (row EF).
+pub const READ_SERVO_STATES: [u8; 10] = [header::SERVO_STATES, 0xFE, 0, 0, 0, 0, 0, 0, 0, TAIL];
+
+/// The request for the firmware's version (row F5).
+pub const READ_FIRMWARE_VERSION: [u8; 10] = [header::FIRMWARE_VERSION, 0x5F, 1, 0, 0, 0, 0, 0, 1, TAIL];
+
 /// The values of the status in an answer.
 const STATUS: &[u8] = &[Outcome::Success as u8, Outcome::Failure as u8];
 

@@ -35,7 +35,9 @@ mod value;
 pub use dialect::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
-pub use frame::{Expect, Frame, MAX_FRAME, MAX_TEXT, ServoAnswer, TAIL, checksum};
+pub use frame::{
+    Expect, Frame, MAX_FRAME, MAX_TEXT, READ_FIRMWARE_VERSION, READ_SERVO_STATES, ServoAnswer, TAIL, checksum,
+};
 pub use message::{Action, FirmwareVersion, Request, Response, ServoRequest, ServoResponse};
 pub use value::{
     Address, Angle, Interval, Led, MoveTime, OLDEST_FIRMWARE, Offset, OffsetTool, Outcome, SERVOS, ServoId,

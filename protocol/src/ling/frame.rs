@@ -36,6 +36,18 @@ pub const MAX_FRAME: usize = MAX_DATA + OVERHEAD;
 /// The self-check request as the document prints it: length 0, yet one data byte, which the checksum covers.
 pub const SELF_CHECK: [u8; 7] = [HEADER, 0xFE, 0x00, 0x00, 0xFE, 0x93, TAIL];
 
+/// The request for the arm's kind and versions (section 2.1).
+pub const READ_INFO: [u8; 7] = [HEADER, 0x01, 0x00, 0x01, 0xFE, 0x23, TAIL];
+
+/// The request for the joints and the gripper (section 2.5).
+pub const READ_JOINTS: [u8; 7] = [HEADER, 0x06, 0x00, 0x01, 0xFE, 0x9A, TAIL];
+
+/// The request that switches the torque off (section 2.4). The arm may fall.
+pub const TORQUE_OFF: [u8; 7] = [HEADER, 0x05, 0x00, 0x01, 0x00, 0x6F, TAIL];
+
+/// The request that switches the torque on (section 2.4).
+pub const TORQUE_ON: [u8; 7] = [HEADER, 0x05, 0x00, 0x01, 0x01, 0xF9, TAIL];
+
 pub(super) const HEADER: u8 = 0xAA;
 
 /// The end mark: the last byte of every frame.

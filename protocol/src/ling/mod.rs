@@ -26,7 +26,9 @@ mod value;
 pub use dialect::Key;
 #[cfg(feature = "async")]
 pub use driver::Arm;
-pub use frame::{Frame, MAX_DATA, MAX_FRAME, OVERHEAD, SELF_CHECK, TAIL, checksum};
+pub use frame::{
+    Frame, MAX_DATA, MAX_FRAME, OVERHEAD, READ_INFO, READ_JOINTS, SELF_CHECK, TAIL, TORQUE_OFF, TORQUE_ON, checksum,
+};
 pub use message::{GripperSpeed, Info, JointState, Move, Request, Response, Torque};
 pub use value::{
     JOINTS, Kind, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TICKS_PER_TURN,
