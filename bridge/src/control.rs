@@ -22,22 +22,17 @@ use crate::counters::Counters;
 use crate::line_coding::LineCoding;
 use crate::time::Duration;
 
-pub use crate::control_codec::{Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
+use crate::control_codec::COBS;
+pub use crate::control_codec::{MAX_MESSAGE, Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
 /// The version of this schema.
 pub const VERSION: u16 = 4;
-
-/// The longest message in postcard format, in bytes.
-pub const MAX_MESSAGE: usize = 288;
 
 /// The longest event in postcard format, in bytes: a frame of [`MAX_FRAME`] bytes, and when and for whom it came.
 pub const MAX_EVENT: usize = 96;
 
 /// The longest message on USB, in bytes: COBS adds a byte in 254 and one, and the zero that ends it.
 pub const MAX_COBS: usize = MAX_MESSAGE + COBS;
-
-/// Bytes that COBS and the zero add to a message of any kind at most.
-pub(crate) const COBS: usize = 4;
 
 /// The longest frame that the adapter takes, in bytes: Ling's. Those of an Alpha1 with names over 65 bytes are longer.
 pub const MAX_FRAME: usize = 70;
@@ -135,6 +130,43 @@ pub enum FromAdapter {
         /// What happened.
         event: Event,
     },
+}
+
+impl Message for FromHost {
+    const MAY_GROW: bool = false;
+
+    const SINCE_OLDER: &'static [usize] = &[];
+
+    fn has_grown(&self) -> bool {
+        false
+    }
+
+    fn sequence(bytes: &[u8]) -> Option<u8> {
+        bytes.first().copied()
+    }
+}
+
+impl Message for FromAdapter {
+    const MAY_GROW: bool = true;
+
+    const SINCE_OLDER: &'static [usize] = Counters::SINCE_OLDER;
+
+    fn has_grown(&self) -> bool {
+        matches!(
+            self,
+            Self::Reply {
+                reply: Reply::Counters(_),
+                ..
+            }
+        )
+    }
+
+    fn sequence(bytes: &[u8]) -> Option<u8> {
+        match bytes {
+            [0, sequence, ..] => Some(*sequence),
+            _ => None,
+        }
+    }
 }
 
 /// An instant on the adapter's clock, in microseconds since it started.

@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::control::{Malformed, NoRoom, Refusal};
-use crate::control_codec::{read, read_older, write};
+use crate::control_codec::{Malformed, NoRoom, read, read_older, write};
 
 /// Counts since the adapter started, and how often it did. Each wraps at 2³².
 ///
@@ -155,9 +154,8 @@ impl Counters {
     /// How many there are.
     pub const COUNT: usize = 57;
 
-    /// How many of them, the last ones, versions 3 and 4 of the control port added: version 4 has the last one only.
-    pub(crate) const SINCE_VERSION_3: usize = 6;
-    pub(crate) const SINCE_VERSION_4: usize = 1;
+    /// How many of them, the last ones, versions 3 and 2 of the control port lack.
+    pub(crate) const SINCE_OLDER: &'static [usize] = &[1, 6];
 
     /// The most bytes they take on the control port.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
@@ -192,7 +190,7 @@ impl Counters {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Malformed> {
         read(bytes)
             .map(|(counters, _)| counters)
-            .or_else(|reason| read_older(bytes).ok_or(reason))
+            .or_else(|reason| read_older(bytes, Self::SINCE_OLDER).ok_or(reason))
             .map_err(|reason| Malformed { sequence: None, reason })
     }
 
@@ -219,20 +217,6 @@ impl Counters {
             dropped_events: self.dropped_events.wrapping_add(hosts.dropped_events),
             ..*self
         }
-    }
-
-    /// Counts a refusal.
-    pub(crate) fn count_refusal(&mut self, reason: Refusal) {
-        let counter = match reason {
-            Refusal::QueueFull => &mut self.refused_can_requests,
-            Refusal::NotAFrame => &mut self.refused_can_frames,
-            Refusal::Incomplete => &mut self.commands_incomplete,
-            Refusal::Stale => &mut self.commands_stale,
-            Refusal::OutOfRange => &mut self.commands_out_of_range,
-            Refusal::LineHeld => &mut self.refused_line_held,
-            Refusal::OtherRate => &mut self.refused_other_rate,
-        };
-        count(counter, 1);
     }
 }
 

@@ -9,10 +9,13 @@ use cobs::{DecodeResult, DecoderState};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::Counters;
-use crate::control::{FromAdapter, FromHost, MAX_MESSAGE, Reply};
+/// The longest message in postcard format, in bytes.
+pub const MAX_MESSAGE: usize = 288;
 
-/// What goes over the control port: [`FromHost`] and [`FromAdapter`].
+/// Bytes that COBS and the zero add to a message of any kind at most.
+pub(crate) const COBS: usize = 4;
+
+/// A message on the control port: [`FromHost`](crate::control::FromHost) and [`FromAdapter`](crate::control::FromAdapter).
 ///
 /// ```
 /// use armwire_bridge::control::{FromAdapter, FromHost, Message};
@@ -27,45 +30,15 @@ pub trait Message: Serialize + DeserializeOwned {
     /// for done what is not.
     const MAY_GROW: bool;
 
-    /// Whether the message ends with [`Counters`], of which an older adapter has fewer.
-    fn ends_with_counters(&self) -> bool;
+    /// How many numbers the messages of older versions lack at their end.
+    const SINCE_OLDER: &'static [usize];
+
+    /// Whether older versions lack numbers at the end of this message.
+    fn has_grown(&self) -> bool;
 
     /// The sequence number in a message in postcard format, also where the rest of it cannot be read. `None` if there is
     /// none.
     fn sequence(bytes: &[u8]) -> Option<u8>;
-}
-
-impl Message for FromHost {
-    const MAY_GROW: bool = false;
-
-    fn ends_with_counters(&self) -> bool {
-        false
-    }
-
-    fn sequence(bytes: &[u8]) -> Option<u8> {
-        bytes.first().copied()
-    }
-}
-
-impl Message for FromAdapter {
-    const MAY_GROW: bool = true;
-
-    fn ends_with_counters(&self) -> bool {
-        matches!(
-            self,
-            Self::Reply {
-                reply: Reply::Counters(_),
-                ..
-            }
-        )
-    }
-
-    fn sequence(bytes: &[u8]) -> Option<u8> {
-        match bytes {
-            [0, sequence, ..] => Some(*sequence),
-            _ => None,
-        }
-    }
 }
 
 /// Writes `message` to the front of `out` in postcard format, for one ISO-TP PDU, and returns its length.
@@ -124,7 +97,7 @@ pub(crate) fn add_cobs(bytes: &[u8], out: &mut [u8]) -> Result<usize, NoRoom> {
     Ok(len.saturating_add(1))
 }
 
-/// Reads a message in postcard format, which `bytes` is all of; but a [`FromAdapter`] may have fields of a later version at
+/// Reads a message in postcard format, which `bytes` is all of; but a [`FromAdapter`](crate::control::FromAdapter) may have fields of a later version at
 /// its end, which are passed over.
 ///
 /// # Errors
@@ -141,7 +114,7 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
     let reason = match read(bytes) {
         Ok((message, rest)) if rest.is_empty() || T::MAY_GROW => return Ok(message),
         Ok((_, rest)) => Reason::Surplus { bytes: rest.len() },
-        Err(reason) if T::MAY_GROW => match read_older(bytes).filter(T::ends_with_counters) {
+        Err(reason) if T::MAY_GROW => match read_older(bytes, T::SINCE_OLDER).filter(T::has_grown) {
             Some(message) => return Ok(message),
             None => reason,
         },
@@ -153,22 +126,19 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
     })
 }
 
-/// Reads [`Counters`] of version 2 or 3, or a message that ends with them: the counts that they lack are 0. `None` if `bytes`
-/// are not exactly that.
-pub(crate) fn read_older<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
-    // With a zero behind it, a count that was cut would be read as a smaller one.
+/// Reads a value of an older version, which lacks so many numbers at its end: they are 0. `None` if `bytes` are not exactly that.
+pub(crate) fn read_older<T: DeserializeOwned>(bytes: &[u8], since_older: &[usize]) -> Option<T> {
+    // With a zero behind it, a number that was cut would be read as a smaller one.
     bytes.last().filter(|last| **last < 0x80)?;
     let mut completed = [0; MAX_MESSAGE];
     completed.get_mut(..bytes.len())?.copy_from_slice(bytes);
-    [Counters::SINCE_VERSION_4, Counters::SINCE_VERSION_3]
-        .into_iter()
-        .find_map(|missing| {
-            let len = bytes.len().saturating_add(missing);
-            match read(completed.get(..len)?) {
-                Ok((value, [])) => Some(value),
-                _ => None,
-            }
-        })
+    since_older.iter().find_map(|missing| {
+        let len = bytes.len().saturating_add(*missing);
+        match read(completed.get(..len)?) {
+            Ok((value, [])) => Some(value),
+            _ => None,
+        }
+    })
 }
 
 /// Reads whatever it is in postcard format from the front of `bytes`, and returns what is behind it, too.

@@ -12,8 +12,8 @@ use super::*;
 use crate::can::Node;
 use crate::config::{ArmKind, Can, Config, ConfigError, HostTimeout, Poll};
 use crate::control::{
-    ArmIdentity, Event, Failure, FrameBytes, Histogram, Identity, Initiator, Latencies, LineHolder, LineState,
-    MAX_COBS, MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
+    ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, Histogram, Identity, Initiator, Latencies,
+    LineHolder, LineState, MAX_COBS, MAX_EVENT, MAX_FRAME, Refusal, Reply, Request, Stamp, Subscription, VERSION,
 };
 use crate::{Counters, LineCoding, Parity, StopBits};
 

@@ -2,10 +2,10 @@
 
 use crate::config::Config;
 use crate::control::{
-    ArmIdentity, COBS, Event, Failure, FrameBytes, FromAdapter, FromHost, MAX_COBS, MAX_EVENT, MAX_MESSAGE, Malformed,
+    ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, MAX_COBS, MAX_EVENT, MAX_MESSAGE, Malformed,
     Reader, Reply, Stamp, Subscription, decode, encode, encode_cobs,
 };
-use crate::control_codec::add_cobs;
+use crate::control_codec::{COBS, add_cobs};
 use crate::counters::{HostCounters, count};
 use crate::events::EventQueue;
 use crate::line::{ControlPort, PACKET};

@@ -684,7 +684,17 @@ impl Line {
     /// Counts a refusal, and tells of it.
     #[cold]
     pub(crate) fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Instant) {
-        self.counters.count_refusal(reason);
+        let c = &mut self.counters;
+        let counter = match reason {
+            Refusal::QueueFull => &mut c.refused_can_requests,
+            Refusal::NotAFrame => &mut c.refused_can_frames,
+            Refusal::Incomplete => &mut c.commands_incomplete,
+            Refusal::Stale => &mut c.commands_stale,
+            Refusal::OutOfRange => &mut c.commands_out_of_range,
+            Refusal::LineHeld => &mut c.refused_line_held,
+            Refusal::OtherRate => &mut c.refused_other_rate,
+        };
+        count(counter, 1);
         self.deliver(&Event::Refused { initiator, reason }, now);
     }
 
