@@ -7,6 +7,7 @@ use crate::can::Frame;
 use crate::config::Config;
 use crate::control::{Failure, Identity};
 use crate::counters::{CanErrors, Counters, UartErrors, count};
+use crate::earliest::Earliest;
 use crate::hosts::Hosts;
 use crate::line::{Line, PACKET, RxThreshold, Transmit};
 use crate::line_coding::{LineCoding, Refused, UartConfig};
@@ -141,20 +142,14 @@ impl Bridge {
     /// that it ends. Returns the number of frames that ended.
     ///
     /// Without one, only [`usb_transmit`](Self::usb_transmit) can have become due. Then look for the next
-    /// [`rx_threshold`](Self::rx_threshold).
+    /// [`rx_threshold`](Self::rx_threshold). Give it [`PACKET`] bytes at a time at most: of more, subscribers may not be told of
+    /// all frames.
     pub fn uart_received(&mut self, bytes: &[u8], at: Instant) -> usize {
-        // The line's queue has room for the frames of a chunk.
-        let mut frames: usize = 0;
-        let (first, rest) = bytes.split_at(bytes.len().min(PACKET));
-        if self.line.has_delivery() {
+        // Nearly always all frames so far were delivered.
+        if !self.line.has_delivery_room() {
             self.hosts.update(&mut self.line, at);
         }
-        frames = frames.saturating_add(self.line.received(first, at));
-        for chunk in rest.chunks(PACKET) {
-            self.hosts.update(&mut self.line, at);
-            frames = frames.saturating_add(self.line.received(chunk, at));
-        }
-        frames
+        self.line.received(bytes, at)
     }
 
     /// The line has been idle for the time of a byte: what has arrived goes out. Returns the number of frames that this ended.
@@ -274,9 +269,10 @@ impl Bridge {
         true
     }
 
-    /// The host sent a packet on the serial port. Leave it while there is no [room](Status::usb_room): USB holds the host back.
-    pub fn usb_received(&mut self, packet: &[u8], now: Instant) {
-        self.line.packet_received(packet, now);
+    /// The host sent a packet on the serial port. Returns whether there is room for the next: leave it while there is
+    /// [none](Status::usb_room), so that USB holds the host back.
+    pub fn usb_received(&mut self, packet: &[u8], now: Instant) -> bool {
+        self.line.packet_received(packet, now)
     }
 
     /// Moves the next packet for the serial port's host into `packet` and returns its length, 0 for one without data. `None` when
@@ -320,8 +316,8 @@ impl Bridge {
         self.line.line_coding()
     }
 
-    /// The host sent a packet on the control interface. Leave it while there is no [room](Status::control_room): USB holds the host
-    /// back.
+    /// The host sent a packet on the control interface. Returns whether there is room for the next: leave it while there is
+    /// [none](Status::control_room), so that USB holds the host back.
     ///
     /// ```
     /// use armwire_bridge::control::{FromAdapter, FromHost, MAX_COBS, Reader, Reply, Request, encode_cobs};
@@ -340,13 +336,12 @@ impl Bridge {
     /// let Some(Ok(FromAdapter::Reply { sequence: 7, reply: Reply::Config(config) })) = reader.next() else { panic!() };
     /// assert_eq!(config, bridge.config());
     /// ```
-    pub fn control_received(&mut self, packet: &[u8], now: Instant) {
-        self.hosts.packet_received(packet, &mut self.line, now);
+    pub fn control_received(&mut self, packet: &[u8], now: Instant) -> bool {
+        self.hosts.packet_received(packet, &mut self.line, now)
     }
 
     /// Moves the next packet of the control interface into `packet` and returns its length, 0 for one without data. `None` when
-    /// there is none, or after one step towards it: others may have something to do before the next call. [`status`](Self::status)
-    /// tells which.
+    /// there is none.
     pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Instant) -> Option<usize> {
         self.hosts.packet(packet, &mut self.line, now)
     }
@@ -358,7 +353,7 @@ impl Bridge {
         self.hosts.can_received(frame, &mut self.line, now);
     }
 
-    /// The next frame for the bus, the most urgent first. `None` when there is none, or after one step towards it.
+    /// The next frame for the bus, the most urgent first. `None` when there is none.
     ///
     /// Hand it to the controller at once, and ask only when the controller has room: what waits here can still be overtaken
     /// by what is more urgent. When it has left, say [so](CanEvent::Waiting).
@@ -419,7 +414,7 @@ impl Bridge {
     /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed. `None` when
     /// nothing waits for the time.
     pub fn timeout(&self) -> Option<Instant> {
-        [self.line.timeout(), self.hosts.timeout()].into_iter().flatten().min()
+        Earliest::of(self.line.timeout()).or(self.hosts.timeout()).get()
     }
 
     /// It is `now`: what is late is given up, and what is due becomes so.

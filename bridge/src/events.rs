@@ -18,6 +18,15 @@ const OTHER: u8 = 0xFE;
 /// Room in bytes: eight answers with the joints of a Ling arm.
 const ROOM: usize = 256;
 
+/// An event from the queue.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Queued {
+    /// A frame of the arm, and the initiator that it answers.
+    Frame(Option<Initiator>),
+    /// Any other event.
+    Event(Event),
+}
+
 /// First in, first out.
 pub(crate) struct EventQueue {
     bytes: Queue<ROOM>,
@@ -32,17 +41,19 @@ impl EventQueue {
         self.bytes.is_empty()
     }
 
+    /// Whether half of the room is free.
+    pub(crate) const fn has_room(&self) -> bool {
+        self.bytes.room() >= ROOM / 2
+    }
+
     /// Appends a frame whose last byte arrived at `at`. Returns whether there was room.
     pub(crate) fn push_frame(&mut self, at: Instant, initiator: Option<Initiator>, bytes: &[u8]) -> bool {
         let kind = initiator.map_or(UNSOLICITED, |initiator| initiator as u8);
         self.push_bytes(at, kind, bytes)
     }
 
-    /// Appends an event. Returns whether there was room.
+    /// Appends an event that is no frame. Returns whether there was room.
     pub(crate) fn push(&mut self, at: Instant, event: &Event) -> bool {
-        if let Event::Frame { initiator, bytes } = event {
-            return self.push_frame(at, *initiator, bytes);
-        }
         match event_to_frame(event, Stamp(at.as_micros()), Node::default()) {
             Some(frame) => self.push_bytes(at, OTHER, frame.data()),
             None => false,
@@ -62,28 +73,24 @@ impl EventQueue {
         fits
     }
 
-    /// Takes the first event.
-    pub(crate) fn pop(&mut self) -> Option<(Instant, Event)> {
+    /// Takes the first event, and its bytes if it is a frame.
+    pub(crate) fn pop(&mut self, bytes: &mut FrameBytes) -> Option<(Instant, Queued)> {
         let mut header = [0; HEADER];
         if self.bytes.pop(&mut header) < HEADER {
             return None;
         }
         let [stamp @ .., kind, len] = header;
-        let mut bytes = FrameBytes::new();
         // No longer frame was pushed.
         let _ = bytes.resize(len.into(), 0);
-        self.bytes.pop(&mut bytes);
-        let event = match kind {
+        self.bytes.pop(bytes);
+        let queued = match kind {
             OTHER => {
-                let frame = Frame::new(Function::Event.id(Node::default()), &bytes).ok()?;
-                event_from_frame(&frame)?.1
+                let frame = Frame::new(Function::Event.id(Node::default()), bytes).ok()?;
+                Queued::Event(event_from_frame(&frame)?.1)
             }
-            _ => Event::Frame {
-                initiator: Initiator::ALL.get(usize::from(kind)).copied(),
-                bytes,
-            },
+            _ => Queued::Frame(Initiator::ALL.get(usize::from(kind)).copied()),
         };
-        Some((Instant::from_micros(u64::from_le_bytes(stamp)), event))
+        Some((Instant::from_micros(u64::from_le_bytes(stamp)), queued))
     }
 }
 
@@ -96,36 +103,45 @@ mod tests {
     use super::*;
     use crate::control::{MAX_FRAME, Refusal};
 
-    fn events(len: usize) -> impl Iterator<Item = (Instant, Event)> {
+    fn events(len: usize) -> impl Iterator<Item = (Instant, Queued, Vec<u8>)> {
         let initiators = Initiator::ALL.map(Some).into_iter().chain([None]).cycle();
         initiators.enumerate().map(move |(n, initiator)| {
-            let bytes = FrameBytes::from_slice(&[n as u8; MAX_FRAME][..len]).unwrap();
-            let event = match (n % 4, initiator) {
-                (1, Some(initiator)) => Event::Refused {
-                    initiator,
-                    reason: Refusal::OtherRate,
-                },
-                (2, Some(initiator)) => Event::HostSilent {
-                    initiator,
-                    dropped: u16::MAX,
-                    torque_off: true,
-                },
-                _ => Event::Frame { initiator, bytes },
+            let (queued, bytes) = match (n % 4, initiator) {
+                (1, Some(initiator)) => {
+                    let reason = Refusal::OtherRate;
+                    (Queued::Event(Event::Refused { initiator, reason }), Vec::new())
+                }
+                (2, Some(initiator)) => {
+                    let event = Event::HostSilent {
+                        initiator,
+                        dropped: u16::MAX,
+                        torque_off: true,
+                    };
+                    (Queued::Event(event), Vec::new())
+                }
+                _ => (Queued::Frame(initiator), [n as u8; MAX_FRAME][..len].to_vec()),
             };
-            (Instant::from_micros(u64::MAX - n as u64), event)
+            (Instant::from_micros(u64::MAX - n as u64), queued, bytes)
         })
     }
 
     #[test]
     fn events_come_out_as_they_went_in() {
         let mut queue = EventQueue::new();
+        let mut popped = FrameBytes::new();
         for len in [1, 7, 21, MAX_FRAME] {
-            let events: Vec<_> = events(len).take_while(|(at, event)| queue.push(*at, event)).collect();
+            let events: Vec<_> = events(len)
+                .take_while(|(at, queued, bytes)| match queued {
+                    Queued::Frame(initiator) => queue.push_frame(*at, *initiator, bytes),
+                    Queued::Event(event) => queue.push(*at, event),
+                })
+                .collect();
             assert!(events.len() >= ROOM / (MAX_FRAME + HEADER));
-            for event in events {
-                assert_eq!(queue.pop(), Some(event));
+            for (at, queued, bytes) in events {
+                assert_eq!(queue.pop(&mut popped), Some((at, queued.clone())));
+                assert!(matches!(queued, Queued::Event(_)) || popped[..] == bytes[..]);
             }
-            assert_eq!((queue.is_empty(), queue.pop()), (true, None));
+            assert_eq!((queue.is_empty(), queue.pop(&mut popped)), (true, None));
         }
     }
 }

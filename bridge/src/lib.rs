@@ -95,6 +95,7 @@ pub mod config;
 pub mod control;
 mod control_codec;
 mod counters;
+mod earliest;
 mod events;
 mod hosts;
 pub mod isotp;

@@ -98,7 +98,6 @@ impl Adapter {
 
     /// Wakes all tasks for which there is work.
     pub(crate) fn dispatch(&self) {
-        self.reset(Work::Dispatch);
         let bridge = &mut *self.bridge.borrow_mut();
         let now = now();
         // One at a time: the next is fetched when this one was taken.

@@ -89,13 +89,13 @@ fn receive(adapter: &Adapter, can: &mut Can) -> bool {
     frame.is_some()
 }
 
-/// Passes a frame from the bridge to the controller, or takes a step towards one. Returns whether there may be another.
+/// Passes a frame from the bridge to the controller, and returns whether there was one, and room for it.
 fn transmit(adapter: &Adapter, can: &mut Can) -> bool {
     if !can.has_room() {
         return false;
     }
     let Some(frame) = adapter.take(|bridge| bridge.can_transmit(now())) else {
-        return adapter.take(|bridge| bridge.status(now()).can);
+        return false;
     };
     can.transmit(&frame);
     adapter.wake(Work::Dispatch);

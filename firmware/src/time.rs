@@ -13,6 +13,8 @@ use crate::watchdog::{Task, progress, rest};
 pub(crate) async fn tick(adapter: &'static Adapter) {
     loop {
         progress(Task::Time);
+        // What was said until now is looked at now, all of it.
+        adapter.reset(Work::Dispatch);
         adapter.dispatch();
         // Those that were woken do not wait for the rest.
         yield_now().await;

@@ -320,7 +320,7 @@ impl Receiver {
             look_for(need);
             // Bytes that came before the interrupt handler knew of the need give no signal. What came before them, and what
             // is asked next, goes out before they are looked at.
-            if untaken(tail()) >= need.min.min(need.max) {
+            if has_mark() || untaken(tail()) >= need.min.min(need.max) {
                 let_others_run().await;
             } else {
                 let resting = rest(Task::Receive);
@@ -369,9 +369,12 @@ impl Receiver {
             }
             // What comes from here on is looked at the next time.
             let (end, at) = critical_section::with(|_| (tail(), now()));
-            let (mut frames, mut late, mut nothing) = (0, 0, true);
-            while let Some(mark) = take_mark(end) {
-                nothing = false;
+            let (mut frames, mut late, mut is_marked) = (0, 0, false);
+            // A frame goes out before what is behind it is looked at.
+            while frames + late == 0
+                && let Some(mark) = take_mark(end)
+            {
+                is_marked = true;
                 if mark.idle {
                     // It takes the time of a byte to know.
                     let at = mark.at - Duration::from_micros(bridge.line_coding().micros(1));
@@ -381,7 +384,7 @@ impl Receiver {
                     frames += take(bridge, chunk, mark.end, mark.at);
                 }
             }
-            if nothing || untaken(end) > 0 {
+            if !is_marked || frames + late == 0 && untaken(end) > 0 {
                 late += take(bridge, chunk, end, at);
             }
             if late > 0 {
@@ -399,6 +402,11 @@ impl Receiver {
         self.adapter.wake(Work::Port);
         frames > 0
     }
+}
+
+/// Whether there is a mark that was not looked at.
+fn has_mark() -> bool {
+    critical_section::with(|cs| !MARKS.borrow_ref(cs).is_empty())
 }
 
 /// The first mark that is not after `end`.

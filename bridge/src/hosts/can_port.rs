@@ -7,6 +7,7 @@ use crate::can::{Frame, Function, MAX_CLASSIC};
 use crate::config::{self, ArmKind};
 use crate::control::{Event, FrameBytes, Initiator, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
 use crate::counters::{Counters, HostCounters, count};
+use crate::earliest::Earliest;
 use crate::isotp::{self, Endpoint, Link};
 use crate::queue::Queue;
 use crate::time::{Duration, Instant};
@@ -209,13 +210,11 @@ impl CanPort {
         if !self.event_frames.is_empty() || self.arm_has_next() || self.control_has_next() {
             return Some(Instant::ZERO);
         }
-        let times = [
-            self.cyclic.transmit_at(),
-            self.errors_at,
-            self.arm.transmit_at(),
-            self.control.transmit_at(),
-        ];
-        times.into_iter().flatten().min()
+        Earliest::of(self.cyclic.transmit_at())
+            .or(self.errors_at)
+            .or(self.arm.transmit_at())
+            .or(self.control.transmit_at())
+            .get()
     }
 
     /// Whether [`transmit`](Self::transmit) has a frame.
@@ -282,13 +281,11 @@ impl CanPort {
     pub(crate) fn timeout(&self) -> Option<Instant> {
         // What is due since the last tick waits for the controller, not for the time.
         let transmit_at = self.transmit_at().filter(|at| *at > self.ticked);
-        let timeouts = [
-            transmit_at,
-            self.arm.timeout(),
-            self.control.timeout(),
-            self.cyclic.command_timeout(),
-        ];
-        timeouts.into_iter().flatten().min()
+        Earliest::of(transmit_at)
+            .or(self.arm.timeout())
+            .or(self.control.timeout())
+            .or(self.cyclic.command_timeout())
+            .get()
     }
 
     /// It is `now`. A command whose other half did not come is refused.

@@ -2,12 +2,12 @@
 
 use crate::config::Config;
 use crate::control::{
-    ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, MAX_COBS, MAX_EVENT, MAX_MESSAGE, Malformed,
-    Reader, Reply, Stamp, Subscription, decode, encode, encode_cobs,
+    ArmIdentity, Event, Failure, FrameBytes, FromAdapter, FromHost, Initiator, MAX_COBS, MAX_EVENT, MAX_MESSAGE,
+    Malformed, Reader, Reply, Stamp, Subscription, decode, encode, encode_cobs,
 };
 use crate::control_codec::{COBS, add_cobs};
 use crate::counters::{HostCounters, count};
-use crate::events::EventQueue;
+use crate::events::{EventQueue, Queued};
 use crate::line::{ControlPort, PACKET};
 use crate::queue::Queue;
 use crate::time::Instant;
@@ -243,13 +243,9 @@ impl ControlServer {
         self.usb_subscription.frames || self.can_subscription.frames
     }
 
-    /// Tells subscribers of an event when there is time, as far as there is room.
+    /// Tells subscribers of an event that is no frame when there is time, as far as there is room.
     pub(super) fn tell(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut HostCounters) {
-        let subscriptions = [self.usb_subscription, self.can_subscription];
-        let subscribers = subscriptions
-            .iter()
-            .filter(|subscription| wants(**subscription, event))
-            .count();
+        let subscribers = self.subscribers(|subscription| subscription.events);
         if subscribers == 0 || self.events.push(at, event) {
             return;
         }
@@ -257,6 +253,30 @@ impl ControlServer {
         if !self.events.push(at, event) {
             count(&mut counters.dropped_events, subscribers);
         }
+    }
+
+    /// Tells subscribers of a frame, in the same way.
+    pub(super) fn tell_frame(
+        &mut self,
+        at: Instant,
+        initiator: Option<Initiator>,
+        bytes: &[u8],
+        can: &mut CanPort,
+        counters: &mut HostCounters,
+    ) {
+        let subscribers = self.subscribers(|subscription| subscription.frames);
+        if subscribers == 0 || self.events.push_frame(at, initiator, bytes) {
+            return;
+        }
+        self.publish_all(can, counters);
+        if !self.events.push_frame(at, initiator, bytes) {
+            count(&mut counters.dropped_events, subscribers);
+        }
+    }
+
+    fn subscribers(&self, wants: impl Fn(&Subscription) -> bool) -> usize {
+        let subscriptions = [&self.usb_subscription, &self.can_subscription];
+        subscriptions.iter().filter(|subscription| wants(subscription)).count()
     }
 
     /// Tells subscribers of all events so far.
@@ -267,11 +287,23 @@ impl ControlServer {
     /// Tells subscribers of the next event, as far as there is room, and returns whether there was one.
     #[inline(never)]
     pub(super) fn publish(&mut self, can: &mut CanPort, counters: &mut HostCounters) -> bool {
-        let Some((at, event)) = self.events.pop() else {
+        let mut bytes = FrameBytes::new();
+        let Some((at, queued)) = self.events.pop(&mut bytes) else {
             return false;
         };
-        let to_usb = wants(self.usb_subscription, &event);
-        let to_can = wants(self.can_subscription, &event);
+        let is_frame = matches!(queued, Queued::Frame(_));
+        let event = match queued {
+            Queued::Frame(initiator) => Event::Frame { initiator, bytes },
+            Queued::Event(event) => event,
+        };
+        let wants = |subscription: Subscription| {
+            if is_frame {
+                subscription.frames
+            } else {
+                subscription.events
+            }
+        };
+        let (to_usb, to_can) = (wants(self.usb_subscription), wants(self.can_subscription));
         let at = Stamp(at.as_micros());
         let mut bytes = [0; MAX_EVENT];
         let len = encode(&FromAdapter::Event { at, event }, &mut bytes).unwrap_or(0);
@@ -302,16 +334,16 @@ impl ControlServer {
         !self.events.is_empty() && self.can_subscription != Subscription::default()
     }
 
-    /// Moves the next packet for the host on USB into `packet` and returns its length, 0 for one without data. `None` when there
-    /// is none, or after one step towards it: others may have something to do in between.
+    /// Moves the next packet for the host on USB into `packet` and returns its length, 0 for one without data.
     pub(super) fn packet(
         &mut self,
         packet: &mut [u8; PACKET],
         can: &mut CanPort,
         counters: &mut HostCounters,
     ) -> Option<usize> {
-        if self.usb.out.len() < PACKET && self.publish(can, counters) && self.usb.out.len() < PACKET {
-            return None;
+        // One event at a time: others have something to do, too.
+        if self.usb.out.len() < PACKET {
+            self.publish(can, counters);
         }
         if self.usb.out.is_empty() && !self.usb.is_open {
             return None;
@@ -319,13 +351,5 @@ impl ControlServer {
         let len = self.usb.out.pop(packet);
         self.usb.is_open = len == PACKET;
         Some(len)
-    }
-}
-
-/// Whether a subscriber is told of an event.
-const fn wants(subscription: Subscription, event: &Event) -> bool {
-    match event {
-        Event::Frame { .. } => subscription.frames,
-        _ => subscription.events,
     }
 }

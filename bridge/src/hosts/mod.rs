@@ -14,8 +14,9 @@ mod grid;
 use crate::action::Action;
 use crate::can::Frame;
 use crate::config::{Config, ConfigError};
-use crate::control::{Event, Failure, FromHost, Identity, Initiator, Malformed, Reply, Request, VERSION};
+use crate::control::{Event, Failure, FrameBytes, FromHost, Identity, Initiator, Malformed, Reply, Request, VERSION};
 use crate::counters::{CanErrors, Counters, HostCounters, count};
+use crate::events::Queued;
 use crate::line::{ControlPort, Line, NotTaken, PACKET};
 use crate::time::Instant;
 
@@ -82,8 +83,15 @@ impl Hosts {
 
     /// Takes what the line delivers. Returns whether a host may be waiting for that.
     fn take_deliveries(&mut self, line: &mut Line) -> bool {
-        while let Some((at, event)) = line.delivery() {
-            self.deliver(at, event);
+        // Nearly always there is nothing.
+        if line.has_delivery() {
+            let mut bytes = FrameBytes::new();
+            while let Some((at, queued)) = line.delivery(&mut bytes) {
+                match queued {
+                    Queued::Frame(initiator) => self.deliver_frame(&bytes, initiator, at),
+                    Queued::Event(event) => self.deliver_event(event, at),
+                }
+            }
         }
         let answer = line.identified();
         let any = answer.is_some();
@@ -93,18 +101,23 @@ impl Hosts {
         any
     }
 
-    fn deliver(&mut self, at: Instant, mut event: Event) {
+    /// The arm sent a frame.
+    fn deliver_frame(&mut self, bytes: &[u8], initiator: Option<Initiator>, at: Instant) {
+        let on_can = match initiator {
+            Some(initiator) => initiator == Initiator::Can,
+            None => self.config.can.unsolicited,
+        };
+        if on_can && !self.can.answer(bytes) {
+            count(&mut self.counters.dropped_can_answers, 1);
+        }
+        self.can.frame(self.config.arm, bytes, at);
+        self.control
+            .tell_frame(at, initiator, bytes, &mut self.can, &mut self.counters);
+    }
+
+    /// Something else happened on the line.
+    fn deliver_event(&mut self, mut event: Event, at: Instant) {
         match &mut event {
-            Event::Frame { initiator, bytes } => {
-                self.can.frame(self.config.arm, bytes, at);
-                let on_can = match initiator {
-                    Some(initiator) => *initiator == Initiator::Can,
-                    None => self.config.can.unsolicited,
-                };
-                if on_can && !self.can.answer(bytes) {
-                    count(&mut self.counters.dropped_can_answers, 1);
-                }
-            }
             Event::HostSilent {
                 initiator: Initiator::Can,
                 dropped,
@@ -161,9 +174,11 @@ impl Hosts {
         self.control.has_packet_room()
     }
 
-    pub(crate) fn packet_received(&mut self, packet: &[u8], line: &mut Line, now: Instant) {
+    /// The host sent a packet. Returns whether there is room for the next.
+    pub(crate) fn packet_received(&mut self, packet: &[u8], line: &mut Line, now: Instant) -> bool {
         self.control.packet_received(packet);
         self.serve(line, now);
+        self.control.has_packet_room()
     }
 
     pub(crate) fn is_packet_due(&self) -> bool {
@@ -201,11 +216,11 @@ impl Hosts {
         self.can.is_due(now) || self.control.is_can_due()
     }
 
-    /// The next frame for the bus, the most urgent first. `None` when there is none, or after one step towards it.
+    /// The next frame for the bus, the most urgent first.
     pub(crate) fn can_transmit(&mut self, line: &mut Line, now: Instant) -> Option<Frame> {
         self.take_deliveries(line);
         if self.control.is_can_due() {
-            self.control.publish(&mut self.can, &mut self.counters);
+            self.control.publish_all(&mut self.can, &mut self.counters);
         }
         let was_replying = self.can.control.is_sending();
         let frame = self.can.transmit(now, &mut self.counters, line.counters());

@@ -36,7 +36,9 @@ pub(crate) struct DeadMan {
     after: Duration,
     /// Whether the torque goes off when a host that streams motion falls silent.
     switches_off: bool,
-    streams: [Stream; STREAMERS.len()],
+    usb: Stream,
+    can: Stream,
+    command: Stream,
 }
 
 impl DeadMan {
@@ -45,7 +47,9 @@ impl DeadMan {
         let mut dead_man = Self {
             after: Duration::ZERO,
             switches_off: false,
-            streams: [Stream::default(); STREAMERS.len()],
+            usb: Stream::default(),
+            can: Stream::default(),
+            command: Stream::default(),
         };
         dead_man.configure(timeout, can_switch_off);
         dead_man
@@ -62,14 +66,22 @@ impl DeadMan {
         self.switches_off
     }
 
-    fn stream(&self, initiator: Initiator) -> Option<&Stream> {
-        let place = STREAMERS.iter().position(|streamer| *streamer == initiator)?;
-        self.streams.get(place)
+    const fn stream(&self, initiator: Initiator) -> Option<&Stream> {
+        match initiator {
+            Initiator::Usb => Some(&self.usb),
+            Initiator::Can => Some(&self.can),
+            Initiator::Command => Some(&self.command),
+            Initiator::Poll | Initiator::Adapter => None,
+        }
     }
 
-    fn stream_mut(&mut self, initiator: Initiator) -> Option<&mut Stream> {
-        let place = STREAMERS.iter().position(|streamer| *streamer == initiator)?;
-        self.streams.get_mut(place)
+    const fn stream_mut(&mut self, initiator: Initiator) -> Option<&mut Stream> {
+        match initiator {
+            Initiator::Usb => Some(&mut self.usb),
+            Initiator::Can => Some(&mut self.can),
+            Initiator::Command => Some(&mut self.command),
+            Initiator::Poll | Initiator::Adapter => None,
+        }
     }
 
     /// The host said something, or could not.
@@ -81,7 +93,7 @@ impl DeadMan {
 
     /// No host could be heard until now.
     pub(crate) fn all_heard(&mut self, now: Instant) {
-        for stream in &mut self.streams {
+        for stream in [&mut self.usb, &mut self.can, &mut self.command] {
             stream.heard = now;
         }
     }
@@ -114,13 +126,13 @@ impl DeadMan {
     }
 
     /// Whether any host streams motion.
-    pub(crate) fn is_any_streaming(&self) -> bool {
-        self.streams.iter().any(Stream::is_armed)
+    pub(crate) const fn is_any_streaming(&self) -> bool {
+        self.usb.is_armed() || self.is_can_streaming()
     }
 
     /// Whether a host on CAN streams motion.
-    pub(crate) fn is_can_streaming(&self) -> bool {
-        self.is_streaming(Initiator::Can) || self.is_streaming(Initiator::Command)
+    pub(crate) const fn is_can_streaming(&self) -> bool {
+        self.can.is_armed() || self.command.is_armed()
     }
 
     /// When the host counts as silent, unless it says something before. While its motion waits for another's turn, which it

@@ -21,7 +21,8 @@ use crate::arm::{Info, OwnRequest};
 use crate::config::{ArmKind, Config};
 use crate::control::{Event, Failure, FrameBytes, Initiator, Latencies, LineState, MAX_FRAME, Refusal};
 use crate::counters::{Counters, UartErrors, count};
-use crate::events::EventQueue;
+use crate::earliest::Earliest;
+use crate::events::{EventQueue, Queued};
 use crate::line_coding::{LineCoding, Refused, UartConfig};
 use crate::time::{Duration, Instant};
 
@@ -250,7 +251,7 @@ impl Line {
 
     /// Passes the bytes that are not decided on to the host on USB, unless they may be for another.
     fn pass(&mut self) {
-        if !self.is_anothers() {
+        if self.decoder.pending() > 0 && !self.is_anothers() {
             let (offset, window) = (self.decoder.offset(), self.decoder.window());
             self.to_host.pass(offset, window, &mut self.counters);
         }
@@ -308,9 +309,14 @@ impl Line {
         frames
     }
 
-    /// The next frame or event for those who are told of it.
-    pub(crate) fn delivery(&mut self) -> Option<(Instant, Event)> {
-        self.deliveries.pop()
+    /// The next frame, its bytes in `bytes`, or event for those who are told of it.
+    pub(crate) fn delivery(&mut self, bytes: &mut FrameBytes) -> Option<(Instant, Queued)> {
+        self.deliveries.pop(bytes)
+    }
+
+    /// Whether there is room for the frames of a packet.
+    pub(crate) const fn has_delivery_room(&self) -> bool {
+        self.deliveries.has_room()
     }
 
     pub(crate) const fn has_delivery(&self) -> bool {
@@ -364,7 +370,8 @@ impl Line {
     /// Copies the next bytes for the arm to the front of `out`, [`MAX_FRAME`] bytes at least, or says how the UART has to change
     /// before. `None` when there is nothing now.
     pub(crate) fn transmit(&mut self, out: &mut [u8], now: Instant) -> Option<Transmit> {
-        self.tick(now);
+        self.tick_requests(now);
+        self.tick_turn(now);
         if let Some(uart) = self.uart_change() {
             return Some(Transmit::Configure(uart));
         }
@@ -790,17 +797,19 @@ impl Line {
         !self.rate.changes() && self.from_host.room() >= PACKET
     }
 
-    /// The host sent a packet.
-    pub(crate) fn packet_received(&mut self, packet: &[u8], now: Instant) {
+    /// The host sent a packet. Returns whether there is room for the next.
+    pub(crate) fn packet_received(&mut self, packet: &[u8], now: Instant) -> bool {
         count(&mut self.counters.packets_from_host, 1);
         if self.rate.is_unmet() && !packet.is_empty() && !self.take_rate(now) {
-            return self.refuse_packet(packet.len(), now);
+            self.refuse_packet(packet.len(), now);
+        } else {
+            if !self.is_held {
+                self.dead_man.heard(Initiator::Usb, now);
+            }
+            let refused = self.from_host.push(packet, now);
+            count(&mut self.counters.refused_bytes, refused);
         }
-        if !self.is_held {
-            self.dead_man.heard(Initiator::Usb, now);
-        }
-        let refused = self.from_host.push(packet, now);
-        count(&mut self.counters.refused_bytes, refused);
+        self.has_packet_room()
     }
 
     /// The next packet for the host.
@@ -997,6 +1006,8 @@ impl Line {
             self.requests.torque_off.get_or_insert(now);
             self.take_line_back();
         }
+        // A change of rate was dropped with the bytes.
+        self.follow_holder(now);
         self.end_stream(initiator, dropped, torque_off, now);
     }
 
@@ -1019,33 +1030,20 @@ impl Line {
 
     /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed.
     pub(crate) fn timeout(&self) -> Option<Instant> {
-        let [usb, can, command] = STREAMERS.map(|initiator| self.silence_timeout(initiator));
-        let timeouts = [
-            self.poll.timeout(),
-            self.exchange.timeout(),
-            self.turn_timeout(),
-            self.command_timeout(),
-            self.rate.timeout(self.may_change_rate()),
-            usb,
-            can,
-            command,
-        ];
-        timeouts.into_iter().flatten().min()
+        Earliest::of(self.poll.timeout())
+            .or(self.exchange.timeout())
+            .or(self.turn_timeout())
+            .or(self.command_timeout())
+            .or(self.rate.timeout(self.may_change_rate()))
+            .or(self.silence_timeout(Initiator::Usb))
+            .or(self.silence_timeout(Initiator::Can))
+            .or(self.silence_timeout(Initiator::Command))
+            .get()
     }
 
     /// It is `now`: late answers are given up, polls become due, old commands are dropped, silent hosts lose their streams.
     pub(crate) fn tick(&mut self, now: Instant) {
-        while let Some(initiator) = self.exchange.on_timeout(now) {
-            count(&mut self.counters.unanswered_requests, 1);
-            if self.holder().is_none() {
-                self.exchange_ended(initiator, now);
-            }
-        }
-        let missed = self.poll.tick(now);
-        count(&mut self.counters.missed_polls, missed);
-        if self.command_timeout().is_some_and(|at| at <= now) {
-            self.refuse_command(Refusal::Stale, now);
-        }
+        self.tick_requests(now);
         if self.rate.timeout(self.may_change_rate()).is_some_and(|at| at <= now) {
             self.tick_rate(now);
         }
@@ -1060,6 +1058,26 @@ impl Line {
             }
         }
         // Torque-off may have begun to wait for the line.
+        self.tick_turn(now);
+    }
+
+    /// Late answers are given up, polls become due, and old commands are dropped.
+    fn tick_requests(&mut self, now: Instant) {
+        while let Some(initiator) = self.exchange.on_timeout(now) {
+            count(&mut self.counters.unanswered_requests, 1);
+            if self.holder().is_none() {
+                self.exchange_ended(initiator, now);
+            }
+        }
+        let missed = self.poll.tick(now);
+        count(&mut self.counters.missed_polls, missed);
+        if self.command_timeout().is_some_and(|at| at <= now) {
+            self.refuse_command(Refusal::Stale, now);
+        }
+    }
+
+    /// A host on USB that has paused loses its turn to others who wait.
+    fn tick_turn(&mut self, now: Instant) {
         if self.turn_timeout().is_some_and(|at| at <= now) {
             self.from_host.end_turn();
         }

@@ -2,6 +2,7 @@
 
 use crate::config::ArmKind;
 use crate::control::{LineHolder, LineState};
+use crate::earliest::Earliest;
 use crate::line_coding::{LineCoding, UartConfig};
 use crate::time::{Duration, Instant};
 
@@ -299,10 +300,7 @@ impl LineRate {
     /// When to call [`tick`](Self::tick). While the host's rate `may` not take effect, it waits.
     pub(crate) fn timeout(&self, may: bool) -> Option<Instant> {
         let deadline = self.deadline.filter(|_| may || !self.dtr);
-        [deadline, self.hold.map(|(_, until)| until)]
-            .into_iter()
-            .flatten()
-            .min()
+        Earliest::of(deadline).or(self.hold.map(|(_, until)| until)).get()
     }
 
     /// It is `now`: what [`timeout`](Self::timeout) has waited for comes. The last byte either way moved at `moved`, and

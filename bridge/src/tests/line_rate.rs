@@ -614,3 +614,38 @@ fn under_hold_line_any_rate_is_the_hosts() {
     assert_eq!((baud(&rig), polls(&rig)), (1_000_000, 10));
     assert_eq!(ling(0x05, 0, &[0]), TORQUE_OFF);
 }
+
+#[test]
+fn a_dropped_change_of_rate_holds_no_line() {
+    for torque_off in [false, true] {
+        let mut rig = Rig::new(Config {
+            poll: Poll::Hertz(10),
+            host_timeout: HostTimeout {
+                after_ms: 100,
+                torque_off,
+            },
+            ..Config::default()
+        });
+        rig.subscribe();
+        for _ in 0..3 {
+            rig.usb_out.extend(motion());
+            rig.run(10 * MS);
+        }
+        // A missing self-check of CAN holds up the bytes of the host, which were for two rates in a row.
+        rig.manners = std::boxed::Box::new(|_| None);
+        rig.can_out.push_back(ling(0xFE, 0, &[0xFE]));
+        rig.run(MS);
+        rig.usb_out.extend(motion());
+        rig.run(0);
+        set_rate(&mut rig, 115_200);
+        rig.usb_out.extend(motion());
+        rig.run(0);
+        set_rate(&mut rig, 1_000_000);
+        rig.run(2 * SECOND);
+        assert_eq!(rig.bridge.counters().host_silences, 1);
+        assert_eq!(line_state(&mut rig), LineState::default());
+        let said = rig.said.len();
+        rig.run(SECOND);
+        assert!(rig.said.len() > said, "{torque_off}: no polls");
+    }
+}

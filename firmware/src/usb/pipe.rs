@@ -3,7 +3,6 @@
 
 use armwire_bridge::{Bridge, PACKET, UsbEvent};
 use embassy_futures::select::{Either, select};
-use embassy_futures::yield_now;
 use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
 
 use crate::adapter::{Adapter, Work, now};
@@ -50,7 +49,8 @@ impl Pipe {
         }
     }
 
-    fn received(self, bridge: &mut Bridge, packet: &[u8]) {
+    /// Returns whether there is room for the next packet.
+    fn received(self, bridge: &mut Bridge, packet: &[u8]) -> bool {
         match self {
             Self::Port => bridge.usb_received(packet, now()),
             Self::Control => bridge.control_received(packet, now()),
@@ -62,11 +62,6 @@ impl Pipe {
             Self::Port => bridge.usb_transmit(packet),
             Self::Control => bridge.control_transmit(packet, now()),
         }
-    }
-
-    /// Whether there is another step towards a packet.
-    fn is_due(self, bridge: &mut Bridge) -> bool {
-        self == Self::Control && bridge.status(now()).control
     }
 
     /// A packet of `len` bytes waits for the host to fetch it, or could not be sent.
@@ -95,10 +90,6 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
         loop {
             adapter.reset(session);
             let Some(n) = adapter.take(|bridge| pipe.transmit(bridge, &mut packet)) else {
-                if adapter.take(|bridge| pipe.is_due(bridge)) {
-                    yield_now().await;
-                    continue;
-                }
                 let resting = rest(task);
                 adapter.wait(work).await;
                 drop(resting);
@@ -124,22 +115,24 @@ pub(crate) async fn from_host(adapter: &'static Adapter, pipe: Pipe, mut endpoin
     let (_, task) = pipe.tasks();
     let (_, room, _) = pipe.works();
     let mut packet = [0; PACKET];
+    let mut has_room = true;
     loop {
         let resting = rest(task);
         endpoint.wait_enabled().await;
         drop(resting);
         loop {
             // Until a packet is read, USB holds the host back.
-            while !adapter.take(|bridge| pipe.has_room(bridge)) {
+            while !has_room {
                 let resting = rest(task);
                 adapter.wait(room).await;
                 drop(resting);
+                has_room = adapter.take(|bridge| pipe.has_room(bridge));
             }
             let resting = rest(task);
             let read = endpoint.read(&mut packet).await;
             drop(resting);
             let Ok(n) = read else { break };
-            adapter.with(|bridge| pipe.received(bridge, &packet[..n]));
+            has_room = adapter.with(|bridge| pipe.received(bridge, &packet[..n]));
         }
     }
 }
