@@ -39,6 +39,17 @@ pub struct Start {
     pub config_lost: bool,
 }
 
+/// An event of the UART.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum UartEvent {
+    /// The line has been idle for the time of a byte: what has arrived goes out. Hand over the [bytes](Bridge::uart_received)
+    /// that arrived before first.
+    Idle,
+    /// Errors. The bytes they came with are passed on as they are.
+    Errors(UartErrors),
+}
+
 /// An event of the USB device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -152,28 +163,37 @@ impl Bridge {
         self.line.received(bytes, at)
     }
 
-    /// The line has been idle for the time of a byte: what has arrived goes out. Returns the number of frames that this ended.
-    ///
-    /// Call [`uart_received`](Self::uart_received) first with the bytes that arrived before.
+    /// Something else happened to the UART. Returns the number of frames that ended by it.
     ///
     /// ```
     /// use armwire_bridge::time::Instant;
-    /// use armwire_bridge::{Bridge, PACKET, UsbEvent};
+    /// use armwire_bridge::{Bridge, PACKET, UartEvent, UsbEvent};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     /// bridge.uart_received(b"what is this", Instant::from_micros(100));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
-    /// bridge.uart_idle(Instant::from_micros(110));
+    /// bridge.uart_event(UartEvent::Idle, Instant::from_micros(110));
     /// assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), Some(12));
     /// ```
-    pub fn uart_idle(&mut self, now: Instant) -> usize {
-        self.line.idle(now)
+    pub fn uart_event(&mut self, event: UartEvent, now: Instant) -> usize {
+        match event {
+            UartEvent::Idle => self.line.idle(now),
+            UartEvent::Errors(errors) => {
+                self.line.errors(&errors);
+                0
+            }
+        }
     }
 
-    /// The UART reported errors. The bytes they came with are passed on as they are.
-    pub fn uart_errors(&mut self, errors: &UartErrors) {
-        self.line.errors(errors);
+    /// Whether a frame waits to be delivered to CAN or to subscribers: [`can_transmit`](Self::can_transmit) and
+    /// [`status`](Self::status) deliver it.
+    ///
+    /// ```
+    /// assert!(!armwire_bridge::Bridge::default().has_delivery()); // nobody is told of frames
+    /// ```
+    pub const fn has_delivery(&self) -> bool {
+        self.line.has_delivery()
     }
 
     /// The number of bytes to look for on the UART: up to the end of the next frame, or a full packet.
@@ -237,7 +257,7 @@ impl Bridge {
     ///
     /// ```
     /// use armwire_bridge::time::Instant;
-    /// use armwire_bridge::{Bridge, PACKET, UsbEvent};
+    /// use armwire_bridge::{Bridge, PACKET, UartEvent, UsbEvent};
     ///
     /// let mut bridge = Bridge::default();
     /// bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);

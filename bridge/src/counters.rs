@@ -246,10 +246,12 @@ pub(crate) struct HostCounters {
 /// Errors of receiving since the last report.
 ///
 /// ```
-/// use armwire_bridge::{Bridge, UartErrors};
+/// use armwire_bridge::time::Instant;
+/// use armwire_bridge::{Bridge, UartErrors, UartEvent};
 ///
 /// let mut bridge = Bridge::default();
-/// bridge.uart_errors(&UartErrors { framing: 1, noise: 1, ..UartErrors::default() });
+/// let errors = UartErrors { framing: 1, noise: 1, ..UartErrors::default() };
+/// bridge.uart_event(UartEvent::Errors(errors), Instant::ZERO);
 /// assert_eq!(bridge.counters().framing_errors, 1);
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

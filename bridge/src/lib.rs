@@ -110,7 +110,7 @@ mod tests;
 pub use action::Action;
 pub use armwire::time;
 pub use armwire::time::{Duration, Instant};
-pub use bridge::{Bridge, CanEvent, Start, Status, UsbEvent};
+pub use bridge::{Bridge, CanEvent, Start, Status, UartEvent, UsbEvent};
 pub use counters::{CanErrors, Counters, UartErrors};
 pub use line::{PACKET, POLL_LEAD_TIME, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, Transmit};
 pub use line_coding::{LineCoding, MAX_BAUD, MIN_BAUD, Parity, Refused, StopBits, UartConfig};

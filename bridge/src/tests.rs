@@ -14,7 +14,7 @@ use std::vec::Vec;
 
 use crate::{
     Bridge, Duration, Instant, LineCoding, PACKET, Refused, RxThreshold, TO_ARM_BUFFER, TO_HOST_BUFFER, UartConfig,
-    UartErrors, UsbEvent,
+    UartErrors, UartEvent, UsbEvent,
 };
 use armwire::ling::{Frame, MAX_FRAME};
 use proptest::prelude::*;
@@ -106,7 +106,7 @@ fn bytes_in_no_frame_go_out_when_the_line_is_idle() {
     let mut bridge = open();
     bridge.uart_received(&[1, 2, 0xAA, 3], NOW);
     assert_eq!(packet(&mut bridge), None);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packets(&mut bridge), [[1, 2, 0xAA, 3]]);
     assert_eq!((bridge.counters().noise_bytes, bridge.counters().frames), (4, 0));
 }
@@ -118,7 +118,7 @@ fn a_full_packet_waits_for_nothing() {
     assert_eq!(packet(&mut bridge), None);
     bridge.uart_received(&[7; 2], NOW);
     assert_eq!(packets(&mut bridge), [[7; PACKET]]);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packets(&mut bridge), [[7; 1]]);
 }
 
@@ -138,14 +138,14 @@ fn a_transfer_that_ends_with_a_full_packet_is_ended_by_an_empty_one() {
     bridge.uart_received(&[7; PACKET], NOW);
     assert_eq!(packet(&mut bridge).unwrap().len(), PACKET);
     assert_eq!(packet(&mut bridge), None); // more may be coming
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packets(&mut bridge), [[]; 1]);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packet(&mut bridge), None); // once is enough
 
     // The same when the line was idle before the packet was fetched, and when a frame ends there.
     bridge.uart_received(&[7; 2 * PACKET], NOW);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     let lengths: Vec<_> = packets(&mut bridge).iter().map(Vec::len).collect();
     assert_eq!(lengths, [PACKET, PACKET, 0]);
     bridge.uart_received(&frame(&[0; PACKET - 6]), NOW);
@@ -158,7 +158,7 @@ fn a_transfer_that_ends_with_a_full_packet_is_ended_by_an_empty_one() {
 fn a_short_packet_ends_a_transfer_by_itself() {
     let mut bridge = open();
     bridge.uart_received(&[7; PACKET + 1], NOW);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     let lengths: Vec<_> = packets(&mut bridge).iter().map(Vec::len).collect();
     assert_eq!(lengths, [PACKET, 1]);
 }
@@ -172,7 +172,7 @@ fn a_host_that_stops_reading_does_not_block_the_arm_and_loses_only_what_does_not
         bridge.usb_received(&[1; 10], NOW);
         assert_eq!(sent(&mut bridge), [1; 10]);
     }
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packets(&mut bridge).concat(), line[..TO_HOST_BUFFER]);
     assert_eq!(bridge.counters().dropped_bytes, 4_000 - TO_HOST_BUFFER as u32);
 
@@ -186,7 +186,7 @@ fn bytes_that_were_dropped_hold_nothing_back() {
     let mut bridge = Bridge::default();
     bridge.usb_event(UsbEvent::Configured(true), NOW);
     bridge.uart_received(&[7; TO_HOST_BUFFER], NOW);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     let line = [frame(&[1]), frame(&[2, 3])].concat();
     bridge.uart_received(&line[..line.len() - 1], NOW);
     assert_eq!(packets(&mut bridge).concat(), [7; TO_HOST_BUFFER]);
@@ -335,7 +335,7 @@ fn a_bus_reset_drops_what_the_last_host_did_not_read_and_keeps_what_it_said() {
     bridge.usb_event(UsbEvent::Reset, NOW);
     assert!(!bridge.status(NOW).is_attached);
     bridge.uart_received(&[7; 20], NOW); // nobody is there
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packet(&mut bridge), None);
     assert_eq!(sent(&mut bridge), [1, 2]);
     assert_eq!(
@@ -364,7 +364,7 @@ fn a_host_that_never_raises_dtr_gets_everything() {
     bridge.usb_event(UsbEvent::Configured(true), NOW);
     bridge.usb_event(UsbEvent::Dtr(false), NOW);
     bridge.uart_received(&[1, 2], NOW);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packets(&mut bridge), [[1, 2]]);
 }
 
@@ -374,11 +374,11 @@ fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
     bridge.uart_received(&[1, 2], NOW);
     assert!(bridge.usb_event(UsbEvent::Dtr(false), NOW));
     bridge.uart_received(&[3; 100], NOW);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packet(&mut bridge), None);
     assert!(bridge.usb_event(UsbEvent::Dtr(true), NOW));
     bridge.uart_received(&[4], NOW);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert!(!bridge.usb_event(UsbEvent::Dtr(true), NOW)); // says nothing new
     assert_eq!(packets(&mut bridge), [[4]]);
     assert_eq!(bridge.counters().unheard_bytes, 102);
@@ -390,7 +390,7 @@ fn dtr_without_a_configuration_means_nothing() {
     bridge.usb_event(UsbEvent::Dtr(true), NOW);
     assert!(!bridge.status(NOW).is_attached);
     bridge.uart_received(&[1], NOW);
-    bridge.uart_idle(NOW);
+    bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packet(&mut bridge), None);
 }
 
@@ -458,17 +458,23 @@ fn a_host_that_does_not_read_costs_no_extra_looks() {
 #[test]
 fn uart_errors_are_counted_by_kind() {
     let mut bridge = open();
-    bridge.uart_errors(&UartErrors {
-        framing: 1,
-        parity: 2,
-        noise: 3,
-        overrun: 4,
-        ..UartErrors::default()
-    });
-    bridge.uart_errors(&UartErrors {
-        ring_overrun: 1,
-        ..UartErrors::default()
-    });
+    bridge.uart_event(
+        UartEvent::Errors(UartErrors {
+            framing: 1,
+            parity: 2,
+            noise: 3,
+            overrun: 4,
+            ..UartErrors::default()
+        }),
+        NOW,
+    );
+    bridge.uart_event(
+        UartEvent::Errors(UartErrors {
+            ring_overrun: 1,
+            ..UartErrors::default()
+        }),
+        NOW,
+    );
     bridge.usb_event(UsbEvent::Suspended, NOW);
     let c = bridge.counters();
     assert_eq!((c.framing_errors, c.parity_errors, c.noise_errors), (1, 2, 3));
@@ -548,7 +554,7 @@ proptest! {
             bridge.uart_received(now, NOW);
             prop_assert!(bridge.rx_threshold().max >= 1);
             if idle {
-                bridge.uart_idle(NOW);
+                bridge.uart_event(UartEvent::Idle, NOW);
             }
             if read {
                 host.read(&mut bridge);
@@ -556,7 +562,7 @@ proptest! {
             }
             rest = later;
         }
-        bridge.uart_idle(NOW);
+        bridge.uart_event(UartEvent::Idle, NOW);
         host.read(&mut bridge);
         prop_assert_eq!(&host.bytes, &says);
         prop_assert!(!host.open);

@@ -19,7 +19,9 @@ use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
 
 use armwire_bridge::control::MAX_FRAME;
-use armwire_bridge::{Bridge, Duration, Instant, Parity, RxThreshold, StopBits, Transmit, UartConfig, UartErrors};
+use armwire_bridge::{
+    Bridge, Duration, Instant, Parity, RxThreshold, StopBits, Transmit, UartConfig, UartErrors, UartEvent,
+};
 use critical_section::Mutex;
 use embassy_futures::join::join;
 use embassy_futures::select::select;
@@ -314,7 +316,6 @@ impl Receiver {
             if self.look() {
                 // What a frame leads to goes out before the line is looked at again.
                 yield_now().await;
-                self.adapter.dispatch();
             }
             let need = self.adapter.take(|bridge| bridge.rx_threshold());
             look_for(need);
@@ -349,7 +350,7 @@ impl Receiver {
         self.adapter.with(|bridge| {
             bridge.uart_received(&self.chunk[..self.rest], at);
             if self.idle {
-                bridge.uart_idle(at);
+                bridge.uart_event(UartEvent::Idle, at);
             }
         });
     }
@@ -357,7 +358,7 @@ impl Receiver {
     /// Passes what has arrived to the bridge, and returns whether a frame ended.
     fn look(&mut self) -> bool {
         let chunk = &mut self.chunk;
-        let frames = self.adapter.take(|bridge| {
+        let ended = self.adapter.take(|bridge| {
             let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // What the ring holds is of two turns: none of it can be told apart.
@@ -371,36 +372,41 @@ impl Receiver {
             let (end, at) = critical_section::with(|_| (tail(), now()));
             let (mut frames, mut late, mut is_marked) = (0, 0, false);
             // A frame goes out before what is behind it is looked at.
-            while frames + late == 0
+            while frames == 0
                 && let Some(mark) = take_mark(end)
             {
                 is_marked = true;
                 if mark.idle {
                     // It takes the time of a byte to know.
                     let at = mark.at - Duration::from_micros(bridge.line_coding().micros(1));
-                    late += take(bridge, chunk, mark.end, at);
-                    frames += bridge.uart_idle(mark.at);
+                    late = take(bridge, chunk, mark.end, at);
+                    frames = late + bridge.uart_event(UartEvent::Idle, mark.at);
                 } else {
-                    frames += take(bridge, chunk, mark.end, mark.at);
+                    frames = take(bridge, chunk, mark.end, mark.at);
                 }
             }
-            if !is_marked || frames + late == 0 && untaken(end) > 0 {
-                late += take(bridge, chunk, end, at);
+            if !is_marked || frames == 0 && untaken(end) > 0 {
+                late = take(bridge, chunk, end, at);
+                frames = late;
             }
             if late > 0 {
                 // No interrupt handler saw their last bytes come.
                 errors.get_or_insert_default().late_stamps = late as u32;
             }
             if let Some(errors) = errors {
-                bridge.uart_errors(&errors);
+                bridge.uart_event(UartEvent::Errors(errors), at);
             }
-            frames + late
+            (frames > 0).then(|| bridge.has_delivery())
         });
-        if frames > 0 {
-            self.adapter.wake(Work::Uart);
-        }
         self.adapter.wake(Work::Port);
-        frames > 0
+        if let Some(has_delivery) = ended {
+            self.adapter.wake(Work::Uart);
+            self.adapter.wake(Work::Dispatch);
+            if has_delivery {
+                self.adapter.wake(Work::Can);
+            }
+        }
+        ended.is_some()
     }
 }
 

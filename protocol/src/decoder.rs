@@ -166,8 +166,8 @@ impl<const N: usize> Decoder<N> {
         let space = self.space();
         let n = space.len().min(bytes.len());
         let (now, later) = bytes.split_at(n);
-        for (to, from) in space.iter_mut().zip(now) {
-            *to = *from;
+        if let Some(space) = space.get_mut(..n) {
+            space.copy_from_slice(now);
         }
         self.accept(n);
         later

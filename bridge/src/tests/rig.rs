@@ -17,7 +17,9 @@ use crate::control::{
     Subscription, decode, encode, encode_cobs,
 };
 use crate::isotp::{self, Endpoint, Link};
-use crate::{Action, Bridge, CanEvent, Counters, Instant, PACKET, Start, Status, Transmit, UartConfig, UsbEvent};
+use crate::{
+    Action, Bridge, CanEvent, Counters, Instant, PACKET, Start, Status, Transmit, UartConfig, UartEvent, UsbEvent,
+};
 
 /// What the arm says to a request, and after how long.
 pub(super) type Manners = Box<dyn FnMut(&[u8]) -> Option<(u64, Vec<u8>)>>;
@@ -167,7 +169,7 @@ impl Rig {
             self.idle = next.is_none_or(|next| next > idle).then_some(idle);
         }
         if self.idle.take_if(|at| *at <= now.as_micros()).is_some() {
-            self.hear(now, |bridge| bridge.uart_idle(now));
+            self.hear(now, |bridge| bridge.uart_event(UartEvent::Idle, now));
         }
         let _ = self.arm.tick(now);
         let _ = self.control.tick(now);
