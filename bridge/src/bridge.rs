@@ -264,7 +264,7 @@ impl Bridge {
     /// bridge.uart_received(b"old", Instant::ZERO);
     /// assert!(bridge.usb_event(UsbEvent::Dtr(true), Instant::from_micros(50)));
     /// bridge.uart_received(b"new", Instant::from_micros(100));
-    /// bridge.uart_idle(Instant::from_micros(200));
+    /// bridge.uart_event(UartEvent::Idle, Instant::from_micros(200));
     ///
     /// let mut packet = [0; PACKET];
     /// assert_eq!(bridge.usb_transmit(&mut packet), Some(3));

@@ -2,64 +2,92 @@
 
 /// First in, first out, up to `N` bytes.
 pub(crate) struct Queue<const N: usize> {
-    bytes: [u8; N],
-    /// Where the first byte lies.
-    head: usize,
-    len: usize,
+    ring: [u8; N],
+    used: Used,
 }
 
 impl<const N: usize> Queue<N> {
     pub(crate) const fn new() -> Self {
         Self {
-            bytes: [0; N],
-            head: 0,
-            len: 0,
+            ring: [0; N],
+            used: Used { head: 0, len: 0 },
         }
     }
 
     pub(crate) const fn len(&self) -> usize {
-        self.len
+        self.used.len
     }
 
     pub(crate) const fn is_empty(&self) -> bool {
-        self.len == 0
+        self.used.len == 0
     }
 
     /// How many more bytes fit.
     pub(crate) const fn room(&self) -> usize {
-        N.saturating_sub(self.len)
+        N.saturating_sub(self.used.len)
     }
 
     pub(crate) const fn clear(&mut self) {
-        self.len = 0;
+        self.used.len = 0;
     }
 
     /// Appends what fits and returns how many bytes did not.
     pub(crate) fn push(&mut self, bytes: &[u8]) -> usize {
-        let fits = bytes.get(..self.room()).unwrap_or(bytes);
-        let tail = (self.head + self.len) % N;
-        let n = copy(self.bytes.get_mut(tail..).unwrap_or_default(), fits);
-        let n = n + copy(&mut self.bytes, fits.get(n..).unwrap_or_default());
-        self.len += n;
-        bytes.len().saturating_sub(n)
+        self.used.push(&mut self.ring, bytes)
     }
 
     /// Copies bytes from the front into `out` and returns how many.
     pub(crate) fn peek(&self, out: &mut [u8]) -> usize {
-        let len = out.len().min(self.len);
-        let out = out.get_mut(..len).unwrap_or_default();
-        let n = copy(out, self.bytes.get(self.head..).unwrap_or_default());
-        n + copy(out.get_mut(n..).unwrap_or_default(), &self.bytes)
+        self.used.peek(&self.ring, out)
     }
 
     /// Moves bytes from the front into `out` and returns how many.
     pub(crate) fn pop(&mut self, out: &mut [u8]) -> usize {
-        let n = self.peek(out);
+        self.used.pop(&self.ring, out)
+    }
+}
+
+/// The part of a ring that is used. Queues of all sizes share this code.
+struct Used {
+    /// Where the first byte lies.
+    head: usize,
+    len: usize,
+}
+
+impl Used {
+    fn push(&mut self, ring: &mut [u8], bytes: &[u8]) -> usize {
+        let room = ring.len().saturating_sub(self.len);
+        let fits = bytes.get(..room).unwrap_or(bytes);
+        let tail = wrap(self.head + self.len, ring.len());
+        let n = copy(ring.get_mut(tail..).unwrap_or_default(), fits);
+        let n = n + copy(ring, fits.get(n..).unwrap_or_default());
+        self.len += n;
+        bytes.len().saturating_sub(n)
+    }
+
+    fn peek(&self, ring: &[u8], out: &mut [u8]) -> usize {
+        let len = out.len().min(self.len);
+        let out = out.get_mut(..len).unwrap_or_default();
+        let n = copy(out, ring.get(self.head..).unwrap_or_default());
+        n + copy(out.get_mut(n..).unwrap_or_default(), ring)
+    }
+
+    fn pop(&mut self, ring: &[u8], out: &mut [u8]) -> usize {
+        let n = self.peek(ring, out);
         self.len -= n;
         // Where it begins anew, it takes one copy, and words at a time.
-        self.head = if self.len == 0 { 0 } else { (self.head + n) % N };
+        self.head = if self.len == 0 {
+            0
+        } else {
+            wrap(self.head + n, ring.len())
+        };
         n
     }
+}
+
+/// A place behind the end of a ring is one at its front.
+const fn wrap(place: usize, len: usize) -> usize {
+    if place >= len { place.saturating_sub(len) } else { place }
 }
 
 /// Copies as much as both have.

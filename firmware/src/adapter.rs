@@ -82,6 +82,8 @@ impl Adapter {
     }
 
     /// Wakes the task that waits for this work.
+    // One piece of code, not one for each call: 0.6 kB.
+    #[inline(never)]
     pub(crate) fn wake(&self, work: Work) {
         self.works[work as usize].signal(());
     }

@@ -732,6 +732,7 @@ impl Line {
     }
 
     /// Another kind of arm is there: the exchanges with the one before are over.
+    #[cold]
     fn change_arm(&mut self, kind: ArmKind, now: Instant) {
         let holder = self.holder();
         let missing = self.exchange.clear();
