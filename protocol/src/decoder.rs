@@ -310,6 +310,23 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
+    /// Drops the bytes not yet decided on: those behind them are of another conversation.
+    ///
+    /// ```
+    /// use armwire::decoder::Decoder;
+    /// use armwire::ling::Ling;
+    ///
+    /// let mut decoder = Decoder::<70>::new();
+    /// assert!(decoder.push(&[0xAA, 0x06, 0x00]).is_empty());
+    /// decoder.clear();
+    /// assert_eq!((decoder.pending(), decoder.offset()), (0, 3));
+    /// assert!(decoder.push(&[0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]).is_empty());
+    /// assert_eq!(decoder.next(&Ling, ()).unwrap().offset, 3);
+    /// ```
+    pub const fn clear(&mut self) {
+        (self.head, self.tail, self.skip) = (0, 0, 0);
+    }
+
     /// The bytes not yet decided on.
     pub fn window(&self) -> &[u8] {
         self.buf.get(self.head..self.tail).unwrap_or_default()

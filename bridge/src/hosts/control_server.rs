@@ -90,6 +90,13 @@ impl UsbPort {
         self.reader.next()
     }
 
+    /// The host has gone.
+    fn clear(&mut self) {
+        self.reader.clear();
+        (self.len, self.read, self.is_open) = (0, 0, false);
+        self.out.clear();
+    }
+
     /// Queues a message if at least `spare` bytes of room are left then, and returns whether it did.
     fn queue(&mut self, message: &[u8], spare: usize) -> bool {
         let fits = message.len().saturating_add(spare) <= self.out.room();
@@ -137,7 +144,7 @@ impl ControlServer {
         Pending::forget(&mut self.arm, port);
         Pending::forget(&mut self.flash, port);
         if port == ControlPort::Usb {
-            self.usb = UsbPort::new();
+            self.usb.clear();
         }
     }
 

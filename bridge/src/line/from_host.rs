@@ -151,7 +151,7 @@ impl FromHost {
     /// The host's turn is over: the rest of a request that went out in part is not waited for.
     pub(crate) fn cut(&mut self) {
         self.is_cut |= self.decoder.pending() > 0;
-        self.decoder = Decoder::new();
+        self.decoder.clear();
     }
 
     /// The host's turn is over, raw bytes included.
@@ -162,7 +162,8 @@ impl FromHost {
 
     /// The host's turn is over, and it does not matter what the arm may wait for.
     pub(crate) fn forget_turn(&mut self) {
-        (self.decoder, self.is_raw) = (Decoder::new(), false);
+        self.decoder.clear();
+        self.is_raw = false;
     }
 
     /// Drops the bytes that wait and returns their number.

@@ -741,8 +741,7 @@ impl Line {
             self.exchange_ended(initiator, now);
         }
         self.kind = kind;
-        self.decoder = Decoder::new();
-        self.to_host.restart();
+        self.decoder.clear();
         self.from_host.forget_turn();
         self.requests.torque_off = None;
         self.refuse_command(Refusal::NotAFrame, now);

@@ -98,11 +98,6 @@ impl ToHost {
         self.passed = offset.wrapping_add(len as u64);
     }
 
-    /// The decoder's offsets start anew.
-    pub(crate) const fn restart(&mut self) {
-        self.passed = 0;
-    }
-
     /// Queues bytes for the host, as far as there is one and room.
     fn push(&mut self, bytes: &[u8], counters: &mut Counters) {
         match self.state {
