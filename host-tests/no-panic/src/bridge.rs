@@ -5,51 +5,47 @@ use core::hint::black_box;
 use armwire_bridge::can::{Frame, Id};
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Bridge, CanErrors, Counters, Instant, Line, LineCoding, PACKET, UartErrors};
+use armwire_bridge::{
+    Bridge, CanErrors, CanEvent, Counters, Instant, LineCoding, PACKET, Start, UartConfig, UartErrors, UsbEvent,
+};
 
 use crate::bytes;
 
 pub(crate) fn call_all() {
     let now = black_box(Instant::ZERO);
 
-    let mut bridge = Bridge::new(black_box(Identity::default()), black_box(Config::default()));
+    let mut bridge = Bridge::new(
+        black_box(Identity::default()),
+        black_box(Config::default()),
+        black_box(Start::default()),
+    );
     let bridge = black_box(&mut bridge);
-    bridge.usb_configured(black_box(true));
-    black_box(&mut *bridge).usb_dtr(black_box(true), now);
-    black_box(&mut *bridge).usb_reset();
-    black_box(&mut *bridge).usb_suspended();
-    black_box(black_box(&*bridge).usb_room());
+    for event in [
+        UsbEvent::Reset,
+        UsbEvent::Configured(true),
+        UsbEvent::Suspended,
+        UsbEvent::Dtr(true),
+        UsbEvent::Lost(0),
+    ] {
+        black_box(black_box(&mut *bridge).usb_event(black_box(event), now));
+    }
     black_box(&mut *bridge).usb_received(bytes(&mut [0; 300]), now);
-    black_box(black_box(&*bridge).usb_due());
     black_box(black_box(&mut *bridge).usb_transmit(&mut [0; PACKET]));
-    black_box(&mut *bridge).usb_lost(black_box(0));
-    black_box(black_box(&*bridge).is_attached());
 
-    black_box(&mut *bridge).uart_received(bytes(&mut [0; 300]), now);
-    black_box(&mut *bridge).uart_idle(now);
-    black_box(&mut *bridge).uart_errors(black_box(UartErrors::default()));
-    black_box(&mut *bridge).uart_ring_overrun();
-    black_box(&mut *bridge).share();
-    black_box(black_box(&*bridge).uart_due(now));
+    black_box(black_box(&mut *bridge).uart_received(bytes(&mut [0; 300]), now));
+    black_box(black_box(&mut *bridge).uart_idle(now));
+    black_box(&mut *bridge).uart_errors(black_box(&UartErrors::default()));
     black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
+    black_box(&mut *bridge).uart_transmitted(now);
+    black_box(&mut *bridge).uart_configured(black_box(UartConfig::default()));
     black_box(black_box(black_box(&*bridge).rx_threshold()).is_met(black_box(7), black_box(0xFF)));
 
-    black_box(
-        black_box(&mut *bridge)
-            .request_line_coding(black_box([0; 7]), now)
-            .is_ok(),
-    );
-    black_box(black_box(&*bridge).line_change());
-    black_box(&mut *bridge).line_changed(black_box(Line::default()));
+    black_box(black_box(&mut *bridge).set_line_coding(black_box([0; 7]), now).is_ok());
     black_box(black_box(&*bridge).line_coding());
-    black_box(black_box(&*bridge).uart_cut());
     black_box(black_box(LineCoding::LING).to_cdc());
     black_box(black_box(LineCoding::LING).micros(black_box(0)));
 
-    black_box(black_box(&*bridge).control_room());
     black_box(&mut *bridge).control_received(bytes(&mut [0; 300]), now);
-    black_box(black_box(&*bridge).control_due());
-    black_box(black_box(&mut *bridge).control_prepare());
     black_box(black_box(&mut *bridge).control_transmit(&mut [0; PACKET], now));
 
     if let (Ok(id), Ok(fd_id)) = (Id::new(black_box(0)), Id::new(black_box(0))) {
@@ -63,22 +59,23 @@ pub(crate) fn call_all() {
             black_box(&mut *bridge).can_received(black_box(&frame), now);
         }
     }
-    black_box(black_box(&*bridge).can_due(now));
     black_box(black_box(&mut *bridge).can_transmit(now));
-    black_box(black_box(&mut *bridge).can_sent(black_box(1), now));
-    black_box(&mut *bridge).can_errors(black_box(CanErrors::default()));
-    black_box(&mut *bridge).can_bus_off(black_box(true), now);
-    black_box(black_box(&*bridge).can_config());
+    for event in [
+        CanEvent::Waiting(1),
+        CanEvent::Errors(CanErrors::default()),
+        CanEvent::BusOff,
+        CanEvent::BusOn,
+    ] {
+        black_box(black_box(&mut *bridge).can_event(black_box(event), now));
+    }
 
+    black_box(black_box(&mut *bridge).status(now));
     black_box(black_box(&*bridge).timeout());
     black_box(&mut *bridge).tick(now);
-    black_box(black_box(&mut *bridge).action());
+    black_box(black_box(&mut *bridge).action(now));
     black_box(&mut *bridge).saved(black_box(Ok(())), now);
     black_box(black_box(&*bridge).config());
-    black_box(black_box(&*bridge).identity());
 
-    black_box(&mut *bridge).started_after(black_box(0), black_box(0), black_box(0));
-    black_box(black_box(&*bridge).is_stuck(now));
     let counters = black_box(black_box(&*bridge).counters());
     black_box(counters.to_bytes(bytes(&mut [0; 300])).is_ok());
     black_box(Counters::from_bytes(bytes(&mut [0; 300])).is_ok());

@@ -35,6 +35,7 @@ pub(crate) fn call_all<D: Dialect>(dialect: &D) {
     });
     if let Some(info) = black_box(dialect).request(frame) {
         black_box(exchange.may_send(&black_box(info), who()));
+        black_box(exchange.can_send(&black_box(info), who()));
         exchange.begin(black_box(info), who(), handover);
         exchange.repeat(black_box(info), who(), handover);
     }
@@ -47,6 +48,6 @@ pub(crate) fn call_all<D: Dialect>(dialect: &D) {
     black_box(black_box(&mut *exchange).on_timeout(now()).is_some());
     let exchange = black_box(exchange);
     black_box((exchange.timeout(), exchange.due(who()), exchange.is_idle()));
-    black_box((exchange.expect(dialect), exchange.is_saturated()));
+    black_box((exchange.expect(dialect), exchange.holder(), exchange.is_saturated()));
     black_box(exchange.clear());
 }
