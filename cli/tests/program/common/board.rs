@@ -10,7 +10,7 @@ use std::{fs, io};
 
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, Bridge, PACKET, time};
+use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UsbEvent, time};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
@@ -74,9 +74,9 @@ impl Served {
             serial: "0123456789AB".try_into().unwrap(),
             can_fd: false,
         };
-        let mut bridge = Bridge::new(identity, Config::default());
-        bridge.usb_configured(true);
-        bridge.usb_dtr(true, time::Instant::ZERO);
+        let mut bridge = Bridge::new(identity, Config::default(), Start::default());
+        bridge.usb_event(UsbEvent::Configured(true), time::Instant::ZERO);
+        bridge.usb_event(UsbEvent::Dtr(true), time::Instant::ZERO);
         Self {
             bridge,
             arm: LingArm::new(ArmConfig::follower()),
@@ -104,13 +104,13 @@ impl Served {
     /// What the host says, as far as there is room for it.
     fn hear(&mut self, now: time::Instant) -> io::Result<()> {
         let mut packet = [0; PACKET];
-        if self.bridge.usb_room() {
+        if self.bridge.status(now).usb_room {
             match self.port.read(&mut packet)? {
                 0 => {}
                 n => self.bridge.usb_received(&packet[..n], now),
             }
         }
-        if self.bridge.control_room() {
+        if self.bridge.status(now).control_room {
             match self.control.read(&mut packet)? {
                 0 => {}
                 n => self.bridge.control_received(&packet[..n], now),
@@ -122,22 +122,25 @@ impl Served {
     /// What goes to the arm, and what comes from it.
     fn exchange(&mut self, now: time::Instant) {
         let mut bytes = [0; 256];
-        while let Some(burst) = self.bridge.uart_transmit(&mut bytes, now) {
-            for &byte in &bytes[..burst.len] {
-                self.arm.receive(now, byte);
+        while let Some(transmit) = self.bridge.uart_transmit(&mut bytes, now) {
+            match transmit {
+                Transmit::Burst { len, .. } => {
+                    self.bridge.uart_transmitted(now);
+                    for &byte in &bytes[..len] {
+                        self.arm.receive(now, byte);
+                    }
+                }
+                Transmit::Configure(uart) => self.bridge.uart_configured(uart),
             }
         }
         while let Some(byte) = self.arm.transmit(now) {
             self.bridge.uart_received(&[byte], now);
         }
         self.bridge.uart_idle(now);
-        if let Some(line) = self.bridge.line_change() {
-            self.bridge.line_changed(line);
-        }
     }
 
     fn act(&mut self, now: time::Instant) {
-        match self.bridge.action() {
+        match self.bridge.action(now) {
             // Nothing is kept, for nothing starts again.
             Some(Action::Save(_) | Action::Reset) => self.bridge.saved(Ok(()), now),
             Some(Action::RestartIntoBootLoader) => fs::write(&self.boot_loader, "").unwrap(),
@@ -151,8 +154,10 @@ impl Served {
         while let Some(n) = self.bridge.usb_transmit(&mut packet) {
             self.port.write(&packet[..n])?;
         }
-        while let Some(n) = self.bridge.control_transmit(&mut packet, now) {
-            self.control.write(&packet[..n])?;
+        while self.bridge.status(now).control {
+            if let Some(n) = self.bridge.control_transmit(&mut packet, now) {
+                self.control.write(&packet[..n])?;
+            }
         }
         Ok(())
     }
