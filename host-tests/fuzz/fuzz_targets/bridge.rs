@@ -2,6 +2,7 @@
 //! order, every byte and every request is accounted for, and nothing that is late is left undone.
 #![no_main]
 
+use armwire_bridge::UsbEvent;
 use armwire_bridge::control::MAX_FRAME;
 use armwire_fuzz::adapter::{World, any_arm_bytes, any_move_request};
 use armwire_fuzz::config::{any_good_config, any_request};
@@ -75,9 +76,11 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         match u.arbitrary()? {
             Step::Configured(is) => world.configured(is),
             Step::Reset => world.reset(),
-            Step::Suspended => world.bridge.usb_suspended(),
+            Step::Suspended => {
+                world.bridge.usb_event(UsbEvent::Suspended, world.now);
+            }
             Step::Dtr(high) => {
-                world.bridge.usb_dtr(high, world.now);
+                world.bridge.usb_event(UsbEvent::Dtr(high), world.now);
             }
             Step::LineCoding(coding) => world.line_coding(coding),
             Step::GoodLineCoding { fast, parity, two } => {
@@ -99,7 +102,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
             }
             Step::UsbTakes(packets) => {
                 if packets >= 0x80 {
-                    world.share();
+                    world.status();
                 }
                 (0..packets % 32).for_each(|_| world.usb_takes());
             }

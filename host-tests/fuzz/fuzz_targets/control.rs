@@ -8,7 +8,7 @@ use armwire_bridge::control::{
     Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reader, Reason, Reply,
     Request, decode, encode, encode_cobs,
 };
-use armwire_bridge::{Action, Bridge, PACKET};
+use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UsbEvent};
 use armwire_bridge::{Duration, Instant};
 use armwire_fuzz::config::any_request;
 use armwire_fuzz::{Arbitrary, Result, Unstructured};
@@ -54,7 +54,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         ..Identity::default()
     };
     let mut host = Host {
-        bridge: Bridge::new(identity, Config::default()),
+        bridge: Bridge::new(identity, Config::default(), Start::default()),
         now: Instant::ZERO,
         out: Vec::new(),
         packet: u.int_in_range(1..=PACKET)?,
@@ -62,7 +62,7 @@ fn check(u: &mut Unstructured<'_>) -> Result<()> {
         replies: Vec::new(),
         reader: Reader::new(),
     };
-    host.bridge.usb_configured(true);
+    host.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     while !u.is_empty() {
         match u.arbitrary()? {
             Step::Request => {
@@ -99,7 +99,7 @@ impl Host {
 
     /// Hands over what the adapter takes.
     fn give(&mut self) {
-        while self.bridge.control_room() && !self.out.is_empty() {
+        while self.bridge.status(self.now).control_room && !self.out.is_empty() {
             let packet: Vec<u8> = self.out.drain(..self.packet.min(self.out.len())).collect();
             self.bridge.control_received(&packet, self.now);
         }
@@ -107,9 +107,13 @@ impl Host {
 
     fn take(&mut self) {
         let mut packet = [0; PACKET];
-        let due = self.bridge.control_due();
-        let len = self.bridge.control_transmit(&mut packet, self.now);
-        assert_eq!(len.is_some(), due);
+        let mut len = None;
+        while len.is_none() && self.bridge.status(self.now).control {
+            len = self.bridge.control_transmit(&mut packet, self.now);
+        }
+        if len.is_none() {
+            assert_eq!(self.bridge.control_transmit(&mut packet, self.now), None);
+        }
         let mut rest = &packet[..len.unwrap_or(0)];
         while !rest.is_empty() {
             rest = self.reader.push(rest);
@@ -124,7 +128,7 @@ impl Host {
 
     /// Does what only firmware can do.
     fn act(&mut self, done: bool) {
-        if let Some(Action::Save(_) | Action::Reset) = self.bridge.action() {
+        if let Some(Action::Save(_) | Action::Reset) = self.bridge.action(self.now) {
             let result = if done { Ok(()) } else { Err(Failure::Flash) };
             self.bridge.saved(result, self.now);
         }
@@ -133,10 +137,11 @@ impl Host {
     fn wait(&mut self, until: Instant) {
         self.now = self.now.max(until);
         self.bridge.tick(self.now);
-        if let Some(line) = self.bridge.line_change() {
-            self.bridge.line_changed(line);
+        match self.bridge.uart_transmit(&mut [0; 80], self.now) {
+            Some(Transmit::Burst { .. }) => self.bridge.uart_transmitted(self.now),
+            Some(Transmit::Configure(uart)) => self.bridge.uart_configured(uart),
+            None => {}
         }
-        self.bridge.uart_transmit(&mut [0; 80], self.now);
     }
 
     /// The host takes all there is, firmware does all it is told, and the arm says nothing: all is answered.
