@@ -13,7 +13,7 @@ use armwire_bridge::control::{
     encode_cobs,
 };
 use armwire_bridge::time;
-use armwire_bridge::{Bridge, Counters, PACKET};
+use armwire_bridge::{Bridge, Counters, PACKET, Start, Transmit, UsbEvent};
 use armwire_host_tests::image::{
     Control, MEGABAUD, Traffic, Witness, byte_time, counters, facts, joint_answer, on_board, plug_in,
 };
@@ -198,6 +198,16 @@ struct Listener {
 }
 
 impl Listener {
+    /// Takes all packets that the adapter has for it at `at`.
+    fn hear_all(&mut self, bridge: &mut Bridge, at: time::Instant) {
+        let mut packet = [0; PACKET];
+        while bridge.status(at).control {
+            if let Some(len) = bridge.control_transmit(&mut packet, at) {
+                self.hear(&packet[..len], at);
+            }
+        }
+    }
+
     /// Takes a packet, in which there may be frames that all ended at `at`.
     fn hear(&mut self, mut packet: &[u8], at: time::Instant) {
         while !packet.is_empty() {
@@ -233,8 +243,8 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
     /// The arm thinks for so long, and a bit more each time up to twice that.
     const THINKS: u64 = 100;
     let began = Instant::now();
-    let mut bridge = Bridge::new(Identity::default(), polled());
-    bridge.usb_configured(true);
+    let mut bridge = Bridge::new(Identity::default(), polled(), Start::default());
+    bridge.usb_event(UsbEvent::Configured(true), time::Instant::ZERO);
     let mut listener = Listener {
         reader: Reader::new(),
         frames: 0,
@@ -249,36 +259,35 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
     let len = encode_cobs(&FromHost { sequence: 1, request }, &mut message).unwrap();
     bridge.control_received(&message[..len], time::Instant::ZERO);
 
-    let mut packet = [0; PACKET];
     let mut now = time::Instant::ZERO;
     let (mut polls, mut heard) = (0_u32, 0_u64);
     let mut before = None;
     loop {
         let mut out = [0; 2 * PACKET];
-        while let Some(burst) = bridge.uart_transmit(&mut out, now) {
-            let start = burst.start.unwrap_or(now);
-            heard += burst.len as u64;
+        while let Some(transmit) = bridge.uart_transmit(&mut out, now) {
+            let Transmit::Burst { len, start } = transmit else {
+                panic!("the line is the arm's from the start: {transmit:?}");
+            };
+            bridge.uart_transmitted(now);
+            let start = start.unwrap_or(now);
+            heard += len as u64;
             let answer = joints(polls);
             let thinks = THINKS + u64::from(polls) % THINKS;
-            let end = time::Instant::from_micros(start.as_micros() + BYTE * (burst.len + answer.len()) as u64 + thinks);
+            let end = time::Instant::from_micros(start.as_micros() + BYTE * (len + answer.len()) as u64 + thinks);
             polls += 1;
             bridge.uart_received(&answer, end);
             bridge.uart_idle(time::Instant::from_micros(end.as_micros() + BYTE));
             now = end;
-            while let Some(len) = bridge.control_transmit(&mut packet, end) {
-                listener.hear(&packet[..len], end);
-            }
+            listener.hear_all(&mut bridge, end);
         }
         now = bridge.timeout().unwrap().max(now);
         if now.as_micros() >= SPAN {
             break;
         }
         bridge.tick(now);
-        while let Some(len) = bridge.control_transmit(&mut packet, now) {
-            listener.hear(&packet[..len], now);
-        }
+        listener.hear_all(&mut bridge, now);
         // What is polled goes nowhere else.
-        assert_eq!(bridge.usb_transmit(&mut packet), None);
+        assert_eq!(bridge.usb_transmit(&mut [0; PACKET]), None);
         if before.is_none() && now.as_micros() > SPAN / 10 {
             before = memory();
         }

@@ -104,10 +104,11 @@ pub(super) struct Oracle {
     command: Option<(u64, Vec<u8>)>,
     is_identifying: bool,
 
-    /// Until when the arm has for all answers, and how long the longest answer takes on the line, if that is not at the arm's
-    /// rate.
+    /// Until when the arm has for all answers, how long the longest answer takes on the line, if that is not at the arm's
+    /// rate, and the longest of these times of all requests that wait for an answer.
     answers_until: u64,
     answer_time: u64,
+    slowest_answer: u64,
     is_checking: bool,
     /// When something last moved on the line, and since when somebody has waited.
     moved: u64,
@@ -205,6 +206,7 @@ impl Oracle {
             is_identifying: false,
             answers_until: 0,
             answer_time: 0,
+            slowest_answer: 0,
             is_checking: false,
             moved: 0,
             waits: None,
@@ -497,6 +499,7 @@ impl Oracle {
             Ask::Answer(key, tag) => {
                 self.wanted += 1;
                 self.is_checking |= key == SELF_CHECK;
+                self.slowest_answer = self.slowest_answer.max(self.answer_time);
                 self.answers_until = self.answers_until.max(end + self.turnaround() + self.answer_time);
                 if let Some(tag) = tag {
                     self.unanswered.push((key, tag, end + turnaround(key)));
@@ -552,7 +555,7 @@ impl Oracle {
         self.in_time = is_in_time.then_some(tag).filter(|tag| tag.initiator == Initiator::Can);
         if asked.is_some() || matches!(tag.initiator, Initiator::Poll | Initiator::Adapter) {
             // Those behind have their time from now on.
-            self.answers_until = self.answers_until.max(now + self.turnaround());
+            self.answers_until = self.answers_until.max(now + self.turnaround() + self.slowest_answer);
         }
     }
 
@@ -562,7 +565,7 @@ impl Oracle {
         if now > self.answers_until + LATENESS {
             self.open_self_check |= self.unanswered.iter().any(|(key, ..)| *key == SELF_CHECK);
             self.unanswered.clear();
-            self.is_checking = false;
+            (self.is_checking, self.slowest_answer) = (false, 0);
         }
     }
 
@@ -753,9 +756,9 @@ impl Oracle {
         let answered = c.frames - c.late_answers - c.unasked_frames;
         if is_whole {
             assert_eq!(
-                answered + c.unanswered_requests,
+                answered + c.unanswered_requests + c.untracked_requests,
                 self.wanted,
-                "requests that were answered, or counted as not"
+                "requests that were answered, counted as not, or not tracked"
             );
         }
     }

@@ -13,7 +13,7 @@ use armwire_bridge::control::{
     Subscription, encode_cobs,
 };
 use armwire_bridge::isotp::{self, Endpoint, Link};
-use armwire_bridge::{Action, Bridge, LineCoding, PACKET};
+use armwire_bridge::{Action, Bridge, CanEvent, LineCoding, PACKET, Start, Status, Transmit, UsbEvent};
 
 use super::arm::{Arm, Heard, Manners};
 use super::oracle::Oracle;
@@ -68,9 +68,9 @@ pub(super) struct Rig {
 
 impl Rig {
     pub(super) fn new(config: Config, manners: Manners, save_takes: u64, random: Random, is_told: bool) -> Self {
-        let mut bridge = Bridge::new(Identity::default(), config);
+        let mut bridge = Bridge::new(Identity::default(), config, Start::default());
         assert_eq!(bridge.config(), config);
-        bridge.usb_configured(true);
+        bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
         let request = Function::ArmRequest.id(config.can.node);
         let mut rig = Self {
             bridge,
@@ -117,6 +117,10 @@ impl Rig {
 
     fn time(&self) -> Instant {
         Instant::from_micros(self.now)
+    }
+
+    fn status(&mut self) -> Status {
+        self.bridge.status(self.time())
     }
 
     /// Lets time pass until `end`.
@@ -174,7 +178,7 @@ impl Rig {
         if !self.is_over {
             self.oracle.tick(self.now);
             self.oracle.check(self.now);
-            assert!(!self.bridge.is_stuck(self.time()), "it is stuck at {} µs", self.now);
+            assert!(!self.status().is_stuck, "it is stuck at {} µs", self.now);
         }
     }
 
@@ -203,6 +207,7 @@ impl Rig {
         let now = self.time();
         let mut any = false;
         if self.bridge.timeout().is_some_and(|at| at <= now) {
+            // The first may end a stream that kept another rate away.
             self.bridge.tick(now);
             self.bridge.tick(now);
             assert!(
@@ -212,7 +217,7 @@ impl Rig {
             any = true;
         }
         self.hear_control();
-        if !self.bridge.usb_room() {
+        if !self.status().usb_room {
             self.oracle.usb_is_held_back(self.now);
         } else if !self.usb.is_empty() {
             let packet: Vec<u8> = self.usb.drain(..self.usb.len().min(PACKET)).collect();
@@ -235,7 +240,7 @@ impl Rig {
         any |= self.use_line();
         any |= self.use_bus();
         while !self.is_over
-            && let Some(action) = self.bridge.action()
+            && let Some(action) = self.bridge.action(self.time())
         {
             self.act(action);
             any = true;
@@ -248,7 +253,7 @@ impl Rig {
 
     fn use_line(&mut self) -> bool {
         let now = self.time();
-        if self.bridge.uart_cut() {
+        if self.status().uart_cut {
             // The byte on the line goes out, and perhaps the one behind it.
             let rest = 2 * nanos_a_byte(self.baud).div_ceil(1_000);
             self.uart_is_free = self.uart_is_free.min(self.now + rest);
@@ -256,19 +261,25 @@ impl Rig {
         if self.uart_is_free > self.now {
             return false;
         }
-        if let Some(line) = self.bridge.line_change() {
-            self.bridge.line_changed(line);
-            self.baud = line.coding.baud;
-            let at_arms_rate = self.baud == LineCoding::LING.baud;
-            self.seen.other_rate |= !at_arms_rate;
-            self.oracle.line_changed(self.now, at_arms_rate);
-            return true;
-        }
         let before = self.bridge.counters();
         let mut out = [0; MAX_FRAME];
-        let burst = self.bridge.uart_transmit(&mut out, now);
+        let transmit = self.bridge.uart_transmit(&mut out, now);
+        if let Some(Transmit::Burst { .. }) = transmit {
+            self.bridge.uart_transmitted(now);
+        }
         self.hear_control();
-        let Some(burst) = burst else { return false };
+        let (len, start) = match transmit {
+            None => return false,
+            Some(Transmit::Configure(uart)) => {
+                self.bridge.uart_configured(uart);
+                self.baud = uart.coding.baud;
+                let at_arms_rate = self.baud == LineCoding::LING.baud;
+                self.seen.other_rate |= !at_arms_rate;
+                self.oracle.line_changed(self.now, at_arms_rate);
+                return true;
+            }
+            Some(Transmit::Burst { len, start }) => (len, start),
+        };
         let after = self.bridge.counters();
         let initiator = [
             (Initiator::Can, after.requests_can != before.requests_can),
@@ -280,9 +291,9 @@ impl Rig {
             .into_iter()
             .find(|(_, has)| *has)
             .map_or(Initiator::Usb, |(initiator, _)| initiator);
-        let start = burst.start.map_or(self.now, |at| at.as_micros());
-        let bytes = &out[..burst.len];
-        self.uart_is_free = start + (burst.len as u64 * nanos_a_byte(self.baud)).div_ceil(1_000);
+        let start = start.map_or(self.now, |at| at.as_micros());
+        let bytes = &out[..len];
+        self.uart_is_free = start + (len as u64 * nanos_a_byte(self.baud)).div_ceil(1_000);
         self.tell(|| format!("{initiator} at {start}: {bytes:02X?}"));
         self.oracle.sent(initiator, bytes, self.now, start, self.uart_is_free);
         if self.baud == LineCoding::LING.baud {
@@ -323,7 +334,7 @@ impl Rig {
             ..LineCoding::LING
         };
         self.tell(|| format!("{baud} baud"));
-        let asked = self.bridge.request_line_coding(coding.to_cdc(), self.time());
+        let asked = self.bridge.set_line_coding(coding.to_cdc(), self.time());
         assert_eq!(asked, Ok(()));
         self.oracle.rate_requested(baud == LineCoding::LING.baud);
     }
@@ -331,13 +342,13 @@ impl Rig {
     /// The host on USB opens or closes the serial port.
     pub(super) fn set_dtr(&mut self, high: bool) {
         self.tell(|| format!("DTR {high}"));
-        self.bridge.usb_dtr(high, self.time());
+        self.bridge.usb_event(UsbEvent::Dtr(high), self.time());
         self.oracle.dtr(self.now, high, nanos_a_byte(self.baud));
     }
 
     /// The host on USB asks something on the control port.
     pub(super) fn control(&mut self, request: Request) {
-        if !self.bridge.control_room() {
+        if !self.status().control_room {
             return;
         }
         self.sequence = self.sequence.wrapping_add(1);
@@ -388,10 +399,10 @@ impl Rig {
             refused => self.oracle.usb_is_dropped(refused),
         }
         let mut packet = [0; PACKET];
-        while let Some(len) = self
-            .bridge
-            .control_transmit(&mut packet, Instant::from_micros(self.now))
-        {
+        while self.status().control {
+            let Some(len) = self.bridge.control_transmit(&mut packet, self.time()) else {
+                continue;
+            };
             let mut rest = &packet[..len];
             while !rest.is_empty() {
                 rest = self.replies.push(rest);
@@ -489,9 +500,12 @@ impl Rig {
             return false;
         }
         let now = self.time();
-        if let Some(frame) = self.bridge.can_transmit(now) {
+        while self.status().can {
+            let Some(frame) = self.bridge.can_transmit(now) else {
+                continue;
+            };
             self.bus_is_free = self.now + CAN_FRAME;
-            self.bridge.can_sent(0, now);
+            self.bridge.can_event(CanEvent::Waiting(0), now);
             self.hear_bus(&frame);
             return true;
         }
@@ -572,16 +586,21 @@ impl Rig {
     pub(super) fn watchdog_bites(&mut self) {
         self.hear_control();
         let must = self.oracle.is_armed();
-        let is_armed = self.bridge.is_armed();
+        let is_armed = self.status().is_armed;
         assert!(is_armed || !must, "a stream is armed, and the adapter does not know");
-        self.bridge = Bridge::new(Identity::default(), Config::default());
-        if is_armed {
-            self.bridge.restarted_while_armed();
-        }
+        let start = Start {
+            was_armed: is_armed,
+            ..Start::default()
+        };
+        self.bridge = Bridge::new(Identity::default(), Config::default(), start);
         let mut line: Vec<u8> = Vec::new();
         let mut out = [0; MAX_FRAME];
-        while let Some(burst) = self.bridge.uart_transmit(&mut out, Instant::ZERO) {
-            line.extend(&out[..burst.len]);
+        while let Some(transmit) = self.bridge.uart_transmit(&mut out, Instant::ZERO) {
+            let Transmit::Burst { len, .. } = transmit else {
+                panic!("the line is not the arm's: {transmit:?}");
+            };
+            self.bridge.uart_transmitted(Instant::ZERO);
+            line.extend(&out[..len]);
         }
         let expected = if is_armed {
             [&[0; MAX_FRAME][..], &super::oracle::TORQUE_OFF].concat()
