@@ -13,7 +13,7 @@ use armwire_bridge::control::{
     encode_cobs,
 };
 use armwire_bridge::time;
-use armwire_bridge::{Bridge, Counters, PACKET, Start, Transmit, UsbEvent};
+use armwire_bridge::{Bridge, Counters, PACKET, Start, Transmit, UartEvent, UsbEvent};
 use armwire_host_tests::image::{
     Control, MEGABAUD, Traffic, Witness, byte_time, counters, facts, joint_answer, on_board, plug_in,
 };
@@ -276,7 +276,7 @@ fn hours_of_polls_through_the_bridge_have_exact_counters_and_rising_stamps() {
             let end = time::Instant::from_micros(start.as_micros() + BYTE * (len + answer.len()) as u64 + thinks);
             polls += 1;
             bridge.uart_received(&answer, end);
-            bridge.uart_idle(time::Instant::from_micros(end.as_micros() + BYTE));
+            bridge.uart_event(UartEvent::Idle, time::Instant::from_micros(end.as_micros() + BYTE));
             now = end;
             listener.hear_all(&mut bridge, end);
         }

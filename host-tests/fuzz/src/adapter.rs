@@ -15,7 +15,7 @@ use armwire_bridge::control::{
 };
 use armwire_bridge::isotp::{self, Endpoint, Link};
 use armwire_bridge::{
-    Action, Bridge, CanErrors, CanEvent, Counters, PACKET, Start, Status, Transmit, UartErrors, UsbEvent,
+    Action, Bridge, CanErrors, CanEvent, Counters, PACKET, Start, Status, Transmit, UartErrors, UartEvent, UsbEvent,
 };
 
 use crate::ling::any_move;
@@ -275,10 +275,13 @@ impl World {
             // No interrupt handler saw the last bytes come, and nobody looks at once at what is due.
             _ => {
                 let frames = self.bridge.uart_received(bytes, self.now);
-                self.bridge.uart_errors(&UartErrors {
-                    late_stamps: frames as u32,
-                    ..UartErrors::default()
-                });
+                self.bridge.uart_event(
+                    UartEvent::Errors(UartErrors {
+                        late_stamps: frames as u32,
+                        ..UartErrors::default()
+                    }),
+                    self.now,
+                );
             }
         }
         assert!(self.bridge.rx_threshold().max > 0);
@@ -286,7 +289,7 @@ impl World {
 
     /// The line goes idle.
     pub fn line_idles(&mut self) {
-        self.hear(Bridge::uart_idle);
+        self.hear(|bridge, now| bridge.uart_event(UartEvent::Idle, now));
     }
 
     /// Lets the bridge hear the arm. Without a frame nothing is due that was not, but a packet for the host.
@@ -333,14 +336,17 @@ impl World {
 
     /// The UART reports errors.
     pub fn uart_errors(&mut self, [framing, parity, noise, overrun]: [u8; 4]) {
-        self.bridge.uart_errors(&UartErrors {
-            framing: framing.into(),
-            parity: parity.into(),
-            noise: noise.into(),
-            overrun: overrun.into(),
-            ring_overrun: u32::from(overrun == 0xFF),
-            late_stamps: 0,
-        });
+        self.bridge.uart_event(
+            UartEvent::Errors(UartErrors {
+                framing: framing.into(),
+                parity: parity.into(),
+                noise: noise.into(),
+                overrun: overrun.into(),
+                ring_overrun: u32::from(overrun == 0xFF),
+                late_stamps: 0,
+            }),
+            self.now,
+        );
     }
 
     /// The UART takes bytes for the arm, or changes its line. Whether there were any, or it did.
@@ -648,7 +654,7 @@ impl World {
     /// The hosts read all there is, the arm says nothing more, and time passes: all that was begun ends, and the accounts
     /// are exact.
     pub fn end(mut self) {
-        self.bridge.uart_idle(self.now);
+        self.bridge.uart_event(UartEvent::Idle, self.now);
         self.settle();
         self.check_heard();
         self.check_ended();

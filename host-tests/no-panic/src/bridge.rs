@@ -6,7 +6,8 @@ use armwire_bridge::can::{Frame, Id};
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Identity;
 use armwire_bridge::{
-    Bridge, CanErrors, CanEvent, Counters, Instant, LineCoding, PACKET, Start, UartConfig, UartErrors, UsbEvent,
+    Bridge, CanErrors, CanEvent, Counters, Instant, LineCoding, PACKET, Start, UartConfig, UartErrors, UartEvent,
+    UsbEvent,
 };
 
 use crate::bytes;
@@ -33,8 +34,8 @@ pub(crate) fn call_all() {
     black_box(black_box(&mut *bridge).usb_transmit(&mut [0; PACKET]));
 
     black_box(black_box(&mut *bridge).uart_received(bytes(&mut [0; 300]), now));
-    black_box(black_box(&mut *bridge).uart_idle(now));
-    black_box(&mut *bridge).uart_errors(black_box(&UartErrors::default()));
+    black_box(black_box(&mut *bridge).uart_event(UartEvent::Idle, now));
+    black_box(&mut *bridge).uart_event(UartEvent::Errors(black_box(UartErrors::default())), now);
     black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
     black_box(&mut *bridge).uart_transmitted(now);
     black_box(&mut *bridge).uart_configured(black_box(UartConfig::default()));

@@ -13,7 +13,7 @@ use armwire_bridge::control::{
     Subscription, encode_cobs,
 };
 use armwire_bridge::isotp::{self, Endpoint, Link};
-use armwire_bridge::{Action, Bridge, CanEvent, LineCoding, PACKET, Start, Status, Transmit, UsbEvent};
+use armwire_bridge::{Action, Bridge, CanEvent, LineCoding, PACKET, Start, Status, Transmit, UartEvent, UsbEvent};
 
 use super::arm::{Arm, Heard, Manners};
 use super::oracle::Oracle;
@@ -160,7 +160,7 @@ impl Rig {
             self.arm_speaks(at.max(self.now), &bytes);
         }
         if self.idle.take_if(|at| *at <= self.now).is_some() {
-            self.bridge.uart_idle(self.time());
+            self.bridge.uart_event(UartEvent::Idle, self.time());
         }
         if self.looks <= self.now {
             self.looks = self.now + LOOK;

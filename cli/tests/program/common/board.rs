@@ -10,7 +10,7 @@ use std::{fs, io};
 
 use armwire_bridge::config::Config;
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UsbEvent, time};
+use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UartEvent, UsbEvent, time};
 use armwire_sim::ling::{Config as ArmConfig, LingArm};
 use armwire_sim::pty::Pty;
 use armwire_sim::serial::SerialDevice;
@@ -107,13 +107,17 @@ impl Served {
         if self.bridge.status(now).usb_room {
             match self.port.read(&mut packet)? {
                 0 => {}
-                n => self.bridge.usb_received(&packet[..n], now),
+                n => {
+                    self.bridge.usb_received(&packet[..n], now);
+                }
             }
         }
         if self.bridge.status(now).control_room {
             match self.control.read(&mut packet)? {
                 0 => {}
-                n => self.bridge.control_received(&packet[..n], now),
+                n => {
+                    self.bridge.control_received(&packet[..n], now);
+                }
             }
         }
         Ok(())
@@ -136,7 +140,7 @@ impl Served {
         while let Some(byte) = self.arm.transmit(now) {
             self.bridge.uart_received(&[byte], now);
         }
-        self.bridge.uart_idle(now);
+        self.bridge.uart_event(UartEvent::Idle, now);
     }
 
     fn act(&mut self, now: time::Instant) {
