@@ -9,8 +9,12 @@ use armwire::ling::{self, Ling};
 use armwire::raw::Raw;
 
 use crate::config::ArmKind;
-use crate::control::MAX_FRAME;
 use crate::line_coding::{LineCoding, UartConfig};
+
+/// The longest frame that the adapter takes, in bytes: Ling's. Those of an Alpha1 with names over 65 bytes are longer.
+pub const MAX_FRAME: usize = 70;
+#[cfg(feature = "ling")]
+const _: () = assert!(MAX_FRAME == armwire::ling::MAX_FRAME);
 
 /// The expectation on a line of any kind: only Alpha1's frames need one.
 #[cfg(feature = "alpha1")]
@@ -86,9 +90,9 @@ impl ArmKind {
 
     /// Whether `frame` switches the torque on: the arm is to stay where it is.
     pub(crate) fn is_torque_on(self, frame: &[u8]) -> bool {
-        match self {
+        match (self, frame) {
             #[cfg(feature = "ling")]
-            Self::Ling => frame == ling::TORQUE_ON,
+            (Self::Ling, frame) => frame == ling::TORQUE_ON,
             _ => false,
         }
     }

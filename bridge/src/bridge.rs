@@ -11,7 +11,7 @@ use crate::earliest::Earliest;
 use crate::hosts::Hosts;
 use crate::line::{Line, PACKET, RxThreshold, Transmit};
 use crate::line_coding::{LineCoding, Refused, UartConfig};
-use crate::time::Instant;
+use armwire::time::Instant;
 
 /// The adapter between hosts on USB and CAN and an arm's UART.
 ///

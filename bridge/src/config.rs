@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::time::Duration;
+use armwire::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::can::Node;

@@ -20,8 +20,9 @@ use serde::{Deserialize, Serialize};
 use crate::config::{ArmKind, Config, ConfigError};
 use crate::counters::Counters;
 use crate::line_coding::LineCoding;
-use crate::time::Duration;
+use armwire::time::Duration;
 
+pub use crate::arm::MAX_FRAME;
 use crate::control_codec::COBS;
 pub use crate::control_codec::{MAX_MESSAGE, Malformed, Message, NoRoom, Reader, Reason, decode, encode, encode_cobs};
 
@@ -33,11 +34,6 @@ pub const MAX_EVENT: usize = 96;
 
 /// The longest message on USB, in bytes: COBS adds a byte in 254 and one, and the zero that ends it.
 pub const MAX_COBS: usize = MAX_MESSAGE + COBS;
-
-/// The longest frame that the adapter takes, in bytes: Ling's. Those of an Alpha1 with names over 65 bytes are longer.
-pub const MAX_FRAME: usize = 70;
-#[cfg(feature = "ling")]
-const _: () = assert!(MAX_FRAME == armwire::ling::MAX_FRAME);
 
 /// A frame of an arm, in bytes as on the wire.
 pub type FrameBytes = Vec<u8, MAX_FRAME>;

@@ -1,6 +1,6 @@
 //! The earliest of several instants.
 
-use crate::time::Instant;
+use armwire::time::Instant;
 
 /// Later than every instant that there is.
 const NEVER: Instant = Instant::from_micros(u64::MAX);

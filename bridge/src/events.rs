@@ -4,7 +4,7 @@ use crate::can::telemetry::{event_from_frame, event_to_frame};
 use crate::can::{Frame, Function, Node};
 use crate::control::{Event, FrameBytes, Initiator, Stamp};
 use crate::queue::Queue;
-use crate::time::Instant;
+use armwire::time::Instant;
 
 /// The bytes before an event's own: when it was, its kind, and its length.
 const HEADER: usize = 10;

@@ -4,7 +4,7 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::time::Duration;
+use armwire::time::Duration;
 
 /// The slowest line, in baud.
 pub const MIN_BAUD: u32 = 1_200;

@@ -70,14 +70,13 @@ impl Adapter {
         f(&mut self.bridge.borrow_mut())
     }
 
-    /// Calls the bridge and wakes those for whom a microsecond counts. All others are looked after when these have run.
+    /// Calls the bridge and wakes who sends to the arm, for whom a microsecond counts. All others are looked after then.
     ///
     /// So no caller needs to know what its call may lead to. A task that is woken without need looks and waits again.
     pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
         let result = self.take(f);
-        for work in [Work::Uart, Work::Port, Work::Dispatch] {
-            self.wake(work);
-        }
+        self.wake(Work::Uart);
+        self.wake(Work::Dispatch);
         result
     }
 

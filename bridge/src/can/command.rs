@@ -12,9 +12,9 @@
 //! sender that repeats one command for ever, whichever it is, moves nothing: what starts a stream does not move, and
 //! what moves does not start one.
 
-use crate::time::{Duration, Instant};
 use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
+use armwire::time::{Duration, Instant};
 
 use super::{Frame, Function, Node, telemetry};
 use crate::control::Refusal;

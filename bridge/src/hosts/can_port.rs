@@ -10,7 +10,7 @@ use crate::counters::{Counters, HostCounters, count};
 use crate::earliest::Earliest;
 use crate::isotp::{self, Endpoint, Link};
 use crate::queue::Queue;
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 
 use super::cyclic::Cyclic;
 use super::grid;

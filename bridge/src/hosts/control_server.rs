@@ -10,7 +10,7 @@ use crate::counters::{HostCounters, count};
 use crate::events::{EventQueue, Queued};
 use crate::line::{ControlPort, PACKET};
 use crate::queue::Queue;
-use crate::time::Instant;
+use armwire::time::Instant;
 
 use super::can_port::{CanPort, MAX_REQUEST};
 

@@ -8,7 +8,7 @@ use crate::can::telemetry::Sample;
 use crate::can::{Frame, Node};
 use crate::config::{self, ArmKind};
 use crate::control::{FrameBytes, Refusal};
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 
 use super::grid;
 

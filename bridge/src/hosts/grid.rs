@@ -1,6 +1,6 @@
 //! A fixed grid of instants.
 
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 
 /// The next instant of the grid through `at`, or one period from now if that has passed.
 pub(super) fn next(at: Instant, period: Duration, now: Instant) -> Instant {

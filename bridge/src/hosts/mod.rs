@@ -18,7 +18,7 @@ use crate::control::{Event, Failure, FrameBytes, FromHost, Identity, Initiator, 
 use crate::counters::{CanErrors, Counters, HostCounters, count};
 use crate::events::Queued;
 use crate::line::{ControlPort, Line, NotTaken, PACKET};
-use crate::time::Instant;
+use armwire::time::Instant;
 
 use can_port::{CanPort, Received};
 use control_server::{ControlServer, Pending};

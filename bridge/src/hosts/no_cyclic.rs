@@ -3,7 +3,7 @@
 use crate::can::Frame;
 use crate::config::{self, ArmKind};
 use crate::control::{FrameBytes, Refusal};
-use crate::time::Instant;
+use armwire::time::Instant;
 
 /// Neither telemetry nor commands.
 pub(super) struct Cyclic;

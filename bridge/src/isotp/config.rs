@@ -1,7 +1,7 @@
 //! How an endpoint treats its bus.
 
-use crate::time::Duration;
 use armwire::OutOfRange;
+use armwire::time::Duration;
 
 use crate::can::Id;
 

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::time::Instant;
+use armwire::time::Instant;
 
 use super::pci::{self, Pci};
 use super::receiver::Receiver;

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::time::Duration;
+use armwire::time::Duration;
 
 /// What happened. What succeeds in sending is no event: [`is_sending`](super::Endpoint::is_sending) says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -52,7 +52,7 @@ mod sender;
 #[cfg(test)]
 mod tests;
 
-use crate::time::Instant;
+use armwire::time::Instant;
 
 pub use config::{Config, Link, SeparationTime};
 pub use endpoint::{Endpoint, MAX_PDU};

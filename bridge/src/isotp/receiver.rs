@@ -1,6 +1,6 @@
 //! The half of an endpoint that receives.
 
-use crate::time::Instant;
+use armwire::time::Instant;
 
 use super::pci::{CONTINUE, FLOW_CONTROL, OVERFLOW};
 use super::{Config, Error, Event, Events, Ignored, Link, NEVER, Refused, block};

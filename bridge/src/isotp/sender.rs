@@ -1,6 +1,6 @@
 //! The half of an endpoint that sends.
 
-use crate::time::Instant;
+use armwire::time::Instant;
 
 use super::pci::{self, CONSECUTIVE, CONTINUE, FIRST, WAIT};
 use super::{Config, Error, Event, Ignored, Link, NEVER, SeparationTime, block};

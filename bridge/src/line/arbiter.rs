@@ -1,7 +1,7 @@
 //! Whose turn it is to speak to the arm.
 
 use crate::control::Initiator;
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 
 /// How long after another's turn the host on USB counts as one of several.
 const SHARED_TIME: Duration = Duration::from_millis(1_000);

@@ -2,7 +2,7 @@
 
 use crate::config::HostTimeout;
 use crate::control::Initiator;
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 
 /// How many requests for motion in a row make a stream.
 const STREAM: u8 = 3;

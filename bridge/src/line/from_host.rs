@@ -8,7 +8,7 @@ use crate::arm::Info;
 use crate::config::ArmKind;
 use crate::control::MAX_FRAME;
 use crate::queue::Queue;
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 
 /// Room for bytes of the host on USB that have not gone out yet: enough to keep a 2 Mbaud line busy while USB brings more.
 pub const TO_ARM_BUFFER: usize = 512;

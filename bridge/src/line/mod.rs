@@ -24,7 +24,7 @@ use crate::counters::{Counters, UartErrors, count};
 use crate::earliest::Earliest;
 use crate::events::{EventQueue, Queued};
 use crate::line_coding::{LineCoding, Refused, UartConfig};
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 
 use arbiter::{Arbiter, Contender};
 use dead_man::{DeadMan, STREAMERS};

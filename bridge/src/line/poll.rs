@@ -1,7 +1,7 @@
 //! The slots of the adapter's own poll.
 
 use crate::config;
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 
 /// How long before its slot a poll is handed over, so that nothing else that runs makes it late.
 pub const POLL_LEAD_TIME: Duration = Duration::from_micros(25);

@@ -4,7 +4,7 @@ use crate::config::ArmKind;
 use crate::control::{LineHolder, LineState};
 use crate::earliest::Earliest;
 use crate::line_coding::{LineCoding, UartConfig};
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 
 /// The port that a host controls the adapter by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

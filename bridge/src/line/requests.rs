@@ -6,7 +6,7 @@ use heapless::Deque;
 use crate::arm::Info;
 use crate::config::ArmKind;
 use crate::control::{FrameBytes, Initiator};
-use crate::time::Instant;
+use armwire::time::Instant;
 
 /// Requests from CAN that wait for their turn.
 const CAN_REQUESTS: usize = 2;

@@ -25,7 +25,7 @@
 use core::fmt;
 use core::ops::Range;
 
-use crate::time::{Duration, Instant};
+use armwire::time::{Duration, Instant};
 use embedded_storage_async::nor_flash::NorFlash;
 use heapless::Vec;
 use sequential_storage::cache::{Cache, Uncached};
