@@ -1,7 +1,6 @@
 //! A bounded queue of events: only what is needed to tell of a frame, not the message.
 
-use crate::can::telemetry::{event_from_frame, event_to_frame};
-use crate::can::{Frame, Function, Node};
+use crate::can::telemetry::{event_from_data, event_to_data};
 use crate::control::{Event, FrameBytes, Initiator, Stamp};
 use crate::queue::Queue;
 use armwire::time::Instant;
@@ -54,10 +53,7 @@ impl EventQueue {
 
     /// Appends an event that is no frame. Returns whether there was room.
     pub(crate) fn push(&mut self, at: Instant, event: &Event) -> bool {
-        match event_to_frame(event, Stamp(at.as_micros()), Node::default()) {
-            Some(frame) => self.push_bytes(at, OTHER, frame.data()),
-            None => false,
-        }
+        event_to_data(event, Stamp(at.as_micros())).is_some_and(|data| self.push_bytes(at, OTHER, &data))
     }
 
     fn push_bytes(&mut self, at: Instant, kind: u8, bytes: &[u8]) -> bool {
@@ -84,10 +80,7 @@ impl EventQueue {
         let _ = bytes.resize(len.into(), 0);
         self.bytes.pop(bytes);
         let queued = match kind {
-            OTHER => {
-                let frame = Frame::new(Function::Event.id(Node::default()), bytes).ok()?;
-                Queued::Event(event_from_frame(&frame)?.1)
-            }
+            OTHER => Queued::Event(event_from_data(bytes[..].try_into().ok()?)?.1),
             _ => Queued::Frame(Initiator::ALL.get(usize::from(kind)).copied()),
         };
         Some((Instant::from_micros(u64::from_le_bytes(stamp)), queued))

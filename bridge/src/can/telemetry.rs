@@ -6,7 +6,7 @@
 #[cfg(feature = "ling")]
 use armwire::ling::{JointState, MotionStatus};
 
-use super::{Frame, Function, Id, Node};
+use super::{Frame, Function, Id, MAX_CLASSIC, Node};
 use crate::Counters;
 use crate::control::{Event, Initiator, Refusal, Stamp};
 
@@ -198,6 +198,11 @@ impl Errors {
 /// assert_eq!(event_from_frame(&frame), Some((2, event)));
 /// ```
 pub fn event_to_frame(event: &Event, at: Stamp, node: Node) -> Option<Frame> {
+    Frame::new(Function::Event.id(node), &event_to_data(event, at)?).ok()
+}
+
+/// The data of such a frame.
+pub(crate) fn event_to_data(event: &Event, at: Stamp) -> Option<[u8; MAX_CLASSIC]> {
     let (what, initiator, dropped) = match *event {
         Event::Frame { .. } => return None,
         Event::Refused { initiator, reason } => (refusal_code(reason), initiator_code(initiator), 0),
@@ -213,18 +218,26 @@ pub fn event_to_frame(event: &Event, at: Stamp, node: Node) -> Option<Frame> {
             };
             (what, initiator_code(initiator), dropped)
         }
-        Event::BusOff { off } => (if off { BUS_OFF } else { BUS_ON }, NOBODY, 0),
+        Event::BusOff { off } => (if off { BUS_OFF } else { BUS_ON }, NOBODY, 0_u16),
     };
-    let [low, high] = halves(at.0 as u32);
-    let id = Function::Event.id(node);
-    Some(frame(id, [u16::from_le_bytes([what, initiator]), dropped, low, high]))
+    let [drop_low, drop_high] = dropped.to_le_bytes();
+    let [a, b, c, d] = (at.0 as u32).to_le_bytes();
+    Some([what, initiator, drop_low, drop_high, a, b, c, d])
 }
 
 /// What EVENT says, and the low 32 bits of its stamp. `None` when it is another frame, or says what no adapter of this
 /// version says.
 pub fn event_from_frame(frame: &Frame) -> Option<(u32, Event)> {
-    let (_, [what, dropped, low, high]) = words(frame, Function::Event)?;
-    let [what, initiator] = what.to_le_bytes();
+    let (function, _) = Function::of(frame.id())?;
+    let data = frame.data().try_into().ok().filter(|_| function == Function::Event)?;
+    event_from_data(data)
+}
+
+/// The same, of the data of such a frame.
+pub(crate) fn event_from_data(
+    [what, initiator, drop_low, drop_high, a, b, c, d]: [u8; MAX_CLASSIC],
+) -> Option<(u32, Event)> {
+    let dropped = u16::from_le_bytes([drop_low, drop_high]);
     let who = Initiator::ALL.into_iter().find(|&who| initiator_code(who) == initiator);
     let event = match (what, dropped) {
         (BUS_OFF | BUS_ON, 0) if initiator == NOBODY => Event::BusOff { off: what == BUS_OFF },
@@ -239,7 +252,7 @@ pub fn event_from_frame(frame: &Frame) -> Option<(u32, Event)> {
         },
         _ => return None,
     };
-    Some((whole(low, high), event))
+    Some((u32::from_le_bytes([a, b, c, d]), event))
 }
 
 /// What happened, if nothing was refused.

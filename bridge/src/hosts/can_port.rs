@@ -2,7 +2,7 @@
 
 use heapless::Deque;
 
-use crate::can::telemetry::{Errors, event_to_frame};
+use crate::can::telemetry::{Errors, event_to_data};
 use crate::can::{Frame, Function, MAX_CLASSIC};
 use crate::config::{self, ArmKind};
 use crate::control::{Event, FrameBytes, Initiator, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
@@ -163,13 +163,7 @@ impl CanPort {
 
     /// Whether an event was queued as a plain frame, if it has one.
     pub(crate) fn event_frame(&mut self, event: &Event, at: Instant) -> bool {
-        match event_to_frame(event, Stamp(at.as_micros()), self.config.node) {
-            Some(frame) => match frame.data().first_chunk() {
-                Some(data) => self.event_frames.push_back(*data).is_ok(),
-                None => false,
-            },
-            None => true,
-        }
+        event_to_data(event, Stamp(at.as_micros())).is_none_or(|data| self.event_frames.push_back(data).is_ok())
     }
 
     /// Begins to send what waits for a connection that is free.

@@ -112,8 +112,8 @@ pub(super) struct ControlServer {
     usb: UsbPort,
     usb_subscription: Subscription,
     can_subscription: Subscription,
-    /// Events that subscribers are told of when there is time: until then, others have something to send.
-    events: EventQueue,
+    /// Frames that subscribers are told of when there is time: until then, others have something to send.
+    frames: EventQueue,
     /// A request to identify the arm, and the arm's answer, `None` for none.
     pub(super) arm: Option<Pending<Result<Option<FrameBytes>, Failure>>>,
     /// A request to write or erase the configuration in flash.
@@ -130,7 +130,7 @@ impl ControlServer {
             usb: UsbPort::new(),
             usb_subscription: NOTHING,
             can_subscription: NOTHING,
-            events: EventQueue::new(),
+            frames: EventQueue::new(),
             arm: None,
             flash: None,
         }
@@ -250,19 +250,15 @@ impl ControlServer {
         self.usb_subscription.frames || self.can_subscription.frames
     }
 
-    /// Tells subscribers of an event that is no frame when there is time, as far as there is room.
+    /// Tells subscribers of an event that is no frame, as far as there is room. Frames before it are told of first.
     pub(super) fn tell(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut HostCounters) {
-        let subscribers = self.subscribers(|subscription| subscription.events);
-        if subscribers == 0 || self.events.push(at, event) {
-            return;
-        }
-        self.publish_all(can, counters);
-        if !self.events.push(at, event) {
-            count(&mut counters.dropped_events, subscribers);
+        if self.usb_subscription.events || self.can_subscription.events {
+            self.publish_all(can, counters);
+            self.publish_event(at, event.clone(), |subscription| subscription.events, can, counters);
         }
     }
 
-    /// Tells subscribers of a frame, in the same way.
+    /// Tells subscribers of a frame when there is time, as far as there is room.
     pub(super) fn tell_frame(
         &mut self,
         at: Instant,
@@ -271,74 +267,68 @@ impl ControlServer {
         can: &mut CanPort,
         counters: &mut HostCounters,
     ) {
-        let subscribers = self.subscribers(|subscription| subscription.frames);
-        if subscribers == 0 || self.events.push_frame(at, initiator, bytes) {
+        let subscriptions = [&self.usb_subscription, &self.can_subscription];
+        let subscribers = subscriptions.iter().filter(|subscription| subscription.frames).count();
+        if subscribers == 0 || self.frames.push_frame(at, initiator, bytes) {
             return;
         }
         self.publish_all(can, counters);
-        if !self.events.push_frame(at, initiator, bytes) {
+        if !self.frames.push_frame(at, initiator, bytes) {
             count(&mut counters.dropped_events, subscribers);
         }
     }
 
-    fn subscribers(&self, wants: impl Fn(&Subscription) -> bool) -> usize {
-        let subscriptions = [&self.usb_subscription, &self.can_subscription];
-        subscriptions.iter().filter(|subscription| wants(subscription)).count()
-    }
-
-    /// Tells subscribers of all events so far.
+    /// Tells subscribers of all frames so far.
     pub(super) fn publish_all(&mut self, can: &mut CanPort, counters: &mut HostCounters) {
         while self.publish(can, counters) {}
     }
 
-    /// Tells subscribers of the next event, as far as there is room, and returns whether there was one.
-    #[inline(never)]
+    /// Tells subscribers of the next frame, and returns whether there was one.
     pub(super) fn publish(&mut self, can: &mut CanPort, counters: &mut HostCounters) -> bool {
         let mut bytes = FrameBytes::new();
-        let Some((at, queued)) = self.events.pop(&mut bytes) else {
+        let Some((at, Queued::Frame(initiator))) = self.frames.pop(&mut bytes) else {
             return false;
         };
-        let is_frame = matches!(queued, Queued::Frame(_));
-        let event = match queued {
-            Queued::Frame(initiator) => Event::Frame { initiator, bytes },
-            Queued::Event(event) => event,
-        };
-        let wants = |subscription: Subscription| {
-            if is_frame {
-                subscription.frames
-            } else {
-                subscription.events
-            }
-        };
-        let (to_usb, to_can) = (wants(self.usb_subscription), wants(self.can_subscription));
+        let event = Event::Frame { initiator, bytes };
+        self.publish_event(at, event, |subscription| subscription.frames, can, counters);
+        true
+    }
+
+    /// Tells those subscribers of an event who want it, as far as there is room.
+    #[inline(never)]
+    fn publish_event(
+        &mut self,
+        at: Instant,
+        event: Event,
+        wants: fn(&Subscription) -> bool,
+        can: &mut CanPort,
+        counters: &mut HostCounters,
+    ) {
         let at = Stamp(at.as_micros());
         let mut bytes = [0; MAX_EVENT];
         let len = encode(&FromAdapter::Event { at, event }, &mut bytes).unwrap_or(0);
         let bytes = bytes.get(..len).unwrap_or_default();
-        if to_usb {
+        if wants(&self.usb_subscription) {
             let mut message = [0; MAX_EVENT + COBS];
             let len = add_cobs(bytes, &mut message).unwrap_or(0);
             // Replies go before events.
             let is_queued = self.usb.queue(message.get(..len).unwrap_or_default(), MAX_COBS);
             count(&mut counters.dropped_events, usize::from(!is_queued));
         }
-        if to_can {
+        if wants(&self.can_subscription) {
             let is_queued = can.event(bytes);
             count(&mut counters.dropped_events, usize::from(!is_queued));
         }
-        true
     }
 
     /// Whether [`packet`](Self::packet) has something to do.
     pub(super) fn is_packet_due(&self) -> bool {
-        !self.usb.out.is_empty()
-            || self.usb.is_open
-            || !self.events.is_empty() && self.usb_subscription != Subscription::default()
+        !self.usb.out.is_empty() || self.usb.is_open || !self.frames.is_empty() && self.usb_subscription.frames
     }
 
-    /// Whether there is an event to publish on the bus.
+    /// Whether there is a frame to tell of on the bus.
     pub(super) fn is_can_due(&self) -> bool {
-        !self.events.is_empty() && self.can_subscription != Subscription::default()
+        !self.frames.is_empty() && self.can_subscription.frames
     }
 
     /// Moves the next packet for the host on USB into `packet` and returns its length, 0 for one without data.
@@ -348,7 +338,7 @@ impl ControlServer {
         can: &mut CanPort,
         counters: &mut HostCounters,
     ) -> Option<usize> {
-        // One event at a time: others have something to do, too.
+        // One frame at a time: others have something to do, too.
         if self.usb.out.len() < PACKET {
             self.publish(can, counters);
         }

@@ -14,7 +14,9 @@ mod grid;
 use crate::action::Action;
 use crate::can::Frame;
 use crate::config::{Config, ConfigError};
-use crate::control::{Event, Failure, FrameBytes, FromHost, Identity, Initiator, Malformed, Reply, Request, VERSION};
+use crate::control::{
+    Event, Failure, FrameBytes, FromHost, Identity, Initiator, Malformed, Refusal, Reply, Request, VERSION,
+};
 use crate::counters::{CanErrors, Counters, HostCounters, count};
 use crate::events::Queued;
 use crate::line::{ControlPort, Line, NotTaken, PACKET};
@@ -77,8 +79,6 @@ impl Hosts {
             self.serve(line, now);
         }
         self.submit(line, now);
-        // Refusals are events, too.
-        self.take_deliveries(line);
     }
 
     /// Takes what the line delivers. Returns whether a host may be waiting for that.
@@ -146,6 +146,14 @@ impl Hosts {
         self.control.tell(at, event, &mut self.can, &mut self.counters);
     }
 
+    /// Refuses a request from the bus.
+    fn refuse(&mut self, initiator: Initiator, reason: Refusal, line: &mut Line, now: Instant) {
+        line.count_refusal(reason);
+        // Frames and events before it are told of first.
+        self.take_deliveries(line);
+        self.tell(&Event::Refused { initiator, reason }, now);
+    }
+
     /// Hands the line requests from the bus, as far as it has room for them.
     fn submit(&mut self, line: &mut Line, now: Instant) {
         while self.can_change.is_none()
@@ -157,7 +165,7 @@ impl Hosts {
             }
             self.can.arm.release();
             if let Err(NotTaken::Refused(reason)) = taken {
-                line.refuse(Initiator::Can, reason, now);
+                self.refuse(Initiator::Can, reason, line, now);
             }
         }
     }
@@ -207,7 +215,7 @@ impl Hosts {
             Some(Received::Control) => self.serve(line, now),
             // The bus may be the one before a change of the configuration.
             Some(Received::Command(request)) if self.config.can.commands => line.command(&request, now),
-            Some(Received::Refused(initiator, refusal)) => line.refuse(initiator, refusal, now),
+            Some(Received::Refused(initiator, refusal)) => self.refuse(initiator, refusal, line, now),
             Some(Received::Command(_)) | None => {}
         }
     }
@@ -260,7 +268,7 @@ impl Hosts {
     pub(crate) fn tick(&mut self, line: &mut Line, now: Instant) {
         let was_replying = self.can.control.is_sending();
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
-            line.refuse(Initiator::Command, refusal, now);
+            self.refuse(Initiator::Command, refusal, line, now);
         }
         self.serve_behind_reply(was_replying, line, now);
     }

@@ -688,9 +688,14 @@ impl Line {
         }
     }
 
-    /// Counts a refusal, and tells of it.
     #[cold]
-    pub(crate) fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Instant) {
+    fn refuse(&mut self, initiator: Initiator, reason: Refusal, now: Instant) {
+        self.count_refusal(reason);
+        self.deliver(&Event::Refused { initiator, reason }, now);
+    }
+
+    /// Counts a refusal, on the hosts' side too.
+    pub(crate) const fn count_refusal(&mut self, reason: Refusal) {
         let c = &mut self.counters;
         let counter = match reason {
             Refusal::QueueFull => &mut c.refused_can_requests,
@@ -701,8 +706,7 @@ impl Line {
             Refusal::LineHeld => &mut c.refused_line_held,
             Refusal::OtherRate => &mut c.refused_other_rate,
         };
-        count(counter, 1);
-        self.deliver(&Event::Refused { initiator, reason }, now);
+        *counter = counter.wrapping_add(1);
     }
 
     fn deliver(&mut self, event: &Event, at: Instant) {
