@@ -105,6 +105,8 @@ pub struct Status {
     pub is_armed: bool,
     /// A host has configured the USB device.
     pub is_attached: bool,
+    /// Bytes that passed, both ways, modulo 2³².
+    pub passed_bytes: u32,
     /// Bytes for the arm stopped moving, or nobody has looked at the UART, for a second: something is wrong that only a restart
     /// cures. A host that does not read is no such thing.
     pub is_stuck: bool,
@@ -427,6 +429,7 @@ impl Bridge {
             can: self.hosts.is_can_due(now),
             is_armed: self.line.is_armed(),
             is_attached: self.line.to_host().is_attached(),
+            passed_bytes: self.line.passed_bytes(),
             is_stuck: self.line.is_stuck(now),
         }
     }

@@ -4,7 +4,7 @@ use core::cell::{Cell, RefCell};
 
 use armwire_bridge::config::{self, Config};
 use armwire_bridge::control::Identity;
-use armwire_bridge::{Action, Bridge, Instant, Start};
+use armwire_bridge::{Action, Bridge, Instant, Start, Status};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 
@@ -49,6 +49,8 @@ pub(crate) struct Adapter {
     pub(crate) action: Notice<Action>,
     /// The CAN controller is to be set up anew.
     pub(crate) can_restart: Notice<config::Can>,
+    /// The status at the last dispatch.
+    pub(crate) status: Cell<Status>,
     /// How long the last packet was that was put in the serial port's endpoint.
     pub(crate) last_packet: Cell<usize>,
 }
@@ -61,6 +63,7 @@ impl Adapter {
             works: [const { Notice::new() }; WORKS],
             action: Notice::new(),
             can_restart: Notice::new(),
+            status: Cell::new(Status::default()),
             last_packet: Cell::new(0),
         }
     }
@@ -108,6 +111,7 @@ impl Adapter {
             self.action.signal(action);
         }
         let status = bridge.status(now);
+        self.status.set(status);
         restart::armed(status.is_armed);
         for (is_due, work) in [
             (status.uart, Work::Uart),

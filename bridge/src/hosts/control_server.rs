@@ -338,10 +338,9 @@ impl ControlServer {
         can: &mut CanPort,
         counters: &mut HostCounters,
     ) -> Option<usize> {
-        // One frame at a time: others have something to do, too.
-        if self.usb.out.len() < PACKET {
-            self.publish(can, counters);
-        }
+        // One frame for this host at a time: others have something to do, too.
+        let before = self.usb.out.len();
+        while before < PACKET && self.usb.out.len() == before && self.publish(can, counters) {}
         if self.usb.out.is_empty() && !self.usb.is_open {
             return None;
         }

@@ -1,5 +1,7 @@
 //! The serial port from the host: the bytes that wait for the arm, and the requests among those that go out.
 
+use core::ops::Range;
+
 use armwire::decoder::{Decoder, Item, Kind};
 use armwire::dialect::Dialect;
 use armwire::framing::{Framing, Scan};
@@ -103,19 +105,17 @@ impl FromHost {
         let out = out.get(..len).unwrap_or_default();
         match (one, self.decoder.pending()) {
             (false, _) => len,
-            (true, 0) => end_of_request(kind, out),
+            (true, 0) => first_request(kind, out).map_or(len, |request| request.end),
             (true, _) => len.min(self.decoder.need(&kind, kind.requests()).max(1)),
         }
     }
 
-    /// What the request that goes out next, if it is whole, asks for.
+    /// The first whole request of those that wait.
     pub(crate) fn peek_request(&self, kind: ArmKind) -> Option<Info> {
         let mut next = [0; MAX_FRAME];
         let len = self.bytes.peek(&mut next);
-        match kind.scan(next.get(..len)?, kind.requests()) {
-            Scan::Frame(len) => kind.request(next.get(..len)?),
-            _ => None,
-        }
+        let place = first_request(kind, next.get(..len)?)?;
+        kind.request(next.get(place)?)
     }
 
     /// Bytes go out.
@@ -183,16 +183,14 @@ impl FromHost {
     }
 }
 
-/// The number of bytes up to the end of the first request in them; all of them if there is none.
-fn end_of_request(kind: ArmKind, bytes: &[u8]) -> usize {
-    let mut rest = bytes;
+/// The place of the first request in these bytes.
+fn first_request(kind: ArmKind, bytes: &[u8]) -> Option<Range<usize>> {
+    let mut start: usize = 0;
     loop {
-        match kind.scan(rest, kind.requests()) {
-            Scan::Frame(len) => return bytes.len().saturating_sub(rest.len()).saturating_add(len),
-            Scan::Noise(len, _) | Scan::Padding(len) if len < rest.len() => {
-                rest = rest.get(len..).unwrap_or_default();
-            }
-            _ => return bytes.len(),
+        match kind.scan(bytes.get(start..)?, kind.requests()) {
+            Scan::Frame(len) => return Some(start..start.saturating_add(len)),
+            Scan::Noise(len, _) | Scan::Padding(len) => start = start.saturating_add(len),
+            Scan::Need(_) | Scan::Broken(_) => return None,
         }
     }
 }

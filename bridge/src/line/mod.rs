@@ -172,6 +172,12 @@ impl Line {
         &self.counters
     }
 
+    /// Bytes that passed, both ways.
+    pub(crate) const fn passed_bytes(&self) -> u32 {
+        let c = &self.counters;
+        c.arm_to_host_bytes.wrapping_add(c.host_to_arm_bytes)
+    }
+
     pub(crate) const fn latencies(&self) -> &Latencies {
         &self.latencies
     }

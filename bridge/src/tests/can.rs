@@ -230,7 +230,7 @@ fn what_waits_when_the_bus_is_another_one_is_counted() {
         configure(bridge, other, now);
         assert_eq!(bridge.action(Instant::ZERO), Some(Action::RestartCan(other)));
     });
-    assert_eq!(lost, [3, 3, 3 + 2, 1]);
+    assert_eq!(lost, [2, 3, 3 + 3, 1]);
     assert_eq!(hand(&mut bridge, now), None);
 }
 

@@ -786,3 +786,23 @@ fn a_configuration_for_can_fd_is_not_one_of_a_board_without() {
         assert_eq!(Bridge::new(identity, config, Start::default()).config(), expected);
     }
 }
+
+#[test]
+fn an_event_of_a_request_on_can_leaves_room_for_the_reply() {
+    let mut rig = Rig::new(Config {
+        poll: Poll::Hertz(100),
+        ..Config::default()
+    });
+    let events = Subscription {
+        frames: false,
+        events: true,
+    };
+    assert_eq!(call_on_can(&mut rig, 1, Request::Subscribe(events)), Reply::Done);
+    rig.ask_on_can(2, Request::HoldLine);
+    rig.run(10_000);
+    let replies = rig.can_control.iter().filter_map(|message| match message {
+        FromAdapter::Reply { sequence, reply } => Some((*sequence, reply.clone())),
+        FromAdapter::Event { .. } => None,
+    });
+    assert_eq!(replies.collect::<Vec<_>>(), [(2, Reply::Done)]);
+}

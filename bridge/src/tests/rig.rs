@@ -145,6 +145,7 @@ impl Rig {
             let status = Status {
                 usb: false,
                 is_stuck: false,
+                passed_bytes: 0,
                 ..bridge.status(now)
             };
             (status, bridge.timeout())
