@@ -48,6 +48,8 @@ pub enum UartEvent {
     Idle,
     /// Errors. The bytes they came with are passed on as they are.
     Errors(UartErrors),
+    /// The UART works like this from here on, as [`Transmit::Configure`] said. A frame that had begun will not end.
+    Configured(UartConfig),
 }
 
 /// An event of the USB device.
@@ -107,9 +109,6 @@ pub struct Status {
     pub is_attached: bool,
     /// Bytes that passed, both ways, modulo 2³².
     pub passed_bytes: u32,
-    /// Bytes for the arm stopped moving, or nobody has looked at the UART, for a second: something is wrong that only a restart
-    /// cures. A host that does not read is no such thing.
-    pub is_stuck: bool,
 }
 
 impl Bridge {
@@ -185,6 +184,7 @@ impl Bridge {
                 self.line.errors(&errors);
                 0
             }
+            UartEvent::Configured(uart) => self.line.uart_configured(uart),
         }
     }
 
@@ -248,11 +248,6 @@ impl Bridge {
         self.line.transmitted(now);
     }
 
-    /// The UART works like this from here on. A frame that had begun will not end.
-    pub fn uart_configured(&mut self, uart: UartConfig) {
-        self.line.uart_configured(uart);
-    }
-
     // ---- USB ----
 
     /// Something happened to the USB device. Returns whether a packet on its way is now for nobody.
@@ -314,7 +309,7 @@ impl Bridge {
     ///
     /// ```
     /// use armwire_bridge::time::Instant;
-    /// use armwire_bridge::{Bridge, Refused, Transmit};
+    /// use armwire_bridge::{Bridge, Refused, Transmit, UartEvent};
     ///
     /// let mut bridge = Bridge::default();
     /// let refused = bridge.set_line_coding([0x00, 0xC2, 0x01, 0x00, 1, 0, 8], Instant::ZERO);
@@ -326,7 +321,7 @@ impl Bridge {
     /// bridge.usb_received(b"at 115200 baud", Instant::ZERO);
     /// let Some(Transmit::Configure(uart)) = bridge.uart_transmit(&mut [0; 70], Instant::ZERO) else { panic!() };
     /// // Here firmware waits for the last bit to leave, and changes the UART.
-    /// bridge.uart_configured(uart);
+    /// bridge.uart_event(UartEvent::Configured(uart), Instant::ZERO);
     /// assert_eq!((uart.coding.baud, bridge.line_coding().baud), (115_200, 115_200));
     /// ```
     pub fn set_line_coding(&mut self, bytes: [u8; 7], now: Instant) -> Result<(), Refused> {
@@ -407,16 +402,6 @@ impl Bridge {
     // ---- Time, and what only firmware can do ----
 
     /// What there is to do at `now`, and the adapter's state.
-    ///
-    /// ```
-    /// use armwire_bridge::Bridge;
-    /// use armwire_bridge::time::Instant;
-    ///
-    /// let mut bridge = Bridge::default();
-    /// bridge.uart_received(&[], Instant::ZERO);
-    /// assert!(!bridge.status(Instant::from_millis(900)).is_stuck);
-    /// assert!(bridge.status(Instant::from_millis(1_100)).is_stuck);
-    /// ```
     pub fn status(&mut self, now: Instant) -> Status {
         self.hosts.update(&mut self.line, now);
         Status {
@@ -430,7 +415,6 @@ impl Bridge {
             is_armed: self.line.is_armed(),
             is_attached: self.line.to_host().is_attached(),
             passed_bytes: self.line.passed_bytes(),
-            is_stuck: self.line.is_stuck(now),
         }
     }
 
@@ -457,6 +441,22 @@ impl Bridge {
     }
 
     // ---- State ----
+
+    /// Whether bytes for the arm stopped moving, or nobody has looked at the UART, for a second: something is wrong that only a
+    /// restart cures. A host that does not read is no such thing.
+    ///
+    /// ```
+    /// use armwire_bridge::Bridge;
+    /// use armwire_bridge::time::Instant;
+    ///
+    /// let mut bridge = Bridge::default();
+    /// bridge.uart_received(&[], Instant::ZERO);
+    /// assert!(!bridge.is_stuck(Instant::from_millis(900)));
+    /// assert!(bridge.is_stuck(Instant::from_millis(1_100)));
+    /// ```
+    pub fn is_stuck(&self, now: Instant) -> bool {
+        self.line.is_stuck(now)
+    }
 
     /// The configuration in force.
     pub const fn config(&self) -> Config {

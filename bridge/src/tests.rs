@@ -229,7 +229,7 @@ fn a_line_coding_takes_effect_between_the_bytes_before_and_after_it() {
     assert_eq!(sent(&mut bridge), [1, 2, 3]);
     assert_eq!(sent(&mut bridge), []);
     let line = bridge.line.uart_change().unwrap();
-    bridge.uart_configured(line);
+    bridge.uart_event(UartEvent::Configured(line), NOW);
     assert_eq!(bridge.line.uart_change(), None);
     assert_eq!(sent(&mut bridge), [4, 5]);
     assert_eq!(bridge.counters().line_codings, 1);
@@ -256,7 +256,7 @@ fn bytes_between_two_line_codings_go_out_at_the_first() {
             sent.extend(buf[..n].iter().map(|&byte| (byte, baud)));
             if let Some(line) = bridge.line.uart_change() {
                 baud = line.coding.baud;
-                bridge.uart_configured(line);
+                bridge.uart_event(UartEvent::Configured(line), NOW);
             }
         }
         assert_eq!(sent, [[(b'A', 1_000_000); 3], [(b'B', 115_200); 3]].concat());
@@ -278,7 +278,7 @@ fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
     assert_eq!(bridge.line.uart_change(), None);
     assert_eq!(bridge.line_coding(), LineCoding::LING);
     // One may have been under way already.
-    bridge.uart_configured(UartConfig::default());
+    bridge.uart_event(UartEvent::Configured(UartConfig::default()), NOW);
     assert_eq!(bridge.line.uart_change(), None);
 }
 
@@ -293,11 +293,11 @@ fn a_line_coding_that_comes_while_the_uart_is_changed_takes_effect_after_that() 
         // Firmware waits for the last bit to leave. Meanwhile:
         bridge.set_line_coding(last, SETTLED).unwrap();
         bridge.tick(SETTLED + Duration::from_millis(100));
-        bridge.uart_configured(first);
+        bridge.uart_event(UartEvent::Configured(first), NOW);
         assert_eq!(bridge.line_coding().to_cdc(), last);
         let line = bridge.line.uart_change().unwrap();
         assert_eq!(line.coding.to_cdc(), last);
-        bridge.uart_configured(line);
+        bridge.uart_event(UartEvent::Configured(line), NOW);
         assert_eq!(bridge.line.uart_change(), None);
         assert_eq!(bridge.line_coding().to_cdc(), last);
     }
@@ -318,7 +318,7 @@ fn a_new_line_coding_ends_the_frame_that_had_begun() {
     let mut bridge = open();
     let frame = frame(&[1, 2, 3]);
     bridge.uart_received(&frame[..4], NOW);
-    bridge.uart_configured(line(BAUD_115200));
+    bridge.uart_event(UartEvent::Configured(line(BAUD_115200)), NOW);
     assert_eq!(packets(&mut bridge), [&frame[..4]]);
     bridge.uart_received(&frame, NOW);
     assert_eq!(packets(&mut bridge), [frame]);
@@ -441,7 +441,7 @@ fn what_is_known_of_a_slow_line_is_not_old_while_bytes_come() {
             baud,
             ..LineCoding::LING
         };
-        bridge.uart_configured(line(coding.to_cdc()));
+        bridge.uart_event(UartEvent::Configured(line(coding.to_cdc())), NOW);
         assert_eq!(bridge.rx_threshold(), any_frame(most));
         bridge.uart_received(&frame(&[9; 15])[..6], NOW);
         assert_eq!(bridge.rx_threshold().max, rest);
@@ -486,22 +486,22 @@ fn bytes_that_stop_moving_are_a_fault_and_a_host_that_does_not_read_is_none() {
     let at = Instant::from_millis;
     let mut bridge = open();
     bridge.uart_received(&[7; 500], at(5_000));
-    assert!(!bridge.status(at(6_000)).is_stuck);
+    assert!(!bridge.is_stuck(at(6_000)));
 
     bridge.usb_received(&[1; 10], at(5_500));
     bridge.uart_received(&[], at(6_500));
-    assert!(!bridge.status(at(6_500)).is_stuck);
-    assert!(bridge.status(at(6_501)).is_stuck);
+    assert!(!bridge.is_stuck(at(6_500)));
+    assert!(bridge.is_stuck(at(6_501)));
     assert_eq!(rig::transmit(&mut bridge, &mut [0; 3], at(6_501)).unwrap().len, 3);
-    assert!(!bridge.status(at(6_502)).is_stuck);
+    assert!(!bridge.is_stuck(at(6_502)));
     sent(&mut bridge);
-    assert!(!bridge.status(at(7_500)).is_stuck);
+    assert!(!bridge.is_stuck(at(7_500)));
 
     bridge.set_line_coding(BAUD_115200, at(6_501)).unwrap();
     bridge.usb_received(&[1; 10], at(6_501));
-    assert!(!bridge.status(at(7_500)).is_stuck);
+    assert!(!bridge.is_stuck(at(7_500)));
     bridge.uart_received(&[], at(7_502));
-    assert!(bridge.status(at(7_502)).is_stuck);
+    assert!(bridge.is_stuck(at(7_502)));
 }
 
 /// What an arm may put on the line: frames, parts of frames, anything.

@@ -90,7 +90,7 @@ pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog) {
         let round = ROUND.fetch_add(1, Ordering::Relaxed);
         let is_late = |heard: &AtomicU32| round.saturating_sub(heard.load(Ordering::Relaxed)) > PATIENCE;
         // `AT_REST` is later than every round.
-        if !HEARD.iter().any(is_late) && !adapter.take(|bridge| bridge.status(now()).is_stuck) {
+        if !HEARD.iter().any(is_late) && !adapter.take(|bridge| bridge.is_stuck(now())) {
             watchdog.pet();
         }
         // The bridge wants to see that somebody looks at the UART.

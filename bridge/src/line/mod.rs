@@ -854,13 +854,14 @@ impl Line {
         (self.requests.torque_off.is_some() || !self.is_anothers()).then_some(uart)
     }
 
-    /// The UART was changed. A frame that had begun will not end.
-    pub(crate) fn uart_configured(&mut self, uart: UartConfig) {
-        self.idle(self.last_rx_poll);
+    /// The UART was changed. A frame that had begun will not end. Returns the number of frames that this ended.
+    pub(crate) fn uart_configured(&mut self, uart: UartConfig) -> usize {
+        let frames = self.idle(self.last_rx_poll);
         self.from_host.cut();
         self.rate.changed(uart);
         self.follow_holder(self.last_rx_poll);
         count(&mut self.counters.line_codings, 1);
+        frames
     }
 
     /// Whether the bytes that the UART sends are to be cut: torque-off waits, and the arm does not understand their rate.

@@ -9,7 +9,7 @@ use crate::can::command::Command;
 use crate::can::{Frame, Function};
 use crate::config::{Can, Config};
 use crate::control::{FromHost, Identity, MAX_FRAME, Request, Subscription, encode};
-use crate::{Action, Bridge, CanEvent, Counters, Duration, Instant, Start, UartConfig};
+use crate::{Action, Bridge, CanEvent, Counters, Duration, Instant, Start, UartConfig, UartEvent};
 
 /// An adapter on this bus.
 fn on_bus(can: Can) -> Bridge {
@@ -314,7 +314,9 @@ fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
         |bridge| {
             bridge.can_event(CanEvent::BusOn, at(300));
         },
-        |bridge| bridge.uart_configured(UartConfig::default()),
+        |bridge| {
+            bridge.uart_event(UartEvent::Configured(UartConfig::default()), Instant::ZERO);
+        },
     ];
     for other in others {
         let (mut bridge, [_, last]) = told_of_two();

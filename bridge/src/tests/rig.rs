@@ -144,7 +144,6 @@ impl Rig {
         let due = |bridge: &mut Bridge| {
             let status = Status {
                 usb: false,
-                is_stuck: false,
                 passed_bytes: 0,
                 ..bridge.status(now)
             };
@@ -219,7 +218,7 @@ impl Rig {
                 match transmit {
                     None => {}
                     Some(Transmit::Configure(uart)) => {
-                        self.bridge.uart_configured(uart);
+                        self.bridge.uart_event(UartEvent::Configured(uart), now);
                         self.uart = uart;
                         idle = false;
                     }

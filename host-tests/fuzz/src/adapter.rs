@@ -298,7 +298,6 @@ impl World {
         let frames = hear(&mut self.bridge, self.now);
         let after = Status {
             usb: before.usb,
-            is_stuck: before.is_stuck,
             ..self.status()
         };
         assert!(frames > 0 || after == before, "something is due without a frame");
@@ -366,7 +365,7 @@ impl World {
             }
             Some(Transmit::Configure(uart)) => {
                 assert!(due);
-                self.bridge.uart_configured(uart);
+                self.bridge.uart_event(UartEvent::Configured(uart), self.now);
                 return true;
             }
             Some(Transmit::Burst { len, start }) => (len, start),
@@ -745,7 +744,7 @@ impl World {
             assert_eq!(self.usb_sent, self.usb_said, "bytes for the arm are lost");
         }
         self.bridge.uart_received(&[], now);
-        assert!(!self.status().is_stuck);
+        assert!(!self.is_stuck());
         if !self.usb_gone {
             assert_eq!(self.answered, self.asked, "requests on the control interface");
         }

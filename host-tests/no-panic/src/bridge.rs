@@ -38,7 +38,7 @@ pub(crate) fn call_all() {
     black_box(&mut *bridge).uart_event(UartEvent::Errors(black_box(UartErrors::default())), now);
     black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
     black_box(&mut *bridge).uart_transmitted(now);
-    black_box(&mut *bridge).uart_configured(black_box(UartConfig::default()));
+    black_box(&mut *bridge).uart_event(UartEvent::Configured(black_box(UartConfig::default())), now);
     black_box(black_box(black_box(&*bridge).rx_threshold()).is_met(black_box(7), black_box(0xFF)));
 
     black_box(black_box(&mut *bridge).set_line_coding(black_box([0; 7]), now).is_ok());

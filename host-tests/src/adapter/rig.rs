@@ -178,7 +178,7 @@ impl Rig {
         if !self.is_over {
             self.oracle.tick(self.now);
             self.oracle.check(self.now);
-            assert!(!self.status().is_stuck, "it is stuck at {} µs", self.now);
+            assert!(!self.bridge.is_stuck(self.time()), "it is stuck at {} µs", self.now);
         }
     }
 
@@ -271,7 +271,7 @@ impl Rig {
         let (len, start) = match transmit {
             None => return false,
             Some(Transmit::Configure(uart)) => {
-                self.bridge.uart_configured(uart);
+                self.bridge.uart_event(UartEvent::Configured(uart), self.time());
                 self.baud = uart.coding.baud;
                 let at_arms_rate = self.baud == LineCoding::LING.baud;
                 self.seen.other_rate |= !at_arms_rate;

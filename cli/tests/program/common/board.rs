@@ -134,7 +134,7 @@ impl Served {
                         self.arm.receive(now, byte);
                     }
                 }
-                Transmit::Configure(uart) => self.bridge.uart_configured(uart),
+                Transmit::Configure(uart) => self.bridge.uart_event(UartEvent::Configured(uart), now),
             }
         }
         while let Some(byte) = self.arm.transmit(now) {
