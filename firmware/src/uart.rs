@@ -314,8 +314,13 @@ impl Receiver {
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
             if self.look() {
-                // What a frame leads to goes out before the line is looked at again.
+                // The packet goes out before all else that a frame leads to.
                 yield_now().await;
+                self.adapter.wake(Work::Uart);
+                self.adapter.wake(Work::Dispatch);
+                if self.adapter.take(|bridge| bridge.has_delivery()) {
+                    self.adapter.wake(Work::Can);
+                }
             }
             let need = self.adapter.take(|bridge| bridge.rx_threshold());
             look_for(need);
@@ -358,7 +363,7 @@ impl Receiver {
     /// Passes what has arrived to the bridge, and returns whether a frame ended.
     fn look(&mut self) -> bool {
         let chunk = &mut self.chunk;
-        let ended = self.adapter.take(|bridge| {
+        let is_frame = self.adapter.take(|bridge| {
             let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
                 // What the ring holds is of two turns: none of it can be told apart.
@@ -396,17 +401,10 @@ impl Receiver {
             if let Some(errors) = errors {
                 bridge.uart_event(UartEvent::Errors(errors), at);
             }
-            (frames > 0).then(|| bridge.has_delivery())
+            frames > 0
         });
         self.adapter.wake(Work::Port);
-        if let Some(has_delivery) = ended {
-            self.adapter.wake(Work::Uart);
-            self.adapter.wake(Work::Dispatch);
-            if has_delivery {
-                self.adapter.wake(Work::Can);
-            }
-        }
-        ended.is_some()
+        is_frame
     }
 }
 

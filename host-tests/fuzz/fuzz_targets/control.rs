@@ -8,7 +8,7 @@ use armwire_bridge::control::{
     Failure, FromAdapter, FromHost, Identity, MAX_COBS, MAX_MESSAGE, Malformed, Message, Reader, Reason, Reply,
     Request, decode, encode, encode_cobs,
 };
-use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UsbEvent};
+use armwire_bridge::{Action, Bridge, PACKET, Start, Transmit, UartEvent, UsbEvent};
 use armwire_bridge::{Duration, Instant};
 use armwire_fuzz::config::any_request;
 use armwire_fuzz::{Arbitrary, Result, Unstructured};
@@ -139,7 +139,9 @@ impl Host {
         self.bridge.tick(self.now);
         match self.bridge.uart_transmit(&mut [0; 80], self.now) {
             Some(Transmit::Burst { .. }) => self.bridge.uart_transmitted(self.now),
-            Some(Transmit::Configure(uart)) => self.bridge.uart_configured(uart),
+            Some(Transmit::Configure(uart)) => {
+                self.bridge.uart_event(UartEvent::Configured(uart), self.now);
+            }
             None => {}
         }
     }

@@ -744,7 +744,7 @@ impl World {
             assert_eq!(self.usb_sent, self.usb_said, "bytes for the arm are lost");
         }
         self.bridge.uart_received(&[], now);
-        assert!(!self.is_stuck());
+        assert!(!self.bridge.is_stuck(self.now));
         if !self.usb_gone {
             assert_eq!(self.answered, self.asked, "requests on the control interface");
         }

@@ -134,7 +134,9 @@ impl Served {
                         self.arm.receive(now, byte);
                     }
                 }
-                Transmit::Configure(uart) => self.bridge.uart_event(UartEvent::Configured(uart), now),
+                Transmit::Configure(uart) => {
+                    self.bridge.uart_event(UartEvent::Configured(uart), now);
+                }
             }
         }
         while let Some(byte) = self.arm.transmit(now) {
