@@ -5,12 +5,20 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use anyhow::{Context, Result, ensure};
+use clap::Args;
 use serde_json::Value;
 
-use crate::Result;
-use crate::fuzz::{self, COUNTERS, committed, for_each, host, libfuzzer, targets};
-use crate::process::{output, run as run_command};
-use crate::workspace;
+use crate::fuzz::{self, COUNTERS, committed, for_each, libfuzzer, targets};
+use crate::process::{self, output};
+use crate::workspace::root;
+
+#[derive(Args)]
+pub(crate) struct Options {
+    /// List the lines that are not reached
+    #[arg(long)]
+    pub(crate) list: bool,
+}
 
 /// The crates whose coverage counts.
 const CRATES: [&str; 2] = ["protocol/src", "bridge/src"];
@@ -29,7 +37,7 @@ type Files = BTreeMap<String, BTreeMap<Region, bool>>;
 /// # Errors
 ///
 /// If a crate is covered less than it must be.
-pub(crate) fn run(list: bool) -> Result {
+pub(crate) fn run(options: &Options) -> Result<()> {
     let programs = fuzz::build(&format!("{COUNTERS} -Cinstrument-coverage"), "coverage")?;
     let tools = [tool("llvm-profdata")?, tool("llvm-cov")?];
     let mut files = Files::new();
@@ -41,7 +49,7 @@ pub(crate) fn run(list: bool) -> Result {
             }
         }
     }
-    report(&files, list)
+    report(&files, options.list)
 }
 
 /// What the corpus of one target reaches. Each program is looked at alone: of what several have in common, LLVM would show
@@ -59,7 +67,7 @@ fn reached(programs: &Path, target: &str, [profdata, cov]: &[PathBuf; 2]) -> Res
     )?;
     let mut export = Command::new(cov);
     export.arg("export").arg(&program).arg("-instr-profile").arg(&profile);
-    export.args(CRATES.map(|sources| workspace::root().join(sources)));
+    export.args(CRATES.map(|sources| root().join(sources)));
     regions(&serde_json::from_str(&output(&mut export)?)?)
 }
 
@@ -68,7 +76,7 @@ fn regions(export: &Value) -> Result<Files> {
     let mut files = Files::new();
     let functions = export["data"][0]["functions"]
         .as_array()
-        .ok_or("llvm-cov exports no functions")?;
+        .context("llvm-cov exports no functions")?;
     for function in functions {
         let regions = function["regions"].as_array().into_iter().flatten();
         for region in regions {
@@ -93,12 +101,12 @@ fn regions(export: &Value) -> Result<Files> {
 
 /// A file of the crates that count, as it is called in the project.
 fn ours(file: &str) -> Option<String> {
-    let path = Path::new(file).strip_prefix(workspace::root()).ok()?;
+    let path = Path::new(file).strip_prefix(root()).ok()?;
     let name = path.to_string_lossy().replace('\\', "/");
     CRATES.iter().any(|folder| name.starts_with(folder)).then_some(name)
 }
 
-fn report(files: &Files, list: bool) -> Result {
+fn report(files: &Files, list: bool) -> Result<()> {
     println!("{:<40}{:>9}{:>9}{:>10}{:>9}", "file", "lines", "", "regions", "");
     let mut short = Vec::new();
     for folder in CRATES {
@@ -127,10 +135,8 @@ fn report(files: &Files, list: bool) -> Result {
             ));
         }
     }
-    match short.is_empty() {
-        true => Ok(()),
-        false => Err(short.join("; ").into()),
-    }
+    ensure!(short.is_empty(), "{}", short.join("; "));
+    Ok(())
 }
 
 fn print_row(name: &str, [lines, regions]: [Share; 2]) {
@@ -182,15 +188,11 @@ impl Share {
 
 /// A tool of LLVM, of the compiler's own version: others cannot read what it writes.
 fn tool(name: &str) -> Result<PathBuf> {
-    let sysroot = output(Command::new("rustc").args(["--print", "sysroot"]))?;
-    let path = Path::new(sysroot.trim())
-        .join("lib/rustlib")
-        .join(host()?)
-        .join("bin")
-        .join(name);
+    let libraries = output(Command::new("rustc").args(["--print", "target-libdir"]))?;
+    let path = Path::new(libraries.trim()).with_file_name("bin").join(name);
     if !fs::exists(&path)? {
         println!("{name} is missing: running `rustup component add llvm-tools`");
-        run_command(Command::new("rustup").args(["component", "add", "llvm-tools"]))?;
+        process::run(Command::new("rustup").args(["component", "add", "llvm-tools"]))?;
     }
     Ok(path)
 }

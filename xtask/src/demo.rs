@@ -1,63 +1,53 @@
 //! `cargo demo`: the firmware image on the virtual board.
 
-use std::ffi::OsString;
+#[path = "../../virtual-board/src/bin/demo/options.rs"]
+mod options;
+
 use std::process::Command;
 
-use crate::Result;
-use crate::board::Board;
-use crate::image::{self, Options};
-use crate::process::{cargo, replace_ourselves};
+use anyhow::Result;
+use clap::Args;
 
-/// Builds the image and the virtual board and hands over to the demo.
-pub(crate) fn run(args: &[OsString]) -> Result {
-    // `cargo demo -- --serve` and `cargo demo --serve` mean the same.
-    let args = args.strip_prefix(&["--".into()]).unwrap_or(args);
-    let (board, args) = board(args)?;
-    let image = image::build(&Options::of(board))?;
-    println!("{image}");
-    println!("building the virtual board, a minute or two the first time");
-    replace_ourselves(command("run").arg("--").arg("--image").arg(image.path).args(args))
+use self::options::DemoOptions;
+use crate::board::Board;
+use crate::cargo::cargo;
+use crate::image;
+use crate::process::replace_ourselves;
+
+#[derive(Args)]
+pub(crate) struct Options {
+    /// The board, and the image for it
+    #[arg(long, default_value = "stm32f405")]
+    board: Board,
+    #[command(flatten)]
+    demo: DemoOptions,
 }
 
-/// The board that `--board NAME` names, and the options of the demo's own.
-fn board(args: &[OsString]) -> Result<(Board, Vec<&OsString>)> {
-    let mut board = Board::default();
-    let mut others = Vec::new();
-    let mut args = args.iter();
-    while let Some(arg) = args.next() {
-        if arg == "--board" {
-            let name = args.next().ok_or("`--board` needs the name of a board")?;
-            board = Board::parse(&name.to_string_lossy())?;
-        } else {
-            others.push(arg);
+/// Builds the image and the virtual board and hands over to the demo.
+pub(crate) fn run(Options { board, demo }: Options) -> Result<()> {
+    let image = image::build(image::Options::of(board))?;
+    println!("{image}");
+    println!("building the virtual board, a minute or two the first time");
+    let mut run = command("run");
+    run.arg("--").arg("--image").arg(image.path);
+    let DemoOptions {
+        serve,
+        control,
+        slcan,
+        gdb,
+    } = demo;
+    for (option, path) in [("--serve", serve), ("--control", control), ("--slcan", slcan)] {
+        if let Some(path) = path {
+            run.arg(option).args(path);
         }
     }
-    Ok((board, others))
+    if let Some(port) = gdb {
+        run.arg(format!("--gdb={port}"));
+    }
+    replace_ourselves(&mut run)
 }
 
 /// `cargo build` or `cargo run` for the demo.
 pub(crate) fn command(subcommand: &str) -> Command {
-    virtual_board(subcommand, "demo")
-}
-
-/// `cargo build` or `cargo run` for a program of the virtual board.
-pub(crate) fn virtual_board(subcommand: &str, program: &str) -> Command {
-    let mut command = cargo();
-    command.args([subcommand, "--package", "armwire-virtual-board", "--bin", program]);
-    command
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_board_is_taken_out_of_the_options() {
-        let args = ["--serve", "/tmp/arm", "--board", "stm32g431", "--speed"].map(OsString::from);
-        let (found, others) = board(&args).unwrap();
-        assert_eq!(found, Board::Stm32g431);
-        assert_eq!(others, ["--serve", "/tmp/arm", "--speed"]);
-        assert_eq!(board(&args[..2]).unwrap().0, Board::Stm32f405);
-        assert!(board(&args[2..3]).is_err());
-    }
+    cargo(&format!("{subcommand} --package armwire-virtual-board --bin demo"))
 }

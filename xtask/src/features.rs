@@ -1,12 +1,12 @@
-//! The protocol and bridge crates with their features, and with the oldest compiler.
+//! `cargo xtask features`: the protocol and bridge crates with their features, and with the oldest compiler.
 
 use std::env;
 use std::process::Command;
 
-use crate::Result;
-use crate::cargo_tool::cargo_tool;
-use crate::process::{output, run as run_command};
-use crate::workspace;
+use anyhow::Result;
+
+use crate::cargo::tool;
+use crate::process::{output, run};
 
 /// The oldest compiler that is supported, as in `Cargo.toml`.
 const OLDEST: &str = env!("CARGO_PKG_RUST_VERSION");
@@ -17,9 +17,9 @@ const OLDEST: &str = env!("CARGO_PKG_RUST_VERSION");
 /// # Errors
 ///
 /// The first set that fails, or what [`oldest_compiler`] has to say.
-pub(crate) fn each() -> Result {
-    clippy(&["--each-feature"])?;
-    test(&["--each-feature", "--exclude-all-features"])?;
+pub(crate) fn each() -> Result<()> {
+    clippy("--each-feature")?;
+    test("--each-feature --exclude-all-features")?;
     oldest_compiler()
 }
 
@@ -28,29 +28,22 @@ pub(crate) fn each() -> Result {
 /// # Errors
 ///
 /// The first set that fails.
-pub(crate) fn every_set() -> Result {
-    clippy(&["--feature-powerset"])?;
-    test(&["--feature-powerset", "--depth", "2"])
+pub(crate) fn every_set() -> Result<()> {
+    clippy("--feature-powerset")?;
+    test("--feature-powerset --depth 2")
 }
 
-fn clippy(sets: &[&str]) -> Result {
-    let mut hack = cargo_tool("hack")?;
-    hack.args([
-        "clippy",
-        "--quiet",
-        "--package",
-        "armwire",
-        "--package",
-        "armwire-bridge",
-    ]);
-    run_command(hack.args(sets).args(["--skip", "default", "--", "-D", "warnings"]))
+fn clippy(sets: &str) -> Result<()> {
+    run(&mut tool(&format!(
+        "hack clippy --quiet --package armwire --package armwire-bridge {sets} --skip default -- -D warnings"
+    ))?)
 }
 
 /// With defmt, tests need a logger to link. The examples in the documentation are of Ling's messages, and not run here.
-fn test(sets: &[&str]) -> Result {
-    let mut hack = cargo_tool("hack")?;
-    hack.args(["test", "--quiet", "--lib", "--tests", "--package", "armwire"]);
-    run_command(hack.args(sets).args(["--skip", "default", "--skip", "defmt"]))
+fn test(sets: &str) -> Result<()> {
+    run(&mut tool(&format!(
+        "hack test --quiet --lib --tests --package armwire {sets} --skip default --skip defmt"
+    ))?)
 }
 
 /// The two crates build with the oldest compiler that is supported.
@@ -58,32 +51,15 @@ fn test(sets: &[&str]) -> Result {
 /// # Errors
 ///
 /// If it does not, or if there is no such compiler and rustup cannot install it.
-fn oldest_compiler() -> Result {
+fn oldest_compiler() -> Result<()> {
     let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let version = output(Command::new(rustc).arg("--version"))?;
     if version.starts_with(&format!("rustc {OLDEST}.")) {
         println!("all of this is done with the oldest compiler that is supported, {OLDEST}");
         return Ok(());
     }
-    let mut install = Command::new("rustup");
-    run_command(install.args([
-        "toolchain",
-        "install",
-        OLDEST,
-        "--profile",
-        "minimal",
-        "--no-self-update",
-    ]))?;
-    let mut check = Command::new("rustup");
-    check.args(["run", OLDEST, "cargo", "check", "--all-targets", "--all-features"]);
-    // `cargo run` put those of the other compiler there.
-    check
-        .env_remove("CARGO")
-        .env_remove("RUSTC")
-        .env_remove("LD_LIBRARY_PATH");
-    run_command(
-        check
-            .args(["--package", "armwire", "--package", "armwire-bridge"])
-            .current_dir(workspace::root()),
-    )
+    // cargo-hack installs the compiler.
+    run(&mut tool(
+        "hack check --rust-version --all-targets --all-features --package armwire --package armwire-bridge",
+    )?)
 }

@@ -2,15 +2,16 @@
 
 use std::process::{Command, exit};
 
-use crate::Result;
+use anyhow::{Result, bail};
+
 use crate::board::Board;
 use crate::image::{self, Options};
 use crate::process::{output, replace_ourselves};
 
 /// Builds the image, flashes and starts it. With defmt it stays and prints what the image logs.
-pub(crate) fn run(options: &Options) -> Result {
+pub(crate) fn run(options: Options) -> Result<()> {
     if output(Command::new("probe-rs").arg("--version")).is_err() {
-        return Err("probe-rs is not installed; run `cargo install probe-rs-tools --locked`".into());
+        bail!("probe-rs is not installed; run `cargo install probe-rs-tools --locked`");
     }
     let image = image::build(options)?;
     println!("{image}");

@@ -5,16 +5,18 @@
 //! are fuzzed have no `unsafe` for it to find something in.
 
 use std::collections::BTreeSet;
-use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::thread;
 
-use crate::Result;
-use crate::process::{cargo, output, run as run_command};
-use crate::workspace;
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+
+use crate::cargo::{cargo, target_dir};
+use crate::process::{self, output};
+use crate::workspace::root;
 
 /// What libFuzzer needs to see, as cargo-fuzz has it.
 pub(crate) const COUNTERS: &str = "--cfg fuzzing -Cpasses=sancov-module \
@@ -23,57 +25,41 @@ pub(crate) const COUNTERS: &str = "--cfg fuzzing -Cpasses=sancov-module \
     -Cllvm-args=-sanitizer-coverage-pc-table \
     -Cllvm-args=-sanitizer-coverage-trace-compares";
 
-/// What `--help` prints.
-pub(crate) const USAGE: &str = "\
-cargo xtask fuzz [--seconds N] [--seed N] [TARGET...]    run the fuzz targets, N seconds each, 60 without this option;
-                                                         without a seed each run tries other inputs
-cargo xtask fuzz --minimise [TARGET...]                  make the committed corpus of the project's vectors, of what is
-                                                         committed and of what was found since, as few files as reach
-                                                         all of the code they reach";
-
 /// How long one input may take, in seconds: far longer than any does, also on a machine that stands still for a while.
 const TIMEOUT: u32 = 60;
 
 /// What the names of inputs begin with that are frames of the documents: `host-tests/tests/fuzz_corpus.rs` writes them.
 const DOCUMENT: &str = "document-";
 
-struct Options {
+#[derive(Args)]
+pub(crate) struct Options {
+    /// How long each target runs
+    #[arg(long, value_name = "N", default_value_t = 60)]
     seconds: u32,
-    /// libFuzzer's seed, 0 for one of its own choice.
+
+    /// The seed of the inputs; without it each run tries others
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     seed: u32,
+
+    /// Make the committed corpus anew instead: of the vectors in the protocol's
+    /// sources, the committed inputs and those found since, as few as reach the
+    /// same code
+    #[arg(long)]
     minimise: bool,
+
+    /// The targets; all without this argument
     targets: Vec<String>,
 }
 
 impl Options {
-    fn parse(args: &[OsString]) -> Result<Self> {
-        let all = targets()?;
-        let mut options = Self {
-            seconds: 60,
-            seed: 0,
+    /// Every target for so many seconds.
+    pub(crate) fn new(seconds: u32, seed: u32) -> Self {
+        Self {
+            seconds,
+            seed,
             minimise: false,
             targets: Vec::new(),
-        };
-        let mut args = args.iter().map(|arg| arg.to_string_lossy());
-        while let Some(arg) = args.next() {
-            match &*arg {
-                "--seconds" => {
-                    let seconds = args.next().and_then(|seconds| seconds.parse().ok());
-                    options.seconds = seconds.ok_or("`--seconds` needs a number of seconds")?;
-                }
-                "--seed" => {
-                    let seed = args.next().and_then(|seed| seed.parse().ok());
-                    options.seed = seed.ok_or("`--seed` needs a number")?;
-                }
-                "--minimise" => options.minimise = true,
-                target if all.iter().any(|name| name == target) => options.targets.push(target.to_owned()),
-                other => return Err(format!("unknown option or target `{other}`\n\n{USAGE}").into()),
-            }
         }
-        if options.targets.is_empty() {
-            options.targets = all;
-        }
-        Ok(options)
     }
 }
 
@@ -82,14 +68,25 @@ impl Options {
 /// # Errors
 ///
 /// If a target finds something; with where the input is that shows it.
-pub(crate) fn run(args: &[OsString]) -> Result {
-    let options = Options::parse(args)?;
+pub(crate) fn run(options: &Options) -> Result<()> {
+    let all = targets()?;
+    let targets = match &*options.targets {
+        [] => &all,
+        some => some,
+    };
+    for target in targets {
+        ensure!(
+            all.contains(target),
+            "no target `{target}`, there are {}",
+            all.join(", ")
+        );
+    }
     let programs = build(COUNTERS, "fuzz")?;
     if options.minimise {
         let vectors = vectors()?;
-        return for_each(&options.targets, |target| minimise(&programs, target, &vectors)).map(drop);
+        return for_each(targets, |target| minimise(&programs, target, &vectors)).map(drop);
     }
-    let runs = for_each(&options.targets, |target| fuzz(&programs, target, &options))?;
+    let runs = for_each(targets, |target| fuzz(&programs, target, options))?;
     println!(
         "{:<16}{:>12}{:>10}{:>10}  result",
         "target", "executions", "features", "inputs"
@@ -104,14 +101,13 @@ pub(crate) fn run(args: &[OsString]) -> Result {
             run.result()
         );
     }
-    match runs.iter().filter(|run| run.finding.is_some()).count() {
-        0 => Ok(()),
-        n => Err(format!(
-            "{n} of {} targets found something; docs/fuzzing.md says what to do",
-            runs.len()
-        )
-        .into()),
-    }
+    let findings = runs.iter().filter(|run| run.finding.is_some()).count();
+    ensure!(
+        findings == 0,
+        "{findings} of {} targets found something; docs/fuzzing.md says what to do",
+        runs.len()
+    );
+    Ok(())
 }
 
 /// What came of one target.
@@ -179,7 +175,7 @@ fn fuzz(programs: &Path, target: &str, options: &Options) -> Result<Run> {
 }
 
 /// Makes the committed corpus of a target anew.
-fn minimise(programs: &Path, target: &str, vectors: &BTreeSet<Vec<u8>>) -> Result {
+fn minimise(programs: &Path, target: &str, vectors: &BTreeSet<Vec<u8>>) -> Result<()> {
     let found = found(target)?;
     for (i, seed) in vectors.iter().flat_map(|vector| seeds(target, vector)).enumerate() {
         fs::write(found.join(format!("vector-{i}")), seed)?;
@@ -219,7 +215,7 @@ fn size(folder: &Path) -> Result<(usize, u64)> {
 /// Every sequence of four bytes or more that is written out in the protocols' sources: the documents' examples among them.
 fn vectors() -> Result<BTreeSet<Vec<u8>>> {
     let mut vectors = BTreeSet::new();
-    let mut folders = vec![workspace::root().join("protocol")];
+    let mut folders = vec![root().join("protocol")];
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder)? {
             let path = entry?.path();
@@ -274,11 +270,10 @@ fn seeds(target: &str, vector: &[u8]) -> Vec<Vec<u8>> {
 /// Builds the targets with these flags of the compiler, and returns the folder that they are in.
 pub(crate) fn build(flags: &str, name: &str) -> Result<PathBuf> {
     let host = host()?;
-    let target_dir = workspace::target_dir()?.join(name);
-    run_command(
-        cargo()
-            // With a target named, the flags are not for build scripts and procedural macros.
-            .args(["build", "--release", "--bins", "--target", &host, "--target-dir"])
+    let target_dir = target_dir()?.join(name);
+    process::run(
+        // With a target named, the flags are not for build scripts and procedural macros.
+        cargo(&format!("build --release --bins --target {host} --target-dir"))
             .arg(&target_dir)
             .env("RUSTFLAGS", flags)
             .current_dir(folder()),
@@ -287,10 +282,10 @@ pub(crate) fn build(flags: &str, name: &str) -> Result<PathBuf> {
 }
 
 /// The kind of machine that this is.
-pub(crate) fn host() -> Result<String> {
-    let version = output(Command::new("rustc").arg("-vV"))?;
-    let host = version.lines().find_map(|line| line.strip_prefix("host: "));
-    Ok(host.ok_or("`rustc -vV` names no host")?.to_owned())
+fn host() -> Result<String> {
+    Ok(output(Command::new("rustc").args(["--print", "host-tuple"]))?
+        .trim()
+        .to_owned())
 }
 
 /// A target, ready to be told what to do.
@@ -310,7 +305,7 @@ pub(crate) fn targets() -> Result<Vec<String>> {
 }
 
 fn folder() -> PathBuf {
-    workspace::root().join("host-tests/fuzz")
+    root().join("host-tests/fuzz")
 }
 
 /// The corpus of a target that is part of the project.
@@ -320,7 +315,7 @@ pub(crate) fn committed(target: &str) -> PathBuf {
 
 /// Where inputs of a target are kept that reached something new.
 fn found(target: &str) -> Result<PathBuf> {
-    let found = workspace::target_dir()?.join("fuzz/corpus").join(target);
+    let found = target_dir()?.join("fuzz/corpus").join(target);
     fs::create_dir_all(&found)?;
     fs::create_dir_all(committed(target))?;
     Ok(found)
@@ -337,8 +332,7 @@ pub(crate) fn for_each<T: Send>(targets: &[String], act: impl Fn(&str) -> Result
                 loop {
                     let next = rest.lock().expect("nobody panics with it").next();
                     let Some((place, target)) = next else { return };
-                    // An error of another thread is passed on as its text.
-                    let result = act(target).map_err(|error| format!("{target}: {error}"));
+                    let result = act(target).with_context(|| target.to_owned());
                     done.lock().expect("nobody panics with it").push((place, result));
                 }
             });
@@ -346,8 +340,5 @@ pub(crate) fn for_each<T: Send>(targets: &[String], act: impl Fn(&str) -> Result
     });
     let mut done = done.into_inner().expect("nobody panicked with it");
     done.sort_by_key(|(place, _)| *place);
-    Ok(done
-        .into_iter()
-        .map(|(_, result)| result)
-        .collect::<Result<_, String>>()?)
+    done.into_iter().map(|(_, result)| result).collect()
 }

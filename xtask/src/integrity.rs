@@ -1,27 +1,27 @@
 //! `cargo xtask integrity`: what becomes of every frame of the documents if any one thing happens to it.
 
-use std::ffi::OsString;
+use anyhow::Result;
+use clap::Args;
 
-use crate::Result;
-use crate::process::{cargo, run as run_command};
-use crate::workspace;
+use crate::cargo::cargo;
+use crate::process;
 
-/// Prints the tables and checks that `docs/integrity.md` has them; with `--write`, writes them there.
+#[derive(Args)]
+pub(crate) struct Options {
+    /// Write the tables into docs/integrity.md instead of comparing them
+    #[arg(long)]
+    pub(crate) write: bool,
+}
+
+/// Prints the tables and checks that `docs/integrity.md` has them, or writes them there.
 ///
 /// # Errors
 ///
-/// If the document has others, an option is unknown, or the test does not run.
-pub(crate) fn run(args: &[OsString]) -> Result {
-    let write = match args {
-        [] => false,
-        [option] if option == "--write" => true,
-        _ => return Err("usage: cargo xtask integrity [--write]".into()),
-    };
-    let mut test = cargo();
-    test.args(["test", "--package", "armwire-host-tests", "--test", "integrity"]);
-    test.args(["--", "--nocapture"]).current_dir(workspace::root());
-    if write {
+/// If the document has others, or the test does not run.
+pub(crate) fn run(options: &Options) -> Result<()> {
+    let mut test = cargo("test --package armwire-host-tests --test integrity -- --nocapture");
+    if options.write {
         test.env("ARMWIRE_WRITE", "1");
     }
-    run_command(&mut test)
+    process::run(&mut test)
 }

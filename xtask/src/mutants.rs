@@ -3,10 +3,11 @@
 use std::ffi::OsString;
 use std::fs;
 
-use crate::Result;
-use crate::cargo_tool::cargo_tool;
+use anyhow::{Result, bail, ensure};
+use clap::Args;
+
+use crate::cargo::{target_dir, tool};
 use crate::process::run_to;
-use crate::workspace;
 
 /// The packages whose code is changed.
 const PACKAGES: [&str; 2] = ["armwire", "armwire-bridge"];
@@ -19,38 +20,40 @@ const TRIED_ALL: [i32; 3] = [0, 2, 3];
 
 /// The quick tests in the crate, up to the first that fails: `.config/nextest.toml` says which, and for how long each may
 /// run.
-const QUICK: [&str; 6] = [
-    "--test-tool",
-    "nextest",
-    "--cargo-arg=--lib",
-    "--",
-    "--profile",
-    "mutants",
-];
+const QUICK: &str = "--test-tool nextest --cargo-arg=--lib -- --profile mutants";
 
 /// All tests, on what was missed before. Those of the bridge run for minutes of virtual time.
-const ALL: [&str; 2] = [
-    "--iterate",
-    "--cargo-arg=--config=profile.dev.package.armwire-bridge.opt-level=1",
-];
+const ALL: &str = "--iterate --cargo-arg=--config=profile.dev.package.armwire-bridge.opt-level=1";
+
+#[derive(Args)]
+pub(crate) struct Options {
+    /// Options of cargo-mutants, such as --file 'bridge/src/isotp/*.rs' --jobs 4
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    options: Vec<OsString>,
+}
+
+impl Options {
+    /// All changes.
+    pub(crate) const ALL: Self = Self { options: Vec::new() };
+}
 
 /// Changes the code, one place at a time, and runs the tests: first the quick ones, then all on what these missed.
-/// Prints how many were noticed. `rest` goes to cargo-mutants, such as `--file bridge/src/queue.rs` or `--jobs 4`.
+/// Prints how many were noticed.
 ///
 /// # Errors
 ///
 /// If fewer than [`LEAST`] are noticed in one of the packages, or not all changes were tried, as when a test fails without
 /// any.
-pub(crate) fn run(rest: &[OsString]) -> Result {
+pub(crate) fn run(Options { options }: &Options) -> Result<()> {
     // cargo-mutants would take a shard of what was missed.
-    if rest.iter().any(|arg| arg.to_string_lossy().starts_with("--shard")) {
-        return Err("a part of the changes is chosen by `--file`, not by `--shard`".into());
+    if options.iter().any(|arg| arg.to_string_lossy().starts_with("--shard")) {
+        bail!("a part of the changes is chosen by `--file`, not by `--shard`");
     }
     // It is cargo-mutants that calls it.
-    cargo_tool("nextest")?;
+    tool("nextest")?;
     let mut refused = Vec::new();
     for package in PACKAGES {
-        let out = workspace::target_dir()?.join("mutants").join(package);
+        let out = target_dir()?.join("mutants").join(package);
         fs::create_dir_all(&out)?;
         // What was noticed the last time may be noticed no more.
         let list = out.join("mutants.out");
@@ -59,13 +62,13 @@ pub(crate) fn run(rest: &[OsString]) -> Result {
         }
         let count = |file: &str| fs::read_to_string(list.join(file)).map_or(0, |text| text.lines().count());
         let mut noticed = 0;
-        for stage in [&QUICK[..], &ALL] {
-            let mut mutants = cargo_tool("mutants")?;
+        for stage in [QUICK, ALL] {
+            let mut mutants = tool("mutants --output")?;
             mutants
-                .args(["--package", package, "--output"])
                 .arg(&out)
-                .args(rest)
-                .args(stage)
+                .args(["--package", package])
+                .args(options)
+                .args(stage.split(' '))
                 // Jobs that build in one place would run each other's changes.
                 .env_remove("CARGO_TARGET_DIR");
             run_to(&TRIED_ALL, &mut mutants)?;
@@ -86,8 +89,10 @@ pub(crate) fn run(rest: &[OsString]) -> Result {
             refused.push(format!("{package}: {score} %"));
         }
     }
-    match refused.is_empty() {
-        true => Ok(()),
-        false => Err(format!("tests notice less than {LEAST} % of changes: {}", refused.join(", ")).into()),
-    }
+    let refused = refused.join(", ");
+    ensure!(
+        refused.is_empty(),
+        "tests notice less than {LEAST} % of changes: {refused}"
+    );
+    Ok(())
 }

@@ -2,11 +2,12 @@
 
 use std::process::Command;
 
-use crate::Result;
+use anyhow::{Result, bail};
+
 use crate::image::TARGET;
-use crate::process::{output, run as run_command};
+use crate::process::{self, output};
 use crate::toolchain::Toolchain;
-use crate::workspace;
+use crate::workspace::root;
 
 /// Cortex-M0, and Cortex-M4.
 const TARGETS: [&str; 2] = ["thumbv6m-none-eabi", TARGET];
@@ -37,17 +38,17 @@ const REFUSALS: [(&str, &str); 2] = [
 /// # Errors
 ///
 /// If there is a path to a panic or an allocation, or if the test would not find one.
-pub(crate) fn run() -> Result {
+pub(crate) fn run() -> Result<()> {
     let toolchain = Toolchain::find(&TARGETS)?;
     for target in TARGETS {
         for features in FEATURES {
-            run_command(&mut link(toolchain, target, features)?)?;
+            process::run(&mut link(toolchain, target, features)?)?;
         }
         for (features, refusal) in REFUSALS {
             match output(&mut link(toolchain, target, features)?) {
                 Err(error) if error.to_string().contains(refusal) => {}
-                Err(error) => return Err(format!("`{features}` failed to link, but not as it should: {error}").into()),
-                Ok(_) => return Err(format!("`{features}` links, and must not").into()),
+                Err(error) => bail!("`{features}` failed to link, but not as it should: {error}"),
+                Ok(_) => bail!("`{features}` links, and must not"),
             }
         }
         println!(
@@ -60,10 +61,8 @@ pub(crate) fn run() -> Result {
 
 /// The command that links the test.
 fn link(toolchain: Toolchain, target: &str, features: &str) -> Result<Command> {
-    let mut cargo = toolchain.cargo("build", target)?;
-    cargo
-        .args(["--release", "--quiet", "--bin", "no-panic"])
-        .args(["--no-default-features", &format!("--features={features}")])
-        .current_dir(workspace::root().join("host-tests/no-panic"));
-    Ok(cargo)
+    let mut link = toolchain.cargo("build --release --quiet --bin no-panic --no-default-features", target)?;
+    link.args(["--features", features])
+        .current_dir(root().join("host-tests/no-panic"));
+    Ok(link)
 }

@@ -1,24 +1,24 @@
 //! `cargo xtask performance`: builds the images and programs, and runs the program that measures them.
 
-use std::ffi::OsString;
 use std::fs;
 
-use crate::Result;
+use anyhow::Result;
+use clap::Args;
+
 use crate::board::Board;
-use crate::image::{self, Options, TARGET};
+use crate::cargo::{cargo, target_dir};
+use crate::image::{self, TARGET};
 use crate::process;
 use crate::toolchain::Toolchain;
-use crate::workspace;
+use crate::workspace::root;
 
-/// What `--help` prints.
-pub(crate) const USAGE: &str = "\
-usage: cargo xtask performance [--write]
-
-Measures latency in 2000 answers of the arm. With --write: in 20000, and beside other crates, and writes docs/performance.md
-and its plots.";
-
-/// The program.
-const RUN: &str = "run --package armwire-host-tests --features image --bin performance --";
+#[derive(Args)]
+pub(crate) struct Options {
+    /// Measure in 20000 answers instead of 2000 and beside other crates, and
+    /// write docs/performance.md
+    #[arg(long)]
+    pub(crate) write: bool,
+}
 
 /// The programs that are counted: with all protocols for speed; without one and with each for size. Profile and features of
 /// `host-tests/benches`.
@@ -34,49 +34,34 @@ const PROGRAMS: [(&str, &str, &str); 5] = [
 ///
 /// # Errors
 ///
-/// If an option is unknown, something does not build, the program fails, or a limit is exceeded.
-pub(crate) fn run(args: &[OsString]) -> Result {
-    let write = match args {
-        [] => false,
-        [option] if option == "--write" => true,
-        _ => return Err(USAGE.into()),
-    };
-    let (root, target) = (workspace::root(), workspace::target_dir()?);
+/// If something does not build, the program fails, or a limit is exceeded.
+pub(crate) fn run(options: &Options) -> Result<()> {
     for board in Board::ALL {
-        image::build(&Options::of(board))?;
+        image::build(image::Options::of(board))?;
     }
     programs()?;
-    let mut measure = process::cargo();
-    measure.args(RUN.split(' ')).arg(&target);
-    measure.arg(if write { "20000" } else { "2000" });
-    if write {
-        let mut bench = process::cargo();
-        bench.args(["bench", "--quiet"]).env("CARGO_TARGET_DIR", &target);
-        process::run(bench.current_dir(root.join("host-tests/benches")))?;
-        measure.arg(root.join("docs"));
+    let target = target_dir()?;
+    let mut measure = cargo("run --package armwire-host-tests --features image --bin performance --");
+    measure.arg(&target).arg(if options.write { "20000" } else { "2000" });
+    if options.write {
+        let mut bench = cargo("bench --quiet");
+        bench.env("CARGO_TARGET_DIR", &target);
+        process::run(bench.current_dir(root().join("host-tests/benches")))?;
+        measure.arg(root().join("docs"));
     }
-    process::run(measure.current_dir(root))
+    process::run(&mut measure)
 }
 
 /// Builds the programs, into the folder `performance` of the target directory.
-fn programs() -> Result {
+fn programs() -> Result<()> {
     let toolchain = Toolchain::find(&[TARGET])?;
-    let folder = workspace::target_dir()?.join("performance");
+    let folder = target_dir()?.join("performance");
     fs::create_dir_all(&folder)?;
     for (name, profile, features) in PROGRAMS {
-        let mut cargo = toolchain.cargo("rustc", TARGET)?;
-        cargo
-            .args([
-                "--quiet",
-                "--bin",
-                "thumb",
-                "--profile",
-                profile,
-                "--no-default-features",
-            ])
-            .arg(format!("--features=thumb,{features}"))
-            .args(["--", "-Clink-arg=-Tlink.x", "-Clink-arg=--nmagic"]);
-        process::run(cargo.current_dir(workspace::root().join("host-tests/benches")))?;
+        let mut build = toolchain.cargo("rustc --quiet --bin thumb --no-default-features", TARGET)?;
+        build.args(["--profile", profile, &format!("--features=thumb,{features}")]);
+        build.args(["--", "-Clink-arg=-Tlink.x", "-Clink-arg=--nmagic"]);
+        process::run(build.current_dir(root().join("host-tests/benches")))?;
         let built = toolchain.target_dir()?.join(TARGET).join(profile).join("thumb");
         fs::copy(built, folder.join(name).with_extension("elf"))?;
     }

@@ -1,36 +1,16 @@
 //! Other programs.
 
-use std::env;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use crate::Result;
-
-/// The cargo that runs us, in the environment of whoever called it.
-pub(crate) fn cargo() -> Command {
-    let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    forget_our_package(&mut cargo);
-    cargo
-}
-
-/// Removes what `cargo run` told us about our own package: build scripts would see it change and run again.
-pub(crate) fn forget_our_package(command: &mut Command) {
-    for (name, _) in env::vars_os() {
-        let told = name
-            .to_str()
-            .is_some_and(|name| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_"));
-        if told {
-            command.env_remove(name);
-        }
-    }
-}
+use anyhow::{Context, Result, bail};
 
 /// Runs a command to its end, its output in plain sight.
 ///
 /// # Errors
 ///
 /// If it cannot be started or does not succeed.
-pub(crate) fn run(command: &mut Command) -> Result {
+pub(crate) fn run(command: &mut Command) -> Result<()> {
     run_to(&[0], command)
 }
 
@@ -39,12 +19,10 @@ pub(crate) fn run(command: &mut Command) -> Result {
 /// # Errors
 ///
 /// If it cannot be started or ends otherwise.
-pub(crate) fn run_to(good: &[i32], command: &mut Command) -> Result {
-    let status = command
-        .status()
-        .map_err(|error| format!("cannot run `{}`: {error}", shown(command)))?;
+pub(crate) fn run_to(good: &[i32], command: &mut Command) -> Result<()> {
+    let status = command.status().with_context(|| cannot_run(command))?;
     if !status.code().is_some_and(|code| good.contains(&code)) {
-        return Err(format!("`{}` failed: {status}", shown(command)).into());
+        bail!("`{}` failed: {status}", shown(command));
     }
     Ok(())
 }
@@ -53,15 +31,13 @@ pub(crate) fn run_to(good: &[i32], command: &mut Command) -> Result {
 ///
 /// # Errors
 ///
-/// If it cannot be started or does not succeed; with what it said.
+/// If it cannot be started or does not succeed; with its error output.
 pub(crate) fn output(command: &mut Command) -> Result<String> {
-    let output = command
-        .stdin(Stdio::null())
-        .output()
-        .map_err(|error| format!("cannot run `{}`: {error}", shown(command)))?;
+    let output = command.stdin(Stdio::null()).output();
+    let output = output.with_context(|| cannot_run(command))?;
     if !output.status.success() {
         let said = String::from_utf8_lossy(&output.stderr);
-        return Err(format!("`{}` failed: {}", shown(command), said.trim()).into());
+        bail!("`{}` failed: {}", shown(command), said.trim());
     }
     Ok(String::from_utf8(output.stdout)?)
 }
@@ -72,10 +48,9 @@ pub(crate) fn output(command: &mut Command) -> Result<String> {
 ///
 /// If it cannot be started.
 #[cfg(unix)]
-pub(crate) fn replace_ourselves(command: &mut Command) -> Result {
+pub(crate) fn replace_ourselves(command: &mut Command) -> Result<()> {
     use std::os::unix::process::CommandExt;
-    let error = command.exec();
-    Err(format!("cannot run `{}`: {error}", shown(command)).into())
+    Err(command.exec()).with_context(|| cannot_run(command))
 }
 
 /// Runs a command to its end and exits as it did.
@@ -84,10 +59,8 @@ pub(crate) fn replace_ourselves(command: &mut Command) -> Result {
 ///
 /// If it cannot be started.
 #[cfg(not(unix))]
-pub(crate) fn replace_ourselves(command: &mut Command) -> Result {
-    let status = command
-        .status()
-        .map_err(|error| format!("cannot run `{}`: {error}", shown(command)))?;
+pub(crate) fn replace_ourselves(command: &mut Command) -> Result<()> {
+    let status = command.status().with_context(|| cannot_run(command))?;
     std::process::exit(status.code().unwrap_or(1))
 }
 
@@ -96,6 +69,10 @@ pub(crate) fn shown(command: &Command) -> String {
     let program = Path::new(command.get_program());
     let words = program.file_name().into_iter().chain(command.get_args());
     words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
+}
+
+pub(crate) fn cannot_run(command: &Command) -> String {
+    format!("cannot run `{}`", shown(command))
 }
 
 #[cfg(all(test, unix))]

@@ -1,10 +1,9 @@
 //! What of an ELF file goes into a microcontroller.
 
+use anyhow::{Context, Result, bail, ensure};
 use object::Endianness;
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader};
-
-use crate::Result;
 
 /// Where RAM begins on every Cortex-M.
 const RAM: u32 = 0x2000_0000;
@@ -53,7 +52,8 @@ impl Program {
             }
             let bytes = header
                 .data(endian, file)
-                .map_err(|()| "the ELF file ends in a segment")?;
+                .ok()
+                .context("the ELF file ends in a segment")?;
             if !bytes.is_empty() {
                 segments.push(Segment {
                     address: header.p_paddr(endian),
@@ -66,9 +66,7 @@ impl Program {
         }
         segments.sort_by_key(|segment| segment.address);
         let segments = joined(segments)?;
-        if segments.is_empty() {
-            return Err("nothing in the ELF file goes to flash".into());
-        }
+        ensure!(!segments.is_empty(), "nothing in the ELF file goes to flash");
         Ok(Self { segments, ram })
     }
 
@@ -78,25 +76,27 @@ impl Program {
     /// # Errors
     ///
     /// If not, as when it was linked for another board.
-    pub(crate) fn check_vectors(&self, stack_top: u32) -> Result {
+    pub(crate) fn check_vectors(&self, stack_top: u32) -> Result<()> {
         let first = &self.segments[0];
         let word = |nth: usize| {
             let bytes = first.bytes.get(4 * nth..)?.first_chunk()?;
             Some(u32::from_le_bytes(*bytes))
         };
         let (Some(stack), Some(reset), VECTORS) = (word(0), word(1), first.address) else {
-            return Err(format!("no vector table at {VECTORS:#x}").into());
+            bail!("no vector table at {VECTORS:#x}");
         };
-        if stack != stack_top {
-            return Err(format!("the stack begins at {stack:#x}, the board's RAM ends at {stack_top:#x}").into());
-        }
+        ensure!(
+            stack == stack_top,
+            "the stack begins at {stack:#x}, the board's RAM ends at {stack_top:#x}"
+        );
         // The lowest bit says that it is Thumb code.
         let code = reset & !1;
         let in_flash = |segment: &Segment| (segment.address..segment.end()).contains(&code);
-        match reset & 1 == 1 && self.segments.iter().any(in_flash) {
-            true => Ok(()),
-            false => Err(format!("the reset handler is at {reset:#x}, which is not the program's").into()),
-        }
+        ensure!(
+            reset & 1 == 1 && self.segments.iter().any(in_flash),
+            "the reset handler is at {reset:#x}, which is not the program's"
+        );
+        Ok(())
     }
 
     /// Flash it takes, in bytes, without the gaps.
@@ -131,7 +131,7 @@ fn joined(segments: Vec<Segment>) -> Result<Vec<Segment>> {
             continue;
         };
         let gap = segment.address.checked_sub(last.end());
-        match gap.ok_or_else(|| format!("two segments have address {:#x}", segment.address))? {
+        match gap.with_context(|| format!("two segments have address {:#x}", segment.address))? {
             gap @ 0..SMALL_GAP => {
                 last.bytes.resize(last.bytes.len() + gap as usize, ERASED);
                 last.bytes.extend(segment.bytes);

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::Result;
+use anyhow::{Context, Result};
 
 /// What was done so far.
 #[derive(Default)]
@@ -24,11 +24,9 @@ impl Steps {
         let time = start.elapsed();
         self.done += 1;
         self.time += time;
-        match &result {
-            Ok(_) => println!("== {name}: passed in {time:.1?}"),
-            Err(_) => println!("== {name}: FAILED after {time:.1?}"),
-        }
-        result.map_err(|error| format!("step \"{name}\": {error}").into())
+        let end = if result.is_ok() { "passed in" } else { "FAILED after" };
+        println!("== {name}: {end} {time:.1?}");
+        result.with_context(|| format!("step \"{name}\""))
     }
 
     /// Prints how many steps there were and how long they took.

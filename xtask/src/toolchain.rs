@@ -8,9 +8,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::Result;
-use crate::process::{cargo, forget_our_package, output, run, shown};
-use crate::workspace;
+use anyhow::{Result, bail};
+
+use crate::cargo::{cargo, cargo_at, target_dir};
+use crate::process::{output, run, shown};
 
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
@@ -40,27 +41,23 @@ impl Toolchain {
             return Ok(Self::Installed);
         }
         if !debian_is_complete() && !install_with_apt()? {
-            return Err(format!("no compiler for {}; run `{}`", missing.join(", "), remedy(&missing)).into());
+            bail!("no compiler for {}; run `{}`", missing.join(", "), remedy(&missing));
         }
         println!("using Debian's compiler, {DEBIAN_RUSTC}, for {}", missing.join(", "));
         Ok(Self::Debian)
     }
 
-    /// `cargo <subcommand> --target <target>`, to which more arguments can be added.
-    pub(crate) fn cargo(self, subcommand: &str, target: &str) -> Result<Command> {
+    /// Cargo with these words as arguments and for this target, to which more arguments can be added.
+    pub(crate) fn cargo(self, words: &str, target: &str) -> Result<Command> {
         let mut command = match self {
-            Self::Installed => cargo(),
-            Self::Debian => Command::new(DEBIAN_CARGO),
+            Self::Installed => cargo(words),
+            Self::Debian => cargo_at(DEBIAN_CARGO, words),
         };
-        command.args([subcommand, "--target", target]);
+        command.args(["--target", target]);
         command.env("CARGO_TARGET_DIR", self.target_dir()?);
         if self == Self::Debian {
-            command.args([
-                "-Z",
-                "build-std=core,alloc",
-                "-Z",
-                "build-std-features=compiler-builtins-mem",
-            ]);
+            command.arg("-Zbuild-std=core,alloc");
+            command.arg("-Zbuild-std-features=compiler-builtins-mem");
             let linker = format!("CARGO_TARGET_{}_LINKER", target.to_uppercase().replace('-', "_"));
             command
                 .env("RUSTC", DEBIAN_RUSTC)
@@ -68,14 +65,13 @@ impl Toolchain {
                 .env(linker, DEBIAN_LINKER);
             // `cargo run` put the libraries of the other compiler there.
             command.env_remove("LD_LIBRARY_PATH");
-            forget_our_package(&mut command);
         }
         Ok(command)
     }
 
     /// Where its cargo puts what it builds. Two compilers in one folder would overwrite each other's work.
     pub(crate) fn target_dir(self) -> Result<PathBuf> {
-        let dir = workspace::target_dir()?;
+        let dir = target_dir()?;
         match self {
             Self::Installed => Ok(dir),
             Self::Debian => Ok(dir.join("thumb")),

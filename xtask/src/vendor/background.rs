@@ -5,8 +5,9 @@ use std::process::{Child, Command, ExitStatus};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::Result;
-use crate::process::{run, shown};
+use anyhow::{Context, Result, bail};
+
+use crate::process::{cannot_run, run, shown};
 
 /// A process that does not outlive us.
 pub(super) struct Background {
@@ -22,9 +23,7 @@ impl Background {
     /// If it cannot be started.
     pub(super) fn start(command: &mut Command) -> Result<Self> {
         let name = shown(command);
-        let child = command
-            .spawn()
-            .map_err(|error| format!("cannot run `{name}`: {error}"))?;
+        let child = command.spawn().with_context(|| cannot_run(command))?;
         Ok(Self { child, name })
     }
 
@@ -33,12 +32,12 @@ impl Background {
     /// # Errors
     ///
     /// If it ends before, or makes none in time.
-    pub(super) fn wait_for_file(&mut self, file: &Path, patience: Duration) -> Result {
+    pub(super) fn wait_for_file(&mut self, file: &Path, patience: Duration) -> Result<()> {
         let status = self.wait(patience, || file.exists())?;
         match status {
-            Some(status) => Err(format!("`{}` ended early: {status}", self.name).into()),
+            Some(status) => bail!("`{}` ended early: {status}", self.name),
             None if file.exists() => Ok(()),
-            None => Err(format!("`{}` made no {} within {patience:?}", self.name, file.display()).into()),
+            None => bail!("`{}` made no {} within {patience:?}", self.name, file.display()),
         }
     }
 
@@ -47,11 +46,11 @@ impl Background {
     /// # Errors
     ///
     /// If it fails, or does not end in time.
-    pub(super) fn succeed_within(&mut self, patience: Duration) -> Result {
+    pub(super) fn succeed_within(&mut self, patience: Duration) -> Result<()> {
         match self.wait(patience, || false)? {
             Some(status) if status.success() => Ok(()),
-            Some(status) => Err(format!("`{}` failed: {status}", self.name).into()),
-            None => Err(format!("`{}` did not end within {patience:?}", self.name).into()),
+            Some(status) => bail!("`{}` failed: {status}", self.name),
+            None => bail!("`{}` did not end within {patience:?}", self.name),
         }
     }
 
@@ -72,7 +71,7 @@ impl Background {
     /// # Errors
     ///
     /// If it has ended.
-    pub(super) fn interrupt(&self) -> Result {
+    pub(super) fn interrupt(&self) -> Result<()> {
         run(Command::new("kill").args(["-INT", &self.child.id().to_string()]))
     }
 }

@@ -1,14 +1,15 @@
 //! CAN software: python-can, can-isotp and cantools.
 
 use std::fs;
+use std::path::Path;
 
-use crate::Result;
-use crate::demo;
+use anyhow::Result;
+
+use super::background::Background;
+use super::python::Python;
+use super::served::{BOOT, END, ServedBoard};
+use crate::cargo::cargo;
 use crate::process::run;
-use crate::vendor::DRIVE;
-use crate::vendor::background::Background;
-use crate::vendor::python::Python;
-use crate::vendor::served::{BOOT, END, ServedBoard};
 
 /// The node id that an adapter has from the factory.
 const NODE: &str = "0";
@@ -18,8 +19,8 @@ const NODE: &str = "0";
 /// # Errors
 ///
 /// If it finds a fault in the file.
-pub(crate) fn check_dbc() -> Result {
-    run(&mut python()?.script("dbc.py"))
+pub(crate) fn check_dbc() -> Result<()> {
+    python()?.run("dbc.py", &[])
 }
 
 /// All three drive a virtual Ling arm behind the virtual board, over its CAN bus.
@@ -27,11 +28,10 @@ pub(crate) fn check_dbc() -> Result {
 /// # Errors
 ///
 /// If they read anything but what they must, or take too long.
-pub(crate) fn drive() -> Result {
+pub(crate) fn drive() -> Result<()> {
     let python = python()?;
     let board = ServedBoard::start(&python.dir)?;
-    let mut session = python.script("can_session.py");
-    let driven = Background::start(session.arg(board.can()).arg(NODE))?.succeed_within(DRIVE);
+    let driven = python.run("can_session.py", &[board.can(), Path::new(NODE)]);
     driven.and(board.end())
 }
 
@@ -40,22 +40,21 @@ pub(crate) fn drive() -> Result {
 /// # Errors
 ///
 /// If a frame does not arrive as it was sent, or arrives though it must not, or it takes too long.
-pub(crate) fn exchange_fd() -> Result {
+pub(crate) fn exchange_fd() -> Result<()> {
     let python = python()?;
     println!("building the virtual CAN bus");
-    run(&mut demo::virtual_board("build", "can-bus"))?;
+    run(&mut cargo("build --package armwire-virtual-board --bin can-bus"))?;
     let links = ["fd-bus-0", "fd-bus-1"].map(|name| python.dir.join(name));
     for link in &links {
         // A link left behind by a bus that was killed may lead to somebody's terminal by now.
         let _ = fs::remove_file(link);
     }
-    let mut serve = demo::virtual_board("run", "can-bus");
-    let mut bus = Background::start(serve.args(["--quiet", "--"]).args(&links))?;
+    let mut serve = cargo("run --quiet --package armwire-virtual-board --bin can-bus --");
+    let mut bus = Background::start(serve.args(&links))?;
     for link in &links {
         bus.wait_for_file(link, BOOT)?;
     }
-    let mut session = python.script("can_fd_session.py");
-    Background::start(session.args(&links))?.succeed_within(DRIVE)?;
+    python.run("can_fd_session.py", &[&links[0], &links[1]])?;
     bus.interrupt()?;
     bus.succeed_within(END)
 }

@@ -9,23 +9,31 @@ mod python;
 pub(crate) mod sdk;
 mod served;
 
-use std::ffi::OsString;
-use std::time::Duration;
+use anyhow::Result;
+use clap::{Args, ValueEnum};
 
-use crate::Result;
+#[derive(Args)]
+pub(crate) struct Options {
+    /// The only check to run
+    check: Option<Check>,
+}
 
-/// How long a script may take for all it does: several times what it takes on a slow machine.
-const DRIVE: Duration = Duration::from_secs(300);
+#[derive(Clone, Copy, ValueEnum)]
+enum Check {
+    /// The parser of Ling's SDK and ours on damaged streams
+    Differential,
+    /// CAN FD frames between two programs on a virtual bus
+    CanFd,
+}
 
 /// Runs every check, or the one that is named.
 ///
 /// # Errors
 ///
-/// If anything on the way fails, a script reads anything but what it must, or something takes too long; if there is no
-/// check of that name.
-pub(crate) fn run(args: &[OsString]) -> Result {
-    match args {
-        [] => {
+/// If anything on the way fails, a script reads anything but what it must, or something takes too long.
+pub(crate) fn run(options: &Options) -> Result<()> {
+    match options.check {
+        None => {
             can::check_dbc()?;
             can::drive()?;
             can::exchange_fd()?;
@@ -33,8 +41,7 @@ pub(crate) fn run(args: &[OsString]) -> Result {
             sdk::drive_ling()?;
             differential::compare()
         }
-        [check] if check == "differential" => differential::compare(),
-        [check] if check == "can-fd" => can::exchange_fd(),
-        _ => Err("usage: cargo xtask vendor [differential | can-fd]".into()),
+        Some(Check::Differential) => differential::compare(),
+        Some(Check::CanFd) => can::exchange_fd(),
     }
 }

@@ -1,12 +1,19 @@
 //! Python and its packages.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 
-use crate::Result;
+use anyhow::Result;
+
+use super::background::Background;
+use crate::cargo::target_dir;
 use crate::process::run;
-use crate::workspace;
+use crate::workspace::root;
+
+/// How long a script may take for all it does: several times what it takes on a slow machine.
+const PATIENCE: Duration = Duration::from_secs(300);
 
 /// A Python environment, and a folder for what is left behind by what runs in it.
 pub(super) struct Python {
@@ -24,11 +31,11 @@ impl Python {
     ///
     /// If Python or the package index is not there, or the packages do not fit.
     pub(super) fn with(name: &str, requirements: &str) -> Result<Self> {
-        let dir = workspace::target_dir()?.join("vendor").join(name);
+        let dir = target_dir()?.join("vendor").join(name);
         fs::create_dir_all(&dir)?;
         let environment = dir.join("python");
         let python = environment.join("bin/python");
-        let scripts = workspace::root().join("host-tests/vendor");
+        let scripts = root().join("host-tests/vendor");
         if !python.exists() {
             println!("making a Python environment in {}", environment.display());
             run(Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
@@ -40,12 +47,16 @@ impl Python {
         Ok(Self { dir, python, scripts })
     }
 
-    /// A script in `host-tests/vendor`, ready to run. Packages write logs to the folder they run in and to the home
-    /// folder, and Python is to write nothing beside the script.
-    pub(super) fn script(&self, name: &str) -> Command {
-        let mut script = Command::new(&self.python);
-        script.arg("-B").arg(self.scripts.join(name));
-        script.current_dir(&self.dir).env("HOME", &self.dir);
-        script
+    /// Runs a script in `host-tests/vendor` with these arguments. Packages write logs to the folder they run in and to the
+    /// home folder, and Python is to write nothing beside the script.
+    ///
+    /// # Errors
+    ///
+    /// If it fails, or takes too long.
+    pub(super) fn run(&self, script: &str, args: &[&Path]) -> Result<()> {
+        let mut command = Command::new(&self.python);
+        command.arg("-B").arg(self.scripts.join(script)).args(args);
+        command.current_dir(&self.dir).env("HOME", &self.dir);
+        Background::start(&mut command)?.succeed_within(PATIENCE)
     }
 }

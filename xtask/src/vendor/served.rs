@@ -4,11 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::Result;
+use anyhow::Result;
+
+use super::background::Background;
+use crate::board::Board;
 use crate::demo;
-use crate::image::{self, Options};
+use crate::image;
 use crate::process::run;
-use crate::vendor::background::Background;
 
 /// How long the board may take until its ports are there.
 pub(super) const BOOT: Duration = Duration::from_secs(30);
@@ -29,7 +31,7 @@ impl ServedBoard {
     ///
     /// If that fails, or the ports are not there in time.
     pub(super) fn start(dir: &Path) -> Result<Self> {
-        let image = image::build(&Options::default())?;
+        let image = image::build(image::Options::of(Board::default()))?;
         println!("building the virtual board, about 3 minutes the first time");
         run(&mut demo::command("build"))?;
 
@@ -62,7 +64,7 @@ impl ServedBoard {
     /// # Errors
     ///
     /// If it failed meanwhile, or does not end.
-    pub(super) fn end(mut self) -> Result {
+    pub(super) fn end(mut self) -> Result<()> {
         self.process.interrupt()?;
         self.process.succeed_within(END)
     }

@@ -1,12 +1,17 @@
 //! The fault campaign, as `cargo xtask campaign` runs it.
 
+mod options;
+
 use std::io::Write;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
-use std::{env, fs, io, panic};
+use std::{fs, io, panic};
 
 use armwire_host_tests::image::campaign::{Outcome, Table, run};
+use clap::Parser;
+
+use crate::options::Options;
 
 /// Where the table is kept, and between which lines.
 const DOC: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/faults.md");
@@ -16,56 +21,8 @@ const END: &str = "<!-- campaign: end -->\n";
 /// After how many runs it says how far it is.
 const PROGRESS: u32 = 500;
 
-const USAGE: &str = "\
-campaign [--runs N] [--from NUMBER] [--seed S] [--only NUMBER] [--write]
-
---runs N        so many runs, 300 without this option
---from NUMBER   of these those from this number on, all without this option
---seed S        of what is drawn, 1 without this option
---only NUMBER   just the run of this number
---write         put the table into docs/faults.md";
-
-/// What is wanted.
-struct Options {
-    runs: u32,
-    from: u32,
-    seed: u64,
-    only: Option<u32>,
-    write: bool,
-}
-
-fn options() -> Result<Options, String> {
-    let mut options = Options {
-        runs: 300,
-        from: 0,
-        seed: 1,
-        only: None,
-        write: false,
-    };
-    let mut args = env::args().skip(1);
-    while let Some(arg) = args.next() {
-        let mut number = || -> Result<u64, String> {
-            let value = args.next().ok_or_else(|| format!("`{arg}` needs a number"))?;
-            value.parse().map_err(|error| format!("`{arg} {value}`: {error}"))
-        };
-        let small = |number: u64| u32::try_from(number).map_err(|_| format!("{number} is more than {}", u32::MAX));
-        match &*arg {
-            "--runs" => options.runs = small(number()?)?,
-            "--from" => options.from = small(number()?)?,
-            "--seed" => options.seed = number()?,
-            "--only" => options.only = Some(small(number()?)?),
-            "--write" => options.write = true,
-            _ => return Err(format!("unknown option `{arg}`\n\n{USAGE}")),
-        }
-    }
-    if options.write && (options.only.is_some() || options.from > 0) {
-        return Err("`--write` needs all runs".to_owned());
-    }
-    Ok(options)
-}
-
 fn main() -> ExitCode {
-    match options().and_then(|options| campaign(&options)) {
+    match campaign(&Options::parse()) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
@@ -80,9 +37,10 @@ fn campaign(options: &Options) -> Result<bool, String> {
     // What a run panics with is said with its number.
     panic::set_hook(Box::new(|_| {}));
     let began = Instant::now();
-    let numbers: Vec<u32> = options
-        .only
-        .map_or_else(|| (options.from..options.runs).collect(), |only| vec![only]);
+    let numbers: Vec<u32> = options.only.map_or_else(
+        || (options.from.unwrap_or(0)..options.runs).collect(),
+        |only| vec![only],
+    );
     let done = AtomicU32::new(0);
     let outcomes = run(options.seed, &numbers, |outcome| {
         tell(outcome, options.only.is_some());

@@ -1,0 +1,70 @@
+//! Cargo, and its subcommands that come from crates.io.
+
+use std::env;
+use std::ffi::OsStr;
+use std::path::PathBuf;
+use std::process::Command;
+
+use anyhow::{Context, Result};
+use serde_json::Value;
+
+use crate::process::{output, run, shown};
+use crate::workspace::root;
+
+/// The version of each subcommand that is installed where it is missing.
+const TOOLS: [(&str, &str); 5] = [
+    ("deny", "0.20.2"),
+    ("hack", "0.6.46"),
+    ("mutants", "27.1.0"),
+    ("nextest", "0.9.151"),
+    ("semver-checks", "0.51.0"),
+];
+
+/// The cargo that runs us, with these words as arguments, in the root of the workspace.
+pub(crate) fn cargo(words: &str) -> Command {
+    cargo_at(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()), words)
+}
+
+/// This cargo, with these words as arguments, in the root of the workspace.
+pub(crate) fn cargo_at(program: impl AsRef<OsStr>, words: &str) -> Command {
+    let mut cargo = Command::new(program);
+    cargo.args(words.split_whitespace()).current_dir(root());
+    // `cargo run` set them for our own package. Build scripts would see them change and run again.
+    for (name, _) in env::vars_os() {
+        let name = name.to_string_lossy();
+        if name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_") {
+            cargo.env_remove(&*name);
+        }
+    }
+    cargo
+}
+
+/// `cargo <words>`, where the first word names one of [`TOOLS`]. Installs it if it is missing.
+///
+/// # Errors
+///
+/// If it is missing and cannot be installed.
+pub(crate) fn tool(words: &str) -> Result<Command> {
+    let name = words.split(' ').next().unwrap_or_default();
+    if output(&mut cargo(&format!("{name} --version"))).is_err() {
+        let (_, version) = TOOLS
+            .into_iter()
+            .find(|(tool, _)| *tool == name)
+            .with_context(|| format!("cargo-{name} has no version in TOOLS"))?;
+        let mut install = cargo(&format!("install --locked cargo-{name}@{version}"));
+        println!(
+            "cargo-{name} is missing: running `{}`, which takes some minutes",
+            shown(&install)
+        );
+        run(&mut install)?;
+    }
+    Ok(cargo(words))
+}
+
+/// Where cargo puts what it builds: `CARGO_TARGET_DIR` and cargo's configuration have a say.
+pub(crate) fn target_dir() -> Result<PathBuf> {
+    let metadata = output(&mut cargo("metadata --no-deps --format-version 1"))?;
+    let metadata: Value = serde_json::from_str(&metadata)?;
+    let dir = metadata["target_directory"].as_str();
+    Ok(dir.context("`cargo metadata` names no target directory")?.into())
+}
