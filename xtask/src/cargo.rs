@@ -12,8 +12,9 @@ use crate::process::{output, run, shown};
 use crate::workspace::root;
 
 /// The version of each subcommand that is installed where it is missing.
-const TOOLS: [(&str, &str); 5] = [
+const TOOLS: [(&str, &str); 6] = [
     ("deny", "0.20.2"),
+    ("fuzz", "0.13.2"),
     ("hack", "0.6.46"),
     ("mutants", "27.1.0"),
     ("nextest", "0.9.151"),
