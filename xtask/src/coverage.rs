@@ -17,11 +17,11 @@ use crate::fuzz::{cargo_fuzz, committed, for_each, targets};
 use crate::process::{self, output};
 use crate::workspace::root;
 
-#[derive(Args)]
+#[derive(Args, Default)]
 pub(crate) struct Options {
     /// List the lines that are not reached
     #[arg(long)]
-    pub(crate) list: bool,
+    list: bool,
 }
 
 /// The crates whose coverage counts.

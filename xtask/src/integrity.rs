@@ -6,11 +6,11 @@ use clap::Args;
 use crate::cargo::cargo;
 use crate::process;
 
-#[derive(Args)]
+#[derive(Args, Default)]
 pub(crate) struct Options {
     /// Write the tables into docs/integrity.md instead of comparing them
     #[arg(long)]
-    pub(crate) write: bool,
+    write: bool,
 }
 
 /// Prints the tables and checks that `docs/integrity.md` has them, or writes them there.

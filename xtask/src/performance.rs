@@ -12,12 +12,12 @@ use crate::process;
 use crate::toolchain::Toolchain;
 use crate::workspace::root;
 
-#[derive(Args)]
+#[derive(Args, Default)]
 pub(crate) struct Options {
     /// Measure in 20000 answers instead of 2000 and beside other crates, and
     /// write docs/performance.md
     #[arg(long)]
-    pub(crate) write: bool,
+    write: bool,
 }
 
 /// The programs that are counted: with all protocols for speed; without one and with each for size. Profile and features of

@@ -81,33 +81,20 @@ impl Toolchain {
 
 fn is_installed(target: &str) -> bool {
     let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    let Ok(dir) = output(Command::new(rustc).args(["--print", "target-libdir", "--target", target])) else {
-        return false;
-    };
-    let Ok(mut files) = fs::read_dir(dir.trim()) else {
-        return false;
-    };
+    let libraries = output(Command::new(rustc).args(["--print", "target-libdir", "--target", target]));
+    let files = libraries.map(|folder| fs::read_dir(folder.trim()));
+    let mut files = files.into_iter().flatten().flatten();
     files.any(|file| file.is_ok_and(|file| file.file_name().to_string_lossy().starts_with("libcore-")))
 }
 
 /// Whether rustup is there and has added the targets.
 fn add_with_rustup(targets: &[&str]) -> bool {
-    if output(Command::new("rustup").arg("--version")).is_err() {
-        return false;
-    }
     println!("rustup adds {}", targets.join(", "));
-    match output(Command::new("rustup").args(["target", "add"]).args(targets)) {
-        Ok(_) => targets.iter().all(|target| is_installed(target)),
-        Err(error) => {
-            let said = error.to_string();
-            let why = said
-                .lines()
-                .find_map(|line| line.strip_prefix("error: "))
-                .unwrap_or(&said);
-            println!("rustup could not: {why}");
-            false
-        }
+    let added = output(Command::new("rustup").args(["target", "add"]).args(targets));
+    if let Err(error) = &added {
+        println!("rustup could not: {error:#}");
     }
+    added.is_ok() && targets.iter().all(|target| is_installed(target))
 }
 
 fn debian_is_complete() -> bool {
