@@ -32,6 +32,10 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+// The derived implementations of `Arbitrary` need it.
+#[cfg(fuzzing)]
+extern crate std;
+
 #[cfg(feature = "alpha1")]
 pub mod alpha1;
 mod client;
@@ -43,6 +47,8 @@ pub mod driver;
 mod error;
 pub mod exchange;
 pub mod framing;
+#[cfg(fuzzing)]
+mod fuzzing;
 #[cfg(feature = "ling")]
 pub mod ling;
 pub mod messages;

@@ -161,11 +161,7 @@ fn copy_of<T: Message>(message: &T) -> T {
 fn cyclic_frames(u: &mut Unstructured<'_>) -> Result<()> {
     let node = Node::new(u.int_in_range(0..=15)?).expect("in range");
     let sample = Sample {
-        state: JointState {
-            joints: u.arbitrary()?,
-            gripper: u.arbitrary()?,
-            status: u.arbitrary::<u8>()?.into(),
-        },
+        state: u.arbitrary()?,
         stamp: u.arbitrary()?,
         count: u.arbitrary()?,
     };
@@ -433,11 +429,7 @@ fn small_print(u: &mut Unstructured<'_>) -> Result<()> {
         }
         Err(error) => assert!(!error.to_string().is_empty()),
     }
-    let state = JointState {
-        joints: u.arbitrary()?,
-        gripper: u.arbitrary()?,
-        status: u.arbitrary::<u8>()?.into(),
-    };
+    let state: JointState = u.arbitrary()?;
     assert!(!state.status.to_string().is_empty());
     assert_eq!(
         state.positions().is_ok(),

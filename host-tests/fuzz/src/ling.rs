@@ -1,72 +1,27 @@
 //! Arbitrary messages of Ling.
 
-use armwire::ling::{
-    Frame, GripperSpeed, Info, JointState, Ling, MAX_DATA, MAX_FRAME, Move, OVERHEAD, Opening, PerServo, Position,
-    Request, Response, SELF_CHECK, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
-};
+use armwire::ling::{Frame, Ling, MAX_DATA, MAX_FRAME, Move, OVERHEAD, Request, SELF_CHECK};
 use armwire::messages::Messages;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
 use crate::{Result, Said, Subject, Unstructured};
 
-const STROKES: [Stroke; 3] = [Stroke::Mm50, Stroke::Mm75, Stroke::Mm100];
-
 /// Any move that can be said.
 pub fn any_move(u: &mut Unstructured<'_>) -> Result<Move> {
-    let mut joints = [(Position::CENTRE, Speed::MAX); 6];
-    for (position, speed) in &mut joints {
-        *position = Position::new(u.int_in_range(0..=Position::MAX.ticks())?).expect("in range");
-        *speed = Speed::new(u.int_in_range(0..=Speed::MAX.ticks_per_second())?).expect("in range");
-    }
-    let opening = Opening::new(u.int_in_range(0..=1000)?).expect("in range");
-    let gripper = (opening, GripperSpeed(u.arbitrary()?));
-    Ok(Move { joints, gripper })
+    u.arbitrary()
 }
 
 impl Subject for Ling {
     const FILL: Option<u8> = None;
 
     fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Request> {
-        Ok(match u.int_in_range(0..=11)? {
-            0 => Request::ReadJoints,
-            1 => Request::ReadInfo,
-            2 => Request::SetZero,
-            3 => Request::SetStroke(*u.choose(&STROKES)?),
-            4 => Request::ReadStroke,
-            5 => Request::SetTorque(Torque::Off),
-            6 => Request::SetTorque(Torque::On),
-            7 => Request::ReadTemperatures,
-            8 => Request::SetTemperatureLimit(
-                TemperatureLimit::new(*u.choose(&[0, 70, 80, 253, 255])?).expect("in range"),
-            ),
-            9 => Request::ReadVelocities,
-            10 => Request::Move(any_move(u)?),
-            _ => Request::SelfCheck,
-        })
+        u.arbitrary()
     }
 
     fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
-        let response = match u.int_in_range(0..=7)? {
-            0 => Response::Joints(JointState {
-                joints: u.arbitrary()?,
-                gripper: u.arbitrary()?,
-                status: u.arbitrary::<u8>()?.into(),
-            }),
-            1 => Response::Info(Info {
-                serial: SerialNumber(u.arbitrary()?),
-                hardware: Version(u.arbitrary()?),
-                firmware: Version(u.arbitrary()?),
-            }),
-            2 => Response::Stroke(*u.choose(&STROKES)?),
-            3 => Response::Temperatures(PerServo::Leader(u.arbitrary()?)),
-            4 => Response::Temperatures(PerServo::Follower(u.arbitrary()?)),
-            5 => Response::Velocities(PerServo::Leader(u.arbitrary()?)),
-            6 => Response::Velocities(PerServo::Follower(u.arbitrary()?)),
-            _ => Response::SelfCheck(SelfCheck(u.arbitrary()?)),
-        };
         Ok(Said {
-            response,
+            response: u.arbitrary()?,
             to: None,
             expect: (),
         })

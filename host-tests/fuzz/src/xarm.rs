@@ -1,31 +1,11 @@
 //! Arbitrary messages of xArm.
 
-use armwire::xarm::{
-    Direction, Frame, HEADER, Joint, Key, MAX_PARAMS, ModbusFunction, ProtocolId, Raw, Register, Reply, Request,
-    Response, RotationRadius, SerialsText, State, TorqueSource, VersionText, XArm,
-};
+use armwire::xarm::{Direction, Frame, HEADER, Key, ProtocolId, Request, Response, XArm};
 use armwire_host_tests::reference::xarm::Speaker;
 use armwire_host_tests::reference::{self, Piece};
 
 use crate::subject::{request_bytes, response_bytes};
 use crate::{Result, Said, Subject, Unstructured};
-
-/// A register that is not typed.
-fn any_raw<'a>(u: &mut Unstructured<'a>) -> Result<Raw<'a>> {
-    let register = u.arbitrary()?;
-    let register = if Register::from_code(register).is_some() {
-        0xF0
-    } else {
-        register
-    };
-    Ok(Raw::new(register, any_params(u, 0)?).expect("it is not typed and not too long"))
-}
-
-/// At least so many bytes of parameters, unless there are fewer.
-fn any_params<'a>(u: &mut Unstructured<'a>, least: usize) -> Result<&'a [u8]> {
-    let len = u.int_in_range(least..=MAX_PARAMS)?;
-    u.bytes(len.min(u.len().max(least)))
-}
 
 impl Subject for XArm {
     const FILL: Option<u8> = None;
@@ -36,54 +16,25 @@ impl Subject for XArm {
     }
 
     fn any_request<'a>(u: &mut Unstructured<'a>) -> Result<Request<'a>> {
-        Ok(match u.int_in_range(0..=8)? {
-            0 => Request::Heartbeat,
-            1 => Request::ReadVersion,
-            2 => Request::ReadSerials,
-            3 => Request::ReloadDynamics,
-            4 => Request::ReadTorqueSource,
-            5 => Request::ReadRotationRadius(Joint::new(u.int_in_range(1..=7)?).expect("in range")),
-            6 => Request::Shutdown,
-            7 => Request::Reboot,
-            _ => Request::Raw(any_raw(u)?),
-        })
+        u.arbitrary()
     }
 
     fn any_response<'a>(u: &mut Unstructured<'a>) -> Result<Said<'a, Self>> {
-        let said = |response, to| Said {
+        let (response, transaction) = u.arbitrary()?;
+        let to = match response {
+            Response::ModbusRefused { function, .. } => Some((0, function.number())),
+            Response::Reply { reply, .. } => Some((Self::any_protocol(u)?.protocol as u16, reply.register())),
+            _ => None,
+        };
+        Ok(Said {
             response,
-            to,
-            expect: Direction::Responses,
-        };
-        let reply = match u.int_in_range(0..=8)? {
-            0 => return Ok(said(Response::Heartbeat, None)),
-            1 => {
-                let (transaction, unit) = u.arbitrary()?;
-                let function = ModbusFunction::new(u.int_in_range(0..=127)?).expect("in range");
-                let to = Key {
-                    transaction,
-                    protocol: 0,
-                    register: function.number(),
-                };
-                return Ok(said(Response::ModbusRefused { unit, function }, Some(to)));
-            }
-            2 => Reply::empty(u.arbitrary()?),
-            3 => Reply::Version(VersionText(any_params(u, 1)?)),
-            4 => Reply::Serials(SerialsText(any_params(u, 1)?)),
-            5 => Reply::TorqueSource(*u.choose(&[TorqueSource::Torque, TorqueSource::Current])?),
-            6 => Reply::RotationRadius(RotationRadius {
-                millimetres: f32::from_bits(u.arbitrary()?),
+            to: to.map(|(protocol, register)| Key {
+                transaction,
+                protocol,
+                register,
             }),
-            7 => Reply::SystemControl(u.arbitrary()?),
-            _ => Reply::Raw(any_raw(u)?),
-        };
-        let state = State(u.arbitrary()?);
-        let to = Key {
-            transaction: u.arbitrary()?,
-            protocol: Self::any_protocol(u)?.protocol as u16,
-            register: reply.register(),
-        };
-        Ok(said(Response::Reply { state, reply }, Some(to)))
+            expect: Direction::Responses,
+        })
     }
 
     fn any_expect(u: &mut Unstructured<'_>) -> Result<Direction> {

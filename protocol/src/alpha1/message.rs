@@ -17,6 +17,7 @@ const RESPONSES: Expect = Expect::Responses(None);
 /// What the host says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Request<'a> {
     /// Row F1: the robot's hardware version. Answered by [`Response::HardwareVersion`].
@@ -56,6 +57,7 @@ pub enum Request<'a> {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Action {
     /// Targets of servos 1 to 20. `None` leaves a servo as it is: it is FF on the wire, which is not in the document
     /// but is what the public programs for this robot send. What the document wants for servos that a robot does not
@@ -73,6 +75,7 @@ pub struct Action {
 /// servos are told. The rest is answered by a frame, and is never to all servos ([`ServoId`] says why).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum ServoRequest {
     /// Moves.
@@ -117,6 +120,7 @@ pub enum ServoRequest {
 /// What the robot or a servo says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Response<'a> {
     /// Answers [`Request::ReadHardwareVersion`].
@@ -136,6 +140,7 @@ pub enum Response<'a> {
     /// Answers [`Request::Play`].
     Playing(Outcome),
     /// Answers [`Request::Servo`].
+    #[cfg_attr(fuzzing, arbitrary(skip))] // the frame alone does not tell which answer it is
     Servo(ServoResponse),
 }
 
@@ -149,6 +154,7 @@ pub enum Response<'a> {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct FirmwareVersion {
     /// Whether the robot could tell.
     pub outcome: Outcome,
@@ -159,6 +165,7 @@ pub struct FirmwareVersion {
 /// What a servo says (servo manual).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum ServoResponse {
     /// The single byte that answers [`ServoRequest::Move`], [`ServoRequest::Release`] and [`ServoRequest::SetLed`].

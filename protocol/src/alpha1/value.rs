@@ -34,7 +34,10 @@ const UNIT_MILLIS: u64 = 20;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Angle(u8);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct Angle(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(0..=Self::MAX.0)))] u8,
+);
 
 impl Angle {
     /// The most a servo can do.
@@ -88,6 +91,7 @@ impl Angle {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct MoveTime(u8);
 
 impl MoveTime {
@@ -134,6 +138,7 @@ impl MoveTime {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Interval(u16);
 
 impl Interval {
@@ -192,7 +197,10 @@ fn nearest(what: &'static str, duration: Duration, max: Duration) -> Result<u16,
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ServoId(u8);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct ServoId(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(1..=Self::MAX.0)))] u8,
+);
 
 impl ServoId {
     /// The highest id.
@@ -228,6 +236,7 @@ impl ServoId {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum Address {
     /// Every servo on the bus.
     All,
@@ -264,7 +273,10 @@ impl Address {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Offset(i16);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct Offset(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(-90..=90)))] i16,
+);
 
 impl Offset {
     /// -30°.
@@ -311,6 +323,7 @@ impl Offset {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Led(pub u8);
 
 /// A version or the name of an action: 0 to 254 bytes. Their alphabet is not documented; names may be GBK.
@@ -327,7 +340,10 @@ pub struct Led(pub u8);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Text<'a>(&'a [u8]);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct Text<'a>(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| crate::fuzzing::bytes(u, 0..=MAX_TEXT)))] &'a [u8],
+);
 
 impl<'a> Text<'a> {
     /// A text of these bytes.
@@ -374,6 +390,7 @@ impl fmt::Display for Text<'_> {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct ServoStates(pub [u8; 4]);
 
 impl ServoStates {
@@ -401,6 +418,7 @@ impl ServoStates {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum Outcome {
     /// AA: it did.
     Success = 0xAA,
@@ -437,6 +455,7 @@ impl Outcome {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum OffsetTool {
     /// Bluetooth may be used.
     Disconnect = 0x00,
@@ -452,6 +471,7 @@ pub enum OffsetTool {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum UsbType {
     /// A disk: **it no longer speaks this protocol.**
     Disk = 0x01,

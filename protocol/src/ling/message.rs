@@ -34,6 +34,7 @@ const ASK: u8 = 0xFE;
 /// What the host says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Request {
     /// Serial number and versions (section 2.1). Answered by [`Response::Info`].
@@ -63,6 +64,7 @@ pub enum Request {
 /// Whether the servos hold their positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum Torque {
     /// The arm can be moved by hand.
     Off,
@@ -83,6 +85,7 @@ pub enum Torque {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Move {
     /// Target and speed of joints 1 to 6.
     pub joints: [(Position, Speed); JOINTS],
@@ -95,11 +98,13 @@ pub struct Move {
 /// The document's maximum of 5000 is for joints: the vendor's software sends 5500 here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct GripperSpeed(pub u16);
 
 /// What the arm says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Response {
     /// Answers [`Request::ReadInfo`].
@@ -119,6 +124,7 @@ pub enum Response {
 /// Who the arm is (section 2.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Info {
     /// Serial number.
     pub serial: SerialNumber,
@@ -147,12 +153,14 @@ pub struct Info {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct JointState {
     /// Positions of joints 1 to 6, in ticks.
     pub joints: [u16; JOINTS],
     /// Gripper opening, in thousandths of the stroke.
     pub gripper: u16,
     /// What the arm is doing.
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.arbitrary::<u8>().map(u8::into)))]
     pub status: MotionStatus,
 }
 

@@ -36,7 +36,10 @@ fn nearest(value: f32) -> u16 {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Position(u16);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct Position(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(0..=Self::MAX.0)))] u16,
+);
 
 impl Position {
     /// The most ticks there are.
@@ -92,7 +95,10 @@ impl Position {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Speed(u16);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct Speed(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(0..=Self::MAX.0)))] u16,
+);
 
 impl Speed {
     /// The fastest a joint may be told to move.
@@ -151,7 +157,10 @@ impl Speed {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Opening(u16);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct Opening(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(0..=Self::OPEN.0)))] u16,
+);
 
 impl Opening {
     /// Closed.
@@ -215,6 +224,7 @@ impl Opening {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[repr(u8)]
 pub enum Stroke {
     /// 50 mm.
@@ -259,7 +269,10 @@ impl Stroke {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TemperatureLimit(u8);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct TemperatureLimit(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(0..=253)))] u8,
+);
 
 impl TemperatureLimit {
     /// The limit of a new arm.
@@ -367,6 +380,7 @@ impl fmt::Display for MotionStatus {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Version(pub u32);
 
 impl fmt::Display for Version {
@@ -386,6 +400,7 @@ impl fmt::Display for Version {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct SerialNumber(pub [u8; 16]);
 
 impl SerialNumber {
@@ -453,6 +468,7 @@ impl Kind {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum PerServo<T> {
     /// From a leader arm.
     Leader([T; 6]),
@@ -489,6 +505,7 @@ impl<T> PerServo<T> {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct SelfCheck(pub u16);
 
 impl SelfCheck {

@@ -22,6 +22,7 @@ const ILLEGAL_FUNCTION: u8 = 0x01;
 /// A message of the host. The client numbers it; its protocol id is that of [`XArm`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Request<'a> {
     /// A sign of life. Not answered.
@@ -71,6 +72,7 @@ impl Request<'_> {
 /// A message of the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Response<'a> {
     /// A sign of life. Answers nothing.
@@ -130,6 +132,7 @@ impl Response<'_> {
 /// What was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Reply<'a> {
     /// No parameters. Registers 4 and 10 have none; on the others the arm has nothing to say, and

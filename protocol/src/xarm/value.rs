@@ -46,7 +46,10 @@ pub enum ProtocolId {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ModbusFunction(u8);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct ModbusFunction(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(0..=127)))] u8,
+);
 
 impl ModbusFunction {
     /// The bit that marks a refusal.
@@ -103,6 +106,7 @@ impl fmt::Display for ModbusFunction {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum Register {
     /// 1: versions.
     Version = 1,
@@ -148,6 +152,7 @@ impl Register {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct State(pub u8);
 
 impl State {
@@ -212,7 +217,10 @@ impl fmt::Display for State {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Joint(u8);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct Joint(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(1..=MAX_JOINTS)))] u8,
+);
 
 impl Joint {
     /// The joint with this number.
@@ -240,6 +248,7 @@ impl Joint {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum TorqueSource {
     /// 0: the torque of the joint, computed.
     Torque = 0,
@@ -272,6 +281,7 @@ impl TorqueSource {
 /// ```
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct RotationRadius {
     /// Millimetres: any number at all, for this is what arrived.
     pub millimetres: f32,
@@ -329,7 +339,10 @@ impl Eq for RotationRadius {}
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct VersionText<'a>(pub &'a [u8]);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct VersionText<'a>(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| crate::fuzzing::bytes(u, 1..=MAX_PARAMS)))] pub &'a [u8],
+);
 
 impl<'a> VersionText<'a> {
     /// The bytes that an arm sends for this text.
@@ -471,7 +484,10 @@ pub enum VersionError {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct SerialsText<'a>(pub &'a [u8]);
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
+pub struct SerialsText<'a>(
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| crate::fuzzing::bytes(u, 1..=MAX_PARAMS)))] pub &'a [u8],
+);
 
 impl<'a> SerialsText<'a> {
     /// The bytes that an arm sends for these serial numbers.
@@ -552,8 +568,11 @@ fn put(bytes: &mut [u8], text: impl Iterator<Item = u8>) {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Raw<'a> {
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.int_in_range(11..=255)))]
     register: u8,
+    #[cfg_attr(fuzzing, arbitrary(with = |u: &mut _| crate::fuzzing::bytes(u, 0..=MAX_PARAMS)))]
     params: &'a [u8],
 }
 

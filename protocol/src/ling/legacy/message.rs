@@ -26,6 +26,7 @@ pub enum Request {}
 /// What the arm says, unasked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Response {
     /// Where the joints are.
@@ -47,6 +48,7 @@ pub enum Response {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum Firmware {
     /// 5: commands 04 and 02.
     V5,
@@ -90,6 +92,7 @@ impl Firmware {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct JointState {
     /// Which firmware sent it.
     pub firmware: Firmware,
@@ -140,6 +143,7 @@ impl JointState {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct GripperState {
     /// Which firmware sent it.
     pub firmware: Firmware,
