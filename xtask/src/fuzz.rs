@@ -29,8 +29,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     seed: u32,
 
-    /// Reduce the corpus instead: of the committed inputs and those found since,
-    /// keep as few as reach the same code
+    /// Reduce the corpus instead: of the committed inputs and those found since, keep as few as reach the same code
     #[arg(long)]
     minimise: bool,
 

@@ -14,8 +14,7 @@ use crate::workspace::root;
 
 #[derive(Args, Default)]
 pub(crate) struct Options {
-    /// Measure in 20000 answers instead of 2000 and beside other crates, and
-    /// write docs/performance.md
+    /// Measure 20000 answers instead of 2000, and other crates, and write docs/performance.md
     #[arg(long)]
     write: bool,
 }
