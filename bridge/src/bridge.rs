@@ -358,7 +358,8 @@ impl Bridge {
     }
 
     /// Moves the next packet of the control interface into `packet` and returns its length, 0 for one without data. `None` when
-    /// there is none.
+    /// there is none, or after one step towards it: while [`Status::control`] says so there is more, and others may have
+    /// something to do in between.
     pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Instant) -> Option<usize> {
         self.hosts.packet(packet, &mut self.line, now)
     }

@@ -331,16 +331,18 @@ impl ControlServer {
         !self.frames.is_empty() && self.can_subscription.frames
     }
 
-    /// Moves the next packet for the host on USB into `packet` and returns its length, 0 for one without data.
+    /// Moves the next packet for the host on USB into `packet` and returns its length, 0 for one without data. `None` when there
+    /// is none, or after one step towards it.
     pub(super) fn packet(
         &mut self,
         packet: &mut [u8; PACKET],
         can: &mut CanPort,
         counters: &mut HostCounters,
     ) -> Option<usize> {
-        // One frame for this host at a time: others have something to do, too.
-        let before = self.usb.out.len();
-        while before < PACKET && self.usb.out.len() == before && self.publish(can, counters) {}
+        // To tell of a frame takes as long as all else that is done with it.
+        if self.usb.out.len() < PACKET && self.publish(can, counters) {
+            return None;
+        }
         if self.usb.out.is_empty() && !self.usb.is_open {
             return None;
         }

@@ -3,6 +3,7 @@
 
 use armwire_bridge::{Bridge, PACKET, UsbEvent};
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use embassy_usb::driver::{Driver, Endpoint, EndpointIn, EndpointOut};
 
 use crate::adapter::{Adapter, Work, now};
@@ -90,6 +91,10 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
         loop {
             adapter.reset(session);
             let Some(n) = adapter.take(|bridge| pipe.transmit(bridge, &mut packet)) else {
+                if pipe == Pipe::Control && adapter.take(|bridge| bridge.status(now()).control) {
+                    yield_now().await;
+                    continue;
+                }
                 let resting = rest(task);
                 adapter.wait(work).await;
                 drop(resting);
