@@ -35,6 +35,7 @@ pub(crate) fn call_all() {
 
     black_box(black_box(&mut *bridge).uart_received(bytes(&mut [0; 300]), now));
     black_box(black_box(&mut *bridge).uart_event(UartEvent::Idle, now));
+    black_box(black_box(&*bridge).has_delivery());
     black_box(&mut *bridge).uart_event(UartEvent::Errors(black_box(UartErrors::default())), now);
     black_box(black_box(&mut *bridge).uart_transmit(bytes(&mut [0; 300]), now));
     black_box(&mut *bridge).uart_transmitted(now);
