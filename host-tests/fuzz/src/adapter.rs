@@ -218,13 +218,9 @@ impl World {
         assert_eq!(len.is_some(), due);
         self.usb_heard.extend(&packet[..len.unwrap_or(0)]);
 
-        let mut len = None;
-        while len.is_none() && self.status().control {
-            len = self.bridge.control_transmit(&mut packet, self.now);
-        }
-        if len.is_none() {
-            assert_eq!(self.bridge.control_transmit(&mut packet, self.now), None);
-        }
+        let due = self.status().control;
+        let len = self.bridge.control_transmit(&mut packet, self.now);
+        assert_eq!(len.is_some(), due);
         let mut rest = &packet[..len.unwrap_or(0)];
         while !rest.is_empty() {
             rest = self.reader.push(rest);
@@ -270,18 +266,18 @@ impl World {
     /// The arm says bytes.
     pub fn arm_says(&mut self, bytes: &[u8]) {
         self.arm_said.extend(bytes);
-        match self.arm_said.len() % 2 {
-            0 => self.hear(|bridge, now| bridge.uart_received(bytes, now)),
-            // No interrupt handler saw the last bytes come, and nobody looks at once at what is due.
-            _ => {
-                let frames = self.bridge.uart_received(bytes, self.now);
-                self.bridge.uart_event(
-                    UartEvent::Errors(UartErrors {
-                        late_stamps: frames as u32,
-                        ..UartErrors::default()
-                    }),
-                    self.now,
-                );
+        let is_late = self.arm_said.len() % 2 == 1;
+        for chunk in bytes.chunks(PACKET) {
+            if is_late {
+                // No interrupt handler saw the last bytes come, and nobody looks at once at what is due.
+                let frames = self.bridge.uart_received(chunk, self.now);
+                let errors = UartErrors {
+                    late_stamps: frames as u32,
+                    ..UartErrors::default()
+                };
+                self.bridge.uart_event(UartEvent::Errors(errors), self.now);
+            } else {
+                self.hear(|bridge, now| bridge.uart_received(chunk, now));
             }
         }
         assert!(self.bridge.rx_threshold().max > 0);
@@ -462,10 +458,10 @@ impl World {
     /// A frame goes over the bus, if there is one: one of the adapter's first.
     pub fn can_moves(&mut self) -> bool {
         let now = self.now;
-        let mut sent = None;
-        while sent.is_none() && self.status().can {
-            sent = self.bridge.can_transmit(now);
-        }
+        let due = self.status().can;
+        let sent = self.bridge.can_transmit(now);
+        assert!(due || sent.is_none());
+        assert!(sent.is_some() || !self.status().can, "it stays due");
         if let Some(frame) = sent {
             self.can_hears(&frame);
             self.bridge.can_event(CanEvent::Waiting(0), now);
