@@ -13,8 +13,6 @@ use crate::random::Random;
 pub(super) type Key = (u8, u8);
 
 /// Requests of which the arm answers each with its [`Tag`] within 50 ms.
-///
-/// With the self-check they are 8 kinds: the adapter does not tell more of them apart when more than 8 requests are in flight.
 pub(super) const QUESTIONS: [Key; 7] = [
     (0x06, 0x00),
     (0x06, 0x02),

@@ -18,6 +18,8 @@ pub struct Circumstances {
     pub open_self_check: bool,
     /// The arm owed the host on USB more than 8 answers that were not late.
     pub many_in_flight: bool,
+    /// A request of the host on USB was not tracked.
+    pub untracked: bool,
     /// The host on USB stopped in the middle of a frame.
     pub half_frame: bool,
     /// The line was at another rate than the arm's.
@@ -42,10 +44,11 @@ pub struct Circumstances {
 
 impl Circumstances {
     /// What is to happen in one of twenty runs at least, by name.
-    pub fn often(&self) -> [(&'static str, bool); 10] {
+    pub fn often(&self) -> [(&'static str, bool); 11] {
         [
             ("open self-check", self.open_self_check),
             ("more than 8 requests in flight", self.many_in_flight),
+            ("a request that is not tracked", self.untracked),
             ("half a frame", self.half_frame),
             ("another baud rate", self.other_rate),
             ("hold-line", self.hold_line),

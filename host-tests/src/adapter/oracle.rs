@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, VecDeque};
 use armwire::decoder::{Decoder, Kind};
 use armwire::ling::{Ling, MAX_FRAME};
 use armwire_bridge::Counters;
-use armwire_bridge::config::Config;
+use armwire_bridge::config::{Config, Poll};
 use armwire_bridge::control::{Event, Initiator, Refusal};
 
 use super::arm::{Key, SELF_CHECK, Tag};
@@ -28,6 +28,8 @@ const TURNAROUND: u64 = 50_000;
 const SELF_CHECK_TURNAROUND: u64 = 500_000;
 /// How long an answer may be late, during which the next request like it waits.
 const LATENESS: u64 = 50_000;
+/// How long after another's turn the host on USB is not alone on the line.
+const SHARED: u64 = 1_000_000;
 /// How long others wait at most for a host on USB whose bytes are no frame; and what the answers themselves take, and looks at
 /// the line.
 const RAW_TURN: u64 = 100_000;
@@ -39,9 +41,6 @@ const SLACK: u64 = 10_000;
 const RATE_BOUND: u64 = 250_000;
 /// The longest time the bytes of the host on USB take at 2400 baud.
 const SLOWEST: u64 = 3_000_000;
-
-/// Requests on CAN that wait in the adapter's queue. One more waits in the connection.
-const CAN_QUEUE: usize = 2;
 
 /// The bytes of the adapter's own requests.
 const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
@@ -93,9 +92,11 @@ pub(super) struct Oracle {
     /// The adapter was told to restart, or is about to.
     is_ending: bool,
 
-    /// What the host on USB has said and is not on the line, and what of it is on the line and no whole request.
+    /// What the host on USB has said and is not on the line, what of it is on the line and no whole request, and whether the
+    /// last of that is no request at all.
     usb: VecDeque<u8>,
     usb_requests: Decoder<MAX_FRAME>,
+    is_usb_raw: bool,
     /// The line has had another rate since the last zeros.
     was_other_rate: bool,
     /// What hosts on CAN have said and is not on the line, and when it came.
@@ -113,12 +114,19 @@ pub(super) struct Oracle {
     /// When something last moved on the line, and since when somebody has waited.
     moved: u64,
     waits: Option<u64>,
-    /// The most requests of the host on USB that the arm had at a time, those that it has not answered and when the answer is
-    /// due, and the last of each kind of each host.
+    /// How far apart the polls at a set rate are, and when the last went out, or the host on USB last had the line for itself.
+    poll_period: Option<u64>,
+    polled: u64,
+    /// The most requests of the host on USB that the arm had at a time, the answers that it owes, and the last request of each
+    /// kind of each host.
     pub(super) most_in_flight: usize,
-    unanswered: Vec<(Key, Tag, u64)>,
+    owed: Vec<Owed>,
     last: BTreeMap<(u8, Key), u32>,
-    /// The last frame of the arm answers this request of a host on CAN in time.
+    /// When another than the host on USB last had the line, and until when others wait because of requests of that host that
+    /// are not tracked.
+    others_had: Option<u64>,
+    pub(super) untracked_until: u64,
+    /// The last frame of the arm answers this request of another than the host on USB in time.
     in_time: Option<Tag>,
     /// The line is at the arm's rate; the host on USB wants it to be; and torque-off has taken another rate from it.
     at_arms_rate: bool,
@@ -127,8 +135,9 @@ pub(super) struct Oracle {
     is_dtr_high: bool,
     /// Bytes for another rate than the arm's are not out yet, or the line still has that rate.
     owes_other_rate: bool,
-    /// When the line is the arm's again, as the port was closed.
+    /// When the line is the arm's again, as the port was closed; and whether it becomes so behind bytes that wait.
     rate_ends: Option<u64>,
+    is_rate_ending: bool,
     /// The host on USB has the line by `hold-line`.
     is_held: bool,
     pub(super) may_be_held: bool,
@@ -162,6 +171,16 @@ const fn index(initiator: Initiator) -> Option<usize> {
     }
 }
 
+/// An answer that the arm owes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Owed {
+    key: Key,
+    tag: Tag,
+    due: u64,
+    /// It may be taken for the answer to a request that went out later, because that was not to be held back.
+    is_mixed: bool,
+}
+
 /// What a request of a host asks for.
 enum Ask {
     /// An answer.
@@ -182,6 +201,11 @@ fn ask(frame: &[u8]) -> Ask {
     }
 }
 
+/// Whether it is the adapter itself that asks.
+const fn is_own(initiator: Initiator) -> bool {
+    matches!(initiator, Initiator::Poll | Initiator::Adapter)
+}
+
 /// How long the arm has for the answer to a request of this key.
 fn turnaround(key: Key) -> u64 {
     match key == SELF_CHECK {
@@ -200,6 +224,7 @@ impl Oracle {
             is_ending: false,
             usb: VecDeque::new(),
             usb_requests: Decoder::new(),
+            is_usb_raw: false,
             was_other_rate: false,
             can: VecDeque::new(),
             command: None,
@@ -210,9 +235,16 @@ impl Oracle {
             is_checking: false,
             moved: 0,
             waits: None,
+            poll_period: match config.poll {
+                Poll::Hertz(rate) => Some(1_000_000_u64.div_ceil(rate.into())),
+                Poll::Off | Poll::Fastest => None,
+            },
+            polled: 0,
             most_in_flight: 0,
-            unanswered: Vec::new(),
+            owed: Vec::new(),
             last: BTreeMap::new(),
+            others_had: None,
+            untracked_until: 0,
             in_time: None,
             at_arms_rate: true,
             wants_arms_rate: true,
@@ -220,6 +252,7 @@ impl Oracle {
             is_dtr_high: false,
             owes_other_rate: false,
             rate_ends: None,
+            is_rate_ending: false,
             is_held: false,
             may_be_held: false,
             open_self_check: false,
@@ -268,7 +301,11 @@ impl Oracle {
             self.rate_ends.is_none_or(|due| now <= due),
             "the line has another rate at {now} µs, and the port is closed"
         );
-        let is_waiting = !self.usb.is_empty() || !self.can.is_empty() || self.is_identifying;
+        if self.is_held || self.owes_other_rate || !self.at_arms_rate || !self.wants_arms_rate {
+            self.polled = now;
+        }
+        let polls = self.poll_period.is_some_and(|period| now > self.polled + period);
+        let is_waiting = !self.usb.is_empty() || !self.can.is_empty() || self.is_identifying || polls;
         match (is_waiting, self.waits) {
             (false, _) => self.waits = None,
             (true, None) => self.waits = Some(now),
@@ -291,7 +328,7 @@ impl Oracle {
 
     pub(super) fn usb_accepted(&mut self, now: u64, packet: &[u8]) {
         self.usb.extend(packet);
-        self.rate_ends = None;
+        (self.rate_ends, self.is_rate_ending) = (None, false);
         self.owes_other_rate |= !self.wants_arms_rate;
         // What the arm cannot understand is no sign of life, and nobody is watched under `hold-line`.
         if self.wants_arms_rate && !self.is_held {
@@ -329,6 +366,7 @@ impl Oracle {
     /// The host on USB raised or lowered DTR.
     pub(super) fn dtr(&mut self, now: u64, high: bool, byte_nanos: u64) {
         let fell = std::mem::replace(&mut self.is_dtr_high, high) && !high;
+        self.is_rate_ending |= fell && (self.owes_other_rate || !self.at_arms_rate);
         if fell && !self.at_arms_rate {
             // The host's bytes and those on their way go out first.
             let bytes = self.usb.len() + 2 * MAX_FRAME;
@@ -353,7 +391,7 @@ impl Oracle {
 
     /// The host on USB has something to say, and there is no room.
     pub(super) fn usb_is_held_back(&mut self, now: u64) {
-        if self.at_arms_rate || self.wants_arms_rate || self.rate_ends.is_some() {
+        if self.at_arms_rate || self.wants_arms_rate || self.is_rate_ending {
             self.streams[0].alive = now;
         }
     }
@@ -366,21 +404,15 @@ impl Oracle {
         self.can.push_back((now, pdu));
     }
 
-    /// A frame came to the arm's identifier that ends no request, such as flow control.
-    pub(super) fn can_frame_came(&mut self, now: u64) {
-        // To be mended in the adapter: it takes the request that waits behind its queue for as new as this frame.
-        if let Some((came, pdu)) = self.can.get_mut(CAN_QUEUE) {
-            *came = now;
-            if matches!(ask(pdu), Ask::Motion) {
-                self.streams[1].alive = now;
-            }
-        }
-    }
-
     pub(super) fn command_accepted(&mut self, now: u64, request: Vec<u8>) {
         (self.streams[2].alive, self.streams[2].surely_alive) = (now, now);
         self.streams[2].perhaps += 1;
         self.command = Some((now, request));
+    }
+
+    /// Nobody wants polls any more.
+    pub(super) fn polls_end(&mut self) {
+        self.poll_period = None;
     }
 
     pub(super) fn asked(&mut self, identifies: bool) {
@@ -418,8 +450,9 @@ impl Oracle {
 
     // ---- What comes out ----
 
-    /// Bytes of this initiator begin on the line at `start` and end at `end`.
-    pub(super) fn sent(&mut self, initiator: Initiator, bytes: &[u8], now: u64, start: u64, end: u64) {
+    /// Bytes of this initiator begin on the line at `start` and end at `end`. So many requests in them, the last ones, are
+    /// counted as not tracked.
+    pub(super) fn sent(&mut self, initiator: Initiator, bytes: &[u8], untracked: u32, now: u64, start: u64, end: u64) {
         self.line_bytes += bytes.len() as u64;
         assert!(
             initiator == Initiator::Usb || self.at_arms_rate,
@@ -431,27 +464,15 @@ impl Oracle {
             "{initiator} says {bytes:02X?} under hold-line"
         );
         self.moved = self.moved.max(end);
+        if initiator != Initiator::Usb && bytes[0] != 0 {
+            self.others_had = Some(start);
+        }
         self.answer_time = match self.at_arms_rate {
             true => 0,
             false => (end - start) * MAX_FRAME as u64 / bytes.len() as u64,
         };
         match initiator {
-            Initiator::Usb => {
-                let said: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
-                assert_eq!(bytes, said, "the host on USB said other bytes");
-                self.usb_moved = end;
-                let mut rest = bytes;
-                while !rest.is_empty() {
-                    rest = self.usb_requests.push(rest);
-                    let mut frames = Vec::new();
-                    while let Some(item) = self.usb_requests.next(&Ling, ()) {
-                        frames.extend((item.kind == Kind::Frame).then(|| item.bytes.to_vec()));
-                    }
-                    for frame in frames {
-                        self.requested(initiator, &frame, now, now, end);
-                    }
-                }
-            }
+            Initiator::Usb => self.usb_sent(bytes, untracked, now, end),
             Initiator::Can => {
                 let (came, said) = self.can.pop_front().expect("no host on CAN has a request");
                 assert_eq!(bytes, said, "hosts on CAN said something else, or in another order");
@@ -466,6 +487,7 @@ impl Oracle {
             }
             Initiator::Poll => {
                 assert_eq!(bytes, READ_JOINTS, "the adapter polls");
+                self.polled = start;
                 self.requested(initiator, bytes, now, start, end);
             }
             Initiator::Adapter if bytes == READ_INFO => {
@@ -487,7 +509,7 @@ impl Oracle {
                     self.half_frame || self.was_other_rate || self.silences > 0,
                     "zeros, and the host on USB has ended all that it began"
                 );
-                self.was_other_rate = false;
+                (self.was_other_rate, self.is_usb_raw) = (false, false);
                 self.usb_requests = Decoder::new();
             }
         }
@@ -497,19 +519,27 @@ impl Oracle {
         let after = self.after();
         match ask(frame) {
             Ask::Answer(key, tag) => {
+                if initiator != Initiator::Usb {
+                    self.check_turn(initiator, key, now);
+                }
                 self.wanted += 1;
                 self.is_checking |= key == SELF_CHECK;
                 self.slowest_answer = self.slowest_answer.max(self.answer_time);
                 self.answers_until = self.answers_until.max(end + self.turnaround() + self.answer_time);
+                // The adapter's own requests have no number.
+                let own = Tag { initiator, number: 0 };
+                let tag = tag.or_else(|| is_own(initiator).then_some(own));
                 if let Some(tag) = tag {
-                    self.unanswered.push((key, tag, end + turnaround(key)));
+                    self.owed.push(Owed {
+                        key,
+                        tag,
+                        due: end + turnaround(key),
+                        is_mixed: false,
+                    });
                     self.last.insert((initiator as u8, key), tag.number);
                 }
-                let of_usb = self
-                    .unanswered
-                    .iter()
-                    .filter(|(_, tag, _)| tag.initiator == Initiator::Usb);
-                let in_flight = of_usb.filter(|(_, _, due)| now < *due).count();
+                let of_usb = self.owed.iter().filter(|owed| owed.tag.initiator == Initiator::Usb);
+                let in_flight = of_usb.filter(|owed| now < owed.due).count();
                 self.most_in_flight = self.most_in_flight.max(in_flight);
             }
             // At another rate the arm does not understand it, and nobody is watched under `hold-line`.
@@ -529,6 +559,71 @@ impl Oracle {
         }
     }
 
+    /// The host on USB says these bytes. So many requests in them, the last ones, are counted as not tracked.
+    fn usb_sent(&mut self, bytes: &[u8], untracked: u32, now: u64, end: u64) {
+        let said: Vec<u8> = self.usb.drain(..bytes.len().min(self.usb.len())).collect();
+        assert_eq!(bytes, said, "the host on USB said other bytes");
+        self.usb_moved = end;
+        // What was begun is not held back, and no arm answers at another rate.
+        let is_free = self.is_usb_raw || self.usb_requests.pending() > 0 || !self.at_arms_rate;
+        let is_shared = self.others_had.is_some_and(|at| now + INSTANT < at + SHARED);
+        let is_waited_for = self.can.front().is_some_and(|(came, _)| came + INSTANT < now);
+        assert!(
+            untracked == 0 || is_free || !is_shared && !is_waited_for,
+            "{untracked} requests of the host on USB are not tracked at {now} µs, and others use the line"
+        );
+        let mut requests = Vec::new();
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            rest = self.usb_requests.push(rest);
+            while let Some(item) = self.usb_requests.next(&Ling, ()) {
+                self.is_usb_raw = item.kind != Kind::Frame;
+                let frame = item.bytes.to_vec();
+                let behind = (rest.len() + self.usb_requests.pending()) as u64;
+                if !self.is_usb_raw {
+                    requests.push((frame, end - (end - now) * behind / bytes.len() as u64));
+                }
+            }
+        }
+        for (nth, (frame, end)) in requests.iter().enumerate() {
+            match ask(frame) {
+                Ask::Answer(key, _) if is_free && nth == 0 => self.mix(key),
+                Ask::Answer(key, _) => self.check_turn(Initiator::Usb, key, now),
+                _ => {}
+            }
+            self.requested(Initiator::Usb, frame, now, now, *end);
+        }
+        let wanted = requests.iter().rev().filter_map(|(frame, end)| match ask(frame) {
+            Ask::Answer(key, _) => Some(end + turnaround(key) + LATENESS),
+            _ => None,
+        });
+        let untracked_until = wanted.take(untracked as usize).max();
+        self.untracked_until = self.untracked_until.max(untracked_until.unwrap_or(0));
+    }
+
+    /// A request of the host on USB of this key goes out whatever else the arm owes.
+    fn mix(&mut self, key: Key) {
+        for owed in self.owed.iter_mut().filter(|owed| owed.key == key) {
+            owed.is_mixed = true;
+        }
+    }
+
+    /// A request of this key goes out at `now`: an answer to it can be told from all that may still come.
+    fn check_turn(&self, initiator: Initiator, key: Key, now: u64) {
+        // The host on USB hears all answers of its own.
+        let hears = |by: Initiator| by == Initiator::Usb && initiator == Initiator::Usb;
+        let may_come = self
+            .owed
+            .iter()
+            .find(|owed| owed.key == key && now < owed.due + LATENESS && !hears(owed.tag.initiator) && !owed.is_mixed);
+        assert_eq!(may_come, None, "{initiator} asks the same at {now} µs");
+        assert!(
+            initiator == Initiator::Usb || now >= self.untracked_until,
+            "{initiator} asks at {now} µs, and answers that are not tracked may come until {} µs",
+            self.untracked_until
+        );
+    }
+
     /// The longest that the arm has for one of the answers that it owes.
     fn turnaround(&self) -> u64 {
         match self.is_checking {
@@ -545,15 +640,19 @@ impl Oracle {
     /// The arm said bytes.
     pub(super) fn arm_said(&mut self, now: u64, bytes: &[u8]) {
         self.arm_bytes += bytes.len() as u64;
-        let Some((key, tag)) = Tag::of(bytes) else { return };
+        let Some((key, mut tag)) = Tag::of(bytes) else { return };
+        if is_own(tag.initiator) {
+            tag.number = 0;
+        }
+        // Of the adapter's own, which have no number, the last is meant.
         let asked = self
-            .unanswered
+            .owed
             .iter()
-            .position(|(asked, by, _)| (*asked, *by) == (key, tag));
-        let asked = asked.map(|at| self.unanswered.remove(at));
-        let is_in_time = asked.is_some_and(|(.., due)| now <= due);
-        self.in_time = is_in_time.then_some(tag).filter(|tag| tag.initiator == Initiator::Can);
-        if asked.is_some() || matches!(tag.initiator, Initiator::Poll | Initiator::Adapter) {
+            .rposition(|owed| owed.key == key && owed.tag == tag)
+            .map(|at| self.owed.remove(at));
+        let is_in_time = asked.is_some_and(|owed| now <= owed.due && !owed.is_mixed);
+        self.in_time = is_in_time.then_some(tag).filter(|tag| tag.initiator != Initiator::Usb);
+        if asked.is_some() || is_own(tag.initiator) {
             // Those behind have their time from now on.
             self.answers_until = self.answers_until.max(now + self.turnaround() + self.slowest_answer);
         }
@@ -563,8 +662,8 @@ impl Oracle {
     pub(super) fn tick(&mut self, now: u64) {
         self.half_frame |= self.usb_requests.pending() > 0 && now > self.usb_moved + PAUSE;
         if now > self.answers_until + LATENESS {
-            self.open_self_check |= self.unanswered.iter().any(|(key, ..)| *key == SELF_CHECK);
-            self.unanswered.clear();
+            self.open_self_check |= self.owed.iter().any(|owed| owed.key == SELF_CHECK);
+            self.owed.clear();
             (self.is_checking, self.slowest_answer) = (false, 0);
         }
     }
@@ -582,6 +681,7 @@ impl Oracle {
         self.usb_requests = Decoder::new();
         self.was_other_rate |= !at_arms_rate;
         self.rate_ends.take_if(|_| at_arms_rate);
+        self.is_rate_ending &= !at_arms_rate;
         self.owes_other_rate &= !at_arms_rate;
     }
 
@@ -692,8 +792,8 @@ impl Oracle {
             Initiator::Usb => {
                 assert_eq!(dropped, self.usb.len(), "bytes of the host on USB that are dropped");
                 self.usb.clear();
-                // To be mended in the adapter: if these bytes were for another rate that was not in effect yet, it goes on
-                // refusing others.
+                // Others are refused no longer if these bytes were for a rate that the host has given up.
+                self.owes_other_rate &= !self.at_arms_rate || !self.wants_arms_rate;
                 self.usb_requests = Decoder::new();
             }
             Initiator::Can => {
@@ -713,7 +813,7 @@ impl Oracle {
 
     /// Whether nobody waits for anything.
     pub(super) fn is_idle(&self) -> bool {
-        self.usb.is_empty() && self.can.is_empty() && self.asked == self.replied && self.unanswered.is_empty()
+        self.usb.is_empty() && self.can.is_empty() && self.asked == self.replied && self.owed.is_empty()
     }
 
     /// The adapter starts again now.

@@ -24,6 +24,9 @@ enum Deed {
     UsbSays(Vec<u8>),
     /// So many bytes of a request, and not the rest.
     UsbStops(usize),
+    /// The first so many bytes of a request, and the rest of it.
+    UsbBegins(usize),
+    UsbGoesOn,
     SetRate(u32),
     Reads(bool),
     Dtr(bool),
@@ -52,9 +55,13 @@ impl Deed {
     /// Who does it no more once dead.
     fn host(&self) -> Option<Host> {
         match self {
-            Self::UsbAsks(_) | Self::UsbMoves | Self::UsbHolds | Self::UsbSays(_) | Self::UsbStops(_) => {
-                Some(Host::Usb)
-            }
+            Self::UsbAsks(_)
+            | Self::UsbMoves
+            | Self::UsbHolds
+            | Self::UsbSays(_)
+            | Self::UsbStops(_)
+            | Self::UsbBegins(_)
+            | Self::UsbGoesOn => Some(Host::Usb),
             Self::CanAsks(_) | Self::CanMoves | Self::CanHolds => Some(Host::Can),
             Self::Command => Some(Host::Commander),
             _ => None,
@@ -71,6 +78,8 @@ pub(super) struct Plan {
     /// All that the host on USB says are whole requests.
     is_whole: bool,
     asked: [u32; 2],
+    /// What the host on USB has not said yet of the request that it has begun.
+    begun: Vec<u8>,
 }
 
 impl Plan {
@@ -92,7 +101,7 @@ impl Plan {
 
         streams(r, &config, after, end, &mut deeds);
         questions(r, end, &mut deeds);
-        if r.percent(20) {
+        if r.percent(25) {
             for _ in 0..r.between(1, 3) {
                 let at = r.between(0, end);
                 let key = r.one_of(&QUESTIONS);
@@ -185,6 +194,19 @@ impl Plan {
                 deeds.retain(|(at, deed)| deed.host() != Some(host) || !(dies..back).contains(at));
             }
         }
+        if r.percent(15) {
+            let each = end / 5;
+            for nth in 0..r.between(1, 5) {
+                let begin = nth * each + r.between(0, each - 10 * MILLISECOND);
+                // It loses its turn if it pauses for longer.
+                let goes_on = begin + r.between(100, 9_000);
+                deeds.retain(|(at, deed)| deed.host() != Some(Host::Usb) || !(begin..=goes_on).contains(at));
+                deeds.push((begin, Deed::UsbBegins(r.between(1, 10) as usize)));
+                deeds.push((goes_on, Deed::UsbGoesOn));
+            }
+            // It may have paused for longer when the flash was written.
+            is_whole &= !saves;
+        }
         if r.percent(6) {
             let restart = r.one_of(&[Request::Restart, Request::RestartIntoBootLoader]);
             let deed = if r.percent(60) {
@@ -203,6 +225,7 @@ impl Plan {
             end: rest,
             is_whole,
             asked: [0; 2],
+            begun: Vec::new(),
         }
     }
 
@@ -228,6 +251,7 @@ impl Plan {
             ..self.config
         };
         self.rig.control(Request::SetConfig(silent));
+        self.rig.oracle.polls_end();
         self.rig.settle();
         if !self.rig.is_over {
             self.rig.check_accounts(self.is_whole);
@@ -248,6 +272,13 @@ impl Plan {
                 let tag = next_tag(Initiator::Usb, &mut self.asked[0]);
                 rig.usb_says(&tag.frame(QUESTIONS[0])[..len]);
             }
+            Deed::UsbBegins(len) => {
+                let tag = next_tag(Initiator::Usb, &mut self.asked[0]);
+                let mut request = tag.frame(QUESTIONS[0]);
+                self.begun = request.split_off(len);
+                rig.usb_says(&request);
+            }
+            Deed::UsbGoesOn => rig.usb_says(&std::mem::take(&mut self.begun)),
             Deed::SetRate(baud) => rig.set_rate(baud),
             Deed::Reads(reads) => rig.usb_reads = reads,
             Deed::Dtr(high) => rig.set_dtr(high),

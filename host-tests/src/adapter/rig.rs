@@ -295,7 +295,9 @@ impl Rig {
         let bytes = &out[..len];
         self.uart_is_free = start + (len as u64 * nanos_a_byte(self.baud)).div_ceil(1_000);
         self.tell(|| format!("{initiator} at {start}: {bytes:02X?}"));
-        self.oracle.sent(initiator, bytes, self.now, start, self.uart_is_free);
+        let untracked = after.untracked_requests - before.untracked_requests;
+        self.oracle
+            .sent(initiator, bytes, untracked, self.now, start, self.uart_is_free);
         if self.baud == LineCoding::LING.baud {
             let mut heard = Vec::new();
             self.arm.hear(bytes, start, &mut self.random, &mut heard);
@@ -399,10 +401,9 @@ impl Rig {
             refused => self.oracle.usb_is_dropped(refused),
         }
         let mut packet = [0; PACKET];
-        while self.status().control {
-            let Some(len) = self.bridge.control_transmit(&mut packet, self.time()) else {
-                continue;
-            };
+        // What the line delivers comes first.
+        self.status();
+        while let Some(len) = self.bridge.control_transmit(&mut packet, self.time()) {
             let mut rest = &packet[..len];
             while !rest.is_empty() {
                 rest = self.replies.push(rest);
@@ -454,7 +455,6 @@ impl Rig {
         let frame = Frame::new(id, data).expect("it is a frame");
         self.tell(|| format!("another node: {data:02X?}"));
         self.oracle.is_can_disturbed = true;
-        self.oracle.can_frame_came(self.now);
         self.bridge.can_received(&frame, self.time());
         self.hear_control();
     }
@@ -500,10 +500,8 @@ impl Rig {
             return false;
         }
         let now = self.time();
-        while self.status().can {
-            let Some(frame) = self.bridge.can_transmit(now) else {
-                continue;
-            };
+        self.status();
+        if let Some(frame) = self.bridge.can_transmit(now) {
             self.bus_is_free = self.now + CAN_FRAME;
             self.bridge.can_event(CanEvent::Waiting(0), now);
             self.hear_bus(&frame);
@@ -521,13 +519,8 @@ impl Rig {
         };
         self.can.transmitted(now);
         self.bus_is_free = self.now + CAN_FRAME;
-        let was_refused = std::mem::take(&mut self.is_refused);
         self.bridge.can_received(&frame, now);
         self.hear_control();
-        if !self.is_refused {
-            self.oracle.can_frame_came(self.now);
-        }
-        self.is_refused |= was_refused;
         self.end_pdu();
         true
     }
@@ -633,6 +626,7 @@ impl Rig {
             open_self_check: self.oracle.open_self_check,
             many_in_flight: self.oracle.most_in_flight > 8,
             half_frame: self.oracle.half_frame,
+            untracked: self.oracle.untracked_until > 0,
             silence: self.oracle.silences > 0,
             torque_off: self.oracle.torque_offs > 0,
             ..self.seen
