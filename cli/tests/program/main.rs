@@ -14,4 +14,5 @@ mod pty;
 mod readme;
 mod sim_xarm;
 mod tcp;
+mod versions;
 mod xarm;

@@ -1,0 +1,201 @@
+//! The built program and adapters of another version of the control port, and an adapter and a host of an older one. The
+//! messages of the other version are written out in bytes.
+
+use std::fs::OpenOptions;
+use std::io::{Read, Write};
+use std::process::Output;
+use std::sync::mpsc;
+use std::thread;
+
+use crate::common::board::Board;
+use crate::common::{PATIENCE, again_while, failure, run_against};
+
+/// The numbers of requests: the byte behind the sequence number.
+const IDENTIFY: u8 = 0;
+const GET_CONFIG: u8 = 2;
+const GET_COUNTERS: u8 = 6;
+const GET_LATENCIES: u8 = 7;
+const SUBSCRIBE: u8 = 8;
+const END_STREAM: u8 = 11;
+const GET_LINE: u8 = 12;
+const HOLD_LINE: u8 = 13;
+const RELEASE_LINE: u8 = 14;
+
+/// Replies without their head: kind and sequence number.
+const CONFIG: [u8; 15] = [4, 0, 0, 0, 0xC0, 0x84, 0x3D, 0, 0, 0, 100, 0, 0xF4, 0x03, 0];
+const LINE: [u8; 13] = [9, 0xC0, 0x84, 0x3D, 0, 0, 0xC0, 0x84, 0x3D, 0, 0, 0, 0];
+
+/// The identity of an adapter that speaks this version.
+fn identity(version: u8) -> Vec<u8> {
+    let names = b"\x051.2.3\x0C1a2b3c4d5e6f\x07virtual\x0C0123456789AB";
+    [&[2, version], &names[..], &[0]].concat()
+}
+
+/// So many counts, all of them 1.
+fn counters(counts: usize) -> Vec<u8> {
+    [vec![6], vec![1; counts]].concat()
+}
+
+/// What an adapter replies that speaks this version, has so many counts, and adds these bytes to all else.
+fn replies(version: u8, counts: usize, added: &'static [u8]) -> impl Fn(u8) -> Vec<u8> {
+    move |request| {
+        let reply = match request {
+            IDENTIFY => identity(version),
+            GET_CONFIG => CONFIG.to_vec(),
+            GET_COUNTERS => return counters(counts),
+            GET_LATENCIES => [vec![7], vec![0; 3 * 16]].concat(),
+            GET_LINE => LINE.to_vec(),
+            _ => vec![1, version],
+        };
+        [&reply, added].concat()
+    }
+}
+
+/// A message as it goes over USB. It is shorter than 254 bytes.
+fn to_stream(message: &[u8]) -> Vec<u8> {
+    let blocks = message.split(|byte| *byte == 0);
+    let mut stream: Vec<u8> = blocks
+        .flat_map(|block| [&[block.len() as u8 + 1], block].concat())
+        .collect();
+    stream.push(0);
+    stream
+}
+
+/// The message that ended with a zero on the way over USB, which is not among these bytes.
+fn from_stream(stream: &[u8]) -> Vec<u8> {
+    let mut message = Vec::new();
+    let mut rest = stream;
+    while let [len, behind @ ..] = rest {
+        let (block, behind) = behind.split_at(usize::from(*len) - 1);
+        message.extend(block);
+        message.extend((!behind.is_empty()).then_some(0));
+        rest = behind;
+    }
+    message
+}
+
+/// Runs the program against an adapter that replies so to the request of a number.
+fn run_with(args: &[&str], reply: impl Fn(u8) -> Vec<u8>) -> Output {
+    again_while("the adapter does not answer in", || {
+        let mut heard = Vec::new();
+        run_against(args, |_, pty, bytes| {
+            heard.extend(bytes);
+            while let Some(end) = heard.iter().position(|byte| *byte == 0) {
+                let request: Vec<u8> = heard.drain(..=end).collect();
+                if let [sequence, number, ..] = from_stream(&request[..end])[..] {
+                    let message = [vec![0, sequence], reply(number)].concat();
+                    pty.write(&to_stream(&message)).unwrap();
+                }
+            }
+        })
+    })
+}
+
+/// What it prints when all is well.
+fn printed(output: Output) -> String {
+    assert!(output.status.success() && output.stderr.is_empty(), "{output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// The value in the line that begins with this name.
+fn value<'a>(text: &'a str, name: &str) -> Option<&'a str> {
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    Some(line.trim())
+}
+
+#[test]
+fn counters_of_version_3_lack_the_last() {
+    let text = printed(run_with(&["counters", "control:PORT"], replies(3, 56, &[])));
+    assert_eq!(value(&text, "arm_to_host_bytes "), Some("1"), "{text}");
+    assert_eq!(value(&text, "late_stamps "), Some("1"), "{text}");
+    assert_eq!(value(&text, "untracked_requests "), Some("0"), "{text}");
+}
+
+#[test]
+fn counters_of_version_5_have_some_that_are_not_known() {
+    let text = printed(run_with(&["counters", "control:PORT"], replies(5, 58, &[])));
+    assert_eq!(value(&text, "untracked_requests "), Some("1"), "{text}");
+    assert_eq!(
+        text,
+        printed(run_with(&["counters", "control:PORT"], replies(4, 57, &[])))
+    );
+}
+
+#[test]
+fn an_adapter_of_any_version_is_described() {
+    let told = [
+        "adapter      virtual, serial number 0123456789AB, firmware 1.2.3 (1a2b3c4d5e6f)",
+        "configured   arm ling, poll off, silence after 500 ms",
+        "can          node 0, 1000000 bit/s, telemetry off, commands off",
+    ];
+    for version in 3..=5 {
+        // Version 5 has more at the end of each message.
+        let added: &[u8] = if version == 5 { &[1, 2, 3] } else { &[] };
+        let text = printed(run_with(&["info", "control:PORT"], replies(version, 57, added)));
+        assert_eq!(text.lines().collect::<Vec<_>>(), told, "version {version}");
+    }
+}
+
+#[test]
+fn an_adapter_of_version_5_says_its_version() {
+    let output = run_with(&["hold", "control:PORT"], replies(5, 58, &[]));
+    let line = failure(&output);
+    assert!(
+        line.ends_with(
+            "the adapter does not know this request: it speaks version 5 of the control port, this program version 4"
+        ),
+        "{line}"
+    );
+}
+
+#[test]
+fn a_reply_of_version_5_that_is_not_known_is_told() {
+    let output = run_with(&["counters", "control:PORT"], |request| match request {
+        GET_LATENCIES => vec![10, 1],
+        _ => replies(5, 58, &[])(request),
+    });
+    let line = failure(&output);
+    assert!(
+        line.contains("the adapter says what cannot be read")
+            && line.ends_with("is its firmware newer than this program?"),
+        "{line}"
+    );
+}
+
+#[test]
+fn a_host_of_version_3_is_served() {
+    let board = Board::start("version-3");
+    let path = board.control.strip_prefix("control:").unwrap();
+    let mut port = OpenOptions::new().read(true).write(true).open(path).unwrap();
+    let mut reader = port.try_clone().unwrap();
+    let (sender, receiver) = mpsc::channel();
+    thread::spawn(move || {
+        let mut byte = [0];
+        // It ends with the adapter, or with the last who listens.
+        while reader.read_exact(&mut byte).is_ok() && sender.send(byte[0]).is_ok() {}
+    });
+    let mut call = |request: &[u8]| {
+        port.write_all(&to_stream(request)).unwrap();
+        let byte = || receiver.recv_timeout(PATIENCE).expect("the adapter replies");
+        let stream: Vec<u8> = std::iter::repeat_with(byte).take_while(|byte| *byte != 0).collect();
+        from_stream(&stream)
+    };
+    let reply = |body: &[u8]| [&[0, 7], body].concat();
+    let done = reply(&[0]);
+    let held = [&LINE[..11], &[2, 0]].concat();
+
+    assert_eq!(call(&[7, IDENTIFY]), reply(&identity(4)));
+    assert_eq!(call(&[7, GET_CONFIG]), reply(&CONFIG));
+    assert_eq!(call(&[7, SUBSCRIBE, 0, 1]), done);
+    assert_eq!(call(&[7, END_STREAM]), done);
+    assert_eq!(call(&[7, GET_LINE]), reply(&LINE));
+    assert_eq!(call(&[7, HOLD_LINE]), done);
+    assert_eq!(call(&[7, GET_LINE]), reply(&held));
+    assert_eq!(call(&[7, RELEASE_LINE]), done);
+    // It knows 56 counts, of which that of control requests is the 46th, and passes over the last.
+    let counters = call(&[7, GET_COUNTERS]);
+    assert_eq!((&counters[..3], counters.len()), (&[0, 7, 6][..], 3 + 57));
+    assert_eq!(counters[3 + 45], 9);
+    // A request of a later version.
+    assert_eq!(call(&[7, 15, 1]), reply(&[1, 4]));
+}
