@@ -294,6 +294,7 @@ impl World {
         let frames = hear(&mut self.bridge, self.now);
         let after = Status {
             usb: before.usb,
+            passed_bytes: before.passed_bytes,
             ..self.status()
         };
         assert!(frames > 0 || after == before, "something is due without a frame");
