@@ -192,26 +192,33 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         self.waiting.remove_where(|waiting| waiting.who == who);
     }
 
-    /// A request was handed over.
-    pub fn begin(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
+    /// A request was handed over. Returns whether its send is counted.
+    pub fn begin(&mut self, info: InfoOf<D>, who: I, handover: Handover) -> bool {
         if info.response.is_none() {
-            return;
+            return true;
         }
         self.withdraw(who);
         if D::HAS_TRANSACTION_ID && self.sends.len() == N {
             self.sends.remove_first_where(|sent| sent.stale);
         }
+        let mut sent = Sent::new(info, who, handover);
+        // An arm answers one request after the other: this one is not due before those that it still works on.
+        let pending = self.sends.iter().filter(|sent| !D::HAS_TRANSACTION_ID && !sent.stale);
+        sent.due = pending.map(|pending| pending.due).fold(sent.due, Instant::max);
+        let due = sent.due;
         // An answer to one of those that are not counted must not be taken for an answer to a newer one.
-        if self.saturated.is_some() || !self.sends.push(Sent::new(info, who, handover)) {
-            let until = self
-                .saturated
-                .as_ref()
-                .map_or(Instant::ZERO, |saturation| saturation.until);
-            self.saturated = Some(Saturation {
-                until: until.max(handover.due + self.stale_window),
-                patience: handover.due.since(handover.at),
-            });
+        if self.saturated.is_none() && self.sends.push(sent) {
+            return true;
         }
+        let until = self
+            .saturated
+            .as_ref()
+            .map_or(Instant::ZERO, |saturation| saturation.until);
+        self.saturated = Some(Saturation {
+            until: until.max(due + self.stale_window),
+            patience: handover.due.since(handover.at),
+        });
+        false
     }
 
     /// A request was handed over again, and may be answered once more. It is due when this repeat is.
@@ -219,7 +226,8 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         let of_call = |sent: &&mut Sent<D, I>| sent.who == who && sent.key == info.key;
         let sent = self.sends.iter_mut().find(of_call);
         let Some(sent) = sent else {
-            return self.begin(info, who, handover);
+            self.begin(info, who, handover);
+            return;
         };
         sent.times = sent.times.saturating_add(1);
         sent.due = handover.due;
