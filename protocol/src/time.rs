@@ -4,7 +4,7 @@ use core::ops::{Add, AddAssign, Sub};
 
 /// A point in time on the caller's monotonic clock, in microseconds since an origin that the caller chooses.
 ///
-/// The crate never reads a clock. 64 bits do not wrap in the life of any machine. Sums wrap around, differences saturate.
+/// The crate never reads a clock. 64 bits do not wrap in the life of any machine. Sums and differences saturate.
 ///
 /// ```
 /// use armwire::time::{Duration, Instant};
@@ -49,7 +49,7 @@ impl Add<Duration> for Instant {
     type Output = Self;
 
     fn add(self, duration: Duration) -> Self {
-        Self(self.0.wrapping_add(duration.0))
+        Self(self.0.saturating_add(duration.0))
     }
 }
 
@@ -102,6 +102,6 @@ impl Add for Duration {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
-        Self(self.0.wrapping_add(other.0))
+        Self(self.0.saturating_add(other.0))
     }
 }
