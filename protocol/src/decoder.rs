@@ -325,6 +325,7 @@ impl<const N: usize> Decoder<N> {
     /// ```
     pub const fn clear(&mut self) {
         (self.head, self.tail, self.skip) = (0, 0, 0);
+        (self.idle, self.broken) = (false, None);
     }
 
     /// The bytes not yet decided on.
