@@ -189,7 +189,7 @@ pub enum Reply {
     /// The adapter cannot be like that, and stays as it is.
     BadConfig(ConfigError),
     /// All counts since the start.
-    Counters(Counters),
+    Counters(#[serde(serialize_with = "crate::counters::serialize")] Counters),
     /// How long things took.
     Latencies(Latencies),
     /// It could not be done.

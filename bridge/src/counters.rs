@@ -1,6 +1,7 @@
 //! What the adapter has seen, lost and refused.
 
-use serde::{Deserialize, Serialize};
+use serde::ser::SerializeTuple;
+use serde::{Deserialize, Serialize, Serializer};
 
 use crate::control_codec::{Malformed, NoRoom, read, read_older, write};
 
@@ -170,7 +171,7 @@ impl Counters {
     ///
     /// [`NoRoom`] if `buf` is too short; never with [`MAX_LEN`](Self::MAX_LEN) bytes.
     pub fn to_bytes<'a>(&self, buf: &'a mut [u8]) -> Result<&'a [u8], NoRoom> {
-        let len = write(self, buf)?;
+        let len = write(&Row(self), buf)?;
         Ok(buf.get(..len).unwrap_or_default())
     }
 
@@ -192,6 +193,69 @@ impl Counters {
             .map(|(counters, _)| counters)
             .or_else(|reason| read_older(bytes, Self::SINCE_OLDER).ok_or(reason))
             .map_err(|reason| Malformed { sequence: None, reason })
+    }
+
+    /// All counts, in the order in which they are sent.
+    const fn counts(&self) -> [&u32; Self::COUNT] {
+        [
+            &self.arm_to_host_bytes,
+            &self.host_to_arm_bytes,
+            &self.packets_to_host,
+            &self.empty_packets_to_host,
+            &self.packets_from_host,
+            &self.frames,
+            &self.noise_bytes,
+            &self.dropped_bytes,
+            &self.unheard_bytes,
+            &self.refused_bytes,
+            &self.framing_errors,
+            &self.parity_errors,
+            &self.noise_errors,
+            &self.overrun_errors,
+            &self.ring_overruns,
+            &self.usb_resets,
+            &self.usb_suspends,
+            &self.line_codings,
+            &self.refused_line_codings,
+            &self.panics,
+            &self.watchdog_resets,
+            &self.requests_usb,
+            &self.requests_can,
+            &self.requests_poll,
+            &self.requests_command,
+            &self.requests_adapter,
+            &self.unanswered_requests,
+            &self.late_answers,
+            &self.unasked_frames,
+            &self.late_polls,
+            &self.missed_polls,
+            &self.refused_can_requests,
+            &self.refused_can_frames,
+            &self.dropped_can_answers,
+            &self.isotp_failures,
+            &self.can_frames_received,
+            &self.can_frames_sent,
+            &self.can_receive_overruns,
+            &self.can_bus_errors,
+            &self.can_bus_offs,
+            &self.commands_incomplete,
+            &self.commands_stale,
+            &self.commands_out_of_range,
+            &self.host_silences,
+            &self.silenced_bytes,
+            &self.control_requests,
+            &self.control_unsupported,
+            &self.dropped_events,
+            &self.config_saves,
+            &self.config_failures,
+            &self.dropped_can_frames,
+            &self.refused_line_held,
+            &self.refused_other_rate,
+            &self.refused_rate_bytes,
+            &self.hard_faults,
+            &self.late_stamps,
+            &self.untracked_requests,
+        ]
     }
 
     /// These of the line, with those of the hosts' side.
@@ -218,6 +282,24 @@ impl Counters {
             ..*self
         }
     }
+}
+
+/// [`Counters`] as they are sent: the bytes of the derived format, by a loop instead of a call for each count, which takes 0.9 kB.
+struct Row<'a>(&'a Counters);
+
+impl Serialize for Row<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut row = serializer.serialize_tuple(Counters::COUNT)?;
+        for count in self.0.counts() {
+            row.serialize_element(count)?;
+        }
+        row.end()
+    }
+}
+
+/// Writes counters into a message.
+pub(crate) fn serialize<S: Serializer>(counters: &Counters, serializer: S) -> Result<S::Ok, S::Error> {
+    Row(counters).serialize(serializer)
 }
 
 /// The counts of the hosts' side, as in [`Counters`].
