@@ -184,7 +184,7 @@ impl Bridge {
                 self.line.errors(&errors);
                 0
             }
-            UartEvent::Configured(uart) => self.line.uart_configured(uart),
+            UartEvent::Configured(uart) => self.line.uart_configured(uart, now),
         }
     }
 
@@ -270,10 +270,10 @@ impl Bridge {
     /// ```
     pub fn usb_event(&mut self, event: UsbEvent, now: Instant) -> bool {
         match event {
-            UsbEvent::Reset => self.line.usb_reset(),
-            UsbEvent::Configured(configured) => self.line.usb_configured(configured),
+            UsbEvent::Reset => self.line.usb_reset(now),
+            UsbEvent::Configured(configured) => self.line.usb_configured(configured, now),
             UsbEvent::Suspended => {
-                self.line.usb_suspended();
+                self.line.usb_suspended(now);
                 return false;
             }
             UsbEvent::Dtr(high) => return self.line.dtr(high, now),
@@ -427,7 +427,6 @@ impl Bridge {
 
     /// It is `now`: what is late is given up, and what is due becomes so.
     pub fn tick(&mut self, now: Instant) {
-        self.line.tick(now);
         self.hosts.tick(&mut self.line, now);
     }
 

@@ -162,7 +162,9 @@ impl Config {
             Poll::Hertz(got @ (0 | MAX_POLL_HZ..)) if got != MAX_POLL_HZ => {
                 return Err(ConfigError::PollRate { max: MAX_POLL_HZ, got });
             }
-            Poll::Hertz(_) | Poll::Fastest if !self.arm.is_polled() => return Err(ConfigError::NotPolled(self.arm)),
+            Poll::Hertz(_) | Poll::Fastest if !self.arm.is_polled() => {
+                return Err(ConfigError::NotPolled(self.arm));
+            }
             _ => {}
         }
         self.can.check()?;
@@ -177,6 +179,15 @@ impl ArmKind {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Ling, Self::Alpha1, Self::Alpha1Servo, Self::Raw];
 
+    /// Whether the adapter polls it: only if its protocol is compiled in.
+    const fn is_polled(self) -> bool {
+        match self {
+            Self::Ling => cfg!(feature = "ling"),
+            Self::Alpha1 => cfg!(feature = "alpha1"),
+            Self::Alpha1Servo | Self::Raw => false,
+        }
+    }
+
     /// What it is called.
     pub const fn name(self) -> &'static str {
         match self {
@@ -185,10 +196,6 @@ impl ArmKind {
             Self::Alpha1Servo => "alpha1-servo",
             Self::Raw => "raw",
         }
-    }
-
-    const fn is_polled(self) -> bool {
-        matches!(self, Self::Ling | Self::Alpha1)
     }
 }
 

@@ -31,6 +31,11 @@ impl<const N: usize> Queue<N> {
         self.used.len = 0;
     }
 
+    /// Drops the bytes behind the first `len`.
+    pub(crate) fn truncate(&mut self, len: usize) {
+        self.used.len = self.used.len.min(len);
+    }
+
     /// Appends what fits and returns how many bytes did not.
     pub(crate) fn push(&mut self, bytes: &[u8]) -> usize {
         self.used.push(&mut self.ring, bytes)

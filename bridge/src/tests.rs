@@ -5,6 +5,7 @@ extern crate std;
 mod can;
 mod control;
 mod line_rate;
+mod order;
 mod polls;
 mod rig;
 mod safety;

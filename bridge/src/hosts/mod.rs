@@ -19,7 +19,7 @@ use crate::control::{
 };
 use crate::counters::{CanErrors, Counters, HostCounters, count};
 use crate::events::Queued;
-use crate::line::{ControlPort, Line, NotTaken, PACKET};
+use crate::line::{ControlPort, Line, NotTaken, PACKET, Silenced};
 use armwire::time::Instant;
 
 use can_port::{CanPort, Received};
@@ -75,30 +75,26 @@ impl Hosts {
 
     /// Takes what the line delivers, and hands it the requests of CAN for which it has room.
     pub(crate) fn update(&mut self, line: &mut Line, now: Instant) {
-        if self.take_deliveries(line) {
+        self.take_deliveries(line);
+        if let Some(answer) = line.identified() {
+            self.control.arm_identified(answer);
             self.serve(line, now);
         }
         self.submit(line, now);
     }
 
-    /// Takes what the line delivers. Returns whether a host may be waiting for that.
-    fn take_deliveries(&mut self, line: &mut Line) -> bool {
+    /// Takes what the line delivers.
+    fn take_deliveries(&mut self, line: &mut Line) {
         // Nearly always there is nothing.
         if line.has_delivery() {
             let mut bytes = FrameBytes::new();
             while let Some((at, queued)) = line.delivery(&mut bytes) {
                 match queued {
                     Queued::Frame(initiator) => self.deliver_frame(&bytes, initiator, at),
-                    Queued::Event(event) => self.deliver_event(event, at),
+                    Queued::Event(event) => self.tell(&event, at),
                 }
             }
         }
-        let answer = line.identified();
-        let any = answer.is_some();
-        if let Some(answer) = answer {
-            self.control.arm_identified(answer);
-        }
-        any
     }
 
     /// The arm sent a frame.
@@ -113,29 +109,6 @@ impl Hosts {
         self.can.frame(self.config.arm, bytes, at);
         self.control
             .tell_frame(at, initiator, bytes, &mut self.can, &mut self.counters);
-    }
-
-    /// Something else happened on the line.
-    fn deliver_event(&mut self, mut event: Event, at: Instant) {
-        match &mut event {
-            Event::HostSilent {
-                initiator: Initiator::Can,
-                dropped,
-                ..
-            } => {
-                // The last request, for which the line had no room.
-                let last = self.can.arm.received().map_or(0, <[u8]>::len);
-                self.can.arm.release();
-                count(&mut self.counters.silenced_bytes, last);
-                *dropped = dropped.saturating_add(last as u16);
-            }
-            Event::HostSilent {
-                initiator: Initiator::Command,
-                ..
-            } => self.can.stop_commands(),
-            _ => {}
-        }
-        self.tell(&event, at);
     }
 
     /// Tells hosts of an event: on CAN as a frame by itself, and subscribers.
@@ -202,6 +175,7 @@ impl Hosts {
 
     /// The host on USB has gone.
     pub(crate) fn usb_gone(&mut self, line: &mut Line) {
+        self.publish_deliveries(line);
         self.control.forget(ControlPort::Usb);
         self.watch(line);
     }
@@ -210,6 +184,7 @@ impl Hosts {
 
     /// A frame came from the bus.
     pub(crate) fn can_received(&mut self, frame: &Frame, line: &mut Line, now: Instant) {
+        let was_replying = self.can.control.is_sending();
         match self.can.received(frame, now, &mut self.counters) {
             Some(Received::Arm) => self.submit(line, now),
             Some(Received::Control) => self.serve(line, now),
@@ -218,6 +193,7 @@ impl Hosts {
             Some(Received::Refused(initiator, refusal)) => self.refuse(initiator, refusal, line, now),
             Some(Received::Command(_)) | None => {}
         }
+        self.serve_behind_reply(was_replying, line, now);
     }
 
     pub(crate) fn is_can_due(&self, now: Instant) -> bool {
@@ -266,6 +242,9 @@ impl Hosts {
     }
 
     pub(crate) fn tick(&mut self, line: &mut Line, now: Instant) {
+        self.take_deliveries(line);
+        let silenced = line.tick(self.last_request(), now);
+        self.drop_silenced(silenced);
         let was_replying = self.can.control.is_sending();
         if let Some(refusal) = self.can.tick(now, &mut self.counters) {
             self.refuse(Initiator::Command, refusal, line, now);
@@ -273,13 +252,30 @@ impl Hosts {
         self.serve_behind_reply(was_replying, line, now);
     }
 
+    /// The bytes of the last request on CAN, if the line has had no room for it.
+    fn last_request(&self) -> usize {
+        self.can.arm.received().map_or(0, <[u8]>::len)
+    }
+
+    /// Drops what is left of the hosts on CAN that have fallen silent.
+    fn drop_silenced(&mut self, silenced: Silenced) {
+        if silenced.can {
+            self.can.arm.release();
+        }
+        if silenced.command {
+            self.can.stop_commands();
+        }
+    }
+
     /// The next action for firmware, once.
     pub(crate) fn action(&mut self, line: &mut Line, now: Instant) -> Option<Action> {
-        // The reply goes out on the bus as it was, and so does the answer that the arm owes a host there.
+        self.take_deliveries(line);
+        // The reply goes out on the bus as it was, and the arm owes no host there an answer.
         let is_replied = |port: &mut ControlPort| {
             *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.owes_can()
         };
         if line.holder() != Some(Initiator::Can) && self.can_change.take_if(is_replied).is_some() {
+            self.control.publish_all(&mut self.can, &mut self.counters);
             self.can.close(&mut self.counters);
             self.can = CanPort::new(self.config.can);
             line.release_line(ControlPort::Can, now);
@@ -309,9 +305,16 @@ impl Hosts {
 
     /// Answers the requests on the control port, as far as there is room for the replies.
     fn serve(&mut self, line: &mut Line, now: Instant) {
-        self.take_deliveries(line);
+        if let Some(answer) = line.identified() {
+            self.control.arm_identified(answer);
+        }
         // The request of one host may end what another waits for.
-        while self.serve_port(ControlPort::Usb, line, now) | self.serve_port(ControlPort::Can, line, now) {}
+        while self.serve_port(ControlPort::Usb, line, now) | self.serve_port(ControlPort::Can, line, now) {
+            // An arm that cannot be asked is identified at once.
+            if let Some(answer) = line.identified() {
+                self.control.arm_identified(answer);
+            }
+        }
     }
 
     /// Serves hosts if a reply on CAN that was under way is out or given up: there may be room for the next one.
@@ -328,19 +331,29 @@ impl Hosts {
             let reply = match self.control.finished(port, &self.config) {
                 Some(reply) => Some(reply),
                 None => match self.control.next_request(port, &mut self.can) {
-                    Some(request) => self.handle_request(port, request, line, now),
+                    Some(request) => {
+                        // Frames and events before it are for those who subscribed before it.
+                        self.publish_deliveries(line);
+                        let reply = self.handle_request(port, request, line, now);
+                        // Its own events go before the reply.
+                        self.publish_deliveries(line);
+                        reply
+                    }
                     None => break,
                 },
             };
             any = true;
-            // Events that came before it, or of it, go before the reply.
-            self.take_deliveries(line);
-            self.control.publish_all(&mut self.can, &mut self.counters);
             if let Some((sequence, reply)) = reply {
                 self.control.reply(port, sequence, reply, &mut self.can);
             }
         }
         any
+    }
+
+    /// Tells subscribers of all that the line delivers.
+    fn publish_deliveries(&mut self, line: &mut Line) {
+        self.take_deliveries(line);
+        self.control.publish_all(&mut self.can, &mut self.counters);
     }
 
     /// Does what a host asks. `None` when the reply comes later.
@@ -399,12 +412,14 @@ impl Hosts {
                 Reply::Done
             }
             Request::Restart => {
-                line.disarm(now);
+                let silenced = line.disarm(self.last_request(), now);
+                self.drop_silenced(silenced);
                 self.restart = Some(Action::Restart);
                 Reply::Done
             }
             Request::RestartIntoBootLoader => {
-                line.disarm(now);
+                let silenced = line.disarm(self.last_request(), now);
+                self.drop_silenced(silenced);
                 self.restart = Some(Action::RestartIntoBootLoader);
                 Reply::Done
             }

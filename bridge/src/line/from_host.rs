@@ -166,11 +166,11 @@ impl FromHost {
         self.is_raw = false;
     }
 
-    /// Drops the bytes that wait and returns their number.
-    pub(crate) const fn drop_waiting(&mut self) -> usize {
-        let dropped = self.bytes.len();
-        self.bytes.clear();
-        dropped
+    /// Drops the bytes behind the first `len` and returns their number.
+    pub(crate) fn truncate(&mut self, len: usize) -> usize {
+        let before = self.bytes.len();
+        self.bytes.truncate(len);
+        before.saturating_sub(len)
     }
 
     /// When the host loses its turn to those who wait `since` then, where the arm was last heard at `last_rx`.

@@ -99,8 +99,34 @@ struct Burst {
     start: Option<Instant>,
     /// The request, if it is one of those that are tracked. The bytes of the host on USB are read once they went out.
     info: Option<Info>,
+    /// Since when the request waited.
+    since: Option<Instant>,
+    kind: BurstKind,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum BurstKind {
+    Request,
+    TorqueOn,
+    TorqueOff,
     /// Zeros that end what the arm may have heard half of.
-    is_zeros: bool,
+    Zeros,
+}
+
+/// Hosts on CAN that have fallen silent.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Silenced {
+    /// Those that send requests.
+    pub(crate) can: bool,
+    /// The one that sends commands.
+    pub(crate) command: bool,
+}
+
+impl Silenced {
+    const fn add(&mut self, initiator: Initiator) {
+        self.can |= matches!(initiator, Initiator::Can);
+        self.command |= matches!(initiator, Initiator::Command);
+    }
 }
 
 /// Why a request is not taken.
@@ -387,12 +413,13 @@ impl Line {
             len: 0,
             start: None,
             info: None,
-            is_zeros: false,
+            since: None,
+            kind: BurstKind::Request,
         };
         if initiator == Initiator::Usb {
             // One request at a time while it matters which.
             let one = !self.are_others_silent(now) || self.arbiter.is_shared(now);
-            let len = out.len().min(self.rate.before_change(out.len()));
+            let len = self.rate.before_change(out.len());
             burst.len = self
                 .from_host
                 .peek(self.kind, one, out.get_mut(..len).unwrap_or_default());
@@ -401,11 +428,12 @@ impl Line {
         } else if self.from_host.is_cut {
             // No frame ends with zeros. An arm that waits for the rest of a frame would take another's request for that.
             out.get_mut(..MAX_FRAME)?.fill(0);
-            (burst.len, burst.is_zeros) = (MAX_FRAME, true);
+            (burst.len, burst.kind) = (MAX_FRAME, BurstKind::Zeros);
         } else {
             let (bytes, info) = self.waiting_request(initiator)?;
             out.get_mut(..bytes.len())?.copy_from_slice(bytes);
             (burst.len, burst.info) = (bytes.len(), info);
+            (burst.since, burst.kind) = self.take_request(initiator);
             if initiator == Initiator::Poll {
                 burst.start = self.poll.slot().filter(|slot| *slot > now);
             }
@@ -432,6 +460,26 @@ impl Line {
         Some((bytes, self.kind.request(bytes)))
     }
 
+    /// Takes the request with which an initiator waits: since when it does.
+    fn take_request(&mut self, initiator: Initiator) -> (Option<Instant>, BurstKind) {
+        let requests = &mut self.requests;
+        match initiator {
+            Initiator::Usb | Initiator::Poll => (None, BurstKind::Request),
+            Initiator::Can => match requests.can.pop_front() {
+                Some(request) if self.kind.is_torque_on(&request.bytes) => (Some(request.since), BurstKind::TorqueOn),
+                request => (request.map(|request| request.since), BurstKind::Request),
+            },
+            Initiator::Command => {
+                let since = requests.command.take().map(|request| request.since);
+                (since, BurstKind::Request)
+            }
+            Initiator::Adapter => match requests.torque_off.take() {
+                Some(since) => (Some(since), BurstKind::TorqueOff),
+                None => (requests.identify.take(), BurstKind::Request),
+            },
+        }
+    }
+
     /// The bytes of the last [`transmit`](Self::transmit) are on their way since `now`: accounts for them.
     pub(crate) fn transmitted(&mut self, now: Instant) {
         let Some(burst) = self.burst.take() else {
@@ -440,50 +488,31 @@ impl Line {
         count(&mut self.counters.host_to_arm_bytes, burst.len);
         let start = burst.start.unwrap_or(now);
         self.last_tx = start;
-        if burst.initiator == Initiator::Usb {
-            return self.host_transmitted(burst.len, now);
-        }
-        if burst.is_zeros {
+        if burst.kind == BurstKind::Zeros {
             count(&mut self.counters.requests_adapter, 1);
             self.from_host.is_cut = false;
             return self.arbiter.spoke(Initiator::Adapter);
         }
         let c = &mut self.counters;
-        let (counter, since) = match burst.initiator {
-            Initiator::Usb => return,
-            Initiator::Can => {
-                let request = self.requests.can.pop_front();
-                if request
-                    .as_ref()
-                    .is_some_and(|request| self.kind.is_torque_on(&request.bytes))
-                {
-                    self.dead_man.end(Initiator::Can);
-                }
-                (&mut c.requests_can, request.map(|request| request.since))
-            }
-            Initiator::Poll => {
-                if let Some(slot) = self.poll.slot() {
-                    self.latencies.poll.add(now.since(slot));
-                    count(&mut c.late_polls, usize::from(now > slot));
-                }
-                self.poll.began();
-                (&mut c.requests_poll, None)
-            }
-            Initiator::Command => {
-                let request = self.requests.command.take();
-                (&mut c.requests_command, request.map(|request| request.since))
-            }
-            Initiator::Adapter => {
-                let since = self
-                    .requests
-                    .torque_off
-                    .take()
-                    .or_else(|| self.requests.identify.take());
-                (&mut c.requests_adapter, since)
-            }
+        let counter = match burst.initiator {
+            Initiator::Usb => return self.host_transmitted(burst.len, now),
+            Initiator::Can => &mut c.requests_can,
+            Initiator::Poll => &mut c.requests_poll,
+            Initiator::Command => &mut c.requests_command,
+            Initiator::Adapter => &mut c.requests_adapter,
         };
         count(counter, 1);
-        if let Some(since) = since {
+        if burst.initiator == Initiator::Poll {
+            if let Some(slot) = self.poll.slot() {
+                self.latencies.poll.add(now.since(slot));
+                count(&mut self.counters.late_polls, usize::from(now > slot));
+            }
+            self.poll.began();
+        }
+        if burst.kind == BurstKind::TorqueOn {
+            self.dead_man.end(burst.initiator);
+        }
+        if let Some(since) = burst.since {
             self.latencies.turn.add(now.since(since));
         }
         let is_urgent = burst.initiator == Initiator::Poll && self.poll.is_urgent();
@@ -770,21 +799,21 @@ impl Line {
     // ---- The serial port on USB ----
 
     /// The host enabled or disabled the adapter's configuration.
-    pub(crate) fn usb_configured(&mut self, configured: bool) {
+    pub(crate) fn usb_configured(&mut self, configured: bool, now: Instant) {
         self.to_host.configured(configured, &mut self.counters);
         self.rate.reset(self.from_host.len());
-        self.release_line(ControlPort::Usb, self.last_rx_poll);
+        self.release_line(ControlPort::Usb, now);
     }
 
-    pub(crate) fn usb_reset(&mut self) {
+    pub(crate) fn usb_reset(&mut self, now: Instant) {
         count(&mut self.counters.usb_resets, 1);
-        self.usb_configured(false);
+        self.usb_configured(false, now);
     }
 
-    pub(crate) fn usb_suspended(&mut self) {
+    pub(crate) fn usb_suspended(&mut self, now: Instant) {
         count(&mut self.counters.usb_suspends, 1);
         self.rate.release(self.from_host.len());
-        self.follow_holder(self.last_rx_poll);
+        self.follow_holder(now);
     }
 
     /// Returns whether the port was opened or closed by this.
@@ -855,11 +884,11 @@ impl Line {
     }
 
     /// The UART was changed. A frame that had begun will not end. Returns the number of frames that this ended.
-    pub(crate) fn uart_configured(&mut self, uart: UartConfig) -> usize {
-        let frames = self.idle(self.last_rx_poll);
+    pub(crate) fn uart_configured(&mut self, uart: UartConfig, now: Instant) -> usize {
+        let frames = self.idle(now);
         self.from_host.cut();
         self.rate.changed(uart);
-        self.follow_holder(self.last_rx_poll);
+        self.follow_holder(now);
         count(&mut self.counters.line_codings, 1);
         frames
     }
@@ -895,13 +924,13 @@ impl Line {
     }
 
     /// Torque-off goes out at the arm's rate: the bytes of the host on USB at another rate are cut.
-    fn take_line_back(&mut self) {
+    fn take_line_back(&mut self, now: Instant) {
         if self.rate.revoke() {
-            let dropped = self.from_host.drop_waiting();
+            let dropped = self.drop_host_bytes();
             count(&mut self.counters.refused_rate_bytes, dropped);
             self.from_host.forget_turn();
             self.from_host.is_cut = true;
-            self.follow_holder(self.last_rx_poll);
+            self.follow_holder(now);
         }
     }
 
@@ -949,12 +978,13 @@ impl Line {
 
     /// Whether the torque is to go off if the adapter starts again now.
     pub(crate) fn is_armed(&self) -> bool {
-        self.requests.torque_off.is_some() || self.dead_man.switches_off() && self.dead_man.is_any_streaming()
+        self.is_torque_off_waiting() || self.dead_man.switches_off() && self.dead_man.is_any_streaming()
     }
 
     /// Whether torque-off waits to go out.
-    pub(crate) const fn is_torque_off_waiting(&self) -> bool {
-        self.requests.torque_off.is_some()
+    pub(crate) fn is_torque_off_waiting(&self) -> bool {
+        let is_handed_over = self.burst.is_some_and(|burst| burst.kind == BurstKind::TorqueOff);
+        self.requests.torque_off.is_some() || is_handed_over
     }
 
     /// The adapter before this one stopped while it was armed: the torque goes off before all else.
@@ -965,13 +995,17 @@ impl Line {
         }
     }
 
-    /// The adapter is about to stop: no stream stays behind with its torque on.
-    pub(crate) fn disarm(&mut self, now: Instant) {
+    /// The adapter is about to stop: no stream stays behind with its torque on. `last_request` are the bytes of the last request
+    /// on CAN, for which there was no room.
+    pub(crate) fn disarm(&mut self, last_request: usize, now: Instant) -> Silenced {
+        let mut silenced = Silenced::default();
         for initiator in STREAMERS {
             if self.dead_man.switches_off() && self.dead_man.is_streaming(initiator) {
-                self.host_silent(initiator, now);
+                self.host_silent(initiator, last_request, now);
+                silenced.add(initiator);
             }
         }
+        silenced
     }
 
     /// A host ends its stream of motion without loss of torque.
@@ -998,15 +1032,15 @@ impl Line {
     }
 
     /// A host that streamed motion says nothing any more: what it has sent and is not out is old.
-    fn host_silent(&mut self, initiator: Initiator, now: Instant) {
+    fn host_silent(&mut self, initiator: Initiator, last_request: usize, now: Instant) {
         let dropped = match initiator {
             Initiator::Usb => {
                 self.from_host.cut();
                 self.rate.dropped();
-                self.from_host.drop_waiting()
+                self.drop_host_bytes()
             }
             Initiator::Can => {
-                let dropped = self.requests.can_bytes();
+                let dropped = self.requests.can_bytes().saturating_add(last_request);
                 self.requests.can.clear();
                 dropped
             }
@@ -1015,11 +1049,17 @@ impl Line {
         let torque_off = self.dead_man.switches_off();
         if torque_off {
             self.requests.torque_off.get_or_insert(now);
-            self.take_line_back();
+            self.take_line_back(now);
         }
         // A change of rate was dropped with the bytes.
         self.follow_holder(now);
         self.end_stream(initiator, dropped, torque_off, now);
+    }
+
+    /// Drops the bytes of the host on USB that were not handed to the UART, and returns their number.
+    fn drop_host_bytes(&mut self) -> usize {
+        let handed_over = self.burst.filter(|burst| burst.initiator == Initiator::Usb);
+        self.from_host.truncate(handed_over.map_or(0, |burst| burst.len))
     }
 
     /// Reports that a host streams motion no more, if it did.
@@ -1053,7 +1093,9 @@ impl Line {
     }
 
     /// It is `now`: late answers are given up, polls become due, old commands are dropped, silent hosts lose their streams.
-    pub(crate) fn tick(&mut self, now: Instant) {
+    /// `last_request` are the bytes of the last request on CAN, for which there was no room.
+    pub(crate) fn tick(&mut self, last_request: usize, now: Instant) -> Silenced {
+        let mut silenced = Silenced::default();
         self.tick_requests(now);
         if self.rate.timeout(self.may_change_rate()).is_some_and(|at| at <= now) {
             self.tick_rate(now);
@@ -1065,11 +1107,15 @@ impl Line {
             match initiator {
                 // USB does not tell whether it wants to say something.
                 Initiator::Usb if self.is_host_held_back() => self.dead_man.heard(initiator, now),
-                _ => self.host_silent(initiator, now),
+                _ => {
+                    self.host_silent(initiator, last_request, now);
+                    silenced.add(initiator);
+                }
             }
         }
         // Torque-off may have begun to wait for the line.
         self.tick_turn(now);
+        silenced
     }
 
     /// Late answers are given up, polls become due, and old commands are dropped.

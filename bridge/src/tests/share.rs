@@ -856,3 +856,23 @@ fn bytes_that_waited_for_an_answer_that_never_came_do_not_look_stuck() {
     assert!(!rig.bridge.is_stuck(now));
     assert!(rig.bridge.is_stuck(now + Duration::from_micros(1_000_001)));
 }
+
+#[test]
+fn an_answer_behind_a_slow_one_goes_to_its_initiator() {
+    let mut rig = Rig::new(Config::default());
+    let mut polite = polite();
+    rig.manners = Box::new(move |request| match request[1] {
+        0xFE => Some((300_000, ling(0xFE, 0, &[1, 1]))),
+        _ => polite(request),
+    });
+    // A self-check, which the arm may answer for 0.5 s, and a read behind it.
+    rig.usb_out.extend(ling(0xFE, 0, &[0xFE]));
+    rig.usb_out.extend(JOINTS);
+    rig.run(150_000);
+    rig.can_out.push_back(JOINTS.to_vec());
+    rig.run(1_000_000);
+    let c = rig.bridge.counters();
+    assert_eq!((c.unanswered_requests, c.late_answers, c.unasked_frames), (0, 0, 0));
+    // The answers of the joints count: the first is USB's, the second CAN's.
+    assert_eq!(rig.can.iter().map(|answer| answer[4]).collect::<Vec<_>>(), [2]);
+}

@@ -1,0 +1,238 @@
+//! Calls in the order in which the tasks of the firmware happen to run, with no question for the status between them.
+
+extern crate std;
+
+use std::boxed::Box;
+use std::vec;
+use std::vec::Vec;
+
+use armwire::ling::{self, Ling};
+use armwire::messages::Messages;
+
+use super::rig::{Rig, ask, at, ling, transmit};
+use crate::can::command::Command;
+use crate::can::{Frame, Function, Node};
+use crate::config::{Can, Config, HostTimeout};
+use crate::control::{
+    ArmIdentity, Event, FromAdapter, Identity, MAX_FRAME, MAX_MESSAGE, Reader, Reply, Request, Stamp, Subscription,
+};
+use crate::{Action, Bridge, CanEvent, PACKET, Start, UsbEvent};
+
+const FRAMES: Request = Request::Subscribe(Subscription {
+    frames: true,
+    events: false,
+});
+
+/// An adapter with a host on USB.
+fn adapter(config: Config) -> Bridge {
+    let mut bridge = Bridge::new(Identity::default(), config, Start::default());
+    bridge.usb_event(UsbEvent::Configured(true), at(0));
+    bridge
+}
+
+/// A config with this time-out, with torque-off.
+fn silent_after(after_ms: u16) -> Config {
+    Config {
+        host_timeout: HostTimeout {
+            after_ms,
+            torque_off: true,
+        },
+        ..Config::default()
+    }
+}
+
+fn motion() -> Vec<u8> {
+    let command = Command {
+        sequence: 1,
+        joints: [2048; 6],
+        speed: 10,
+        gripper: 0,
+    };
+    let mut out = [0; MAX_FRAME];
+    let request = ling::Request::Move(command.target().unwrap());
+    let len = Ling.encode_request(&request, &mut out).unwrap();
+    out[..len].to_vec()
+}
+
+/// What waits for the host on the control interface.
+fn messages(bridge: &mut Bridge, now: u64) -> Vec<FromAdapter> {
+    let mut reader = Reader::<MAX_MESSAGE>::new();
+    let mut messages = vec![];
+    let mut packet = [0; PACKET];
+    while let Some(len) = bridge.control_transmit(&mut packet, at(now)) {
+        let mut left = &packet[..len];
+        while !left.is_empty() {
+            left = reader.push(left);
+            messages.extend(reader.next::<FromAdapter>().map(Result::unwrap));
+        }
+    }
+    messages
+}
+
+/// A frame on the bus, to a function of node 0.
+fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: u64) {
+    let id = function.id(Node::new(0).unwrap());
+    bridge.can_received(&Frame::new(id, data).unwrap(), at(now));
+}
+
+#[test]
+fn what_the_arm_is_comes_after_a_look_at_the_bus() {
+    let mut bridge = adapter(Config {
+        can: Can {
+            telemetry_hz: 100,
+            ..Can::default()
+        },
+        ..Config::default()
+    });
+    ask(&mut bridge, 1, Request::IdentifyArm, at(0));
+    assert!(transmit(&mut bridge, &mut [0; MAX_FRAME], at(0)).is_some());
+    assert_eq!(bridge.uart_received(&ling(0x01, 0, &[0; 24]), at(700)), 1);
+    while bridge.can_transmit(at(700)).is_some() {}
+    assert!(bridge.status(at(700)).control);
+    assert!(matches!(
+        messages(&mut bridge, 700)[..],
+        [FromAdapter::Reply {
+            sequence: 1,
+            reply: Reply::Arm(_)
+        }]
+    ));
+}
+
+#[test]
+fn motion_of_a_silent_host_is_dropped_though_nobody_can_be_told() {
+    let mut rig = Rig::new(silent_after(200));
+    rig.subscribe();
+    for _ in 0..3 {
+        rig.can_out.push_back(motion());
+        rig.run(10_000);
+    }
+    // A self-check that the arm does not answer holds the line, and three motions wait.
+    rig.manners = Box::new(|_| None);
+    rig.usb_out.extend(ling::SELF_CHECK);
+    rig.run(1_000);
+    for _ in 0..3 {
+        rig.can_out.push_back(motion());
+        rig.run(5_000);
+    }
+    let frame = ling(0x77, 0, &[]);
+    rig.bridge.uart_received(&frame.repeat(8), at(rig.now));
+    rig.bridge.uart_received(&frame.repeat(7), at(rig.now));
+    while rig.bridge.counters().host_silences == 0 {
+        rig.now = rig.bridge.timeout().unwrap().as_micros().max(rig.now);
+        rig.bridge.tick(at(rig.now));
+    }
+    let said = rig.said.len();
+    rig.run(2_000_000);
+    let torque_off = ling(0x05, 0, &[0]);
+    assert_eq!(
+        rig.said[said..].iter().map(|(_, bytes)| bytes).collect::<Vec<_>>(),
+        [&torque_off]
+    );
+}
+
+#[test]
+fn a_request_is_served_behind_a_reply_that_its_host_gave_up() {
+    let mut bridge = Bridge::default();
+    // GetCounters: its reply has several frames. GetConfig waits for room.
+    hear(&mut bridge, Function::ControlRequest, &[2, 0, 6], 0);
+    assert!(bridge.can_transmit(at(0)).is_some());
+    bridge.can_event(CanEvent::Waiting(0), at(130));
+    hear(&mut bridge, Function::ControlRequest, &[2, 1, 2], 200);
+    assert_eq!(bridge.counters().control_requests, 1);
+    // The host has no room for the reply.
+    hear(&mut bridge, Function::ControlRequest, &[0x32, 0, 0], 300);
+    assert!(bridge.can_transmit(at(300)).is_some());
+    assert_eq!(bridge.counters().control_requests, 2);
+}
+
+#[test]
+fn a_subscriber_gets_the_frames_of_its_subscription() {
+    let mut bridge = adapter(Config::default());
+    let done = |sequence| FromAdapter::Reply {
+        sequence,
+        reply: Reply::Done,
+    };
+    ask(&mut bridge, 1, FRAMES, at(0));
+    assert_eq!(messages(&mut bridge, 0), [done(1)]);
+    // One that came before its host went.
+    bridge.uart_received(&ling(0x77, 0, &[1]), at(100));
+    bridge.usb_event(UsbEvent::Reset, at(200));
+    bridge.usb_event(UsbEvent::Configured(true), at(300));
+    ask(&mut bridge, 2, FRAMES, at(3_600_000_000));
+    assert_eq!(messages(&mut bridge, 3_600_000_000), [done(2)]);
+    // One that came before its end.
+    bridge.uart_received(&ling(0x77, 0, &[2]), at(3_600_000_100));
+    let nothing = Subscription {
+        frames: false,
+        events: false,
+    };
+    ask(&mut bridge, 3, Request::Subscribe(nothing), at(3_600_000_200));
+    let told = messages(&mut bridge, 3_600_000_200);
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(matches!(
+        told[0],
+        FromAdapter::Event {
+            at: Stamp(3_600_000_100),
+            event: Event::Frame { .. }
+        }
+    ));
+    assert_eq!(told[1], done(3));
+}
+
+#[test]
+fn an_answer_for_the_old_bus_is_not_sent_on_the_new_one() {
+    let mut bridge = adapter(Config::default());
+    let mut request = vec![0];
+    request.extend(ling(0x06, 2, &[0xFE]));
+    request[0] = request.len() as u8 - 1;
+    hear(&mut bridge, Function::ArmRequest, &request, 0);
+    assert!(transmit(&mut bridge, &mut [0; MAX_FRAME], at(0)).is_some());
+    let config = Config {
+        can: Can {
+            node: Node::new(5).unwrap(),
+            ..Can::default()
+        },
+        ..Config::default()
+    };
+    ask(&mut bridge, 1, Request::SetConfig(config), at(10));
+    assert_eq!(bridge.action(at(20)), None);
+    assert_eq!(bridge.uart_received(&ling(0x06, 2, &[1]), at(700)), 1);
+    assert!(matches!(bridge.action(at(700)), Some(Action::RestartCan(_))));
+    assert_eq!(bridge.can_transmit(at(700)), None);
+    assert_eq!(bridge.counters().isotp_failures, 1);
+}
+
+#[test]
+fn what_is_on_the_line_stays_what_it_is() {
+    let mut bridge = adapter(silent_after(200));
+    let mut out = [0; MAX_FRAME];
+    for _ in 0..3 {
+        bridge.usb_received(&motion(), at(0));
+        assert!(transmit(&mut bridge, &mut out, at(0)).is_some());
+    }
+    ask(&mut bridge, 1, Request::IdentifyArm, at(199_990));
+    assert!(bridge.uart_transmit(&mut out, at(199_995)).is_some());
+    assert_eq!(out[1], 0x01);
+    // The host is silent while the adapter's own request goes out.
+    bridge.tick(at(200_000));
+    bridge.uart_transmitted(at(200_001));
+    assert!(bridge.status(at(200_001)).is_armed);
+    // The arm does not say what it is; then comes torque-off.
+    let silent = loop {
+        let now = bridge.timeout().unwrap();
+        bridge.tick(now);
+        if bridge.uart_transmit(&mut out, now).is_some() {
+            break now;
+        }
+    };
+    assert_eq!(out[..7], ling(0x05, 0, &[0])[..]);
+    bridge.uart_transmitted(silent);
+    assert!(!bridge.status(silent).is_armed);
+    assert!(matches!(
+        messages(&mut bridge, silent.as_micros())[..],
+        [FromAdapter::Reply {
+            sequence: 1,
+            reply: Reply::Arm(ArmIdentity { answer: None, .. })
+        }]
+    ));
+}
