@@ -12,7 +12,7 @@ use armwire_bridge::store::{Error, Saved, Store};
 use embassy_futures::block_on;
 use embassy_time::Timer;
 
-use crate::adapter::{Adapter, now};
+use crate::adapter::{Adapter, Work, now};
 use crate::board::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 use crate::restart;
 use crate::watchdog::{Task, rest};
@@ -51,6 +51,8 @@ pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>
         let resting = rest(Task::Action);
         let action = adapter.action.wait().await;
         drop(resting);
+        // There may be another.
+        adapter.wake(Work::Dispatch);
         match action {
             Action::Save(config) => {
                 let result = block_on(store.save(&config, now())).map_err(failure);

@@ -11,7 +11,7 @@
 use embassy_stm32::gpio::Output;
 use embassy_time::Timer;
 
-use crate::adapter::Adapter;
+use crate::adapter::{Adapter, Work};
 
 /// One step of a pattern.
 const STEP_MS: u64 = 50;
@@ -21,6 +21,8 @@ const STEP_MS: u64 = 50;
 pub(crate) async fn show(adapter: &'static Adapter, mut led: Output<'static>) {
     let mut passed = 0;
     for step in (0..20_u32).cycle() {
+        // Bytes that are no frames lead to no dispatch.
+        adapter.wake(Work::Dispatch);
         let status = adapter.status.get();
         let on = match (status.is_attached, status.passed_bytes != passed) {
             (_, true) => step % 2 == 0,
