@@ -264,7 +264,7 @@ impl Counters {
             panics: hosts.panics,
             watchdog_resets: hosts.watchdog_resets,
             hard_faults: hosts.hard_faults,
-            dropped_can_answers: hosts.dropped_can_answers,
+            dropped_can_answers: self.dropped_can_answers.wrapping_add(hosts.dropped_can_answers),
             isotp_failures: hosts.isotp_failures,
             can_frames_received: hosts.can_frames_received,
             can_frames_sent: hosts.can_frames_sent,

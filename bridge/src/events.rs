@@ -14,8 +14,11 @@ const UNSOLICITED: u8 = 0xFF;
 /// The kind of an event that is no frame: its bytes are those of its frame on CAN.
 const OTHER: u8 = 0xFE;
 
-/// Room in bytes: eight answers with the joints of a Ling arm.
-const ROOM: usize = 256;
+/// Room in bytes: twelve answers with the joints of a Ling arm.
+const ROOM: usize = 384;
+
+/// What the frames of a packet take at most: sixteen of four bytes, the shortest of all protocols.
+const PACKET_OF_FRAMES: usize = 16 * (HEADER + 4);
 
 /// An event from the queue.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,9 +43,9 @@ impl EventQueue {
         self.bytes.is_empty()
     }
 
-    /// Whether half of the room is free.
+    /// Whether there is room for the frames of a packet, whatever they are.
     pub(crate) const fn has_room(&self) -> bool {
-        self.bytes.room() >= ROOM / 2
+        self.bytes.room() >= PACKET_OF_FRAMES
     }
 
     /// Appends a frame whose last byte arrived at `at`. Returns whether there was room.

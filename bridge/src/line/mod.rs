@@ -329,7 +329,11 @@ impl Line {
             }
             let is_wanted = self.is_watched || matches!(initiator, Some(Initiator::Can));
             if is_wanted && !self.deliveries.push_frame(at, initiator, item.bytes) {
-                count(&mut self.counters.dropped_events, 1);
+                let dropped = match initiator {
+                    Some(Initiator::Can) => &mut self.counters.dropped_can_answers,
+                    _ => &mut self.counters.dropped_events,
+                };
+                count(dropped, 1);
             }
             if initiator == Some(Initiator::Adapter) {
                 self.identified = Some(Ok(FrameBytes::from_slice(item.bytes).ok()));

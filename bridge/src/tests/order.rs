@@ -59,7 +59,8 @@ fn messages(bridge: &mut Bridge, now: u64) -> Vec<FromAdapter> {
     let mut reader = Reader::<MAX_MESSAGE>::new();
     let mut messages = vec![];
     let mut packet = [0; PACKET];
-    while let Some(len) = bridge.control_transmit(&mut packet, at(now)) {
+    while bridge.status(at(now)).control {
+        let len = bridge.control_transmit(&mut packet, at(now)).unwrap_or(0);
         let mut left = &packet[..len];
         while !left.is_empty() {
             left = reader.push(left);
@@ -235,4 +236,19 @@ fn what_is_on_the_line_stays_what_it_is() {
             reply: Reply::Arm(ArmIdentity { answer: None, .. })
         }]
     ));
+}
+
+#[test]
+fn frames_of_two_packets_are_told_of() {
+    let mut bridge = adapter(Config::default());
+    ask(&mut bridge, 1, FRAMES, at(0));
+    messages(&mut bridge, 0);
+    let frame = ling(0x77, 0, &[]);
+    let packet = frame.repeat(PACKET / frame.len());
+    let mut told = 0;
+    for now in [100, 200] {
+        told += bridge.uart_received(&packet, at(now));
+        assert_eq!(bridge.counters().dropped_events, 0);
+    }
+    assert_eq!(messages(&mut bridge, 200).len(), told);
 }
