@@ -218,9 +218,13 @@ impl World {
         assert_eq!(len.is_some(), due);
         self.usb_heard.extend(&packet[..len.unwrap_or(0)]);
 
-        let due = self.status().control;
-        let len = self.bridge.control_transmit(&mut packet, self.now);
-        assert_eq!(len.is_some(), due);
+        let mut len = None;
+        while len.is_none() && self.status().control {
+            len = self.bridge.control_transmit(&mut packet, self.now);
+        }
+        if len.is_none() {
+            assert_eq!(self.bridge.control_transmit(&mut packet, self.now), None);
+        }
         let mut rest = &packet[..len.unwrap_or(0)];
         while !rest.is_empty() {
             rest = self.reader.push(rest);

@@ -401,9 +401,10 @@ impl Rig {
             refused => self.oracle.usb_is_dropped(refused),
         }
         let mut packet = [0; PACKET];
-        // What the line delivers comes first.
-        self.status();
-        while let Some(len) = self.bridge.control_transmit(&mut packet, self.time()) {
+        while self.status().control {
+            let Some(len) = self.bridge.control_transmit(&mut packet, self.time()) else {
+                continue;
+            };
             let mut rest = &packet[..len];
             while !rest.is_empty() {
                 rest = self.replies.push(rest);

@@ -160,8 +160,10 @@ impl Served {
         while let Some(n) = self.bridge.usb_transmit(&mut packet) {
             self.port.write(&packet[..n])?;
         }
-        while let Some(n) = self.bridge.control_transmit(&mut packet, now) {
-            self.control.write(&packet[..n])?;
+        while self.bridge.status(now).control {
+            if let Some(n) = self.bridge.control_transmit(&mut packet, now) {
+                self.control.write(&packet[..n])?;
+            }
         }
         Ok(())
     }
