@@ -87,7 +87,7 @@ pub enum Transmit {
         /// once.
         start: Option<Instant>,
     },
-    /// Change the UART once the last bit is out, then say [so](crate::Bridge::uart_configured).
+    /// Change the UART once the last bit is out, then say [so](crate::UartEvent::Configured).
     Configure(UartConfig),
 }
 
