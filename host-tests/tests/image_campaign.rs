@@ -5,7 +5,7 @@ use armwire_host_tests::image::campaign::{self, Bench, Case, Deceit, Fault, Mome
 
 /// A run in which a byte is lost.
 const RUN: Case = Case {
-    seed: 1,
+    seed: 3,
     number: 0,
     fault: Fault::ByteDropped,
     moment: Moment::Any,
