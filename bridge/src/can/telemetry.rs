@@ -310,11 +310,13 @@ pub(super) fn words(frame: &Frame, function: Function) -> Option<(Node, [u16; 4]
     (found == function).then_some((node, [[a, b], [c, d], [e, f], [g, h]].map(u16::from_le_bytes)))
 }
 
-/// The low and the high half of a stamp.
+/// The low and the high half of a sample's stamp.
+#[cfg(feature = "ling")]
 const fn halves(stamp: u32) -> [u16; 2] {
     [stamp as u16, (stamp >> 16) as u16]
 }
 
+#[cfg(feature = "ling")]
 fn whole(low: u16, high: u16) -> u32 {
     u32::from(high) << 16 | u32::from(low)
 }
