@@ -84,7 +84,7 @@ pub enum CanEvent {
     BusOn,
 }
 
-/// What there is to do, and the adapter's state.
+/// The work that is due, and the adapter's state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Status {
@@ -402,7 +402,7 @@ impl Bridge {
 
     // ---- Time, and what only firmware can do ----
 
-    /// What there is to do at `now`, and the adapter's state.
+    /// The work that is due at `now`, and the adapter's state.
     pub fn status(&mut self, now: Instant) -> Status {
         self.hosts.update(&mut self.line, now);
         Status {
@@ -435,7 +435,7 @@ impl Bridge {
         self.hosts.action(&mut self.line, now)
     }
 
-    /// What became of [`Action::Save`] or [`Action::Reset`].
+    /// The result of [`Action::Save`] or [`Action::Reset`].
     pub fn saved(&mut self, result: Result<(), Failure>, now: Instant) {
         self.hosts.saved(result, &mut self.line, now);
     }
@@ -463,7 +463,7 @@ impl Bridge {
         *self.hosts.config()
     }
 
-    /// What has been seen, lost and refused so far.
+    /// All counts since the start.
     pub fn counters(&self) -> Counters {
         self.hosts.all_counters(&self.line)
     }

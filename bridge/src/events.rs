@@ -17,7 +17,7 @@ const OTHER: u8 = 0xFE;
 /// Room in bytes: twelve answers with the joints of a Ling arm.
 const ROOM: usize = 384;
 
-/// What the frames of a packet take at most: sixteen of four bytes, the shortest of all protocols.
+/// The bytes that the frames of a packet take at most: sixteen of four bytes, the shortest of all protocols.
 const PACKET_OF_FRAMES: usize = 16 * (HEADER + 4);
 
 /// An event from the queue.

@@ -331,7 +331,7 @@ fn leave(handed: &mut u8, gone: u8) -> bool {
     before > 0 && *handed == 0
 }
 
-/// What came of a frame of a connection.
+/// The outcome of a frame of a connection.
 enum Outcome {
     /// A PDU is whole.
     Whole,

@@ -1,4 +1,4 @@
-//! Whose turn it is to speak to the arm.
+//! The order of turns on the line to the arm.
 
 use crate::control::Initiator;
 use armwire::time::{Duration, Instant};
@@ -41,7 +41,7 @@ impl Arbiter {
         self.others_had.is_some_and(|at| now.since(at) < SHARED_TIME)
     }
 
-    /// Whose turn it is of these contenders, in the order of [`Initiator::ALL`].
+    /// The initiator whose turn it is, of these contenders in the order of [`Initiator::ALL`].
     pub(crate) fn next(&self, contenders: &[Option<Contender>; Initiator::ALL.len()]) -> Option<Initiator> {
         let of = |initiator: Initiator| contenders.get(initiator as usize).copied().flatten();
         let is_urgent = |initiator: &Initiator| of(*initiator).is_some_and(|contender| contender.is_urgent);
@@ -79,7 +79,7 @@ impl Arbiter {
     }
 }
 
-/// Whose turn comes after that of `initiator`.
+/// The initiator whose turn comes after that of `initiator`.
 const fn behind(initiator: Initiator) -> Initiator {
     match initiator {
         Initiator::Usb => Initiator::Can,
