@@ -5,10 +5,9 @@ extern crate std;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::ling::{self, Ling};
-use armwire::messages::Messages;
+use armwire::ling;
 
-use super::rig::{Rig, at, ling};
+use super::rig::{Rig, at, ling, motion};
 use crate::can::Node;
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
@@ -91,14 +90,6 @@ fn command(rig: &mut Rig, sequence: u8) {
     for frame in (Command { sequence, ..COMMAND }).to_frames(Node::default()) {
         rig.can_frame(&frame);
     }
-}
-
-fn motion() -> Vec<u8> {
-    let mut out = [0; 70];
-    let n = Ling
-        .encode_request(&ling::Request::Move(COMMAND.target().unwrap()), &mut out)
-        .unwrap();
-    out[..n].to_vec()
 }
 
 /// What was refused, and of whom.

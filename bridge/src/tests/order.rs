@@ -6,11 +6,9 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
-use armwire::ling::{self, Ling};
-use armwire::messages::Messages;
+use armwire::ling;
 
-use super::rig::{Rig, ask, at, ling, transmit};
-use crate::can::command::Command;
+use super::rig::{Rig, ask, at, ling, motion, transmit};
 use crate::can::{Frame, Function, Node};
 use crate::config::{Can, Config, HostTimeout};
 use crate::control::{
@@ -39,19 +37,6 @@ fn silent_after(after_ms: u16) -> Config {
         },
         ..Config::default()
     }
-}
-
-fn motion() -> Vec<u8> {
-    let command = Command {
-        sequence: 1,
-        joints: [2048; 6],
-        speed: 10,
-        gripper: 0,
-    };
-    let mut out = [0; MAX_FRAME];
-    let request = ling::Request::Move(command.target().unwrap());
-    let len = Ling.encode_request(&request, &mut out).unwrap();
-    out[..len].to_vec()
 }
 
 /// What waits for the host on the control interface.

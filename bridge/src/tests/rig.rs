@@ -9,11 +9,14 @@ use std::vec::Vec;
 
 use armwire::decoder::{Decoder, Kind};
 use armwire::framing::Framing;
+use armwire::ling::{self, Ling};
+use armwire::messages::Messages;
 
+use crate::can::command::Command;
 use crate::can::{Frame, Function, Node};
 use crate::config::Config;
 use crate::control::{
-    Event, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_MESSAGE, Reader, Reply, Request, Stamp,
+    Event, FromAdapter, FromHost, Identity, Initiator, MAX_COBS, MAX_FRAME, MAX_MESSAGE, Reader, Reply, Request, Stamp,
     Subscription, decode, encode, encode_cobs,
 };
 use crate::isotp::{self, Endpoint, Link};
@@ -426,6 +429,20 @@ pub(super) fn ask(bridge: &mut Bridge, sequence: u8, request: Request, now: Inst
     let mut bytes = [0; MAX_COBS];
     let len = encode_cobs(&FromHost { sequence, request }, &mut bytes).unwrap();
     bridge.control_received(&bytes[..len], now);
+}
+
+/// A request that moves a Ling arm.
+pub(super) fn motion() -> Vec<u8> {
+    let command = Command {
+        sequence: 1,
+        joints: [2048; 6],
+        speed: 10,
+        gripper: 0,
+    };
+    let mut out = [0; MAX_FRAME];
+    let request = ling::Request::Move(command.target().unwrap());
+    let len = Ling.encode_request(&request, &mut out).unwrap();
+    out[..len].to_vec()
 }
 
 /// A Ling arm that answers what it knows, 200 µs after it was asked. The first data byte of its answers counts them.

@@ -9,7 +9,7 @@ use std::vec::Vec;
 use armwire::ling::{self, Ling};
 use armwire::messages::Messages;
 
-use super::rig::{Rig, ask, at, ling, polite, transmit};
+use super::rig::{Rig, ask, at, ling, motion, polite, transmit};
 use crate::can::command::Command;
 use crate::can::telemetry::event_from_frame;
 use crate::can::{Frame, Function, Node};
@@ -28,20 +28,6 @@ fn silence(after_ms: u16, torque_off: bool) -> Config {
         },
         ..Config::default()
     }
-}
-
-fn motion() -> Vec<u8> {
-    let target = Command {
-        sequence: 1,
-        joints: [2048; 6],
-        speed: 10,
-        gripper: 0,
-    };
-    let mut out = [0; 70];
-    let n = Ling
-        .encode_request(&ling::Request::Move(target.target().unwrap()), &mut out)
-        .unwrap();
-    out[..n].to_vec()
 }
 
 fn silences(rig: &Rig) -> Vec<(u64, Event)> {
