@@ -27,7 +27,7 @@ CONTROL_REQUEST, CONTROL_ANSWER = 0x640, 0x650
 CYCLIC = range(0x200, 0x250)
 
 # The version of the control port's messages.
-VERSION = 3
+VERSION = 4
 
 # What EVENT says.
 QUEUE_FULL, NOT_A_FRAME, INCOMPLETE, STALE, OUT_OF_RANGE, HOST_SILENT = 1, 2, 3, 4, 5, 16
