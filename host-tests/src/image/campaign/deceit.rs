@@ -37,8 +37,7 @@ impl Rig {
                 self.board.write_word(chip.uart_control, chip.uart_listening)?;
             }
             Deceit::CountsErrors => {
-                self.board.uart().plan_fault(3, LineFault::Framing);
-                self.work(Nanos::from_millis(20))?;
+                self.plan(LineFault::Framing)?;
                 // The record has no such error.
                 self.traffic.framing_faults -= 1;
             }

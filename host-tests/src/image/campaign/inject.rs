@@ -216,7 +216,7 @@ impl Rig {
     }
 
     /// Lets one of the next bytes from the arm meet a fault of the line.
-    fn plan(&mut self, fault: LineFault) -> Result {
+    pub(super) fn plan(&mut self, fault: LineFault) -> Result {
         let met = |rig: &Self| rig.traffic.framing_faults + rig.traffic.noise_faults + rig.traffic.overruns;
         let before = met(self);
         // A byte that follows none cannot overrun it, and meets nothing. Then there is one more, once that is past: two
