@@ -305,14 +305,14 @@ impl Hosts {
 
     /// Answers the requests on the control port, as far as there is room for the replies.
     fn serve(&mut self, line: &mut Line, now: Instant) {
-        if let Some(answer) = line.identified() {
-            self.control.arm_identified(answer);
-        }
-        // The request of one host may end what another waits for.
-        while self.serve_port(ControlPort::Usb, line, now) | self.serve_port(ControlPort::Can, line, now) {
+        loop {
             // An arm that cannot be asked is identified at once.
             if let Some(answer) = line.identified() {
                 self.control.arm_identified(answer);
+            }
+            // The request of one host may end what another waits for.
+            if !(self.serve_port(ControlPort::Usb, line, now) | self.serve_port(ControlPort::Can, line, now)) {
+                return;
             }
         }
     }
@@ -411,18 +411,8 @@ impl Hosts {
                 self.watch(line);
                 Reply::Done
             }
-            Request::Restart => {
-                let silenced = line.disarm(self.last_request(), now);
-                self.drop_silenced(silenced);
-                self.restart = Some(Action::Restart);
-                Reply::Done
-            }
-            Request::RestartIntoBootLoader => {
-                let silenced = line.disarm(self.last_request(), now);
-                self.drop_silenced(silenced);
-                self.restart = Some(Action::RestartIntoBootLoader);
-                Reply::Done
-            }
+            Request::Restart => self.restart(Action::Restart, line, now),
+            Request::RestartIntoBootLoader => self.restart(Action::RestartIntoBootLoader, line, now),
             Request::EndStream => {
                 match port {
                     ControlPort::Usb => line.release_stream(Initiator::Usb),
@@ -444,6 +434,14 @@ impl Hosts {
             }
         };
         Some((sequence, reply))
+    }
+
+    /// The adapter starts again once torque-off is out, if a stream is armed.
+    fn restart(&mut self, action: Action, line: &mut Line, now: Instant) -> Reply {
+        let silenced = line.disarm(self.last_request(), now);
+        self.drop_silenced(silenced);
+        self.restart = Some(action);
+        Reply::Done
     }
 
     /// The adapter is from now on as `config` says, by request of a host on a port.
