@@ -215,7 +215,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         };
         // A repeat is of the same call, and waits for nothing.
         let may = match &self.info {
-            Some(info) if call.sends == 0 => self.exchange.may_send(info, ()),
+            Some(info) if call.sends == 0 => self.exchange.can_send(info, ()),
             _ => true,
         };
         if may && self.at.is_none() {
@@ -428,7 +428,6 @@ impl<M: Messages, const N: usize> Client<M, N> {
     pub fn cancel(&mut self) {
         if self.outgoing.call.is_some() {
             self.outgoing.end();
-            self.outgoing.exchange.withdraw(());
         }
     }
 

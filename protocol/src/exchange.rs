@@ -7,11 +7,10 @@
 //!   decoder's offset, and by time where bytes are stamped. A send is resolved by its answer, or, once stale, when it is due
 //!   plus the stale window. A repeat is of the same send, which then has as many answers.
 //! * A request that wants an answer may go when no stale send of its key by any initiator is unresolved, none of its key by another
-//!   initiator, and none with another `Expect`. Once a request waits, no newer request that conflicts with it passes it.
-//!   Requests without an answer wait for nothing.
-//! * `N` counts sends, and nothing is evicted. One initiator ([`Initiator::may_exceed`]), while alone, may send more: the
-//!   exchange is then *saturated* until the stale window of the last of them has passed, and others wait. Once another waits,
-//!   that initiator sends nothing new either.
+//!   initiator, and none with another `Expect`. Requests without an answer wait for nothing. Whose turn it is among those that
+//!   wait is for the caller to decide.
+//! * `N` counts sends, and nothing is evicted. Sends beyond them *saturate* the exchange until the stale window of the last of
+//!   them has passed: no request may go meanwhile.
 //! * With transaction ids nothing waits. A stale send then makes room for a new one if it must, because its answer, being
 //!   numbered, can be taken for no other's.
 //! * Only an answer moves a deadline: an arm answers one request after the other, so those behind it have their time from then.
@@ -22,17 +21,6 @@ use core::cell::Cell;
 
 use crate::dialect::{Dialect, InfoOf};
 use crate::time::{Duration, Instant};
-
-/// A sender of requests.
-pub trait Initiator: Copy + Eq {
-    /// Whether it may, while it alone uses the line, have more sends unresolved than the exchange counts.
-    fn may_exceed(self) -> bool {
-        false
-    }
-}
-
-/// The only initiator.
-impl Initiator for () {}
 
 /// When a request was handed to the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,7 +76,7 @@ struct Sent<D: Dialect, I> {
     stale: bool,
 }
 
-impl<D: Dialect, I: Initiator> Sent<D, I> {
+impl<D: Dialect, I: Copy + Eq> Sent<D, I> {
     fn new(info: InfoOf<D>, who: I, handover: Handover) -> Self {
         Self {
             key: info.key,
@@ -109,36 +97,26 @@ impl<D: Dialect, I: Initiator> Sent<D, I> {
     }
 }
 
-/// A request that may not go yet.
-struct Waiting<D: Dialect, I> {
-    key: D::Key,
-    expect: D::Expect,
-    who: I,
-}
-
 /// Sends that are not counted one by one.
 struct Saturation {
     until: Instant,
     patience: Duration,
 }
 
-/// The sends on one line that are not resolved, at most `N`, and who waits.
+/// The sends on one line that are not resolved, at most `N`. `I` tells the initiators apart, `()` where there is one.
 pub struct Exchange<D: Dialect, I, const N: usize> {
     stale_window: Duration,
     /// In the order in which they were handed over, without gaps.
     sends: Slots<Sent<D, I>, N>,
-    /// In the order in which they came, without gaps.
-    waiting: Slots<Waiting<D, I>, N>,
     saturated: Option<Saturation>,
 }
 
-impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
+impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
     /// An exchange without sends. An answer that comes within the stale window after its due time is taken for no other's.
     pub const fn new(stale_window: Duration) -> Self {
         Self {
             stale_window,
             sends: Slots::new(),
-            waiting: Slots::new(),
             saturated: None,
         }
     }
@@ -156,40 +134,11 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         if info.response.is_none() {
             return true;
         }
+        let has_room = self.sends.len() < N;
         if D::HAS_TRANSACTION_ID {
-            return self.sends.len() < N || self.sends.iter().any(|sent| sent.stale);
+            return has_room || self.sends.iter().any(|sent| sent.stale);
         }
-        let waits = |waiting: &Waiting<D, I>| waiting.who == who;
-        let ahead = || self.waiting.iter().take_while(|waiting| !waits(waiting));
-        let alone = self.waiting.iter().all(waits) && self.sends.iter().all(|sent| sent.who == who);
-        let room = self.saturated.is_none() && self.sends.len().saturating_add(ahead().count()) < N;
-        (room || alone && who.may_exceed())
-            && !self.sends.iter().any(|sent| sent.blocks(info, who))
-            && !ahead().any(|waiting| waiting.key == info.key || waiting.expect != info.expect)
-    }
-
-    /// Whether a request may go now. If not, it waits from now on, in order, until it [goes](Self::begin) or is
-    /// [withdrawn](Self::withdraw). An initiator waits with one request at a time.
-    pub fn may_send(&mut self, info: &InfoOf<D>, who: I) -> bool {
-        if self.can_send(info, who) {
-            return true;
-        }
-        // There is room for every initiator, as long as they are no more than sends.
-        if let Some(waiting) = self.waiting.iter_mut().find(|waiting| waiting.who == who) {
-            (waiting.key, waiting.expect) = (info.key, info.expect);
-            return false;
-        }
-        self.waiting.push(Waiting {
-            key: info.key,
-            expect: info.expect,
-            who,
-        });
-        false
-    }
-
-    /// The request of this initiator that waits, if one does, goes no more.
-    pub fn withdraw(&mut self, who: I) {
-        self.waiting.remove_where(|waiting| waiting.who == who);
+        has_room && self.saturated.is_none() && !self.sends.iter().any(|sent| sent.blocks(info, who))
     }
 
     /// A request was handed over. Returns whether its send is counted.
@@ -197,7 +146,6 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         if info.response.is_none() {
             return true;
         }
-        self.withdraw(who);
         if D::HAS_TRANSACTION_ID && self.sends.len() == N {
             self.sends.remove_first_where(|sent| sent.stale);
         }
@@ -317,7 +265,7 @@ impl<D: Dialect, I: Initiator, const N: usize> Exchange<D, I, N> {
         self.saturated.is_some()
     }
 
-    /// Forgets all sends and all that wait, because there is another arm on the line. Returns how many were pending.
+    /// Forgets all sends, because there is another arm on the line. Returns how many were pending.
     pub fn clear(&mut self) -> usize {
         let pending = self.sends.iter().filter(|sent| !sent.stale).count();
         *self = Self::new(self.stale_window);

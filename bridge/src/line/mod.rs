@@ -73,8 +73,6 @@ impl RxThreshold {
     }
 }
 
-impl armwire::exchange::Initiator for Initiator {}
-
 /// The next thing for the UART to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -25,9 +25,8 @@ fn any_step(u: &mut Unstructured<'_>) -> Result<Step> {
     const KEYS: [u8; 5] = [0, 1, 2, 10, 11];
     const WHO: [Who; 3] = [Who::Usb, Who::Can, Who::Poll];
     Ok(match u.int_in_range(0..=6)? {
-        0 => Step::Send(*u.choose(&KEYS)?, *u.choose(&WHO)?),
+        0 | 2 => Step::Send(*u.choose(&KEYS)?, *u.choose(&WHO)?),
         1 => Step::Repeat(*u.choose(&KEYS)?, *u.choose(&WHO)?),
-        2 => Step::Withdraw(*u.choose(&WHO)?),
         3 => Step::GiveUp(*u.choose(&WHO)?),
         4 => Step::Answer(u.int_in_range(0..=7)?),
         5 => Step::Say(*u.choose(&KEYS)?, u.int_in_range(0..=3)?, u.int_in_range(0..=60)?),

@@ -3,30 +3,18 @@
 use core::hint::black_box;
 
 use armwire::dialect::Dialect;
-use armwire::exchange::{Exchange, FirstByte, Handover, Initiator};
+use armwire::exchange::{Exchange, FirstByte, Handover};
 use armwire::time::{Duration, Instant};
 
 use crate::bytes;
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Who {
-    One,
-    Two,
-}
-
-impl Initiator for Who {
-    fn may_exceed(self) -> bool {
-        black_box(self) == Self::One
-    }
-}
-
 pub(crate) fn call_all<D: Dialect>(dialect: &D) {
     let dialect = black_box(dialect);
     let now = || black_box(Instant::ZERO);
-    let who = || black_box(Who::Two);
+    let who = || black_box(1_u8);
     let mut frame = [0; 300];
     let frame = bytes(&mut frame);
-    let mut exchange = Exchange::<D, Who, 8>::new(black_box(Duration::ZERO));
+    let mut exchange = Exchange::<D, u8, 8>::new(black_box(Duration::ZERO));
     let exchange = black_box(&mut exchange);
     let handover = black_box(Handover {
         offset: 0,
@@ -34,7 +22,6 @@ pub(crate) fn call_all<D: Dialect>(dialect: &D) {
         due: now(),
     });
     if let Some(info) = black_box(dialect).request(frame) {
-        black_box(exchange.may_send(&black_box(info), who()));
         black_box(exchange.can_send(&black_box(info), who()));
         exchange.begin(black_box(info), who(), handover);
         exchange.repeat(black_box(info), who(), handover);
@@ -42,7 +29,6 @@ pub(crate) fn call_all<D: Dialect>(dialect: &D) {
     let exchange = black_box(exchange);
     let first = black_box(FirstByte { offset: 0, at: None });
     black_box(exchange.on_frame(dialect, frame, first, now()));
-    black_box(&mut *exchange).withdraw(who());
     black_box(&mut *exchange).give_up(who());
     black_box(&mut *exchange).expire(now());
     black_box(black_box(&mut *exchange).on_timeout(now()).is_some());

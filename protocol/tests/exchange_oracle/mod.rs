@@ -1,7 +1,7 @@
 //! A line with an exchange, and an oracle written from the exchange's rules. The fuzz target of the exchange has it, too.
 
 use armwire::dialect::{Dialect, Effect, RequestInfo, ResponseTiming};
-use armwire::exchange::{Exchange, FirstByte, Handover, Initiator, Match};
+use armwire::exchange::{Exchange, FirstByte, Handover, Match};
 use armwire::framing::{Framing, Reason, Scan};
 use armwire::time::{Duration, Instant};
 
@@ -76,23 +76,17 @@ pub enum Who {
     Poll,
 }
 
-impl Initiator for Who {
-    fn may_exceed(self) -> bool {
-        self == Self::Usb
-    }
-}
-
 pub const PATIENCE: Duration = Duration::from_micros(100);
 pub const WINDOW: Duration = Duration::from_micros(50);
 
 /// A line with an exchange of four sends.
-pub struct Line<D: Dialect<Key = u8, Expect = u8>, I: Initiator = Who> {
+pub struct Line<D: Dialect<Key = u8, Expect = u8>, I = Who> {
     pub dialect: D,
     pub exchange: Exchange<D, I, 4>,
     pub offset: u64,
 }
 
-impl<D: Dialect<Key = u8, Expect = u8>, I: Initiator> Line<D, I> {
+impl<D: Dialect<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
     pub fn new(dialect: D) -> Self {
         Self {
             dialect,
@@ -101,13 +95,13 @@ impl<D: Dialect<Key = u8, Expect = u8>, I: Initiator> Line<D, I> {
         }
     }
 
-    pub fn may(&mut self, key: u8, who: I) -> bool {
-        self.exchange.may_send(&info(key), who)
+    pub fn may(&self, key: u8, who: I) -> bool {
+        self.exchange.can_send(&info(key), who)
     }
 
-    /// Hands a request over at this time.
-    pub fn send(&mut self, key: u8, who: I, at: u64) {
-        self.exchange.begin(info(key), who, self.handover(at));
+    /// Hands a request over at this time, and returns whether it is counted.
+    pub fn send(&mut self, key: u8, who: I, at: u64) -> bool {
+        self.exchange.begin(info(key), who, self.handover(at))
     }
 
     pub fn handover(&self, at: u64) -> Handover {
@@ -158,12 +152,10 @@ pub fn answer(who: Who, sent: u64) -> Match<Who> {
 /// What happens on a line.
 #[derive(Clone, Debug)]
 pub enum Step {
-    /// An initiator wants to send, and does if it may.
+    /// An initiator wants to send, and does if it may. USB sends beyond the count, too, while it alone has sends.
     Send(u8, Who),
     /// An initiator sends its oldest unresolved request of this key again, if it has one.
     Repeat(u8, Who),
-    /// An initiator's request that waits goes no more.
-    Withdraw(Who),
     /// An initiator gives up the answers to what it sent.
     GiveUp(Who),
     /// The arm answers the nth request that it has.
@@ -191,16 +183,10 @@ struct Fact {
 pub fn check(steps: impl IntoIterator<Item = Step>) {
     let mut line = plain();
     let mut facts: Vec<Fact> = Vec::new();
-    // Requests that wait, in order: key and who.
-    let mut waiting: Vec<(u8, Who)> = Vec::new();
     let (mut now, mut saturated_until) = (0_u64, None::<u64>);
     for step in steps {
         match step {
             Step::Wait(micros) => now += micros,
-            Step::Withdraw(who) => {
-                line.exchange.withdraw(who);
-                waiting.retain(|(_, other)| *other != who);
-            }
             Step::GiveUp(who) => {
                 line.exchange.give_up(who);
                 for fact in facts.iter_mut().filter(|fact| fact.counted && !fact.resolved) {
@@ -218,29 +204,19 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
             }
             Step::Send(key, who) => {
                 let open: Vec<_> = facts.iter().filter(|fact| fact.counted && !fact.resolved).collect();
-                let ahead: Vec<_> = waiting.iter().take_while(|(_, other)| *other != who).collect();
-                let others_wait = waiting.iter().any(|(_, other)| *other != who);
-                let alone = open.iter().all(|fact| fact.who == who) && !others_wait;
-                let counted_room = saturated_until.is_none() && open.len() + ahead.len() < 4;
+                let counted = saturated_until.is_none() && open.len() < 4;
                 let free = open
                     .iter()
                     .all(|fact| fact.key / 10 == key / 10 && (fact.key != key || fact.who == who && !fact.stale));
-                let passes = ahead.iter().any(|(other, _)| *other == key || other / 10 != key / 10);
-                let may = (counted_room || who == Who::Usb && alone) && free && !passes;
-                assert_eq!(line.may(key, who), may, "{:?} {:?} {:?}", key, who, facts);
-                if !may {
-                    match waiting.iter_mut().find(|(_, other)| *other == who) {
-                        Some(waiter) => waiter.0 = key,
-                        None => waiting.push((key, who)),
-                    }
+                assert_eq!(line.may(key, who), counted && free, "{key:?} {who:?} {facts:?}");
+                let exceeds = who == Who::Usb && open.iter().all(|fact| fact.who == who);
+                if !(free && (counted || exceeds)) {
                     continue;
                 }
-                waiting.retain(|(_, other)| *other != who);
-                let counted = saturated_until.is_none() && open.len() < 4;
                 if !counted {
                     saturated_until = saturated_until.max(Some(now + 150));
                 }
-                line.send(key, who, now);
+                assert_eq!(line.send(key, who, now), counted);
                 let offset = line.offset;
                 let (due, times, stale, resolved) = (now + 100, 1, false, false);
                 facts.push(Fact {
