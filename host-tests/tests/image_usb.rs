@@ -10,6 +10,7 @@ use armwire_sim::ling::LingArm;
 use armwire_virtual_board::line::Direction as Way;
 use armwire_virtual_board::usb::Direction;
 use armwire_virtual_board::usb::cdc::LineCoding;
+use armwire_virtual_board::usb::host::Request as UsbRequest;
 use armwire_virtual_board::{Config, Nanos, VirtualBoard};
 
 /// Exchanges enough to wrap every queue of the adapter.
@@ -33,6 +34,50 @@ fn the_serial_number_is_the_chips_unique_id() {
         "200041000B35315035563033"
     );
     assert_eq!(serial_number([0xFF; 12]), "FFFFFFFFFFFFFFFFFFFFFFFF");
+}
+
+/// The Microsoft OS 2.0 descriptors, and the platform capability that announces them.
+#[test]
+fn windows_takes_winusb_for_the_control_interface() {
+    let bos = [
+        &[0x05, 0x0F, 40, 0, 2][..],
+        // USB 2.0 extension
+        &[0x07, 0x10, 0x02, 0, 0, 0, 0],
+        // platform: Windows 8.1, 178 bytes by request 0x20
+        &[0x1C, 0x10, 0x05, 0],
+        b"\xDF\x60\xDD\xD8\x89\x45\xC7\x4C\x9C\xD2\x65\x9D\x9E\x64\x8A\x9F",
+        &[0, 0, 3, 6, 178, 0, 0x20, 0],
+    ]
+    .concat();
+    let set = [
+        // set: Windows 8.1
+        &[10, 0, 0, 0, 0, 0, 3, 6, 178, 0][..],
+        // the first configuration
+        &[8, 0, 1, 0, 0, 0, 168, 0],
+        // the function that begins with interface 2
+        &[8, 0, 2, 0, 2, 0, 160, 0],
+        // compatible id
+        &[20, 0, 3, 0],
+        b"WINUSB\0\0\0\0\0\0\0\0\0\0",
+        // registry property: REG_MULTI_SZ
+        &[132, 0, 4, 0, 7, 0],
+        &[42, 0],
+        &utf16("DeviceInterfaceGUIDs\0"),
+        &[80, 0],
+        &utf16("{4C757248-7066-47AD-9A38-E3D4ADFA1B0A}\0\0"),
+    ]
+    .concat();
+    on_board(Talker::default(), |board| {
+        plug_in(board, MEGABAUD);
+        let read_bos = UsbRequest::read(0x80, 0x06, 0x0F00, 0, 40);
+        assert_eq!(board.usb().control(read_bos).unwrap(), bos);
+        let read_set = UsbRequest::read(0xC0, 0x20, 0, 7, 178);
+        assert_eq!(board.usb().control(read_set).unwrap(), set);
+    });
+}
+
+fn utf16(text: &str) -> Vec<u8> {
+    text.encode_utf16().flat_map(u16::to_le_bytes).collect()
 }
 
 #[test]
