@@ -1,11 +1,13 @@
 //! The USB device: the arm's serial port and the control interface.
 
 pub(crate) mod pipe;
-mod windows;
 
 use armwire_bridge::{Counters, PACKET, UsbEvent};
 use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
 use embassy_usb::driver::Endpoint;
+use embassy_usb::msos::{
+    CompatibleIdFeatureDescriptor, PropertyData, RegistryPropertyFeatureDescriptor, windows_version,
+};
 use embassy_usb::types::StringIndex;
 use embassy_usb::{Builder, Config, FunctionBuilder, Handler, UsbDevice};
 use static_cell::StaticCell;
@@ -39,16 +41,19 @@ const SET_CONTROL_LINE_STATE: u8 = 0x22;
 /// The interface that they go to: the serial port's first of two.
 const PORT_INTERFACE: u8 = 0;
 
-/// The interface behind those.
-const CONTROL_INTERFACE: u8 = 2;
-
 /// The class of interfaces that are in no other.
 const VENDOR_SPECIFIC: u8 = 0xFF;
 
 /// What the control interface is called, for hosts to find it by.
 const CONTROL_NAME: &str = "armwire control";
 
-const _: () = assert!(windows::REQUEST.0 != Counters::READ_REQUEST.1);
+/// The device interface class of the control interface, by which programs on Windows find it.
+const CONTROL_GUID: &str = "{4C757248-7066-47AD-9A38-E3D4ADFA1B0A}";
+
+/// The vendor request by which Windows reads the Microsoft OS 2.0 descriptors. embassy-usb answers it.
+const READ_MSOS_DESCRIPTORS: u8 = 0x20;
+
+const _: () = assert!(READ_MSOS_DESCRIPTORS != Counters::READ_REQUEST.1);
 
 /// The device, and the two things it is.
 pub(crate) struct Usb {
@@ -61,6 +66,7 @@ pub(crate) struct Usb {
 pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
     static CONFIG_DESCRIPTOR: StaticCell<[u8; 104]> = StaticCell::new();
     static BOS_DESCRIPTOR: StaticCell<[u8; 40]> = StaticCell::new();
+    static MSOS_DESCRIPTORS: StaticCell<[u8; 178]> = StaticCell::new();
     static CONTROL_BUFFER: StaticCell<[u8; Counters::MAX_LEN]> = StaticCell::new();
     static REQUESTS: StaticCell<Requests> = StaticCell::new();
 
@@ -76,9 +82,11 @@ pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
         config,
         CONFIG_DESCRIPTOR.init([0; 104]),
         BOS_DESCRIPTOR.init([0; 40]),
-        &mut [],
+        MSOS_DESCRIPTORS.init([0; 178]),
         CONTROL_BUFFER.init([0; Counters::MAX_LEN]),
     );
+    // Windows 8.1 is the first version that reads these.
+    builder.msos_descriptor(windows_version::WIN8_1, READ_MSOS_DESCRIPTORS);
     let control_name = builder.string();
     let port = serial_port(builder.function(COMMUNICATIONS, ABSTRACT_CONTROL_MODEL, 0));
     builder.handler(REQUESTS.init(Requests {
@@ -114,9 +122,14 @@ fn serial_port(mut function: FunctionBuilder<'_, 'static, UsbDriver>) -> Endpoin
 /// A vendor-specific interface. It is no second serial port, for the F405 has too few endpoints for two of them (RM0090
 /// 34.1).
 fn control_interface(mut function: FunctionBuilder<'_, 'static, UsbDriver>, name: StringIndex) -> Endpoints {
+    // Windows binds its own driver, WinUSB, without the user's help.
+    function.msos_feature(CompatibleIdFeatureDescriptor::new("WINUSB", ""));
+    function.msos_feature(RegistryPropertyFeatureDescriptor::new(
+        "DeviceInterfaceGUIDs",
+        PropertyData::RegMultiSz(&[CONTROL_GUID]),
+    ));
     let mut interface = function.interface();
     let mut data = interface.alt_setting(VENDOR_SPECIFIC, 0, 0, Some(name));
-    data.bos_capability(windows::PLATFORM, &windows::CAPABILITY);
     Endpoints {
         to_host: data.endpoint_bulk_in(None, PACKET as u16),
         from_host: data.endpoint_bulk_out(None, PACKET as u16),
@@ -201,8 +214,6 @@ impl Handler for Requests {
         } else if is_for_the_adapter(&request) && request.request == Counters::READ_REQUEST.1 {
             let counters = self.adapter.take(|bridge| bridge.counters());
             counters.to_bytes(buf).ok().map(InResponse::Accepted)
-        } else if request.request_type == RequestType::Vendor && (request.request, request.index) == windows::REQUEST {
-            Some(InResponse::Accepted(&windows::DESCRIPTORS))
         } else {
             None
         }
