@@ -196,91 +196,75 @@ impl Counters {
     }
 
     /// All counts, in the order in which they are sent.
-    const fn counts(&self) -> [&u32; Self::COUNT] {
+    const fn counts(&mut self) -> [&mut u32; Self::COUNT] {
         [
-            &self.arm_to_host_bytes,
-            &self.host_to_arm_bytes,
-            &self.packets_to_host,
-            &self.empty_packets_to_host,
-            &self.packets_from_host,
-            &self.frames,
-            &self.noise_bytes,
-            &self.dropped_bytes,
-            &self.unheard_bytes,
-            &self.refused_bytes,
-            &self.framing_errors,
-            &self.parity_errors,
-            &self.noise_errors,
-            &self.overrun_errors,
-            &self.ring_overruns,
-            &self.usb_resets,
-            &self.usb_suspends,
-            &self.line_codings,
-            &self.refused_line_codings,
-            &self.panics,
-            &self.watchdog_resets,
-            &self.requests_usb,
-            &self.requests_can,
-            &self.requests_poll,
-            &self.requests_command,
-            &self.requests_adapter,
-            &self.unanswered_requests,
-            &self.late_answers,
-            &self.unasked_frames,
-            &self.late_polls,
-            &self.missed_polls,
-            &self.refused_can_requests,
-            &self.refused_can_frames,
-            &self.dropped_can_answers,
-            &self.isotp_failures,
-            &self.can_frames_received,
-            &self.can_frames_sent,
-            &self.can_receive_overruns,
-            &self.can_bus_errors,
-            &self.can_bus_offs,
-            &self.commands_incomplete,
-            &self.commands_stale,
-            &self.commands_out_of_range,
-            &self.host_silences,
-            &self.silenced_bytes,
-            &self.control_requests,
-            &self.control_unsupported,
-            &self.dropped_events,
-            &self.config_saves,
-            &self.config_failures,
-            &self.dropped_can_frames,
-            &self.refused_line_held,
-            &self.refused_other_rate,
-            &self.refused_rate_bytes,
-            &self.hard_faults,
-            &self.late_stamps,
-            &self.untracked_requests,
+            &mut self.arm_to_host_bytes,
+            &mut self.host_to_arm_bytes,
+            &mut self.packets_to_host,
+            &mut self.empty_packets_to_host,
+            &mut self.packets_from_host,
+            &mut self.frames,
+            &mut self.noise_bytes,
+            &mut self.dropped_bytes,
+            &mut self.unheard_bytes,
+            &mut self.refused_bytes,
+            &mut self.framing_errors,
+            &mut self.parity_errors,
+            &mut self.noise_errors,
+            &mut self.overrun_errors,
+            &mut self.ring_overruns,
+            &mut self.usb_resets,
+            &mut self.usb_suspends,
+            &mut self.line_codings,
+            &mut self.refused_line_codings,
+            &mut self.panics,
+            &mut self.watchdog_resets,
+            &mut self.requests_usb,
+            &mut self.requests_can,
+            &mut self.requests_poll,
+            &mut self.requests_command,
+            &mut self.requests_adapter,
+            &mut self.unanswered_requests,
+            &mut self.late_answers,
+            &mut self.unasked_frames,
+            &mut self.late_polls,
+            &mut self.missed_polls,
+            &mut self.refused_can_requests,
+            &mut self.refused_can_frames,
+            &mut self.dropped_can_answers,
+            &mut self.isotp_failures,
+            &mut self.can_frames_received,
+            &mut self.can_frames_sent,
+            &mut self.can_receive_overruns,
+            &mut self.can_bus_errors,
+            &mut self.can_bus_offs,
+            &mut self.commands_incomplete,
+            &mut self.commands_stale,
+            &mut self.commands_out_of_range,
+            &mut self.host_silences,
+            &mut self.silenced_bytes,
+            &mut self.control_requests,
+            &mut self.control_unsupported,
+            &mut self.dropped_events,
+            &mut self.config_saves,
+            &mut self.config_failures,
+            &mut self.dropped_can_frames,
+            &mut self.refused_line_held,
+            &mut self.refused_other_rate,
+            &mut self.refused_rate_bytes,
+            &mut self.hard_faults,
+            &mut self.late_stamps,
+            &mut self.untracked_requests,
         ]
     }
 
-    /// These of the line, with those of the hosts' side.
-    pub(crate) fn with_hosts(&self, hosts: &HostCounters) -> Self {
-        Self {
-            panics: hosts.panics,
-            watchdog_resets: hosts.watchdog_resets,
-            hard_faults: hosts.hard_faults,
-            dropped_can_answers: self.dropped_can_answers.wrapping_add(hosts.dropped_can_answers),
-            isotp_failures: hosts.isotp_failures,
-            can_frames_received: hosts.can_frames_received,
-            can_frames_sent: hosts.can_frames_sent,
-            can_receive_overruns: hosts.can_receive_overruns,
-            can_bus_errors: hosts.can_bus_errors,
-            can_bus_offs: hosts.can_bus_offs,
-            dropped_can_frames: hosts.dropped_can_frames,
-            control_requests: hosts.control_requests,
-            control_unsupported: hosts.control_unsupported,
-            config_saves: hosts.config_saves,
-            config_failures: hosts.config_failures,
-            commands_incomplete: self.commands_incomplete.wrapping_add(hosts.commands_incomplete),
-            silenced_bytes: self.silenced_bytes.wrapping_add(hosts.silenced_bytes),
-            dropped_events: self.dropped_events.wrapping_add(hosts.dropped_events),
-            ..*self
+    /// The sum of these, of one side of the adapter, and those of the other.
+    pub(crate) fn plus(&self, other: &Self) -> Self {
+        let (mut sum, mut other) = (*self, *other);
+        for (sum, other) in sum.counts().into_iter().zip(other.counts()) {
+            *sum = sum.wrapping_add(*other);
         }
+        sum
     }
 }
 
@@ -289,8 +273,9 @@ struct Row<'a>(&'a Counters);
 
 impl Serialize for Row<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut counters = *self.0;
         let mut row = serializer.serialize_tuple(Counters::COUNT)?;
-        for count in self.0.counts() {
+        for count in counters.counts() {
             row.serialize_element(count)?;
         }
         row.end()
@@ -300,29 +285,6 @@ impl Serialize for Row<'_> {
 /// Writes counters into a message.
 pub(crate) fn serialize<S: Serializer>(counters: &Counters, serializer: S) -> Result<S::Ok, S::Error> {
     Row(counters).serialize(serializer)
-}
-
-/// The counts of the hosts' side, as in [`Counters`].
-#[derive(Clone, Copy, Default)]
-pub(crate) struct HostCounters {
-    pub(crate) panics: u32,
-    pub(crate) watchdog_resets: u32,
-    pub(crate) hard_faults: u32,
-    pub(crate) dropped_can_answers: u32,
-    pub(crate) isotp_failures: u32,
-    pub(crate) can_frames_received: u32,
-    pub(crate) can_frames_sent: u32,
-    pub(crate) can_receive_overruns: u32,
-    pub(crate) can_bus_errors: u32,
-    pub(crate) can_bus_offs: u32,
-    pub(crate) dropped_can_frames: u32,
-    pub(crate) control_requests: u32,
-    pub(crate) control_unsupported: u32,
-    pub(crate) config_saves: u32,
-    pub(crate) config_failures: u32,
-    pub(crate) commands_incomplete: u32,
-    pub(crate) silenced_bytes: u32,
-    pub(crate) dropped_events: u32,
 }
 
 /// Errors of receiving since the last report.

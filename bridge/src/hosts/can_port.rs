@@ -6,7 +6,7 @@ use crate::can::telemetry::{Errors, event_to_data};
 use crate::can::{Frame, Function, MAX_CLASSIC};
 use crate::config::{self, ArmKind};
 use crate::control::{Event, FrameBytes, Initiator, MAX_FRAME, MAX_MESSAGE, Refusal, Stamp};
-use crate::counters::{Counters, HostCounters, count};
+use crate::counters::{Counters, count};
 use crate::earliest::Earliest;
 use crate::isotp::{self, Endpoint, Link};
 use crate::queue::Queue;
@@ -93,7 +93,7 @@ impl CanPort {
     }
 
     /// Other cyclic frames, on the same bus.
-    pub(crate) fn adopt(&mut self, config: config::Can, counters: &mut HostCounters) {
+    pub(crate) fn adopt(&mut self, config: config::Can, counters: &mut Counters) {
         self.drop_half_command(counters);
         self.config = config;
         self.cyclic.adopt(&config);
@@ -106,7 +106,7 @@ impl CanPort {
     }
 
     /// A frame came from the bus.
-    pub(crate) fn received(&mut self, frame: &Frame, now: Instant, counters: &mut HostCounters) -> Option<Received> {
+    pub(crate) fn received(&mut self, frame: &Frame, now: Instant, counters: &mut Counters) -> Option<Received> {
         count(&mut counters.can_frames_received, 1);
         let (function, node) = Function::of(frame.id())?;
         if node != self.config.node {
@@ -223,7 +223,7 @@ impl CanPort {
     pub(crate) fn transmit(
         &mut self,
         now: Instant,
-        counters: &mut HostCounters,
+        counters: &mut Counters,
         line_counters: &Counters,
     ) -> Option<Frame> {
         let frame = self.next_frame(now, counters, line_counters);
@@ -252,13 +252,13 @@ impl CanPort {
         arm || control
     }
 
-    fn next_frame(&mut self, now: Instant, counters: &HostCounters, line_counters: &Counters) -> Option<Frame> {
+    fn next_frame(&mut self, now: Instant, counters: &Counters, line_counters: &Counters) -> Option<Frame> {
         if let Some(frame) = self.cyclic.transmit(now) {
             return Some(frame);
         }
         if let Some(at) = self.errors_at.take_if(|at| *at <= now) {
             self.errors_at = Some(grid::next(at, ERRORS_PERIOD, now));
-            return Some(Errors::from(&line_counters.with_hosts(counters)).to_frame(self.config.node));
+            return Some(Errors::from(&line_counters.plus(counters)).to_frame(self.config.node));
         }
         if let Some(data) = self.event_frames.pop_front() {
             return Frame::new(Function::Event.id(self.config.node), &data).ok();
@@ -286,7 +286,7 @@ impl CanPort {
     }
 
     /// It is `now`. A command whose other half did not come is refused.
-    pub(crate) fn tick(&mut self, now: Instant, counters: &mut HostCounters) -> Option<Refusal> {
+    pub(crate) fn tick(&mut self, now: Instant, counters: &mut Counters) -> Option<Refusal> {
         self.ticked = now;
         count_events(self.arm.tick(now), counters);
         count_events(self.control.tick(now), counters);
@@ -294,13 +294,13 @@ impl CanPort {
     }
 
     /// The controller left the bus: ISO-TP transfers that were under way are given up.
-    pub(crate) fn on_bus_off(&mut self, counters: &mut HostCounters) {
+    pub(crate) fn on_bus_off(&mut self, counters: &mut Counters) {
         let given_up = self.arm.abort().saturating_add(self.control.abort());
         count(&mut counters.isotp_failures, given_up);
     }
 
     /// There will be another port in place of this one: what waits is given up, too.
-    pub(crate) fn close(&mut self, counters: &mut HostCounters) {
+    pub(crate) fn close(&mut self, counters: &mut Counters) {
         self.on_bus_off(counters);
         let untaken = [self.arm.received(), self.control.received()].into_iter().flatten();
         count(&mut counters.isotp_failures, untaken.count());
@@ -314,7 +314,7 @@ impl CanPort {
     }
 
     /// Counts the command that waits for its other half, which will not come.
-    fn drop_half_command(&self, counters: &mut HostCounters) {
+    fn drop_half_command(&self, counters: &mut Counters) {
         let waits = self.cyclic.command_timeout().is_some();
         count(&mut counters.commands_incomplete, waits.into());
     }
@@ -341,7 +341,7 @@ enum Outcome {
 }
 
 /// Counts transfers that failed.
-fn count_events(events: isotp::Events, counters: &mut HostCounters) -> Outcome {
+fn count_events(events: isotp::Events, counters: &mut Counters) -> Outcome {
     let mut outcome = Outcome::Other;
     for event in events {
         match event {

@@ -6,7 +6,7 @@ use crate::control::{
     Malformed, Reader, Reply, Stamp, Subscription, decode, encode, encode_cobs,
 };
 use crate::control_codec::{COBS, add_cobs};
-use crate::counters::{HostCounters, count};
+use crate::counters::{Counters, count};
 use crate::events::{EventQueue, Queued};
 use crate::line::{ControlPort, PACKET};
 use crate::queue::Queue;
@@ -251,7 +251,7 @@ impl ControlServer {
     }
 
     /// Tells subscribers of an event that is no frame, as far as there is room. Frames before it are told of first.
-    pub(super) fn tell(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut HostCounters) {
+    pub(super) fn tell(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut Counters) {
         if self.usb_subscription.events || self.can_subscription.events {
             self.publish_all(can, counters);
             self.publish_event(at, event.clone(), |subscription| subscription.events, can, counters);
@@ -265,7 +265,7 @@ impl ControlServer {
         initiator: Option<Initiator>,
         bytes: &[u8],
         can: &mut CanPort,
-        counters: &mut HostCounters,
+        counters: &mut Counters,
     ) {
         let subscriptions = [&self.usb_subscription, &self.can_subscription];
         let subscribers = subscriptions.iter().filter(|subscription| subscription.frames).count();
@@ -279,12 +279,12 @@ impl ControlServer {
     }
 
     /// Tells subscribers of all frames so far.
-    pub(super) fn publish_all(&mut self, can: &mut CanPort, counters: &mut HostCounters) {
+    pub(super) fn publish_all(&mut self, can: &mut CanPort, counters: &mut Counters) {
         while self.publish(can, counters) {}
     }
 
     /// Tells subscribers of the next frame, and returns whether there was one.
-    pub(super) fn publish(&mut self, can: &mut CanPort, counters: &mut HostCounters) -> bool {
+    pub(super) fn publish(&mut self, can: &mut CanPort, counters: &mut Counters) -> bool {
         let mut bytes = FrameBytes::new();
         let Some((at, Queued::Frame(initiator))) = self.frames.pop(&mut bytes) else {
             return false;
@@ -302,7 +302,7 @@ impl ControlServer {
         event: Event,
         wants: fn(&Subscription) -> bool,
         can: &mut CanPort,
-        counters: &mut HostCounters,
+        counters: &mut Counters,
     ) {
         let at = Stamp(at.as_micros());
         let mut bytes = [0; MAX_EVENT];
@@ -337,7 +337,7 @@ impl ControlServer {
         &mut self,
         packet: &mut [u8; PACKET],
         can: &mut CanPort,
-        counters: &mut HostCounters,
+        counters: &mut Counters,
     ) -> Option<usize> {
         // To tell of a frame takes as long as all else that is done with it.
         if self.usb.out.len() < PACKET && self.publish(can, counters) {

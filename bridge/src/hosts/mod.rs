@@ -17,7 +17,7 @@ use crate::config::{Config, ConfigError};
 use crate::control::{
     Event, Failure, FrameBytes, FromHost, Identity, Initiator, Malformed, Refusal, Reply, Request, VERSION,
 };
-use crate::counters::{CanErrors, Counters, HostCounters, count};
+use crate::counters::{CanErrors, Counters, count};
 use crate::events::Queued;
 use crate::line::{ControlPort, Line, NotTaken, PACKET, Silenced};
 use armwire::time::Instant;
@@ -36,7 +36,7 @@ pub(crate) struct Hosts {
     /// Actions that firmware has not taken yet.
     save: Option<Action>,
     restart: Option<Action>,
-    counters: HostCounters,
+    counters: Counters,
 }
 
 impl Hosts {
@@ -54,7 +54,7 @@ impl Hosts {
             control: ControlServer::new(),
             save: None,
             restart: None,
-            counters: HostCounters::default(),
+            counters: Counters::default(),
         }
     }
 
@@ -62,13 +62,13 @@ impl Hosts {
         &self.config
     }
 
-    pub(crate) const fn counters_mut(&mut self) -> &mut HostCounters {
+    pub(crate) const fn counters_mut(&mut self) -> &mut Counters {
         &mut self.counters
     }
 
     /// All counters of the adapter.
     pub(crate) fn all_counters(&self, line: &Line) -> Counters {
-        line.counters().with_hosts(&self.counters)
+        line.counters().plus(&self.counters)
     }
 
     // ---- The line ----
