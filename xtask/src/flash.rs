@@ -1,37 +1,116 @@
-//! `cargo flash`: the firmware image onto a board, by probe-rs.
+//! `cargo fw` and the runner of `cargo run`: the firmware image, built and flashed by probe-rs.
 
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::process::{Command, exit};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
+use clap::Args;
 
 use crate::board::Board;
-use crate::image::{self, Options};
+use crate::image;
 use crate::process::{output, replace_ourselves};
+use crate::program::Program;
 
-/// Builds the image, flashes and starts it. With defmt it stays and prints what the image logs.
-pub(crate) fn run(options: Options) -> Result<()> {
+#[derive(Args)]
+pub(crate) struct FwOptions {
+    #[command(flatten)]
+    image: image::Options,
+    /// Flash it with probe-rs, and start it
+    #[arg(long)]
+    flash: bool,
+}
+
+#[derive(Args)]
+pub(crate) struct Runner {
+    /// The program
+    elf: PathBuf,
+}
+
+/// Builds the image, and flashes and starts it if that is wanted. With defmt it stays and prints the image's log.
+///
+/// # Errors
+///
+/// If the image does not build, or probe-rs is not there.
+pub(crate) fn run(options: &FwOptions) -> Result<()> {
+    if options.flash {
+        check_probe_rs()?;
+    }
+    let image = image::build(options.image)?;
+    println!("{image}");
+    let board = options.image.board;
+    match options {
+        FwOptions { flash: false, .. } => Ok(()),
+        FwOptions { image: options, .. } if options.defmt => attach(board, &image.path),
+        _ => {
+            // probe-rs reports failures itself, such as a missing probe.
+            let flashed = probe_rs("download", board).arg("--verify").arg(&image.path).status()?;
+            if !flashed.success() {
+                exit(flashed.code().unwrap_or(1));
+            }
+            replace_ourselves(&mut probe_rs("reset", board))
+        }
+    }
+}
+
+/// Flashes a program that cargo built, starts it and prints its log. Its vector table tells the board.
+///
+/// # Errors
+///
+/// If it is for no board, or probe-rs is not there.
+pub(crate) fn run_program(runner: &Runner) -> Result<()> {
+    let elf = fs::read(&runner.elf).with_context(|| format!("cannot read {}", runner.elf.display()))?;
+    let board = board_of(&Program::parse(&elf)?)?;
+    check_probe_rs()?;
+    attach(board, &runner.elf)
+}
+
+/// The board that starts this program.
+fn board_of(program: &Program) -> Result<Board> {
+    let starts = |board: &Board| program.check_vectors(board.stack_top()).is_ok();
+    let board = Board::ALL.into_iter().find(starts);
+    board.context("the program's vector table is that of no board")
+}
+
+fn check_probe_rs() -> Result<()> {
     if output(Command::new("probe-rs").arg("--version")).is_err() {
         bail!("probe-rs is not installed; run `cargo install probe-rs-tools --locked`");
     }
-    let image = image::build(options)?;
-    println!("{image}");
+    Ok(())
+}
 
-    if options.defmt {
-        return replace_ourselves(probe_rs("run", options.board).arg(&image.path));
-    }
-    // It says itself what is wrong, such as that there is no probe.
-    let flashed = probe_rs("download", options.board)
-        .arg("--verify")
-        .arg(&image.path)
-        .status()?;
-    if !flashed.success() {
-        exit(flashed.code().unwrap_or(1));
-    }
-    replace_ourselves(&mut probe_rs("reset", options.board))
+/// Flashes, starts, and prints the log until it is interrupted.
+fn attach(board: Board, elf: &Path) -> Result<()> {
+    replace_ourselves(probe_rs("run", board).arg(elf))
 }
 
 fn probe_rs(subcommand: &str, board: Board) -> Command {
     let mut command = Command::new("probe-rs");
     command.args([subcommand, "--chip", board.chip()]);
     command
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::program::Segment;
+
+    fn program(stack_top: u32) -> Program {
+        let words = [stack_top, 0x0800_0009, 0];
+        Program {
+            segments: vec![Segment {
+                address: 0x0800_0000,
+                bytes: words.iter().flat_map(|word| word.to_le_bytes()).collect(),
+            }],
+            ram: 0,
+        }
+    }
+
+    #[test]
+    fn the_stack_tells_the_board() {
+        for board in Board::ALL {
+            assert_eq!(board_of(&program(board.stack_top())).unwrap(), board);
+        }
+        assert!(board_of(&program(0x2000_4000)).is_err());
+    }
 }

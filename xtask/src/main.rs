@@ -33,16 +33,17 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Parser;
 
-/// The project's commands. `cargo demo`, `fw`, `flash` and `ci` are aliases.
+/// The project's commands. `cargo demo`, `fw` and `ci` are aliases.
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask", max_term_width = 80)]
 enum Command {
     /// Run the firmware image on the virtual board, with an arm
     Demo(demo::Options),
-    /// Build the firmware image as .elf, .bin and .dfu
-    Fw(image::Options),
-    /// Build the firmware image and flash it with probe-rs
-    Flash(image::Options),
+    /// Build the firmware image as .elf, .bin and .dfu, and flash it
+    Fw(flash::FwOptions),
+    /// Flash a program and print its log: the runner of `cargo run`
+    #[command(hide = true)]
+    Runner(flash::Runner),
     /// Run all checks of a change
     Ci,
     /// Drive virtual arms with CAN software and the vendors' SDKs
@@ -84,8 +85,8 @@ impl Command {
     fn run(self) -> Result<()> {
         match self {
             Self::Demo(options) => demo::run(options),
-            Self::Fw(options) => image::build(options).map(|image| println!("{image}")),
-            Self::Flash(options) => flash::run(options),
+            Self::Fw(options) => flash::run(&options),
+            Self::Runner(runner) => flash::run_program(&runner),
             Self::Ci => ci::run(),
             Self::Vendor(options) => vendor::run(&options),
             Self::Campaign(options) => campaign::run(&options),
@@ -128,7 +129,10 @@ mod tests {
     #[test]
     fn help_has_a_line_of_80_columns_per_command() {
         let help = Command::command().render_help().to_string();
-        for command in Command::command().get_subcommands() {
+        for command in Command::command()
+            .get_subcommands()
+            .filter(|command| !command.is_hide_set())
+        {
             let about = command.get_about().unwrap().to_string();
             assert!(help.lines().any(|line| line.ends_with(&about)), "{about}\n{help}");
         }
@@ -146,7 +150,7 @@ mod tests {
             for line in text.lines().filter_map(|line| line.strip_prefix("$ cargo ")) {
                 let words = line.split_whitespace().take_while(|word| *word != "#");
                 let words: Vec<_> = words.skip_while(|word| *word == "xtask").collect();
-                let is_alias = ["demo", "fw", "flash", "ci"].contains(&words[0]);
+                let is_alias = ["demo", "fw", "ci"].contains(&words[0]);
                 if line.starts_with("xtask ") || is_alias {
                     let args = ["xtask"].iter().chain(&words).map(OsString::from);
                     if let Err(error) = Command::from_args(args) {
