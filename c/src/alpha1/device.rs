@@ -1,0 +1,120 @@
+//! The arm's side.
+
+use armwire::alpha1::{Alpha1, MAX_FRAME};
+
+use super::message::{ArmwireAlpha1Request, ArmwireAlpha1Response};
+use crate::device::{self, State};
+use crate::event::ArmwireEvent;
+use crate::fault::ArmwireFault;
+use crate::memory::{self, Memory};
+use crate::status::ArmwireStatus;
+
+/// Words in the memory of a device.
+pub const ARMWIRE_ALPHA1_DEVICE_WORDS: usize = 56;
+
+/// The side of the robot, or of its servos, on a line: requests in, responses out. It knows the protocol, not the robot. Its memory is yours, what is in
+/// it is not.
+#[repr(C)]
+pub struct ArmwireAlpha1Device {
+    opaque: [u64; ARMWIRE_ALPHA1_DEVICE_WORDS],
+}
+
+// SAFETY: an array of `u64` in a `repr(C)` structure.
+unsafe impl Memory for ArmwireAlpha1Device {
+    type Value = State<Alpha1, MAX_FRAME>;
+    const TAG: u32 = memory::tag(4);
+}
+
+/// Makes a device. `version` is ARMWIRE_VERSION.
+///
+/// Version if header and library differ.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_alpha1_device_init(device: Option<&mut ArmwireAlpha1Device>, version: u32) -> ArmwireStatus {
+    device::init(device, version, Alpha1).into()
+}
+
+/// The next event. Call it again after every event but WAIT, and once bytes arrived.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_alpha1_device_poll(
+    device: Option<&mut ArmwireAlpha1Device>,
+    event: Option<&mut ArmwireEvent>,
+    request: Option<&mut ArmwireAlpha1Request>,
+) -> ArmwireStatus {
+    device::poll(device, event, request, |flat, request, _| flat.set(request)).into()
+}
+
+/// Writes a response to `out` and its length to `len`. 259 bytes hold every one.
+///
+/// OutOfRange for a value, UnknownKind for a kind that the protocol does not have, BufferTooShort: then `len` is what it takes.
+///
+/// # Safety
+///
+/// `out` is NULL, or has `size` bytes; so has the `text` of the response `text_len`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn armwire_alpha1_device_respond(
+    device: Option<&mut ArmwireAlpha1Device>,
+    response: Option<&ArmwireAlpha1Response>,
+    out: *mut u8,
+    size: usize,
+    len: Option<&mut usize>,
+) -> ArmwireStatus {
+    let Some(response) = response else {
+        return ArmwireStatus::Null;
+    };
+    // SAFETY: as the caller says.
+    let (response, out) = unsafe { (response.get(), memory::room(out, size)) };
+    device::respond(device, response, None, out, len).into()
+}
+
+/// Room to read or DMA into. Say with `received` how many bytes arrived, before any other call. Never empty after a WAIT event.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_alpha1_device_space(
+    device: Option<&mut ArmwireAlpha1Device>,
+    space: Option<&mut *mut u8>,
+    len: Option<&mut usize>,
+) -> ArmwireStatus {
+    device::space(device, space, len).into()
+}
+
+/// The first `len` bytes of `space` arrived.
+///
+/// OutOfRange if that is more than there is room for: then nothing is taken.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_alpha1_device_received(
+    device: Option<&mut ArmwireAlpha1Device>,
+    len: usize,
+) -> ArmwireStatus {
+    device::received(device, len)
+}
+
+/// Copies in as much of the bytes that arrived as there is room for, `*taken` of them. Poll until WAIT, then put in the rest.
+///
+/// # Safety
+///
+/// `bytes` is NULL, or has `len` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn armwire_alpha1_device_receive(
+    device: Option<&mut ArmwireAlpha1Device>,
+    bytes: *const u8,
+    len: usize,
+    taken: Option<&mut usize>,
+) -> ArmwireStatus {
+    // SAFETY: as the caller says.
+    let bytes = unsafe { memory::bytes(bytes, len) };
+    device::receive(device, bytes, taken).into()
+}
+
+/// The UART reported an idle line. Never call it for a gap between USB packets.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_alpha1_device_idle(device: Option<&mut ArmwireAlpha1Device>) -> ArmwireStatus {
+    device::idle(device)
+}
+
+/// What was wrong with the last value or length that was refused.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_alpha1_device_fault(
+    device: Option<&mut ArmwireAlpha1Device>,
+    fault: Option<&mut ArmwireFault>,
+) -> ArmwireStatus {
+    device::fault(device, fault)
+}

@@ -1,0 +1,538 @@
+//! Requests and responses as flat structures.
+
+use core::ptr;
+
+use armwire::OutOfRange;
+use armwire::alpha1::{
+    Action, Address, Angle, FirmwareVersion, Interval, MoveTime, Offset, OffsetTool, Outcome, Request, Response,
+    SERVOS, ServoId, ServoRequest, ServoResponse, ServoStates, Text, UsbType,
+};
+
+use crate::device::Refusal;
+use crate::fault::Refused;
+use crate::memory;
+use crate::status::ArmwireStatus;
+
+/// Servos that an action has room for (row FB). An Alpha1 has 16.
+pub const ARMWIRE_ALPHA1_SERVOS: usize = 20;
+
+const _: () = assert!(ARMWIRE_ALPHA1_SERVOS == SERVOS);
+
+/// In place of an angle in an action: the servo is left as it is.
+pub const ARMWIRE_ALPHA1_NO_ANGLE: u8 = 255;
+
+/// The unit of all times on the wire.
+const UNIT_MS: u32 = 20;
+
+/// What the robot is on USB.
+#[repr(u8)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireAlpha1UsbType {
+    /// A disk: it no longer speaks this protocol.
+    Disk = 1,
+    /// A virtual serial port.
+    SerialPort = 2,
+    /// A HID device with reports of 64 bytes.
+    Hid = 3,
+}
+
+/// One frame of an action (row FB).
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireAlpha1Action {
+    /// Targets of servos 1 to 20, 0 to 240, or ARMWIRE_ALPHA1_NO_ANGLE. A device may receive 241 to 254, too.
+    pub angle_degrees: [u8; ARMWIRE_ALPHA1_SERVOS],
+    /// How long the servos take to get there, 0 to 5100; to the nearest 20 ms.
+    pub time_ms: u32,
+    /// From the end of this frame to the start of the next one that the robot takes, 0 to 1310700; to the nearest 20 ms.
+    pub interval_ms: u32,
+}
+
+impl ArmwireAlpha1Action {
+    const NONE: Self = Self {
+        angle_degrees: [0; ARMWIRE_ALPHA1_SERVOS],
+        time_ms: 0,
+        interval_ms: 0,
+    };
+
+    fn of(action: &Action) -> Self {
+        Self {
+            angle_degrees: action
+                .angles
+                .map(|angle| angle.map_or(ARMWIRE_ALPHA1_NO_ANGLE, Angle::raw)),
+            time_ms: u32::from(action.time.units()) * UNIT_MS,
+            interval_ms: u32::from(action.interval.units()) * UNIT_MS,
+        }
+    }
+
+    pub(super) fn get(&self) -> Result<Action, Refused> {
+        let mut angles = [None; SERVOS];
+        for (index, (to, degrees)) in angles.iter_mut().zip(self.angle_degrees).enumerate() {
+            if degrees != ARMWIRE_ALPHA1_NO_ANGLE {
+                *to = Some(Angle::new(degrees).map_err(Refused::at(index))?);
+            }
+        }
+        Ok(Action {
+            angles,
+            time: move_time(self.time_ms)?,
+            interval: interval(self.interval_ms)?,
+        })
+    }
+}
+
+/// The number of units nearest to a time.
+fn units(what: &'static str, time_ms: u32, max: u16) -> Result<u16, Refused> {
+    let max_ms = u32::from(max) * UNIT_MS;
+    if time_ms > max_ms {
+        let got = i32::try_from(time_ms).unwrap_or(i32::MAX);
+        return Err(Refused::only(OutOfRange::new(what, "ms", got, 0, max_ms as i32)));
+    }
+    Ok((time_ms.saturating_add(UNIT_MS / 2) / UNIT_MS) as u16)
+}
+
+pub(super) fn move_time(time_ms: u32) -> Result<MoveTime, Refused> {
+    units("move time", time_ms, u8::MAX.into()).map(|units| MoveTime::new(units as u8))
+}
+
+pub(super) fn interval(time_ms: u32) -> Result<Interval, Refused> {
+    units("interval", time_ms, u16::MAX).map(Interval::new)
+}
+
+pub(super) fn angle(degrees: u8) -> Result<Angle, Refused> {
+    Angle::new(degrees).map_err(Refused::only)
+}
+
+pub(super) fn servo(id: u8) -> Result<ServoId, Refused> {
+    ServoId::new(id).map_err(Refused::only)
+}
+
+/// A servo, or all of them: 0.
+pub(super) fn address(id: u8) -> Result<Address, Refused> {
+    match id {
+        0 => Ok(Address::All),
+        _ => servo(id).map(Address::One),
+    }
+}
+
+pub(super) fn offset(thirds: i16) -> Result<Offset, Refused> {
+    Offset::new(thirds).map_err(Refused::only)
+}
+
+pub(super) fn offset_tool(connected: u8) -> Result<OffsetTool, Refused> {
+    match flag("offset tool", connected)? {
+        true => Ok(OffsetTool::Connect),
+        false => Ok(OffsetTool::Disconnect),
+    }
+}
+
+pub(super) fn usb_type(code: u8) -> Result<UsbType, Refused> {
+    let types = [UsbType::Disk, UsbType::SerialPort, UsbType::Hid];
+    let known = types.into_iter().find(|usb| *usb as u8 == code);
+    known.ok_or(Refused::only(OutOfRange::new("USB type", "", code, 1, 3)))
+}
+
+pub(super) fn text(bytes: &[u8]) -> Result<Text<'_>, Refused> {
+    Text::new(bytes).map_err(Refused::only)
+}
+
+/// No (0) or yes (1).
+fn flag(what: &'static str, value: u8) -> Result<bool, Refused> {
+    match value {
+        0 => Ok(false),
+        1 => Ok(true),
+        _ => Err(Refused::only(OutOfRange::new(what, "", value, 0, 1))),
+    }
+}
+
+/// What the host says.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireAlpha1RequestKind {
+    /// None.
+    None = 0,
+    /// The robot's hardware version (row F1).
+    ReadHardwareVersion,
+    /// Which servos run (row EF).
+    ReadServoStates,
+    /// Stops the action that is played (row F2).
+    Stop,
+    /// The robot's firmware version (row F5).
+    ReadFirmwareVersion,
+    /// Moves all servos (row FB). [`action`]
+    Act,
+    /// Connects or disconnects the servo offset tool (row F4). [`connected`]
+    SetOffsetTool,
+    /// What the robot is on USB from now on (row F9). [`usb_type`]
+    SetUsbType,
+    /// Plays an action (row F3). [`name`, `name_len`]
+    Play,
+    /// Moves a servo, or all. Not answered by all. [`servo_id`, `angle_degrees`, `time_ms`, `lock_ms`]
+    ServoMove,
+    /// Switches a servo's motor off, or those of all. Not answered by all. [`servo_id`]
+    ServoRelease,
+    /// Switches a servo's light, or those of all. Not answered by all. [`servo_id`, `led`]
+    ServoSetLed,
+    /// Target and actual angle; switches the motor off. [`servo_id`]
+    ServoReadAngles,
+    /// Gives a servo another id. [`servo_id`, `new_servo_id`]
+    ServoChangeId,
+    /// Sets the offset of a servo's zero. [`servo_id`, `offset_thirds_of_degree`]
+    ServoSetOffset,
+    /// The offset of a servo's zero. [`servo_id`]
+    ServoReadOffset,
+    /// The version of a servo's firmware. [`servo_id`]
+    ServoReadVersion,
+}
+
+/// A request, as a device has received it. Members that its kind does not set are 0.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireAlpha1Request {
+    /// What it is: an `ArmwireAlpha1RequestKind`.
+    pub kind: u32,
+    /// Whether the offset tool is connected: 0 or 1.
+    pub connected: u8,
+    /// What the robot is to be on USB: an `ArmwireAlpha1UsbType`.
+    pub usb_type: u8,
+    /// The servo, 1 to 240; 0 for all.
+    pub servo_id: u8,
+    /// The id that the servo gets.
+    pub new_servo_id: u8,
+    /// The byte for the light. Sources contradict each other on what it means.
+    pub led: u8,
+    /// Target of a servo.
+    pub angle_degrees: u8,
+    /// Offset of a servo's zero, -90 to 90.
+    pub offset_thirds_of_degree: i16,
+    /// How long the servo takes to get there.
+    pub time_ms: u32,
+    /// The completion time, which the servos' manual also calls lock time.
+    pub lock_ms: u32,
+    /// The action.
+    pub action: ArmwireAlpha1Action,
+    /// The name of an action, which stays until the next call with the device.
+    pub name: *const u8,
+    /// Bytes of `name`.
+    pub name_len: usize,
+}
+
+impl ArmwireAlpha1Request {
+    /// Becomes this request.
+    pub(super) fn set(&mut self, request: Option<Request<'_>>) {
+        *self = Self {
+            kind: 0,
+            connected: 0,
+            usb_type: 0,
+            servo_id: 0,
+            new_servo_id: 0,
+            led: 0,
+            angle_degrees: 0,
+            offset_thirds_of_degree: 0,
+            time_ms: 0,
+            lock_ms: 0,
+            action: ArmwireAlpha1Action::NONE,
+            name: ptr::null(),
+            name_len: 0,
+        };
+        let kind = match request {
+            Some(Request::ReadHardwareVersion) => ArmwireAlpha1RequestKind::ReadHardwareVersion,
+            Some(Request::ReadServoStates) => ArmwireAlpha1RequestKind::ReadServoStates,
+            Some(Request::Stop) => ArmwireAlpha1RequestKind::Stop,
+            Some(Request::ReadFirmwareVersion) => ArmwireAlpha1RequestKind::ReadFirmwareVersion,
+            Some(Request::Act(action)) => {
+                self.action = ArmwireAlpha1Action::of(&action);
+                ArmwireAlpha1RequestKind::Act
+            }
+            Some(Request::SetOffsetTool(tool)) => {
+                self.connected = tool as u8;
+                ArmwireAlpha1RequestKind::SetOffsetTool
+            }
+            Some(Request::SetUsbType(usb)) => {
+                self.usb_type = usb as u8;
+                ArmwireAlpha1RequestKind::SetUsbType
+            }
+            Some(Request::Play(name)) => {
+                (self.name, self.name_len) = (name.as_bytes().as_ptr(), name.as_bytes().len());
+                ArmwireAlpha1RequestKind::Play
+            }
+            Some(Request::Servo(request)) => self.set_servo(request),
+            None | Some(_) => ArmwireAlpha1RequestKind::None,
+        };
+        self.kind = kind as u32;
+    }
+
+    fn set_servo(&mut self, request: ServoRequest) -> ArmwireAlpha1RequestKind {
+        match request {
+            ServoRequest::Move { to, angle, time, lock } => {
+                (self.servo_id, self.angle_degrees) = (to.id(), angle.raw());
+                self.time_ms = u32::from(time.units()) * UNIT_MS;
+                self.lock_ms = u32::from(lock.units()) * UNIT_MS;
+                ArmwireAlpha1RequestKind::ServoMove
+            }
+            ServoRequest::Release(to) => {
+                self.servo_id = to.id();
+                ArmwireAlpha1RequestKind::ServoRelease
+            }
+            ServoRequest::SetLed { to, led } => {
+                (self.servo_id, self.led) = (to.id(), led.0);
+                ArmwireAlpha1RequestKind::ServoSetLed
+            }
+            ServoRequest::ReadAngles(servo) => {
+                self.servo_id = servo.get();
+                ArmwireAlpha1RequestKind::ServoReadAngles
+            }
+            ServoRequest::ChangeId { from, to } => {
+                (self.servo_id, self.new_servo_id) = (from.get(), to.get());
+                ArmwireAlpha1RequestKind::ServoChangeId
+            }
+            ServoRequest::SetOffset(servo, offset) => {
+                (self.servo_id, self.offset_thirds_of_degree) = (servo.get(), offset.thirds());
+                ArmwireAlpha1RequestKind::ServoSetOffset
+            }
+            ServoRequest::ReadOffset(servo) => {
+                self.servo_id = servo.get();
+                ArmwireAlpha1RequestKind::ServoReadOffset
+            }
+            ServoRequest::ReadVersion(servo) => {
+                self.servo_id = servo.get();
+                ArmwireAlpha1RequestKind::ServoReadVersion
+            }
+            _ => ArmwireAlpha1RequestKind::None,
+        }
+    }
+}
+
+/// What the robot or a servo says.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireAlpha1ResponseKind {
+    /// None.
+    None = 0,
+    /// The hardware version. [`text`, `text_len`]
+    HardwareVersion,
+    /// Which servos run. [`running_servos`]
+    ServoStates,
+    /// Whether the action was stopped. [`success`]
+    Stopped,
+    /// The firmware version. [`success`, `firmware_version`]
+    FirmwareVersion,
+    /// Whether the servos move. [`success`]
+    Acted,
+    /// Whether the offset tool is connected or disconnected. [`success`]
+    OffsetTool,
+    /// Whether the robot changes what it is on USB. [`success`]
+    UsbType,
+    /// Whether the action is played. [`success`]
+    Playing,
+    /// A servo moves, has released its motor or has switched its light. [`servo_id`]
+    ServoAcknowledged,
+    /// Where a servo is; its motor is off now. [`servo_id`, `success`, `target_degrees`, `actual_degrees`]
+    ServoAngles,
+    /// A servo has another id. [`servo_id`, `success`, `previous_servo_id`]
+    ServoIdChanged,
+    /// The offset of a servo's zero is set. [`servo_id`, `success`]
+    ServoOffsetSet,
+    /// The offset of a servo's zero. [`servo_id`, `success`, `offset_thirds_of_degree`]
+    ServoOffset,
+    /// The version of a servo's firmware. [`servo_id`, `success`, `servo_version`]
+    ServoVersion,
+}
+
+/// A response, as a client has received it or a device sends it. Members that its kind does not set are 0.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireAlpha1Response {
+    /// What it is: an `ArmwireAlpha1ResponseKind`.
+    pub kind: u32,
+    /// Whether the robot or servo did it, or could tell: 0 or 1.
+    pub success: u8,
+    /// The servo that says it, 1 to 240.
+    pub servo_id: u8,
+    /// The id that the servo had.
+    pub previous_servo_id: u8,
+    /// Firmware version of the robot, year first, ASCII; any bytes without `success`.
+    pub firmware_version: [u8; 10],
+    /// Firmware version of a servo. What its bytes mean is not documented.
+    pub servo_version: [u8; 4],
+    /// Where the servo was sent.
+    pub target_degrees: u16,
+    /// Where the servo is.
+    pub actual_degrees: u16,
+    /// Offset of a servo's zero, as sent: -90 to 90.
+    pub offset_thirds_of_degree: i16,
+    /// One bit a servo, servo 1 lowest: 1 runs, 0 can be turned by hand.
+    pub running_servos: u32,
+    /// The hardware version, 0 to 254 bytes in no documented alphabet. From a client it stays until the next call with it.
+    pub text: *const u8,
+    /// Bytes of `text`.
+    pub text_len: usize,
+}
+
+fn outcome(success: u8) -> Result<Outcome, Refused> {
+    match flag("success", success)? {
+        true => Ok(Outcome::Success),
+        false => Ok(Outcome::Failure),
+    }
+}
+
+impl ArmwireAlpha1Response {
+    /// Becomes this response.
+    pub(super) fn set(&mut self, response: Option<Response<'_>>) {
+        *self = Self {
+            kind: 0,
+            success: 0,
+            servo_id: 0,
+            previous_servo_id: 0,
+            firmware_version: [0; 10],
+            servo_version: [0; 4],
+            target_degrees: 0,
+            actual_degrees: 0,
+            offset_thirds_of_degree: 0,
+            running_servos: 0,
+            text: ptr::null(),
+            text_len: 0,
+        };
+        let kind = match response {
+            Some(Response::HardwareVersion(text)) => {
+                (self.text, self.text_len) = (text.as_bytes().as_ptr(), text.as_bytes().len());
+                ArmwireAlpha1ResponseKind::HardwareVersion
+            }
+            Some(Response::ServoStates(states)) => {
+                self.running_servos = states.bits();
+                ArmwireAlpha1ResponseKind::ServoStates
+            }
+            Some(Response::Stopped(outcome)) => self.set_outcome(outcome, ArmwireAlpha1ResponseKind::Stopped),
+            Some(Response::FirmwareVersion(FirmwareVersion { outcome, text })) => {
+                self.firmware_version = text;
+                self.set_outcome(outcome, ArmwireAlpha1ResponseKind::FirmwareVersion)
+            }
+            Some(Response::Acted(outcome)) => self.set_outcome(outcome, ArmwireAlpha1ResponseKind::Acted),
+            Some(Response::OffsetTool(outcome)) => self.set_outcome(outcome, ArmwireAlpha1ResponseKind::OffsetTool),
+            Some(Response::UsbType(outcome)) => self.set_outcome(outcome, ArmwireAlpha1ResponseKind::UsbType),
+            Some(Response::Playing(outcome)) => self.set_outcome(outcome, ArmwireAlpha1ResponseKind::Playing),
+            Some(Response::Servo(response)) => self.set_servo(response),
+            None | Some(_) => ArmwireAlpha1ResponseKind::None,
+        };
+        self.kind = kind as u32;
+    }
+
+    fn set_outcome(&mut self, outcome: Outcome, kind: ArmwireAlpha1ResponseKind) -> ArmwireAlpha1ResponseKind {
+        self.success = outcome.is_success().into();
+        kind
+    }
+
+    fn set_servo(&mut self, response: ServoResponse) -> ArmwireAlpha1ResponseKind {
+        let (servo, outcome, kind) = match response {
+            ServoResponse::Acknowledged(servo) => {
+                self.servo_id = servo.get();
+                return ArmwireAlpha1ResponseKind::ServoAcknowledged;
+            }
+            ServoResponse::Angles {
+                servo,
+                outcome,
+                target,
+                actual,
+            } => {
+                (self.target_degrees, self.actual_degrees) = (target, actual);
+                (servo, outcome, ArmwireAlpha1ResponseKind::ServoAngles)
+            }
+            ServoResponse::IdChanged { servo, outcome, was } => {
+                self.previous_servo_id = was;
+                (servo, outcome, ArmwireAlpha1ResponseKind::ServoIdChanged)
+            }
+            ServoResponse::OffsetSet { servo, outcome } => (servo, outcome, ArmwireAlpha1ResponseKind::ServoOffsetSet),
+            ServoResponse::Offset { servo, outcome, thirds } => {
+                self.offset_thirds_of_degree = thirds;
+                (servo, outcome, ArmwireAlpha1ResponseKind::ServoOffset)
+            }
+            ServoResponse::Version {
+                servo,
+                outcome,
+                version,
+            } => {
+                self.servo_version = version;
+                (servo, outcome, ArmwireAlpha1ResponseKind::ServoVersion)
+            }
+            _ => return ArmwireAlpha1ResponseKind::None,
+        };
+        self.servo_id = servo.get();
+        self.set_outcome(outcome, kind)
+    }
+
+    /// # Safety
+    ///
+    /// `text` is NULL, or has `text_len` bytes.
+    pub(super) unsafe fn get(&self) -> Result<Response<'_>, Refusal> {
+        let kind = |kind: ArmwireAlpha1ResponseKind| self.kind == kind as u32;
+        if kind(ArmwireAlpha1ResponseKind::HardwareVersion) {
+            // SAFETY: as the caller says.
+            let bytes = unsafe { memory::bytes(self.text, self.text_len) }.map_err(Refusal::Status)?;
+            return Ok(Response::HardwareVersion(text(bytes)?));
+        }
+        if kind(ArmwireAlpha1ResponseKind::ServoStates) {
+            return Ok(Response::ServoStates(ServoStates::from_bits(self.running_servos)));
+        }
+        if kind(ArmwireAlpha1ResponseKind::ServoAcknowledged) {
+            return Ok(Response::Servo(ServoResponse::Acknowledged(servo(self.servo_id)?)));
+        }
+        let outcome = outcome(self.success);
+        if kind(ArmwireAlpha1ResponseKind::Stopped) {
+            return Ok(Response::Stopped(outcome?));
+        }
+        if kind(ArmwireAlpha1ResponseKind::FirmwareVersion) {
+            return Ok(Response::FirmwareVersion(FirmwareVersion {
+                outcome: outcome?,
+                text: self.firmware_version,
+            }));
+        }
+        if kind(ArmwireAlpha1ResponseKind::Acted) {
+            return Ok(Response::Acted(outcome?));
+        }
+        if kind(ArmwireAlpha1ResponseKind::OffsetTool) {
+            return Ok(Response::OffsetTool(outcome?));
+        }
+        if kind(ArmwireAlpha1ResponseKind::UsbType) {
+            return Ok(Response::UsbType(outcome?));
+        }
+        if kind(ArmwireAlpha1ResponseKind::Playing) {
+            return Ok(Response::Playing(outcome?));
+        }
+        let servo = servo(self.servo_id);
+        if kind(ArmwireAlpha1ResponseKind::ServoAngles) {
+            return Ok(Response::Servo(ServoResponse::Angles {
+                servo: servo?,
+                outcome: outcome?,
+                target: self.target_degrees,
+                actual: self.actual_degrees,
+            }));
+        }
+        if kind(ArmwireAlpha1ResponseKind::ServoIdChanged) {
+            return Ok(Response::Servo(ServoResponse::IdChanged {
+                servo: servo?,
+                outcome: outcome?,
+                was: self.previous_servo_id,
+            }));
+        }
+        if kind(ArmwireAlpha1ResponseKind::ServoOffsetSet) {
+            return Ok(Response::Servo(ServoResponse::OffsetSet {
+                servo: servo?,
+                outcome: outcome?,
+            }));
+        }
+        if kind(ArmwireAlpha1ResponseKind::ServoOffset) {
+            return Ok(Response::Servo(ServoResponse::Offset {
+                servo: servo?,
+                outcome: outcome?,
+                thirds: self.offset_thirds_of_degree,
+            }));
+        }
+        if kind(ArmwireAlpha1ResponseKind::ServoVersion) {
+            return Ok(Response::Servo(ServoResponse::Version {
+                servo: servo?,
+                outcome: outcome?,
+                version: self.servo_version,
+            }));
+        }
+        Err(Refusal::Status(ArmwireStatus::UnknownKind))
+    }
+}

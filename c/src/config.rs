@@ -1,0 +1,59 @@
+//! The timing of a client.
+
+use core::num::NonZeroU32;
+
+use armwire::time::Duration;
+use armwire::{Config, OutOfRange};
+
+use crate::memory;
+use crate::status::ArmwireStatus;
+
+/// The timing of a client.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireConfig {
+    /// Baud rate of the line, at least 1; UINT32_MAX for a line without one.
+    pub baud: u32,
+    /// The longest that the way to the line and back may delay an answer: USB and operating system, or 0.
+    pub latency_us: u32,
+    /// The time after its due time in which an answer may still arrive. After a missing answer, the next request with the
+    /// same answer waits for this time, unless answers are numbered.
+    pub stale_window_us: u32,
+    /// The number of repeats of a request that only reads and gets no answer.
+    pub repeats: u8,
+}
+
+impl ArmwireConfig {
+    fn of(config: Config) -> Self {
+        let micros = |time: Duration| u32::try_from(time.as_micros()).unwrap_or(u32::MAX);
+        Self {
+            baud: config.baud.get(),
+            latency_us: micros(config.latency),
+            stale_window_us: micros(config.stale_window),
+            repeats: config.repeats,
+        }
+    }
+
+    pub(crate) fn get(&self) -> Result<Config, OutOfRange<u32>> {
+        let baud = NonZeroU32::new(self.baud);
+        Ok(Config {
+            baud: baud.ok_or(OutOfRange::new("baud rate", "baud", 0, 1, u32::MAX))?,
+            latency: Duration::from_micros(self.latency_us.into()),
+            repeats: self.repeats,
+            stale_window: Duration::from_micros(self.stale_window_us.into()),
+        })
+    }
+}
+
+/// The timing of an arm at 1 Mbaud over USB: 10 ms of latency, two repeats, answers up to 100 ms late. For a UART of this
+/// microcontroller set `latency_us` to the time that passes at most between two calls of `poll`.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_config_serial(config: Option<&mut ArmwireConfig>) -> ArmwireStatus {
+    memory::put(config, ArmwireConfig::of(Config::DEFAULT)).into()
+}
+
+/// The timing of a TCP connection in a local network: 100 ms of latency, no repeats, answers up to a second late.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_config_tcp(config: Option<&mut ArmwireConfig>) -> ArmwireStatus {
+    memory::put(config, ArmwireConfig::of(Config::TCP)).into()
+}

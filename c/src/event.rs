@@ -1,0 +1,147 @@
+//! What happens at a client or a device, the same for all protocols.
+
+use armwire::framing::Reason;
+use armwire::{DeviceEvent, Event, Output, ParseError};
+
+use crate::fault::ArmwireFault;
+
+/// What an `ArmwireEvent` is. The members of it that are set are named in brackets.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireEventKind {
+    /// Nothing to do before bytes arrive or `until_us` is reached. From a device: before bytes arrive. [`until_us`]
+    Wait = 0,
+    /// Client: these bytes are to be transmitted. Say with `transmitted` how many the line took. [`bytes`, `len`]
+    Transmit,
+    /// Client: the answer to the request in flight, which is done. [the response]
+    Answer,
+    /// Client: the request in flight, which the arm does not answer, is with the line: it is done.
+    Sent,
+    /// Client: the request in flight got no answer and is given up. [`sends`]
+    TimedOut,
+    /// Client: the answer to the request in flight has a value or a length that the protocol does not have. The request is
+    /// done. [`fault`]
+    Unacceptable,
+    /// Client: an answer to a request that was given up, cancelled, or answered before. [the response]
+    Late,
+    /// Client: a response that answers nothing. [the response]
+    Unsolicited,
+    /// Client: a request. The line gave it back, or another host is on it.
+    Echo,
+    /// Device: a request. [the request]
+    Request,
+    /// A good frame that is no message of the protocol. [`bytes`, `len`, `fault`]
+    Unknown,
+    /// Bytes that are not part of a frame. [`offset`, `bytes`, `len`, `fault`]
+    Noise,
+    /// A lossless stream broke here: nothing after this can be read. Close the connection. [`offset`, `fault`]
+    Broken,
+}
+
+/// What happens at a client or a device. Members that its kind does not set are 0.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireEvent {
+    /// What it is: an `ArmwireEventKind`.
+    pub kind: u32,
+    /// The number of times that the request was sent.
+    pub sends: u32,
+    /// When to poll again at the latest; UINT64_MAX if there is nothing to wait for but bytes.
+    pub until_us: u64,
+    /// The place of the first byte, in bytes since `init`.
+    pub offset: u64,
+    /// Bytes, which stay until the next call with the same client or device.
+    pub bytes: *const u8,
+    /// The number of `bytes`.
+    pub len: usize,
+    /// What is wrong.
+    pub fault: ArmwireFault,
+}
+
+impl ArmwireEvent {
+    /// Nothing to do.
+    const NONE: Self = Self {
+        kind: ArmwireEventKind::Wait as u32,
+        sends: 0,
+        until_us: 0,
+        offset: 0,
+        bytes: core::ptr::null(),
+        len: 0,
+        fault: ArmwireFault::NONE,
+    };
+
+    const fn set_bytes(&mut self, bytes: &[u8]) {
+        (self.bytes, self.len) = (bytes.as_ptr(), bytes.len());
+    }
+
+    fn set_unknown(&mut self, frame: &[u8], error: ParseError) -> ArmwireEventKind {
+        self.set_bytes(frame);
+        self.fault.set_message(error);
+        ArmwireEventKind::Unknown
+    }
+
+    fn set_noise(&mut self, offset: u64, bytes: &[u8], reason: Reason) -> ArmwireEventKind {
+        self.offset = offset;
+        self.set_bytes(bytes);
+        self.fault.set_noise(reason);
+        ArmwireEventKind::Noise
+    }
+
+    fn set_broken(&mut self, offset: u64, reason: Reason) -> ArmwireEventKind {
+        self.offset = offset;
+        self.fault.set_noise(reason);
+        ArmwireEventKind::Broken
+    }
+
+    /// Becomes what a client says, and returns the response in it.
+    pub(crate) fn set_client<R>(&mut self, output: Output<'_, R>) -> Option<R> {
+        *self = Self::NONE;
+        let (kind, response) = match output {
+            Output::Transmit(bytes) => {
+                self.set_bytes(bytes);
+                (ArmwireEventKind::Transmit, None)
+            }
+            Output::Timeout(until) => {
+                self.until_us = until.map_or(u64::MAX, |until| until.as_micros());
+                (ArmwireEventKind::Wait, None)
+            }
+            Output::Event(event) => match event {
+                Event::Answer(response) => (ArmwireEventKind::Answer, Some(response)),
+                Event::Late(response) => (ArmwireEventKind::Late, Some(response)),
+                Event::Unsolicited(response) => (ArmwireEventKind::Unsolicited, Some(response)),
+                Event::Sent => (ArmwireEventKind::Sent, None),
+                Event::Echo => (ArmwireEventKind::Echo, None),
+                Event::TimedOut { sends } => {
+                    self.sends = sends.into();
+                    (ArmwireEventKind::TimedOut, None)
+                }
+                Event::Unacceptable(error) => {
+                    self.fault.set_message(error);
+                    (ArmwireEventKind::Unacceptable, None)
+                }
+                Event::Unknown { frame, error } => (self.set_unknown(frame, error), None),
+                Event::Noise { offset, bytes, reason } => (self.set_noise(offset, bytes, reason), None),
+                Event::Broken { offset, reason } => (self.set_broken(offset, reason), None),
+            },
+        };
+        self.kind = kind as u32;
+        response
+    }
+
+    /// Becomes what a device says, and returns the request in it and the key of its response.
+    pub(crate) fn set_device<R, K>(&mut self, event: Option<DeviceEvent<'_, R, K>>) -> (Option<R>, Option<K>) {
+        *self = Self::NONE;
+        let (kind, request, key) = match event {
+            None => {
+                self.until_us = u64::MAX;
+                (ArmwireEventKind::Wait, None, None)
+            }
+            Some(DeviceEvent::Request { request, key }) => (ArmwireEventKind::Request, Some(request), key),
+            Some(DeviceEvent::Unknown { frame, error, key }) => (self.set_unknown(frame, error), None, key),
+            Some(DeviceEvent::Noise { offset, bytes, reason }) => (self.set_noise(offset, bytes, reason), None, None),
+            Some(DeviceEvent::Broken { offset, reason }) => (self.set_broken(offset, reason), None, None),
+        };
+        self.kind = kind as u32;
+        (request, key)
+    }
+}

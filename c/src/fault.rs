@@ -1,0 +1,433 @@
+//! What is wrong with bytes or a value, and where.
+
+use core::ffi::c_char;
+use core::{ptr, slice};
+
+use armwire::framing::Reason;
+use armwire::{Cause, MessageId, OutOfRange, ParseError};
+
+use crate::memory;
+use crate::text::Writer;
+
+/// What is wrong. The members of `ArmwireFault` that it sets are named in brackets.
+#[repr(u8)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireFaultCode {
+    /// Nothing.
+    None = 0,
+    /// Noise: no frame starts here.
+    Stray,
+    /// Noise: the length field of a frame is out of range. [`got`, `min`, `max`]
+    Length,
+    /// Noise: a byte of a frame has another value than those allowed. [`offset`, `got`, `expected_bytes`, `expected_len`]
+    FrameByte,
+    /// Noise: a checksum does not match. [`got`; `min` is the one that does]
+    Checksum,
+    /// Noise: a frame has no terminator. [`got`; `min` is the terminator]
+    Tail,
+    /// Noise: the line went idle before the end of a frame. [`got` is the number of missing bytes]
+    Truncated,
+    /// The protocol has no such message.
+    Unknown,
+    /// An answer of a servo, but none is expected.
+    Unexpected,
+    /// A frame of the robot's Bluetooth protocol.
+    Bluetooth,
+    /// It would start a servo's boot loader.
+    BootLoader,
+    /// A message has the wrong length. [`got`, `expected_lengths`, `expected_len`]
+    DataLength,
+    /// A data byte has another value than those allowed. [`offset`, `got`, `expected_bytes`, `expected_len`]
+    DataByte,
+    /// A value in a message is out of its range. [`offset`, `got`, `min`, `max`, `what`, `unit`]
+    DataValue,
+    /// A value that was passed in is out of its range. [`got`, `min`, `max`, `what`, `unit`; `offset` is its index, from 0,
+    /// if it is one of several]
+    Value,
+    /// Another error, which this version has no code for.
+    Other,
+}
+
+/// A code of any number, as C may pass one.
+const CODES: [ArmwireFaultCode; 16] = [
+    ArmwireFaultCode::None,
+    ArmwireFaultCode::Stray,
+    ArmwireFaultCode::Length,
+    ArmwireFaultCode::FrameByte,
+    ArmwireFaultCode::Checksum,
+    ArmwireFaultCode::Tail,
+    ArmwireFaultCode::Truncated,
+    ArmwireFaultCode::Unknown,
+    ArmwireFaultCode::Unexpected,
+    ArmwireFaultCode::Bluetooth,
+    ArmwireFaultCode::BootLoader,
+    ArmwireFaultCode::DataLength,
+    ArmwireFaultCode::DataByte,
+    ArmwireFaultCode::DataValue,
+    ArmwireFaultCode::Value,
+    ArmwireFaultCode::Other,
+];
+
+/// The message that a faulty frame would be.
+#[repr(u8)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireMessageKind {
+    /// None.
+    None = 0,
+    /// A command: `message_id`.
+    Command,
+    /// A command and its function: `message_id` and `message_function`.
+    Function,
+    /// A register: `message_id`.
+    Register,
+    /// Standard Modbus: the unit in `message_id`, and the function in `message_function`.
+    Modbus,
+}
+
+/// What is wrong with bytes or a value, and where. `armwire_fault_text` has it as text.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireFault {
+    /// What is wrong: an `ArmwireFaultCode`.
+    pub code: u8,
+    /// The message that the frame would be: an `ArmwireMessageKind`.
+    pub message: u8,
+    /// Command, register or Modbus unit.
+    pub message_id: u8,
+    /// Function.
+    pub message_function: u8,
+    /// The place, in bytes: from the start of the frame for noise, from the start of the data for a message.
+    pub offset: u32,
+    /// What there was.
+    pub got: i32,
+    /// The least that is allowed.
+    pub min: i32,
+    /// The most that is allowed.
+    pub max: i32,
+    /// The allowed bytes.
+    pub expected_bytes: *const u8,
+    /// The allowed lengths.
+    pub expected_lengths: *const usize,
+    /// The number of allowed bytes or lengths.
+    pub expected_len: usize,
+    /// The name of the value, UTF-8, not terminated.
+    pub what: *const u8,
+    /// Bytes of `what`.
+    pub what_len: usize,
+    /// The unit of the value, UTF-8, not terminated.
+    pub unit: *const u8,
+    /// Bytes of `unit`.
+    pub unit_len: usize,
+}
+
+/// A value that C passed in and that is out of its range: the one at `index`, if it is one of several.
+#[derive(Clone, Copy)]
+pub(crate) struct Refused {
+    index: usize,
+    error: OutOfRange<i32>,
+}
+
+impl Refused {
+    /// Nothing was refused.
+    pub(crate) const NONE: Self = Self::with(0, OutOfRange::new("", "", 0, 0, 0));
+
+    const fn with(index: usize, error: OutOfRange<i32>) -> Self {
+        Self { index, error }
+    }
+
+    /// The value at an index.
+    pub(crate) fn at<T: Into<i32>>(index: usize) -> impl Fn(OutOfRange<T>) -> Self {
+        move |error| {
+            let (got, min, max) = (error.got.into(), error.min.into(), error.max.into());
+            Self::with(index, OutOfRange::new(error.what, error.unit, got, min, max))
+        }
+    }
+
+    /// The only value.
+    pub(crate) fn only<T: Into<i32>>(error: OutOfRange<T>) -> Self {
+        Self::at(0)(error)
+    }
+
+    /// A length.
+    pub(crate) fn length(error: OutOfRange<usize>) -> Self {
+        let [got, min, max] = [error.got, error.min, error.max].map(number);
+        Self::with(0, OutOfRange::new(error.what, error.unit, got, min, max))
+    }
+
+    /// As C sees it.
+    pub(crate) fn fault(&self) -> ArmwireFault {
+        let mut fault = ArmwireFault::NONE;
+        if !self.error.what.is_empty() {
+            fault.code = ArmwireFaultCode::Value as u8;
+            fault.set_range(self.index, self.error);
+        }
+        fault
+    }
+}
+
+/// A length as a number; one that is out of range is the nearest that is not.
+fn number(length: usize) -> i32 {
+    i32::try_from(length).unwrap_or(i32::MAX)
+}
+
+impl ArmwireFault {
+    /// Nothing is wrong.
+    pub(crate) const NONE: Self = Self {
+        code: ArmwireFaultCode::None as u8,
+        message: ArmwireMessageKind::None as u8,
+        message_id: 0,
+        message_function: 0,
+        offset: 0,
+        got: 0,
+        min: 0,
+        max: 0,
+        expected_bytes: ptr::null(),
+        expected_lengths: ptr::null(),
+        expected_len: 0,
+        what: ptr::null(),
+        what_len: 0,
+        unit: ptr::null(),
+        unit_len: 0,
+    };
+
+    const fn set_bytes(&mut self, offset: usize, got: u8, expected: &'static [u8]) {
+        (self.offset, self.got) = (offset as u32, got as i32);
+        (self.expected_bytes, self.expected_len) = (expected.as_ptr(), expected.len());
+    }
+
+    fn set_range(&mut self, offset: usize, error: OutOfRange<i32>) {
+        self.offset = offset as u32;
+        (self.got, self.min, self.max) = (error.got, error.min, error.max);
+        (self.what, self.what_len) = (error.what.as_ptr(), error.what.len());
+        (self.unit, self.unit_len) = (error.unit.as_ptr(), error.unit.len());
+    }
+
+    /// Says why bytes are noise, in a fault that says nothing yet.
+    pub(crate) fn set_noise(&mut self, reason: Reason) {
+        let code = match reason {
+            Reason::Stray => ArmwireFaultCode::Stray,
+            Reason::Length { min, max, got } => {
+                (self.got, self.min, self.max) = (got.into(), min.into(), max.into());
+                ArmwireFaultCode::Length
+            }
+            Reason::Byte { offset, got, expected } => {
+                self.set_bytes(offset.into(), got, expected);
+                ArmwireFaultCode::FrameByte
+            }
+            Reason::Checksum { expected, got } => {
+                (self.got, self.min) = (got.into(), expected.into());
+                ArmwireFaultCode::Checksum
+            }
+            Reason::Tail { expected, got } => {
+                (self.got, self.min) = (got.into(), expected.into());
+                ArmwireFaultCode::Tail
+            }
+            Reason::Truncated { missing } => {
+                self.got = number(missing);
+                ArmwireFaultCode::Truncated
+            }
+            _ => ArmwireFaultCode::Other,
+        };
+        self.code = code as u8;
+    }
+
+    /// Says why a frame is no message, in a fault that says nothing yet.
+    pub(crate) fn set_message(&mut self, error: ParseError) {
+        let (message, id, function) = match error.message {
+            MessageId::Command(command) => (ArmwireMessageKind::Command, command, 0),
+            MessageId::Function { command, function } => (ArmwireMessageKind::Function, command, function),
+            MessageId::Register(register) => (ArmwireMessageKind::Register, register, 0),
+            MessageId::Modbus { unit, function } => (ArmwireMessageKind::Modbus, unit, function),
+            _ => (ArmwireMessageKind::None, 0, 0),
+        };
+        (self.message, self.message_id, self.message_function) = (message as u8, id, function);
+        let code = match error.cause {
+            Cause::Unknown => ArmwireFaultCode::Unknown,
+            Cause::Unexpected => ArmwireFaultCode::Unexpected,
+            Cause::Bluetooth => ArmwireFaultCode::Bluetooth,
+            Cause::BootLoader => ArmwireFaultCode::BootLoader,
+            Cause::Length { expected, got } => {
+                self.got = number(got);
+                (self.expected_lengths, self.expected_len) = (expected.as_ptr(), expected.len());
+                ArmwireFaultCode::DataLength
+            }
+            Cause::Byte { offset, expected, got } => {
+                self.set_bytes(offset, got, expected);
+                ArmwireFaultCode::DataByte
+            }
+            Cause::Value { offset, error } => {
+                self.set_range(offset, error);
+                ArmwireFaultCode::DataValue
+            }
+            _ => ArmwireFaultCode::Other,
+        };
+        self.code = code as u8;
+    }
+
+    /// The error in a message, but for its cause.
+    #[cfg(feature = "xarm")]
+    pub(crate) fn parse_error(&self) -> Option<ParseError> {
+        let kind = |kind: ArmwireMessageKind| self.message == kind as u8;
+        let message = if kind(ArmwireMessageKind::Register) {
+            MessageId::Register(self.message_id)
+        } else if kind(ArmwireMessageKind::Modbus) {
+            MessageId::Modbus {
+                unit: self.message_id,
+                function: self.message_function,
+            }
+        } else {
+            return None;
+        };
+        let cause = Cause::Unknown;
+        Some(ParseError { message, cause })
+    }
+
+    /// Writes the text, as the Rust crate has it.
+    ///
+    /// # Safety
+    ///
+    /// The pointers are as this library has set them, or NULL.
+    unsafe fn write(&self, out: &mut Writer<'_>) {
+        self.write_message(out);
+        // SAFETY: as the caller says.
+        let bytes = unsafe { list(self.expected_bytes, self.expected_len) };
+        let (got, min, offset) = (self.got, self.min, i64::from(self.offset));
+        match CODES.into_iter().find(|code| *code as u8 == self.code) {
+            Some(ArmwireFaultCode::None) => out.text("nothing is wrong"),
+            Some(ArmwireFaultCode::Stray) => out.text("no frame starts here"),
+            Some(ArmwireFaultCode::Length) => {
+                out.text("length field says ").number(got);
+                self.write_limits(out)
+            }
+            Some(ArmwireFaultCode::FrameByte) => {
+                out.text("byte ")
+                    .number(offset)
+                    .text(" is 0x")
+                    .hex_lower(got)
+                    .text(", expected ");
+                either(out, bytes, |out, byte| out.text("0x").hex_lower(byte))
+            }
+            Some(ArmwireFaultCode::Checksum) => out
+                .text("checksum 0x")
+                .hex_lower(got)
+                .text(", expected 0x")
+                .hex_lower(min),
+            Some(ArmwireFaultCode::Tail) => out
+                .text("end mark 0x")
+                .hex_lower(got)
+                .text(", expected 0x")
+                .hex_lower(min),
+            Some(ArmwireFaultCode::Truncated) => out.text("line went idle with ").number(got).text(" bytes missing"),
+            Some(ArmwireFaultCode::Unknown) => out.text("unknown"),
+            Some(ArmwireFaultCode::Unexpected) => out.text("an answer of a servo, but none is expected"),
+            Some(ArmwireFaultCode::Bluetooth) => out.text("a frame of the robot's Bluetooth protocol"),
+            Some(ArmwireFaultCode::BootLoader) => {
+                out.text("it would start a servo's boot loader, which is not offered")
+            }
+            Some(ArmwireFaultCode::DataLength) => {
+                out.number(got).text(" data bytes, expected ");
+                // SAFETY: as the caller says.
+                let lengths = unsafe { list(self.expected_lengths, self.expected_len) };
+                either(out, lengths, |out, len| out.number(len as i64))
+            }
+            Some(ArmwireFaultCode::DataByte) => {
+                out.text("data byte ")
+                    .number(offset)
+                    .text(" is ")
+                    .hex_upper(got)
+                    .text(", must be ");
+                either(out, bytes, |out, byte| out.hex_upper(byte))
+            }
+            Some(ArmwireFaultCode::DataValue) => {
+                // SAFETY: as the caller says.
+                unsafe { self.write_value(out) };
+                out.text(" (data byte ").number(offset).text(")")
+            }
+            // SAFETY: as the caller says.
+            Some(ArmwireFaultCode::Value) => unsafe { self.write_value(out) },
+            Some(ArmwireFaultCode::Other) | None => out.text("an error of another version"),
+        };
+    }
+
+    fn write_message(&self, out: &mut Writer<'_>) {
+        let kind = |kind: ArmwireMessageKind| self.message == kind as u8;
+        let (id, function) = (self.message_id, self.message_function);
+        if kind(ArmwireMessageKind::Command) {
+            out.text("command ").hex_upper(id);
+        } else if kind(ArmwireMessageKind::Function) {
+            out.text("command ")
+                .hex_upper(id)
+                .text(" function ")
+                .hex_upper(function);
+        } else if kind(ArmwireMessageKind::Register) {
+            out.text("register ").number(id);
+        } else if kind(ArmwireMessageKind::Modbus) {
+            out.text("standard Modbus, unit ")
+                .number(id)
+                .text(", function ")
+                .number(function);
+        } else {
+            return;
+        }
+        out.text(": ");
+    }
+
+    /// # Safety
+    ///
+    /// The pointers are as this library has set them, or NULL.
+    unsafe fn write_value<'w, 'a>(&self, out: &'w mut Writer<'a>) -> &'w mut Writer<'a> {
+        // SAFETY: as the caller says.
+        let (what, unit) = unsafe { (list(self.what, self.what_len), list(self.unit, self.unit_len)) };
+        let space = if unit.is_empty() { "" } else { " " };
+        out.bytes(what).text(" is ").number(self.got).text(space).bytes(unit);
+        self.write_limits(out)
+    }
+
+    fn write_limits<'w, 'a>(&self, out: &'w mut Writer<'a>) -> &'w mut Writer<'a> {
+        out.text(", must be ").number(self.min).text("..=").number(self.max)
+    }
+}
+
+/// Choices as `a or b or c`.
+fn either<'w, 'a, T: Copy>(
+    out: &'w mut Writer<'a>,
+    choices: &[T],
+    write: for<'c> fn(&'c mut Writer<'a>, T) -> &'c mut Writer<'a>,
+) -> &'w mut Writer<'a> {
+    for (i, choice) in choices.iter().enumerate() {
+        out.text(if i == 0 { "" } else { " or " });
+        write(out, *choice);
+    }
+    out
+}
+
+/// # Safety
+///
+/// `list` is NULL, or has `len` values that are never changed.
+unsafe fn list<T>(list: *const T, len: usize) -> &'static [T] {
+    match list.is_null() {
+        true => &[],
+        // SAFETY: as the caller says.
+        false => unsafe { slice::from_raw_parts(list, len) },
+    }
+}
+
+/// Writes the text of a fault, with a NUL behind it, to `out`, and returns its length without the NUL. If that is not less
+/// than `size`, the text was cut short. 128 bytes hold every text.
+///
+/// # Safety
+///
+/// `fault` is as this library has written it, or all zero. `out` is NULL, or has `size` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn armwire_fault_text(fault: Option<&ArmwireFault>, out: *mut c_char, size: usize) -> usize {
+    // SAFETY: as the caller says.
+    let Ok(room) = (unsafe { memory::room(out.cast(), size) }) else {
+        return 0;
+    };
+    let mut writer = Writer::new(room);
+    if let Some(fault) = fault {
+        // SAFETY: as the caller says.
+        unsafe { fault.write(&mut writer) };
+    }
+    writer.finish()
+}

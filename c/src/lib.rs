@@ -1,0 +1,31 @@
+//! armwire for C: clients and devices of the three protocols in memory of the caller.
+//!
+//! | Module | What it is |
+//! |---|---|
+//! | [`status`], [`fault`] | errors, their details and texts |
+//! | [`event`], [`config`] | structures that the protocols share |
+//! | `memory` | the boundary: pointers from C become references, or an error |
+//! | `client`, `device` | the functions that every client and every device has |
+//! | `ling`, `alpha1`, `xarm` | the functions and messages of a protocol |
+//!
+//! `armwire.h` is made from this crate. Functions take `Option<&mut T>` where C passes `T *`: NULL is an error, all other
+//! pointers must be valid, as always in C.
+#![no_std]
+
+#[cfg(feature = "alpha1")]
+pub mod alpha1;
+mod client;
+pub mod config;
+mod device;
+pub mod event;
+pub mod fault;
+#[cfg(feature = "ling")]
+pub mod ling;
+mod memory;
+#[cfg(all(panic = "abort", not(test)))]
+mod panic;
+pub mod status;
+pub mod text;
+pub mod version;
+#[cfg(feature = "xarm")]
+pub mod xarm;

@@ -1,0 +1,206 @@
+//! The host's side.
+
+use armwire::Config;
+use armwire::ling::{Ling, MAX_FRAME, Request};
+
+use super::message::{ArmwireLingMove, ArmwireLingResponse, stroke, temperature_limit, torque};
+use crate::client::{self, State};
+use crate::config::ArmwireConfig;
+use crate::event::ArmwireEvent;
+use crate::fault::ArmwireFault;
+use crate::memory::{self, Memory};
+use crate::status::ArmwireStatus;
+
+/// Words in the memory of a client.
+pub const ARMWIRE_LING_CLIENT_WORDS: usize = 80;
+
+/// A client of a Ling arm: one request at a time. Its memory is yours, what is in it is not.
+#[repr(C)]
+pub struct ArmwireLingClient {
+    opaque: [u64; ARMWIRE_LING_CLIENT_WORDS],
+}
+
+// SAFETY: an array of `u64` in a `repr(C)` structure.
+unsafe impl Memory for ArmwireLingClient {
+    type Value = State<Ling, MAX_FRAME>;
+    const TAG: u32 = memory::tag(1);
+}
+
+/// Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of `armwire_config_serial`.
+///
+/// Version if header and library differ, OutOfRange if the baud rate is 0.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_init(
+    client: Option<&mut ArmwireLingClient>,
+    version: u32,
+    config: Option<&ArmwireConfig>,
+) -> ArmwireStatus {
+    client::init(client, version, config, Config::DEFAULT, Ling).into()
+}
+
+/// The next step. Call it again after every event but WAIT, once bytes arrived or were transmitted, and at the time that WAIT
+/// gives. `now_us` is of a clock that does not go back.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_poll(
+    client: Option<&mut ArmwireLingClient>,
+    now_us: u64,
+    event: Option<&mut ArmwireEvent>,
+    response: Option<&mut ArmwireLingResponse>,
+) -> ArmwireStatus {
+    client::poll(client, now_us, event, response, ArmwireLingResponse::set).into()
+}
+
+/// The line took the first `len` bytes of a TRANSMIT event.
+///
+/// OutOfRange if that is more than what is left: then nothing is taken for transmitted.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_transmitted(
+    client: Option<&mut ArmwireLingClient>,
+    now_us: u64,
+    len: usize,
+) -> ArmwireStatus {
+    client::transmitted(client, now_us, len)
+}
+
+/// Room to read or DMA into. Say with `received` how many bytes arrived, before any other call. Never empty after a WAIT event.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_space(
+    client: Option<&mut ArmwireLingClient>,
+    space: Option<&mut *mut u8>,
+    len: Option<&mut usize>,
+) -> ArmwireStatus {
+    client::space(client, space, len).into()
+}
+
+/// The first `len` bytes of `space` arrived.
+///
+/// OutOfRange if that is more than there is room for: then nothing is taken.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_received(
+    client: Option<&mut ArmwireLingClient>,
+    now_us: u64,
+    len: usize,
+) -> ArmwireStatus {
+    client::received(client, now_us, len)
+}
+
+/// Copies in as much of the bytes that arrived as there is room for, `*taken` of them. Poll until WAIT, then put in the rest.
+///
+/// # Safety
+///
+/// `bytes` is NULL, or has `len` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn armwire_ling_client_receive(
+    client: Option<&mut ArmwireLingClient>,
+    now_us: u64,
+    bytes: *const u8,
+    len: usize,
+    taken: Option<&mut usize>,
+) -> ArmwireStatus {
+    // SAFETY: as the caller says.
+    let bytes = unsafe { memory::bytes(bytes, len) };
+    client::receive(client, now_us, bytes, taken).into()
+}
+
+/// The UART reported an idle line. Never call it for a gap between USB packets.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_idle(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
+    client::idle(client)
+}
+
+/// Gives up the request in flight, if there is one. What is left of its bytes is still to be transmitted.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_cancel(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
+    client::cancel(client)
+}
+
+/// What was wrong with the last value or length that was refused.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_fault(
+    client: Option<&mut ArmwireLingClient>,
+    fault: Option<&mut ArmwireFault>,
+) -> ArmwireStatus {
+    client::fault(client, fault)
+}
+
+/// Asks for serial number and versions (section 2.1). Busy while another request is in flight, as all requests.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_read_info(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::ReadInfo))
+}
+
+/// Makes the present pose the zero position, and switches the torque off (section 2.2): what the arm holds up falls. Not
+/// answered.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_set_zero(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::SetZero))
+}
+
+/// Tells the arm which gripper it has: 50, 75 or 100 (section 2.3). Not answered.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_set_stroke(
+    client: Option<&mut ArmwireLingClient>,
+    stroke_mm: u8,
+) -> ArmwireStatus {
+    client::submit(client, stroke(stroke_mm).map(Request::SetStroke))
+}
+
+/// Asks which gripper the arm thinks it has (section 2.3).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_read_stroke(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::ReadStroke))
+}
+
+/// Switches the torque off (0: what the arm holds up falls) or on (1) (section 2.4). Not answered.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_set_torque(client: Option<&mut ArmwireLingClient>, on: u8) -> ArmwireStatus {
+    client::submit(client, torque(on).map(Request::SetTorque))
+}
+
+/// Asks for joint positions, gripper and motion status (section 2.5).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_read_joints(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::ReadJoints))
+}
+
+/// Asks for servo temperatures (section 2.5).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_read_temperatures(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::ReadTemperatures))
+}
+
+/// Sets the temperature at which the arm protects itself: 0 to 255 but not 254 (section 2.5). Not answered.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_set_temperature_limit(
+    client: Option<&mut ArmwireLingClient>,
+    limit_celsius: u8,
+) -> ArmwireStatus {
+    client::submit(
+        client,
+        temperature_limit(limit_celsius).map(Request::SetTemperatureLimit),
+    )
+}
+
+/// Asks for servo velocities (section 2.5).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_read_velocities(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::ReadVelocities))
+}
+
+/// Moves the joints and the gripper (section 2.5). Not answered.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_move(
+    client: Option<&mut ArmwireLingClient>,
+    target: Option<&ArmwireLingMove>,
+) -> ArmwireStatus {
+    let Some(target) = target else {
+        return ArmwireStatus::Null;
+    };
+    client::submit(client, target.get().map(Request::Move))
+}
+
+/// Has every servo checked (section 2.6).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_ling_client_self_check(client: Option<&mut ArmwireLingClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::SelfCheck))
+}

@@ -1,0 +1,329 @@
+//! Requests and responses as flat structures.
+
+use armwire::OutOfRange;
+use armwire::ling::{
+    GripperSpeed, Info, JOINTS, JointState, Move, Opening, PerServo, Position, Request, Response, SelfCheck,
+    SerialNumber, Speed, Stroke, TemperatureLimit, Torque, Version,
+};
+
+use crate::device::Refusal;
+use crate::fault::Refused;
+use crate::status::ArmwireStatus;
+
+/// Joints of the arm, the gripper not counted.
+pub const ARMWIRE_LING_JOINTS: usize = 6;
+
+/// The most servos of an arm: a follower has 10, a leader 6.
+pub const ARMWIRE_LING_MAX_SERVOS: usize = 10;
+
+const _: () = assert!(ARMWIRE_LING_JOINTS == JOINTS);
+
+/// Where to move, and how fast (section 2.5). A turn of a joint is 4096 ticks, 2048 is its centre.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireLingMove {
+    /// Targets of joints 1 to 6, 0 to 4095.
+    pub position_ticks: [u16; ARMWIRE_LING_JOINTS],
+    /// Speeds of joints 1 to 6, 0 to 5000.
+    pub speed_ticks_per_s: [u16; ARMWIRE_LING_JOINTS],
+    /// Target of the gripper, 0 (closed) to 1000 (open).
+    pub opening_per_mille: u16,
+    /// Speed of the gripper. The vendor's software sends 5500.
+    pub gripper_speed_ticks_per_s: u16,
+}
+
+impl ArmwireLingMove {
+    const NONE: Self = Self {
+        position_ticks: [0; ARMWIRE_LING_JOINTS],
+        speed_ticks_per_s: [0; ARMWIRE_LING_JOINTS],
+        opening_per_mille: 0,
+        gripper_speed_ticks_per_s: 0,
+    };
+
+    fn of(target: &Move) -> Self {
+        let (opening, speed) = target.gripper;
+        Self {
+            position_ticks: target.joints.map(|(position, _)| position.ticks()),
+            speed_ticks_per_s: target.joints.map(|(_, speed)| speed.ticks_per_second()),
+            opening_per_mille: opening.per_mille(),
+            gripper_speed_ticks_per_s: speed.0,
+        }
+    }
+
+    pub(super) fn get(&self) -> Result<Move, Refused> {
+        let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
+        let values = self.position_ticks.into_iter().zip(self.speed_ticks_per_s);
+        for (index, (joint, (position, speed))) in joints.iter_mut().zip(values).enumerate() {
+            let at = Refused::at(index);
+            *joint = (Position::new(position).map_err(&at)?, Speed::new(speed).map_err(&at)?);
+        }
+        let opening = Opening::new(self.opening_per_mille).map_err(Refused::only)?;
+        Ok(Move {
+            joints,
+            gripper: (opening, GripperSpeed(self.gripper_speed_ticks_per_s)),
+        })
+    }
+}
+
+/// What the host says.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireLingRequestKind {
+    /// None.
+    None = 0,
+    /// Serial number and versions (section 2.1).
+    ReadInfo,
+    /// Makes the present pose the zero position, and switches the torque off (section 2.2). Not answered.
+    SetZero,
+    /// Tells the arm which gripper it has (section 2.3). Not answered. [`stroke_mm`]
+    SetStroke,
+    /// Which gripper the arm thinks it has (section 2.3).
+    ReadStroke,
+    /// Switches the torque (section 2.4). Not answered. [`torque_on`]
+    SetTorque,
+    /// Joint positions, gripper and motion status (section 2.5).
+    ReadJoints,
+    /// Servo temperatures (section 2.5).
+    ReadTemperatures,
+    /// Sets the temperature at which the arm protects itself (section 2.5). Not answered. [`temperature_limit_celsius`]
+    SetTemperatureLimit,
+    /// Servo velocities (section 2.5).
+    ReadVelocities,
+    /// Moves the joints and the gripper (section 2.5). Not answered. [`target`]
+    Move,
+    /// Checks every servo (section 2.6).
+    SelfCheck,
+}
+
+/// A request, as a device has received it. Members that its kind does not set are 0.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireLingRequest {
+    /// What it is: an `ArmwireLingRequestKind`.
+    pub kind: u32,
+    /// Stroke of the gripper: 50, 75 or 100.
+    pub stroke_mm: u8,
+    /// Whether the servos are to hold their positions: 0 or 1.
+    pub torque_on: u8,
+    /// The temperature at which the arm is to protect itself.
+    pub temperature_limit_celsius: u8,
+    /// Where to move.
+    pub target: ArmwireLingMove,
+}
+
+impl ArmwireLingRequest {
+    /// Becomes this request.
+    pub(super) fn set(&mut self, request: Option<Request>) {
+        *self = Self {
+            kind: 0,
+            stroke_mm: 0,
+            torque_on: 0,
+            temperature_limit_celsius: 0,
+            target: ArmwireLingMove::NONE,
+        };
+        let kind = match request {
+            Some(Request::ReadInfo) => ArmwireLingRequestKind::ReadInfo,
+            Some(Request::SetZero) => ArmwireLingRequestKind::SetZero,
+            Some(Request::SetStroke(stroke)) => {
+                self.stroke_mm = stroke.millimetres();
+                ArmwireLingRequestKind::SetStroke
+            }
+            Some(Request::ReadStroke) => ArmwireLingRequestKind::ReadStroke,
+            Some(Request::SetTorque(torque)) => {
+                self.torque_on = (torque == Torque::On).into();
+                ArmwireLingRequestKind::SetTorque
+            }
+            Some(Request::ReadJoints) => ArmwireLingRequestKind::ReadJoints,
+            Some(Request::ReadTemperatures) => ArmwireLingRequestKind::ReadTemperatures,
+            Some(Request::SetTemperatureLimit(limit)) => {
+                self.temperature_limit_celsius = limit.celsius();
+                ArmwireLingRequestKind::SetTemperatureLimit
+            }
+            Some(Request::ReadVelocities) => ArmwireLingRequestKind::ReadVelocities,
+            Some(Request::Move(target)) => {
+                self.target = ArmwireLingMove::of(&target);
+                ArmwireLingRequestKind::Move
+            }
+            Some(Request::SelfCheck) => ArmwireLingRequestKind::SelfCheck,
+            None | Some(_) => ArmwireLingRequestKind::None,
+        };
+        self.kind = kind as u32;
+    }
+}
+
+/// What the arm says.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArmwireLingResponseKind {
+    /// None.
+    None = 0,
+    /// Who the arm is. [`serial_number`, `hardware_version`, `firmware_version`]
+    Info,
+    /// The gripper that the arm thinks it has. [`stroke_mm`]
+    Stroke,
+    /// Where the arm is. [`position_ticks`, `opening_per_mille`, `motion_status`]
+    Joints,
+    /// Servo temperatures. [`servos`, `temperature_celsius`]
+    Temperatures,
+    /// Servo velocities. [`servos`, `velocity_ticks_per_s`]
+    Velocities,
+    /// The outcome of a self-check. [`normal_servos`]
+    SelfCheck,
+}
+
+/// A response, as a client has received it or a device sends it. Members that its kind does not set are 0.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ArmwireLingResponse {
+    /// What it is: an `ArmwireLingResponseKind`.
+    pub kind: u32,
+    /// Serial number, ASCII, NUL behind it if it is shorter. `armwire_printable` makes text of it.
+    pub serial_number: [u8; 16],
+    /// Hardware version: 610 is 6.10.
+    pub hardware_version: u32,
+    /// Firmware version: 610 is 6.10.
+    pub firmware_version: u32,
+    /// Positions of joints 1 to 6, as sent: 4096 ticks a turn, 2048 at the centre.
+    pub position_ticks: [u16; ARMWIRE_LING_JOINTS],
+    /// Opening of the gripper, as sent: 0 (closed) to 1000 (open), but arms have sent more.
+    pub opening_per_mille: u16,
+    /// What the arm is doing: 0x00 idle, 0x01 locked, 0x10 following, 0x11 following and locked, 0xE1 overheating, 0xE2
+    /// stopped by heat.
+    pub motion_status: u8,
+    /// Stroke of the gripper: 50, 75 or 100.
+    pub stroke_mm: u8,
+    /// The number of servos: 6 (leader) or 10 (follower).
+    pub servos: u8,
+    /// Temperatures, servo 1 first.
+    pub temperature_celsius: [u8; ARMWIRE_LING_MAX_SERVOS],
+    /// Velocities, servo 1 first, unsigned.
+    pub velocity_ticks_per_s: [u16; ARMWIRE_LING_MAX_SERVOS],
+    /// One bit a servo, servo 1 lowest: 1 is normal.
+    pub normal_servos: u16,
+}
+
+/// Copies readings to the front of an array, and returns their number.
+fn put<T: Copy>(to: &mut [T], readings: &[T]) -> u8 {
+    for (to, reading) in to.iter_mut().zip(readings) {
+        *to = *reading;
+    }
+    readings.len() as u8
+}
+
+/// The stroke of this many millimetres.
+pub(super) fn stroke(millimetres: u8) -> Result<Stroke, Refused> {
+    let strokes = [Stroke::Mm50, Stroke::Mm75, Stroke::Mm100];
+    let known = strokes.into_iter().find(|stroke| stroke.millimetres() == millimetres);
+    let error = OutOfRange::new("gripper stroke (50, 75 or 100)", "mm", millimetres, 50, 100);
+    known.ok_or(Refused::only(error))
+}
+
+/// The torque switched off (0) or on (1).
+pub(super) fn torque(on: u8) -> Result<Torque, Refused> {
+    match on {
+        0 => Ok(Torque::Off),
+        1 => Ok(Torque::On),
+        _ => Err(Refused::only(OutOfRange::new("torque switch", "", on, 0, 1))),
+    }
+}
+
+/// A limit in °C.
+pub(super) fn temperature_limit(celsius: u8) -> Result<TemperatureLimit, Refused> {
+    TemperatureLimit::new(celsius).map_err(Refused::only)
+}
+
+impl ArmwireLingResponse {
+    /// Becomes this response.
+    pub(super) fn set(&mut self, response: Option<Response>) {
+        *self = Self {
+            kind: 0,
+            serial_number: [0; 16],
+            hardware_version: 0,
+            firmware_version: 0,
+            position_ticks: [0; ARMWIRE_LING_JOINTS],
+            opening_per_mille: 0,
+            motion_status: 0,
+            stroke_mm: 0,
+            servos: 0,
+            temperature_celsius: [0; ARMWIRE_LING_MAX_SERVOS],
+            velocity_ticks_per_s: [0; ARMWIRE_LING_MAX_SERVOS],
+            normal_servos: 0,
+        };
+        let kind = match response {
+            Some(Response::Info(info)) => {
+                self.serial_number = info.serial.0;
+                (self.hardware_version, self.firmware_version) = (info.hardware.0, info.firmware.0);
+                ArmwireLingResponseKind::Info
+            }
+            Some(Response::Stroke(stroke)) => {
+                self.stroke_mm = stroke.millimetres();
+                ArmwireLingResponseKind::Stroke
+            }
+            Some(Response::Joints(state)) => {
+                self.position_ticks = state.joints;
+                self.opening_per_mille = state.gripper;
+                self.motion_status = state.status.into();
+                ArmwireLingResponseKind::Joints
+            }
+            Some(Response::Temperatures(celsius)) => {
+                self.servos = put(&mut self.temperature_celsius, celsius.as_slice());
+                ArmwireLingResponseKind::Temperatures
+            }
+            Some(Response::Velocities(ticks)) => {
+                self.servos = put(&mut self.velocity_ticks_per_s, ticks.as_slice());
+                ArmwireLingResponseKind::Velocities
+            }
+            Some(Response::SelfCheck(check)) => {
+                self.normal_servos = check.0;
+                ArmwireLingResponseKind::SelfCheck
+            }
+            None | Some(_) => ArmwireLingResponseKind::None,
+        };
+        self.kind = kind as u32;
+    }
+
+    pub(super) fn get(&self) -> Result<Response, Refusal> {
+        let kind = |kind: ArmwireLingResponseKind| self.kind == kind as u32;
+        if kind(ArmwireLingResponseKind::Info) {
+            return Ok(Response::Info(Info {
+                serial: SerialNumber(self.serial_number),
+                hardware: Version(self.hardware_version),
+                firmware: Version(self.firmware_version),
+            }));
+        }
+        if kind(ArmwireLingResponseKind::Stroke) {
+            return Ok(Response::Stroke(stroke(self.stroke_mm)?));
+        }
+        if kind(ArmwireLingResponseKind::Joints) {
+            return Ok(Response::Joints(JointState {
+                joints: self.position_ticks,
+                gripper: self.opening_per_mille,
+                status: self.motion_status.into(),
+            }));
+        }
+        if kind(ArmwireLingResponseKind::Temperatures) {
+            return Ok(Response::Temperatures(self.per_servo(self.temperature_celsius)?));
+        }
+        if kind(ArmwireLingResponseKind::Velocities) {
+            return Ok(Response::Velocities(self.per_servo(self.velocity_ticks_per_s)?));
+        }
+        if kind(ArmwireLingResponseKind::SelfCheck) {
+            return Ok(Response::SelfCheck(SelfCheck(self.normal_servos)));
+        }
+        Err(Refusal::Status(ArmwireStatus::UnknownKind))
+    }
+
+    fn per_servo<T>(&self, readings: [T; ARMWIRE_LING_MAX_SERVOS]) -> Result<PerServo<T>, Refused> {
+        match self.servos {
+            6 => {
+                let [a, b, c, d, e, f, ..] = readings;
+                Ok(PerServo::Leader([a, b, c, d, e, f]))
+            }
+            10 => Ok(PerServo::Follower(readings)),
+            got => {
+                let error = OutOfRange::new("number of servos (6 or 10)", "", got, 6, 10);
+                Err(Refused::only(error))
+            }
+        }
+    }
+}

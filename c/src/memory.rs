@@ -1,0 +1,101 @@
+//! The boundary to C: pointers become references, or an error.
+
+use core::slice;
+
+use crate::status::ArmwireStatus;
+
+/// Memory of C, in which a value lives.
+///
+/// # Safety
+///
+/// It must be `repr(C)`, have no padding, be valid with any bytes in it, and be at least as large and as aligned as a
+/// [`Tagged`] value. [`check`](Memory::CHECK) checks the last two.
+pub(crate) unsafe trait Memory: Sized {
+    /// The value.
+    type Value;
+
+    /// What tells it from all others, and from memory that was not initialized.
+    const TAG: u32;
+
+    /// Fails to compile if the value does not fit.
+    const CHECK: () = assert!(
+        size_of::<Tagged<Self::Value>>() <= size_of::<Self>()
+            && align_of::<Tagged<Self::Value>>() <= align_of::<Self>(),
+        "the value does not fit into its memory"
+    );
+}
+
+/// The first words of the kinds of memory: this and a small number. Not what a program is likely to leave behind.
+const TAGS: u32 = 0xA6E1_5C00;
+
+/// The first word of the memory of this kind.
+pub(crate) const fn tag(kind: u8) -> u32 {
+    TAGS | kind as u32
+}
+
+/// A value, and before it what it is.
+#[repr(C)]
+pub(crate) struct Tagged<T> {
+    tag: u32,
+    value: T,
+}
+
+/// Puts a value into memory that may have anything in it.
+pub(crate) fn init<M: Memory>(memory: Option<&mut M>, value: M::Value) -> Result<(), ArmwireStatus> {
+    const { M::CHECK }
+    let memory: *mut M = memory.ok_or(ArmwireStatus::Null)?;
+    // SAFETY: `CHECK` has seen that the value fits, and the reference is to memory that may be written. What is there
+    // needs no drop: it is nothing, or an earlier value, which owns nothing outside of itself.
+    unsafe { memory.cast::<Tagged<M::Value>>().write(Tagged { tag: M::TAG, value }) };
+    Ok(())
+}
+
+/// The value in memory that [`init`] has filled.
+pub(crate) fn open<M: Memory>(memory: Option<&mut M>) -> Result<&mut M::Value, ArmwireStatus> {
+    const { M::CHECK }
+    let memory: *mut M = memory.ok_or(ArmwireStatus::Null)?;
+    // SAFETY: the reference is to at least this many bytes, aligned, and a `u32` takes any of them.
+    let tag = unsafe { memory.cast::<u32>().read() };
+    if tag == M::TAG {
+        // SAFETY: only `init` writes this tag, with a value of this type behind it. The lifetime is that of `memory`.
+        return Ok(unsafe { &mut (*memory.cast::<Tagged<M::Value>>()).value });
+    }
+    match tag & !0xFF {
+        TAGS => Err(ArmwireStatus::WrongType),
+        _ => Err(ArmwireStatus::NotInitialized),
+    }
+}
+
+/// Writes what a function gives back.
+pub(crate) fn put<T>(to: Option<&mut T>, value: T) -> Result<(), ArmwireStatus> {
+    *to.ok_or(ArmwireStatus::Null)? = value;
+    Ok(())
+}
+
+/// Bytes to read. NULL is good for none.
+///
+/// # Safety
+///
+/// `bytes` is NULL, or has `len` bytes for as long as the result is used.
+pub(crate) unsafe fn bytes<'a>(bytes: *const u8, len: usize) -> Result<&'a [u8], ArmwireStatus> {
+    match (bytes.is_null(), len) {
+        (_, 0) => Ok(&[]),
+        (true, _) => Err(ArmwireStatus::Null),
+        // SAFETY: it is not NULL, and the caller answers for the rest.
+        (false, _) => Ok(unsafe { slice::from_raw_parts(bytes, len.min(isize::MAX as usize)) }),
+    }
+}
+
+/// Room to write to. NULL is good for none.
+///
+/// # Safety
+///
+/// `room` is NULL, or has `len` bytes that nobody else uses for as long as the result is used.
+pub(crate) unsafe fn room<'a>(room: *mut u8, len: usize) -> Result<&'a mut [u8], ArmwireStatus> {
+    match (room.is_null(), len) {
+        (_, 0) => Ok(&mut []),
+        (true, _) => Err(ArmwireStatus::Null),
+        // SAFETY: it is not NULL, and the caller answers for the rest.
+        (false, _) => Ok(unsafe { slice::from_raw_parts_mut(room, len.min(isize::MAX as usize)) }),
+    }
+}

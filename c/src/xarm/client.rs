@@ -1,0 +1,205 @@
+//! The host's side.
+
+use armwire::Config;
+use armwire::xarm::{Joint, MAX_FRAME, Request, XArm};
+
+use super::message::{ArmwireXarmResponse, protocol, raw};
+use crate::client::{self, State};
+use crate::config::ArmwireConfig;
+use crate::event::ArmwireEvent;
+use crate::fault::{ArmwireFault, Refused};
+use crate::memory::{self, Memory};
+use crate::status::ArmwireStatus;
+
+/// Words in the memory of a client.
+pub const ARMWIRE_XARM_CLIENT_WORDS: usize = 136;
+
+/// A client of an xArm: one request at a time. Its memory is yours, what is in it is not.
+#[repr(C)]
+pub struct ArmwireXarmClient {
+    opaque: [u64; ARMWIRE_XARM_CLIENT_WORDS],
+}
+
+// SAFETY: an array of `u64` in a `repr(C)` structure.
+unsafe impl Memory for ArmwireXarmClient {
+    type Value = State<XArm, MAX_FRAME>;
+    const TAG: u32 = memory::tag(5);
+}
+
+/// Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of `armwire_config_tcp`.
+///
+/// Version if header and library differ, OutOfRange if the baud rate is 0.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_init(
+    client: Option<&mut ArmwireXarmClient>,
+    version: u32,
+    config: Option<&ArmwireConfig>,
+) -> ArmwireStatus {
+    client::init(client, version, config, Config::TCP, XArm::PRIVATE).into()
+}
+
+/// The next step. Call it again after every event but WAIT, once bytes arrived or were transmitted, and at the time that WAIT
+/// gives. `now_us` is of a clock that does not go back.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_poll(
+    client: Option<&mut ArmwireXarmClient>,
+    now_us: u64,
+    event: Option<&mut ArmwireEvent>,
+    response: Option<&mut ArmwireXarmResponse>,
+) -> ArmwireStatus {
+    client::poll(client, now_us, event, response, ArmwireXarmResponse::set).into()
+}
+
+/// The line took the first `len` bytes of a TRANSMIT event.
+///
+/// OutOfRange if that is more than what is left: then nothing is taken for transmitted.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_transmitted(
+    client: Option<&mut ArmwireXarmClient>,
+    now_us: u64,
+    len: usize,
+) -> ArmwireStatus {
+    client::transmitted(client, now_us, len)
+}
+
+/// Room to read or DMA into. Say with `received` how many bytes arrived, before any other call. Never empty after a WAIT event.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_space(
+    client: Option<&mut ArmwireXarmClient>,
+    space: Option<&mut *mut u8>,
+    len: Option<&mut usize>,
+) -> ArmwireStatus {
+    client::space(client, space, len).into()
+}
+
+/// The first `len` bytes of `space` arrived.
+///
+/// OutOfRange if that is more than there is room for: then nothing is taken.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_received(
+    client: Option<&mut ArmwireXarmClient>,
+    now_us: u64,
+    len: usize,
+) -> ArmwireStatus {
+    client::received(client, now_us, len)
+}
+
+/// Copies in as much of the bytes that arrived as there is room for, `*taken` of them. Poll until WAIT, then put in the rest.
+///
+/// # Safety
+///
+/// `bytes` is NULL, or has `len` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn armwire_xarm_client_receive(
+    client: Option<&mut ArmwireXarmClient>,
+    now_us: u64,
+    bytes: *const u8,
+    len: usize,
+    taken: Option<&mut usize>,
+) -> ArmwireStatus {
+    // SAFETY: as the caller says.
+    let bytes = unsafe { memory::bytes(bytes, len) };
+    client::receive(client, now_us, bytes, taken).into()
+}
+
+/// The UART reported an idle line. Never call it for a gap between USB packets.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_idle(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
+    client::idle(client)
+}
+
+/// Gives up the request in flight, if there is one. What is left of its bytes is still to be transmitted.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_cancel(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
+    client::cancel(client)
+}
+
+/// What was wrong with the last value or length that was refused.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_fault(
+    client: Option<&mut ArmwireXarmClient>,
+    fault: Option<&mut ArmwireFault>,
+) -> ArmwireStatus {
+    client::fault(client, fault)
+}
+
+/// Sets the protocol id of the requests from now on: 2, as after `init`, or 3.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_set_protocol(
+    client: Option<&mut ArmwireXarmClient>,
+    protocol_id: u16,
+) -> ArmwireStatus {
+    client::change(client, protocol(protocol_id), |arm, protocol| arm.protocol = protocol)
+}
+
+/// Sends a sign of life. Not answered. Busy while another request is in flight, as all requests.
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_heartbeat(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::Heartbeat))
+}
+
+/// Asks for versions (register 1).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_read_version(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::ReadVersion))
+}
+
+/// Asks for serial numbers (register 2).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_read_serials(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::ReadSerials))
+}
+
+/// Reloads the friction parameters (register 4).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_reload_dynamics(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::ReloadDynamics))
+}
+
+/// Asks what is reported as torque (register 5).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_read_torque_source(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::ReadTorqueSource))
+}
+
+/// Asks for the radius of rotation of a joint, 1 to 7, relative to the tool (register 6).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_read_rotation_radius(
+    client: Option<&mut ArmwireXarmClient>,
+    joint: u8,
+) -> ArmwireStatus {
+    let joint = Joint::new(joint).map_err(Refused::only);
+    client::submit(client, joint.map(Request::ReadRotationRadius))
+}
+
+/// Shuts the arm's operating system down (register 10).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_shutdown(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::Shutdown))
+}
+
+/// Restarts the arm's operating system (register 10).
+#[unsafe(no_mangle)]
+pub extern "C" fn armwire_xarm_client_reboot(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
+    client::submit(client, Ok(Request::Reboot))
+}
+
+/// Sends any other register with up to 252 bytes of parameters: 16-bit numbers big-endian, 32-bit ones little-endian. The answer
+/// is waited for 10 s.
+///
+/// # Safety
+///
+/// `params` is NULL, or has `len` bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn armwire_xarm_client_raw(
+    client: Option<&mut ArmwireXarmClient>,
+    reg: u8,
+    params: *const u8,
+    len: usize,
+) -> ArmwireStatus {
+    // SAFETY: as the caller says.
+    match unsafe { memory::bytes(params, len) } {
+        Ok(params) => client::submit(client, raw(reg, params).map(Request::Raw)),
+        Err(status) => status,
+    }
+}

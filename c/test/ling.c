@@ -1,0 +1,120 @@
+/* Every request of a Ling client against a virtual arm: ling PATH, or ling PATH ROUNDS if there are faults on the line. */
+#include "harness.h"
+
+DEFINE_CALL(ling, Ling)
+
+typedef ArmwireStatus Read(ArmwireLingClient *client);
+
+static ArmwireLingClient arm;
+static Port port;
+static Others others;
+
+static ArmwireLingResponse answer(Read *read, uint32_t kind)
+{
+    ArmwireLingResponse response;
+    CHECK_OK(read(&arm));
+    CHECK(ling_call(&arm, &port, &response, &others).kind == ARMWIRE_EVENT_KIND_ANSWER);
+    CHECK(response.kind == kind);
+    return response;
+}
+
+static void sent(ArmwireStatus status)
+{
+    ArmwireLingResponse response;
+    CHECK(status == ARMWIRE_STATUS_OK);
+    CHECK(ling_call(&arm, &port, &response, &others).kind == ARMWIRE_EVENT_KIND_SENT);
+    CHECK(response.kind == ARMWIRE_LING_RESPONSE_KIND_NONE);
+}
+
+static void every_request_is_answered_or_sent(void)
+{
+    ArmwireLingResponse info = answer(armwire_ling_client_read_info, ARMWIRE_LING_RESPONSE_KIND_INFO);
+    char serial[65];
+    CHECK(armwire_printable(info.serial_number, sizeof info.serial_number, serial, sizeof serial) == 16);
+    CHECK(strcmp(serial, "ADFS251205123456") == 0);
+    CHECK(info.firmware_version >= 610 && info.hardware_version > 0);
+
+    sent(armwire_ling_client_set_stroke(&arm, 75));
+    CHECK(answer(armwire_ling_client_read_stroke, ARMWIRE_LING_RESPONSE_KIND_STROKE).stroke_mm == 75);
+    sent(armwire_ling_client_set_temperature_limit(&arm, 80));
+    sent(armwire_ling_client_set_torque(&arm, 1));
+
+    const ArmwireLingMove target = {{2148, 1948, 2248, 2048, 2000, 2100}, {5000, 5000, 5000, 5000, 5000, 5000}, 250, 5500};
+    sent(armwire_ling_client_move(&arm, &target));
+    uint64_t deadline_us = now_us() + 10000000u;
+    ArmwireLingResponse joints;
+    do {
+        joints = answer(armwire_ling_client_read_joints, ARMWIRE_LING_RESPONSE_KIND_JOINTS);
+        CHECK(now_us() < deadline_us);
+    } while (memcmp(joints.position_ticks, target.position_ticks, sizeof joints.position_ticks) != 0 ||
+             joints.opening_per_mille != target.opening_per_mille);
+
+    ArmwireLingResponse warm = answer(armwire_ling_client_read_temperatures, ARMWIRE_LING_RESPONSE_KIND_TEMPERATURES);
+    CHECK(warm.servos == 10 && warm.temperature_celsius[9] > 0);
+    CHECK(answer(armwire_ling_client_read_velocities, ARMWIRE_LING_RESPONSE_KIND_VELOCITIES).servos == 10);
+    CHECK(answer(armwire_ling_client_self_check, ARMWIRE_LING_RESPONSE_KIND_SELF_CHECK).normal_servos == 0x3FF);
+    sent(armwire_ling_client_set_torque(&arm, 0));
+    sent(armwire_ling_client_set_zero(&arm));
+    joints = answer(armwire_ling_client_read_joints, ARMWIRE_LING_RESPONSE_KIND_JOINTS);
+    for (size_t joint = 0; joint < ARMWIRE_LING_JOINTS; joint++) {
+        CHECK(joints.position_ticks[joint] == 2048);
+    }
+    CHECK(others.noise + others.late + others.unsolicited + others.echo + others.unknown == 0);
+}
+
+/* Every request ends once, and no answer is taken for that to another request. */
+static void requests_end_whatever_the_line_does(unsigned rounds)
+{
+    static Read *const reads[] = {armwire_ling_client_read_info,         armwire_ling_client_read_stroke,
+                                  armwire_ling_client_read_joints,       armwire_ling_client_read_temperatures,
+                                  armwire_ling_client_read_velocities,   armwire_ling_client_self_check};
+    static const uint32_t kinds[] = {ARMWIRE_LING_RESPONSE_KIND_INFO,       ARMWIRE_LING_RESPONSE_KIND_STROKE,
+                                     ARMWIRE_LING_RESPONSE_KIND_JOINTS,     ARMWIRE_LING_RESPONSE_KIND_TEMPERATURES,
+                                     ARMWIRE_LING_RESPONSE_KIND_VELOCITIES, ARMWIRE_LING_RESPONSE_KIND_SELF_CHECK};
+    const ArmwireLingMove home = {{2048, 2048, 2048, 2048, 2048, 2048}, {500, 500, 500, 500, 500, 500}, 500, 1000};
+    unsigned answers = 0, timeouts = 0, unacceptable = 0;
+    for (unsigned round = 0; round < rounds; round++) {
+        sent(armwire_ling_client_set_torque(&arm, 1));
+        sent(armwire_ling_client_move(&arm, &home));
+        for (size_t read = 0; read < sizeof reads / sizeof *reads; read++) {
+            ArmwireLingResponse response;
+            CHECK_OK(reads[read](&arm));
+            CHECK(reads[read](&arm) == ARMWIRE_STATUS_BUSY);
+            ArmwireEvent event = ling_call(&arm, &port, &response, &others);
+            if (event.kind == ARMWIRE_EVENT_KIND_ANSWER) {
+                CHECK(response.kind == kinds[read]);
+                answers++;
+            } else if (event.kind == ARMWIRE_EVENT_KIND_TIMED_OUT) {
+                CHECK(event.sends == 3);
+                timeouts++;
+            } else {
+                CHECK(event.kind == ARMWIRE_EVENT_KIND_UNACCEPTABLE && event.fault.code != ARMWIRE_FAULT_CODE_NONE);
+                unacceptable++;
+            }
+        }
+    }
+    printf("%u answers, %u time-outs, %u unacceptable; %u bytes of noise, %u late, %u unsolicited, %u echoes, %u unknown\n",
+           answers, timeouts, unacceptable, others.noise, others.late, others.unsolicited, others.echo, others.unknown);
+    CHECK(answers + timeouts + unacceptable == 6 * rounds);
+    CHECK(answers > 5 * rounds && others.noise > 0);
+}
+
+int main(int argc, char **argv)
+{
+    CHECK(argc == 2 || argc == 3);
+    port = port_open(argv[1]);
+    ArmwireConfig config;
+    CHECK_OK(armwire_config_serial(&config));
+    config.latency_us = argc == 2 ? 2000000 : 30000;
+    CHECK_OK(armwire_ling_client_init(&arm, ARMWIRE_VERSION, &config));
+    if (argc == 2) {
+        every_request_is_answered_or_sent();
+        port.write_most = 3;
+        every_request_is_answered_or_sent();
+    } else {
+        requests_end_whatever_the_line_does((unsigned)strtoul(argv[2], NULL, 10));
+    }
+    port_close(&port, 300);
+    printf("%llu bytes in, %llu out\n", (unsigned long long)port.out, (unsigned long long)port.in);
+    return 0;
+}
