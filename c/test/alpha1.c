@@ -1,4 +1,4 @@
-/* Every request of an Alpha1 client against a virtual robot and virtual servos: alpha1 ROBOT SERVOS [ROUNDS]. */
+/* Every request of an Alpha1 client against a virtual robot and virtual servos: alpha1 ARMWIRE, the command. */
 #include "harness.h"
 
 DEFINE_CALL(alpha1, Alpha1)
@@ -134,24 +134,29 @@ static void requests_end_whatever_the_line_does(unsigned rounds, bool servos)
 
 int main(int argc, char **argv)
 {
-    CHECK(argc == 3 || argc == 4);
+    static const char *const sims[] = {"alpha1", "alpha1-servo"};
     ArmwireConfig config;
+    CHECK(argc == 2);
     CHECK_OK(armwire_config_serial(&config));
     config.baud = 115200;
-    config.latency_us = argc == 3 ? 2000000 : 30000;
-    for (int at = 1; at < 3; at++) {
-        port = port_open(argv[at]);
-        memset(&others, 0, sizeof others);
+    for (unsigned servos = 0; servos < 2; servos++) {
+        const char *const good[] = {sims[servos], NULL}, *const bad[] = {sims[servos], "--faults", "2000", NULL};
+        config.latency_us = 2000000;
         CHECK_OK(armwire_alpha1_client_init(&client, ARMWIRE_VERSION, &config));
-        if (argc == 4) {
-            requests_end_whatever_the_line_does((unsigned)strtoul(argv[3], NULL, 10), at == 2);
-        } else if (at == 1) {
+        port = port_open(argv[1], good);
+        if (servos == 0) {
             every_request_to_the_robot_is_answered();
         } else {
             every_request_to_a_servo_is_answered();
         }
-        port_close(&port, 300);
-        printf("%llu bytes in, %llu out\n", (unsigned long long)port.out, (unsigned long long)port.in);
+        port_close(&port);
+
+        config.latency_us = 30000;
+        CHECK_OK(armwire_alpha1_client_init(&client, ARMWIRE_VERSION, &config));
+        port = port_open(argv[1], bad);
+        requests_end_whatever_the_line_does(20, servos == 1);
+        port_close(&port);
+        memset(&others, 0, sizeof others);
     }
     return 0;
 }

@@ -8,7 +8,9 @@
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
+#include <signal.h>
 #include <sys/socket.h>
+#include <sys/wait.h>
 #include <termios.h>
 #include <time.h>
 #include <unistd.h>
@@ -57,19 +59,84 @@ static int open_serial(const char *path)
     return fd;
 }
 
-Port port_open(const char *name)
+void arm_name(const Port *port, char *name, size_t size)
 {
+    /* NAME is at PORT; ... or NAME is at PORT, ... */
+    const char *at = strstr(port->last, " is at ");
+    CHECK(at != NULL);
+    at += strlen(" is at ");
+    size_t len = strcspn(at, ";,");
+    CHECK(len < size);
+    memcpy(name, at, len);
+    name[len] = '\0';
+}
+
+static int connect_to(const Port *port)
+{
+    char name[300];
+    arm_name(port, name, sizeof name);
     const char *colon = strchr(name, ':');
-    Port port = {colon != NULL ? open_tcp(name, colon) : open_serial(name), SIZE_MAX, 0, 0};
+    return colon != NULL ? open_tcp(name, colon) : open_serial(name);
+}
+
+Port arm_start(const char *armwire, const char *const *words)
+{
+    const char *argv[16] = {armwire, "sim"};
+    for (size_t i = 0; words[i] != NULL; i++) {
+        CHECK(i + 3 < sizeof argv / sizeof *argv);
+        argv[i + 2] = words[i];
+    }
+    int ends[2];
+    CHECK(pipe(ends) == 0);
+    int process = fork();
+    CHECK(process >= 0);
+    if (process == 0) {
+        dup2(ends[1], STDOUT_FILENO);
+        close(ends[0]);
+        close(ends[1]);
+        execv(armwire, (char *const *)(uintptr_t)argv);
+        _exit(127);
+    }
+    close(ends[1]);
+    Port port = {-1, SIZE_MAX, 0, 0, process, fdopen(ends[0], "r"), ""};
+    CHECK(port.says != NULL && fgets(port.last, sizeof port.last, port.says) != NULL);
     return port;
 }
 
-void port_close(Port *port, unsigned silence_ms)
+void arm_end(Port *port)
+{
+    unsigned long long in, out, lost;
+    int status;
+    CHECK(kill(port->process, SIGINT) == 0);
+    CHECK(fgets(port->last, sizeof port->last, port->says) != NULL);
+    CHECK(waitpid(port->process, &status, 0) == port->process && status == 0);
+    fclose(port->says);
+    printf("%s", port->last);
+    if (sscanf(port->last, "%llu bytes in, %llu out, %llu not read", &in, &out, &lost) == 3) {
+        CHECK(in == port->out && out == port->in && lost == 0);
+    }
+}
+
+Port port_open(const char *armwire, const char *const *words)
+{
+    Port port = arm_start(armwire, words);
+    port.fd = connect_to(&port);
+    return port;
+}
+
+void port_reopen(Port *port)
+{
+    CHECK(close(port->fd) == 0);
+    port->fd = connect_to(port);
+}
+
+void port_close(Port *port)
 {
     uint8_t rest[256];
-    while (port_read(port, rest, sizeof rest, now_us() + silence_ms * 1000u) > 0) {
+    while (port_read(port, rest, sizeof rest, now_us() + 300000u) > 0) {
     }
     CHECK(close(port->fd) == 0);
+    arm_end(port);
 }
 
 size_t port_write(Port *port, const uint8_t *bytes, size_t len)

@@ -27,19 +27,31 @@ typedef struct Random {
 
 uint32_t random_below(Random *random, uint32_t bound);
 
-/* A line to an arm, and the bytes that went over it. */
+/* A virtual arm in a process of its own, the line to it, and the bytes that went over it. */
 typedef struct Port {
     int fd;
     /* The most bytes of one write: fewer than a frame has, to test what is left of it. */
     size_t write_most;
     uint64_t out;
     uint64_t in;
+    int process;
+    FILE *says;
+    /* What the arm said last. */
+    char last[300];
 } Port;
 
-/* A serial port or pseudo-terminal by its path, or a TCP connection by ADDRESS:PORT. */
-Port port_open(const char *name);
-/* Takes what has arrived, which nobody waits for, until the line has been silent for this long, and closes the port. */
-void port_close(Port *port, unsigned silence_ms);
+/* Starts `armwire sim` with these words, up to a NULL. `last` says where the arm is. */
+Port arm_start(const char *armwire, const char *const *words);
+/* Ends the arm, and on a serial line checks that both count the same bytes. */
+void arm_end(Port *port);
+/* Writes the name of the arm's port. */
+void arm_name(const Port *port, char *name, size_t size);
+/* Starts an arm and connects to it. */
+Port port_open(const char *armwire, const char *const *words);
+/* Another connection to the same arm, after it has closed the first one. */
+void port_reopen(Port *port);
+/* Takes what is still on its way, and ends the arm. */
+void port_close(Port *port);
 size_t port_write(Port *port, const uint8_t *bytes, size_t len);
 /* Waits for bytes until this time, and returns how many came: 0 if none did. */
 size_t port_read(Port *port, uint8_t *room, size_t len, uint64_t until_us);

@@ -1,4 +1,4 @@
-/* Every request of a Ling client against a virtual arm: ling PATH, or ling PATH ROUNDS if there are faults on the line. */
+/* Every request of a Ling client against a virtual arm: ling ARMWIRE, the command. */
 #include "harness.h"
 
 DEFINE_CALL(ling, Ling)
@@ -101,20 +101,22 @@ static void requests_end_whatever_the_line_does(unsigned rounds)
 
 int main(int argc, char **argv)
 {
-    CHECK(argc == 2 || argc == 3);
-    port = port_open(argv[1]);
+    static const char *const good[] = {"ling", NULL}, *const bad[] = {"ling", "--faults", "2000", NULL};
     ArmwireConfig config;
+    CHECK(argc == 2);
     CHECK_OK(armwire_config_serial(&config));
-    config.latency_us = argc == 2 ? 2000000 : 30000;
+    config.latency_us = 2000000;
     CHECK_OK(armwire_ling_client_init(&arm, ARMWIRE_VERSION, &config));
-    if (argc == 2) {
-        every_request_is_answered_or_sent();
-        port.write_most = 3;
-        every_request_is_answered_or_sent();
-    } else {
-        requests_end_whatever_the_line_does((unsigned)strtoul(argv[2], NULL, 10));
-    }
-    port_close(&port, 300);
-    printf("%llu bytes in, %llu out\n", (unsigned long long)port.out, (unsigned long long)port.in);
+    port = port_open(argv[1], good);
+    every_request_is_answered_or_sent();
+    port.write_most = 3;
+    every_request_is_answered_or_sent();
+    port_close(&port);
+
+    config.latency_us = 30000;
+    CHECK_OK(armwire_ling_client_init(&arm, ARMWIRE_VERSION, &config));
+    port = port_open(argv[1], bad);
+    requests_end_whatever_the_line_does(20);
+    port_close(&port);
     return 0;
 }

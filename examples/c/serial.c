@@ -1,0 +1,101 @@
+/* Reads and moves a Ling arm on a POSIX serial port: serial /dev/ttyUSB0 */
+#define _DEFAULT_SOURCE
+#include <armwire.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <termios.h>
+#include <time.h>
+#include <unistd.h>
+
+static int port;
+static ArmwireLingClient arm;
+
+static uint64_t now_us(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;
+}
+
+/* Waits until the line gives bytes or this time is reached, and puts the bytes in. */
+static void wait(uint64_t until_us)
+{
+    uint64_t now = now_us();
+    struct pollfd events = {port, POLLIN, 0};
+    uint8_t *space;
+    size_t len;
+    if (poll(&events, 1, until_us > now ? (int)((until_us - now) / 1000u + 1u) : 0) <= 0) {
+        return;
+    }
+    armwire_ling_client_space(&arm, &space, &len);
+    ssize_t got = read(port, space, len);
+    if (got <= 0) {
+        perror("read");
+        exit(1);
+    }
+    armwire_ling_client_received(&arm, now_us(), (size_t)got);
+}
+
+/* Carries a request out, which must be accepted, and returns its answer; of kind NONE for one that is not answered. */
+static ArmwireLingResponse call(ArmwireStatus status)
+{
+    ArmwireEvent event;
+    ArmwireLingResponse response;
+    char text[128];
+    while (status == ARMWIRE_STATUS_OK) {
+        armwire_ling_client_poll(&arm, now_us(), &event, &response);
+        switch (event.kind) {
+        case ARMWIRE_EVENT_KIND_TRANSMIT: {
+            ssize_t sent = write(port, event.bytes, event.len);
+            status = armwire_ling_client_transmitted(&arm, now_us(), sent > 0 ? (size_t)sent : 0);
+            break;
+        }
+        case ARMWIRE_EVENT_KIND_WAIT: wait(event.until_us); break;
+        case ARMWIRE_EVENT_KIND_ANSWER:
+        case ARMWIRE_EVENT_KIND_SENT: return response;
+        case ARMWIRE_EVENT_KIND_TIMED_OUT: fprintf(stderr, "no answer\n"); exit(1);
+        default: /* Noise and the like. UNACCEPTABLE ends the request, too. */
+            armwire_fault_text(&event.fault, text, sizeof text);
+            fprintf(stderr, "on the line: %s\n", text);
+            if (event.kind == ARMWIRE_EVENT_KIND_UNACCEPTABLE) exit(1);
+        }
+    }
+    ArmwireFault fault;
+    armwire_ling_client_fault(&arm, &fault);
+    armwire_fault_text(&fault, text, sizeof text);
+    fprintf(stderr, "%s: %s\n", armwire_status_text(status), text);
+    exit(1);
+}
+
+int main(int argc, char **argv)
+{
+    struct termios settings;
+    if (argc != 2 || (port = open(argv[1], O_RDWR | O_NOCTTY)) < 0 || tcgetattr(port, &settings) != 0) {
+        perror(argc == 2 ? argv[1] : "usage: serial PORT");
+        return 1;
+    }
+    cfmakeraw(&settings);
+    cfsetspeed(&settings, B1000000);
+    tcsetattr(port, TCSANOW, &settings);
+    if (armwire_ling_client_init(&arm, ARMWIRE_VERSION, NULL) != ARMWIRE_STATUS_OK) {
+        return 1;
+    }
+
+    char serial[65];
+    ArmwireLingResponse info = call(armwire_ling_client_read_info(&arm));
+    armwire_printable(info.serial_number, sizeof info.serial_number, serial, sizeof serial);
+    printf("arm %s, firmware %u.%02u\n", serial, (unsigned)info.firmware_version / 100, (unsigned)info.firmware_version % 100);
+
+    ArmwireLingMove home = {{2048, 2048, 2048, 2048, 2048, 2048}, {1000, 1000, 1000, 1000, 1000, 1000}, 500, 1000};
+    call(armwire_ling_client_set_torque(&arm, 1));
+    call(armwire_ling_client_move(&arm, &home));
+    ArmwireLingResponse joints = call(armwire_ling_client_read_joints(&arm));
+    printf("joints");
+    for (int joint = 0; joint < ARMWIRE_LING_JOINTS; joint++) {
+        printf(" %u", joints.position_ticks[joint]);
+    }
+    printf(" ticks, gripper %u per mille\n", joints.opening_per_mille);
+    return 0;
+}
