@@ -71,6 +71,7 @@ where
 }
 
 /// Changes what the next requests are like, or remembers what is wrong with that.
+#[cfg(feature = "xarm")]
 pub(crate) fn change<S, M: Messages, const N: usize, T>(
     memory: Option<&mut S>,
     value: Result<T, Refused>,
