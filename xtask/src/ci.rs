@@ -12,7 +12,9 @@ use crate::process::{self, shown};
 use crate::steps::Steps;
 use crate::toolchain::Toolchain;
 use crate::workspace::{ALONE, root};
-use crate::{campaign, coverage, deny, features, fuzz, integrity, no_panic, performance, readme, semver, vendor};
+use crate::{
+    c_library, campaign, coverage, deny, features, fuzz, integrity, no_panic, performance, readme, semver, vendor,
+};
 
 /// Everything but the firmware.
 const HOST: &str = "--workspace --exclude armwire-firmware";
@@ -80,6 +82,7 @@ pub(crate) fn run() -> Result<()> {
     ci.step("crates without std", no_std)?;
     ci.step("clippy for the microcontroller", clippy_thumb)?;
     ci.step("no path to a panic", no_panic::run)?;
+    ci.step("C library", || c_library::run_all(&Default::default()))?;
     // From the same seed each time: what is found is the change's doing.
     ci.step("fuzz targets", || fuzz::run(&fuzz::Options::new(FUZZ_SECONDS, 1)))?;
     ci.step("what the fuzz corpus covers", || coverage::run(&Default::default()))?;

@@ -1,6 +1,7 @@
 //! The project's commands, behind the aliases in `.cargo/config.toml`.
 
 mod board;
+mod c_library;
 mod campaign;
 mod cargo;
 mod ci;
@@ -46,6 +47,8 @@ enum Command {
     Runner(flash::Runner),
     /// Run all checks of a change
     Ci,
+    /// Check the C library: header, tests, sizes and packages
+    C(c_library::Options),
     /// Drive virtual arms with CAN software and the vendors' SDKs
     Vendor(vendor::Options),
     /// Inject faults around the firmware image
@@ -88,6 +91,7 @@ impl Command {
             Self::Fw(options) => flash::run(&options),
             Self::Runner(runner) => flash::run_program(&runner),
             Self::Ci => ci::run(),
+            Self::C(options) => c_library::run_all(&options),
             Self::Vendor(options) => vendor::run(&options),
             Self::Campaign(options) => campaign::run(&options),
             Self::Performance(options) => performance::run(&options),

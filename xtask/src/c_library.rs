@@ -1,0 +1,355 @@
+//! `cargo xtask c`: the C library, its header, tests, sizes and packages.
+
+use std::env;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use object::Endianness;
+use object::read::elf::ElfFile32;
+use object::{Object, ObjectSection, ObjectSymbol};
+
+use crate::cargo::{cargo, target_dir};
+use crate::process::{output, run, shown};
+use crate::toolchain::Toolchain;
+use crate::workspace::root;
+
+/// The version of cbindgen: another one may write another header.
+const CBINDGEN: &str = "0.29.4";
+const HEADER: &str = "c/include/armwire.h";
+/// What else is used, and Debian's packages of it.
+const TOOLS: [(&str, &str); 7] = [
+    ("gcc", "gcc"),
+    ("g++", "g++"),
+    ("cmake", "cmake"),
+    ("pkg-config", "pkg-config"),
+    ("arm-none-eabi-gcc", "gcc-arm-none-eabi"),
+    ("riscv64-unknown-elf-gcc", "gcc-riscv64-unknown-elf"),
+    ("qemu-system-arm", "qemu-system-arm"),
+];
+const WARNINGS: &str = "-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror";
+const SANITIZERS: &str = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all";
+/// Calls with any arguments.
+const MISUSES: &str = "1000000";
+
+/// The target whose sizes are printed.
+const SMALLEST: &str = "thumbv6m-none-eabi";
+/// Each target, and the C compiler for it.
+const TARGETS: [(&str, &str); 3] = [
+    (SMALLEST, "arm-none-eabi-gcc -mcpu=cortex-m0plus"),
+    (
+        "thumbv7em-none-eabihf",
+        "arm-none-eabi-gcc -mcpu=cortex-m4 -mfloat-abi=hard -mfpu=fpv4-sp-d16",
+    ),
+    (
+        "riscv32imc-unknown-none-elf",
+        "riscv64-unknown-elf-gcc -march=rv32imc -mabi=ilp32",
+    ),
+];
+/// What a program may contain of the protocols at most, in bytes: the client of Ling alone.
+const LING_LIMIT: u64 = 12 * 1024;
+/// What a panic would lead to.
+const PANIC: &str = "armwire_panicked";
+
+/// What to do with the header.
+#[derive(Args, Default)]
+pub(crate) struct Options {
+    /// Write the header anew instead of comparing it
+    #[arg(long)]
+    write: bool,
+}
+
+/// Checks the header, runs the tests in C, and builds the library for every target and the packages.
+///
+/// # Errors
+///
+/// The first check that fails.
+pub(crate) fn run_all(options: &Options) -> Result<()> {
+    find_tools()?;
+    check_header(options.write)?;
+    if options.write {
+        return Ok(());
+    }
+    compile_header()?;
+    let dir = target_dir()?.join("c-tests");
+    fs::create_dir_all(&dir)?;
+    run(&mut cargo("build --quiet --package armwire-cli"))?;
+    let armwire = target_dir()?.join("debug/armwire");
+    test(&dir, &armwire)?;
+    let toolchain = Toolchain::find(&TARGETS.map(|(target, _)| target))?;
+    for (target, compiler) in TARGETS {
+        check_panics(&dir, toolchain, target, compiler)?;
+    }
+    print_sizes(&dir, toolchain)?;
+    emulate(&dir, toolchain, &armwire)?;
+    package(&dir)
+}
+
+/// The C library's tools are there.
+fn find_tools() -> Result<()> {
+    let missing = TOOLS
+        .iter()
+        .filter(|(tool, _)| output(Command::new(tool).arg("--version")).is_err());
+    let packages: Vec<_> = missing.map(|(_, package)| *package).collect();
+    ensure!(
+        packages.is_empty(),
+        "tools are missing; run `sudo apt-get install --no-install-recommends {}`",
+        packages.join(" ")
+    );
+    let version = output(Command::new("cbindgen").arg("--version"));
+    if version.is_ok_and(|version| version.trim() == format!("cbindgen {CBINDGEN}")) {
+        return Ok(());
+    }
+    let mut install = cargo(&format!("install --locked cbindgen@{CBINDGEN}"));
+    println!("cbindgen {CBINDGEN} is missing: running `{}`", shown(&install));
+    run(&mut install)
+}
+
+/// The header is what cbindgen makes of the crate.
+fn check_header(write: bool) -> Result<()> {
+    let header = root().join(HEADER);
+    let mut cbindgen = Command::new("cbindgen");
+    cbindgen
+        .args(["--quiet", "--config", "c/cbindgen.toml", "--crate", "armwire-c", "c"])
+        .current_dir(root());
+    let text = output(&mut cbindgen)?;
+    if write {
+        fs::write(&header, text)?;
+        return Ok(());
+    }
+    let is_current = fs::read_to_string(&header)? == text;
+    ensure!(is_current, "{HEADER} is not current: run `cargo xtask c --write`");
+    Ok(())
+}
+
+/// C99 and C++17 take the header without a warning.
+fn compile_header() -> Result<()> {
+    let check = |compiler: &str, language: &str, standard: &str| {
+        let mut compile = Command::new(compiler);
+        compile
+            .args(WARNINGS.split(' '))
+            .args(["-fsyntax-only", "-x", language]);
+        run(compile.arg(standard).arg(root().join(HEADER)))
+    };
+    check("gcc", "c", "-std=c99")?;
+    check("g++", "c++", "-std=c++17")
+}
+
+/// The tests in C, with both sides under the sanitizers.
+fn test(dir: &Path, armwire: &Path) -> Result<()> {
+    let library = sanitized()?;
+    for test in ["device", "misuse", "ling", "alpha1", "xarm"] {
+        let mut program = Command::new(compile(dir, test, SANITIZERS, Some(&library))?);
+        match test {
+            "device" => {}
+            "misuse" => drop(program.arg(MISUSES)),
+            _ => drop(program.arg(armwire)),
+        }
+        println!("{test}");
+        run(&mut program)?;
+    }
+    Ok(())
+}
+
+/// Compiles a test and returns the program.
+fn compile(dir: &Path, test: &str, options: &str, library: Option<&Path>) -> Result<PathBuf> {
+    let program = dir.join(test);
+    let mut compile = Command::new("gcc");
+    compile.args(["-std=c99", "-Ic/include"]).args(WARNINGS.split(' '));
+    compile.args(options.split_whitespace());
+    compile
+        .arg(format!("c/test/{test}.c"))
+        .arg("c/test/harness.c")
+        .args(library);
+    run(compile.arg("-o").arg(&program).current_dir(root()))?;
+    Ok(program)
+}
+
+/// The library for this machine, with the address sanitizer in it too. That is an unstable option of the compiler.
+fn sanitized() -> Result<PathBuf> {
+    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let about = output(Command::new(rustc).arg("-vV"))?;
+    let host = about.lines().find_map(|line| line.strip_prefix("host: "));
+    let host = host.context("`rustc -vV` names no host")?;
+    let dir = target_dir()?.join("c-sanitized");
+    let mut build = cargo(&library_command(""));
+    build.args(["--target", host]).env("CARGO_TARGET_DIR", &dir);
+    build
+        .env("RUSTC_BOOTSTRAP", "1")
+        .env("RUSTFLAGS", "-Zsanitizer=address -Zexternal-clangrt");
+    run(&mut build)?;
+    Ok(dir.join(host).join("c/libarmwire_c.a"))
+}
+
+/// The words that make cargo build the static library with these features besides all protocols.
+fn library_command(features: &str) -> String {
+    format!("rustc --quiet --package armwire-c --profile c --crate-type staticlib --features={features}")
+}
+
+/// Builds the library for a microcontroller.
+fn library(toolchain: Toolchain, target: &str, features: &str) -> Result<PathBuf> {
+    run(&mut toolchain.cargo(&library_command(features), target)?)?;
+    Ok(toolchain.target_dir()?.join(target).join("c/libarmwire_c.a"))
+}
+
+/// The functions in the header.
+fn functions() -> Result<Vec<String>> {
+    let header = fs::read_to_string(root().join(HEADER))?;
+    let mut functions = Vec::new();
+    for line in header.lines().filter(|line| !line.starts_with(' ')) {
+        let Some((before, _)) = line.split_once('(') else {
+            continue;
+        };
+        let name = before.rsplit([' ', '*']).next().unwrap_or_default();
+        if name.starts_with("armwire_") {
+            functions.push(name.to_owned());
+        }
+    }
+    ensure!(functions.len() > 80, "{HEADER} has {} functions", functions.len());
+    Ok(functions)
+}
+
+/// A program that calls these functions and nothing else.
+struct Linked {
+    file: Vec<u8>,
+}
+
+impl Linked {
+    fn new(dir: &Path, compiler: &str, library: &Path, functions: &[&str]) -> Result<Self> {
+        let program = dir.join("linked.elf");
+        let mut words = compiler.split(' ');
+        let mut link = Command::new(words.next().unwrap_or_default());
+        link.args(words).args(["-nostdlib", "-Wl,--gc-sections", "-Wl,-e,0"]);
+        link.args(functions.iter().map(|function| format!("-Wl,-u,{function}")));
+        run(link.arg(library).arg("-o").arg(&program))?;
+        let file = fs::read(program)?;
+        Ok(Self { file })
+    }
+
+    fn elf(&self) -> Result<ElfFile32<'_, Endianness>> {
+        Ok(ElfFile32::parse(&*self.file)?)
+    }
+
+    fn contains(&self, symbol: &str) -> Result<bool> {
+        Ok(self.elf()?.symbols().any(|found| found.name() == Ok(symbol)))
+    }
+
+    /// Bytes of code and tables: all, and of them what a C library has too, memory functions and divisions.
+    fn size(&self) -> Result<(u64, u64)> {
+        let elf = self.elf()?;
+        let is_flash = |name: &str| [".text", ".rodata", ".data", ".ARM.exidx"].contains(&name);
+        let sections = elf.sections().filter(|section| section.name().is_ok_and(is_flash));
+        let all = sections.map(|section| section.size()).sum();
+        let is_common =
+            |name: &str| name.contains("compiler_builtins") || name.starts_with("__aeabi") || name.starts_with("mem");
+        let mut common: Vec<_> = elf
+            .symbols()
+            .filter(|symbol| symbol.name().is_ok_and(is_common))
+            .collect();
+        // One function may have several names.
+        common.sort_by_key(|symbol| symbol.address());
+        common.dedup_by_key(|symbol| symbol.address());
+        Ok((all, common.iter().map(|symbol| symbol.size()).sum()))
+    }
+}
+
+/// No function leads to a panic; and with a path to one put in, that is seen.
+fn check_panics(dir: &Path, toolchain: Toolchain, target: &str, compiler: &str) -> Result<()> {
+    let functions = functions()?;
+    let mut names: Vec<_> = functions.iter().map(|name| &**name).collect();
+    let good = Linked::new(dir, compiler, &library(toolchain, target, "")?, &names)?;
+    ensure!(
+        !good.contains(PANIC)?,
+        "{target}: a path to a panic is left in the library"
+    );
+    names.push("armwire_prove_panic");
+    let bad = Linked::new(dir, compiler, &library(toolchain, target, "prove-panic")?, &names)?;
+    ensure!(
+        bad.contains(PANIC)?,
+        "{target}: the path to a panic that was put in is not seen"
+    );
+    println!(
+        "{target}: no path to a panic in {} functions; with one put in, it is found",
+        functions.len()
+    );
+    Ok(())
+}
+
+/// What a program contains of each protocol, and that Ling's client keeps its limit.
+fn print_sizes(dir: &Path, toolchain: Toolchain) -> Result<()> {
+    let (target, compiler) = TARGETS[0];
+    let (library, functions) = (library(toolchain, target, "")?, functions()?);
+    println!("bytes on a Cortex-M0+, and besides what a C library has too (memcpy, division):");
+    for protocol in ["ling", "alpha1", "xarm"] {
+        for side in ["client", "device"] {
+            let prefix = format!("armwire_{protocol}_{side}_");
+            // A program has one way to put bytes in, and may do without these.
+            let spare = ["receive", "idle", "cancel", "fault"].map(|name| format!("{prefix}{name}"));
+            let names = functions
+                .iter()
+                .filter(|name| name.starts_with(&prefix) && !spare.contains(name));
+            let names: Vec<_> = names.map(|name| &**name).collect();
+            let (all, common) = Linked::new(dir, compiler, &library, &names)?.size()?;
+            let own = all - common;
+            println!(
+                "  {protocol:6} {side}, {:2} functions: {own:5} and {common}",
+                names.len()
+            );
+            if (protocol, side) == ("ling", "client") {
+                ensure!(own <= LING_LIMIT, "that is over {LING_LIMIT} bytes");
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The example for a Cortex-M runs in QEMU, on a UART to a virtual arm.
+fn emulate(dir: &Path, toolchain: Toolchain, armwire: &Path) -> Result<()> {
+    let program = dir.join("cortex-m.elf");
+    let mut compile_example = Command::new("arm-none-eabi-gcc");
+    compile_example
+        .args("-std=c99 -Wall -Wextra -Wconversion -Werror -Os -mcpu=cortex-m3 -ffreestanding -nostdlib".split(' '))
+        .args("-ffunction-sections -Wl,--gc-sections -Wl,-z,noexecstack -I../../../c/include -Tlink.ld".split(' '))
+        .args(["main.c", "start.c"])
+        .arg(library(toolchain, SMALLEST, "")?)
+        .args(["-lgcc", "-o"])
+        .arg(&program)
+        .current_dir(root().join("examples/c/cortex-m"));
+    run(&mut compile_example)?;
+    let test = compile(dir, "cortex_m", "", None)?;
+    run(Command::new(test).arg(armwire).arg("qemu-system-arm").arg(program))
+}
+
+/// The CMake package is built, installed, and found by CMake and by pkg-config.
+fn package(dir: &Path) -> Result<()> {
+    let (build, prefix, found) = (dir.join("build"), dir.join("prefix"), dir.join("found"));
+    let cmake = |source: &str, build: &Path, prefix: &Path| {
+        let mut configure = Command::new("cmake");
+        configure.arg("-S").arg(root().join(source)).arg("-B").arg(build);
+        configure.arg(format!("-DCMAKE_INSTALL_PREFIX={}", prefix.display()));
+        run(configure.arg(format!("-DCMAKE_PREFIX_PATH={}", prefix.display())))?;
+        run(Command::new("cmake").arg("--build").arg(build))
+    };
+    cmake("c", &build, &prefix)?;
+    run(Command::new("cmake").arg("--install").arg(&build))?;
+    cmake("examples/c", &found, &prefix)?;
+
+    let mut pkg_config = Command::new("pkg-config");
+    pkg_config.args(["--cflags", "--libs", "armwire"]);
+    pkg_config.env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig"));
+    let flags = output(&mut pkg_config)?;
+    let mut compile = Command::new("gcc");
+    compile
+        .arg(root().join("examples/c/serial.c"))
+        .args(flags.split_whitespace());
+    run(compile.arg("-o").arg(dir.join("serial")))?;
+    for program in [found.join("serial"), dir.join("serial")] {
+        match output(&mut Command::new(&program)) {
+            Err(error) if error.to_string().contains("usage") => {}
+            result => bail!("{} ended with {result:?}", program.display()),
+        }
+    }
+    Ok(())
+}
