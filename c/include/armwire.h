@@ -115,7 +115,7 @@ typedef uint32_t ArmwireStatus;
 #endif // __cplusplus
 
 /**
- * What an `ArmwireEvent` is. The members of it that are set are named in brackets.
+ * What an `ArmwireEvent` is. The members of it that are set are named in parentheses.
  */
 enum ArmwireEventKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -123,15 +123,15 @@ enum ArmwireEventKind
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
   /**
-   * Nothing to do before bytes arrive or `until_us` is reached. From a device: before bytes arrive. [`until_us`]
+   * Nothing to do before bytes arrive or `until_us` is reached. From a device: before bytes arrive. (`until_us`)
    */
   ARMWIRE_EVENT_KIND_WAIT = 0,
   /**
-   * Client: these bytes are to be transmitted. Say with `transmitted` how many the line took. [`bytes`, `len`]
+   * Client: these bytes are to be transmitted. Say with `transmitted` how many the line took. (`bytes`, `len`)
    */
   ARMWIRE_EVENT_KIND_TRANSMIT,
   /**
-   * Client: the answer to the request in flight, which is done. [the response]
+   * Client: the answer to the request in flight, which is done. (the response)
    */
   ARMWIRE_EVENT_KIND_ANSWER,
   /**
@@ -139,20 +139,20 @@ enum ArmwireEventKind
    */
   ARMWIRE_EVENT_KIND_SENT,
   /**
-   * Client: the request in flight got no answer and is given up. [`sends`]
+   * Client: the request in flight got no answer and is given up. (`sends`)
    */
   ARMWIRE_EVENT_KIND_TIMED_OUT,
   /**
    * Client: the answer to the request in flight has a value or a length that the protocol does not have. The request is
-   * done. [`fault`]
+   * done. (`fault`)
    */
   ARMWIRE_EVENT_KIND_UNACCEPTABLE,
   /**
-   * Client: an answer to a request that was given up, cancelled, or answered before. [the response]
+   * Client: an answer to a request that was given up, cancelled, or answered before. (the response)
    */
   ARMWIRE_EVENT_KIND_LATE,
   /**
-   * Client: a response that answers nothing. [the response]
+   * Client: a response that answers nothing. (the response)
    */
   ARMWIRE_EVENT_KIND_UNSOLICITED,
   /**
@@ -160,19 +160,19 @@ enum ArmwireEventKind
    */
   ARMWIRE_EVENT_KIND_ECHO,
   /**
-   * Device: a request. [the request]
+   * Device: a request. (the request)
    */
   ARMWIRE_EVENT_KIND_REQUEST,
   /**
-   * A good frame that is no message of the protocol. [`bytes`, `len`, `fault`]
+   * A good frame that is no message of the protocol. (`bytes`, `len`, `fault`)
    */
   ARMWIRE_EVENT_KIND_UNKNOWN,
   /**
-   * Bytes that are not part of a frame. [`offset`, `bytes`, `len`, `fault`]
+   * Bytes that are not part of a frame. (`offset`, `bytes`, `len`, `fault`)
    */
   ARMWIRE_EVENT_KIND_NOISE,
   /**
-   * A lossless stream broke here: nothing after this can be read. Close the connection. [`offset`, `fault`]
+   * A lossless stream broke here: nothing after this can be read. Close the connection. (`offset`, `fault`)
    */
   ARMWIRE_EVENT_KIND_BROKEN,
 };
@@ -185,7 +185,7 @@ typedef uint32_t ArmwireEventKind;
 #endif // __cplusplus
 
 /**
- * What is wrong. The members of `ArmwireFault` that it sets are named in brackets.
+ * What is wrong. The members of `ArmwireFault` that it sets are named in parentheses.
  */
 enum ArmwireFaultCode
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -201,23 +201,23 @@ enum ArmwireFaultCode
    */
   ARMWIRE_FAULT_CODE_STRAY,
   /**
-   * Noise: the length field of a frame is out of range. [`got`, `min`, `max`]
+   * Noise: the length field of a frame is out of range. (`got`, `min`, `max`)
    */
   ARMWIRE_FAULT_CODE_LENGTH,
   /**
-   * Noise: a byte of a frame has another value than those allowed. [`offset`, `got`, `expected_bytes`, `expected_len`]
+   * Noise: a byte of a frame has another value than those allowed. (`offset`, `got`, `expected_bytes`, `expected_len`)
    */
   ARMWIRE_FAULT_CODE_FRAME_BYTE,
   /**
-   * Noise: a checksum does not match. [`got`; `min` is the one that does]
+   * Noise: a checksum does not match. (`got`; `min` is the one that does)
    */
   ARMWIRE_FAULT_CODE_CHECKSUM,
   /**
-   * Noise: a frame has no terminator. [`got`; `min` is the terminator]
+   * Noise: a frame has no terminator. (`got`; `min` is the terminator)
    */
   ARMWIRE_FAULT_CODE_TAIL,
   /**
-   * Noise: the line went idle before the end of a frame. [`got` is the number of missing bytes]
+   * Noise: the line went idle before the end of a frame. (`got` is the number of missing bytes)
    */
   ARMWIRE_FAULT_CODE_TRUNCATED,
   /**
@@ -237,20 +237,20 @@ enum ArmwireFaultCode
    */
   ARMWIRE_FAULT_CODE_BOOT_LOADER,
   /**
-   * A message has the wrong length. [`got`, `expected_lengths`, `expected_len`]
+   * A message has the wrong length. (`got`, `expected_lengths`, `expected_len`)
    */
   ARMWIRE_FAULT_CODE_DATA_LENGTH,
   /**
-   * A data byte has another value than those allowed. [`offset`, `got`, `expected_bytes`, `expected_len`]
+   * A data byte has another value than those allowed. (`offset`, `got`, `expected_bytes`, `expected_len`)
    */
   ARMWIRE_FAULT_CODE_DATA_BYTE,
   /**
-   * A value in a message is out of its range. [`offset`, `got`, `min`, `max`, `what`, `unit`]
+   * A value in a message is out of its range. (`offset`, `got`, `min`, `max`, `what`, `unit`)
    */
   ARMWIRE_FAULT_CODE_DATA_VALUE,
   /**
-   * A value that was passed in is out of its range. [`got`, `min`, `max`, `what`, `unit`; `offset` is its index, from 0,
-   * if it is one of several]
+   * A value that was passed in is out of its range. (`got`, `min`, `max`, `what`, `unit`; `offset` is its index, from 0,
+   * if it is one of several)
    */
   ARMWIRE_FAULT_CODE_VALUE,
   /**
@@ -324,7 +324,7 @@ enum ArmwireLingRequestKind
    */
   ARMWIRE_LING_REQUEST_KIND_SET_ZERO,
   /**
-   * Tells the arm which gripper it has (section 2.3). Not answered. [`stroke_mm`]
+   * Tells the arm which gripper it has (section 2.3). Not answered. (`stroke_mm`)
    */
   ARMWIRE_LING_REQUEST_KIND_SET_STROKE,
   /**
@@ -332,7 +332,7 @@ enum ArmwireLingRequestKind
    */
   ARMWIRE_LING_REQUEST_KIND_READ_STROKE,
   /**
-   * Switches the torque (section 2.4). Not answered. [`torque_on`]
+   * Switches the torque (section 2.4). Not answered. (`torque_on`)
    */
   ARMWIRE_LING_REQUEST_KIND_SET_TORQUE,
   /**
@@ -344,7 +344,7 @@ enum ArmwireLingRequestKind
    */
   ARMWIRE_LING_REQUEST_KIND_READ_TEMPERATURES,
   /**
-   * Sets the temperature at which the arm protects itself (section 2.5). Not answered. [`temperature_limit_celsius`]
+   * Sets the temperature at which the arm protects itself (section 2.5). Not answered. (`temperature_limit_celsius`)
    */
   ARMWIRE_LING_REQUEST_KIND_SET_TEMPERATURE_LIMIT,
   /**
@@ -352,7 +352,7 @@ enum ArmwireLingRequestKind
    */
   ARMWIRE_LING_REQUEST_KIND_READ_VELOCITIES,
   /**
-   * Moves the joints and the gripper (section 2.5). Not answered. [`target`]
+   * Moves the joints and the gripper (section 2.5). Not answered. (`target`)
    */
   ARMWIRE_LING_REQUEST_KIND_MOVE,
   /**
@@ -381,27 +381,27 @@ enum ArmwireLingResponseKind
    */
   ARMWIRE_LING_RESPONSE_KIND_NONE = 0,
   /**
-   * Who the arm is. [`serial_number`, `hardware_version`, `firmware_version`]
+   * Who the arm is. (`serial_number`, `hardware_version`, `firmware_version`)
    */
   ARMWIRE_LING_RESPONSE_KIND_INFO,
   /**
-   * The gripper that the arm thinks it has. [`stroke_mm`]
+   * The gripper that the arm thinks it has. (`stroke_mm`)
    */
   ARMWIRE_LING_RESPONSE_KIND_STROKE,
   /**
-   * Where the arm is. [`position_ticks`, `opening_per_mille`, `motion_status`]
+   * Where the arm is. (`position_ticks`, `opening_per_mille`, `motion_status`)
    */
   ARMWIRE_LING_RESPONSE_KIND_JOINTS,
   /**
-   * Servo temperatures. [`servos`, `temperature_celsius`]
+   * Servo temperatures. (`servos`, `temperature_celsius`)
    */
   ARMWIRE_LING_RESPONSE_KIND_TEMPERATURES,
   /**
-   * Servo velocities. [`servos`, `velocity_ticks_per_s`]
+   * Servo velocities. (`servos`, `velocity_ticks_per_s`)
    */
   ARMWIRE_LING_RESPONSE_KIND_VELOCITIES,
   /**
-   * The outcome of a self-check. [`normal_servos`]
+   * The outcome of a self-check. (`normal_servos`)
    */
   ARMWIRE_LING_RESPONSE_KIND_SELF_CHECK,
 };
@@ -442,51 +442,51 @@ enum ArmwireAlpha1RequestKind
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_READ_FIRMWARE_VERSION,
   /**
-   * Moves all servos (row FB). [`action`]
+   * Moves all servos (row FB). (`action`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_ACT,
   /**
-   * Connects or disconnects the servo offset tool (row F4). [`connected`]
+   * Connects or disconnects the servo offset tool (row F4). (`connected`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SET_OFFSET_TOOL,
   /**
-   * What the robot is on USB from now on (row F9). [`usb_type`]
+   * What the robot is on USB from now on (row F9). (`usb_type`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SET_USB_TYPE,
   /**
-   * Plays an action (row F3). [`name`, `name_len`]
+   * Plays an action (row F3). (`name`, `name_len`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_PLAY,
   /**
-   * Moves a servo, or all. Not answered by all. [`servo_id`, `angle_degrees`, `time_ms`, `lock_ms`]
+   * Moves a servo, or all. Not answered by all. (`servo_id`, `angle_degrees`, `time_ms`, `lock_ms`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SERVO_MOVE,
   /**
-   * Switches a servo's motor off, or those of all. Not answered by all. [`servo_id`]
+   * Switches a servo's motor off, or those of all. Not answered by all. (`servo_id`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SERVO_RELEASE,
   /**
-   * Switches a servo's light, or those of all. Not answered by all. [`servo_id`, `led`]
+   * Switches a servo's light, or those of all. Not answered by all. (`servo_id`, `led`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SERVO_SET_LED,
   /**
-   * Target and actual angle; switches the motor off. [`servo_id`]
+   * Target and actual angle; switches the motor off. (`servo_id`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SERVO_READ_ANGLES,
   /**
-   * Gives a servo another id. [`servo_id`, `new_servo_id`]
+   * Gives a servo another id. (`servo_id`, `new_servo_id`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SERVO_CHANGE_ID,
   /**
-   * Sets the offset of a servo's zero. [`servo_id`, `offset_thirds_of_degree`]
+   * Sets the offset of a servo's zero. (`servo_id`, `offset_thirds_of_degree`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SERVO_SET_OFFSET,
   /**
-   * The offset of a servo's zero. [`servo_id`]
+   * The offset of a servo's zero. (`servo_id`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SERVO_READ_OFFSET,
   /**
-   * The version of a servo's firmware. [`servo_id`]
+   * The version of a servo's firmware. (`servo_id`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SERVO_READ_VERSION,
 };
@@ -511,59 +511,59 @@ enum ArmwireAlpha1ResponseKind
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_NONE = 0,
   /**
-   * The hardware version. [`text`, `text_len`]
+   * The hardware version. (`text`, `text_len`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_HARDWARE_VERSION,
   /**
-   * Which servos run. [`running_servos`]
+   * Which servos run. (`running_servos`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_STATES,
   /**
-   * Whether the action was stopped. [`success`]
+   * Whether the action was stopped. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_STOPPED,
   /**
-   * The firmware version. [`success`, `firmware_version`]
+   * The firmware version. (`success`, `firmware_version`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_FIRMWARE_VERSION,
   /**
-   * Whether the servos move. [`success`]
+   * Whether the servos move. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_ACTED,
   /**
-   * Whether the offset tool is connected or disconnected. [`success`]
+   * Whether the offset tool is connected or disconnected. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_OFFSET_TOOL,
   /**
-   * Whether the robot changes what it is on USB. [`success`]
+   * Whether the robot changes what it is on USB. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_USB_TYPE,
   /**
-   * Whether the action is played. [`success`]
+   * Whether the action is played. (`success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_PLAYING,
   /**
-   * A servo moves, has released its motor or has switched its light. [`servo_id`]
+   * A servo moves, has released its motor or has switched its light. (`servo_id`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_ACKNOWLEDGED,
   /**
-   * Where a servo is; its motor is off now. [`servo_id`, `success`, `target_degrees`, `actual_degrees`]
+   * Where a servo is; its motor is off now. (`servo_id`, `success`, `target_degrees`, `actual_degrees`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_ANGLES,
   /**
-   * A servo has another id. [`servo_id`, `success`, `previous_servo_id`]
+   * A servo has another id. (`servo_id`, `success`, `previous_servo_id`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_ID_CHANGED,
   /**
-   * The offset of a servo's zero is set. [`servo_id`, `success`]
+   * The offset of a servo's zero is set. (`servo_id`, `success`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_OFFSET_SET,
   /**
-   * The offset of a servo's zero. [`servo_id`, `success`, `offset_thirds_of_degree`]
+   * The offset of a servo's zero. (`servo_id`, `success`, `offset_thirds_of_degree`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_OFFSET,
   /**
-   * The version of a servo's firmware. [`servo_id`, `success`, `servo_version`]
+   * The version of a servo's firmware. (`servo_id`, `success`, `servo_version`)
    */
   ARMWIRE_ALPHA1_RESPONSE_KIND_SERVO_VERSION,
 };
@@ -637,7 +637,7 @@ enum ArmwireXarmRequestKind
    */
   ARMWIRE_XARM_REQUEST_KIND_READ_TORQUE_SOURCE,
   /**
-   * The radius of rotation of a joint relative to the tool (register 6). [`joint`]
+   * The radius of rotation of a joint relative to the tool (register 6). (`joint`)
    */
   ARMWIRE_XARM_REQUEST_KIND_READ_ROTATION_RADIUS,
   /**
@@ -649,7 +649,7 @@ enum ArmwireXarmRequestKind
    */
   ARMWIRE_XARM_REQUEST_KIND_REBOOT,
   /**
-   * Any other register. [`params`, `params_len`]
+   * Any other register. (`params`, `params_len`)
    */
   ARMWIRE_XARM_REQUEST_KIND_RAW,
 };
@@ -678,36 +678,36 @@ enum ArmwireXarmResponseKind
    */
   ARMWIRE_XARM_RESPONSE_KIND_HEARTBEAT,
   /**
-   * A reply without parameters. [`state`, `reg`]
+   * A reply without parameters. (`state`, `reg`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_EMPTY,
   /**
-   * Versions: text, filled up with NUL. [`state`, `data`, `data_len`]
+   * Versions: text, filled up with NUL. (`state`, `data`, `data_len`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_VERSION,
   /**
    * Serial numbers: that of the arm, NUL, that of the control box, a line feed, filled up with NUL.
-   * [`state`, `data`, `data_len`]
+   * (`state`, `data`, `data_len`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_SERIALS,
   /**
-   * What is reported as torque. [`state`, `torque_source`]
+   * What is reported as torque. (`state`, `torque_source`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_TORQUE_SOURCE,
   /**
-   * The radius of rotation of a joint relative to the tool. [`state`, `rotation_radius_mm`]
+   * The radius of rotation of a joint relative to the tool. (`state`, `rotation_radius_mm`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_ROTATION_RADIUS,
   /**
-   * The answer of an arm to shutdown or reboot, with a number whose meaning is not documented. [`state`, `system_control`]
+   * The answer of an arm to shutdown or reboot, with a number whose meaning is not documented. (`state`, `system_control`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_SYSTEM_CONTROL,
   /**
-   * The answer of any other register. [`state`, `reg`, `data`, `data_len`]
+   * The answer of any other register. (`state`, `reg`, `data`, `data_len`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_RAW,
   /**
-   * A request in standard Modbus was refused: no such function. [`modbus_unit`, `modbus_function`]
+   * A request in standard Modbus was refused: no such function. (`modbus_unit`, `modbus_function`)
    */
   ARMWIRE_XARM_RESPONSE_KIND_MODBUS_REFUSED,
 };

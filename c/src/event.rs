@@ -5,36 +5,36 @@ use armwire::{DeviceEvent, Event, Output, ParseError};
 
 use crate::fault::ArmwireFault;
 
-/// What an `ArmwireEvent` is. The members of it that are set are named in brackets.
+/// What an `ArmwireEvent` is. The members of it that are set are named in parentheses.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireEventKind {
-    /// Nothing to do before bytes arrive or `until_us` is reached. From a device: before bytes arrive. [`until_us`]
+    /// Nothing to do before bytes arrive or `until_us` is reached. From a device: before bytes arrive. (`until_us`)
     Wait = 0,
-    /// Client: these bytes are to be transmitted. Say with `transmitted` how many the line took. [`bytes`, `len`]
+    /// Client: these bytes are to be transmitted. Say with `transmitted` how many the line took. (`bytes`, `len`)
     Transmit,
-    /// Client: the answer to the request in flight, which is done. [the response]
+    /// Client: the answer to the request in flight, which is done. (the response)
     Answer,
     /// Client: the request in flight, which the arm does not answer, is with the line: it is done.
     Sent,
-    /// Client: the request in flight got no answer and is given up. [`sends`]
+    /// Client: the request in flight got no answer and is given up. (`sends`)
     TimedOut,
     /// Client: the answer to the request in flight has a value or a length that the protocol does not have. The request is
-    /// done. [`fault`]
+    /// done. (`fault`)
     Unacceptable,
-    /// Client: an answer to a request that was given up, cancelled, or answered before. [the response]
+    /// Client: an answer to a request that was given up, cancelled, or answered before. (the response)
     Late,
-    /// Client: a response that answers nothing. [the response]
+    /// Client: a response that answers nothing. (the response)
     Unsolicited,
     /// Client: a request. The line gave it back, or another host is on it.
     Echo,
-    /// Device: a request. [the request]
+    /// Device: a request. (the request)
     Request,
-    /// A good frame that is no message of the protocol. [`bytes`, `len`, `fault`]
+    /// A good frame that is no message of the protocol. (`bytes`, `len`, `fault`)
     Unknown,
-    /// Bytes that are not part of a frame. [`offset`, `bytes`, `len`, `fault`]
+    /// Bytes that are not part of a frame. (`offset`, `bytes`, `len`, `fault`)
     Noise,
-    /// A lossless stream broke here: nothing after this can be read. Close the connection. [`offset`, `fault`]
+    /// A lossless stream broke here: nothing after this can be read. Close the connection. (`offset`, `fault`)
     Broken,
 }
 

@@ -9,7 +9,7 @@ use armwire::{Cause, MessageId, OutOfRange, ParseError};
 use crate::memory;
 use crate::text::Writer;
 
-/// What is wrong. The members of `ArmwireFault` that it sets are named in brackets.
+/// What is wrong. The members of `ArmwireFault` that it sets are named in parentheses.
 #[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireFaultCode {
@@ -17,15 +17,15 @@ pub enum ArmwireFaultCode {
     None = 0,
     /// Noise: no frame starts here.
     Stray,
-    /// Noise: the length field of a frame is out of range. [`got`, `min`, `max`]
+    /// Noise: the length field of a frame is out of range. (`got`, `min`, `max`)
     Length,
-    /// Noise: a byte of a frame has another value than those allowed. [`offset`, `got`, `expected_bytes`, `expected_len`]
+    /// Noise: a byte of a frame has another value than those allowed. (`offset`, `got`, `expected_bytes`, `expected_len`)
     FrameByte,
-    /// Noise: a checksum does not match. [`got`; `min` is the one that does]
+    /// Noise: a checksum does not match. (`got`; `min` is the one that does)
     Checksum,
-    /// Noise: a frame has no terminator. [`got`; `min` is the terminator]
+    /// Noise: a frame has no terminator. (`got`; `min` is the terminator)
     Tail,
-    /// Noise: the line went idle before the end of a frame. [`got` is the number of missing bytes]
+    /// Noise: the line went idle before the end of a frame. (`got` is the number of missing bytes)
     Truncated,
     /// The protocol has no such message.
     Unknown,
@@ -35,14 +35,14 @@ pub enum ArmwireFaultCode {
     Bluetooth,
     /// It would start a servo's boot loader.
     BootLoader,
-    /// A message has the wrong length. [`got`, `expected_lengths`, `expected_len`]
+    /// A message has the wrong length. (`got`, `expected_lengths`, `expected_len`)
     DataLength,
-    /// A data byte has another value than those allowed. [`offset`, `got`, `expected_bytes`, `expected_len`]
+    /// A data byte has another value than those allowed. (`offset`, `got`, `expected_bytes`, `expected_len`)
     DataByte,
-    /// A value in a message is out of its range. [`offset`, `got`, `min`, `max`, `what`, `unit`]
+    /// A value in a message is out of its range. (`offset`, `got`, `min`, `max`, `what`, `unit`)
     DataValue,
-    /// A value that was passed in is out of its range. [`got`, `min`, `max`, `what`, `unit`; `offset` is its index, from 0,
-    /// if it is one of several]
+    /// A value that was passed in is out of its range. (`got`, `min`, `max`, `what`, `unit`; `offset` is its index, from 0,
+    /// if it is one of several)
     Value,
     /// Another error, which this version has no code for.
     Other,
@@ -430,4 +430,104 @@ pub unsafe extern "C" fn armwire_fault_text(fault: Option<&ArmwireFault>, out: *
         unsafe { fault.write(&mut writer) };
     }
     writer.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use std::string::{String, ToString};
+    use std::vec;
+
+    use super::*;
+
+    fn text(fault: &ArmwireFault) -> String {
+        let mut out = [0; 256];
+        // SAFETY: the library has written the fault, and `out` has this many bytes.
+        let len = unsafe { armwire_fault_text(Some(fault), out.as_mut_ptr(), out.len()) };
+        let bytes = out[..len].iter().map(|byte| *byte as u8).collect();
+        assert_eq!(out[len], 0);
+        String::from_utf8(bytes).unwrap()
+    }
+
+    #[test]
+    fn noise_has_the_text_of_the_rust_crate() {
+        let reasons = [
+            Reason::Stray,
+            Reason::Length {
+                min: 1,
+                max: 64,
+                got: 65535,
+            },
+            Reason::Byte {
+                offset: 3,
+                got: 0xAB,
+                expected: &[0x0C, 0xEE],
+            },
+            Reason::Checksum {
+                expected: 0x5F,
+                got: 0x0A,
+            },
+            Reason::Tail { expected: 0xFF, got: 0 },
+            Reason::Truncated { missing: 10 },
+        ];
+        for reason in reasons {
+            let mut fault = ArmwireFault::NONE;
+            fault.set_noise(reason);
+            assert_eq!(text(&fault), reason.to_string());
+        }
+    }
+
+    #[test]
+    fn messages_have_the_text_of_the_rust_crate() {
+        let messages = vec![
+            MessageId::Command(0xFA),
+            MessageId::Function {
+                command: 6,
+                function: 0x0E,
+            },
+            MessageId::Register(10),
+            MessageId::Modbus { unit: 1, function: 127 },
+        ];
+        let causes = vec![
+            Cause::Unknown,
+            Cause::Unexpected,
+            Cause::Bluetooth,
+            Cause::BootLoader,
+            Cause::Length {
+                expected: &[6, 10],
+                got: 3,
+            },
+            Cause::Byte {
+                offset: 1,
+                expected: &[1, 2, 4, 0xCD, 0xD2, 0xD4],
+                got: 0xEF,
+            },
+            Cause::Value {
+                offset: 4,
+                error: OutOfRange::new("servo offset", "thirds of a degree", -91, -90, 90),
+            },
+            Cause::Value {
+                offset: 0,
+                error: OutOfRange::new("joint", "", 8, 1, 7),
+            },
+        ];
+        for message in messages {
+            for cause in &causes {
+                let error = ParseError { message, cause: *cause };
+                let mut fault = ArmwireFault::NONE;
+                fault.set_message(error);
+                assert_eq!(text(&fault), error.to_string());
+            }
+        }
+    }
+
+    #[test]
+    fn refused_values_have_the_text_of_the_rust_crate() {
+        for got in [i32::MIN, -1, 0, 9, 10, 4096, i32::MAX] {
+            let error = OutOfRange::new("joint position", "ticks", got, 0, 4095);
+            assert_eq!(text(&Refused::only(error).fault()), error.to_string());
+        }
+        assert_eq!(text(&Refused::NONE.fault()), "nothing is wrong");
+    }
 }

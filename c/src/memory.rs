@@ -9,7 +9,7 @@ use crate::status::ArmwireStatus;
 /// # Safety
 ///
 /// It must be `repr(C)`, have no padding, be valid with any bytes in it, and be at least as large and as aligned as a
-/// [`Tagged`] value. [`check`](Memory::CHECK) checks the last two.
+/// [`Tagged`] value. (`check`)(Memory::CHECK) checks the last two.
 pub(crate) unsafe trait Memory: Sized {
     /// The value.
     type Value;
@@ -50,7 +50,7 @@ pub(crate) fn init<M: Memory>(memory: Option<&mut M>, value: M::Value) -> Result
     Ok(())
 }
 
-/// The value in memory that [`init`] has filled.
+/// The value in memory that (`init`) has filled.
 pub(crate) fn open<M: Memory>(memory: Option<&mut M>) -> Result<&mut M::Value, ArmwireStatus> {
     const { M::CHECK }
     let memory: *mut M = memory.ok_or(ArmwireStatus::Null)?;

@@ -75,6 +75,7 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     compile_header()?;
     let dir = target_dir()?.join("c-tests");
     fs::create_dir_all(&dir)?;
+    run(&mut cargo("test --quiet --package armwire-c"))?;
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     let armwire = target_dir()?.join("debug/armwire");
     test(&dir, &armwire)?;

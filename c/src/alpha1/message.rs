@@ -158,29 +158,29 @@ pub enum ArmwireAlpha1RequestKind {
     Stop,
     /// The robot's firmware version (row F5).
     ReadFirmwareVersion,
-    /// Moves all servos (row FB). [`action`]
+    /// Moves all servos (row FB). (`action`)
     Act,
-    /// Connects or disconnects the servo offset tool (row F4). [`connected`]
+    /// Connects or disconnects the servo offset tool (row F4). (`connected`)
     SetOffsetTool,
-    /// What the robot is on USB from now on (row F9). [`usb_type`]
+    /// What the robot is on USB from now on (row F9). (`usb_type`)
     SetUsbType,
-    /// Plays an action (row F3). [`name`, `name_len`]
+    /// Plays an action (row F3). (`name`, `name_len`)
     Play,
-    /// Moves a servo, or all. Not answered by all. [`servo_id`, `angle_degrees`, `time_ms`, `lock_ms`]
+    /// Moves a servo, or all. Not answered by all. (`servo_id`, `angle_degrees`, `time_ms`, `lock_ms`)
     ServoMove,
-    /// Switches a servo's motor off, or those of all. Not answered by all. [`servo_id`]
+    /// Switches a servo's motor off, or those of all. Not answered by all. (`servo_id`)
     ServoRelease,
-    /// Switches a servo's light, or those of all. Not answered by all. [`servo_id`, `led`]
+    /// Switches a servo's light, or those of all. Not answered by all. (`servo_id`, `led`)
     ServoSetLed,
-    /// Target and actual angle; switches the motor off. [`servo_id`]
+    /// Target and actual angle; switches the motor off. (`servo_id`)
     ServoReadAngles,
-    /// Gives a servo another id. [`servo_id`, `new_servo_id`]
+    /// Gives a servo another id. (`servo_id`, `new_servo_id`)
     ServoChangeId,
-    /// Sets the offset of a servo's zero. [`servo_id`, `offset_thirds_of_degree`]
+    /// Sets the offset of a servo's zero. (`servo_id`, `offset_thirds_of_degree`)
     ServoSetOffset,
-    /// The offset of a servo's zero. [`servo_id`]
+    /// The offset of a servo's zero. (`servo_id`)
     ServoReadOffset,
-    /// The version of a servo's firmware. [`servo_id`]
+    /// The version of a servo's firmware. (`servo_id`)
     ServoReadVersion,
 }
 
@@ -308,33 +308,33 @@ impl ArmwireAlpha1Request {
 pub enum ArmwireAlpha1ResponseKind {
     /// None.
     None = 0,
-    /// The hardware version. [`text`, `text_len`]
+    /// The hardware version. (`text`, `text_len`)
     HardwareVersion,
-    /// Which servos run. [`running_servos`]
+    /// Which servos run. (`running_servos`)
     ServoStates,
-    /// Whether the action was stopped. [`success`]
+    /// Whether the action was stopped. (`success`)
     Stopped,
-    /// The firmware version. [`success`, `firmware_version`]
+    /// The firmware version. (`success`, `firmware_version`)
     FirmwareVersion,
-    /// Whether the servos move. [`success`]
+    /// Whether the servos move. (`success`)
     Acted,
-    /// Whether the offset tool is connected or disconnected. [`success`]
+    /// Whether the offset tool is connected or disconnected. (`success`)
     OffsetTool,
-    /// Whether the robot changes what it is on USB. [`success`]
+    /// Whether the robot changes what it is on USB. (`success`)
     UsbType,
-    /// Whether the action is played. [`success`]
+    /// Whether the action is played. (`success`)
     Playing,
-    /// A servo moves, has released its motor or has switched its light. [`servo_id`]
+    /// A servo moves, has released its motor or has switched its light. (`servo_id`)
     ServoAcknowledged,
-    /// Where a servo is; its motor is off now. [`servo_id`, `success`, `target_degrees`, `actual_degrees`]
+    /// Where a servo is; its motor is off now. (`servo_id`, `success`, `target_degrees`, `actual_degrees`)
     ServoAngles,
-    /// A servo has another id. [`servo_id`, `success`, `previous_servo_id`]
+    /// A servo has another id. (`servo_id`, `success`, `previous_servo_id`)
     ServoIdChanged,
-    /// The offset of a servo's zero is set. [`servo_id`, `success`]
+    /// The offset of a servo's zero is set. (`servo_id`, `success`)
     ServoOffsetSet,
-    /// The offset of a servo's zero. [`servo_id`, `success`, `offset_thirds_of_degree`]
+    /// The offset of a servo's zero. (`servo_id`, `success`, `offset_thirds_of_degree`)
     ServoOffset,
-    /// The version of a servo's firmware. [`servo_id`, `success`, `servo_version`]
+    /// The version of a servo's firmware. (`servo_id`, `success`, `servo_version`)
     ServoVersion,
 }
 

@@ -75,21 +75,21 @@ pub enum ArmwireLingRequestKind {
     ReadInfo,
     /// Makes the present pose the zero position, and switches the torque off (section 2.2). Not answered.
     SetZero,
-    /// Tells the arm which gripper it has (section 2.3). Not answered. [`stroke_mm`]
+    /// Tells the arm which gripper it has (section 2.3). Not answered. (`stroke_mm`)
     SetStroke,
     /// Which gripper the arm thinks it has (section 2.3).
     ReadStroke,
-    /// Switches the torque (section 2.4). Not answered. [`torque_on`]
+    /// Switches the torque (section 2.4). Not answered. (`torque_on`)
     SetTorque,
     /// Joint positions, gripper and motion status (section 2.5).
     ReadJoints,
     /// Servo temperatures (section 2.5).
     ReadTemperatures,
-    /// Sets the temperature at which the arm protects itself (section 2.5). Not answered. [`temperature_limit_celsius`]
+    /// Sets the temperature at which the arm protects itself (section 2.5). Not answered. (`temperature_limit_celsius`)
     SetTemperatureLimit,
     /// Servo velocities (section 2.5).
     ReadVelocities,
-    /// Moves the joints and the gripper (section 2.5). Not answered. [`target`]
+    /// Moves the joints and the gripper (section 2.5). Not answered. (`target`)
     Move,
     /// Checks every servo (section 2.6).
     SelfCheck,
@@ -157,17 +157,17 @@ impl ArmwireLingRequest {
 pub enum ArmwireLingResponseKind {
     /// None.
     None = 0,
-    /// Who the arm is. [`serial_number`, `hardware_version`, `firmware_version`]
+    /// Who the arm is. (`serial_number`, `hardware_version`, `firmware_version`)
     Info,
-    /// The gripper that the arm thinks it has. [`stroke_mm`]
+    /// The gripper that the arm thinks it has. (`stroke_mm`)
     Stroke,
-    /// Where the arm is. [`position_ticks`, `opening_per_mille`, `motion_status`]
+    /// Where the arm is. (`position_ticks`, `opening_per_mille`, `motion_status`)
     Joints,
-    /// Servo temperatures. [`servos`, `temperature_celsius`]
+    /// Servo temperatures. (`servos`, `temperature_celsius`)
     Temperatures,
-    /// Servo velocities. [`servos`, `velocity_ticks_per_s`]
+    /// Servo velocities. (`servos`, `velocity_ticks_per_s`)
     Velocities,
-    /// The outcome of a self-check. [`normal_servos`]
+    /// The outcome of a self-check. (`normal_servos`)
     SelfCheck,
 }
 

@@ -50,13 +50,13 @@ pub enum ArmwireXarmRequestKind {
     ReloadDynamics,
     /// What is reported as torque (register 5).
     ReadTorqueSource,
-    /// The radius of rotation of a joint relative to the tool (register 6). [`joint`]
+    /// The radius of rotation of a joint relative to the tool (register 6). (`joint`)
     ReadRotationRadius,
     /// Shuts the arm's operating system down (register 10).
     Shutdown,
     /// Restarts the arm's operating system (register 10).
     Reboot,
-    /// Any other register. [`params`, `params_len`]
+    /// Any other register. (`params`, `params_len`)
     Raw,
 }
 
@@ -136,22 +136,22 @@ pub enum ArmwireXarmResponseKind {
     None = 0,
     /// A sign of life. Answers nothing.
     Heartbeat,
-    /// A reply without parameters. [`state`, `reg`]
+    /// A reply without parameters. (`state`, `reg`)
     Empty,
-    /// Versions: text, filled up with NUL. [`state`, `data`, `data_len`]
+    /// Versions: text, filled up with NUL. (`state`, `data`, `data_len`)
     Version,
     /// Serial numbers: that of the arm, NUL, that of the control box, a line feed, filled up with NUL.
-    /// [`state`, `data`, `data_len`]
+    /// (`state`, `data`, `data_len`)
     Serials,
-    /// What is reported as torque. [`state`, `torque_source`]
+    /// What is reported as torque. (`state`, `torque_source`)
     TorqueSource,
-    /// The radius of rotation of a joint relative to the tool. [`state`, `rotation_radius_mm`]
+    /// The radius of rotation of a joint relative to the tool. (`state`, `rotation_radius_mm`)
     RotationRadius,
-    /// The answer of an arm to shutdown or reboot, with a number whose meaning is not documented. [`state`, `system_control`]
+    /// The answer of an arm to shutdown or reboot, with a number whose meaning is not documented. (`state`, `system_control`)
     SystemControl,
-    /// The answer of any other register. [`state`, `reg`, `data`, `data_len`]
+    /// The answer of any other register. (`state`, `reg`, `data`, `data_len`)
     Raw,
-    /// A request in standard Modbus was refused: no such function. [`modbus_unit`, `modbus_function`]
+    /// A request in standard Modbus was refused: no such function. (`modbus_unit`, `modbus_function`)
     ModbusRefused,
 }
 
