@@ -1,0 +1,16 @@
+// What the example uses of Arduino, to compile it without.
+#include <stddef.h>
+#include <stdint.h>
+
+struct Port {
+  void begin(unsigned long baud);
+  int available();
+  size_t readBytes(uint8_t *bytes, size_t len);
+  size_t write(const uint8_t *bytes, size_t len);
+  void print(int number);
+  void print(char character);
+  void println();
+  void println(const char *text);
+};
+extern Port Serial, Serial1;
+unsigned long micros();
