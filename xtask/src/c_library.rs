@@ -48,17 +48,26 @@ const TARGETS: [(&str, &str); 3] = [
         "riscv64-unknown-elf-gcc -march=rv32imc -mabi=ilp32",
     ),
 ];
+/// Where an Arduino library has the archive for a processor, by its target.
+const ARDUINO_FOLDERS: [(&str, &[&str]); 3] = [
+    (SMALLEST, &["cortex-m0", "cortex-m0plus"]),
+    ("thumbv7em-none-eabihf", &["cortex-m4/fpv4-sp-d16-hard"]),
+    ("riscv32imc-unknown-none-elf", &["esp32c3"]),
+];
 /// What a program may contain of the protocols at most, in bytes: the client of Ling alone.
 const LING_LIMIT: u64 = 12 * 1024;
 /// What a panic would lead to.
 const PANIC: &str = "armwire_panicked";
 
-/// What to do with the header.
+/// What to do instead of all checks.
 #[derive(Args, Default)]
 pub(crate) struct Options {
-    /// Write the header anew instead of comparing it
+    /// Write the header anew, and nothing else
     #[arg(long)]
     write: bool,
+    /// Write a library for Arduino and PlatformIO to this folder, and nothing else
+    #[arg(long, value_name = "FOLDER")]
+    arduino: Option<PathBuf>,
 }
 
 /// Checks the header, runs the tests in C, and builds the library for every target and the packages.
@@ -67,6 +76,10 @@ pub(crate) struct Options {
 ///
 /// The first check that fails.
 pub(crate) fn run_all(options: &Options) -> Result<()> {
+    let toolchain = || Toolchain::find(&TARGETS.map(|(target, _)| target));
+    if let Some(folder) = &options.arduino {
+        return write_arduino(folder, toolchain()?);
+    }
     find_tools()?;
     check_header(options.write)?;
     if options.write {
@@ -79,13 +92,19 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     let armwire = target_dir()?.join("debug/armwire");
     test(&dir, &armwire)?;
-    let toolchain = Toolchain::find(&TARGETS.map(|(target, _)| target))?;
+    let toolchain = toolchain()?;
     for (target, compiler) in TARGETS {
         check_panics(&dir, toolchain, target, compiler)?;
     }
     print_sizes(&dir, toolchain)?;
     emulate(&dir, toolchain, &armwire)?;
-    package(&dir)
+    package(&dir)?;
+    check_arduino(&dir, toolchain)?;
+    if toolchain == Toolchain::Debian {
+        println!("skipped: the Zephyr module, whose cargo is not told of Debian's compiler");
+        return Ok(());
+    }
+    check_zephyr(&dir)
 }
 
 /// The C library's tools are there.
@@ -352,5 +371,69 @@ fn package(dir: &Path) -> Result<()> {
             result => bail!("{} ended with {result:?}", program.display()),
         }
     }
+    Ok(())
+}
+
+/// Writes a library as Arduino and PlatformIO have it.
+fn write_arduino(folder: &Path, toolchain: Toolchain) -> Result<()> {
+    let (from, source) = (root().join("c/arduino"), folder.join("src"));
+    let example = "examples/ReadJoints/ReadJoints.ino";
+    fs::create_dir_all(&source)?;
+    fs::create_dir_all(folder.join("examples/ReadJoints"))?;
+    for file in ["library.properties", "library.json", "platformio.py", example] {
+        fs::copy(from.join(file), folder.join(file))?;
+    }
+    fs::copy(root().join(HEADER), source.join("armwire.h"))?;
+    for (target, processors) in ARDUINO_FOLDERS {
+        let library = library(toolchain, target, "")?;
+        for processor in processors {
+            let to = source.join(processor);
+            fs::create_dir_all(&to)?;
+            fs::copy(&library, to.join("libarmwire_c.a"))?;
+        }
+    }
+    println!("{}", folder.display());
+    Ok(())
+}
+
+/// The example in the Arduino library compiles as C++ and links, but for what is Arduino's own.
+fn check_arduino(dir: &Path, toolchain: Toolchain) -> Result<()> {
+    let library = dir.join("arduino");
+    write_arduino(&library, toolchain)?;
+    let mut compile = Command::new("arm-none-eabi-g++");
+    compile
+        .args(
+            "-std=gnu++17 -mcpu=cortex-m0plus -Wall -Wextra -Werror -Os -ffreestanding -fno-exceptions -x c++"
+                .split(' '),
+        )
+        .arg("-I")
+        .arg(library.join("src"))
+        .args(["-include", "c/arduino/stub/Arduino.h"])
+        .arg(library.join("examples/ReadJoints/ReadJoints.ino"))
+        .args(["-x", "none"])
+        .arg(library.join("src/cortex-m0plus/libarmwire_c.a"))
+        .args("-r -nostdlib -o".split(' '))
+        .arg(dir.join("arduino.o"));
+    run(compile.current_dir(root()))
+}
+
+/// CMake takes the Zephyr module, and builds the library for a Cortex-M. Zephyr itself is not here: two functions stand for it.
+fn check_zephyr(dir: &Path) -> Result<()> {
+    let (source, build) = (dir.join("zephyr"), dir.join("zephyr-build"));
+    fs::create_dir_all(&source)?;
+    let project = format!(
+        "cmake_minimum_required(VERSION 3.20)\n\
+         project(application LANGUAGES C)\n\
+         function(zephyr_include_directories)\n  include_directories(${{ARGN}})\nendfunction()\n\
+         function(zephyr_link_libraries)\n  link_libraries(${{ARGN}})\nendfunction()\n\
+         set(CONFIG_ARMWIRE y)\nset(CONFIG_CPU_CORTEX_M y)\nset(CONFIG_ARMWIRE_PROTOCOLS ling)\n\
+         add_subdirectory({} armwire)\n",
+        root().join("c/zephyr").display()
+    );
+    fs::write(source.join("CMakeLists.txt"), project)?;
+    run(Command::new("cmake").arg("-S").arg(&source).arg("-B").arg(&build))?;
+    run(Command::new("cmake").arg("--build").arg(&build))?;
+    let library = build.join("armwire/cargo").join(SMALLEST).join("c/libarmwire_c.a");
+    ensure!(library.exists(), "there is no {}", library.display());
     Ok(())
 }
