@@ -1661,7 +1661,7 @@ const char *armwire_status_text(uint32_t status);
 
 /**
  * Writes bytes that came from outside as text that is safe to print, with a NUL behind it, to `out`: what is not printable
- * ASCII becomes `\xNN`, a backslash two. Returns the length without the NUL. If that is not less than `size`, the text was
+ * ASCII becomes a backslash, an x and two digits, a backslash becomes two. Returns the length without the NUL. If that is not less than `size`, the text was
  * cut short.
  *
  * # Safety

@@ -12,6 +12,9 @@
 //! pointers must be valid, as always in C.
 #![no_std]
 
+#[cfg(not(any(feature = "ling", feature = "alpha1", feature = "xarm")))]
+compile_error!("a library without a protocol: turn ling, alpha1 or xarm on");
+
 #[cfg(feature = "alpha1")]
 pub mod alpha1;
 mod client;

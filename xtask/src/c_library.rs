@@ -11,7 +11,7 @@ use object::Endianness;
 use object::read::elf::ElfFile32;
 use object::{Object, ObjectSection, ObjectSymbol};
 
-use crate::cargo::{cargo, target_dir};
+use crate::cargo::{cargo, target_dir, tool};
 use crate::process::{output, run, shown};
 use crate::toolchain::Toolchain;
 use crate::workspace::root;
@@ -29,6 +29,7 @@ const TOOLS: [(&str, &str); 7] = [
     ("riscv64-unknown-elf-gcc", "gcc-riscv64-unknown-elf"),
     ("qemu-system-arm", "qemu-system-arm"),
 ];
+const PROTOCOL_SETS: &str = "--feature-powerset --skip default,prove-panic --at-least-one-of ling,alpha1,xarm";
 const WARNINGS: &str = "-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror";
 const SANITIZERS: &str = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all";
 /// Calls with any arguments.
@@ -88,6 +89,9 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
     compile_header()?;
     let dir = target_dir()?.join("c-tests");
     fs::create_dir_all(&dir)?;
+    run(&mut tool(&format!(
+        "hack clippy --quiet --package armwire-c {PROTOCOL_SETS} -- -D warnings"
+    ))?)?;
     run(&mut cargo("test --quiet --package armwire-c"))?;
     run(&mut cargo("build --quiet --package armwire-cli"))?;
     let armwire = target_dir()?.join("debug/armwire");
