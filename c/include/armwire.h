@@ -1661,8 +1661,8 @@ const char *armwire_status_text(uint32_t status);
 
 /**
  * Writes bytes that came from outside as text that is safe to print, with a NUL behind it, to `out`: what is not printable
- * ASCII becomes a backslash, an x and two digits, a backslash becomes two. Returns the length without the NUL. If that is not less than `size`, the text was
- * cut short.
+ * ASCII becomes a backslash, an x and two digits, a backslash becomes two. Returns the length without the NUL. If that is not
+ * less than `size`, the text was cut short.
  *
  * # Safety
  *
