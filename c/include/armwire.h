@@ -62,7 +62,7 @@
 #define ARMWIRE_XARM_DEVICE_WORDS 56
 
 /**
- * What a function returns. After an error nothing has changed.
+ * The result of a function. After an error nothing has changed.
  */
 enum ArmwireStatus
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -98,7 +98,7 @@ enum ArmwireStatus
    */
   ARMWIRE_STATUS_BUFFER_TOO_SHORT,
   /**
-   * A value is out of its range. `fault` says which value and what the range is.
+   * A value is out of its range. `fault` has the value and its range.
    */
   ARMWIRE_STATUS_OUT_OF_RANGE,
   /**
@@ -115,7 +115,7 @@ typedef uint32_t ArmwireStatus;
 #endif // __cplusplus
 
 /**
- * What an `ArmwireEvent` is. The members of it that are set are named in parentheses.
+ * The kind of an `ArmwireEvent`. The members that it sets are named in parentheses.
  */
 enum ArmwireEventKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -185,7 +185,7 @@ typedef uint32_t ArmwireEventKind;
 #endif // __cplusplus
 
 /**
- * What is wrong. The members of `ArmwireFault` that it sets are named in parentheses.
+ * The kind of an `ArmwireFault`. The members that it sets are named in parentheses.
  */
 enum ArmwireFaultCode
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -304,7 +304,7 @@ typedef uint8_t ArmwireMessageKind;
 #endif // __cplusplus
 
 /**
- * What the host says.
+ * A message of the host.
  */
 enum ArmwireLingRequestKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -369,7 +369,7 @@ typedef uint32_t ArmwireLingRequestKind;
 #endif // __cplusplus
 
 /**
- * What the arm says.
+ * A message of the arm.
  */
 enum ArmwireLingResponseKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -414,7 +414,7 @@ typedef uint32_t ArmwireLingResponseKind;
 #endif // __cplusplus
 
 /**
- * What the host says.
+ * A message of the host.
  */
 enum ArmwireAlpha1RequestKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -499,7 +499,7 @@ typedef uint32_t ArmwireAlpha1RequestKind;
 #endif // __cplusplus
 
 /**
- * What the robot or a servo says.
+ * A message of the robot or of a servo.
  */
 enum ArmwireAlpha1ResponseKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -605,7 +605,7 @@ typedef uint8_t ArmwireAlpha1UsbType;
 #endif // __cplusplus
 
 /**
- * What the host says.
+ * A message of the host.
  */
 enum ArmwireXarmRequestKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -662,7 +662,7 @@ typedef uint32_t ArmwireXarmRequestKind;
 #endif // __cplusplus
 
 /**
- * What the arm says.
+ * A message of the arm.
  */
 enum ArmwireXarmResponseKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -750,11 +750,11 @@ typedef struct ArmwireConfig {
 } ArmwireConfig;
 
 /**
- * What is wrong with bytes or a value, and where. `armwire_fault_text` has it as text.
+ * An error in bytes or a value. `armwire_fault_text` writes it as text.
  */
 typedef struct ArmwireFault {
   /**
-   * What is wrong: an `ArmwireFaultCode`.
+   * The kind: an `ArmwireFaultCode`.
    */
   uint8_t code;
   /**
@@ -774,7 +774,7 @@ typedef struct ArmwireFault {
    */
   uint32_t offset;
   /**
-   * What there was.
+   * The value, byte or length itself.
    */
   int32_t got;
   /**
@@ -816,11 +816,11 @@ typedef struct ArmwireFault {
 } ArmwireFault;
 
 /**
- * What happens at a client or a device. Members that its kind does not set are 0.
+ * An event at a client or a device. Members that its kind does not set are 0.
  */
 typedef struct ArmwireEvent {
   /**
-   * What it is: an `ArmwireEventKind`.
+   * The kind: an `ArmwireEventKind`.
    */
   uint32_t kind;
   /**
@@ -828,7 +828,7 @@ typedef struct ArmwireEvent {
    */
   uint32_t sends;
   /**
-   * When to poll again at the latest; UINT64_MAX if there is nothing to wait for but bytes.
+   * The latest time of the next poll; UINT64_MAX if there is nothing to wait for but bytes.
    */
   uint64_t until_us;
   /**
@@ -844,7 +844,7 @@ typedef struct ArmwireEvent {
    */
   size_t len;
   /**
-   * What is wrong.
+   * The error.
    */
   struct ArmwireFault fault;
 } ArmwireEvent;
@@ -854,7 +854,7 @@ typedef struct ArmwireEvent {
  */
 typedef struct ArmwireAlpha1Response {
   /**
-   * What it is: an `ArmwireAlpha1ResponseKind`.
+   * The kind: an `ArmwireAlpha1ResponseKind`.
    */
   uint32_t kind;
   /**
@@ -934,7 +934,7 @@ typedef struct ArmwireAlpha1Device {
  */
 typedef struct ArmwireAlpha1Request {
   /**
-   * What it is: an `ArmwireAlpha1RequestKind`.
+   * The kind: an `ArmwireAlpha1RequestKind`.
    */
   uint32_t kind;
   /**
@@ -999,7 +999,7 @@ typedef struct ArmwireLingClient {
  */
 typedef struct ArmwireLingResponse {
   /**
-   * What it is: an `ArmwireLingResponseKind`.
+   * The kind: an `ArmwireLingResponseKind`.
    */
   uint32_t kind;
   /**
@@ -1084,7 +1084,7 @@ typedef struct ArmwireLingDevice {
  */
 typedef struct ArmwireLingRequest {
   /**
-   * What it is: an `ArmwireLingRequestKind`.
+   * The kind: an `ArmwireLingRequestKind`.
    */
   uint32_t kind;
   /**
@@ -1117,7 +1117,7 @@ typedef struct ArmwireXarmClient {
  */
 typedef struct ArmwireXarmResponse {
   /**
-   * What it is: an `ArmwireXarmResponseKind`.
+   * The kind: an `ArmwireXarmResponseKind`.
    */
   uint32_t kind;
   /**
@@ -1172,7 +1172,7 @@ typedef struct ArmwireXarmDevice {
  */
 typedef struct ArmwireXarmRequest {
   /**
-   * What it is: an `ArmwireXarmRequestKind`.
+   * The kind: an `ArmwireXarmRequestKind`.
    */
   uint32_t kind;
   /**
@@ -1209,7 +1209,7 @@ extern "C" {
  * Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of
  * `armwire_config_serial` at 115 200 baud.
  *
- * Version if header and library differ, OutOfRange if the baud rate is 0.
+ * ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
  */
 ArmwireStatus armwire_alpha1_client_init(struct ArmwireAlpha1Client *client,
                                          uint32_t version,
@@ -1227,7 +1227,7 @@ ArmwireStatus armwire_alpha1_client_poll(struct ArmwireAlpha1Client *client,
 /**
  * The line took the first `len` bytes of a TRANSMIT event.
  *
- * OutOfRange if that is more than what is left: then nothing is taken for transmitted.
+ * ARMWIRE_STATUS_OUT_OF_RANGE if that is more than what is left: then nothing is taken for transmitted.
  */
 ArmwireStatus armwire_alpha1_client_transmitted(struct ArmwireAlpha1Client *client,
                                                 uint64_t now_us,
@@ -1243,7 +1243,7 @@ ArmwireStatus armwire_alpha1_client_space(struct ArmwireAlpha1Client *client,
 /**
  * The first `len` bytes of `space` arrived.
  *
- * OutOfRange if that is more than there is room for: then nothing is taken.
+ * ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
  */
 ArmwireStatus armwire_alpha1_client_received(struct ArmwireAlpha1Client *client, uint64_t now_us, size_t len);
 
@@ -1271,12 +1271,14 @@ ArmwireStatus armwire_alpha1_client_idle(struct ArmwireAlpha1Client *client);
 ArmwireStatus armwire_alpha1_client_cancel(struct ArmwireAlpha1Client *client);
 
 /**
- * What was wrong with the last value or length that was refused.
+ * The last value or length that was refused, with its range.
  */
 ArmwireStatus armwire_alpha1_client_fault(struct ArmwireAlpha1Client *client, struct ArmwireFault *fault);
 
 /**
- * Asks for the robot's hardware version (row F1). Busy while another request is in flight, as all requests.
+ * Asks for the robot's hardware version (row F1).
+ *
+ * ARMWIRE_STATUS_BUSY while another request is in flight, as from all requests.
  */
 ArmwireStatus armwire_alpha1_client_read_hardware_version(struct ArmwireAlpha1Client *client);
 
@@ -1379,7 +1381,7 @@ ArmwireStatus armwire_alpha1_client_servo_read_version(struct ArmwireAlpha1Clien
 /**
  * Makes a device. `version` is ARMWIRE_VERSION.
  *
- * Version if header and library differ.
+ * ARMWIRE_STATUS_VERSION if header and library differ.
  */
 ArmwireStatus armwire_alpha1_device_init(struct ArmwireAlpha1Device *device, uint32_t version);
 
@@ -1393,7 +1395,8 @@ ArmwireStatus armwire_alpha1_device_poll(struct ArmwireAlpha1Device *device,
 /**
  * Writes a response to `out` and its length to `len`. 259 bytes hold every one.
  *
- * OutOfRange for a value, UnknownKind for a kind that the protocol does not have, BufferTooShort: then `len` is what it takes.
+ * ARMWIRE_STATUS_OUT_OF_RANGE for a value, ARMWIRE_STATUS_UNKNOWN_KIND for a kind that the protocol does not have,
+ * ARMWIRE_STATUS_BUFFER_TOO_SHORT: then `len` is the length of the response.
  *
  * # Safety
  *
@@ -1415,7 +1418,7 @@ ArmwireStatus armwire_alpha1_device_space(struct ArmwireAlpha1Device *device,
 /**
  * The first `len` bytes of `space` arrived.
  *
- * OutOfRange if that is more than there is room for: then nothing is taken.
+ * ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
  */
 ArmwireStatus armwire_alpha1_device_received(struct ArmwireAlpha1Device *device, size_t len);
 
@@ -1437,7 +1440,7 @@ ArmwireStatus armwire_alpha1_device_receive(struct ArmwireAlpha1Device *device,
 ArmwireStatus armwire_alpha1_device_idle(struct ArmwireAlpha1Device *device);
 
 /**
- * What was wrong with the last value or length that was refused.
+ * The last value or length that was refused, with its range.
  */
 ArmwireStatus armwire_alpha1_device_fault(struct ArmwireAlpha1Device *device, struct ArmwireFault *fault);
 
@@ -1467,7 +1470,7 @@ size_t armwire_fault_text(const struct ArmwireFault *fault,
 /**
  * Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of `armwire_config_serial`.
  *
- * Version if header and library differ, OutOfRange if the baud rate is 0.
+ * ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
  */
 ArmwireStatus armwire_ling_client_init(struct ArmwireLingClient *client,
                                        uint32_t version,
@@ -1485,7 +1488,7 @@ ArmwireStatus armwire_ling_client_poll(struct ArmwireLingClient *client,
 /**
  * The line took the first `len` bytes of a TRANSMIT event.
  *
- * OutOfRange if that is more than what is left: then nothing is taken for transmitted.
+ * ARMWIRE_STATUS_OUT_OF_RANGE if that is more than what is left: then nothing is taken for transmitted.
  */
 ArmwireStatus armwire_ling_client_transmitted(struct ArmwireLingClient *client, uint64_t now_us, size_t len);
 
@@ -1499,7 +1502,7 @@ ArmwireStatus armwire_ling_client_space(struct ArmwireLingClient *client,
 /**
  * The first `len` bytes of `space` arrived.
  *
- * OutOfRange if that is more than there is room for: then nothing is taken.
+ * ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
  */
 ArmwireStatus armwire_ling_client_received(struct ArmwireLingClient *client, uint64_t now_us, size_t len);
 
@@ -1527,12 +1530,14 @@ ArmwireStatus armwire_ling_client_idle(struct ArmwireLingClient *client);
 ArmwireStatus armwire_ling_client_cancel(struct ArmwireLingClient *client);
 
 /**
- * What was wrong with the last value or length that was refused.
+ * The last value or length that was refused, with its range.
  */
 ArmwireStatus armwire_ling_client_fault(struct ArmwireLingClient *client, struct ArmwireFault *fault);
 
 /**
- * Asks for serial number and versions (section 2.1). Busy while another request is in flight, as all requests.
+ * Asks for serial number and versions (section 2.1).
+ *
+ * ARMWIRE_STATUS_BUSY while another request is in flight, as from all requests.
  */
 ArmwireStatus armwire_ling_client_read_info(struct ArmwireLingClient *client);
 
@@ -1592,7 +1597,7 @@ ArmwireStatus armwire_ling_client_self_check(struct ArmwireLingClient *client);
 /**
  * Makes a device. `version` is ARMWIRE_VERSION.
  *
- * Version if header and library differ.
+ * ARMWIRE_STATUS_VERSION if header and library differ.
  */
 ArmwireStatus armwire_ling_device_init(struct ArmwireLingDevice *device, uint32_t version);
 
@@ -1606,7 +1611,8 @@ ArmwireStatus armwire_ling_device_poll(struct ArmwireLingDevice *device,
 /**
  * Writes a response to `out` and its length to `len`. 70 bytes hold every one.
  *
- * OutOfRange for a value, UnknownKind for a kind that the protocol does not have, BufferTooShort: then `len` is what it takes.
+ * ARMWIRE_STATUS_OUT_OF_RANGE for a value, ARMWIRE_STATUS_UNKNOWN_KIND for a kind that the protocol does not have,
+ * ARMWIRE_STATUS_BUFFER_TOO_SHORT: then `len` is the length of the response.
  *
  * # Safety
  *
@@ -1628,7 +1634,7 @@ ArmwireStatus armwire_ling_device_space(struct ArmwireLingDevice *device,
 /**
  * The first `len` bytes of `space` arrived.
  *
- * OutOfRange if that is more than there is room for: then nothing is taken.
+ * ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
  */
 ArmwireStatus armwire_ling_device_received(struct ArmwireLingDevice *device, size_t len);
 
@@ -1650,7 +1656,7 @@ ArmwireStatus armwire_ling_device_receive(struct ArmwireLingDevice *device,
 ArmwireStatus armwire_ling_device_idle(struct ArmwireLingDevice *device);
 
 /**
- * What was wrong with the last value or length that was refused.
+ * The last value or length that was refused, with its range.
  */
 ArmwireStatus armwire_ling_device_fault(struct ArmwireLingDevice *device, struct ArmwireFault *fault);
 
@@ -1681,7 +1687,7 @@ uint32_t armwire_version(void);
 /**
  * Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of `armwire_config_tcp`.
  *
- * Version if header and library differ, OutOfRange if the baud rate is 0.
+ * ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
  */
 ArmwireStatus armwire_xarm_client_init(struct ArmwireXarmClient *client,
                                        uint32_t version,
@@ -1699,7 +1705,7 @@ ArmwireStatus armwire_xarm_client_poll(struct ArmwireXarmClient *client,
 /**
  * The line took the first `len` bytes of a TRANSMIT event.
  *
- * OutOfRange if that is more than what is left: then nothing is taken for transmitted.
+ * ARMWIRE_STATUS_OUT_OF_RANGE if that is more than what is left: then nothing is taken for transmitted.
  */
 ArmwireStatus armwire_xarm_client_transmitted(struct ArmwireXarmClient *client, uint64_t now_us, size_t len);
 
@@ -1713,7 +1719,7 @@ ArmwireStatus armwire_xarm_client_space(struct ArmwireXarmClient *client,
 /**
  * The first `len` bytes of `space` arrived.
  *
- * OutOfRange if that is more than there is room for: then nothing is taken.
+ * ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
  */
 ArmwireStatus armwire_xarm_client_received(struct ArmwireXarmClient *client, uint64_t now_us, size_t len);
 
@@ -1741,7 +1747,7 @@ ArmwireStatus armwire_xarm_client_idle(struct ArmwireXarmClient *client);
 ArmwireStatus armwire_xarm_client_cancel(struct ArmwireXarmClient *client);
 
 /**
- * What was wrong with the last value or length that was refused.
+ * The last value or length that was refused, with its range.
  */
 ArmwireStatus armwire_xarm_client_fault(struct ArmwireXarmClient *client, struct ArmwireFault *fault);
 
@@ -1751,7 +1757,9 @@ ArmwireStatus armwire_xarm_client_fault(struct ArmwireXarmClient *client, struct
 ArmwireStatus armwire_xarm_client_set_protocol(struct ArmwireXarmClient *client, uint16_t protocol_id);
 
 /**
- * Sends a sign of life. Not answered. Busy while another request is in flight, as all requests.
+ * Sends a sign of life. Not answered.
+ *
+ * ARMWIRE_STATUS_BUSY while another request is in flight, as from all requests.
  */
 ArmwireStatus armwire_xarm_client_heartbeat(struct ArmwireXarmClient *client);
 
@@ -1806,7 +1814,7 @@ ArmwireStatus armwire_xarm_client_raw(struct ArmwireXarmClient *client,
 /**
  * Makes a device. `version` is ARMWIRE_VERSION.
  *
- * Version if header and library differ.
+ * ARMWIRE_STATUS_VERSION if header and library differ.
  */
 ArmwireStatus armwire_xarm_device_init(struct ArmwireXarmDevice *device, uint32_t version);
 
@@ -1820,7 +1828,8 @@ ArmwireStatus armwire_xarm_device_poll(struct ArmwireXarmDevice *device,
 /**
  * Writes a response to a request, or to none if `to` is NULL, to `out` and its length to `len`. 260 bytes hold every one.
  *
- * OutOfRange for a value, UnknownKind for a kind that the protocol does not have, BufferTooShort: then `len` is what it takes.
+ * ARMWIRE_STATUS_OUT_OF_RANGE for a value, ARMWIRE_STATUS_UNKNOWN_KIND for a kind that the protocol does not have,
+ * ARMWIRE_STATUS_BUFFER_TOO_SHORT: then `len` is the length of the response.
  *
  * # Safety
  *
@@ -1843,7 +1852,7 @@ ArmwireStatus armwire_xarm_device_space(struct ArmwireXarmDevice *device,
 /**
  * The first `len` bytes of `space` arrived.
  *
- * OutOfRange if that is more than there is room for: then nothing is taken.
+ * ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
  */
 ArmwireStatus armwire_xarm_device_received(struct ArmwireXarmDevice *device, size_t len);
 
@@ -1865,7 +1874,7 @@ ArmwireStatus armwire_xarm_device_receive(struct ArmwireXarmDevice *device,
 ArmwireStatus armwire_xarm_device_idle(struct ArmwireXarmDevice *device);
 
 /**
- * What was wrong with the last value or length that was refused.
+ * The last value or length that was refused, with its range.
  */
 ArmwireStatus armwire_xarm_device_fault(struct ArmwireXarmDevice *device, struct ArmwireFault *fault);
 
@@ -1873,7 +1882,7 @@ ArmwireStatus armwire_xarm_device_fault(struct ArmwireXarmDevice *device, struct
  * Makes the response of an arm to a frame that is no request, from the fault of the UNKNOWN event: to one of its own that its
  * state is invalid, to standard Modbus that it does not have the function.
  *
- * UnknownKind if the frame names nothing that could be answered.
+ * ARMWIRE_STATUS_UNKNOWN_KIND if the frame names nothing that could be answered.
  */
 ArmwireStatus armwire_xarm_refusal(const struct ArmwireFault *fault,
                                    struct ArmwireXarmResponse *response);

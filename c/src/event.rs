@@ -1,11 +1,11 @@
-//! What happens at a client or a device, the same for all protocols.
+//! The events of clients and devices, the same for all protocols.
 
 use armwire::framing::Reason;
 use armwire::{DeviceEvent, Event, Output, ParseError};
 
 use crate::fault::ArmwireFault;
 
-/// What an `ArmwireEvent` is. The members of it that are set are named in parentheses.
+/// The kind of an `ArmwireEvent`. The members that it sets are named in parentheses.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireEventKind {
@@ -38,15 +38,15 @@ pub enum ArmwireEventKind {
     Broken,
 }
 
-/// What happens at a client or a device. Members that its kind does not set are 0.
+/// An event at a client or a device. Members that its kind does not set are 0.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireEvent {
-    /// What it is: an `ArmwireEventKind`.
+    /// The kind: an `ArmwireEventKind`.
     pub kind: u32,
     /// The number of times that the request was sent.
     pub sends: u32,
-    /// When to poll again at the latest; UINT64_MAX if there is nothing to wait for but bytes.
+    /// The latest time of the next poll; UINT64_MAX if there is nothing to wait for but bytes.
     pub until_us: u64,
     /// The place of the first byte, in bytes since `init`.
     pub offset: u64,
@@ -54,7 +54,7 @@ pub struct ArmwireEvent {
     pub bytes: *const u8,
     /// The number of `bytes`.
     pub len: usize,
-    /// What is wrong.
+    /// The error.
     pub fault: ArmwireFault,
 }
 
@@ -93,7 +93,7 @@ impl ArmwireEvent {
         ArmwireEventKind::Broken
     }
 
-    /// Becomes what a client says, and returns the response in it.
+    /// Becomes the event of a client, and returns the response in it.
     pub(crate) fn set_client<R>(&mut self, output: Output<'_, R>) -> Option<R> {
         *self = Self::NONE;
         let (kind, response) = match output {
@@ -128,7 +128,7 @@ impl ArmwireEvent {
         response
     }
 
-    /// Becomes what a device says, and returns the request in it and the key of its response.
+    /// Becomes the event of a device, and returns the request in it and the key of its response.
     pub(crate) fn set_device<R, K>(&mut self, event: Option<DeviceEvent<'_, R, K>>) -> (Option<R>, Option<K>) {
         *self = Self::NONE;
         let (kind, request, key) = match event {

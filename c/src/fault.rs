@@ -1,4 +1,4 @@
-//! What is wrong with bytes or a value, and where.
+//! Errors in bytes and values, with their place.
 
 use core::ffi::c_char;
 use core::{ptr, slice};
@@ -9,7 +9,7 @@ use armwire::{Cause, MessageId, OutOfRange, ParseError};
 use crate::memory;
 use crate::text::Writer;
 
-/// What is wrong. The members of `ArmwireFault` that it sets are named in parentheses.
+/// The kind of an `ArmwireFault`. The members that it sets are named in parentheses.
 #[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireFaultCode {
@@ -84,11 +84,11 @@ pub enum ArmwireMessageKind {
     Modbus,
 }
 
-/// What is wrong with bytes or a value, and where. `armwire_fault_text` has it as text.
+/// An error in bytes or a value. `armwire_fault_text` writes it as text.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireFault {
-    /// What is wrong: an `ArmwireFaultCode`.
+    /// The kind: an `ArmwireFaultCode`.
     pub code: u8,
     /// The message that the frame would be: an `ArmwireMessageKind`.
     pub message: u8,
@@ -98,7 +98,7 @@ pub struct ArmwireFault {
     pub message_function: u8,
     /// The place, in bytes: from the start of the frame for noise, from the start of the data for a message.
     pub offset: u32,
-    /// What there was.
+    /// The value, byte or length itself.
     pub got: i32,
     /// The least that is allowed.
     pub min: i32,
@@ -154,7 +154,7 @@ impl Refused {
         Self::with(0, OutOfRange::new(error.what, error.unit, got, min, max))
     }
 
-    /// As C sees it.
+    /// The fault that C gets.
     pub(crate) fn fault(&self) -> ArmwireFault {
         let mut fault = ArmwireFault::NONE;
         if !self.error.what.is_empty() {
@@ -202,7 +202,7 @@ impl ArmwireFault {
         (self.unit, self.unit_len) = (error.unit.as_ptr(), error.unit.len());
     }
 
-    /// Says why bytes are noise, in a fault that says nothing yet.
+    /// Becomes the reason of noise. Nothing is set yet.
     pub(crate) fn set_noise(&mut self, reason: Reason) {
         let code = match reason {
             Reason::Stray => ArmwireFaultCode::Stray,
@@ -231,7 +231,7 @@ impl ArmwireFault {
         self.code = code as u8;
     }
 
-    /// Says why a frame is no message, in a fault that says nothing yet.
+    /// Becomes the error in a message. Nothing is set yet.
     pub(crate) fn set_message(&mut self, error: ParseError) {
         let (message, id, function) = match error.message {
             MessageId::Command(command) => (ArmwireMessageKind::Command, command, 0),

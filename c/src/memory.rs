@@ -9,12 +9,12 @@ use crate::status::ArmwireStatus;
 /// # Safety
 ///
 /// It must be `repr(C)`, have no padding, be valid with any bytes in it, and be at least as large and as aligned as a
-/// [`Tagged`] value. (`check`)(Memory::CHECK) checks the last two.
+/// [`Tagged`] value. [`CHECK`](Memory::CHECK) checks the last two.
 pub(crate) unsafe trait Memory: Sized {
     /// The value.
     type Value;
 
-    /// What tells it from all others, and from memory that was not initialized.
+    /// The first word, which tells it from all others and from memory that was not initialized.
     const TAG: u32;
 
     /// Fails to compile if the value does not fit.
@@ -33,7 +33,7 @@ pub(crate) const fn tag(kind: u8) -> u32 {
     TAGS | kind as u32
 }
 
-/// A value, and before it what it is.
+/// A value behind its tag.
 #[repr(C)]
 pub(crate) struct Tagged<T> {
     tag: u32,
@@ -50,7 +50,7 @@ pub(crate) fn init<M: Memory>(memory: Option<&mut M>, value: M::Value) -> Result
     Ok(())
 }
 
-/// The value in memory that (`init`) has filled.
+/// The value in memory that [`init`] has filled.
 pub(crate) fn open<M: Memory>(memory: Option<&mut M>) -> Result<&mut M::Value, ArmwireStatus> {
     const { M::CHECK }
     let memory: *mut M = memory.ok_or(ArmwireStatus::Null)?;
@@ -66,7 +66,7 @@ pub(crate) fn open<M: Memory>(memory: Option<&mut M>) -> Result<&mut M::Value, A
     }
 }
 
-/// Writes what a function gives back.
+/// Writes a result of a function.
 pub(crate) fn put<T>(to: Option<&mut T>, value: T) -> Result<(), ArmwireStatus> {
     *to.ok_or(ArmwireStatus::Null)? = value;
     Ok(())

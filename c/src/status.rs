@@ -1,8 +1,8 @@
-//! What a function returns.
+//! The result of a function.
 
 use core::ffi::{CStr, c_char};
 
-/// What a function returns. After an error nothing has changed.
+/// The result of a function. After an error nothing has changed.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireStatus {
@@ -20,7 +20,7 @@ pub enum ArmwireStatus {
     Busy,
     /// The buffer is too short for the message.
     BufferTooShort,
-    /// A value is out of its range. `fault` says which value and what the range is.
+    /// A value is out of its range. `fault` has the value and its range.
     OutOfRange,
     /// The protocol has no message of this kind.
     UnknownKind,

@@ -42,7 +42,7 @@ unsafe impl Memory for ArmwireAlpha1Client {
 /// Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of
 /// `armwire_config_serial` at 115 200 baud.
 ///
-/// Version if header and library differ, OutOfRange if the baud rate is 0.
+/// ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_init(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -66,7 +66,7 @@ pub extern "C" fn armwire_alpha1_client_poll(
 
 /// The line took the first `len` bytes of a TRANSMIT event.
 ///
-/// OutOfRange if that is more than what is left: then nothing is taken for transmitted.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than what is left: then nothing is taken for transmitted.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_transmitted(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -88,7 +88,7 @@ pub extern "C" fn armwire_alpha1_client_space(
 
 /// The first `len` bytes of `space` arrived.
 ///
-/// OutOfRange if that is more than there is room for: then nothing is taken.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_received(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -128,7 +128,7 @@ pub extern "C" fn armwire_alpha1_client_cancel(client: Option<&mut ArmwireAlpha1
     client::cancel(client)
 }
 
-/// What was wrong with the last value or length that was refused.
+/// The last value or length that was refused, with its range.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_fault(
     client: Option<&mut ArmwireAlpha1Client>,
@@ -142,7 +142,9 @@ fn ask(client: Option<&mut ArmwireAlpha1Client>, request: Result<ServoRequest, R
     client::submit(client, request.map(Request::Servo))
 }
 
-/// Asks for the robot's hardware version (row F1). Busy while another request is in flight, as all requests.
+/// Asks for the robot's hardware version (row F1).
+///
+/// ARMWIRE_STATUS_BUSY while another request is in flight, as from all requests.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_alpha1_client_read_hardware_version(
     client: Option<&mut ArmwireAlpha1Client>,

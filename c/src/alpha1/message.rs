@@ -144,7 +144,7 @@ fn flag(what: &'static str, value: u8) -> Result<bool, Refused> {
     }
 }
 
-/// What the host says.
+/// A message of the host.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireAlpha1RequestKind {
@@ -188,7 +188,7 @@ pub enum ArmwireAlpha1RequestKind {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireAlpha1Request {
-    /// What it is: an `ArmwireAlpha1RequestKind`.
+    /// The kind: an `ArmwireAlpha1RequestKind`.
     pub kind: u32,
     /// Whether the offset tool is connected: 0 or 1.
     pub connected: u8,
@@ -302,7 +302,7 @@ impl ArmwireAlpha1Request {
     }
 }
 
-/// What the robot or a servo says.
+/// A message of the robot or of a servo.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireAlpha1ResponseKind {
@@ -342,7 +342,7 @@ pub enum ArmwireAlpha1ResponseKind {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireAlpha1Response {
-    /// What it is: an `ArmwireAlpha1ResponseKind`.
+    /// The kind: an `ArmwireAlpha1ResponseKind`.
     pub kind: u32,
     /// Whether the robot or servo did it, or could tell: 0 or 1.
     pub success: u8,

@@ -27,7 +27,7 @@ unsafe impl Memory for ArmwireLingDevice {
 
 /// Makes a device. `version` is ARMWIRE_VERSION.
 ///
-/// Version if header and library differ.
+/// ARMWIRE_STATUS_VERSION if header and library differ.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_device_init(device: Option<&mut ArmwireLingDevice>, version: u32) -> ArmwireStatus {
     device::init(device, version, Ling).into()
@@ -45,7 +45,8 @@ pub extern "C" fn armwire_ling_device_poll(
 
 /// Writes a response to `out` and its length to `len`. 70 bytes hold every one.
 ///
-/// OutOfRange for a value, UnknownKind for a kind that the protocol does not have, BufferTooShort: then `len` is what it takes.
+/// ARMWIRE_STATUS_OUT_OF_RANGE for a value, ARMWIRE_STATUS_UNKNOWN_KIND for a kind that the protocol does not have,
+/// ARMWIRE_STATUS_BUFFER_TOO_SHORT: then `len` is the length of the response.
 ///
 /// # Safety
 ///
@@ -78,7 +79,7 @@ pub extern "C" fn armwire_ling_device_space(
 
 /// The first `len` bytes of `space` arrived.
 ///
-/// OutOfRange if that is more than there is room for: then nothing is taken.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_device_received(device: Option<&mut ArmwireLingDevice>, len: usize) -> ArmwireStatus {
     device::received(device, len)
@@ -107,7 +108,7 @@ pub extern "C" fn armwire_ling_device_idle(device: Option<&mut ArmwireLingDevice
     device::idle(device)
 }
 
-/// What was wrong with the last value or length that was refused.
+/// The last value or length that was refused, with its range.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_ling_device_fault(
     device: Option<&mut ArmwireLingDevice>,

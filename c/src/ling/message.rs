@@ -65,7 +65,7 @@ impl ArmwireLingMove {
     }
 }
 
-/// What the host says.
+/// A message of the host.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireLingRequestKind {
@@ -99,7 +99,7 @@ pub enum ArmwireLingRequestKind {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireLingRequest {
-    /// What it is: an `ArmwireLingRequestKind`.
+    /// The kind: an `ArmwireLingRequestKind`.
     pub kind: u32,
     /// Stroke of the gripper: 50, 75 or 100.
     pub stroke_mm: u8,
@@ -151,7 +151,7 @@ impl ArmwireLingRequest {
     }
 }
 
-/// What the arm says.
+/// A message of the arm.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireLingResponseKind {
@@ -175,7 +175,7 @@ pub enum ArmwireLingResponseKind {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireLingResponse {
-    /// What it is: an `ArmwireLingResponseKind`.
+    /// The kind: an `ArmwireLingResponseKind`.
     pub kind: u32,
     /// Serial number, ASCII, NUL behind it if it is shorter. `armwire_printable` makes text of it.
     pub serial_number: [u8; 16],

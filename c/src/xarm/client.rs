@@ -28,7 +28,7 @@ unsafe impl Memory for ArmwireXarmClient {
 
 /// Makes a client. `version` is ARMWIRE_VERSION. `config` may be NULL: then it is that of `armwire_config_tcp`.
 ///
-/// Version if header and library differ, OutOfRange if the baud rate is 0.
+/// ARMWIRE_STATUS_VERSION if header and library differ, ARMWIRE_STATUS_OUT_OF_RANGE if the baud rate is 0.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_init(
     client: Option<&mut ArmwireXarmClient>,
@@ -52,7 +52,7 @@ pub extern "C" fn armwire_xarm_client_poll(
 
 /// The line took the first `len` bytes of a TRANSMIT event.
 ///
-/// OutOfRange if that is more than what is left: then nothing is taken for transmitted.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than what is left: then nothing is taken for transmitted.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_transmitted(
     client: Option<&mut ArmwireXarmClient>,
@@ -74,7 +74,7 @@ pub extern "C" fn armwire_xarm_client_space(
 
 /// The first `len` bytes of `space` arrived.
 ///
-/// OutOfRange if that is more than there is room for: then nothing is taken.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_received(
     client: Option<&mut ArmwireXarmClient>,
@@ -114,7 +114,7 @@ pub extern "C" fn armwire_xarm_client_cancel(client: Option<&mut ArmwireXarmClie
     client::cancel(client)
 }
 
-/// What was wrong with the last value or length that was refused.
+/// The last value or length that was refused, with its range.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_fault(
     client: Option<&mut ArmwireXarmClient>,
@@ -132,7 +132,9 @@ pub extern "C" fn armwire_xarm_client_set_protocol(
     client::change(client, protocol(protocol_id), |arm, protocol| arm.protocol = protocol)
 }
 
-/// Sends a sign of life. Not answered. Busy while another request is in flight, as all requests.
+/// Sends a sign of life. Not answered.
+///
+/// ARMWIRE_STATUS_BUSY while another request is in flight, as from all requests.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_client_heartbeat(client: Option<&mut ArmwireXarmClient>) -> ArmwireStatus {
     client::submit(client, Ok(Request::Heartbeat))

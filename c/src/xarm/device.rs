@@ -27,7 +27,7 @@ unsafe impl Memory for ArmwireXarmDevice {
 
 /// Makes a device. `version` is ARMWIRE_VERSION.
 ///
-/// Version if header and library differ.
+/// ARMWIRE_STATUS_VERSION if header and library differ.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_device_init(device: Option<&mut ArmwireXarmDevice>, version: u32) -> ArmwireStatus {
     device::init(device, version, XArm::PRIVATE).into()
@@ -45,7 +45,8 @@ pub extern "C" fn armwire_xarm_device_poll(
 
 /// Writes a response to a request, or to none if `to` is NULL, to `out` and its length to `len`. 260 bytes hold every one.
 ///
-/// OutOfRange for a value, UnknownKind for a kind that the protocol does not have, BufferTooShort: then `len` is what it takes.
+/// ARMWIRE_STATUS_OUT_OF_RANGE for a value, ARMWIRE_STATUS_UNKNOWN_KIND for a kind that the protocol does not have,
+/// ARMWIRE_STATUS_BUFFER_TOO_SHORT: then `len` is the length of the response.
 ///
 /// # Safety
 ///
@@ -80,7 +81,7 @@ pub extern "C" fn armwire_xarm_device_space(
 
 /// The first `len` bytes of `space` arrived.
 ///
-/// OutOfRange if that is more than there is room for: then nothing is taken.
+/// ARMWIRE_STATUS_OUT_OF_RANGE if that is more than there is room for: then nothing is taken.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_device_received(device: Option<&mut ArmwireXarmDevice>, len: usize) -> ArmwireStatus {
     device::received(device, len)
@@ -109,7 +110,7 @@ pub extern "C" fn armwire_xarm_device_idle(device: Option<&mut ArmwireXarmDevice
     device::idle(device)
 }
 
-/// What was wrong with the last value or length that was refused.
+/// The last value or length that was refused, with its range.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_device_fault(
     device: Option<&mut ArmwireXarmDevice>,
@@ -121,7 +122,7 @@ pub extern "C" fn armwire_xarm_device_fault(
 /// Makes the response of an arm to a frame that is no request, from the fault of the UNKNOWN event: to one of its own that its
 /// state is invalid, to standard Modbus that it does not have the function.
 ///
-/// UnknownKind if the frame names nothing that could be answered.
+/// ARMWIRE_STATUS_UNKNOWN_KIND if the frame names nothing that could be answered.
 #[unsafe(no_mangle)]
 pub extern "C" fn armwire_xarm_refusal(
     fault: Option<&ArmwireFault>,

@@ -34,7 +34,7 @@ pub(super) fn raw(register: u8, params: &[u8]) -> Result<Raw<'_>, Refused> {
     })
 }
 
-/// What the host says.
+/// A message of the host.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireXarmRequestKind {
@@ -64,7 +64,7 @@ pub enum ArmwireXarmRequestKind {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireXarmRequest {
-    /// What it is: an `ArmwireXarmRequestKind`.
+    /// The kind: an `ArmwireXarmRequestKind`.
     pub kind: u32,
     /// The request's number, which its response repeats. Set with every frame, as are `protocol_id` and `reg`.
     pub transaction_id: u16,
@@ -128,7 +128,7 @@ impl ArmwireXarmRequest {
     }
 }
 
-/// What the arm says.
+/// A message of the arm.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireXarmResponseKind {
@@ -159,7 +159,7 @@ pub enum ArmwireXarmResponseKind {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct ArmwireXarmResponse {
-    /// What it is: an `ArmwireXarmResponseKind`.
+    /// The kind: an `ArmwireXarmResponseKind`.
     pub kind: u32,
     /// How the arm is, and what it made of the request, in bits: 0x08 refused or failed, 0x10 not ready to move, 0x20 warning,
     /// 0x40 error.
