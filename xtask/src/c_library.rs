@@ -416,7 +416,7 @@ fn check_arduino(dir: &Path, toolchain: Toolchain) -> Result<()> {
         .arg(library.join("examples/ReadJoints/ReadJoints.ino"))
         .args(["-x", "none"])
         .arg(library.join("src/cortex-m0plus/libarmwire_c.a"))
-        .args("-r -nostdlib -o".split(' '))
+        .args("-r -nostdlib -Wl,-z,noexecstack -o".split(' '))
         .arg(dir.join("arduino.o"));
     run(compile.current_dir(root()))
 }
