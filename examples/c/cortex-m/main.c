@@ -101,6 +101,9 @@ int main(void)
         log_text("another version of the library\n");
         return 1;
     }
+    do {
+        armwire_ling_client_read_info(&arm);
+    } while (call(&joints).kind != ARMWIRE_EVENT_KIND_ANSWER); /* The arm may still be starting. */
     armwire_ling_client_set_torque(&arm, 1);
     call(&joints);
     do {
