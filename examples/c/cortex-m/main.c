@@ -64,20 +64,27 @@ static size_t uart_write(const uint8_t *bytes, size_t len)
     return n;
 }
 
+/* One step of the client, which never waits. */
+static ArmwireEvent step(ArmwireLingResponse *response)
+{
+    ArmwireEvent event;
+    uint8_t *space;
+    size_t len;
+    armwire_ling_client_space(&arm, &space, &len);
+    armwire_ling_client_received(&arm, now_us(), uart_read(space, len));
+    armwire_ling_client_poll(&arm, now_us(), &event, response);
+    if (event.kind == ARMWIRE_EVENT_KIND_TRANSMIT) {
+        armwire_ling_client_transmitted(&arm, now_us(), uart_write(event.bytes, event.len));
+    }
+    return event;
+}
+
 /* Carries the request in flight out. Between two steps other work can be done. */
 static ArmwireEvent call(ArmwireLingResponse *response)
 {
     for (;;) {
-        ArmwireEvent event;
-        uint8_t *space;
-        size_t len;
-        armwire_ling_client_space(&arm, &space, &len);
-        armwire_ling_client_received(&arm, now_us(), uart_read(space, len));
-        armwire_ling_client_poll(&arm, now_us(), &event, response);
+        ArmwireEvent event = step(response);
         switch (event.kind) {
-        case ARMWIRE_EVENT_KIND_TRANSMIT:
-            armwire_ling_client_transmitted(&arm, now_us(), uart_write(event.bytes, event.len));
-            break;
         case ARMWIRE_EVENT_KIND_ANSWER:
         case ARMWIRE_EVENT_KIND_SENT:
         case ARMWIRE_EVENT_KIND_TIMED_OUT:
@@ -119,6 +126,9 @@ int main(void)
         log_number(joints.position_ticks[joint]);
     }
     log_text("ticks\n");
+    for (uint64_t end_us = now_us() + 300000; now_us() < end_us;) {
+        step(&joints); /* A late answer may be on its way. */
+    }
     log_number(bytes_out);
     log_text("bytes out, ");
     log_number(bytes_in);
