@@ -87,6 +87,7 @@ pub(crate) fn run_all(options: &Options) -> Result<()> {
         return Ok(());
     }
     compile_header()?;
+    check_versions()?;
     let dir = target_dir()?.join("c-tests");
     fs::create_dir_all(&dir)?;
     run(&mut tool(&format!(
@@ -145,6 +146,27 @@ fn check_header(write: bool) -> Result<()> {
     }
     let is_current = fs::read_to_string(&header)? == text;
     ensure!(is_current, "{HEADER} is not current: run `cargo xtask c --write`");
+    Ok(())
+}
+
+/// The packages have the version of the workspace.
+fn check_versions() -> Result<()> {
+    let version = env!("CARGO_PKG_VERSION");
+    let lines = [
+        (
+            "c/CMakeLists.txt",
+            format!("project(armwire VERSION {version} LANGUAGES C)"),
+        ),
+        ("c/arduino/library.properties", format!("version={version}")),
+        ("c/arduino/library.json", format!("  \"version\": \"{version}\",")),
+    ];
+    for (file, expected) in lines {
+        let text = fs::read_to_string(root().join(file))?;
+        ensure!(
+            text.lines().any(|line| line == expected),
+            "{file} has no line `{expected}`"
+        );
+    }
     Ok(())
 }
 
