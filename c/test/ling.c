@@ -88,6 +88,10 @@ static void requests_end_whatever_the_line_does(unsigned rounds)
     for (unsigned round = 0; round < rounds; round++) {
         sent(armwire_ling_client_set_torque(&arm, 1));
         sent(armwire_ling_client_move(&arm, &home));
+        sent(armwire_ling_client_set_stroke(&arm, 100));
+        sent(armwire_ling_client_set_temperature_limit(&arm, 70));
+        sent(armwire_ling_client_set_torque(&arm, 0));
+        sent(armwire_ling_client_set_zero(&arm));
         for (size_t read = 0; read < READS; read++) {
             ArmwireLingResponse response;
             CHECK_OK(reads[read](&arm));
