@@ -1,5 +1,5 @@
 /* Arms in C: every request of the clients arrives at the devices as it was made, and every response of the devices at the
- * clients, without faults and with faults on the line between them. In virtual time. */
+ * clients, without faults and with faults on the line between them. In virtual time. device ROUNDS */
 #include "harness.h"
 
 static Random rng = {1};
@@ -548,21 +548,23 @@ static void strange_frames_are_answered_as_the_arm_does(void)
     CHECK(event.kind == ARMWIRE_EVENT_KIND_BROKEN);
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
+    CHECK(argc == 2);
+    unsigned long rounds = strtoul(argv[1], NULL, 10);
     CHECK_OK(armwire_ling_device_init(&ling_device, ARMWIRE_VERSION));
     CHECK_OK(armwire_alpha1_device_init(&alpha1_device, ARMWIRE_VERSION));
     CHECK_OK(armwire_xarm_device_init(&xarm_device, ARMWIRE_VERSION));
     CHECK_OK(armwire_ling_client_init(&ling_client, ARMWIRE_VERSION, NULL));
     CHECK_OK(armwire_alpha1_client_init(&alpha1_client, ARMWIRE_VERSION, NULL));
     CHECK_OK(armwire_xarm_client_init(&xarm_client, ARMWIRE_VERSION, NULL));
-    for (unsigned round = 0; round < 20000; round++) {
+    for (unsigned long round = 0; round < rounds; round++) {
         ling_round();
         alpha1_round();
         xarm_round();
     }
     faults = 20;
-    for (unsigned round = 0; round < 20000; round++) {
+    for (unsigned long round = 0; round < rounds; round++) {
         ling_round();
         alpha1_round();
     }
