@@ -56,10 +56,16 @@ static ArmwireLingResponse call(ArmwireStatus status)
         case ARMWIRE_EVENT_KIND_ANSWER:
         case ARMWIRE_EVENT_KIND_SENT: return response;
         case ARMWIRE_EVENT_KIND_TIMED_OUT: fprintf(stderr, "no answer\n"); exit(1);
-        default: /* Noise and the like. UNACCEPTABLE ends the request, too. */
+        case ARMWIRE_EVENT_KIND_NOISE:
+        case ARMWIRE_EVENT_KIND_UNKNOWN:
+        case ARMWIRE_EVENT_KIND_UNACCEPTABLE:
             armwire_fault_text(&event.fault, text, sizeof text);
             fprintf(stderr, "on the line: %s\n", text);
-            if (event.kind == ARMWIRE_EVENT_KIND_UNACCEPTABLE) exit(1);
+            if (event.kind == ARMWIRE_EVENT_KIND_UNACCEPTABLE) {
+                exit(1);
+            }
+            break;
+        default: break; /* A late answer, or the request itself. */
         }
     }
     ArmwireFault fault;
