@@ -548,10 +548,24 @@ static void strange_frames_are_answered_as_the_arm_does(void)
     CHECK(event.kind == ARMWIRE_EVENT_KIND_BROKEN);
 }
 
+static void a_header_of_another_version_is_refused(void)
+{
+    ArmwireLingClient client, before;
+    ArmwireXarmDevice device;
+    memset(&client, 0x5A, sizeof client);
+    before = client;
+    CHECK(armwire_version() == ARMWIRE_VERSION);
+    CHECK(armwire_ling_client_init(&client, ARMWIRE_VERSION + 1, NULL) == ARMWIRE_STATUS_VERSION);
+    CHECK(memcmp(&client, &before, sizeof client) == 0);
+    CHECK(armwire_ling_client_read_joints(&client) == ARMWIRE_STATUS_NOT_INITIALIZED);
+    CHECK(armwire_xarm_device_init(&device, ARMWIRE_VERSION - 1) == ARMWIRE_STATUS_VERSION);
+}
+
 int main(int argc, char **argv)
 {
     CHECK(argc == 2);
     unsigned long rounds = strtoul(argv[1], NULL, 10);
+    a_header_of_another_version_is_refused();
     CHECK_OK(armwire_ling_device_init(&ling_device, ARMWIRE_VERSION));
     CHECK_OK(armwire_alpha1_device_init(&alpha1_device, ARMWIRE_VERSION));
     CHECK_OK(armwire_xarm_device_init(&xarm_device, ARMWIRE_VERSION));
