@@ -78,8 +78,13 @@ static ArmwireLingResponse call(ArmwireStatus status)
 int main(int argc, char **argv)
 {
     struct termios settings;
-    if (argc != 2 || (port = open(argv[1], O_RDWR | O_NOCTTY)) < 0 || tcgetattr(port, &settings) != 0) {
-        perror(argc == 2 ? argv[1] : "usage: serial PORT");
+    if (argc != 2) {
+        fprintf(stderr, "usage: serial PORT\n");
+        return 2;
+    }
+    port = open(argv[1], O_RDWR | O_NOCTTY);
+    if (port < 0 || tcgetattr(port, &settings) != 0) {
+        perror(argv[1]);
         return 1;
     }
     cfmakeraw(&settings);
