@@ -1,6 +1,6 @@
 //! An adapter on the command line: where it is, and what of it is shown in the same way everywhere.
 
-use std::io::{ErrorKind, Write, stdout};
+use std::io::ErrorKind;
 use std::path::Path;
 
 use armwire_bridge::config::Can;
@@ -10,9 +10,11 @@ use clap::Args;
 use serde_json::{Map, Value, json};
 
 use crate::control::ControlLink;
+use crate::error::Error;
+use crate::line_holder;
+use crate::output::complain;
 use crate::port::Port;
-use crate::problem::Problem;
-use crate::{complain, held};
+use crate::serial::not_opened;
 
 /// Where an adapter is.
 #[derive(Args, Debug, PartialEq, Eq)]
@@ -41,14 +43,12 @@ impl AdapterPort {
     }
 
     /// Opens the adapter's control port.
-    pub(crate) fn open(&self) -> Result<ControlLink, Problem> {
+    pub(crate) fn open(&self) -> Result<ControlLink, Error> {
         let opened = self.port.connect(None)?.control();
         match (opened, &self.port) {
             // A port that is not there has no control port either, but that is not what is wrong with it.
-            (Err(Problem::NoControl { .. }), Port::Serial(port)) if cfg!(unix) && !Path::new(port).exists() => {
-                let port = port.clone();
-                let error = ErrorKind::NotFound.into();
-                Err(Problem::Open { port, error })
+            (Err(Error::NoControl { .. }), Port::Serial(port)) if cfg!(unix) && !Path::new(port).exists() => {
+                Err(not_opened(port, &ErrorKind::NotFound.into()))
             }
             (opened, _) => opened,
         }
@@ -56,7 +56,7 @@ impl AdapterPort {
 }
 
 /// What an adapter is.
-pub(crate) fn identify(control: &mut ControlLink) -> Result<Identity, Problem> {
+pub(crate) fn identify(control: &mut ControlLink) -> Result<Identity, Error> {
     match control.call(Request::Identify)? {
         Reply::Identity(identity) => Ok(identity),
         reply => Err(odd(control, &reply)),
@@ -77,7 +77,7 @@ pub(crate) fn describe(identity: &Identity) -> String {
 }
 
 /// All counters of an adapter by their names, in the order in which they are declared.
-pub(crate) fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Problem> {
+pub(crate) fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, Error> {
     match control.call(Request::GetCounters)? {
         Reply::Counters(counters) => match serde_json::to_value(counters) {
             Ok(Value::Object(counters)) => Ok(counters),
@@ -88,7 +88,7 @@ pub(crate) fn counters(control: &mut ControlLink) -> Result<Map<String, Value>, 
 }
 
 /// How long things took at an adapter.
-pub(crate) fn latencies(control: &mut ControlLink) -> Result<Latencies, Problem> {
+pub(crate) fn latencies(control: &mut ControlLink) -> Result<Latencies, Error> {
     match control.call(Request::GetLatencies)? {
         Reply::Latencies(latencies) => Ok(latencies),
         reply => Err(odd(control, &reply)),
@@ -96,18 +96,18 @@ pub(crate) fn latencies(control: &mut ControlLink) -> Result<Latencies, Problem>
 }
 
 /// The line between an adapter and its arm. `None` from an adapter that is older than the question.
-pub(crate) fn line(control: &mut ControlLink) -> Result<Option<LineState>, Problem> {
+pub(crate) fn line(control: &mut ControlLink) -> Result<Option<LineState>, Error> {
     match control.call(Request::GetLine) {
         Ok(Reply::Line(line)) => Ok(Some(line)),
         Ok(reply) => Err(odd(control, &reply)),
-        Err(Problem::Unsupported { .. }) => Ok(None),
+        Err(Error::Unsupported { .. }) => Ok(None),
         Err(problem) => Err(problem),
     }
 }
 
 /// Tells on standard error who holds the line, if anybody does.
-pub(crate) fn tell_holder(control: &mut ControlLink) -> Result<(), Problem> {
-    if let Some(told) = line(control)?.as_ref().and_then(held::describe) {
+pub(crate) fn tell_holder(control: &mut ControlLink) -> Result<(), Error> {
+    if let Some(told) = line(control)?.as_ref().and_then(line_holder::describe) {
         complain(&format_args!("{}: the line runs at {told}", control.name()));
     }
     Ok(())
@@ -135,11 +135,9 @@ pub(crate) fn histograms(latencies: &Latencies) -> [(&'static str, &'static str,
 }
 
 /// An answer, though to another question than was asked.
-pub(crate) fn odd(control: &ControlLink, reply: &Reply) -> Problem {
-    Problem::Refused {
-        name: control.name().to_owned(),
-        what: format!("the adapter answers what it was not asked: {reply:?}"),
-    }
+pub(crate) fn odd(control: &ControlLink, reply: &Reply) -> Error {
+    let reason = format!("the adapter answers what it was not asked: {reply:?}");
+    Error::at(control.name(), reason)
 }
 
 /// How many durations a histogram has.
@@ -164,11 +162,6 @@ pub(crate) fn limit(bucket: usize) -> String {
         Some(limit) => format!("< {} µs", limit.as_micros()),
         None => format!("≥ {} µs", Histogram::limit(bucket - 1).unwrap_or_default().as_micros()),
     }
-}
-
-/// Prints one value as JSON.
-pub(crate) fn print_json(value: &Value) -> Result<(), Problem> {
-    writeln!(stdout(), "{value:#}").map_err(Problem::Output)
 }
 
 /// A histogram as the upper limits of its buckets, in microseconds, with their counts. The last has no limit.

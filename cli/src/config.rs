@@ -1,6 +1,5 @@
 //! `armwire config`: what an adapter is told to be.
 
-use std::io::{Write, stdout};
 use std::str::FromStr;
 
 use armwire_bridge::can::Node;
@@ -11,7 +10,8 @@ use serde_json::{Map, Value, json};
 
 use crate::adapter::{self, AdapterPort};
 use crate::control::ControlLink;
-use crate::problem::Problem;
+use crate::error::Error;
+use crate::output::{print, print_json};
 
 /// The arguments of `armwire config`.
 #[derive(Args)]
@@ -212,14 +212,14 @@ fn help() -> String {
 }
 
 impl Configure {
-    pub(crate) fn run(&self) -> Result<(), Problem> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let mut control = self.adapter.open()?;
         match self.action.as_ref().unwrap_or(&Action::Show) {
             Action::Show => {}
             Action::Set { settings, save } => {
                 let mut config = get(&mut control)?;
                 for Setting { key, value } in settings {
-                    (key.set)(&mut config, value).map_err(Problem::Usage)?;
+                    (key.set)(&mut config, value).map_err(Error::Usage)?;
                 }
                 control.call(Request::SetConfig(config))?;
                 control = self.follow(control, &config)?;
@@ -242,13 +242,13 @@ impl Configure {
                 .iter()
                 .map(|key| (key.name.to_owned(), (key.get)(&config)))
                 .collect();
-            return adapter::print_json(&Value::Object(object));
+            return print_json(&Value::Object(object));
         }
-        stdout().write_all(show(&config).as_bytes()).map_err(Problem::Output)
+        print(&show(&config))
     }
 
     /// The adapter where it is on the CAN bus now that it is so.
-    fn follow(&self, control: ControlLink, config: &Config) -> Result<ControlLink, Problem> {
+    fn follow(&self, control: ControlLink, config: &Config) -> Result<ControlLink, Error> {
         let moved = self.adapter.moved(&config.can);
         if moved == self.adapter {
             return Ok(control);
@@ -260,7 +260,7 @@ impl Configure {
 }
 
 /// The configuration in force.
-pub(crate) fn get(control: &mut ControlLink) -> Result<Config, Problem> {
+pub(crate) fn get(control: &mut ControlLink) -> Result<Config, Error> {
     match control.call(Request::GetConfig)? {
         Reply::Config(config) => Ok(config),
         reply => Err(adapter::odd(control, &reply)),

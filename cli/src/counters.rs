@@ -1,13 +1,12 @@
 //! `armwire counters`: all that an adapter has counted and measured since it started.
 
-use std::io::{Write, stdout};
-
 use armwire_bridge::control::Histogram;
 use clap::Args;
 use serde_json::{Value, json};
 
 use crate::adapter::{self, AdapterPort, histograms};
-use crate::problem::Problem;
+use crate::error::Error;
+use crate::output::{print, print_json};
 
 /// How wide the longest bar of a histogram is.
 const BAR: u64 = 40;
@@ -26,7 +25,7 @@ pub(crate) struct Counters {
 }
 
 impl Counters {
-    pub(crate) fn run(&self) -> Result<(), Problem> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let mut control = self.adapter.open()?;
         adapter::tell_holder(&mut control)?;
         let counters = adapter::counters(&mut control)?;
@@ -35,7 +34,7 @@ impl Counters {
         if self.json {
             let latencies = latencies.map(|(name, _, histogram)| (name.to_owned(), adapter::histogram_json(histogram)));
             let latencies = Value::Object(latencies.into_iter().collect());
-            return adapter::print_json(&json!({ "counters": counters, "latencies": latencies }));
+            return print_json(&json!({ "counters": counters, "latencies": latencies }));
         }
         let mut text = String::new();
         for (name, count) in counters
@@ -49,7 +48,7 @@ impl Counters {
                 text += &format!("\n{name} ({what}): {}\n{}", adapter::total(histogram), bars(histogram));
             }
         }
-        stdout().write_all(text.as_bytes()).map_err(Problem::Output)
+        print(&text)
     }
 }
 

@@ -1,6 +1,5 @@
 //! `armwire hold`: gives the line between an adapter and its arm to the host on USB alone.
 
-use std::io::{Write, stdout};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -9,7 +8,8 @@ use armwire_bridge::control::{HOLD_LEASE_MS, Request};
 use clap::Args;
 
 use crate::adapter::AdapterPort;
-use crate::problem::Problem;
+use crate::error::Error;
+use crate::output::say;
 
 /// How often the lease of the line is renewed: several times before it ends.
 const RENEWAL: Duration = Duration::from_millis(HOLD_LEASE_MS as u64 / 5);
@@ -24,11 +24,11 @@ pub(crate) struct Hold {
 }
 
 impl Hold {
-    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         let mut control = self.adapter.open()?;
         control.call(Request::HoldLine)?;
         let name = control.name().to_owned();
-        let tell = |what: &str| writeln!(stdout(), "{name}: {what}").map_err(Problem::Output);
+        let tell = |what: &str| say(format_args!("{name}: {what}"));
         tell("the line is held for USB: no polls, no CAN, no torque-off; Ctrl-C releases it")?;
         let mut renewal = Instant::now() + RENEWAL;
         while !stop.load(Ordering::Relaxed) {

@@ -4,6 +4,8 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod adapter;
+mod args;
+mod available;
 mod call;
 mod can;
 mod config;
@@ -11,39 +13,37 @@ mod control;
 mod counters;
 mod decode;
 mod describe;
-mod held;
+mod error;
+mod heard;
 mod hex;
 mod hold;
 mod info;
+mod legacy;
+mod line_holder;
 mod link;
 mod monitor;
 mod motion;
-mod older;
+mod output;
 mod port;
 mod printable;
-mod problem;
 mod serial;
 #[cfg(unix)]
 mod sim;
 mod tcp;
 mod update;
 
-use std::fmt::Display;
-use std::io::{Write, stderr};
-use std::num::NonZeroU32;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use clap::{CommandFactory, Parser, Subcommand};
 
+pub use args::ArmKind;
 pub use decode::{Speaker, decode};
 
-use control::ControlLink;
-use port::{Connection, Port};
-use printable::escaped;
-use problem::Problem;
-use tcp::Host;
+use args::Place;
+use error::Error;
+use output::complain;
 
 /// Virtual robot arms, and real ones to look at and talk to.
 #[derive(Parser)]
@@ -85,79 +85,14 @@ enum Command {
     Update(update::Update),
 }
 
-/// Where an arm is, and which it is.
-#[derive(Args)]
-struct Place {
-    /// The serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or slcan:PORT@BITRATE/NODE, an
-    /// adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux. For xarm the host, such as
-    /// 192.168.1.10 or 192.168.1.10:502.
-    port: String,
-    /// Which arm it is.
-    #[arg(long, value_enum, default_value_t)]
-    arm: ArmKind,
-    #[command(flatten)]
-    baud: Baud,
-    /// The adapter's control port, where it cannot be found from the arm's port, as that of a virtual board:
-    /// control:PORT, or PORT alone.
-    #[arg(long, value_name = "PORT", value_parser = Port::of_control)]
-    control: Option<Port>,
-}
-
-impl Place {
-    /// What any other arm is on.
-    fn connect(&self) -> Result<Connection, Problem> {
-        let port: Port = self.port.parse().map_err(Problem::Usage)?;
-        port.connect(self.baud.baud)
-    }
-
-    /// The control port of the adapter there.
-    fn control(&self, connection: &Connection) -> Result<ControlLink, Problem> {
-        match &self.control {
-            Some(port) => port.connect(None)?.control(),
-            None => connection.control(),
-        }
-    }
-
-    /// The host that an xArm is on.
-    fn host(&self) -> Result<Host, Problem> {
-        let refused = |option| Err(Problem::Usage(format!("an xarm is on a host, which has no {option}")));
-        match (self.baud.baud, &self.control) {
-            (None, None) => self.port.parse().map_err(Problem::Usage),
-            (Some(_), _) => refused("--baud"),
-            (None, Some(_)) => refused("--control"),
-        }
-    }
-}
-
-/// The baud rate of a serial port.
-#[derive(Args)]
-struct Baud {
-    /// Baud rate of the serial port; 1000000 for ling and 115200 for alpha1 unless you say otherwise; a ling arm of the
-    /// older generation may need 921600.
-    #[arg(long)]
-    baud: Option<NonZeroU32>,
-}
-
-/// The arms there are.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-pub enum ArmKind {
-    /// Ling / Alicia-D, on a serial port.
-    #[default]
-    Ling,
-    /// UFACTORY xArm, on TCP.
-    Xarm,
-    /// UBTECH Alpha1, on a serial port.
-    Alpha1,
-}
-
 /// Does what the command line says.
 pub fn main() -> ExitCode {
     let cli = Cli::try_parse().unwrap_or_else(|error| with_names(error).exit());
     match run(&cli.command) {
         Ok(()) => ExitCode::SUCCESS,
         // Who no longer reads what we print has had enough.
-        Err(Problem::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
-        Err(Problem::Usage(text)) => Cli::command().error(ErrorKind::ValueValidation, text).exit(),
+        Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        Err(Error::Usage(text)) => Cli::command().error(ErrorKind::ValueValidation, text).exit(),
         Err(problem) => {
             complain(&problem);
             ExitCode::FAILURE
@@ -188,7 +123,7 @@ fn with_names(error: clap::Error) -> clap::Error {
     command.error(ErrorKind::InvalidSubcommand, text)
 }
 
-fn run(command: &Command) -> Result<(), Problem> {
+fn run(command: &Command) -> Result<(), Error> {
     match command {
         #[cfg(unix)]
         Command::Sim(sim) => sim.run(stop_on_ctrl_c()?),
@@ -205,14 +140,9 @@ fn run(command: &Command) -> Result<(), Problem> {
     }
 }
 
-/// Tells what is wrong where it does not get into the data. That nobody reads it is no other problem.
-fn complain(what: &impl Display) {
-    let _ = writeln!(stderr(), "armwire: {}", escaped(&what.to_string()));
-}
-
 /// A flag that Ctrl-C, or a request to terminate, sets.
-fn stop_on_ctrl_c() -> Result<&'static AtomicBool, Problem> {
+fn stop_on_ctrl_c() -> Result<&'static AtomicBool, Error> {
     static STOP: AtomicBool = AtomicBool::new(false);
-    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).map_err(Problem::Signals)?;
+    ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed)).map_err(Error::Signals)?;
     Ok(&STOP)
 }

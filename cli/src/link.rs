@@ -8,7 +8,8 @@ use armwire::framing::Reason;
 use armwire::{Client, Config, Event, Output, time, xarm};
 
 use crate::describe::Arm;
-use crate::problem::{Heard, Problem};
+use crate::error::Error;
+use crate::heard::Heard;
 
 /// The longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;
@@ -23,14 +24,14 @@ pub(crate) trait Line {
     fn name(&self) -> &str;
 
     /// Reads what has arrived, waiting so long for the first byte; no bytes when none came.
-    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem>;
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error>;
 
     /// Writes some of the bytes, at least one, and returns how many. On a line that carries whole messages the bytes are
     /// one.
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem>;
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error>;
 
     /// What to ask oneself about this line when nothing comes from the arm, or something that is none of its messages.
-    fn doubts(&mut self, came: Came, arm: &str) -> String;
+    fn hints(&mut self, came: Came, arm: &str) -> String;
 }
 
 /// What came instead of an answer.
@@ -45,16 +46,16 @@ impl Line for Box<dyn Line> {
         self.as_ref().name()
     }
 
-    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         self.as_mut().read(buf, wait)
     }
 
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
         self.as_mut().write(bytes)
     }
 
-    fn doubts(&mut self, came: Came, arm: &str) -> String {
-        self.as_mut().doubts(came, arm)
+    fn hints(&mut self, came: Came, arm: &str) -> String {
+        self.as_mut().hints(came, arm)
     }
 }
 
@@ -99,7 +100,7 @@ impl<P: Arm, L: Line> Link<P, L> {
         &mut self,
         request: P::Request<'_>,
         take: impl FnOnce(P::Response<'_>) -> T,
-    ) -> Result<Option<T>, Problem> {
+    ) -> Result<Option<T>, Error> {
         // The rest of a call that failed.
         self.client.cancel();
         self.finish()?;
@@ -126,10 +127,8 @@ impl<P: Arm, L: Line> Link<P, L> {
                         Event::Answer(response) => return Ok(Some(take(response))),
                         Event::Sent => return Ok(None),
                         Event::Unacceptable(error) => {
-                            return Err(Problem::Unacceptable {
-                                name: self.line.name().to_owned(),
-                                error: error.to_string(),
-                            });
+                            let reason = format!("the arm's answer cannot be accepted: {error}");
+                            return Err(Error::at(self.line.name(), reason));
                         }
                         Event::TimedOut { sends } => {
                             heard.sends = sends;
@@ -137,12 +136,12 @@ impl<P: Arm, L: Line> Link<P, L> {
                             return Err(self.no_answer(&request, heard));
                         }
                         Event::Broken { offset, reason } => {
-                            return Err(Problem::Broken {
-                                name: self.line.name().to_owned(),
-                                arm: P::NAME,
-                                offset,
-                                reason,
-                            });
+                            let reason = format!(
+                                "what arrives there is no message of {} (byte {offset}: {reason}): is it this arm, and its \
+                                 control port?",
+                                P::NAME
+                            );
+                            return Err(Error::at(self.line.name(), reason));
                         }
                         Event::Late(_) | Event::Unsolicited(_) => heard.frames += 1,
                         Event::Unknown { error, .. } => {
@@ -171,7 +170,7 @@ impl<P: Arm, L: Line> Link<P, L> {
         &mut self,
         wait: Duration,
         mut take: impl FnMut(P::Response<'_>) -> T,
-    ) -> Result<Option<Vec<T>>, Problem> {
+    ) -> Result<Option<Vec<T>>, Error> {
         let n = self.receive(wait, None)?;
         let now = self.now();
         let mut heard = Vec::new();
@@ -189,7 +188,7 @@ impl<P: Arm, L: Line> Link<P, L> {
     }
 
     /// Transmits the rest of a request whose call failed.
-    fn finish(&mut self) -> Result<(), Problem> {
+    fn finish(&mut self) -> Result<(), Error> {
         while !self.client.is_idle() {
             match self.client.poll(self.now()) {
                 Output::Transmit(bytes) => {
@@ -235,7 +234,7 @@ impl<P: Arm, L: Line> Link<P, L> {
     }
 
     /// Lets the client receive what has arrived, waiting so long for it. Returns how many bytes that were.
-    fn receive(&mut self, wait: Duration, heard: Option<&mut Heard>) -> Result<usize, Problem> {
+    fn receive(&mut self, wait: Duration, heard: Option<&mut Heard>) -> Result<usize, Error> {
         if self.unread.is_empty() {
             let mut buf = [0; 256];
             let n = self.line.read(&mut buf, wait)?;
@@ -253,14 +252,13 @@ impl<P: Arm, L: Line> Link<P, L> {
         Ok(n)
     }
 
-    fn no_answer(&mut self, request: &P::Request<'_>, heard: Heard) -> Problem {
-        let begun = is_begun::<P>(request, &heard.bytes);
+    fn no_answer(&mut self, request: &P::Request<'_>, mut heard: Heard) -> Error {
+        heard.begun = is_begun::<P>(request, &heard.bytes);
         let came = if heard.count == 0 { Came::Nothing } else { Came::Garbage };
-        Problem::NoAnswer {
+        let hints = self.line.hints(came, P::NAME);
+        Error::NoAnswer {
             name: self.line.name().to_owned(),
-            arm: P::NAME,
-            doubts: self.line.doubts(came, P::NAME),
-            heard: Box::new(Heard { begun, ..heard }),
+            cause: heard.cause(P::NAME, &hints),
         }
     }
 }
@@ -318,19 +316,19 @@ mod tests {
             "fake"
         }
 
-        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Problem> {
+        fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
             let said = self.said.pop_front().unwrap_or_default();
             buf[..said.len()].copy_from_slice(&said);
             Ok(said.len())
         }
 
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
             self.asked += 1;
             self.said.push_back((self.answer)(self.asked));
             Ok(bytes.len())
         }
 
-        fn doubts(&mut self, _: Came, _: &str) -> String {
+        fn hints(&mut self, _: Came, _: &str) -> String {
             unreachable!("it answers")
         }
     }

@@ -1,34 +1,23 @@
 //! `armwire move` and `armwire torque`: a Ling arm in motion.
 
-use std::io::{Write, stdout};
 use std::time::Duration;
 
 use armwire::ling::{JointState, Ling, Move, Request, Response, TICKS_PER_TURN, Torque};
 use armwire_bridge::time;
 use clap::Args;
 
+use crate::args::ArmPort;
 use crate::call::{Switch, Target, seconds};
 use crate::describe::Arm as _;
+use crate::error::Error;
+use crate::legacy;
 use crate::link::{Line, Link};
-use crate::port::Port;
-use crate::printable::escaped;
-use crate::problem::Problem;
-use crate::{Baud, older};
+use crate::output::say;
 
 /// How near a joint is when it is there: 3 ticks, 0.26°.
 const NEAR: u16 = 3;
 /// How often is looked.
 const PERIOD: time::Duration = time::Duration::from_millis(20);
-
-/// Where the arm is.
-#[derive(Args)]
-struct ArmPort {
-    /// The arm's serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or
-    /// slcan:PORT@BITRATE/NODE, an adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux.
-    port: Port,
-    #[command(flatten)]
-    baud: Baud,
-}
 
 /// The arguments of `armwire move`.
 #[derive(Args)]
@@ -55,42 +44,36 @@ pub(crate) struct SetTorque {
     torque: Switch,
 }
 
-impl ArmPort {
-    fn open(&self) -> Result<Link<Ling, impl Line>, Problem> {
-        older::open(&self.port.connect(self.baud.baud)?)
-    }
-}
-
 impl MoveArm {
-    pub(crate) fn run(&self) -> Result<(), Problem> {
-        let mut link = self.arm.open()?;
+    pub(crate) fn run(&self) -> Result<(), Error> {
+        let mut link = legacy::open(&self.arm.connect()?)?;
         let target = self.target.to_move();
         link.call(Request::Move(target), drop)?;
         if !self.wait {
-            return say(&format!(
+            return say(format!(
                 "{}: sent, the arm does not answer it",
                 Ling::show_request(&Request::Move(target))
             ));
         }
         let state = wait(&mut link, &target, self.timeout)?;
-        say(&format!("there: {}", Ling::show_response(&Response::Joints(state))))
+        say(format!("there: {}", Ling::show_response(&Response::Joints(state))))
     }
 }
 
 impl SetTorque {
-    pub(crate) fn run(&self) -> Result<(), Problem> {
-        let mut link = self.arm.open()?;
+    pub(crate) fn run(&self) -> Result<(), Error> {
+        let mut link = legacy::open(&self.arm.connect()?)?;
         let (torque, done) = match self.torque {
             Switch::On => (Torque::On, "torque on: the arm holds its position"),
             Switch::Off => (Torque::Off, "torque off: the arm can be moved by hand"),
         };
         link.call(Request::SetTorque(torque), drop)?;
-        say(&format!("{done}, if it was heard; the arm does not answer it"))
+        say(format!("{done}, if it was heard; the arm does not answer it"))
     }
 }
 
 /// Waits until the arm is where it was told to go.
-fn wait(link: &mut Link<Ling, impl Line>, target: &Move, timeout: Duration) -> Result<JointState, Problem> {
+fn wait(link: &mut Link<Ling, impl Line>, target: &Move, timeout: Duration) -> Result<JointState, Error> {
     let until = link.now() + time::Duration::from_micros(timeout.as_micros().try_into().unwrap_or(u64::MAX));
     loop {
         if let Some(Response::Joints(state)) = link.call(Request::ReadJoints, |response| response)? {
@@ -99,15 +82,13 @@ fn wait(link: &mut Link<Ling, impl Line>, target: &Move, timeout: Duration) -> R
                 return Ok(state);
             }
             if until <= link.now() {
-                return Err(Problem::Refused {
-                    name: link.name().to_owned(),
-                    what: format!(
-                        "not there after {} s: {} (status {})",
-                        timeout.as_secs_f32(),
-                        off.join(", "),
-                        state.status
-                    ),
-                });
+                let reason = format!(
+                    "not there after {} s: {} (status {})",
+                    timeout.as_secs_f32(),
+                    off.join(", "),
+                    state.status
+                );
+                return Err(Error::at(link.name(), reason));
             }
         }
         link.sleep_until(link.now() + PERIOD);
@@ -123,10 +104,6 @@ fn far(target: &Move, state: &JointState) -> Vec<String> {
         (off > NEAR).then(|| format!("joint {n} is {degrees:.2}° off"))
     });
     off.collect()
-}
-
-fn say(line: &str) -> Result<(), Problem> {
-    writeln!(stdout(), "{}", escaped(line)).map_err(Problem::Output)
 }
 
 #[cfg(test)]

@@ -8,13 +8,12 @@ use armwire::Config;
 use armwire::time;
 use armwire_bridge::can::{Function, Node};
 use armwire_sim::slcan::{BIT_RATES, BitRate};
-use serial2::SerialPort;
 
 use crate::can::{self, CanLine, Channel, SharedBus};
 use crate::control::ControlLink;
 use crate::describe::Arm;
+use crate::error::Error;
 use crate::link::{Line, Link};
-use crate::problem::Problem;
 use crate::serial::Serial;
 use crate::tcp::{Host, Tcp};
 
@@ -122,14 +121,6 @@ impl fmt::Display for Port {
     }
 }
 
-/// The ports of this computer: serial ones, and CAN interfaces.
-pub(crate) fn available() -> Vec<String> {
-    let serial = SerialPort::available_ports().unwrap_or_default();
-    let serial = serial.iter().map(|port| port.to_string_lossy().into_owned());
-    let interfaces = can::interfaces().into_iter().map(|name| format!("can:{name}"));
-    serial.chain(interfaces).collect()
-}
-
 impl Port {
     /// What is typed where only a control port can stand: a path alone is that of one.
     pub(crate) fn of_control(text: &str) -> Result<Self, String> {
@@ -141,9 +132,9 @@ impl Port {
 
     /// Reaches for what is there; a serial port is opened only when its arm is asked for. `baud` is that of the serial
     /// port, of this computer's that is.
-    pub(crate) fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Problem> {
+    pub(crate) fn connect(&self, baud: Option<NonZeroU32>) -> Result<Connection, Error> {
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
-            return Err(Problem::Usage(format!("{self} is no serial port, which has a --baud")));
+            return Err(Error::Usage(format!("{self} is no serial port, which has a --baud")));
         }
         let way = match self {
             Self::Serial(port) => Way::Serial(port.clone(), baud),
@@ -180,13 +171,13 @@ impl Connection {
     }
 
     /// The arm there.
-    pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P, Box<dyn Line>>, Problem> {
+    pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P, Box<dyn Line>>, Error> {
         let (line, config) = self.line::<P>()?;
         Ok(Link::new(line, config))
     }
 
     /// The line of the arm there, and how it is to be treated.
-    pub(crate) fn line<P: Arm>(&self) -> Result<(Box<dyn Line>, Config), Problem> {
+    pub(crate) fn line<P: Arm>(&self) -> Result<(Box<dyn Line>, Config), Error> {
         let usual = P::CONFIG;
         Ok(match &self.way {
             Way::Serial(port, baud) => {
@@ -208,7 +199,7 @@ impl Connection {
                 (Box::new(line), Config { latency, ..usual })
             }
             Way::Control(_) => {
-                return Err(Problem::Usage(format!(
+                return Err(Error::Usage(format!(
                     "{} is a control port: there is no arm on it",
                     self.name
                 )));
@@ -217,7 +208,7 @@ impl Connection {
     }
 
     /// The control port of the adapter there. On CAN it is on the same bus as the arm.
-    pub(crate) fn control(&self) -> Result<ControlLink, Problem> {
+    pub(crate) fn control(&self) -> Result<ControlLink, Error> {
         match &self.way {
             Way::Serial(port, _) => ControlLink::on_usb(port),
             Way::Control(port) => ControlLink::on_port(port),
@@ -229,7 +220,7 @@ impl Connection {
                 );
                 Ok(ControlLink::on_can(self.name.clone(), *node, channel))
             }
-            Way::Tcp(_) => Err(Problem::NoControl {
+            Way::Tcp(_) => Err(Error::NoControl {
                 name: self.name.clone(),
             }),
         }

@@ -1,18 +1,25 @@
 //! A serial port as a line.
 
+#[cfg(unix)]
+use std::fs;
 use std::io::{self, ErrorKind};
+#[cfg(unix)]
+use std::os::unix::fs::MetadataExt;
 use std::time::Duration;
 
 #[cfg(unix)]
 use rustix::fs::{FlockOperation, flock};
+#[cfg(unix)]
+use rustix::io::Errno;
 #[cfg(unix)]
 use rustix::termios::{ControlModes, InputModes, ioctl_tiocexcl, ioctl_tiocnxcl};
 #[cfg(unix)]
 use serial2::Settings;
 use serial2::{KeepSettings, SerialPort};
 
+use crate::available;
+use crate::error::Error;
 use crate::link::{Came, Line, is_nothing_yet};
-use crate::problem::Problem;
 
 /// How long a port may take no bytes. The longest request takes less than 40 ms on a line of 9600 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
@@ -29,7 +36,7 @@ impl Line for Serial {
         &self.name
     }
 
-    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         // The library counts in milliseconds; rounded down, the last one would be spent without a pause.
         let millis = wait.as_micros().div_ceil(1_000).try_into().unwrap_or(u64::MAX);
         self.port
@@ -44,22 +51,22 @@ impl Line for Serial {
         }
     }
 
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
         loop {
             match self.port.write(bytes) {
                 Ok(n) if n > 0 => return Ok(n),
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if !is_nothing_yet(&error) => return Err(self.lost(error)),
                 Ok(_) | Err(_) => {
-                    return Err(Problem::Stuck {
-                        port: self.name.clone(),
+                    return Err(Error::Stuck {
+                        name: self.name.clone(),
                     });
                 }
             }
         }
     }
 
-    fn doubts(&mut self, came: Came, _: &str) -> String {
+    fn hints(&mut self, came: Came, _: &str) -> String {
         let baud = self.baud;
         match came {
             Came::Nothing => format!("is the arm powered, is it on this port, and does it talk at {baud} baud?"),
@@ -70,11 +77,8 @@ impl Line for Serial {
 
 impl Serial {
     /// Opens a port.
-    pub(crate) fn open(name: &str, baud: u32) -> Result<Self, Problem> {
-        let port = open(name, baud).map_err(|error| Problem::Open {
-            port: name.to_owned(),
-            error,
-        })?;
+    pub(crate) fn open(name: &str, baud: u32) -> Result<Self, Error> {
+        let port = open(name, baud).map_err(|error| not_opened(name, &error))?;
         let name = name.to_owned();
         Ok(Self { name, port, baud })
     }
@@ -84,11 +88,9 @@ impl Serial {
         self.baud
     }
 
-    fn lost(&self, error: io::Error) -> Problem {
-        Problem::Lost {
-            port: self.name.clone(),
-            error,
-        }
+    fn lost(&self, error: io::Error) -> Error {
+        let name = self.name.clone();
+        Error::Lost { name, error }
     }
 }
 
@@ -127,4 +129,46 @@ fn hear_all(settings: &mut Settings) {
     let termios = settings.as_termios_mut();
     termios.c_cflag |= (ControlModes::CREAD | ControlModes::CLOCAL).bits();
     termios.c_iflag &= !InputModes::IGNBRK.bits();
+}
+
+/// Why a port cannot be opened.
+pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
+    let reason = match error.kind() {
+        // Another program has locked the port, or keeps all others from opening it.
+        ErrorKind::WouldBlock | ErrorKind::ResourceBusy if cfg!(unix) => {
+            format!("in use by another program: close that one first ('fuser -v {port}' names it)")
+        }
+        ErrorKind::NotFound => match available::ports().as_slice() {
+            [] => "no such port, nor any other: is the adapter plugged in?".to_owned(),
+            names => format!("no such port; there are: {}", names.join(", ")),
+        },
+        #[cfg(unix)]
+        ErrorKind::PermissionDenied => match group(port) {
+            Some(group) => format!(
+                "permission denied: add yourself to the group '{group}' ('sudo usermod -aG {group} $USER') and log in again"
+            ),
+            None => {
+                "permission denied: add yourself to the group that owns it (often dialout or uucp) and log in again"
+                    .to_owned()
+            }
+        },
+        // What Windows says of a port that is open already.
+        #[cfg(not(unix))]
+        ErrorKind::PermissionDenied => "in use by another program: close that one first".to_owned(),
+        #[cfg(unix)]
+        _ if Errno::from_io_error(error) == Some(Errno::NOTTY) => "not a serial port".to_owned(),
+        _ => format!("cannot be opened: {error}"),
+    };
+    Error::at(port, reason)
+}
+
+/// The group that owns a port, if that is one for users.
+#[cfg(unix)]
+fn group(port: &str) -> Option<String> {
+    let gid = fs::metadata(port).ok()?.gid();
+    let groups = fs::read_to_string("/etc/group").ok()?;
+    // Each line is `name:password:id:members`.
+    let mut fields = groups.lines().map(|line| line.split(':').collect::<Vec<_>>());
+    let owner = fields.find(|fields| fields.get(2).is_some_and(|id| id.parse() == Ok(gid)))?;
+    (gid != 0).then(|| owner[0].to_owned())
 }

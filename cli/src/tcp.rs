@@ -9,8 +9,8 @@ use std::time::Duration;
 use armwire::xarm::XArm;
 
 use crate::describe::Arm;
+use crate::error::Error;
 use crate::link::{Came, Line, Link, is_nothing_yet};
-use crate::problem::Problem;
 
 /// Where an xArm takes requests.
 const PORT: u16 = 502;
@@ -80,22 +80,27 @@ pub(crate) struct Tcp {
 
 impl Link<XArm, Tcp> {
     /// Connects to an xArm.
-    pub(crate) fn connect(host: &Host) -> Result<Self, Problem> {
+    pub(crate) fn connect(host: &Host) -> Result<Self, Error> {
         Ok(Self::new(Tcp::connect(host, false)?, XArm::CONFIG))
     }
 }
 
 impl Tcp {
     /// Connects to a server that has a serial port for an arm.
-    pub(crate) fn connect_serial(host: &Host) -> Result<Self, Problem> {
+    pub(crate) fn connect_serial(host: &Host) -> Result<Self, Error> {
         Self::connect(host, true)
     }
 
-    fn connect(host: &Host, is_serial: bool) -> Result<Self, Problem> {
+    fn connect(host: &Host, is_serial: bool) -> Result<Self, Error> {
         let name = host.to_string();
         let addresses = match (host.host.as_str(), host.port).to_socket_addrs() {
             Ok(addresses) => addresses,
-            Err(error) => return Err(Problem::Resolve { name, error }),
+            Err(error) => {
+                return Err(Error::at(
+                    &name,
+                    format!("no such host ({error}): give its address instead?"),
+                ));
+            }
         };
         let mut refused = io::Error::from(ErrorKind::AddrNotAvailable);
         for address in addresses {
@@ -115,7 +120,7 @@ impl Tcp {
                 Err(error) => refused = error,
             }
         }
-        Err(Problem::Connect { name, error: refused })
+        Err(not_connected(&name, &refused))
     }
 }
 
@@ -124,21 +129,22 @@ impl Line for Tcp {
         &self.name
     }
 
-    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         self.stream
             .set_read_timeout(Some(wait.max(LEAST)))
             .map_err(|error| self.lost(error))?;
         match self.stream.read(buf) {
-            Ok(0) => Err(Problem::Closed {
-                name: self.name.clone(),
-            }),
+            Ok(0) => {
+                let reason = "the connection was closed from there: was the arm switched off, or does it take no more?";
+                Err(Error::at(&self.name, reason))
+            }
             Ok(n) => Ok(n),
             Err(error) if is_nothing_yet(&error) => Ok(0),
             Err(error) => Err(self.lost(error)),
         }
     }
 
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
         loop {
             match self.stream.write(bytes) {
                 Ok(0) => return Err(self.lost(ErrorKind::WriteZero.into())),
@@ -149,7 +155,7 @@ impl Line for Tcp {
         }
     }
 
-    fn doubts(&mut self, came: Came, arm: &str) -> String {
+    fn hints(&mut self, came: Came, arm: &str) -> String {
         match (came, self.is_serial) {
             (Came::Nothing, false) => format!("is it {arm} that listens there, and on its control port?"),
             (Came::Garbage, false) => "is it this arm, and its control port?".to_owned(),
@@ -162,12 +168,29 @@ impl Line for Tcp {
 }
 
 impl Tcp {
-    fn lost(&self, error: io::Error) -> Problem {
-        Problem::Disconnected {
-            name: self.name.clone(),
-            error,
-        }
+    fn lost(&self, error: io::Error) -> Error {
+        let reason = match error.kind() {
+            ErrorKind::WouldBlock | ErrorKind::TimedOut => {
+                "the connection takes no bytes: is the arm still there?".to_owned()
+            }
+            _ => format!("the connection is gone ({error}): was the arm switched off?"),
+        };
+        Error::at(&self.name, reason)
     }
+}
+
+/// Why a host cannot be connected to.
+fn not_connected(name: &str, error: &io::Error) -> Error {
+    let reason = match error.kind() {
+        ErrorKind::ConnectionRefused => {
+            "nothing listens there: is it the arm's address, and has the arm started?".to_owned()
+        }
+        ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable => format!(
+            "cannot be reached ({error}): is it the arm's address, is the arm on, and is this computer in its network?"
+        ),
+        _ => format!("cannot be connected to: {error}"),
+    };
+    Error::at(name, reason)
 }
 
 #[cfg(test)]

@@ -12,11 +12,11 @@ use armwire::ling::Ling;
 use armwire::xarm::XArm;
 use clap::{Args, Subcommand};
 
+use crate::args::ArmPort;
 use crate::describe::Arm;
+use crate::error::Error;
+use crate::legacy;
 use crate::link::{Line, Link};
-use crate::port::Port;
-use crate::problem::Problem;
-use crate::{Baud, older};
 
 pub(crate) use alpha1::duration as seconds;
 pub(crate) use ling::{Switch, Target};
@@ -36,26 +36,21 @@ pub(crate) enum Call {
 /// A request, and the serial port it goes to.
 #[derive(Args)]
 pub(crate) struct OnPort<Ask: Subcommand> {
-    /// The serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or slcan:PORT@BITRATE/NODE, an
-    /// adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux.
-    port: Port,
     #[command(flatten)]
-    baud: Baud,
+    arm: ArmPort,
     #[command(subcommand)]
     ask: Ask,
 }
 
 impl Call {
-    pub(crate) fn run(&self) -> Result<(), Problem> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         match self {
-            Self::Ling(OnPort { port, baud, ask }) => {
-                call::<Ling>(older::open(&port.connect(baud.baud)?)?, ask.request())
-            }
-            Self::Alpha1(OnPort { port, baud, ask }) => call::<Alpha1>(port.connect(baud.baud)?.arm()?, ask.request()),
+            Self::Ling(OnPort { arm, ask }) => call::<Ling>(legacy::open(&arm.connect()?)?, ask.request()),
+            Self::Alpha1(OnPort { arm, ask }) => call::<Alpha1>(arm.connect()?.arm()?, ask.request()),
             Self::Xarm(xarm) => {
                 // Before there is a connection, for the request may be none.
                 let params = xarm.params();
-                let request = xarm.request(&params).map_err(Problem::Usage)?;
+                let request = xarm.request(&params).map_err(Error::Usage)?;
                 let mut link = Link::connect(xarm.host())?;
                 *link.messages_mut() = xarm.protocol();
                 call::<XArm>(link, request)
@@ -65,7 +60,7 @@ impl Call {
 }
 
 /// Sends the request and prints the answer.
-fn call<P: Arm>(mut link: Link<P, impl Line>, request: P::Request<'_>) -> Result<(), Problem> {
+fn call<P: Arm>(mut link: Link<P, impl Line>, request: P::Request<'_>) -> Result<(), Error> {
     let answer = link.call(request, |response| match P::refusal(&response) {
         None => Ok(P::show_response(&response)),
         Some(what) => Err(what),
@@ -73,12 +68,9 @@ fn call<P: Arm>(mut link: Link<P, impl Line>, request: P::Request<'_>) -> Result
     let text = match answer {
         None => format!("{}: sent, the arm does not answer it", P::show_request(&request)),
         Some(Ok(text)) => text,
-        Some(Err(what)) => {
-            let name = link.name().to_owned();
-            return Err(Problem::Refused { name, what });
-        }
+        Some(Err(what)) => return Err(Error::at(link.name(), what)),
     };
-    writeln!(stdout(), "{text}").map_err(Problem::Output)
+    writeln!(stdout(), "{text}").map_err(Error::Output)
 }
 
 /// A number from the command line.

@@ -3,9 +3,9 @@
 use armwire::xarm::{Joint, ProtocolId, Raw, Reply, Request, Response, State, XArm};
 use clap::{Args, Subcommand};
 
+use crate::error::Error;
 use crate::hex;
 use crate::link::{Line, Link};
-use crate::problem::Problem;
 use crate::tcp::Host;
 
 /// A request, and the host it goes to.
@@ -100,7 +100,7 @@ pub(crate) fn ask<T>(
     link: &mut Link<XArm, impl Line>,
     request: Request<'_>,
     take: impl FnOnce(State, Reply<'_>) -> T,
-) -> Result<Option<T>, Problem> {
+) -> Result<Option<T>, Error> {
     let answer = link.call(request, |response| match response {
         Response::Reply { state, reply } => Some(take(state, reply)),
         _ => None,

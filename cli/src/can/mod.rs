@@ -1,5 +1,6 @@
 //! CAN: the bus of this computer, and the adapters on it, each message one ISO-TP PDU.
 
+mod bus;
 mod slcan;
 #[cfg(target_os = "linux")]
 mod socket;
@@ -15,10 +16,11 @@ use armwire_bridge::isotp::{self, Endpoint, Event};
 use armwire_bridge::time;
 use armwire_sim::slcan::BitRate;
 
-use crate::held;
+use crate::error::Error;
+use crate::line_holder;
 use crate::link::{Came, Line};
-use crate::problem::Problem;
 use crate::serial::Serial;
+use bus::Bus;
 
 /// The longest PDU: a message of the control port, for no frame of an arm is longer.
 const MAX_PDU: usize = MAX_MESSAGE;
@@ -26,48 +28,22 @@ const _: () = assert!(MAX_FRAME <= MAX_PDU);
 /// How long an adapter may take to say who holds the line to its arm.
 const HOLDER_PATIENCE: Duration = Duration::from_millis(300);
 
-/// What this computer has of a CAN bus.
-pub(crate) trait Bus {
-    /// What the user calls it.
-    fn name(&self) -> &str;
-
-    /// Hands a frame over to be sent.
-    fn send(&mut self, frame: &Frame) -> Result<(), Problem>;
-
-    /// The next frame, waiting so long for it; none when none came.
-    fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Problem>;
-
-    /// What the controller has to complain of, if anything.
-    fn trouble(&mut self) -> Option<String>;
-
-    /// What to ask oneself about its bit rate when nobody answers there.
-    fn doubt(&self) -> String;
-}
-
-/// The interfaces that Linux has for CAN, by name.
-pub(crate) fn interfaces() -> Vec<String> {
-    #[cfg(target_os = "linux")]
-    return socket::interfaces();
-    #[cfg(not(target_os = "linux"))]
-    Vec::new()
-}
-
 /// Opens an interface of Linux, `name` to the user, for one node.
 #[cfg(target_os = "linux")]
-pub(crate) fn open_interface(name: String, interface: &str, node: Node) -> Result<SharedBus, Problem> {
+pub(crate) fn open_interface(name: String, interface: &str, node: Node) -> Result<SharedBus, Error> {
     Ok(SharedBus::new(socket::SocketBus::open(name, interface, node)?))
 }
 
 /// Opens an interface of Linux, which this is not.
 #[cfg(not(target_os = "linux"))]
-pub(crate) fn open_interface(name: String, _: &str, _: Node) -> Result<SharedBus, Problem> {
-    Err(Problem::Usage(format!(
+pub(crate) fn open_interface(name: String, _: &str, _: Node) -> Result<SharedBus, Error> {
+    Err(Error::Usage(format!(
         "{name}: only Linux has such CAN interfaces, use slcan: here"
     )))
 }
 
 /// Opens the CAN adapter on a serial port.
-pub(crate) fn open_slcan(serial: Serial, bit_rate: BitRate) -> Result<SharedBus, Problem> {
+pub(crate) fn open_slcan(serial: Serial, bit_rate: BitRate) -> Result<SharedBus, Error> {
     Ok(SharedBus::new(slcan::SlcanBus::open(serial, bit_rate)?))
 }
 
@@ -87,12 +63,12 @@ impl SharedBus {
         Self(Rc::new(RefCell::new(Switch { bus, inboxes })))
     }
 
-    fn send(&self, frame: &Frame) -> Result<(), Problem> {
+    fn send(&self, frame: &Frame) -> Result<(), Error> {
         self.0.borrow_mut().bus.send(frame)
     }
 
     /// The next frame with this identifier, waiting so long for it.
-    fn receive(&self, id: Id, wait: Duration) -> Result<Option<Frame>, Problem> {
+    fn receive(&self, id: Id, wait: Duration) -> Result<Option<Frame>, Error> {
         let Switch { bus, inboxes } = &mut *self.0.borrow_mut();
         let until = Instant::now() + wait;
         loop {
@@ -115,12 +91,12 @@ impl SharedBus {
     }
 
     /// What to ask oneself when an adapter does not answer, after `first`.
-    fn doubts(&self, first: &str, node: Node) -> String {
+    fn hints(&self, first: &str, node: Node) -> String {
         let bus = &mut self.0.borrow_mut().bus;
         let trouble = bus.trouble();
         let trouble = trouble.map_or_else(String::new, |trouble| format!("the CAN adapter tells of {trouble}: "));
-        let (node, doubt) = (node.get(), bus.doubt());
-        format!("{trouble}{first}is the adapter on this bus as node {node}, {doubt}, and are both its ends terminated?")
+        let (node, hint) = (node.get(), bus.hint());
+        format!("{trouble}{first}is the adapter on this bus as node {node}, {hint}, and are both its ends terminated?")
     }
 }
 
@@ -136,28 +112,23 @@ pub(crate) struct Channel {
 
 /// Why a PDU did not get through.
 enum Lost {
-    Problem(Problem),
-    Error(isotp::Error),
+    Bus(Error),
+    IsoTp(isotp::Error),
     Refused(isotp::Refused),
 }
 
-impl From<Problem> for Lost {
-    fn from(problem: Problem) -> Self {
-        Self::Problem(problem)
+impl From<Error> for Lost {
+    fn from(error: Error) -> Self {
+        Self::Bus(error)
     }
 }
 
 impl Lost {
-    fn problem(self, bus: &SharedBus, name: &str, node: Node) -> Problem {
-        let name = name.to_owned();
+    fn error(self, bus: &SharedBus, name: &str, node: Node) -> Error {
         match self {
-            Self::Problem(problem) => problem,
-            Self::Error(error) => Problem::IsoTp {
-                name,
-                error,
-                doubts: bus.doubts("", node),
-            },
-            Self::Refused(error) => Problem::TooLong { name, error },
+            Self::Bus(error) => error,
+            Self::IsoTp(error) => Error::at(name, format_args!("{error}: {}", bus.hints("", node))),
+            Self::Refused(error) => Error::at(name, format_args!("{error}: does another program talk to the adapter?")),
         }
     }
 }
@@ -226,7 +197,7 @@ impl Channel {
         Ok(self.transmit()?)
     }
 
-    fn transmit(&mut self) -> Result<(), Problem> {
+    fn transmit(&mut self) -> Result<(), Error> {
         while let Some(frame) = self.endpoint.transmit(self.now()) {
             self.bus.send(&frame)?;
             self.endpoint.transmitted(self.now());
@@ -242,7 +213,7 @@ impl Channel {
 fn note(event: Event) -> Result<(), Lost> {
     match event {
         Event::Received | Event::Ignored(_) => Ok(()),
-        Event::Failed(error) => Err(Lost::Error(error)),
+        Event::Failed(error) => Err(Lost::IsoTp(error)),
         Event::Refused(refused) => Err(Lost::Refused(refused)),
     }
 }
@@ -268,15 +239,15 @@ impl CanLine {
     }
 
     /// Sends a message.
-    pub(crate) fn send(&mut self, pdu: &[u8]) -> Result<(), Problem> {
+    pub(crate) fn send(&mut self, pdu: &[u8]) -> Result<(), Error> {
         let sent = self.channel.send(pdu);
-        sent.map_err(|lost| lost.problem(&self.channel.bus, &self.name, self.node))
+        sent.map_err(|lost| lost.error(&self.channel.bus, &self.name, self.node))
     }
 
     /// The next message, waiting so long for its end; none when none came.
-    pub(crate) fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Problem> {
+    pub(crate) fn receive(&mut self, wait: Duration) -> Result<Option<Vec<u8>>, Error> {
         let received = self.channel.receive(wait);
-        received.map_err(|lost| lost.problem(&self.channel.bus, &self.name, self.node))
+        received.map_err(|lost| lost.error(&self.channel.bus, &self.name, self.node))
     }
 
     /// Who holds the line to the arm, as the adapter says. `None` if nobody does, and if it says nothing or knows no such
@@ -298,7 +269,7 @@ impl CanLine {
                 Ok(FromAdapter::Reply {
                     sequence: of,
                     reply: Reply::Line(line),
-                }) if of == sequence => return held::describe(&line),
+                }) if of == sequence => return line_holder::describe(&line),
                 _ => {}
             }
         }
@@ -306,8 +277,8 @@ impl CanLine {
     }
 
     /// What to ask oneself when the adapter does not answer.
-    pub(crate) fn adapter_doubts(&self) -> String {
-        self.channel.bus.doubts("", self.node)
+    pub(crate) fn adapter_hints(&self) -> String {
+        self.channel.bus.hints("", self.node)
     }
 }
 
@@ -316,7 +287,7 @@ impl Line for CanLine {
         &self.name
     }
 
-    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         if self.rest.is_empty() {
             self.rest = self.receive(wait)?.unwrap_or_default().into();
         }
@@ -327,16 +298,16 @@ impl Line for CanLine {
         Ok(n)
     }
 
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
         self.send(bytes)?;
         Ok(bytes.len())
     }
 
-    fn doubts(&mut self, came: Came, _: &str) -> String {
+    fn hints(&mut self, came: Came, _: &str) -> String {
         match came {
             Came::Nothing => match self.holder() {
                 Some(told) => format!("the line to the arm runs at {told}"),
-                None => self.channel.bus.doubts("is the arm powered, ", self.node),
+                None => self.channel.bus.hints("is the arm powered, ", self.node),
             },
             Came::Garbage => "is the adapter configured for this arm?".to_owned(),
         }

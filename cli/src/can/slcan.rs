@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 use armwire_bridge::can::Frame;
 use armwire_sim::slcan::{BitRate, Command, Malformed, Replies, Reply, Status};
 
-use super::Bus;
+use super::bus::Bus;
+use crate::error::Error;
 use crate::link::Line;
-use crate::problem::Problem;
 use crate::serial::Serial;
 
 /// How long an adapter may take to answer. Some firmware answers only what asks for something.
@@ -32,7 +32,7 @@ pub(super) struct SlcanBus {
 
 impl SlcanBus {
     /// Takes over whatever state an earlier program left the adapter in.
-    pub(super) fn open(serial: Serial, bit_rate: BitRate) -> Result<Self, Problem> {
+    pub(super) fn open(serial: Serial, bit_rate: BitRate) -> Result<Self, Error> {
         let baud = serial.baud();
         let mut bus = Self {
             serial,
@@ -45,8 +45,8 @@ impl SlcanBus {
             bus.tell(command)?;
         }
         if !bus.settle()? {
-            let name = bus.name().to_owned();
-            return Err(Problem::NoSlcan { name, baud });
+            let reason = format!("no answer to SLCAN: is it a CAN adapter that speaks it, and at {baud} baud?");
+            return Err(Error::at(bus.name(), reason));
         }
         for (command, what) in [
             (
@@ -64,7 +64,7 @@ impl SlcanBus {
     }
 
     /// Hears what an adapter has to say before it tells its version, and that. Returns whether there is one.
-    fn settle(&mut self) -> Result<bool, Problem> {
+    fn settle(&mut self) -> Result<bool, Error> {
         let until = Instant::now() + PATIENCE;
         let mut is_there = false;
         while let Some(reply) = self.hear(until.saturating_duration_since(Instant::now()))? {
@@ -79,7 +79,7 @@ impl SlcanBus {
     }
 
     /// One command in one piece, for there is firmware that takes no other.
-    fn tell(&mut self, command: Command) -> Result<(), Problem> {
+    fn tell(&mut self, command: Command) -> Result<(), Error> {
         let mut line = Vec::new();
         command.encode(&mut line);
         let mut rest = &line[..];
@@ -91,7 +91,7 @@ impl SlcanBus {
     }
 
     /// The next that it says, waiting so long.
-    fn hear(&mut self, wait: Duration) -> Result<Option<Result<Reply, Malformed>>, Problem> {
+    fn hear(&mut self, wait: Duration) -> Result<Option<Result<Reply, Malformed>>, Error> {
         let until = Instant::now() + wait;
         let mut buf = [0; 1024];
         loop {
@@ -108,7 +108,7 @@ impl SlcanBus {
         }
     }
 
-    fn status(&mut self) -> Result<Option<Status>, Problem> {
+    fn status(&mut self) -> Result<Option<Status>, Error> {
         let until = Instant::now() + ACKNOWLEDGE;
         let mut others = VecDeque::new();
         let mut status = None;
@@ -125,9 +125,8 @@ impl SlcanBus {
         Ok(status)
     }
 
-    fn refused(&self, what: String) -> Problem {
-        let name = self.name().to_owned();
-        Problem::CanRefused { name, what }
+    fn refused(&self, what: String) -> Error {
+        Error::at(self.name(), format_args!("the CAN adapter {what}"))
     }
 }
 
@@ -136,12 +135,12 @@ impl Bus for SlcanBus {
         self.serial.name()
     }
 
-    fn send(&mut self, frame: &Frame) -> Result<(), Problem> {
+    fn send(&mut self, frame: &Frame) -> Result<(), Error> {
         self.sent = Some(Instant::now());
         self.tell(Command::Transmit((*frame).into()))
     }
 
-    fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Problem> {
+    fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Error> {
         let until = Instant::now() + wait;
         loop {
             let left = until.saturating_duration_since(Instant::now());
@@ -155,8 +154,8 @@ impl Bus for SlcanBus {
                 // Nothing but a frame of ours can have been refused.
                 Some(Ok(Reply::Refused)) => {
                     let trouble = self.trouble().unwrap_or_else(|| "it does not say why".to_owned());
-                    let doubt = self.doubt();
-                    return Err(self.refused(format!("refuses a frame ({trouble}): {doubt}, and another node?")));
+                    let hint = self.hint();
+                    return Err(self.refused(format!("refuses a frame ({trouble}): {hint}, and another node?")));
                 }
                 Some(_) => {}
                 None => return Ok(None),
@@ -170,7 +169,7 @@ impl Bus for SlcanBus {
         (status != Status::default()).then(|| status.to_string())
     }
 
-    fn doubt(&self) -> String {
+    fn hint(&self) -> String {
         format!("does the bus have {} bit/s", self.bit_rate.bits_per_second())
     }
 }

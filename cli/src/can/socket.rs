@@ -1,39 +1,20 @@
 //! A CAN interface of Linux (SocketCAN).
 
-use std::fs;
 use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
 
 use armwire_bridge::can::{Frame, Function, Id, Node};
 use socketcan::{CanAnyFrame, CanDataFrame, CanFdSocket, EmbeddedFrame, Socket, SocketOptions, StandardId};
 
-use super::Bus;
+use super::bus::Bus;
+use crate::available;
+use crate::error::Error;
 use crate::link::is_nothing_yet;
-use crate::problem::Problem;
 
 /// How long the interface may take no frame.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 /// The least that a socket can be told to wait: none at all would mean forever.
 const LEAST: Duration = Duration::from_micros(1);
-/// What Linux calls an interface for CAN (`ARPHRD_CAN`).
-const CAN_TYPE: &str = "280";
-
-/// The interfaces that there are.
-pub(super) fn interfaces() -> Vec<String> {
-    let Ok(entries) = fs::read_dir("/sys/class/net") else {
-        return Vec::new();
-    };
-    let is_can = |name: &String| {
-        let kind = fs::read_to_string(format!("/sys/class/net/{name}/type"));
-        kind.is_ok_and(|kind| kind.trim() == CAN_TYPE)
-    };
-    let names = entries
-        .flatten()
-        .map(|entry| entry.file_name().to_string_lossy().into_owned());
-    let mut names: Vec<_> = names.filter(is_can).collect();
-    names.sort();
-    names
-}
 
 /// An interface, for the frames of one node.
 pub(super) struct SocketBus {
@@ -44,19 +25,21 @@ pub(super) struct SocketBus {
 }
 
 impl SocketBus {
-    pub(super) fn open(name: String, interface: &str, node: Node) -> Result<Self, Problem> {
-        if !interfaces().iter().any(|there| there == interface) {
-            let error = ErrorKind::NotFound.into();
-            return Err(Problem::CanInterface { name, error });
-        }
-        match open(interface, node) {
-            Ok(socket) => Ok(Self {
-                name,
-                socket,
-                trouble: None,
-            }),
-            Err(error) => Err(Problem::CanInterface { name, error }),
-        }
+    pub(super) fn open(name: String, interface: &str, node: Node) -> Result<Self, Error> {
+        let interfaces = available::can_interfaces();
+        let socket = match interfaces.iter().any(|there| there == interface) {
+            true => open(interface, node).map_err(|error| unusable(&name, &error))?,
+            false if interfaces.is_empty() => {
+                let reason = "no such CAN interface, nor any other: 'ip link' lists the interfaces there are";
+                return Err(Error::at(&name, reason));
+            }
+            false => {
+                let reason = format!("no such CAN interface; there are: {}", interfaces.join(", "));
+                return Err(Error::at(&name, reason));
+            }
+        };
+        let trouble = None;
+        Ok(Self { name, socket, trouble })
     }
 
     /// The next frame of whatever kind, waiting so long for it.
@@ -70,11 +53,23 @@ impl SocketBus {
         self.socket.set_read_timeout(wait)?;
         self.socket.read_frame()
     }
+}
 
-    fn problem(&self, error: io::Error) -> Problem {
-        let name = self.name.clone();
-        Problem::CanInterface { name, error }
-    }
+/// Why the interface, `name` to the user, cannot be used.
+fn unusable(name: &str, error: &io::Error) -> Error {
+    let reason = match error.kind() {
+        ErrorKind::NetworkDown => {
+            let interface = name.strip_prefix("can:").unwrap_or(name);
+            let interface = interface.split('/').next().unwrap_or(interface);
+            format!("the interface is down: 'sudo ip link set {interface} up type can bitrate 1000000' starts it")
+        }
+        // The kernel's queue is full for so long.
+        ErrorKind::StorageFull | ErrorKind::WouldBlock | ErrorKind::TimedOut => "the bus takes no frames: is there \
+             another node on it, at the same bit rate, and are both ends terminated?"
+            .to_owned(),
+        _ => format!("the CAN interface fails: {error}"),
+    };
+    Error::at(name, reason)
 }
 
 /// An open socket that hears the answers of one node, and of errors.
@@ -93,20 +88,22 @@ impl Bus for SocketBus {
         &self.name
     }
 
-    fn send(&mut self, frame: &Frame) -> Result<(), Problem> {
+    fn send(&mut self, frame: &Frame) -> Result<(), Error> {
         let id = StandardId::new(frame.id().get()).expect("11 bits");
         let frame = CanDataFrame::new(id, frame.data()).expect("a classic frame");
-        self.socket.write_frame(&frame).map_err(|error| self.problem(error))
+        self.socket
+            .write_frame(&frame)
+            .map_err(|error| unusable(&self.name, &error))
     }
 
-    fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Problem> {
+    fn receive(&mut self, wait: Duration) -> Result<Option<Frame>, Error> {
         let until = Instant::now() + wait;
         loop {
             // What has come already is heard even when the time is up.
             let frame = match self.read(until.saturating_duration_since(Instant::now())) {
                 Ok(frame) => frame,
                 Err(error) if is_nothing_yet(&error) => return Ok(None),
-                Err(error) => return Err(self.problem(error)),
+                Err(error) => return Err(unusable(&self.name, &error)),
             };
             let frame = match frame {
                 CanAnyFrame::Normal(frame) => id(&frame).and_then(|id| Frame::new(id, frame.data()).ok()),
@@ -127,7 +124,7 @@ impl Bus for SocketBus {
         self.trouble.take()
     }
 
-    fn doubt(&self) -> String {
+    fn hint(&self) -> String {
         "does the interface have the bit rate of the bus ('ip -details link' tells)".to_owned()
     }
 }

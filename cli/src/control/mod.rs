@@ -7,12 +7,13 @@ use std::time::{Duration, Instant};
 
 use armwire_bridge::can::Node;
 use armwire_bridge::control::{
-    self, Event, FromAdapter, FromHost, MAX_COBS, MAX_MESSAGE, Malformed, Reader, Reply, Request, Stamp, Subscription,
+    self, Event, Failure, FromAdapter, FromHost, MAX_COBS, MAX_MESSAGE, Malformed, Reader, Reply, Request, Stamp,
+    Subscription,
 };
 
 use crate::can::{CanLine, Channel};
+use crate::error::Error;
 use crate::link::Line;
-use crate::problem::Problem;
 use crate::serial::Serial;
 
 /// How long an adapter may take for an answer: to write its flash, or to ask an arm that is silent.
@@ -48,12 +49,12 @@ struct Stream {
 
 impl ControlLink {
     /// That of the adapter whose serial port this is.
-    pub(crate) fn on_usb(port: &str) -> Result<Self, Problem> {
+    pub(crate) fn on_usb(port: &str) -> Result<Self, Error> {
         Ok(Self::stream(Box::new(usb::UsbLine::open(port)?)))
     }
 
     /// A port of its own.
-    pub(crate) fn on_port(port: &str) -> Result<Self, Problem> {
+    pub(crate) fn on_port(port: &str) -> Result<Self, Error> {
         Ok(Self::stream(Box::new(Serial::open(port, BAUD)?)))
     }
 
@@ -90,7 +91,7 @@ impl ControlLink {
     }
 
     /// Makes a request and returns the answer, which is none of those that say that it was not done.
-    pub(crate) fn call(&mut self, request: Request) -> Result<Reply, Problem> {
+    pub(crate) fn call(&mut self, request: Request) -> Result<Reply, Error> {
         self.sequence = self.sequence.wrapping_add(1);
         let sequence = self.sequence;
         self.way.send(&FromHost { sequence, request })?;
@@ -110,10 +111,9 @@ impl ControlLink {
                 Some(Ok(FromAdapter::Event { at, event })) => self.events.push_back((at, event)),
                 Some(Err(error)) => return Err(self.malformed(error)),
                 None if left.is_zero() => {
-                    let name = self.name().to_owned();
-                    let millis = PATIENCE.as_millis() as u64;
-                    let doubts = self.way.doubts();
-                    return Err(Problem::NoReply { name, millis, doubts });
+                    let (millis, hints) = (PATIENCE.as_millis(), self.way.hints());
+                    let reason = format!("the adapter does not answer in {millis} ms: {hints}");
+                    return Err(Error::at(self.name(), reason));
                 }
                 None => {}
             }
@@ -122,7 +122,7 @@ impl ControlLink {
 
     /// The next thing that the adapter tells of unasked, waiting so long for it. It has to be
     /// [subscribed](Request::Subscribe) to.
-    pub(crate) fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Problem> {
+    pub(crate) fn hear(&mut self, wait: Duration) -> Result<Option<(Stamp, Event)>, Error> {
         let until = Instant::now() + wait;
         loop {
             if let Some(event) = self.events.pop_front() {
@@ -139,19 +139,43 @@ impl ControlLink {
         }
     }
 
-    fn good(&self, reply: Reply) -> Result<Reply, Problem> {
-        let name = self.name().to_owned();
+    fn good(&self, reply: Reply) -> Result<Reply, Error> {
         match reply {
-            Reply::Unsupported { version } => Err(Problem::Unsupported { name, version }),
-            Reply::BadConfig(error) => Err(Problem::BadConfig { name, error }),
-            Reply::Failed(failure) => Err(Problem::Failed { name, failure }),
+            Reply::Unsupported { version } => Err(Error::Unsupported {
+                name: self.name().to_owned(),
+                version,
+            }),
+            Reply::BadConfig(error) => Err(Error::at(
+                self.name(),
+                format!("the adapter cannot be like that: {error}"),
+            )),
+            Reply::Failed(failure) => Err(Error::at(self.name(), why(failure))),
             reply => Ok(reply),
         }
     }
 
-    fn malformed(&self, error: Malformed) -> Problem {
-        let name = self.name().to_owned();
-        Problem::Malformed { name, error }
+    fn malformed(&self, error: Malformed) -> Error {
+        let reason =
+            format!("the adapter says what cannot be read ({error}): is its firmware newer than this program?");
+        Error::at(self.name(), reason)
+    }
+}
+
+/// Why the adapter did not do what it was asked.
+fn why(failure: Failure) -> String {
+    match failure {
+        Failure::Flash => "the adapter's flash does not take the configuration".to_owned(),
+        Failure::Busy => "the adapter is busy with another such request: try again".to_owned(),
+        Failure::StreamArmed => "refused while a host streams motion: stop it and try again".to_owned(),
+        Failure::LineHeld => {
+            "the host on USB holds the line to the arm: close the program on the adapter's serial port, \
+                              or end 'armwire hold'"
+                .to_owned()
+        }
+        Failure::TooManySaves { wait_s } => {
+            format!("not saved: so many saves would wear the flash out; the next may come in {wait_s} s")
+        }
+        Failure::SupplyLow => "not saved: the adapter's 3.3 V supply is below 2.9 V, too low to write flash".to_owned(),
     }
 }
 
@@ -165,7 +189,7 @@ impl Drop for ControlLink {
 }
 
 impl Way {
-    fn send(&mut self, message: &FromHost) -> Result<(), Problem> {
+    fn send(&mut self, message: &FromHost) -> Result<(), Error> {
         match self {
             Self::Stream(stream) => stream.send(message),
             Self::Can(line) => {
@@ -177,7 +201,7 @@ impl Way {
     }
 
     /// The next message, waiting so long for it.
-    fn receive(&mut self, wait: Duration) -> Result<Option<Result<FromAdapter, Malformed>>, Problem> {
+    fn receive(&mut self, wait: Duration) -> Result<Option<Result<FromAdapter, Malformed>>, Error> {
         match self {
             Self::Stream(stream) => stream.receive(wait),
             Self::Can(line) => Ok(line.receive(wait)?.map(|pdu| control::decode(&pdu))),
@@ -185,16 +209,16 @@ impl Way {
     }
 
     /// What to ask oneself when the adapter does not answer.
-    fn doubts(&self) -> String {
+    fn hints(&self) -> String {
         match self {
             Self::Stream(_) => "is it the control port of an armwire adapter?".to_owned(),
-            Self::Can(line) => line.adapter_doubts(),
+            Self::Can(line) => line.adapter_hints(),
         }
     }
 }
 
 impl Stream {
-    fn send(&mut self, message: &FromHost) -> Result<(), Problem> {
+    fn send(&mut self, message: &FromHost) -> Result<(), Error> {
         // The zero in front ends what an earlier program may have begun.
         let mut out = [0; 1 + MAX_COBS];
         let n = control::encode_cobs(message, &mut out[1..]).expect("room for any message");
@@ -206,7 +230,7 @@ impl Stream {
         Ok(())
     }
 
-    fn receive(&mut self, wait: Duration) -> Result<Option<Result<FromAdapter, Malformed>>, Problem> {
+    fn receive(&mut self, wait: Duration) -> Result<Option<Result<FromAdapter, Malformed>>, Error> {
         let until = Instant::now() + wait;
         loop {
             let unread = self.reader.push(self.rest.make_contiguous()).len();

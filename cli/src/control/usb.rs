@@ -8,8 +8,8 @@ use nusb::io::{EndpointRead, EndpointWrite};
 use nusb::transfer::{Bulk, Direction, In, Out};
 use nusb::{DeviceInfo, Interface, MaybeFuture};
 
+use crate::error::Error;
 use crate::link::{Came, Line, is_nothing_yet};
-use crate::problem::Problem;
 
 /// What the adapter calls itself. It is the pid.codes test id, so the interface is looked at too.
 pub(crate) const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
@@ -29,43 +29,45 @@ pub(super) struct UsbLine {
 
 impl UsbLine {
     /// Opens the control interface of the adapter that has this serial port.
-    pub(super) fn open(port: &str) -> Result<Self, Problem> {
+    pub(super) fn open(port: &str) -> Result<Self, Error> {
         let name = port.to_owned();
         let device = find(port)?;
         match claim(&device).and_then(|interface| endpoints(&interface)) {
             Ok((reader, writer)) => Ok(Self { name, reader, writer }),
-            Err(error) => Err(Problem::Usb { name, error }),
+            Err(error) => Err(not_opened(name, &error)),
         }
     }
 
-    fn lost(&self, error: io::Error) -> Problem {
-        let port = self.name.clone();
-        Problem::Lost { port, error }
+    fn lost(&self, error: io::Error) -> Error {
+        let name = self.name.clone();
+        Error::Lost { name, error }
     }
 }
 
 /// The adapter that has this serial port.
-fn find(port: &str) -> Result<DeviceInfo, Problem> {
+fn find(port: &str) -> Result<DeviceInfo, Error> {
     let name = port.to_owned();
     // Elsewhere nothing tells whose a port is.
     let serial = serial_number_of(port);
     if cfg!(target_os = "linux") && serial.is_none() {
-        return Err(Problem::NoControl { name });
+        return Err(Error::NoControl { name });
     }
     let devices = match nusb::list_devices().wait() {
         Ok(devices) => devices,
-        Err(error) => return Err(Problem::Usb { name, error }),
+        Err(error) => return Err(not_opened(name, &error)),
     };
     let mut adapters: Vec<_> = devices.filter(|device| control_interface(device).is_some()).collect();
     adapters.retain(|adapter| serial.is_none() || adapter.serial_number() == serial.as_deref());
     match adapters.len() {
-        0 | 1 => adapters.pop().ok_or(Problem::NoControl { name }),
+        0 | 1 => adapters.pop().ok_or(Error::NoControl { name }),
         _ => {
-            let serials = adapters
-                .iter()
-                .map(|adapter| adapter.serial_number().unwrap_or("?").to_owned());
-            let serials = serials.collect();
-            Err(Problem::Several { name, serials })
+            let serials = adapters.iter().map(|adapter| adapter.serial_number().unwrap_or("?"));
+            let serials: Vec<_> = serials.collect();
+            let reason = format!(
+                "there are several adapters ({}), and this system does not tell whose port it is: unplug the others",
+                serials.join(", ")
+            );
+            Err(Error::at(port, reason))
         }
     }
 }
@@ -114,7 +116,7 @@ impl Line for UsbLine {
         &self.name
     }
 
-    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         self.reader.set_read_timeout(wait);
         match self.reader.read(buf) {
             Ok(n) => Ok(n),
@@ -123,18 +125,36 @@ impl Line for UsbLine {
         }
     }
 
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
         let written = self.writer.write_all(bytes).and_then(|()| self.writer.flush());
         match written {
             Ok(()) => Ok(bytes.len()),
-            Err(error) if is_nothing_yet(&error) => Err(Problem::Stuck {
-                port: self.name.clone(),
+            Err(error) if is_nothing_yet(&error) => Err(Error::Stuck {
+                name: self.name.clone(),
             }),
             Err(error) => Err(self.lost(error)),
         }
     }
 
-    fn doubts(&mut self, _: Came, _: &str) -> String {
+    fn hints(&mut self, _: Came, _: &str) -> String {
         "is its firmware stuck?".to_owned()
     }
+}
+
+/// Why the control port cannot be used.
+fn not_opened(name: String, error: &nusb::Error) -> Error {
+    let reason = match error.kind() {
+        nusb::ErrorKind::PermissionDenied if cfg!(target_os = "linux") => {
+            let (vendor, product) = VENDOR_AND_PRODUCT;
+            format!(
+                "permission denied for the control port: put 'SUBSYSTEM==\"usb\", ATTR{{idVendor}}==\"{vendor:04x}\", \
+                 ATTR{{idProduct}}==\"{product:04x}\", TAG+=\"uaccess\"' in /etc/udev/rules.d/70-armwire.rules, run \
+                 'sudo udevadm control --reload', and plug the adapter in again"
+            )
+        }
+        nusb::ErrorKind::Busy => "the control port is in use by another program: close that one first".to_owned(),
+        nusb::ErrorKind::Disconnected => "the adapter is gone: was it unplugged?".to_owned(),
+        _ => format!("the control port cannot be opened: {error}"),
+    };
+    Error::Usb { name, reason }
 }

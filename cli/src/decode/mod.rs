@@ -13,11 +13,11 @@ use armwire::ling::legacy::{Detector, Legacy};
 use armwire::xarm::XArm;
 use clap::{Args, ValueEnum};
 
-use crate::ArmKind;
+use crate::args::ArmKind;
 use crate::describe::Arm;
+use crate::error::Error;
 use crate::hex;
 use crate::printable::cut;
-use crate::problem::Problem;
 
 /// What some editors begin UTF-8 text with.
 const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
@@ -56,17 +56,22 @@ struct Decoded {
 }
 
 impl Decode {
-    pub(crate) fn run(&self) -> Result<(), Problem> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let (name, input) = self.read()?;
         let decoded = decode_input(&name, &input, self.arm, self.from)?;
         print(&decoded.lines)?;
         match decoded.broken {
-            Some((offset, reason)) => Err(Problem::Undecodable { name, offset, reason }),
+            Some((offset, reason)) => Err(Error::at(
+                &name,
+                format_args!(
+                    "the stream is broken at byte {offset}: {reason}: is it one direction of one connection, from its start?"
+                ),
+            )),
             None => Ok(()),
         }
     }
 
-    fn read(&self) -> Result<(String, Vec<u8>), Problem> {
+    fn read(&self) -> Result<(String, Vec<u8>), Error> {
         let mut input = Vec::new();
         let (name, result) = if self.file.as_os_str() == "-" {
             let result = stdin().read_to_end(&mut input).map(|_| input);
@@ -76,7 +81,7 @@ impl Decode {
         };
         match result {
             Ok(input) => Ok((name, input)),
-            Err(error) => Err(Problem::Input { name, error }),
+            Err(error) => Err(Error::at(&name, error)),
         }
     }
 }
@@ -93,7 +98,7 @@ pub fn decode(input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Vec<S
     }
 }
 
-fn decode_input(name: &str, input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Decoded, Problem> {
+fn decode_input(name: &str, input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Decoded, Error> {
     let bytes = match input.strip_prefix(BYTE_ORDER_MARK).unwrap_or(input) {
         text if may_be_text(text) && candump::is_log(text) => {
             let lines = decode_log(name, &String::from_utf8_lossy(text), arm)?;
@@ -110,26 +115,25 @@ fn decode_input(name: &str, input: &[u8], arm: ArmKind, from: Option<Speaker>) -
 }
 
 /// A log of a CAN bus, on which there is no xArm.
-fn decode_log(name: &str, text: &str, arm: ArmKind) -> Result<Vec<String>, Problem> {
+fn decode_log(name: &str, text: &str, arm: ArmKind) -> Result<Vec<String>, Error> {
     let lines = match arm {
         ArmKind::Ling => candump::decode::<Ling>(text),
         ArmKind::Alpha1 => candump::decode::<Alpha1>(text),
-        ArmKind::Xarm => return Err(Problem::Usage("an xarm is not on a CAN bus".to_owned())),
+        ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
     };
     lines.map_err(|(line, text)| {
         let text = cut(&text);
         let what = format!("line {line}: '{text}' is not such as (1.000000) can0 600#0201FE, as 'candump -L' writes");
-        let name = name.to_owned();
-        Problem::Refused { name, what }
+        Error::at(name, what)
     })
 }
 
-fn print(lines: &[String]) -> Result<(), Problem> {
+fn print(lines: &[String]) -> Result<(), Error> {
     let mut out = stdout().lock();
     lines
         .iter()
         .try_for_each(|line| writeln!(out, "{line}"))
-        .map_err(Problem::Output)
+        .map_err(Error::Output)
 }
 
 /// Whether it may be hexadecimal text. No recording is taken for it, for every frame has a byte that no such text has:
@@ -139,14 +143,16 @@ fn may_be_text(input: &[u8]) -> bool {
 }
 
 /// The bytes that hexadecimal text means.
-fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Problem> {
+fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Error> {
     let text = String::from_utf8_lossy(text);
     let mut bytes = Vec::new();
     for (i, line) in text.lines().enumerate() {
-        bytes.extend(hex::parse(line).map_err(|word| Problem::Text {
-            name: name.to_owned(),
-            line: i + 1,
-            word: cut(word),
+        bytes.extend(hex::parse(line).map_err(|word| {
+            let (line, word) = (i + 1, cut(word));
+            Error::at(
+                name,
+                format_args!("line {line}: '{word}' is not a byte or bytes in hexadecimal"),
+            )
         })?);
     }
     Ok(bytes)
@@ -154,11 +160,11 @@ fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Problem> {
 
 /// The frames of a recording of a Ling arm, which may be of the older generation.
 fn decode_ling(bytes: &[u8], from: Option<Speaker>) -> Decoded {
-    let Some(older) = Detector::new().hear(bytes) else {
+    let Some(legacy) = Detector::new().hear(bytes) else {
         return decode_line::<Ling>(bytes, from);
     };
     let mut decoded = decode_line::<Legacy>(bytes, from);
-    decoded.lines.insert(0, format!("This is {older}"));
+    decoded.lines.insert(0, format!("This is {legacy}"));
     decoded
 }
 

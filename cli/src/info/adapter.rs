@@ -5,10 +5,10 @@ use armwire_bridge::config::{Can, Poll};
 use super::show;
 use crate::adapter::{describe, identify, line};
 use crate::control::ControlLink;
-use crate::problem::Problem;
-use crate::{config, held};
+use crate::error::Error;
+use crate::{config, line_holder};
 
-pub(super) fn run(control: &mut ControlLink) -> Result<(), Problem> {
+pub(super) fn run(control: &mut ControlLink) -> Result<(), Error> {
     show("adapter", describe(&identify(control)?))?;
     let config = config::get(control)?;
     let poll = match config.poll {
@@ -26,7 +26,7 @@ pub(super) fn run(control: &mut ControlLink) -> Result<(), Problem> {
         format_args!("arm {}, poll {poll}, silence {silence}", config.arm),
     )?;
     show("can", can(&config.can))?;
-    match line(control)?.as_ref().and_then(held::describe) {
+    match line(control)?.as_ref().and_then(line_holder::describe) {
         Some(told) => show("rate", told),
         None => Ok(()),
     }

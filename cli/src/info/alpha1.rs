@@ -4,10 +4,10 @@ use armwire::alpha1::{Alpha1, OLDEST_FIRMWARE, Request, Response};
 
 use super::show;
 use crate::describe::running;
+use crate::error::Error;
 use crate::link::{Line, Link};
-use crate::problem::Problem;
 
-pub(super) fn run(link: &mut Link<Alpha1, impl Line>) -> Result<(), Problem> {
+pub(super) fn run(link: &mut Link<Alpha1, impl Line>) -> Result<(), Error> {
     for request in [
         Request::ReadHardwareVersion,
         Request::ReadFirmwareVersion,
@@ -18,7 +18,7 @@ pub(super) fn run(link: &mut Link<Alpha1, impl Line>) -> Result<(), Problem> {
     Ok(())
 }
 
-fn tell(response: Response<'_>) -> Result<(), Problem> {
+fn tell(response: Response<'_>) -> Result<(), Error> {
     match response {
         Response::HardwareVersion(version) => {
             show("arm", "Alpha1")?;

@@ -4,10 +4,10 @@ use armwire::ling::{Kind, Ling, Request, Response};
 
 use super::show;
 use crate::describe::{gripper, joint, list};
+use crate::error::Error;
 use crate::link::{Line, Link};
-use crate::problem::Problem;
 
-pub(super) fn run(link: &mut Link<Ling, impl Line>) -> Result<(), Problem> {
+pub(super) fn run(link: &mut Link<Ling, impl Line>) -> Result<(), Error> {
     let requests = [
         Request::ReadInfo,
         Request::ReadJoints,

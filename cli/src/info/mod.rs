@@ -8,12 +8,13 @@ mod xarm;
 use std::fmt::Display;
 use std::io::{Write, stdout};
 
+use crate::args::{ArmKind, Place};
+use crate::error::Error;
+use crate::legacy;
 use crate::link::Link;
 use crate::printable::escaped;
-use crate::problem::Problem;
-use crate::{ArmKind, Place, older};
 
-pub(crate) fn run(place: &Place) -> Result<(), Problem> {
+pub(crate) fn run(place: &Place) -> Result<(), Error> {
     if matches!(place.arm, ArmKind::Xarm) {
         // Here a byte that is part of no frame ends it.
         return xarm::run(&mut Link::connect(&place.host()?)?);
@@ -24,8 +25,8 @@ pub(crate) fn run(place: &Place) -> Result<(), Problem> {
         // Whoever names a control port is to have it.
         Err(problem) if place.control.is_some() => return Err(problem),
         // There may be no adapter, or an arm that can be asked without it.
-        Err(Problem::NoControl { .. }) => {}
-        Err(problem @ Problem::Usb { .. }) => show("adapter", format_args!("not told: {problem}"))?,
+        Err(Error::NoControl { .. }) => {}
+        Err(problem @ Error::Usb { .. }) => show("adapter", format_args!("not told: {problem}"))?,
         Err(problem) => return Err(problem),
     }
     if connection.is_control() {
@@ -38,7 +39,7 @@ pub(crate) fn run(place: &Place) -> Result<(), Problem> {
             link.dropped()
         }
         ArmKind::Ling | ArmKind::Xarm => {
-            let mut link = older::open(&connection)?;
+            let mut link = legacy::open(&connection)?;
             ling::run(&mut link)?;
             link.dropped()
         }
@@ -50,6 +51,6 @@ pub(crate) fn run(place: &Place) -> Result<(), Problem> {
 }
 
 /// Prints one thing there is to know.
-fn show(name: &str, value: impl Display) -> Result<(), Problem> {
-    writeln!(stdout(), "{name:<13}{}", escaped(&value.to_string())).map_err(Problem::Output)
+fn show(name: &str, value: impl Display) -> Result<(), Error> {
+    writeln!(stdout(), "{name:<13}{}", escaped(&value.to_string())).map_err(Error::Output)
 }

@@ -5,10 +5,10 @@ use armwire::xarm::{Reply, Request, State, XArm};
 use super::show;
 use crate::call::ask;
 use crate::describe::torque_source;
+use crate::error::Error;
 use crate::link::{Line, Link};
-use crate::problem::Problem;
 
-pub(super) fn run(link: &mut Link<XArm, impl Line>) -> Result<(), Problem> {
+pub(super) fn run(link: &mut Link<XArm, impl Line>) -> Result<(), Error> {
     let mut last = State::OK;
     for (name, request) in [
         ("version", Request::ReadVersion),
@@ -25,7 +25,7 @@ pub(super) fn run(link: &mut Link<XArm, impl Line>) -> Result<(), Problem> {
     show("state", last)
 }
 
-fn tell(name: &str, state: State, reply: Reply<'_>) -> Result<(), Problem> {
+fn tell(name: &str, state: State, reply: Reply<'_>) -> Result<(), Error> {
     match reply {
         Reply::Version(text) => match text.version() {
             Ok(version) => {

@@ -13,7 +13,7 @@ use super::reading::{LineErrors, News, Source};
 use super::{alpha1, ling};
 use crate::config;
 use crate::control::ControlLink;
-use crate::problem::Problem;
+use crate::error::Error;
 
 /// How long is listened at once. Meanwhile no key is heard.
 const LISTEN: Duration = Duration::from_millis(50);
@@ -28,13 +28,11 @@ pub(super) struct Heard {
 
 impl Heard {
     /// Asks the adapter to tell all that it hears.
-    pub(super) fn new(mut control: ControlLink) -> Result<Self, Problem> {
+    pub(super) fn new(mut control: ControlLink) -> Result<Self, Error> {
         let config = config::get(&mut control)?;
         if !matches!(config.arm, ArmKind::Ling | ArmKind::Alpha1) {
-            return Err(Problem::Refused {
-                name: control.name().to_owned(),
-                what: format!("the adapter is set for '{}', of which it hears no readings", config.arm),
-            });
+            let reason = format!("the adapter is set for '{}', of which it hears no readings", config.arm);
+            return Err(Error::at(control.name(), reason));
         }
         let all = Subscription {
             frames: true,
@@ -72,7 +70,7 @@ impl Source for Heard {
         false
     }
 
-    fn read(&mut self) -> Result<News, Problem> {
+    fn read(&mut self) -> Result<News, Error> {
         if let Some(hint) = self.hint.take() {
             return Ok(News::Notice(hint));
         }

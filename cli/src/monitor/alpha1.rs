@@ -6,8 +6,8 @@ use armwire::alpha1::{Alpha1, Request, Response, SERVOS, ServoStates};
 
 use super::reading::{LineErrors, News, Quantity, Reading, Source};
 use crate::describe::running;
+use crate::error::Error;
 use crate::link::{Line, Link};
-use crate::problem::Problem;
 
 /// A robot that is asked.
 pub(super) struct Asked<L>(pub(super) Link<Alpha1, L>);
@@ -17,7 +17,7 @@ impl<L: Line> Source for Asked<L> {
         "Alpha1"
     }
 
-    fn read(&mut self) -> Result<News, Problem> {
+    fn read(&mut self) -> Result<News, Error> {
         let news = self.0.call(Request::ReadServoStates, |response| news(&response))?;
         Ok(news.unwrap_or(News::Nothing))
     }

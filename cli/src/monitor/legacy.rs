@@ -8,8 +8,8 @@ use armwire_bridge::time;
 
 use super::reading::{LineErrors, News, Quantity, Reading, Source};
 use crate::describe::{joint, legacy};
+use crate::error::Error;
 use crate::link::{Line, Link};
-use crate::problem::Problem;
 
 /// How long such an arm may say nothing of its joints, though it says it forty times a second.
 const SILENCE: time::Duration = time::Duration::from_millis(500);
@@ -36,7 +36,7 @@ impl<L: Line> Source for Heard<L> {
     }
 
     /// The newest of what the arm has said, or else the next.
-    fn read(&mut self) -> Result<News, Problem> {
+    fn read(&mut self) -> Result<News, Error> {
         let until = self.link.now() + SILENCE;
         let mut joints = None;
         loop {
@@ -50,8 +50,8 @@ impl<L: Line> Source for Heard<L> {
             match (heard, &joints) {
                 (None, Some(joints)) => return Ok(News::Reading(reading(*joints, self.gripper.as_ref()), None)),
                 (None, None) if until <= self.link.now() => {
-                    let port = self.link.name().to_owned();
-                    return Err(Problem::Silent { port });
+                    let reason = "the arm has stopped talking: is it still powered?";
+                    return Err(Error::at(self.link.name(), reason));
                 }
                 (None, None) => {}
                 (Some(responses), _) => {

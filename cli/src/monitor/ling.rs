@@ -4,8 +4,8 @@ use armwire::ling::{JointState, Kind, Ling, Opening, Position, Request, Response
 
 use super::reading::{LineErrors, News, Quantity, Reading, Source};
 use crate::describe::{gripper, joint};
+use crate::error::Error;
 use crate::link::{Line, Link};
-use crate::problem::Problem;
 
 /// How many servos the larger of the two kinds has.
 pub(super) const SERVOS: usize = Kind::Follower.servos();
@@ -22,12 +22,12 @@ impl<L: Line> Source for Asked<L> {
         SERVOS
     }
 
-    fn read(&mut self) -> Result<News, Problem> {
+    fn read(&mut self) -> Result<News, Error> {
         let news = self.0.call(Request::ReadJoints, |response| news(&response))?;
         Ok(news.unwrap_or(News::Nothing))
     }
 
-    fn read_celsius(&mut self) -> Result<News, Problem> {
+    fn read_celsius(&mut self) -> Result<News, Error> {
         let news = self.0.call(Request::ReadTemperatures, |response| news(&response))?;
         Ok(news.unwrap_or(News::Nothing))
     }

@@ -23,12 +23,14 @@ use armwire_bridge::time;
 use clap::Args;
 
 use crate::adapter::{counters, describe, identify, latencies};
+use crate::args::{ArmKind, Place};
 use crate::control::ControlLink;
 use crate::describe::Arm;
+use crate::error::Error;
+use crate::legacy as generation;
 use crate::link::{Line, Link};
+use crate::output::complain;
 use crate::port::Connection;
-use crate::problem::Problem;
-use crate::{ArmKind, Place, older};
 
 use model::{Adapter, Latest, Model};
 use output::{Form, Step};
@@ -62,7 +64,7 @@ pub(crate) struct Monitor {
 }
 
 impl Monitor {
-    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         if self.from_adapter {
             let control = self.place.control(&self.place.connect()?)?;
             return self.watch(&mut adapter::Heard::new(control)?, None, stop);
@@ -70,12 +72,12 @@ impl Monitor {
         match self.place.arm {
             ArmKind::Ling => {
                 let connection = self.place.connect()?;
-                let watched = older::open(&connection)
+                let watched = generation::open(&connection)
                     .and_then(|link| self.watch(&mut ling::Asked(link), Some(&connection), stop));
-                let Err(Problem::Older { port, older }) = watched else {
+                let Err(Error::Legacy { name, legacy }) = watched else {
                     return watched;
                 };
-                crate::complain(&format_args!("{port}: this is {older}"));
+                complain(&format_args!("{name}: this is {legacy}"));
                 let link = connection.arm::<Legacy>()?;
                 self.watch(&mut legacy::Heard::new(link), Some(&connection), stop)
             }
@@ -91,12 +93,7 @@ impl Monitor {
     }
 
     /// Shows what comes from a source, and what the adapter there tells, if there is one, until somebody has enough.
-    fn watch(
-        &self,
-        source: &mut dyn Source,
-        connection: Option<&Connection>,
-        stop: &AtomicBool,
-    ) -> Result<(), Problem> {
+    fn watch(&self, source: &mut dyn Source, connection: Option<&Connection>, stop: &AtomicBool) -> Result<(), Error> {
         let form = Form::new(self.csv, self.json);
         let start = Instant::now();
         let now = || time::Instant::from_micros(start.elapsed().as_micros().try_into().unwrap_or(u64::MAX));
@@ -147,7 +144,7 @@ impl Monitor {
     }
 
     /// The control port that the user named, with an adapter that answers there.
-    fn named(&self, connection: &Connection) -> Result<ControlLink, Problem> {
+    fn named(&self, connection: &Connection) -> Result<ControlLink, Error> {
         let mut control = self.place.control(connection)?;
         identify(&mut control)?;
         Ok(control)
@@ -157,7 +154,7 @@ impl Monitor {
     fn open(&self, connection: &Connection, model: &mut Model) -> Option<ControlLink> {
         match self.place.control(connection) {
             Ok(control) => Some(control),
-            Err(Problem::NoControl { .. }) => None,
+            Err(Error::NoControl { .. }) => None,
             Err(problem) => {
                 let told = Err(problem.to_string());
                 let name = "not reached".to_owned();
@@ -174,7 +171,7 @@ fn step(
     celsius: Option<&mut Timer>,
     model: &mut Model,
     now: &dyn Fn() -> time::Instant,
-) -> Result<Step, Problem> {
+) -> Result<Step, Error> {
     let begun = now();
     model.asked += u64::from(source.is_asked());
     let step = take(source.read(), model, source.is_asked().then_some(begun), now())?;
@@ -187,11 +184,11 @@ fn step(
 
 /// Takes news into the model. `begun` is when the call began, if there was one.
 fn take(
-    news: Result<News, Problem>,
+    news: Result<News, Error>,
     model: &mut Model,
     begun: Option<time::Instant>,
     now: time::Instant,
-) -> Result<Step, Problem> {
+) -> Result<Step, Error> {
     match news {
         Ok(News::Reading(reading, stamp)) => {
             model.read(Latest {
@@ -212,7 +209,7 @@ fn take(
         }
         Ok(News::Nothing) => Ok(Step::Nothing),
         // Once it has answered, the arm may be switched off and on again.
-        Err(problem @ Problem::NoAnswer { .. }) if model.answered > 0 => {
+        Err(problem @ Error::NoAnswer { .. }) if model.answered > 0 => {
             model.time_out(now, problem.to_string());
             Ok(Step::TimedOut)
         }

@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 
 use super::model::Model;
 use super::{table, view};
-use crate::problem::Problem;
+use crate::error::Error;
 
 /// How often the screen is drawn at most.
 const DRAWN: Duration = Duration::from_millis(50);
@@ -45,10 +45,10 @@ pub(super) enum Step {
 /// What shows a model.
 pub(super) trait Output {
     /// Shows how things are after this step.
-    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Problem>;
+    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Error>;
 
     /// Waits for so long. Returns whether the user wants to end.
-    fn wait(&mut self, wait: Duration) -> Result<bool, Problem> {
+    fn wait(&mut self, wait: Duration) -> Result<bool, Error> {
         thread::sleep(wait);
         Ok(false)
     }
@@ -71,7 +71,7 @@ impl Form {
         self != Self::Lines
     }
 
-    pub(super) fn open(self) -> Result<Box<dyn Output>, Problem> {
+    pub(super) fn open(self) -> Result<Box<dyn Output>, Error> {
         Ok(match self {
             Self::Screen => Box::new(Screen::open()?),
             Self::Lines => Box::new(Lines),
@@ -88,8 +88,8 @@ struct Screen {
 }
 
 impl Screen {
-    fn open() -> Result<Self, Problem> {
-        let terminal = ratatui::try_init().map_err(Problem::Output)?;
+    fn open() -> Result<Self, Error> {
+        let terminal = ratatui::try_init().map_err(Error::Output)?;
         Ok(Self { terminal, drawn: None })
     }
 }
@@ -101,25 +101,25 @@ impl Drop for Screen {
 }
 
 impl Output for Screen {
-    fn show(&mut self, model: &Model, now: time::Instant, _: Step) -> Result<(), Problem> {
+    fn show(&mut self, model: &Model, now: time::Instant, _: Step) -> Result<(), Error> {
         if self.drawn.is_some_and(|drawn| drawn.elapsed() < DRAWN) {
             return Ok(());
         }
         self.drawn = Some(Instant::now());
         self.terminal
             .draw(|frame| view::draw(frame, model, now))
-            .map_err(Problem::Output)?;
+            .map_err(Error::Output)?;
         Ok(())
     }
 
-    fn wait(&mut self, wait: Duration) -> Result<bool, Problem> {
+    fn wait(&mut self, wait: Duration) -> Result<bool, Error> {
         let until = Instant::now() + wait;
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            if !event::poll(left).map_err(Problem::Output)? {
+            if !event::poll(left).map_err(Error::Output)? {
                 return Ok(false);
             }
-            match event::read().map_err(Problem::Output)? {
+            match event::read().map_err(Error::Output)? {
                 Event::Key(key) if key.kind != KeyEventKind::Release && is_end(key.code, key.modifiers) => {
                     return Ok(true);
                 }
@@ -144,7 +144,7 @@ fn is_end(code: KeyCode, modifiers: KeyModifiers) -> bool {
 struct Lines;
 
 impl Output for Lines {
-    fn show(&mut self, model: &Model, _: time::Instant, step: Step) -> Result<(), Problem> {
+    fn show(&mut self, model: &Model, _: time::Instant, step: Step) -> Result<(), Error> {
         complain(model, step);
         match (&model.latest, step) {
             (Some(latest), Step::Reading) => print(&format!(
@@ -162,7 +162,7 @@ struct Csv {
 }
 
 impl Output for Csv {
-    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Problem> {
+    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Error> {
         complain(model, step);
         let Some(row) = row(model, now, step) else {
             return Ok(());
@@ -177,7 +177,7 @@ impl Output for Csv {
 struct Json;
 
 impl Output for Json {
-    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Problem> {
+    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Error> {
         complain(model, step);
         let Some(row) = row(model, now, step) else {
             return Ok(());
@@ -199,14 +199,14 @@ fn row(model: &Model, now: time::Instant, step: Step) -> Option<Map<String, Valu
 /// Tells what there is to tell where it does not get into the data.
 fn complain(model: &Model, step: Step) {
     if let (Step::TimedOut | Step::Notice, Some(notice)) = (step, &model.notice) {
-        crate::complain(notice);
+        crate::output::complain(notice);
     }
 }
 
-fn print(line: &str) -> Result<(), Problem> {
+fn print(line: &str) -> Result<(), Error> {
     let mut out = stdout().lock();
     let written: io::Result<()> = writeln!(out, "{line}").and_then(|()| out.flush());
-    written.map_err(Problem::Output)
+    written.map_err(Error::Output)
 }
 
 #[cfg(test)]

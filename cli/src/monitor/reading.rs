@@ -3,7 +3,7 @@
 use armwire_bridge::control::Stamp;
 
 use crate::control::ControlLink;
-use crate::problem::Problem;
+use crate::error::Error;
 
 /// What an arm is at one moment. Of one arm all readings have the same quantities.
 #[derive(Clone, Debug)]
@@ -64,10 +64,10 @@ pub(super) trait Source {
     }
 
     /// Asks the arm, or listens for a moment.
-    fn read(&mut self) -> Result<News, Problem>;
+    fn read(&mut self) -> Result<News, Error>;
 
     /// Asks for the temperatures, of an arm that has them.
-    fn read_celsius(&mut self) -> Result<News, Problem> {
+    fn read_celsius(&mut self) -> Result<News, Error> {
         Ok(News::Nothing)
     }
 

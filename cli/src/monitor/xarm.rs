@@ -9,9 +9,9 @@ use armwire::xarm::{Raw, Reply, Request, State, XArm};
 use super::reading::{LineErrors, News, Reading, Source};
 use crate::call::ask;
 use crate::describe::angle;
+use crate::error::Error;
 use crate::hex;
 use crate::link::{Line, Link};
-use crate::problem::Problem;
 
 /// The register of joint positions.
 const POSITIONS: u8 = 42;
@@ -31,7 +31,7 @@ impl<L: Line> Asked<L> {
     }
 
     /// How many joints the arm has; as many as any if it does not tell.
-    fn read_axes(&mut self) -> Result<usize, Problem> {
+    fn read_axes(&mut self) -> Result<usize, Error> {
         let axes = ask(&mut self.link, Request::ReadVersion, |_, reply| match reply {
             Reply::Version(text) => text.version().map_or(JOINTS, |version| version.axes.into()),
             _ => JOINTS,
@@ -45,7 +45,7 @@ impl<L: Line> Source for Asked<L> {
         "xArm"
     }
 
-    fn read(&mut self) -> Result<News, Problem> {
+    fn read(&mut self) -> Result<News, Error> {
         let axes = match self.axes {
             Some(axes) => axes,
             None => {

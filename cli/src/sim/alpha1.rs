@@ -9,7 +9,7 @@ use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use clap::Args;
 
 use super::line::{LineArgs, say_last};
-use crate::problem::Problem;
+use crate::error::Error;
 
 /// The arguments of `armwire sim alpha1`.
 #[derive(Args)]
@@ -88,7 +88,7 @@ fn parse_firmware(text: &str) -> Result<[u8; 10], String> {
 }
 
 impl Alpha1Sim {
-    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         let base = RobotConfig::default();
         let config = RobotConfig {
             hardware: self.hardware.clone().map_or(base.hardware, String::into_bytes),
@@ -104,7 +104,7 @@ impl Alpha1Sim {
 }
 
 impl Alpha1ServoSim {
-    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         let config = BusConfig {
             ids: self.ids.0.clone(),
             turnaround: Duration::from_micros(self.turnaround_us),

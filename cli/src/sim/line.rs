@@ -1,6 +1,7 @@
 //! A virtual device on a pseudo-terminal, behind a line with faults.
 
 use std::fmt::Display;
+use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::atomic::AtomicBool;
@@ -11,8 +12,8 @@ use armwire_sim::serial::{Counters, SerialDevice};
 use armwire_sim::serve::{Served, serve};
 use clap::{Args, ValueEnum};
 
-use super::say;
-use crate::problem::Problem;
+use crate::error::Error;
+use crate::output::say;
 
 /// Where a device is, and what its line does to bytes: the arguments that all devices on a serial line have.
 #[derive(Args)]
@@ -80,7 +81,7 @@ impl LineArgs {
         name: impl Display,
         device: D,
         stop: &AtomicBool,
-    ) -> Result<(Line<D>, Served), Problem> {
+    ) -> Result<(Line<D>, Served), Error> {
         let rates = |without| {
             if self.faults_on == without {
                 Rates::NONE
@@ -91,15 +92,20 @@ impl LineArgs {
         let (to_device, from_device) = (rates(FaultsOn::Answers), rates(FaultsOn::Requests));
         let mut line = Line::new(device, to_device, from_device, self.seed);
 
-        let pty = Pty::open(self.pty.as_deref()).map_err(Problem::Serve)?;
+        let pty = Pty::open(self.pty.as_deref()).map_err(not_served)?;
         say(format_args!("{name} is at {}; Ctrl-C ends it.", pty.path().display()))?;
-        let served = serve(&mut line, &pty, stop).map_err(Problem::Serve)?;
+        let served = serve(&mut line, &pty, stop).map_err(not_served)?;
         Ok((line, served))
     }
 }
 
+/// Why a virtual arm cannot be served.
+pub(super) fn not_served(error: io::Error) -> Error {
+    Error::at("cannot serve a virtual arm", error)
+}
+
 /// Says what went over the line and what the device made of it.
-pub(super) fn say_last(served: Served, heard: Counters) -> Result<(), Problem> {
+pub(super) fn say_last(served: Served, heard: Counters) -> Result<(), Error> {
     say(format_args!(
         "{} bytes in, {} out, {} not read; {} requests ({} answered, {} refused), {} unknown frames, {} noise bytes.",
         served.received,

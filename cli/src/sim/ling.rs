@@ -9,8 +9,8 @@ use armwire_sim::ling::{Config, LingArm};
 use clap::Args;
 
 use super::line::{LineArgs, say_last};
-use super::say;
-use crate::problem::Problem;
+use crate::error::Error;
+use crate::output::say;
 
 /// The arguments of `armwire sim ling`.
 #[derive(Args)]
@@ -54,7 +54,7 @@ fn parse_stroke(text: &str) -> Result<Stroke, String> {
 }
 
 impl LingSim {
-    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         if self.older {
             return self.run_older(stop);
         }
@@ -79,7 +79,7 @@ impl LingSim {
         say_last(served, line.device().counters())
     }
 
-    fn run_older(&self, stop: &AtomicBool) -> Result<(), Problem> {
+    fn run_older(&self, stop: &AtomicBool) -> Result<(), Error> {
         let arm = LegacyArm::new(legacy::Config::default());
         let (line, served) = self.line.serve("Ling arm of the older generation", arm, stop)?;
         say(format_args!(

@@ -5,12 +5,11 @@ mod line;
 mod ling;
 mod xarm;
 
-use std::io::{Write, stdout};
 use std::sync::atomic::AtomicBool;
 
 use clap::Subcommand;
 
-use crate::problem::Problem;
+use crate::error::Error;
 
 /// The arms there are.
 #[derive(Subcommand)]
@@ -27,7 +26,7 @@ pub(crate) enum Sim {
 }
 
 impl Sim {
-    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+    pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         match self {
             Self::Ling(sim) => sim.run(stop),
             Self::XArm(sim) => sim.run(stop),
@@ -35,11 +34,4 @@ impl Sim {
             Self::Alpha1Servo(sim) => sim.run(stop),
         }
     }
-}
-
-fn say(text: std::fmt::Arguments<'_>) -> Result<(), Problem> {
-    let mut out = stdout().lock();
-    writeln!(out, "{text}")
-        .and_then(|()| out.flush())
-        .map_err(Problem::Output)
 }

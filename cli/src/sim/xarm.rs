@@ -8,8 +8,9 @@ use armwire::xarm::SerialsText;
 use armwire_sim::xarm::{BindError, Config, Model, Server, VirtualXArm};
 use clap::Args;
 
-use super::say;
-use crate::problem::Problem;
+use super::line::not_served;
+use crate::error::Error;
+use crate::output::say;
 
 /// The report port of an arm.
 const REPORT_PORT: u16 = 30002;
@@ -62,14 +63,14 @@ fn parse_model(text: &str) -> Result<Model, String> {
 }
 
 impl XArmSim {
-    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Problem> {
+    pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         let report = (!self.no_report).then(|| {
             let beside = SocketAddr::new(self.listen.ip(), REPORT_PORT);
             self.report_listen.unwrap_or(beside)
         });
         for address in [Some(self.listen), report].into_iter().flatten() {
             if !self.allow_remote && !is_loopback(address.ip()) {
-                return Err(Problem::Usage(format!(
+                return Err(Error::Usage(format!(
                     "others could reach {address}, and whoever reaches the arm moves it: use 127.0.0.1, \
                      or say --allow-remote"
                 )));
@@ -80,7 +81,7 @@ impl XArmSim {
         arm.set_error(self.error);
         arm.set_warning(self.warning);
 
-        let server = Server::bind(self.listen, report).map_err(|error| Problem::Serve(advice(&error)))?;
+        let server = Server::bind(self.listen, report).map_err(|error| not_served(advice(&error)))?;
         let axes = config.model.joints();
         let reports = match server.report_address() {
             Some(address) => format!("its reports at {address}"),
@@ -96,20 +97,20 @@ impl XArmSim {
             // Nobody need read it.
             let _ = writeln!(stderr(), "{notice}");
         };
-        let served = server.serve(&mut arm, stop, &mut notice).map_err(Problem::Serve)?;
+        let served = server.serve(&mut arm, stop, &mut notice).map_err(not_served)?;
         say(format_args!(
             "{} connections, {} broken; {} requests, {} unknown frames; {} reports, {} not read in time.",
             served.clients, served.broken, served.requests, served.unknown, served.reports, served.lost
         ))
     }
 
-    fn config(&self) -> Result<Config, Problem> {
+    fn config(&self) -> Result<Config, Error> {
         let config = Config::new(self.axes);
         let usual = SerialsText(&config.serials);
         let arm = self.serial.as_deref().or(usual.arm());
         let control_box = self.box_serial.as_deref().or(usual.control_box());
         let serials = SerialsText::encode(arm.unwrap_or_default(), control_box.unwrap_or_default());
-        let serials = serials.map_err(|error| Problem::Usage(error.to_string()))?;
+        let serials = serials.map_err(|error| Error::Usage(error.to_string()))?;
         Ok(Config { serials, ..config })
     }
 }

@@ -3,7 +3,7 @@
 mod dfuse;
 
 use std::fs;
-use std::io::{self, ErrorKind, Write, stdout};
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread;
@@ -13,8 +13,8 @@ use armwire_bridge::control::Request;
 use clap::Args;
 
 use crate::adapter::{AdapterPort, describe, identify};
-use crate::printable::escaped;
-use crate::problem::Problem;
+use crate::error::Error;
+use crate::output::say;
 use dfuse::Image;
 
 /// The program that talks to the boot loader.
@@ -34,7 +34,7 @@ pub(crate) struct Update {
 }
 
 impl Update {
-    pub(crate) fn run(&self) -> Result<(), Problem> {
+    pub(crate) fn run(&self) -> Result<(), Error> {
         let image = self.image()?;
         let [write, leave] = commands(&self.image);
         let by_hand = format!("'{}' and then '{}'", shown(&write), shown(&leave));
@@ -43,7 +43,7 @@ impl Update {
             let what = format!(
                 "a board is in its boot loader already: unplug it; or, if it is the one to update, run {by_hand}"
             );
-            return Err(refused(DFU_UTIL, what));
+            return Err(Error::at(DFU_UTIL, what));
         }
 
         let mut control = self.adapter.open()?;
@@ -54,12 +54,12 @@ impl Update {
                 "the image is for the board {}, the adapter is a {}",
                 image.board, identity.board
             );
-            return Err(refused(&name, what));
+            return Err(Error::at(&name, what));
         }
-        say(&format!("{name}: {}", describe(&identity)))?;
+        say(format!("{name}: {}", describe(&identity)))?;
         control.call(Request::RestartIntoBootLoader)?;
         drop(control);
-        say(&format!(
+        say(format!(
             "{name}: restarts into its boot loader, to take {} bytes",
             image.len
         ))?;
@@ -68,17 +68,14 @@ impl Update {
     }
 
     /// What is to be written.
-    fn image(&self) -> Result<Image, Problem> {
+    fn image(&self) -> Result<Image, Error> {
         let name = self.image.display().to_string();
-        let file = fs::read(&self.image).map_err(|error| Problem::Input {
-            name: name.clone(),
-            error,
-        })?;
-        dfuse::parse(&file).map_err(|unfit| refused(&name, unfit.to_string()))
+        let file = fs::read(&self.image).map_err(|error| Error::at(&name, error))?;
+        dfuse::parse(&file).map_err(|unfit| Error::at(&name, unfit.to_string()))
     }
 
     /// Has the image written and the adapter started, and looks what it is then.
-    fn write(&self, name: &str, mut write: Command, mut leave: Command, by_hand: &str) -> Result<(), Problem> {
+    fn write(&self, name: &str, mut write: Command, mut leave: Command, by_hand: &str) -> Result<(), Error> {
         if repeat(|| is_listed().ok().filter(|&is| is)).is_none() {
             let (vendor, product) = dfuse::BOOT_LOADER;
             let what = format!(
@@ -86,28 +83,28 @@ impl Update {
                  computer, and are you allowed to use it (docs/update.md)? Run {by_hand}; or plug the adapter in again, it \
                  still has its old firmware"
             );
-            return Err(refused(name, what));
+            return Err(Error::at(name, what));
         }
-        say(&shown(&write))?;
+        say(shown(&write))?;
         let status = write
             .status()
-            .map_err(|error| refused(DFU_UTIL, format!("cannot be run: {error}")))?;
+            .map_err(|error| Error::at(DFU_UTIL, format!("cannot be run: {error}")))?;
         if !status.success() {
             let what = format!("failed ({status}); the boot loader cannot be overwritten, so try again: run {by_hand}");
-            return Err(refused(DFU_UTIL, what));
+            return Err(Error::at(DFU_UTIL, what));
         }
-        say(&shown(&leave))?;
+        say(shown(&leave))?;
         // The chip is gone before it has answered, which some versions take for an error.
         let _ = leave.status();
         let back = || self.adapter.open().and_then(|mut control| identify(&mut control)).ok();
         match repeat(back) {
-            Some(identity) => say(&format!("{name}: {}", describe(&identity))),
+            Some(identity) => say(format!("{name}: {}", describe(&identity))),
             None => {
                 let what = format!(
                     "the image is written, but the adapter is not back: unplug it and plug it in again; if that does not \
                      help, do so with BOOT0 high and run {by_hand}"
                 );
-                Err(refused(name, what))
+                Err(Error::at(name, what))
             }
         }
     }
@@ -161,23 +158,14 @@ fn shown(command: &Command) -> String {
 }
 
 /// Why dfu-util cannot be used, and what helps.
-fn unusable(error: io::Error) -> Problem {
+fn unusable(error: io::Error) -> Error {
     let what = match error.kind() {
         ErrorKind::NotFound => {
             "not installed: 'sudo apt install dfu-util' or the like installs it (docs/update.md)".to_owned()
         }
         _ => format!("cannot be run: {error}"),
     };
-    refused(DFU_UTIL, format!("{what}; nothing was restarted"))
-}
-
-fn refused(name: &str, what: String) -> Problem {
-    let name = name.to_owned();
-    Problem::Refused { name, what }
-}
-
-fn say(line: &str) -> Result<(), Problem> {
-    writeln!(stdout(), "{}", escaped(line)).map_err(Problem::Output)
+    Error::at(DFU_UTIL, format_args!("{what}; nothing was restarted"))
 }
 
 #[cfg(test)]

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 use armwire::ling::Ling;
 use armwire::ling::legacy::Detector;
 
+use crate::error::Error;
 use crate::link::{Came, Line, Link};
 use crate::port::Connection;
-use crate::problem::Problem;
 
 /// How long a line is listened to before the first byte is sent. Such an arm talks forty times a second, two frames each
 /// time, and is recognised by three: in 50 ms. A current arm keeps silent until it is asked.
@@ -25,8 +25,8 @@ pub(crate) struct Listened<L> {
 ///
 /// # Errors
 ///
-/// [`Problem::Older`], now and from every later call, when the arm is one of the older generation.
-pub(crate) fn open(connection: &Connection) -> Result<Link<Ling, Listened<Box<dyn Line>>>, Problem> {
+/// [`Error::Legacy`], now and from every later call, when the arm is one of the older generation.
+pub(crate) fn open(connection: &Connection) -> Result<Link<Ling, Listened<Box<dyn Line>>>, Error> {
     let (line, config) = connection.line::<Ling>()?;
     let line = Listened::new(line, Instant::now())?;
     Ok(Link::new(line, config))
@@ -34,7 +34,7 @@ pub(crate) fn open(connection: &Connection) -> Result<Link<Ling, Listened<Box<dy
 
 impl<L: Line> Listened<L> {
     /// Listens, as from `begun`.
-    fn new(line: L, begun: Instant) -> Result<Self, Problem> {
+    fn new(line: L, begun: Instant) -> Result<Self, Error> {
         let mut listened = Self {
             line,
             detector: Detector::new(),
@@ -59,23 +59,23 @@ impl<L: Line> Line for Listened<L> {
         self.line.name()
     }
 
-    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
         let n = self.line.read(buf, wait)?;
         match self.detector.hear(&buf[..n]) {
             None => Ok(n),
-            Some(older) => Err(Problem::Older {
-                port: self.name().to_owned(),
-                older,
+            Some(legacy) => Err(Error::Legacy {
+                name: self.name().to_owned(),
+                legacy,
             }),
         }
     }
 
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
         self.line.write(bytes)
     }
 
-    fn doubts(&mut self, came: Came, arm: &str) -> String {
-        self.line.doubts(came, arm)
+    fn hints(&mut self, came: Came, arm: &str) -> String {
+        self.line.hints(came, arm)
     }
 }
 
@@ -105,7 +105,7 @@ mod tests {
             "fake"
         }
 
-        fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Problem> {
+        fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
             if self.sent.get() < self.silent_until {
                 std::thread::sleep(wait);
                 return Ok(0);
@@ -114,12 +114,12 @@ mod tests {
             Ok(JOINTS.len())
         }
 
-        fn write(&mut self, bytes: &[u8]) -> Result<usize, Problem> {
+        fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
             self.sent.set(self.sent.get() + bytes.len());
             Ok(bytes.len())
         }
 
-        fn doubts(&mut self, _: Came, _: &str) -> String {
+        fn hints(&mut self, _: Came, _: &str) -> String {
             unreachable!("it talks")
         }
     }
@@ -130,7 +130,7 @@ mod tests {
         for begun in [now, now.checked_sub(LISTEN).unwrap()] {
             let sent = &Cell::new(0);
             let line = Talker { sent, silent_until: 0 };
-            assert!(matches!(Listened::new(line, begun), Err(Problem::Older { .. })));
+            assert!(matches!(Listened::new(line, begun), Err(Error::Legacy { .. })));
             assert_eq!(sent.get(), 0);
         }
     }
@@ -144,7 +144,7 @@ mod tests {
         for _ in 0..2 {
             assert!(matches!(
                 link.call(Request::ReadJoints, drop),
-                Err(Problem::Older { .. })
+                Err(Error::Legacy { .. })
             ));
             assert_eq!(sent.get(), 7);
         }

@@ -1,0 +1,37 @@
+//! The ports of this computer, by the names that a user types for them.
+
+use std::fs;
+
+use serial2::SerialPort;
+
+/// What Linux calls an interface for CAN (`ARPHRD_CAN`).
+const CAN_TYPE: &str = "280";
+
+/// Serial ports, and CAN interfaces.
+pub(crate) fn ports() -> Vec<String> {
+    let interfaces = can_interfaces().into_iter().map(|name| format!("can:{name}"));
+    serial_ports().into_iter().chain(interfaces).collect()
+}
+
+/// Serial ports, as paths.
+pub(crate) fn serial_ports() -> Vec<String> {
+    let ports = SerialPort::available_ports().unwrap_or_default();
+    ports.iter().map(|port| port.to_string_lossy().into_owned()).collect()
+}
+
+/// The interfaces that Linux has for CAN. Other systems have none.
+pub(crate) fn can_interfaces() -> Vec<String> {
+    let Ok(entries) = fs::read_dir("/sys/class/net") else {
+        return Vec::new();
+    };
+    let is_can = |name: &String| {
+        let kind = fs::read_to_string(format!("/sys/class/net/{name}/type"));
+        kind.is_ok_and(|kind| kind.trim() == CAN_TYPE)
+    };
+    let names = entries
+        .flatten()
+        .map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let mut names: Vec<_> = names.filter(is_can).collect();
+    names.sort();
+    names
+}

@@ -1,0 +1,61 @@
+//! Why a command fails, in one line that says what to do.
+
+use std::fmt::Display;
+use std::io;
+
+use armwire::ling::legacy::OlderGeneration;
+use armwire_bridge::control::VERSION;
+
+/// Why a command fails.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Error {
+    /// The arguments do not go together.
+    #[error("{0}")]
+    Usage(String),
+    /// Something fails at a port, a host or a file, for a reason that only its user has to know.
+    #[error("{name}: {reason}")]
+    At { name: String, reason: String },
+    /// The port failed while it was open.
+    #[error("{name}: the port is gone ({error}): was it unplugged?")]
+    Lost { name: String, error: io::Error },
+    /// The port takes no bytes.
+    #[error("{name}: the port takes no bytes: is the adapter stuck?")]
+    Stuck { name: String },
+    /// The arm is of the older generation, which is sent nothing.
+    #[error("{name}: this is {legacy} 'armwire monitor' shows its joints.")]
+    Legacy { name: String, legacy: OlderGeneration },
+    /// The arm did not answer.
+    #[error("{name}: {cause}")]
+    NoAnswer { name: String, cause: String },
+    /// There is no adapter with a control port there.
+    #[error(
+        "{name}: this is not the port of an armwire adapter, which has a control port beside it (of a virtual board: \
+         control:PATH)"
+    )]
+    NoControl { name: String },
+    /// The control port is there, but cannot be used.
+    #[error("{name}: {reason}")]
+    Usb { name: String, reason: String },
+    /// The adapter does not know a request.
+    #[error(
+        "{name}: the adapter does not know this request: it speaks version {version} of the control port, this program \
+         version {VERSION}"
+    )]
+    Unsupported { name: String, version: u16 },
+    /// The output went nowhere.
+    #[error("cannot write the output: {0}")]
+    Output(io::Error),
+    /// Ctrl-C could not be caught.
+    #[error("cannot catch Ctrl-C: {0}")]
+    Signals(ctrlc::Error),
+}
+
+impl Error {
+    /// An error at `name`.
+    pub(crate) fn at(name: &str, reason: impl Display) -> Self {
+        Self::At {
+            name: name.to_owned(),
+            reason: reason.to_string(),
+        }
+    }
+}
