@@ -143,7 +143,7 @@ mod tests {
         let mut link = Link::<Ling, _>::new(line, Ling::CONFIG);
         for _ in 0..2 {
             assert!(matches!(
-                link.call(Request::ReadJoints, drop),
+                link.call(&Request::ReadJoints, drop),
                 Err(Error::Legacy { .. })
             ));
             assert_eq!(sent.get(), 7);

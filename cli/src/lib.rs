@@ -70,7 +70,6 @@ enum Command {
     /// Switch a Ling arm's torque on or off. With torque off the arm falls: hold it.
     Torque(motion::SetTorque),
     /// Make one request and print the answer.
-    #[command(subcommand)]
     Call(call::Call),
     /// Tell the frames in a recording of a line, what they mean, and what is between them.
     Decode(decode::Decode),

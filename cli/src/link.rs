@@ -98,14 +98,14 @@ impl<P: Arm, L: Line> Link<P, L> {
     /// Makes one call and returns what `take` makes of the answer, if the request gets one.
     pub(crate) fn call<T>(
         &mut self,
-        request: P::Request<'_>,
+        request: &P::Request<'_>,
         take: impl FnOnce(P::Response<'_>) -> T,
     ) -> Result<Option<T>, Error> {
         // The rest of a call that failed.
         self.client.cancel();
         self.finish()?;
         self.client
-            .submit(&request)
+            .submit(request)
             .expect("the client is idle, and has room for any request");
         let begun = self.now();
         let mut heard = Heard::default();
@@ -133,7 +133,7 @@ impl<P: Arm, L: Line> Link<P, L> {
                         Event::TimedOut { sends } => {
                             heard.sends = sends;
                             heard.millis = now.since(begun).as_micros() / 1_000;
-                            return Err(self.no_answer(&request, heard));
+                            return Err(self.no_answer(request, heard));
                         }
                         Event::Broken { offset, reason } => {
                             let reason = format!(
@@ -349,7 +349,7 @@ mod tests {
     fn an_unacceptable_answer_ends_the_call_at_once_with_the_reason() {
         let mut arm = Answering::new(unknown_stroke);
         let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
-        let problem = link.call(Request::ReadStroke, drop).unwrap_err();
+        let problem = link.call(&Request::ReadStroke, drop).unwrap_err();
         assert_eq!(
             problem.to_string(),
             "fake: the arm's answer cannot be accepted: command 04 function 0E: gripper stroke type is 3, must be 0..=2 \
@@ -364,7 +364,7 @@ mod tests {
         let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
         for _ in 0..3 {
             link.line.said.push_back(joints(4000));
-            let Ok(Some(Response::Joints(state))) = link.call(Request::ReadJoints, |response| response) else {
+            let Ok(Some(Response::Joints(state))) = link.call(&Request::ReadJoints, |response| response) else {
                 panic!("no answer");
             };
             assert_eq!(state.joints, [link.line.asked; 6]);

@@ -5,9 +5,11 @@ use std::time::Duration;
 use armwire::ling::{JointState, Ling, Move, Request, Response, TICKS_PER_TURN, Torque};
 use armwire_bridge::time;
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use crate::args::ArmPort;
-use crate::call::{Switch, Target, seconds};
+use crate::call::ling::{Target, torque};
+use crate::call::values::seconds;
 use crate::describe::Arm as _;
 use crate::error::Error;
 use crate::legacy;
@@ -41,14 +43,15 @@ pub(crate) struct SetTorque {
     #[command(flatten)]
     arm: ArmPort,
     /// Whether the arm holds its position.
-    torque: Switch,
+    #[arg(value_parser = PossibleValuesParser::new(["on", "off"]).map(torque))]
+    torque: Torque,
 }
 
 impl MoveArm {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut link = legacy::open(&self.arm.connect()?)?;
         let target = self.target.to_move();
-        link.call(Request::Move(target), drop)?;
+        link.call(&Request::Move(target), drop)?;
         if !self.wait {
             return say(format!(
                 "{}: sent, the arm does not answer it",
@@ -63,11 +66,11 @@ impl MoveArm {
 impl SetTorque {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut link = legacy::open(&self.arm.connect()?)?;
-        let (torque, done) = match self.torque {
-            Switch::On => (Torque::On, "torque on: the arm holds its position"),
-            Switch::Off => (Torque::Off, "torque off: the arm can be moved by hand"),
+        let done = match self.torque {
+            Torque::On => "torque on: the arm holds its position",
+            Torque::Off => "torque off: the arm can be moved by hand",
         };
-        link.call(Request::SetTorque(torque), drop)?;
+        link.call(&Request::SetTorque(self.torque), drop)?;
         say(format!("{done}, if it was heard; the arm does not answer it"))
     }
 }
@@ -76,7 +79,7 @@ impl SetTorque {
 fn wait(link: &mut Link<Ling, impl Line>, target: &Move, timeout: Duration) -> Result<JointState, Error> {
     let until = link.now() + time::Duration::from_micros(timeout.as_micros().try_into().unwrap_or(u64::MAX));
     loop {
-        if let Some(Response::Joints(state)) = link.call(Request::ReadJoints, |response| response)? {
+        if let Some(Response::Joints(state)) = link.call(&Request::ReadJoints, |response| response)? {
             let off = far(target, &state);
             if off.is_empty() {
                 return Ok(state);

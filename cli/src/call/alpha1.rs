@@ -1,15 +1,14 @@
 //! The requests of an Alpha1 and of its servos.
 
-use std::time::Duration;
-
 use armwire::OutOfRange;
 use armwire::alpha1::{
     Action, Address, Angle, Interval, Led, MoveTime, Offset, OffsetTool, Request, SERVOS, ServoId, ServoRequest, Text,
     UsbType,
 };
-use clap::{Args, Subcommand, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Subcommand};
 
-use super::number;
+use super::values::{made, seconds};
 
 /// One request.
 #[derive(Subcommand)]
@@ -27,12 +26,14 @@ pub(crate) enum Ask {
     /// Connect or disconnect the servo offset tool. While it is connected, Bluetooth may not be used.
     OffsetTool {
         /// What the tool does.
-        tool: Tool,
+        #[arg(value_parser = PossibleValuesParser::new(["connect", "disconnect"]).map(tool))]
+        tool: OffsetTool,
     },
     /// Say what the robot is on USB from now on.
     UsbType {
-        /// What it is.
-        kind: Usb,
+        /// A disk, and the robot no longer speaks this protocol then; a serial port (vcp); or a HID device.
+        #[arg(value_parser = PossibleValuesParser::new(["disk", "vcp", "hid"]).map(usb_type))]
+        kind: UsbType,
     },
     /// Play an action.
     Play {
@@ -71,24 +72,6 @@ impl Name {
     fn text(&self) -> Text<'_> {
         Text::new(&self.0).expect("it was checked when it was parsed")
     }
-}
-
-/// What the servo offset tool does.
-#[derive(Clone, Copy, ValueEnum)]
-pub(crate) enum Tool {
-    Connect,
-    Disconnect,
-}
-
-/// What the robot is on USB.
-#[derive(Clone, Copy, ValueEnum)]
-pub(crate) enum Usb {
-    /// A disk; the robot no longer speaks this protocol then.
-    Disk,
-    /// A serial port.
-    Vcp,
-    /// A HID device.
-    Hid,
 }
 
 /// One request to a servo.
@@ -170,15 +153,8 @@ impl Ask {
             Self::Stop => Request::Stop,
             Self::FirmwareVersion => Request::ReadFirmwareVersion,
             &Self::Act(Act { angles, time, interval }) => Request::Act(Action { angles, time, interval }),
-            Self::OffsetTool { tool } => Request::SetOffsetTool(match tool {
-                Tool::Connect => OffsetTool::Connect,
-                Tool::Disconnect => OffsetTool::Disconnect,
-            }),
-            Self::UsbType { kind } => Request::SetUsbType(match kind {
-                Usb::Disk => UsbType::Disk,
-                Usb::Vcp => UsbType::SerialPort,
-                Usb::Hid => UsbType::Hid,
-            }),
+            Self::OffsetTool { tool } => Request::SetOffsetTool(*tool),
+            Self::UsbType { kind } => Request::SetUsbType(*kind),
             Self::Play { name } => Request::Play(name.text()),
             Self::Servo(servo) => Request::Servo(servo.request()),
         }
@@ -200,10 +176,23 @@ impl Servo {
     }
 }
 
+fn tool(text: String) -> OffsetTool {
+    match text.as_str() {
+        "connect" => OffsetTool::Connect,
+        _ => OffsetTool::Disconnect,
+    }
+}
+
+fn usb_type(text: String) -> UsbType {
+    match text.as_str() {
+        "disk" => UsbType::Disk,
+        "vcp" => UsbType::SerialPort,
+        _ => UsbType::Hid,
+    }
+}
+
 fn angle(text: &str) -> Result<Angle, String> {
-    let degrees = text.trim().parse();
-    let degrees = degrees.map_err(|_| format!("'{text}' is not a whole number of degrees from 0 to 240"))?;
-    Angle::new(degrees).map_err(|error| error.to_string())
+    made(text, "a whole number of degrees from 0 to 240", Angle::new)
 }
 
 fn angles(text: &str) -> Result<Angles, String> {
@@ -220,22 +209,16 @@ fn angles(text: &str) -> Result<Angles, String> {
     Ok(angles)
 }
 
-/// A time in seconds.
-pub(crate) fn duration(text: &str) -> Result<Duration, String> {
-    let seconds = number(text)?;
-    Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is no time that can be waited"))
-}
-
 fn time(text: &str) -> Result<MoveTime, String> {
-    MoveTime::from_duration(duration(text)?).map_err(|error| error.to_string())
+    MoveTime::from_duration(seconds(text)?).map_err(|error| error.to_string())
 }
 
 fn interval(text: &str) -> Result<Interval, String> {
-    Interval::from_duration(duration(text)?).map_err(|error| error.to_string())
+    Interval::from_duration(seconds(text)?).map_err(|error| error.to_string())
 }
 
 fn completion_time(text: &str) -> Result<Interval, String> {
-    Interval::from_duration(duration(text)?).map_err(|error| {
+    Interval::from_duration(seconds(text)?).map_err(|error| {
         let what = "completion time";
         OutOfRange { what, ..error }.to_string()
     })
@@ -249,9 +232,7 @@ fn text(text: &str) -> Result<Name, String> {
 }
 
 fn id(text: &str) -> Result<ServoId, String> {
-    let id = text.trim().parse();
-    let id = id.map_err(|_| format!("'{text}' is not an id from 1 to 240"))?;
-    ServoId::new(id).map_err(|error| error.to_string())
+    made(text, "an id from 1 to 240", ServoId::new)
 }
 
 fn address(text: &str) -> Result<Address, String> {
@@ -262,6 +243,5 @@ fn address(text: &str) -> Result<Address, String> {
 }
 
 fn offset(text: &str) -> Result<Offset, String> {
-    let thirds = text.parse().map_err(|_| format!("'{text}' is not a whole number"))?;
-    Offset::new(thirds).map_err(|error| error.to_string())
+    made(text, "a whole number", Offset::new)
 }

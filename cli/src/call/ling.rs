@@ -3,9 +3,10 @@
 use std::f32::consts::PI;
 
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Request, Speed, Stroke, TemperatureLimit, Torque};
-use clap::{Args, Subcommand, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Subcommand};
 
-use super::{number, scaled};
+use super::values::{made, scaled};
 
 /// One request.
 #[derive(Subcommand)]
@@ -17,14 +18,16 @@ pub(crate) enum Ask {
     /// Tell the arm which gripper it has.
     SetStroke {
         /// The gripper's stroke in millimetres.
-        stroke: Millimetres,
+        #[arg(value_parser = PossibleValuesParser::new(["50", "75", "100"]).map(stroke))]
+        stroke: Stroke,
     },
     /// Read which gripper the arm thinks it has.
     ReadStroke,
     /// Switch the torque. Without it the arm falls: hold it.
     SetTorque {
         /// Whether the arm holds its position.
-        torque: Switch,
+        #[arg(value_parser = PossibleValuesParser::new(["on", "off"]).map(torque))]
+        torque: Torque,
     },
     /// Read joint positions, gripper and status.
     ReadJoints,
@@ -61,39 +64,14 @@ pub(crate) struct Target {
     gripper_speed: u16,
 }
 
-/// The strokes there are.
-#[derive(Clone, Copy, ValueEnum)]
-pub(crate) enum Millimetres {
-    #[value(name = "50")]
-    Mm50,
-    #[value(name = "75")]
-    Mm75,
-    #[value(name = "100")]
-    Mm100,
-}
-
-/// On or off.
-#[derive(Clone, Copy, ValueEnum)]
-pub(crate) enum Switch {
-    On,
-    Off,
-}
-
 impl Ask {
     pub(super) fn request(&self) -> Request {
         match self {
             Self::ReadInfo => Request::ReadInfo,
             Self::SetZero => Request::SetZero,
-            Self::SetStroke { stroke } => Request::SetStroke(match stroke {
-                Millimetres::Mm50 => Stroke::Mm50,
-                Millimetres::Mm75 => Stroke::Mm75,
-                Millimetres::Mm100 => Stroke::Mm100,
-            }),
+            Self::SetStroke { stroke } => Request::SetStroke(*stroke),
             Self::ReadStroke => Request::ReadStroke,
-            Self::SetTorque { torque } => Request::SetTorque(match torque {
-                Switch::On => Torque::On,
-                Switch::Off => Torque::Off,
-            }),
+            Self::SetTorque { torque } => Request::SetTorque(*torque),
             Self::ReadJoints => Request::ReadJoints,
             Self::ReadTemperatures => Request::ReadTemperatures,
             Self::SetTemperatureLimit { limit } => Request::SetTemperatureLimit(*limit),
@@ -106,15 +84,24 @@ impl Ask {
 
 impl Target {
     pub(crate) fn to_move(&self) -> Move {
-        let mut joints = [(Position::CENTRE, Speed::MAX); JOINTS];
-        for (joint, target) in joints.iter_mut().zip(self.joints.into_iter().zip(self.speed)) {
-            *joint = target;
-        }
         Move {
-            joints,
+            joints: std::array::from_fn(|joint| (self.joints[joint], self.speed[joint])),
             gripper: (self.gripper, GripperSpeed(self.gripper_speed)),
         }
     }
+}
+
+/// The stroke of a gripper, which is one of those there are.
+pub(crate) fn stroke(text: String) -> Stroke {
+    match text.as_str() {
+        "50" => Stroke::Mm50,
+        "75" => Stroke::Mm75,
+        _ => Stroke::Mm100,
+    }
+}
+
+pub(crate) fn torque(text: String) -> Torque {
+    if text == "on" { Torque::On } else { Torque::Off }
 }
 
 /// A value for each joint, with commas between.
@@ -127,13 +114,11 @@ fn each<T>(text: &str, one: impl Fn(&str) -> Result<T, String>) -> Result<[T; JO
 }
 
 fn positions(text: &str) -> Result<[Position; JOINTS], String> {
-    each(text, |degrees| {
-        scaled(number(degrees)?, "degrees", PI / 180.0, Position::from_radians)
-    })
+    each(text, |text| scaled(text, "degrees", PI / 180.0, Position::from_radians))
 }
 
 fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
-    let one = |text: &str| scaled(number(text)?, "degrees/s", PI / 180.0, Speed::from_radians_per_second);
+    let one = |text: &str| scaled(text, "degrees/s", PI / 180.0, Speed::from_radians_per_second);
     match text.contains(',') {
         true => each(text, one),
         false => one(text).map(|speed| [speed; JOINTS]),
@@ -141,14 +126,11 @@ fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
 }
 
 fn opening(text: &str) -> Result<Opening, String> {
-    scaled(number(text)?, "%", 0.01, Opening::from_fraction)
+    scaled(text, "%", 0.01, Opening::from_fraction)
 }
 
 fn limit(text: &str) -> Result<TemperatureLimit, String> {
-    let celsius = text
-        .parse()
-        .map_err(|_| format!("'{text}' is not a number from 0 to 255"))?;
-    TemperatureLimit::new(celsius).map_err(|error| error.to_string())
+    made(text, "a number from 0 to 255", TemperatureLimit::new)
 }
 
 #[cfg(test)]

@@ -1,12 +1,13 @@
 //! The requests of an xArm.
 
-use armwire::xarm::{Joint, ProtocolId, Raw, Reply, Request, Response, State, XArm};
+use armwire::xarm::{Joint, ProtocolId, Raw, Request, XArm};
 use clap::{Args, Subcommand};
 
+use super::values::made;
 use crate::error::Error;
 use crate::hex;
-use crate::link::{Line, Link};
-use crate::tcp::Host;
+use crate::link::Link;
+use crate::tcp::{Host, Tcp};
 
 /// A request, and the host it goes to.
 #[derive(Args)]
@@ -59,17 +60,13 @@ enum Ask {
 type Hex = Box<[u8]>;
 
 impl OnHost {
-    pub(super) fn host(&self) -> &Host {
-        &self.host
-    }
-
-    /// The protocol with the id that was asked for.
-    pub(super) fn protocol(&self) -> XArm {
-        let protocol = match self.supervised {
-            true => ProtocolId::Supervised,
-            false => ProtocolId::Private,
-        };
-        XArm { protocol }
+    /// Connects to the arm, to speak with the protocol id that was asked for.
+    pub(super) fn connect(&self) -> Result<Link<XArm, Tcp>, Error> {
+        let mut link = Link::connect(&self.host)?;
+        if self.supervised {
+            link.messages_mut().protocol = ProtocolId::Supervised;
+        }
+        Ok(link)
     }
 
     /// The parameters of a register without a type of its own.
@@ -95,24 +92,8 @@ impl OnHost {
     }
 }
 
-/// Asks something of an arm and returns what `take` makes of its state and its answer.
-pub(crate) fn ask<T>(
-    link: &mut Link<XArm, impl Line>,
-    request: Request<'_>,
-    take: impl FnOnce(State, Reply<'_>) -> T,
-) -> Result<Option<T>, Error> {
-    let answer = link.call(request, |response| match response {
-        Response::Reply { state, reply } => Some(take(state, reply)),
-        _ => None,
-    })?;
-    Ok(answer.flatten())
-}
-
 fn joint(text: &str) -> Result<Joint, String> {
-    let number = text
-        .parse()
-        .map_err(|_| format!("'{text}' is not a number from 1 to 7"))?;
-    Joint::new(number).map_err(|error| error.to_string())
+    made(text, "a number from 1 to 7", Joint::new)
 }
 
 fn bytes(text: &str) -> Result<Hex, String> {

@@ -208,7 +208,8 @@ mod tests {
     }
 
     const REQUEST: &str = "to the arm: read joints";
-    const ANSWER: &str = "from the arm: joints +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°, gripper 500 ‰, locked";
+    const ANSWER: &str =
+        "from the arm: joints: +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°, gripper: 50.0 % open, status: locked";
     const CONTROL: &str = "to the adapter: FromHost { sequence: 7, request: GetConfig }";
 
     #[test]

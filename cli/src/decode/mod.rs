@@ -304,11 +304,7 @@ mod tests {
                 .iter()
                 .any(|line| line.starts_with("       3  AA 06 00") && line.ends_with("read joints"))
         );
-        assert!(
-            lines
-                .iter()
-                .any(|line| line.ends_with("from the arm: gripper stroke 75 mm"))
-        );
+        assert!(lines.iter().any(|line| line.ends_with("from the arm: stroke: 75 mm")));
         assert_eq!(lines.last().unwrap(), "bytes: 19, frames: 2, noise bytes: 5");
     }
 

@@ -4,12 +4,14 @@ use std::num::NonZeroU32;
 use std::time::Duration;
 
 use armwire::alpha1::{
-    Action, Address, Alpha1, Angle, FirmwareVersion, OffsetTool, Outcome, Request, Response, ServoRequest,
-    ServoResponse, ServoStates, UsbType,
+    Action, Address, Alpha1, Angle, FirmwareVersion, OLDEST_FIRMWARE, OffsetTool, Outcome, Request, Response, SERVOS,
+    ServoId, ServoRequest, ServoResponse, ServoStates, UsbType,
 };
 use armwire::{Config, time};
+use serde_json::{Value, json};
 
-use super::Arm;
+use super::arm::Arm;
+use super::fact::{Fact, number};
 use crate::hex;
 
 impl Arm for Alpha1 {
@@ -24,6 +26,14 @@ impl Arm for Alpha1 {
 
     /// The two bytes of the header.
     const HEADER: usize = 2;
+
+    fn info() -> Vec<Request<'static>> {
+        vec![
+            Request::ReadHardwareVersion,
+            Request::ReadFirmwareVersion,
+            Request::ReadServoStates,
+        ]
+    }
 
     fn show_request(request: &Request<'_>) -> String {
         match request {
@@ -43,22 +53,21 @@ impl Arm for Alpha1 {
         }
     }
 
-    fn show_response(response: &Response<'_>) -> String {
-        match response {
-            Response::HardwareVersion(version) => format!("hardware version {version}"),
-            Response::ServoStates(states) => format!("servos that run: {}", running(*states)),
-            Response::Stopped(outcome) => format!("stop: {}", self::outcome(*outcome)),
-            Response::FirmwareVersion(FirmwareVersion { outcome, text }) => {
-                let (text, outcome) = (text.escape_ascii(), self::outcome(*outcome));
-                format!("firmware version {text}: {outcome}")
+    fn facts(response: &Response<'_>) -> Vec<Fact> {
+        vec![match response {
+            Response::HardwareVersion(version) => {
+                return vec![Fact::words("arm", "Alpha1"), Fact::words("hardware", version)];
             }
-            Response::Acted(outcome) => format!("act: {}", self::outcome(*outcome)),
-            Response::OffsetTool(outcome) => format!("offset tool: {}", self::outcome(*outcome)),
-            Response::UsbType(outcome) => format!("USB type: {}", self::outcome(*outcome)),
-            Response::Playing(outcome) => format!("play: {}", self::outcome(*outcome)),
+            Response::ServoStates(states) => running(*states),
+            Response::FirmwareVersion(version) => firmware(version),
+            Response::Stopped(outcome) => done("stop", *outcome),
+            Response::Acted(outcome) => done("act", *outcome),
+            Response::OffsetTool(outcome) => done("offset tool", *outcome),
+            Response::UsbType(outcome) => done("USB type", *outcome),
+            Response::Playing(outcome) => done("play", *outcome),
             Response::Servo(response) => servo_response(response),
-            other => format!("{other:?}"),
-        }
+            other => Fact::words("message", format_args!("{other:?}")),
+        }]
     }
 
     fn refusal(response: &Response<'_>) -> Option<String> {
@@ -68,34 +77,46 @@ impl Arm for Alpha1 {
             | Response::Acted(outcome)
             | Response::OffsetTool(outcome)
             | Response::UsbType(outcome)
-            | Response::Playing(outcome) => ("the robot".to_owned(), outcome),
-            Response::Servo(
-                ServoResponse::Angles { servo, outcome, .. }
-                | ServoResponse::IdChanged { servo, outcome, .. }
-                | ServoResponse::OffsetSet { servo, outcome }
-                | ServoResponse::Offset { servo, outcome, .. }
-                | ServoResponse::Version { servo, outcome, .. },
-            ) => (format!("servo {}", servo.get()), outcome),
+            | Response::Playing(outcome) => ("the robot".to_owned(), *outcome),
+            Response::Servo(response) => {
+                let (servo, outcome) = servo_outcome(response)?;
+                (format!("servo {}", servo.get()), outcome)
+            }
             _ => return None,
         };
-        (!outcome.is_success()).then(|| format!("{who} answers that it failed, not why"))
+        (!outcome.is_success()).then(|| format!("{who} reported failure without a reason"))
     }
 }
 
-const fn outcome(outcome: Outcome) -> &'static str {
-    match outcome {
-        Outcome::Success => "done",
-        Outcome::Failure => "failed",
+fn done(what: &str, outcome: Outcome) -> Fact {
+    Fact::words(what, if outcome.is_success() { "done" } else { "failed" })
+}
+
+fn firmware(version: &FirmwareVersion) -> Fact {
+    let (text, oldest) = (version.text.escape_ascii(), OLDEST_FIRMWARE.escape_ascii());
+    match version.outcome {
+        Outcome::Failure => Fact::words("firmware", "not told, the robot failed to"),
+        Outcome::Success if version.text < OLDEST_FIRMWARE => Fact::words(
+            "firmware",
+            format_args!("{text}, before {oldest}, the first for this protocol"),
+        ),
+        Outcome::Success => Fact::words("firmware", text),
     }
 }
 
 /// The numbers of the servos that run.
-pub(crate) fn running(states: ServoStates) -> String {
+fn running(states: ServoStates) -> Fact {
     let numbers: Vec<_> = states.running().map(|number| number.to_string()).collect();
-    match numbers.as_slice() {
+    let text = match numbers.as_slice() {
         [] => "none".to_owned(),
         numbers => numbers.join(" "),
-    }
+    };
+    let each = (1..=SERVOS as u8).map(|n| match states.running().any(|servo| servo == n) {
+        true => (json!(1), "runs".to_owned()),
+        false => (json!(0), "-".to_owned()),
+    });
+    let fact = Fact::each(("servos that run", "servo"), "runs", "", each);
+    Fact { text, ..fact }
 }
 
 fn angle(angle: Angle) -> String {
@@ -148,31 +169,48 @@ fn servo_request(request: &ServoRequest) -> String {
     }
 }
 
-fn servo_response(response: &ServoResponse) -> String {
-    let (servo, outcome, what) = match response {
-        ServoResponse::Acknowledged(servo) => (servo, &Outcome::Success, "understood".to_owned()),
-        ServoResponse::Angles {
-            servo,
-            outcome,
-            target,
-            actual,
-        } => (servo, outcome, format!("released, at {actual}°, sent to {target}°")),
-        ServoResponse::IdChanged { servo, outcome, was } => (servo, outcome, format!("was {was}")),
-        ServoResponse::OffsetSet { servo, outcome } => (servo, outcome, "offset set".to_owned()),
-        ServoResponse::Offset { servo, outcome, thirds } => {
-            (servo, outcome, format!("offset {:+.2}°", f32::from(*thirds) / 3.0))
-        }
-        ServoResponse::Version {
-            servo,
-            outcome,
-            version,
-        } => (servo, outcome, format!("version {}", hex::show(version))),
-        other => return format!("{other:?}"),
-    };
-    match outcome {
-        Outcome::Success => format!("servo {}: {what}", servo.get()),
-        Outcome::Failure => format!("servo {}: failed", servo.get()),
+/// Which servo answers, and whether it did what it was asked.
+fn servo_outcome(response: &ServoResponse) -> Option<(ServoId, Outcome)> {
+    match *response {
+        ServoResponse::Acknowledged(servo) => Some((servo, Outcome::Success)),
+        ServoResponse::Angles { servo, outcome, .. }
+        | ServoResponse::IdChanged { servo, outcome, .. }
+        | ServoResponse::OffsetSet { servo, outcome }
+        | ServoResponse::Offset { servo, outcome, .. }
+        | ServoResponse::Version { servo, outcome, .. } => Some((servo, outcome)),
+        _ => None,
     }
+}
+
+fn servo_response(response: &ServoResponse) -> Fact {
+    let Some((servo, outcome)) = servo_outcome(response) else {
+        return Fact::words("message", format_args!("{response:?}"));
+    };
+    let mut values = vec![("servo", json!(servo.get()))];
+    let text = match response {
+        _ if !outcome.is_success() => "failed".to_owned(),
+        ServoResponse::Angles { target, actual, .. } => {
+            values.extend([("actual_degrees", json!(actual)), ("target_degrees", json!(target))]);
+            format!("released, at {actual}°, sent to {target}°")
+        }
+        ServoResponse::IdChanged { was, .. } => {
+            values.push(("was", json!(was)));
+            format!("was {was}")
+        }
+        ServoResponse::Offset { thirds, .. } => {
+            let degrees = f64::from(*thirds) / 3.0;
+            values.push(("offset_degrees", number(degrees)));
+            format!("offset {degrees:+.2}°")
+        }
+        ServoResponse::Version { version, .. } => {
+            let version = hex::show(version);
+            values.push(("version", Value::from(version.as_str())));
+            format!("version {version}")
+        }
+        ServoResponse::OffsetSet { .. } => "offset set".to_owned(),
+        _ => "understood".to_owned(),
+    };
+    Fact::of(&format!("servo {}", servo.get()), text, values)
 }
 
 #[cfg(test)]

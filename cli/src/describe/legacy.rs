@@ -1,10 +1,11 @@
 //! The Ling arm of the older generation, which is only heard.
 
 use armwire::Config;
-use armwire::ling::legacy::{GripperState, JointState, Legacy, Request, Response};
+use armwire::ling::legacy::{GripperState, Legacy, Request, Response};
 
-use super::Arm;
-use super::ling::degrees;
+use super::arm::Arm;
+use super::fact::Fact;
+use super::ling::joints;
 
 impl Arm for Legacy {
     const NAME: &'static str = "a Ling arm of the older generation";
@@ -17,27 +18,30 @@ impl Arm for Legacy {
         match *request {}
     }
 
-    fn show_response(response: &Response) -> String {
+    fn facts(response: &Response) -> Vec<Fact> {
         match response {
-            Response::Joints(state) => joints(state),
-            Response::Gripper(state) => gripper(state),
-            other => format!("{other:?}"),
+            Response::Joints(state) => vec![joints(state.joints())],
+            Response::Gripper(state) => gripper(Some(state)),
+            other => vec![Fact::words("message", format_args!("{other:?}"))],
         }
     }
-
-    fn refusal(_: &Response) -> Option<String> {
-        None
-    }
 }
 
-fn joints(state: &JointState) -> String {
-    format!("joints {}", state.joints().map(degrees).join(" "))
-}
-
-/// Raw counts, for their scale depends on the gripper.
-pub(crate) fn gripper(state: &GripperState) -> String {
-    format!(
-        "gripper {}, potentiometer {}, buttons {} {}",
-        state.servo, state.potentiometer, state.sync_button, state.attitude_button
-    )
+/// Raw counts, for their scale depends on the gripper; none while it was not heard of.
+pub(crate) fn gripper(state: Option<&GripperState>) -> Vec<Fact> {
+    let raw = |name: &str, value: fn(&GripperState) -> u16| {
+        let (key, value) = (format!("{}_raw", name.replace(' ', "_")), state.map(value));
+        Fact::new(
+            name,
+            &key,
+            value,
+            value.map_or("-".to_owned(), |value| value.to_string()),
+        )
+    };
+    vec![
+        raw("gripper", |state| state.servo),
+        raw("potentiometer", |state| state.potentiometer),
+        raw("sync button", |state| state.sync_button.into()),
+        raw("attitude button", |state| state.attitude_button.into()),
+    ]
 }

@@ -1,10 +1,14 @@
 //! The Ling arm.
 
 use armwire::Config;
-use armwire::ling::{JointState, Ling, Move, Opening, PerServo, Position, Request, Response, Torque};
+use armwire::ling::{
+    JOINTS, JointState, Kind, Ling, Move, Opening, Position, Request, Response, SelfCheck, TICKS_PER_TURN, Torque,
+};
 use armwire::time::Duration;
+use serde_json::Value;
 
-use super::{Arm, angle};
+use super::arm::Arm;
+use super::fact::{Fact, number};
 
 impl Arm for Ling {
     const NAME: &'static str = "a Ling arm";
@@ -16,6 +20,17 @@ impl Arm for Ling {
     };
 
     const HEADER: usize = 3;
+
+    fn info() -> Vec<Request> {
+        vec![
+            Request::ReadInfo,
+            Request::ReadJoints,
+            Request::ReadStroke,
+            Request::ReadTemperatures,
+            Request::ReadVelocities,
+            Request::SelfCheck,
+        ]
+    }
 
     fn show_request(request: &Request) -> String {
         match request {
@@ -35,78 +50,117 @@ impl Arm for Ling {
         }
     }
 
-    fn show_response(response: &Response) -> String {
+    fn facts(response: &Response) -> Vec<Fact> {
+        vec![match response {
+            Response::Info(info) => {
+                let arm = match info.serial.kind() {
+                    Some(Kind::Leader) => "Ling leader",
+                    Some(Kind::Follower) => "Ling follower",
+                    None => "Ling, of a kind that the serial number does not tell",
+                };
+                return vec![
+                    Fact::words("arm", arm),
+                    Fact::words("serial", info.serial),
+                    Fact::words("hardware", info.hardware),
+                    Fact::words("firmware", info.firmware),
+                ];
+            }
+            Response::Joints(state) => return joint_state(state),
+            Response::Stroke(stroke) => {
+                let mm = stroke.millimetres();
+                Fact::new("stroke", "stroke_mm", mm, format_args!("{mm} mm"))
+            }
+            Response::Temperatures(celsius) => {
+                let celsius = celsius.as_slice().iter();
+                let celsius = celsius.map(|&celsius| (celsius.into(), celsius.to_string()));
+                Fact::each(("temperatures", "temperature"), "celsius", " °C", celsius)
+            }
+            Response::Velocities(speeds) => {
+                let speeds = speeds.as_slice().iter().map(|&ticks| degrees(ticks.into()));
+                let speeds = speeds.map(|degrees| (number(degrees.to_radians()), format!("{degrees:.1}")));
+                Fact::each(("velocities", "velocity"), "rad_per_s", " °/s", speeds)
+            }
+            Response::SelfCheck(check) => self_check(*check, None),
+            other => Fact::words("message", format_args!("{other:?}")),
+        }]
+    }
+
+    /// Of how many servos a self-check tells, the temperatures say: there is one for each.
+    fn facts_after(known: &[Fact], response: &Response) -> Vec<Fact> {
+        let servos = known
+            .iter()
+            .find(|fact| fact.name == "temperatures")
+            .map(|fact| fact.items.len());
+        let mut kinds = [Kind::Leader, Kind::Follower].into_iter();
+        let kind = kinds.find(|kind| Some(kind.servos()) == servos);
         match response {
-            Response::Info(info) => format!(
-                "serial number {}, hardware {}, firmware {}",
-                info.serial, info.hardware, info.firmware
-            ),
-            Response::Stroke(stroke) => format!("gripper stroke {} mm", stroke.millimetres()),
-            Response::Joints(state) => joints(state),
-            Response::Temperatures(celsius) => format!("temperatures {} °C", list(celsius)),
-            Response::Velocities(speeds) => format!("velocities {} ticks/s", list(speeds)),
-            Response::SelfCheck(check) => format!("self-check {:#012b}, servo 1 last, 1 = normal", check.0),
-            other => format!("{other:?}"),
+            Response::SelfCheck(check) => vec![self_check(*check, kind)],
+            response => Self::facts(response),
         }
     }
-
-    /// A Ling arm never says no.
-    fn refusal(_: &Response) -> Option<String> {
-        None
-    }
 }
 
-/// A raw joint position as `+0.7854 rad  +45.00°`, if it is one.
-pub(crate) fn joint(ticks: u16) -> String {
-    match Position::new(ticks).map(Position::radians) {
-        Ok(radians) => angle(radians),
-        Err(_) => format!("{ticks} ticks (out of range)"),
-    }
+fn joint_state(state: &JointState) -> Vec<Fact> {
+    let opening = Opening::new(state.gripper);
+    let percent = f64::from(state.gripper) / 10.0;
+    let value = opening.map_or(Value::Null, |_| number(percent));
+    let what = if opening.is_ok() { "open" } else { "(out of range)" };
+    vec![
+        joints(state.joints),
+        Fact::new(
+            "gripper",
+            "gripper_percent",
+            value,
+            format_args!("{percent:.1} % {what}"),
+        ),
+        Fact::words("status", state.status),
+    ]
 }
 
-/// A raw gripper opening as `25.0 % open`, if it is one.
-pub(crate) fn gripper(per_mille: u16) -> String {
-    match Opening::new(per_mille) {
-        Ok(opening) => format!("{:.1} % open", 100.0 * opening.fraction()),
-        Err(_) => format!("{per_mille} ‰ (out of range)"),
-    }
+/// Raw joint positions: radians for programs, degrees for people.
+pub(super) fn joints(ticks: [u16; JOINTS]) -> Fact {
+    let joints = ticks.map(|ticks| match Position::new(ticks) {
+        Ok(position) => (number(position.radians().into()), angle(ticks)),
+        Err(_) => (Value::Null, format!("{} (out of range)", angle(ticks))),
+    });
+    Fact::each(("joints", "joint"), "rad", "", joints)
 }
 
-/// A raw joint position as an angle in degrees, if it is one.
-pub(super) fn degrees(ticks: u16) -> String {
-    match Position::new(ticks) {
-        Ok(position) => format!("{:+.2}°", position.radians().to_degrees()),
-        Err(_) => format!("{ticks} (out of range)"),
+/// Which servos are normal, of an arm of a kind if that is known.
+fn self_check(check: SelfCheck, kind: Option<Kind>) -> Fact {
+    let servos = kind.unwrap_or(Kind::Follower).servos();
+    let faulty: Vec<_> = check.faulty(kind.unwrap_or(Kind::Follower)).collect();
+    let numbers: Vec<_> = faulty.iter().map(u8::to_string).collect();
+    let mut text = match faulty.as_slice() {
+        [] => format!("all {servos} servos normal"),
+        _ => format!("servos not normal: {}", numbers.join(", ")),
+    };
+    if kind.is_none() && faulty.ends_with(&[7, 8, 9, 10]) {
+        text += " (a leader has none of 7 to 10)";
     }
-}
-
-/// Readings with a space between.
-pub(crate) fn list<T: ToString>(readings: &PerServo<T>) -> String {
-    let readings: Vec<_> = readings.as_slice().iter().map(T::to_string).collect();
-    readings.join(" ")
+    let normal = (1..=servos as u8).map(|id| (Value::from(!faulty.contains(&id)), String::new()));
+    let fact = Fact::each(("self-check", "servo"), "is_normal", "", normal);
+    Fact { text, ..fact }
 }
 
 fn motion(target: &Move) -> String {
-    let joints = target
-        .joints
-        .map(|(position, speed)| format!("{} at {}", degrees(position.ticks()), speed.ticks_per_second()));
+    let joints = target.joints.map(|(position, speed)| {
+        let speed = degrees(speed.ticks_per_second().into());
+        format!("{} at {speed:.1}°/s", angle(position.ticks()))
+    });
     let (opening, speed) = target.gripper;
+    let percent = f64::from(opening.per_mille()) / 10.0;
+    format!("{}, gripper {percent:.1} % at {} ticks/s", joints.join(" "), speed.0)
+}
+
+/// A raw joint position as an angle.
+fn angle(ticks: u16) -> String {
     format!(
-        "{}, gripper {} ‰ at {} ticks/s",
-        joints.join(" "),
-        opening.per_mille(),
-        speed.0
+        "{:+.2}°",
+        degrees(f64::from(ticks) - f64::from(Position::CENTRE.ticks()))
     )
 }
 
-fn joints(state: &JointState) -> String {
-    let JointState {
-        joints,
-        gripper,
-        status,
-    } = state;
-    format!(
-        "joints {}, gripper {gripper} ‰, {status}",
-        joints.map(degrees).join(" ")
-    )
+fn degrees(ticks: f64) -> f64 {
+    ticks * 360.0 / f64::from(TICKS_PER_TURN)
 }

@@ -2,9 +2,17 @@
 
 use armwire::Config;
 use armwire::xarm::{Frame, Raw, Register, Reply, Request, Response, State, TorqueSource, VersionText, XArm};
+use serde_json::{Value, json};
 
-use super::Arm;
+use super::arm::Arm;
+use super::fact::{Fact, number};
 use crate::hex;
+
+/// The register of joint positions, which the document does not have. It is read as the vendor's package does: seven
+/// little-endian floating-point numbers in radians, of which an arm with fewer axes uses the first.
+pub(crate) const POSITIONS: u8 = 42;
+/// How many positions there are, whatever the arm.
+pub(crate) const JOINTS: usize = 7;
 
 impl Arm for XArm {
     const NAME: &'static str = "an xArm";
@@ -13,6 +21,10 @@ impl Arm for XArm {
 
     /// Transaction and protocol id.
     const HEADER: usize = 4;
+
+    fn info() -> Vec<Request<'static>> {
+        vec![Request::ReadVersion, Request::ReadSerials, Request::ReadTorqueSource]
+    }
 
     fn show_request(request: &Request<'_>) -> String {
         match request {
@@ -24,19 +36,27 @@ impl Arm for XArm {
             Request::ReadRotationRadius(joint) => format!("read rotation radius of joint {}", joint.number()),
             Request::Shutdown => "shut down".to_owned(),
             Request::Reboot => "reboot".to_owned(),
-            Request::Raw(raw) => self::raw(raw),
+            Request::Raw(raw) => format!("register {}, {}", raw.register(), values(raw)),
             other => format!("{other:?}"),
         }
     }
 
-    fn show_response(response: &Response<'_>) -> String {
+    /// What a reply says, and the state, unless that says no more than that the request was refused.
+    fn facts(response: &Response<'_>) -> Vec<Fact> {
         match response {
-            Response::Heartbeat => "heartbeat".to_owned(),
-            Response::Reply { state, reply } => format!("{}, state {state}", self::reply(reply, *state)),
-            Response::ModbusRefused { unit, function } => {
-                format!("refused: no standard Modbus function {function}, unit {unit}")
+            Response::Heartbeat => vec![Fact::words("heartbeat", "")],
+            Response::Reply { state, reply } => {
+                let mut facts = self::reply(reply, *state);
+                if !state.contains(State::INVALID) {
+                    facts.push(Fact::words("state", state));
+                }
+                facts
             }
-            other => format!("{other:?}"),
+            Response::ModbusRefused { unit, function } => {
+                let text = format!("no standard Modbus function {function}, unit {unit}");
+                vec![Fact::words("refused", text)]
+            }
+            other => vec![Fact::words("message", format_args!("{other:?}"))],
         }
     }
 
@@ -69,51 +89,98 @@ impl Arm for XArm {
     }
 }
 
-fn reply(reply: &Reply<'_>, state: State) -> String {
-    match reply {
+fn reply(reply: &Reply<'_>, state: State) -> Vec<Fact> {
+    vec![match reply {
         Reply::Empty(register) => {
-            let what = match register {
-                _ if state.contains(State::INVALID) => "refused or failed",
-                Register::ReloadDynamics | Register::SystemControl => "done",
-                _ => "no value",
+            let name = match register {
+                Register::Version => "version",
+                Register::Serials => "serial",
+                Register::ReloadDynamics => "reload dynamics",
+                Register::TorqueSource => "torque",
+                Register::RotationRadius => "rotation radius",
+                Register::SystemControl => "system control",
             };
-            format!("register {}, {what}", *register as u8)
+            match register {
+                _ if state.contains(State::INVALID) => Fact::words(name, format_args!("not told (state {state})")),
+                Register::ReloadDynamics | Register::SystemControl => Fact::words(name, "done"),
+                _ => Fact::words(name, "no value"),
+            }
         }
-        Reply::Version(text) => version(text),
-        Reply::Serials(serials) => format!("serial number {serials}"),
-        Reply::TorqueSource(source) => format!("torque is {}", torque_source(*source)),
+        Reply::Version(text) => return version(text),
+        Reply::Serials(serials) => {
+            let values = [
+                ("serial", json!(serials.arm())),
+                ("control_box_serial", json!(serials.control_box())),
+            ];
+            Fact::of("serial", serials, values)
+        }
+        Reply::TorqueSource(TorqueSource::Torque) => Fact::words("torque", "the joints' torque, computed"),
+        Reply::TorqueSource(TorqueSource::Current) => Fact::words("torque", "the servos' current, measured"),
         Reply::RotationRadius(radius) => match radius.metres() {
-            Ok(metres) => format!("rotation radius {metres} m"),
-            Err(error) => error.to_string(),
+            Ok(metres) => Fact::new(
+                "rotation radius",
+                "rotation_radius_m",
+                number(metres.into()),
+                format_args!("{metres} m"),
+            ),
+            Err(error) => Fact::new("rotation radius", "rotation_radius_m", Value::Null, error),
         },
-        Reply::SystemControl(value) => format!("register 10, value {value}"),
-        Reply::Raw(raw) => self::raw(raw),
-        other => format!("{other:?}"),
-    }
+        Reply::SystemControl(value) => Fact::words("system control", format_args!("value {value}")),
+        Reply::Raw(raw) => Fact::words(&format!("register {}", raw.register()), values(raw)),
+        other => Fact::words("message", format_args!("{other:?}")),
+    }]
 }
 
-fn raw(raw: &Raw<'_>) -> String {
+fn values(raw: &Raw<'_>) -> String {
     match raw.params() {
-        [] => format!("register {}, no value", raw.register()),
-        params => format!("register {}, {}", raw.register(), hex::show(params)),
+        [] => "no value".to_owned(),
+        params => hex::show(params),
     }
 }
 
 /// A version in words, or as it is if it does not say what a version says.
-fn version(text: &VersionText<'_>) -> String {
+fn version(text: &VersionText<'_>) -> Vec<Fact> {
     match text.version() {
-        Ok(version) => format!(
-            "{} axes, type {}, arm {}, control box {}, firmware {}",
-            version.axes, version.kind, version.arm, version.control_box, version.firmware
-        ),
-        Err(_) => format!("version {text}"),
+        Ok(version) => {
+            let what = format!("xArm, {} axes, type {}", version.axes, version.kind);
+            let values = [
+                ("arm", json!("xArm")),
+                ("axes", json!(version.axes)),
+                ("type", json!(version.kind)),
+            ];
+            vec![
+                Fact::of("arm", what, values),
+                Fact::words("hardware", version.arm),
+                Fact::words("control box", version.control_box),
+                Fact::words("firmware", version.firmware),
+            ]
+        }
+        Err(error) => vec![
+            Fact::words("arm", "xArm"),
+            Fact::words("version", format_args!("{text} ({error})")),
+        ],
     }
 }
 
-/// What is reported as torque.
-pub(crate) const fn torque_source(source: TorqueSource) -> &'static str {
-    match source {
-        TorqueSource::Torque => "the joints' torque, computed",
-        TorqueSource::Current => "the servos' current, measured",
+/// The joints of an arm with so many axes, and its state, as the register of [positions](POSITIONS) tells them.
+pub(crate) fn positions(state: State, params: &[u8], axes: usize) -> Vec<Fact> {
+    let told = match params.as_chunks() {
+        (positions, []) if positions.len() == JOINTS => Some(positions),
+        _ => None,
+    };
+    let joints = (0..axes.min(JOINTS)).map(|joint| match told {
+        Some(positions) => {
+            let radians = f32::from_le_bytes(positions[joint]);
+            (number(radians.into()), format!("{:+.2}°", radians.to_degrees()))
+        }
+        None => (Value::Null, "not told".to_owned()),
+    });
+    let mut joints = Fact::each(("joints", "joint"), "rad", "", joints);
+    if told.is_none() {
+        joints.text = match params {
+            [] => format!("register {POSITIONS} not told"),
+            params => format!("register {POSITIONS} {}", hex::show(params)),
+        };
     }
+    vec![joints, Fact::words("state", state)]
 }

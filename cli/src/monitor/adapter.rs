@@ -3,16 +3,16 @@
 
 use std::time::Duration;
 
-use armwire::alpha1::{Alpha1, Expect};
+use armwire::alpha1::Alpha1;
 use armwire::ling::Ling;
-use armwire::messages::Messages;
 use armwire_bridge::config::{ArmKind, Poll};
 use armwire_bridge::control::{self, Event, Subscription};
 
+use super::asked::{Readable, news};
 use super::reading::{LineErrors, News, Source};
-use super::{alpha1, ling};
 use crate::config;
 use crate::control::ControlLink;
+use crate::describe::Arm;
 use crate::error::Error;
 
 /// How long is listened at once. Meanwhile no key is heard.
@@ -50,15 +50,15 @@ impl Heard {
 impl Source for Heard {
     fn arm(&self) -> &'static str {
         match self.arm {
-            ArmKind::Alpha1 => "Alpha1",
-            _ => "Ling",
+            ArmKind::Alpha1 => Alpha1::NAME,
+            _ => Ling::NAME,
         }
     }
 
     fn servos(&self) -> usize {
         match self.arm {
             ArmKind::Alpha1 => 0,
-            _ => ling::SERVOS,
+            _ => Ling::CELSIUS.map_or(0, |(_, servos)| servos),
         }
     }
 
@@ -76,10 +76,16 @@ impl Source for Heard {
         }
         Ok(match self.control.hear(LISTEN)? {
             None => News::Nothing,
-            Some((at, Event::Frame { bytes, .. })) => match frame(self.arm, &bytes) {
-                News::Reading(reading, _) => News::Reading(reading, Some(at)),
-                other => other,
-            },
+            Some((at, Event::Frame { bytes, .. })) => {
+                let news = match self.arm {
+                    ArmKind::Alpha1 => news::<Alpha1>(&bytes),
+                    _ => news::<Ling>(&bytes),
+                };
+                match news {
+                    News::Reading(facts, _) => News::Reading(facts, Some(at)),
+                    other => other,
+                }
+            }
             Some((_, event)) => told(&event).map_or(News::Nothing, News::Notice),
         })
     }
@@ -91,20 +97,6 @@ impl Source for Heard {
 
     fn adapter(&mut self) -> Option<&mut ControlLink> {
         Some(&mut self.control)
-    }
-}
-
-/// What a frame of the arm tells, as an answer to the request that a monitor makes.
-fn frame(arm: ArmKind, bytes: &[u8]) -> News {
-    match arm {
-        ArmKind::Alpha1 => {
-            let response = Alpha1.parse_response(bytes, Expect::Responses(None));
-            response.map_or(News::Nothing, |response| alpha1::news(&response))
-        }
-        _ => {
-            let response = Ling.parse_response(bytes, ());
-            response.map_or(News::Nothing, |response| ling::news(&response))
-        }
     }
 }
 

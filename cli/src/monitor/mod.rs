@@ -4,9 +4,8 @@
 //! learnt; an [output](output::Output) shows it. What is here drives the three.
 
 mod adapter;
-mod alpha1;
+mod asked;
 mod legacy;
-mod ling;
 mod model;
 mod output;
 mod reading;
@@ -18,6 +17,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use armwire::alpha1::Alpha1;
 use armwire::ling::legacy::Legacy;
 use armwire_bridge::time;
 use clap::Args;
@@ -25,16 +25,16 @@ use clap::Args;
 use crate::adapter::{counters, describe, identify, latencies};
 use crate::args::{ArmKind, Place};
 use crate::control::ControlLink;
-use crate::describe::Arm;
 use crate::error::Error;
 use crate::legacy as generation;
-use crate::link::{Line, Link};
+use crate::link::Link;
 use crate::output::complain;
 use crate::port::Connection;
 
+use asked::Asked;
 use model::{Adapter, Latest, Model};
 use output::{Form, Step};
-use reading::{LineErrors, News, Source};
+use reading::{News, Source};
 
 /// How often the temperatures are asked for, and the adapter for its counters.
 const CELSIUS: time::Duration = time::Duration::from_millis(5_000);
@@ -73,7 +73,7 @@ impl Monitor {
             ArmKind::Ling => {
                 let connection = self.place.connect()?;
                 let watched = generation::open(&connection)
-                    .and_then(|link| self.watch(&mut ling::Asked(link), Some(&connection), stop));
+                    .and_then(|link| self.watch(&mut Asked(link), Some(&connection), stop));
                 let Err(Error::Legacy { name, legacy }) = watched else {
                     return watched;
                 };
@@ -83,7 +83,7 @@ impl Monitor {
             }
             ArmKind::Alpha1 => {
                 let connection = self.place.connect()?;
-                self.watch(&mut alpha1::Asked(connection.arm()?), Some(&connection), stop)
+                self.watch(&mut Asked(connection.arm::<Alpha1>()?), Some(&connection), stop)
             }
             ArmKind::Xarm => {
                 let link = Link::connect(&self.place.host()?)?;
@@ -190,9 +190,9 @@ fn take(
     now: time::Instant,
 ) -> Result<Step, Error> {
     match news {
-        Ok(News::Reading(reading, stamp)) => {
+        Ok(News::Reading(facts, stamp)) => {
             model.read(Latest {
-                reading,
+                facts,
                 at: now,
                 stamp,
                 latency: begun.map(|begun| now.since(begun)),
@@ -262,14 +262,6 @@ impl Timer {
             self.due = now + self.period;
         }
         is_due
-    }
-}
-
-/// What was wrong with what came over a link.
-fn line_errors<P: Arm>(link: &Link<P, impl Line>) -> LineErrors {
-    LineErrors {
-        noise_bytes: link.dropped(),
-        checksums: link.checksums(),
     }
 }
 

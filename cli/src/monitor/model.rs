@@ -6,7 +6,8 @@ use armwire_bridge::control::{Latencies, Stamp};
 use armwire_bridge::{Duration, Instant};
 use serde_json::{Map, Value};
 
-use super::reading::{LineErrors, Reading};
+use super::reading::LineErrors;
+use crate::describe::Fact;
 
 /// For how long answers count for the rate.
 const WINDOW: Duration = Duration::from_millis(2_000);
@@ -52,7 +53,7 @@ pub(super) struct Model {
 /// A reading, and what is known of its time.
 #[derive(Clone, Debug)]
 pub(super) struct Latest {
-    pub(super) reading: Reading,
+    pub(super) facts: Vec<Fact>,
     /// On the monitor's clock.
     pub(super) at: Instant,
     /// On the adapter's clock, if it stamped it.
@@ -106,7 +107,7 @@ impl Model {
         if let Some(latency) = latest.latency {
             self.calls.add(latency);
         }
-        self.remember(at, &latest.reading);
+        self.remember(at, &latest.facts);
         self.latest = Some(latest);
     }
 
@@ -163,8 +164,13 @@ impl Model {
     }
 
     /// Takes a reading into the sparklines: a point is the last reading of its step, and empty where there was none.
-    fn remember(&mut self, at: Instant, reading: &Reading) {
-        self.history.resize_with(reading.quantities.len(), VecDeque::new);
+    fn remember(&mut self, at: Instant, facts: &[Fact]) {
+        let values: Vec<_> = facts
+            .iter()
+            .flat_map(|fact| &fact.items)
+            .map(|item| item.value.as_f64())
+            .collect();
+        self.history.resize_with(values.len(), VecDeque::new);
         let steps = match self.point {
             Some(point) => (at.since(point).as_micros() / STEP.as_micros()).min(POINTS as u64),
             None => 1,
@@ -174,7 +180,7 @@ impl Model {
                 at.as_micros() / STEP.as_micros() * STEP.as_micros(),
             ));
         }
-        for (history, quantity) in self.history.iter_mut().zip(&reading.quantities) {
+        for (history, value) in self.history.iter_mut().zip(values) {
             for _ in 0..steps {
                 history.push_back(None);
             }
@@ -182,7 +188,7 @@ impl Model {
                 history.pop_front();
             }
             if let Some(point) = history.back_mut() {
-                *point = quantity.value;
+                *point = value;
             }
         }
     }
@@ -202,21 +208,19 @@ impl Calls {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::describe::number;
 
     /// Joints at these angles at a time in milliseconds, after a call of so many microseconds.
     pub(in super::super) fn latest(millis: u64, micros: u64, joints: &[Option<f32>]) -> Latest {
-        let words = |radians: &Option<f32>| {
-            (
-                *radians,
-                radians.map_or("?".to_owned(), |radians| format!("{radians} rad")),
-            )
-        };
+        let values = joints.iter().map(|radians| match radians {
+            Some(radians) => (number(f64::from(*radians)), format!("{radians} rad")),
+            None => (Value::Null, "?".to_owned()),
+        });
         Latest {
-            reading: Reading {
-                quantities: Reading::joints(joints.iter().map(words)),
-                status: Some("locked".to_owned()),
-                line: "a line".to_owned(),
-            },
+            facts: vec![
+                Fact::each(("joints", "joint"), "rad", "", values),
+                Fact::words("status", "locked"),
+            ],
             at: Instant::from_millis(millis),
             stamp: None,
             latency: Some(Duration::from_micros(micros)),
@@ -276,7 +280,7 @@ pub(super) mod tests {
         };
         assert_eq!(past(0), [Some(0.1), Some(0.3), None, None, Some(0.4)]);
         assert_eq!(past(1), [None; 5]);
-        assert_eq!(model.history(2).len(), 0);
+        assert_eq!(model.history(3).len(), 0);
         model.read(latest(3_600_000, 900, &[Some(0.5), None]));
         assert_eq!(model.history(0).len(), POINTS);
     }

@@ -1,6 +1,6 @@
 //! Where a monitor's readings go: onto a full screen, or line by line to whoever reads the output.
 
-use std::io::{self, IsTerminal, Write, stdout};
+use std::io::{IsTerminal, stdout};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,9 @@ use serde_json::{Map, Value};
 
 use super::model::Model;
 use super::{table, view};
+use crate::describe::line;
 use crate::error::Error;
+use crate::output::{self, print, say};
 
 /// How often the screen is drawn at most.
 const DRAWN: Duration = Duration::from_millis(50);
@@ -147,10 +149,10 @@ impl Output for Lines {
     fn show(&mut self, model: &Model, _: time::Instant, step: Step) -> Result<(), Error> {
         complain(model, step);
         match (&model.latest, step) {
-            (Some(latest), Step::Reading) => print(&format!(
+            (Some(latest), Step::Reading) => say(format_args!(
                 "{:9.3} s  {}",
                 latest.at.as_micros() as f64 / 1e6,
-                latest.reading.line
+                line(&latest.facts)
             )),
             _ => Ok(()),
         }
@@ -168,9 +170,9 @@ impl Output for Csv {
             return Ok(());
         };
         if !std::mem::replace(&mut self.has_head, true) {
-            print(&table::csv_head(&row))?;
+            print(&(table::csv_head(&row) + "\n"))?;
         }
-        print(&table::csv_line(&row))
+        print(&(table::csv_line(&row) + "\n"))
     }
 }
 
@@ -182,7 +184,7 @@ impl Output for Json {
         let Some(row) = row(model, now, step) else {
             return Ok(());
         };
-        print(&Value::Object(row).to_string())
+        print(&format!("{}\n", Value::Object(row)))
     }
 }
 
@@ -199,14 +201,8 @@ fn row(model: &Model, now: time::Instant, step: Step) -> Option<Map<String, Valu
 /// Tells what there is to tell where it does not get into the data.
 fn complain(model: &Model, step: Step) {
     if let (Step::TimedOut | Step::Notice, Some(notice)) = (step, &model.notice) {
-        crate::output::complain(notice);
+        output::complain(notice);
     }
-}
-
-fn print(line: &str) -> Result<(), Error> {
-    let mut out = stdout().lock();
-    let written: io::Result<()> = writeln!(out, "{line}").and_then(|()| out.flush());
-    written.map_err(Error::Output)
 }
 
 #[cfg(test)]

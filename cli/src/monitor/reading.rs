@@ -3,38 +3,16 @@
 use armwire_bridge::control::Stamp;
 
 use crate::control::ControlLink;
+use crate::describe::{Arm, Fact};
 use crate::error::Error;
-
-/// What an arm is at one moment. Of one arm all readings have the same quantities.
-#[derive(Clone, Debug)]
-pub(super) struct Reading {
-    pub(super) quantities: Vec<Quantity>,
-    /// What the arm says of itself beyond that.
-    pub(super) status: Option<String>,
-    /// All of it on one line.
-    pub(super) line: String,
-}
-
-/// One thing that is measured.
-#[derive(Clone, Debug)]
-pub(super) struct Quantity {
-    /// What it is called in tables, with its unit, such as `joint_1_rad`.
-    pub(super) column: String,
-    /// What people call it, such as `joint 1`.
-    pub(super) name: String,
-    /// Its value in that unit; `None` where what the arm says is none.
-    pub(super) value: Option<f64>,
-    /// Whether it is counted, or is yes or no: 0 and more, without decimals.
-    pub(super) is_whole: bool,
-    /// In words.
-    pub(super) text: String,
-}
+use crate::link::{Line, Link};
 
 /// What comes from a [`Source`].
 #[derive(Clone, Debug)]
 pub(super) enum News {
-    /// How the arm is, and when it said so by the adapter's clock, if that is known.
-    Reading(Reading, Option<Stamp>),
+    /// How the arm is, and when it said so by the adapter's clock, if that is known. Of one arm all readings have the same
+    /// items.
+    Reading(Vec<Fact>, Option<Stamp>),
     /// The temperatures of its servos, in °C.
     Celsius(Vec<u8>),
     /// Something to tell the user.
@@ -89,17 +67,12 @@ pub(super) struct LineErrors {
     pub(super) checksums: usize,
 }
 
-impl Reading {
-    /// The angles of joints, with the words for each.
-    pub(super) fn joints(joints: impl IntoIterator<Item = (Option<f32>, String)>) -> Vec<Quantity> {
-        let joints = (1..).zip(joints);
-        let joints = joints.map(|(n, (radians, text))| Quantity {
-            column: format!("joint_{n}_rad"),
-            name: format!("joint {n}"),
-            value: radians.map(f64::from),
-            is_whole: false,
-            text,
-        });
-        joints.collect()
+impl LineErrors {
+    /// What was wrong with what came over a link.
+    pub(super) fn of<P: Arm>(link: &Link<P, impl Line>) -> Self {
+        Self {
+            noise_bytes: link.dropped(),
+            checksums: link.checksums(),
+        }
     }
 }

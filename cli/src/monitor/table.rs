@@ -4,6 +4,7 @@ use armwire_bridge::Instant;
 use serde_json::{Map, Value, json};
 
 use super::model::{Latest, Model};
+use crate::describe::number;
 
 /// The columns of readings, with the values of one: units are in the names, and what is missing is null.
 ///
@@ -27,31 +28,19 @@ pub(super) fn row(model: &Model, now: Instant, latest: Option<&Latest>) -> Map<S
                 .map(|latency| latency.as_micros())
         ),
     );
-    // The arm has the quantities that it had before.
-    if let Some(known) = latest.or(model.latest.as_ref()) {
-        for quantity in &known.reading.quantities {
-            let value = quantity.value.filter(|_| latest.is_some());
-            let shown = |value| match quantity.is_whole {
-                true => json!(value as u64),
-                false => number(value),
-            };
-            put(&quantity.column, value.map_or(Value::Null, shown));
-        }
+    // The arm has the items that it had before.
+    let known = latest
+        .or(model.latest.as_ref())
+        .into_iter()
+        .flat_map(|latest| &latest.facts);
+    for item in known.flat_map(|fact| &fact.items) {
+        put(&item.key, latest.map_or(Value::Null, |_| item.value.clone()));
     }
-    put(
-        "status",
-        json!(latest.and_then(|latest| latest.reading.status.as_deref())),
-    );
     for i in 0..model.servos {
         let celsius = model.celsius.get(i).filter(|_| latest.is_some());
         put(&format!("temperature_{}_celsius", i + 1), json!(celsius));
     }
     row
-}
-
-/// Six decimals are below what any arm measures; no number is what is none in JSON.
-fn number(value: f64) -> Value {
-    json!((value * 1e6).round() / 1e6)
 }
 
 /// The names of columns, as the first line.
@@ -81,6 +70,7 @@ mod tests {
     use armwire_bridge::control::Stamp;
 
     use super::*;
+    use crate::describe::Fact;
     use crate::monitor::model::tests::latest;
 
     #[test]
@@ -88,7 +78,7 @@ mod tests {
         let mut model = Model::new("COM3", "Ling", 3, Some(20));
         model.celsius = vec![31, 30];
         let mut latest = latest(1_500, 900, &[Some(0.1), None]);
-        latest.reading.status = Some("odd, \"very\"".to_owned());
+        latest.facts[1] = Fact::words("status", "odd, \"very\"");
         let line = row(&model, Instant::ZERO, Some(&latest));
         assert_eq!(
             Value::Object(line.clone()).to_string(),
@@ -100,16 +90,6 @@ mod tests {
              temperature_3_celsius"
         );
         assert_eq!(csv_line(&line), "1.5,,900,0.1,,\"odd, \"\"very\"\"\",31,30,");
-    }
-
-    #[test]
-    fn what_is_counted_has_no_decimals() {
-        let mut latest = latest(0, 0, &[Some(1.0), Some(2048.0), None]);
-        for quantity in &mut latest.reading.quantities {
-            quantity.is_whole = true;
-        }
-        let line = row(&Model::new("COM3", "Alpha1", 0, Some(20)), Instant::ZERO, Some(&latest));
-        assert_eq!(csv_line(&line), "0.0,,0,1,2048,,locked");
     }
 
     #[test]

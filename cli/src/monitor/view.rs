@@ -35,10 +35,12 @@ struct Part {
 pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
     let rows = Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)]);
     let [head, body, foot] = rows.areas(frame.area());
+    // Without its article.
+    let arm_name = model.arm.split_once(' ').map_or(model.arm, |(_, name)| name);
     frame.render_widget(
         Line::from(vec![
             Span::styled(format!(" {}", model.port), BOLD),
-            Span::raw(format!("  {}", model.arm)),
+            Span::raw(format!("  {arm_name}")),
         ]),
         head,
     );
@@ -86,23 +88,20 @@ fn draw_plain(frame: &mut Frame<'_>, area: Rect, parts: Vec<Part>) {
     frame.render_widget(Paragraph::new(lines), area);
 }
 
-/// The arm: each quantity with its past, the status and the temperatures.
+/// The arm: each value with its past, and the temperatures.
 fn arm(model: &Model, width: usize) -> Part {
     let mut lines = Vec::new();
     match &model.latest {
         None => lines.push(Line::styled("nothing heard yet", DIM)),
         Some(latest) => {
-            for (i, quantity) in latest.reading.quantities.iter().enumerate() {
-                let mut spans = vec![name(&quantity.name), Span::raw(format!("{:<WORDS$}", quantity.text))];
-                let room = width.saturating_sub(NAME.max(quantity.name.chars().count() + 1) + WORDS + 1);
-                if room >= LEAST_SPARKLINE {
+            for (i, item) in latest.facts.iter().flat_map(|fact| &fact.items).enumerate() {
+                let mut spans = vec![name(&item.name), Span::raw(format!("{:<WORDS$}", item.text))];
+                let room = width.saturating_sub(NAME.max(item.name.chars().count() + 1) + WORDS + 1);
+                if room >= LEAST_SPARKLINE && !item.value.is_string() {
                     let values: Vec<_> = model.history(i).rev().take(room).collect();
                     spans.push(Span::styled(format!(" {}", sparkline(&values)), LIVE));
                 }
                 lines.push(Line::from(spans));
-            }
-            if let Some(status) = &latest.reading.status {
-                lines.push(Line::from(vec![name("status"), Span::raw(status.clone())]));
             }
         }
     }

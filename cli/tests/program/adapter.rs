@@ -266,7 +266,7 @@ fn monitor_tells_when_the_adapter_hears_nothing_by_itself() {
     );
     assert!(stderr.starts_with("armwire: the adapter does not poll"), "{output:?}");
     assert!(
-        stdout.lines().count() == 1 && stdout.contains("gripper 0.0 % open  locked"),
+        stdout.lines().count() == 1 && stdout.contains("gripper: 0.0 % open, status: locked"),
         "{output:?}"
     );
 }

@@ -50,8 +50,8 @@ fn a_virtual_robot_tells_what_it_is() {
         "alpha1-info",
         &["--hardware", "Alpha1_V9", "--firmware", "2016010100"],
     );
-    assert_eq!(call(&arm, "hardware-version"), "hardware version Alpha1_V9\n");
-    assert_eq!(call(&arm, "firmware-version"), "firmware version 2016010100: done\n");
+    assert_eq!(call(&arm, "hardware-version"), "arm: Alpha1, hardware: Alpha1_V9\n");
+    assert_eq!(call(&arm, "firmware-version"), "firmware: 2016010100\n");
     let info = success(&["info", "--arm", "alpha1", &arm.port]);
     assert!(info.contains("Alpha1_V9") && info.contains("2016010100"), "{info}");
 }
@@ -80,7 +80,7 @@ fn a_virtual_robot_does_what_it_is_asked() {
     ] {
         assert_eq!(call(&arm, args), answer, "{args}");
     }
-    let refused = |args| failure(&run(&call_args(&arm, args))).contains("failed");
+    let refused = |args| failure(&run(&call_args(&arm, args))).contains("reported failure");
     assert!(refused("play sleep"));
     assert_eq!(call(&arm, "act --angles 1 --time 0 --interval 1000"), "act: done\n");
     assert!(
@@ -123,7 +123,7 @@ fn with_hid_answers_are_reports_of_64_bytes() {
         assert_eq!(answer[4..], [0; 60]);
     }
     drop(port);
-    assert_eq!(call(&arm, "hardware-version"), "hardware version Alpha1_V2.0\n");
+    assert_eq!(call(&arm, "hardware-version"), "arm: Alpha1, hardware: Alpha1_V2.0\n");
     let last = arm.stop(Signal::INT);
     assert!(
         last.contains(" answered, 0 refused), 0 unknown frames, 0 noise bytes"),
@@ -168,7 +168,7 @@ fn damaged_answers_are_asked_for_again() {
         &["--faults", "corrupt=10000", "--faults-on", "answers", "--seed", "3"],
     );
     for _ in 0..10 {
-        assert_eq!(call(&arm, "hardware-version"), "hardware version Alpha1_V2.0\n");
+        assert_eq!(call(&arm, "hardware-version"), "arm: Alpha1, hardware: Alpha1_V2.0\n");
     }
     let last = arm.stop(Signal::INT);
     assert!(!last.contains(" 10 requests"), "none was damaged: {last}");

@@ -12,17 +12,17 @@ fn each_request_of_a_ling_arm_can_be_made() {
     for (args, answer) in [
         (
             "read-info",
-            "serial number ADFS990101000001, hardware v1.10, firmware v6.10\n",
+            "arm: Ling follower, serial: ADFS990101000001, hardware: v1.10, firmware: v6.10\n",
         ),
-        ("read-stroke", "gripper stroke 50 mm\n"),
+        ("read-stroke", "stroke: 50 mm\n"),
         (
             "set-stroke 75",
             "set gripper stroke 75 mm: sent, the arm does not answer it\n",
         ),
-        ("read-stroke", "gripper stroke 75 mm\n"),
+        ("read-stroke", "stroke: 75 mm\n"),
         (
             "read-joints",
-            "joints +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°, gripper 0 ‰, locked\n",
+            "joints: +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°, gripper: 0.0 % open, status: locked\n",
         ),
         ("set-torque off", "torque off: sent, the arm does not answer it\n"),
         ("set-torque on", "torque on: sent, the arm does not answer it\n"),
@@ -30,13 +30,16 @@ fn each_request_of_a_ling_arm_can_be_made() {
             "set-temperature-limit 60",
             "set temperature limit 60 °C: sent, the arm does not answer it\n",
         ),
-        ("read-velocities", "velocities 0 0 0 0 0 0 0 0 0 0 ticks/s\n"),
-        ("self-check", "self-check 0b1111111111, servo 1 last, 1 = normal\n"),
+        (
+            "read-velocities",
+            "velocities: 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 °/s\n",
+        ),
+        ("self-check", "self-check: all 10 servos normal\n"),
         ("set-zero", "set zero position: sent, the arm does not answer it\n"),
     ] {
         assert_eq!(call(args), answer, "{args}");
     }
-    assert!(call("read-temperatures").starts_with("temperatures "));
+    assert!(call("read-temperatures").starts_with("temperatures: "));
 }
 
 #[test]
@@ -56,10 +59,11 @@ fn an_arm_that_is_told_to_move_gets_there() {
     ];
     let moved = success(&[&["call", "ling", &arm.port, "move"], &args[..]].concat());
     assert!(
-        moved.starts_with("move -45.00° at 4551 +0.00° at 4551 +90.00° at 4551") && moved.contains("500 ‰ at 5500"),
+        moved.starts_with("move -45.00° at 400.0°/s +0.00° at 400.0°/s +90.00° at 400.0°/s")
+            && moved.contains("50.0 % at 5500 ticks/s"),
         "{moved}"
     );
-    let there = "joints -45.00° +0.00° +90.00° +0.00° +0.00° -0.09°, gripper 500 ‰, ";
+    let there = "joints: -45.00° +0.00° +90.00° +0.00° +0.00° -0.09°, gripper: 50.0 % open, ";
     let mut out = success(&joints);
     for _ in 0..1000 {
         if out.starts_with(there) {
@@ -131,7 +135,7 @@ fn each_request_of_an_alpha1_can_be_made() {
             "hardware-version",
             &[0xF1, 0x1F, 0, 0, 0, 0, 0, 0, 0, 0xED][..],
             &b"\xF1\x1F\x0CAlpha1_V2.0\x68\xED"[..],
-            "hardware version Alpha1_V2.0",
+            "arm: Alpha1, hardware: Alpha1_V2.0",
         ),
         (
             "servo-states",
@@ -149,7 +153,7 @@ fn each_request_of_an_alpha1_can_be_made() {
             "firmware-version",
             &[0xF5, 0x5F, 1, 0, 0, 0, 0, 0, 1, 0xED],
             b"\xF5\x5F\xAA2015121519\xA5\xED",
-            "firmware version 2015121519: done",
+            "firmware: 2015121519",
         ),
         (
             "act --angles 90,-,0,240 --time 0.5 --interval 6",
@@ -250,12 +254,12 @@ fn a_robot_or_a_servo_that_fails_says_so() {
         (
             &["play", "x"][..],
             &[0xF3, 0x3F, 0xEE, 0xED][..],
-            "the robot answers that it failed, not why",
+            "the robot reported failure without a reason",
         ),
         (
             &["servo", "read-offset", "7"],
             &[0xFA, 0xAF, 7, 0xEE, 0, 0, 0, 0, 0xF5, 0xED],
-            "servo 7 answers that it failed, not why",
+            "servo 7 reported failure without a reason",
         ),
     ] {
         let args = [&["call", "alpha1", "PORT"], args].concat();
@@ -354,4 +358,20 @@ fn a_request_that_there_is_not_is_told_with_those_there_are() {
     }
     let text = usage(&["call", "ling", "/dev/null", "read-info", "joints"]);
     assert!(text.contains("unexpected argument 'joints'"), "{text}");
+}
+
+#[test]
+fn an_answer_is_json_for_programs() {
+    let arm = Arm::start("ling", "call-json", &[]);
+    let json = |args: &[&str]| {
+        let args = [&["call", "--json", "ling", &arm.port], args].concat();
+        serde_json::from_str::<serde_json::Value>(&success(&args)).unwrap()
+    };
+    let joints = json(&["read-joints"]);
+    assert_eq!(
+        (&joints["joint_6_rad"], &joints["gripper_percent"], &joints["status"]),
+        (&0.0.into(), &0.0.into(), &"locked".into())
+    );
+    assert_eq!(json(&["self-check"])["servo_10_is_normal"], true);
+    assert_eq!(json(&["set-torque", "on"])["sent"], "torque on");
 }

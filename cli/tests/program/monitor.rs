@@ -180,7 +180,7 @@ fn on_a_terminal_the_whole_screen_shows_the_arm_until_a_key_ends_it() {
     let arm = Arm::start("ling", "screen", &[]);
     for key in ["q", "\x1b", "\x03"] {
         let mut terminal = Terminal::new(100, 30);
-        let child = watched(&mut terminal, &["monitor", &arm.port], "worst");
+        let child = watched(&mut terminal, &["monitor", &arm.port], "q ends");
         for text in [TAKES, "joint 6", "locked", "°C", "readings/s", "unanswered", "q ends"] {
             assert!(terminal.seen.contains(text), "{text:?} is not in {:?}", terminal.seen);
         }

@@ -11,10 +11,10 @@ fn to<'a>(port: &'a str, joints: &'a str, speed: &'a str) -> Vec<&'a str> {
 fn a_move_that_is_waited_for_is_there_at_its_end() {
     let arm = Arm::start("ling", "move-wait", &[]);
     let out = success(&[&to(&arm.port, "0,10,0,0,0,-20", "400")[..], &["--wait"]].concat());
-    assert!(out.starts_with("there: joints "), "{out}");
+    assert!(out.starts_with("there: joints: "), "{out}");
     let out = success(&to(&arm.port, "0,0,0,0,0,0", "400"));
     assert!(
-        out.starts_with("move +0.00° at 4551 ") && out.ends_with("sent, the arm does not answer it\n"),
+        out.starts_with("move +0.00° at 400.0°/s ") && out.ends_with("sent, the arm does not answer it\n"),
         "{out}"
     );
 }

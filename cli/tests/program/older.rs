@@ -64,7 +64,7 @@ fn monitor_shows_the_joints_of_an_arm_of_the_older_generation() {
     assert_eq!(out.lines().count(), 5, "{out}");
     for line in out.lines() {
         assert!(
-            line.contains("+0.0000 rad   +0.00°") && line.contains("gripper 2048, potentiometer 2048"),
+            line.contains("joints: +0.00°") && line.contains("gripper: 2048, potentiometer: 2048"),
             "{out}"
         );
     }
@@ -108,11 +108,11 @@ fn decode_names_a_recording_of_the_older_generation_and_reads_it() {
         "{out}"
     );
     assert!(
-        out.contains("from the arm: joints +90.00° +90.00° +90.00° +90.00° +90.00° +90.00°"),
+        out.contains("from the arm: joints: +90.00° +90.00° +90.00° +90.00° +90.00° +90.00°"),
         "{out}"
     );
     assert!(
-        out.contains("from the arm: gripper 2051, potentiometer 2048, buttons 0 1"),
+        out.contains("from the arm: gripper: 2051, potentiometer: 2048, sync button: 0, attitude button: 1"),
         "{out}"
     );
     assert!(!out.contains("checksum"), "{out}");

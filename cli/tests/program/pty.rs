@@ -49,7 +49,7 @@ fn info_tells_what_arm_it_is_and_how_it_is() {
         "hardware     v1.10",
         "firmware     v6.10",
         "status       locked",
-        "joint 6      +0.0000 rad   +0.00°",
+        "joints       +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°",
         "gripper      0.0 % open",
         "stroke       100 mm",
         "self-check   all 10 servos normal",
@@ -91,7 +91,7 @@ fn monitor_prints_as_many_readings_as_asked_for() {
     assert_eq!(out.lines().count(), 5);
     assert!(
         out.lines()
-            .all(|line| line.contains("+0.0000 rad   +0.00°") && line.ends_with("gripper 0.0 % open  locked"))
+            .all(|line| line.contains("joints: +0.00° +0.00°") && line.ends_with("gripper: 0.0 % open, status: locked"))
     );
 }
 
@@ -106,10 +106,10 @@ fn monitor_goes_on_after_an_odd_reading() {
     let out = String::from_utf8(output.stdout).unwrap();
     assert_eq!(out.lines().count(), 6);
     // Which of them a reading is depends on whether it had to be asked for again.
-    let is_odd = |line: &str| line.contains("4100 ticks (out of range)  gripper 2051 ‰ (out of range)");
+    let is_odd = |line: &str| line.contains("+180.35° (out of range), gripper: 205.1 % (out of range)");
     let mut lines = out.lines().skip_while(|line| !is_odd(line));
     assert!(
-        lines.any(|line| line.contains("+0.0000 rad   +0.00°  gripper 100.0 % open")),
+        lines.any(|line| line.contains("+0.00°, gripper: 100.0 % open")),
         "{out}"
     );
 }

@@ -94,21 +94,21 @@ fn stdout(output: Output) -> String {
 
 #[test]
 fn each_request_of_an_xarm_can_be_made() {
-    let state = ", state not ready to move, warning\n";
+    let state = ", state: not ready to move, warning\n";
     for (args, answer) in [
         (
             &["version"][..],
-            "6 axes, type 9, arm XI1300, control box AC1300, firmware v1.12.10",
+            "arm: xArm, 6 axes, type 9, hardware: XI1300, control box: AC1300, firmware: v1.12.10",
         ),
-        (&["serials"], "serial number XI130004A1B2, control box AC130004A1B2"),
-        (&["reload-dynamics"], "register 4, done"),
-        (&["torque-source"], "torque is the servos' current, measured"),
-        (&["rotation-radius", "6"], "rotation radius 0.75 m"),
-        (&["shutdown"], "register 10, done"),
-        (&["reboot"], "register 10, done"),
+        (&["serials"], "serial: XI130004A1B2, control box AC130004A1B2"),
+        (&["reload-dynamics"], "reload dynamics: done"),
+        (&["torque-source"], "torque: the servos' current, measured"),
+        (&["rotation-radius", "6"], "rotation radius: 0.75 m"),
+        (&["shutdown"], "system control: done"),
+        (&["reboot"], "system control: done"),
         (
             &["raw", "42"],
-            "register 42, 00 00 00 00 00 00 00 3F 00 00 80 BF 00 00 40 40 00 00 00 00 00 00 80 BE 00 00 00 00",
+            "register 42: 00 00 00 00 00 00 00 3F 00 00 80 BF 00 00 40 40 00 00 00 00 00 00 80 BE 00 00 00 00",
         ),
     ] {
         let printed = stdout(with_arm(&[&["call", "xarm", "HOST"], args].concat()));
@@ -207,12 +207,9 @@ fn monitor_shows_as_many_joints_as_the_arm_has() {
     let out = stdout(output);
     assert_eq!(out.lines().count(), 3);
     for line in out.lines() {
-        assert_eq!(line.matches("rad").count(), 6, "{line}");
-        assert!(
-            line.contains("+0.0000 rad   +0.00°  +0.5000 rad  +28.65°  -1.0000 rad  -57.30°"),
-            "{line}"
-        );
-        assert!(line.ends_with("  not ready to move, warning"), "{line}");
+        assert_eq!(line.matches('°').count(), 6, "{line}");
+        assert!(line.contains("joints: +0.00° +28.65° -57.30°"), "{line}");
+        assert!(line.ends_with(", state: not ready to move, warning"), "{line}");
     }
 }
 
@@ -225,7 +222,7 @@ fn monitor_shows_what_it_does_not_understand_as_it_is() {
         });
     });
     let out = stdout(output);
-    assert!(out.ends_with(" s  register 42 01 02 03  ok\n"), "{out}");
+    assert!(out.ends_with(" s  joints: register 42 01 02 03, state: ok\n"), "{out}");
 }
 
 #[test]
@@ -336,10 +333,10 @@ fn a_virtual_xarm_is_one_to_all_commands() {
 
     assert!(info.starts_with("arm          xArm, 6 axes, type 6\n"), "{info}");
     assert!(
-        monitored.lines().all(|line| line.matches("rad").count() == 6),
+        monitored.lines().all(|line| line.matches('°').count() == 6),
         "{monitored}"
     );
-    assert!(radius.starts_with("rotation radius "), "{radius}");
+    assert!(radius.starts_with("rotation radius: "), "{radius}");
     assert!(refused.contains("the arm refused register 250"), "{refused}");
 }
 
@@ -376,7 +373,7 @@ bytes: 15, frames: 2, noise bytes: 0\n"
     assert_eq!(
         stdout(decode(&answers, &[])),
         "       0  00 01 00 03 00 03 05 50 01
-          from the arm: torque is the servos' current, measured, state not ready to move, error (transaction 1, protocol id 3)
+          from the arm: torque: the servos' current, measured, state: not ready to move, error (transaction 1, protocol id 3)
        9  00 00 00 01 00 02 00 00
           from the arm: heartbeat
       17  00 09 00 00 00 03 01 83 01
@@ -418,7 +415,7 @@ fn each_frame_that_decode_shows_is_what_was_encoded() {
     let printed = success(&["decode", "--arm", "xarm", "--from", "arm", path.to_str().unwrap()]);
     std::fs::remove_file(&path).unwrap();
     assert!(
-        printed.contains("rotation radius 0.076 m, state not ready to move (transaction 48879, protocol id 2)"),
+        printed.contains("rotation radius: 0.076 m, state: not ready to move (transaction 48879, protocol id 2)"),
         "{printed}"
     );
 }

@@ -1,0 +1,48 @@
+//! Values as they are typed, and what a wrong one is told.
+
+use std::fmt::Display;
+use std::str::FromStr;
+use std::time::Duration;
+
+use armwire::OutOfRange;
+
+/// What was typed as such a value, which is `what` otherwise.
+pub(crate) fn parse<T: FromStr>(text: &str, what: &str) -> Result<T, String> {
+    text.trim().parse().map_err(|_| format!("'{text}' is not {what}"))
+}
+
+/// A value made of a number, with the errors of both: the number is `what` otherwise.
+pub(crate) fn made<T: FromStr, V, E: Display>(
+    text: &str,
+    what: &str,
+    make: impl Fn(T) -> Result<V, E>,
+) -> Result<V, String> {
+    make(parse(text, what)?).map_err(|error| error.to_string())
+}
+
+/// A time in seconds.
+pub(crate) fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = parse(text, "a number")?;
+    Duration::try_from_secs_f32(seconds).map_err(|_| format!("'{text}' is no time that can be waited"))
+}
+
+/// A value that was typed in another unit than the protocol's, with the errors in the unit in which it was typed.
+pub(crate) fn scaled<T>(
+    text: &str,
+    unit: &'static str,
+    scale: f32,
+    make: impl Fn(f32) -> Result<T, OutOfRange<f32>>,
+) -> Result<T, String> {
+    let typed: f32 = parse(text, "a number")?;
+    make(typed * scale).map_err(|error| {
+        let (min, max) = (error.min / scale, error.max / scale);
+        let error = OutOfRange {
+            unit,
+            got: typed,
+            min,
+            max,
+            ..error
+        };
+        error.to_string()
+    })
+}

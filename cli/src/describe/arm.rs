@@ -1,0 +1,49 @@
+//! A protocol as the command line knows it.
+
+use armwire::Config;
+use armwire::messages::Messages;
+
+use super::fact::{Fact, line};
+
+/// A protocol, and what the command line says of it.
+pub(crate) trait Arm: Messages + Default {
+    /// What the arm is called, with its article.
+    const NAME: &'static str;
+
+    /// How its line is treated unless the user says otherwise.
+    const CONFIG: Config;
+
+    /// With how many bytes of its request an answer begins.
+    const HEADER: usize;
+
+    /// What to ask for to learn what arm it is, and how it is.
+    fn info() -> Vec<Self::Request<'static>> {
+        Vec::new()
+    }
+
+    /// A request in words.
+    fn show_request(request: &Self::Request<'_>) -> String;
+
+    /// What a response says.
+    fn facts(response: &Self::Response<'_>) -> Vec<Fact>;
+
+    /// What a response says behind others whose facts are known.
+    fn facts_after(_known: &[Fact], response: &Self::Response<'_>) -> Vec<Fact> {
+        Self::facts(response)
+    }
+
+    /// A response in words.
+    fn show_response(response: &Self::Response<'_>) -> String {
+        line(&Self::facts(response))
+    }
+
+    /// Why the arm did not do what it was asked, if that is what the response says.
+    fn refusal(_response: &Self::Response<'_>) -> Option<String> {
+        None
+    }
+
+    /// The rest of a frame besides its message, in parentheses, such as its number.
+    fn envelope(_frame: &[u8]) -> String {
+        String::new()
+    }
+}

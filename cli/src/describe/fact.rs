@@ -1,0 +1,101 @@
+//! What a message says: one description for people and for programs.
+
+use std::fmt::Display;
+
+use serde_json::{Map, Value, json};
+
+/// One thing that a message says, such as where the joints are.
+#[derive(Clone, Debug)]
+pub(crate) struct Fact {
+    /// What people call it, such as `joints`.
+    pub(crate) name: String,
+    /// In words, such as `+45.00° -10.00°`.
+    pub(crate) text: String,
+    /// What it consists of: a value, or one for each joint.
+    pub(crate) items: Vec<Item>,
+}
+
+/// One value of a fact.
+#[derive(Clone, Debug)]
+pub(crate) struct Item {
+    /// What programs call it, with its unit, such as `joint_1_rad`.
+    pub(crate) key: String,
+    /// Null where the arm says nothing that can be measured.
+    pub(crate) value: Value,
+    /// What people call it, such as `joint 1`.
+    pub(crate) name: String,
+    /// In words.
+    pub(crate) text: String,
+}
+
+impl Fact {
+    /// A value with a unit of its own in its key.
+    pub(crate) fn new(name: &str, key: &str, value: impl Into<Value>, text: impl Display) -> Self {
+        Self::of(name, text, [(key, value.into())])
+    }
+
+    /// Words, whose key is the name.
+    pub(crate) fn words(name: &str, text: impl Display) -> Self {
+        let text = text.to_string();
+        Self::new(name, &name.replace([' ', '-'], "_"), text.as_str(), &text)
+    }
+
+    /// A fact of several values that are told in one text.
+    pub(crate) fn of<'a>(name: &str, text: impl Display, values: impl IntoIterator<Item = (&'a str, Value)>) -> Self {
+        let (name, text) = (name.to_owned(), text.to_string());
+        let items = values.into_iter().map(|(key, value)| Item {
+            key: key.to_owned(),
+            value,
+            name: name.clone(),
+            text: text.clone(),
+        });
+        let items = items.collect();
+        Self { name, text, items }
+    }
+
+    /// The values of joints or servos from number 1, each with its words: `one` is such as `joint`, and `unit` is that of
+    /// the values, while `shown` is that of the words.
+    pub(crate) fn each(
+        (name, one): (&str, &str),
+        unit: &str,
+        shown: &str,
+        values: impl IntoIterator<Item = (Value, String)>,
+    ) -> Self {
+        let values = (1..).zip(values);
+        let items: Vec<_> = values
+            .map(|(n, (value, text))| Item {
+                key: format!("{one}_{n}_{unit}"),
+                value,
+                name: format!("{one} {n}"),
+                text,
+            })
+            .collect();
+        let texts: Vec<_> = items.iter().map(|item| item.text.as_str()).collect();
+        let text = texts.join(" ") + shown;
+        let name = name.to_owned();
+        Self { name, text, items }
+    }
+}
+
+/// A number for programs: six decimals are below what any arm measures, and what is no number is none in JSON.
+pub(crate) fn number(value: f64) -> Value {
+    json!((value * 1e6).round() / 1e6)
+}
+
+/// Facts on one line.
+pub(crate) fn line(facts: &[Fact]) -> String {
+    let facts: Vec<_> = facts
+        .iter()
+        .map(|Fact { name, text, .. }| match text.as_str() {
+            "" => name.clone(),
+            text => format!("{name}: {text}"),
+        })
+        .collect();
+    facts.join(", ")
+}
+
+/// Facts as a JSON object.
+pub(crate) fn object(facts: &[Fact]) -> Map<String, Value> {
+    let items = facts.iter().flat_map(|fact| &fact.items);
+    items.map(|item| (item.key.clone(), item.value.clone())).collect()
+}

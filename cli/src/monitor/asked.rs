@@ -1,0 +1,90 @@
+//! An arm that is asked for each reading.
+
+use armwire::alpha1::{self, Alpha1};
+use armwire::ling::{self, Kind, Ling};
+use armwire::messages::Messages;
+
+use super::reading::{LineErrors, News, Source};
+use crate::describe::Arm;
+use crate::error::Error;
+use crate::link::{Line, Link};
+
+/// A protocol with a request for how the arm is.
+pub(super) trait Readable: Arm {
+    /// The request for a reading.
+    const READING: Self::Request<'static>;
+
+    /// The request for temperatures, where there are any, and how many there can be.
+    const CELSIUS: Option<(Self::Request<'static>, usize)>;
+
+    /// What a message tells.
+    fn news(response: &Self::Response<'_>) -> News;
+}
+
+impl Readable for Ling {
+    const READING: ling::Request = ling::Request::ReadJoints;
+
+    const CELSIUS: Option<(ling::Request, usize)> = Some((ling::Request::ReadTemperatures, Kind::Follower.servos()));
+
+    fn news(response: &ling::Response) -> News {
+        match response {
+            ling::Response::Joints(_) => News::Reading(Self::facts(response), None),
+            ling::Response::Temperatures(celsius) => News::Celsius(celsius.as_slice().to_vec()),
+            _ => News::Nothing,
+        }
+    }
+}
+
+/// Which servos run, and not where they are: the protocol has that only from a single servo, which releases what it holds
+/// to answer.
+impl Readable for Alpha1 {
+    const READING: alpha1::Request<'static> = alpha1::Request::ReadServoStates;
+
+    const CELSIUS: Option<(alpha1::Request<'static>, usize)> = None;
+
+    fn news(response: &alpha1::Response<'_>) -> News {
+        match response {
+            alpha1::Response::ServoStates(_) => News::Reading(Self::facts(response), None),
+            _ => News::Nothing,
+        }
+    }
+}
+
+/// An arm that is asked.
+pub(super) struct Asked<P: Arm, L>(pub(super) Link<P, L>);
+
+impl<P: Readable, L: Line> Asked<P, L> {
+    fn ask(&mut self, request: &P::Request<'_>) -> Result<News, Error> {
+        let news = self.0.call(request, |response| P::news(&response))?;
+        Ok(news.unwrap_or(News::Nothing))
+    }
+}
+
+impl<P: Readable, L: Line> Source for Asked<P, L> {
+    fn arm(&self) -> &'static str {
+        P::NAME
+    }
+
+    fn servos(&self) -> usize {
+        P::CELSIUS.map_or(0, |(_, servos)| servos)
+    }
+
+    fn read(&mut self) -> Result<News, Error> {
+        self.ask(&P::READING)
+    }
+
+    fn read_celsius(&mut self) -> Result<News, Error> {
+        P::CELSIUS.map_or(Ok(News::Nothing), |(request, _)| self.ask(&request))
+    }
+
+    fn line_errors(&self) -> LineErrors {
+        LineErrors::of(&self.0)
+    }
+}
+
+/// What a frame tells that an arm has sent to somebody else.
+pub(super) fn news<P: Readable>(frame: &[u8]) -> News {
+    let arm = P::default();
+    let response = Messages::parse_response(&arm, frame, arm.unsolicited());
+    response.map_or(News::Nothing, |response| P::news(&response))
+}
