@@ -136,38 +136,31 @@ impl Port {
         if baud.is_some() && !matches!(self, Self::Serial(_) | Self::Slcan { .. }) {
             return Err(Error::Usage(format!("{self} is no serial port, which has a --baud")));
         }
-        let way = match self {
-            Self::Serial(port) => Way::Serial(port.clone(), baud),
-            Self::Tcp(host) => Way::Tcp(host.clone()),
-            Self::Control(port) => Way::Control(port.clone()),
-            Self::Can { interface, node } => Way::Can(can::open_interface(self.to_string(), interface, *node)?, *node),
-            Self::Slcan { port, bit_rate, node } => {
+        let bus = match self {
+            Self::Serial(_) | Self::Tcp(_) | Self::Control(_) => None,
+            Self::Can { interface, node } => Some(can::open_interface(self.to_string(), interface, *node)?),
+            Self::Slcan { port, bit_rate, .. } => {
                 let serial = Serial::open(port, baud.map_or(SLCAN_BAUD, NonZeroU32::get))?;
-                Way::Can(can::open_slcan(serial, *bit_rate)?, *node)
+                Some(can::open_slcan(serial, *bit_rate)?)
             }
         };
-        let name = self.to_string();
-        Ok(Connection { name, way })
+        let port = self.clone();
+        Ok(Connection { port, baud, bus })
     }
 }
 
 /// A port that was reached.
 pub(crate) struct Connection {
-    name: String,
-    way: Way,
-}
-
-enum Way {
-    Serial(String, Option<NonZeroU32>),
-    Tcp(Host),
-    Can(SharedBus, Node),
-    Control(String),
+    port: Port,
+    baud: Option<NonZeroU32>,
+    /// Of a port on CAN.
+    bus: Option<SharedBus>,
 }
 
 impl Connection {
     /// Whether it is a control port alone, with no arm on it.
     pub(crate) fn is_control(&self) -> bool {
-        matches!(self.way, Way::Control(_))
+        matches!(self.port, Port::Control(_))
     }
 
     /// The arm there.
@@ -179,12 +172,12 @@ impl Connection {
     /// The line of the arm there, and how it is to be treated.
     pub(crate) fn line<P: Arm>(&self) -> Result<(Box<dyn Line>, Config), Error> {
         let usual = P::CONFIG;
-        Ok(match &self.way {
-            Way::Serial(port, baud) => {
-                let baud = baud.unwrap_or(usual.baud);
+        Ok(match &self.port {
+            Port::Serial(port) => {
+                let baud = self.baud.unwrap_or(usual.baud);
                 (Box::new(Serial::open(port, baud.get())?), Config { baud, ..usual })
             }
-            Way::Tcp(host) => {
+            Port::Tcp(host) => {
                 let config = Config {
                     latency: usual.latency + TCP.latency,
                     stale_window: TCP.stale_window,
@@ -192,38 +185,36 @@ impl Connection {
                 };
                 (Box::new(Tcp::connect_serial(host)?), config)
             }
-            Way::Can(bus, node) => {
-                let channel = Channel::new(bus, Function::ArmRequest.id(*node), Function::ArmAnswer.id(*node));
-                let line = CanLine::new(self.name.clone(), *node, channel);
+            Port::Can { node, .. } | Port::Slcan { node, .. } => {
+                let line = self.on_can(*node, Function::ArmRequest, Function::ArmAnswer);
                 let latency = usual.latency + CAN_LATENCY;
                 (Box::new(line), Config { latency, ..usual })
             }
-            Way::Control(_) => {
-                return Err(Error::Usage(format!(
-                    "{} is a control port: there is no arm on it",
-                    self.name
-                )));
+            Port::Control(_) => {
+                let text = format!("{} is a control port: there is no arm on it", self.port);
+                return Err(Error::Usage(text));
             }
         })
     }
 
     /// The control port of the adapter there. On CAN it is on the same bus as the arm.
     pub(crate) fn control(&self) -> Result<ControlLink, Error> {
-        match &self.way {
-            Way::Serial(port, _) => ControlLink::on_usb(port),
-            Way::Control(port) => ControlLink::on_port(port),
-            Way::Can(bus, node) => {
-                let channel = Channel::new(
-                    bus,
-                    Function::ControlRequest.id(*node),
-                    Function::ControlAnswer.id(*node),
-                );
-                Ok(ControlLink::on_can(self.name.clone(), *node, channel))
+        match &self.port {
+            Port::Serial(port) => ControlLink::on_usb(port),
+            Port::Control(port) => ControlLink::on_port(port),
+            Port::Can { node, .. } | Port::Slcan { node, .. } => {
+                let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer);
+                Ok(ControlLink::on_can(line))
             }
-            Way::Tcp(_) => Err(Error::NoControl {
-                name: self.name.clone(),
+            Port::Tcp(_) => Err(Error::NoControl {
+                name: self.port.to_string(),
             }),
         }
+    }
+
+    fn on_can(&self, node: Node, tx: Function, rx: Function) -> CanLine {
+        let bus = self.bus.as_ref().expect("a port on CAN has a bus");
+        CanLine::new(self.port.to_string(), node, Channel::new(bus, tx.id(node), rx.id(node)))
     }
 }
 

@@ -74,14 +74,29 @@ impl Name {
     }
 }
 
+/// Which servo is asked.
+#[derive(Args, Clone, Copy)]
+pub(crate) struct One {
+    /// Its id, 1 to 240.
+    #[arg(allow_negative_numbers = true, value_parser = id)]
+    id: ServoId,
+}
+
+/// Which servos are told.
+#[derive(Args, Clone, Copy)]
+pub(crate) struct To {
+    /// Its id, 1 to 240, or all.
+    #[arg(value_name = "ID", allow_negative_numbers = true, value_parser = address)]
+    to: Address,
+}
+
 /// One request to a servo.
 #[derive(Subcommand)]
 pub(crate) enum Servo {
     /// Move.
     Move {
-        /// Its id, 1 to 240, or all.
-        #[arg(value_name = "ID", allow_negative_numbers = true, value_parser = address)]
-        to: Address,
+        #[command(flatten)]
+        to: To,
         /// Where to, in degrees from 0 to 240.
         #[arg(value_name = "DEGREES", allow_negative_numbers = true, value_parser = angle)]
         angle: Angle,
@@ -93,26 +108,17 @@ pub(crate) enum Servo {
         lock: Interval,
     },
     /// Switch the motor off. What it holds up falls.
-    Release {
-        /// Its id, 1 to 240, or all.
-        #[arg(value_name = "ID", allow_negative_numbers = true, value_parser = address)]
-        to: Address,
-    },
+    Release(To),
     /// Switch the light.
     Led {
-        /// Its id, 1 to 240, or all.
-        #[arg(value_name = "ID", allow_negative_numbers = true, value_parser = address)]
-        to: Address,
+        #[command(flatten)]
+        to: To,
         /// As on the wire, 0 to 255: whether 0 or 1 is on, the sources disagree.
         #[arg(allow_negative_numbers = true)]
         value: u8,
     },
     /// Read target and actual angle. The servo switches its motor off to answer: what it holds up falls.
-    ReadAngles {
-        /// Its id, 1 to 240.
-        #[arg(allow_negative_numbers = true, value_parser = id)]
-        id: ServoId,
-    },
+    ReadAngles(One),
     /// Give a servo another id.
     ChangeId {
         /// The id it has, 1 to 240.
@@ -122,27 +128,18 @@ pub(crate) enum Servo {
         #[arg(allow_negative_numbers = true, value_parser = id)]
         to: ServoId,
     },
-    /// Put the zero off.
+    /// Set the servo's zero offset.
     SetOffset {
-        /// Its id, 1 to 240.
-        #[arg(allow_negative_numbers = true, value_parser = id)]
-        id: ServoId,
+        #[command(flatten)]
+        servo: One,
         /// In thirds of a degree, -90 to 90.
         #[arg(value_name = "THIRDS", allow_hyphen_values = true, value_parser = offset)]
         offset: Offset,
     },
-    /// Read how far the zero is put off.
-    ReadOffset {
-        /// Its id, 1 to 240.
-        #[arg(allow_negative_numbers = true, value_parser = id)]
-        id: ServoId,
-    },
+    /// Read the servo's zero offset.
+    ReadOffset(One),
     /// Read the version of the servo's firmware.
-    Version {
-        /// Its id, 1 to 240.
-        #[arg(allow_negative_numbers = true, value_parser = id)]
-        id: ServoId,
-    },
+    Version(One),
 }
 
 impl Ask {
@@ -164,14 +161,19 @@ impl Ask {
 impl Servo {
     fn request(&self) -> ServoRequest {
         match *self {
-            Self::Move { to, angle, time, lock } => ServoRequest::Move { to, angle, time, lock },
-            Self::Release { to } => ServoRequest::Release(to),
-            Self::Led { to, value } => ServoRequest::SetLed { to, led: Led(value) },
-            Self::ReadAngles { id } => ServoRequest::ReadAngles(id),
+            Self::Move {
+                to: To { to },
+                angle,
+                time,
+                lock,
+            } => ServoRequest::Move { to, angle, time, lock },
+            Self::Release(To { to }) => ServoRequest::Release(to),
+            Self::Led { to: To { to }, value } => ServoRequest::SetLed { to, led: Led(value) },
+            Self::ReadAngles(One { id }) => ServoRequest::ReadAngles(id),
             Self::ChangeId { from, to } => ServoRequest::ChangeId { from, to },
-            Self::SetOffset { id, offset } => ServoRequest::SetOffset(id, offset),
-            Self::ReadOffset { id } => ServoRequest::ReadOffset(id),
-            Self::Version { id } => ServoRequest::ReadVersion(id),
+            Self::SetOffset { servo, offset } => ServoRequest::SetOffset(servo.id, offset),
+            Self::ReadOffset(One { id }) => ServoRequest::ReadOffset(id),
+            Self::Version(One { id }) => ServoRequest::ReadVersion(id),
         }
     }
 }

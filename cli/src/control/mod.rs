@@ -5,13 +5,12 @@ pub(crate) mod usb;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use armwire_bridge::can::Node;
 use armwire_bridge::control::{
     self, Event, Failure, FromAdapter, FromHost, MAX_COBS, MAX_MESSAGE, Malformed, Reader, Reply, Request, Stamp,
     Subscription,
 };
 
-use crate::can::{CanLine, Channel};
+use crate::can::CanLine;
 use crate::error::Error;
 use crate::link::Line;
 use crate::serial::Serial;
@@ -59,8 +58,8 @@ impl ControlLink {
     }
 
     /// On a CAN bus.
-    pub(crate) fn on_can(name: String, node: Node, channel: Channel) -> Self {
-        Self::new(Way::Can(Box::new(CanLine::new(name, node, channel))))
+    pub(crate) fn on_can(line: CanLine) -> Self {
+        Self::new(Way::Can(Box::new(line)))
     }
 
     fn stream(line: Box<dyn Line>) -> Self {

@@ -1,6 +1,7 @@
 //! What an adapter hears from the arm, whoever has asked: the frames come with the time on its own clock, and nobody has
 //! to be kept from the arm's port.
 
+use std::marker::PhantomData;
 use std::time::Duration;
 
 use armwire::alpha1::Alpha1;
@@ -12,54 +13,55 @@ use super::asked::{Readable, news};
 use super::reading::{LineErrors, News, Source};
 use crate::config;
 use crate::control::ControlLink;
-use crate::describe::Arm;
 use crate::error::Error;
 
 /// How long is listened at once. Meanwhile no key is heard.
 const LISTEN: Duration = Duration::from_millis(50);
 
-/// An adapter that is listened to.
-pub(super) struct Heard {
+/// An adapter that is listened to, with an arm that speaks this protocol.
+struct Heard<P> {
     control: ControlLink,
-    arm: ArmKind,
     /// What to tell the user first.
     hint: Option<String>,
+    arm: PhantomData<P>,
 }
 
-impl Heard {
-    /// Asks the adapter to tell all that it hears.
-    pub(super) fn new(mut control: ControlLink) -> Result<Self, Error> {
-        let config = config::get(&mut control)?;
-        if !matches!(config.arm, ArmKind::Ling | ArmKind::Alpha1) {
-            let reason = format!("the adapter is set for '{}', of which it hears no readings", config.arm);
+/// Asks the adapter to tell all that it hears.
+pub(super) fn open(mut control: ControlLink) -> Result<Box<dyn Source>, Error> {
+    let config = config::get(&mut control)?;
+    let heard = match config.arm {
+        ArmKind::Ling => Heard::<Ling>::open,
+        ArmKind::Alpha1 => Heard::<Alpha1>::open,
+        arm => {
+            let reason = format!("the adapter is set for '{arm}', of which it hears no readings");
             return Err(Error::at(control.name(), reason));
         }
-        let all = Subscription {
-            frames: true,
-            events: true,
-        };
-        control.call(control::Request::Subscribe(all))?;
-        let hint = (config.poll == Poll::Off).then(|| {
-            "the adapter does not poll, so this shows what others ask for ('armwire config … set poll=200')".to_owned()
-        });
-        let arm = config.arm;
-        Ok(Self { control, arm, hint })
+    };
+    let all = Subscription {
+        frames: true,
+        events: true,
+    };
+    control.call(control::Request::Subscribe(all))?;
+    let hint = (config.poll == Poll::Off).then(|| {
+        "the adapter does not poll, so this shows what others ask for ('armwire config … set poll=200')".to_owned()
+    });
+    Ok(heard(control, hint))
+}
+
+impl<P: Readable + 'static> Heard<P> {
+    fn open(control: ControlLink, hint: Option<String>) -> Box<dyn Source> {
+        let arm = PhantomData;
+        Box::new(Self { control, hint, arm })
     }
 }
 
-impl Source for Heard {
+impl<P: Readable> Source for Heard<P> {
     fn arm(&self) -> &'static str {
-        match self.arm {
-            ArmKind::Alpha1 => Alpha1::NAME,
-            _ => Ling::NAME,
-        }
+        P::NAME
     }
 
     fn servos(&self) -> usize {
-        match self.arm {
-            ArmKind::Alpha1 => 0,
-            _ => Ling::CELSIUS.map_or(0, |(_, servos)| servos),
-        }
+        P::CELSIUS.map_or(0, |(_, servos)| servos)
     }
 
     fn is_asked(&self) -> bool {
@@ -76,16 +78,10 @@ impl Source for Heard {
         }
         Ok(match self.control.hear(LISTEN)? {
             None => News::Nothing,
-            Some((at, Event::Frame { bytes, .. })) => {
-                let news = match self.arm {
-                    ArmKind::Alpha1 => news::<Alpha1>(&bytes),
-                    _ => news::<Ling>(&bytes),
-                };
-                match news {
-                    News::Reading(facts, _) => News::Reading(facts, Some(at)),
-                    other => other,
-                }
-            }
+            Some((at, Event::Frame { bytes, .. })) => match news::<P>(&bytes) {
+                News::Reading(facts, _) => News::Reading(facts, Some(at)),
+                other => other,
+            },
             Some((_, event)) => told(&event).map_or(News::Nothing, News::Notice),
         })
     }

@@ -67,7 +67,7 @@ impl Monitor {
     pub(crate) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
         if self.from_adapter {
             let control = self.place.control(&self.place.connect()?)?;
-            return self.watch(&mut adapter::Heard::new(control)?, None, stop);
+            return self.watch(&mut *adapter::open(control)?, None, stop);
         }
         match self.place.arm {
             ArmKind::Ling => {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use armwire_bridge::time;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use super::model::Model;
 use super::{table, view};
@@ -76,9 +76,7 @@ impl Form {
     pub(super) fn open(self) -> Result<Box<dyn Output>, Error> {
         Ok(match self {
             Self::Screen => Box::new(Screen::open()?),
-            Self::Lines => Box::new(Lines),
-            Self::Csv => Box::new(Csv { has_head: false }),
-            Self::Json => Box::new(Json),
+            form => Box::new(Printed { form, has_head: false }),
         })
     }
 }
@@ -142,66 +140,38 @@ fn is_end(code: KeyCode, modifiers: KeyModifiers) -> bool {
     }
 }
 
-/// One line for each reading.
-struct Lines;
-
-impl Output for Lines {
-    fn show(&mut self, model: &Model, _: time::Instant, step: Step) -> Result<(), Error> {
-        complain(model, step);
-        match (&model.latest, step) {
-            (Some(latest), Step::Reading) => say(format_args!(
-                "{:9.3} s  {}",
-                latest.at.as_micros() as f64 / 1e6,
-                line(&latest.facts)
-            )),
-            _ => Ok(()),
-        }
-    }
-}
-
-struct Csv {
+/// Lines on standard output: for people, or a row of values for each reading and each time that the arm did not answer.
+struct Printed {
+    form: Form,
+    /// Whether the line of names was printed.
     has_head: bool,
 }
 
-impl Output for Csv {
+impl Output for Printed {
     fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Error> {
-        complain(model, step);
-        let Some(row) = row(model, now, step) else {
+        if let (Step::TimedOut | Step::Notice, Some(notice)) = (step, &model.notice) {
+            output::complain(notice);
+        }
+        let Some(latest) = &model.latest else {
             return Ok(());
         };
+        let reading = match step {
+            Step::Reading => Some(latest),
+            Step::TimedOut if self.form != Form::Lines => None,
+            _ => return Ok(()),
+        };
+        if self.form == Form::Lines {
+            let seconds = latest.at.as_micros() as f64 / 1e6;
+            return say(format_args!("{seconds:9.3} s  {}", line(&latest.facts)));
+        }
+        let row = table::row(model, now, reading);
+        if self.form == Form::Json {
+            return print(&format!("{}\n", Value::Object(row)));
+        }
         if !std::mem::replace(&mut self.has_head, true) {
             print(&(table::csv_head(&row) + "\n"))?;
         }
         print(&(table::csv_line(&row) + "\n"))
-    }
-}
-
-struct Json;
-
-impl Output for Json {
-    fn show(&mut self, model: &Model, now: time::Instant, step: Step) -> Result<(), Error> {
-        complain(model, step);
-        let Some(row) = row(model, now, step) else {
-            return Ok(());
-        };
-        print(&format!("{}\n", Value::Object(row)))
-    }
-}
-
-/// The row of a step that has one.
-fn row(model: &Model, now: time::Instant, step: Step) -> Option<Map<String, Value>> {
-    let latest = model.latest.as_ref()?;
-    match step {
-        Step::Reading => Some(table::row(model, now, Some(latest))),
-        Step::TimedOut => Some(table::row(model, now, None)),
-        Step::Notice | Step::Nothing => None,
-    }
-}
-
-/// Tells what there is to tell where it does not get into the data.
-fn complain(model: &Model, step: Step) {
-    if let (Step::TimedOut | Step::Notice, Some(notice)) = (step, &model.notice) {
-        output::complain(notice);
     }
 }
 

@@ -9,6 +9,7 @@ use armwire_sim::alpha1::{Alpha1Robot, BusConfig, RobotConfig, ServoBus};
 use clap::Args;
 
 use super::line::{LineArgs, say_last};
+use crate::call::values::made;
 use crate::error::Error;
 
 /// The arguments of `armwire sim alpha1`.
@@ -56,11 +57,7 @@ impl FromStr for Ids {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let id = |text: &str| match text.parse().map(ServoId::new) {
-            Ok(Ok(id)) => Ok(id),
-            Ok(Err(error)) => Err(error.to_string()),
-            Err(_) => Err(format!("'{text}' is not an id from 1 to 240")),
-        };
+        let id = |text: &str| made(text, "an id from 1 to 240", ServoId::new);
         let mut ids = Vec::new();
         for part in text.split(',') {
             let (first, last) = part.split_once('-').unwrap_or((part, part));

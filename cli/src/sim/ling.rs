@@ -7,8 +7,10 @@ use armwire_bridge::Duration;
 use armwire_sim::ling::legacy::{self, LegacyArm};
 use armwire_sim::ling::{Config, LingArm};
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::line::{LineArgs, say_last};
+use crate::call::ling::stroke;
 use crate::error::Error;
 use crate::output::say;
 
@@ -23,8 +25,8 @@ pub(crate) struct LingSim {
     /// Serial number, 16 characters.
     #[arg(long, value_parser = parse_serial)]
     serial: Option<SerialNumber>,
-    /// Gripper stroke in millimetres: 50, 75 or 100.
-    #[arg(long, default_value = "50", value_parser = parse_stroke)]
+    /// Gripper stroke in millimetres.
+    #[arg(long, default_value = "50", value_parser = PossibleValuesParser::new(["50", "75", "100"]).map(stroke))]
     stroke: Stroke,
     /// From the end of a request to the start of its answer, in microseconds.
     #[arg(long, value_name = "N", default_value_t = 200)]
@@ -42,15 +44,6 @@ fn parse_serial(text: &str) -> Result<SerialNumber, String> {
     bytes
         .map(SerialNumber)
         .map_err(|_| format!("it has {} bytes, not 16", text.len()))
-}
-
-fn parse_stroke(text: &str) -> Result<Stroke, String> {
-    match text {
-        "50" => Ok(Stroke::Mm50),
-        "75" => Ok(Stroke::Mm75),
-        "100" => Ok(Stroke::Mm100),
-        _ => Err("there are 50, 75 and 100".to_owned()),
-    }
 }
 
 impl LingSim {
