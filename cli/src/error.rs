@@ -15,6 +15,9 @@ pub(crate) enum Error {
     /// Something fails at a port, a host or a file, for a reason that only its user has to know.
     #[error("{name}: {reason}")]
     At { name: String, reason: String },
+    /// The user does not want it.
+    #[error("not done")]
+    Declined,
     /// The port failed while it was open.
     #[error("{name}: the port is gone ({error}): was it unplugged?")]
     Lost { name: String, error: io::Error },

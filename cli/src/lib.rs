@@ -9,6 +9,7 @@ mod available;
 mod call;
 mod can;
 mod config;
+mod confirm;
 mod control;
 mod counters;
 mod decode;
@@ -69,6 +70,8 @@ enum Command {
     Move(motion::MoveArm),
     /// Switch a Ling arm's torque on or off. With torque off the arm falls: hold it.
     Torque(motion::SetTorque),
+    /// Make a Ling arm's pose its zero position. Its torque goes off and the arm falls: hold it.
+    SetZero(motion::SetZero),
     /// Make one request and print the answer.
     Call(call::Call),
     /// Tell the frames in a recording of a line, what they mean, and what is between them.
@@ -131,6 +134,7 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
         Command::Torque(torque) => torque.run(),
+        Command::SetZero(zero) => zero.run(),
         Command::Decode(decode) => decode.run(),
         Command::Config(config) => config.run(),
         Command::Counters(counters) => counters.run(),

@@ -1,8 +1,8 @@
-//! `armwire move` and `armwire torque`: a Ling arm in motion.
+//! `armwire move`, `torque` and `set-zero`: a Ling arm does something, and says what is so then.
 
 use std::time::Duration;
 
-use armwire::ling::{JointState, Ling, Move, Request, Response, TICKS_PER_TURN, Torque};
+use armwire::ling::{JointState, Ling, MotionStatus, Move, Position, Request, Response, TICKS_PER_TURN, Torque};
 use armwire_bridge::time;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -10,14 +10,19 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use crate::args::ArmPort;
 use crate::call::ling::{Target, torque};
 use crate::call::values::seconds;
+use crate::confirm::Confirm;
 use crate::describe::Arm as _;
 use crate::error::Error;
-use crate::legacy;
+use crate::legacy::{self, Listened};
 use crate::link::{Line, Link};
 use crate::output::say;
 
 /// How near a joint is when it is there: 3 ticks, 0.26°.
 const NEAR: u16 = 3;
+/// Zero, in ticks.
+const ZERO: u16 = Position::CENTRE.ticks();
+/// How long an arm may take to obey.
+const OBEYS: Duration = Duration::from_millis(500);
 /// How often is looked.
 const PERIOD: time::Duration = time::Duration::from_millis(20);
 
@@ -45,54 +50,129 @@ pub(crate) struct SetTorque {
     /// Whether the arm holds its position.
     #[arg(value_parser = PossibleValuesParser::new(["on", "off"]).map(torque))]
     torque: Torque,
+    #[command(flatten)]
+    confirm: Confirm,
 }
+
+/// The arguments of `armwire set-zero`.
+#[derive(Args)]
+pub(crate) struct SetZero {
+    #[command(flatten)]
+    arm: ArmPort,
+    #[command(flatten)]
+    confirm: Confirm,
+}
+
+/// A Ling arm that was opened.
+type Arm = Link<Ling, Listened<Box<dyn Line>>>;
 
 impl MoveArm {
     pub(crate) fn run(&self) -> Result<(), Error> {
         let mut link = legacy::open(&self.arm.connect()?)?;
         let target = self.target.to_move();
-        link.call(&Request::Move(target), drop)?;
-        if !self.wait {
-            return say(format!(
-                "{}: sent, the arm does not answer it",
-                Ling::show_request(&Request::Move(target))
-            ));
+        if is_holding(read(&mut link)?.status) == Some(false) {
+            let reason = "the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on";
+            return Err(Error::at(link.name(), reason));
         }
-        let state = wait(&mut link, &target, self.timeout)?;
-        say(format!("there: {}", Ling::show_response(&Response::Joints(state))))
+        let request = Request::Move(target);
+        link.call(&request, drop)?;
+        if !self.wait {
+            say(format_args!("sent: {}", Ling::show_request(&request)))?;
+            return say(format_args!("now: {}", show(read(&mut link)?)));
+        }
+        let is_there = |state: &JointState| far(&target, state).is_empty();
+        let (state, is_there) = read_until(&mut link, self.timeout, is_there)?;
+        if is_there {
+            return say(format_args!("there: {}", show(state)));
+        }
+        let reason = format!(
+            "not there after {} s: {} (status {})",
+            self.timeout.as_secs_f32(),
+            far(&target, &state).join(", "),
+            state.status
+        );
+        Err(Error::at(link.name(), reason))
     }
 }
 
 impl SetTorque {
     pub(crate) fn run(&self) -> Result<(), Error> {
-        let mut link = legacy::open(&self.arm.connect()?)?;
-        let done = match self.torque {
-            Torque::On => "torque on: the arm holds its position",
-            Torque::Off => "torque off: the arm can be moved by hand",
+        let (wanted, done) = match self.torque {
+            Torque::On => (true, "torque on: the arm holds its position"),
+            Torque::Off => (false, "torque off: the arm can be moved by hand"),
         };
+        if !wanted {
+            self.confirm.ask("With torque off the arm falls: hold it.")?;
+        }
+        let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetTorque(self.torque), drop)?;
-        say(format!("{done}, if it was heard; the arm does not answer it"))
+        let is_so = |state: &JointState| is_holding(state.status) == Some(wanted);
+        let (JointState { status, .. }, is_so) = read_until(&mut link, OBEYS, is_so)?;
+        let request = Ling::show_request(&Request::SetTorque(self.torque));
+        match is_holding(status) {
+            _ if is_so => say(format_args!("{done} (status {status})")),
+            None => say(format_args!(
+                "{request}: sent; status {status} does not tell whether it is so"
+            )),
+            Some(_) => Err(Error::at(
+                link.name(),
+                format_args!("{request} was sent, but the status is {status}"),
+            )),
+        }
     }
 }
 
-/// Waits until the arm is where it was told to go.
-fn wait(link: &mut Link<Ling, impl Line>, target: &Move, timeout: Duration) -> Result<JointState, Error> {
+impl SetZero {
+    pub(crate) fn run(&self) -> Result<(), Error> {
+        self.confirm
+            .ask("The arm takes its pose for zero, switches its torque off and falls: hold it.")?;
+        let mut link = legacy::open(&self.arm.connect()?)?;
+        link.call(&Request::SetZero, drop)?;
+        let is_zero = |state: &JointState| state.joints.iter().all(|ticks| ticks.abs_diff(ZERO) <= NEAR);
+        let (state, is_zero) = read_until(&mut link, OBEYS, is_zero)?;
+        let text = show(state);
+        match is_zero {
+            true => say(format_args!("zero set: {text}")),
+            false => Err(Error::at(
+                link.name(),
+                format_args!("the zero was sent, but the arm is at {text}"),
+            )),
+        }
+    }
+}
+
+/// Whether an arm holds its position, if its status tells.
+const fn is_holding(status: MotionStatus) -> Option<bool> {
+    match status {
+        MotionStatus::Locked | MotionStatus::SyncLocked => Some(true),
+        MotionStatus::Idle | MotionStatus::OverheatProtection => Some(false),
+        MotionStatus::Syncing | MotionStatus::Overheating | MotionStatus::Other(_) => None,
+    }
+}
+
+fn show(state: JointState) -> String {
+    Ling::show_response(&Response::Joints(state))
+}
+
+fn read(link: &mut Arm) -> Result<JointState, Error> {
+    match link.call(&Request::ReadJoints, |response| response)? {
+        Some(Response::Joints(state)) => Ok(state),
+        _ => unreachable!("a read is answered by what it reads"),
+    }
+}
+
+/// Reads until it is so, but not longer than the time. Returns the last that was read, and whether it is so.
+fn read_until(
+    link: &mut Arm,
+    timeout: Duration,
+    is_so: impl Fn(&JointState) -> bool,
+) -> Result<(JointState, bool), Error> {
     let until = link.now() + time::Duration::from_micros(timeout.as_micros().try_into().unwrap_or(u64::MAX));
     loop {
-        if let Some(Response::Joints(state)) = link.call(&Request::ReadJoints, |response| response)? {
-            let off = far(target, &state);
-            if off.is_empty() {
-                return Ok(state);
-            }
-            if until <= link.now() {
-                let reason = format!(
-                    "not there after {} s: {} (status {})",
-                    timeout.as_secs_f32(),
-                    off.join(", "),
-                    state.status
-                );
-                return Err(Error::at(link.name(), reason));
-            }
+        let state = read(link)?;
+        let is_so = is_so(&state);
+        if is_so || until <= link.now() {
+            return Ok((state, is_so));
         }
         link.sleep_until(link.now() + PERIOD);
     }
@@ -111,7 +191,7 @@ fn far(target: &Move, state: &JointState) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use armwire::ling::{GripperSpeed, MotionStatus, Opening, Position, Speed};
+    use armwire::ling::{GripperSpeed, Opening, Speed};
 
     use super::*;
 

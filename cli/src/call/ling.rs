@@ -13,7 +13,7 @@ use super::values::{made, scaled};
 pub(crate) enum Ask {
     /// Read serial number and versions.
     ReadInfo,
-    /// Make the present pose the zero position. The arm switches its torque off: hold it.
+    /// Make the present pose the zero position, without asking. The arm switches its torque off: hold it.
     SetZero,
     /// Tell the arm which gripper it has.
     SetStroke {
@@ -23,7 +23,7 @@ pub(crate) enum Ask {
     },
     /// Read which gripper the arm thinks it has.
     ReadStroke,
-    /// Switch the torque. Without it the arm falls: hold it.
+    /// Switch the torque, without asking. With torque off the arm falls: hold it.
     SetTorque {
         /// Whether the arm holds its position.
         #[arg(value_parser = PossibleValuesParser::new(["on", "off"]).map(torque))]
@@ -60,7 +60,7 @@ pub(crate) struct Target {
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = opening)]
     gripper: Opening,
     /// How fast the gripper opens or closes, in ticks per second.
-    #[arg(long, value_name = "TICKS/S", default_value_t = 1000)]
+    #[arg(long, value_name = "TICKS/S", default_value_t = 1000, value_parser = clap::value_parser!(u16).range(1..))]
     gripper_speed: u16,
 }
 
@@ -117,8 +117,12 @@ fn positions(text: &str) -> Result<[Position; JOINTS], String> {
     each(text, |text| scaled(text, "degrees", PI / 180.0, Position::from_radians))
 }
 
+/// Speeds that are not 0, also when rounded: nothing says what an arm does with that.
 fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
-    let one = |text: &str| scaled(text, "degrees/s", PI / 180.0, Speed::from_radians_per_second);
+    let one = |text: &str| match scaled(text, "degrees/s", PI / 180.0, Speed::from_radians_per_second)? {
+        speed if speed.ticks_per_second() == 0 => Err("joint speed is 0 ticks/s: no arm is said to take it".to_owned()),
+        speed => Ok(speed),
+    };
     match text.contains(',') {
         true => each(text, one),
         false => one(text).map(|speed| [speed; JOINTS]),
@@ -142,7 +146,7 @@ mod tests {
         let ticks = positions("0,90,-90,-180,0.1,179.9").unwrap().map(Position::ticks);
         assert_eq!(ticks, [2048, 3072, 1024, 0, 2049, 4095]);
         assert_eq!(speeds("20").unwrap().map(Speed::ticks_per_second), [228; 6]);
-        assert_eq!(speeds("0,1,2,3,4,5").unwrap()[5].ticks_per_second(), 57);
+        assert_eq!(speeds("1,1,2,3,4,5").unwrap()[5].ticks_per_second(), 57);
         assert_eq!(opening("50").unwrap().per_mille(), 500);
     }
 

@@ -1,14 +1,13 @@
 //! `armwire monitor` as other programs read it, and on a terminal.
 
-use std::fs::File;
-use std::process::{Child, Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::process::Child;
+use std::time::Instant;
 
 use armwire_sim::pty::Pty;
-use rustix::termios::{Winsize, tcsetwinsize};
 
 use crate::common::board::Board;
-use crate::common::{Arm, NO_ANSWER, PATIENCE, PROGRAM, again_while, finish, run, success, usage};
+use crate::common::terminal::Terminal;
+use crate::common::{Arm, NO_ANSWER, PATIENCE, again_while, finish, run, success, usage};
 
 /// The rows of a monitor's JSON, each a line.
 fn rows(out: &str) -> Vec<serde_json::Value> {
@@ -86,71 +85,6 @@ fn arguments_that_do_not_go_together_are_told() {
     ] {
         let text = usage(&[&["monitor", "/dev/no-such-port"], args].concat());
         assert!(text.contains("cannot be used with"), "{text}");
-    }
-}
-
-/// A terminal that a program runs on.
-struct Terminal {
-    pty: Pty,
-    /// All that the program has written.
-    seen: String,
-}
-
-impl Terminal {
-    fn new(columns: u16, rows: u16) -> Self {
-        let pty = Pty::open(None).unwrap();
-        let size = Winsize {
-            ws_row: rows,
-            ws_col: columns,
-            ws_xpixel: 0,
-            ws_ypixel: 0,
-        };
-        tcsetwinsize(File::open(pty.path()).unwrap(), size).unwrap();
-        let seen = String::new();
-        Self { pty, seen }
-    }
-
-    fn start(&self, args: &[&str]) -> Child {
-        let end = || File::options().read(true).write(true).open(self.pty.path()).unwrap();
-        let mut command = Command::new(PROGRAM);
-        command
-            .args(args)
-            .env("TERM", "xterm-256color")
-            .stdin(end())
-            .stdout(end());
-        command.stderr(Stdio::piped()).spawn().unwrap()
-    }
-
-    /// Reads until the program has written this, or has ended. Returns whether it has written it.
-    fn wait_for(&mut self, text: &str, child: &mut Child) -> bool {
-        let deadline = Instant::now() + PATIENCE;
-        loop {
-            let has_ended = child.try_wait().unwrap().is_some();
-            self.read();
-            if self.seen.contains(text) {
-                return true;
-            }
-            if has_ended || Instant::now() > deadline {
-                return false;
-            }
-        }
-    }
-
-    fn read(&mut self) {
-        let mut bytes = [0; 4096];
-        self.pty.wait(Some(Duration::from_millis(5))).unwrap();
-        loop {
-            match self.pty.read(&mut bytes).unwrap() {
-                0 => return,
-                n => self.seen += &String::from_utf8_lossy(&bytes[..n]),
-            }
-        }
-    }
-
-    fn finish(&mut self, mut child: Child) -> Output {
-        // The terminal's buffer must not be what the program waits for.
-        while !self.wait_for("no such text", &mut child) && child.try_wait().unwrap().is_none() {}
-        finish(child)
     }
 }
 

@@ -1,5 +1,8 @@
 //! `armwire move` and `armwire torque` on a virtual arm.
 
+use armwire_sim::pty::Pty;
+
+use crate::common::terminal::Terminal;
 use crate::common::{Arm, NO_ANSWER, again_while, failure, run, success, usage};
 
 /// The arguments of a move of the second joint.
@@ -14,7 +17,7 @@ fn a_move_that_is_waited_for_is_there_at_its_end() {
     assert!(out.starts_with("there: joints: "), "{out}");
     let out = success(&to(&arm.port, "0,0,0,0,0,0", "400"));
     assert!(
-        out.starts_with("move +0.00° at 400.0°/s ") && out.ends_with("sent, the arm does not answer it\n"),
+        out.starts_with("sent: move +0.00° at 400.0°/s ") && out.contains("\nnow: joints: "),
         "{out}"
     );
 }
@@ -31,11 +34,12 @@ fn a_move_that_takes_longer_than_it_may_says_how_far_off_the_arm_is() {
 #[test]
 fn torque_is_switched_and_the_arm_tells_of_it() {
     let arm = Arm::start("ling", "torque", &[]);
-    let off = success(&["torque", &arm.port, "off"]);
-    assert!(off.starts_with("torque off: "), "{off}");
+    let off = success(&["torque", &arm.port, "off", "--yes"]);
+    assert_eq!(off, "torque off: the arm can be moved by hand (status idle)\n");
     let status = || success(&["call", "ling", &arm.port, "read-joints"]);
     assert!(status().ends_with("idle\n"), "{}", status());
-    success(&["torque", &arm.port, "on"]);
+    let on = success(&["torque", &arm.port, "on"]);
+    assert_eq!(on, "torque on: the arm holds its position (status locked)\n");
     assert!(status().ends_with("locked\n"), "{}", status());
 }
 
@@ -47,4 +51,95 @@ fn help_says_that_the_arm_moves_and_falls() {
     assert!(text.contains("joint angle is 200 degrees, must be"), "{text}");
     let text = usage(&[&to("/dev/no-such-port", "0,0,0,0,0,0", "10")[..], &["--timeout", "3"]].concat());
     assert!(text.contains("--wait"), "{text}");
+}
+
+#[test]
+fn nothing_is_done_where_nothing_answers() {
+    let silent = Pty::open(None).unwrap();
+    let port = silent.path().to_str().unwrap();
+    for args in [
+        &to(port, "0,0,0,0,0,0", "20")[..],
+        &["torque", port, "on"],
+        &["torque", port, "off", "--yes"],
+        &["set-zero", port, "--yes"],
+    ] {
+        let output = run(args);
+        assert!(
+            failure(&output).contains(NO_ANSWER) && output.stdout.is_empty(),
+            "{output:?}"
+        );
+    }
+}
+
+#[test]
+fn a_move_without_torque_is_not_sent() {
+    let arm = Arm::start("ling", "move-limp", &[]);
+    success(&["torque", &arm.port, "off", "--yes"]);
+    let line = failure(&again_while(NO_ANSWER, || run(&to(&arm.port, "0,10,0,0,0,0", "400"))));
+    assert!(line.contains("the torque is off, so nothing was sent"), "{line}");
+    let joints = success(&["call", "ling", &arm.port, "read-joints"]);
+    assert!(joints.starts_with("joints: +0.00° +0.00°"), "{joints}");
+}
+
+#[test]
+fn an_arm_that_does_not_obey_is_told() {
+    let arm = Arm::start("ling", "overheated", &[]);
+    success(&["call", "ling", &arm.port, "set-temperature-limit", "0"]);
+    let line = failure(&again_while(NO_ANSWER, || run(&["torque", &arm.port, "on"])));
+    assert!(
+        line.ends_with("torque on was sent, but the status is overheat protection"),
+        "{line}"
+    );
+}
+
+#[test]
+fn set_zero_shows_where_the_arm_is_then() {
+    let arm = Arm::start("ling", "zero", &[]);
+    success(&[&to(&arm.port, "0,10,0,0,0,0", "400")[..], &["--wait"]].concat());
+    let out = success(&["set-zero", &arm.port, "--yes"]);
+    assert!(
+        out.starts_with("zero set: joints: ") && out.ends_with("status: idle\n"),
+        "{out}"
+    );
+    let joints = success(&["call", "ling", &arm.port, "read-joints"]);
+    assert!(joints.starts_with("joints: +0.00° +0.00°"), "{joints}");
+}
+
+#[test]
+fn what_lets_the_arm_fall_wants_a_yes() {
+    for args in [&["torque", "/dev/null", "off"][..], &["set-zero", "/dev/null"]] {
+        let text = usage(args);
+        assert!(text.contains("hold it.") && text.contains("--yes"), "{text}");
+    }
+}
+
+#[test]
+fn speed_0_is_refused() {
+    for speed in ["0", "0.01", "20,20,20,20,20,0"] {
+        let text = usage(&to("/dev/null", "0,0,0,0,0,0", speed));
+        assert!(text.contains("joint speed is 0 ticks/s"), "{text}");
+    }
+    let args = [&to("/dev/null", "0,0,0,0,0,0", "20")[..], &["--gripper-speed", "0"]].concat();
+    assert!(usage(&args).contains("0 is not in 1..=65535"), "{}", usage(&args));
+}
+
+#[test]
+fn a_terminal_is_asked_before_the_arm_falls() {
+    let arm = Arm::start("ling", "asked", &[]);
+    let args = ["torque", &arm.port, "off"];
+    let mut terminal = Terminal::new(80, 24);
+    let child = terminal.start(&args);
+    terminal.pty.write(b"\n").unwrap();
+    let output = terminal.finish(child);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        stderr.contains("the arm falls: hold it. Go on? [y/N] ") && stderr.contains("not done"),
+        "{stderr}"
+    );
+    let child = terminal.start(&args);
+    terminal.pty.write(b"y\n").unwrap();
+    terminal.finish(child);
+    let joints = success(&["call", "ling", &arm.port, "read-joints"]);
+    assert!(joints.ends_with("status: idle\n"), "{joints}");
 }

@@ -2,6 +2,7 @@
 
 pub(crate) mod adapter;
 pub(crate) mod board;
+pub(crate) mod terminal;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};

@@ -1,0 +1,40 @@
+//! A question before something that may let an arm fall.
+
+use std::io::{IsTerminal, Write, stderr, stdin};
+
+use clap::Args;
+
+use crate::error::Error;
+
+/// Whether to ask.
+#[derive(Args)]
+pub(crate) struct Confirm {
+    /// Do it without asking.
+    #[arg(long)]
+    yes: bool,
+}
+
+impl Confirm {
+    /// Asks on a terminal whether to go on in view of `danger`, a sentence.
+    ///
+    /// # Errors
+    ///
+    /// The answer is not yes, or there is no terminal to ask on.
+    pub(crate) fn ask(&self, danger: &str) -> Result<(), Error> {
+        if self.yes {
+            return Ok(());
+        }
+        if !stdin().is_terminal() {
+            return Err(Error::Usage(format!(
+                "{danger} Nobody can be asked here: --yes goes on without"
+            )));
+        }
+        let mut answer = String::new();
+        let asked = write!(stderr(), "{danger} Go on? [y/N] ").and_then(|()| stdin().read_line(&mut answer));
+        asked.map_err(Error::Output)?;
+        match answer.trim() {
+            "y" | "Y" | "yes" => Ok(()),
+            _ => Err(Error::Declined),
+        }
+    }
+}
