@@ -1,6 +1,7 @@
 //! Arguments that several commands have: where an arm is, and which it is.
 
 use std::num::NonZeroU32;
+use std::path::Path;
 
 use clap::{Args, ValueEnum};
 
@@ -45,7 +46,12 @@ impl Place {
     /// The host that an xArm is on.
     pub(crate) fn host(&self) -> Result<Host, Error> {
         let refused = |option| Err(Error::Usage(format!("an xarm is on a host, which has no {option}")));
+        let is_port = !matches!(self.port.parse(), Ok(Port::Serial(_))) || Path::new(&self.port).exists();
         match (self.baud.baud, &self.control) {
+            (None, None) if is_port => Err(Error::Usage(format!(
+                "an xarm is on a host, such as 192.168.1.10, and not on {}: is it another arm (--arm ling or alpha1)?",
+                self.port
+            ))),
             (None, None) => self.port.parse().map_err(Error::Usage),
             (Some(_), _) => refused("--baud"),
             (None, Some(_)) => refused("--control"),

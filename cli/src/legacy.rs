@@ -6,7 +6,7 @@ use armwire::ling::Ling;
 use armwire::ling::legacy::Detector;
 
 use crate::error::Error;
-use crate::link::{Came, Line, Link};
+use crate::link::{Came, Line, Link, Names};
 use crate::port::Connection;
 
 /// How long a line is listened to before the first byte is sent. Such an arm talks forty times a second, two frames each
@@ -74,7 +74,7 @@ impl<L: Line> Line for Listened<L> {
         self.line.write(bytes)
     }
 
-    fn hints(&mut self, came: Came, arm: &str) -> String {
+    fn hints(&mut self, came: Came, arm: Names) -> String {
         self.line.hints(came, arm)
     }
 }
@@ -119,7 +119,7 @@ mod tests {
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Came, _: &str) -> String {
+        fn hints(&mut self, _: Came, _: Names) -> String {
             unreachable!("it talks")
         }
     }

@@ -31,7 +31,14 @@ pub(crate) trait Line {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Error>;
 
     /// What to ask oneself about this line when nothing comes from the arm, or something that is none of its messages.
-    fn hints(&mut self, came: Came, arm: &str) -> String;
+    fn hints(&mut self, came: Came, arm: Names) -> String;
+}
+
+/// What an arm is called, and what the other arm that may be on such a line is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Names {
+    pub(crate) arm: &'static str,
+    pub(crate) other: &'static str,
 }
 
 /// What came instead of an answer.
@@ -54,7 +61,7 @@ impl Line for Box<dyn Line> {
         self.as_mut().write(bytes)
     }
 
-    fn hints(&mut self, came: Came, arm: &str) -> String {
+    fn hints(&mut self, came: Came, arm: Names) -> String {
         self.as_mut().hints(came, arm)
     }
 }
@@ -255,7 +262,11 @@ impl<P: Arm, L: Line> Link<P, L> {
     fn no_answer(&mut self, request: &P::Request<'_>, mut heard: Heard) -> Error {
         heard.begun = is_begun::<P>(request, &heard.bytes);
         let came = if heard.count == 0 { Came::Nothing } else { Came::Garbage };
-        let hints = self.line.hints(came, P::NAME);
+        let names = Names {
+            arm: P::NAME,
+            other: P::OTHER,
+        };
+        let hints = self.line.hints(came, names);
         Error::NoAnswer {
             name: self.line.name().to_owned(),
             cause: heard.cause(P::NAME, &hints),
@@ -328,7 +339,7 @@ mod tests {
             Ok(bytes.len())
         }
 
-        fn hints(&mut self, _: Came, _: &str) -> String {
+        fn hints(&mut self, _: Came, _: Names) -> String {
             unreachable!("it answers")
         }
     }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::num::NonZeroU32;
+use std::path::Path;
 use std::str::FromStr;
 
 use armwire::Config;
@@ -35,7 +36,7 @@ pub(crate) enum Port {
     Tcp(Host),
     /// `can:IFACE[/NODE]`: an adapter on a CAN bus of Linux.
     Can { interface: String, node: Node },
-    /// `slcan:PORT[@BITRATE[/NODE]]`: an adapter on the bus of a CAN adapter that speaks SLCAN.
+    /// `slcan:PORT[@BITRATE][/NODE]`: an adapter on the bus of a CAN adapter that speaks SLCAN.
     Slcan {
         port: String,
         bit_rate: BitRate,
@@ -60,16 +61,22 @@ impl FromStr for Port {
                 Self::Can { interface, node }
             }
             "slcan" => {
-                let (port, bus) = rest.rsplit_once('@').unwrap_or((rest, ""));
-                let port = named(port, text)?;
-                let (rate, node) = split_node(bus)?;
-                let bit_rate = match rate {
-                    "" if bus.is_empty() => BIT_RATE,
-                    rate => rate.parse().ok().and_then(BitRate::new).ok_or_else(|| {
-                        let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
-                        format!("'{rate}' behind the @ of '{text}' is none of the bit rates of SLCAN: {rates}")
-                    })?,
+                let (port, bit_rate, node) = match rest.rsplit_once('@') {
+                    Some((port, bus)) => {
+                        let (rate, node) = split_node(bus)?;
+                        let bit_rate = rate.parse().ok().and_then(BitRate::new).ok_or_else(|| {
+                            let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
+                            format!("'{rate}' behind the @ of '{text}' is none of the bit rates of SLCAN: {rates}")
+                        })?;
+                        (port, bit_rate, node)
+                    }
+                    None if ends_with_node(rest) => {
+                        let (port, node) = split_node(rest)?;
+                        (port, BIT_RATE, node)
+                    }
+                    None => (rest, BIT_RATE, Node::default()),
                 };
+                let port = named(port, text)?;
                 Self::Slcan { port, bit_rate, node }
             }
             "control" => Self::Control(named(rest, text)?),
@@ -89,13 +96,20 @@ fn named(name: &str, text: &str) -> Result<String, String> {
 
 /// What is before the slash, and the node behind it: node 0 if there is none.
 fn split_node(text: &str) -> Result<(&str, Node), String> {
-    let Some((front, node)) = text.split_once('/') else {
+    let Some((front, node)) = text.rsplit_once('/') else {
         return Ok((text, Node::default()));
     };
     let number: u8 = node
         .parse()
         .map_err(|_| format!("'{node}' behind the last slash is not a node, 0 to {}", Node::MAX.get()))?;
     Ok((front, Node::new(number).map_err(|error| error.to_string())?))
+}
+
+/// Whether the number behind the last slash is a node: not where the path before it is a folder, such as /dev/pts.
+fn ends_with_node(text: &str) -> bool {
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    text.rsplit_once('/')
+        .is_some_and(|(front, node)| is_number(node) && !Path::new(front).is_dir())
 }
 
 /// As it was typed, with what was left out but for a node 0.
@@ -238,6 +252,8 @@ mod tests {
             ("can:can0/15", "can:can0/15"),
             ("slcan:/dev/pts/3", "slcan:/dev/pts/3@1000000"),
             ("slcan:/dev/ttyACM1@500000/2", "slcan:/dev/ttyACM1@500000/2"),
+            ("slcan:/dev/no-such-port/2", "slcan:/dev/no-such-port@1000000/2"),
+            ("slcan:COM3/15", "slcan:COM3@1000000/15"),
             ("slcan:COM3@250000", "slcan:COM3@250000"),
             ("control:/tmp/control", "control:/tmp/control"),
         ] {
@@ -264,6 +280,7 @@ mod tests {
             ("can:", "'can:' names no port"),
             ("can:/3", "'can:/3' names no port"),
             ("slcan:@500000", "'slcan:@500000' names no port"),
+            ("slcan:COM3/16", "node id is 16, must be 0..=15"),
             (
                 "slcan:COM3@/3",
                 "'' behind the @ of 'slcan:COM3@/3' is none of the bit rates of SLCAN: 10000, 20000, 50000, 100000, \

@@ -3,6 +3,7 @@
 #[cfg(unix)]
 use std::fs;
 use std::io::{self, ErrorKind};
+use std::net::IpAddr;
 #[cfg(unix)]
 use std::os::unix::fs::MetadataExt;
 use std::time::Duration;
@@ -19,7 +20,7 @@ use serial2::{KeepSettings, SerialPort};
 
 use crate::available;
 use crate::error::Error;
-use crate::link::{Came, Line, is_nothing_yet};
+use crate::link::{Came, Line, Names, is_nothing_yet};
 
 /// How long a port may take no bytes. The longest request takes less than 40 ms on a line of 9600 baud.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
@@ -66,11 +67,14 @@ impl Line for Serial {
         }
     }
 
-    fn hints(&mut self, came: Came, _: &str) -> String {
-        let baud = self.baud;
+    fn hints(&mut self, came: Came, names: Names) -> String {
+        let (baud, Names { arm, other }) = (self.baud, names);
         match came {
-            Came::Nothing => format!("is the arm powered, is it on this port, and does it talk at {baud} baud?"),
-            Came::Garbage => format!("is {baud} the baud rate, and is it this arm?"),
+            Came::Nothing => format!(
+                "is the arm powered, is it on this port, and does it talk at {baud} baud? Is it {arm}, and not {other} nor \
+                 an SLCAN adapter (slcan:PORT)?"
+            ),
+            Came::Garbage => format!("is {baud} the baud rate, and is it {arm}, and not {other}?"),
         }
     }
 }
@@ -138,6 +142,10 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
         ErrorKind::WouldBlock | ErrorKind::ResourceBusy if cfg!(unix) => {
             format!("in use by another program: close that one first ('fuser -v {port}' names it)")
         }
+        ErrorKind::NotFound if is_host(port) => {
+            "no such port: is it a host, an xarm's (--arm xarm) or a server's of a serial port (tcp:HOST:PORT)?"
+                .to_owned()
+        }
         ErrorKind::NotFound => match available::ports().as_slice() {
             [] => "no such port, nor any other: is the adapter plugged in?".to_owned(),
             names => format!("no such port; there are: {}", names.join(", ")),
@@ -160,6 +168,15 @@ pub(crate) fn not_opened(port: &str, error: &io::Error) -> Error {
         _ => format!("cannot be opened: {error}"),
     };
     Error::at(port, reason)
+}
+
+/// Whether it looks like an address or a name of a host, with or without a port on it.
+fn is_host(text: &str) -> bool {
+    let is_port = |port: &str| port.parse::<u16>().is_ok();
+    let has_port = text
+        .rsplit_once(':')
+        .is_some_and(|(host, port)| !host.contains('/') && is_port(port));
+    has_port || text.parse::<IpAddr>().is_ok()
 }
 
 /// The group that owns a port, if that is one for users.

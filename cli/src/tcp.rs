@@ -10,7 +10,7 @@ use armwire::xarm::XArm;
 
 use crate::describe::Arm;
 use crate::error::Error;
-use crate::link::{Came, Line, Link, is_nothing_yet};
+use crate::link::{Came, Line, Link, Names, is_nothing_yet};
 
 /// Where an xArm takes requests.
 const PORT: u16 = 502;
@@ -155,14 +155,20 @@ impl Line for Tcp {
         }
     }
 
-    fn hints(&mut self, came: Came, arm: &str) -> String {
+    fn hints(&mut self, came: Came, names: Names) -> String {
         match (came, self.is_serial) {
-            (Came::Nothing, false) => format!("is it {arm} that listens there, and on its control port?"),
+            (Came::Nothing, false) => format!("is it {} that listens there, and on its control port?", names.arm),
             (Came::Garbage, false) => "is it this arm, and its control port?".to_owned(),
             (Came::Nothing, true) => {
-                "is the arm powered, and is its serial port the one that is served there?".to_owned()
+                let Names { arm, other } = names;
+                format!(
+                    "is the arm powered, and is its serial port the one that is served there? Is it {arm}, and not {other}?"
+                )
             }
-            (Came::Garbage, true) => "has the serial port there the arm's baud rate, and is it this arm?".to_owned(),
+            (Came::Garbage, true) => {
+                let Names { arm, other } = names;
+                format!("has the serial port there the arm's baud rate, and is it {arm}, and not {other}?")
+            }
         }
     }
 }

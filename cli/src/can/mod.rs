@@ -18,7 +18,7 @@ use armwire_sim::slcan::BitRate;
 
 use crate::error::Error;
 use crate::line_holder;
-use crate::link::{Came, Line};
+use crate::link::{Came, Line, Names};
 use crate::serial::Serial;
 use bus::Bus;
 
@@ -303,7 +303,7 @@ impl Line for CanLine {
         Ok(bytes.len())
     }
 
-    fn hints(&mut self, came: Came, _: &str) -> String {
+    fn hints(&mut self, came: Came, _: Names) -> String {
         match came {
             Came::Nothing => match self.holder() {
                 Some(told) => format!("the line to the arm runs at {told}"),

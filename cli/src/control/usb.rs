@@ -9,7 +9,7 @@ use nusb::transfer::{Bulk, Direction, In, Out};
 use nusb::{DeviceInfo, Interface, MaybeFuture};
 
 use crate::error::Error;
-use crate::link::{Came, Line, is_nothing_yet};
+use crate::link::{Came, Line, Names, is_nothing_yet};
 
 /// What the adapter calls itself. It is the pid.codes test id, so the interface is looked at too.
 pub(crate) const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
@@ -136,7 +136,7 @@ impl Line for UsbLine {
         }
     }
 
-    fn hints(&mut self, _: Came, _: &str) -> String {
+    fn hints(&mut self, _: Came, _: Names) -> String {
         "is its firmware stuck?".to_owned()
     }
 }

@@ -17,6 +17,8 @@ use crate::hex;
 impl Arm for Alpha1 {
     const NAME: &'static str = "an Alpha1";
 
+    const OTHER: &'static str = "a Ling arm ('ling' instead of 'alpha1')";
+
     const CONFIG: Config = Config {
         baud: NonZeroU32::new(115_200).unwrap(),
         // The system may be busy, or there is Bluetooth between, and what moves is not asked for twice.

@@ -10,6 +10,9 @@ pub(crate) trait Arm: Messages + Default {
     /// What the arm is called, with its article.
     const NAME: &'static str;
 
+    /// The other arm that may be on such a line, with its article and what a user types for it.
+    const OTHER: &'static str;
+
     /// How its line is treated unless the user says otherwise.
     const CONFIG: Config;
 

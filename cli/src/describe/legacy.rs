@@ -1,6 +1,7 @@
 //! The Ling arm of the older generation, which is only heard.
 
 use armwire::Config;
+use armwire::ling::Ling;
 use armwire::ling::legacy::{GripperState, Legacy, Request, Response};
 
 use super::arm::Arm;
@@ -9,6 +10,8 @@ use super::ling::joints;
 
 impl Arm for Legacy {
     const NAME: &'static str = "a Ling arm of the older generation";
+
+    const OTHER: &'static str = Ling::OTHER;
 
     const CONFIG: Config = Config::DEFAULT;
 

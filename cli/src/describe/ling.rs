@@ -13,6 +13,8 @@ use super::fact::{Fact, number};
 impl Arm for Ling {
     const NAME: &'static str = "a Ling arm";
 
+    const OTHER: &'static str = "an Alpha1 ('alpha1' instead of 'ling')";
+
     const CONFIG: Config = Config {
         // The system may be busy, and nobody waits for us but a person.
         latency: Duration::from_millis(50),

@@ -17,6 +17,8 @@ pub(crate) const JOINTS: usize = 7;
 impl Arm for XArm {
     const NAME: &'static str = "an xArm";
 
+    const OTHER: &'static str = "an arm on a serial port ('ling' or 'alpha1' and tcp:HOST:PORT)";
+
     const CONFIG: Config = Config::TCP;
 
     /// Transaction and protocol id.

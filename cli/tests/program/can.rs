@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use armwire_bridge::can::Function;
 
 use crate::common::adapter::{BIT_RATE, CanBus, NODE};
-use crate::common::{NO_ANSWER, again_while, failure, run, run_against, success, usage};
+use crate::common::{NO_ANSWER, again_while, failure, free_path, run, run_against, success, usage};
 
 /// The adapter on a bus, as a user names it.
 fn port(bus: &CanBus) -> String {
@@ -28,6 +28,16 @@ fn info_tells_the_adapter_and_the_arm() {
         assert!(out.lines().any(|printed| printed == line), "{line} is not in\n{out}");
     }
     assert_eq!(success(&["info", &port(&bus)]), out, "a bus may be opened again");
+}
+
+#[test]
+fn a_node_needs_no_bit_rate() {
+    let bus = CanBus::start_as(1_000_000, 3);
+    let link = free_path("slcan-link");
+    std::os::unix::fs::symlink(&bus.path, &link).unwrap();
+    let out = success(&["info", &format!("slcan:{}/3", link.display())]);
+    std::fs::remove_file(link).unwrap();
+    assert!(out.contains("can          node 3, 1000000 bit/s"), "{out}");
 }
 
 #[test]

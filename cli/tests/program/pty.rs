@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::common::{
-    Arm, NO_ANSWER, PROGRAM, again_while, failure, finish, free_path, run, run_against, start, success,
+    Arm, NO_ANSWER, PROGRAM, again_while, failure, finish, free_path, run, run_against, start, success, usage,
 };
 use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Response};
 use armwire::messages::Messages;
@@ -211,6 +211,28 @@ fn a_port_that_is_not_there_is_missing() {
 }
 
 #[test]
+fn a_wrong_kind_of_place_is_hinted() {
+    for host in ["192.0.2.1", "arm.local:502"] {
+        let line = failure(&run(&["info", host]));
+        assert!(
+            line.contains("an xarm's (--arm xarm) or a server's of a serial port (tcp:HOST:PORT)?"),
+            "{line}"
+        );
+    }
+    for port in ["/dev/null", "tcp:arm.local:4000", "slcan:/dev/null/3"] {
+        let text = usage(&["info", "--arm", "xarm", port]);
+        assert!(text.contains("is it another arm (--arm ling or alpha1)?"), "{text}");
+    }
+}
+
+#[test]
+fn a_wrong_arm_is_hinted() {
+    let arm = Arm::start("ling", "wrong-arm", &[]);
+    let line = failure(&run(&["info", "--arm", "alpha1", &arm.port]));
+    assert!(line.contains("not a Ling arm ('ling' instead of 'alpha1')"), "{line}");
+}
+
+#[test]
 fn a_file_is_not_a_serial_port() {
     assert_eq!(failure(&run(&["info", "/dev/null"])), "/dev/null: not a serial port");
 }
@@ -270,6 +292,10 @@ fn a_port_where_nobody_answers_is_silent() {
         "{line}"
     );
     assert!(line.contains("is the arm powered"), "{line}");
+    assert!(
+        line.contains("not an Alpha1 ('alpha1' instead of 'ling') nor an SLCAN adapter (slcan:PORT)?"),
+        "{line}"
+    );
 }
 
 #[test]
