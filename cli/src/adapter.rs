@@ -10,6 +10,7 @@ use clap::Args;
 use serde_json::{Map, Value, json};
 
 use crate::control::ControlLink;
+use crate::describe::Fact;
 use crate::error::Error;
 use crate::line_holder;
 use crate::output::complain;
@@ -61,6 +62,19 @@ pub(crate) fn identify(control: &mut ControlLink) -> Result<Identity, Error> {
         Reply::Identity(identity) => Ok(identity),
         reply => Err(odd(control, &reply)),
     }
+}
+
+/// What an adapter is, for people and for programs.
+pub(crate) fn identity(control: &mut ControlLink) -> Result<Fact, Error> {
+    let identity = identify(control)?;
+    let values = [
+        ("adapter_board", json!(identity.board)),
+        ("adapter_serial", json!(identity.serial)),
+        ("adapter_firmware", json!(identity.firmware)),
+        ("adapter_commit", json!(identity.commit)),
+        ("adapter_can_fd", json!(identity.can_fd)),
+    ];
+    Ok(Fact::of("adapter", describe(&identity), values))
 }
 
 /// What an adapter is, in words.

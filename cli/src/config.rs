@@ -6,7 +6,7 @@ use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
 use armwire_bridge::control::{Reply, Request};
 use clap::{Args, Subcommand};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::adapter::{self, AdapterPort};
 use crate::control::ControlLink;
@@ -205,9 +205,11 @@ fn setting(text: &str) -> Result<Setting, String> {
     Ok(Setting { key, value })
 }
 
-/// What settings there are.
+/// What settings there are, in lines for 80 columns.
 fn help() -> String {
-    let lines = KEYS.iter().map(|key| format!("  {:<24}{}\n", key.name, key.help));
+    let lines = KEYS
+        .iter()
+        .map(|key| format!("  {}\n      {}\n", key.name, key.help.replace(": ", ":\n      ")));
     lines.fold("Settings:\n".to_owned(), |text, line| text + &line)
 }
 
@@ -238,11 +240,7 @@ impl Configure {
         adapter::tell_holder(&mut control)?;
         let config = get(&mut control)?;
         if self.json {
-            let object: Map<_, _> = KEYS
-                .iter()
-                .map(|key| (key.name.to_owned(), (key.get)(&config)))
-                .collect();
-            return print_json(&Value::Object(object));
+            return print_json(&object(&config));
         }
         print(&show(&config))
     }
@@ -265,6 +263,12 @@ pub(crate) fn get(control: &mut ControlLink) -> Result<Config, Error> {
         Reply::Config(config) => Ok(config),
         reply => Err(adapter::odd(control, &reply)),
     }
+}
+
+/// A configuration as a JSON object.
+pub(crate) fn object(config: &Config) -> Value {
+    let settings = KEYS.iter().map(|key| (key.name.to_owned(), (key.get)(config)));
+    Value::Object(settings.collect())
 }
 
 /// A line for each setting, as `set` takes it.

@@ -22,6 +22,7 @@ mod info;
 mod legacy;
 mod line_holder;
 mod link;
+mod list;
 mod monitor;
 mod motion;
 mod output;
@@ -33,20 +34,21 @@ mod sim;
 mod tcp;
 mod update;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap_complete::Shell;
 
 pub use args::ArmKind;
 pub use decode::{Speaker, decode};
 
-use args::Place;
 use error::Error;
 use output::complain;
 
-/// Virtual robot arms, and real ones to look at and talk to.
+/// Inspect, monitor and control robot arms, real or simulated.
 #[derive(Parser)]
 #[command(name = "armwire", version)]
 struct Cli {
@@ -60,13 +62,18 @@ enum Command {
     #[cfg(unix)]
     #[command(subcommand)]
     Sim(sim::Sim),
-    /// Tell what adapter and what arm are on a port, and how the arm is.
-    Info(Place),
+    /// Identify the adapter and the arm on a port, and show the arm's state.
+    Info(info::Info),
+    /// List the ports of this computer, and the adapters and arms on them.
+    List(list::List),
     /// Watch an arm's joints, temperatures and status; of an alpha1, which servos run.
     ///
     /// A full screen on a terminal, a line for each reading otherwise; see --csv and --json.
     Monitor(monitor::Monitor),
     /// Move the joints and the gripper of a Ling arm. The arm moves at once: keep clear of it.
+    #[command(
+        override_usage = "armwire move [OPTIONS] --joints <DEGREES> --speed <DEGREES/S>\n       --gripper <PERCENT> <PORT>"
+    )]
     Move(motion::MoveArm),
     /// Switch a Ling arm's torque on or off. With torque off the arm falls: hold it.
     Torque(motion::SetTorque),
@@ -74,9 +81,9 @@ enum Command {
     SetZero(motion::SetZero),
     /// Make one request and print the answer.
     Call(call::Call),
-    /// Tell the frames in a recording of a line, what they mean, and what is between them.
+    /// Decode a recording: frames, their meaning, stray bytes.
     Decode(decode::Decode),
-    /// Show or change what an adapter is told to be.
+    /// Show or change an adapter's configuration.
     Config(config::Configure),
     /// Show all that an adapter has counted, and how long things took.
     Counters(counters::Counters),
@@ -85,20 +92,42 @@ enum Command {
     Hold(hold::Hold),
     /// Give an adapter another firmware, over USB with dfu-util.
     Update(update::Update),
+    /// Print the completions of a shell, for its start file.
+    Completions {
+        /// Which shell.
+        shell: Shell,
+    },
+    /// Write the manual pages into a folder.
+    Man {
+        /// The folder, which has to be there.
+        folder: PathBuf,
+    },
 }
 
 /// Does what the command line says.
 pub fn main() -> ExitCode {
-    let cli = Cli::try_parse().unwrap_or_else(|error| with_names(error).exit());
+    let parsed = command()
+        .try_get_matches()
+        .and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = parsed.unwrap_or_else(|error| with_names(error).exit());
     match run(&cli.command) {
         Ok(()) => ExitCode::SUCCESS,
         // Who no longer reads what we print has had enough.
         Err(Error::Output(error)) if error.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
-        Err(Error::Usage(text)) => Cli::command().error(ErrorKind::ValueValidation, text).exit(),
-        Err(problem) => {
-            complain(&problem);
+        Err(Error::Usage(text)) => command().error(ErrorKind::ValueValidation, text).exit(),
+        Err(error) => {
+            complain(&error);
             ExitCode::FAILURE
         }
+    }
+}
+
+/// The commands, with a help as wide as the terminal, or 80 columns where its width is unknown.
+fn command() -> clap::Command {
+    let command = Cli::command();
+    match terminal_size::terminal_size() {
+        None if std::env::var_os("COLUMNS").is_none() => command.term_width(80),
+        _ => command,
     }
 }
 
@@ -109,7 +138,7 @@ fn with_names(error: clap::Error) -> clap::Error {
         (ErrorKind::UnknownArgument, Some(ContextValue::String(wrong))) if !wrong.starts_with('-') => wrong,
         _ => return error,
     };
-    let mut cli = Cli::command();
+    let mut cli = command();
     cli.build();
     let mut command = &mut cli;
     for arg in std::env::args_os().skip(1) {
@@ -129,7 +158,8 @@ fn run(command: &Command) -> Result<(), Error> {
     match command {
         #[cfg(unix)]
         Command::Sim(sim) => sim.run(stop_on_ctrl_c()?),
-        Command::Info(place) => info::run(place),
+        Command::Info(info) => info.run(),
+        Command::List(list) => list.run(),
         Command::Monitor(monitor) => monitor.run(stop_on_ctrl_c()?),
         Command::Call(call) => call.run(),
         Command::Move(motion) => motion.run(),
@@ -140,6 +170,13 @@ fn run(command: &Command) -> Result<(), Error> {
         Command::Counters(counters) => counters.run(),
         Command::Hold(hold) => hold.run(stop_on_ctrl_c()?),
         Command::Update(update) => update.run(),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut Cli::command(), "armwire", &mut script);
+            output::print(&String::from_utf8_lossy(&script))
+        }
+        Command::Man { folder } => clap_mangen::generate_to(Cli::command(), folder)
+            .map_err(|error| Error::at(&folder.display().to_string(), error)),
     }
 }
 

@@ -22,6 +22,9 @@ pub(crate) enum Ask {
     /// Read the robot's firmware version.
     FirmwareVersion,
     /// Move all servos.
+    #[command(
+        override_usage = "armwire call alpha1 <PORT> act --angles <DEGREES> --time <SECONDS>\n       --interval <SECONDS>"
+    )]
     Act(Act),
     /// Connect or disconnect the servo offset tool. While it is connected, Bluetooth may not be used.
     OffsetTool {

@@ -42,6 +42,10 @@ pub(crate) enum Ask {
     /// Read the servos' velocities.
     ReadVelocities,
     /// Move the joints and the gripper.
+    #[command(
+        override_usage = "armwire call ling <PORT> move [OPTIONS] --joints <DEGREES>\n       --speed <DEGREES/S> --gripper \
+                          <PERCENT>"
+    )]
     Move(Target),
     /// Check every servo.
     SelfCheck,

@@ -72,6 +72,15 @@ fn find(port: &str) -> Result<DeviceInfo, Error> {
     }
 }
 
+/// The serial numbers of all adapters; none where USB cannot be searched.
+pub(crate) fn serial_numbers() -> Vec<String> {
+    let devices = nusb::list_devices().wait().into_iter().flatten();
+    let adapters = devices.filter(|device| control_interface(device).is_some());
+    adapters
+        .filter_map(|adapter| adapter.serial_number().map(str::to_owned))
+        .collect()
+}
+
 /// The number of the control interface, if it is an adapter.
 fn control_interface(device: &DeviceInfo) -> Option<u8> {
     let mut interfaces = device.interfaces();
@@ -82,7 +91,7 @@ fn control_interface(device: &DeviceInfo) -> Option<u8> {
 }
 
 /// The serial number of the USB device that has a serial port, if the system is Linux, which tells it.
-fn serial_number_of(port: &str) -> Option<String> {
+pub(crate) fn serial_number_of(port: &str) -> Option<String> {
     // It may be a link, as those under /dev/serial/by-id.
     let device = std::fs::canonicalize(port).ok()?;
     let name = device.file_name()?.to_str()?;

@@ -7,6 +7,8 @@ mod alpha1;
 mod call;
 mod can;
 mod common;
+mod help;
+mod list;
 mod monitor;
 mod motion;
 mod older;

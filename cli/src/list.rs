@@ -1,0 +1,113 @@
+//! `armwire list`: the ports of this computer, and the adapters and arms on them.
+
+use armwire::alpha1::{self, Alpha1};
+use armwire::ling;
+use armwire_bridge::config::ArmKind;
+use clap::Args;
+use serde_json::Value;
+
+use crate::adapter::identity;
+use crate::control::{ControlLink, usb};
+use crate::describe::{Arm, Fact, line, object};
+use crate::error::Error;
+use crate::link::{Line, Link};
+use crate::output::{print_json, say};
+use crate::port::{Connection, Port};
+use crate::{available, config, legacy};
+
+/// The arguments of `armwire list`.
+#[derive(Args)]
+pub(crate) struct List {
+    /// Ports to list, too, and to ask for their arm, such as that of a virtual arm.
+    ports: Vec<String>,
+    /// Ask on every serial port which arm is there. What is no arm gets requests, too; without this only adapters get them.
+    #[arg(long)]
+    ask: bool,
+    /// Print a JSON array with an object for each port.
+    #[arg(long)]
+    json: bool,
+}
+
+impl List {
+    pub(crate) fn run(&self) -> Result<(), Error> {
+        let mut found = Vec::new();
+        let adapters = usb::serial_numbers();
+        for port in available::serial_ports() {
+            let is_adapter = usb::serial_number_of(&port).is_some_and(|serial| adapters.contains(&serial));
+            self.show(&mut found, on_port(&port, is_adapter, self.ask))?;
+        }
+        for port in &self.ports {
+            self.show(&mut found, on_port(port, false, true))?;
+        }
+        for interface in available::can_interfaces() {
+            let port = Fact::words("port", format_args!("can:{interface}"));
+            self.show(&mut found, vec![port])?;
+        }
+        match found.as_slice() {
+            found if self.json => print_json(&Value::from(found)),
+            [] => say("no ports: is the adapter plugged in?"),
+            _ => Ok(()),
+        }
+    }
+
+    /// Shows a port at once, and keeps it.
+    fn show(&self, found: &mut Vec<Value>, port: Vec<Fact>) -> Result<(), Error> {
+        found.push(object(&port).into());
+        if self.json {
+            return Ok(());
+        }
+        match port.as_slice() {
+            [port] => say(&port.text),
+            [port, rest @ ..] => say(format_args!("{}  {}", port.text, line(rest))),
+            [] => Ok(()),
+        }
+    }
+}
+
+/// What there is to know of a serial port, or of the arm on another.
+fn on_port(name: &str, is_adapter: bool, is_asked: bool) -> Vec<Fact> {
+    let mut facts = vec![Fact::words("port", name)];
+    let told = match name
+        .parse::<Port>()
+        .map_err(Error::Usage)
+        .and_then(|port| port.connect(None))
+    {
+        Ok(connection) if is_adapter => on_adapter(&connection),
+        Ok(connection) if is_asked => arm(&connection),
+        Ok(_) => Ok(Vec::new()),
+        Err(error) => Err(error),
+    };
+    facts.extend(told.unwrap_or_else(|error| vec![Fact::words("error", error)]));
+    facts
+}
+
+/// The adapter, and the arm for which it is set.
+fn on_adapter(connection: &Connection) -> Result<Vec<Fact>, Error> {
+    let mut control: ControlLink = connection.control()?;
+    let mut facts = vec![identity(&mut control)?];
+    facts.extend(match config::get(&mut control)?.arm {
+        ArmKind::Ling => answer(&mut legacy::open(connection)?, &ling::Request::ReadInfo)?,
+        ArmKind::Alpha1 => answer(&mut connection.arm::<Alpha1>()?, &alpha1::Request::ReadHardwareVersion)?,
+        ArmKind::Alpha1Servo | ArmKind::Raw => Vec::new(),
+    });
+    Ok(facts)
+}
+
+/// The arm on a port, whichever it is.
+fn arm(connection: &Connection) -> Result<Vec<Fact>, Error> {
+    let ling = legacy::open(connection).and_then(|mut link| answer(&mut link, &ling::Request::ReadInfo));
+    match ling {
+        Err(Error::NoAnswer { .. }) => {}
+        Err(Error::Legacy { .. }) => return Ok(vec![Fact::words("arm", "Ling of the older generation")]),
+        known => return known,
+    }
+    match answer(&mut connection.arm::<Alpha1>()?, &alpha1::Request::ReadHardwareVersion) {
+        Err(Error::NoAnswer { .. }) => Ok(vec![Fact::words("arm", "none answers")]),
+        known => known,
+    }
+}
+
+fn answer<P: Arm>(link: &mut Link<P, impl Line>, request: &P::Request<'_>) -> Result<Vec<Fact>, Error> {
+    let facts = link.call(request, |response| P::facts(&response))?;
+    Ok(facts.unwrap_or_default())
+}
