@@ -18,18 +18,18 @@ pub(crate) enum Error {
     /// The user does not want it.
     #[error("not done")]
     Declined,
-    /// The port failed while it was open.
-    #[error("{name}: the port is gone ({error}): was it unplugged?")]
-    Lost { name: String, error: io::Error },
+    /// The port or the connection is gone that was open: it may come back.
+    #[error("{name}: {reason}")]
+    Lost { name: String, reason: String },
     /// The port takes no bytes.
     #[error("{name}: the port takes no bytes: is the adapter stuck?")]
     Stuck { name: String },
     /// The arm is of the older generation, which is sent nothing.
     #[error("{name}: this is {legacy} 'armwire monitor' shows its joints.")]
     Legacy { name: String, legacy: OlderGeneration },
-    /// The arm did not answer.
+    /// The arm did not answer, though perhaps bytes came.
     #[error("{name}: {cause}")]
-    NoAnswer { name: String, cause: String },
+    NoAnswer { name: String, cause: String, bytes: usize },
     /// There is no adapter with a control port there.
     #[error(
         "{name}: this is not the port of an armwire adapter, which has a control port beside it (of a virtual board: \
@@ -54,6 +54,15 @@ pub(crate) enum Error {
 }
 
 impl Error {
+    /// A port that was unplugged.
+    pub(crate) fn unplugged(name: &str, error: &io::Error) -> Self {
+        let (name, reason) = (
+            name.to_owned(),
+            format!("the port is gone ({error}): was it unplugged?"),
+        );
+        Self::Lost { name, reason }
+    }
+
     /// An error at `name`.
     pub(crate) fn at(name: &str, reason: impl Display) -> Self {
         Self::At {

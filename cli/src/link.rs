@@ -270,6 +270,7 @@ impl<P: Arm, L: Line> Link<P, L> {
         Error::NoAnswer {
             name: self.line.name().to_owned(),
             cause: heard.cause(P::NAME, &hints),
+            bytes: heard.count,
         }
     }
 }

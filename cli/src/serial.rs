@@ -93,8 +93,7 @@ impl Serial {
     }
 
     fn lost(&self, error: io::Error) -> Error {
-        let name = self.name.clone();
-        Error::Lost { name, error }
+        Error::unplugged(&self.name, &error)
     }
 }
 

@@ -136,7 +136,8 @@ impl Line for Tcp {
         match self.stream.read(buf) {
             Ok(0) => {
                 let reason = "the connection was closed from there: was the arm switched off, or does it take no more?";
-                Err(Error::at(&self.name, reason))
+                let (name, reason) = (self.name.clone(), reason.to_owned());
+                Err(Error::Lost { name, reason })
             }
             Ok(n) => Ok(n),
             Err(error) if is_nothing_yet(&error) => Ok(0),
@@ -181,7 +182,8 @@ impl Tcp {
             }
             _ => format!("the connection is gone ({error}): was the arm switched off?"),
         };
-        Error::at(&self.name, reason)
+        let name = self.name.clone();
+        Error::Lost { name, reason }
     }
 }
 

@@ -39,8 +39,7 @@ impl UsbLine {
     }
 
     fn lost(&self, error: io::Error) -> Error {
-        let name = self.name.clone();
-        Error::Lost { name, error }
+        Error::unplugged(&self.name, &error)
     }
 }
 

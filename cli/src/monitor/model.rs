@@ -37,6 +37,8 @@ pub(super) struct Model {
     pub(super) asked: u64,
     pub(super) answered: u64,
     pub(super) timed_out: u64,
+    /// How often its port was gone.
+    pub(super) reconnects: u64,
     pub(super) line_errors: LineErrors,
     pub(super) adapter: Option<Adapter>,
     /// The last thing that the user should know.
@@ -85,14 +87,20 @@ pub(super) struct CallTimes {
 }
 
 impl Model {
-    pub(super) fn new(port: &str, arm: &'static str, servos: usize, rate: Option<u32>) -> Self {
+    pub(super) fn new(port: &str) -> Self {
+        let port = port.to_owned();
         Self {
-            port: port.to_owned(),
-            arm,
-            servos,
-            rate,
+            port,
             ..Self::default()
         }
+    }
+
+    /// What is watched from now on.
+    pub(super) fn watch(&mut self, arm: &'static str, servos: usize, rate: Option<u32>) {
+        // Without its article.
+        self.arm = arm.split_once(' ').map_or(arm, |(_, name)| name);
+        self.servos = servos;
+        self.rate = rate;
     }
 
     /// A reading came.
@@ -151,6 +159,25 @@ impl Model {
         Some(CallTimes { min, median, worst })
     }
 
+    /// What was learnt in all, on one line.
+    pub(super) fn summary(&self, now: Instant) -> String {
+        let LineErrors { noise_bytes, checksums } = self.line_errors;
+        let latency = self.call_times().map_or(String::new(), |times| {
+            let [least, median, worst] = [times.min, times.median, times.worst].map(millis);
+            format!(", latency {least} to {worst}, median {median}")
+        });
+        format!(
+            "{} ({}), {:.1} s: {} readings, {} unanswered, {checksums} wrong checksums, {noise_bytes} noise bytes, port gone \
+             {} times{latency}",
+            self.port,
+            self.arm,
+            now.as_micros() as f64 / 1e6,
+            self.answered,
+            self.timed_out,
+            self.reconnects
+        )
+    }
+
     /// The past of a quantity, the newest last; `None` where there was no value.
     pub(super) fn history(&self, quantity: usize) -> impl DoubleEndedIterator<Item = Option<f64>> + ExactSizeIterator {
         const NONE: &VecDeque<Option<f64>> = &VecDeque::new();
@@ -192,6 +219,11 @@ impl Model {
             }
         }
     }
+}
+
+/// A duration in words.
+pub(super) fn millis(time: Duration) -> String {
+    format!("{:.2} ms", time.as_micros() as f64 / 1e3)
 }
 
 impl Calls {
@@ -287,7 +319,7 @@ pub(super) mod tests {
 
     #[test]
     fn an_arm_that_does_not_answer_is_counted_and_what_it_said_is_kept() {
-        let mut model = Model::new("COM3", "Ling", 10, Some(20));
+        let mut model = Model::new("COM3");
         model.asked += 1;
         model.read(latest(0, 900, &[Some(1.0)]));
         model.asked += 1;

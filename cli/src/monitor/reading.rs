@@ -68,6 +68,14 @@ pub(super) struct LineErrors {
 }
 
 impl LineErrors {
+    /// These and others.
+    pub(super) const fn and(self, other: Self) -> Self {
+        Self {
+            noise_bytes: self.noise_bytes + other.noise_bytes,
+            checksums: self.checksums + other.checksums,
+        }
+    }
+
     /// What was wrong with what came over a link.
     pub(super) fn of<P: Arm>(link: &Link<P, impl Line>) -> Self {
         Self {

@@ -75,7 +75,8 @@ mod tests {
 
     #[test]
     fn a_reading_is_a_row_with_units_and_null_for_what_is_missing() {
-        let mut model = Model::new("COM3", "Ling", 3, Some(20));
+        let mut model = Model::new("COM3");
+        model.servos = 3;
         model.celsius = vec![31, 30];
         let mut latest = latest(1_500, 900, &[Some(0.1), None]);
         latest.facts[1] = Fact::words("status", "odd, \"very\"");
@@ -94,7 +95,8 @@ mod tests {
 
     #[test]
     fn an_arm_that_did_not_answer_is_a_row_of_the_same_columns_with_nothing_in_it() {
-        let mut model = Model::new("COM3", "Ling", 1, Some(20));
+        let mut model = Model::new("COM3");
+        model.servos = 1;
         model.celsius = vec![31];
         let mut stamped = latest(1_000, 900, &[Some(0.1)]);
         stamped.stamp = Some(Stamp(123));
@@ -108,7 +110,7 @@ mod tests {
 
     #[test]
     fn what_is_no_number_is_null() {
-        let model = Model::new("COM3", "xArm", 0, Some(20));
+        let model = Model::new("COM3");
         let line = row(
             &model,
             Instant::ZERO,

@@ -1,13 +1,13 @@
 //! What a monitor shows on a terminal.
 
-use armwire_bridge::{Duration, Instant};
+use armwire_bridge::Instant;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
 
-use super::model::{Adapter, Model};
+use super::model::{Adapter, Model, millis};
 use crate::adapter::{histograms, percentile};
 
 /// How wide names are, and the words for a quantity.
@@ -35,12 +35,10 @@ struct Part {
 pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
     let rows = Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)]);
     let [head, body, foot] = rows.areas(frame.area());
-    // Without its article.
-    let arm_name = model.arm.split_once(' ').map_or(model.arm, |(_, name)| name);
     frame.render_widget(
         Line::from(vec![
             Span::styled(format!(" {}", model.port), BOLD),
-            Span::raw(format!("  {arm_name}")),
+            Span::raw(format!("  {}", model.arm)),
         ]),
         head,
     );
@@ -188,10 +186,6 @@ fn name(text: &str) -> Span<'static> {
     Span::styled(format!("{text:<width$} ", width = NAME - 1), DIM)
 }
 
-fn millis(time: Duration) -> String {
-    format!("{:.2} ms", time.as_micros() as f64 / 1e3)
-}
-
 /// Values, the newest first, as bars, the newest last, between the least and the greatest of them.
 fn sparkline(values: &[Option<f64>]) -> String {
     let known = || values.iter().flatten().copied().filter(|value| value.is_finite());
@@ -246,7 +240,8 @@ mod tests {
 
     /// A model of an arm with six joints, of which the first has moved.
     fn model() -> Model {
-        let mut model = Model::new("/dev/ttyACM0", "Ling", 10, Some(20));
+        let mut model = Model::new("/dev/ttyACM0");
+        model.watch("a Ling arm", 10, Some(20));
         for n in 0..20_u16 {
             model.asked += 1;
             let moved = Some(f32::from(n) / 20.0);
@@ -298,7 +293,7 @@ mod tests {
         assert_shown(
             &screen,
             &[
-                " /dev/ttyACM0  Ling",
+                " /dev/ttyACM0  Ling arm",
                 "┌ arm ─",
                 "│joint 1  0.95 rad",
                 "▁▂▃▃▄▅▆▆▇█",
@@ -350,7 +345,8 @@ mod tests {
 
     #[test]
     fn an_arm_that_is_only_heard_has_no_calls() {
-        let mut model = Model::new("control:/tmp/control", "Ling", 10, None);
+        let mut model = Model::new("control:/tmp/control");
+        model.watch("a Ling arm", 10, None);
         assert_shown(
             &screen(&model, 80, 24),
             &["nothing heard yet", "0.0 readings/s, heard 0"],

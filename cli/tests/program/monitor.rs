@@ -1,13 +1,15 @@
 //! `armwire monitor` as other programs read it, and on a terminal.
 
-use std::process::Child;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command};
 use std::time::Instant;
 
 use armwire_sim::pty::Pty;
+use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::board::Board;
 use crate::common::terminal::Terminal;
-use crate::common::{Arm, NO_ANSWER, PATIENCE, again_while, finish, run, success, usage};
+use crate::common::{Arm, NO_ANSWER, PATIENCE, PROGRAM, again_while, finish, run, start, success, usage};
 
 /// The rows of a monitor's JSON, each a line.
 fn rows(out: &str) -> Vec<serde_json::Value> {
@@ -141,15 +143,89 @@ fn the_screen_shows_the_adapter_too() {
 }
 
 #[test]
-fn an_error_is_told_on_the_terminal_as_it_was_before() {
+fn the_screen_leaves_a_summary() {
+    let arm = Arm::start("ling", "summary", &[]);
+    let mut terminal = Terminal::new(120, 24);
+    let child = watched(&mut terminal, &["monitor", &arm.port, "--count", "5"], GIVES_BACK);
+    assert!(terminal.finish(child).status.success());
+    let (_, left) = terminal.seen.rsplit_once(GIVES_BACK).unwrap();
+    let begin = format!("{} (Ling arm), ", arm.port);
+    assert!(left.contains(&begin) && left.contains(" s: 5 readings, "), "{left:?}");
+    assert!(left.contains(" port gone 0 times, latency "), "{left:?}");
+}
+
+#[test]
+fn a_port_that_goes_away_is_waited_for() {
     let arm = Arm::start("ling", "gone", &[]);
-    let mut terminal = Terminal::new(80, 24);
-    let child = watched(&mut terminal, &["monitor", &arm.port], "joint 6");
+    let port = arm.port.clone();
+    let mut monitor = start(Command::new(PROGRAM).args(["monitor", &port, "--json"]));
+    let mut out = BufReader::new(monitor.stdout.take().unwrap()).lines();
+    let mut stderr = BufReader::new(monitor.stderr.take().unwrap()).lines();
+    let mut reading = || {
+        out.by_ref()
+            .map(Result::unwrap)
+            .find(|line| !line.contains("\"joint_1_rad\":null"))
+            .unwrap()
+    };
+    reading();
     drop(arm);
-    let output = terminal.finish(child);
-    assert!(terminal.seen.contains(GIVES_BACK), "{:?}", terminal.seen);
-    assert_eq!(output.status.code(), Some(1), "{output:?}");
-    assert!(String::from_utf8(output.stderr).unwrap().contains("the port is gone"));
+    let told = stderr
+        .by_ref()
+        .map(Result::unwrap)
+        .find(|line| !line.contains(NO_ANSWER))
+        .unwrap();
+    assert!(
+        told.contains("the port is gone") && told.ends_with("Waiting for it to come back"),
+        "{told}"
+    );
+    let _arm = Arm::start_at(port, "ling", &[]);
+    // What it printed before it noticed is behind it.
+    for _ in 0..100 {
+        reading();
+    }
+    kill_process(Pid::from_child(&monitor), Signal::INT).unwrap();
+    assert!(finish(monitor).status.success());
+}
+
+#[test]
+fn a_screen_waits_for_a_port_that_is_gone() {
+    let arm = Arm::start("ling", "gone-screen", &[]);
+    let mut terminal = Terminal::new(200, 24);
+    let mut child = watched(&mut terminal, &["monitor", &arm.port], "q ends");
+    drop(arm);
+    assert!(terminal.wait_for("Waiting", &mut child), "{:?}", terminal.seen);
+    terminal.pty.write(b"q").unwrap();
+    assert!(terminal.finish(child).status.success());
+    assert!(
+        terminal.seen.contains(GIVES_BACK) && terminal.seen.contains("port gone 1 times"),
+        "{:?}",
+        terminal.seen
+    );
+}
+
+#[test]
+fn a_monitor_starts_on_a_noisy_line() {
+    for seed in ["1", "2", "3", "4"] {
+        let arm = Arm::start("ling", "noisy", &["--faults", "20000", "--seed", seed]);
+        let output = run(&["monitor", &arm.port, "--rate", "100", "--count", "2", "--json"]);
+        assert!(output.status.success(), "{output:?}");
+    }
+}
+
+#[test]
+fn noise_alone_is_shown() {
+    let pty = Pty::open(None).unwrap();
+    let mut terminal = Terminal::new(120, 24);
+    let mut child = terminal.start(&["monitor", pty.path().to_str().unwrap()]);
+    let mut request = [0; 64];
+    while !terminal.seen.contains("nothing heard yet") && child.try_wait().unwrap().is_none() {
+        if pty.read(&mut request).unwrap() > 0 {
+            pty.write(&[0x55; 8]).unwrap();
+        }
+        terminal.read();
+    }
+    terminal.pty.write(b"q").unwrap();
+    assert!(terminal.finish(child).status.success(), "{:?}", terminal.seen);
 }
 
 #[test]

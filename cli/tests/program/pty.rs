@@ -344,17 +344,6 @@ fn requests_that_only_come_back_are_told_from_answers() {
 }
 
 #[test]
-fn a_port_that_goes_away_is_gone() {
-    let output = again_while(NO_ANSWER, || {
-        let arm = Arm::start("ling", "gone", &[]);
-        let port = arm.port.clone();
-        with_monitor(&port, |_| drop(arm))
-    });
-    let line = failure(&output);
-    assert!(line.contains("the port is gone"), "{line}");
-}
-
-#[test]
 fn decode_reads_bytes_and_hexadecimal_text_from_a_file_or_standard_input() {
     let path = free_path("recording");
     let decode = |path: &Path| success(&["decode", path.to_str().unwrap()]);

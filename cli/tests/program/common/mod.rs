@@ -113,7 +113,11 @@ pub(crate) struct Arm {
 
 impl Arm {
     pub(crate) fn start(kind: &str, name: &str, args: &[&str]) -> Self {
-        let port = free_path(name).to_str().unwrap().to_owned();
+        Self::start_at(free_path(name).to_str().unwrap().to_owned(), kind, args)
+    }
+
+    /// Starts it at a path.
+    pub(crate) fn start_at(port: String, kind: &str, args: &[&str]) -> Self {
         let mut child = start(Command::new(PROGRAM).args(["sim", kind, "--pty", &port]).args(args));
         let mut out = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();

@@ -56,7 +56,7 @@ impl Terminal {
         }
     }
 
-    fn read(&mut self) {
+    pub(crate) fn read(&mut self) {
         let mut bytes = [0; 4096];
         self.pty.wait(Some(Duration::from_millis(5))).unwrap();
         loop {

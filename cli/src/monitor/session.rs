@@ -1,0 +1,286 @@
+//! A monitor at work: it asks its source again and again, whatever port that is on, and shows the model.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use armwire_bridge::time;
+
+use super::model::{Adapter, Latest, Model};
+use super::output::{Form, Output, Step};
+use super::reading::{News, Source};
+use crate::adapter::{counters, describe, identify, latencies};
+use crate::control::ControlLink;
+use crate::error::Error;
+use crate::output::{complain, say};
+
+/// How often the temperatures are asked for, and the adapter for its counters.
+const CELSIUS: time::Duration = time::Duration::from_millis(5_000);
+const ADAPTER: time::Duration = time::Duration::from_millis(1_000);
+/// How long an arm may say nothing at all at first: what does not answer then is an error, and no screen.
+const SILENCE: time::Duration = time::Duration::from_millis(2_000);
+/// How often a port that is gone is looked for.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// What is watched, until its port is gone.
+pub(super) struct Watched {
+    pub(super) source: Box<dyn Source>,
+    /// The adapter, unless it is the source, or why it cannot be asked: a monitor can do without.
+    pub(super) adapter: Option<Result<ControlLink, Error>>,
+}
+
+impl Watched {
+    /// A source without another adapter.
+    pub(super) fn alone(source: Box<dyn Source>) -> Self {
+        let adapter = None;
+        Self { source, adapter }
+    }
+}
+
+/// A monitor at work.
+pub(super) struct Session<'a> {
+    form: Form,
+    count: Option<u64>,
+    stop: &'a AtomicBool,
+    start: Instant,
+    model: Model,
+    /// Not before there is something to show.
+    output: Option<Box<dyn Output>>,
+    readings: u64,
+    celsius: Timer,
+    adapter: Timer,
+    /// Whether anything came at all, be it noise.
+    has_heard: bool,
+    /// Whether the port is gone, or is back and has not told anything yet.
+    is_waiting: bool,
+}
+
+impl<'a> Session<'a> {
+    /// One that stops after so many readings, or when it is told to.
+    pub(super) fn new(port: &str, form: Form, count: Option<u64>, stop: &'a AtomicBool) -> Self {
+        Self {
+            form,
+            count,
+            stop,
+            start: Instant::now(),
+            model: Model::new(port),
+            output: None,
+            readings: 0,
+            celsius: Timer::new(CELSIUS),
+            adapter: Timer::new(ADAPTER),
+            has_heard: false,
+            is_waiting: false,
+        }
+    }
+
+    /// Shows what comes from a source, so often where that is for us to say, until somebody has enough.
+    pub(super) fn watch(&mut self, watched: &mut Watched, rate: u32) -> Result<(), Error> {
+        let source = &mut *watched.source;
+        let rate = source.is_paced().then_some(rate);
+        self.model.watch(source.arm(), source.servos(), rate);
+        if let Some(Err(error)) = &watched.adapter {
+            let (name, told) = ("not reached".to_owned(), Err(error.to_string()));
+            self.model.adapter = Some(Adapter { name, told });
+        }
+        let before = self.model.line_errors;
+        while self.readings < self.count.unwrap_or(u64::MAX) && !self.is_stopped() {
+            let step = match self.step(source) {
+                // Who has asked us to end does not ask why there is no answer.
+                Err(_) if self.is_stopped() => break,
+                step => step?,
+            };
+            if step == Step::Reading {
+                self.readings += 1;
+                self.has_heard = true;
+                self.is_waiting = false;
+            }
+            self.model.line_errors = before.and(source.line_errors());
+            if self.output.is_none() && (self.has_heard || rate.is_none()) {
+                self.output = Some(self.form.open()?);
+            }
+            if self.form == Form::Screen && self.output.is_some() && self.adapter.is_due(self.now()) {
+                let other = watched.adapter.as_mut().and_then(|adapter| adapter.as_mut().ok());
+                if let Some(control) = source.adapter().or(other) {
+                    ask_adapter(control, &mut self.model);
+                }
+            }
+            let wait = rate.map_or(Duration::ZERO, |rate| until_next(self.now(), rate));
+            if self.show(step, wait)? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether what went wrong may mend itself: a port that is gone once it has told something, and all that is wrong with
+    /// it until it does so again.
+    pub(super) fn may_come_back(&self, error: &Error) -> bool {
+        self.is_waiting || (self.model.answered > 0 && matches!(error, Error::Lost { .. }))
+    }
+
+    /// Tells of a port that is gone, and waits for a moment. Returns whether somebody has enough.
+    pub(super) fn has_enough_while_waiting(&mut self, error: &Error) -> Result<bool, Error> {
+        if !self.is_waiting {
+            self.is_waiting = true;
+            self.model.reconnects += 1;
+            self.tell(format!("{error} Waiting for it to come back"))?;
+        }
+        Ok(self.show(Step::Nothing, RETRY)? || self.is_stopped())
+    }
+
+    /// Tells the user something that is not in the data.
+    pub(super) fn tell(&mut self, text: String) -> Result<(), Error> {
+        if self.output.is_none() {
+            complain(&text);
+            return Ok(());
+        }
+        self.model.notify(self.now(), text);
+        self.show(Step::Notice, Duration::ZERO).map(drop)
+    }
+
+    /// Gives the terminal back, and leaves there what was learnt, in place of the screen.
+    pub(super) fn close(&mut self) -> Result<(), Error> {
+        match self.output.take() {
+            Some(output) if self.form == Form::Screen => {
+                drop(output);
+                say(self.model.summary(self.now()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Shows how things are after a step, and waits. Returns whether the user wants to end.
+    fn show(&mut self, step: Step, wait: Duration) -> Result<bool, Error> {
+        let now = self.now();
+        let Some(output) = &mut self.output else {
+            thread::sleep(wait);
+            return Ok(false);
+        };
+        output.show(&self.model, now, step)?;
+        output.wait(wait)
+    }
+
+    /// Takes what the source has to tell into the model: a reading, and after it the temperatures, if they are due.
+    fn step(&mut self, source: &mut dyn Source) -> Result<Step, Error> {
+        let begun = self.now();
+        self.model.asked += u64::from(source.is_asked());
+        let step = self.take(source.read(), source.is_asked().then_some(begun))?;
+        if step == Step::Reading && self.form.shows_celsius() && self.celsius.is_due(self.now()) {
+            let news = source.read_celsius();
+            self.take(news, None)?;
+        }
+        Ok(step)
+    }
+
+    /// Takes news into the model. `begun` is when the call began, if there was one.
+    fn take(&mut self, news: Result<News, Error>, begun: Option<time::Instant>) -> Result<Step, Error> {
+        let now = self.now();
+        match news {
+            Ok(News::Reading(facts, stamp)) => {
+                self.model.read(Latest {
+                    facts,
+                    at: now,
+                    stamp,
+                    latency: begun.map(|begun| now.since(begun)),
+                });
+                Ok(Step::Reading)
+            }
+            Ok(News::Celsius(celsius)) => {
+                self.model.celsius = celsius;
+                Ok(Step::Nothing)
+            }
+            Ok(News::Notice(text)) => {
+                self.model.notify(now, text);
+                Ok(Step::Notice)
+            }
+            Ok(News::Nothing) => Ok(Step::Nothing),
+            // The line may be noisy. And once it has answered, the arm may be switched off and on again.
+            Err(Error::NoAnswer { name, cause, bytes })
+                if bytes > 0 || self.model.answered > 0 || now < time::Instant::ZERO + SILENCE =>
+            {
+                self.has_heard |= bytes > 0;
+                self.model.time_out(now, format!("{name}: {cause}"));
+                Ok(Step::TimedOut)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Time since the start.
+    fn now(&self) -> time::Instant {
+        time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
+    }
+}
+
+/// Asks an adapter for its counters; one that did not answer is not asked again.
+fn ask_adapter(control: &mut ControlLink, model: &mut Model) {
+    let name = match &model.adapter {
+        Some(Adapter { told: Err(_), .. }) => return,
+        Some(adapter) => Ok(adapter.name.clone()),
+        None => identify(control).map(|identity| describe(&identity)),
+    };
+    let told = name.and_then(|name| Ok((name, counters(control)?, latencies(control)?)));
+    model.adapter = Some(match told {
+        Ok((name, counters, latencies)) => Adapter {
+            name,
+            told: Ok((counters, latencies)),
+        },
+        Err(error) => Adapter {
+            name: "does not answer".to_owned(),
+            told: Err(error.to_string()),
+        },
+    });
+}
+
+/// How long it is until the next reading of so many a second. After a pause in the line there is no catching up.
+fn until_next(now: time::Instant, rate: u32) -> Duration {
+    let period = 1_000_000 / u64::from(rate);
+    Duration::from_micros(period - now.as_micros() % period)
+}
+
+/// Something that is done now and then.
+struct Timer {
+    period: time::Duration,
+    due: time::Instant,
+}
+
+impl Timer {
+    fn new(period: time::Duration) -> Self {
+        let due = time::Instant::ZERO;
+        Self { period, due }
+    }
+
+    /// Whether it is to be done now; then it is due again after its period.
+    fn is_due(&mut self, now: time::Instant) -> bool {
+        let is_due = self.due <= now;
+        if is_due {
+            self.due = now + self.period;
+        }
+        is_due
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn readings_are_at_multiples_of_the_period_and_none_is_made_up_for() {
+        let wait = |micros| until_next(time::Instant::from_micros(micros), 20).as_micros();
+        assert_eq!(
+            [0, 1, 49_999, 50_000, 170_000].map(wait),
+            [50_000, 49_999, 1, 50_000, 30_000]
+        );
+    }
+
+    #[test]
+    fn what_is_done_now_and_then_is_not_made_up_for_either() {
+        let mut watched = Timer::new(time::Duration::from_micros(100));
+        let due = [0, 99, 100, 350, 440, 450].map(|now| watched.is_due(time::Instant::from_micros(now)));
+        assert_eq!(due, [true, false, true, true, false, true]);
+    }
+}
