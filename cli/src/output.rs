@@ -6,7 +6,7 @@ use std::io::{Write, stderr, stdout};
 use serde_json::Value;
 
 use crate::error::Error;
-use crate::printable::escaped;
+use crate::printable::{escaped, escaped_json};
 
 /// Prints text as it is, at once.
 pub(crate) fn print(text: &str) -> Result<(), Error> {
@@ -22,7 +22,7 @@ pub(crate) fn say(line: impl Display) -> Result<(), Error> {
 
 /// Prints one value as JSON.
 pub(crate) fn print_json(value: &Value) -> Result<(), Error> {
-    print(&format!("{value:#}\n"))
+    print(&(escaped_json(&format!("{value:#}")) + "\n"))
 }
 
 /// Tells what is wrong where it does not get into the data. That nobody reads it is no other error.

@@ -4,12 +4,14 @@ use std::fmt::Display;
 
 use serde_json::{Map, Value, json};
 
+use crate::printable::escaped;
+
 /// One thing that a message says, such as where the joints are.
 #[derive(Clone, Debug)]
 pub(crate) struct Fact {
     /// What people call it, such as `joints`.
     pub(crate) name: String,
-    /// In words, such as `+45.00° -10.00°`.
+    /// In words that a terminal may show, such as `+45.00° -10.00°`.
     pub(crate) text: String,
     /// What it consists of: a value, or one for each joint.
     pub(crate) items: Vec<Item>,
@@ -42,7 +44,7 @@ impl Fact {
 
     /// A fact of several values that are told in one text.
     pub(crate) fn of<'a>(name: &str, text: impl Display, values: impl IntoIterator<Item = (&'a str, Value)>) -> Self {
-        let (name, text) = (name.to_owned(), text.to_string());
+        let (name, text) = (name.to_owned(), escaped(&text.to_string()));
         let items = values.into_iter().map(|(key, value)| Item {
             key: key.to_owned(),
             value,

@@ -14,6 +14,7 @@ use super::{table, view};
 use crate::describe::line;
 use crate::error::Error;
 use crate::output::{self, print, say};
+use crate::printable::escaped_json;
 
 /// How often the screen is drawn at most.
 const DRAWN: Duration = Duration::from_millis(50);
@@ -166,7 +167,7 @@ impl Output for Printed {
         }
         let row = table::row(model, now, reading);
         if self.form == Form::Json {
-            return print(&format!("{}\n", Value::Object(row)));
+            return print(&(escaped_json(&Value::Object(row).to_string()) + "\n"));
         }
         if !std::mem::replace(&mut self.has_head, true) {
             print(&(table::csv_head(&row) + "\n"))?;

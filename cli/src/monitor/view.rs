@@ -9,6 +9,7 @@ use ratatui::widgets::{Block, Paragraph};
 
 use super::model::{Adapter, Model, millis};
 use crate::adapter::{histograms, percentile};
+use crate::printable::escaped;
 
 /// How wide names are, and the words for a quantity.
 const NAME: usize = 9;
@@ -37,7 +38,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
     let [head, body, foot] = rows.areas(frame.area());
     frame.render_widget(
         Line::from(vec![
-            Span::styled(format!(" {}", model.port), BOLD),
+            Span::styled(format!(" {}", escaped(&model.port)), BOLD),
             Span::raw(format!("  {}", model.arm)),
         ]),
         head,
@@ -46,7 +47,7 @@ pub(super) fn draw(frame: &mut Frame<'_>, model: &Model, now: Instant) {
     let keys = "q ends";
     let [left, right] =
         Layout::horizontal([Constraint::Fill(1), Constraint::Length(keys.len() as u16 + 1)]).areas(foot);
-    frame.render_widget(Line::styled(format!(" {notice}"), BAD), left);
+    frame.render_widget(Line::styled(format!(" {}", escaped(&notice)), BAD), left);
     frame.render_widget(Line::styled(keys, DIM), right);
 
     let width = usize::from(body.width);
@@ -155,9 +156,9 @@ fn calls(model: &Model, now: Instant) -> Part {
 
 /// The adapter: its latencies, and each counter that is not zero.
 fn adapter(adapter: &Adapter, width: usize) -> Part {
-    let mut lines = vec![Line::from(vec![name("adapter"), Span::raw(adapter.name.clone())])];
+    let mut lines = vec![Line::from(vec![name("adapter"), Span::raw(escaped(&adapter.name))])];
     match &adapter.told {
-        Err(problem) => lines.push(Line::styled(problem.clone(), BAD)),
+        Err(problem) => lines.push(Line::styled(escaped(problem), BAD)),
         Ok((counters, latencies)) => {
             for (what, _, histogram) in histograms(latencies) {
                 if let [Some(half), Some(most), Some(all)] = [50, 99, 100].map(|percent| percentile(histogram, percent))

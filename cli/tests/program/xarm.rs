@@ -226,6 +226,28 @@ fn monitor_shows_what_it_does_not_understand_as_it_is() {
 }
 
 #[test]
+fn text_of_an_arm_is_escaped() {
+    let hostile = |ask: Ask<'_>| match ask {
+        Ask::ReadVersion => {
+            let text = VersionText(b"6,9,\x1b[2J,AC1300,v1.12.10");
+            Some((State::OK, Reply::Version(text)))
+        }
+        ask => arm(ask),
+    };
+    for args in [
+        &["call", "xarm", "HOST", "version"][..],
+        &["call", "--json", "xarm", "HOST", "version"],
+        &["info", "--arm", "xarm", "HOST"],
+    ] {
+        let out = stdout(run_against(args, |stream| answer(stream, hostile)));
+        assert!(
+            !out.contains('\x1b') && out.contains("1b") && out.contains("[2J"),
+            "{out}"
+        );
+    }
+}
+
+#[test]
 fn an_arm_that_refuses_says_so() {
     let line = failure(&with_arm(&["call", "xarm", "HOST", "raw", "19", "01"]));
     assert!(
