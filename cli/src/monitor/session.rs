@@ -130,12 +130,13 @@ impl<'a> Session<'a> {
 
     /// Tells the user something that is not in the data.
     pub(super) fn tell(&mut self, text: String) -> Result<(), Error> {
-        if self.output.is_none() {
+        let now = self.now();
+        let Some(output) = &mut self.output else {
             complain(&text);
             return Ok(());
-        }
-        self.model.notify(self.now(), text);
-        self.show(Step::Notice, Duration::ZERO).map(drop)
+        };
+        self.model.notify(now, text);
+        output.show(&self.model, now, Step::Notice)
     }
 
     /// Gives the terminal back, and leaves there what was learnt, in place of the screen.
@@ -269,7 +270,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn readings_are_at_multiples_of_the_period_and_none_is_made_up_for() {
+    fn missed_readings_are_not_made_up_for() {
         let wait = |micros| until_next(time::Instant::from_micros(micros), 20).as_micros();
         assert_eq!(
             [0, 1, 49_999, 50_000, 170_000].map(wait),
@@ -278,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_done_now_and_then_is_not_made_up_for_either() {
+    fn missed_timers_are_not_made_up_for() {
         let mut watched = Timer::new(time::Duration::from_micros(100));
         let due = [0, 99, 100, 350, 440, 450].map(|now| watched.is_due(time::Instant::from_micros(now)));
         assert_eq!(due, [true, false, true, true, false, true]);

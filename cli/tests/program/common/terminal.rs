@@ -69,7 +69,7 @@ impl Terminal {
 
     pub(crate) fn finish(&mut self, mut child: Child) -> Output {
         // The terminal's buffer must not be what the program waits for.
-        while !self.wait_for("no such text", &mut child) && child.try_wait().unwrap().is_none() {}
+        self.wait_for("no such text", &mut child);
         finish(child)
     }
 }
