@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn an_adapter_on_can_is_where_its_configuration_says() {
+    fn configuration_moves_an_adapter_on_can() {
         let can = Can {
             node: Node::MAX,
             bit_rate: 250_000,

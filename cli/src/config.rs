@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn the_document_has_every_setting_of_can_and_what_it_is_from_the_factory() {
+    fn document_has_every_can_setting_and_its_default() {
         const DOCUMENT: &str = include_str!("../../docs/can.md");
         let shown = show(&Config::default());
         for (name, value) in shown.lines().filter_map(|line| line.split_once('=')) {
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn every_setting_is_shown_and_has_a_line_of_its_own() {
+    fn every_setting_has_a_line() {
         let (usual, unusual) = (show(&Config::default()), show(&UNUSUAL));
         assert_eq!(usual.lines().count(), KEYS.len());
         assert!(
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_set_is_told_with_what_can() {
+    fn refused_settings_come_with_allowed_values() {
         for (text, told) in [
             (
                 "speed=3",

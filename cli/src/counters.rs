@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_histogram_shows_what_is_in_it_and_the_rare_too() {
+    fn histogram_shows_rare_buckets_too() {
         let mut histogram = Histogram::default();
         histogram.counts[8] = 1_000_000;
         histogram.counts[15] = 1;

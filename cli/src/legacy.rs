@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn what_talks_as_the_older_generation_is_sent_nothing_however_late_it_is_listened_to() {
+    fn legacy_arm_is_sent_nothing() {
         let now = Instant::now();
         for begun in [now, now.checked_sub(LISTEN).unwrap()] {
             let sent = &Cell::new(0);
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn what_talks_as_the_older_generation_after_the_first_request_is_sent_no_other() {
+    fn late_legacy_arm_is_sent_nothing_more() {
         let sent = &Cell::new(0);
         let line = Talker { sent, silent_until: 1 };
         let line = Listened::new(line, Instant::now()).unwrap();

@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unacceptable_answer_ends_the_call_at_once_with_the_reason() {
+    fn unacceptable_answer_ends_the_call_with_its_reason() {
         let mut arm = Answering::new(unknown_stroke);
         let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
         let problem = link.call(&Request::ReadStroke, drop).unwrap_err();
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_that_waits_on_the_line_is_not_taken_for_that_to_the_next_request() {
+    fn stale_answer_is_not_taken_for_the_next() {
         let mut arm = Answering::new(joints);
         let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
         for _ in 0..3 {

@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_alone_is_a_control_port_where_only_that_can_stand() {
+    fn bare_path_is_a_control_port_for_control() {
         let control = Ok(Port::Control("/tmp/control".to_owned()));
         assert_eq!(Port::of_control("/tmp/control"), control);
         assert_eq!(Port::of_control("control:/tmp/control"), control);

@@ -206,7 +206,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_host_may_have_a_port_and_be_an_address() {
+    fn hosts_are_names_or_addresses_with_ports() {
         for (text, shown) in [
             ("192.168.1.10", "192.168.1.10:502"),
             ("arm.local:15020", "arm.local:15020"),

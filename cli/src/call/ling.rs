@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_out_of_range_is_told_in_the_unit_in_which_it_was_typed() {
+    fn range_errors_are_in_the_typed_unit() {
         assert_eq!(
             positions("0,0,0,0,0,200").unwrap_err(),
             "joint angle is 200 degrees, must be -180..=179.91211"

@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn what_came_behind_an_error_frame_is_heard_without_a_wait() {
+    fn data_behind_an_error_frame_arrives_at_once() {
         let (mut bus, interface) = bus();
         let data = CanDataFrame::new(StandardId::new(0x123).unwrap(), &[1, 2]).unwrap();
         interface.write_frame(&bus_off()).unwrap();

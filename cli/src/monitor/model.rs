@@ -260,7 +260,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_rate_is_that_of_late_and_falls_to_nothing_in_silence() {
+    fn rate_is_recent_and_falls_to_zero() {
         let mut model = Model::default();
         let at = Instant::from_millis;
         assert_eq!(model.achieved(at(0)), 0.0);
@@ -282,7 +282,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn call_times_are_of_all_calls_and_the_median_of_the_last() {
+    fn call_times_have_extremes_and_recent_median() {
         let mut model = Model::default();
         assert_eq!(model.call_times(), None);
         model.read(latest(0, 100, &[]));
@@ -299,7 +299,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_point_of_the_past_is_the_last_reading_of_its_step_and_silence_is_empty() {
+    fn history_keeps_the_last_reading_of_each_step() {
         let mut model = Model::default();
         for (millis, radians) in [(0, 0.0), (50, 0.1), (100, 0.2), (130, 0.3), (420, 0.4)] {
             model.read(latest(millis, 900, &[Some(radians), None]));
@@ -318,7 +318,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn an_arm_that_does_not_answer_is_counted_and_what_it_said_is_kept() {
+    fn timeouts_are_counted_and_keep_the_reading() {
         let mut model = Model::new("COM3");
         model.asked += 1;
         model.read(latest(0, 900, &[Some(1.0)]));

@@ -181,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn q_escape_and_ctrl_c_end_it_and_no_other_key() {
+    fn only_q_escape_and_ctrl_c_end_it() {
         let none = KeyModifiers::NONE;
         assert!(is_end(KeyCode::Char('q'), none) && is_end(KeyCode::Esc, none));
         assert!(is_end(KeyCode::Char('c'), KeyModifiers::CONTROL));

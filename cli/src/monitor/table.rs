@@ -74,7 +74,7 @@ mod tests {
     use crate::monitor::model::tests::latest;
 
     #[test]
-    fn a_reading_is_a_row_with_units_and_null_for_what_is_missing() {
+    fn row_has_units_and_null_for_missing_values() {
         let mut model = Model::new("COM3");
         model.servos = 3;
         model.celsius = vec![31, 30];
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_did_not_answer_is_a_row_of_the_same_columns_with_nothing_in_it() {
+    fn timeout_is_an_empty_row_of_same_columns() {
         let mut model = Model::new("COM3");
         model.servos = 1;
         model.celsius = vec![31];

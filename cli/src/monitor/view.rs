@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_screen_has_no_sparklines_and_the_words_are_whole() {
+    fn narrow_screen_has_no_sparklines() {
         let screen = screen(&model(), 40, 24);
         assert_shown(
             &screen,
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn a_low_screen_has_no_frames_and_tells_what_it_hides() {
+    fn low_screen_counts_its_hidden_lines() {
         let mut model = model();
         model.adapter = Some(told());
         let screen = screen(&model, 80, 10);
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_that_is_only_heard_has_no_calls() {
+    fn heard_arm_has_no_calls() {
         let mut model = Model::new("control:/tmp/control");
         model.watch("a Ling arm", 10, None);
         assert_shown(
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sparkline_reaches_from_the_least_to_the_greatest_and_a_tremor_is_flat() {
+    fn sparkline_spans_the_range_and_flattens_tremor() {
         assert_eq!(sparkline(&[Some(2.0), Some(1.0), None, Some(0.0)]), "▁ ▅█");
         assert_eq!(sparkline(&[Some(0.001), Some(0.0)]), "▄▅");
         assert_eq!(sparkline(&[Some(f64::NAN), None]), "  ");

@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_port_that_cannot_be_bound_comes_with_advice() {
+    fn bind_errors_come_with_advice() {
         let advice = |address: &str, kind: ErrorKind| {
             let (address, error) = (address.parse().unwrap(), kind.into());
             advice(&BindError { address, error }).to_string()

@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_in_one_or_two_pieces_is_an_image() {
+    fn one_or_two_pieces_are_an_image() {
         let (program, board) = (start(), "board".to_owned());
         assert_eq!(parse(&file(&[(FLASH, &program)])).map(|image| image.len), Ok(64));
         let image = parse(&file(&[(FLASH, &program), (0x0800_C000, &[1; 100])]));
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn no_bit_of_a_file_can_change_unseen_nor_its_end_be_lost() {
+    fn every_damaged_or_shortened_file_is_refused() {
         let good = file(&[(FLASH, &start())]);
         for bit in 0..8 * good.len() {
             let mut bad = good.clone();

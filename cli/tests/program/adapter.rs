@@ -55,14 +55,14 @@ fn info_tells_the_adapter_and_the_arm() {
 }
 
 #[test]
-fn a_control_port_that_is_named_is_used_by_info_or_it_is_an_error() {
+fn info_uses_the_named_control_port_or_fails() {
     let board = Board::start("named");
     let out = expect_control(&board, &["info", &board.port]);
     assert!(out.starts_with("adapter      virtual, "), "{out}");
 }
 
 #[test]
-fn a_control_port_that_is_named_is_used_by_monitor_or_it_is_an_error() {
+fn monitor_uses_the_named_control_port_or_fails() {
     let board = Board::start("named-too");
     expect_control(&board, &["monitor", &board.port, "--count", "1"]);
 }
@@ -134,7 +134,7 @@ fn a_configuration_is_json_for_programs() {
 }
 
 #[test]
-fn what_an_adapter_cannot_be_it_says_in_words_and_stays_as_it_is() {
+fn refused_configuration_is_told_and_changes_nothing() {
     let board = Board::start("refused");
     let set = |setting: &str| failure(&run(&["config", &board.control, "set", setting]));
     for (setting, words) in [
@@ -214,7 +214,7 @@ fn the_line_is_held_until_hold_is_interrupted() {
 }
 
 #[test]
-fn a_held_line_is_told_by_info_config_and_counters() {
+fn info_config_and_counters_report_a_held_line() {
     let board = Board::start("held");
     let mut hold = start(Command::new(PROGRAM).args(["hold", &board.control]));
     BufReader::new(hold.stdout.take().unwrap())
@@ -234,7 +234,7 @@ fn a_held_line_is_told_by_info_config_and_counters() {
 }
 
 #[test]
-fn monitor_shows_what_the_adapter_hears_with_the_adapters_time() {
+fn monitor_shows_the_adapters_readings_and_time() {
     let board = Board::start("heard");
     success(&["config", &board.control, "set", "poll=100"]);
     let out = success(&["monitor", &board.control, "--from-adapter", "--json", "--count", "5"]);
@@ -252,7 +252,7 @@ fn monitor_shows_what_the_adapter_hears_with_the_adapters_time() {
 }
 
 #[test]
-fn monitor_tells_when_the_adapter_hears_nothing_by_itself() {
+fn monitor_tells_that_the_adapter_does_not_poll() {
     let board = Board::start("hint");
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", &board.control, "--from-adapter", "--count", "1"]));
     // Somebody else asks, until the monitor has heard of it.
@@ -348,7 +348,7 @@ fn update(board: &Board, image: &Path, folder: &Path) -> Output {
 }
 
 #[test]
-fn an_update_goes_through_the_boot_loader_and_tells_what_runs_then() {
+fn update_runs_through_the_boot_loader() {
     let board = Board::start("update");
     let folder = tools("update", &board.boot_loader, 0);
     let file = folder.join("new.dfu");
@@ -374,7 +374,7 @@ fn an_update_goes_through_the_boot_loader_and_tells_what_runs_then() {
 }
 
 #[test]
-fn nothing_is_restarted_for_an_image_that_is_none_or_another_boards() {
+fn unfit_image_restarts_nothing() {
     let board = Board::start("bad-image");
     let folder = tools("bad-image", &board.boot_loader, 0);
     let file = folder.join("new.dfu");
@@ -403,7 +403,7 @@ fn nothing_is_restarted_for_an_image_that_is_none_or_another_boards() {
 }
 
 #[test]
-fn a_board_that_is_in_its_boot_loader_already_is_not_overwritten_by_chance() {
+fn board_in_its_boot_loader_is_not_overwritten() {
     let board = Board::start("already");
     let folder = tools("already", &board.boot_loader, 0);
     let file = folder.join("new.dfu");
@@ -419,7 +419,7 @@ fn a_board_that_is_in_its_boot_loader_already_is_not_overwritten_by_chance() {
 }
 
 #[test]
-fn a_failure_of_dfu_util_is_told_with_the_way_on() {
+fn dfu_util_failure_is_told_with_next_steps() {
     let board = Board::start("fails");
     let folder = tools("fails", &board.boot_loader, 74);
     let file = folder.join("new.dfu");
@@ -434,7 +434,7 @@ fn a_failure_of_dfu_util_is_told_with_the_way_on() {
 }
 
 #[test]
-fn without_a_dfu_util_that_runs_nothing_is_restarted() {
+fn missing_dfu_util_restarts_nothing() {
     let board = Board::start("without");
     let folder = tools("without", &board.boot_loader, 0);
     let file = folder.join("new.dfu");

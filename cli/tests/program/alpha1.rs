@@ -91,7 +91,7 @@ fn a_virtual_robot_does_what_it_is_asked() {
 }
 
 #[test]
-fn frames_may_come_in_pieces_and_in_bursts_from_one_program_after_another() {
+fn frames_may_come_in_pieces_and_bursts() {
     let arm = Arm::start("alpha1", "alpha1-pieces", &[]);
     let firmware = [0xF5, 0x5F, 0x01, 0, 0, 0, 0, 0, 0x01, 0xED];
     for cut in 1..STOP.len() {
@@ -132,7 +132,7 @@ fn with_hid_answers_are_reports_of_64_bytes() {
 }
 
 #[test]
-fn a_virtual_servo_bus_has_the_servos_it_is_given_and_no_robot() {
+fn servo_bus_has_its_servos_and_no_robot() {
     let arm = Arm::start("alpha1-servo", "servo-ids", &["--ids", "3,7-9"]);
     assert_eq!(call(&arm, "servo version 8"), "servo 8: version 41 16 51 01\n");
     assert_eq!(
@@ -149,7 +149,7 @@ fn a_virtual_servo_bus_has_the_servos_it_is_given_and_no_robot() {
 }
 
 #[test]
-fn a_servo_bus_of_a_single_wire_gives_every_byte_back() {
+fn single_wire_bus_echoes_every_byte() {
     let arm = Arm::start("alpha1-servo", "servo-echo", &["--echo", "--turnaround-us", "400"]);
     let mut port = open(&arm);
     let request = [0xFA, 0xAF, 0x01, 0x01, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED];
@@ -175,7 +175,7 @@ fn damaged_answers_are_asked_for_again() {
 }
 
 #[test]
-fn they_end_cleanly_on_ctrl_c_and_on_terminate() {
+fn they_end_cleanly_on_signals() {
     for (kind, signal) in [("alpha1", Signal::INT), ("alpha1-servo", Signal::TERM)] {
         let arm = Arm::start(kind, "alpha1-end", &[]);
         call(&arm, "servo version 1");
@@ -207,7 +207,7 @@ fn they_do_not_replace_a_file() {
 }
 
 #[test]
-fn wrong_values_are_refused_with_what_they_may_be() {
+fn wrong_values_are_refused_with_their_range() {
     for (args, message) in [
         (&["alpha1", "--firmware", "2016"][..], "it has 4 bytes, not 10"),
         (

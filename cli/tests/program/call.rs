@@ -3,7 +3,7 @@
 use crate::common::{Arm, NO_ANSWER, again_while, failure, run, run_against, success, usage};
 
 #[test]
-fn each_request_of_a_ling_arm_can_be_made() {
+fn ling_requests_can_all_be_made() {
     let arm = Arm::start("ling", "call", &["--serial", "ADFS990101000001"]);
     let call = |args: &str| {
         let args: Vec<_> = ["call", "ling", &arm.port].into_iter().chain(args.split(' ')).collect();
@@ -43,7 +43,7 @@ fn each_request_of_a_ling_arm_can_be_made() {
 }
 
 #[test]
-fn an_arm_that_is_told_to_move_gets_there() {
+fn moved_arm_gets_there() {
     let arm = Arm::start("ling", "move", &[]);
     let joints = ["call", "ling", &arm.port, "read-joints"];
     let target = "-45,0,90,0,0,-0.1";
@@ -75,7 +75,7 @@ fn an_arm_that_is_told_to_move_gets_there() {
 }
 
 #[test]
-fn what_is_out_of_range_never_leaves_the_command_line() {
+fn out_of_range_ling_values_are_never_sent() {
     for (args, error) in [
         (
             &["move", "--joints", "0,0,0,0,0,180", "--speed", "20", "--gripper", "50"][..],
@@ -249,7 +249,7 @@ fn each_request_of_an_alpha1_can_be_made() {
 }
 
 #[test]
-fn a_robot_or_a_servo_that_fails_says_so() {
+fn failed_robot_and_servo_say_so() {
     for (args, answer, error) in [
         (
             &["play", "x"][..],
@@ -274,7 +274,7 @@ fn a_robot_or_a_servo_that_fails_says_so() {
 }
 
 #[test]
-fn what_an_alpha1_cannot_be_told_never_leaves_the_command_line() {
+fn out_of_range_alpha1_values_are_never_sent() {
     let (name, angles) = ("x".repeat(255), ["90"; 21].join(","));
     let act = |angles, time, interval| ["act", "--angles", angles, "--time", time, "--interval", interval];
     for (args, error) in [
@@ -318,7 +318,7 @@ fn what_an_alpha1_cannot_be_told_never_leaves_the_command_line() {
 }
 
 #[test]
-fn info_does_not_say_that_a_robot_is_there_before_it_answers() {
+fn info_names_no_robot_before_it_answers() {
     let output = run_against(&["info", "--arm", "alpha1", "PORT"], |_, _, _| {});
     assert!(
         failure(&output).contains("no answer in") && output.stdout.is_empty(),
@@ -327,7 +327,7 @@ fn info_does_not_say_that_a_robot_is_there_before_it_answers() {
 }
 
 #[test]
-fn monitor_of_an_alpha1_asks_for_nothing_but_which_servos_run() {
+fn alpha1_monitor_only_asks_for_servo_states() {
     let request = [0xEF, 0xFE, 0, 0, 0, 0, 0, 0, 0, 0xED];
     let args = ["monitor", "--arm", "alpha1", "PORT", "--rate", "100", "--count", "3"];
     let output = again_while(NO_ANSWER, || {
@@ -346,7 +346,7 @@ fn monitor_of_an_alpha1_asks_for_nothing_but_which_servos_run() {
 }
 
 #[test]
-fn a_request_that_there_is_not_is_told_with_those_there_are() {
+fn unknown_request_comes_with_the_known_ones() {
     for (arm, wrong, names) in [
         ("ling", "joints", "read-info, set-zero, set-stroke"),
         ("alpha1", "dance", "hardware-version, servo-states, stop"),

@@ -41,7 +41,7 @@ fn a_node_needs_no_bit_rate() {
 }
 
 #[test]
-fn a_call_in_many_frames_reaches_the_arm_and_its_answer_comes_back() {
+fn call_in_many_frames_reaches_the_arm() {
     let bus = CanBus::start();
     let moved = success(&[
         "call",
@@ -73,7 +73,7 @@ fn monitor_reads_over_can() {
 }
 
 #[test]
-fn a_wrong_bit_rate_is_told_with_what_the_can_adapter_tells() {
+fn wrong_bit_rate_is_told_with_adapter_status() {
     let bus = CanBus::start();
     let port = format!("slcan:{}@1000000/{NODE}", bus.path);
     let line = failure(&run(&["call", "ling", &port, "read-joints"]));
@@ -86,7 +86,7 @@ fn a_wrong_bit_rate_is_told_with_what_the_can_adapter_tells() {
 }
 
 #[test]
-fn a_request_of_many_frames_that_nobody_takes_is_told_at_once() {
+fn unacknowledged_request_is_told_at_once() {
     let bus = CanBus::start();
     let port = format!("slcan:{}@{BIT_RATE}/4", bus.path);
     let line = failure(&run(&[
@@ -106,7 +106,7 @@ fn a_request_of_many_frames_that_nobody_takes_is_told_at_once() {
 }
 
 #[test]
-fn an_adapter_that_is_not_there_does_not_answer() {
+fn missing_adapter_does_not_answer() {
     let bus = CanBus::start();
     let port = format!("slcan:{}@{BIT_RATE}/4", bus.path);
     let line = failure(&run(&["info", &port]));
@@ -117,7 +117,7 @@ fn an_adapter_that_is_not_there_does_not_answer() {
 }
 
 #[test]
-fn a_held_line_is_why_can_gets_no_answer() {
+fn held_line_explains_silence_on_can() {
     let bus = CanBus::start();
     bus.is_held.store(true, Ordering::Relaxed);
     let line = failure(&run(&["call", "ling", &port(&bus), "read-joints"]));

@@ -1,5 +1,5 @@
 //! The built program against Ling arms of the older generation: it names them and shows their joints. That it sends
-//! them nothing is tested where no time passes, in `older.rs`.
+//! them nothing is tested where no time passes, in `src/legacy.rs`.
 
 use std::fs;
 
@@ -34,7 +34,7 @@ fn older(joint: u16) -> Vec<u8> {
 }
 
 #[test]
-fn an_arm_of_the_older_generation_is_named() {
+fn legacy_arm_is_named() {
     let arm = Arm::start("ling", "older", &["--older"]);
     for args in [&["info", &arm.port][..], &["call", "ling", &arm.port, "read-joints"]] {
         let line = failure(&again_while(NO_ANSWER, || run(args)));
@@ -50,7 +50,7 @@ fn an_arm_of_the_older_generation_is_named() {
 }
 
 #[test]
-fn monitor_shows_the_joints_of_an_arm_of_the_older_generation() {
+fn monitor_shows_joints_of_a_legacy_arm() {
     let arm = Arm::start("ling", "older-monitor", &["--older"]);
     let args = ["monitor", &arm.port, "--rate", "100", "--count", "5"];
     let output = again_while(NO_ANSWER, || again_while(STOPPED, || run(&args)));
@@ -71,7 +71,7 @@ fn monitor_shows_the_joints_of_an_arm_of_the_older_generation() {
 }
 
 #[test]
-fn an_arm_of_the_older_generation_that_speaks_up_late_is_named_too() {
+fn late_legacy_arm_is_named_too() {
     let output = again_while(NO_ANSWER, || {
         run_against(&["info", "PORT"], |_, pty, _| {
             pty.write(&older(2048).repeat(2)).unwrap();
@@ -82,7 +82,7 @@ fn an_arm_of_the_older_generation_that_speaks_up_late_is_named_too() {
 }
 
 #[test]
-fn monitor_tells_when_an_arm_of_the_older_generation_falls_silent() {
+fn monitor_tells_when_a_legacy_arm_falls_silent() {
     let output = again_while(NO_ANSWER, || {
         run_against(&["monitor", "PORT", "--rate", "1000"], |_, pty, _| {
             pty.write(&older(2048).repeat(2)).unwrap();
@@ -98,7 +98,7 @@ fn monitor_tells_when_an_arm_of_the_older_generation_falls_silent() {
 }
 
 #[test]
-fn decode_names_a_recording_of_the_older_generation_and_reads_it() {
+fn decode_names_and_reads_a_legacy_recording() {
     let path = free_path("older-recording");
     fs::write(&path, [&[0x08, 0xFF][..], &older(3072), &older(1024)].concat()).unwrap();
     let out = success(&["decode", path.to_str().unwrap()]);
@@ -121,7 +121,7 @@ fn decode_names_a_recording_of_the_older_generation_and_reads_it() {
 }
 
 #[test]
-fn an_older_arm_has_none_of_the_settings_of_a_current_one() {
+fn virtual_legacy_arm_has_no_current_settings() {
     for setting in [&["--leader"][..], &["--stroke", "100"], &["--echo"]] {
         let error = usage(&[&["sim", "ling", "--older"], setting].concat());
         assert!(error.contains("cannot be used with"), "{error}");

@@ -58,7 +58,7 @@ fn info_is_json_for_programs() {
 }
 
 #[test]
-fn info_of_an_adapter_is_json_with_its_configuration() {
+fn info_json_has_the_adapters_configuration() {
     let board = crate::common::board::Board::start("info-json");
     let output = again_while(NO_ANSWER, || {
         run(&["info", "--json", &board.port, "--control", &board.control])

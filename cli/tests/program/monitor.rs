@@ -17,7 +17,7 @@ fn rows(out: &str) -> Vec<serde_json::Value> {
 }
 
 #[test]
-fn csv_has_units_in_its_names_and_a_field_for_each() {
+fn csv_names_have_units() {
     let arm = Arm::start("ling", "csv", &[]);
     let out = success(&["monitor", &arm.port, "--rate", "200", "--csv", "--count", "3"]);
     let lines: Vec<_> = out.lines().collect();
@@ -67,7 +67,7 @@ fn what_an_arm_does_not_have_is_null() {
 }
 
 #[test]
-fn an_arm_of_the_older_generation_has_its_own_columns() {
+fn legacy_arm_has_its_own_columns() {
     let arm = Arm::start("ling", "json-older", &["--older"]);
     let args = ["monitor", &arm.port, "--json", "--count", "1"];
     let output = again_while(NO_ANSWER, || again_while("has stopped talking", || run(&args)));
@@ -112,7 +112,7 @@ fn watched(terminal: &mut Terminal, args: &[&str], text: &str) -> Child {
 }
 
 #[test]
-fn on_a_terminal_the_whole_screen_shows_the_arm_until_a_key_ends_it() {
+fn screen_shows_the_arm_until_a_key() {
     let arm = Arm::start("ling", "screen", &[]);
     for key in ["q", "\x1b", "\x03"] {
         let mut terminal = Terminal::new(100, 30);
@@ -155,7 +155,7 @@ fn the_screen_leaves_a_summary() {
 }
 
 #[test]
-fn a_port_that_goes_away_is_waited_for() {
+fn monitor_waits_for_a_lost_port() {
     let arm = Arm::start("ling", "gone", &[]);
     let port = arm.port.clone();
     let mut monitor = start(Command::new(PROGRAM).args(["monitor", &port, "--json"]));
@@ -188,7 +188,7 @@ fn a_port_that_goes_away_is_waited_for() {
 }
 
 #[test]
-fn a_screen_waits_for_a_port_that_is_gone() {
+fn screen_waits_for_a_lost_port() {
     let arm = Arm::start("ling", "gone-screen", &[]);
     let mut terminal = Terminal::new(200, 24);
     let mut child = watched(&mut terminal, &["monitor", &arm.port], "q ends");
@@ -229,7 +229,7 @@ fn noise_alone_is_shown() {
 }
 
 #[test]
-fn no_screen_is_taken_for_an_arm_that_does_not_answer() {
+fn silent_arm_takes_no_screen() {
     let silent = Pty::open(None).unwrap();
     let mut terminal = Terminal::new(80, 24);
     let child = terminal.start(&["monitor", silent.path().to_str().unwrap()]);

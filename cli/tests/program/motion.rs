@@ -11,7 +11,7 @@ fn to<'a>(port: &'a str, joints: &'a str, speed: &'a str) -> Vec<&'a str> {
 }
 
 #[test]
-fn a_move_that_is_waited_for_is_there_at_its_end() {
+fn awaited_move_ends_at_its_target() {
     let arm = Arm::start("ling", "move-wait", &[]);
     let out = success(&[&to(&arm.port, "0,10,0,0,0,-20", "400")[..], &["--wait"]].concat());
     assert!(out.starts_with("there: joints: "), "{out}");
@@ -23,7 +23,7 @@ fn a_move_that_is_waited_for_is_there_at_its_end() {
 }
 
 #[test]
-fn a_move_that_takes_longer_than_it_may_says_how_far_off_the_arm_is() {
+fn late_move_reports_the_distance_left() {
     let arm = Arm::start("ling", "move-late", &[]);
     let args = [&to(&arm.port, "0,170,0,0,0,0", "1")[..], &["--wait", "--timeout", "0"]].concat();
     let line = failure(&again_while(NO_ANSWER, || run(&args)));
@@ -32,7 +32,7 @@ fn a_move_that_takes_longer_than_it_may_says_how_far_off_the_arm_is() {
 }
 
 #[test]
-fn torque_is_switched_and_the_arm_tells_of_it() {
+fn torque_is_switched_and_read_back() {
     let arm = Arm::start("ling", "torque", &[]);
     let off = success(&["torque", &arm.port, "off", "--yes"]);
     assert_eq!(off, "torque off: the arm can be moved by hand (status idle)\n");

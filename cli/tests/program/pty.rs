@@ -40,7 +40,7 @@ fn joints(joint: u16, gripper: u16) -> Vec<u8> {
 }
 
 #[test]
-fn info_tells_what_arm_it_is_and_how_it_is() {
+fn info_shows_the_arm_and_its_state() {
     let arm = Arm::start("ling", "info", &["--stroke", "100", "--serial", "ADFS990101000001"]);
     let out = success(&["info", &arm.port]);
     for line in [
@@ -61,7 +61,7 @@ fn info_tells_what_arm_it_is_and_how_it_is() {
 }
 
 #[test]
-fn info_knows_a_leader_and_copes_with_an_echo_and_a_slow_arm() {
+fn info_copes_with_echo_and_a_slow_leader() {
     let arm = Arm::start("ling", "leader", &["--leader", "--echo", "--turnaround-us", "5000"]);
     let out = success(&["info", &arm.port]);
     assert!(
@@ -71,14 +71,14 @@ fn info_knows_a_leader_and_copes_with_an_echo_and_a_slow_arm() {
 }
 
 #[test]
-fn the_number_of_servos_is_that_of_the_temperatures_whatever_the_serial_number() {
+fn temperatures_decide_the_number_of_servos() {
     let arm = Arm::start("ling", "serial", &["--leader", "--serial", "ADFS990101000001"]);
     let out = success(&["info", &arm.port]);
     assert!(out.contains("all 6 servos normal"), "{out}");
 }
 
 #[test]
-fn info_asks_again_when_an_answer_is_damaged_and_tells_of_it() {
+fn info_asks_again_after_damage_and_reports_it() {
     let arm = Arm::start("ling", "damaged", &["--faults", "corrupt=5000", "--seed", "3"]);
     // How often it has to ask, and so which bytes are damaged, is up to the system too.
     assert!((0..50).any(|_| success(&["info", &arm.port]).contains("bytes were no part of a frame")));
@@ -115,7 +115,7 @@ fn monitor_goes_on_after_an_odd_reading() {
 }
 
 #[test]
-fn monitor_ends_cleanly_on_ctrl_c_while_the_arm_is_silent() {
+fn ctrl_c_ends_monitor_of_a_silent_arm() {
     let output = again_while(NO_ANSWER, || {
         run_against(&["monitor", "PORT"], |monitor, _, _| {
             // It may have given up already.
@@ -179,7 +179,7 @@ fn monitor_ends_cleanly_on_ctrl_c() {
 }
 
 #[test]
-fn a_virtual_arm_ends_cleanly_on_ctrl_c_and_on_terminate() {
+fn virtual_arm_ends_cleanly_on_signals() {
     for signal in [Signal::INT, Signal::TERM] {
         let arm = Arm::start("ling", "end", &[]);
         success(&["info", &arm.port]);
@@ -238,7 +238,7 @@ fn a_file_is_not_a_serial_port() {
 }
 
 #[test]
-fn a_port_that_another_program_has_open_is_busy() {
+fn port_of_another_program_is_busy() {
     let arm = Arm::start("ling", "busy", &[]);
     let mut info = None;
     let output = again_while(NO_ANSWER, || {
@@ -254,7 +254,7 @@ fn a_port_that_another_program_has_open_is_busy() {
 }
 
 #[test]
-fn a_port_without_permission_says_which_group_to_join() {
+fn missing_permission_names_the_group() {
     let pty = Pty::open(None).unwrap();
     let mut command;
     let mut group = "the group ".to_owned();
@@ -299,7 +299,7 @@ fn a_port_where_nobody_answers_is_silent() {
 }
 
 #[test]
-fn answers_that_are_all_damaged_are_told_as_such() {
+fn damaged_answers_are_reported_as_damaged() {
     let arm = Arm::start(
         "ling",
         "corrupt",
@@ -320,7 +320,7 @@ fn bytes_that_are_no_frames_are_shown() {
 }
 
 #[test]
-fn a_frame_that_the_protocol_does_not_know_is_named() {
+fn unknown_frame_is_named() {
     let mut out = [0; MAX_FRAME];
     let (command, function, data) = (0xEE, 0x00, &[0x01][..]);
     let n = Frame {
@@ -338,13 +338,13 @@ fn a_frame_that_the_protocol_does_not_know_is_named() {
 }
 
 #[test]
-fn requests_that_only_come_back_are_told_from_answers() {
+fn echoed_requests_are_no_answers() {
     let line = failure(&info_on_a_port_that_says(&[0xAA, 0x01, 0x00, 0x01, 0xFE, 0x23, 0xFF]));
     assert!(line.contains("only our own requests come back"), "{line}");
 }
 
 #[test]
-fn decode_reads_bytes_and_hexadecimal_text_from_a_file_or_standard_input() {
+fn decode_reads_bytes_and_hexadecimal_text() {
     let path = free_path("recording");
     let decode = |path: &Path| success(&["decode", path.to_str().unwrap()]);
     fs::write(&path, [0xAA, 0x05, 0x00, 0x01, 0x01, 0xF9, 0xFF]).unwrap();
@@ -391,7 +391,7 @@ fn run_unread(args: &[&str]) -> Output {
 }
 
 #[test]
-fn an_error_that_nobody_reads_is_an_error_like_any_other() {
+fn unread_error_still_fails() {
     assert_eq!(run_unread(&["info", "/dev/no-such-port"]).status.code(), Some(1));
 }
 

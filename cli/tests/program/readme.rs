@@ -92,7 +92,7 @@ impl Served {
 }
 
 #[test]
-fn every_command_of_the_readme_works_on_what_is_served_above_it() {
+fn readme_commands_work_on_what_is_served() {
     let mut served: Option<Served> = None;
     let (mut serves, mut calls) = (0, 0);
     for line in README.lines().filter_map(|line| line.strip_prefix("$ ")) {

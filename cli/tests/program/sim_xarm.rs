@@ -66,7 +66,7 @@ fn connect(address: &str) -> TcpStream {
 }
 
 #[test]
-fn it_says_what_it_is_and_where_what_happens_and_what_happened() {
+fn virtual_xarm_reports_its_address_and_traffic() {
     let arm = Arm::start(&[
         "--report-listen",
         "127.0.0.1:0",
@@ -110,7 +110,7 @@ fn it_says_what_it_is_and_where_what_happens_and_what_happened() {
 }
 
 #[test]
-fn it_starts_with_the_error_and_the_warning_it_is_given() {
+fn virtual_xarm_starts_with_given_error_and_warning() {
     let arm = Arm::start(&["--no-report", "--error", "2", "--warning", "13"]);
     assert!(arm.line.contains(", without reports;"), "{}", arm.line);
     let mut client = connect(arm.addresses()[0]);

@@ -45,7 +45,7 @@ fn carry(mut stream: TcpStream, mut arm: LingArm) {
 }
 
 #[test]
-fn an_arm_behind_a_server_is_like_one_on_a_port() {
+fn arm_behind_a_server_works_as_on_port() {
     let port = serve();
     for args in [
         &["info", &port][..],
@@ -58,7 +58,7 @@ fn an_arm_behind_a_server_is_like_one_on_a_port() {
 }
 
 #[test]
-fn a_server_that_is_not_there_and_an_arm_that_is_not_are_told() {
+fn missing_server_and_missing_arm_are_told() {
     // A port that was free a moment ago.
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let line = failure(&run(&["info", &format!("tcp:{free}")]));
@@ -75,7 +75,7 @@ fn a_server_that_is_not_there_and_an_arm_that_is_not_are_told() {
 }
 
 #[test]
-fn a_server_has_a_port_and_no_baud_rate() {
+fn server_has_a_port_and_no_baud() {
     assert!(usage(&["info", "tcp:localhost"]).contains("'localhost' has no port, such as localhost:4000"));
     assert!(usage(&["info", "tcp:localhost:1", "--baud", "9600"]).contains("is no serial port, which has a --baud"));
 }

@@ -112,7 +112,7 @@ fn counters_of_version_3_lack_the_last() {
 }
 
 #[test]
-fn counters_of_version_5_have_some_that_are_not_known() {
+fn unknown_counters_of_version_5_are_passed_over() {
     let text = printed(run_with(&["counters", "control:PORT"], replies(5, 58, &[])));
     assert_eq!(value(&text, "untracked_requests "), Some("1"), "{text}");
     assert_eq!(
@@ -149,7 +149,7 @@ fn an_adapter_of_version_5_says_its_version() {
 }
 
 #[test]
-fn a_reply_of_version_5_that_is_not_known_is_told() {
+fn unknown_reply_of_version_5_is_told() {
     let output = run_with(&["counters", "control:PORT"], |request| match request {
         GET_LATENCIES => vec![10, 1],
         _ => replies(5, 58, &[])(request),

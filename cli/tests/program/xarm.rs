@@ -143,7 +143,7 @@ fn requests_go_out_as_they_were_asked_for() {
 }
 
 #[test]
-fn a_request_that_there_is_not_never_leaves_the_command_line() {
+fn impossible_xarm_requests_are_never_sent() {
     let too_long = "00".repeat(MAX_PARAMS + 1);
     let too_many = format!(
         "a message has at most {MAX_PARAMS} bytes of parameters, not {}",
@@ -168,7 +168,7 @@ fn a_request_that_there_is_not_never_leaves_the_command_line() {
 }
 
 #[test]
-fn info_tells_what_arm_it_is_and_how_it_is() {
+fn info_shows_the_arm_and_its_state() {
     let out = stdout(with_arm(&["info", "--arm", "xarm", "HOST"]));
     assert_eq!(
         out.lines().collect::<Vec<_>>(),
@@ -185,7 +185,7 @@ fn info_tells_what_arm_it_is_and_how_it_is() {
 }
 
 #[test]
-fn info_goes_on_where_an_arm_refuses_or_its_version_is_a_riddle() {
+fn info_goes_on_after_refusals_and_odd_versions() {
     let output = run_against(&["info", "--arm", "xarm", "HOST"], |stream| {
         answer(stream, |ask| match ask {
             Ask::ReadVersion => {
@@ -202,7 +202,7 @@ fn info_goes_on_where_an_arm_refuses_or_its_version_is_a_riddle() {
 }
 
 #[test]
-fn monitor_shows_as_many_joints_as_the_arm_has() {
+fn monitor_shows_the_joints_the_arm_has() {
     let output = with_arm(&["monitor", "--arm", "xarm", "HOST", "--rate", "1000", "--count", "3"]);
     let out = stdout(output);
     assert_eq!(out.lines().count(), 3);
@@ -214,7 +214,7 @@ fn monitor_shows_as_many_joints_as_the_arm_has() {
 }
 
 #[test]
-fn monitor_shows_what_it_does_not_understand_as_it_is() {
+fn monitor_shows_unknown_answers_as_bytes() {
     let output = run_against(&["monitor", "--arm", "xarm", "HOST", "--count", "1"], |stream| {
         answer(stream, |ask| match ask {
             Ask::Raw(_) => Some((State::OK, Reply::Raw(Raw::new(42, &[1, 2, 3]).unwrap()))),
@@ -282,7 +282,7 @@ fn an_arm_that_does_not_answer_is_silent() {
 }
 
 #[test]
-fn a_stream_that_is_no_xarms_is_broken_and_says_where() {
+fn foreign_stream_is_broken_at_its_offset() {
     let line = failure(&run_against(&["info", "--arm", "xarm", "HOST"], |mut stream| {
         stream.write_all(b"SSH-2.0-OpenSSH\r\n").unwrap();
         answer(stream, |_| None);
@@ -294,7 +294,7 @@ fn a_stream_that_is_no_xarms_is_broken_and_says_where() {
 }
 
 #[test]
-fn a_frame_too_short_for_an_answer_is_passed_over() {
+fn short_frame_is_passed_over() {
     let line = failure(&run_against(&["call", "xarm", "HOST", "version"], |mut stream| {
         stream.write_all(&[0, 1, 0, 2, 0, 0]).unwrap();
         answer(stream, |_| None);
@@ -431,7 +431,7 @@ fn decode_stops_where_a_stream_breaks() {
 }
 
 #[test]
-fn each_frame_that_decode_shows_is_what_was_encoded() {
+fn decode_shows_what_was_encoded() {
     let path = free_path("frame");
     std::fs::write(&path, b"\xBE\xEF\0\x02\0\x06\x06\x10\0\0\x98\x42").unwrap();
     let printed = success(&["decode", "--arm", "xarm", "--from", "arm", path.to_str().unwrap()]);
