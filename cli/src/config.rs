@@ -1,7 +1,5 @@
 //! `armwire config`: what an adapter is told to be.
 
-use std::str::FromStr;
-
 use armwire_bridge::can::Node;
 use armwire_bridge::config::{ArmKind, Config, Poll};
 use armwire_bridge::control::{Reply, Request};
@@ -49,141 +47,134 @@ enum Action {
 /// One setting of an adapter.
 struct Key {
     name: &'static str,
-    /// What it is, and which values there are.
+    /// What it is.
     help: &'static str,
-    get: fn(&Config) -> Value,
-    set: fn(&mut Config, &str) -> Result<(), String>,
+    /// Which values there are.
+    values: &'static str,
+    /// Where it is in a configuration.
+    field: fn(&mut Config) -> Field<'_>,
 }
 
 /// All settings.
 static KEYS: [Key; 11] = [
     Key {
         name: "arm",
-        help: "what hangs on the UART: ling, alpha1, alpha1-servo or raw",
-        get: |config| json!(config.arm.name()),
-        set: |config, text| {
-            let kind = ArmKind::ALL.into_iter().find(|kind| kind.name() == text);
-            config.arm = kind.ok_or_else(|| "ling, alpha1, alpha1-servo or raw".to_owned())?;
-            Ok(())
-        },
+        help: "what hangs on the UART",
+        values: "ling, alpha1, alpha1-servo or raw",
+        field: |config| Field::Arm(&mut config.arm),
     },
     Key {
         name: "poll",
-        help: "how often the adapter asks the arm by itself: off, fastest, or a rate in hertz, 1 to 1000",
-        get: |config| match config.poll {
-            Poll::Off => json!("off"),
-            Poll::Fastest => json!("fastest"),
-            Poll::Hertz(hertz) => json!(hertz),
-        },
-        set: |config, text| {
-            config.poll = match text {
-                "off" => Poll::Off,
-                "fastest" => Poll::Fastest,
-                rate => Poll::Hertz(
-                    rate.parse()
-                        .map_err(|_| "off, fastest, or a rate in hertz, 1 to 1000")?,
-                ),
-            };
-            Ok(())
-        },
+        help: "how often the adapter asks the arm by itself",
+        values: "off, fastest, or a rate in hertz, 1 to 1000",
+        field: |config| Field::Poll(&mut config.poll),
     },
     Key {
         name: "can.node",
-        help: "which of the adapters on the bus this one is: 0 to 15",
-        get: |config| json!(config.can.node.get()),
-        set: |config, text| {
-            let node = number(text, "a node id, 0 to 15")?;
-            config.can.node = Node::new(node).map_err(|_| "a node id, 0 to 15")?;
-            Ok(())
-        },
+        help: "which of the adapters on the bus this one is",
+        values: "a node id, 0 to 15",
+        field: |config| Field::Node(&mut config.can.node),
     },
     Key {
         name: "can.bit-rate",
-        help: "in bits per second: 125000, 250000, 500000 or 1000000",
-        get: |config| json!(config.can.bit_rate),
-        set: |config, text| {
-            config.can.bit_rate = number(text, "a number of bits per second")?;
-            Ok(())
-        },
+        help: "the bit rate of the bus",
+        values: "a number of bits per second: 125000, 250000, 500000 or 1000000",
+        field: |config| Field::Long(&mut config.can.bit_rate),
     },
     Key {
         name: "can.data-bit-rate",
-        help: "CAN FD, on boards that have it, with its data phase in bits per second: off, 1000000, 2000000, 4000000 \
-               or 5000000",
-        get: |config| config.can.data_bit_rate.map_or(json!("off"), |rate| json!(rate)),
-        set: |config, text| {
-            config.can.data_bit_rate = match text {
-                "off" => None,
-                rate => Some(number(rate, "off, or a number of bits per second")?),
-            };
-            Ok(())
-        },
+        help: "CAN FD, on boards that have it, and the bit rate of its data phase",
+        values: "off, or a number of bits per second: 1000000, 2000000, 4000000, 5000000",
+        field: |config| Field::DataBitRate(&mut config.can.data_bit_rate),
     },
     Key {
         name: "can.telemetry-hz",
-        help: "how often the arm's newest state goes out in cyclic frames: 0 for never, up to 1000",
-        get: |config| json!(config.can.telemetry_hz),
-        set: |config, text| {
-            config.can.telemetry_hz = number(text, "a rate in hertz, 0 for never")?;
-            Ok(())
-        },
+        help: "how often the arm's newest state goes out in cyclic frames",
+        values: "a rate in hertz, 0 for never, up to 1000",
+        field: |config| Field::Short(&mut config.can.telemetry_hz),
     },
     Key {
         name: "can.commands",
-        help: "whether cyclic command frames move the arm: on or off",
-        get: |config| json!(config.can.commands),
-        set: |config, text| {
-            config.can.commands = switch(text)?;
-            Ok(())
-        },
+        help: "whether cyclic command frames move the arm",
+        values: "on or off",
+        field: |config| Field::Switch(&mut config.can.commands),
     },
     Key {
         name: "can.command-timeout-ms",
-        help: "after how many milliseconds a stream of commands counts as ended: 1 to 10000",
-        get: |config| json!(config.can.command_timeout_ms),
-        set: |config, text| {
-            config.can.command_timeout_ms = number(text, "a time in milliseconds, 1 to 10000")?;
-            Ok(())
-        },
+        help: "after how long a stream of commands counts as ended",
+        values: "a time in milliseconds, 1 to 10000",
+        field: |config| Field::Short(&mut config.can.command_timeout_ms),
     },
     Key {
         name: "can.unsolicited",
-        help: "whether what the arm says unasked goes out on CAN: on or off",
-        get: |config| json!(config.can.unsolicited),
-        set: |config, text| {
-            config.can.unsolicited = switch(text)?;
-            Ok(())
-        },
+        help: "whether what the arm says unasked goes out on CAN",
+        values: "on or off",
+        field: |config| Field::Switch(&mut config.can.unsolicited),
     },
     Key {
         name: "silence.after-ms",
-        help: "after how many milliseconds a host that streamed motion counts as silent: 0 for never, up to 65535",
-        get: |config| json!(config.host_timeout.after_ms),
-        set: |config, text| {
-            config.host_timeout.after_ms = number(text, "a time in milliseconds, 0 for never, up to 65535")?;
-            Ok(())
-        },
+        help: "after how long a host that streamed motion counts as silent",
+        values: "a time in milliseconds, 0 for never, up to 65535",
+        field: |config| Field::Short(&mut config.host_timeout.after_ms),
     },
     Key {
         name: "silence.torque-off",
-        help: "whether the torque is switched off then, so that the arm may fall: on or off",
-        get: |config| json!(config.host_timeout.torque_off),
-        set: |config, text| {
-            config.host_timeout.torque_off = switch(text)?;
-            Ok(())
-        },
+        help: "whether the torque is switched off then, so that the arm may fall",
+        values: "on or off",
+        field: |config| Field::Switch(&mut config.host_timeout.torque_off),
     },
 ];
 
-fn number<T: FromStr>(text: &str, what: &str) -> Result<T, String> {
-    text.parse().map_err(|_| what.to_owned())
+/// A setting in a configuration.
+enum Field<'a> {
+    Arm(&'a mut ArmKind),
+    Poll(&'a mut Poll),
+    Node(&'a mut Node),
+    DataBitRate(&'a mut Option<u32>),
+    Switch(&'a mut bool),
+    Short(&'a mut u16),
+    Long(&'a mut u32),
 }
 
-fn switch(text: &str) -> Result<bool, String> {
-    match text {
-        "on" | "true" => Ok(true),
-        "off" | "false" => Ok(false),
-        _ => Err("on or off".to_owned()),
+impl Key {
+    fn get(&self, mut config: Config) -> Value {
+        match (self.field)(&mut config) {
+            Field::Arm(kind) => json!(kind.name()),
+            Field::Poll(Poll::Hertz(rate)) => json!(rate),
+            Field::Poll(Poll::Fastest) => json!("fastest"),
+            Field::Poll(Poll::Off) | Field::DataBitRate(None) => json!("off"),
+            Field::DataBitRate(Some(rate)) => json!(rate),
+            Field::Node(node) => json!(node.get()),
+            Field::Switch(is_on) => json!(is_on),
+            Field::Short(number) => json!(number),
+            Field::Long(number) => json!(number),
+        }
+    }
+
+    /// Sets it to what was typed.
+    ///
+    /// # Errors
+    ///
+    /// That is none of its values, as far as they can be told apart here.
+    fn set(&self, config: &mut Config, text: &str) -> Result<(), String> {
+        let mut set = || {
+            match ((self.field)(config), text) {
+                (Field::Arm(kind), _) => *kind = ArmKind::ALL.into_iter().find(|kind| kind.name() == text)?,
+                (Field::Poll(poll), "off") => *poll = Poll::Off,
+                (Field::Poll(poll), "fastest") => *poll = Poll::Fastest,
+                (Field::Poll(poll), _) => *poll = Poll::Hertz(text.parse().ok()?),
+                (Field::DataBitRate(rate), "off") => *rate = None,
+                (Field::DataBitRate(rate), _) => *rate = Some(text.parse().ok()?),
+                (Field::Node(node), _) => *node = Node::new(text.parse().ok()?).ok()?,
+                (Field::Switch(is_on), "on" | "true") => *is_on = true,
+                (Field::Switch(is_on), "off" | "false") => *is_on = false,
+                (Field::Switch(_), _) => return None,
+                (Field::Short(number), _) => *number = text.parse().ok()?,
+                (Field::Long(number), _) => *number = text.parse().ok()?,
+            }
+            Some(())
+        };
+        set().ok_or_else(|| format!("'{text}' is not {}", self.values))
     }
 }
 
@@ -200,7 +191,7 @@ fn setting(text: &str) -> Result<Setting, String> {
         let names: Vec<_> = KEYS.iter().map(|key| key.name).collect();
         format!("there is no setting '{name}'; there are: {}", names.join(", "))
     })?;
-    (key.set)(&mut Config::default(), value).map_err(|wanted| format!("'{value}' is not {wanted}"))?;
+    key.set(&mut Config::default(), value)?;
     let value = value.to_owned();
     Ok(Setting { key, value })
 }
@@ -209,7 +200,7 @@ fn setting(text: &str) -> Result<Setting, String> {
 fn help() -> String {
     let lines = KEYS
         .iter()
-        .map(|key| format!("  {}\n      {}\n", key.name, key.help.replace(": ", ":\n      ")));
+        .map(|key| format!("  {}\n      {}:\n      {}\n", key.name, key.help, key.values));
     lines.fold("Settings:\n".to_owned(), |text, line| text + &line)
 }
 
@@ -221,7 +212,7 @@ impl Configure {
             Action::Set { settings, save } => {
                 let mut config = get(&mut control)?;
                 for Setting { key, value } in settings {
-                    (key.set)(&mut config, value).map_err(Error::Usage)?;
+                    key.set(&mut config, value).map_err(Error::Usage)?;
                 }
                 control.call(Request::SetConfig(config))?;
                 control = self.follow(control, &config)?;
@@ -267,14 +258,14 @@ pub(crate) fn get(control: &mut ControlLink) -> Result<Config, Error> {
 
 /// A configuration as a JSON object.
 pub(crate) fn object(config: &Config) -> Value {
-    let settings = KEYS.iter().map(|key| (key.name.to_owned(), (key.get)(config)));
+    let settings = KEYS.iter().map(|key| (key.name.to_owned(), key.get(*config)));
     Value::Object(settings.collect())
 }
 
 /// A line for each setting, as `set` takes it.
 fn show(config: &Config) -> String {
     let lines = KEYS.iter().map(|key| {
-        let value = match (key.get)(config) {
+        let value = match key.get(*config) {
             Value::String(text) => text,
             Value::Bool(true) => "on".to_owned(),
             Value::Bool(false) => "off".to_owned(),
@@ -312,7 +303,7 @@ mod tests {
 
     fn set(config: &mut Config, text: &str) {
         let Setting { key, value } = setting(text).unwrap_or_else(|error| panic!("{error}"));
-        (key.set)(config, &value).unwrap();
+        key.set(config, &value).unwrap();
     }
 
     #[test]
