@@ -9,7 +9,7 @@ use crate::args::{ArmKind, Place};
 use crate::control::ControlLink;
 use crate::describe::{Arm, Fact, object};
 use crate::error::Error;
-use crate::link::{Line, Link};
+use crate::link::Link;
 use crate::output::{print_json, say};
 use crate::{config, legacy, line_holder};
 
@@ -90,7 +90,7 @@ impl Report {
     }
 
     /// Asks an arm for all there is to know. Of the state, which comes with each answer, the last counts.
-    fn arm<P: Arm>(&mut self, link: &mut Link<P, impl Line>) -> Result<(), Error> {
+    fn arm<P: Arm>(&mut self, link: &mut Link<P>) -> Result<(), Error> {
         let mut state = None;
         for request in P::info() {
             let facts = link.call(&request, |response| P::facts_after(&self.known, &response))?;

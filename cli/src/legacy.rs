@@ -16,8 +16,8 @@ const LISTEN: Duration = Duration::from_millis(100);
 const LISTEN_ON: Duration = Duration::from_millis(500);
 
 /// A line on which nothing is sent once an arm of the older generation was heard there: whoever reads gets the error.
-pub(crate) struct Listened<L> {
-    line: L,
+struct Listened {
+    line: Box<dyn Line>,
     detector: Detector,
 }
 
@@ -26,15 +26,15 @@ pub(crate) struct Listened<L> {
 /// # Errors
 ///
 /// [`Error::Legacy`], now and from every later call, when the arm is one of the older generation.
-pub(crate) fn open(connection: &Connection) -> Result<Link<Ling, Listened<Box<dyn Line>>>, Error> {
+pub(crate) fn open(connection: &Connection) -> Result<Link<Ling>, Error> {
     let (line, config) = connection.line::<Ling>()?;
     let line = Listened::new(line, Instant::now())?;
-    Ok(Link::new(line, config))
+    Ok(Link::new(Box::new(line), config))
 }
 
-impl<L: Line> Listened<L> {
+impl Listened {
     /// Listens, as from `begun`.
-    fn new(line: L, begun: Instant) -> Result<Self, Error> {
+    fn new(line: Box<dyn Line>, begun: Instant) -> Result<Self, Error> {
         let mut listened = Self {
             line,
             detector: Detector::new(),
@@ -54,7 +54,7 @@ impl<L: Line> Listened<L> {
     }
 }
 
-impl<L: Line> Line for Listened<L> {
+impl Line for Listened {
     fn name(&self) -> &str {
         self.line.name()
     }
@@ -82,6 +82,7 @@ impl<L: Line> Line for Listened<L> {
 #[cfg(test)]
 mod tests {
     use std::cell::Cell;
+    use std::rc::Rc;
 
     use armwire::ling::Request;
 
@@ -95,12 +96,12 @@ mod tests {
     ];
 
     /// An arm that talks without end, once it was sent so many bytes.
-    struct Talker<'a> {
-        sent: &'a Cell<usize>,
+    struct Talker {
+        sent: Rc<Cell<usize>>,
         silent_until: usize,
     }
 
-    impl Line for Talker<'_> {
+    impl Line for Talker {
         fn name(&self) -> &str {
             "fake"
         }
@@ -128,19 +129,28 @@ mod tests {
     fn legacy_arm_is_sent_nothing() {
         let now = Instant::now();
         for begun in [now, now.checked_sub(LISTEN).unwrap()] {
-            let sent = &Cell::new(0);
-            let line = Talker { sent, silent_until: 0 };
-            assert!(matches!(Listened::new(line, begun), Err(Error::Legacy { .. })));
+            let sent = Rc::new(Cell::new(0));
+            let line = Talker {
+                sent: Rc::clone(&sent),
+                silent_until: 0,
+            };
+            assert!(matches!(
+                Listened::new(Box::new(line), begun),
+                Err(Error::Legacy { .. })
+            ));
             assert_eq!(sent.get(), 0);
         }
     }
 
     #[test]
     fn late_legacy_arm_is_sent_nothing_more() {
-        let sent = &Cell::new(0);
-        let line = Talker { sent, silent_until: 1 };
-        let line = Listened::new(line, Instant::now()).unwrap();
-        let mut link = Link::<Ling, _>::new(line, Ling::CONFIG);
+        let sent = Rc::new(Cell::new(0));
+        let line = Talker {
+            sent: Rc::clone(&sent),
+            silent_until: 1,
+        };
+        let line = Listened::new(Box::new(line), Instant::now()).unwrap();
+        let mut link = Link::<Ling>::new(Box::new(line), Ling::CONFIG);
         for _ in 0..2 {
             assert!(matches!(
                 link.call(&Request::ReadJoints, drop),

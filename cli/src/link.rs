@@ -48,24 +48,6 @@ pub(crate) enum Came {
     Garbage,
 }
 
-impl Line for Box<dyn Line> {
-    fn name(&self) -> &str {
-        self.as_ref().name()
-    }
-
-    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
-        self.as_mut().read(buf, wait)
-    }
-
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-        self.as_mut().write(bytes)
-    }
-
-    fn hints(&mut self, came: Came, arm: Names) -> String {
-        self.as_mut().hints(came, arm)
-    }
-}
-
 /// Whether reading or writing failed only because it would have to wait.
 pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
     matches!(
@@ -75,8 +57,8 @@ pub(crate) fn is_nothing_yet(error: &io::Error) -> bool {
 }
 
 /// An open line with a client on it.
-pub(crate) struct Link<P: Arm, L> {
-    line: L,
+pub(crate) struct Link<P: Arm> {
+    line: Box<dyn Line>,
     client: Client<P, BUFFER>,
     /// Bytes that were read and not taken by the client yet.
     unread: Vec<u8>,
@@ -85,8 +67,8 @@ pub(crate) struct Link<P: Arm, L> {
     checksums: usize,
 }
 
-impl<P: Arm, L: Line> Link<P, L> {
-    pub(crate) fn new(line: L, config: Config) -> Self {
+impl<P: Arm> Link<P> {
+    pub(crate) fn new(line: Box<dyn Line>, config: Config) -> Self {
         Self {
             line,
             client: Client::new(P::default(), config),
@@ -287,7 +269,9 @@ fn is_begun<P: Arm>(request: &P::Request<'_>, bytes: &[u8]) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::RefCell;
     use std::collections::VecDeque;
+    use std::rc::Rc;
 
     use armwire::ling::{Frame, JointState, Ling, MAX_FRAME, MotionStatus, Request, Response};
     use armwire::messages::Messages;
@@ -314,29 +298,30 @@ mod tests {
     }
 
     impl Answering {
-        fn new(answer: fn(u16) -> Vec<u8>) -> Self {
-            Self {
+        fn new(answer: fn(u16) -> Vec<u8>) -> Rc<RefCell<Self>> {
+            Rc::new(RefCell::new(Self {
                 answer,
                 said: VecDeque::new(),
                 asked: 0,
-            }
+            }))
         }
     }
 
-    impl Line for &mut Answering {
+    impl Line for Rc<RefCell<Answering>> {
         fn name(&self) -> &str {
             "fake"
         }
 
         fn read(&mut self, buf: &mut [u8], _: Duration) -> Result<usize, Error> {
-            let said = self.said.pop_front().unwrap_or_default();
+            let said = self.borrow_mut().said.pop_front().unwrap_or_default();
             buf[..said.len()].copy_from_slice(&said);
             Ok(said.len())
         }
 
         fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
-            self.asked += 1;
-            self.said.push_back((self.answer)(self.asked));
+            let arm = &mut *self.borrow_mut();
+            arm.asked += 1;
+            arm.said.push_back((arm.answer)(arm.asked));
             Ok(bytes.len())
         }
 
@@ -359,27 +344,27 @@ mod tests {
 
     #[test]
     fn unacceptable_answer_ends_the_call_with_its_reason() {
-        let mut arm = Answering::new(unknown_stroke);
-        let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
+        let arm = Answering::new(unknown_stroke);
+        let mut link = Link::<Ling>::new(Box::new(Rc::clone(&arm)), Ling::CONFIG);
         let problem = link.call(&Request::ReadStroke, drop).unwrap_err();
         assert_eq!(
             problem.to_string(),
             "fake: the arm's answer cannot be accepted: command 04 function 0E: gripper stroke type is 3, must be 0..=2 \
              (data byte 0)"
         );
-        assert_eq!(link.line.asked, 1);
+        assert_eq!(arm.borrow().asked, 1);
     }
 
     #[test]
     fn stale_answer_is_not_taken_for_the_next() {
-        let mut arm = Answering::new(joints);
-        let mut link = Link::<Ling, _>::new(&mut arm, Ling::CONFIG);
+        let arm = Answering::new(joints);
+        let mut link = Link::<Ling>::new(Box::new(Rc::clone(&arm)), Ling::CONFIG);
         for _ in 0..3 {
-            link.line.said.push_back(joints(4000));
+            arm.borrow_mut().said.push_back(joints(4000));
             let Ok(Some(Response::Joints(state))) = link.call(&Request::ReadJoints, |response| response) else {
                 panic!("no answer");
             };
-            assert_eq!(state.joints, [link.line.asked; 6]);
+            assert_eq!(state.joints, [arm.borrow().asked; 6]);
         }
     }
 }

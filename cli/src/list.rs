@@ -10,7 +10,7 @@ use crate::adapter::identity;
 use crate::control::{ControlLink, usb};
 use crate::describe::{Arm, Fact, line, object};
 use crate::error::Error;
-use crate::link::{Line, Link};
+use crate::link::Link;
 use crate::output::{print_json, say};
 use crate::port::{Connection, Port};
 use crate::{available, config, legacy};
@@ -107,7 +107,7 @@ fn arm(connection: &Connection) -> Result<Vec<Fact>, Error> {
     }
 }
 
-fn answer<P: Arm>(link: &mut Link<P, impl Line>, request: &P::Request<'_>) -> Result<Vec<Fact>, Error> {
+fn answer<P: Arm>(link: &mut Link<P>, request: &P::Request<'_>) -> Result<Vec<Fact>, Error> {
     let facts = link.call(request, |response| P::facts(&response))?;
     Ok(facts.unwrap_or_default())
 }

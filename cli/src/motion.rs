@@ -13,8 +13,8 @@ use crate::call::values::seconds;
 use crate::confirm::Confirm;
 use crate::describe::Arm as _;
 use crate::error::Error;
-use crate::legacy::{self, Listened};
-use crate::link::{Line, Link};
+use crate::legacy;
+use crate::link::Link;
 use crate::output::say;
 
 /// How near a joint is when it is there: 3 ticks, 0.26°.
@@ -62,9 +62,6 @@ pub(crate) struct SetZero {
     #[command(flatten)]
     confirm: Confirm,
 }
-
-/// A Ling arm that was opened.
-type Arm = Link<Ling, Listened<Box<dyn Line>>>;
 
 impl MoveArm {
     pub(crate) fn run(&self) -> Result<(), Error> {
@@ -154,7 +151,7 @@ fn show(state: JointState) -> String {
     Ling::show_response(&Response::Joints(state))
 }
 
-fn read(link: &mut Arm) -> Result<JointState, Error> {
+fn read(link: &mut Link<Ling>) -> Result<JointState, Error> {
     match link.call(&Request::ReadJoints, |response| response)? {
         Some(Response::Joints(state)) => Ok(state),
         _ => unreachable!("a read is answered by what it reads"),
@@ -163,7 +160,7 @@ fn read(link: &mut Arm) -> Result<JointState, Error> {
 
 /// Reads until it is so, but not longer than the time. Returns the last that was read, and whether it is so.
 fn read_until(
-    link: &mut Arm,
+    link: &mut Link<Ling>,
     timeout: Duration,
     is_so: impl Fn(&JointState) -> bool,
 ) -> Result<(JointState, bool), Error> {

@@ -178,7 +178,7 @@ impl Connection {
     }
 
     /// The arm there.
-    pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P, Box<dyn Line>>, Error> {
+    pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
         let (line, config) = self.line::<P>()?;
         Ok(Link::new(line, config))
     }

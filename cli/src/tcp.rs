@@ -78,10 +78,10 @@ pub(crate) struct Tcp {
     is_serial: bool,
 }
 
-impl Link<XArm, Tcp> {
+impl Link<XArm> {
     /// Connects to an xArm.
     pub(crate) fn connect(host: &Host) -> Result<Self, Error> {
-        Ok(Self::new(Tcp::connect(host, false)?, XArm::CONFIG))
+        Ok(Self::new(Box::new(Tcp::connect(host, false)?), XArm::CONFIG))
     }
 }
 

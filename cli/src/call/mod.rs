@@ -14,7 +14,7 @@ use crate::args::ArmPort;
 use crate::describe::{Arm, line, object};
 use crate::error::Error;
 use crate::legacy;
-use crate::link::{Line, Link};
+use crate::link::Link;
 use crate::output::{print_json, say};
 
 /// The arguments of `armwire call`.
@@ -64,7 +64,7 @@ impl Call {
 }
 
 /// Sends the request and prints the answer.
-fn call<P: Arm>(mut link: Link<P, impl Line>, request: &P::Request<'_>, json: bool) -> Result<(), Error> {
+fn call<P: Arm>(mut link: Link<P>, request: &P::Request<'_>, json: bool) -> Result<(), Error> {
     let answer = link.call(request, |response| match P::refusal(&response) {
         None => Ok(P::facts(&response)),
         Some(what) => Err(what),

@@ -7,7 +7,7 @@ use super::values::made;
 use crate::error::Error;
 use crate::hex;
 use crate::link::Link;
-use crate::tcp::{Host, Tcp};
+use crate::tcp::Host;
 
 /// A request, and the host it goes to.
 #[derive(Args)]
@@ -61,7 +61,7 @@ type Hex = Box<[u8]>;
 
 impl OnHost {
     /// Connects to the arm, to speak with the protocol id that was asked for.
-    pub(super) fn connect(&self) -> Result<Link<XArm, Tcp>, Error> {
+    pub(super) fn connect(&self) -> Result<Link<XArm>, Error> {
         let mut link = Link::connect(&self.host)?;
         if self.supervised {
             link.messages_mut().protocol = ProtocolId::Supervised;

@@ -7,7 +7,7 @@ use armwire::messages::Messages;
 use super::reading::{LineErrors, News, Source};
 use crate::describe::Arm;
 use crate::error::Error;
-use crate::link::{Line, Link};
+use crate::link::Link;
 
 /// A protocol with a request for how the arm is.
 pub(super) trait Readable: Arm {
@@ -51,16 +51,16 @@ impl Readable for Alpha1 {
 }
 
 /// An arm that is asked.
-pub(super) struct Asked<P: Arm, L>(pub(super) Link<P, L>);
+pub(super) struct Asked<P: Arm>(pub(super) Link<P>);
 
-impl<P: Readable, L: Line> Asked<P, L> {
+impl<P: Readable> Asked<P> {
     fn ask(&mut self, request: &P::Request<'_>) -> Result<News, Error> {
         let news = self.0.call(request, |response| P::news(&response))?;
         Ok(news.unwrap_or(News::Nothing))
     }
 }
 
-impl<P: Readable, L: Line> Source for Asked<P, L> {
+impl<P: Readable> Source for Asked<P> {
     fn arm(&self) -> &'static str {
         P::NAME
     }

@@ -8,24 +8,24 @@ use armwire_bridge::time;
 use super::reading::{LineErrors, News, Source};
 use crate::describe::{Arm, legacy};
 use crate::error::Error;
-use crate::link::{Line, Link};
+use crate::link::Link;
 
 /// How long such an arm may say nothing of its joints, though it says it forty times a second.
 const SILENCE: time::Duration = time::Duration::from_millis(500);
 
 /// An arm that is heard.
-pub(super) struct Heard<L> {
-    link: Link<Legacy, L>,
+pub(super) struct Heard {
+    link: Link<Legacy>,
     gripper: Option<GripperState>,
 }
 
-impl<L: Line> Heard<L> {
-    pub(super) fn new(link: Link<Legacy, L>) -> Self {
+impl Heard {
+    pub(super) fn new(link: Link<Legacy>) -> Self {
         Self { link, gripper: None }
     }
 }
 
-impl<L: Line> Source for Heard<L> {
+impl Source for Heard {
     fn arm(&self) -> &'static str {
         Legacy::NAME
     }

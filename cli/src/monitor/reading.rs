@@ -5,7 +5,7 @@ use armwire_bridge::control::Stamp;
 use crate::control::ControlLink;
 use crate::describe::{Arm, Fact};
 use crate::error::Error;
-use crate::link::{Line, Link};
+use crate::link::Link;
 
 /// What comes from a [`Source`].
 #[derive(Clone, Debug)]
@@ -77,7 +77,7 @@ impl LineErrors {
     }
 
     /// What was wrong with what came over a link.
-    pub(super) fn of<P: Arm>(link: &Link<P, impl Line>) -> Self {
+    pub(super) fn of<P: Arm>(link: &Link<P>) -> Self {
         Self {
             noise_bytes: link.dropped(),
             checksums: link.checksums(),

@@ -6,17 +6,17 @@ use super::reading::{LineErrors, News, Source};
 use crate::describe::Arm;
 use crate::describe::xarm::{JOINTS, POSITIONS, positions};
 use crate::error::Error;
-use crate::link::{Line, Link};
+use crate::link::Link;
 
 /// An arm that is asked.
-pub(super) struct Asked<L> {
-    link: Link<XArm, L>,
+pub(super) struct Asked {
+    link: Link<XArm>,
     /// How many joints the arm has, once it was asked.
     axes: Option<usize>,
 }
 
-impl<L: Line> Asked<L> {
-    pub(super) fn new(link: Link<XArm, L>) -> Self {
+impl Asked {
+    pub(super) fn new(link: Link<XArm>) -> Self {
         Self { link, axes: None }
     }
 
@@ -33,7 +33,7 @@ impl<L: Line> Asked<L> {
     }
 }
 
-impl<L: Line> Source for Asked<L> {
+impl Source for Asked {
     fn arm(&self) -> &'static str {
         XArm::NAME
     }
