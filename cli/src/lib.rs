@@ -1,4 +1,4 @@
-//! `armwire`: virtual arms, and real ones to look at and talk to, from the command line.
+//! `armwire`: inspect, monitor and control robot arms, real or simulated, from the command line.
 #![forbid(unsafe_code)]
 // They panic when nobody reads any more.
 #![deny(clippy::print_stdout, clippy::print_stderr)]

@@ -144,10 +144,7 @@ impl ControlLink {
                 name: self.name().to_owned(),
                 version,
             }),
-            Reply::BadConfig(error) => Err(Error::at(
-                self.name(),
-                format!("the adapter cannot be like that: {error}"),
-            )),
+            Reply::BadConfig(error) => Err(Error::at(self.name(), format!("rejected: {error}"))),
             Reply::Failed(failure) => Err(Error::at(self.name(), why(failure))),
             reply => Ok(reply),
         }

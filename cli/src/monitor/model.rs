@@ -167,8 +167,8 @@ impl Model {
             format!(", latency {least} to {worst}, median {median}")
         });
         format!(
-            "{} ({}), {:.1} s: {} readings, {} unanswered, {checksums} wrong checksums, {noise_bytes} noise bytes, port gone \
-             {} times{latency}",
+            "{} ({}), {:.1} s: readings {}, unanswered {}, wrong checksums {checksums}, noise bytes {noise_bytes}, port lost \
+             {}{latency}",
             self.port,
             self.arm,
             now.as_micros() as f64 / 1e6,

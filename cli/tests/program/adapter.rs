@@ -146,7 +146,7 @@ fn refused_configuration_is_told_and_changes_nothing() {
         ),
     ] {
         let line = set(setting);
-        let told = format!("{}: the adapter cannot be like that: {words}", name(&board));
+        let told = format!("{}: rejected: {words}", name(&board));
         assert!(line.starts_with(&told), "{line}");
     }
     assert_eq!(success(&["config", &board.control]), FACTORY);

@@ -150,8 +150,11 @@ fn the_screen_leaves_a_summary() {
     assert!(terminal.finish(child).status.success());
     let (_, left) = terminal.seen.rsplit_once(GIVES_BACK).unwrap();
     let begin = format!("{} (Ling arm), ", arm.port);
-    assert!(left.contains(&begin) && left.contains(" s: 5 readings, "), "{left:?}");
-    assert!(left.contains(" port gone 0 times, latency "), "{left:?}");
+    assert!(
+        left.contains(&begin) && left.contains(" s: readings 5, unanswered "),
+        "{left:?}"
+    );
+    assert!(left.contains(", port lost 0, latency "), "{left:?}");
 }
 
 #[test]
@@ -197,7 +200,7 @@ fn screen_waits_for_a_lost_port() {
     terminal.pty.write(b"q").unwrap();
     assert!(terminal.finish(child).status.success());
     assert!(
-        terminal.seen.contains(GIVES_BACK) && terminal.seen.contains("port gone 1 times"),
+        terminal.seen.contains(GIVES_BACK) && terminal.seen.contains("port lost 1"),
         "{:?}",
         terminal.seen
     );
