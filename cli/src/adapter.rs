@@ -115,7 +115,7 @@ pub(crate) fn line(control: &mut ControlLink) -> Result<Option<LineState>, Error
         Ok(Reply::Line(line)) => Ok(Some(line)),
         Ok(reply) => Err(odd(control, &reply)),
         Err(Error::Unsupported { .. }) => Ok(None),
-        Err(problem) => Err(problem),
+        Err(error) => Err(error),
     }
 }
 

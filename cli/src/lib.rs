@@ -15,7 +15,6 @@ mod counters;
 mod decode;
 mod describe;
 mod error;
-mod heard;
 mod hex;
 mod hold;
 mod info;
@@ -28,6 +27,7 @@ mod motion;
 mod output;
 mod port;
 mod printable;
+mod received;
 mod serial;
 #[cfg(unix)]
 mod sim;

@@ -9,11 +9,11 @@ use armwire::{Client, Config, Event, Output, time, xarm};
 
 use crate::describe::Arm;
 use crate::error::Error;
-use crate::heard::Heard;
+use crate::received::Received;
 
 /// The longest frame of every protocol fits.
 const BUFFER: usize = xarm::MAX_FRAME;
-/// Bytes kept of what was heard instead of an answer.
+/// Bytes kept of what was received instead of an answer.
 const KEPT: usize = 256;
 /// More bytes than a port keeps for its reader: whoever has read so many reads what is being said now.
 const BUFFERED: usize = 65_536;
@@ -97,14 +97,14 @@ impl<P: Arm> Link<P> {
             .submit(request)
             .expect("the client is idle, and has room for any request");
         let begun = self.now();
-        let mut heard = Heard::default();
+        let mut received = Received::default();
         // Before it transmits it takes what has arrived, so that no old answer is taken for a new one. But torque off does not
         // wait for an arm that never stops talking.
         let mut drained = !self.client.expects_answer();
         loop {
             let now = self.now();
             let until = match self.client.poll(now) {
-                Output::Transmit(bytes) if drained || heard.count > BUFFERED => {
+                Output::Transmit(bytes) if drained || received.count > BUFFERED => {
                     let n = self.line.write(bytes)?;
                     self.transmitted(n);
                     continue;
@@ -120,9 +120,9 @@ impl<P: Arm> Link<P> {
                             return Err(Error::at(self.line.name(), reason));
                         }
                         Event::TimedOut { sends } => {
-                            heard.sends = sends;
-                            heard.millis = now.since(begun).as_micros() / 1_000;
-                            return Err(self.no_answer(request, heard));
+                            received.sends = sends;
+                            received.millis = now.since(begun).as_micros() / 1_000;
+                            return Err(self.no_answer(request, received));
                         }
                         Event::Broken { offset, reason } => {
                             let reason = format!(
@@ -132,15 +132,15 @@ impl<P: Arm> Link<P> {
                             );
                             return Err(Error::at(self.line.name(), reason));
                         }
-                        Event::Late(_) | Event::Unsolicited(_) => heard.frames += 1,
+                        Event::Late(_) | Event::Unsolicited(_) => received.frames += 1,
                         Event::Unknown { error, .. } => {
-                            heard.unknown.get_or_insert_with(|| error.to_string());
+                            received.unknown.get_or_insert_with(|| error.to_string());
                         }
-                        Event::Echo => heard.echoes += 1,
+                        Event::Echo => received.echoes += 1,
                         Event::Noise { bytes, reason, .. } => {
                             self.dropped += bytes.len();
                             let checksum = usize::from(matches!(reason, Reason::Checksum { .. }));
-                            heard.checksums += checksum;
+                            received.checksums += checksum;
                             self.checksums += checksum;
                         }
                     }
@@ -148,7 +148,7 @@ impl<P: Arm> Link<P> {
                 }
             };
             let wait = until.since(now);
-            let n = self.receive(Duration::from_micros(wait.as_micros()), Some(&mut heard))?;
+            let n = self.receive(Duration::from_micros(wait.as_micros()), Some(&mut received))?;
             drained = n == 0;
         }
     }
@@ -162,10 +162,10 @@ impl<P: Arm> Link<P> {
     ) -> Result<Option<Vec<T>>, Error> {
         let n = self.receive(wait, None)?;
         let now = self.now();
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         while let Output::Event(event) = self.client.poll(now) {
             match event {
-                Event::Unsolicited(response) => heard.push(take(response)),
+                Event::Unsolicited(response) => received.push(take(response)),
                 Event::Noise { bytes, reason, .. } => {
                     self.dropped += bytes.len();
                     self.checksums += usize::from(matches!(reason, Reason::Checksum { .. }));
@@ -173,7 +173,7 @@ impl<P: Arm> Link<P> {
                 _ => {}
             }
         }
-        Ok((n > 0).then_some(heard))
+        Ok((n > 0).then_some(received))
     }
 
     /// Transmits the rest of a request whose call failed.
@@ -223,15 +223,15 @@ impl<P: Arm> Link<P> {
     }
 
     /// Lets the client receive what has arrived, waiting so long for it. Returns how many bytes that were.
-    fn receive(&mut self, wait: Duration, heard: Option<&mut Heard>) -> Result<usize, Error> {
+    fn receive(&mut self, wait: Duration, received: Option<&mut Received>) -> Result<usize, Error> {
         if self.unread.is_empty() {
             let mut buf = [0; 256];
             let n = self.line.read(&mut buf, wait)?;
             self.unread.extend(&buf[..n]);
-            if let Some(heard) = heard {
-                heard.count += n;
-                let room = KEPT - heard.bytes.len();
-                heard.bytes.extend(buf[..n].iter().take(room));
+            if let Some(received) = received {
+                received.count += n;
+                let room = KEPT - received.bytes.len();
+                received.bytes.extend(buf[..n].iter().take(room));
             }
         }
         let now = self.now();
@@ -241,9 +241,13 @@ impl<P: Arm> Link<P> {
         Ok(n)
     }
 
-    fn no_answer(&mut self, request: &P::Request<'_>, mut heard: Heard) -> Error {
-        heard.begun = is_begun::<P>(request, &heard.bytes);
-        let came = if heard.count == 0 { Came::Nothing } else { Came::Garbage };
+    fn no_answer(&mut self, request: &P::Request<'_>, mut received: Received) -> Error {
+        received.begun = is_begun::<P>(request, &received.bytes);
+        let came = if received.count == 0 {
+            Came::Nothing
+        } else {
+            Came::Garbage
+        };
         let names = Names {
             arm: P::NAME,
             other: P::OTHER,
@@ -251,8 +255,8 @@ impl<P: Arm> Link<P> {
         let hints = self.line.hints(came, names);
         Error::NoAnswer {
             name: self.line.name().to_owned(),
-            cause: heard.cause(P::NAME, &hints),
-            bytes: heard.count,
+            cause: received.cause(P::NAME, &hints),
+            bytes: received.count,
         }
     }
 }
@@ -346,9 +350,9 @@ mod tests {
     fn unacceptable_answer_ends_the_call_with_its_reason() {
         let arm = Answering::new(unknown_stroke);
         let mut link = Link::<Ling>::new(Box::new(Rc::clone(&arm)), Ling::CONFIG);
-        let problem = link.call(&Request::ReadStroke, drop).unwrap_err();
+        let error = link.call(&Request::ReadStroke, drop).unwrap_err();
         assert_eq!(
-            problem.to_string(),
+            error.to_string(),
             "fake: the arm's answer cannot be accepted: command 04 function 0E: gripper stroke type is 3, must be 0..=2 \
              (data byte 0)"
         );

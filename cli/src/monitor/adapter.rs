@@ -19,7 +19,7 @@ use crate::error::Error;
 const LISTEN: Duration = Duration::from_millis(50);
 
 /// An adapter that is listened to, with an arm that speaks this protocol.
-struct Heard<P> {
+struct Subscribed<P> {
     control: ControlLink,
     /// What to tell the user first.
     hint: Option<String>,
@@ -30,8 +30,8 @@ struct Heard<P> {
 pub(super) fn open(mut control: ControlLink) -> Result<Box<dyn Source>, Error> {
     let config = config::get(&mut control)?;
     let heard = match config.arm {
-        ArmKind::Ling => Heard::<Ling>::open,
-        ArmKind::Alpha1 => Heard::<Alpha1>::open,
+        ArmKind::Ling => Subscribed::<Ling>::open,
+        ArmKind::Alpha1 => Subscribed::<Alpha1>::open,
         arm => {
             let reason = format!("the adapter is set for '{arm}', of which it hears no readings");
             return Err(Error::at(control.name(), reason));
@@ -48,14 +48,14 @@ pub(super) fn open(mut control: ControlLink) -> Result<Box<dyn Source>, Error> {
     Ok(heard(control, hint))
 }
 
-impl<P: Readable + 'static> Heard<P> {
+impl<P: Readable + 'static> Subscribed<P> {
     fn open(control: ControlLink, hint: Option<String>) -> Box<dyn Source> {
         let arm = PhantomData;
         Box::new(Self { control, hint, arm })
     }
 }
 
-impl<P: Readable> Source for Heard<P> {
+impl<P: Readable> Source for Subscribed<P> {
     fn arm(&self) -> &'static str {
         P::NAME
     }

@@ -14,18 +14,18 @@ use crate::link::Link;
 const SILENCE: time::Duration = time::Duration::from_millis(500);
 
 /// An arm that is heard.
-pub(super) struct Heard {
+pub(super) struct Listener {
     link: Link<Legacy>,
     gripper: Option<GripperState>,
 }
 
-impl Heard {
+impl Listener {
     pub(super) fn new(link: Link<Legacy>) -> Self {
         Self { link, gripper: None }
     }
 }
 
-impl Source for Heard {
+impl Source for Listener {
     fn arm(&self) -> &'static str {
         Legacy::NAME
     }

@@ -95,7 +95,7 @@ impl Monitor {
         let connection = self.place.connect()?;
         let source: Box<dyn Source> = match self.place.arm {
             ArmKind::Alpha1 => Box::new(Asked(connection.arm::<Alpha1>()?)),
-            _ if is_legacy => Box::new(legacy::Heard::new(connection.arm::<Legacy>()?)),
+            _ if is_legacy => Box::new(legacy::Listener::new(connection.arm::<Legacy>()?)),
             _ => Box::new(Asked(generation::open(&connection)?)),
         };
         let adapter = match self.place.control(&connection) {

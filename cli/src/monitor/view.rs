@@ -158,7 +158,7 @@ fn calls(model: &Model, now: Instant) -> Part {
 fn adapter(adapter: &Adapter, width: usize) -> Part {
     let mut lines = vec![Line::from(vec![name("adapter"), Span::raw(escaped(&adapter.name))])];
     match &adapter.told {
-        Err(problem) => lines.push(Line::styled(escaped(problem), BAD)),
+        Err(error) => lines.push(Line::styled(escaped(error), BAD)),
         Ok((counters, latencies)) => {
             for (what, _, histogram) in histograms(latencies) {
                 if let [Some(half), Some(most), Some(all)] = [50, 99, 100].map(|percent| percentile(histogram, percent))

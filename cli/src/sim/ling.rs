@@ -35,8 +35,8 @@ pub(crate) struct LingSim {
     #[arg(long)]
     echo: bool,
     /// An arm of the older generation instead: it talks forty times a second, and obeys nothing.
-    #[arg(long, conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo"])]
-    older: bool,
+    #[arg(long, alias = "older", conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo"])]
+    legacy: bool,
 }
 
 fn parse_serial(text: &str) -> Result<SerialNumber, String> {
@@ -48,8 +48,8 @@ fn parse_serial(text: &str) -> Result<SerialNumber, String> {
 
 impl LingSim {
     pub(super) fn run(&self, stop: &AtomicBool) -> Result<(), Error> {
-        if self.older {
-            return self.run_older(stop);
+        if self.legacy {
+            return self.run_legacy(stop);
         }
         let base = if self.leader {
             Config::leader()
@@ -72,7 +72,7 @@ impl LingSim {
         say_last(served, line.device().counters())
     }
 
-    fn run_older(&self, stop: &AtomicBool) -> Result<(), Error> {
+    fn run_legacy(&self, stop: &AtomicBool) -> Result<(), Error> {
         let arm = LegacyArm::new(legacy::Config::default());
         let (line, served) = self.line.serve("Ling arm of the older generation", arm, stop)?;
         say(format_args!(

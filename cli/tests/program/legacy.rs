@@ -35,7 +35,7 @@ fn older(joint: u16) -> Vec<u8> {
 
 #[test]
 fn legacy_arm_is_named() {
-    let arm = Arm::start("ling", "older", &["--older"]);
+    let arm = Arm::start("ling", "older", &["--legacy"]);
     for args in [&["info", &arm.port][..], &["call", "ling", &arm.port, "read-joints"]] {
         let line = failure(&again_while(NO_ANSWER, || run(args)));
         let message = format!("{}: this is a Ling arm of the older generation:", arm.port);
@@ -51,7 +51,7 @@ fn legacy_arm_is_named() {
 
 #[test]
 fn monitor_shows_joints_of_a_legacy_arm() {
-    let arm = Arm::start("ling", "older-monitor", &["--older"]);
+    let arm = Arm::start("ling", "older-monitor", &["--legacy"]);
     let args = ["monitor", &arm.port, "--rate", "100", "--count", "5"];
     let output = again_while(NO_ANSWER, || again_while(STOPPED, || run(&args)));
     assert!(output.status.success(), "{output:?}");
@@ -123,7 +123,7 @@ fn decode_names_and_reads_a_legacy_recording() {
 #[test]
 fn virtual_legacy_arm_has_no_current_settings() {
     for setting in [&["--leader"][..], &["--stroke", "100"], &["--echo"]] {
-        let error = usage(&[&["sim", "ling", "--older"], setting].concat());
+        let error = usage(&[&["sim", "ling", "--legacy"], setting].concat());
         assert!(error.contains("cannot be used with"), "{error}");
     }
 }

@@ -68,7 +68,7 @@ fn what_an_arm_does_not_have_is_null() {
 
 #[test]
 fn legacy_arm_has_its_own_columns() {
-    let arm = Arm::start("ling", "json-older", &["--older"]);
+    let arm = Arm::start("ling", "json-older", &["--legacy"]);
     let args = ["monitor", &arm.port, "--json", "--count", "1"];
     let output = again_while(NO_ANSWER, || again_while("has stopped talking", || run(&args)));
     let row = &rows(&String::from_utf8(output.stdout).unwrap())[0];

@@ -123,7 +123,7 @@ fn what_lets_the_arm_fall_wants_a_yes() {
 fn speed_0_is_refused() {
     for speed in ["0", "0.01", "20,20,20,20,20,0"] {
         let text = usage(&to("/dev/null", "0,0,0,0,0,0", speed));
-        assert!(text.contains("joint speed is 0 ticks/s"), "{text}");
+        assert!(text.contains("joint speed rounds to 0"), "{text}");
     }
     let args = [&to("/dev/null", "0,0,0,0,0,0", "20")[..], &["--gripper-speed", "0"]].concat();
     assert!(usage(&args).contains("0 is not in 1..=65535"), "{}", usage(&args));

@@ -1,10 +1,10 @@
-//! What was heard instead of an answer, and what that says of the line.
+//! What was received instead of an answer, and what that says of the line.
 
 use crate::hex;
 
-/// What was heard instead of an answer.
+/// What was received instead of an answer.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Heard {
+pub(crate) struct Received {
     /// How often the arm was asked.
     pub(crate) sends: u8,
     /// In how many milliseconds.
@@ -25,7 +25,7 @@ pub(crate) struct Heard {
     pub(crate) begun: bool,
 }
 
-impl Heard {
+impl Received {
     /// Why there is no answer, as far as what came tells; `hints` are the line's.
     pub(crate) fn cause(&self, arm: &str, hints: &str) -> String {
         let (millis, count, checksums) = (self.millis, self.count, self.checksums);
@@ -66,45 +66,45 @@ impl Heard {
 mod tests {
     use super::*;
 
-    fn heard(bytes: &[u8]) -> Heard {
-        Heard {
+    fn received(bytes: &[u8]) -> Received {
+        Received {
             bytes: bytes.to_vec(),
             count: bytes.len(),
-            ..Heard::default()
+            ..Received::default()
         }
     }
 
-    fn line(heard: Heard) -> String {
+    fn line(heard: Received) -> String {
         heard.cause("a Ling arm", "is it on?")
     }
 
     #[test]
     fn one_request_is_told_as_once() {
-        let asked = |sends| line(Heard { sends, ..heard(&[]) });
+        let asked = |sends| line(Received { sends, ..received(&[]) });
         assert!(asked(1).contains("asked once:") && asked(3).contains("asked 3 times:"));
     }
 
     #[test]
     fn every_cause_is_one_line() {
         let causes = [
-            heard(&[]),
-            heard(&[1; 500]),
-            Heard {
+            received(&[]),
+            received(&[1; 500]),
+            Received {
                 checksums: 1,
-                ..heard(&[1])
+                ..received(&[1])
             },
-            Heard {
+            Received {
                 unknown: Some("command EE function 00: unknown".to_owned()),
                 begun: true,
-                ..heard(&[1])
+                ..received(&[1])
             },
-            Heard {
+            Received {
                 echoes: 1,
-                ..heard(&[1])
+                ..received(&[1])
             },
-            Heard {
+            Received {
                 frames: 1,
-                ..heard(&[1])
+                ..received(&[1])
             },
         ];
         let mut lines = causes.map(line);
