@@ -68,7 +68,8 @@ impl MoveArm {
         let mut link = legacy::open(&self.arm.connect()?)?;
         let target = self.target.to_move();
         if is_holding(read(&mut link)?.status) == Some(false) {
-            let reason = "the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on";
+            let reason = "the torque is off, so nothing was sent: 'armwire torque PORT on' switches it on ('armwire call \
+                          ling PORT move' sends it all the same)";
             return Err(Error::at(link.name(), reason));
         }
         let request = Request::Move(target);

@@ -124,7 +124,9 @@ fn positions(text: &str) -> Result<[Position; JOINTS], String> {
 /// Speeds other than 0, also when rounded: no document says what an arm does at 0.
 fn speeds(text: &str) -> Result<[Speed; JOINTS], String> {
     let one = |text: &str| match scaled(text, "degrees/s", PI / 180.0, Speed::from_radians_per_second)? {
-        speed if speed.ticks_per_second() == 0 => Err("joint speed rounds to 0, which no document explains: it must be 0.05 degrees/s or more".to_owned()),
+        speed if speed.ticks_per_second() == 0 => {
+            Err("joint speed rounds to 0, which no document explains: it must be 0.05 degrees/s or more".to_owned())
+        }
         speed => Ok(speed),
     };
     match text.contains(',') {

@@ -7,6 +7,10 @@ use std::time::{Duration, Instant};
 use armwire_bridge::time;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
+#[cfg(unix)]
+use rustix::event::{PollFd, PollFlags, poll};
+#[cfg(unix)]
+use rustix::io::Errno;
 use serde_json::Value;
 
 use super::model::Model;
@@ -117,8 +121,14 @@ impl Output for Screen {
         let until = Instant::now() + wait;
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            if !event::poll(left).map_err(Error::Output)? {
-                return Ok(false);
+            if is_gone(left)? {
+                return Ok(true);
+            }
+            if !event::poll(Duration::ZERO).map_err(Error::Output)? {
+                match left.is_zero() {
+                    true => return Ok(false),
+                    false => continue,
+                }
             }
             match event::read().map_err(Error::Output)? {
                 Event::Key(key) if key.kind != KeyEventKind::Release && is_end(key.code, key.modifiers) => {
@@ -130,6 +140,25 @@ impl Output for Screen {
             }
         }
     }
+}
+
+/// Waits for something from the terminal, but for so long at most. Returns whether the terminal is gone, where the library
+/// would read its end for ever.
+#[cfg(unix)]
+fn is_gone(wait: Duration) -> Result<bool, Error> {
+    let stdout = stdout();
+    let mut terminal = [PollFd::new(&stdout, PollFlags::IN)];
+    let wait = wait.try_into().expect("it is no longer than a second");
+    match poll(&mut terminal, Some(&wait)) {
+        Ok(_) | Err(Errno::INTR) => Ok(terminal[0].revents().contains(PollFlags::HUP)),
+        Err(error) => Err(Error::Output(error.into())),
+    }
+}
+
+/// Waits for something from the terminal, but for so long at most.
+#[cfg(not(unix))]
+fn is_gone(wait: Duration) -> Result<bool, Error> {
+    event::poll(wait).map(|_| false).map_err(Error::Output)
 }
 
 /// Whether a key ends the monitor. On a raw terminal Ctrl-C is one.

@@ -7,6 +7,8 @@ mod alpha1;
 mod call;
 mod can;
 mod common;
+#[cfg(target_os = "linux")]
+mod hangup;
 mod help;
 mod legacy;
 mod list;

@@ -16,16 +16,19 @@ pub(crate) struct Terminal {
     pub(crate) seen: String,
 }
 
+pub(crate) fn winsize(columns: u16, rows: u16) -> Winsize {
+    Winsize {
+        ws_row: rows,
+        ws_col: columns,
+        ws_xpixel: 0,
+        ws_ypixel: 0,
+    }
+}
+
 impl Terminal {
     pub(crate) fn new(columns: u16, rows: u16) -> Self {
         let pty = Pty::open(None).unwrap();
-        let size = Winsize {
-            ws_row: rows,
-            ws_col: columns,
-            ws_xpixel: 0,
-            ws_ypixel: 0,
-        };
-        tcsetwinsize(File::open(pty.path()).unwrap(), size).unwrap();
+        tcsetwinsize(File::open(pty.path()).unwrap(), winsize(columns, rows)).unwrap();
         let seen = String::new();
         Self { pty, seen }
     }
