@@ -46,7 +46,6 @@ pub(super) struct Session<'a> {
     model: Model,
     /// Not before there is something to show.
     output: Option<Box<dyn Output>>,
-    readings: u64,
     celsius: Timer,
     adapter: Timer,
     /// Whether anything came at all, be it noise.
@@ -65,7 +64,6 @@ impl<'a> Session<'a> {
             start: Instant::now(),
             model: Model::new(port),
             output: None,
-            readings: 0,
             celsius: Timer::new(CELSIUS),
             adapter: Timer::new(ADAPTER),
             has_heard: false,
@@ -78,19 +76,22 @@ impl<'a> Session<'a> {
         let source = &mut *watched.source;
         let rate = source.is_paced().then_some(rate);
         self.model.watch(source.arm(), source.servos(), rate);
-        if let Some(Err(error)) = &watched.adapter {
-            let (name, told) = ("not reached".to_owned(), Err(error.to_string()));
-            self.model.adapter = Some(Adapter { name, told });
-        }
+        // What an adapter told before its port was gone is old.
+        self.model.adapter = match &watched.adapter {
+            Some(Err(error)) => Some(Adapter {
+                name: "not reached".to_owned(),
+                told: Err(error.to_string()),
+            }),
+            _ => None,
+        };
         let before = self.model.line_errors;
-        while self.readings < self.count.unwrap_or(u64::MAX) && !self.is_stopped() {
+        while self.model.answered < self.count.unwrap_or(u64::MAX) && !self.is_stopped() {
             let step = match self.step(source) {
                 // Who has asked us to end does not ask why there is no answer.
                 Err(_) if self.is_stopped() => break,
                 step => step?,
             };
             if step == Step::Reading {
-                self.readings += 1;
                 self.has_heard = true;
                 self.is_waiting = false;
             }
