@@ -1,0 +1,158 @@
+// Runs the RP2040 example against a virtual arm: node run.mjs ARMWIRE ELF
+//
+// ARMWIRE is the armwire command, ELF the example's image. The arm is identified, moved, followed, unplugged and plugged in
+// again. At the end each side must have received what the other sent.
+import assert from 'node:assert/strict';
+import { spawn } from 'node:child_process';
+import { once } from 'node:events';
+import fs from 'node:fs';
+import os from 'node:os';
+import path from 'node:path';
+import readline from 'node:readline';
+import { setTimeout as sleep } from 'node:timers/promises';
+import { Chip } from './chip.mjs';
+
+const [armwire, elf] = process.argv.slice(2);
+const SLICE_NANOS = 200_000;
+// The chip's time passes at a quarter of the arm's at most: on a busy machine the arm's answers are still in time.
+const PACE = 4;
+const UNPLUGGED_NANOS = 500_000_000;
+const PATIENCE_MS = 60_000;
+
+// The virtual arm on a pty.
+class Arm {
+  static async start(link) {
+    const arm = new Arm();
+    arm.process = spawn(armwire, ['sim', 'ling', '--pty', link], { stdio: ['ignore', 'pipe', 'inherit'] });
+    arm.lines = readline.createInterface({ input: arm.process.stdout })[Symbol.asyncIterator]();
+    // Its first line says that the pty is there.
+    assert.ok(!(await arm.lines.next()).done, 'the virtual arm does not start');
+    arm.port = fs.openSync(link, fs.constants.O_RDWR | fs.constants.O_NOCTTY | fs.constants.O_NONBLOCK);
+    return arm;
+  }
+
+  write(bytes) {
+    assert.equal(fs.writeSync(this.port, bytes), bytes.length, 'the pty takes no more');
+  }
+
+  read() {
+    const buffer = Buffer.alloc(4096);
+    try {
+      return buffer.subarray(0, fs.readSync(this.port, buffer));
+    } catch (error) {
+      if (error.code === 'EAGAIN') return buffer.subarray(0, 0);
+      throw error;
+    }
+  }
+
+  // Ends it, and returns the bytes that it received and sent by its own count.
+  async end() {
+    this.process.kill('SIGINT');
+    const { value } = await this.lines.next();
+    const counts = /^(\d+) bytes in, (\d+) out, 0 not read; .* 0 unknown frames, 0 noise bytes/.exec(value);
+    assert.ok(counts, `the arm ends with: ${value}`);
+    return { received: Number(counts[1]), sent: Number(counts[2]) };
+  }
+}
+
+// What the example must log, in this order. Between `moving` and `there` there are joints of the way.
+const STORY = [
+  /^waiting for an arm$/,
+  /^arm ADFS251205123456, firmware v6\.10$/,
+  /^joints \[2048, 2048, 2048, 2048, 2048, 2048\] gripper 0 /,
+  /^moving$/,
+  /^there$/,
+  /^moving$/,
+  /^there$/,
+  /^joints .* gripper 0 /, // here it is unplugged
+  /^arm lost: the arm did not answer, asked 3 times$/,
+  /^waiting for an arm$/,
+  /^arm ADFS251205123456, firmware v6\.10$/,
+  /^joints .* gripper 0 /,
+];
+const UNPLUG_AFTER = 8;
+const WRIST_GOAL = 2048 + 341;
+
+const folder = fs.mkdtempSync(path.join(os.tmpdir(), 'armwire-rp2040-'));
+const arm = await Arm.start(path.join(folder, 'arm'));
+try {
+  await play(new Chip(fs.readFileSync(elf)), arm);
+} finally {
+  arm.process.kill();
+  fs.rmSync(folder, { recursive: true });
+}
+
+async function play(chip, arm) {
+  const [log, line] = chip.uarts;
+  let plugged = true;
+  let plugAt = Infinity;
+  let unheard = 0;
+  let toArm = [];
+  line.onByte = (byte) => {
+    if (plugged) toArm.push(byte);
+    else unheard += 1;
+  };
+
+  // The number of lines of the story that were logged, and the line that is being logged.
+  let told = 0;
+  let text = '';
+  let way = [];
+  log.onByte = (byte) => {
+    if (byte !== 10) {
+      text += String.fromCharCode(byte);
+      return;
+    }
+    const said = text.trimEnd();
+    text = '';
+    console.log(`${(chip.clock.nanos / 1e6).toFixed(3).padStart(10)} ms  ${said}`);
+    if (STORY[told - 1]?.source === '^moving$' && said.startsWith('joints')) {
+      way.push(said);
+      return;
+    }
+    assert.match(said, STORY[told]);
+    told += 1;
+    if (said === 'there') {
+      checkWay(way, told === 5 ? 500 : 0);
+      way = [];
+    }
+    if (told === UNPLUG_AFTER) {
+      // The answer was read, and the next request comes 20 ms later: nothing is on the line.
+      plugged = false;
+      plugAt = chip.clock.nanos + UNPLUGGED_NANOS;
+    }
+  };
+
+  const start = performance.now();
+  while (told < STORY.length) {
+    chip.run(SLICE_NANOS);
+    // Between two frames, so that the arm hears none in part.
+    if (chip.clock.nanos >= plugAt && !line.isSending) plugged = true;
+    // A frame goes in one piece: the arm would take a pause of ours for one of the line.
+    if (toArm.length > 0 && !line.isSending) {
+      arm.write(Buffer.from(toArm));
+      toArm = [];
+    }
+    line.send(arm.read());
+    const elapsed = performance.now() - start;
+    assert.ok(elapsed < PATIENCE_MS, `nothing more after "${STORY[told - 1]}"`);
+    await sleep(Math.max(0, (chip.clock.nanos / 1e6) * PACE - elapsed));
+  }
+
+  const counts = await arm.end();
+  assert.ok(line.isRead && toArm.length === 0 && unheard > 0);
+  assert.equal(counts.received, line.sent - unheard, 'bytes that the chip sent and the arm received');
+  assert.equal(counts.sent, line.read, 'bytes that the arm sent and the chip received');
+  console.log(`chip to arm ${counts.received} bytes, ${unheard} more while unplugged; arm to chip ${counts.sent} bytes`);
+  console.log('1 passed, 0 failed');
+}
+
+// The joints on the way to a goal: the wrist turns steadily, stops where it must, and the gripper as well.
+function checkWay(way, opening) {
+  const states = way.map((said) => said.match(/\d+/g).map(Number));
+  const wrists = states.map(([, , , , , wrist]) => wrist);
+  assert.ok(wrists.every((wrist, n) => n === 0 || wrist >= wrists[n - 1]), `the wrist turns back: ${wrists}`);
+  const [, , , , , wrist, gripper] = states.at(-1);
+  assert.ok(Math.abs(wrist - WRIST_GOAL) <= 3, `the wrist is at ${wrist}`);
+  assert.ok(Math.abs(gripper - opening) <= 10, `the gripper is at ${gripper}`);
+  assert.ok(way.length > 2, 'the arm is there at once');
+}
