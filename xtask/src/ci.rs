@@ -13,7 +13,7 @@ use crate::steps::Steps;
 use crate::toolchain::Toolchain;
 use crate::workspace::{ALONE, root};
 use crate::{
-    c_library, campaign, coverage, deny, features, fuzz, integrity, no_panic, performance, readme, semver, vendor,
+    c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, performance, readme, semver, vendor,
 };
 
 /// Everything but the firmware.
@@ -81,6 +81,7 @@ pub(crate) fn run() -> Result<()> {
     ci.step("public API", semver::run)?;
     ci.step("crates without std", no_std)?;
     ci.step("clippy for the microcontroller", clippy_thumb)?;
+    ci.step("examples for microcontrollers", examples::check)?;
     ci.step("no path to a panic", no_panic::run)?;
     ci.step("C library", || c_library::run_all(&Default::default()))?;
     // From the same seed each time: what is found is the change's doing.

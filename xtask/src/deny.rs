@@ -5,6 +5,7 @@ use std::iter;
 use anyhow::Result;
 
 use crate::cargo::tool;
+use crate::examples::EXAMPLES;
 use crate::process::{self, output};
 use crate::workspace::ALONE;
 
@@ -16,24 +17,29 @@ const NOT_USED: &str = "-A license-exception-not-encountered";
 /// What all of the rest is for, only the one in the root has to need.
 const NOT_USED_ALONE: &str = "-A license-exception-not-encountered -A license-not-encountered -A unmatched-skip";
 
-/// Checks licences, versions and sources in each workspace, and known vulnerabilities if the list of those can be had.
+/// Checks licences and sources in each workspace, versions in all but those of the examples, and known vulnerabilities if the list of those can be had.
 ///
 /// # Errors
 ///
 /// If there is a dependency that may not be used here. That the list cannot be had is told, and is no error.
 pub(crate) fn run() -> Result<()> {
-    check(ROOT, NOT_USED)?;
+    check(ROOT, NOT_USED, "licenses bans sources")?;
     for workspace in ALONE {
-        check(workspace, NOT_USED_ALONE)?;
+        check(workspace, NOT_USED_ALONE, "licenses bans sources")?;
+    }
+    // Which versions of a crate the HALs need is theirs to say.
+    for (example, _) in EXAMPLES {
+        let workspace = format!("--manifest-path=examples/{example}/Cargo.toml");
+        check(&workspace, NOT_USED_ALONE, "licenses sources")?;
     }
     advisories()
 }
 
-/// Checks licences, versions and sources in one workspace, which need not have use for some entries of `deny.toml`.
-fn check(workspace: &str, not_used: &str) -> Result<()> {
+/// Makes these checks in one workspace, which need not have use for some entries of `deny.toml`.
+fn check(workspace: &str, not_used: &str, checks: &str) -> Result<()> {
     println!("{workspace}");
     process::run(&mut tool(&format!(
-        "deny {workspace} --config deny.toml check {not_used} licenses bans sources"
+        "deny {workspace} --config deny.toml check {not_used} {checks}"
     ))?)
 }
 

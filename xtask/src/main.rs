@@ -1,5 +1,6 @@
 //! The project's commands, behind the aliases in `.cargo/config.toml`.
 
+mod apt;
 mod board;
 mod c_library;
 mod campaign;
@@ -9,6 +10,7 @@ mod coverage;
 mod demo;
 mod deny;
 mod dfu;
+mod examples;
 mod features;
 mod flash;
 mod fuzz;
@@ -63,6 +65,8 @@ enum Command {
     Deny,
     /// Check each feature alone, and the oldest compiler
     Features,
+    /// Build the examples, and run the RP2040's on an emulated chip
+    Examples,
     /// Build the README's example with its dependencies
     Readme,
     /// Compare the public API with the last release
@@ -99,6 +103,7 @@ impl Command {
             Self::Integrity(options) => integrity::run(&options),
             Self::Deny => deny::run(),
             Self::Features => features::each(),
+            Self::Examples => examples::check(),
             Self::Readme => readme::check(),
             Self::Semver => semver::run(),
             Self::Soak(options) => soak::run(&options),

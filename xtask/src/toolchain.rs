@@ -10,8 +10,9 @@ use std::process::Command;
 
 use anyhow::{Result, bail};
 
+use crate::apt;
 use crate::cargo::{cargo, cargo_at, target_dir};
-use crate::process::{output, run, shown};
+use crate::process::output;
 
 const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 const DEBIAN_CARGO: &str = "/usr/bin/cargo";
@@ -40,7 +41,10 @@ impl Toolchain {
         if missing.is_empty() || add_with_rustup(&missing) {
             return Ok(Self::Installed);
         }
-        if !debian_is_complete() && !install_with_apt()? {
+        if !debian_is_complete() {
+            apt::install(&DEBIAN_PACKAGES)?;
+        }
+        if !debian_is_complete() {
             bail!("no compiler for {}; run `{}`", missing.join(", "), remedy(&missing));
         }
         println!("using Debian's compiler, {DEBIAN_RUSTC}, for {}", missing.join(", "));
@@ -112,27 +116,6 @@ fn debian_is_recent() -> bool {
     };
     output(&mut rustc)
         .is_ok_and(|said| said.split(' ').nth(1).and_then(version) >= version(env!("CARGO_PKG_RUST_VERSION")))
-}
-
-/// Whether apt-get was allowed to install Debian's compiler and has.
-fn install_with_apt() -> Result<bool> {
-    let is_root = output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0");
-    if !is_root || output(Command::new("apt-get").arg("--version")).is_err() {
-        return Ok(false);
-    }
-    let mut update = Command::new("apt-get");
-    update.arg("update");
-    let mut install = Command::new("apt-get");
-    install
-        .args(["install", "--yes", "--no-install-recommends"])
-        .args(DEBIAN_PACKAGES);
-    for command in [&mut update, &mut install] {
-        println!("running `{}`", shown(command));
-        run(command
-            .env("DEBIAN_FRONTEND", "noninteractive")
-            .env_remove("LD_LIBRARY_PATH"))?;
-    }
-    Ok(debian_is_complete())
 }
 
 /// The command that installs a compiler for the targets.
