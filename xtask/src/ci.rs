@@ -13,7 +13,8 @@ use crate::steps::Steps;
 use crate::toolchain::Toolchain;
 use crate::workspace::{ALONE, root};
 use crate::{
-    c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, performance, readme, semver, vendor,
+    c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, packages, performance, readme,
+    semver, vendor,
 };
 
 /// Everything but the firmware.
@@ -78,6 +79,7 @@ pub(crate) fn run() -> Result<()> {
     ci.step("docs/integrity.md", || integrity::run(&Default::default()))?;
     ci.step("each feature alone, and the oldest compiler", features::each)?;
     ci.step("README's example with its dependencies", readme::check)?;
+    ci.step("crates from their packages", packages::check)?;
     ci.step("public API", semver::run)?;
     ci.step("crates without std", no_std)?;
     ci.step("clippy for the microcontroller", clippy_thumb)?;

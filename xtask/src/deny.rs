@@ -17,7 +17,8 @@ const NOT_USED: &str = "-A license-exception-not-encountered";
 /// What all of the rest is for, only the one in the root has to need.
 const NOT_USED_ALONE: &str = "-A license-exception-not-encountered -A license-not-encountered -A unmatched-skip";
 
-/// Checks licences and sources in each workspace, versions in all but those of the examples, and known vulnerabilities if the list of those can be had.
+/// Checks licences and sources in each workspace, versions in all but the examples', and known vulnerabilities if the list
+/// of those can be had.
 ///
 /// # Errors
 ///

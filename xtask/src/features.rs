@@ -1,4 +1,5 @@
-//! `cargo xtask features`: the protocol and bridge crates with their features, and with the oldest compiler.
+//! `cargo xtask features`: the protocol and bridge crates with their features, and the crates to publish with the oldest
+//! compiler.
 
 use std::env;
 use std::process::Command;
@@ -6,6 +7,7 @@ use std::process::Command;
 use anyhow::Result;
 
 use crate::cargo::tool;
+use crate::packages::PACKAGES;
 use crate::process::{output, run};
 
 /// The oldest compiler that is supported, as in `Cargo.toml`.
@@ -46,7 +48,7 @@ fn test(sets: &str) -> Result<()> {
     ))?)
 }
 
-/// The two crates build with the oldest compiler that is supported.
+/// The crates to publish and their tests compile with the oldest compiler that is supported.
 ///
 /// # Errors
 ///
@@ -59,7 +61,6 @@ fn oldest_compiler() -> Result<()> {
         return Ok(());
     }
     // cargo-hack installs the compiler.
-    run(&mut tool(
-        "hack check --rust-version --all-targets --all-features --package armwire --package armwire-bridge",
-    )?)
+    let mut check = tool("hack check --rust-version --all-targets --all-features")?;
+    run(check.args(PACKAGES.map(|package| format!("--package={package}"))))
 }

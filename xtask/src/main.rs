@@ -18,6 +18,7 @@ mod image;
 mod integrity;
 mod mutants;
 mod no_panic;
+mod packages;
 mod performance;
 mod process;
 mod program;
@@ -67,6 +68,8 @@ enum Command {
     Features,
     /// Build the examples, and run the RP2040's on an emulated chip
     Examples,
+    /// Test and use the crates to publish from their .crate files
+    Packages,
     /// Build the README's example with its dependencies
     Readme,
     /// Compare the public API with the last release
@@ -104,6 +107,7 @@ impl Command {
             Self::Deny => deny::run(),
             Self::Features => features::each(),
             Self::Examples => examples::check(),
+            Self::Packages => packages::check(),
             Self::Readme => readme::check(),
             Self::Semver => semver::run(),
             Self::Soak(options) => soak::run(&options),

@@ -1,0 +1,107 @@
+//! `cargo xtask packages`: the crates as they would be published, tested and used from their `.crate` files.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Result, ensure};
+
+use crate::cargo::{cargo, target_dir};
+use crate::process::run;
+use crate::readme;
+use crate::workspace::root;
+
+/// The crates to publish.
+pub(crate) const PACKAGES: [&str; 4] = ["armwire", "armwire-bridge", "armwire-sim", "armwire-cli"];
+/// Those whose README has an example.
+const LIBRARIES: [&str; 3] = ["armwire", "armwire-bridge", "armwire-sim"];
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+/// What each package must have besides its sources.
+const FILES: [&str; 3] = ["README.md", "LICENSE-MIT", "LICENSE-APACHE"];
+/// The pages of the repository that tests of `armwire-cli` read, in the folder around the package.
+const PAGES: [&str; 3] = ["README.md", "docs/can.md", "docs/update.md"];
+
+/// Packages the crates, tests each from its `.crate` file, and builds and runs the examples of their READMEs with these
+/// alone.
+///
+/// # Errors
+///
+/// The first package that misses a file, or fails to build, to pass its tests or to run its example.
+pub(crate) fn check() -> Result<()> {
+    let folder = target_dir()?.join("packages");
+    let crates = folder.join("crates");
+    if crates.exists() {
+        fs::remove_dir_all(&crates)?;
+    }
+    unpack(&crates)?;
+    test(&crates)?;
+    LIBRARIES
+        .into_iter()
+        .try_for_each(|library| run_readme(library, &folder))
+}
+
+/// Packages the crates and unpacks them into this folder.
+fn unpack(crates: &Path) -> Result<()> {
+    fs::create_dir_all(crates)?;
+    let mut package = cargo("package --quiet --no-verify --allow-dirty");
+    run(package.args(PACKAGES.map(|package| format!("--package={package}"))))?;
+    for package in PACKAGES.map(versioned) {
+        let archive = target_dir()?.join("package").join(format!("{package}.crate"));
+        run(Command::new("tar").arg("-xzf").arg(archive).arg("-C").arg(crates))?;
+        for file in FILES {
+            let is_there = crates.join(&package).join(file).exists();
+            ensure!(is_there, "{package}.crate has no {file}");
+        }
+    }
+    Ok(())
+}
+
+/// Runs the tests of the unpacked crates, which depend on one another and on nothing else of the repository.
+fn test(crates: &Path) -> Result<()> {
+    let members = PACKAGES.map(versioned);
+    let workspace = format!(
+        "[workspace]\nresolver = \"3\"\nmembers = {members:?}\n{}",
+        patch(crates)
+    );
+    fs::write(crates.join("Cargo.toml"), workspace)?;
+    fs::copy(root().join("Cargo.lock"), crates.join("Cargo.lock"))?;
+    fs::create_dir_all(crates.join("docs"))?;
+    for page in PAGES {
+        fs::copy(root().join(page), crates.join(page))?;
+    }
+    run(&mut in_folder("test --quiet --features armwire/async", crates)?)
+}
+
+/// Builds the example of a README as a new user would, and runs it if it is a program.
+fn run_readme(package: &str, folder: &Path) -> Result<()> {
+    println!("{package}: the example of its README");
+    let crates = folder.join("crates");
+    let page = fs::read_to_string(crates.join(versioned(package)).join("README.md"))?;
+    let user = folder.join(format!("{package}-user"));
+    readme::make_package(&page, &user, &patch(&crates))?;
+    let is_program = user.join("src/main.rs").exists();
+    run(&mut in_folder(
+        if is_program { "run --quiet" } else { "check --quiet" },
+        &user,
+    )?)
+}
+
+/// The section of a manifest that has the unpacked crates stand for those of the registry.
+fn patch(crates: &Path) -> String {
+    let entries = LIBRARIES.map(|library| format!("{library} = {{ path = {:?} }}\n", crates.join(versioned(library))));
+    format!("\n[patch.crates-io]\n{}", entries.concat())
+}
+
+/// Cargo in this folder, with what it builds beside it. Some tests take long if nothing is optimised.
+fn in_folder(words: &str, folder: &Path) -> Result<Command> {
+    let mut command = cargo(words);
+    command.current_dir(folder);
+    command.env("CARGO_TARGET_DIR", target_dir()?.join("packages/target"));
+    command.env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
+    command.env("CARGO_PROFILE_DEV_DEBUG", "false");
+    Ok(command)
+}
+
+fn versioned(package: &str) -> String {
+    format!("{package}-{VERSION}")
+}
