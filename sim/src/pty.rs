@@ -3,12 +3,12 @@
 //! Any serial program can open it. What a pty lacks is a UART: it has no modem lines (the ioctls for DTR and RTS fail),
 //! and its bytes take no time; baud rate and pacing are up to the one who serves it.
 
+mod link;
+
 use std::ffi::OsStr;
-use std::fs;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -17,6 +17,8 @@ use rustix::fs::{Mode, OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::io::{Errno, FdFlags, fcntl_setfd};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, Termios, ioctl_tiocnxcl, tcgetattr, tcsetattr};
+
+use link::Link;
 
 /// A pty in raw mode, both ends of it, with our end non-blocking.
 ///
@@ -48,7 +50,7 @@ pub struct Pty {
     /// The clients' end, kept open so that the last client to close it does not hang it up.
     user: OwnedFd,
     device: PathBuf,
-    link: Option<PathBuf>,
+    link: Option<Link>,
 }
 
 impl Pty {
@@ -56,9 +58,10 @@ impl Pty {
     ///
     /// # Errors
     ///
-    /// When the system has no pty to give, or the link cannot be made. A symbolic link that an earlier server left behind,
-    /// so that it points to nothing, is replaced; [`io::ErrorKind::AlreadyExists`] when there is anything else, also
-    /// the link of a server that runs.
+    /// When the system has no pty to give, or the link cannot be made. A link that a killed server left behind is
+    /// replaced; [`io::ErrorKind::AlreadyExists`] when there is anything else, also the link of a server that runs.
+    ///
+    /// A server holds the empty file `LINK.lock` locked, by which others know that it runs.
     pub fn open(link: Option<&Path>) -> io::Result<Self> {
         let controller = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
         // A program that we start must not keep the pty alive.
@@ -73,22 +76,18 @@ impl Pty {
         tcsetattr(&user, OptionalActions::Now, &attributes)?;
         fcntl_setfl(&controller, fcntl_getfl(&controller)? | OFlags::NONBLOCK)?;
 
-        let mut pty = Self {
+        let link = link.map(|path| Link::place(path, &device)).transpose()?;
+        Ok(Self {
             controller,
             user,
             device,
-            link: None,
-        };
-        if let Some(link) = link {
-            place_link(&pty.device, link)?;
-            pty.link = Some(link.to_owned());
-        }
-        Ok(pty)
+            link,
+        })
     }
 
     /// What clients open: the symbolic link if there is one, else the device.
     pub fn path(&self) -> &Path {
-        self.link.as_deref().unwrap_or(&self.device)
+        self.link.as_ref().map_or(&self.device, Link::path)
     }
 
     /// The baud rate that the last client set.
@@ -170,18 +169,6 @@ pub fn wait_for_any(ptys: &[&Pty], timeout: Option<Duration>) -> io::Result<bool
     }
 }
 
-impl Drop for Pty {
-    fn drop(&mut self) {
-        // Another server may have replaced the link meanwhile; it is not ours to remove then.
-        if let Some(link) = &self.link
-            && fs::read_link(link).is_ok_and(|device| device == self.device)
-        {
-            // Nobody is left to tell.
-            let _ = fs::remove_file(link);
-        }
-    }
-}
-
 fn none_if_blocked(result: rustix::io::Result<usize>) -> io::Result<usize> {
     match result {
         Err(Errno::AGAIN | Errno::INTR) => Ok(0),
@@ -189,54 +176,11 @@ fn none_if_blocked(result: rustix::io::Result<usize>) -> io::Result<usize> {
     }
 }
 
-fn place_link(device: &Path, link: &Path) -> io::Result<()> {
-    let in_the_way = |what: String| {
-        let text = format!("{} {what}", link.display());
-        Err(io::Error::new(io::ErrorKind::AlreadyExists, text))
-    };
-    match fs::symlink_metadata(link) {
-        Ok(there) if there.file_type().is_symlink() => {
-            let target = fs::read_link(link)?;
-            let dangles = fs::metadata(link).is_err_and(|error| error.kind() == io::ErrorKind::NotFound);
-            if dangles || is_pty(&target) && is_hung_up(&target) {
-                fs::remove_file(link)?;
-            } else if is_pty(&target) {
-                return in_the_way(format!(
-                    "points to {}, which is in use: end the server there, remove the link, or choose another path",
-                    target.display()
-                ));
-            } else {
-                return in_the_way(format!(
-                    "is a symbolic link to {}, which is no pseudo-terminal; choose another path",
-                    target.display()
-                ));
-            }
-        }
-        Ok(_) => return in_the_way("exists and is not a symbolic link; choose another path".to_owned()),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-        Err(error) => return Err(error),
-    }
-    symlink(device, link)
-        .map_err(|error| io::Error::new(error.kind(), format!("cannot link {}: {error}", link.display())))
-}
-
-/// Whether this is where the system keeps ptys: `/dev/pts/3`, or `/dev/ttys003` on macOS.
-fn is_pty(device: &Path) -> bool {
-    let name = device.as_os_str().as_bytes();
-    name.starts_with(b"/dev/pts/") || name.starts_with(b"/dev/ttys")
-}
-
-/// Whether nobody serves this pty any more. On Linux its name is gone then; on macOS it may stay.
-fn is_hung_up(device: &Path) -> bool {
-    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    let opened = rustix::fs::open(device, flags, Mode::empty());
-    matches!(opened, Err(Errno::NOENT | Errno::NXIO | Errno::IO))
-}
-
 #[cfg(test)]
 mod tests {
-    use std::fs::{File, OpenOptions};
+    use std::fs::{self, File, OpenOptions};
     use std::io::{Read, Write};
+    use std::os::unix::fs::symlink;
 
     use super::*;
 
@@ -313,9 +257,12 @@ mod tests {
             symlink(stale, &link).unwrap();
             let first = Pty::open(Some(&link)).unwrap();
             fs::remove_file(&link).unwrap();
+            fs::remove_file(link.with_added_extension("lock")).unwrap();
             let second = Pty::open(Some(&link)).unwrap();
             drop(first);
             assert_eq!(fs::read_link(&link).unwrap(), second.device);
+            let error = Pty::open(Some(&link)).unwrap_err();
+            assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
         }
     }
 
@@ -325,7 +272,7 @@ mod tests {
         let first = Pty::open(Some(&link)).unwrap();
         let error = Pty::open(Some(&link)).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
-        assert!(error.to_string().contains("which is in use"), "{error}");
+        assert!(error.to_string().contains("is in use by another server"), "{error}");
         assert_eq!(fs::read_link(&link).unwrap(), first.device);
     }
 

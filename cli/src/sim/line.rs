@@ -18,8 +18,8 @@ use crate::output::say;
 /// Where a device is, and what its line does to bytes: the arguments that all devices on a serial line have.
 #[derive(Args)]
 pub(super) struct LineArgs {
-    /// Where programs find it: a symbolic link that is made, and removed at the end. Without it the system picks a
-    /// name.
+    /// Where programs find it: a symbolic link that is made, and removed at the end. PATH.lock tells others that it is
+    /// in use. Without it the system picks a name.
     #[arg(long, value_name = "PATH")]
     pty: Option<PathBuf>,
     /// Faults on the line, in bytes per million: one number for every kind, or such as 'drop=100,corrupt=5000'; kinds

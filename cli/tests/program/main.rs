@@ -11,6 +11,7 @@ mod common;
 mod hangup;
 mod help;
 mod legacy;
+mod link;
 mod list;
 mod monitor;
 mod motion;

@@ -181,7 +181,7 @@ fn monitor_waits_for_a_lost_port() {
         told.contains("the port is gone") && told.ends_with("Waiting for it to come back"),
         "{told}"
     );
-    let _arm = Arm::start_at(port, "ling", &[]);
+    let _arm = Arm::start_at("ling", port.as_ref(), &[]);
     // What it printed before it noticed is behind it.
     for _ in 0..100 {
         reading();

@@ -6,7 +6,7 @@ pub(crate) mod terminal;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
@@ -113,17 +113,26 @@ pub(crate) struct Arm {
 
 impl Arm {
     pub(crate) fn start(kind: &str, name: &str, args: &[&str]) -> Self {
-        Self::start_at(free_path(name).to_str().unwrap().to_owned(), kind, args)
+        Self::start_at(kind, &free_path(name), args)
     }
 
     /// Starts it at a path.
-    pub(crate) fn start_at(port: String, kind: &str, args: &[&str]) -> Self {
+    pub(crate) fn start_at(kind: &str, link: &Path, args: &[&str]) -> Self {
+        let port = link.to_str().unwrap().to_owned();
         let mut child = start(Command::new(PROGRAM).args(["sim", kind, "--pty", &port]).args(args));
         let mut out = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
         out.read_line(&mut line).unwrap();
         assert!(line.contains(&port), "{line}");
         Self { child, out, port }
+    }
+
+    /// Kills it without a chance to clean up.
+    pub(crate) fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+        // Its link stays, as that of a killed program does.
+        self.port.clear();
     }
 
     /// Asks it to end, and returns the last it has to say.
@@ -149,7 +158,11 @@ impl Drop for Arm {
         // After stop there is nothing left to kill.
         let _ = self.child.kill();
         let _ = self.child.wait();
+        if self.port.is_empty() {
+            return;
+        }
         let _ = fs::remove_file(&self.port);
+        let _ = fs::remove_file(format!("{}.lock", self.port));
     }
 }
 

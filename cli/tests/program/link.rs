@@ -1,0 +1,79 @@
+//! The built program and the symbolic link to its pseudo-terminal, when an earlier one was killed.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use armwire_sim::pty::Pty;
+use rustix::process::Signal;
+
+use crate::common::{Arm, failure, free_path, run, success};
+
+/// What a link points to.
+fn target(link: &str) -> PathBuf {
+    fs::read_link(link).unwrap()
+}
+
+#[test]
+fn a_killed_arm_leaves_room_for_the_next() {
+    let link = free_path("killed");
+    for _ in 0..7 {
+        let arm = Arm::start_at("ling", &link, &[]);
+        success(&["info", &arm.port]);
+        arm.kill();
+        assert!(fs::symlink_metadata(&link).is_ok(), "a killed arm leaves its link");
+    }
+    Arm::start_at("ling", &link, &[]).stop(Signal::TERM);
+    assert!(fs::symlink_metadata(&link).is_err(), "the link is left behind");
+    assert!(fs::symlink_metadata(lock(&link)).is_err(), "the lock is left behind");
+}
+
+#[test]
+fn a_killed_arms_reused_pty_does_not_block() {
+    let link = free_path("reused");
+    let arm = Arm::start_at("ling", &link, &[]);
+    let stale = target(&arm.port);
+    arm.kill();
+    // A pty of another program, with the number that the stale link names, or a higher one if others were faster.
+    let others: Vec<_> = (0..64).map(|_| Pty::open(None).unwrap()).collect();
+    assert!(others.iter().any(|pty| pty.path() == stale) || stale.exists());
+    let arm = Arm::start_at("ling", &link, &[]);
+    assert_ne!(target(&arm.port), stale);
+}
+
+#[test]
+fn the_link_of_a_running_arm_is_kept() {
+    let arm = Arm::start("ling", "running", &[]);
+    let device = target(&arm.port);
+    let line = failure(&run(&["sim", "ling", "--pty", &arm.port]));
+    assert!(line.contains("in use by another server"), "{line}");
+    assert_eq!(target(&arm.port), device);
+    success(&["info", &arm.port]);
+}
+
+#[test]
+fn the_link_of_another_programs_pty_is_kept() {
+    let link = free_path("foreign");
+    let foreign = Pty::open(None).unwrap();
+    std::os::unix::fs::symlink(foreign.path(), &link).unwrap();
+    let line = failure(&run(&["sim", "ling", "--pty", link.to_str().unwrap()]));
+    assert!(line.contains("which is in use"), "{line}");
+    assert_eq!(fs::read_link(&link).unwrap(), foreign.path());
+    assert!(!lock(&link).exists(), "the lock is left behind");
+    fs::remove_file(link).unwrap();
+}
+
+#[test]
+fn a_file_where_the_lock_would_be_is_kept() {
+    let link = free_path("precious");
+    fs::write(lock(&link), "precious").unwrap();
+    let line = failure(&run(&["sim", "ling", "--pty", link.to_str().unwrap()]));
+    assert!(line.contains(".lock exists and is not the lock of a server"), "{line}");
+    assert_eq!(fs::read_to_string(lock(&link)).unwrap(), "precious");
+    assert!(fs::symlink_metadata(&link).is_err());
+    fs::remove_file(lock(&link)).unwrap();
+}
+
+/// The file that the server of a link holds locked.
+fn lock(link: &Path) -> PathBuf {
+    link.with_added_extension("lock")
+}

@@ -1,0 +1,160 @@
+//! The symbolic link by which clients find a pty.
+//!
+//! A server that is killed leaves its link behind, and the system soon gives the number in it to another pty, perhaps to
+//! the next server's own. The target alone thus does not tell whether the link is stale. The server of a link therefore
+//! holds a lock on a file beside it, `PATH.lock`, which the system releases when the server dies.
+
+use std::fs::{self, File, TryLockError};
+use std::io::{self, ErrorKind};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{MetadataExt, symlink};
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
+
+/// A symbolic link to a pty. It is gone when this is dropped.
+#[derive(Debug)]
+pub(super) struct Link {
+    path: PathBuf,
+    device: PathBuf,
+    _lock: Lock,
+}
+
+impl Link {
+    /// Makes a link at `path` to `device`, a pty of this process.
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::AlreadyExists`] when anything but a stale link is there; others when the system refuses.
+    pub(super) fn place(path: &Path, device: &Path) -> io::Result<Self> {
+        let (lock, left_behind) = Lock::take(path)?;
+        match fs::symlink_metadata(path) {
+            Ok(there) if there.file_type().is_symlink() => {
+                let target = fs::read_link(path)?;
+                let is_stale = target == device || is_gone(&target) || left_behind && is_pty(&target);
+                if !is_stale {
+                    return Err(in_the_way(path, &what_is_linked(&target)));
+                }
+                fs::remove_file(path)?;
+            }
+            Ok(_) => {
+                return Err(in_the_way(
+                    path,
+                    "exists and is not a symbolic link; choose another path",
+                ));
+            }
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
+        }
+        symlink(device, path)
+            .map_err(|error| io::Error::new(error.kind(), format!("cannot link {}: {error}", path.display())))?;
+        Ok(Self {
+            path: path.to_owned(),
+            device: device.to_owned(),
+            _lock: lock,
+        })
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        // Somebody may have replaced the link meanwhile; it is not ours to remove then.
+        if fs::read_link(&self.path).is_ok_and(|device| device == self.device) {
+            // Nobody is left to tell.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// The lock of a link's server. The file is gone when this is dropped.
+#[derive(Debug)]
+struct Lock {
+    path: PathBuf,
+    file: File,
+}
+
+impl Lock {
+    /// Takes the lock of the link at `path`. Tells, too, whether a server that was killed left its file behind.
+    fn take(link: &Path) -> io::Result<(Self, bool)> {
+        let path = link.with_added_extension("lock");
+        loop {
+            let left_behind = match fs::symlink_metadata(&path) {
+                Ok(there) if there.is_file() && there.len() == 0 => true,
+                Ok(_) => {
+                    return Err(in_the_way(
+                        &path,
+                        "exists and is not the lock of a server; choose another path",
+                    ));
+                }
+                Err(_) => false,
+            };
+            let file = File::options().write(true).create(true).truncate(false).open(&path);
+            let failed = |error: io::Error| {
+                let text = format!("cannot lock {}: {error}", path.display());
+                io::Error::new(error.kind(), text)
+            };
+            let file = file.map_err(failed)?;
+            match file.try_lock() {
+                Ok(()) if is_at(&file, &path) => return Ok((Self { path, file }, left_behind)),
+                // Its owner removed it before it was locked here.
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    let text = "is in use by another server: end that one, or choose another path";
+                    return Err(in_the_way(link, text));
+                }
+                Err(TryLockError::Error(error)) => return Err(failed(error)),
+            }
+        }
+    }
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        // Removed while it is locked: who has opened it already finds out. Another's file is not ours to remove.
+        if is_at(&self.file, &self.path) {
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// Whether this file is the one at the path.
+fn is_at(file: &File, path: &Path) -> bool {
+    let id = |metadata: fs::Metadata| (metadata.dev(), metadata.ino());
+    let (here, there) = (file.metadata().map(id), fs::symlink_metadata(path).map(id));
+    matches!((here, there), (Ok(here), Ok(there)) if here == there)
+}
+
+fn in_the_way(path: &Path, what: &str) -> io::Error {
+    io::Error::new(ErrorKind::AlreadyExists, format!("{} {what}", path.display()))
+}
+
+fn what_is_linked(target: &Path) -> String {
+    let target_name = target.display();
+    match is_pty(target) {
+        true => format!(
+            "points to {target_name}, which is in use: end the server there, remove the link, or choose another path"
+        ),
+        false => format!("is a symbolic link to {target_name}, which is no pseudo-terminal; choose another path"),
+    }
+}
+
+/// Whether this is where the system keeps ptys: `/dev/pts/3`, or `/dev/ttys003` on macOS.
+fn is_pty(device: &Path) -> bool {
+    let name = device.as_os_str().as_bytes();
+    name.starts_with(b"/dev/pts/") || name.starts_with(b"/dev/ttys")
+}
+
+/// Whether nothing is there, or a pty that nobody serves any more. On Linux its name is gone then; on macOS it may stay.
+fn is_gone(target: &Path) -> bool {
+    if fs::metadata(target).is_err_and(|error| error.kind() == ErrorKind::NotFound) {
+        return true;
+    }
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let opened = || rustix::fs::open(target, flags, Mode::empty());
+    is_pty(target) && matches!(opened(), Err(Errno::NOENT | Errno::NXIO | Errno::IO))
+}
