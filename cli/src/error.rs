@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::io;
 
+use armwire::framing::Reason;
 use armwire::ling::legacy::OlderGeneration;
 use armwire_bridge::control::VERSION;
 
@@ -45,6 +46,11 @@ pub(crate) enum Error {
          version {VERSION}"
     )]
     Unsupported { name: String, version: u16 },
+    /// The stream of a line without losses broke.
+    #[error(
+        "{name}: the stream is broken at byte {offset}: {reason}: is it one direction of one connection, from its start?"
+    )]
+    Undecodable { name: String, offset: u64, reason: Reason },
     /// The output went nowhere.
     #[error("cannot write the output: {0}")]
     Output(io::Error),

@@ -1,34 +1,52 @@
 //! `armwire decode`: the frames in a recording, what they mean, and what is between them.
 
-mod candump;
+mod bus;
+mod digits;
+mod format;
+mod input;
+mod log;
+mod output;
+mod recording;
 
-use std::fs;
-use std::io::{Read, Write, stdin, stdout};
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+use std::fs::File;
+use std::io::{BufRead, Read, stdin};
 use std::path::PathBuf;
 
 use armwire::alpha1::Alpha1;
-use armwire::framing::{Reason, Scan};
 use armwire::ling::Ling;
-use armwire::ling::legacy::{Detector, Legacy};
 use armwire::xarm::XArm;
 use clap::{Args, ValueEnum};
 
 use crate::args::ArmKind;
 use crate::describe::Arm;
 use crate::error::Error;
-use crate::hex;
-use crate::printable::cut;
-
-/// What some editors begin UTF-8 text with.
-const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
+use bus::{Buses, Refused};
+use digits::Digits;
+use format::{BYTE_ORDER_MARK, Format};
+use input::Input;
+use log::asc::Asc;
+use log::candump::Candump;
+use log::csv::Csv;
+use log::gvret::Gvret;
+use log::trc::Trc;
+use log::{Record, TextLog, blf};
+use output::{Console, Entries, Output};
+use recording::{Frames, LingFrames, Recording};
 
 /// The arguments of `armwire decode`.
 #[derive(Args)]
 pub(crate) struct Decode {
-    /// A file with the bytes as they are, or as hexadecimal text such as 'AA 06 00 01 FE 9A FF'; or a log of a CAN bus,
-    /// written by 'candump -L'; - is standard input.
+    /// A recording: the bytes of a line, raw or as hexadecimal text; or a log of a CAN bus from candump, Vector (ASC, BLF),
+    /// PEAK (TRC), python-can (CSV), or SavvyCAN (GVRET CSV). - is standard input.
     #[arg(default_value = "-")]
     file: PathBuf,
+    /// Format of the recording. Without it, the format is told from the recording's beginning.
+    #[arg(long, value_enum)]
+    format: Option<Format>,
     /// Which arm it is.
     #[arg(long, value_enum, default_value_t)]
     arm: ArmKind,
@@ -47,42 +65,22 @@ pub enum Speaker {
     Arm,
 }
 
-/// What is in a recording.
-struct Decoded {
-    /// One line for each frame and each run of noise, and one for the sum.
-    lines: Vec<String>,
-    /// Where and why the stream broke, on a line that loses nothing.
-    broken: Option<(usize, Reason)>,
-}
-
 impl Decode {
     pub(crate) fn run(&self) -> Result<(), Error> {
-        let (name, input) = self.read()?;
-        let decoded = decode_input(&name, &input, self.arm, self.from)?;
-        print(&decoded.lines)?;
-        match decoded.broken {
-            Some((offset, reason)) => Err(Error::at(
-                &name,
-                format_args!(
-                    "the stream is broken at byte {offset}: {reason}: is it one direction of one connection, from its start?"
-                ),
-            )),
-            None => Ok(()),
-        }
-    }
-
-    fn read(&self) -> Result<(String, Vec<u8>), Error> {
-        let mut input = Vec::new();
-        let (name, result) = if self.file.as_os_str() == "-" {
-            let result = stdin().read_to_end(&mut input).map(|_| input);
-            ("standard input".to_owned(), result)
+        let (name, source): (_, Box<dyn Read>) = if self.file.as_os_str() == "-" {
+            ("standard input".to_owned(), Box::new(stdin().lock()))
         } else {
-            (self.file.display().to_string(), fs::read(&self.file))
+            let name = self.file.display().to_string();
+            match File::open(&self.file) {
+                Ok(file) => (name, Box::new(file)),
+                Err(error) => return Err(Error::at(&name, error)),
+            }
         };
-        match result {
-            Ok(input) => Ok((name, input)),
-            Err(error) => Err(Error::at(&name, error)),
-        }
+        let out = Console::new();
+        let decoded = decode_input(Input::new(name, source, &out), &out, self.format, self.arm, self.from);
+        // What came before an error is shown before it.
+        let shown = out.finish().map_err(Error::Output);
+        decoded.and(shown)
     }
 }
 
@@ -92,157 +90,140 @@ impl Decode {
 ///
 /// What it says of an input that means nothing.
 pub fn decode(input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Vec<String>, String> {
-    match decode_input("input", input, arm, from) {
-        Ok(decoded) => Ok(decoded.lines),
+    let out = Entries::default();
+    let input = Input::new("input".to_owned(), Box::new(input), &out);
+    match decode_input(input, &out, None, arm, from) {
+        Ok(()) | Err(Error::Undecodable { .. }) => Ok(out.into_lines()),
         Err(problem) => Err(problem.to_string()),
     }
 }
 
-fn decode_input(name: &str, input: &[u8], arm: ArmKind, from: Option<Speaker>) -> Result<Decoded, Error> {
-    let bytes = match input.strip_prefix(BYTE_ORDER_MARK).unwrap_or(input) {
-        text if may_be_text(text) && candump::is_log(text) => {
-            let lines = decode_log(name, &String::from_utf8_lossy(text), arm)?;
-            return Ok(Decoded { lines, broken: None });
-        }
-        text if may_be_text(text) => &parse_hex(name, text)?,
-        _ => input,
+fn decode_input(
+    mut input: Input<'_>,
+    out: &dyn Output,
+    format: Option<Format>,
+    arm: ArmKind,
+    from: Option<Speaker>,
+) -> Result<(), Error> {
+    let format = format.map_or_else(|| format::detect(&mut input), Ok)?;
+    let log: &mut dyn TextLog = match format {
+        Format::Raw | Format::Hex => return decode_line(input, out, format, arm, from),
+        Format::Blf => return decode_blf(&mut input, out, buses(arm)?),
+        Format::Candump => &mut Candump,
+        Format::Asc => &mut Asc::new(),
+        Format::Trc => &mut Trc::new(),
+        Format::Csv => &mut Csv,
+        Format::Gvret => &mut Gvret::new(),
     };
-    Ok(match arm {
-        ArmKind::Ling => decode_ling(bytes, from),
-        ArmKind::Xarm => decode_line::<XArm>(bytes, from.or(Some(Speaker::Arm))),
-        ArmKind::Alpha1 => decode_line::<Alpha1>(bytes, from.or(Some(Speaker::Arm))),
-    })
+    decode_log(&mut input, out, log, buses(arm)?)
 }
 
-/// A log of a CAN bus, on which there is no xArm.
-fn decode_log(name: &str, text: &str, arm: ArmKind) -> Result<Vec<String>, Error> {
-    let lines = match arm {
-        ArmKind::Ling => candump::decode::<Ling>(text),
-        ArmKind::Alpha1 => candump::decode::<Alpha1>(text),
-        ArmKind::Xarm => return Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
+/// A recording of a line.
+fn decode_line(
+    mut input: Input<'_>,
+    out: &dyn Output,
+    format: Format,
+    arm: ArmKind,
+    from: Option<Speaker>,
+) -> Result<(), Error> {
+    let mut recording: Box<dyn Recording> = match arm {
+        ArmKind::Ling => Box::new(LingFrames::new(from)),
+        ArmKind::Xarm => Box::new(Frames::<XArm>::new(from.or(Some(Speaker::Arm)))),
+        ArmKind::Alpha1 => Box::new(Frames::<Alpha1>::new(from.or(Some(Speaker::Arm)))),
     };
-    lines.map_err(|(line, text)| {
-        let text = cut(&text);
-        let what = format!("line {line}: '{text}' is not such as (1.000000) can0 600#0201FE, as 'candump -L' writes");
-        Error::at(name, what)
-    })
-}
-
-fn print(lines: &[String]) -> Result<(), Error> {
-    let mut out = stdout().lock();
-    lines
-        .iter()
-        .try_for_each(|line| writeln!(out, "{line}"))
-        .map_err(Error::Output)
-}
-
-/// Whether it may be hexadecimal text. No recording is taken for it, for every frame has a byte that no such text has:
-/// AA in those of ling, ED of alpha1, 00 of xarm.
-fn may_be_text(input: &[u8]) -> bool {
-    input.is_ascii() && !input.contains(&0)
-}
-
-/// The bytes that hexadecimal text means.
-fn parse_hex(name: &str, text: &[u8]) -> Result<Vec<u8>, Error> {
-    let text = String::from_utf8_lossy(text);
+    let mut digits = (format == Format::Hex).then(Digits::new);
+    if digits.is_some() {
+        skip_byte_order_mark(&mut input)?;
+    }
     let mut bytes = Vec::new();
-    for (i, line) in text.lines().enumerate() {
-        bytes.extend(hex::parse(line).map_err(|word| {
-            let (line, word) = (i + 1, cut(word));
-            Error::at(
-                name,
-                format_args!("line {line}: '{word}' is not a byte or bytes in hexadecimal"),
-            )
-        })?);
-    }
-    Ok(bytes)
-}
-
-/// The frames of a recording of a Ling arm, which may be of the older generation.
-fn decode_ling(bytes: &[u8], from: Option<Speaker>) -> Decoded {
-    let Some(legacy) = Detector::new().hear(bytes) else {
-        return decode_line::<Ling>(bytes, from);
-    };
-    let mut decoded = decode_line::<Legacy>(bytes, from);
-    decoded.lines.insert(0, format!("This is {legacy}"));
-    decoded
-}
-
-/// The frames of a recording, and what is between them.
-fn decode_line<P: Arm>(bytes: &[u8], from: Option<Speaker>) -> Decoded {
-    let arm = P::default();
-    let expect = expected(&arm, from);
-    let mut lines = Vec::new();
-    let mut broken = None;
-    let (mut frames, mut noise_bytes, mut padding, mut offset) = (0, 0, 0, 0);
-    // The end of the last damaged frame: its bytes are not shown again as noise.
-    let mut damaged = 0;
-    while offset < bytes.len() {
-        let rest = &bytes[offset..];
-        // The end of the recording is as good as an idle line.
-        let (len, reason) = match arm.scan_idle(rest, expect) {
-            Scan::Frame(len) => {
-                lines.push(entry(offset, &rest[..len], &meaning(&arm, &rest[..len], expect, from)));
-                frames += 1;
-                offset += len;
-                continue;
+    while recording.broken().is_none() && (!input.buffered().is_empty() || input.more()?) {
+        let piece = input.buffered();
+        let len = piece.len();
+        let read = match &mut digits {
+            None => {
+                bytes.extend_from_slice(piece);
+                Ok(())
             }
-            Scan::Padding(len) => {
-                padding += len;
-                offset += len;
-                continue;
-            }
-            Scan::Noise(_, Reason::Stray) => (stray(&arm, rest, expect), Reason::Stray),
-            Scan::Noise(len, reason) if len > rest.len() => {
-                let text = format!("noise: {reason}; the recording ends within it");
-                lines.push(entry(offset, rest, &text));
-                noise_bytes += rest.len();
-                break;
-            }
-            Scan::Noise(len, reason) => (len, reason),
-            Scan::Broken(reason) => {
-                let len = decided(&arm, rest, expect);
-                lines.push(entry(offset, &rest[..len], &format!("noise: {reason}")));
-                broken = Some((offset, reason));
-                noise_bytes += len;
-                offset += len;
-                break;
-            }
-            Scan::Need(_) => {
-                lines.push(entry(offset, rest, "the recording ends within a frame"));
-                noise_bytes += rest.len();
-                break;
-            }
+            Some(digits) => digits.read(input.name(), piece, &mut bytes),
         };
-        let (mut start, mut end) = (offset, offset + len);
-        match reason {
-            // All of it is shown, though but its first byte is given up: what follows may be a frame.
-            Reason::Checksum { .. } => {
-                end = offset + decided(&arm, rest, expect);
-                damaged = damaged.max(end);
-            }
-            Reason::Stray => start = start.max(damaged),
-            _ => {}
+        // What came before an error is shown before it.
+        recording.push(&bytes, out).map_err(Error::Output)?;
+        read?;
+        bytes.clear();
+        input.consume(len);
+    }
+    let end = digits.map_or(Ok(()), |mut digits| digits.finish(input.name()));
+    if recording.broken().is_none() {
+        end?;
+    }
+    recording.finish(out).map_err(Error::Output)?;
+    match recording.broken() {
+        None => Ok(()),
+        Some((offset, reason)) => {
+            let name = input.name().to_owned();
+            Err(Error::Undecodable { name, offset, reason })
         }
-        if start < end {
-            lines.push(entry(start, &bytes[start..end], &format!("noise: {reason}")));
-        }
-        noise_bytes += len;
-        offset += len;
     }
-    let mut sum = format!("bytes: {}, frames: {frames}, noise bytes: {noise_bytes}", bytes.len());
-    if padding > 0 {
-        sum += &format!(", filling: {padding}");
-    }
-    if broken.is_some() {
-        sum += &format!(", not read: {}", bytes.len() - offset);
-    }
-    lines.push(sum);
-    Decoded { lines, broken }
 }
 
-fn entry(offset: usize, bytes: &[u8], text: &str) -> String {
-    format!("{offset:8}  {}\n          {text}", hex::show(bytes))
+/// What is heard on the buses of this arm's adapters.
+fn buses(arm: ArmKind) -> Result<Buses, Error> {
+    match arm {
+        ArmKind::Ling => Ok(Buses::new::<Ling>()),
+        ArmKind::Alpha1 => Ok(Buses::new::<Alpha1>()),
+        ArmKind::Xarm => Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
+    }
+}
+
+/// A log of CAN buses with a record in each line.
+fn decode_log(input: &mut Input<'_>, out: &dyn Output, log: &mut dyn TextLog, mut buses: Buses) -> Result<(), Error> {
+    skip_byte_order_mark(input)?;
+    while let Some(line) = input.line()? {
+        if line.text.trim().is_empty() {
+            continue;
+        }
+        let taken = match log.record(&line.text) {
+            // Its end may not be what it means.
+            Ok(Record::Frame(_)) | Err(_) if !line.is_whole => Err("the line is too long".to_owned()),
+            Ok(record) => match buses.take(record, out) {
+                Ok(()) => Ok(()),
+                Err(Refused::Log(reason)) => Err(reason),
+                Err(Refused::Output(error)) => return Err(Error::Output(error)),
+            },
+            Err(reason) => Err(reason),
+        };
+        if let Err(reason) = taken {
+            let (number, text) = (line.number, line.text.into_owned());
+            return Err(input.refused_line(number, &text, &reason));
+        }
+    }
+    buses.finish(out).map_err(Error::Output)
+}
+
+fn decode_blf(input: &mut Input<'_>, out: &dyn Output, mut buses: Buses) -> Result<(), Error> {
+    blf::read(input, &mut |record| buses.take(record, out))?;
+    buses.finish(out).map_err(Error::Output)
+}
+
+fn skip_byte_order_mark(input: &mut Input<'_>) -> Result<(), Error> {
+    while BYTE_ORDER_MARK.starts_with(input.buffered()) && input.buffered() != BYTE_ORDER_MARK && input.more()? {}
+    if input.buffered().starts_with(BYTE_ORDER_MARK) {
+        input.consume(BYTE_ORDER_MARK.len());
+    }
+    Ok(())
+}
+
+/// Bytes as `AA 06 00`.
+struct Hex<'a>(&'a [u8]);
+
+impl fmt::Display for Hex<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, byte) in self.0.iter().enumerate() {
+            let space = if i > 0 { " " } else { "" };
+            write!(f, "{space}{byte:02X}")?;
+        }
+        Ok(())
+    }
 }
 
 /// The expectation of a decoder that hears this side of the line.
@@ -251,23 +232,6 @@ fn expected<P: Arm>(arm: &P, from: Option<Speaker>) -> P::Expect {
         Some(Speaker::Host) => arm.requests(),
         Some(Speaker::Arm) | None => arm.unsolicited(),
     }
-}
-
-/// How many bytes at the front are stray.
-fn stray<P: Arm>(arm: &P, bytes: &[u8], expect: P::Expect) -> usize {
-    let mut len = 0;
-    while len < bytes.len()
-        && let Scan::Noise(n, Reason::Stray) = arm.scan(&bytes[len..], expect)
-    {
-        len += n;
-    }
-    len
-}
-
-/// How many bytes it took to say what the front is: all of a frame that is damaged.
-fn decided<P: Arm>(arm: &P, bytes: &[u8], expect: P::Expect) -> usize {
-    let undecided = |&len: &usize| matches!(arm.scan(&bytes[..len], expect), Scan::Need(_));
-    (1..bytes.len()).take_while(undecided).count() + 1
 }
 
 fn meaning<P: Arm>(arm: &P, frame: &[u8], expect: P::Expect, from: Option<Speaker>) -> String {
@@ -281,99 +245,5 @@ fn meaning<P: Arm>(arm: &P, frame: &[u8], expect: P::Expect, from: Option<Speake
         (Some(Speaker::Host), Err(error), _) | (Some(Speaker::Arm), _, Err(error)) => format!("no message: {error}"),
         (None, Ok(text), _) | (None, _, Ok(text)) => text,
         (None, Err(request), Err(response)) => format!("no message: as a request, {request}; as an answer, {response}"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn lines(bytes: &[u8]) -> Vec<String> {
-        decode_line::<Ling>(bytes, None).lines
-    }
-
-    #[test]
-    fn frames_and_noise_are_told_with_their_offsets() {
-        let mut bytes = vec![0x11, 0xAA, 0x06];
-        bytes.extend([0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
-        bytes.extend([0xAA, 0x04, 0x0E, 0x01, 0x01, 0x96, 0xFF, 0xAA, 0x01]);
-        let lines = lines(&bytes);
-        assert!(lines[0].starts_with("       0  11\n"));
-        assert!(
-            lines
-                .iter()
-                .any(|line| line.starts_with("       3  AA 06 00") && line.ends_with("read joints"))
-        );
-        assert!(lines.iter().any(|line| line.ends_with("from the arm: stroke: 75 mm")));
-        assert_eq!(lines.last().unwrap(), "bytes: 19, frames: 2, noise bytes: 5");
-    }
-
-    #[test]
-    fn a_damaged_frame_is_shown_whole_and_once_and_a_frame_inside_it_too() {
-        let damaged = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF];
-        assert_eq!(
-            lines(&[&damaged[..], &[0x11]].concat()),
-            [
-                "       0  AA 06 00 01 FE 9B FF\n          noise: checksum 0x9b, expected 0x9a",
-                "       7  11\n          noise: no frame starts here",
-                "bytes: 8, frames: 0, noise bytes: 8"
-            ]
-        );
-        let good = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
-        let lines = lines(&[&[0xAA, 0x06, 0x00, 0x05], &good[..]].concat());
-        assert!(lines[0].starts_with("       0  AA 06 00 05 AA 06 00 01 FE 9A FF\n"));
-        assert!(lines[1].starts_with("       4  AA 06 00 01 FE 9A FF\n"));
-        assert_eq!(lines[2], "bytes: 11, frames: 1, noise bytes: 4");
-    }
-
-    #[test]
-    fn whose_bytes_they_are_decides_what_frames_are() {
-        let bytes = [0xF2, 0x2F, 0xAA, 0xED, 0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
-        let lines = |from| decode_line::<Alpha1>(&bytes, Some(from)).lines;
-        let of_arm = lines(Speaker::Arm);
-        assert_eq!(of_arm[0], "       0  F2 2F AA ED\n          from the arm: stop: done");
-        assert_eq!(
-            of_arm.last().unwrap(),
-            "bytes: 14, frames: 1, noise bytes: 3, filling: 7"
-        );
-        let of_host = lines(Speaker::Host);
-        assert!(of_host.contains(&"       4  F2 2F 00 00 00 00 00 00 00 ED\n          to the arm: stop".to_owned()));
-        assert_eq!(of_host.last().unwrap(), "bytes: 14, frames: 1, noise bytes: 4");
-    }
-
-    #[test]
-    fn what_a_servo_answers_is_not_guessed() {
-        let offset_or_what = [0xFA, 0xAF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED];
-        let lines = decode_line::<Alpha1>(&[&offset_or_what[..], &[0xAB]].concat(), Some(Speaker::Arm)).lines;
-        assert!(lines[0].ends_with("no message: command FA: an answer of a servo, but none is expected"));
-        assert_eq!(lines[1], "      10  AB\n          noise: no frame starts here");
-    }
-
-    #[test]
-    fn reports_on_usb_hid_are_filled_up_without_noise() {
-        let mut report = [0; 64];
-        report[..4].copy_from_slice(&[0xF3, 0x3F, 0xEE, 0xED]);
-        let lines = decode_line::<Alpha1>(&[report; 2].concat(), Some(Speaker::Arm)).lines;
-        assert!(lines[0].ends_with("from the arm: play: failed"));
-        assert!(lines[1].starts_with("      64  F3 3F EE ED\n"));
-        assert_eq!(lines[2], "bytes: 128, frames: 2, noise bytes: 0, filling: 120");
-    }
-
-    #[test]
-    fn hexadecimal_text_is_understood_in_its_usual_forms() {
-        for text in ["AA 06 00", "aa0600", "0xAA,0x06, 0x00", "aa:06:00", "AA\n06\r\n\n00\n"] {
-            assert_eq!(parse_hex("-", text.as_bytes()).unwrap(), [0xAA, 0x06, 0x00], "{text}");
-        }
-    }
-
-    #[test]
-    fn what_is_not_hexadecimal_is_told_with_its_line() {
-        for (text, line, word) in [("AA\n0G", 2, "0G"), ("AAA", 1, "AAA"), ("+1", 1, "+1")] {
-            let error = parse_hex("log", text.as_bytes()).unwrap_err().to_string();
-            assert!(
-                error.starts_with(&format!("log: line {line}: '{word}' is not")),
-                "{error}"
-            );
-        }
     }
 }

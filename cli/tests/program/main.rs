@@ -7,6 +7,7 @@ mod alpha1;
 mod call;
 mod can;
 mod common;
+mod decode;
 #[cfg(target_os = "linux")]
 mod hangup;
 mod help;

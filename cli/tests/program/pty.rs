@@ -414,7 +414,7 @@ fn text_from_outside_is_escaped_and_cut() {
         ("AA \x1B[2J", r"line 1: '\u{1b}[2J' is not a byte"),
         (
             "(1.000000) can0 \x1B[2J",
-            r"line 1: '(1.000000) can0 \u{1b}[2J' is not such as",
+            r"line 1: '(1.000000) can0 \u{1b}[2J': '\u{1b}[2J' is no identifier",
         ),
     ] {
         std::fs::write(&path, input).unwrap();
@@ -423,7 +423,7 @@ fn text_from_outside_is_escaped_and_cut() {
         assert!(line.contains(r"\u{1b}]0;title\u{7}"), "{line}");
         std::fs::write(&path, input.repeat(400_000)).unwrap();
         let line = failure(&run(&["decode", path.to_str().unwrap()]));
-        assert!(line.len() < 600 && !line.contains(char::is_control), "{line}");
+        assert!(line.len() < 1000 && !line.contains(char::is_control), "{line}");
     }
     std::fs::remove_file(path).unwrap();
 }

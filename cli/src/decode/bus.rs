@@ -1,0 +1,202 @@
+//! The frames of a CAN bus: what an adapter carries by ISO-TP, put together again.
+
+use std::collections::BTreeMap;
+
+use armwire::framing::Scan;
+use armwire_bridge::can::{Frame, Function, Id, Node};
+use armwire_bridge::control::{self, FromAdapter, FromHost, MAX_MESSAGE, Message};
+use armwire_bridge::isotp::{Config, Endpoint, Event, Link};
+
+use super::log::{Logged, Record, Time};
+use super::output::Output;
+use super::{Hex, Speaker, meaning};
+use crate::describe::Arm;
+use crate::printable::{cut, escaped};
+
+/// What is in the high half of a flow control frame's first byte.
+const FLOW_CONTROL: u8 = 3;
+/// How many buses a log may have. There are PDUs on each to be put together.
+const MAX_BUSES: usize = 32;
+
+/// One that only listens, and so has nothing to send.
+type Listener = Endpoint<MAX_MESSAGE, 1>;
+
+/// What is heard on the buses of a log.
+pub(super) struct Buses {
+    meaning: fn(Function, &[u8]) -> String,
+    names: Vec<String>,
+    /// By the place of the bus's name, and by the identifier.
+    listeners: BTreeMap<(usize, Id), Listener>,
+    frames: u64,
+    pdus: u64,
+    lost: u64,
+    cyclic: u64,
+    others: u64,
+    events: u64,
+}
+
+/// Why a record cannot be taken.
+pub(super) enum Refused {
+    /// The log is at fault.
+    Log(String),
+    /// The output takes no more.
+    Output(std::io::Error),
+}
+
+impl Buses {
+    pub(super) fn new<P: Arm>() -> Self {
+        Self {
+            meaning: pdu_meaning::<P>,
+            names: Vec::new(),
+            listeners: BTreeMap::new(),
+            frames: 0,
+            pdus: 0,
+            lost: 0,
+            cyclic: 0,
+            others: 0,
+            events: 0,
+        }
+    }
+
+    /// Takes the next record of the log.
+    pub(super) fn take(&mut self, record: Record<'_>, out: &dyn Output) -> Result<(), Refused> {
+        match record {
+            Record::Comment => {}
+            Record::Other => self.events += 1,
+            Record::Frame(Logged { time, bus, frame }) => {
+                self.frames += 1;
+                let ours = frame.and_then(|frame| Some((frame, Function::of(frame.id())?)));
+                let Some((frame, (function, node))) = ours else {
+                    self.others += 1;
+                    return Ok(());
+                };
+                if !is_isotp(function) {
+                    self.cyclic += 1;
+                    return Ok(());
+                }
+                // That is for the PDUs of the other direction.
+                if frame.data().first().is_some_and(|byte| byte >> 4 == FLOW_CONTROL) {
+                    return Ok(());
+                }
+                let bus = self.bus(&bus)?;
+                self.hear(&time, bus, &frame, function, node, out)
+                    .map_err(Refused::Output)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The place of a bus's name.
+    fn bus(&mut self, name: &str) -> Result<usize, Refused> {
+        if let Some(bus) = self.names.iter().position(|there| there == name) {
+            return Ok(bus);
+        }
+        if self.names.len() == MAX_BUSES {
+            return Err(Refused::Log(format!("more than {MAX_BUSES} buses")));
+        }
+        self.names.push(name.to_owned());
+        Ok(self.names.len() - 1)
+    }
+
+    fn hear(
+        &mut self,
+        time: &Time<'_>,
+        bus: usize,
+        frame: &Frame,
+        function: Function,
+        node: Node,
+        out: &dyn Output,
+    ) -> std::io::Result<()> {
+        let link = if frame.is_fd() { Link::Fd } else { Link::Classic };
+        let new = || Listener::new(Config::new(link, frame.id()));
+        let listener = self.listeners.entry((bus, frame.id())).or_insert_with(new);
+        let late = listener.tick(time.at);
+        let events = listener.receive(frame.data(), time.at);
+        // Whom it was for has sent the flow control.
+        if listener.transmit(time.at).is_some() {
+            listener.transmitted(time.at);
+        }
+        let at = place(time, &self.names[bus], node);
+        for event in late.chain(events) {
+            let (bytes, told) = match event {
+                Event::Received => {
+                    let pdu = listener.received().unwrap_or_default();
+                    self.pdus += 1;
+                    (pdu, (self.meaning)(function, pdu))
+                }
+                Event::Failed(error) => (frame.data(), error.to_string()),
+                Event::Refused(refused) => (frame.data(), refused.to_string()),
+                Event::Ignored(ignored) => (frame.data(), ignored.to_string()),
+            };
+            self.lost += u64::from(event != Event::Received);
+            out.entry(format_args!("{at}  {}\n          {told}", Hex(bytes)))?;
+        }
+        listener.release();
+        Ok(())
+    }
+
+    /// The sum.
+    pub(super) fn finish(&self, out: &dyn Output) -> std::io::Result<()> {
+        let Self {
+            frames,
+            pdus,
+            lost,
+            cyclic,
+            others,
+            ..
+        } = self;
+        let events = match self.events {
+            0 => String::new(),
+            events => format!(", other events: {events}"),
+        };
+        out.entry(format_args!(
+            "CAN frames: {frames}, PDUs: {pdus}, lost: {lost}, cyclic frames: {cyclic}, frames of others: {others}{events}"
+        ))
+    }
+}
+
+/// Where a frame was: `1609459200.000000  can0  node 15`, with what the log has of it.
+fn place(time: &Time<'_>, bus: &str, node: Node) -> String {
+    let mut place = String::new();
+    if !time.stamp.is_empty() {
+        place += &format!("{}{}  ", time.stamp, time.unit);
+    }
+    match bus.as_bytes() {
+        [] => {}
+        digits if digits.iter().all(u8::is_ascii_digit) => place += &format!("bus {}  ", cut(bus)),
+        _ => place += &format!("{}  ", escaped(&cut(bus))),
+    }
+    place + &format!("node {}", node.get())
+}
+
+fn is_isotp(function: Function) -> bool {
+    use Function::{ArmAnswer, ArmRequest, ControlAnswer, ControlRequest};
+    matches!(function, ArmRequest | ArmAnswer | ControlRequest | ControlAnswer)
+}
+
+/// What a PDU says.
+fn pdu_meaning<P: Arm>(function: Function, pdu: &[u8]) -> String {
+    match function {
+        Function::ArmRequest => frame_meaning::<P>(pdu, Speaker::Host),
+        Function::ControlRequest => format!("to the adapter: {}", message::<FromHost>(pdu)),
+        Function::ControlAnswer => format!("from the adapter: {}", message::<FromAdapter>(pdu)),
+        _ => frame_meaning::<P>(pdu, Speaker::Arm),
+    }
+}
+
+fn frame_meaning<P: Arm>(pdu: &[u8], from: Speaker) -> String {
+    let arm = P::default();
+    let expect = super::expected(&arm, Some(from));
+    match arm.scan(pdu, expect) {
+        Scan::Frame(len) if len == pdu.len() => meaning(&arm, pdu, expect, Some(from)),
+        Scan::Noise(_, reason) | Scan::Broken(reason) => format!("no frame of {}: {reason}", P::NAME),
+        _ => format!("not one whole frame of {}", P::NAME),
+    }
+}
+
+fn message<T: Message + std::fmt::Debug>(pdu: &[u8]) -> String {
+    match control::decode::<T>(pdu) {
+        Ok(message) => format!("{message:?}"),
+        Err(error) => format!("no message: {error}"),
+    }
+}

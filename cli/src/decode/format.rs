@@ -1,0 +1,120 @@
+//! The format of a recording, told from its beginning.
+
+use clap::ValueEnum;
+
+use super::input::Input;
+use super::log::candump::Candump;
+use super::log::{Record, TextLog, blf, csv, gvret};
+use crate::error::Error;
+
+/// What some editors begin UTF-8 text with.
+pub(super) const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
+/// What a Vector ASC log begins with, in small letters.
+const ASC: [&str; 2] = ["date ", "base "];
+/// What a PEAK trace begins with: version 1.0 with a line of hash signs.
+const TRC: [&str; 2] = [";$", ";##"];
+
+/// The format of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Format {
+    /// The bytes of a line as they are.
+    Raw,
+    /// The bytes of a line as hexadecimal text, such as 'AA 06 00 01 FE 9A FF'.
+    Hex,
+    /// A log of 'candump -L', or what 'candump' prints.
+    Candump,
+    /// A Vector ASC log.
+    Asc,
+    /// A PEAK trace, version 1.0 to 2.1.
+    Trc,
+    /// A Vector BLF log.
+    Blf,
+    /// A CSV log of python-can.
+    Csv,
+    /// A CSV log of GVRET or SavvyCAN.
+    Gvret,
+}
+
+/// Tells the format, reading as much as that takes.
+pub(super) fn detect(input: &mut Input<'_>) -> Result<Format, Error> {
+    let mut is_all = false;
+    loop {
+        match judge(input.buffered(), is_all) {
+            Some(format) => return Ok(format),
+            None if is_all => {
+                let (number, line, _) = first_line(input.buffered());
+                let line = String::from_utf8_lossy(line);
+                return Err(input.refused_line(number, &line, "no format that can be decoded, see --format"));
+            }
+            None => is_all = !input.more()?,
+        }
+    }
+}
+
+/// The format of a recording that begins so. None if that takes more bytes, or, where these are all, if there is none.
+fn judge(bytes: &[u8], is_all: bool) -> Option<Format> {
+    let may_become = |beginning: &[u8]| !is_all && beginning.starts_with(bytes);
+    if bytes.starts_with(blf::SIGNATURE) {
+        return Some(Format::Blf);
+    }
+    if may_become(blf::SIGNATURE) || may_become(BYTE_ORDER_MARK) {
+        return None;
+    }
+    let text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+    let (_, line, is_ended) = first_line(text);
+    let is_whole_line = is_all || is_ended;
+    let line = String::from_utf8_lossy(line).trim().to_owned();
+    // These may have text of any language in them.
+    if let Some(format) = judge_beginning(&line) {
+        return Some(format);
+    }
+    if is_whole_line && matches!(Candump.record(&line), Ok(Record::Frame(_))) {
+        return Some(Format::Candump);
+    }
+    // No frame is without a byte that no text has: AA in those of ling, ED of alpha1, 00 of xarm.
+    if !text.is_ascii() || text.contains(&0) {
+        return Some(Format::Raw);
+    }
+    match line.bytes().next() {
+        _ if !is_whole_line => None,
+        // Nothing is no text.
+        None => is_all.then_some(Format::Hex),
+        Some(b'(') => Some(Format::Candump),
+        Some(_) if begins_with_digits(&line) => Some(Format::Hex),
+        Some(_) => None,
+    }
+}
+
+fn judge_beginning(line: &str) -> Option<Format> {
+    let begins = |beginning: &str| {
+        line.get(..beginning.len())
+            .is_some_and(|front| front.eq_ignore_ascii_case(beginning))
+    };
+    if ASC.iter().any(|beginning| begins(beginning)) {
+        return Some(Format::Asc);
+    }
+    if TRC.iter().any(|beginning| begins(beginning)) {
+        return Some(Format::Trc);
+    }
+    if begins(csv::HEADER) {
+        return Some(Format::Csv);
+    }
+    begins(gvret::HEADER).then_some(Format::Gvret)
+}
+
+/// Whether the first word is digits, as far as it is there.
+fn begins_with_digits(line: &str) -> bool {
+    let word = line.split([' ', '\t', ',', ':']).next().unwrap_or_default();
+    let digits = word.strip_prefix("0x").or(word.strip_prefix("0X")).unwrap_or(word);
+    !digits.is_empty() && digits.bytes().all(|digit| digit.is_ascii_hexdigit())
+}
+
+/// The first line that is not blank, its number, and whether its end is there.
+fn first_line(text: &[u8]) -> (u64, &[u8], bool) {
+    let is_blank = |line: &[u8]| line.iter().all(u8::is_ascii_whitespace);
+    let mut lines = text.split_inclusive(|&byte| byte == b'\n').zip(1..);
+    match lines.find(|(line, _)| !is_blank(line)) {
+        Some((line, number)) => (number, line, line.ends_with(b"\n")),
+        None => (1, &[], false),
+    }
+}

@@ -1,0 +1,161 @@
+//! Vector's ASCII log, ASC, as CANalyzer, CANoe and others write it.
+
+use std::borrow::Cow;
+
+use armwire_bridge::can::Frame;
+use armwire_bridge::{Duration, Instant};
+
+use super::{Logged, Record, TextLog, Time, Unit, data, frame, identifier, number, time};
+
+/// The words that a line of the header or between measurements begins with, in small letters.
+const HEADINGS: [&str; 8] = ["date", "base", "internal", "no", "begin", "end", "//", "previous"];
+/// The flag of a `CANFD` line whose frame is an FD frame.
+const EXTENDED_DATA_LENGTH: u32 = 1 << 12;
+
+/// A log such as
+///
+/// ```text
+/// base hex  timestamps absolute
+///    0.001000 1  60F             Rx   d 8 07 AA 06 00 01 FE 9A FF
+///    0.002000 CANFD   1 Rx   60F  0 0 8  8 07 AA 06 00 01 FE 9A FF
+/// ```
+pub(in crate::decode) struct Asc {
+    /// Of identifiers and data.
+    base: u32,
+    /// Whether a time is counted from the event before.
+    is_relative: bool,
+    now: Instant,
+}
+
+impl Asc {
+    pub(in crate::decode) fn new() -> Self {
+        Self {
+            base: 16,
+            is_relative: false,
+            now: Instant::ZERO,
+        }
+    }
+
+    fn read_heading(&mut self, line: &str) -> Result<Record<'static>, String> {
+        let line = line.to_ascii_lowercase();
+        if !HEADINGS.iter().any(|heading| line.starts_with(heading)) {
+            return Err("no time".to_owned());
+        }
+        let mut words = line.split_whitespace();
+        if words.next() == Some("base") {
+            self.base = match words.next() {
+                Some("hex") => 16,
+                Some("dec") => 10,
+                _ => return Err("the base is neither hex nor dec".to_owned()),
+            };
+            self.is_relative = words.any(|word| word == "relative");
+        }
+        Ok(Record::Comment)
+    }
+
+    /// Advances the clock of the log.
+    fn tick<'a>(&mut self, stamp: &'a str) -> Result<Time<'a>, String> {
+        let time = time(stamp, Unit::Seconds)?;
+        self.now = match self.is_relative {
+            true => self.now + Duration::from_micros(time.at.as_micros()),
+            false => time.at,
+        };
+        Ok(Time { at: self.now, ..time })
+    }
+
+    /// `1  60F  Rx  d 8 07 AA ...`, from the identifier on.
+    fn classic<'a>(&self, first: &str, mut words: impl Iterator<Item = &'a str>) -> Result<Body, String> {
+        if first.eq_ignore_ascii_case("ErrorFrame") {
+            return Ok(Body::Frame(None));
+        }
+        let direction = words.next().unwrap_or_default();
+        if !is_direction(direction) {
+            return Ok(Body::Other);
+        }
+        let (id, is_extended) = self.split_id(first)?;
+        match words.next() {
+            Some("d" | "D") => {}
+            Some("r" | "R") => return Ok(Body::Frame(None)),
+            _ => return Err("neither data (d) nor a remote frame (r)".to_owned()),
+        }
+        let dlc = words.next().and_then(|dlc| number(dlc, 16)).filter(|dlc| *dlc < 16);
+        let dlc = dlc.ok_or("no length of the data")?;
+        // A classic frame has no more bytes, whatever its length code.
+        let data = data(words, dlc.min(8) as usize, self.base)?;
+        Ok(Body::Frame(frame(id, is_extended, false, &data)?))
+    }
+
+    /// `Rx 60F Name 0 0 8 8 07 AA ...`, from the identifier on.
+    fn fd<'a>(&self, first: &str, words: impl Iterator<Item = &'a str>) -> Result<Body, String> {
+        if first.eq_ignore_ascii_case("ErrorFrame") {
+            return Ok(Body::Frame(None));
+        }
+        let (id, is_extended) = self.split_id(first)?;
+        let mut words = words.peekable();
+        // The name of the message, if there is one: the bit for the rate stands in its place otherwise.
+        if words.peek().is_some_and(|word| !matches!(*word, "0" | "1")) {
+            words.next();
+        }
+        let mut field = |what: &str, base| {
+            let field = words.next().and_then(|word| number(word, base));
+            field.ok_or_else(|| format!("no {what}"))
+        };
+        field("bit for the rate", 2)?;
+        field("bit for the error state", 2)?;
+        field("length code", 16)?;
+        let len = field("length of the data", 10)? as usize;
+        let data = data(&mut words, len, self.base)?;
+        // Behind its duration and length in bits.
+        let flags = words.nth(2).and_then(|word| number(word, 16));
+        let is_fd = flags.is_none_or(|flags| flags & EXTENDED_DATA_LENGTH != 0);
+        Ok(Body::Frame(frame(id, is_extended, is_fd, &data)?))
+    }
+
+    fn split_id(&self, text: &str) -> Result<(u32, bool), String> {
+        let short = text.strip_suffix(['x', 'X']);
+        let id = identifier(short.unwrap_or(text), self.base)?;
+        Ok((id, short.is_some()))
+    }
+}
+
+/// What follows the time and the channel.
+enum Body {
+    Frame(Option<Frame>),
+    Other,
+}
+
+impl TextLog for Asc {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
+        let line = line.trim();
+        if !line.starts_with(|character: char| character.is_ascii_digit()) {
+            return self.read_heading(line);
+        }
+        let mut words = line.split_whitespace();
+        let time = self.tick(words.next().unwrap_or_default())?;
+        let (bus, body) = match (words.next(), words.next()) {
+            (Some("CANFD"), Some(bus)) => {
+                let direction = words.next().unwrap_or_default();
+                let first = words.next().ok_or("no identifier")?;
+                match is_direction(direction) {
+                    true => (bus, self.fd(first, words)?),
+                    false => (bus, Body::Other),
+                }
+            }
+            (Some(bus), Some(first)) if number(bus, 10).is_some() => (bus, self.classic(first, words)?),
+            _ => ("", Body::Other),
+        };
+        Ok(match body {
+            Body::Frame(frame) => Record::Frame(Logged {
+                time,
+                bus: Cow::Borrowed(bus),
+                frame,
+            }),
+            Body::Other => Record::Other,
+        })
+    }
+}
+
+/// Whether a frame was on the bus in this direction. A request to send one (`TxRq`) was not yet.
+fn is_direction(word: &str) -> bool {
+    word.eq_ignore_ascii_case("Rx") || word.eq_ignore_ascii_case("Tx")
+}

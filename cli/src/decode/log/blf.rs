@@ -1,0 +1,406 @@
+//! Vector's binary log, BLF.
+//!
+//! After a header, the file consists of objects, most of them containers with compressed data. What is in the containers,
+//! put together, consists of objects again, of which those with CAN frames are read. Sizes in the file are never trusted
+//! with memory: containers are decompressed in pieces, and of an object only as much is kept as a CAN frame takes.
+
+use std::borrow::Cow;
+use std::io::{self, BufRead, ErrorKind, Read};
+
+use armwire_bridge::Instant;
+use armwire_bridge::can::Frame;
+use flate2::bufread::ZlibDecoder;
+
+use super::{Logged, Record, Time, frame};
+use crate::decode::bus::Refused;
+use crate::decode::input::Input;
+use crate::error::Error;
+
+/// What a file begins with.
+pub(in crate::decode) const SIGNATURE: &[u8] = b"LOGG";
+/// What an object begins with.
+const OBJECT: &[u8] = b"LOBJ";
+/// The shortest header of an object: signature, its own size, its version, the object's size, its type.
+const BASE_HEADER: usize = 16;
+/// With the time, the header is as long at least.
+const TIMED_HEADER: usize = 32;
+/// What a container has before its data: the method of compression, and the size of what is compressed.
+const CONTAINER_HEADER: usize = 16;
+/// How many bytes there may be between two objects, to have the next one at a multiple of 4.
+const MAX_PADDING: usize = 7;
+/// As much of an object is kept. A frame of 64 bytes takes 144 with the longest header.
+const MAX_KEPT: usize = 256;
+/// How much is decompressed at a time.
+const PIECE: usize = 16 * 1024;
+
+/// Types of objects.
+mod object {
+    pub(super) const CAN_MESSAGE: u32 = 1;
+    pub(super) const CAN_ERROR: u32 = 2;
+    pub(super) const CONTAINER: u32 = 10;
+    pub(super) const CAN_ERROR_EXT: u32 = 73;
+    pub(super) const CAN_MESSAGE2: u32 = 86;
+    pub(super) const CAN_FD_MESSAGE: u32 = 100;
+    pub(super) const CAN_FD_MESSAGE_64: u32 = 101;
+    pub(super) const CAN_FD_ERROR_64: u32 = 104;
+}
+
+/// What takes the records.
+type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;
+
+/// Hands the records of a file, one after the other, to `take`.
+pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Result<(), Error> {
+    let header = read_exactly::<8>(input, "the header")?;
+    let size = u32_at(&header, 4).unwrap_or_default();
+    if !header.starts_with(SIGNATURE) {
+        return Err(input.refused_at(0, "this is not a BLF file"));
+    }
+    let rest = u64::from(size).checked_sub(header.len() as u64);
+    let rest = rest.ok_or_else(|| input.refused_at(4, "the header is shorter than its beginning"))?;
+    skip(input, rest, "the header")?;
+
+    let mut objects = Objects::default();
+    while let Some((at, base)) = next_object(input)? {
+        let Base { size, kind, .. } = Base::parse(&base).map_err(|reason| input.refused_at(at, &reason))?;
+        let data = u64::from(size) - BASE_HEADER as u64;
+        if kind == object::CONTAINER {
+            read_container(input, at, data, &mut objects, take)?;
+        } else {
+            objects
+                .push(&base, take)
+                .map_err(|refused| error_at(input, at, refused))?;
+            copy(input, data, at, &mut objects, take)?;
+        }
+    }
+    match objects.is_between() {
+        true => Ok(()),
+        false => Err(input.refused_at(input.offset(), "the log ends within an object")),
+    }
+}
+
+/// The place and the first bytes of the next object; none at the end of the file.
+fn next_object(input: &mut Input<'_>) -> Result<Option<(u64, [u8; BASE_HEADER])>, Error> {
+    for _ in 0..=MAX_PADDING {
+        match input.fill_buf().map(|bytes| bytes.first().copied()) {
+            Ok(None) => return Ok(None),
+            Ok(Some(0)) => input.consume(1),
+            Ok(Some(_)) => {
+                let at = input.offset();
+                return Ok(Some((at, read_exactly(input, "an object")?)));
+            }
+            Err(error) => return Err(input.failed(error)),
+        }
+    }
+    Err(input.refused_at(input.offset(), "no object starts here"))
+}
+
+/// Reads what is in a container, of so many bytes behind its base header.
+fn read_container(
+    input: &mut Input<'_>,
+    at: u64,
+    size: u64,
+    objects: &mut Objects,
+    take: &mut Take<'_>,
+) -> Result<(), Error> {
+    let size = size.checked_sub(CONTAINER_HEADER as u64);
+    let size = size.ok_or_else(|| input.refused_at(at, "a container without room for its header"))?;
+    let header = read_exactly::<CONTAINER_HEADER>(input, "a container")?;
+    match u16_at(&header, 0) {
+        Some(0) => copy(input, size, at, objects, take),
+        Some(2) => decompress(input, size, at, objects, take),
+        method => {
+            let method = method.unwrap_or_default();
+            Err(input.refused_at(at, &format!("compression method {method}, must be 0 or 2")))
+        }
+    }
+}
+
+/// Reads so many bytes of objects as they are.
+fn copy(
+    input: &mut Input<'_>,
+    mut size: u64,
+    at: u64,
+    objects: &mut Objects,
+    take: &mut Take<'_>,
+) -> Result<(), Error> {
+    let mut piece = [0; PIECE];
+    while size > 0 {
+        let most = piece.len().min(usize::try_from(size).unwrap_or(usize::MAX));
+        let n = input.read(&mut piece[..most]).map_err(|error| input.failed(error))?;
+        if n == 0 {
+            return Err(input.refused_at(at, "the log ends within this object"));
+        }
+        objects
+            .push(&piece[..n], take)
+            .map_err(|refused| error_at(input, at, refused))?;
+        size -= n as u64;
+    }
+    Ok(())
+}
+
+/// Reads so many bytes of compressed objects.
+fn decompress(
+    input: &mut Input<'_>,
+    size: u64,
+    at: u64,
+    objects: &mut Objects,
+    take: &mut Take<'_>,
+) -> Result<(), Error> {
+    let mut piece = [0; PIECE];
+    let mut data = ZlibDecoder::new(input.take(size));
+    loop {
+        let read = data.read(&mut piece);
+        match read {
+            Ok(0) => break,
+            Ok(n) => {
+                let taken = objects.push(&piece[..n], take);
+                taken.map_err(|refused| error_at(data.get_ref().get_ref(), at, refused))?;
+            }
+            Err(error) => {
+                let input = data.get_ref().get_ref();
+                let reason = match error.kind() {
+                    ErrorKind::UnexpectedEof => "the log ends within this container".to_owned(),
+                    ErrorKind::InvalidInput | ErrorKind::InvalidData => {
+                        format!("this container cannot be decompressed: {error}")
+                    }
+                    _ => return Err(input.failed(error)),
+                };
+                return Err(input.refused_at(at, &reason));
+            }
+        }
+    }
+    // What is behind the compressed data belongs to the container.
+    let rest = data.get_ref().limit();
+    skip(input, rest, "a container")
+}
+
+/// Objects that come in pieces.
+#[derive(Default)]
+struct Objects {
+    /// The front of the object that is being read.
+    kept: Vec<u8>,
+    /// How many of its bytes are still to come besides.
+    rest: u64,
+    /// How many bytes there were since the last object.
+    padding: usize,
+}
+
+impl Objects {
+    /// Nothing of an object is left over.
+    fn is_between(&self) -> bool {
+        self.rest == 0 && self.kept.is_empty()
+    }
+
+    /// Reads the next bytes.
+    fn push(&mut self, mut bytes: &[u8], take: &mut Take<'_>) -> Result<(), Refused> {
+        while !bytes.is_empty() {
+            if self.rest > 0 {
+                let n = bytes.len().min(usize::try_from(self.rest).unwrap_or(usize::MAX));
+                self.rest -= n as u64;
+                bytes = &bytes[n..];
+                continue;
+            }
+            if self.kept.is_empty() && bytes[0] == 0 && self.padding < MAX_PADDING {
+                self.padding += 1;
+                bytes = &bytes[1..];
+                continue;
+            }
+            let wanted = match self.kept.len() {
+                0..BASE_HEADER => BASE_HEADER,
+                _ => self.kept_size().map_err(Refused::Log)?,
+            };
+            let n = bytes.len().min(wanted - self.kept.len());
+            self.kept.extend_from_slice(&bytes[..n]);
+            bytes = &bytes[n..];
+            if self.kept.len() >= BASE_HEADER && self.kept.len() == self.kept_size().map_err(Refused::Log)? {
+                self.padding = 0;
+                let Base { size, .. } = Base::parse(&self.kept).map_err(Refused::Log)?;
+                self.rest = u64::from(size) - self.kept.len() as u64;
+                take(record(&self.kept).map_err(Refused::Log)?)?;
+                self.kept.clear();
+            }
+        }
+        Ok(())
+    }
+
+    /// How much is kept of the object whose base header is there.
+    fn kept_size(&self) -> Result<usize, String> {
+        let Base { size, .. } = Base::parse(&self.kept)?;
+        Ok((size as usize).min(MAX_KEPT))
+    }
+}
+
+/// The header that every object has.
+struct Base {
+    /// Of all headers.
+    header: u16,
+    /// Of headers and data, at least those of this header.
+    size: u32,
+    kind: u32,
+}
+
+impl Base {
+    fn parse(object: &[u8]) -> Result<Self, String> {
+        if !object.starts_with(OBJECT) {
+            return Err("no object starts here".to_owned());
+        }
+        let (header, size, kind) = (u16_at(object, 4), u32_at(object, 8), u32_at(object, 12));
+        match (header, size, kind) {
+            (Some(header), Some(size), Some(kind)) if size >= BASE_HEADER as u32 => Ok(Self { header, size, kind }),
+            _ => Err("an object that is shorter than its header".to_owned()),
+        }
+    }
+}
+
+/// What an object is, by its front.
+fn record(object: &[u8]) -> Result<Record<'static>, String> {
+    let Base { header, kind, .. } = Base::parse(object)?;
+    let is_error = matches!(
+        kind,
+        object::CAN_ERROR | object::CAN_ERROR_EXT | object::CAN_FD_ERROR_64
+    );
+    let read = match kind {
+        object::CAN_MESSAGE | object::CAN_MESSAGE2 => classic,
+        object::CAN_FD_MESSAGE => fd,
+        object::CAN_FD_MESSAGE_64 => fd_64,
+        _ if is_error => error,
+        object::CONTAINER => return Err("a container in a container".to_owned()),
+        _ => return Ok(Record::Other),
+    };
+    let too_short = || "a CAN frame that is longer than its object".to_owned();
+    let data = object
+        .get(usize::from(header)..)
+        .filter(|_| usize::from(header) >= TIMED_HEADER);
+    let time = object
+        .get(BASE_HEADER..TIMED_HEADER)
+        .and_then(time)
+        .ok_or_else(too_short)?;
+    let Some((bus, frame)) = data.and_then(read).ok_or_else(too_short)?? else {
+        return Ok(Record::Other);
+    };
+    let bus = Cow::Owned(bus.to_string());
+    Ok(Record::Frame(Logged { time, bus, frame }))
+}
+
+/// The time in a header, behind its first 16 bytes.
+fn time(header: &[u8]) -> Option<Time<'static>> {
+    /// The clock counts units of 10 µs, and not nanoseconds.
+    const TEN_MICROS: u32 = 1;
+    let (flags, time) = (u32_at(header, 0)?, u64_at(header, 8)?);
+    let nanos = match flags {
+        TEN_MICROS => u128::from(time) * 10_000,
+        _ => u128::from(time),
+    };
+    let (seconds, fraction) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
+    Some(Time {
+        at: Instant::from_micros(u64::try_from(nanos / 1_000).ok()?),
+        stamp: Cow::Owned(format!("{seconds}.{fraction:09}")),
+        unit: "",
+    })
+}
+
+/// The bus of an object, and its frame; none of a frame that was not on the bus.
+type OnBus = Option<(u16, Option<Frame>)>;
+
+/// An object that says that a frame was received, sent, or should be sent.
+const TO_BE_SENT: u8 = 2;
+
+/// The parts of an identifier: its value, and whether it is a long one.
+fn split_id(id: u32) -> (u32, bool) {
+    const EXTENDED: u32 = 1 << 31;
+    (id & !EXTENDED, id & EXTENDED != 0)
+}
+
+fn classic(object: &[u8]) -> Option<Result<OnBus, String>> {
+    const REMOTE: u8 = 0x80;
+    let (bus, flags, dlc) = (u16_at(object, 0)?, *object.get(2)?, *object.get(3)?);
+    let (id, is_extended) = split_id(u32_at(object, 4)?);
+    if flags & 0x0F == TO_BE_SENT {
+        return Some(Ok(None));
+    }
+    if flags & REMOTE != 0 {
+        return Some(Ok(Some((bus, None))));
+    }
+    // A classic frame has no more bytes, whatever its length code.
+    let data = object.get(8..8 + usize::from(dlc.min(8)))?;
+    Some(frame(id, is_extended, false, data).map(|frame| Some((bus, frame))))
+}
+
+fn fd(object: &[u8]) -> Option<Result<OnBus, String>> {
+    const REMOTE: u8 = 0x80;
+    const IS_FD: u8 = 1;
+    let (bus, flags) = (u16_at(object, 0)?, *object.get(2)?);
+    let (id, is_extended) = split_id(u32_at(object, 4)?);
+    let (fd_flags, len) = (*object.get(13)?, *object.get(14)?);
+    if flags & 0x0F == TO_BE_SENT {
+        return Some(Ok(None));
+    }
+    if flags & REMOTE != 0 {
+        return Some(Ok(Some((bus, None))));
+    }
+    let data = object.get(20..20 + usize::from(len))?;
+    Some(frame(id, is_extended, fd_flags & IS_FD != 0, data).map(|frame| Some((bus, frame))))
+}
+
+fn fd_64(object: &[u8]) -> Option<Result<OnBus, String>> {
+    const REMOTE: u32 = 0x10;
+    const IS_FD: u32 = 0x1000;
+    let (bus, len) = (u16::from(*object.first()?), *object.get(2)?);
+    let (id, is_extended) = split_id(u32_at(object, 4)?);
+    let (flags, direction) = (u32_at(object, 12)?, *object.get(34)?);
+    if direction == TO_BE_SENT {
+        return Some(Ok(None));
+    }
+    if flags & REMOTE != 0 {
+        return Some(Ok(Some((bus, None))));
+    }
+    let data = object.get(40..40 + usize::from(len))?;
+    Some(frame(id, is_extended, flags & IS_FD != 0, data).map(|frame| Some((bus, frame))))
+}
+
+fn error(object: &[u8]) -> Option<Result<OnBus, String>> {
+    Some(Ok(Some((u16_at(object, 0)?, None))))
+}
+
+fn u16_at(bytes: &[u8], at: usize) -> Option<u16> {
+    Some(u16::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
+    Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
+}
+
+fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
+    Some(u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?))
+}
+
+/// What is wrong with the object at `at`.
+fn error_at(input: &Input<'_>, at: u64, refused: Refused) -> Error {
+    match refused {
+        Refused::Log(reason) => input.refused_at(at, &reason),
+        Refused::Output(error) => Error::Output(error),
+    }
+}
+
+/// The next bytes. Where the file ends before, it ends within `what`.
+fn read_exactly<const N: usize>(input: &mut Input<'_>, what: &str) -> Result<[u8; N], Error> {
+    let mut bytes = [0; N];
+    let at = input.offset();
+    match input.read_exact(&mut bytes) {
+        Ok(()) => Ok(bytes),
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
+            Err(input.refused_at(at, &format!("the log ends within {what}")))
+        }
+        Err(error) => Err(input.failed(error)),
+    }
+}
+
+/// Skips bytes. Where the file ends before, it ends within `what`.
+fn skip(input: &mut Input<'_>, bytes: u64, what: &str) -> Result<(), Error> {
+    let at = input.offset();
+    match io::copy(&mut input.take(bytes), &mut io::sink()) {
+        Ok(skipped) if skipped == bytes => Ok(()),
+        Ok(_) => Err(input.refused_at(at, &format!("the log ends within {what}"))),
+        Err(error) => Err(input.failed(error)),
+    }
+}

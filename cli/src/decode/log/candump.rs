@@ -1,0 +1,135 @@
+//! Logs of can-utils: `candump -L`, and what `candump` prints without it.
+
+use std::borrow::Cow;
+
+use armwire_bridge::Instant;
+use armwire_bridge::can::Frame;
+
+use super::{Logged, Record, TextLog, Time, Unit, data, decimal, frame, identifier, number, time, wrong};
+use crate::hex;
+
+/// What candump writes, in either form:
+///
+/// ```text
+/// (1609459200.123456) can0 60F#07AA060001FE9AFF
+///  (1609459200.123456)  can0  60F   [8]  07 AA 06 00 01 FE 9A FF
+/// ```
+pub(in crate::decode) struct Candump;
+
+impl TextLog for Candump {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
+        // Details of an error frame, below it.
+        if line.starts_with('\t') {
+            return Ok(Record::Comment);
+        }
+        let (time, line) = split_time(line.trim())?;
+        let mut words = line.split_whitespace();
+        let bus = words.next().ok_or("no interface")?;
+        let first = words.next().ok_or("no identifier")?;
+        let frame = match first.split_once('#') {
+            Some((id, data)) => logged(id, data)?,
+            None => printed(first, words)?,
+        };
+        let bus = Cow::Borrowed(bus);
+        Ok(Record::Frame(Logged { time, bus, frame }))
+    }
+}
+
+/// The time in parentheses, if there is one, and the rest of the line.
+fn split_time(line: &str) -> Result<(Time<'_>, &str), String> {
+    let Some(line) = line.strip_prefix('(') else {
+        let (at, stamp) = (Instant::ZERO, Cow::Borrowed(""));
+        return Ok((Time { at, stamp, unit: "" }, line));
+    };
+    let (stamp, line) = line.split_once(')').ok_or("no time in parentheses")?;
+    let time = match stamp.split_once(' ') {
+        Some((date, clock)) => Time {
+            at: date_time(date, clock).ok_or_else(|| wrong(stamp, "no time"))?,
+            stamp: Cow::Borrowed(stamp),
+            unit: "",
+        },
+        None => time(stamp, Unit::Seconds)?,
+    };
+    Ok((time, line))
+}
+
+/// `2021-01-01` and `00:00:00.123456`.
+fn date_time(date: &str, clock: &str) -> Option<Instant> {
+    let part = |text: Option<&str>, max| number(text?, 10).filter(|part| *part <= max).map(u64::from);
+    let (clock, fraction) = clock.split_once('.')?;
+    let (mut date, mut clock) = (date.split('-'), clock.split(':'));
+    let year = part(date.next(), 9999)?.checked_sub(1)?;
+    let month = part(date.next(), 12)?.checked_sub(1)?;
+    let day = part(date.next(), 31)?.checked_sub(1)?;
+    let hour = part(clock.next(), 23)?;
+    let minute = part(clock.next(), 59)?;
+    let second = part(clock.next(), 60)?;
+    if date.next().is_some() || clock.next().is_some() {
+        return None;
+    }
+    // Days, counted from a first of March, so that the leap day is a year's last.
+    let (year, month) = if month < 2 {
+        (year, month + 10)
+    } else {
+        (year + 1, month - 2)
+    };
+    let days = 365 * year + year / 4 - year / 100 + year / 400 + (153 * month + 2) / 5 + day;
+    let micros = decimal(
+        &format!("{}.{fraction}", ((days * 24 + hour) * 60 + minute) * 60 + second),
+        6,
+    )?;
+    Some(Instant::from_micros(micros))
+}
+
+/// `123#AA06`, `123#R`, and `123##` with a digit of flags for FD.
+fn logged(id: &str, data: &str) -> Result<Option<Frame>, String> {
+    let (id, is_extended) = split_id(id)?;
+    if let Some(fd) = data.strip_prefix('#') {
+        let (flags, data) = fd.split_at_checked(1).ok_or("no flags of an FD frame")?;
+        number(flags, 16).ok_or("no flags of an FD frame")?;
+        return frame(id, is_extended, true, &pairs(data)?);
+    }
+    // Newer versions write a length above 8 behind the data of a frame that has 8 bytes.
+    let data = data.split_once('_').map_or(data, |(data, _)| data);
+    match data.starts_with('R') {
+        true => Ok(None),
+        false => frame(id, is_extended, false, &pairs(data)?),
+    }
+}
+
+/// `123   [2]  AA 06`, and `123  [02]  AA 06` for FD. With `-x` there is more before the identifier.
+fn printed<'a>(first: &'a str, mut words: impl Iterator<Item = &'a str>) -> Result<Option<Frame>, String> {
+    let id = match first {
+        "RX" | "TX" => words.nth(2).ok_or("no identifier")?,
+        id => id,
+    };
+    let (id, is_extended) = split_id(id)?;
+    let length = words.next().ok_or("no length in brackets")?;
+    let digits = length.strip_prefix('[').and_then(|length| length.strip_suffix(']'));
+    let digits = digits.ok_or("no length in brackets")?;
+    let len = number(digits, 10).ok_or_else(|| wrong(digits, "no length"))?;
+    let mut words = words.peekable();
+    if words.peek() == Some(&"remote") {
+        return Ok(None);
+    }
+    let data = data(words, len as usize, 16)?;
+    frame(id, is_extended, digits.len() > 1, &data)
+}
+
+/// The identifier, which has 3 digits, or 8 if it is a long one or stands for an error frame.
+fn split_id(text: &str) -> Result<(u32, bool), String> {
+    /// A bit that says that the frame is no frame but an error of the bus.
+    const ERROR: u32 = 0x2000_0000;
+    let id = identifier(text, 16)?;
+    match text.len() {
+        3 => Ok((id, false)),
+        8 => Ok((id & !ERROR, true)),
+        _ => Err(wrong(text, "no identifier of 3 or 8 digits")),
+    }
+}
+
+fn pairs(text: &str) -> Result<Vec<u8>, String> {
+    // Dots may stand between the bytes.
+    let text = text.replace('.', "");
+    hex::parse(&text).map_err(|word| wrong(word, "not bytes in hexadecimal"))
+}

@@ -1,0 +1,74 @@
+//! The comma-separated log that python-can writes.
+
+use std::borrow::Cow;
+
+use armwire_bridge::Instant;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::{Logged, Record, TextLog, Time, Unit, frame, identifier, number, time, wrong};
+
+/// The first line of such a log.
+pub(in crate::decode) const HEADER: &str = "timestamp,arbitration_id,extended,remote,error,dlc,data";
+
+/// A log such as
+///
+/// ```text
+/// timestamp,arbitration_id,extended,remote,error,dlc,data
+/// 1609459200.123456,0x60f,0,0,0,8,B6oGAAH+mv8=
+/// ```
+pub(in crate::decode) struct Csv;
+
+impl TextLog for Csv {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
+        let line = line.trim();
+        if line == HEADER {
+            return Ok(Record::Comment);
+        }
+        let mut fields = line.split(',');
+        let mut field = |what: &str| fields.next().ok_or_else(|| format!("no {what}"));
+        let time = seconds(field("timestamp")?)?;
+        let id = field("arbitration_id")?;
+        let id = identifier(id.strip_prefix("0x").unwrap_or(id), 16)?;
+        let is_extended = flag(field("extended")?)?;
+        let is_remote = flag(field("remote")?)?;
+        let is_error = flag(field("error")?)?;
+        let dlc = number(field("dlc")?, 10).ok_or("no length of the data")? as usize;
+        let data = STANDARD.decode(field("data")?);
+        let data = data.map_err(|error| format!("data in base64: {error}"))?;
+        if fields.next().is_some() {
+            return Err("more than 7 fields".to_owned());
+        }
+        let frame = match is_remote || is_error {
+            true => None,
+            false if data.len() != dlc => {
+                return Err(format!("{dlc} bytes of data were announced, {} are there", data.len()));
+            }
+            // The log does not tell an FD frame from another of the same length.
+            false => frame(id, is_extended, dlc > 8, &data)?,
+        };
+        let bus = Cow::Borrowed("");
+        Ok(Record::Frame(Logged { time, bus, frame }))
+    }
+}
+
+/// Python writes times below 0.1 ms with an exponent, such as 1e-05.
+fn seconds(text: &str) -> Result<Time<'_>, String> {
+    let small = text.contains('e').then(|| text.parse::<f64>().ok()).flatten();
+    match small {
+        Some(seconds) if (0.0..1.0).contains(&seconds) => Ok(Time {
+            at: Instant::from_micros((seconds * 1e6) as u64),
+            stamp: Cow::Borrowed(text),
+            unit: "",
+        }),
+        _ => time(text, Unit::Seconds),
+    }
+}
+
+fn flag(text: &str) -> Result<bool, String> {
+    match text {
+        "0" => Ok(false),
+        "1" => Ok(true),
+        _ => Err(wrong(text, "neither 0 nor 1")),
+    }
+}

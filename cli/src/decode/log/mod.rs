@@ -1,0 +1,139 @@
+//! The formats in which programs write logs of a CAN bus.
+
+pub(super) mod asc;
+pub(super) mod blf;
+pub(super) mod candump;
+pub(super) mod csv;
+pub(super) mod gvret;
+pub(super) mod trc;
+
+#[cfg(test)]
+mod tests;
+
+use std::borrow::Cow;
+
+use armwire_bridge::Instant;
+use armwire_bridge::can::{Frame, Id};
+
+use crate::printable::cut;
+
+/// The highest identifier of 29 bits.
+const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
+
+/// A format with one record in each line.
+pub(super) trait TextLog {
+    /// Reads a line that is not blank. The error says what is wrong with it.
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String>;
+}
+
+/// What a log has in one place.
+#[derive(Debug, PartialEq)]
+pub(super) enum Record<'a> {
+    Frame(Logged<'a>),
+    /// An event that is no frame.
+    Other,
+    /// Nothing that happened on the bus, such as a comment.
+    Comment,
+}
+
+/// One frame of a log.
+#[derive(Debug, PartialEq)]
+pub(super) struct Logged<'a> {
+    pub(super) time: Time<'a>,
+    /// The bus, as the log names it; empty where it does not.
+    pub(super) bus: Cow<'a, str>,
+    /// None for remote frames, error frames and identifiers of 29 bits, of which an adapter has none.
+    pub(super) frame: Option<Frame>,
+}
+
+/// When a frame was on the bus.
+#[derive(Debug, PartialEq)]
+pub(super) struct Time<'a> {
+    pub(super) at: Instant,
+    /// As it is in the log, empty where there is none.
+    pub(super) stamp: Cow<'a, str>,
+    /// The unit of the stamp, unless that is a second.
+    pub(super) unit: &'static str,
+}
+
+/// A time as a decimal number of seconds, or of thousandths or millionths of them.
+fn time<'a>(text: &'a str, unit: Unit) -> Result<Time<'a>, String> {
+    let (name, digits) = match unit {
+        Unit::Seconds => ("", 6),
+        Unit::Millis => (" ms", 3),
+        Unit::Micros => (" µs", 0),
+    };
+    let micros = decimal(text, digits).ok_or_else(|| wrong(text, "no time"))?;
+    Ok(Time {
+        at: Instant::from_micros(micros),
+        stamp: Cow::Borrowed(text),
+        unit: name,
+    })
+}
+
+/// What is wrong with a word of a log.
+fn wrong(word: &str, what: &str) -> String {
+    format!("'{}' is {what}", cut(word))
+}
+
+/// The unit of a log's times.
+#[derive(Clone, Copy)]
+enum Unit {
+    Seconds,
+    Millis,
+    Micros,
+}
+
+/// A decimal number, with so many digits behind the point. Further digits are left out of account.
+fn decimal(text: &str, digits: usize) -> Option<u64> {
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, "0"));
+    let are_digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    if !are_digits(whole) || !are_digits(fraction) {
+        return None;
+    }
+    let scale = 10_u64.checked_pow(digits as u32)?;
+    let kept = fraction.bytes().chain(std::iter::repeat(b'0')).take(digits);
+    let fraction = kept.fold(0, |sum, digit| sum * 10 + u64::from(digit - b'0'));
+    whole.parse::<u64>().ok()?.checked_mul(scale)?.checked_add(fraction)
+}
+
+/// A whole number in this base.
+fn number(text: &str, base: u32) -> Option<u32> {
+    // A sign is no digit.
+    let are_digits = text.chars().all(|digit| digit.is_digit(base));
+    u32::from_str_radix(text, base).ok().filter(|_| are_digits)
+}
+
+fn identifier(text: &str, base: u32) -> Result<u32, String> {
+    number(text, base).ok_or_else(|| wrong(text, "no identifier"))
+}
+
+/// So many bytes, each a word in this base.
+fn data<'a>(words: impl Iterator<Item = &'a str>, len: usize, base: u32) -> Result<Vec<u8>, String> {
+    let byte = |word: &str| {
+        let byte = number(word, base).and_then(|byte| u8::try_from(byte).ok());
+        byte.ok_or_else(|| wrong(word, "no byte"))
+    };
+    let bytes = words.take(len).map(byte).collect::<Result<Vec<_>, _>>()?;
+    match bytes.len() {
+        got if got == len => Ok(bytes),
+        got => Err(format!("{len} bytes of data were announced, {got} are there")),
+    }
+}
+
+/// A data frame, if it has an identifier of 11 bits.
+fn frame(id: u32, is_extended: bool, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, String> {
+    let max = if is_extended {
+        MAX_EXTENDED
+    } else {
+        Id::MAX.get().into()
+    };
+    if id > max {
+        return Err(format!("identifier {id:X} is out of range (0 to {max:X})"));
+    }
+    // The length of a frame with a long identifier is checked as well.
+    let standard = Id::new(id as u16).unwrap_or(Id::MAX);
+    let new = if is_fd { Frame::new_fd } else { Frame::new };
+    let frame = new(standard, data).map_err(|error| error.to_string())?;
+    Ok((!is_extended).then_some(frame))
+}

@@ -1,0 +1,159 @@
+//! PEAK's trace, TRC, of the versions 1.0 to 2.1 (PEAK CAN TRC File Format).
+
+use std::borrow::Cow;
+
+use armwire_bridge::can::{FD_LENGTHS, Frame};
+
+use super::{Logged, Record, TextLog, Unit, data, frame, identifier, number, time};
+
+/// How many columns a trace may have.
+const MAX_COLUMNS: usize = 16;
+
+/// A log such as
+///
+/// ```text
+/// ;$FILEVERSION=2.1
+/// ;$COLUMNS=N,O,T,B,I,d,R,L,D
+///       1      1059.900 DT 1   060F Rx -  8    07 AA 06 00 01 FE 9A FF
+/// ```
+///
+/// or, without columns, of version 1.1:
+///
+/// ```text
+/// ;$FILEVERSION=1.1
+///      1)      1059.9  Rx         060F  8  07 AA 06 00 01 FE 9A FF
+/// ```
+pub(in crate::decode) struct Trc {
+    version: Version,
+    /// The letters of the columns, from version 2 on.
+    columns: Vec<char>,
+}
+
+#[derive(Clone, Copy)]
+enum Version {
+    V1_0,
+    V1_1,
+    V1_2,
+    V1_3,
+    V2,
+}
+
+impl Trc {
+    pub(in crate::decode) fn new() -> Self {
+        Self {
+            version: Version::V1_0,
+            columns: Vec::new(),
+        }
+    }
+
+    fn read_comment(&mut self, comment: &str) -> Result<Record<'static>, String> {
+        if let Some(version) = comment.strip_prefix("$FILEVERSION=") {
+            self.version = match version.trim() {
+                "1.0" => Version::V1_0,
+                "1.1" => Version::V1_1,
+                "1.2" => Version::V1_2,
+                "1.3" => Version::V1_3,
+                "2.0" | "2.1" => Version::V2,
+                _ => return Err("the version is none of 1.0 to 1.3, 2.0 and 2.1".to_owned()),
+            };
+        }
+        if let Some(columns) = comment.strip_prefix("$COLUMNS=") {
+            let columns = columns.trim().split(',').map(|column| match column.as_bytes() {
+                [letter] => Some(char::from(*letter)),
+                _ => None,
+            });
+            self.columns = columns.collect::<Option<_>>().ok_or("a column is not one letter")?;
+            if self.columns.len() > MAX_COLUMNS {
+                return Err(format!("more than {MAX_COLUMNS} columns"));
+            }
+        }
+        Ok(Record::Comment)
+    }
+
+    /// `1) 1059.9 1 Rx 060F - 8 07 AA ...` with what this version has of it.
+    fn first_version<'a>(&self, line: &'a str) -> Result<Record<'a>, String> {
+        let mut words = line.split_whitespace();
+        let mut word = |what: &str| words.next().ok_or_else(|| format!("no {what}"));
+        if !word("number")?.ends_with(')') {
+            return Err("no number with a parenthesis".to_owned());
+        }
+        let time = time(word("time")?, Unit::Millis)?;
+        let bus = match self.version {
+            Version::V1_2 | Version::V1_3 => word("bus")?,
+            _ => "",
+        };
+        if !matches!(self.version, Version::V1_0) && !matches!(word("type")?, "Rx" | "Tx") {
+            return Ok(Record::Other);
+        }
+        let id = word("identifier")?;
+        // Of version 1.0 that stands for a warning.
+        if id == "FFFFFFFF" {
+            return Ok(Record::Other);
+        }
+        if matches!(self.version, Version::V1_3) {
+            word("reserved column")?;
+        }
+        let len = number(word("length")?, 10).ok_or("no length of the data")?;
+        let mut words = words.peekable();
+        let frame = match words.peek() {
+            Some(&"ERROR") => return Ok(Record::Other),
+            Some(&"RTR") => None,
+            _ => whole_frame(id, false, &data(words, len as usize, 16)?)?,
+        };
+        let bus = Cow::Borrowed(bus);
+        Ok(Record::Frame(Logged { time, bus, frame }))
+    }
+
+    /// A line with the columns that the header names.
+    fn second_version<'a>(&self, line: &'a str) -> Result<Record<'a>, String> {
+        if self.columns.is_empty() {
+            return Err("no $COLUMNS before the first message".to_owned());
+        }
+        let words = || line.split_whitespace();
+        let column = |letter| self.columns.iter().position(|column| *column == letter);
+        let word = |letter, what: &str| {
+            let word = column(letter).and_then(|column| words().nth(column));
+            word.ok_or_else(|| format!("no {what} (column {letter})"))
+        };
+        let is_fd = match word('T', "type")? {
+            "DT" => Some(false),
+            "FD" | "FB" | "FE" | "BI" => Some(true),
+            "RR" => None,
+            _ => return Ok(Record::Other),
+        };
+        let time = time(word('O', "time")?, Unit::Millis)?;
+        let id = word('I', "identifier")?;
+        let frame = match is_fd {
+            None => None,
+            Some(is_fd) => {
+                let len = match column('l') {
+                    Some(_) => number(word('l', "length")?, 10),
+                    None => number(word('L', "length code")?, 10)
+                        .and_then(|code| FD_LENGTHS.get(code as usize))
+                        .map(|&len| if is_fd { len } else { len.min(8) }.into()),
+                };
+                let len = len.ok_or("no length of the data")?;
+                let first = column('D').ok_or("no column D, for data")?;
+                whole_frame(id, is_fd, &data(words().skip(first), len as usize, 16)?)?
+            }
+        };
+        let bus = Cow::Borrowed(column('B').and_then(|column| words().nth(column)).unwrap_or_default());
+        Ok(Record::Frame(Logged { time, bus, frame }))
+    }
+}
+
+impl TextLog for Trc {
+    fn record<'a>(&mut self, line: &'a str) -> Result<Record<'a>, String> {
+        let line = line.trim();
+        match (line.strip_prefix(';'), self.version) {
+            (Some(comment), _) => self.read_comment(comment),
+            (None, Version::V2) => self.second_version(line),
+            (None, _) => self.first_version(line),
+        }
+    }
+}
+
+/// A frame whose identifier has more than 4 digits if it is a long one.
+fn whole_frame(id: &str, is_fd: bool, data: &[u8]) -> Result<Option<Frame>, String> {
+    frame(identifier(id, 16)?, id.len() > 4, is_fd, data)
+}

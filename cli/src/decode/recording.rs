@@ -1,0 +1,293 @@
+//! The frames of a recording of bytes, and the bytes between them.
+
+use std::io;
+
+use armwire::decoder::{Decoder, Kind};
+use armwire::framing::{Reason, Scan};
+use armwire::ling::legacy::{Detector, Legacy};
+use armwire::ling::{Ling, MAX_FRAME};
+use armwire::messages::Messages;
+
+use super::output::Output;
+use super::{Hex, Speaker, expected, meaning};
+use crate::describe::Arm;
+
+/// The longest run of stray bytes in one entry.
+const MAX_STRAY: usize = 1024;
+/// How many bytes without a frame are kept until the generation of a Ling arm is given up to be told.
+const MAX_UNTOLD: usize = 2048;
+
+/// Bytes from a line that become entries.
+pub(super) trait Recording {
+    /// Takes the next bytes, in pieces of any size.
+    fn push(&mut self, bytes: &[u8], out: &dyn Output) -> io::Result<()>;
+
+    /// The end of the recording.
+    fn finish(&mut self, out: &dyn Output) -> io::Result<()>;
+
+    /// Where and why nothing more can be read, on a line that loses nothing.
+    fn broken(&self) -> Option<(u64, Reason)>;
+}
+
+/// A recording of one protocol.
+pub(super) struct Frames<P: Arm> {
+    arm: P,
+    from: Option<Speaker>,
+    expect: P::Expect,
+    /// The bytes that are not told yet.
+    window: Vec<u8>,
+    /// Where the window begins.
+    offset: u64,
+    frames: u64,
+    noise_bytes: u64,
+    padding: u64,
+    /// The end of the last damaged frame: its bytes are not shown again as noise.
+    damaged: u64,
+    broken: Option<(u64, Reason)>,
+}
+
+impl<P: Arm> Frames<P> {
+    pub(super) fn new(from: Option<Speaker>) -> Self {
+        let arm = P::default();
+        let expect = expected(&arm, from);
+        Self {
+            arm,
+            from,
+            expect,
+            window: Vec::new(),
+            offset: 0,
+            frames: 0,
+            noise_bytes: 0,
+            padding: 0,
+            damaged: 0,
+            broken: None,
+        }
+    }
+
+    /// Tells all that can be told of the window.
+    fn scan(&mut self, is_end: bool, out: &dyn Output) -> io::Result<()> {
+        let window = std::mem::take(&mut self.window);
+        let mut rest = &window[..];
+        while !rest.is_empty() && self.broken.is_none() {
+            let taken = self.scan_front(rest, is_end, out)?;
+            if taken == 0 {
+                break;
+            }
+            rest = &rest[taken..];
+            self.offset += taken as u64;
+        }
+        let told = window.len() - rest.len();
+        self.window = window;
+        self.window.drain(..told);
+        Ok(())
+    }
+
+    /// Tells the front of `rest`. Returns of how many bytes, none before more have come.
+    fn scan_front(&mut self, rest: &[u8], is_end: bool, out: &dyn Output) -> io::Result<usize> {
+        let verdict = match is_end {
+            // The end of the recording is as good as an idle line.
+            true => self.arm.scan_idle(rest, self.expect),
+            false => self.arm.scan(rest, self.expect),
+        };
+        let (len, reason) = match verdict {
+            Scan::Frame(len) => {
+                let text = meaning(&self.arm, &rest[..len], self.expect, self.from);
+                self.frames += 1;
+                self.entry(self.offset, &rest[..len], &text, out)?;
+                return Ok(len);
+            }
+            Scan::Padding(len) => {
+                self.padding += len as u64;
+                return Ok(len);
+            }
+            Scan::Noise(_, Reason::Stray) => match self.stray(rest) {
+                // The run may go on.
+                len if len == rest.len() && len < MAX_STRAY && !is_end => return Ok(0),
+                len => (len, Reason::Stray),
+            },
+            Scan::Noise(len, _) if len > rest.len() && !is_end => return Ok(0),
+            Scan::Noise(len, reason) if len > rest.len() => {
+                let text = format!("noise: {reason}; the recording ends within it");
+                self.entry(self.offset, rest, &text, out)?;
+                self.noise_bytes += rest.len() as u64;
+                return Ok(rest.len());
+            }
+            Scan::Noise(len, reason) => (len, reason),
+            Scan::Broken(reason) => {
+                let len = self.decided(rest);
+                self.entry(self.offset, &rest[..len], &format!("noise: {reason}"), out)?;
+                self.broken = Some((self.offset, reason));
+                self.noise_bytes += len as u64;
+                return Ok(len);
+            }
+            Scan::Need(_) if !is_end => return Ok(0),
+            Scan::Need(_) => {
+                self.entry(self.offset, rest, "the recording ends within a frame", out)?;
+                self.noise_bytes += rest.len() as u64;
+                return Ok(rest.len());
+            }
+        };
+        let (mut start, mut end) = (0, len);
+        match reason {
+            // All of it is shown, though but its first byte is given up: what follows may be a frame.
+            Reason::Checksum { .. } => {
+                end = self.decided(rest);
+                self.damaged = self.damaged.max(self.offset + end as u64);
+            }
+            Reason::Stray => start = self.damaged.saturating_sub(self.offset).min(len as u64) as usize,
+            _ => {}
+        }
+        if start < end {
+            let at = self.offset + start as u64;
+            self.entry(at, &rest[start..end], &format!("noise: {reason}"), out)?;
+        }
+        self.noise_bytes += len as u64;
+        Ok(len)
+    }
+
+    fn entry(&self, offset: u64, bytes: &[u8], text: &str, out: &dyn Output) -> io::Result<()> {
+        out.entry(format_args!("{offset:8}  {}\n          {text}", Hex(bytes)))
+    }
+
+    /// How many bytes at the front are stray, at most [`MAX_STRAY`].
+    fn stray(&self, bytes: &[u8]) -> usize {
+        let mut len = 0;
+        while len < bytes.len().min(MAX_STRAY)
+            && let Scan::Noise(n, Reason::Stray) = self.arm.scan(&bytes[len..], self.expect)
+        {
+            len += n;
+        }
+        len.min(MAX_STRAY)
+    }
+
+    /// How many bytes it took to say what the front is: all of a frame that is damaged.
+    fn decided(&self, bytes: &[u8]) -> usize {
+        let undecided = |&len: &usize| matches!(self.arm.scan(&bytes[..len], self.expect), Scan::Need(_));
+        (1..bytes.len()).take_while(undecided).count() + 1
+    }
+}
+
+impl<P: Arm> Recording for Frames<P> {
+    fn push(&mut self, bytes: &[u8], out: &dyn Output) -> io::Result<()> {
+        self.window.extend_from_slice(bytes);
+        self.scan(false, out)
+    }
+
+    fn finish(&mut self, out: &dyn Output) -> io::Result<()> {
+        self.scan(true, out)?;
+        let Self {
+            frames,
+            noise_bytes,
+            padding,
+            ..
+        } = self;
+        let filling = match padding {
+            0 => String::new(),
+            padding => format!(", filling: {padding}"),
+        };
+        let rest = if self.broken.is_some() {
+            ", the rest not read"
+        } else {
+            ""
+        };
+        out.entry(format_args!(
+            "bytes: {}, frames: {frames}, noise bytes: {noise_bytes}{filling}{rest}",
+            self.offset
+        ))
+    }
+
+    fn broken(&self) -> Option<(u64, Reason)> {
+        self.broken
+    }
+}
+
+/// A recording of a Ling arm, which may be of the older generation.
+pub(super) struct LingFrames {
+    from: Option<Speaker>,
+    generation: Generation,
+}
+
+enum Generation {
+    Untold(Box<Beginning>),
+    Told(Box<dyn Recording>),
+}
+
+/// The bytes that do not tell the generation yet.
+struct Beginning {
+    bytes: Vec<u8>,
+    older: Detector,
+    current: Decoder<MAX_FRAME>,
+}
+
+impl LingFrames {
+    pub(super) fn new(from: Option<Speaker>) -> Self {
+        let generation = Generation::Untold(Box::new(Beginning {
+            bytes: Vec::new(),
+            older: Detector::new(),
+            current: Decoder::new(),
+        }));
+        Self { from, generation }
+    }
+
+    /// The generation is told, or given up to be told: these were the bytes before.
+    fn begin(&mut self, mut frames: Box<dyn Recording>, out: &dyn Output) -> io::Result<()> {
+        if let Generation::Untold(beginning) = &self.generation {
+            frames.push(&beginning.bytes, out)?;
+        }
+        self.generation = Generation::Told(frames);
+        Ok(())
+    }
+}
+
+impl Recording for LingFrames {
+    fn push(&mut self, bytes: &[u8], out: &dyn Output) -> io::Result<()> {
+        let mut bytes = bytes.iter();
+        // One by one, for the result must not depend on the pieces in which they come.
+        while let Generation::Untold(beginning) = &mut self.generation
+            && let Some(&byte) = bytes.next()
+        {
+            beginning.bytes.push(byte);
+            if let Some(older) = beginning.older.hear(&[byte]) {
+                out.entry(format_args!("This is {older}"))?;
+                self.begin(Box::new(Frames::<Legacy>::new(self.from)), out)?;
+            } else if beginning.ends_current_message(byte) || beginning.bytes.len() >= MAX_UNTOLD {
+                self.begin(Box::new(Frames::<Ling>::new(self.from)), out)?;
+            }
+        }
+        match &mut self.generation {
+            Generation::Told(frames) => frames.push(bytes.as_slice(), out),
+            Generation::Untold(_) => Ok(()),
+        }
+    }
+
+    fn finish(&mut self, out: &dyn Output) -> io::Result<()> {
+        if let Generation::Untold(_) = &self.generation {
+            self.begin(Box::new(Frames::<Ling>::new(self.from)), out)?;
+        }
+        match &mut self.generation {
+            Generation::Told(frames) => frames.finish(out),
+            Generation::Untold(_) => Ok(()),
+        }
+    }
+
+    fn broken(&self) -> Option<(u64, Reason)> {
+        // This line may lose bytes.
+        None
+    }
+}
+
+impl Beginning {
+    /// Whether this byte is the last of a message of the current generation.
+    fn ends_current_message(&mut self, byte: u8) -> bool {
+        let byte = [byte];
+        let left = self.current.push(&byte);
+        debug_assert!(left.is_empty(), "what is decoded after each byte has room for the next");
+        while let Some(item) = self.current.next(&Ling, ()) {
+            let is_message = || Ling.parse_request(item.bytes).is_ok() || Ling.parse_response(item.bytes, ()).is_ok();
+            if item.kind == Kind::Frame && is_message() {
+                return true;
+            }
+        }
+        false
+    }
+}

@@ -1,0 +1,158 @@
+//! Recordings and logs, decoded whole and in pieces.
+
+use std::io;
+
+use armwire::ling::legacy::{Firmware, JointState, Legacy, Response, SERVOS};
+use armwire::messages::Messages;
+
+use super::*;
+
+/// A source that gives so many bytes at a time.
+struct Pieces<'a>(&'a [u8], usize);
+
+impl Read for Pieces<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let n = self.1.min(bytes.len()).min(self.0.len());
+        bytes[..n].copy_from_slice(&self.0[..n]);
+        self.0 = &self.0[n..];
+        Ok(n)
+    }
+}
+
+/// What is printed of a recording, and the error, if there is one, in whatever pieces it comes.
+pub(super) fn printed(
+    recording: &[u8],
+    format: Option<Format>,
+    arm: ArmKind,
+    from: Option<Speaker>,
+) -> (Vec<String>, Option<String>) {
+    let read = |piece| {
+        let out = Entries::default();
+        let input = Input::new("log".to_owned(), Box::new(Pieces(recording, piece)), &out);
+        let decoded = decode_input(input, &out, format, arm, from);
+        (out.into_lines(), decoded.err().map(|problem| problem.to_string()))
+    };
+    let whole = read(usize::MAX);
+    for piece in [1, 2, 7, 1000] {
+        assert_eq!(read(piece), whole, "in pieces of {piece}");
+    }
+    whole
+}
+
+/// The entries of a recording of bytes.
+fn of_line(bytes: &[u8], arm: ArmKind, from: Option<Speaker>) -> Vec<String> {
+    let (lines, error) = printed(bytes, Some(Format::Raw), arm, from);
+    assert_eq!(error, None);
+    lines
+}
+
+fn lines(bytes: &[u8]) -> Vec<String> {
+    of_line(bytes, ArmKind::Ling, None)
+}
+
+#[test]
+fn frames_and_noise_are_told_with_their_offsets() {
+    let mut bytes = vec![0x11, 0xAA, 0x06];
+    bytes.extend([0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
+    bytes.extend([0xAA, 0x04, 0x0E, 0x01, 0x01, 0x96, 0xFF, 0xAA, 0x01]);
+    let lines = lines(&bytes);
+    assert!(lines[0].starts_with("       0  11\n"));
+    assert!(
+        lines
+            .iter()
+            .any(|line| line.starts_with("       3  AA 06 00") && line.ends_with("read joints"))
+    );
+    assert!(lines.iter().any(|line| line.ends_with("from the arm: stroke: 75 mm")));
+    assert_eq!(lines.last().unwrap(), "bytes: 19, frames: 2, noise bytes: 5");
+}
+
+#[test]
+fn a_damaged_frame_is_shown_whole_and_once_and_a_frame_inside_it_too() {
+    let damaged = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9B, 0xFF];
+    assert_eq!(
+        lines(&[&damaged[..], &[0x11]].concat()),
+        [
+            "       0  AA 06 00 01 FE 9B FF\n          noise: checksum 0x9b, expected 0x9a",
+            "       7  11\n          noise: no frame starts here",
+            "bytes: 8, frames: 0, noise bytes: 8"
+        ]
+    );
+    let good = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+    let lines = lines(&[&[0xAA, 0x06, 0x00, 0x05], &good[..]].concat());
+    assert!(lines[0].starts_with("       0  AA 06 00 05 AA 06 00 01 FE 9A FF\n"));
+    assert!(lines[1].starts_with("       4  AA 06 00 01 FE 9A FF\n"));
+    assert_eq!(lines[2], "bytes: 11, frames: 1, noise bytes: 4");
+}
+
+#[test]
+fn whose_bytes_they_are_decides_what_frames_are() {
+    let bytes = [0xF2, 0x2F, 0xAA, 0xED, 0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED];
+    let lines = |from| of_line(&bytes, ArmKind::Alpha1, Some(from));
+    let of_arm = lines(Speaker::Arm);
+    assert_eq!(of_arm[0], "       0  F2 2F AA ED\n          from the arm: stop: done");
+    assert_eq!(
+        of_arm.last().unwrap(),
+        "bytes: 14, frames: 1, noise bytes: 3, filling: 7"
+    );
+    let of_host = lines(Speaker::Host);
+    assert!(of_host.contains(&"       4  F2 2F 00 00 00 00 00 00 00 ED\n          to the arm: stop".to_owned()));
+    assert_eq!(of_host.last().unwrap(), "bytes: 14, frames: 1, noise bytes: 4");
+}
+
+#[test]
+fn what_a_servo_answers_is_not_guessed() {
+    let offset_or_what = [0xFA, 0xAF, 1, 0xAA, 0, 0, 0, 0, 0xAB, 0xED];
+    let lines = of_line(
+        &[&offset_or_what[..], &[0xAB]].concat(),
+        ArmKind::Alpha1,
+        Some(Speaker::Arm),
+    );
+    assert!(lines[0].ends_with("no message: command FA: an answer of a servo, but none is expected"));
+    assert_eq!(lines[1], "      10  AB\n          noise: no frame starts here");
+}
+
+#[test]
+fn reports_on_usb_hid_are_filled_up_without_noise() {
+    let mut report = [0; 64];
+    report[..4].copy_from_slice(&[0xF3, 0x3F, 0xEE, 0xED]);
+    let lines = of_line(&[report; 2].concat(), ArmKind::Alpha1, Some(Speaker::Arm));
+    assert!(lines[0].ends_with("from the arm: play: failed"));
+    assert!(lines[1].starts_with("      64  F3 3F EE ED\n"));
+    assert_eq!(lines[2], "bytes: 128, frames: 2, noise bytes: 0, filling: 120");
+}
+
+#[test]
+fn stray_bytes_without_end_are_told_in_parts() {
+    let lines = lines(&[0x11; 2500]);
+    let places: Vec<_> = lines
+        .iter()
+        .map(|line| line.split_whitespace().next().unwrap())
+        .collect();
+    assert_eq!(places, ["0", "1024", "2048", "bytes:"]);
+    assert_eq!(lines[3], "bytes: 2500, frames: 0, noise bytes: 2500");
+}
+
+#[test]
+fn the_older_generation_is_told_behind_noise() {
+    let state = JointState {
+        firmware: Firmware::V6_0,
+        servos: [2048; SERVOS],
+    };
+    let mut frame = [0; 64];
+    let n = Legacy
+        .encode_response(&Response::Joints(state), None, &mut frame)
+        .unwrap();
+    let lines = lines(&[&[0x11; 1500][..], &frame[..n].repeat(3)].concat());
+    assert!(
+        lines[0].starts_with("This is a Ling arm of the older generation"),
+        "{lines:?}"
+    );
+    assert!(
+        lines[3].ends_with("from the arm: joints: +0.00° +0.00° +0.00° +0.00° +0.00° +0.00°"),
+        "{lines:?}"
+    );
+    assert_eq!(
+        lines.last().unwrap(),
+        &format!("bytes: {}, frames: 3, noise bytes: 1500", 1500 + 3 * n)
+    );
+}

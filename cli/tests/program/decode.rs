@@ -1,0 +1,231 @@
+//! The built program on recordings: as they come, of any length, in any format, and wrong ones.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc;
+use std::thread;
+
+use crate::common::{PATIENCE, PROGRAM, failure, finish, free_path, run, success, usage};
+
+/// Logs that python-can has written.
+const LOGS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/logs/");
+
+/// A request to a Ling arm in each format that is text, as one record, and what comes before the first.
+const RECORDS: [(&str, &str, &str); 7] = [
+    ("hex", "", "AA 06 00 01 FE 9A FF\n"),
+    ("candump", "", "(1.000000) can0 60F#07AA060001FE9AFF\n"),
+    ("candump", "", "  can0  60F   [8]  07 AA 06 00 01 FE 9A FF\n"),
+    (
+        "asc",
+        "date Mon Jan 1 00:00:00.000 am 2024\nbase hex  timestamps absolute\n",
+        "   1.000000 1  60F             Rx   d 8 07 AA 06 00 01 FE 9A FF\n",
+    ),
+    (
+        "trc",
+        ";$FILEVERSION=1.1\r\n",
+        "     1)      1000.0  Rx         060F  8  07 AA 06 00 01 FE 9A FF\r\n",
+    ),
+    (
+        "csv",
+        "timestamp,arbitration_id,extended,remote,error,dlc,data\n",
+        "1.0,0x60f,0,0,0,8,B6oGAAH+mv8=\n",
+    ),
+    (
+        "gvret",
+        "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n",
+        "1000000,0000060F,false,Rx,0,8,07,AA,06,00,01,FE,9A,FF,\n",
+    ),
+];
+/// The same as the bytes of a line.
+const RAW: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+
+/// What a BLF file begins with: its header, as short as it may be.
+const BLF_HEADER: &[u8] = b"LOGG\x08\0\0\0";
+/// An object of a BLF file with the same request.
+const BLF_RECORD: &[u8] = b"LOBJ\x20\0\x01\0\x30\0\0\0\x56\0\0\0\x02\0\0\0\0\0\0\0\0\x10\0\0\0\0\0\0\
+    \x01\0\0\x08\x0F\x06\0\0\x07\xAA\x06\0\x01\xFE\x9A\xFF";
+
+/// The beginning of a recording and one record, in every format.
+fn formats() -> Vec<(&'static str, Vec<u8>, Vec<u8>)> {
+    let text = RECORDS.map(|(format, header, record)| (format, header.into(), record.into()));
+    let bytes = [
+        ("raw", Vec::new(), RAW.to_vec()),
+        ("blf", BLF_HEADER.to_vec(), BLF_RECORD.to_vec()),
+    ];
+    text.into_iter().chain(bytes).collect()
+}
+
+/// A program that reads its standard input.
+fn start(args: &[&str]) -> (Child, ChildStdin) {
+    let mut child = Command::new(PROGRAM)
+        .arg("decode")
+        .args(args)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let stdin = child.stdin.take().unwrap();
+    (child, stdin)
+}
+
+#[test]
+fn a_frame_is_shown_while_the_recording_goes_on() {
+    for (format, header, record) in formats() {
+        let (mut child, mut stdin) = start(&[]);
+        stdin.write_all(&header).unwrap();
+        stdin.write_all(&record).unwrap();
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        let (tell, told) = mpsc::channel();
+        let reader = thread::spawn(move || {
+            let mut lines = [String::new(), String::new()];
+            for line in &mut lines {
+                out.read_line(line).unwrap();
+            }
+            tell.send(lines).unwrap();
+            out
+        });
+        let lines = told.recv_timeout(PATIENCE);
+        drop(stdin);
+        // What comes later is for nobody.
+        drop(reader.join());
+        assert!(finish(child).status.success(), "{format}");
+        let [bytes, meaning] = lines.expect("nothing is shown");
+        assert!(bytes.ends_with("  AA 06 00 01 FE 9A FF\n"), "{format}: {bytes}");
+        assert_eq!(meaning, "          to the arm: read joints\n", "{format}");
+    }
+}
+
+/// The most memory that a program has taken so far, in kB.
+#[cfg(target_os = "linux")]
+fn peak_memory(child: &Child) -> u64 {
+    let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    line.trim().trim_end_matches(" kB").parse().unwrap()
+}
+
+/// Feeds a program with this, some bytes after the other, and returns its peak memory in kB.
+#[cfg(target_os = "linux")]
+fn memory(format: &str, header: &[u8], record: &[u8], records: usize) -> u64 {
+    let (mut child, mut stdin) = start(&["--format", format]);
+    let mut out = child.stdout.take().unwrap();
+    let reader = thread::spawn(move || std::io::copy(&mut out, &mut std::io::sink()));
+    stdin.write_all(header).unwrap();
+    let piece = record.repeat(1000);
+    for _ in 0..records / 1000 {
+        stdin.write_all(&piece).unwrap();
+    }
+    let memory = peak_memory(&child);
+    drop(stdin);
+    assert!(finish(child).status.success(), "{format}");
+    reader.join().unwrap().unwrap();
+    memory
+}
+
+/// The length of a short recording in bytes: too long for the pipe, so that the program has begun to read it.
+#[cfg(target_os = "linux")]
+const SHORT: usize = 300_000;
+/// How much more memory a long recording may take than a short one, in kB: much less than the recording.
+#[cfg(target_os = "linux")]
+const MORE: u64 = 1_500;
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_long_recording_takes_no_more_memory() {
+    for (format, header, record) in formats() {
+        let memory = |bytes| memory(format, &header, &record, bytes / record.len());
+        let (short, long) = (memory(SHORT), memory(4_000_000));
+        assert!(long < short + MORE, "{format}: {long} kB, not {short} kB");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_line_without_end_takes_no_more_memory() {
+    let digits = "AA060001FE9AFF".repeat(10);
+    let memory = |bytes| memory("hex", b"", digits.as_bytes(), bytes / digits.len());
+    let (short, long) = (memory(SHORT), memory(4_000_000));
+    assert!(long < short + MORE, "{long} kB, not {short} kB");
+}
+
+#[test]
+fn the_logs_of_another_program_are_told_apart() {
+    for (log, pdus) in [
+        ("python-can.log", 4),
+        ("python-can.asc", 4),
+        ("python-can.blf", 4),
+        ("python-can-uncompressed.blf", 4),
+        ("python-can-1.0.trc", 2),
+        ("python-can-2.1.trc", 2),
+        ("python-can.csv", 3),
+    ] {
+        let out = success(&["decode", &format!("{LOGS}{log}")]);
+        assert!(out.contains("to the arm: read joints\n"), "{log}: {out}");
+        assert!(out.contains("from the arm: joints: +0.00° "), "{log}: {out}");
+        assert!(out.contains(&format!("PDUs: {pdus}, lost: 0, ")), "{log}: {out}");
+    }
+}
+
+#[test]
+fn what_came_before_an_error_is_shown() {
+    let path = free_path("wrong.log");
+    for (format, header, record) in formats() {
+        let wrong = match format {
+            "raw" => continue,
+            "blf" => &b"LOBS0123456789ab"[..],
+            _ => b"\x1B[2J\xFFgarbage\n",
+        };
+        fs::write(&path, [&header[..], &record, wrong].concat()).unwrap();
+        let output = run(&["decode", "--format", format, path.to_str().unwrap()]);
+        let line = failure(&output);
+        let place = match format {
+            "blf" => "byte 56: no object starts here".to_owned(),
+            _ => format!(
+                "line {}: '\\u{{1b}}",
+                1 + header.iter().chain(&record).filter(|&&byte| byte == b'\n').count()
+            ),
+        };
+        assert!(line.contains(&place), "{format}: {line}");
+        let out = String::from_utf8(output.stdout).unwrap();
+        assert!(out.ends_with("          to the arm: read joints\n"), "{format}: {out}");
+    }
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn a_line_of_4_megabytes_is_refused_in_one_short_line() {
+    let path = free_path("long.log");
+    for line in ["(1.0) can0 60F#", "what", "AA G"] {
+        fs::write(&path, [line, &"A".repeat(4 << 20)].concat()).unwrap();
+        let line = failure(&run(&["decode", path.to_str().unwrap()]));
+        assert!(line.len() < 300 && line.contains("line 1: '"), "{line}");
+    }
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn a_format_is_read_as_is_said() {
+    let path = free_path("digits");
+    fs::write(&path, "AA060001FE9AFF").unwrap();
+    let path = path.to_str().unwrap();
+    assert!(success(&["decode", path]).ends_with("bytes: 7, frames: 1, noise bytes: 0\n"));
+    assert!(success(&["decode", path, "--format", "raw"]).ends_with("bytes: 14, frames: 0, noise bytes: 14\n"));
+    let line = failure(&run(&["decode", path, "--format", "blf"]));
+    assert!(line.ends_with("byte 0: this is not a BLF file"), "{line}");
+    let said = usage(&["decode", path, "--format", "pcap"]);
+    assert!(said.contains("raw, hex, candump, asc, trc, blf, csv, gvret"), "{said}");
+    fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_ends_it() {
+    let (mut child, mut stdin) = start(&[]);
+    let mut out = child.stdout.take().unwrap();
+    stdin.write_all(&RAW).unwrap();
+    out.read_exact(&mut [0; 10]).unwrap();
+    drop(out);
+    // Until the program is gone.
+    while stdin.write_all(&RAW).is_ok() {}
+    assert!(finish(child).status.success());
+}
