@@ -26,7 +26,7 @@ impl Confirm {
         }
         if !stdin().is_terminal() {
             return Err(Error::Usage(format!(
-                "{danger} Nobody can be asked here: --yes goes on without"
+                "{danger} There is no terminal to confirm it on: use --yes"
             )));
         }
         let mut answer = String::new();

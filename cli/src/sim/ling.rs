@@ -35,7 +35,7 @@ pub(crate) struct LingSim {
     #[arg(long)]
     echo: bool,
     /// An arm of the older generation instead: it talks forty times a second, and obeys nothing.
-    #[arg(long, alias = "older", conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo"])]
+    #[arg(long, conflicts_with_all = ["leader", "serial", "stroke", "turnaround_us", "echo"])]
     legacy: bool,
 }
 
