@@ -38,12 +38,12 @@ pub(crate) fn write(folder: &Path, boards: &[Measured]) -> Result<()> {
     let boards: Vec<&Measured> = boards.iter().filter(|shown| !has_better(shown)).collect();
     fs::create_dir_all(folder)?;
     fs::write(folder.join("latency.svg"), latency(&boards)?)?;
-    let load = bars("time in which the core works", &boards, |figures| Some(figures.load))?;
+    let load = bars("load of the core", &boards, |figures| Some(figures.load))?;
     fs::write(folder.join("load.svg"), load)?;
     let rate = |figures: &Figures| figures.rate.as_ref().map(|rate| rate.percent);
     Ok(fs::write(
         folder.join("rates.svg"),
-        bars("part of what the wires allow", &boards, rate)?,
+        bars("share of what the wires allow", &boards, rate)?,
     )?)
 }
 
@@ -67,8 +67,8 @@ fn latency(boards: &[&Measured]) -> Result<String> {
             chart
                 .configure_mesh()
                 .light_line_style(WHITE)
-                .x_desc("time that the adapter adds, µs")
-                .y_desc("passages that take longer")
+                .x_desc("latency added by the adapter, µs")
+                .y_desc("share taking longer")
                 .x_label_formatter(&|micros| format!("{micros:.0}"))
                 .y_label_formatter(&|share| format!("{} %", 100.0 * share))
                 .draw()?;
