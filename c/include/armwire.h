@@ -381,7 +381,7 @@ enum ArmwireLingResponseKind
    */
   ARMWIRE_LING_RESPONSE_KIND_NONE = 0,
   /**
-   * Who the arm is. (`serial_number`, `hardware_version`, `firmware_version`)
+   * The arm's identity. (`serial_number`, `hardware_version`, `firmware_version`)
    */
   ARMWIRE_LING_RESPONSE_KIND_INFO,
   /**
@@ -450,7 +450,7 @@ enum ArmwireAlpha1RequestKind
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SET_OFFSET_TOOL,
   /**
-   * What the robot is on USB from now on (row F9). (`usb_type`)
+   * The kind of USB device that the robot is from now on (row F9). (`usb_type`)
    */
   ARMWIRE_ALPHA1_REQUEST_KIND_SET_USB_TYPE,
   /**
@@ -576,7 +576,7 @@ typedef uint32_t ArmwireAlpha1ResponseKind;
 #endif // __cplusplus
 
 /**
- * What the robot is on USB.
+ * The kind of USB device that the robot is.
  */
 enum ArmwireAlpha1UsbType
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -942,7 +942,7 @@ typedef struct ArmwireAlpha1Request {
    */
   uint8_t connected;
   /**
-   * What the robot is to be on USB: an `ArmwireAlpha1UsbType`.
+   * The kind of USB device that the robot becomes: an `ArmwireAlpha1UsbType`.
    */
   uint8_t usb_type;
   /**

@@ -1,4 +1,4 @@
-//! What every client has: a protocol's own functions call these.
+//! The functions of every client, behind those of each protocol.
 
 use armwire::messages::Messages;
 use armwire::time::Instant;

@@ -1,4 +1,4 @@
-//! What every device has: a protocol's own functions call these.
+//! The functions of every device, behind those of each protocol.
 
 use armwire::Device;
 use armwire::messages::Messages;

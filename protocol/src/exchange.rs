@@ -7,8 +7,8 @@
 //!   decoder's offset, and by time where bytes are stamped. A send is resolved by its answer, or, once stale, when it is due
 //!   plus the stale window. A repeat is of the same send, which then has as many answers.
 //! * A request that wants an answer may go when no stale send of its key by any initiator is unresolved, none of its key by another
-//!   initiator, and none with another `Expect`. Requests without an answer wait for nothing. Whose turn it is among those that
-//!   wait is for the caller to decide.
+//!   initiator, and none with another `Expect`. Requests without an answer wait for nothing. The caller
+//!   decides the order of those that wait.
 //! * `N` counts sends, and nothing is evicted. Sends beyond them *saturate* the exchange until the stale window of the last of
 //!   them has passed: no request may go meanwhile.
 //! * With transaction ids nothing waits. A stale send then makes room for a new one if it must, because its answer, being

@@ -39,7 +39,7 @@ fn silent_after(after_ms: u16) -> Config {
     }
 }
 
-/// What waits for the host on the control interface.
+/// The messages that wait for the host on the control interface.
 fn messages(bridge: &mut Bridge, now: u64) -> Vec<FromAdapter> {
     let mut reader = Reader::<MAX_MESSAGE>::new();
     let mut messages = vec![];

@@ -24,7 +24,7 @@ pub const ARMWIRE_ALPHA1_NO_ANGLE: u8 = 255;
 /// The unit of all times on the wire.
 const UNIT_MS: u32 = 20;
 
-/// What the robot is on USB.
+/// The kind of USB device that the robot is.
 #[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArmwireAlpha1UsbType {
@@ -162,7 +162,7 @@ pub enum ArmwireAlpha1RequestKind {
     Act,
     /// Connects or disconnects the servo offset tool (row F4). (`connected`)
     SetOffsetTool,
-    /// What the robot is on USB from now on (row F9). (`usb_type`)
+    /// The kind of USB device that the robot is from now on (row F9). (`usb_type`)
     SetUsbType,
     /// Plays an action (row F3). (`name`, `name_len`)
     Play,
@@ -192,7 +192,7 @@ pub struct ArmwireAlpha1Request {
     pub kind: u32,
     /// Whether the offset tool is connected: 0 or 1.
     pub connected: u8,
-    /// What the robot is to be on USB: an `ArmwireAlpha1UsbType`.
+    /// The kind of USB device that the robot becomes: an `ArmwireAlpha1UsbType`.
     pub usb_type: u8,
     /// The servo, 1 to 240; 0 for all.
     pub servo_id: u8,

@@ -157,7 +157,7 @@ impl ArmwireLingRequest {
 pub enum ArmwireLingResponseKind {
     /// None.
     None = 0,
-    /// Who the arm is. (`serial_number`, `hardware_version`, `firmware_version`)
+    /// The arm's identity. (`serial_number`, `hardware_version`, `firmware_version`)
     Info,
     /// The gripper that the arm thinks it has. (`stroke_mm`)
     Stroke,
