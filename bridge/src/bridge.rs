@@ -15,7 +15,7 @@ use armwire::time::Instant;
 
 /// The adapter between hosts on USB and CAN and an arm's UART.
 ///
-/// After each call, [`status`](Self::status) says who has something to do, and [`timeout`](Self::timeout) when to call
+/// After each call, [`update`](Self::update) says who has something to do, and [`timeout`](Self::timeout) when to call
 /// [`tick`](Self::tick).
 pub struct Bridge {
     pub(crate) line: Line,
@@ -189,7 +189,7 @@ impl Bridge {
     }
 
     /// Whether a frame waits to be delivered to CAN or to subscribers: [`can_transmit`](Self::can_transmit) and
-    /// [`status`](Self::status) deliver it.
+    /// [`update`](Self::update) deliver it.
     ///
     /// ```
     /// assert!(!armwire_bridge::Bridge::default().has_delivery()); // nobody is told of frames
@@ -402,8 +402,8 @@ impl Bridge {
 
     // ---- Time, and what only firmware can do ----
 
-    /// The work that is due at `now`, and the adapter's state.
-    pub fn status(&mut self, now: Instant) -> Status {
+    /// Moves pending work to the output buffers and returns the work due at `now` and the adapter's state.
+    pub fn update(&mut self, now: Instant) -> Status {
         self.hosts.update(&mut self.line, now);
         Status {
             uart: self.line.is_transmit_due(now),

@@ -42,7 +42,7 @@ fn frame(data: &[u8]) -> Vec<u8> {
 /// The next packet for the host.
 fn packet(bridge: &mut Bridge) -> Option<Vec<u8>> {
     let mut packet = [0; PACKET];
-    let due = bridge.status(NOW).usb;
+    let due = bridge.update(NOW).usb;
     let n = bridge.usb_transmit(&mut packet);
     assert_eq!(n.is_some(), due);
     n.map(|n| packet[..n].to_vec())
@@ -197,7 +197,7 @@ fn bytes_that_were_dropped_hold_nothing_back() {
 fn the_host_is_held_back_until_its_packet_fits() {
     let mut bridge = open();
     let mut expected = Vec::new();
-    while bridge.status(NOW).usb_room {
+    while bridge.update(NOW).usb_room {
         let packet = [expected.len() as u8; PACKET];
         bridge.usb_received(&packet, NOW);
         expected.extend(packet);
@@ -208,10 +208,10 @@ fn the_host_is_held_back_until_its_packet_fits() {
 
     let mut out = [0; PACKET - 1];
     assert_eq!(transmit(&mut bridge, &mut out), PACKET - 1);
-    assert!(!bridge.status(NOW).usb_room);
+    assert!(!bridge.update(NOW).usb_room);
     let mut last = [0; 1];
     transmit(&mut bridge, &mut last);
-    assert!(bridge.status(NOW).usb_room);
+    assert!(bridge.update(NOW).usb_room);
     assert_eq!([&out[..], &last[..], &sent(&mut bridge)].concat(), expected);
     assert_eq!(bridge.counters().host_to_arm_bytes, TO_ARM_BUFFER as u32);
 }
@@ -221,9 +221,9 @@ fn a_line_coding_takes_effect_between_the_bytes_before_and_after_it() {
     let mut bridge = open();
     bridge.usb_received(&[1, 2, 3], NOW);
     bridge.set_line_coding(BAUD_115200, NOW).unwrap();
-    assert!(bridge.status(NOW).usb_room, "the first byte for it has room");
+    assert!(bridge.update(NOW).usb_room, "the first byte for it has room");
     bridge.usb_received(&[4, 5], NOW);
-    assert!(!bridge.status(NOW).usb_room, "the next packet waits");
+    assert!(!bridge.update(NOW).usb_room, "the next packet waits");
     assert_eq!(bridge.line_coding().baud, 115_200);
     assert_eq!(bridge.line.uart_change(), None);
 
@@ -262,7 +262,7 @@ fn bytes_between_two_line_codings_go_out_at_the_first() {
         }
         assert_eq!(sent, [[(b'A', 1_000_000); 3], [(b'B', 115_200); 3]].concat());
         assert_eq!((baud, bridge.counters().line_codings), (last.baud, 2));
-        assert!(bridge.status(NOW).usb_room);
+        assert!(bridge.update(NOW).usb_room);
     }
 }
 
@@ -332,9 +332,9 @@ fn a_bus_reset_drops_what_the_last_host_did_not_read_and_keeps_what_it_said() {
     packet(&mut bridge).unwrap();
     bridge.uart_received(&[7; 100], NOW);
     bridge.usb_received(&[1, 2], NOW);
-    assert!(bridge.status(NOW).is_attached);
+    assert!(bridge.update(NOW).is_attached);
     bridge.usb_event(UsbEvent::Reset, NOW);
-    assert!(!bridge.status(NOW).is_attached);
+    assert!(!bridge.update(NOW).is_attached);
     bridge.uart_received(&[7; 20], NOW); // nobody is there
     bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packet(&mut bridge), None);
@@ -389,7 +389,7 @@ fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
 fn dtr_without_a_configuration_means_nothing() {
     let mut bridge = Bridge::default();
     bridge.usb_event(UsbEvent::Dtr(true), NOW);
-    assert!(!bridge.status(NOW).is_attached);
+    assert!(!bridge.update(NOW).is_attached);
     bridge.uart_received(&[1], NOW);
     bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packet(&mut bridge), None);
@@ -623,7 +623,7 @@ proptest! {
         let mut got = Vec::new();
         let mut out = [0; 100];
         for packet in &packets {
-            while !bridge.status(NOW).usb_room {
+            while !bridge.update(NOW).usb_room {
                 let n = transmit(&mut bridge, &mut out[..*takes.next().unwrap()]);
                 got.extend(&out[..n]);
             }

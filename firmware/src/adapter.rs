@@ -110,7 +110,7 @@ impl Adapter {
         {
             self.action.signal(action);
         }
-        let status = bridge.status(now);
+        let status = bridge.update(now);
         self.status.set(status);
         restart::armed(status.is_armed);
         for (is_due, work) in [

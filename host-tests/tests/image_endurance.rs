@@ -201,7 +201,7 @@ impl Listener {
     /// Takes all packets that the adapter has for it at `at`.
     fn hear_all(&mut self, bridge: &mut Bridge, at: time::Instant) {
         let mut packet = [0; PACKET];
-        while bridge.status(at).control {
+        while bridge.update(at).control {
             if let Some(len) = bridge.control_transmit(&mut packet, at) {
                 self.hear(&packet[..len], at);
             }

@@ -37,7 +37,7 @@ fn ask(bridge: &mut Bridge, request: Request, now: Instant) {
 
 /// What the next frame for the bus is for.
 fn hand(bridge: &mut Bridge, now: Instant) -> Option<Function> {
-    let due = bridge.status(now).can;
+    let due = bridge.update(now).can;
     let frame = bridge.can_transmit(now);
     assert_eq!(frame.is_some(), due);
     Some(Function::of(frame?.id()).unwrap().0)
@@ -250,9 +250,9 @@ fn a_frame_for_a_subscriber_who_has_not_read_the_last_is_due_once() {
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
     bridge.can_event(CanEvent::Waiting(0), now);
     bridge.uart_received(&ling(0x06, 0, &[2; 15]), now);
-    assert!(bridge.status(now).can);
+    assert!(bridge.update(now).can);
     assert_eq!(bridge.can_transmit(now), None);
-    assert!(!bridge.status(now).can);
+    assert!(!bridge.update(now).can);
     assert_eq!(bridge.counters().dropped_events, 0);
 }
 
@@ -294,15 +294,15 @@ fn what_the_arm_says_reaches_the_bus_in_its_order_whenever_it_is_passed_on() {
     for shared in [false, true] {
         let (mut bridge, frames) = told_of_two();
         if shared {
-            bridge.status(at(250));
+            bridge.update(at(250));
         }
         for frame in frames {
-            assert!(bridge.status(at(300)).can);
+            assert!(bridge.update(at(300)).can);
             let sent = bridge.can_transmit(at(300)).unwrap();
             assert_eq!(sent.data()[..=frame.len()], [&[frame.len() as u8], &frame[..]].concat());
             bridge.can_event(CanEvent::Waiting(0), at(300));
         }
-        assert!(!bridge.status(at(300)).can);
+        assert!(!bridge.update(at(300)).can);
     }
 }
 

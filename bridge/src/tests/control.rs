@@ -114,7 +114,7 @@ fn requests_that_come_together_are_answered_in_order_and_packets_do_not_matter()
         let stream: Vec<u8> = (1..=20).flat_map(|sequence| [3, sequence, 6, 0]).collect();
         let mut rest = &stream[..];
         while !rest.is_empty() {
-            if rig.bridge.status(Instant::ZERO).control_room {
+            if rig.bridge.update(Instant::ZERO).control_room {
                 let (packet, later) = rest.split_at(cut.min(rest.len()));
                 rig.bridge.control_received(packet, at(rig.now));
                 rest = later;
@@ -131,7 +131,7 @@ fn a_host_that_does_not_read_is_held_back_and_loses_no_reply() {
     let mut rig = quiet();
     let mut asked = 0;
     for _ in 0..200 {
-        if rig.bridge.status(Instant::ZERO).control_room {
+        if rig.bridge.update(Instant::ZERO).control_room {
             asked += 1;
             rig.bridge.control_received(&[3, asked, 2, 0], Instant::ZERO);
         }
@@ -547,7 +547,7 @@ fn what_subscribers_are_told_ends_with_a_short_packet_on_usb() {
         let mut bridge = subscribed();
         bridge.uart_received(&ling(0x06, 0, &[0x55; 63][..len]), Instant::ZERO);
         let mut last = PACKET;
-        while bridge.status(Instant::ZERO).control {
+        while bridge.update(Instant::ZERO).control {
             last = bridge.control_transmit(&mut packet, Instant::ZERO).unwrap_or(last);
         }
         assert!(last < PACKET, "{len}");
@@ -697,7 +697,7 @@ proptest! {
     ) {
         let mut rig = quiet();
         for packet in garbage.chunks(64) {
-            while !rig.bridge.status(Instant::ZERO).control_room {
+            while !rig.bridge.update(Instant::ZERO).control_room {
                 rig.run(100_000);
                 // Firmware has an answer to what it was asked by chance.
                 rig.bridge.saved(Ok(()), at(rig.now));

@@ -446,7 +446,7 @@ fn what_goes_out_at_another_rate_is_no_motion() {
     rig.run(2 * SECOND);
     assert_eq!(
         (
-            rig.bridge.status(Instant::ZERO).is_armed,
+            rig.bridge.update(Instant::ZERO).is_armed,
             rig.bridge.counters().host_silences
         ),
         (false, 0)
@@ -571,7 +571,7 @@ fn nobodys_torque_goes_off_under_hold_line() {
     }
     rig.run(5 * SECOND);
     assert_eq!(
-        (rig.line(), rig.bridge.status(Instant::ZERO).is_armed),
+        (rig.line(), rig.bridge.update(Instant::ZERO).is_armed),
         (motion().repeat(5), false)
     );
 }

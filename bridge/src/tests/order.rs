@@ -44,7 +44,7 @@ fn messages(bridge: &mut Bridge, now: u64) -> Vec<FromAdapter> {
     let mut reader = Reader::<MAX_MESSAGE>::new();
     let mut messages = vec![];
     let mut packet = [0; PACKET];
-    while bridge.status(at(now)).control {
+    while bridge.update(at(now)).control {
         let len = bridge.control_transmit(&mut packet, at(now)).unwrap_or(0);
         let mut left = &packet[..len];
         while !left.is_empty() {
@@ -74,7 +74,7 @@ fn what_the_arm_is_comes_after_a_look_at_the_bus() {
     assert!(transmit(&mut bridge, &mut [0; MAX_FRAME], at(0)).is_some());
     assert_eq!(bridge.uart_received(&ling(0x01, 0, &[0; 24]), at(700)), 1);
     while bridge.can_transmit(at(700)).is_some() {}
-    assert!(bridge.status(at(700)).control);
+    assert!(bridge.update(at(700)).control);
     assert!(matches!(
         messages(&mut bridge, 700)[..],
         [FromAdapter::Reply {
@@ -202,7 +202,7 @@ fn what_is_on_the_line_stays_what_it_is() {
     // The host is silent while the adapter's own request goes out.
     bridge.tick(at(200_000));
     bridge.uart_transmitted(at(200_001));
-    assert!(bridge.status(at(200_001)).is_armed);
+    assert!(bridge.update(at(200_001)).is_armed);
     // The arm does not say what it is; then comes torque-off.
     let silent = loop {
         let now = bridge.timeout().unwrap();
@@ -213,7 +213,7 @@ fn what_is_on_the_line_stays_what_it_is() {
     };
     assert_eq!(out[..7], ling(0x05, 0, &[0])[..]);
     bridge.uart_transmitted(silent);
-    assert!(!bridge.status(silent).is_armed);
+    assert!(!bridge.update(silent).is_armed);
     assert!(matches!(
         messages(&mut bridge, silent.as_micros())[..],
         [FromAdapter::Reply {

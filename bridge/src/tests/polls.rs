@@ -36,13 +36,13 @@ fn a_poll_is_handed_over_before_its_slot_and_nothing_goes_out_in_between() {
     bridge.tick(at(300));
     let due = at(1_300) - POLL_LEAD_TIME;
     assert_eq!(bridge.timeout(), Some(due));
-    assert!(!bridge.status(due - Duration::from_micros(1)).uart);
-    assert!(bridge.status(due).uart);
+    assert!(!bridge.update(due - Duration::from_micros(1)).uart);
+    assert!(bridge.update(due).uart);
     let mut out = [0; 70];
     let burst = transmit(&mut bridge, &mut out, at(1_290)).unwrap();
     assert_eq!((burst.len, burst.start), (7, Some(at(1_300))));
     bridge.usb_received(b"hello", at(1_291));
-    assert!(!bridge.status(at(1_291)).uart);
+    assert!(!bridge.update(at(1_291)).uart);
     assert_eq!(transmit(&mut bridge, &mut out, at(1_299)), None);
 }
 

@@ -148,7 +148,7 @@ impl Rig {
             let status = Status {
                 usb: false,
                 passed_bytes: 0,
-                ..bridge.status(now)
+                ..bridge.update(now)
             };
             (status, bridge.timeout())
         };
@@ -191,30 +191,30 @@ impl Rig {
                     "a tick leaves nothing that is late"
                 );
             }
-            while self.bridge.status(now).usb_room && !self.usb_out.is_empty() {
+            while self.bridge.update(now).usb_room && !self.usb_out.is_empty() {
                 let n = self.usb_out.len().min(PACKET);
                 let packet: Vec<u8> = self.usb_out.drain(..n).collect();
                 self.bridge.usb_received(&packet, now);
             }
             let mut packet = [0; PACKET];
-            while self.bridge.status(now).usb {
+            while self.bridge.update(now).usb {
                 let n = self.bridge.usb_transmit(&mut packet).expect("one is due");
                 self.usb.extend(&packet[..n]);
             }
             assert_eq!(self.bridge.usb_transmit(&mut packet), None);
-            while self.bridge.status(now).control {
+            while self.bridge.update(now).control {
                 if let Some(n) = self.bridge.control_transmit(&mut packet, now) {
                     self.hear_control(&packet[..n]);
                 }
             }
             assert_eq!(self.bridge.control_transmit(&mut packet, now), None);
-            if self.bridge.status(now).uart_cut {
+            if self.bridge.update(now).uart_cut {
                 // The byte on the line goes out, and perhaps the one behind it.
                 self.tx_free = self.tx_free.min(now.as_micros() + self.uart.coding.micros(2));
             }
             if self.tx_free <= now.as_micros() {
                 let mut out = [0; 70];
-                let due = self.bridge.status(now).uart;
+                let due = self.bridge.update(now).uart;
                 let before = self.bridge.counters();
                 let transmit = self.bridge.uart_transmit(&mut out, now);
                 assert_eq!(transmit.is_some(), due);
@@ -296,7 +296,7 @@ impl Rig {
 
     /// Moves one frame over the bus, if there is one.
     fn use_bus(&mut self, now: Instant) -> bool {
-        while self.bridge.status(now).can {
+        while self.bridge.update(now).can {
             let Some(frame) = self.bridge.can_transmit(now) else {
                 continue;
             };
@@ -350,7 +350,7 @@ impl Rig {
     pub(super) fn ask(&mut self, request: Request) -> u8 {
         self.sequence += 1;
         let sequence = self.sequence;
-        assert!(self.bridge.status(at(self.now)).control_room);
+        assert!(self.bridge.update(at(self.now)).control_room);
         ask(&mut self.bridge, sequence, request, at(self.now));
         self.pump();
         sequence

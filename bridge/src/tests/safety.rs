@@ -97,15 +97,15 @@ fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
         .take(TO_ARM_BUFFER + 4 - PACKET)
         .collect::<Vec<_>>();
     for packet in moves.chunks(PACKET) {
-        assert!(bridge.status(Instant::ZERO).usb_room);
+        assert!(bridge.update(Instant::ZERO).usb_room);
         bridge.usb_received(packet, Instant::ZERO);
     }
-    assert!(!bridge.status(Instant::ZERO).usb_room);
+    assert!(!bridge.update(Instant::ZERO).usb_room);
     let room = Instant::from_millis(400);
     // The first bytes of the next move.
     let burst = transmit(&mut bridge, &mut [0; 10], room).unwrap();
     assert_eq!(burst.len, 10);
-    assert!(bridge.status(Instant::ZERO).usb_room);
+    assert!(bridge.update(Instant::ZERO).usb_room);
     let silent = room + Duration::from_millis(500);
     bridge.tick(silent - Duration::from_micros(1));
     assert_eq!(bridge.counters().host_silences, 0);
@@ -301,13 +301,13 @@ fn a_host_ends_its_stream_and_keeps_the_torque() {
         let mut rig = Rig::new(silence(500, true));
         rig.usb_out.extend(motion().repeat(3));
         rig.run(10_000);
-        assert!(rig.bridge.status(Instant::ZERO).is_armed);
+        assert!(rig.bridge.update(Instant::ZERO).is_armed);
         match by_request {
             true => assert_eq!(rig.call(Request::EndStream), Reply::Done),
             false => rig.usb_out.extend(ling(0x05, 0, &[1])),
         }
         rig.run(2_000_000);
-        assert!(!rig.bridge.status(Instant::ZERO).is_armed);
+        assert!(!rig.bridge.update(Instant::ZERO).is_armed);
         assert_eq!(rig.bridge.counters().requests_adapter, 0);
     }
 }
@@ -328,7 +328,7 @@ fn the_torque_goes_off_before_a_restart() {
         let burst = transmit(&mut rig.bridge, &mut out, now).unwrap();
         assert_eq!(out[..burst.len], TORQUE_OFF);
         assert_eq!(rig.bridge.action(at(rig.now)), Some(action));
-        assert!(!rig.bridge.status(Instant::ZERO).is_armed);
+        assert!(!rig.bridge.update(Instant::ZERO).is_armed);
     }
 }
 
@@ -340,7 +340,7 @@ fn flash_is_not_written_while_a_stream_is_armed() {
         rig.run(10_000);
         assert_eq!(rig.call(request), Reply::Failed(Failure::StreamArmed));
         assert_eq!(
-            (rig.actions.len(), rig.bridge.status(Instant::ZERO).is_armed),
+            (rig.actions.len(), rig.bridge.update(Instant::ZERO).is_armed),
             (0, true)
         );
         rig.run(1_000_000);
@@ -489,7 +489,7 @@ fn commands_end_with_the_configuration_though_the_bus_is_still_the_one_before() 
     for frame in command(1).to_frames(Node::default()) {
         rig.bridge.can_received(&frame, now);
     }
-    assert!(!rig.bridge.status(now).uart);
+    assert!(!rig.bridge.update(now).uart);
     rig.run(10_000);
     assert_eq!((rig.line(), rig.bridge.counters().requests_command), (vec![], 0));
 }
@@ -518,7 +518,7 @@ fn a_host_on_usb_that_is_held_back_is_not_silent() {
     let more = motion().repeat(30);
     rig.usb_out.extend(&more);
     rig.run(400_000);
-    assert!(!rig.bridge.status(Instant::ZERO).usb_room);
+    assert!(!rig.bridge.update(Instant::ZERO).usb_room);
     assert_eq!(silences(&rig), []);
     rig.run(200_000);
     assert_eq!(rig.line(), [&motion().repeat(3)[..], &ling::SELF_CHECK, &more].concat());

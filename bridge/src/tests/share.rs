@@ -587,7 +587,7 @@ fn a_line_coding_waits_for_the_answer_to_anothers_request() {
     rig.bridge.set_line_coding(coding, at(rig.now)).unwrap();
     rig.bridge.usb_received(&[1], at(rig.now));
     assert_eq!(
-        (rig.bridge.line.uart_change(), rig.bridge.status(at(rig.now)).uart),
+        (rig.bridge.line.uart_change(), rig.bridge.update(at(rig.now)).uart),
         (None, false)
     );
     rig.run(10_000);
@@ -847,7 +847,7 @@ fn bytes_that_waited_for_an_answer_that_never_came_do_not_look_stuck() {
     }
     rig.bridge.usb_received(&[1; 10], at(rig.now));
     let mut now = at(rig.now);
-    while !rig.bridge.status(now).uart {
+    while !rig.bridge.update(now).uart {
         now = rig.bridge.timeout().unwrap();
         rig.bridge.uart_received(&[], now);
         rig.bridge.tick(now);

@@ -43,7 +43,7 @@ impl Pipe {
     }
 
     fn has_room(self, bridge: &mut Bridge) -> bool {
-        let status = bridge.status(now());
+        let status = bridge.update(now());
         match self {
             Self::Port => status.usb_room,
             Self::Control => status.control_room,
@@ -91,7 +91,7 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
         loop {
             adapter.reset(session);
             let Some(n) = adapter.take(|bridge| pipe.transmit(bridge, &mut packet)) else {
-                if pipe == Pipe::Control && adapter.take(|bridge| bridge.status(now()).control) {
+                if pipe == Pipe::Control && adapter.take(|bridge| bridge.update(now()).control) {
                     yield_now().await;
                     continue;
                 }

@@ -99,7 +99,7 @@ impl Host {
 
     /// Hands over what the adapter takes.
     fn give(&mut self) {
-        while self.bridge.status(self.now).control_room && !self.out.is_empty() {
+        while self.bridge.update(self.now).control_room && !self.out.is_empty() {
             let packet: Vec<u8> = self.out.drain(..self.packet.min(self.out.len())).collect();
             self.bridge.control_received(&packet, self.now);
         }
@@ -108,7 +108,7 @@ impl Host {
     fn take(&mut self) {
         let mut packet = [0; PACKET];
         let mut len = None;
-        while len.is_none() && self.bridge.status(self.now).control {
+        while len.is_none() && self.bridge.update(self.now).control {
             len = self.bridge.control_transmit(&mut packet, self.now);
         }
         if len.is_none() {

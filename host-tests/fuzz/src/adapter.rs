@@ -306,7 +306,7 @@ impl World {
 
     /// What is due, when hosts have been told what there is to tell.
     pub fn status(&mut self) -> Status {
-        self.bridge.status(self.now)
+        self.bridge.update(self.now)
     }
 
     /// The arm answers what it heard last, with this data if that can be.

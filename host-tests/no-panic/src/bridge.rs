@@ -71,7 +71,7 @@ pub(crate) fn call_all() {
         black_box(black_box(&mut *bridge).can_event(black_box(event), now));
     }
 
-    black_box(black_box(&mut *bridge).status(now));
+    black_box(black_box(&mut *bridge).update(now));
     black_box(black_box(&*bridge).timeout());
     black_box(&mut *bridge).tick(now);
     black_box(black_box(&mut *bridge).action(now));

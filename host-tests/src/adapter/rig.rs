@@ -120,7 +120,7 @@ impl Rig {
     }
 
     fn status(&mut self) -> Status {
-        self.bridge.status(self.time())
+        self.bridge.update(self.time())
     }
 
     /// Lets time pass until `end`.
