@@ -115,8 +115,8 @@ fn bars(axis: &str, boards: &[&Measured], percent: impl Fn(&Figures) -> Option<f
         };
         chart
             .configure_mesh()
-            .light_line_style(WHITE)
-            .disable_y_mesh()
+            // The labels give the values: grid lines would run through them.
+            .disable_mesh()
             .x_desc(axis)
             .x_label_formatter(&|percent| match *percent {
                 ..=100.0 => format!("{percent:.0} %"),
