@@ -19,7 +19,7 @@ pub(crate) struct Board {
     pub(crate) image: Elf,
 }
 
-/// The most that a board may take: some 10 % more than it does, so that no change makes it worse unseen.
+/// The most that a board may take: some 10 % more than the longest measurement shows, so that no change makes it worse unseen.
 #[derive(Clone, Copy)]
 pub(crate) struct Limits {
     /// The worst time of each of the [`WAYS`](crate::latency::WAYS), in microseconds.
@@ -43,7 +43,7 @@ const BOARDS: [(Chip, bool, Limits); 4] = [
     (
         Chip::Stm32g431,
         true,
-        limits([170.0, 165.0, 230.0, 180.0], 2.0, 42.5, 17.0),
+        limits([210.0, 165.0, 230.0, 180.0], 2.0, 42.5, 17.0),
     ),
 ];
 
