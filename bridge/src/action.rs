@@ -10,10 +10,10 @@ pub enum Action {
     Save(Config),
     /// Erase the configuration in flash, then call [`Bridge::saved`](crate::Bridge::saved).
     Reset,
-    /// Start again, once the reply is with the host: wait 100 ms.
+    /// Restart the firmware. Wait 100 ms first: the reply must reach the host.
     Restart,
-    /// Start the chip's own boot loader, in the same way.
+    /// Restart into the chip's boot loader, after the same 100 ms.
     RestartIntoBootLoader,
-    /// Set up the CAN controller anew.
+    /// Reinitialise the CAN controller with this configuration.
     RestartCan(config::Can),
 }

@@ -1,4 +1,4 @@
-//! The arm on the UART: its frames, its exchanges and the adapter's own requests, by the kind that is configured.
+//! The arm on the UART: its framing, its exchanges and the adapter's own requests, chosen by the configured kind.
 
 #[cfg(feature = "alpha1")]
 use armwire::alpha1::{self, Alpha1};
@@ -11,7 +11,7 @@ use armwire::raw::Raw;
 use crate::config::ArmKind;
 use crate::line_coding::{LineCoding, UartConfig};
 
-/// The longest frame that the adapter takes, in bytes: Ling's. Those of an Alpha1 with names over 65 bytes are longer.
+/// The longest frame that the adapter accepts, in bytes: Ling's. Alpha1 frames with names over 65 bytes are longer.
 pub const MAX_FRAME: usize = 70;
 #[cfg(feature = "ling")]
 const _: () = assert!(MAX_FRAME == armwire::ling::MAX_FRAME);
@@ -19,7 +19,7 @@ const _: () = assert!(MAX_FRAME == armwire::ling::MAX_FRAME);
 /// The expectation on a line of any kind: only Alpha1's frames need one.
 #[cfg(feature = "alpha1")]
 pub type Expect = alpha1::Expect;
-/// The expectation on a line of any kind: none of those that are compiled in needs one.
+/// The expectation on a line of any kind. None of the compiled-in protocols needs one.
 #[cfg(not(feature = "alpha1"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Expect;
@@ -27,17 +27,17 @@ pub struct Expect;
 /// The key of a response of any kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
-    /// Of a Ling arm.
+    /// Key of a Ling response.
     #[cfg(feature = "ling")]
     Ling(ling::Key),
-    /// Of an Alpha1 or its servos.
+    /// Key of a response of an Alpha1 or of its servos.
     #[cfg(feature = "alpha1")]
     Alpha1(alpha1::Key),
     /// A raw line has no responses.
     Raw,
 }
 
-/// The part of a request in its exchange.
+/// A request's properties for the exchange.
 pub type Info = InfoOf<ArmKind>;
 
 /// A request that the adapter makes by itself.
@@ -66,7 +66,7 @@ impl ArmKind {
         }
     }
 
-    /// Whether the arm's rate is known: a raw line has the rate that the host on USB sets.
+    /// Returns true if the arm has a fixed rate. A raw line has the rate that the host on USB sets.
     pub(crate) const fn has_own_rate(self) -> bool {
         !matches!(self, Self::Raw)
     }
@@ -88,7 +88,7 @@ impl ArmKind {
         }
     }
 
-    /// Whether `frame` switches the torque on: the arm is to stay where it is.
+    /// Returns true if `frame` switches the torque on and leaves the arm where it is.
     pub(crate) fn is_torque_on(self, frame: &[u8]) -> bool {
         match (self, frame) {
             #[cfg(feature = "ling")]
@@ -97,7 +97,7 @@ impl ArmKind {
         }
     }
 
-    /// Whether `bytes` are exactly one frame from a host.
+    /// Returns true if `bytes` are exactly one frame from a host.
     pub(crate) fn is_request(self, bytes: &[u8]) -> bool {
         match self {
             Self::Raw => (1..=MAX_FRAME).contains(&bytes.len()),
@@ -200,7 +200,7 @@ impl Dialect for ArmKind {
     }
 }
 
-/// The same request, with the key and the expectation of any kind.
+/// The same request, with the key and the expectation of the adapter's types.
 fn with<K, E>(info: RequestInfo<K, E>, key: Key, expect: Expect) -> Info {
     RequestInfo {
         key,

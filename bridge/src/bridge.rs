@@ -15,14 +15,14 @@ use armwire::time::Instant;
 
 /// The adapter between hosts on USB and CAN and an arm's UART.
 ///
-/// After each call, [`update`](Self::update) says who has something to do, and [`timeout`](Self::timeout) when to call
-/// [`tick`](Self::tick).
+/// After each call, [`update`](Self::update) reports the work that is due, and [`timeout`](Self::timeout) the time of
+/// the next [`tick`](Self::tick).
 pub struct Bridge {
     pub(crate) line: Line,
     pub(crate) hosts: Hosts,
 }
 
-/// The adapter's last run.
+/// Facts about the adapter's previous run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Start {
@@ -32,8 +32,8 @@ pub struct Start {
     pub watchdog_resets: u32,
     /// Hard faults of the firmware since power-on.
     pub hard_faults: u32,
-    /// The adapter stopped while it was [armed](Status::is_armed): the torque goes off before all else, also if the configuration
-    /// that said so was not saved.
+    /// The adapter stopped while it was [armed](Status::is_armed). Torque-off goes out first, even if the configuration
+    /// that enabled it was not saved.
     pub was_armed: bool,
     /// The saved configuration could not be read.
     pub config_lost: bool,
@@ -43,12 +43,13 @@ pub struct Start {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum UartEvent {
-    /// The line has been idle for the time of a byte: what has arrived goes out. Hand over the [bytes](Bridge::uart_received)
-    /// that arrived before first.
+    /// The line has been idle for one byte time: received bytes become due. Pass the bytes that arrived before to
+    /// [`uart_received`](Bridge::uart_received) first.
     Idle,
-    /// Errors. The bytes they came with are passed on as they are.
+    /// Receive errors. The bytes received with them are passed on unchanged.
     Errors(UartErrors),
-    /// The UART works like this from here on, as [`Transmit::Configure`] said. A frame that had begun will not end.
+    /// The UART uses this configuration from now on, as [`Transmit::Configure`] requested. An unfinished frame will not
+    /// end.
     Configured(UartConfig),
 }
 
@@ -56,17 +57,18 @@ pub enum UartEvent {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum UsbEvent {
-    /// The bus was reset: a new host, or the same one anew. Bytes for the last host are dropped and counted as unheard. Bytes
-    /// of the last host still go out: they were accepted.
+    /// The bus was reset, by a new host or the same one. Queued bytes for the last host are dropped and counted as
+    /// unheard. Queued bytes from it still go out: they were accepted.
     Reset,
     /// The host enabled or disabled the adapter's configuration.
     Configured(bool),
-    /// The bus was suspended. The queue keeps what fits until the host reads again. The line becomes the arm's.
+    /// The bus was suspended. The queue keeps as many bytes as fit until the host reads again. The line returns to the
+    /// arm's rate.
     Suspended,
-    /// The host raised or lowered DTR: it opened or closed the port. A host that opens the port does not get bytes from before.
-    /// The line of a port that is closed is the arm's.
+    /// The host raised or lowered DTR: it opened or closed the port. Bytes from before are dropped when the port opens.
+    /// A closed port returns the line to the arm's rate.
     Dtr(bool),
-    /// A packet of this length from [`usb_transmit`](Bridge::usb_transmit) could not be sent: the host is gone.
+    /// A packet of this length from [`usb_transmit`](Bridge::usb_transmit) was not sent: the host is gone.
     Lost(usize),
 }
 
@@ -74,13 +76,13 @@ pub enum UsbEvent {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CanEvent {
-    /// The controller still has this many of the frames that it was handed. It sends them in the order in which it got them.
+    /// Number of handed-over frames that the controller still holds. It sends them in the order of arrival.
     Waiting(u8),
     /// The controller reported errors.
     Errors(CanErrors),
-    /// The controller left the bus. ISO-TP transfers that were under way are given up.
+    /// The controller went bus-off. ISO-TP transfers in progress are aborted.
     BusOff,
-    /// The controller is back on the bus.
+    /// The controller recovered from bus-off.
     BusOn,
 }
 
@@ -88,32 +90,33 @@ pub enum CanEvent {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Status {
-    /// [`uart_transmit`](Bridge::uart_transmit) has something.
+    /// [`uart_transmit`](Bridge::uart_transmit) has bytes or a configuration.
     pub uart: bool,
-    /// The bytes that the UART sends are to be cut: torque-off waits, and the arm does not understand their rate.
+    /// The UART must stop transmitting at once: torque-off waits, and the arm cannot read bytes at this rate.
     pub uart_cut: bool,
     /// [`usb_transmit`](Bridge::usb_transmit) has a packet.
     pub usb: bool,
-    /// There is room for a packet of the host on the serial port.
+    /// The serial port has room for a packet of the host.
     pub usb_room: bool,
-    /// [`control_transmit`](Bridge::control_transmit) has something to do.
+    /// [`control_transmit`](Bridge::control_transmit) has work to do.
     pub control: bool,
-    /// There is room for a packet of the host on the control interface.
+    /// The control interface has room for a packet of the host.
     pub control_room: bool,
-    /// [`can_transmit`](Bridge::can_transmit) has something to do.
+    /// [`can_transmit`](Bridge::can_transmit) has work to do.
     pub can: bool,
-    /// The torque is to go off if the adapter starts again now: a host streams motion, and its silence would switch the torque
-    /// off, or that is just being done. Keep it over a restart, and tell the next adapter by [`Start::was_armed`].
+    /// The adapter must switch the torque off if it restarts now: a host streams motion and its timeout would switch
+    /// the torque off, or torque-off is in progress. Keep this flag over a restart and pass it on as
+    /// [`Start::was_armed`].
     pub is_armed: bool,
     /// A host has configured the USB device.
     pub is_attached: bool,
-    /// Bytes that passed, both ways, modulo 2³².
+    /// Bytes that passed in both directions, modulo 2³².
     pub passed_bytes: u32,
 }
 
 impl Bridge {
-    /// An adapter that no host has found yet, at 1 Mbaud until [`uart_transmit`](Self::uart_transmit) says otherwise. It is
-    /// configured as from the factory if it cannot be as `config` says.
+    /// An adapter without a USB host, at 1 Mbaud until [`uart_transmit`](Self::uart_transmit) requests another rate. An
+    /// invalid `config` is replaced by the factory defaults.
     ///
     /// ```
     /// use armwire_bridge::config::Config;
@@ -150,21 +153,21 @@ impl Bridge {
 
     // ---- The UART ----
 
-    /// The UART was looked at and has received `bytes`, perhaps none; the last of them was in at `at`, the stamp of the frame
-    /// that it ends. Returns the number of frames that ended.
+    /// Handles a read of the UART: `bytes` were received, possibly none, and the last of them arrived at `at`, which is
+    /// the stamp of the frame that it ends. Returns the number of frames that ended.
     ///
-    /// Without one, only [`usb_transmit`](Self::usb_transmit) can have become due. Then look for the next
-    /// [`rx_threshold`](Self::rx_threshold). Give it [`PACKET`] bytes at a time at most: of more, subscribers may not be told of
-    /// all frames.
+    /// Without an ended frame, only [`usb_transmit`](Self::usb_transmit) can have become due. Read the next
+    /// [`rx_threshold`](Self::rx_threshold) afterwards. Pass at most [`PACKET`] bytes at a time: frames of a larger
+    /// read may be missing for subscribers.
     pub fn uart_received(&mut self, bytes: &[u8], at: Instant) -> usize {
-        // Nearly always all frames so far were delivered.
+        // Usually all frames so far were delivered.
         if !self.line.has_delivery_room() {
             self.hosts.update(&mut self.line, at);
         }
         self.line.received(bytes, at)
     }
 
-    /// Something else happened to the UART. Returns the number of frames that ended by it.
+    /// Handles any other event of the UART. Returns the number of frames that it ended.
     ///
     /// ```
     /// use armwire_bridge::time::Instant;
@@ -188,19 +191,19 @@ impl Bridge {
         }
     }
 
-    /// Whether a frame waits to be delivered to CAN or to subscribers: [`can_transmit`](Self::can_transmit) and
+    /// Returns true if a frame waits for delivery to CAN or to subscribers. [`can_transmit`](Self::can_transmit) and
     /// [`update`](Self::update) deliver it.
     ///
     /// ```
-    /// assert!(!armwire_bridge::Bridge::default().has_delivery()); // nobody is told of frames
+    /// assert!(!armwire_bridge::Bridge::default().has_delivery()); // no subscriber
     /// ```
     pub const fn has_delivery(&self) -> bool {
         self.line.has_delivery()
     }
 
-    /// The number of bytes to look for on the UART: up to the end of the next frame, or a full packet.
+    /// The number of bytes to wait for on the UART: up to the end of the next frame, or a full packet.
     ///
-    /// An interrupt handler that sees each byte as it comes needs to wake nobody before.
+    /// An interrupt handler that sees each byte needs to wake no task before that.
     ///
     /// ```
     /// use armwire_bridge::time::Instant;
@@ -217,11 +220,11 @@ impl Bridge {
         self.line.rx_threshold()
     }
 
-    /// Copies the next bytes for the arm to the front of `out`, or says how the UART has to change before. `None` when there is
-    /// nothing now.
+    /// Copies the next bytes for the arm to the front of `out`, or returns the configuration that the UART must change
+    /// to first. `None` if nothing is due now.
     ///
-    /// Give it room for a whole frame, [`MAX_FRAME`](crate::control::MAX_FRAME) bytes. Ask when the UART can take them at once,
-    /// hand them over at once, or when [`start`](Transmit::Burst::start) says, and call
+    /// `out` needs room for a whole frame, [`MAX_FRAME`](crate::control::MAX_FRAME) bytes. Call this when the UART is
+    /// ready, transmit the bytes at once or at [`start`](Transmit::Burst::start), and then call
     /// [`uart_transmitted`](Self::uart_transmitted).
     ///
     /// ```
@@ -243,14 +246,14 @@ impl Bridge {
         self.line.transmit(out, now)
     }
 
-    /// The bytes of the last [`uart_transmit`](Self::uart_transmit) are on their way since `now`.
+    /// The UART has been sending the bytes of the last [`uart_transmit`](Self::uart_transmit) since `now`.
     pub fn uart_transmitted(&mut self, now: Instant) {
         self.line.transmitted(now);
     }
 
     // ---- USB ----
 
-    /// Something happened to the USB device. Returns whether a packet on its way is now for nobody.
+    /// Handles an event of the USB device. Returns true if a packet in flight has lost its receiver.
     ///
     /// ```
     /// use armwire_bridge::time::Instant;
@@ -286,26 +289,26 @@ impl Bridge {
         true
     }
 
-    /// The host sent a packet on the serial port. Returns whether there is room for the next: leave it while there is
-    /// [none](Status::usb_room), so that USB holds the host back.
+    /// Handles a packet of the host on the serial port. Returns true if the next one fits. Leave it in the endpoint
+    /// while [`Status::usb_room`] is false: USB flow control then holds the host back.
     pub fn usb_received(&mut self, packet: &[u8], now: Instant) -> bool {
         self.line.packet_received(packet, now)
     }
 
-    /// Moves the next packet for the serial port's host into `packet` and returns its length, 0 for one without data. `None` when
-    /// there is none. Send it before asking again.
+    /// Moves the next packet for the serial port's host into `packet` and returns its length, 0 for a zero-length
+    /// packet. `None` if none is due. Send it before the next call.
     pub fn usb_transmit(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
         self.line.packet(packet)
     }
 
-    /// The host sent SET_LINE_CODING.
+    /// Handles SET_LINE_CODING.
     ///
-    /// The arm's own line coding takes effect behind the bytes that came before. Another one takes effect with the host's next
-    /// byte, or after 100 ms if the port is open, unless a host on CAN streams motion.
+    /// The arm's own line coding takes effect after the bytes already queued. Any other takes effect with the host's
+    /// next byte, or after 100 ms if the port is open, unless a host on CAN streams motion.
     ///
     /// # Errors
     ///
-    /// [`Refused`] when the UART cannot do it. It is counted, and the line coding stays as it was.
+    /// [`Refused`] if the UART does not support it. The refusal is counted, and the line coding stays unchanged.
     ///
     /// ```
     /// use armwire_bridge::time::Instant;
@@ -328,13 +331,13 @@ impl Bridge {
         self.line.set_line_coding(bytes, now)
     }
 
-    /// The line coding that the host last set successfully, whether it has taken effect or not.
+    /// The last line coding that was accepted, in effect or not.
     pub const fn line_coding(&self) -> LineCoding {
         self.line.line_coding()
     }
 
-    /// The host sent a packet on the control interface. Returns whether there is room for the next: leave it while there is
-    /// [none](Status::control_room), so that USB holds the host back.
+    /// Handles a packet of the host on the control interface. Returns true if the next one fits. Leave it in the
+    /// endpoint while [`Status::control_room`] is false: USB flow control then holds the host back.
     ///
     /// ```
     /// use armwire_bridge::control::{FromAdapter, FromHost, MAX_COBS, Reader, Reply, Request, encode_cobs};
@@ -357,29 +360,29 @@ impl Bridge {
         self.hosts.packet_received(packet, &mut self.line, now)
     }
 
-    /// Moves the next packet of the control interface into `packet` and returns its length, 0 for one without data. `None` when
-    /// there is none, or after one step towards it: while [`Status::control`] says so there is more, and others may have
-    /// something to do in between.
+    /// Moves the next packet of the control interface into `packet` and returns its length, 0 for a zero-length packet.
+    /// `None` if none is due, or after one step towards it. More steps follow while [`Status::control`] is true; other
+    /// tasks may run in between.
     pub fn control_transmit(&mut self, packet: &mut [u8; PACKET], now: Instant) -> Option<usize> {
         self.hosts.packet(packet, &mut self.line, now)
     }
 
     // ---- The CAN bus ----
 
-    /// A frame came from the bus. Those with identifiers that are not this adapter's are passed over.
+    /// Handles a frame from the bus. Frames with the identifiers of other nodes are ignored.
     pub fn can_received(&mut self, frame: &Frame, now: Instant) {
         self.hosts.can_received(frame, &mut self.line, now);
     }
 
-    /// The next frame for the bus, the most urgent first. `None` when there is none.
+    /// The next frame for the bus, the most urgent first. `None` if none is due.
     ///
-    /// Hand it to the controller at once, and ask only when the controller has room: what waits here can still be overtaken
-    /// by what is more urgent. When it has left, say [so](CanEvent::Waiting).
+    /// Hand it to the controller at once, and call this only when the controller has room: a frame that waits here can
+    /// still be overtaken by a more urgent one. Report its transmission by [`CanEvent::Waiting`].
     pub fn can_transmit(&mut self, now: Instant) -> Option<Frame> {
         self.hosts.can_transmit(&mut self.line, now)
     }
 
-    /// Something happened to the CAN controller. Returns whether more may be due than before.
+    /// Handles an event of the CAN controller. Returns true if more work may be due than before.
     ///
     /// ```
     /// use armwire_bridge::time::Instant;
@@ -400,9 +403,9 @@ impl Bridge {
         true
     }
 
-    // ---- Time, and what only firmware can do ----
+    // ---- Time, and actions of firmware ----
 
-    /// Moves pending work to the output buffers and returns the work due at `now` and the adapter's state.
+    /// The work that is due at `now`, and the adapter's state.
     pub fn update(&mut self, now: Instant) -> Status {
         self.hosts.update(&mut self.line, now);
         Status {
@@ -419,18 +422,18 @@ impl Bridge {
         }
     }
 
-    /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed. `None` when
-    /// nothing waits for the time.
+    /// The time of the next [`tick`](Self::tick) unless another event comes first. It may lie in the past. `None` if no
+    /// timeout is running.
     pub fn timeout(&self) -> Option<Instant> {
         Earliest::of(self.line.timeout()).or(self.hosts.timeout()).get()
     }
 
-    /// It is `now`: what is late is given up, and what is due becomes so.
+    /// Advances the time to `now`: expires timeouts and makes due work available.
     pub fn tick(&mut self, now: Instant) {
         self.hosts.tick(&mut self.line, now);
     }
 
-    /// The next thing that only firmware can do, once.
+    /// The next action for firmware, returned once.
     pub fn action(&mut self, now: Instant) -> Option<Action> {
         self.hosts.action(&mut self.line, now)
     }
@@ -442,8 +445,8 @@ impl Bridge {
 
     // ---- State ----
 
-    /// Whether bytes for the arm stopped moving, or nobody has looked at the UART, for a second: something is wrong that only a
-    /// restart cures. A host that does not read is no such thing.
+    /// Returns true if bytes for the arm have not moved, or the UART has not been read, for a second. Only a restart
+    /// recovers from either. A host that does not read is no reason.
     ///
     /// ```
     /// use armwire_bridge::Bridge;
@@ -469,7 +472,7 @@ impl Bridge {
     }
 }
 
-/// An adapter that does not say what it is, configured as from the factory.
+/// An adapter without an identity, with the factory defaults.
 impl Default for Bridge {
     fn default() -> Self {
         Self::new(Identity::default(), Config::default(), Start::default())

@@ -1,4 +1,4 @@
-//! What an adapter can be told to be, and what of that is possible.
+//! The adapter's configuration and its limits.
 
 use core::fmt;
 
@@ -7,24 +7,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::can::Node;
 
-/// The fastest poll at a set rate, in hertz.
+/// The highest poll rate, in hertz.
 pub const MAX_POLL_HZ: u16 = 1_000;
 
-/// The bit rates of a CAN bus, in bits per second: those that CiA 301 recommends and the bit timing of every board can do.
+/// The bit rates of a CAN bus, in bits per second: recommended by CiA 301 and supported by the bit timing of every
+/// board.
 pub const CAN_BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
 
 /// The bit rates of the data phase of a CAN FD bus, in bits per second.
 pub const CAN_DATA_BIT_RATES: [u32; 4] = [1_000_000, 2_000_000, 4_000_000, 5_000_000];
 
-/// The share of a CAN bus that cyclic telemetry may take, in percent: the rest is for exchanges and for others.
+/// The share of a CAN bus that cyclic telemetry may take, in percent. The rest is for exchanges and other nodes.
 pub const CAN_TELEMETRY_SHARE: u32 = 60;
 
-/// The frames that one telemetry sample takes, and the bits of a classic frame of eight bytes with the most stuff bits
-/// that there can be: 111, one more for every four of the 98 bits that are stuffed.
+/// The frames of a telemetry sample, and the bits of a classic frame of eight bytes with the maximum of stuff bits:
+/// 111, plus one for every four of the 98 bits that are stuffed.
 const TELEMETRY_FRAMES: u32 = 3;
 const FRAME_BITS: u32 = 135;
 
-/// What an adapter keeps in flash, all of it settable over the control port.
+/// The configuration that an adapter keeps in flash. The control port sets all of it.
 ///
 /// ```
 /// use armwire_bridge::config::{ArmKind, Config, ConfigError, Poll};
@@ -38,17 +39,17 @@ const FRAME_BITS: u32 = 135;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    /// What hangs on the UART.
+    /// The device on the UART.
     pub arm: ArmKind,
-    /// How often the adapter asks the arm by itself.
+    /// The rate of the adapter's own requests to the arm.
     pub poll: Poll,
     /// The CAN bus.
     pub can: Can,
-    /// What happens when a host that streams motion falls silent.
+    /// The reaction to the silence of a host that streams motion.
     pub host_timeout: HostTimeout,
 }
 
-/// What hangs on the UART: its baud rate, its framing and its wiring.
+/// The device on the UART: it determines baud rate, framing and wiring.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ArmKind {
@@ -59,104 +60,104 @@ pub enum ArmKind {
     Alpha1,
     /// The bus of Alpha1's servos: 115 200 baud on a single wire, half duplex.
     Alpha1Servo,
-    /// Bytes that mean nothing to the adapter: 1 Mbaud until the host asks for another line coding.
+    /// Any other device, without framing: 1 Mbaud until the host sets another line coding.
     Raw,
 }
 
-/// How often the adapter asks the arm by itself: a Ling arm for its joints, an Alpha1 for which servos run.
+/// The rate of the adapter's own requests: the joints of a Ling arm, the servo states of an Alpha1.
 ///
-/// A bus of servos is not polled, for a servo that is asked for its angle switches its motor off.
+/// A servo bus is not polled: a servo switches its motor off when its angle is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Poll {
     /// Never.
     #[default]
     Off,
-    /// So many times a second, 1 to [`MAX_POLL_HZ`], each at its slot by the adapter's own clock.
+    /// Polls per second, 1 to [`MAX_POLL_HZ`], each at its slot by the adapter's own clock.
     Hertz(u16),
-    /// As fast as the wire allows: again as soon as the answer is in, when no host waits.
+    /// Continuous polling: the next poll goes out when the answer is in and no host waits.
     Fastest,
 }
 
-/// The CAN bus, and what the adapter does on it.
+/// The CAN bus, and the adapter's behaviour on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Can {
-    /// Which of the adapters on the bus this one is.
+    /// The adapter's node id on the bus.
     pub node: Node,
     /// Bits per second, one of [`CAN_BIT_RATES`].
     pub bit_rate: u32,
     /// Bits per second of the data phase, one of [`CAN_DATA_BIT_RATES`]: CAN FD. `None` is classic CAN.
     pub data_bit_rate: Option<u32>,
-    /// How often the newest state of the arm goes out as cyclic frames, in hertz, 0 for never, 1000 at most and within
-    /// [`CAN_TELEMETRY_SHARE`] of the bus. What has not changed since is not sent again.
+    /// The rate of cyclic state frames, in hertz: 0 for off, at most 1000 and within [`CAN_TELEMETRY_SHARE`] of the
+    /// bus. An unchanged state is not sent again.
     pub telemetry_hz: u16,
-    /// Whether cyclic command frames move the arm.
+    /// Enables cyclic command frames, which move the arm.
     pub commands: bool,
-    /// How long a command may take to be complete, how long it may then wait for its turn, and how long after the last one
-    /// the stream counts as ended, in milliseconds, 1 to 10 000.
+    /// Three limits in milliseconds, 1 to 10 000: the time for a command to be complete, its maximum wait for a turn,
+    /// and the time after the last command at which the stream ends.
     pub command_timeout_ms: u16,
-    /// Whether what the arm says unasked goes out as ISO-TP too.
+    /// Sends the arm's unsolicited frames by ISO-TP, too.
     pub unsolicited: bool,
 }
 
-/// What happens when a host that streams motion falls silent.
+/// The reaction to the silence of a host that streams motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HostTimeout {
-    /// After how long, in milliseconds, 0 for never.
+    /// The timeout, in milliseconds, 0 for never.
     pub after_ms: u16,
-    /// Whether the torque is switched off then. The arm may fall.
+    /// Switches the torque off at the timeout. The arm may fall.
     pub torque_off: bool,
 }
 
-/// Why a configuration is refused.
+/// The reason for a refused configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ConfigError {
-    /// A poll rate of 0 or above the fastest, in hertz.
+    /// A poll rate of 0 or above the maximum, in hertz.
     PollRate {
-        /// The fastest.
+        /// The maximum.
         max: u16,
-        /// What was asked for.
+        /// The requested rate.
         got: u16,
     },
     /// This kind of arm is not polled.
     NotPolled(ArmKind),
-    /// A bit rate that is none of [`CAN_BIT_RATES`].
+    /// A bit rate that is not in [`CAN_BIT_RATES`].
     BitRate(u32),
-    /// A bit rate of the data phase that is none of [`CAN_DATA_BIT_RATES`].
+    /// A bit rate of the data phase that is not in [`CAN_DATA_BIT_RATES`].
     DataBitRate(u32),
-    /// Telemetry would take more than its share of the bus.
+    /// Telemetry that takes more than its share of the bus.
     Telemetry {
-        /// The fastest on this bus, in hertz.
+        /// The maximum on this bus, in hertz.
         max: u16,
-        /// What was asked for, in hertz.
+        /// The requested rate, in hertz.
         got: u16,
     },
     /// This kind of arm takes no cyclic commands.
     NotCommanded(ArmKind),
-    /// A time-out of commands outside 1 to 10 000 milliseconds.
+    /// A command timeout outside 1 to 10 000 milliseconds.
     CommandTimeout {
-        /// The longest, in milliseconds.
+        /// The maximum, in milliseconds.
         max: u16,
-        /// What was asked for, in milliseconds.
+        /// The requested timeout, in milliseconds.
         got: u16,
     },
     /// A bit rate of the data phase for an adapter without CAN FD.
     NoCanFd,
 }
 
-/// The longest time-out of commands, in milliseconds.
+/// The longest command timeout, in milliseconds.
 const MAX_COMMAND_TIMEOUT_MS: u16 = 10_000;
 
 impl Config {
-    /// Whether an adapter can be that.
+    /// Checks the configuration against the limits.
     ///
     /// # Errors
     ///
-    /// The first thing that cannot be.
+    /// The first value that is not possible.
     pub fn check(&self) -> Result<(), ConfigError> {
         match self.poll {
             Poll::Hertz(got @ (0 | MAX_POLL_HZ..)) if got != MAX_POLL_HZ => {
@@ -176,10 +177,10 @@ impl Config {
 }
 
 impl ArmKind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 4] = [Self::Ling, Self::Alpha1, Self::Alpha1Servo, Self::Raw];
 
-    /// Whether the adapter polls it: only if its protocol is compiled in.
+    /// Returns true if the adapter polls this kind. Its protocol must be compiled in.
     const fn is_polled(self) -> bool {
         match self {
             Self::Ling => cfg!(feature = "ling"),
@@ -188,7 +189,7 @@ impl ArmKind {
         }
     }
 
-    /// What it is called.
+    /// The kind's name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Ling => "ling",
@@ -200,7 +201,7 @@ impl ArmKind {
 }
 
 impl Can {
-    /// What the controller has to know, and whoever talks to the adapter.
+    /// The settings that the controller and the hosts on the bus must agree on.
     pub(crate) const fn bus(&self) -> (Node, u32, Option<u32>) {
         (self.node, self.bit_rate, self.data_bit_rate)
     }
@@ -246,7 +247,7 @@ impl Can {
 }
 
 impl HostTimeout {
-    /// After how long, zero for never.
+    /// The timeout, zero for never.
     pub(crate) const fn after(&self) -> Duration {
         Duration::from_millis(self.after_ms as u64)
     }
@@ -267,7 +268,7 @@ impl Default for Can {
     }
 }
 
-/// After half a second, and the torque stays on.
+/// A timeout of half a second, without torque-off.
 impl Default for HostTimeout {
     fn default() -> Self {
         Self {
@@ -286,19 +287,16 @@ impl fmt::Display for ArmKind {
 impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::PollRate { max, got } => write!(f, "a poll rate of {got} Hz, it is 1 to {max} Hz"),
-            Self::NotPolled(arm) => write!(f, "the adapter does not poll: the arm is {arm}"),
-            Self::BitRate(got) => write!(f, "{got} bit/s, a CAN bus here has one of {CAN_BIT_RATES:?}"),
+            Self::PollRate { max, got } => write!(f, "poll rate {got} Hz, allowed 1 to {max} Hz"),
+            Self::NotPolled(arm) => write!(f, "polling is not supported for arm {arm}"),
+            Self::BitRate(got) => write!(f, "CAN bit rate {got} bit/s, allowed {CAN_BIT_RATES:?}"),
             Self::DataBitRate(got) => {
-                write!(
-                    f,
-                    "{got} bit/s of data, with CAN FD it is one of {CAN_DATA_BIT_RATES:?}"
-                )
+                write!(f, "CAN FD data bit rate {got} bit/s, allowed {CAN_DATA_BIT_RATES:?}")
             }
-            Self::Telemetry { max, got } => write!(f, "telemetry at {got} Hz, on this bus it is {max} Hz at most"),
-            Self::NotCommanded(arm) => write!(f, "there are no cyclic commands: the arm is {arm}"),
-            Self::CommandTimeout { max, got } => write!(f, "a command time-out of {got} ms, it is 1 to {max} ms"),
-            Self::NoCanFd => f.write_str("a bit rate of data, this adapter's CAN is classic and has none"),
+            Self::Telemetry { max, got } => write!(f, "telemetry at {got} Hz, at most {max} Hz on this bus"),
+            Self::NotCommanded(arm) => write!(f, "cyclic commands are not supported for arm {arm}"),
+            Self::CommandTimeout { max, got } => write!(f, "command timeout {got} ms, allowed 1 to {max} ms"),
+            Self::NoCanFd => f.write_str("CAN FD data bit rate on an adapter with classic CAN"),
         }
     }
 }
@@ -394,13 +392,13 @@ mod tests {
             ..Config::default()
         };
         let error = hasty.check().unwrap_err();
-        assert_eq!(error.to_string(), "a poll rate of 1001 Hz, it is 1 to 1000 Hz");
+        assert_eq!(error.to_string(), "poll rate 1001 Hz, allowed 1 to 1000 Hz");
         let untold = Config {
             arm: ArmKind::Raw,
             poll: Poll::Fastest,
             ..Config::default()
         };
         let error = untold.check().unwrap_err();
-        assert_eq!(error.to_string(), "the adapter does not poll: the arm is raw");
+        assert_eq!(error.to_string(), "polling is not supported for arm raw");
     }
 }

@@ -1,14 +1,14 @@
-//! The control port's messages: what an adapter is, how it is configured, what it has counted and seen.
+//! The control port's messages: identity, configuration, counters and events of an adapter.
 //!
-//! Both ends are made of the types in this file. A message is a struct in [postcard] format: from the host a
-//! [`FromHost`], from the adapter a [`FromAdapter`]. On USB each is COBS-encoded and ends with a zero byte; on CAN each is
-//! one ISO-TP PDU.
+//! Both ends use the types in this file. A message is a struct in [postcard] format: a [`FromHost`] from the host, a
+//! [`FromAdapter`] from the adapter. On USB each is COBS-encoded and ends with a zero byte; on CAN each is one ISO-TP
+//! PDU.
 //!
-//! Variants are only ever added behind the others, and fields where a message ends, with a new [`VERSION`]. A request that
-//! an adapter does not know, or that it cannot read, gets [`Reply::Unsupported`], so a host that is newer than the adapter
-//! finds out at once; so does an older one whose request has more fields by now. A host that is older than the adapter passes
-//! over what comes behind the fields that it knows, so it can read the version in an [`Identity`] that has grown. The
-//! adapter does nothing that it understands in part only.
+//! New variants are appended after the existing ones, and new fields at the end of a message, with a new [`VERSION`]. A
+//! request that the adapter does not know or cannot decode gets [`Reply::Unsupported`]: a newer host learns the
+//! adapter's version at once, and so does an older one whose request has gained fields since. An older host skips
+//! trailing fields that it does not know. It can therefore read the version in an extended [`Identity`]. The adapter
+//! never executes a request that it understands only in part.
 //!
 //! [postcard]: https://postcard.jamesmunns.com
 
@@ -29,10 +29,10 @@ pub use crate::control_codec::{MAX_MESSAGE, Malformed, Message, NoRoom, Reader, 
 /// The version of this schema.
 pub const VERSION: u16 = 4;
 
-/// The longest event in postcard format, in bytes: a frame of [`MAX_FRAME`] bytes, and when and for whom it came.
+/// The longest event in postcard format, in bytes: a frame of [`MAX_FRAME`] bytes, its stamp and its initiator.
 pub const MAX_EVENT: usize = 96;
 
-/// The longest message on USB, in bytes: COBS adds a byte in 254 and one, and the zero that ends it.
+/// The longest message on USB, in bytes: COBS adds one byte, one more for every 254, and the zero terminator.
 pub const MAX_COBS: usize = MAX_MESSAGE + COBS;
 
 /// A frame of an arm, in bytes as on the wire.
@@ -41,69 +41,69 @@ pub type FrameBytes = Vec<u8, MAX_FRAME>;
 /// A message from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FromHost {
-    /// Chosen by the host, and in the reply to this request.
+    /// Chosen by the host and repeated in the reply.
     pub sequence: u8,
-    /// What it wants.
+    /// The request.
     pub request: Request,
 }
 
-/// What a host may ask.
+/// A host's requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Request {
-    /// What are you? Answered by [`Reply::Identity`].
+    /// Identifies the adapter. Answered by [`Reply::Identity`].
     Identify,
-    /// What arm is there? The adapter asks the arm. Answered by [`Reply::Arm`].
+    /// Identifies the arm, by a request to it. Answered by [`Reply::Arm`].
     IdentifyArm,
-    /// Answered by [`Reply::Config`], the one in force.
+    /// Reads the configuration in force. Answered by [`Reply::Config`].
     GetConfig,
-    /// Be so from now on, until the next start. Answered by [`Reply::Done`] or [`Reply::BadConfig`].
+    /// Sets the configuration until the next start. Answered by [`Reply::Done`] or [`Reply::BadConfig`].
     SetConfig(Config),
-    /// Be so from the next start on, too. Answered by [`Reply::Done`] once it is in flash, or [`Reply::Failed`].
+    /// Saves the configuration to flash. Answered by [`Reply::Done`] once it is written, or [`Reply::Failed`].
     SaveConfig,
-    /// Forget what was saved, and be as from the factory. Answered as [`Request::SaveConfig`].
+    /// Erases the saved configuration and restores the factory defaults. Answered as [`Request::SaveConfig`].
     ResetConfig,
-    /// Answered by [`Reply::Counters`].
+    /// Reads the counters. Answered by [`Reply::Counters`].
     GetCounters,
-    /// Answered by [`Reply::Latencies`].
+    /// Reads the latencies. Answered by [`Reply::Latencies`].
     GetLatencies,
-    /// Tell me of these things as they happen, on the port that this came by. Answered by [`Reply::Done`].
+    /// Subscribes this port to events. Answered by [`Reply::Done`].
     Subscribe(Subscription),
-    /// Start again. Answered by [`Reply::Done`] before it happens. If a stream of motion is
+    /// Restarts the firmware. Answered by [`Reply::Done`] before it happens. If a stream of motion is
     /// [armed](crate::Status::is_armed), torque-off goes out first.
     Restart,
-    /// Start the chip's own boot loader, for an update. Answered by [`Reply::Done`] before it happens.
+    /// Restarts into the chip's boot loader, for an update. Answered by [`Reply::Done`] before it happens.
     RestartIntoBootLoader,
-    /// End the stream of motion of this port's host without switching the torque off: of USB's serial port, or of all hosts
-    /// on CAN. Answered by [`Reply::Done`]. Since version 2.
+    /// Ends the stream of motion of this port's host without torque-off: of the host on USB's serial port, or of all
+    /// hosts on CAN. Answered by [`Reply::Done`]. Since version 2.
     EndStream,
-    /// Answered by [`Reply::Line`]. Since version 3.
+    /// Reads the state of the line. Answered by [`Reply::Line`]. Since version 3.
     GetLine,
-    /// Hold the line for the host on USB alone for [`HOLD_LEASE_MS`]: no polls, no CAN, no torque-off. Answered by
-    /// [`Reply::Done`]; by [`Failure::StreamArmed`] while a host streams motion, and by [`Failure::Busy`] while a host on the
-    /// other control port holds the line. Each further request renews the lease. Since version 3.
+    /// Holds the line exclusively for the host on USB for [`HOLD_LEASE_MS`]: no polls, no CAN, no torque-off. Answered
+    /// by [`Reply::Done`]; by [`Failure::StreamArmed`] while a host streams motion; and by [`Failure::Busy`] while a
+    /// host on the other control port holds the line. Each repetition renews the lease. Since version 3.
     ///
-    /// A USB device does not see that a program closes the control port. So the hold ends with
-    /// [`ReleaseLine`](Self::ReleaseLine), with the lease, and when the host on that port is gone.
+    /// A USB device cannot detect that a program closes the control port. The hold therefore ends with
+    /// [`ReleaseLine`](Self::ReleaseLine), with the lease, or when the port's host is gone.
     HoldLine,
-    /// End what [`HoldLine`](Self::HoldLine) on the same port began. Answered by [`Reply::Done`]. Since version 3.
+    /// Ends a [`HoldLine`](Self::HoldLine) of the same port. Answered by [`Reply::Done`]. Since version 3.
     ReleaseLine,
 }
 
-/// How long [`Request::HoldLine`] holds the line, in milliseconds. Renew it at least every third of that.
+/// The lease of [`Request::HoldLine`], in milliseconds. Renew it at least every third of that.
 pub const HOLD_LEASE_MS: u16 = 10_000;
 
-/// What a host wants to be told of.
+/// The events that a host subscribes to.
 ///
-/// It is told until it subscribes to something else. On USB that ends with the cable, a reset of the bus or another
-/// configuration of the device; on CAN when the bus or the node id is another one. The adapter cannot know that a program
-/// was killed: to it that looks like a host that is asleep, which is to be told on when it wakes. Until somebody reads, what
-/// does not fit is dropped and counted. So a program subscribes to what it wants, nothing perhaps, before all else, and
-/// passes over events that come before the reply.
+/// A subscription lasts until the next one. On USB it also ends with the cable, a bus reset or another configuration of
+/// the device; on CAN with a change of the bus or the node id. The adapter cannot detect that a program was killed: it
+/// looks like a sleeping host, which must get events again when it wakes. Events that do not fit are dropped and
+/// counted until someone reads. A program should therefore begin with a subscription, possibly to nothing, and skip the
+/// events before its reply.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Subscription {
-    /// Every frame the arm sends: [`Event::Frame`].
+    /// Every frame of the arm: [`Event::Frame`].
     pub frames: bool,
-    /// What the adapter does by itself: every other [`Event`].
+    /// The adapter's own activity: every other [`Event`].
     pub events: bool,
 }
 
@@ -113,17 +113,17 @@ pub struct Subscription {
 pub enum FromAdapter {
     /// The answer to a request.
     Reply {
-        /// The request's.
+        /// The sequence number of the request.
         sequence: u8,
         /// The answer.
         reply: Reply,
     },
-    /// What a host has subscribed to.
+    /// An event that the host has subscribed to.
     Event {
-        /// When it was, by the adapter's clock: for a frame, when its last byte was in. The clock counts from the start and
-        /// never goes back.
+        /// Time of the event by the adapter's clock; for a frame, the arrival of its last byte. The clock counts from
+        /// the start and is monotonic.
         at: Stamp,
-        /// What happened.
+        /// The event.
         event: Event,
     },
 }
@@ -173,49 +173,49 @@ pub struct Stamp(pub u64);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "one at a time, and no heap to put it on")]
 pub enum Reply {
-    /// It is done.
+    /// The request was executed.
     Done,
-    /// The request is not one that this adapter knows.
+    /// The adapter does not know the request.
     Unsupported {
-        /// The [`VERSION`] that it knows.
+        /// The adapter's [`VERSION`].
         version: u16,
     },
-    /// What the adapter is.
+    /// The adapter's identity.
     Identity(Identity),
-    /// What arm there is.
+    /// The arm's identity.
     Arm(ArmIdentity),
     /// The configuration in force.
     Config(Config),
-    /// The adapter cannot be like that, and stays as it is.
+    /// The configuration is not possible and was not applied.
     BadConfig(ConfigError),
     /// All counts since the start.
     Counters(#[serde(serialize_with = "crate::counters::serialize")] Counters),
-    /// How long things took.
+    /// Latency histograms.
     Latencies(Latencies),
-    /// It could not be done.
+    /// The request failed.
     Failed(Failure),
     /// The line to the arm. Since version 3.
     Line(LineState),
 }
 
-/// The line to the arm, and who holds it.
+/// The line to the arm, and its holder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LineState {
-    /// How the UART works.
+    /// The UART's line coding.
     pub coding: LineCoding,
     /// The arm's own line coding, of the configured [`ArmKind`].
     pub arm: LineCoding,
     /// The holder of the line.
     pub holder: LineHolder,
-    /// The line coding that has not taken effect yet: the UART changes to it once the bytes before are out, or the host on
-    /// USB has set it and it may not take effect now.
+    /// A line coding that has not taken effect yet: the bytes before it are still going out, or the host on USB has set
+    /// it and it must wait.
     pub waiting: Option<LineCoding>,
 }
 
-/// The user that has the line to the arm alone. Polls and CAN are [refused](Refusal::LineHeld) meanwhile.
+/// The exclusive user of the line to the arm. Polls and CAN are [refused](Refusal::LineHeld) meanwhile.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LineHolder {
-    /// Nobody. All take turns.
+    /// No holder: all initiators take turns.
     #[default]
     Nobody,
     /// The host on USB, because it has set another rate than the arm's.
@@ -224,89 +224,89 @@ pub enum LineHolder {
     HoldLine,
 }
 
-/// Why something could not be done.
+/// The reason for a failed request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Failure {
-    /// The flash does not take the configuration.
+    /// The configuration could not be written to flash.
     Flash,
-    /// Another request of this kind is still being answered.
+    /// Another request of this kind is still pending.
     Busy,
-    /// A host streams motion. For a save or reset, only where its stream is [armed](crate::Status::is_armed): the core stands
-    /// still while it writes flash. Since version 2.
+    /// A host streams motion. A save or reset fails only if the stream is [armed](crate::Status::is_armed): the core
+    /// stalls while it writes flash. Since version 2.
     StreamArmed,
-    /// The adapter was told to save so often that its flash would wear out (see [`store`](crate::store)). Since version 2.
+    /// Saves are too frequent for the endurance of the flash (see [`store`](crate::store)). Since version 2.
     TooManySaves {
-        /// In how many seconds the next save may come.
+        /// Time until the next save is possible, in seconds.
         wait_s: u16,
     },
     /// The host on USB [holds the line](LineHolder). Since version 3.
     LineHeld,
-    /// The supply is too low to erase or program the flash. The configuration saved before stays. Since version 3.
+    /// The supply voltage is too low to erase or program the flash. The saved configuration stays. Since version 3.
     SupplyLow,
 }
 
-/// What an adapter is.
+/// An adapter's identity.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// The [`VERSION`] of this schema.
     pub version: u16,
-    /// The firmware's version, such as `0.1.0`.
+    /// The firmware's version, for example `0.1.0`.
     pub firmware: String<16, u8>,
-    /// The commit it was built from, such as `1a2b3c4d5e6f`, with `+` behind it if files were changed; empty if not known.
+    /// The commit it was built from, for example `1a2b3c4d5e6f`, followed by `+` for a modified tree; empty if unknown.
     pub commit: String<16, u8>,
-    /// The board, such as `stm32f405`.
+    /// The board, for example `stm32f405`.
     pub board: String<16, u8>,
     /// The chip's unique id: the serial number, in hexadecimal.
     pub serial: String<24, u8>,
-    /// Whether the board's CAN is CAN FD.
+    /// True if the board supports CAN FD.
     pub can_fd: bool,
 }
 
-/// What arm there is.
+/// The arm's identity.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ArmIdentity {
-    /// What the adapter is configured for.
+    /// The configured kind of arm.
     pub kind: ArmKind,
-    /// The arm's answer to the request that identifies it, as on the wire: `None` when it did not answer, or when there is
-    /// no such request.
+    /// The arm's answer to its identification request, as on the wire. `None` without an answer, or if the arm has no
+    /// such request.
     pub answer: Option<FrameBytes>,
 }
 
-/// What an adapter tells of by itself.
+/// An event for subscribers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Event {
     /// The arm sent a frame.
     Frame {
-        /// Who had asked for it, `None` if nobody.
+        /// The initiator that it answers; `None` if unsolicited.
         initiator: Option<Initiator>,
         /// The frame.
         bytes: FrameBytes,
     },
-    /// A host that streamed motion has fallen silent, and what it had sent and was not on the line yet is dropped. Or what it
-    /// moved is there no more: the arm is configured to be of another kind.
+    /// A host that streamed motion has gone silent, and its unsent bytes were dropped. Or its arm is gone: another kind
+    /// of arm was configured.
     HostSilent {
-        /// Which.
+        /// The initiator.
         initiator: Initiator,
         /// Bytes dropped.
         dropped: u16,
-        /// Whether the torque was switched off.
+        /// True if the torque was switched off.
         torque_off: bool,
     },
-    /// Something was refused; the counter of that name says how often.
+    /// A request was refused. The counter of that name has the number of refusals.
     Refused {
-        /// Whose it was.
+        /// The initiator.
         initiator: Initiator,
-        /// Why.
+        /// The reason.
         reason: Refusal,
     },
-    /// The CAN controller left the bus, or is back on it.
+    /// The CAN controller went bus-off, or recovered.
     BusOff {
-        /// Whether it is off.
+        /// True for bus-off.
         off: bool,
     },
 }
 
-/// Who uses the arm.
+/// An initiator of requests to the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Initiator {
@@ -323,35 +323,35 @@ pub enum Initiator {
 }
 
 impl Initiator {
-    /// Everybody, in the order of turns.
+    /// All initiators, in the order of turns.
     pub(crate) const ALL: [Self; 5] = [Self::Usb, Self::Can, Self::Poll, Self::Command, Self::Adapter];
 }
 
-/// Why something was refused.
+/// The reason for a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
-    /// Too much waits already.
+    /// The queue is full.
     QueueFull,
-    /// It is no frame of this arm.
+    /// The bytes are no frame of this arm.
     NotAFrame,
-    /// A command whose other half did not come in time, or never.
+    /// The other half of a command did not arrive in time, or never.
     Incomplete,
-    /// A command whose sequence number is not a new one.
+    /// The sequence number of a command is not newer.
     Stale,
-    /// A command with a value out of range.
+    /// A value of a command is out of range.
     OutOfRange,
-    /// The host on USB [holds the line](LineHolder). Of polls only the first is told. Since version 3.
+    /// The host on USB [holds the line](LineHolder). Only the first refused poll is reported. Since version 3.
     LineHeld,
-    /// Bytes of the host on USB for another rate than the arm's, which does not take effect while a host on CAN streams
-    /// motion, nor after a torque-off before the host sets it again. Of these only the first are told. Since version 3.
+    /// Bytes of the host on USB for a rate that is not in effect: while a host on CAN streams motion, and after
+    /// torque-off until the host sets the rate again. Only the first are reported. Since version 3.
     OtherRate,
 }
 
-/// How long things took, each as counts of how often it took how long.
+/// Latency histograms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Latencies {
-    /// From a request's last byte to its answer's last byte.
+    /// From the last byte of a request to the last byte of its answer.
     pub answer: Histogram,
     /// From a request's arrival at the adapter to its first byte on the line.
     pub turn: Histogram,
@@ -359,18 +359,19 @@ pub struct Latencies {
     pub poll: Histogram,
 }
 
-/// Durations by their magnitude.
+/// A histogram of durations by powers of two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Histogram {
-    /// How many were shorter than 2, 4, 8, … 32 768 µs and not shorter than half that; the last is of all longer ones.
+    /// Number of durations under 2, 4, 8, … 32 768 µs that are in no bucket before. The last bucket has all longer
+    /// ones.
     pub counts: [u32; Histogram::BUCKETS],
 }
 
 impl Histogram {
-    /// How many magnitudes there are.
+    /// Number of buckets.
     pub const BUCKETS: usize = 16;
 
-    /// Counts one duration.
+    /// Adds one duration.
     ///
     /// ```
     /// use armwire_bridge::Duration;
@@ -388,7 +389,7 @@ impl Histogram {
         }
     }
 
-    /// The duration that those in this bucket are shorter than; `None` for the last.
+    /// The upper limit of this bucket, exclusive; `None` for the last.
     pub const fn limit(bucket: usize) -> Option<Duration> {
         if bucket < Self::BUCKETS - 1 {
             Some(Duration::from_micros(2 << bucket))
@@ -413,13 +414,13 @@ impl fmt::Display for Initiator {
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::QueueFull => "too much waits already",
+            Self::QueueFull => "queue full",
             Self::NotAFrame => "no frame of this arm",
-            Self::Incomplete => "half a command",
-            Self::Stale => "not a new command",
-            Self::OutOfRange => "a value out of range",
+            Self::Incomplete => "incomplete command",
+            Self::Stale => "stale command",
+            Self::OutOfRange => "value out of range",
             Self::LineHeld => "the host on USB holds the line",
-            Self::OtherRate => "another rate than the line has",
+            Self::OtherRate => "rate not in effect",
         })
     }
 }
@@ -436,7 +437,7 @@ mod tests {
     fn who_asked_and_why_it_was_refused_can_be_read() {
         let names = ["usb", "can", "poll", "command", "adapter"];
         assert_eq!(Initiator::ALL.map(|initiator| initiator.to_string()), names);
-        assert_eq!(Refusal::Stale.to_string(), "not a new command");
+        assert_eq!(Refusal::Stale.to_string(), "stale command");
     }
 
     #[test]

@@ -1,11 +1,11 @@
-//! What the adapter has seen, lost and refused.
+//! Counters of traffic, losses and refusals.
 
 use serde::ser::SerializeTuple;
 use serde::{Deserialize, Serialize, Serializer};
 
 use crate::control_codec::{Malformed, NoRoom, read, read_older, write};
 
-/// Counts since the adapter started, and how often it did. Each wraps at 2³².
+/// Counters since the adapter's start, and of its resets since power-on. Each wraps at 2³².
 ///
 /// ```
 /// use armwire_bridge::Counters;
@@ -32,15 +32,15 @@ pub struct Counters {
     pub packets_from_host: u32,
     /// Frames the arm sent.
     pub frames: u32,
-    /// Bytes from the arm that were in no frame. They were passed on like all others.
+    /// Bytes from the arm outside of frames. They were passed on like all others.
     pub noise_bytes: u32,
     /// Bytes from the arm dropped because the host did not read and the queue was full.
     pub dropped_bytes: u32,
-    /// Bytes from the arm dropped because no host had the port open when they came, or when it was opened. The last packet,
-    /// which the USB peripheral had when a host went, is not among them: nobody knows whether it was fetched.
+    /// Bytes from the arm dropped because no host had the port open when they arrived, or when it was opened. The
+    /// packet that was in the USB peripheral when a host went is not counted: its delivery is unknown.
     pub unheard_bytes: u32,
-    /// Bytes from the host dropped because it sent a packet there was no room for. Firmware that asks
-    /// [`Status::usb_room`](crate::Status::usb_room) never sees this count.
+    /// Bytes from the host dropped because its packet did not fit. The count stays 0 if firmware checks
+    /// [`Status::usb_room`](crate::Status::usb_room).
     pub refused_bytes: u32,
     /// Framing errors the UART reported.
     pub framing_errors: u32,
@@ -48,10 +48,10 @@ pub struct Counters {
     pub parity_errors: u32,
     /// Noise the UART reported.
     pub noise_errors: u32,
-    /// Overruns the UART reported: a byte arrived before the last one was taken.
+    /// Overruns the UART reported: a byte arrived before the last one was read.
     pub overrun_errors: u32,
-    /// Times the receive ring was overwritten before it was read, or nearly: what was in it is dropped. How many bytes were
-    /// lost is not known.
+    /// Times the receive ring was overwritten, or nearly, before it was read. Its content is dropped. The number of
+    /// lost bytes is unknown.
     pub ring_overruns: u32,
     /// USB bus resets.
     pub usb_resets: u32,
@@ -59,113 +59,113 @@ pub struct Counters {
     pub usb_suspends: u32,
     /// Line codings that took effect.
     pub line_codings: u32,
-    /// Line codings the UART cannot do.
+    /// Line codings that the UART does not support.
     pub refused_line_codings: u32,
     /// Panics of the firmware since power-on.
     pub panics: u32,
     /// Resets by the watchdog since power-on.
     pub watchdog_resets: u32,
-    /// Requests of the host on USB that went to the arm. Bytes that are no request are not counted here.
+    /// Requests of the host on USB that went to the arm. Bytes outside of requests are not counted here.
     pub requests_usb: u32,
     /// Requests of hosts on CAN that went to the arm.
     pub requests_can: u32,
-    /// Polls of the adapter's own that went to the arm.
+    /// The adapter's own polls that went to the arm.
     pub requests_poll: u32,
     /// Cyclic commands on CAN that went to the arm.
     pub requests_command: u32,
-    /// Requests of the adapter itself that went to the arm, see [`Initiator::Adapter`](crate::control::Initiator), and zeros that
-    /// ended a frame before one.
+    /// Requests of the adapter itself that went to the arm, see [`Initiator::Adapter`](crate::control::Initiator), and
+    /// zeros sent before a request to end a frame.
     pub requests_adapter: u32,
-    /// Requests of all of these that the arm should have answered and did not in time.
+    /// Requests of all these initiators that the arm should have answered and did not in time.
     pub unanswered_requests: u32,
-    /// Answers that came after that time. Nobody gets them for an answer.
+    /// Answers that came after that time. No initiator receives them as its answer.
     pub late_answers: u32,
-    /// Frames of the arm that nobody had asked for.
+    /// Unsolicited frames of the arm.
     pub unasked_frames: u32,
-    /// Polls that went out after their slot, because another's exchange had to end first, or because the answer to one
-    /// before was missing.
+    /// Polls that went out after their slot, because another exchange had to end first or because the previous answer
+    /// was missing.
     pub late_polls: u32,
-    /// Slots that passed without a poll, because the one before had not ended.
+    /// Slots without a poll, because the previous poll had not ended.
     pub missed_polls: u32,
-    /// Requests and control messages from CAN refused because too many waited, because they were longer than any, or
-    /// because the bus was set up anew; and commands from CAN that a newer one replaced.
+    /// Requests and control messages from CAN refused because the queue was full, because they were too long, or
+    /// because the bus was reconfigured; and commands from CAN that a newer one replaced.
     pub refused_can_requests: u32,
-    /// PDUs from CAN refused because they are no frame of this arm, command frames of another length than 8 bytes, and what
-    /// waited when the arm became another.
+    /// PDUs from CAN refused because they are no frame of this arm, command frames of a length other than 8 bytes, and
+    /// requests that waited when the kind of arm changed.
     pub refused_can_frames: u32,
-    /// Frames of the arm for a host on CAN dropped because too many waited to go out, or because they waited when the bus was
-    /// set up anew.
+    /// Frames of the arm for a host on CAN dropped because the queue was full, or because they waited when the bus was
+    /// reconfigured.
     pub dropped_can_answers: u32,
-    /// ISO-TP transfers that failed, either way: see [`isotp::Error`](crate::isotp::Error). So did those that were under way
-    /// when the bus was lost or set up anew.
+    /// ISO-TP transfers that failed, in either direction: see [`isotp::Error`](crate::isotp::Error). Transfers in
+    /// progress at bus-off or at a reconfiguration are included.
     pub isotp_failures: u32,
-    /// CAN frames taken from the bus.
+    /// CAN frames received from the bus.
     pub can_frames_received: u32,
-    /// CAN frames handed to the CAN controller. All but [`dropped_can_frames`](Self::dropped_can_frames) of them go out.
+    /// CAN frames handed to the CAN controller. All but [`dropped_can_frames`](Self::dropped_can_frames) of them go
+    /// out.
     pub can_frames_sent: u32,
-    /// Times the CAN controller lost frames because they were not taken in time.
+    /// Receive overruns of the CAN controller: frames were lost because they were not read in time.
     pub can_receive_overruns: u32,
     /// Errors that the CAN controller saw on the bus.
     pub can_bus_errors: u32,
-    /// Times the bus was lost: the CAN controller left it because of too many errors. It comes back by itself, and counts
-    /// as back when it has seen no error for 20 ms.
+    /// Times the CAN controller went bus-off because of too many errors. It recovers by itself, and counts as recovered
+    /// after 20 ms without an error.
     pub can_bus_offs: u32,
-    /// Commands whose other half did not come in time, or before others were configured.
+    /// Commands whose other half did not arrive in time, or before a reconfiguration.
     pub commands_incomplete: u32,
-    /// Commands whose sequence number was not a new one.
+    /// Commands whose sequence number was not newer.
     pub commands_stale: u32,
-    /// Commands with a value that the arm cannot have.
+    /// Commands with a value out of the arm's range.
     pub commands_out_of_range: u32,
-    /// Times a host that streamed motion fell silent, or the arm became one of another kind while it did.
+    /// Times a host that streamed motion went silent, or lost its arm because another kind was configured.
     pub host_silences: u32,
     /// Bytes of such a host that were dropped because they had not gone out by then.
     pub silenced_bytes: u32,
     /// Messages from hosts on the control port.
     pub control_requests: u32,
-    /// Those among them that this adapter does not know.
+    /// Messages on the control port that this adapter does not know.
     pub control_unsupported: u32,
-    /// Events that a subscriber was not told of, and those that did not go out as plain CAN frames, because too many waited
-    /// or the bus was set up anew. Where no other node is on the bus, such frames never go out.
+    /// Events dropped before they reached a subscriber or went out as plain CAN frames, because the queue was full or
+    /// the bus was reconfigured. On a bus without other nodes, such frames never go out.
     pub dropped_events: u32,
-    /// Times a configuration was saved in flash, or the one there forgotten.
+    /// Times a configuration was saved in flash, or the saved one was erased.
     pub config_saves: u32,
-    /// Times that failed, and one more if what was in flash at the start could not be read: the adapter is then as from the
-    /// factory.
+    /// Failed saves, plus one if the saved configuration could not be read at the start: the adapter then has the
+    /// factory defaults.
     pub config_failures: u32,
-    /// CAN frames that had not left the CAN controller 10 ms after the bus was to be set up anew.
+    /// CAN frames that had not left the CAN controller 10 ms after a reconfiguration of the bus was due.
     pub dropped_can_frames: u32,
-    /// Requests and commands from CAN and requests of the adapter refused because the host on USB held the line, and times it
-    /// began to while there were polls.
+    /// Requests and commands from CAN and requests of the adapter refused because the host on USB held the line, and
+    /// times a hold began while polling was on.
     pub refused_line_held: u32,
-    /// Times the host on USB began to send bytes at a rate that was not in effect.
+    /// Times the host on USB began to send bytes for a rate that was not in effect.
     pub refused_other_rate: u32,
-    /// Those bytes, and those that waited at another rate when torque-off took the line.
+    /// Bytes of those hosts, and bytes that waited for another rate when torque-off took the line.
     pub refused_rate_bytes: u32,
     /// Hard faults of the firmware since power-on.
     pub hard_faults: u32,
-    /// Frames whose last byte no interrupt handler saw come. Their stamp is later than that: the line was idle, or the ring
-    /// was looked at.
+    /// Frames whose last byte was missed by the interrupt handler. Their stamp is later: the time of the idle line, or
+    /// of the read of the ring.
     pub late_stamps: u32,
-    /// Requests of the host on USB that were sent while it had more with the arm than are tracked. Their answers count as
-    /// unasked.
+    /// Requests of the host on USB that exceeded the number of tracked requests. Their answers count as unsolicited.
     pub untracked_requests: u32,
 }
 
 impl Counters {
-    /// How many there are.
+    /// Number of counters.
     pub const COUNT: usize = 57;
 
-    /// How many of them, the last ones, versions 3 and 2 of the control port lack.
+    /// Numbers of counters at the end that versions 3 and 2 of the control port lack.
     pub(crate) const SINCE_OLDER: &'static [usize] = &[1, 6];
 
-    /// The most bytes they take on the control port.
+    /// Maximum size on the control port, in bytes.
     pub const MAX_LEN: usize = 5 * Self::COUNT;
 
-    /// The USB control request that reads them without a port being open: type 0xC0 (vendor, from the device) and its
-    /// number. Value and index are 0, the answer is [`to_bytes`](Self::to_bytes).
+    /// The USB control request that reads the counters without an open port: type 0xC0 (vendor, from the device) and
+    /// its number. Value and index are 0, the answer is [`to_bytes`](Self::to_bytes).
     pub const READ_REQUEST: (u8, u8) = (0xC0, 0x01);
 
-    /// The counts as the adapter sends them, in postcard format, at the front of `buf`.
+    /// Encodes the counters in postcard format, at the front of `buf`.
     ///
     /// # Errors
     ///
@@ -175,11 +175,11 @@ impl Counters {
         Ok(buf.get(..len).unwrap_or_default())
     }
 
-    /// The counts that an adapter sent. Counts of a later version are passed over; those that an older version does not have are 0.
+    /// Decodes an adapter's counters. Counters of a later version are skipped; those that an older version lacks are 0.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] if they are those of version 1, or no counts.
+    /// [`Malformed`] for version 1, or if `bytes` are no counters.
     ///
     /// ```
     /// use armwire_bridge::Counters;
@@ -195,7 +195,7 @@ impl Counters {
             .map_err(|reason| Malformed { sequence: None, reason })
     }
 
-    /// All counts, in the order in which they are sent.
+    /// All counters, in wire order.
     const fn counts(&mut self) -> [&mut u32; Self::COUNT] {
         [
             &mut self.arm_to_host_bytes,
@@ -258,7 +258,7 @@ impl Counters {
         ]
     }
 
-    /// The sum of these, of one side of the adapter, and those of the other.
+    /// The sums of these counters and those of the adapter's other side.
     pub(crate) fn plus(&self, other: &Self) -> Self {
         let (mut sum, mut other) = (*self, *other);
         for (sum, other) in sum.counts().into_iter().zip(other.counts()) {
@@ -268,7 +268,8 @@ impl Counters {
     }
 }
 
-/// [`Counters`] as they are sent: the bytes of the derived format, by a loop instead of a call for each count, which takes 0.9 kB.
+/// [`Counters`] for serde: the bytes of the derived format, by a loop instead of a call for each counter, which takes
+/// 0.9 kB.
 struct Row<'a>(&'a Counters);
 
 impl Serialize for Row<'_> {
@@ -282,12 +283,12 @@ impl Serialize for Row<'_> {
     }
 }
 
-/// Writes counters into a message.
+/// Serializes counters as part of a message.
 pub(crate) fn serialize<S: Serializer>(counters: &Counters, serializer: S) -> Result<S::Ok, S::Error> {
     Row(counters).serialize(serializer)
 }
 
-/// Errors of receiving since the last report.
+/// Receive errors since the last report.
 ///
 /// ```
 /// use armwire_bridge::time::Instant;
@@ -305,29 +306,29 @@ pub struct UartErrors {
     pub framing: u32,
     /// Bytes with wrong parity.
     pub parity: u32,
-    /// Bytes whose samples disagreed.
+    /// Bytes with noise.
     pub noise: u32,
-    /// Times a byte arrived before the last one was taken.
+    /// Times a byte arrived before the last one was read.
     pub overrun: u32,
     /// Times the receive ring was overwritten before it was read.
     pub ring_overrun: u32,
-    /// Frames whose last byte no interrupt handler saw come, so that their stamps are late.
+    /// Frames whose last byte was missed by the interrupt handler: their stamps are late.
     pub late_stamps: u32,
 }
 
-/// Errors a CAN controller reports together.
+/// Errors that a CAN controller reports together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CanErrors {
     /// Errors on the bus.
     pub bus: u32,
-    /// Times frames were lost because they were not taken in time.
+    /// Receive overruns: frames were lost because they were not read in time.
     pub overruns: u32,
-    /// Frames that it was handed and had not sent when it was set up anew.
+    /// Frames in the controller that were not sent when it was reinitialised.
     pub unsent: u32,
 }
 
-/// Adds `n`.
+/// Adds `n`, wrapping.
 pub(crate) fn count(counter: &mut u32, n: usize) {
     *counter = counter.wrapping_add(n as u32);
 }
@@ -338,7 +339,7 @@ mod tests {
 
     #[test]
     fn the_longest_counts_fit() {
-        // Every count at its largest takes five bytes; `from_bytes` takes them from that many of the same byte.
+        // Every count at its maximum takes five bytes; `from_bytes` decodes that many repetitions.
         let most = [[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]; Counters::COUNT];
         let counters = Counters::from_bytes(most.as_flattened()).unwrap();
         assert_eq!(counters.untracked_requests, u32::MAX);

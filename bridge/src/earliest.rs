@@ -2,12 +2,12 @@
 
 use armwire::time::Instant;
 
-/// Later than every instant that there is.
+/// Later than every real instant.
 const NEVER: Instant = Instant::from_micros(u64::MAX);
 
 /// The earliest instant so far, if there is one.
 ///
-/// The next time-out is looked for after everything that happens: an array of options takes three times as long.
+/// The next timeout is computed after every event: an array of options takes three times as long.
 #[derive(Clone, Copy)]
 pub(crate) struct Earliest(Instant);
 
@@ -17,7 +17,7 @@ impl Earliest {
         Self(instant.unwrap_or(NEVER))
     }
 
-    /// That, or this one if it is earlier.
+    /// The earlier of this and `instant`.
     #[inline]
     pub(crate) fn or(self, instant: Option<Instant>) -> Self {
         Self(self.0.min(instant.unwrap_or(NEVER)))

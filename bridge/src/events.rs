@@ -1,23 +1,23 @@
-//! A bounded queue of events: only what is needed to tell of a frame, not the message.
+//! A bounded queue of events: a frame's bytes and metadata, not the encoded message.
 
 use crate::can::telemetry::{event_from_data, event_to_data};
 use crate::control::{Event, FrameBytes, Initiator, Stamp};
 use crate::queue::Queue;
 use armwire::time::Instant;
 
-/// The bytes before an event's own: when it was, its kind, and its length.
+/// Length of an event's header, in bytes: its time, its kind and its length.
 const HEADER: usize = 10;
 
-/// The kind of a frame is its initiator's place among [`Initiator::ALL`], or this if it has none.
+/// The kind of a frame is its initiator's index in [`Initiator::ALL`], or this value for none.
 const UNSOLICITED: u8 = 0xFF;
 
-/// The kind of an event that is no frame: its bytes are those of its frame on CAN.
+/// The kind of an event that is no frame: its bytes are those of its CAN frame.
 const OTHER: u8 = 0xFE;
 
-/// Room in bytes: twelve answers with the joints of a Ling arm.
+/// Capacity in bytes: twelve answers with the joints of a Ling arm.
 const ROOM: usize = 384;
 
-/// The bytes that the frames of a packet take at most: sixteen of four bytes, the shortest of all protocols.
+/// Maximum size of the frames in one packet: sixteen of four bytes, the shortest of all protocols.
 const PACKET_OF_FRAMES: usize = 16 * (HEADER + 4);
 
 /// An event from the queue.
@@ -29,7 +29,7 @@ pub(crate) enum Queued {
     Event(Event),
 }
 
-/// First in, first out.
+/// A FIFO.
 pub(crate) struct EventQueue {
     bytes: Queue<ROOM>,
 }
@@ -43,18 +43,18 @@ impl EventQueue {
         self.bytes.is_empty()
     }
 
-    /// Whether there is room for the frames of a packet, whatever they are.
+    /// Returns true if the frames of any packet fit.
     pub(crate) const fn has_room(&self) -> bool {
         self.bytes.room() >= PACKET_OF_FRAMES
     }
 
-    /// Appends a frame whose last byte arrived at `at`. Returns whether there was room.
+    /// Appends a frame whose last byte arrived at `at`. Returns false if it does not fit.
     pub(crate) fn push_frame(&mut self, at: Instant, initiator: Option<Initiator>, bytes: &[u8]) -> bool {
         let kind = initiator.map_or(UNSOLICITED, |initiator| initiator as u8);
         self.push_bytes(at, kind, bytes)
     }
 
-    /// Appends an event that is no frame. Returns whether there was room.
+    /// Appends an event that is no frame. Returns false if it does not fit.
     pub(crate) fn push(&mut self, at: Instant, event: &Event) -> bool {
         event_to_data(event, Stamp(at.as_micros())).is_some_and(|data| self.push_bytes(at, OTHER, &data))
     }
@@ -72,7 +72,7 @@ impl EventQueue {
         fits
     }
 
-    /// Takes the first event, and its bytes if it is a frame.
+    /// Removes the first event, and copies its bytes if it is a frame.
     pub(crate) fn pop(&mut self, bytes: &mut FrameBytes) -> Option<(Instant, Queued)> {
         let mut header = [0; HEADER];
         if self.bytes.pop(&mut header) < HEADER {

@@ -1,4 +1,4 @@
-//! The line coding a USB host asks for (CDC PSTN 1.2, section 6.3.11), as far as the UART can do it.
+//! A USB host's line coding (CDC PSTN 1.2, section 6.3.11), within the limits of the UART.
 
 use core::fmt;
 
@@ -15,7 +15,7 @@ pub const MAX_BAUD: u32 = 2_000_000;
 /// Data bits of every byte. No arm uses another number.
 const DATA_BITS: u8 = 8;
 
-/// Speed and shape of the bytes on the UART: 8 data bits, and
+/// The line coding: 8 data bits, and
 ///
 /// ```
 /// use armwire_bridge::LineCoding;
@@ -35,7 +35,7 @@ pub struct LineCoding {
     pub stop_bits: StopBits,
 }
 
-/// How the UART works: its line coding and its wiring.
+/// The UART's configuration: line coding and wiring.
 ///
 /// ```
 /// use armwire_bridge::{LineCoding, UartConfig};
@@ -46,9 +46,9 @@ pub struct LineCoding {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct UartConfig {
-    /// Speed and shape of the bytes.
+    /// The line coding.
     pub coding: LineCoding,
-    /// Whether both directions share one wire. What is sent must then not be received.
+    /// True if both directions share one wire. Transmitted bytes must then not be received.
     pub half_duplex: bool,
 }
 
@@ -56,11 +56,11 @@ pub struct UartConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Parity {
-    /// There is none.
+    /// No parity bit.
     None,
-    /// It makes the count of ones odd.
+    /// An odd number of ones, including the parity bit.
     Odd,
-    /// It makes the count of ones even.
+    /// An even number of ones, including the parity bit.
     Even,
 }
 
@@ -68,13 +68,13 @@ pub enum Parity {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StopBits {
-    /// One.
+    /// One stop bit.
     One,
-    /// Two.
+    /// Two stop bits.
     Two,
 }
 
-/// Why a line coding was refused. The one before it stays.
+/// The reason for a refused line coding. The previous one stays in effect.
 ///
 /// ```
 /// use armwire_bridge::{LineCoding, Refused};
@@ -102,11 +102,11 @@ impl LineCoding {
         stop_bits: StopBits::One,
     };
 
-    /// Reads what a host sends with SET_LINE_CODING.
+    /// Decodes the data of SET_LINE_CODING.
     ///
     /// # Errors
     ///
-    /// [`Refused`] names the first field the UART cannot do.
+    /// [`Refused`] names the first field that the UART does not support.
     pub fn from_cdc(bytes: [u8; 7]) -> Result<Self, Refused> {
         let [b0, b1, b2, b3, stop_bits, parity, data_bits] = bytes;
         let baud = u32::from_le_bytes([b0, b1, b2, b3]);
@@ -134,7 +134,7 @@ impl LineCoding {
         })
     }
 
-    /// Writes what a host reads with GET_LINE_CODING.
+    /// Encodes the data of GET_LINE_CODING.
     pub const fn to_cdc(self) -> [u8; 7] {
         let [b0, b1, b2, b3] = self.baud.to_le_bytes();
         let stop_bits = match self.stop_bits {
@@ -149,7 +149,7 @@ impl LineCoding {
         [b0, b1, b2, b3, stop_bits, parity, DATA_BITS]
     }
 
-    /// The time that up to 300 000 bytes take on the line without a gap, in whole microseconds, rounded down.
+    /// The duration of up to 300 000 bytes on the line without a gap, in whole microseconds, rounded down.
     ///
     /// ```
     /// assert_eq!(armwire_bridge::LineCoding::default().micros(21), 210);
@@ -166,13 +166,13 @@ impl LineCoding {
             .saturating_add(micros.into())
     }
 
-    /// The time that a byte takes on the line, in nanoseconds, rounded down.
+    /// The duration of a byte on the line, in nanoseconds, rounded down.
     pub(crate) fn nanos_a_byte(self) -> u32 {
         let hundreds = self.bits(1).saturating_mul(100_000_000).checked_div(self.baud);
         hundreds.unwrap_or(0).saturating_mul(10)
     }
 
-    /// How many bits so many bytes have on the line.
+    /// The number of bits of these bytes on the line.
     fn bits(self, bytes: usize) -> u32 {
         let parity = u32::from(self.parity != Parity::None);
         let stop = 1 + u32::from(self.stop_bits == StopBits::Two);

@@ -1,6 +1,6 @@
 //! A bounded queue of bytes that moves slices, not bytes one at a time.
 
-/// First in, first out, up to `N` bytes.
+/// A FIFO of up to `N` bytes.
 pub(crate) struct Queue<const N: usize> {
     ring: [u8; N],
     used: Used,
@@ -22,7 +22,7 @@ impl<const N: usize> Queue<N> {
         self.used.len == 0
     }
 
-    /// How many more bytes fit.
+    /// Free space in bytes.
     pub(crate) const fn room(&self) -> usize {
         N.saturating_sub(self.used.len)
     }
@@ -31,30 +31,30 @@ impl<const N: usize> Queue<N> {
         self.used.len = 0;
     }
 
-    /// Drops the bytes behind the first `len`.
+    /// Drops the bytes after the first `len`.
     pub(crate) fn truncate(&mut self, len: usize) {
         self.used.len = self.used.len.min(len);
     }
 
-    /// Appends what fits and returns how many bytes did not.
+    /// Appends as many bytes as fit and returns the number of those that did not.
     pub(crate) fn push(&mut self, bytes: &[u8]) -> usize {
         self.used.push(&mut self.ring, bytes)
     }
 
-    /// Copies bytes from the front into `out` and returns how many.
+    /// Copies bytes from the front into `out` and returns their number.
     pub(crate) fn peek(&self, out: &mut [u8]) -> usize {
         self.used.peek(&self.ring, out)
     }
 
-    /// Moves bytes from the front into `out` and returns how many.
+    /// Moves bytes from the front into `out` and returns their number.
     pub(crate) fn pop(&mut self, out: &mut [u8]) -> usize {
         self.used.pop(&self.ring, out)
     }
 }
 
-/// The part of a ring that is used. Queues of all sizes share this code.
+/// The used part of a ring. Queues of all sizes share this code.
 struct Used {
-    /// Where the first byte lies.
+    /// Index of the first byte.
     head: usize,
     len: usize,
 }
@@ -80,7 +80,7 @@ impl Used {
     fn pop(&mut self, ring: &[u8], out: &mut [u8]) -> usize {
         let n = self.peek(ring, out);
         self.len -= n;
-        // Where it begins anew, it takes one copy, and words at a time.
+        // An empty queue restarts at index 0: its data then needs one copy, by words.
         self.head = if self.len == 0 {
             0
         } else {
@@ -90,12 +90,12 @@ impl Used {
     }
 }
 
-/// A place behind the end of a ring is one at its front.
+/// Wraps an index around the end of a ring.
 const fn wrap(place: usize, len: usize) -> usize {
     if place >= len { place.saturating_sub(len) } else { place }
 }
 
-/// Copies as much as both have.
+/// Copies as many bytes as both slices have.
 fn copy(to: &mut [u8], from: &[u8]) -> usize {
     let n = to.len().min(from.len());
     if n == 0 {

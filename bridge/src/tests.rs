@@ -1,4 +1,4 @@
-//! What the adapter promises, event by event.
+//! The adapter's behaviour, event by event.
 
 extern crate std;
 
@@ -52,14 +52,14 @@ fn packets(bridge: &mut Bridge) -> Vec<Vec<u8>> {
     core::iter::from_fn(|| packet(bridge)).collect()
 }
 
-/// All that the arm gets.
+/// All bytes for the arm.
 fn sent(bridge: &mut Bridge) -> Vec<u8> {
     let mut out = [0; 1024];
     let n = transmit(bridge, &mut out);
     out[..n].to_vec()
 }
 
-/// How many bytes the arm gets in one go.
+/// The number of bytes in one burst to the arm.
 fn transmit(bridge: &mut Bridge, out: &mut [u8]) -> usize {
     rig::transmit(bridge, out, NOW).map_or(0, |burst| burst.len)
 }
@@ -73,7 +73,7 @@ fn line(coding: [u8; 7]) -> UartConfig {
 }
 
 const NOW: Instant = Instant::ZERO;
-/// When a rate that was set takes effect on an open port.
+/// The time at which a rate that was set takes effect on an open port.
 const SETTLED: Instant = Instant::from_millis(100);
 const BAUD_115200: [u8; 7] = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
 
@@ -203,7 +203,7 @@ fn the_host_is_held_back_until_its_packet_fits() {
         expected.extend(packet);
     }
     assert_eq!(expected.len(), TO_ARM_BUFFER);
-    bridge.usb_received(&[0xEE; 3], NOW); // against the rule: counted, never mixed in
+    bridge.usb_received(&[0xEE; 3], NOW); // against the contract: counted, never mixed in
     assert_eq!(bridge.counters().refused_bytes, 3);
 
     let mut out = [0; PACKET - 1];
@@ -278,7 +278,7 @@ fn the_line_coding_it_has_needs_no_change_and_cancels_one() {
     bridge.set_line_coding(LineCoding::LING.to_cdc(), NOW).unwrap();
     assert_eq!(bridge.line.uart_change(), None);
     assert_eq!(bridge.line_coding(), LineCoding::LING);
-    // One may have been under way already.
+    // A change may have been in progress.
     bridge.uart_event(UartEvent::Configured(UartConfig::default()), NOW);
     assert_eq!(bridge.line.uart_change(), None);
 }
@@ -335,7 +335,7 @@ fn a_bus_reset_drops_what_the_last_host_did_not_read_and_keeps_what_it_said() {
     assert!(bridge.update(NOW).is_attached);
     bridge.usb_event(UsbEvent::Reset, NOW);
     assert!(!bridge.update(NOW).is_attached);
-    bridge.uart_received(&[7; 20], NOW); // nobody is there
+    bridge.uart_received(&[7; 20], NOW); // no host
     bridge.uart_event(UartEvent::Idle, NOW);
     assert_eq!(packet(&mut bridge), None);
     assert_eq!(sent(&mut bridge), [1, 2]);
@@ -380,7 +380,7 @@ fn a_closed_port_hears_nothing_and_starts_clean_when_it_is_opened() {
     assert!(bridge.usb_event(UsbEvent::Dtr(true), NOW));
     bridge.uart_received(&[4], NOW);
     bridge.uart_event(UartEvent::Idle, NOW);
-    assert!(!bridge.usb_event(UsbEvent::Dtr(true), NOW)); // says nothing new
+    assert!(!bridge.usb_event(UsbEvent::Dtr(true), NOW)); // no change
     assert_eq!(packets(&mut bridge), [[4]]);
     assert_eq!(bridge.counters().unheard_bytes, 102);
 }
@@ -395,7 +395,7 @@ fn dtr_without_a_configuration_means_nothing() {
     assert_eq!(packet(&mut bridge), None);
 }
 
-/// Any frame, and a packet or what comes in a millisecond.
+/// Any frame, and at most a packet or the bytes of a millisecond.
 const fn any_frame(most: usize) -> RxThreshold {
     RxThreshold {
         max: most,
@@ -505,7 +505,7 @@ fn bytes_that_stop_moving_are_a_fault_and_a_host_that_does_not_read_is_none() {
     assert!(bridge.is_stuck(at(7_502)));
 }
 
-/// What an arm may put on the line: frames, parts of frames, anything.
+/// An arm's output: frames, parts of frames, arbitrary bytes.
 fn speech() -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![
         prop::collection::vec(any::<u8>(), 1..20).prop_map(|data| frame(&data)),
@@ -518,7 +518,7 @@ fn speech() -> impl Strategy<Value = Vec<u8>> {
     ]
 }
 
-/// A host's view: packets join to transfers, a short one ends a transfer.
+/// A host's view: packets join to transfers, and a short packet ends a transfer.
 #[derive(Default)]
 struct Host {
     bytes: Vec<u8>,
@@ -579,7 +579,7 @@ proptest! {
         late in prop::collection::vec(0..30_usize, 1..20),
     ) {
         let says = says.concat();
-        // One is told of each byte, the other of none before what it says it waits for.
+        // One gets each byte at once, the other only at its threshold.
         let (mut eager, mut lazy) = (Bridge::default(), Bridge::default());
         let mut from = 0;
         let mut late = late.iter().cycle();
@@ -590,7 +590,7 @@ proptest! {
                 prop_assert_eq!(lazy.uart_received(untold, NOW) > 0, due, "at {}", at);
                 from = at + 1;
             } else {
-                prop_assert!(!due, "a frame at {} of which nobody is told", at);
+                prop_assert!(!due, "an unreported frame at {}", at);
             }
         }
     }

@@ -1,4 +1,4 @@
-//! `docs/armwire.dbc` says of the cyclic frames what the code does, and the tables of `docs/can.md` have its numbers.
+//! Consistency of `docs/armwire.dbc` and the tables of `docs/can.md` with the code.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use proptest::prelude::*;
 const DBC: &str = include_str!("../../docs/armwire.dbc");
 const CAN_MD: &str = include_str!("../../docs/can.md");
 
-/// What the file says, by identifier.
+/// The file's messages, by identifier.
 fn messages() -> BTreeMap<u16, Message> {
     let mut messages = BTreeMap::new();
     let mut last = None;
@@ -46,7 +46,7 @@ struct Message {
 }
 
 impl Message {
-    /// What a frame says, by signal.
+    /// Decodes a frame, by signal.
     fn decode(&self, data: &[u8]) -> BTreeMap<&'static str, f64> {
         let raw = u64::from_le_bytes(data.try_into().unwrap());
         let values = self.signals.iter().map(|signal| (signal.name, signal.value(raw)));
@@ -64,7 +64,7 @@ struct Signal {
 }
 
 impl Signal {
-    /// From such as `Joint1`, `0|16@1+`, `(0.5,-3)` and `"rad"`.
+    /// Parses for example `Joint1`, `0|16@1+`, `(0.5,-3)` and `"rad"`.
     fn parse(name: &'static str, layout: &'static str, scale: &'static str, unit: &'static str) -> Self {
         let layout = layout.strip_suffix("@1+").expect("little-endian and unsigned");
         let (start, length) = layout.split_once('|').unwrap();
@@ -88,7 +88,7 @@ impl Signal {
     }
 }
 
-/// The names that the file gives to the values of a signal.
+/// The file's value names of a signal.
 fn names(message: u16, signal: &str) -> BTreeMap<u8, String> {
     let prefix = format!("VAL_ {message} {signal} ");
     let table = DBC.lines().find_map(|line| line.strip_prefix(&prefix)).unwrap();
@@ -99,14 +99,14 @@ fn names(message: u16, signal: &str) -> BTreeMap<u8, String> {
     pairs.collect()
 }
 
-/// Frames say what is expected, and that is all they say.
+/// Asserts that the frames contain the expected signals and no others.
 fn check(frames: &[Frame], expected: &[(&str, f64)]) {
     let mut said = BTreeMap::new();
     for frame in frames {
         let (function, _) = Function::of(frame.id()).unwrap();
         for (name, value) in messages()[&function.base()].decode(frame.data()) {
             if let Some(before) = said.insert(name, value) {
-                // The sequence number and the stamp are in several frames; the joints' have its low half only.
+                // The sequence number and the stamp are in several frames; those of the joints have only its low half.
                 assert!(
                     value == before || value as u64 & 0xFFFF == before as u64,
                     "{name}: {before}, then {value}"
@@ -123,7 +123,7 @@ fn check(frames: &[Frame], expected: &[(&str, f64)]) {
 
 const JOINT_NAMES: [&str; JOINTS] = ["Joint1", "Joint2", "Joint3", "Joint4", "Joint5", "Joint6"];
 
-/// The angles of the joints, as the file names them.
+/// The angles of the joints, by the file's signal names.
 fn angles(joints: [u16; JOINTS]) -> impl Iterator<Item = (&'static str, f64)> {
     let angles = joints.map(|ticks| f64::from(Position::new(ticks).unwrap().radians()));
     JOINT_NAMES.into_iter().zip(angles)
@@ -222,12 +222,12 @@ fn events_and_initiators_have_their_names() {
         }
     }
     for (off, name) in [(true, "bus off"), (false, "back on the bus")] {
-        cases.push((Event::BusOff { off }, name.to_owned(), "nobody".to_owned(), 0));
+        cases.push((Event::BusOff { off }, name.to_owned(), "none".to_owned(), 0));
     }
 
     let (whats, who) = (
-        names(Function::Event.base(), "What"),
-        names(Function::Event.base(), "Asker"),
+        names(Function::Event.base(), "Kind"),
+        names(Function::Event.base(), "Initiator"),
     );
     let (mut whats_left, mut who_left) = (whats.clone(), who.clone());
     for (event, what, initiator, dropped) in cases {
@@ -237,8 +237,8 @@ fn events_and_initiators_have_their_names() {
         };
         assert_eq!((&whats[&what_code], &who[&initiator_code]), (&what, &initiator));
         let expected = [
-            ("What", what_code.into()),
-            ("Asker", initiator_code.into()),
+            ("Kind", what_code.into()),
+            ("Initiator", initiator_code.into()),
             ("Dropped", dropped.into()),
             ("Stamp", f64::from(0x1234_5678)),
         ];

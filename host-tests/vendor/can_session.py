@@ -189,7 +189,7 @@ class Cyclic(can.Listener):
             return
         with self._lock:
             if name == "Event":
-                self._events.append((int(values["What"]), int(values["Asker"])))
+                self._events.append((int(values["Kind"]), int(values["Initiator"])))
             elif name == "Errors":
                 self._errors = values
             else:

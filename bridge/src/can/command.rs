@@ -1,16 +1,16 @@
-//! Moving the arm by cyclic frames: what a PLC can do, made safe.
+//! Cyclic command frames that move the arm, with safety checks for use by a PLC.
 //!
 //! A command is two frames, COMMAND_A and COMMAND_B, with the same sequence number. `docs/armwire.dbc` describes them.
-//! It takes effect when
+//! It takes effect if
 //!
-//! * both came within the time-out,
-//! * the stream it belongs to has started: by a command with sequence number 0, which moves nothing,
-//! * its sequence number is newer than that of the last command that took effect: 1 to 127 more, modulo 256,
+//! * both arrived within the timeout,
+//! * its stream has started: by a command with sequence number 0, which moves nothing,
+//! * its sequence number is newer than that of the last effective command: 1 to 127 more, modulo 256,
 //! * and every value is in range.
 //!
-//! Otherwise all of it is refused, with the reason. A stream ends when no command took effect for the time-out. So a
-//! sender that repeats one command for ever, whichever it is, moves nothing: what starts a stream does not move, and
-//! what moves does not start one.
+//! Otherwise the whole command is refused with a reason. A stream ends if no command takes effect within the timeout. A
+//! sender that repeats one command forever therefore moves nothing: a start command does not move, and a moving command
+//! does not start a stream.
 
 use armwire::OutOfRange;
 use armwire::ling::{GripperSpeed, JOINTS, Move, Opening, Position, Speed};
@@ -25,10 +25,10 @@ pub const SPEED_STEP: u8 = 20;
 /// One step of a command's gripper opening, in thousandths of the stroke.
 pub const GRIPPER_STEP: u8 = 4;
 
-/// The fastest, and the widest, in steps: 5000 ticks/s, and open.
+/// The maximum speed and opening, in steps: 5000 ticks/s, and open.
 const MAX_STEPS: u8 = 250;
 
-/// A command as its frames carry it, whether or not the arm can do it.
+/// A command as encoded in its frames. Its values may be out of the arm's range.
 ///
 /// | Frame | Word 0 | Word 1 | Word 2 | Word 3 |
 /// |---|---|---|---|---|
@@ -52,13 +52,13 @@ const MAX_STEPS: u8 = 250;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Command {
-    /// One more than in the command before, modulo 256; 0 to start.
+    /// Sequence number: one more than in the previous command, modulo 256; 0 starts a stream.
     pub sequence: u8,
-    /// Where joints 1 to 6 are to go, in ticks: 0 to 4095, 2048 is 0 rad.
+    /// Target positions of joints 1 to 6, in ticks: 0 to 4095, 2048 is 0 rad.
     pub joints: [u16; JOINTS],
-    /// How fast the joints and the gripper are to go, in steps of [`SPEED_STEP`]: 1 to 250.
+    /// Speed of the joints and the gripper, in steps of [`SPEED_STEP`]: 1 to 250.
     pub speed: u8,
-    /// How far the gripper is to open, in steps of [`GRIPPER_STEP`]: 0, closed, to 250, open.
+    /// Opening of the gripper, in steps of [`GRIPPER_STEP`]: 0, closed, to 250, open.
     pub gripper: u8,
 }
 
@@ -74,11 +74,11 @@ impl Command {
         ]
     }
 
-    /// What the arm is to be told.
+    /// The arm's request for this command.
     ///
     /// # Errors
     ///
-    /// The first value that is out of range. A speed of 0 is one: what an arm makes of it is not known.
+    /// The first value that is out of range. A speed of 0 is out of range: its effect on an arm is unknown.
     pub fn target(&self) -> Result<Move, OutOfRange> {
         let steps = |what, unit, got, min| match got {
             _ if (min..=MAX_STEPS).contains(&got) => Ok(u16::from(got)),
@@ -103,7 +103,7 @@ impl Command {
     }
 }
 
-/// Takes command frames, and says what moves the arm and what is refused.
+/// Assembles and checks command frames.
 ///
 /// ```
 /// use armwire_bridge::{Duration, Instant};
@@ -128,11 +128,11 @@ impl Command {
 pub struct Commands {
     node: Node,
     timeout: Duration,
-    /// The frame whose other half has not come.
+    /// The first frame of a command, until the second arrives.
     half: Option<Half>,
-    /// The last sequence number of the stream that started or moved, and when.
+    /// The last sequence number that started or moved the stream, and its time.
     last: Option<(u8, Instant)>,
-    /// Whether it has moved, so that 0 is a number like any other.
+    /// The stream has moved: 0 is an ordinary sequence number from then on.
     has_moved: bool,
 }
 
@@ -155,7 +155,7 @@ impl Half {
 }
 
 impl Commands {
-    /// For the commands to `node`, with this time-out.
+    /// Commands for `node`, with this timeout.
     pub const fn new(node: Node, timeout: Duration) -> Self {
         Self {
             node,
@@ -166,10 +166,10 @@ impl Commands {
         }
     }
 
-    /// A frame came. The answer is where the arm is to go, or why it is not: [`Refusal::Incomplete`] of the command
-    /// before, [`Refusal::Stale`] or [`Refusal::OutOfRange`] of this one, or [`Refusal::NotAFrame`] when it has not 8
-    /// bytes. `None` when nothing is to be done: this is the first half, or starts a stream, or is no command to this
-    /// node.
+    /// Handles a received frame. Returns the target of the arm, or the reason for a refusal: [`Refusal::Incomplete`]
+    /// for the previous command; [`Refusal::Stale`] or [`Refusal::OutOfRange`] for this one; [`Refusal::NotAFrame`]
+    /// unless it has 8 bytes. `None` if no action follows: the frame is a first half, starts a stream, or is no command
+    /// for this node.
     pub fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<Move, Refusal>> {
         let (function @ (Function::CommandA | Function::CommandB), node) = Function::of(frame.id())? else {
             return None;
@@ -192,7 +192,7 @@ impl Commands {
         let (a, b) = match (other.function, function) {
             (Function::CommandA, Function::CommandB) => (other.words, words),
             (Function::CommandB, Function::CommandA) => (words, other.words),
-            // The same half again. That gives the other no more time.
+            // A repeated half does not extend the timeout of the other.
             _ => {
                 self.half = Some(Half { at: other.at, ..half });
                 return None;
@@ -202,23 +202,23 @@ impl Commands {
         self.judge(&joined(a, b), now)
     }
 
-    /// It is `now`: [`Refusal::Incomplete`] when the other half of a command is late.
+    /// Advances the time to `now`. Returns [`Refusal::Incomplete`] if the second half of a command is late.
     pub fn tick(&mut self, now: Instant) -> Option<Refusal> {
         self.half.take_if(|half| now >= half.deadline(self.timeout))?;
         Some(Refusal::Incomplete)
     }
 
-    /// When to call [`tick`](Self::tick), unless the other half comes before. `None` when none is waited for.
+    /// The time of the next [`tick`](Self::tick) unless the second half arrives first. `None` if no half is pending.
     pub fn timeout(&self) -> Option<Instant> {
         self.half.map(|half| half.deadline(self.timeout))
     }
 
-    /// Ends the stream: what comes next must start one.
+    /// Ends the stream: the next command must start one.
     pub fn stop(&mut self) {
         self.last = None;
     }
 
-    /// What becomes of a whole command.
+    /// Checks a complete command.
     fn judge(&mut self, command: &Command, now: Instant) -> Option<Result<Move, Refusal>> {
         let running = self.last.filter(|&(_, at)| now < at + self.timeout);
         let has_moved = self.has_moved && running.is_some();
@@ -239,7 +239,7 @@ impl Commands {
     }
 }
 
-/// What the words of both halves say.
+/// The command in the words of both halves.
 fn joined([joint_1, joint_2, joint_3, speed]: [u16; 4], [joint_4, joint_5, joint_6, gripper]: [u16; 4]) -> Command {
     let [sequence, speed] = speed.to_le_bytes();
     let [_, gripper] = gripper.to_le_bytes();
@@ -281,7 +281,7 @@ mod tests {
             }
         }
 
-        /// A bus on which a stream has come to `sequence`.
+        /// A bus whose stream has reached `sequence`.
         fn running(sequence: u8) -> Self {
             let mut bus = Self::new();
             assert_eq!(bus.send(command(0)), None);
@@ -398,7 +398,7 @@ mod tests {
         bus.pass(1);
         assert_eq!(bus.commands.tick(bus.now), Some(Refusal::Incomplete));
         assert_eq!((bus.commands.timeout(), bus.commands.tick(bus.now)), (None, None));
-        // What comes now is half a command again.
+        // The next frame is a first half again.
         assert_eq!(bus.receive(&b), None);
     }
 
@@ -423,7 +423,7 @@ mod tests {
         assert!(bus.send(command(1)).unwrap().is_ok());
         bus.pass(100);
         assert_eq!(bus.send(command(2)), Some(Err(Refusal::Stale)));
-        // One who waits with 0 for as long as it takes starts anew.
+        // A sender that waits for the timeout and sends 0 starts a new stream.
         for _ in 0..5 {
             assert_eq!(bus.send(command(0)), None);
             bus.pass(70);
@@ -496,9 +496,10 @@ mod tests {
         assert!(bus.receive(&b).unwrap().is_ok());
     }
 
-    /// A half, what it says, and the time since the one before it. The joints say which command and which try it is of.
+    /// A half: its kind, its sequence number, and the time since the previous one. The joints identify the command and
+    /// the attempt.
     fn halves() -> impl Strategy<Value = (bool, u8, u64)> {
-        // Mostly what counts on, sometimes anything.
+        // Usually the next number, sometimes any.
         let millis = prop_oneof![8 => 0..20_u64, 1 => 90..210_u64];
         (any::<bool>(), 0..6_u8, millis)
     }
@@ -526,7 +527,7 @@ mod tests {
             for (is_a, sequence, millis) in halves {
                 bus.pass(millis);
                 sent.push((is_a, sequence, bus.now.as_micros()));
-                // Where the joints go says which frame they are from.
+                // The joints identify the frame's command.
                 let command = Command { joints: [sent.len() as u16 - 1; JOINTS], ..command(sequence) };
                 let [a, b] = command.to_frames(bus.node);
                 let Some(Ok(target)) = bus.receive(if is_a { &a } else { &b }) else {
@@ -542,7 +543,7 @@ mod tests {
                         prop_assert!(sequence > last);
                     }
                     _ => {
-                        // Since the last move there was a whole command with 0.
+                        // A whole command with 0 came since the last move.
                         let since = moved.map_or(0, |(_, at)| at.as_micros());
                         let zeros = sent.iter().copied().filter(|&(_, sequence, at)| sequence == 0 && at >= since);
                         let (a, b): (Vec<_>, Vec<_>) = zeros.partition(|(is_a, ..)| *is_a);
@@ -562,7 +563,7 @@ mod tests {
             millis in 0..250_u64,
         ) {
             let mut bus = Bus::running(last);
-            // The stream before it is over.
+            // The stream before has ended.
             bus.pass(100);
             let [a, b] = command(sequence).to_frames(bus.node);
             for is_a in frames.iter().cycle().take(300) {

@@ -4,19 +4,19 @@ use core::fmt;
 
 use armwire::OutOfRange;
 
-/// Bytes in a classic frame at most.
+/// Maximum number of bytes in a classic frame.
 pub const MAX_CLASSIC: usize = 8;
 
-/// Bytes in an FD frame at most.
+/// Maximum number of bytes in an FD frame.
 pub const MAX_FD: usize = 64;
 
-/// How many bytes an FD frame may have. The place in this list is the frame's DLC (ISO 11898-1, table 5).
+/// Valid lengths of an FD frame, in bytes. The index is the frame's DLC (ISO 11898-1, table 5).
 pub const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
 
-/// What fills a frame up: a pattern with few stuff bits, as ISO 15765-2 recommends.
+/// Padding byte: a pattern with few stuff bits, as ISO 15765-2 recommends.
 const PADDING: u8 = 0xCC;
 
-/// An identifier of 11 bits. The lower it is, the sooner its frame gets the bus.
+/// An 11-bit identifier. Lower identifiers win arbitration.
 ///
 /// ```
 /// use armwire_bridge::can::Id;
@@ -30,7 +30,7 @@ const PADDING: u8 = 0xCC;
 pub struct Id(pub(super) u16);
 
 impl Id {
-    /// The highest.
+    /// The highest identifier.
     pub const MAX: Self = Self(0x7FF);
 
     /// The identifier `id`, 0..=0x7FF.
@@ -51,7 +51,7 @@ impl Id {
         Ok(Self(id))
     }
 
-    /// The 11 bits.
+    /// The identifier's 11 bits.
     pub const fn get(self) -> u16 {
         self.0
     }
@@ -82,7 +82,7 @@ pub struct Frame {
     id: Id,
     is_fd: bool,
     len: u8,
-    /// Zero after the first `len`.
+    /// Bytes after the first `len` are zero.
     bytes: [u8; MAX_FD],
 }
 
@@ -91,7 +91,7 @@ impl Frame {
     ///
     /// # Errors
     ///
-    /// [`FrameError`] when there are more than 8 bytes.
+    /// [`FrameError`] for more than 8 bytes.
     pub fn new(id: Id, data: &[u8]) -> Result<Self, FrameError> {
         match Self::filled(id, data) {
             Some(frame) if data.len() <= MAX_CLASSIC => Ok(frame),
@@ -106,7 +106,7 @@ impl Frame {
     ///
     /// # Errors
     ///
-    /// [`FrameError`] when the number of bytes is none of [`FD_LENGTHS`].
+    /// [`FrameError`] for a length that is not in [`FD_LENGTHS`].
     pub fn new_fd(id: Id, data: &[u8]) -> Result<Self, FrameError> {
         match Self::filled(id, data) {
             Some(frame) if FD_LENGTHS.contains(&frame.len) => Ok(Self { is_fd: true, ..frame }),
@@ -122,17 +122,17 @@ impl Frame {
         self.id
     }
 
-    /// The bytes.
+    /// The data bytes.
     pub fn data(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or_default()
     }
 
-    /// Whether it is an FD frame, of whatever length.
+    /// Returns true for an FD frame of any length.
     pub const fn is_fd(&self) -> bool {
         self.is_fd
     }
 
-    /// A frame of `head` and as much of `body` as fits, padded to 8 bytes or the next length there is.
+    /// A frame of `head` and as much of `body` as fits, padded to 8 bytes or the next valid length.
     pub(crate) fn padded(id: Id, is_fd: bool, head: &[u8], body: &[u8]) -> Self {
         let used = head.len().saturating_add(body.len());
         let fits = |&len: &u8| usize::from(len) >= used.max(MAX_CLASSIC);
@@ -148,7 +148,7 @@ impl Frame {
         Self { id, is_fd, len, bytes }
     }
 
-    /// A frame of any length that there is room for.
+    /// A frame of any length up to the maximum.
     fn filled(id: Id, data: &[u8]) -> Option<Self> {
         let mut bytes = [0; MAX_FD];
         bytes.get_mut(..data.len())?.copy_from_slice(data);
@@ -176,13 +176,13 @@ impl defmt::Format for Frame {
     }
 }
 
-/// A number of bytes that no frame has.
+/// A number of bytes that no frame can have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FrameError {
-    /// Whether it was to be an FD frame.
+    /// True for an FD frame.
     pub is_fd: bool,
-    /// How many bytes there were.
+    /// Number of bytes given.
     pub got: usize,
 }
 
@@ -239,7 +239,7 @@ mod tests {
                 let content = used.min(max);
                 let expected = [&head[..], &body[..content - 1], &vec![PADDING; len - content]].concat();
                 assert_eq!(frame.data(), expected);
-                // No shorter frame would do.
+                // A shorter frame would not hold the data.
                 let shorter = FD_LENGTHS.into_iter().rfind(|&shorter| usize::from(shorter) < len);
                 assert!(len == 8 || usize::from(shorter.unwrap()) < content);
             }

@@ -1,11 +1,11 @@
-//! Which identifier means what, and for which adapter.
+//! CAN identifiers: function and node.
 
 use armwire::OutOfRange;
 use serde::{Deserialize, Serialize};
 
 use super::Id;
 
-/// Which of the adapters on a bus: the low four bits of each identifier.
+/// An adapter's number on a bus: the low four bits of each identifier.
 ///
 /// ```
 /// use armwire_bridge::can::Node;
@@ -19,14 +19,14 @@ use super::Id;
 pub struct Node(u8);
 
 impl Node {
-    /// The highest.
+    /// The highest node.
     pub const MAX: Self = Self(15);
 
     /// Node `node`, 0..=15.
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when there is no such node.
+    /// [`OutOfRange`] if `node` is over 15.
     pub const fn new(node: u8) -> Result<Self, OutOfRange> {
         if node > Self::MAX.0 {
             return Err(OutOfRange {
@@ -40,7 +40,7 @@ impl Node {
         Ok(Self(node))
     }
 
-    /// Its number.
+    /// The node's number.
     pub const fn get(self) -> u8 {
         self.0
     }
@@ -60,10 +60,9 @@ impl From<Node> for u8 {
     }
 }
 
-/// What a frame is for. An identifier is one of these, and the [`Node`] in the low four bits.
+/// A frame's function. An identifier consists of a function and, in its low four bits, the [`Node`].
 ///
-/// Commands come before telemetry, and telemetry before what is carried in many frames, for the lower identifier gets
-/// the bus.
+/// Commands have priority over telemetry, and telemetry over ISO-TP: the lower identifier wins arbitration.
 ///
 /// ```
 /// use armwire_bridge::can::{Function, Id, Node};
@@ -78,19 +77,19 @@ impl From<Node> for u8 {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u16)]
 pub enum Function {
-    /// To the adapter: where joints 1 to 3 are to go. Off by default.
+    /// To the adapter: targets of joints 1 to 3. Off by default.
     CommandA = 0x100,
-    /// To the adapter: where joints 4 to 6 are to go. Off by default.
+    /// To the adapter: targets of joints 4 to 6. Off by default.
     CommandB = 0x110,
-    /// From the adapter: where joints 1 to 3 are.
+    /// From the adapter: positions of joints 1 to 3.
     JointsA = 0x200,
-    /// From the adapter: where joints 4 to 6 are.
+    /// From the adapter: positions of joints 4 to 6.
     JointsB = 0x210,
     /// From the adapter: gripper, motion status, sequence counter and flags.
     State = 0x220,
-    /// From the adapter: how often what went wrong.
+    /// From the adapter: error counts.
     Errors = 0x230,
-    /// From the adapter: something happened, such as a refusal, a host gone silent or a recovery from bus-off.
+    /// From the adapter: an event, such as a refusal, a host timeout or a recovery from bus-off.
     Event = 0x240,
     /// To the adapter by ISO-TP, one arm frame in each PDU, and its flow control for [`ArmAnswer`](Self::ArmAnswer).
     ArmRequest = 0x600,
@@ -105,7 +104,7 @@ pub enum Function {
 }
 
 impl Function {
-    /// All there are, in the order of their identifiers.
+    /// All functions, in the order of their identifiers.
     pub const ALL: [Self; 11] = [
         Self::CommandA,
         Self::CommandB,
@@ -120,17 +119,17 @@ impl Function {
         Self::ControlAnswer,
     ];
 
-    /// The identifier it has for node 0.
+    /// The identifier of node 0.
     pub const fn base(self) -> u16 {
         self as u16
     }
 
-    /// The identifier it has for `node`.
+    /// The identifier of `node`.
     pub const fn id(self, node: Node) -> Id {
         Id(self.base() | node.0 as u16)
     }
 
-    /// What `id` is for, and whose it is. `None` when it is none of the adapter's.
+    /// The function and node of `id`. `None` if it belongs to no adapter.
     pub fn of(id: Id) -> Option<(Self, Node)> {
         let node = id.get() & u16::from(Node::MAX.0);
         let base = id.get() - node;

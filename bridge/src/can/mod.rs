@@ -1,4 +1,4 @@
-//! The adapter on a CAN bus: frames, and which identifier means what.
+//! CAN frames and identifiers of the adapter.
 
 #[cfg(feature = "ling")]
 pub mod command;

@@ -1,7 +1,7 @@
-//! What the adapter says by itself: cyclic frames that any CAN tool reads with `docs/armwire.dbc`.
+//! Cyclic frames that the adapter sends unrequested. Any CAN tool decodes them with `docs/armwire.dbc`.
 //!
-//! All are classic frames of 8 bytes, little-endian, on an FD bus too. Nothing is sent that is not known, and nothing
-//! twice: that a frame no longer comes says that there is nothing new.
+//! All are classic frames of 8 bytes, little-endian, on an FD bus too. Each value is sent once and only if known:
+//! missing frames mean that there is nothing new.
 
 #[cfg(feature = "ling")]
 use armwire::ling::{JointState, MotionStatus};
@@ -10,7 +10,7 @@ use super::{Frame, Function, Id, MAX_CLASSIC, Node};
 use crate::Counters;
 use crate::control::{Event, Initiator, Refusal, Stamp};
 
-/// Where a Ling arm was, and when: one answer of the arm, in three frames.
+/// A Ling arm's state and its time: one answer of the arm, in three frames.
 ///
 /// | Frame | Word 0 | Word 1 | Word 2 | Word 3 |
 /// |---|---|---|---|---|
@@ -18,7 +18,7 @@ use crate::control::{Event, Initiator, Refusal, Stamp};
 /// | JOINTS_B | joint 4, ticks | joint 5 | joint 6 | stamp, low half |
 /// | STATE | gripper, ‰ | motion status, count | stamp, low half | stamp, high half |
 ///
-/// The values are the arm's, bit for bit, one that no arm should send included. Frames with the same stamp belong
+/// The values are the arm's, bit for bit, including values that no arm should send. Frames with the same stamp belong
 /// together.
 ///
 /// ```
@@ -34,7 +34,7 @@ use crate::control::{Event, Initiator, Refusal, Stamp};
 /// assert_eq!(frames[0].data(), [0x00, 0x08, 0x00, 0x04, 0x00, 0x00, 0xA0, 0x86]);
 /// assert_eq!(Sample::from_frames(&frames), Some(sample));
 ///
-/// // A frame of another sample is not mixed in.
+/// // Frames of different samples are not combined.
 /// let [_, other, _] = Sample { stamp: 0x0001_86A1, ..sample }.to_frames(Node::new(3).unwrap());
 /// assert_eq!(Sample::from_frames(&[frames[0], other, frames[2]]), None);
 /// ```
@@ -42,11 +42,11 @@ use crate::control::{Event, Initiator, Refusal, Stamp};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sample {
-    /// What the arm said.
+    /// The state that the arm reported.
     pub state: JointState,
-    /// When its last byte was in: the low 32 bits of a [`Stamp`], which come again after 71 minutes.
+    /// Arrival of its last byte: the low 32 bits of a [`Stamp`], which wrap after 71 minutes.
     pub stamp: u32,
-    /// One more than in the sample sent before, modulo 256: a gap tells of lost frames.
+    /// One more than in the previous sample, modulo 256: a gap indicates lost frames.
     pub count: u8,
 }
 
@@ -57,7 +57,7 @@ impl Sample {
         self.words().map(|(function, words)| frame(function.id(node), words))
     }
 
-    /// The one at this place of [these](Self::to_frames), which leave one by one.
+    /// Frame number `place` of [these](Self::to_frames), which are sent one by one.
     pub(crate) fn frame(&self, place: usize, node: Node) -> Option<Frame> {
         let (function, words) = *self.words().get(place)?;
         Some(frame(function.id(node), words))
@@ -74,7 +74,7 @@ impl Sample {
         ]
     }
 
-    /// What JOINTS_A, JOINTS_B and STATE, in this order, say. `None` unless they are these frames of one sample of one
+    /// Decodes JOINTS_A, JOINTS_B and STATE, in this order. `None` unless they are the frames of one sample of one
     /// adapter.
     pub fn from_frames([a, b, state]: &[Frame; 3]) -> Option<Self> {
         let (node, [joint_1, joint_2, joint_3, stamp_a]) = words(a, Function::JointsA)?;
@@ -96,13 +96,13 @@ impl Sample {
     }
 }
 
-/// How often what went wrong, in one frame, ERRORS: the [`Counters`] that matter to those on the bus.
+/// Error counts in one frame, ERRORS: the [`Counters`] that matter on the bus.
 ///
 /// | Word 0 | Word 1 | Word 2 | Word 3 |
 /// |---|---|---|---|
 /// | noise bytes | UART errors | CAN errors | unanswered requests, refused ones |
 ///
-/// Each count wraps. What has happened between two frames is their difference modulo 65 536, or 256.
+/// Each count wraps. The increase between two frames is their difference modulo 65 536, or 256.
 ///
 /// ```
 /// use armwire_bridge::Counters;
@@ -126,9 +126,9 @@ pub struct Errors {
     pub noise_bytes: u16,
     /// Framing, parity and noise errors and overruns that the UART reported, and overruns of its ring.
     pub uart: u16,
-    /// Errors that the CAN controller saw on the bus, and times it lost frames.
+    /// Errors that the CAN controller saw on the bus, and its receive overruns.
     pub can: u16,
-    /// Requests that the arm should have answered and did not.
+    /// Requests that the arm should have answered but did not.
     pub unanswered: u8,
     /// Requests and commands from CAN that were refused.
     pub refused: u8,
@@ -167,7 +167,7 @@ impl Errors {
         frame(Function::Errors.id(node), [self.noise_bytes, self.uart, self.can, last])
     }
 
-    /// What ERRORS says. `None` when it is another frame.
+    /// Decodes ERRORS. `None` for any other frame.
     pub fn from_frame(frame: &Frame) -> Option<Self> {
         let (_, [noise_bytes, uart, can, last]) = words(frame, Function::Errors)?;
         let [unanswered, refused] = last.to_le_bytes();
@@ -181,11 +181,11 @@ impl Errors {
     }
 }
 
-/// An event as a frame, EVENT. `None` for a frame of the arm, which goes out by ISO-TP.
+/// An event as an EVENT frame. `None` for a frame of the arm, which goes out by ISO-TP.
 ///
 /// | Word 0 | Word 1 | Word 2 | Word 3 |
 /// |---|---|---|---|
-/// | what happened, whose it was | bytes dropped | stamp, low half | stamp, high half |
+/// | kind, initiator | bytes dropped | stamp, low half | stamp, high half |
 ///
 /// ```
 /// use armwire_bridge::can::Node;
@@ -201,7 +201,7 @@ pub fn event_to_frame(event: &Event, at: Stamp, node: Node) -> Option<Frame> {
     Frame::new(Function::Event.id(node), &event_to_data(event, at)?).ok()
 }
 
-/// The data of such a frame.
+/// The data of an EVENT frame.
 pub(crate) fn event_to_data(event: &Event, at: Stamp) -> Option<[u8; MAX_CLASSIC]> {
     let (what, initiator, dropped) = match *event {
         Event::Frame { .. } => return None,
@@ -225,15 +225,15 @@ pub(crate) fn event_to_data(event: &Event, at: Stamp) -> Option<[u8; MAX_CLASSIC
     Some([what, initiator, drop_low, drop_high, a, b, c, d])
 }
 
-/// What EVENT says, and the low 32 bits of its stamp. `None` when it is another frame, or says what no adapter of this
-/// version says.
+/// Decodes EVENT: the low 32 bits of its stamp, and the event. `None` for any other frame, or for an event that no
+/// adapter of this version sends.
 pub fn event_from_frame(frame: &Frame) -> Option<(u32, Event)> {
     let (function, _) = Function::of(frame.id())?;
     let data = frame.data().try_into().ok().filter(|_| function == Function::Event)?;
     event_from_data(data)
 }
 
-/// The same, of the data of such a frame.
+/// Decodes the data of an EVENT frame.
 pub(crate) fn event_from_data(
     [what, initiator, drop_low, drop_high, a, b, c, d]: [u8; MAX_CLASSIC],
 ) -> Option<(u32, Event)> {
@@ -255,7 +255,7 @@ pub(crate) fn event_from_data(
     Some((u32::from_le_bytes([a, b, c, d]), event))
 }
 
-/// What happened, if nothing was refused.
+/// Event kinds that are no refusals.
 const HOST_SILENT: u8 = 16;
 const HOST_SILENT_TORQUE_OFF: u8 = 17;
 const BUS_OFF: u8 = 32;
@@ -283,7 +283,7 @@ const fn refusal_code(reason: Refusal) -> u8 {
     }
 }
 
-/// Whose it was, if it was nobody's.
+/// The code for no initiator.
 const NOBODY: u8 = 0;
 
 const fn initiator_code(initiator: Initiator) -> u8 {
@@ -301,7 +301,7 @@ pub(super) fn frame(id: Id, words: [u16; 4]) -> Frame {
     Frame::padded(id, false, words.map(u16::to_le_bytes).as_flattened(), &[])
 }
 
-/// Whose frame it is, and its words. `None` when it has another function or length.
+/// The frame's node and words. `None` for another function or length.
 pub(super) fn words(frame: &Frame, function: Function) -> Option<(Node, [u16; 4])> {
     let (found, node) = Function::of(frame.id())?;
     let &[a, b, c, d, e, f, g, h] = frame.data() else {

@@ -1,7 +1,7 @@
-//! The control port's messages as bytes: postcard, and COBS around it where the bytes are a stream.
+//! The control port's messages as bytes: postcard, with COBS around it on byte streams.
 //!
-//! COBS is decoded as the bytes come, and encoded from a whole message, with the parts of `cobs` that have no path to a
-//! panic. postcard's own way to both has one.
+//! COBS is decoded byte by byte and encoded from a whole message, by the parts of `cobs` that have no path to a panic.
+//! postcard's own COBS functions have one.
 
 use core::fmt;
 
@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 /// The longest message in postcard format, in bytes.
 pub const MAX_MESSAGE: usize = 288;
 
-/// Bytes that COBS and the zero add to a message of any kind at most.
+/// Maximum overhead of COBS and the zero terminator, for a message of any kind.
 pub(crate) const COBS: usize = 4;
 
 /// A message on the control port: [`FromHost`](crate::control::FromHost) and [`FromAdapter`](crate::control::FromAdapter).
@@ -25,19 +25,17 @@ pub(crate) const COBS: usize = 4;
 /// assert_eq!(FromAdapter::sequence(&[1, 7, 99, 1, 2, 3]), None); // an event
 /// ```
 pub trait Message: Serialize + DeserializeOwned {
-    /// Whether bytes behind the last field are passed over, as fields that a later version has added. A host does so, to
-    /// learn what it can from a newer adapter. The adapter does not: a host that says more than is understood would take
-    /// for done what is not.
+    /// Accepts bytes after the last field, as later versions add them. A host does, to read the known part of a newer
+    /// adapter's message. The adapter does not: a newer host would take for done what the adapter does not understand.
     const MAY_GROW: bool;
 
-    /// How many numbers the messages of older versions lack at their end.
+    /// Numbers that the messages of older versions lack at their end.
     const SINCE_OLDER: &'static [usize];
 
-    /// Whether older versions lack numbers at the end of this message.
+    /// Returns true if older versions lack numbers at the end of this message.
     fn has_grown(&self) -> bool;
 
-    /// The sequence number in a message in postcard format, also where the rest of it cannot be read. `None` if there is
-    /// none.
+    /// The sequence number of a message in postcard format, even if the rest is not readable. `None` if it has none.
     fn sequence(bytes: &[u8]) -> Option<u8>;
 }
 
@@ -60,7 +58,7 @@ pub fn encode<T: Message>(message: &T, out: &mut [u8]) -> Result<usize, NoRoom> 
     write(message, out)
 }
 
-/// Writes whatever it is to the front of `out` in postcard format, and returns its length.
+/// Writes any value to the front of `out` in postcard format, and returns its length.
 pub(crate) fn write<T: Serialize>(value: &T, out: &mut [u8]) -> Result<usize, NoRoom> {
     let room = out.len();
     match postcard::to_slice(value, out) {
@@ -69,7 +67,7 @@ pub(crate) fn write<T: Serialize>(value: &T, out: &mut [u8]) -> Result<usize, No
     }
 }
 
-/// Writes `message` to the front of `out` as it goes over USB, the zero at its end included, and returns its length.
+/// Writes `message` to the front of `out` as sent over USB, including the zero terminator, and returns its length.
 ///
 /// # Errors
 ///
@@ -89,7 +87,7 @@ pub fn encode_cobs<T: Message>(message: &T, out: &mut [u8]) -> Result<usize, NoR
     add_cobs(scratch.get(..len).unwrap_or_default(), out)
 }
 
-/// Writes a message in postcard format to the front of `out` as it goes over USB, and returns its length.
+/// Writes a message in postcard format to the front of `out` as sent over USB, and returns its length.
 pub(crate) fn add_cobs(bytes: &[u8], out: &mut [u8]) -> Result<usize, NoRoom> {
     let no_room = NoRoom { room: out.len() };
     let len = cobs::try_encode(bytes, out).map_err(|_| no_room)?;
@@ -97,12 +95,12 @@ pub(crate) fn add_cobs(bytes: &[u8], out: &mut [u8]) -> Result<usize, NoRoom> {
     Ok(len.saturating_add(1))
 }
 
-/// Reads a message in postcard format, which `bytes` is all of; but a [`FromAdapter`](crate::control::FromAdapter) may have fields of a later version at
-/// its end, which are passed over.
+/// Decodes a message in postcard format that takes up all of `bytes`. A [`FromAdapter`](crate::control::FromAdapter)
+/// may have trailing fields of a later version, which are skipped.
 ///
 /// # Errors
 ///
-/// [`Malformed`] if it is no message of this version.
+/// [`Malformed`] if `bytes` are no message of this version.
 ///
 /// ```
 /// use armwire_bridge::control::{FromHost, Reason, decode};
@@ -126,9 +124,10 @@ pub fn decode<T: Message>(bytes: &[u8]) -> Result<T, Malformed> {
     })
 }
 
-/// Reads a value of an older version, which lacks so many numbers at its end: they are 0. `None` if `bytes` are not exactly that.
+/// Decodes a value of an older version. It lacks this many numbers at its end, which become 0. `None` if `bytes` do not
+/// match.
 pub(crate) fn read_older<T: DeserializeOwned>(bytes: &[u8], since_older: &[usize]) -> Option<T> {
-    // With a zero behind it, a number that was cut would be read as a smaller one.
+    // With a zero appended, a truncated number would be read as a smaller one.
     bytes.last().filter(|last| **last < 0x80)?;
     let mut completed = [0; MAX_MESSAGE];
     completed.get_mut(..bytes.len())?.copy_from_slice(bytes);
@@ -141,7 +140,7 @@ pub(crate) fn read_older<T: DeserializeOwned>(bytes: &[u8], since_older: &[usize
     })
 }
 
-/// Reads whatever it is in postcard format from the front of `bytes`, and returns what is behind it, too.
+/// Decodes any value in postcard format from the front of `bytes`, and returns the bytes after it, too.
 pub(crate) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<(T, &[u8]), Reason> {
     postcard::take_from_bytes(bytes).map_err(|error| match error {
         postcard::Error::DeserializeUnexpectedEnd => Reason::EndsEarly,
@@ -151,10 +150,10 @@ pub(crate) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<(T, &[u8]), Reas
 
 /// Finds the messages in a stream of bytes: each is COBS-encoded and ends with a zero byte.
 ///
-/// What cannot be read ends at the next zero byte, and costs nothing behind it. Zeros between messages mean nothing, so
-/// that either end can begin with one.
+/// A malformed message ends at the next zero byte and does not affect the following ones. Zeros between messages are
+/// ignored: either end may begin with one.
 ///
-/// `N` is the longest message in postcard format that it takes, in bytes.
+/// `N` is the maximum length of a message in postcard format, in bytes.
 ///
 /// ```
 /// use armwire_bridge::control::{FromHost, MAX_MESSAGE, Reader, Reason, Request};
@@ -174,7 +173,7 @@ pub(crate) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<(T, &[u8]), Reas
 #[derive(Debug)]
 pub struct Reader<const N: usize> {
     cobs: DecoderState,
-    /// What was decoded of the message, in the first `len`.
+    /// The decoded bytes of the message, in the first `len`.
     bytes: [u8; N],
     len: usize,
     state: State,
@@ -182,7 +181,7 @@ pub struct Reader<const N: usize> {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// Bytes are being taken, and those of this message that do not fit are not.
+    /// Bytes are decoded; bytes of this message that do not fit are dropped.
     Reading {
         too_long: bool,
     },
@@ -190,7 +189,7 @@ enum State {
 }
 
 impl<const N: usize> Reader<N> {
-    /// One that has seen nothing.
+    /// An empty reader.
     pub const fn new() -> Self {
         Self {
             cobs: DecoderState::Idle,
@@ -200,8 +199,8 @@ impl<const N: usize> Reader<N> {
         }
     }
 
-    /// Takes bytes up to the end of a message, and returns those behind it. As long as that message has not been taken
-    /// with [`next`](Self::next), it takes no more.
+    /// Consumes bytes up to the end of a message, and returns the rest. It consumes no more until that message was
+    /// taken by [`next`](Self::next).
     pub fn push<'a>(&mut self, bytes: &'a [u8]) -> &'a [u8] {
         let mut rest = bytes.iter();
         while let State::Reading { too_long } = self.state
@@ -212,7 +211,7 @@ impl<const N: usize> Reader<N> {
         rest.as_slice()
     }
 
-    /// The message that has ended, or why it cannot be read. `None` if none has.
+    /// The message that has ended, or the reason why it is malformed. `None` if none has ended.
     #[allow(
         clippy::should_implement_trait,
         reason = "an iterator cannot be asked for a type of message"
@@ -223,7 +222,7 @@ impl<const N: usize> Reader<N> {
         let message = match result {
             Ok(()) => decode(bytes),
             Err(reason) => Err(Malformed {
-                // What is no COBS may begin anywhere.
+                // Invalid COBS has no reliable beginning.
                 sequence: T::sequence(bytes).filter(|_| reason != Reason::NotCobs),
                 reason,
             }),
@@ -232,7 +231,7 @@ impl<const N: usize> Reader<N> {
         Some(message)
     }
 
-    /// Forgets what it has taken: the stream begins anew.
+    /// Clears the state: the stream starts anew.
     pub const fn clear(&mut self) {
         self.cobs = DecoderState::Idle;
         self.len = 0;
@@ -262,7 +261,7 @@ impl<const N: usize> Default for Reader<N> {
     }
 }
 
-/// A message that does not fit where it was to be written.
+/// The destination is too short for a message.
 ///
 /// ```
 /// use armwire_bridge::control::{FromHost, NoRoom, Request, encode};
@@ -270,56 +269,56 @@ impl<const N: usize> Default for Reader<N> {
 /// let message = FromHost { sequence: 7, request: Request::GetCounters };
 /// let error = encode(&message, &mut [0; 1]).unwrap_err();
 /// assert_eq!(error, NoRoom { room: 1 });
-/// assert_eq!(error.to_string(), "the message is longer than the 1 bytes there are for it");
+/// assert_eq!(error.to_string(), "the message does not fit into 1 bytes");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoRoom {
-    /// How many bytes there were for it.
+    /// Size of the destination, in bytes.
     pub room: usize,
 }
 
 impl fmt::Display for NoRoom {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "the message is longer than the {} bytes there are for it", self.room)
+        write!(f, "the message does not fit into {} bytes", self.room)
     }
 }
 
 impl core::error::Error for NoRoom {}
 
-/// Bytes that are no message of this version, nor a longer one of a later version.
+/// Bytes that are no message of this version, nor an extended one of a later version.
 ///
 /// ```
 /// use armwire_bridge::control::{Malformed, Reason};
 ///
 /// let malformed = Malformed { sequence: Some(7), reason: Reason::Surplus { bytes: 2 } };
-/// assert_eq!(malformed.to_string(), "message 7 has 2 bytes too many");
+/// assert_eq!(malformed.to_string(), "message 7 has 2 surplus bytes");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Malformed {
-    /// The message's sequence number, if that much could be read.
+    /// The message's sequence number, if it could be read.
     pub sequence: Option<u8>,
-    /// What is wrong with it.
+    /// The reason.
     pub reason: Reason,
 }
 
-/// Why bytes are no message of this version.
+/// The reason why bytes are no message of this version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Reason {
-    /// They are not COBS-encoded.
+    /// Invalid COBS.
     NotCobs,
-    /// The message is longer than the reader takes.
+    /// The message is longer than the reader's maximum.
     TooLong {
-        /// What it takes, in bytes.
+        /// The maximum, in bytes.
         max: usize,
     },
-    /// The message ends before all of its fields were there.
+    /// The message ends before its last field.
     EndsEarly,
-    /// A field has a value that it cannot have.
+    /// A field has an invalid value.
     Unknown,
-    /// There is more behind the last field of a message from a host.
+    /// A message from a host has bytes after its last field.
     Surplus {
-        /// How many bytes.
+        /// Number of bytes.
         bytes: usize,
     },
 }
@@ -339,8 +338,8 @@ impl fmt::Display for Reason {
             Self::NotCobs => f.write_str("is not COBS-encoded"),
             Self::TooLong { max } => write!(f, "is longer than {max} bytes"),
             Self::EndsEarly => f.write_str("ends too early"),
-            Self::Unknown => f.write_str("has a value that is not known"),
-            Self::Surplus { bytes } => write!(f, "has {bytes} bytes too many"),
+            Self::Unknown => f.write_str("has an unknown value"),
+            Self::Surplus { bytes } => write!(f, "has {bytes} surplus bytes"),
         }
     }
 }

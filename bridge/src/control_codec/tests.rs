@@ -1,4 +1,4 @@
-//! What the control port's messages become on the wire, and what becomes of bytes that are none.
+//! Encoding and decoding of the control port's messages.
 
 extern crate std;
 
@@ -239,7 +239,7 @@ fn the_longest_frame_fits_in_an_event() {
     assert!(encode(&event, &mut [0; MAX_EVENT]).is_ok());
 }
 
-/// All that a reader finds in these pieces of a stream.
+/// All messages and errors that a reader finds in these pieces of a stream.
 fn read<T: Message, const N: usize>(reader: &mut Reader<N>, pieces: &[&[u8]]) -> Vec<Result<T, Malformed>> {
     let mut heard = Vec::new();
     for piece in pieces {
@@ -252,7 +252,7 @@ fn read<T: Message, const N: usize>(reader: &mut Reader<N>, pieces: &[&[u8]]) ->
     heard
 }
 
-/// `bytes` in pieces that end at these places.
+/// `bytes`, split at these places.
 fn pieces<'a>(bytes: &'a [u8], cuts: &[prop::sample::Index]) -> Vec<&'a [u8]> {
     let mut ends: Vec<usize> = cuts.iter().map(|cut| cut.index(bytes.len() + 1)).collect();
     ends.push(bytes.len());
@@ -435,7 +435,7 @@ fn an_older_host_learns_the_version_of_a_newer_adapter() {
         sequence: 7,
         reply: Reply::Identity(identity),
     };
-    // It has one field more.
+    // The newer message has one more field.
     let newer = [&encoded(&known)[..], &[1]].concat();
     assert_eq!(decode(&newer), Ok(known.clone()));
 
@@ -450,7 +450,7 @@ fn an_older_host_learns_the_version_of_a_newer_adapter() {
     assert_eq!(heard, [Ok(known), Ok(next)]);
 }
 
-/// As many counts as version 2 has.
+/// The number of counters in version 2.
 const OLDER_COUNTS: [u8; 51] = [1; 51];
 
 #[test]
@@ -490,7 +490,7 @@ fn counters_that_are_cut_are_malformed() {
     };
     let mut bytes = [0; MAX_MESSAGE];
     let len = encode(&message, &mut bytes).unwrap();
-    // Without their last count they are those of version 3.
+    // Version 3 lacks the last counter.
     let older = [3 + OLDER_COUNTS.len(), len - 1];
     for cut in (3..len).filter(|cut| !older.contains(cut)) {
         let error = decode::<FromAdapter>(&bytes[..cut]).expect_err("a cut message");
@@ -506,7 +506,7 @@ fn the_requests_of_version_2_are_those_of_version_3() {
         request: Request::EndStream,
     };
     assert_eq!(decode(&[7, 11]), Ok(end_stream));
-    // Their numbers come behind those.
+    // The numbers of these requests follow.
     for (number, request) in [
         (12, Request::GetLine),
         (13, Request::HoldLine),

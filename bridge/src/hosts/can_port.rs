@@ -15,54 +15,54 @@ use armwire::time::{Duration, Instant};
 use super::cyclic::Cyclic;
 use super::grid;
 
-/// The longest message from a host on the control connection, in bytes. The longest there is, which sets the
+/// Maximum length of a message from a host on the control connection, in bytes. The longest, which sets the
 /// configuration, has 31.
 pub(crate) const MAX_REQUEST: usize = 64;
 
-/// Frames of the arm that wait to go out by ISO-TP, besides the one that is going.
+/// Capacity for frames of the arm that wait for ISO-TP, besides the one in transfer.
 const ANSWERS: usize = 4;
 
-/// Bytes of events that wait to go out on the control connection.
+/// Capacity for events on the control connection, in bytes.
 const EVENTS: usize = 192;
 
-/// Events that wait to go out as plain frames.
+/// Capacity for events as plain frames.
 const EVENT_FRAMES: usize = 4;
 
-/// How often the error counts go out while telemetry is on.
+/// Period of the error counts while telemetry is on.
 const ERRORS_PERIOD: Duration = Duration::from_millis(1_000);
 
-/// A frame from the bus that is not dealt with here.
+/// The outcome of a received frame that the caller must handle.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Received {
-    /// A request for the arm is whole.
+    /// A request for the arm is complete.
     Arm,
-    /// A control message is whole.
+    /// A control message is complete.
     Control,
-    /// A command is to move the arm by this request.
+    /// A command moves the arm by this request.
     Command(FrameBytes),
     /// A request, a message or a command was refused.
     Refused(Initiator, Refusal),
 }
 
-/// The adapter on the bus.
+/// The adapter's node on the bus.
 pub(crate) struct CanPort {
     config: config::Can,
     pub(crate) arm: Endpoint<MAX_FRAME, MAX_FRAME>,
-    /// When the last frame of a request for the arm came.
+    /// Arrival of the last frame of a request for the arm.
     pub(crate) arm_came: Instant,
     pub(crate) control: Endpoint<MAX_REQUEST, MAX_MESSAGE>,
     cyclic: Cyclic,
     answers: Deque<FrameBytes, ANSWERS>,
-    /// Control messages that wait, each behind its length.
+    /// Control messages that wait, each preceded by its length.
     events: Queue<EVENTS>,
     event_frames: Deque<[u8; MAX_CLASSIC], EVENT_FRAMES>,
-    /// When the error counts go out.
+    /// Time of the next error counts.
     errors_at: Option<Instant>,
-    /// Frames that the controller has, and how many of them, from the first, are gone when the last of each connection is.
+    /// Frames in the controller, and the number of them, from the first, up to the last frame of each connection.
     handed: u8,
     arm_handed: u8,
     control_handed: u8,
-    /// Until when time-outs have been dealt with.
+    /// Time up to which timeouts have expired.
     ticked: Instant,
 }
 
@@ -92,7 +92,7 @@ impl CanPort {
         }
     }
 
-    /// Other cyclic frames, on the same bus.
+    /// Changes the cyclic frames, on the same bus.
     pub(crate) fn adopt(&mut self, config: config::Can, counters: &mut Counters) {
         self.drop_half_command(counters);
         self.config = config;
@@ -105,7 +105,7 @@ impl CanPort {
         &self.config
     }
 
-    /// A frame came from the bus.
+    /// Handles a frame from the bus.
     pub(crate) fn received(&mut self, frame: &Frame, now: Instant, counters: &mut Counters) -> Option<Received> {
         count(&mut counters.can_frames_received, 1);
         let (function, node) = Function::of(frame.id())?;
@@ -135,24 +135,24 @@ impl CanPort {
         }
     }
 
-    /// The stream of commands is over: the next one must start anew.
+    /// Ends the stream of commands: the next command must start one.
     pub(crate) fn stop_commands(&mut self) {
         self.cyclic.stop_commands();
     }
 
-    /// The arm sent a frame, which may be telemetry.
+    /// Handles a frame of the arm, which may be telemetry.
     pub(crate) fn frame(&mut self, kind: ArmKind, bytes: &[u8], at: Instant) {
         self.cyclic.frame(kind, bytes, at);
     }
 
-    /// Whether an answer of the arm was queued. It is dropped where there is no room.
+    /// Queues an answer of the arm. Returns false if it was dropped because the queue is full.
     pub(crate) fn answer(&mut self, frame: &[u8]) -> bool {
-        // Nearly always the connection is free, and nothing waits for it.
+        // Usually the connection is free and nothing waits for it.
         let sent = self.answers.is_empty() && self.arm.send(frame).is_ok();
         sent || FrameBytes::from_slice(frame).is_ok_and(|frame| self.answers.push_back(frame).is_ok())
     }
 
-    /// Whether an event in postcard format was queued for the control connection.
+    /// Queues an event in postcard format for the control connection. Returns false if it does not fit.
     pub(crate) fn event(&mut self, message: &[u8]) -> bool {
         let fits = message.len() < self.events.room();
         if fits {
@@ -162,17 +162,17 @@ impl CanPort {
         fits
     }
 
-    /// Whether an event was queued as a plain frame, if it has one.
+    /// Queues an event as a plain frame, if it has one. Returns false if it does not fit.
     pub(crate) fn event_frame(&mut self, event: &Event, at: Instant) -> bool {
         event_to_data(event, Stamp(at.as_micros())).is_none_or(|data| self.event_frames.push_back(data).is_ok())
     }
 
-    /// Begins to send what waits for a connection that is free.
+    /// Starts pending transfers on free connections.
     fn feed(&mut self) {
         if self.arm_has_next()
             && let Some(frame) = self.answers.pop_front()
         {
-            // It is no longer than the connection's longest.
+            // Its length is within the connection's maximum.
             let _ = self.arm.send(&frame);
         }
         if self.control_has_next() {
@@ -182,8 +182,8 @@ impl CanPort {
         }
     }
 
-    /// Takes the next event to the front of `message` and returns its length, 0 if there is none.
-    // Not inlined: it takes more room than all else that those do who need it.
+    /// Moves the next event to the front of `message` and returns its length, 0 for none.
+    // Not inlined: it is larger than the rest of its callers.
     #[inline(never)]
     fn next_event(&mut self, message: &mut [u8; EVENTS]) -> usize {
         let mut len = [0];
@@ -192,17 +192,17 @@ impl CanPort {
         self.events.pop(message.get_mut(..len).unwrap_or_default())
     }
 
-    /// Whether an answer waits for a connection that is free.
+    /// Returns true if an answer waits for a free connection.
     fn arm_has_next(&self) -> bool {
         !self.arm.is_sending() && !self.answers.is_empty()
     }
 
-    /// Whether an event does. Replies go before events.
+    /// Returns true if an event waits for a free connection. Replies go before events.
     fn control_has_next(&self) -> bool {
         !self.control.is_sending() && self.control.received().is_none() && !self.events.is_empty()
     }
 
-    /// From when on [`transmit`](Self::transmit) has a frame, perhaps a time that has passed.
+    /// The time from which [`transmit`](Self::transmit) has a frame. It may lie in the past.
     fn transmit_at(&self) -> Option<Instant> {
         if !self.event_frames.is_empty() || self.arm_has_next() || self.control_has_next() {
             return Some(Instant::ZERO);
@@ -214,7 +214,7 @@ impl CanPort {
             .get()
     }
 
-    /// Whether [`transmit`](Self::transmit) has a frame.
+    /// Returns true if [`transmit`](Self::transmit) has a frame.
     pub(crate) fn is_due(&self, now: Instant) -> bool {
         self.transmit_at().is_some_and(|at| at <= now)
     }
@@ -234,7 +234,7 @@ impl CanPort {
         frame
     }
 
-    /// The controller still has `waiting` of the frames that it was handed. Whether there may be something new to wait for.
+    /// The controller still holds `waiting` frames. Returns true if there may be a new timeout or frame.
     pub(crate) fn sent(&mut self, waiting: u8, now: Instant) -> bool {
         let gone = self.handed.saturating_sub(waiting);
         if gone == 0 {
@@ -274,9 +274,9 @@ impl CanPort {
         Some(frame)
     }
 
-    /// When [`tick`](Self::tick) or [`transmit`](Self::transmit) has something to do.
+    /// The time at which [`tick`](Self::tick) or [`transmit`](Self::transmit) has work to do.
     pub(crate) fn timeout(&self) -> Option<Instant> {
-        // What is due since the last tick waits for the controller, not for the time.
+        // Frames due since the last tick wait for the controller, not for a timeout.
         let transmit_at = self.transmit_at().filter(|at| *at > self.ticked);
         Earliest::of(transmit_at)
             .or(self.arm.timeout())
@@ -285,7 +285,7 @@ impl CanPort {
             .get()
     }
 
-    /// It is `now`. A command whose other half did not come is refused.
+    /// Advances the time to `now`. A command without its other half is refused.
     pub(crate) fn tick(&mut self, now: Instant, counters: &mut Counters) -> Option<Refusal> {
         self.ticked = now;
         count_events(self.arm.tick(now), counters);
@@ -293,13 +293,13 @@ impl CanPort {
         self.cyclic.tick(now)
     }
 
-    /// The controller left the bus: ISO-TP transfers that were under way are given up.
+    /// The controller went bus-off: ISO-TP transfers in progress are aborted.
     pub(crate) fn on_bus_off(&mut self, counters: &mut Counters) {
         let given_up = self.arm.abort().saturating_add(self.control.abort());
         count(&mut counters.isotp_failures, given_up);
     }
 
-    /// There will be another port in place of this one: what waits is given up, too.
+    /// The port is about to be replaced: pending frames and transfers are dropped.
     pub(crate) fn close(&mut self, counters: &mut Counters) {
         self.on_bus_off(counters);
         let untaken = [self.arm.received(), self.control.received()].into_iter().flatten();
@@ -313,27 +313,27 @@ impl CanPort {
         self.drop_half_command(counters);
     }
 
-    /// Counts the command that waits for its other half, which will not come.
+    /// Counts the command that waits for its other half, which will not arrive.
     fn drop_half_command(&self, counters: &mut Counters) {
         let waits = self.cyclic.command_timeout().is_some();
         count(&mut counters.commands_incomplete, waits.into());
     }
 }
 
-/// When the error counts first go out.
+/// Time of the first error counts.
 fn first_errors(config: &config::Can) -> Option<Instant> {
     (config.telemetry_hz > 0).then_some(Instant::ZERO)
 }
 
-/// So many frames are gone. Whether with them the last of those that are counted here is.
+/// Subtracts the frames that left. Returns true if the last counted one is among them.
 fn leave(handed: &mut u8, gone: u8) -> bool {
     let before = core::mem::replace(handed, handed.saturating_sub(gone));
     before > 0 && *handed == 0
 }
 
-/// The outcome of a frame of a connection.
+/// The outcome of a frame for a connection.
 enum Outcome {
-    /// A PDU is whole.
+    /// A PDU is complete.
     Whole,
     /// A PDU was refused.
     Refused,

@@ -14,12 +14,12 @@ use armwire::time::Instant;
 
 use super::can_port::{CanPort, MAX_REQUEST};
 
-/// Bytes that wait for the host on USB.
+/// Capacity for bytes to the host on USB.
 const OUT: usize = 448;
 
-/// A request that is not answered at once, and its outcome once that is known.
+/// A request with a delayed reply, and its outcome once known.
 pub(super) struct Pending<T> {
-    /// The port that waits for the reply. `None` when its host has gone.
+    /// The port that waits for the reply. `None` if its host has gone.
     port: Option<ControlPort>,
     sequence: u8,
     outcome: Option<T>,
@@ -34,7 +34,7 @@ impl<T> Pending<T> {
         })
     }
 
-    /// The outcome is known. Without a host that waits for it, that is the end of it.
+    /// Sets the outcome. Without a waiting host the request ends here.
     fn end(pending: &mut Option<Self>, outcome: T) {
         if let Some(pending) = pending {
             pending.outcome = Some(outcome);
@@ -42,7 +42,7 @@ impl<T> Pending<T> {
         let _ = pending.take_if(|pending| pending.port.is_none());
     }
 
-    /// The host on this port has gone. Its request is not undone: no other of its kind is taken until it has ended.
+    /// The port's host has gone. Its request is not undone: no other of its kind is accepted until it has ended.
     fn forget(pending: &mut Option<Self>, port: ControlPort) {
         if let Some(pending) = pending.as_mut().filter(|pending| pending.port == Some(port)) {
             pending.port = None;
@@ -50,7 +50,7 @@ impl<T> Pending<T> {
         let _ = pending.take_if(|pending| pending.port.is_none() && pending.outcome.is_some());
     }
 
-    /// The outcome for the host on this port, if it is known.
+    /// Takes the outcome for this port's host, if it is known.
     fn take(pending: &mut Option<Self>, port: ControlPort) -> Option<(u8, T)> {
         let is_known = |pending: &mut Self| pending.port == Some(port) && pending.outcome.is_some();
         let pending = pending.take_if(is_known)?;
@@ -61,12 +61,12 @@ impl<T> Pending<T> {
 /// The control interface on USB.
 struct UsbPort {
     reader: Reader<MAX_REQUEST>,
-    /// The last packet, of which the first `read` bytes have been read.
+    /// The last packet, and the number of its bytes that have been read.
     packet: [u8; PACKET],
     len: usize,
     read: usize,
     out: Queue<OUT>,
-    /// The last packet to the host was full, so that the host waits for more.
+    /// The last packet to the host was full: the transfer is still open.
     is_open: bool,
 }
 
@@ -82,7 +82,7 @@ impl UsbPort {
         }
     }
 
-    /// The next message. `None` when none is whole.
+    /// The next message. `None` if none is complete.
     fn next(&mut self) -> Option<Result<FromHost, Malformed>> {
         let unread = self.packet.get(self.read..self.len).unwrap_or_default();
         let rest = self.reader.push(unread).len();
@@ -97,7 +97,7 @@ impl UsbPort {
         self.out.clear();
     }
 
-    /// Queues a message if at least `spare` bytes of room are left then, and returns whether it did.
+    /// Queues a message if at least `spare` bytes remain free afterwards. Returns true if it was queued.
     fn queue(&mut self, message: &[u8], spare: usize) -> bool {
         let fits = message.len().saturating_add(spare) <= self.out.room();
         if fits {
@@ -112,9 +112,9 @@ pub(super) struct ControlServer {
     usb: UsbPort,
     usb_subscription: Subscription,
     can_subscription: Subscription,
-    /// Frames that subscribers are told of when there is time: until then, others have something to send.
+    /// Frames for subscribers, encoded when nothing more urgent is due.
     frames: EventQueue,
-    /// A request to identify the arm, and the arm's answer, `None` for none.
+    /// A request to identify the arm, and its answer, `None` for none.
     pub(super) arm: Option<Pending<Result<Option<FrameBytes>, Failure>>>,
     /// A request to write or erase the configuration in flash.
     pub(super) flash: Option<Pending<Result<(), Failure>>>,
@@ -136,7 +136,7 @@ impl ControlServer {
         }
     }
 
-    // ---- Hosts that come and go ----
+    // ---- Hosts that leave ----
 
     /// The host on a port has gone.
     pub(super) fn forget(&mut self, port: ControlPort) {
@@ -148,7 +148,7 @@ impl ControlServer {
         }
     }
 
-    /// Whether a host on CAN waits for a reply that comes later.
+    /// Returns true if a host on CAN waits for a delayed reply.
     pub(super) fn owes_can(&self) -> bool {
         let arm = self.arm.as_ref().and_then(|pending| pending.port);
         let flash = self.flash.as_ref().and_then(|pending| pending.port);
@@ -170,7 +170,7 @@ impl ControlServer {
         }
     }
 
-    /// The next request on this port, if there is room for its reply.
+    /// The next request on this port, if its reply fits.
     pub(super) fn next_request(&mut self, port: ControlPort, can: &mut CanPort) -> Option<Result<FromHost, Malformed>> {
         match port {
             ControlPort::Usb => self.usb.next(),
@@ -182,7 +182,7 @@ impl ControlServer {
         }
     }
 
-    /// Whether a reply finds room on this port.
+    /// Returns true if a reply fits on this port.
     pub(super) fn has_reply_room(&self, port: ControlPort, can: &CanPort) -> bool {
         match port {
             ControlPort::Usb => self.usb.out.room() >= MAX_COBS,
@@ -201,13 +201,13 @@ impl ControlServer {
             ControlPort::Can => {
                 let mut bytes = [0; MAX_MESSAGE];
                 let len = encode(&message, &mut bytes).unwrap_or(0);
-                // There was room.
+                // The caller checked for room.
                 let _ = can.control.send(bytes.get(..len).unwrap_or_default());
             }
         }
     }
 
-    /// The arm has said what it is, or has not; or it could not be asked.
+    /// The identification has ended: with an answer, without one, or with a failure.
     pub(super) fn arm_identified(&mut self, answer: Result<Option<FrameBytes>, Failure>) {
         Pending::end(&mut self.arm, answer);
     }
@@ -217,7 +217,7 @@ impl ControlServer {
         Pending::end(&mut self.flash, result);
     }
 
-    /// The reply that the host on this port waits for, if it is known.
+    /// The delayed reply for this port's host, if it is known.
     pub(super) fn finished(&mut self, port: ControlPort, config: &Config) -> Option<(u8, Reply)> {
         if let Some((sequence, answer)) = Pending::take(&mut self.arm, port) {
             let identity = |answer| {
@@ -245,12 +245,12 @@ impl ControlServer {
         *self.subscription(port) = subscription;
     }
 
-    /// Whether anybody is told of frames.
+    /// Returns true if a port subscribes to frames.
     pub(super) const fn wants_frames(&self) -> bool {
         self.usb_subscription.frames || self.can_subscription.frames
     }
 
-    /// Tells subscribers of an event that is no frame, as far as there is room. Frames before it are told of first.
+    /// Publishes an event that is no frame, if it fits. Queued frames are published first.
     pub(super) fn tell(&mut self, at: Instant, event: &Event, can: &mut CanPort, counters: &mut Counters) {
         if self.usb_subscription.events || self.can_subscription.events {
             self.publish_all(can, counters);
@@ -258,7 +258,7 @@ impl ControlServer {
         }
     }
 
-    /// Tells subscribers of a frame when there is time, as far as there is room.
+    /// Queues a frame for publication, if it fits.
     pub(super) fn tell_frame(
         &mut self,
         at: Instant,
@@ -278,12 +278,12 @@ impl ControlServer {
         }
     }
 
-    /// Tells subscribers of all frames so far.
+    /// Publishes all queued frames.
     pub(super) fn publish_all(&mut self, can: &mut CanPort, counters: &mut Counters) {
         while self.publish(can, counters) {}
     }
 
-    /// Tells subscribers of the next frame, and returns whether there was one.
+    /// Publishes the next queued frame. Returns false if there was none.
     pub(super) fn publish(&mut self, can: &mut CanPort, counters: &mut Counters) -> bool {
         let mut bytes = FrameBytes::new();
         let Some((at, Queued::Frame(initiator))) = self.frames.pop(&mut bytes) else {
@@ -294,7 +294,7 @@ impl ControlServer {
         true
     }
 
-    /// Tells those subscribers of an event who want it, as far as there is room.
+    /// Publishes an event to the ports that subscribe to it, if it fits.
     #[inline(never)]
     fn publish_event(
         &mut self,
@@ -321,25 +321,25 @@ impl ControlServer {
         }
     }
 
-    /// Whether [`packet`](Self::packet) has something to do.
+    /// Returns true if [`packet`](Self::packet) has work to do.
     pub(super) fn is_packet_due(&self) -> bool {
         !self.usb.out.is_empty() || self.usb.is_open || !self.frames.is_empty() && self.usb_subscription.frames
     }
 
-    /// Whether there is a frame to tell of on the bus.
+    /// Returns true if a frame waits for publication on the bus.
     pub(super) fn is_can_due(&self) -> bool {
         !self.frames.is_empty() && self.can_subscription.frames
     }
 
-    /// Moves the next packet for the host on USB into `packet` and returns its length, 0 for one without data. `None` when there
-    /// is none, or after one step towards it.
+    /// Moves the next packet for the host on USB into `packet` and returns its length, 0 for a zero-length packet.
+    /// `None` if none is due, or after one step towards it.
     pub(super) fn packet(
         &mut self,
         packet: &mut [u8; PACKET],
         can: &mut CanPort,
         counters: &mut Counters,
     ) -> Option<usize> {
-        // To tell of a frame takes as long as all else that is done with it.
+        // Publication of a frame takes as long as all its other processing.
         if self.usb.out.len() < PACKET && self.publish(can, counters) {
             return None;
         }

@@ -12,7 +12,7 @@ use armwire::time::{Duration, Instant};
 
 use super::grid;
 
-/// Frames of a sample.
+/// Number of frames of a sample.
 const SAMPLE_FRAMES: usize = 3;
 
 /// Telemetry and commands of one node.
@@ -20,12 +20,12 @@ pub(super) struct Cyclic {
     node: Node,
     telemetry_hz: u16,
     commands: Commands,
-    /// The last state of the arm that has not gone out.
+    /// The newest state of the arm that was not sent.
     newest: Option<(JointState, Instant)>,
-    /// The sample that is going out, and how many of its frames have.
+    /// The sample in transmission, and the number of its frames that were sent.
     sample: Option<(Sample, usize)>,
     samples: u8,
-    /// When the next sample may begin.
+    /// Earliest start of the next sample.
     sample_at: Instant,
 }
 
@@ -43,7 +43,7 @@ impl Cyclic {
         }
     }
 
-    /// Other telemetry and commands, on the same bus. The sample that is going out goes on.
+    /// Changes telemetry and commands, on the same bus. A sample in transmission continues.
     pub(super) fn adopt(&mut self, config: &config::Can) {
         *self = Self {
             sample: self.sample.take(),
@@ -54,7 +54,7 @@ impl Cyclic {
 
     // ---- Commands ----
 
-    /// A command frame came: the request that moves the arm, or why there is none.
+    /// Handles a command frame. Returns the request that moves the arm, or the reason for a refusal.
     pub(super) fn receive(&mut self, frame: &Frame, now: Instant) -> Option<Result<FrameBytes, Refusal>> {
         let target = match self.commands.receive(frame, now)? {
             Ok(target) => target,
@@ -67,24 +67,24 @@ impl Cyclic {
         Some(Ok(bytes))
     }
 
-    /// The stream of commands is over: the next one must start anew.
+    /// Ends the stream of commands: the next command must start one.
     pub(super) fn stop_commands(&mut self) {
         self.commands.stop();
     }
 
-    /// When the command that waits for its other half is given up.
+    /// The timeout of a command that waits for its other half.
     pub(super) fn command_timeout(&self) -> Option<Instant> {
         self.commands.timeout()
     }
 
-    /// It is `now`. A command whose other half did not come is refused.
+    /// Advances the time to `now`. A command without its other half is refused.
     pub(super) fn tick(&mut self, now: Instant) -> Option<Refusal> {
         self.commands.tick(now)
     }
 
     // ---- Telemetry ----
 
-    /// The arm sent a frame, the last byte of which arrived at `at`.
+    /// Handles a frame of the arm, the last byte of which arrived at `at`.
     pub(super) fn frame(&mut self, kind: ArmKind, bytes: &[u8], at: Instant) {
         if self.telemetry_hz > 0
             && kind == ArmKind::Ling
@@ -94,7 +94,7 @@ impl Cyclic {
         }
     }
 
-    /// From when on there is a frame to send.
+    /// The time from which a frame is due.
     pub(super) fn transmit_at(&self) -> Option<Instant> {
         match self.sample {
             Some(_) => Some(Instant::ZERO),

@@ -1,6 +1,6 @@
 //! The hosts' side of the adapter: the CAN bus, the control port, the configuration and the events for subscribers.
 //!
-//! It owns no part of the line to the arm: it hands [`Line`] requests and takes what the line delivers.
+//! It owns no part of the line to the arm: it submits requests to [`Line`] and takes its deliveries.
 
 mod can_port;
 mod control_server;
@@ -30,7 +30,7 @@ pub(crate) struct Hosts {
     identity: Identity,
     config: Config,
     can: CanPort,
-    /// The port whose host changed the configuration of the bus, until the bus is set up anew.
+    /// The port whose host changed the configuration of the bus, until the controller is reinitialised.
     can_change: Option<ControlPort>,
     control: ControlServer,
     /// Actions that firmware has not taken yet.
@@ -40,7 +40,7 @@ pub(crate) struct Hosts {
 }
 
 impl Hosts {
-    /// The adapter is configured as from the factory if it cannot be as `config` says.
+    /// An invalid `config` is replaced by the factory defaults.
     pub(crate) fn new(identity: Identity, config: Config) -> Self {
         let config = match check(&identity, &config) {
             Ok(()) => config,
@@ -73,7 +73,7 @@ impl Hosts {
 
     // ---- The line ----
 
-    /// Takes what the line delivers, and hands it the requests of CAN for which it has room.
+    /// Takes the line's deliveries, and submits as many requests of CAN as the line has room for.
     pub(crate) fn update(&mut self, line: &mut Line, now: Instant) {
         self.take_deliveries(line);
         if let Some(answer) = line.identified() {
@@ -83,9 +83,9 @@ impl Hosts {
         self.submit(line, now);
     }
 
-    /// Takes what the line delivers.
+    /// Takes the line's deliveries.
     fn take_deliveries(&mut self, line: &mut Line) {
-        // Nearly always there is nothing.
+        // Usually there is none.
         if line.has_delivery() {
             let mut bytes = FrameBytes::new();
             while let Some((at, queued)) = line.delivery(&mut bytes) {
@@ -97,7 +97,7 @@ impl Hosts {
         }
     }
 
-    /// The arm sent a frame.
+    /// Handles a frame of the arm.
     fn deliver_frame(&mut self, bytes: &[u8], initiator: Option<Initiator>, at: Instant) {
         let on_can = match initiator {
             Some(initiator) => initiator == Initiator::Can,
@@ -111,7 +111,7 @@ impl Hosts {
             .tell_frame(at, initiator, bytes, &mut self.can, &mut self.counters);
     }
 
-    /// Tells hosts of an event: on CAN as a frame by itself, and subscribers.
+    /// Publishes an event: as a CAN frame, and to subscribers.
     fn tell(&mut self, event: &Event, at: Instant) {
         if !self.can.event_frame(event, at) {
             count(&mut self.counters.dropped_events, 1);
@@ -122,12 +122,12 @@ impl Hosts {
     /// Refuses a request from the bus.
     fn refuse(&mut self, initiator: Initiator, reason: Refusal, line: &mut Line, now: Instant) {
         line.count_refusal(reason);
-        // Frames and events before it are told of first.
+        // Earlier frames and events are published first.
         self.take_deliveries(line);
         self.tell(&Event::Refused { initiator, reason }, now);
     }
 
-    /// Hands the line requests from the bus, as far as it has room for them.
+    /// Submits requests from the bus, as many as the line has room for.
     fn submit(&mut self, line: &mut Line, now: Instant) {
         while self.can_change.is_none()
             && let Some(pdu) = self.can.arm.received()
@@ -143,7 +143,7 @@ impl Hosts {
         }
     }
 
-    /// Tells the line whether anybody but the host on USB wants its frames.
+    /// Updates the line's flag for listeners other than the host on USB.
     pub(crate) fn watch(&self, line: &mut Line) {
         let can = self.can.config();
         line.watch(self.control.wants_frames() || can.telemetry_hz > 0 || self.config.can.unsolicited);
@@ -155,7 +155,7 @@ impl Hosts {
         self.control.has_packet_room()
     }
 
-    /// The host sent a packet. Returns whether there is room for the next.
+    /// Handles a packet of the host. Returns true if the next one fits.
     pub(crate) fn packet_received(&mut self, packet: &[u8], line: &mut Line, now: Instant) -> bool {
         self.control.packet_received(packet);
         self.serve(line, now);
@@ -182,13 +182,13 @@ impl Hosts {
 
     // ---- The CAN bus ----
 
-    /// A frame came from the bus.
+    /// Handles a frame from the bus.
     pub(crate) fn can_received(&mut self, frame: &Frame, line: &mut Line, now: Instant) {
         let was_replying = self.can.control.is_sending();
         match self.can.received(frame, now, &mut self.counters) {
             Some(Received::Arm) => self.submit(line, now),
             Some(Received::Control) => self.serve(line, now),
-            // The bus may be the one before a change of the configuration.
+            // The frame may precede a change of the configuration.
             Some(Received::Command(request)) if self.config.can.commands => line.command(&request, now),
             Some(Received::Refused(initiator, refusal)) => self.refuse(initiator, refusal, line, now),
             Some(Received::Command(_)) | None => {}
@@ -212,7 +212,7 @@ impl Hosts {
         frame
     }
 
-    /// The controller still has `waiting` of the frames that it was handed. Returns whether a connection may have more.
+    /// The controller still holds `waiting` frames. Returns true if a connection may have more.
     pub(crate) fn can_sent(&mut self, waiting: u8, now: Instant) -> bool {
         self.can.sent(waiting, now)
     }
@@ -224,7 +224,7 @@ impl Hosts {
         c.dropped_can_frames = c.dropped_can_frames.wrapping_add(errors.unsent);
     }
 
-    /// The controller left the bus (`off`), or is back on it. ISO-TP transfers that were under way are given up.
+    /// The controller went bus-off (`off`) or recovered. ISO-TP transfers in progress are aborted.
     pub(crate) fn can_bus_off(&mut self, off: bool, line: &mut Line, now: Instant) {
         self.take_deliveries(line);
         if off {
@@ -252,12 +252,12 @@ impl Hosts {
         self.serve_behind_reply(was_replying, line, now);
     }
 
-    /// The bytes of the last request on CAN, if the line has had no room for it.
+    /// The length of the last request on CAN, if the line has had no room for it.
     fn last_request(&self) -> usize {
         self.can.arm.received().map_or(0, <[u8]>::len)
     }
 
-    /// Drops what is left of the hosts on CAN that have fallen silent.
+    /// Drops the pending requests and commands of the hosts on CAN that have gone silent.
     fn drop_silenced(&mut self, silenced: Silenced) {
         if silenced.can {
             self.can.arm.release();
@@ -270,7 +270,7 @@ impl Hosts {
     /// The next action for firmware, once.
     pub(crate) fn action(&mut self, line: &mut Line, now: Instant) -> Option<Action> {
         self.take_deliveries(line);
-        // The reply goes out on the bus as it was, and the arm owes no host there an answer.
+        // The reply goes out on the old bus configuration, and no host on CAN waits for an answer of the arm.
         let is_replied = |port: &mut ControlPort| {
             *port == ControlPort::Usb || !self.can.control.is_sending() && !self.control.owes_can()
         };
@@ -288,14 +288,14 @@ impl Hosts {
         self.save.take().or_else(|| self.restart.take_if(|_| may_restart))
     }
 
-    /// The configuration was written to flash, or erased there.
+    /// Handles the result of a write or an erase of the configuration in flash.
     pub(crate) fn saved(&mut self, result: Result<(), Failure>, line: &mut Line, now: Instant) {
         let counter = match result {
             Ok(()) => &mut self.counters.config_saves,
             Err(_) => &mut self.counters.config_failures,
         };
         count(counter, 1);
-        // Nobody was heard while the flash was written.
+        // No host could be received while the flash was written.
         line.hosts_heard(now);
         self.control.saved(result);
         self.serve(line, now);
@@ -303,28 +303,28 @@ impl Hosts {
 
     // ---- Requests on the control port ----
 
-    /// Answers the requests on the control port, as far as there is room for the replies.
+    /// Executes the requests on the control port, as far as the replies fit.
     fn serve(&mut self, line: &mut Line, now: Instant) {
         loop {
-            // An arm that cannot be asked is identified at once.
+            // A failed identification is complete at once.
             if let Some(answer) = line.identified() {
                 self.control.arm_identified(answer);
             }
-            // The request of one host may end what another waits for.
+            // The request of one host may complete another's.
             if !(self.serve_port(ControlPort::Usb, line, now) | self.serve_port(ControlPort::Can, line, now)) {
                 return;
             }
         }
     }
 
-    /// Serves hosts if a reply on CAN that was under way is out or given up: there may be room for the next one.
+    /// Serves the ports if a reply on CAN in transfer was sent or aborted: the next one may fit.
     fn serve_behind_reply(&mut self, was_replying: bool, line: &mut Line, now: Instant) {
         if was_replying && !self.can.control.is_sending() {
             self.serve(line, now);
         }
     }
 
-    /// Serves one port, and returns whether there was anything to do.
+    /// Serves one port. Returns true if a request was executed.
     fn serve_port(&mut self, port: ControlPort, line: &mut Line, now: Instant) -> bool {
         let mut any = false;
         while self.control.has_reply_room(port, &self.can) {
@@ -332,10 +332,10 @@ impl Hosts {
                 Some(reply) => Some(reply),
                 None => match self.control.next_request(port, &mut self.can) {
                     Some(request) => {
-                        // Frames and events before it are for those who subscribed before it.
+                        // Earlier frames and events belong to the earlier subscription.
                         self.publish_deliveries(line);
                         let reply = self.handle_request(port, request, line, now);
-                        // Its own events go before the reply.
+                        // The request's own events go before the reply.
                         self.publish_deliveries(line);
                         reply
                     }
@@ -350,13 +350,13 @@ impl Hosts {
         any
     }
 
-    /// Tells subscribers of all that the line delivers.
+    /// Publishes all deliveries of the line.
     fn publish_deliveries(&mut self, line: &mut Line) {
         self.take_deliveries(line);
         self.control.publish_all(&mut self.can, &mut self.counters);
     }
 
-    /// Does what a host asks. `None` when the reply comes later.
+    /// Executes a host's request. `None` if the reply is delayed.
     fn handle_request(
         &mut self,
         port: ControlPort,
@@ -436,7 +436,7 @@ impl Hosts {
         Some((sequence, reply))
     }
 
-    /// The adapter starts again once torque-off is out, if a stream is armed.
+    /// Restarts the adapter. If a stream is armed, torque-off goes out first.
     fn restart(&mut self, action: Action, line: &mut Line, now: Instant) -> Reply {
         let silenced = line.disarm(self.last_request(), now);
         self.drop_silenced(silenced);
@@ -444,7 +444,7 @@ impl Hosts {
         Reply::Done
     }
 
-    /// The adapter is from now on as `config` says, by request of a host on a port.
+    /// Applies `config` by request of a host on a port.
     fn configure(&mut self, config: Config, by: ControlPort, line: &mut Line, now: Instant) {
         let was = core::mem::replace(&mut self.config, config);
         if config.can.bus() != was.can.bus() {
@@ -461,7 +461,7 @@ impl Hosts {
     }
 }
 
-/// Whether an adapter can be configured like that.
+/// Checks the configuration against the limits and the board.
 fn check(identity: &Identity, config: &Config) -> Result<(), ConfigError> {
     config.check()?;
     match config.can.data_bit_rate {

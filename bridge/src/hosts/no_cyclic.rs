@@ -1,11 +1,11 @@
-//! No cyclic frames: they are a Ling arm's, whose protocol is not compiled in.
+//! A stub without cyclic frames: they belong to the Ling arm, whose protocol is not compiled in.
 
 use crate::can::Frame;
 use crate::config::{self, ArmKind};
 use crate::control::{FrameBytes, Refusal};
 use armwire::time::Instant;
 
-/// Neither telemetry nor commands.
+/// No telemetry and no commands.
 pub(super) struct Cyclic;
 
 impl Cyclic {

@@ -1,21 +1,21 @@
-//! How an endpoint treats its bus.
+//! Parameters of an endpoint.
 
 use armwire::OutOfRange;
 use armwire::time::Duration;
 
 use crate::can::Id;
 
-/// The frames an endpoint sends. It receives both kinds, of any length.
+/// The kind of frames an endpoint sends. It receives both kinds, of any length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Link {
     /// Classic frames, padded to 8 bytes.
     Classic,
-    /// FD frames of up to 64 bytes, padded to 8 bytes or the next length there is.
+    /// FD frames of up to 64 bytes, padded to 8 bytes or the next valid length.
     Fd,
 }
 
-/// How an [`Endpoint`](super::Endpoint) sends, what it asks of those who send to it, and how long it waits.
+/// Parameters of an [`Endpoint`](super::Endpoint): its sending, its requests to senders, and its timeouts.
 ///
 /// ```
 /// use armwire_bridge::Duration;
@@ -33,29 +33,29 @@ pub enum Link {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    /// Which frames it sends.
+    /// The kind of frames it sends.
     pub link: Link,
     /// The identifier of all frames it sends, flow control included.
     pub tx: Id,
-    /// BS, what it asks for: how many consecutive frames may come before it must be asked again, 0 for any number.
+    /// BS, requested from senders: the number of consecutive frames before the next flow control, 0 for no limit.
     pub block_size: u8,
-    /// STmin, what it asks for: the least time between consecutive frames.
+    /// STmin, requested from senders: the minimum time between consecutive frames.
     pub st_min: SeparationTime,
-    /// N_As: how long a frame of a PDU that has begun may take to [leave](super::Endpoint::transmitted) once it is due.
+    /// N_As: the timeout for a due frame of a PDU in transfer to [leave](super::Endpoint::transmitted) the controller.
     pub n_as: Duration,
-    /// N_Bs: how long the other side may take for a flow control frame.
+    /// N_Bs: the timeout for the other side's flow control frame.
     pub n_bs: Duration,
-    /// N_Cr: how long the other side may take for a consecutive frame. It begins when flow control is handed over, and anew
-    /// when that has left; so it ends the wait for that, too, and there is no N_Ar.
+    /// N_Cr: the timeout for the other side's consecutive frame. It starts when flow control is handed over, and again
+    /// when flow control has left. It therefore also covers flow control that never leaves, and there is no N_Ar.
     pub n_cr: Duration,
-    /// How often in a row the other side may say that it is not ready. The standard has it limit itself (N_WFTmax); one that
-    /// does not would hold the endpoint for ever.
+    /// The maximum number of consecutive WAIT frames from the other side. The standard limits the sender of WAIT frames
+    /// (N_WFTmax); one without a limit would block the endpoint forever.
     pub max_waits: u8,
 }
 
 impl Config {
-    /// Anything may come at once; all time-outs are the 1000 ms of the standard (section 9.8), and the tenth wait
-    /// in a row is one too many.
+    /// No limits for senders; all timeouts are the standard's 1000 ms (section 9.8); the tenth consecutive WAIT aborts
+    /// the transfer.
     pub const fn new(link: Link, tx: Id) -> Self {
         Self {
             link,
@@ -70,7 +70,7 @@ impl Config {
     }
 }
 
-/// STmin, the least time between consecutive frames: 0 to 127 ms, or 100 to 900 µs.
+/// STmin, the minimum time between consecutive frames: 0 to 127 ms, or 100 to 900 µs.
 ///
 /// ```
 /// use armwire_bridge::Duration;
@@ -87,17 +87,17 @@ impl Config {
 pub struct SeparationTime(u8);
 
 impl SeparationTime {
-    /// None: as fast as the bus allows.
+    /// No separation: as fast as the bus allows.
     pub const ZERO: Self = Self(0);
 
-    /// Milliseconds at most.
+    /// Maximum number of milliseconds.
     const MAX_MILLIS: u8 = 0x7F;
 
     /// `millis` milliseconds, 0..=127.
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when it is longer.
+    /// [`OutOfRange`] for more than 127 ms.
     pub const fn from_millis(millis: u8) -> Result<Self, OutOfRange> {
         if millis > Self::MAX_MILLIS {
             return Err(out_of_range("ms", millis, 0, Self::MAX_MILLIS));
@@ -109,7 +109,7 @@ impl SeparationTime {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when it is shorter or longer.
+    /// [`OutOfRange`] for a value outside 1 to 9.
     pub const fn from_hundreds_of_micros(hundreds: u8) -> Result<Self, OutOfRange> {
         match hundreds {
             1..=9 => Ok(Self(0xF0 | hundreds)),
@@ -117,7 +117,7 @@ impl SeparationTime {
         }
     }
 
-    /// What a flow control frame says. A reserved value is read as 127 ms.
+    /// Decodes the byte of a flow control frame. A reserved value is read as 127 ms.
     pub const fn from_byte(byte: u8) -> Self {
         match byte {
             0..=Self::MAX_MILLIS | 0xF1..=0xF9 => Self(byte),
@@ -125,12 +125,12 @@ impl SeparationTime {
         }
     }
 
-    /// What a flow control frame says.
+    /// Encodes the byte of a flow control frame.
     pub const fn to_byte(self) -> u8 {
         self.0
     }
 
-    /// How long it is.
+    /// The separation as a duration.
     pub const fn duration(self) -> Duration {
         let micros = match self.0 {
             millis @ 0..=Self::MAX_MILLIS => millis as u32 * 1_000,

@@ -13,11 +13,11 @@ use crate::can::Frame;
 /// The longest PDU of an [`Endpoint`], in bytes.
 pub const MAX_PDU: usize = pci::MAX_SHORT_FIRST as usize;
 
-/// One end of a connection: it may receive one PDU while it sends another.
+/// One end of a connection. It can send a PDU and receive another at the same time.
 ///
-/// `RX` and `TX` are the longest PDUs it receives and sends, in bytes, 1 to [`MAX_PDU`].
+/// `RX` and `TX` are the maximum lengths of received and sent PDUs, in bytes, 1 to [`MAX_PDU`].
 ///
-/// Nobody has to poll: after each call, what may have become possible is said there.
+/// No polling is needed: each method names the calls that may have become useful.
 pub struct Endpoint<const RX: usize, const TX: usize> {
     config: Config,
     receiver: Receiver,
@@ -27,7 +27,7 @@ pub struct Endpoint<const RX: usize, const TX: usize> {
 }
 
 impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
-    /// An endpoint that neither receives nor sends. Does not compile when `RX` or `TX` is not 1 to [`MAX_PDU`].
+    /// An idle endpoint. Fails to compile if `RX` or `TX` is not 1 to [`MAX_PDU`].
     pub const fn new(config: Config) -> Self {
         const {
             assert!(
@@ -44,11 +44,11 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
         }
     }
 
-    // ---- What comes in ----
+    // ---- Receiving ----
 
-    /// A frame for this endpoint came, with this data.
+    /// Handles a frame for this endpoint with this data.
     ///
-    /// Then ask [`received`](Self::received), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
+    /// Call [`received`](Self::received), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout) afterwards.
     pub fn receive(&mut self, data: &[u8], now: Instant) -> Events {
         let config = &self.config;
         let event = match pci::parse(data) {
@@ -73,25 +73,25 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
         }
     }
 
-    /// The PDU that was received. It stays until it is [released](Self::release), and no other is taken until then.
+    /// The received PDU. It stays until it is [released](Self::release), and no other is accepted until then.
     pub fn received(&self) -> Option<&[u8]> {
         self.rx.get(..self.receiver.whole()?)
     }
 
-    /// Makes room for the next PDU. Does nothing when none was received.
+    /// Makes room for the next PDU. Does nothing if none was received.
     pub fn release(&mut self) {
         self.receiver.release();
     }
 
-    // ---- What goes out ----
+    // ---- Sending ----
 
-    /// Begins to send a PDU.
+    /// Starts the transfer of a PDU.
     ///
-    /// Then ask [`transmit_at`](Self::transmit_at).
+    /// Call [`transmit_at`](Self::transmit_at) afterwards.
     ///
     /// # Errors
     ///
-    /// [`SendError`] when it cannot be sent, or not now. Nothing is changed.
+    /// [`SendError`] if it cannot be sent, or not now. Nothing changes.
     ///
     /// ```
     /// use armwire_bridge::can::Id;
@@ -120,13 +120,13 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
         Ok(())
     }
 
-    /// Whether a PDU is being sent. When it no longer is, and no event said why, it was handed over whole.
+    /// Returns true while a PDU is being sent. If it ended without an event, all its frames were handed over.
     pub fn is_sending(&self) -> bool {
         !self.sender.is_idle()
     }
 
-    /// From when on [`transmit`](Self::transmit) has a frame, perhaps a time that has passed. `None` when it has none
-    /// unless something happens before.
+    /// The time from which [`transmit`](Self::transmit) has a frame; it may lie in the past. `None` if no frame follows
+    /// without another event.
     pub fn transmit_at(&self) -> Option<Instant> {
         if self.receiver.has_answer() {
             return Some(Instant::ZERO);
@@ -134,22 +134,23 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
         some(self.sender.transmit_at())
     }
 
-    /// The next frame for the bus, if one is due: flow control before all else.
+    /// The next frame for the bus, if one is due. Flow control goes first.
     ///
-    /// Hand it over, in this order, and say when it has [left](Self::transmitted). More may be handed over before, but the
-    /// next consecutive frame is not due until then if the other side asked for a separation. What is not said to have left
-    /// counts as stuck after [`n_as`](Config::n_as), unless it is answered.
+    /// Send the frames in this order, and call [`transmitted`](Self::transmitted) when they have left. More frames may
+    /// be handed over before that, but with a separation time the next consecutive frame is not due until then. A frame
+    /// that is not reported as transmitted counts as stuck after [`n_as`](Config::n_as), unless it is answered.
     ///
-    /// Then ask [`is_sending`](Self::is_sending), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
+    /// Call [`is_sending`](Self::is_sending), [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout)
+    /// afterwards.
     pub fn transmit(&mut self, now: Instant) -> Option<Frame> {
         let answer = self.receiver.transmit(&self.config, now);
         answer.or_else(|| self.sender.transmit(&self.tx, &self.config, now))
     }
 
-    /// All frames that [`transmit`](Self::transmit) gave have left: times that the standard measures from the end of a
-    /// frame begin now. Does nothing when that was said before.
+    /// All frames from [`transmit`](Self::transmit) have left the controller. Times that the standard measures from the
+    /// end of a frame start now. Does nothing if called again for the same frames.
     ///
-    /// Then ask [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout).
+    /// Call [`transmit_at`](Self::transmit_at) and [`timeout`](Self::timeout) afterwards.
     ///
     /// ```
     /// use armwire_bridge::Instant;
@@ -160,7 +161,7 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
     /// endpoint.send(&[0; 20]).unwrap();
     /// assert!(endpoint.transmit(Instant::ZERO).is_some());
     /// assert_eq!(endpoint.timeout(), Some(Instant::from_micros(1_000_000)));
-    /// // Others had the bus for 300 µs.
+    /// // Other nodes had the bus for 300 µs.
     /// endpoint.transmitted(Instant::from_micros(430));
     /// assert_eq!(endpoint.timeout(), Some(Instant::from_micros(1_000_430)));
     /// ```
@@ -171,16 +172,16 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
 
     // ---- Time ----
 
-    /// When to call [`tick`](Self::tick), unless something happens before. `None` when nothing is waited for.
+    /// The time of the next [`tick`](Self::tick) unless another event comes first. `None` if no timeout is running.
     pub fn timeout(&self) -> Option<Instant> {
         some(self.receiver.timeout().min(self.sender.timeout(&self.config)))
     }
 
-    /// It is `now`: a PDU whose next frame is late, in coming or in leaving, is given up. What was handed over of it
-    /// and has not left may be taken back; what leaves later does no harm here, and an answer to it is ignored while nothing
-    /// else is being sent.
+    /// Advances the time to `now`: a PDU whose next frame is late is aborted, in either direction. Its frames that are
+    /// still in the controller may be withdrawn. Frames of it that leave later are harmless, and an answer to them is
+    /// ignored while no other PDU is being sent.
     ///
-    /// Call [`receive`](Self::receive) first with what came before. Then ask [`is_sending`](Self::is_sending).
+    /// Pass earlier frames to [`receive`](Self::receive) first. Call [`is_sending`](Self::is_sending) afterwards.
     pub fn tick(&mut self, now: Instant) -> Events {
         Events {
             first: self.receiver.tick(&self.config, now),
@@ -188,8 +189,8 @@ impl<const RX: usize, const TX: usize> Endpoint<RX, TX> {
         }
     }
 
-    /// Gives up what is being received and sent, without an event, as after bus-off, and returns how many PDUs that were.
-    /// One that is whole stays.
+    /// Aborts both transfers without an event, for example after bus-off, and returns the number of aborted PDUs. A
+    /// complete PDU stays.
     ///
     /// ```
     /// # use armwire_bridge::Instant;

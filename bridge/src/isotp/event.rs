@@ -1,24 +1,24 @@
-//! What an endpoint has to say.
+//! Events and errors of an endpoint.
 
 use core::fmt;
 
 use armwire::time::Duration;
 
-/// What happened. What succeeds in sending is no event: [`is_sending`](super::Endpoint::is_sending) says so.
+/// An event of an endpoint. A successful transfer has none: [`is_sending`](super::Endpoint::is_sending) becomes false.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Event {
-    /// A PDU is whole: [`received`](super::Endpoint::received) has it.
+    /// A PDU is complete: [`received`](super::Endpoint::received) returns it.
     Received,
-    /// A PDU was not taken. If it would have taken more than one frame, its sender is told.
+    /// A PDU was refused. Its sender is notified if the PDU needs more than one frame.
     Refused(Refused),
-    /// A PDU was given up in the middle.
+    /// A transfer was aborted.
     Failed(Error),
-    /// A frame changed nothing, as the standard has it.
+    /// A frame was ignored, as the standard requires.
     Ignored(Ignored),
 }
 
-/// What came of one call: nothing, one event, or two when a frame ended one PDU and began another.
+/// The events of one call: none, one, or two if a frame ended one PDU and began another.
 ///
 /// ```
 /// # use armwire_bridge::Instant;
@@ -47,13 +47,13 @@ impl Iterator for Events {
     }
 }
 
-/// Why a PDU was given up. The names in brackets are those of the standard (ISO 15765-2:2016, 8.3.7).
+/// The reason for an aborted transfer. Names in brackets are those of the standard (ISO 15765-2:2016, 8.3.7).
 ///
 /// ```
 /// use armwire_bridge::isotp::Error;
 ///
 /// let error = Error::WrongSequenceNumber { expected: 3, got: 4 };
-/// assert_eq!(error.to_string(), "receiving: consecutive frame 3 was expected, 4 came");
+/// assert_eq!(error.to_string(), "receiving: expected consecutive frame 3, got 4");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -61,21 +61,21 @@ impl Iterator for Events {
 pub enum Error {
     /// Sending: a frame did not leave in time (N_TIMEOUT_A).
     NotTransmitted {
-        /// How long it was waited for.
+        /// The timeout.
         waited: Duration,
         /// The length of the PDU.
         len: usize,
-        /// The bytes of it that were handed over, those that have not left included.
+        /// The number of bytes handed over, including those that have not left.
         handed: usize,
     },
-    /// Sending: flow control did not come in time (N_TIMEOUT_Bs).
+    /// Sending: flow control did not arrive in time (N_TIMEOUT_Bs).
     NoFlowControl {
-        /// How long it was waited for.
+        /// The timeout.
         waited: Duration,
     },
-    /// Sending: the receiver said too often in a row that it is not ready (N_WFT_OVRN).
+    /// Sending: the receiver sent too many consecutive WAIT frames (N_WFT_OVRN).
     TooManyWaits {
-        /// How often it may say so.
+        /// The maximum.
         max: u8,
     },
     /// Sending: the receiver has no room for the PDU (N_BUFFER_OVFLW).
@@ -83,32 +83,32 @@ pub enum Error {
         /// The length of the PDU.
         len: usize,
     },
-    /// Sending: flow control came with a status that there is not (N_INVALID_FS).
+    /// Sending: flow control has an invalid status (N_INVALID_FS).
     InvalidFlowStatus {
-        /// The status; 0, 1 and 2 are expected.
+        /// The status; 0, 1 and 2 are valid.
         got: u8,
     },
-    /// Receiving: a consecutive frame did not come in time (N_TIMEOUT_Cr).
+    /// Receiving: a consecutive frame did not arrive in time (N_TIMEOUT_Cr).
     NoConsecutiveFrame {
-        /// How long it was waited for.
+        /// The timeout.
         waited: Duration,
-        /// The bytes the PDU was to have.
+        /// The length of the PDU.
         expected: usize,
-        /// The bytes that came.
+        /// The number of bytes received.
         got: usize,
     },
-    /// Receiving: a consecutive frame is missing or came twice (N_WRONG_SN).
+    /// Receiving: a consecutive frame is missing or arrived twice (N_WRONG_SN).
     WrongSequenceNumber {
-        /// The number that was next.
+        /// The expected number.
         expected: u8,
-        /// The number that came.
+        /// The received number.
         got: u8,
     },
     /// Receiving: another PDU began (N_UNEXP_PDU).
     Interrupted {
-        /// The bytes the PDU was to have.
+        /// The length of the PDU.
         expected: usize,
-        /// The bytes that had come.
+        /// The number of bytes received.
         got: usize,
     },
 }
@@ -131,7 +131,7 @@ impl fmt::Display for Error {
                 waited.as_micros()
             ),
             Self::WrongSequenceNumber { expected, got } => {
-                write!(f, "receiving: consecutive frame {expected} was expected, {got} came")
+                write!(f, "receiving: expected consecutive frame {expected}, got {got}")
             }
             Self::Interrupted { expected, got } => {
                 write!(f, "receiving: another PDU began after {got} of {expected} bytes")
@@ -142,25 +142,25 @@ impl fmt::Display for Error {
 
 impl core::error::Error for Error {}
 
-/// Why a PDU was not taken.
+/// The reason for a refused PDU.
 ///
 /// ```
 /// use armwire_bridge::isotp::Refused;
 ///
-/// assert_eq!(Refused::TooLong { max: 300, got: 4_095 }.to_string(), "a PDU of 4095 bytes, there is room for 300");
+/// assert_eq!(Refused::TooLong { max: 300, got: 4_095 }.to_string(), "a PDU of 4095 bytes, at most 300 fit");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Refused {
-    /// The PDU before it has not been released.
+    /// The previous PDU has not been released.
     Occupied {
         /// Its length in bytes.
         got: u32,
     },
-    /// It is longer than any that the endpoint takes.
+    /// The PDU is longer than the endpoint's maximum.
     TooLong {
-        /// The longest, in bytes.
+        /// The maximum, in bytes.
         max: usize,
         /// Its length in bytes.
         got: u32,
@@ -170,15 +170,15 @@ pub enum Refused {
 impl fmt::Display for Refused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::Occupied { got } => write!(f, "a PDU of {got} bytes, the one before it was not taken yet"),
-            Self::TooLong { max, got } => write!(f, "a PDU of {got} bytes, there is room for {max}"),
+            Self::Occupied { got } => write!(f, "a PDU of {got} bytes, but the previous one was not released"),
+            Self::TooLong { max, got } => write!(f, "a PDU of {got} bytes, at most {max} fit"),
         }
     }
 }
 
 impl core::error::Error for Refused {}
 
-/// Why a frame changed nothing.
+/// The reason why a frame was ignored.
 ///
 /// ```
 /// use armwire_bridge::isotp::Ignored;
@@ -189,27 +189,28 @@ impl core::error::Error for Refused {}
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum Ignored {
-    /// The frame is shorter than what it says it is.
+    /// The frame is too short for its type.
     Short {
-        /// The fewest bytes it must have.
+        /// The minimum length, in bytes.
         expected: usize,
-        /// The bytes it has.
+        /// The frame's length, in bytes.
         got: usize,
     },
     /// A consecutive frame is longer than the first frame was.
     Long {
-        /// The most bytes it may have.
+        /// The maximum length, in bytes.
         expected: usize,
-        /// The bytes it has.
+        /// The frame's length, in bytes.
         got: usize,
     },
-    /// A single or first frame announces a PDU too short for it, or a longer one than it holds.
+    /// The length in a single or first frame does not fit the frame: it is too small for the type, or larger than the
+    /// frame.
     PduLength {
-        /// The shortest it may announce, in bytes.
+        /// The minimum, in bytes.
         min: u32,
-        /// The longest it may announce, in bytes.
+        /// The maximum, in bytes.
         max: u32,
-        /// The length it announces.
+        /// The length in the frame, in bytes.
         got: u32,
     },
     /// A single frame of more than 8 bytes has a length in its first byte.
@@ -217,17 +218,17 @@ pub enum Ignored {
         /// The length; 0 is expected.
         got: u8,
     },
-    /// Neither single, first, consecutive nor flow control frame.
+    /// The frame is no single, first, consecutive or flow control frame.
     UnknownType {
-        /// Its type; 0, 1, 2 and 3 are expected.
+        /// Its type; 0, 1, 2 and 3 are valid.
         got: u8,
     },
-    /// A consecutive frame that nobody waits for.
+    /// A consecutive frame arrived outside of a transfer.
     UnexpectedConsecutive {
         /// Its sequence number.
         got: u8,
     },
-    /// A flow control frame that nobody waits for.
+    /// A flow control frame arrived while none was expected.
     UnexpectedFlowControl {
         /// Its flow status.
         got: u8,
@@ -248,7 +249,7 @@ impl fmt::Display for Ignored {
     }
 }
 
-/// Why a PDU cannot be sent.
+/// The reason why a PDU cannot be sent.
 ///
 /// ```
 /// use armwire_bridge::isotp::SendError;
@@ -259,13 +260,13 @@ impl fmt::Display for Ignored {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum SendError {
-    /// Another is being sent. Nothing was changed.
+    /// Another PDU is being sent. Nothing was changed.
     Busy,
-    /// It has no bytes. There is no such PDU.
+    /// The PDU is empty. ISO-TP has no empty PDU.
     Empty,
-    /// It is longer than any that the endpoint sends.
+    /// The PDU is longer than the endpoint's maximum.
     TooLong {
-        /// The longest, in bytes.
+        /// The maximum, in bytes.
         max: usize,
         /// Its length in bytes.
         got: usize,

@@ -1,7 +1,7 @@
 //! ISO-TP: messages of up to 4095 bytes in CAN frames (ISO 15765-2:2016), classic and FD, with normal addressing.
 //!
-//! An [`Endpoint`] does no I/O and reads no clock. It is told which frames came and what time it is, and asked for the
-//! next frame:
+//! An [`Endpoint`] does no I/O and reads no clock. The caller passes received frames and the time, and takes the next
+//! frame:
 //!
 //! ```
 //! use armwire_bridge::Instant;
@@ -18,7 +18,7 @@
 //! let first = host.transmit(now).unwrap();
 //! assert_eq!(first.data(), b"\x10\x11longer");
 //! assert_eq!(adapter.receive(first.data(), now).next(), None);
-//! // … is answered by flow control, until when the host waits …
+//! // … is answered by flow control, for which the host waits …
 //! assert_eq!(host.transmit(now), None);
 //! let flow_control = adapter.transmit(now).unwrap();
 //! assert_eq!(flow_control.data(), [0x30, 0, 0, 0xCC, 0xCC, 0xCC, 0xCC, 0xCC]);
@@ -31,16 +31,16 @@
 //! adapter.release();
 //! ```
 //!
-//! It is our own because a protocol here takes frames and the time as input and leaves the bus to its caller: can-iso-tp
-//! 0.2.0 owns its bus and its clock, and iso-tp is an alpha.
+//! The implementation is our own because protocols here take frames and the time as input and leave the bus to their
+//! caller: can-iso-tp 0.2.0 owns its bus and its clock, and iso-tp is an alpha.
 //!
-//! What comes is read as the standard has it, and what it says is to be ignored changes nothing (sections 9.6 and 9.8.3),
-//! with one exception: a single frame may have more padding than it needs. Real senders do that, and the length is beyond
-//! doubt.
+//! Reception follows the standard. Frames that it requires to be ignored change nothing (sections 9.6 and 9.8.3), with
+//! one exception: a single frame may have more padding than needed. Real senders do that, and the length is
+//! unambiguous.
 //!
 //! # Panics
 //!
-//! None, whatever it is told.
+//! None for any input.
 
 mod config;
 mod endpoint;
@@ -58,10 +58,10 @@ pub use config::{Config, Link, SeparationTime};
 pub use endpoint::{Endpoint, MAX_PDU};
 pub use event::{Error, Event, Events, Ignored, Refused, SendError};
 
-/// No time at all: nothing is waited for.
+/// The instant of no timeout.
 const NEVER: Instant = Instant::from_micros(u64::MAX);
 
-/// How many consecutive frames a block has. No PDU has as many as one without end.
+/// The number of consecutive frames in a block. A block without limit is longer than any PDU.
 const fn block(size: u8) -> u16 {
     match size {
         0 => u16::MAX,

@@ -1,4 +1,4 @@
-//! What the first bytes of a frame say: the protocol control information (ISO 15765-2:2016, section 9.6).
+//! The protocol control information in a frame's first bytes (ISO 15765-2:2016, section 9.6).
 
 use super::{Ignored, SeparationTime};
 use crate::can::MAX_CLASSIC;
@@ -10,7 +10,7 @@ pub(super) const CONSECUTIVE: u8 = 0x20;
 /// See [`FIRST`].
 pub(super) const FLOW_CONTROL: u8 = 0x30;
 
-/// Flow status: go on, up to the block size.
+/// Flow status: continue to send, up to the block size.
 pub(super) const CONTINUE: u8 = 0;
 /// Flow status: wait for another flow control frame.
 pub(super) const WAIT: u8 = 1;
@@ -31,9 +31,9 @@ pub(super) enum Pci<'a> {
     Single(&'a [u8]),
     /// The start of a PDU of `len` bytes, always more than `data` has.
     First { len: u32, data: &'a [u8] },
-    /// What follows, with padding if the PDU ends in it.
+    /// The next bytes of a PDU, followed by padding in its last frame.
     Consecutive { number: u8, data: &'a [u8] },
-    /// What a receiver says to the sender.
+    /// A receiver's flow control.
     FlowControl {
         status: u8,
         block_size: u8,
@@ -41,7 +41,7 @@ pub(super) enum Pci<'a> {
     },
 }
 
-/// Reads a frame.
+/// Decodes a frame.
 pub(super) fn parse(frame: &[u8]) -> Result<Pci<'_>, Ignored> {
     let short = |expected| Ignored::Short {
         expected,
@@ -69,7 +69,7 @@ pub(super) fn parse(frame: &[u8]) -> Result<Pci<'_>, Ignored> {
     }
 }
 
-/// A frame longer than a classic one has 0 instead of the length, and the length in its second byte.
+/// A frame longer than a classic one has a 0 in place of the length, and the length in its second byte.
 fn single(frame_len: usize, low: u8, rest: &[u8]) -> Result<Pci<'_>, Ignored> {
     let (len, data) = match rest {
         _ if frame_len <= MAX_CLASSIC => (low, rest),
@@ -86,8 +86,8 @@ fn single(frame_len: usize, low: u8, rest: &[u8]) -> Result<Pci<'_>, Ignored> {
     }
 }
 
-/// The length is one that does not fit in a single frame as long as this frame. If it has more than 12 bits, it is in
-/// the four bytes after a length of 0.
+/// `len` must not fit in a single frame of this size. A length of more than 12 bits is in the four bytes after a length
+/// of 0.
 fn first(frame_len: usize, len: u16, rest: &[u8]) -> Result<Pci<'_>, Ignored> {
     let (min, max, len, data) = match (len, rest) {
         (0, &[a, b, c, d, ref data @ ..]) => (MAX_SHORT_FIRST + 1, u32::MAX, u32::from_be_bytes([a, b, c, d]), data),

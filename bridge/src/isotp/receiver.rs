@@ -1,4 +1,4 @@
-//! The half of an endpoint that receives.
+//! The receiving half of an endpoint.
 
 use armwire::time::Instant;
 
@@ -6,32 +6,32 @@ use super::pci::{CONTINUE, FLOW_CONTROL, OVERFLOW};
 use super::{Config, Error, Event, Events, Ignored, Link, NEVER, Refused, block};
 use crate::can::{Frame, MAX_FD};
 
-/// Where it is in the PDU. The bytes themselves are the endpoint's, so that this is compiled once for all lengths.
+/// The state of a transfer. The endpoint owns the bytes: this code is then compiled once for all lengths.
 pub(super) struct Receiver {
     state: State,
-    /// When the next consecutive frame is late.
+    /// The timeout of the next consecutive frame.
     deadline: Instant,
-    /// Bytes in the PDU, and how many of them came.
+    /// Length of the PDU, and number of bytes received.
     len: usize,
     got: usize,
-    /// The length of the first frame, which all others have but the last.
+    /// Length of the first frame. All others but the last have the same.
     frame_len: u8,
     /// The sequence number of the next consecutive frame.
     number: u8,
-    /// Consecutive frames until the sender must be told to go on.
+    /// Consecutive frames until the next flow control.
     left: u16,
-    /// What the sender must be told.
+    /// Status of the flow control frame to send.
     answer: Option<u8>,
-    /// That was handed over and has not left, as far as is known.
+    /// The flow control frame was handed over and was not reported as transmitted.
     handed: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
     Idle,
-    /// A consecutive frame is next, once the answer is out.
+    /// A consecutive frame is expected, once flow control is out.
     Receiving,
-    /// The PDU waits to be taken.
+    /// The PDU is complete and has not been released.
     Whole,
 }
 
@@ -50,7 +50,7 @@ impl Receiver {
         }
     }
 
-    /// The length of the PDU, if it is whole.
+    /// The length of the PDU, if it is complete.
     pub(super) fn whole(&self) -> Option<usize> {
         (self.state == State::Whole).then_some(self.len)
     }
@@ -61,7 +61,7 @@ impl Receiver {
         }
     }
 
-    /// Whether there was a PDU to give up.
+    /// Aborts the transfer. Returns true if there was one.
     pub(super) fn abort(&mut self) -> bool {
         (self.answer, self.handed) = (None, false);
         let is_receiving = self.state == State::Receiving;
@@ -90,12 +90,12 @@ impl Receiver {
         }))
     }
 
-    /// Whether there is a flow control frame to send.
+    /// Returns true if a flow control frame is due.
     pub(super) const fn has_answer(&self) -> bool {
         self.answer.is_some()
     }
 
-    /// The flow control frame to send, if there is one.
+    /// The flow control frame to send, if one is due.
     pub(super) fn transmit(&mut self, config: &Config, now: Instant) -> Option<Frame> {
         let status = self.answer.take()?;
         self.handed = true;
@@ -104,14 +104,14 @@ impl Receiver {
         Some(Frame::padded(config.tx, config.link == Link::Fd, &head, &[]))
     }
 
-    /// The flow control frame has left, unless that was said before.
+    /// The flow control frame has left. Does nothing if called again.
     pub(super) fn transmitted(&mut self, config: &Config, now: Instant) {
         if core::mem::take(&mut self.handed) {
             self.deadline = now + config.n_cr;
         }
     }
 
-    /// A single frame came.
+    /// Handles a single frame.
     pub(super) fn single(&mut self, buffer: &mut [u8], data: &[u8]) -> Events {
         let interrupted = self.interrupt();
         let event = match self.room(buffer, data.len() as u32) {
@@ -131,7 +131,7 @@ impl Receiver {
         }
     }
 
-    /// A first frame of `data` and two or six more bytes came, of a PDU of `len` bytes.
+    /// Handles a first frame: `data` and two or six more bytes, of a PDU of `len` bytes.
     pub(super) fn first(
         &mut self,
         buffer: &mut [u8],
@@ -164,7 +164,7 @@ impl Receiver {
         }
     }
 
-    /// A consecutive frame of `data` and one more byte came.
+    /// Handles a consecutive frame: `data` and one more byte.
     pub(super) fn consecutive(
         &mut self,
         buffer: &mut [u8],
@@ -207,7 +207,7 @@ impl Receiver {
         None
     }
 
-    /// What was being received is given up, for another PDU begins.
+    /// Aborts the transfer, because another PDU begins.
     fn interrupt(&mut self) -> Option<Event> {
         if self.state != State::Receiving {
             return None;
@@ -228,7 +228,7 @@ impl Receiver {
         }
     }
 
-    /// Appends `data`, as far as it belongs to the PDU.
+    /// Appends the part of `data` that belongs to the PDU.
     fn take(&mut self, buffer: &mut [u8], data: &[u8]) {
         let room = buffer.get_mut(self.got..self.len).unwrap_or_default();
         for (to, from) in room.iter_mut().zip(data) {
@@ -237,7 +237,7 @@ impl Receiver {
         self.got = self.len.min(self.got.saturating_add(data.len()));
     }
 
-    /// The sender is to be told to go on.
+    /// Schedules flow control that lets the sender continue.
     fn go_on(&mut self, config: &Config) {
         self.left = block(config.block_size);
         self.answer = Some(CONTINUE);

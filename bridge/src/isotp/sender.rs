@@ -1,4 +1,4 @@
-//! The half of an endpoint that sends.
+//! The sending half of an endpoint.
 
 use armwire::time::Instant;
 
@@ -6,22 +6,22 @@ use super::pci::{self, CONSECUTIVE, CONTINUE, FIRST, WAIT};
 use super::{Config, Error, Event, Ignored, Link, NEVER, SeparationTime, block};
 use crate::can::{Frame, MAX_CLASSIC, MAX_FD};
 
-/// Where it is in the PDU. The bytes themselves are the endpoint's, so that this is compiled once for all lengths.
+/// The state of a transfer. The endpoint owns the bytes: this code is then compiled once for all lengths.
 pub(super) struct Sender {
     state: State,
-    /// When the next frame is due. Otherwise since when the last one was handed over, or flow control is waited for.
+    /// The time at which the next frame is due; otherwise the start of the wait for a transmission or for flow control.
     at: Instant,
-    /// Bytes in the PDU, and how many of them were handed over.
+    /// Length of the PDU, and number of bytes handed over.
     len: usize,
     sent: usize,
     /// The sequence number of the next consecutive frame.
     number: u8,
-    /// Consecutive frames until flow control, and the least time between them.
+    /// Consecutive frames until flow control, and the minimum time between them.
     left: u16,
     gap: SeparationTime,
-    /// How often in a row the receiver has said that it is not ready.
+    /// Consecutive WAIT frames from the receiver.
     waits: u8,
-    /// The last frame was handed over and has not left, as far as is known.
+    /// The last frame was handed over and was not reported as transmitted.
     handed: bool,
 }
 
@@ -55,7 +55,7 @@ impl Sender {
         matches!(self.state, State::Idle)
     }
 
-    /// Begins to send a PDU of `len` bytes, 1 to 4095.
+    /// Starts the transfer of a PDU of `len` bytes, 1 to 4095.
     pub(super) const fn begin(&mut self, len: usize) {
         *self = Self {
             state: State::Begin,
@@ -64,20 +64,20 @@ impl Sender {
         };
     }
 
-    /// Whether there was a PDU to give up.
+    /// Aborts the transfer. Returns true if there was one.
     pub(super) const fn abort(&mut self) -> bool {
         let is_sending = !self.is_idle();
         (self.state, self.handed) = (State::Idle, false);
         is_sending
     }
 
-    // Not inlined: it is asked for at many places, and each would have the sums.
+    // Not inlined: it has many callers, and each would contain the additions.
     #[inline(never)]
     pub(super) fn timeout(&self, config: &Config) -> Instant {
         match self.state {
             State::Idle | State::Begin => NEVER,
             State::Wait if !self.handed => self.at + config.n_bs,
-            // Also where the controller has no room for a frame that is due: the receiver waits no longer for that one.
+            // This also covers a due frame for which the controller has no room: the receiver stops waiting for it.
             State::Wait | State::Go => self.at + config.n_as,
         }
     }
@@ -100,7 +100,7 @@ impl Sender {
 
     pub(super) fn transmit_at(&self) -> Instant {
         match self.state {
-            // The separation begins when the frame before has left.
+            // The separation time starts when the previous frame has left.
             State::Go if self.handed && self.gap != SeparationTime::ZERO => NEVER,
             State::Begin | State::Go => self.at,
             State::Idle | State::Wait => NEVER,
@@ -139,7 +139,7 @@ impl Sender {
         Some(frame)
     }
 
-    /// The last frame has left, unless that was said before.
+    /// The last frame has left. Does nothing if called again.
     pub(super) fn transmitted(&mut self, now: Instant) {
         if core::mem::take(&mut self.handed) {
             self.at = match self.state {
@@ -149,7 +149,7 @@ impl Sender {
         }
     }
 
-    /// Flow control came.
+    /// Handles flow control.
     pub(super) fn flow_control(
         &mut self,
         (status, block_size, gap): (u8, u8, SeparationTime),
@@ -159,7 +159,7 @@ impl Sender {
         if self.state != State::Wait {
             return Some(Event::Ignored(Ignored::UnexpectedFlowControl { got: status }));
         }
-        // What is answered has left, whether or not that was said. What comes next has its full time from now.
+        // An answered frame has left, reported or not. The next step has its full timeout from now.
         (self.handed, self.at) = (false, now);
         let error = match status {
             CONTINUE => {

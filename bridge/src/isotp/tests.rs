@@ -1,4 +1,4 @@
-//! What an endpoint puts on the bus, byte by byte, and what it makes of what comes.
+//! Behaviour of an endpoint on the bus, byte by byte.
 
 extern crate std;
 
@@ -24,7 +24,7 @@ fn endpoint(link: Link) -> Full {
     Full::new(config(link))
 }
 
-/// Bytes that tell their places apart.
+/// A PDU whose bytes differ from their neighbours.
 fn pdu(len: usize) -> Vec<u8> {
     (0..len).map(|i| (i % 251) as u8).collect()
 }
@@ -33,17 +33,17 @@ fn events<const N: usize>(expected: [Event; N], got: Events) {
     assert_eq!(got.collect::<Vec<_>>(), expected);
 }
 
-/// The instant so many microseconds after [`T0`].
+/// The instant this many microseconds after [`T0`].
 fn after(micros: u64) -> Instant {
     T0 + Duration::from_micros(micros)
 }
 
-/// The data of the next frame, which is due.
+/// The data of the next due frame.
 fn next(endpoint: &mut Full, now: Instant) -> Vec<u8> {
     endpoint.transmit(now).expect("a frame is due").data().to_vec()
 }
 
-/// Everything that is due.
+/// The data of all due frames.
 fn all(endpoint: &mut Full, now: Instant) -> Vec<Vec<u8>> {
     core::iter::from_fn(|| Some(endpoint.transmit(now)?.data().to_vec())).collect()
 }
@@ -65,7 +65,7 @@ fn receiving() -> Full {
     receiver
 }
 
-/// Both ends are idle and work.
+/// Asserts that both directions are idle and usable.
 fn is_usable(endpoint: &mut Full, now: Instant) {
     assert_eq!((endpoint.is_sending(), endpoint.timeout()), (false, None));
     events([Event::Received], endpoint.receive(&[0x02, 0xAB, 0xCD], now));
@@ -165,7 +165,7 @@ fn fd_frames_are_full_but_the_last() {
     assert_eq!((rest[1][0], &rest[1][1..39]), (0x22, &pdu(163)[125..]));
     assert_eq!(rest[1][39..], [0xCC; 9]);
 
-    // The shortest PDU that needs two: the second has one byte of it, and is padded to 8.
+    // The shortest PDU that needs two frames: the second has one byte of it and is padded to 8.
     sender.send(&pdu(63)).unwrap();
     assert_eq!(next(&mut sender, T0)[..2], [0x10, 63]);
     events([], sender.receive(&[0x30, 0, 0], T0));
@@ -206,7 +206,7 @@ fn consecutive_frames_keep_the_separation_time() {
         (0x7F, 127_000),
         (0xF1, 100),
         (0xF9, 900),
-        // Reserved: the longest.
+        // Reserved: the maximum.
         (0x80, 127_000),
         (0xF0, 127_000),
         (0xFA, 127_000),
@@ -235,11 +235,11 @@ fn the_separation_begins_when_the_frame_has_left() {
     assert_eq!(sender.timeout(), Some(after(100) + SECOND));
     events([], sender.receive(&[0x30, 0, 1], after(300)));
     assert_eq!(next(&mut sender, after(300))[0], 0x21);
-    // Others have the bus, for longer than the separation.
+    // Other nodes have the bus for longer than the separation time.
     assert_eq!((sender.transmit_at(), sender.transmit(after(1_900))), (None, None));
     sender.transmitted(after(2_000));
     assert_eq!(sender.transmit_at(), Some(after(3_000)));
-    // It is said once for each frame.
+    // The first call counts, for each frame.
     sender.transmitted(after(2_500));
     assert_eq!(sender.transmit_at(), Some(after(3_000)));
 }
@@ -303,7 +303,8 @@ fn without_flow_control_sending_ends_after_n_bs() {
     is_usable(&mut sender, deadline);
 }
 
-/// It fails at `deadline` and no sooner, for a frame did not leave. Those that leave later are of nothing.
+/// Asserts a timeout at `deadline` and no sooner, because a frame did not leave. Frames that leave later belong to no
+/// transfer.
 fn does_not_get_rid_of_a_frame(mut sender: Full, handed: usize, deadline: Instant) {
     assert_eq!(sender.timeout(), Some(deadline));
     events([], sender.tick(deadline - Duration::from_micros(1)));
@@ -320,23 +321,23 @@ fn does_not_get_rid_of_a_frame(mut sender: Full, handed: usize, deadline: Instan
 
 #[test]
 fn a_frame_that_never_leaves_ends_the_pdu() {
-    // The first one.
+    // The first frame.
     does_not_get_rid_of_a_frame(waiting(40), 6, T0 + SECOND);
 
-    // A consecutive one, which the next must keep its distance from.
+    // A consecutive frame, from which the next must keep the separation time.
     let mut sender = waiting(40);
     sender.transmitted(T0);
     events([], sender.receive(&[0x30, 0, 1], T0));
     assert_eq!(all(&mut sender, after(200)).len(), 1);
     does_not_get_rid_of_a_frame(sender, 13, after(200) + SECOND);
 
-    // The last one of a block.
+    // The last frame of a block.
     let mut sender = waiting(40);
     events([], sender.receive(&[0x30, 2, 0], T0));
     assert_eq!(all(&mut sender, after(200)).len(), 2);
     does_not_get_rid_of_a_frame(sender, 20, after(200) + SECOND);
 
-    // One of many that are handed over as there is room: while there is, they leave.
+    // One of many frames that are handed over as room allows, and leave.
     let mut sender = waiting(40);
     events([], sender.receive(&[0x30, 0, 0], T0));
     for passed in [0, 700_000, 1_400_000] {
@@ -380,7 +381,7 @@ fn a_receiver_may_ask_to_wait_but_not_for_ever() {
     sender.send(&pdu(20)).unwrap();
     assert_eq!(all(&mut sender, T0).len(), 1);
 
-    // Each wait gives the time anew, and a block starts the count anew.
+    // Each WAIT restarts the timeout, and each block restarts the count.
     let late = after(900_000);
     events([], sender.receive(&[0x31, 0, 0], late));
     assert_eq!((sender.transmit_at(), sender.timeout()), (None, Some(late + SECOND)));
@@ -500,7 +501,7 @@ fn flow_control_asks_for_what_is_configured_after_each_block() {
     assert_eq!(receiver.transmit_at(), Some(Instant::ZERO));
     assert_eq!(all(&mut receiver, T0), [flow_control]);
     events([], receiver.receive(&[0x23, 20, 21, 22, 23, 24, 25, 26], T0));
-    // The last block is full too: nothing more is asked for.
+    // The last block is full too: no flow control follows.
     events(
         [Event::Received],
         receiver.receive(&[0x24, 27, 28, 29, 30, 31, 32, 33], T0),
@@ -731,7 +732,7 @@ fn while_a_pdu_waits_to_be_taken_others_are_refused() {
     is_usable(&mut receiver, T0);
 }
 
-// ---- Frames that nobody waits for ----
+// ---- Unexpected frames ----
 
 #[test]
 fn a_single_frame_in_the_middle_of_a_pdu_replaces_it() {
@@ -772,7 +773,7 @@ fn a_first_frame_too_long_in_the_middle_of_a_pdu_ends_it_and_is_refused() {
         ],
         receiver.receive(&[0x10, 21, 0, 1, 2, 3, 4, 5], T0),
     );
-    // One answer, to the second.
+    // One flow control frame: for the second PDU.
     assert_eq!(receiver.transmit(T0).unwrap().data()[0], 0x32);
     assert_eq!((receiver.transmit(T0), receiver.timeout()), (None, None));
 }
@@ -818,7 +819,7 @@ fn malformed_frames_change_nothing() {
     };
     let malformed = [
         (std::vec![], short(1, 0)),
-        // Single frames: of no byte, of more bytes than the frame has, and escaped where they need not be.
+        // Single frames: empty, longer than the frame, and with an unnecessary escape.
         (std::vec![0x00], short(2, 1)),
         (fd(&[0x00], 8), length(1, 7, 0)),
         (fd(&[0x08], 8), length(1, 7, 8)),
@@ -827,16 +828,16 @@ fn malformed_frames_change_nothing() {
         (fd(&[0x00, 0], 12), length(1, 10, 0)),
         (fd(&[0x00, 11], 12), length(1, 10, 11)),
         (fd(&[0x05], 12), Ignored::NotEscaped { got: 5 }),
-        // First frames: cut short, and of PDUs for which a single frame would do.
+        // First frames: truncated, and of PDUs that fit a single frame.
         (std::vec![0x10], short(8, 1)),
         (fd(&[0x10, 20], 7), short(8, 7)),
         (fd(&[0x10, 7], 8), length(8, 4_095, 7)),
         (fd(&[0x10, 62], 64), length(63, 4_095, 62)),
         (fd(&[0x10, 0], 8), length(4_096, u32::MAX, 0)),
         (fd(&[0x10, 0, 0, 0, 0x0F, 0xFF], 8), length(4_096, u32::MAX, 4_095)),
-        // Flow control: cut short.
+        // Flow control: truncated.
         (std::vec![0x30, 0], short(3, 2)),
-        // Types that there are not.
+        // Invalid types.
         (fd(&[0x40], 8), Ignored::UnknownType { got: 4 }),
         (fd(&[0xFF], 8), Ignored::UnknownType { got: 15 }),
     ];
@@ -846,7 +847,7 @@ fn malformed_frames_change_nothing() {
         assert_eq!(all(&mut both, T0).len(), 1);
         events([Event::Ignored(reason)], both.receive(&frame, after(1)));
         assert_eq!(both.timeout(), Some(T0 + SECOND));
-        // Both transfers go on.
+        // Both transfers continue.
         events([], both.receive(&[0x21, 6, 7, 8, 9, 10, 11, 12], T0));
         events([Event::Received], both.receive(&[0x22, 13, 14, 15, 16, 17, 18, 19], T0));
         events([], both.receive(&[0x30, 0, 0], T0));
@@ -862,14 +863,14 @@ fn after_abort_both_halves_are_idle() {
     assert_eq!(both.transmit(T0), None);
     is_usable(&mut both, T0);
 
-    // A frame that leaves only now was of what is given up.
+    // A frame that leaves only now belongs to the aborted transfer.
     let mut receiver = receiving();
     receiver.abort();
     events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
     receiver.transmitted(after(100));
     assert_eq!(receiver.timeout(), Some(T0 + SECOND));
 
-    // A flow control frame not yet out is not sent either.
+    // A pending flow control frame is not sent either.
     let mut receiver = endpoint(Link::Classic);
     events([], receiver.receive(&[0x10, 20, 0, 1, 2, 3, 4, 5], T0));
     receiver.abort();
@@ -895,19 +896,19 @@ fn the_end_of_time_is_a_time_like_any_other() {
 
 // ---- Two endpoints on a bus ----
 
-/// Two endpoints, a bus that carries one frame at a time, and what became of it all.
+/// Two endpoints, a bus that carries one frame at a time, and their results.
 struct Bus {
     ends: [Full; 2],
     events: [Vec<Event>; 2],
     received: [Vec<Vec<u8>>; 2],
     now: Instant,
-    /// Which frames get lost, in the order in which they are sent; those after the last do not.
+    /// Loss of each frame, in the order of sending. Later frames are not lost.
     lost: std::vec::IntoIter<bool>,
-    /// Every frame, lost or not: who sent it, when it began, when it had left.
+    /// Every frame, lost or not: sender, start, end.
     log: Vec<(usize, Instant, Instant, Frame)>,
 }
 
-/// What a frame takes on the bus, more or less.
+/// Approximate duration of a frame on the bus.
 const FRAME_TIME: Duration = Duration::from_micros(130);
 
 impl Bus {
@@ -922,9 +923,9 @@ impl Bus {
         }
     }
 
-    /// Until nobody has anything to say or to wait for.
+    /// Runs until neither end has a frame or a timeout.
     fn run(&mut self) {
-        // The end that sent last goes second, so that neither has the bus for itself.
+        // The end that sent last goes second: neither monopolises the bus.
         let mut turn = [0, 1];
         loop {
             let now = self.now;
@@ -959,13 +960,13 @@ impl Bus {
         }
     }
 
-    /// How often a PDU was given up, by whomever.
+    /// The number of aborted transfers, at either end.
     fn failures(&self) -> usize {
         let events = self.events.iter().flatten();
         events.filter(|event| matches!(event, Event::Failed(_))).count()
     }
 
-    /// Whether end `from` kept to what the other end's configuration asks for.
+    /// Returns true if end `from` respected the other end's configuration.
     fn kept_to(&self, from: usize, asked: &Config) -> bool {
         let mut in_block = 0_u16;
         let mut left: Option<Instant> = None;
@@ -993,14 +994,14 @@ fn link() -> impl Strategy<Value = Link> {
 
 prop_compose! {
     fn any_config(id: u16)(link in link(), block_size: u8, small in 0..4_u8, st_min: u8) -> Config {
-        // As often as not a small block, for most PDUs end within a large one.
+        // Half of the blocks are small, because most PDUs end within a large one.
         let block_size = if st_min.is_multiple_of(2) { small } else { block_size };
         let st_min = SeparationTime::from_byte(st_min);
         Config { block_size, st_min, ..Config::new(link, Id::new(id).unwrap()) }
     }
 }
 
-/// Lengths around those where the number of frames changes, and any.
+/// Lengths near a change of the number of frames, and arbitrary ones.
 fn any_pdu() -> impl Strategy<Value = Vec<u8>> {
     let len = prop_oneof![1..=80_usize, 1..=MAX_PDU];
     len.prop_flat_map(|len| prop::collection::vec(any::<u8>(), len))
@@ -1054,7 +1055,7 @@ proptest! {
         if arrived {
             prop_assert_eq!(&bus.received[1], std::slice::from_ref(&pdu));
         }
-        // Nobody can tell that a single frame is missing.
+        // The loss of a single frame cannot be detected.
         if bus.log.len() > 1 || arrived {
             prop_assert_eq!(arrived, bus.failures() == 0);
         }
@@ -1084,7 +1085,7 @@ proptest! {
             bus.run();
         }
         for (received, sent) in bus.received.iter().zip(pdus.iter().rev()) {
-            // In order, none twice, none that was not sent.
+            // In order, without duplicates, and only sent PDUs.
             let mut sent = sent.iter();
             prop_assert!(received.iter().all(|pdu| sent.any(|sent| sent == pdu)));
         }

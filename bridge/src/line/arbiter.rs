@@ -3,26 +3,26 @@
 use crate::control::Initiator;
 use armwire::time::{Duration, Instant};
 
-/// How long after another's turn the host on USB counts as one of several.
+/// The time after another initiator's turn during which the line counts as shared.
 const SHARED_TIME: Duration = Duration::from_millis(1_000);
 
-/// An initiator that could speak now.
+/// An initiator that is ready for a turn.
 #[derive(Clone, Copy)]
 pub(crate) struct Contender {
-    /// Since when it has something to say.
+    /// The start of its wait.
     pub(crate) since: Instant,
-    /// Whether it goes before all others, unless they were passed over for it before.
+    /// True if it goes before all others, except for those that it has passed over before.
     pub(crate) is_urgent: bool,
 }
 
-/// The turns that were taken.
+/// The history of turns.
 pub(crate) struct Arbiter {
     last: Initiator,
-    /// The last of those that take turns, as an urgent poll does not.
+    /// The last initiator in the rotation. An urgent poll is not part of it.
     rotated: Initiator,
-    /// When the last urgent turn began.
+    /// Start of the last urgent turn.
     urgent_at: Instant,
-    /// When another than the host on USB last had the line.
+    /// The last turn of an initiator other than the host on USB.
     others_had: Option<Instant>,
 }
 
@@ -36,12 +36,12 @@ impl Arbiter {
         }
     }
 
-    /// Whether another than the host on USB had the line not long ago.
+    /// Returns true if an initiator other than the host on USB had the line recently.
     pub(crate) fn is_shared(&self, now: Instant) -> bool {
         self.others_had.is_some_and(|at| now.since(at) < SHARED_TIME)
     }
 
-    /// The initiator whose turn it is, of these contenders in the order of [`Initiator::ALL`].
+    /// The initiator with the next turn, of these contenders in the order of [`Initiator::ALL`].
     pub(crate) fn next(&self, contenders: &[Option<Contender>; Initiator::ALL.len()]) -> Option<Initiator> {
         let of = |initiator: Initiator| contenders.get(initiator as usize).copied().flatten();
         let is_urgent = |initiator: &Initiator| of(*initiator).is_some_and(|contender| contender.is_urgent);
@@ -60,12 +60,12 @@ impl Arbiter {
         None
     }
 
-    /// Bytes that are no request, such as zeros, went out for an initiator.
+    /// Bytes outside of requests, for example zeros, went out for an initiator.
     pub(crate) const fn spoke(&mut self, initiator: Initiator) {
         self.last = initiator;
     }
 
-    /// An initiator took its turn at this time. An urgent turn does not move the order of turns.
+    /// An initiator took its turn at this time. An urgent turn does not advance the rotation.
     pub(crate) fn taken(&mut self, initiator: Initiator, is_urgent: bool, at: Instant) {
         self.last = initiator;
         if is_urgent {
@@ -96,7 +96,7 @@ mod tests {
 
     const NOW: Instant = Instant::from_micros(100);
 
-    /// Initiators with the time since when they wait, and whether they are urgent.
+    /// Contenders from initiators, the start of their wait in µs, and their urgency.
     fn contenders(list: &[(Initiator, u64, bool)]) -> [Option<Contender>; Initiator::ALL.len()] {
         Initiator::ALL.map(|initiator| {
             let (_, since, is_urgent) = *list.iter().find(|(who, ..)| *who == initiator)?;

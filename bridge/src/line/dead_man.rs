@@ -1,26 +1,26 @@
-//! The dead-man: hosts that stream motion, and when one of them has fallen silent.
+//! The dead-man timer: detects hosts that stream motion, and their silence.
 
 use crate::config::HostTimeout;
 use crate::control::Initiator;
 use armwire::time::{Duration, Instant};
 
-/// How many requests for motion in a row make a stream.
+/// Number of consecutive motion requests that make a stream.
 const STREAM: u8 = 3;
 
-/// How long a motion of a host on CAN may wait for its turn before the host can count as silent.
+/// Time that a motion of a host on CAN may wait for its turn before the host can count as silent.
 const MOTION_WAIT: Duration = Duration::from_millis(150);
 
-/// Those that may stream motion.
+/// Initiators that may stream motion.
 pub(crate) const STREAMERS: [Initiator; 3] = [Initiator::Usb, Initiator::Can, Initiator::Command];
 
 /// The motion of one host.
 #[derive(Clone, Copy, Default)]
 struct Stream {
-    /// Requests for motion that came sooner after each other than the time-out.
+    /// Consecutive motion requests within the timeout of each other.
     run: u8,
-    /// When the last of them came.
+    /// Time of the last of them.
     moved: Instant,
-    /// When the host was last heard, whatever it said.
+    /// Time of the last byte or request of the host, of any kind.
     heard: Instant,
 }
 
@@ -30,11 +30,11 @@ impl Stream {
     }
 }
 
-/// The streams of motion, and the time-out of their hosts.
+/// The streams of motion, and the timeout of their hosts.
 pub(crate) struct DeadMan {
-    /// Zero for never.
+    /// The timeout, zero for never.
     after: Duration,
-    /// Whether the torque goes off when a host that streams motion falls silent.
+    /// True if the silence of a host that streams motion switches the torque off.
     switches_off: bool,
     usb: Stream,
     can: Stream,
@@ -42,7 +42,7 @@ pub(crate) struct DeadMan {
 }
 
 impl DeadMan {
-    /// Without streams. The torque goes off only if the arm `can_switch_off`.
+    /// No streams. The torque goes off only if the arm `can_switch_off`.
     pub(crate) fn new(timeout: HostTimeout, can_switch_off: bool) -> Self {
         let mut dead_man = Self {
             after: Duration::ZERO,
@@ -55,13 +55,13 @@ impl DeadMan {
         dead_man
     }
 
-    /// Another time-out. Streams stay.
+    /// Changes the timeout. Streams continue.
     pub(crate) fn configure(&mut self, timeout: HostTimeout, can_switch_off: bool) {
         self.after = timeout.after();
         self.switches_off = timeout.torque_off && timeout.after_ms > 0 && can_switch_off;
     }
 
-    /// Whether the torque goes off when a host that streams motion falls silent.
+    /// Returns true if the silence of a host that streams motion switches the torque off.
     pub(crate) const fn switches_off(&self) -> bool {
         self.switches_off
     }
@@ -84,28 +84,28 @@ impl DeadMan {
         }
     }
 
-    /// The host said something, or could not.
+    /// The host was active, or had no chance to be.
     pub(crate) fn heard(&mut self, initiator: Initiator, now: Instant) {
         if let Some(stream) = self.stream_mut(initiator) {
             stream.heard = now;
         }
     }
 
-    /// No host could be heard until now.
+    /// No host had a chance to be active until now.
     pub(crate) fn all_heard(&mut self, now: Instant) {
         for stream in [&mut self.usb, &mut self.can, &mut self.command] {
             stream.heard = now;
         }
     }
 
-    /// The host asked for motion.
+    /// The host requested motion.
     pub(crate) fn motion(&mut self, initiator: Initiator, now: Instant) {
         let after = self.after;
         let Some(stream) = self.stream_mut(initiator) else {
             return;
         };
         stream.run = match stream.run {
-            // A stream ends when its host falls silent or ends it. A gap is no end: another may have had the line.
+            // Silence or a request of the host ends a stream. A gap does not: another initiator may have had the line.
             STREAM.. => STREAM,
             1.. if now.since(stream.moved) < after => stream.run.saturating_add(1),
             _ => 1,
@@ -114,29 +114,29 @@ impl DeadMan {
         stream.heard = stream.heard.max(now);
     }
 
-    /// The stream is over. Returns whether there was one: the next must start anew.
+    /// Ends the stream. Returns true if there was one. The next must start again.
     pub(crate) fn end(&mut self, initiator: Initiator) -> bool {
         self.stream_mut(initiator)
             .is_some_and(|stream| core::mem::take(&mut stream.run) >= STREAM)
     }
 
-    /// Whether the host streams motion.
+    /// Returns true if the host streams motion.
     pub(crate) fn is_streaming(&self, initiator: Initiator) -> bool {
         self.stream(initiator).is_some_and(Stream::is_armed)
     }
 
-    /// Whether any host streams motion.
+    /// Returns true if any host streams motion.
     pub(crate) const fn is_any_streaming(&self) -> bool {
         self.usb.is_armed() || self.is_can_streaming()
     }
 
-    /// Whether a host on CAN streams motion.
+    /// Returns true if a host on CAN streams motion.
     pub(crate) const fn is_can_streaming(&self) -> bool {
         self.can.is_armed() || self.command.is_armed()
     }
 
-    /// When the host counts as silent, unless it says something before. While its motion waits for another's turn, which it
-    /// does `since` then, it has more time: a host on CAN cannot be heard when there is no room for more.
+    /// The time at which the host counts as silent, unless it is active before. A motion that has waited for its turn
+    /// `since` then extends it: a host on CAN cannot send more while the queue is full.
     pub(crate) fn timeout(&self, initiator: Initiator, since: Option<Instant>) -> Option<Instant> {
         let stream = self.stream(initiator)?;
         let timeout = (stream.is_armed() && self.after > Duration::ZERO).then(|| stream.heard + self.after)?;
@@ -196,7 +196,7 @@ mod tests {
         }
         dead_man.heard(Initiator::Can, at(100));
         assert_eq!(dead_man.timeout(Initiator::Can, None), Some(at(100) + AFTER));
-        // Motion that waits gives it 150 ms.
+        // A waiting motion extends the timeout to 150 ms.
         let since = at(400_000);
         assert_eq!(dead_man.timeout(Initiator::Can, Some(since)), Some(since + MOTION_WAIT));
         assert!(dead_man.end(Initiator::Can) && !dead_man.end(Initiator::Can));

@@ -1,4 +1,4 @@
-//! The serial port from the host: the bytes that wait for the arm, and the requests among those that go out.
+//! The serial port from the host: the bytes that wait for the arm, and the requests in the bytes that go out.
 
 use core::ops::Range;
 
@@ -12,35 +12,36 @@ use crate::control::MAX_FRAME;
 use crate::queue::Queue;
 use armwire::time::{Duration, Instant};
 
-/// Room for bytes of the host on USB that have not gone out yet: enough to keep a 2 Mbaud line busy while USB brings more.
+/// Capacity for bytes of the host on USB that have not gone out yet: enough to keep a 2 Mbaud line busy between USB
+/// packets.
 pub const TO_ARM_BUFFER: usize = 512;
 
-/// How long the host may pause inside a request before others get their turn.
+/// Time that the host may pause inside a request before others get their turn.
 const STALL_TIMEOUT: Duration = Duration::from_millis(10);
 
-/// How long the line must be quiet, both ways, after bytes that are no request.
+/// Time that the line must be quiet, in both directions, after bytes outside of requests.
 const QUIET_TIME: Duration = Duration::from_millis(5);
 
-/// How long others wait at most for a host that sends bytes that are no request.
+/// Maximum time that others wait for a host that sends bytes outside of requests.
 const RAW_TURN: Duration = Duration::from_millis(100);
 
 /// Bytes from the host on USB.
 pub(crate) struct FromHost {
     bytes: Queue<TO_ARM_BUFFER>,
-    /// Reads the bytes as they go out.
+    /// Decodes the bytes as they go out.
     decoder: Decoder<MAX_FRAME>,
-    /// The last bytes that went out are in no request.
+    /// The last bytes that went out belong to no request.
     is_raw: bool,
-    /// The arm may wait for the rest of a frame: the last request was cut short, or went out at another rate.
+    /// The arm may wait for the rest of a frame: the last request was truncated, or went out at another rate.
     pub(crate) is_cut: bool,
-    /// When the host took its turn.
+    /// Start of the host's turn.
     began: Instant,
-    /// When bytes last went out, or began to wait.
+    /// The last time that bytes went out or were queued on an empty buffer.
     moved: Instant,
-    /// When the oldest and the newest of the bytes that wait came, as far as that is known.
+    /// Arrival of the oldest and the newest queued bytes, as far as known.
     oldest: Instant,
     newest: Instant,
-    /// How long the first byte of the request that goes out has waited.
+    /// Waiting time of the first byte of the request in transmission.
     waited: Duration,
 }
 
@@ -59,27 +60,27 @@ impl FromHost {
         }
     }
 
-    /// How many bytes wait.
+    /// Number of queued bytes.
     pub(crate) const fn len(&self) -> usize {
         self.bytes.len()
     }
 
-    /// How many more bytes fit.
+    /// Free space in bytes.
     pub(crate) const fn room(&self) -> usize {
         self.bytes.room()
     }
 
-    /// When bytes last went out, or began to wait.
+    /// The last time that bytes went out or were queued on an empty buffer.
     pub(crate) const fn moved(&self) -> Instant {
         self.moved
     }
 
-    /// How long the first byte of the last request waited.
+    /// Waiting time of the first byte of the last request.
     pub(crate) const fn waited(&self) -> Duration {
         self.waited
     }
 
-    /// Whether the host is in the middle of something that is not to be mixed with others' requests.
+    /// Returns true while the host is inside a sequence that must not be mixed with the requests of others.
     pub(crate) const fn is_speaking(&self) -> bool {
         self.is_raw || self.decoder.pending() > 0
     }
@@ -90,7 +91,7 @@ impl FromHost {
         self.bytes.push(packet)
     }
 
-    /// Something that waits came from the host.
+    /// The host sent bytes that wait.
     pub(crate) const fn touch(&mut self, now: Instant) {
         self.newest = now;
         if self.bytes.is_empty() {
@@ -98,8 +99,8 @@ impl FromHost {
         }
     }
 
-    /// Copies the bytes that go out next to the front of `out` and returns their number: up to the end of a request if only
-    /// `one` is to go.
+    /// Copies the next bytes to the front of `out` and returns their number. With `one` they end at the end of a
+    /// request.
     pub(crate) fn peek(&self, kind: ArmKind, one: bool, out: &mut [u8]) -> usize {
         let len = self.bytes.peek(out);
         let out = out.get(..len).unwrap_or_default();
@@ -110,7 +111,7 @@ impl FromHost {
         }
     }
 
-    /// The first whole request of those that wait.
+    /// The first complete request in the queue.
     pub(crate) fn peek_request(&self, kind: ArmKind) -> Option<Info> {
         let mut next = [0; MAX_FRAME];
         let len = self.bytes.peek(&mut next);
@@ -125,8 +126,8 @@ impl FromHost {
         }
     }
 
-    /// Moves up to `len` of the bytes that went out to the decoder, and returns their number. Take all
-    /// [items](Self::next_item) before the next.
+    /// Moves up to `len` of the sent bytes to the decoder, and returns their number. Take all [items](Self::next_item)
+    /// before the next call.
     pub(crate) fn sent(&mut self, len: usize, now: Instant) -> usize {
         if self.decoder.pending() == 0 {
             self.waited = now.since(self.oldest);
@@ -135,12 +136,12 @@ impl FromHost {
         let space = self.decoder.space();
         let len = len.min(space.len());
         let len = self.bytes.pop(space.get_mut(..len).unwrap_or_default());
-        // There is room for them.
+        // The decoder has room for them.
         let _ = self.decoder.commit(len);
         len
     }
 
-    /// The next item of the bytes that went out, and how many of them are behind it.
+    /// The next item of the sent bytes, and the number of bytes after it.
     pub(crate) fn next_item(&mut self, kind: ArmKind) -> Option<(Item<'_>, usize)> {
         let span = self.decoder.advance(&kind, kind.requests())?;
         self.is_raw = span.kind != Kind::Frame;
@@ -148,32 +149,33 @@ impl FromHost {
         Some((self.decoder.item(span), behind))
     }
 
-    /// The host's turn is over: the rest of a request that went out in part is not waited for.
+    /// The host's turn is over. The rest of an incomplete request is not waited for.
     pub(crate) fn cut(&mut self) {
         self.is_cut |= self.decoder.pending() > 0;
         self.decoder.clear();
     }
 
-    /// The host's turn is over, raw bytes included.
+    /// The host's turn is over, including raw bytes.
     pub(crate) fn end_turn(&mut self) {
         self.cut();
         self.is_raw = false;
     }
 
-    /// The host's turn is over, and it does not matter what the arm may wait for.
+    /// The host's turn is over, and the state of the arm's receiver no longer matters.
     pub(crate) fn forget_turn(&mut self) {
         self.decoder.clear();
         self.is_raw = false;
     }
 
-    /// Drops the bytes behind the first `len` and returns their number.
+    /// Drops the bytes after the first `len` and returns their number.
     pub(crate) fn truncate(&mut self, len: usize) -> usize {
         let before = self.bytes.len();
         self.bytes.truncate(len);
         before.saturating_sub(len)
     }
 
-    /// When the host loses its turn to those who wait `since` then, where the arm was last heard at `last_rx`.
+    /// The time at which the host loses its turn to others that wait `since` then. The arm last sent a byte at
+    /// `last_rx`.
     pub(crate) fn turn_timeout(&self, since: Instant, last_rx: Instant) -> Instant {
         let quiet = match self.decoder.pending() {
             0 => self.moved.max(last_rx) + QUIET_TIME,
@@ -183,7 +185,7 @@ impl FromHost {
     }
 }
 
-/// The place of the first request in these bytes.
+/// The range of the first request in these bytes.
 fn first_request(kind: ArmKind, bytes: &[u8]) -> Option<Range<usize>> {
     let mut start: usize = 0;
     loop {

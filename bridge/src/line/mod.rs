@@ -1,8 +1,9 @@
-//! The arm's side of the adapter: the UART, whose turn it is, the serial port on USB, the dead-man and the poll's clock.
+//! The arm's side of the adapter: the UART, the arbitration, the serial port on USB, the dead-man timer and the poll
+//! clock.
 //!
-//! One initiator at a time has the line: the host on USB that is in the middle of something, or the initiator whose request the
-//! arm is about to answer. A frame that answers a request goes to its initiator. All else that the arm sends goes to the host
-//! on USB, byte by byte while nobody else waits for an answer.
+//! One initiator at a time has the line: the host on USB in the middle of a sequence, or the initiator whose request is
+//! in flight. A frame that answers a request goes to its initiator. All other bytes of the arm go to the host on USB,
+//! byte by byte unless another initiator waits for an answer.
 
 mod arbiter;
 mod dead_man;
@@ -39,53 +40,53 @@ pub use poll::POLL_LEAD_TIME;
 pub(crate) use rate::ControlPort;
 pub use to_host::{PACKET, TO_HOST_BUFFER};
 
-/// Requests with the arm that are tracked one by one.
+/// Maximum number of requests in flight that are tracked one by one.
 const MAX_PENDING: usize = 8;
 
-/// How long after it was due an answer may still come.
+/// Time after its timeout during which an answer may still arrive.
 pub(crate) const STALE_WINDOW: Duration = Duration::from_millis(50);
 
-/// How much the adapter itself may add to the time of an answer: two bytes in the transmitter, a look at the receiver.
+/// The adapter's own share of an answer's time: two bytes in the transmitter, and the latency of the receiver.
 const MARGIN: Duration = Duration::from_millis(1);
 
-/// How old the knowledge of the line may be while bytes arrive, in nanoseconds.
+/// Maximum age of the known state of the line while bytes arrive, in nanoseconds.
 const MAX_AGE_NANOS: u32 = 1_000_000;
 
-/// How long bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
+/// Time that bytes for the arm may wait, or the UART go unread, before the adapter counts as stuck.
 const STUCK_TIME: Duration = Duration::from_millis(1_000);
 
-/// The number of bytes that the UART must receive before anything can be due, an idle line and errors aside.
+/// The number of bytes that the UART must receive before any work can be due, apart from an idle line and errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RxThreshold {
-    /// This many bytes, at least 1, whatever they are.
+    /// This many bytes of any value, at least 1.
     pub max: usize,
-    /// Or at least this many, if the last of them is the terminator.
+    /// At least this many if the last of them is the terminator.
     pub min: usize,
-    /// The byte with which the next frame ends. `None` if that is not known, or the number of missing bytes is.
+    /// The last byte of the next frame. `None` if it is unknown, or if the number of missing bytes is known.
     pub terminator: Option<u8>,
 }
 
 impl RxThreshold {
-    /// Whether these `bytes`, of which the last is `last`, reach it.
+    /// Returns true if these `bytes`, the last of which is `last`, reach the threshold.
     pub fn is_met(&self, bytes: usize, last: u8) -> bool {
         bytes >= self.max || bytes >= self.min && self.terminator == Some(last)
     }
 }
 
-/// The next thing for the UART to do.
+/// The UART's next step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Transmit {
-    /// Send bytes, then say that they [went out](crate::Bridge::uart_transmitted).
+    /// Send bytes, then report it by [`uart_transmitted`](crate::Bridge::uart_transmitted).
     Burst {
         /// The number of bytes, at least 1.
         len: usize,
-        /// When the first is to start, [`POLL_LEAD_TIME`] away at most: wait for it, and send nothing in between. `None`: at
-        /// once.
+        /// Start of the first byte, at most [`POLL_LEAD_TIME`] ahead: wait for it, and send nothing in between. `None`:
+        /// start at once.
         start: Option<Instant>,
     },
-    /// Change the UART once the last bit is out, then say [so](crate::UartEvent::Configured).
+    /// Reconfigure the UART after the last bit is out, then report [`Configured`](crate::UartEvent::Configured).
     Configure(UartConfig),
 }
 
@@ -95,9 +96,9 @@ struct Burst {
     initiator: Initiator,
     len: usize,
     start: Option<Instant>,
-    /// The request, if it is one of those that are tracked. The bytes of the host on USB are read once they went out.
+    /// The request, if it is tracked. Bytes of the host on USB are decoded after they went out.
     info: Option<Info>,
-    /// Since when the request waited.
+    /// Start of the request's wait.
     since: Option<Instant>,
     kind: BurstKind,
 }
@@ -107,16 +108,16 @@ enum BurstKind {
     Request,
     TorqueOn,
     TorqueOff,
-    /// Zeros that end what the arm may have heard half of.
+    /// Zeros that end a frame that the arm may have received in part.
     Zeros,
 }
 
-/// Hosts on CAN that have fallen silent.
+/// Hosts on CAN that have gone silent.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Silenced {
-    /// Those that send requests.
+    /// The hosts that send requests.
     pub(crate) can: bool,
-    /// The one that sends commands.
+    /// The host that sends commands.
     pub(crate) command: bool,
 }
 
@@ -127,9 +128,9 @@ impl Silenced {
     }
 }
 
-/// Why a request is not taken.
+/// The reason for a request that was not accepted.
 pub(crate) enum NotTaken {
-    /// There is no room now.
+    /// The queue is full now.
     Full,
     Refused(Refusal),
 }
@@ -137,7 +138,7 @@ pub(crate) enum NotTaken {
 /// The line to the arm, and the serial port on USB.
 pub(crate) struct Line {
     kind: ArmKind,
-    /// Reads the bytes of the arm.
+    /// Decodes the bytes of the arm.
     decoder: Decoder<MAX_FRAME>,
     exchange: Exchange<ArmKind, Initiator, MAX_PENDING>,
     to_host: ToHost,
@@ -147,17 +148,17 @@ pub(crate) struct Line {
     poll: Poll,
     rate: LineRate,
     dead_man: DeadMan,
-    /// The burst that the UART was given last, until it is accounted for.
+    /// The last burst handed to the UART, until it is accounted for.
     burst: Option<Burst>,
-    /// The answer to the last identification.
+    /// The result of the last identification.
     identified: Option<Result<Option<FrameBytes>, Failure>>,
     command_timeout: Duration,
-    /// Whether polls and CAN are being refused because the host on USB holds the line.
+    /// Polls and CAN are being refused because the host on USB holds the line.
     is_held: bool,
-    /// Whether somebody besides the host on USB is told of all frames.
+    /// Listeners other than the host on USB receive all frames.
     is_watched: bool,
     deliveries: EventQueue,
-    /// When the UART was last looked at, when the arm was last heard, and when anything last went out.
+    /// Time of the last read of the UART, of the last byte of the arm, and of the last byte sent.
     last_rx_poll: Instant,
     last_rx: Instant,
     last_tx: Instant,
@@ -196,7 +197,7 @@ impl Line {
         &self.counters
     }
 
-    /// Bytes that passed, both ways.
+    /// Bytes that passed in both directions.
     pub(crate) const fn passed_bytes(&self) -> u32 {
         let c = &self.counters;
         c.arm_to_host_bytes.wrapping_add(c.host_to_arm_bytes)
@@ -212,7 +213,7 @@ impl Line {
 
     // ---- From the arm ----
 
-    /// The UART has received these bytes, the last of which arrived at `at`. Returns the number of frames that ended.
+    /// Handles bytes from the UART, the last of which arrived at `at`. Returns the number of frames that ended.
     pub(crate) fn received(&mut self, bytes: &[u8], at: Instant) -> usize {
         self.last_rx_poll = at;
         if bytes.is_empty() {
@@ -233,7 +234,7 @@ impl Line {
         frames
     }
 
-    /// The line was idle for the time of a byte: what has arrived goes out. Returns the number of frames that this ended.
+    /// The line was idle for one byte time: received bytes become due. Returns the number of frames that this ended.
     pub(crate) fn idle(&mut self, now: Instant) -> usize {
         self.decoder.idle();
         let frames = self.take_items(now);
@@ -241,7 +242,7 @@ impl Line {
         frames
     }
 
-    /// The UART reported errors. The bytes they came with are passed on as they are.
+    /// The UART reported errors. The bytes received with them are passed on unchanged.
     pub(crate) fn errors(&mut self, errors: &UartErrors) {
         let c = &mut self.counters;
         for (counter, errors) in [
@@ -261,7 +262,7 @@ impl Line {
         let heard = MAX_AGE_NANOS.checked_div(self.rate.byte_nanos()).unwrap_or(0) as usize;
         let room = self.to_host.to_full_packet();
         let need = self.decoder.need(&self.kind, expect).max(1);
-        // The terminator may also occur inside a frame: it tells the end only where the length is not known.
+        // The terminator may also occur inside a frame: it marks the end only where the length is unknown.
         match self.kind.terminator(expect).filter(|_| self.decoder.pending() == 0) {
             Some(terminator) => RxThreshold {
                 max: heard.max(need).min(room),
@@ -279,7 +280,7 @@ impl Line {
         }
     }
 
-    /// Passes the bytes that are not decided on to the host on USB, unless they may be for another.
+    /// Passes undecided bytes to the host on USB, unless they may belong to another initiator.
     fn pass(&mut self) {
         if self.decoder.pending() > 0 && !self.is_anothers() {
             let (offset, window) = (self.decoder.offset(), self.decoder.window());
@@ -287,7 +288,7 @@ impl Line {
         }
     }
 
-    /// Takes what the decoder has decided on, and returns the number of frames.
+    /// Takes the decoder's items, and returns the number of frames.
     fn take_items(&mut self, at: Instant) -> usize {
         let mut frames: usize = 0;
         while let Some(span) = self.decoder.advance(&self.kind, self.exchange.expect(&self.kind)) {
@@ -343,12 +344,12 @@ impl Line {
         frames
     }
 
-    /// The next frame, its bytes in `bytes`, or event for those who are told of it.
+    /// The next frame, with its bytes in `bytes`, or event for the hosts' side.
     pub(crate) fn delivery(&mut self, bytes: &mut FrameBytes) -> Option<(Instant, Queued)> {
         self.deliveries.pop(bytes)
     }
 
-    /// Whether there is room for the frames of a packet.
+    /// Returns true if the frames of any packet fit.
     pub(crate) const fn has_delivery_room(&self) -> bool {
         self.deliveries.has_room()
     }
@@ -357,23 +358,23 @@ impl Line {
         !self.deliveries.is_empty()
     }
 
-    /// Whether somebody besides the host on USB is told of all frames, from here on.
+    /// Enables the delivery of all frames to listeners other than the host on USB.
     pub(crate) const fn watch(&mut self, is_watched: bool) {
         self.is_watched = is_watched;
     }
 
-    /// The answer to an [identification](Self::identify), once: `None` in it if the arm did not answer.
+    /// The result of an [identification](Self::identify), returned once: `None` in it if the arm did not answer.
     pub(crate) const fn identified(&mut self) -> Option<Result<Option<FrameBytes>, Failure>> {
         self.identified.take()
     }
 
-    /// The initiator whose request the arm is about to answer.
+    /// The initiator whose request is in flight.
     pub(crate) fn holder(&self) -> Option<Initiator> {
         self.exchange.holder()
     }
 
-    /// Whether another than the host on USB is about to be answered: the bytes of the arm are held back until it is known whose
-    /// they are.
+    /// Returns true if the next answer is for an initiator other than the host on USB: the arm's bytes are held back
+    /// until their frame is known.
     fn is_anothers(&self) -> bool {
         self.holder().is_some_and(|holder| holder != Initiator::Usb)
     }
@@ -396,13 +397,13 @@ impl Line {
 
     // ---- To the arm ----
 
-    /// Whether [`transmit`](Self::transmit) has something.
+    /// Returns true if [`transmit`](Self::transmit) has work.
     pub(crate) fn is_transmit_due(&self, now: Instant) -> bool {
         self.uart_change().is_some() || self.next(now).is_some()
     }
 
-    /// Copies the next bytes for the arm to the front of `out`, [`MAX_FRAME`] bytes at least, or says how the UART has to change
-    /// before. `None` when there is nothing now.
+    /// Copies the next bytes for the arm to the front of `out`, [`MAX_FRAME`] bytes at least, or returns the
+    /// configuration that the UART must change to first. `None` if nothing is due now.
     pub(crate) fn transmit(&mut self, out: &mut [u8], now: Instant) -> Option<Transmit> {
         self.tick_requests(now);
         self.tick_turn(now);
@@ -419,7 +420,7 @@ impl Line {
             kind: BurstKind::Request,
         };
         if initiator == Initiator::Usb {
-            // One request at a time while it matters which.
+            // One request at a time while others use the line.
             let one = !self.are_others_silent(now) || self.arbiter.is_shared(now);
             let len = self.rate.before_change(out.len());
             burst.len = self
@@ -428,7 +429,8 @@ impl Line {
         } else if out.len() < MAX_FRAME {
             return None;
         } else if self.from_host.is_cut {
-            // No frame ends with zeros. An arm that waits for the rest of a frame would take another's request for that.
+            // No frame ends with zeros. Without them, an arm that waits for the rest of a frame would read another's
+            // request as that rest.
             out.get_mut(..MAX_FRAME)?.fill(0);
             (burst.len, burst.kind) = (MAX_FRAME, BurstKind::Zeros);
         } else {
@@ -447,7 +449,7 @@ impl Line {
         })
     }
 
-    /// The request with which an initiator waits, those of the host on USB aside.
+    /// The pending request of an initiator other than the host on USB.
     fn waiting_request(&self, initiator: Initiator) -> Option<(&[u8], Option<Info>)> {
         let own = match initiator {
             Initiator::Can | Initiator::Command => {
@@ -462,7 +464,7 @@ impl Line {
         Some((bytes, self.kind.request(bytes)))
     }
 
-    /// Takes the request with which an initiator waits: since when it does.
+    /// Removes the pending request of an initiator. Returns the start of its wait.
     fn take_request(&mut self, initiator: Initiator) -> (Option<Instant>, BurstKind) {
         let requests = &mut self.requests;
         match initiator {
@@ -482,7 +484,7 @@ impl Line {
         }
     }
 
-    /// The bytes of the last [`transmit`](Self::transmit) are on their way since `now`: accounts for them.
+    /// The UART has been sending the bytes of the last [`transmit`](Self::transmit) since `now`: accounts for them.
     pub(crate) fn transmitted(&mut self, now: Instant) {
         let Some(burst) = self.burst.take() else {
             return;
@@ -531,7 +533,7 @@ impl Line {
         self.from_host.begin(now);
         self.arbiter.taken(Initiator::Usb, false, now);
         self.rate.sent(len);
-        // At another rate the arm may take them for the beginning of anything.
+        // An arm may read bytes at another rate as the beginning of any frame.
         let is_heard = self.rate.is_arms();
         self.from_host.is_cut |= !is_heard;
         let byte_nanos = self.rate.byte_nanos();
@@ -554,7 +556,7 @@ impl Line {
                 self.latencies.turn.add(self.from_host.waited());
                 let behind = on_wire(byte_nanos, rest.saturating_add(behind));
                 self.track(Initiator::Usb, info, end - behind);
-                // No arm understands another rate, and under `hold-line` nobody's torque goes off.
+                // No arm reads bytes at another rate, and `hold-line` disables torque-off.
                 if is_heard && !self.rate.is_on_hold() {
                     if info.is_some_and(|info| info.effect == Effect::Motion) {
                         self.dead_man.motion(Initiator::Usb, now);
@@ -566,7 +568,7 @@ impl Line {
         }
     }
 
-    /// A request's last byte is out at `end`: waits for its answer, if it has one.
+    /// Tracks a request whose last byte is out at `end`, if it has an answer.
     fn track(&mut self, initiator: Initiator, info: Option<Info>, end: Instant) {
         let Some((info, response)) = info.and_then(|info| Some((info, info.response?))) else {
             return;
@@ -584,16 +586,16 @@ impl Line {
         );
     }
 
-    /// Whose turn it is now, if anybody's.
+    /// The initiator that may send now, if there is one.
     fn next(&self, now: Instant) -> Option<Initiator> {
         if self.requests.torque_off.is_some() && !self.from_host.is_speaking() {
-            // It waits for nobody's answer.
+            // Torque-off waits for no answer.
             return Some(Initiator::Adapter);
         }
         if self.is_anothers() {
             return None;
         }
-        // More of what was begun, or more requests while nobody else has one.
+        // The host continues its sequence, or sends more requests while no other initiator has one.
         if self.from_host.is_speaking() || self.are_others_silent(now) {
             return self.contender(Initiator::Usb, now).map(|_| Initiator::Usb);
         }
@@ -604,12 +606,12 @@ impl Line {
             .next(&Initiator::ALL.map(|initiator| self.contender(initiator, now)))
     }
 
-    /// Whether nobody but the host on USB has anything to say, which is so nearly always.
+    /// Returns true if no initiator but the host on USB is ready, which is the usual case.
     fn are_others_silent(&self, now: Instant) -> bool {
         self.requests.is_empty() && self.poll.due_since(now).is_none()
     }
 
-    /// An initiator, if it could speak if it were its turn.
+    /// The initiator, if it is ready for a turn.
     fn contender(&self, initiator: Initiator, now: Instant) -> Option<Contender> {
         let since = self.since(initiator, now)?;
         let may_go = match initiator {
@@ -624,7 +626,7 @@ impl Line {
         })
     }
 
-    /// Since when an initiator has something to say.
+    /// The start of an initiator's wait.
     fn since(&self, initiator: Initiator, now: Instant) -> Option<Instant> {
         match initiator {
             Initiator::Usb => (self.from_host.len() > 0).then(|| self.from_host.moved()),
@@ -635,9 +637,10 @@ impl Line {
         }
     }
 
-    /// Whether the answer to the request of an initiator could be told from all that may still come.
+    /// Returns true if the answer to an initiator's request could be distinguished from all answers that may still
+    /// arrive.
     fn may_go(&self, initiator: Initiator) -> bool {
-        // Nearly always no answer is missing, and the request need not be known.
+        // Usually no answer is missing, and the request does not matter.
         if self.exchange.is_idle() {
             return true;
         }
@@ -645,10 +648,10 @@ impl Line {
             .is_some_and(|(_, info)| info.is_none_or(|info| self.exchange.can_send(&info, initiator)))
     }
 
-    /// Whether the host on USB may go on. Alone it always may, for it hears every answer. With others on the line, it has no
-    /// more requests with the arm than are tracked, and none whose answer could be another's.
+    /// Returns true if the host on USB may send. Alone on the line it always may, as it receives every answer. On a
+    /// shared line it is limited to the number of tracked requests, and to requests whose answer cannot be another's.
     fn may_host_go(&self, now: Instant) -> bool {
-        // What was begun is not held back, and no arm answers at another rate.
+        // A sequence in progress is not held back, and no arm answers at another rate.
         if self.exchange.is_idle() || self.from_host.is_speaking() || !self.rate.is_arms() {
             return true;
         }
@@ -660,9 +663,9 @@ impl Line {
                 .is_none_or(|info| self.exchange.can_send(&info, Initiator::Usb))
     }
 
-    // ---- Requests of others than the host on USB ----
+    // ---- Requests of initiators other than the host on USB ----
 
-    /// A host on CAN sent this request, which was whole at `came`.
+    /// Queues a request of a host on CAN that was complete at `came`.
     pub(crate) fn request(&mut self, bytes: &[u8], came: Instant) -> Result<(), NotTaken> {
         if self.requests.can.is_full() {
             return Err(NotTaken::Full);
@@ -677,12 +680,12 @@ impl Line {
         if request.is_motion() {
             self.dead_man.motion(Initiator::Can, came);
         }
-        // There is room.
+        // The queue is not full.
         let _ = self.requests.can.push_back(request);
         Ok(())
     }
 
-    /// A host on CAN wants the arm to move by this request: the newest replaces the one that waits.
+    /// Queues a motion request of cyclic commands. It replaces the one that waits.
     pub(crate) fn command(&mut self, bytes: &[u8], now: Instant) {
         if self.is_held {
             return self.refuse(Initiator::Command, Refusal::LineHeld, now);
@@ -695,7 +698,7 @@ impl Line {
         }
     }
 
-    /// Asks the arm what it is, when it is its turn. The answer is [`identified`](Self::identified).
+    /// Queues an identification request. Its result is [`identified`](Self::identified).
     pub(crate) fn identify(&mut self, now: Instant) {
         if self.kind.own(OwnRequest::Identify).is_none() {
             self.identified = Some(Ok(None));
@@ -707,7 +710,7 @@ impl Line {
         }
     }
 
-    /// Drops the requests of hosts on CAN, for the bus becomes another.
+    /// Drops the requests of hosts on CAN, because the bus is reconfigured.
     pub(crate) fn drop_can_requests(&mut self) {
         count(&mut self.counters.refused_can_requests, self.requests.can.len());
         self.requests.can.clear();
@@ -731,7 +734,7 @@ impl Line {
         self.deliver(&Event::Refused { initiator, reason }, now);
     }
 
-    /// Counts a refusal, on the hosts' side too.
+    /// Counts a refusal, on behalf of the hosts' side too.
     pub(crate) const fn count_refusal(&mut self, reason: Refusal) {
         let c = &mut self.counters;
         let counter = match reason {
@@ -754,7 +757,7 @@ impl Line {
 
     // ---- The configuration ----
 
-    /// The adapter is configured anew.
+    /// Applies a new configuration.
     pub(crate) fn configure(&mut self, was: &Config, config: &Config, now: Instant) {
         self.command_timeout = Duration::from_millis(config.can.command_timeout_ms.into());
         self.dead_man
@@ -772,7 +775,7 @@ impl Line {
         }
     }
 
-    /// Another kind of arm is there: the exchanges with the one before are over.
+    /// Changes the kind of arm: exchanges with the previous one end.
     #[cold]
     fn change_arm(&mut self, kind: ArmKind, now: Instant) {
         let holder = self.holder();
@@ -818,7 +821,7 @@ impl Line {
         self.follow_holder(now);
     }
 
-    /// Returns whether the port was opened or closed by this.
+    /// Returns true if the port was opened or closed.
     pub(crate) fn dtr(&mut self, high: bool, now: Instant) -> bool {
         if self.to_host.is_attached() {
             self.rate.dtr(high, self.from_host.len(), now);
@@ -827,18 +830,18 @@ impl Line {
         self.to_host.dtr(high, &mut self.counters)
     }
 
-    /// A packet of this length that was taken could not be sent.
+    /// A packet of this length that was handed over could not be sent.
     pub(crate) fn packet_lost(&mut self, len: usize) {
         count(&mut self.counters.unheard_bytes, len);
     }
 
-    /// Whether the next packet of the host may be taken: not while a line coding waits to take effect, for what comes then is
-    /// for the new one.
+    /// Returns true if the next packet of the host may be accepted. While a line coding waits to take effect it may
+    /// not: its bytes are for the new one.
     pub(crate) fn has_packet_room(&self) -> bool {
         !self.rate.changes() && self.from_host.room() >= PACKET
     }
 
-    /// The host sent a packet. Returns whether there is room for the next.
+    /// Handles a packet of the host. Returns true if the next one fits.
     pub(crate) fn packet_received(&mut self, packet: &[u8], now: Instant) -> bool {
         count(&mut self.counters.packets_from_host, 1);
         if self.rate.is_unmet() && !packet.is_empty() && !self.take_rate(now) {
@@ -878,14 +881,14 @@ impl Line {
         self.rate.state(self.from_host.len())
     }
 
-    /// How the UART has to change before anything else goes out. It waits for the answer to another's request, but torque-off
-    /// waits for nobody's.
+    /// The configuration that the UART must change to before anything else goes out. The change waits for the answer to
+    /// another initiator's request; for torque-off it waits for none.
     pub(crate) fn uart_change(&self) -> Option<UartConfig> {
         let uart = self.rate.change(self.from_host.len())?;
         (self.requests.torque_off.is_some() || !self.is_anothers()).then_some(uart)
     }
 
-    /// The UART was changed. A frame that had begun will not end. Returns the number of frames that this ended.
+    /// The UART was reconfigured. An unfinished frame will not end. Returns the number of frames that this ended.
     pub(crate) fn uart_configured(&mut self, uart: UartConfig, now: Instant) -> usize {
         let frames = self.idle(now);
         self.from_host.cut();
@@ -895,17 +898,17 @@ impl Line {
         frames
     }
 
-    /// Whether the bytes that the UART sends are to be cut: torque-off waits, and the arm does not understand their rate.
+    /// Returns true if the UART must stop transmitting: torque-off waits, and the arm cannot read bytes at this rate.
     pub(crate) fn is_cut_due(&self) -> bool {
         self.requests.torque_off.is_some() && !self.rate.is_arms()
     }
 
-    /// Whether the host on USB may have another rate than the arm's.
+    /// Returns true if the host on USB may have a rate other than the arm's.
     fn may_change_rate(&self) -> bool {
         !self.dead_man.is_can_streaming() && self.requests.torque_off.is_none()
     }
 
-    /// The rate that the host on USB has set takes effect with its next byte. Returns whether it does.
+    /// Puts the rate of the host on USB into effect with its next byte. Returns true if it did.
     #[cold]
     fn take_rate(&mut self, now: Instant) -> bool {
         let takes = self.may_change_rate() && !self.rate.is_revoked();
@@ -916,7 +919,7 @@ impl Line {
         takes
     }
 
-    /// Bytes of the host on USB are dropped, because the line does not have their rate.
+    /// Drops bytes of the host on USB whose rate is not in effect.
     #[cold]
     fn refuse_packet(&mut self, bytes: usize, now: Instant) {
         count(&mut self.counters.refused_rate_bytes, bytes);
@@ -925,7 +928,7 @@ impl Line {
         }
     }
 
-    /// Torque-off goes out at the arm's rate: the bytes of the host on USB at another rate are cut.
+    /// Torque-off goes out at the arm's rate: bytes of the host on USB at another rate are cut off.
     fn take_line_back(&mut self, now: Instant) {
         if self.rate.revoke() {
             let dropped = self.drop_host_bytes();
@@ -936,7 +939,7 @@ impl Line {
         }
     }
 
-    /// A host on the control port wants the line for USB alone.
+    /// A host on the control port requests exclusive use of the line for USB.
     pub(crate) fn hold_line(&mut self, port: ControlPort, now: Instant) -> Result<(), Failure> {
         if self.requests.torque_off.is_some() || self.dead_man.is_any_streaming() {
             return Err(Failure::StreamArmed);
@@ -948,13 +951,13 @@ impl Line {
         Ok(())
     }
 
-    /// The host on the control port wants it no more.
+    /// A host on the control port releases the line.
     pub(crate) fn release_line(&mut self, port: ControlPort, now: Instant) {
         self.rate.unhold(port);
         self.follow_holder(now);
     }
 
-    /// Refuses the requests of polls and CAN when the host on USB begins to hold the line, and lets polls go on when that ends.
+    /// Refuses the requests of polls and CAN when a hold begins, and resumes polls when it ends.
     #[inline(never)]
     fn follow_holder(&mut self, now: Instant) {
         let held = self.rate.is_held(self.from_host.len());
@@ -976,20 +979,20 @@ impl Line {
         }
     }
 
-    // ---- The dead-man ----
+    // ---- The dead-man timer ----
 
-    /// Whether the torque is to go off if the adapter starts again now.
+    /// Returns true if the torque must go off in case the adapter restarts now.
     pub(crate) fn is_armed(&self) -> bool {
         self.is_torque_off_waiting() || self.dead_man.switches_off() && self.dead_man.is_any_streaming()
     }
 
-    /// Whether torque-off waits to go out.
+    /// Returns true if torque-off waits to go out.
     pub(crate) fn is_torque_off_waiting(&self) -> bool {
         let is_handed_over = self.burst.is_some_and(|burst| burst.kind == BurstKind::TorqueOff);
         self.requests.torque_off.is_some() || is_handed_over
     }
 
-    /// The adapter before this one stopped while it was armed: the torque goes off before all else.
+    /// The adapter's previous run stopped while it was armed: torque-off goes out first.
     pub(crate) fn restarted_while_armed(&mut self) {
         if self.kind.own(OwnRequest::TorqueOff).is_some() {
             self.requests.torque_off = Some(Instant::ZERO);
@@ -997,8 +1000,8 @@ impl Line {
         }
     }
 
-    /// The adapter is about to stop: no stream stays behind with its torque on. `last_request` are the bytes of the last request
-    /// on CAN, for which there was no room.
+    /// Prepares a restart: switches the torque off if a stream is armed. `last_request` is the length of the last
+    /// request on CAN, for which the line had no room.
     pub(crate) fn disarm(&mut self, last_request: usize, now: Instant) -> Silenced {
         let mut silenced = Silenced::default();
         for initiator in STREAMERS {
@@ -1010,17 +1013,17 @@ impl Line {
         silenced
     }
 
-    /// A host ends its stream of motion without loss of torque.
+    /// A host ends its stream of motion without torque-off.
     pub(crate) fn release_stream(&mut self, initiator: Initiator) {
         self.dead_man.end(initiator);
     }
 
-    /// No host could be heard until now.
+    /// No host had a chance to be active until now.
     pub(crate) fn hosts_heard(&mut self, now: Instant) {
         self.dead_man.all_heard(now);
     }
 
-    /// Whether the host on USB cannot be heard because there is no room for what it says to the arm.
+    /// Returns true if the host on USB cannot send because the buffer to the arm is full.
     fn is_host_held_back(&self) -> bool {
         !self.has_packet_room() && !self.is_held
     }
@@ -1033,7 +1036,7 @@ impl Line {
         self.dead_man.timeout(initiator, waits_since)
     }
 
-    /// A host that streamed motion says nothing any more: what it has sent and is not out is old.
+    /// A host that streamed motion went silent: its unsent bytes are outdated.
     fn host_silent(&mut self, initiator: Initiator, last_request: usize, now: Instant) {
         let dropped = match initiator {
             Initiator::Usb => {
@@ -1053,7 +1056,7 @@ impl Line {
             self.requests.torque_off.get_or_insert(now);
             self.take_line_back(now);
         }
-        // A change of rate was dropped with the bytes.
+        // A pending change of rate was dropped with the bytes.
         self.follow_holder(now);
         self.end_stream(initiator, dropped, torque_off, now);
     }
@@ -1064,7 +1067,7 @@ impl Line {
         self.from_host.truncate(handed_over.map_or(0, |burst| burst.len))
     }
 
-    /// Reports that a host streams motion no more, if it did.
+    /// Ends a host's stream and reports it, if there was one.
     fn end_stream(&mut self, initiator: Initiator, dropped: usize, torque_off: bool, now: Instant) {
         if !self.dead_man.end(initiator) {
             return;
@@ -1081,7 +1084,7 @@ impl Line {
 
     // ---- Time ----
 
-    /// When to call [`tick`](Self::tick), unless something happens before, perhaps at a time that has passed.
+    /// The time of the next [`tick`](Self::tick) unless another event comes first. It may lie in the past.
     pub(crate) fn timeout(&self) -> Option<Instant> {
         Earliest::of(self.poll.timeout())
             .or(self.exchange.timeout())
@@ -1094,8 +1097,8 @@ impl Line {
             .get()
     }
 
-    /// It is `now`: late answers are given up, polls become due, old commands are dropped, silent hosts lose their streams.
-    /// `last_request` are the bytes of the last request on CAN, for which there was no room.
+    /// Advances the time to `now`: late answers expire, polls become due, old commands are dropped, silent hosts lose
+    /// their streams. `last_request` is the length of the last request on CAN, for which the line had no room.
     pub(crate) fn tick(&mut self, last_request: usize, now: Instant) -> Silenced {
         let mut silenced = Silenced::default();
         self.tick_requests(now);
@@ -1107,7 +1110,7 @@ impl Line {
                 continue;
             }
             match initiator {
-                // USB does not tell whether it wants to say something.
+                // USB does not report that the host wants to send.
                 Initiator::Usb if self.is_host_held_back() => self.dead_man.heard(initiator, now),
                 _ => {
                     self.host_silent(initiator, last_request, now);
@@ -1120,7 +1123,7 @@ impl Line {
         silenced
     }
 
-    /// Late answers are given up, polls become due, and old commands are dropped.
+    /// Expires late answers, makes polls due, and drops old commands.
     fn tick_requests(&mut self, now: Instant) {
         while let Some(initiator) = self.exchange.on_timeout(now) {
             count(&mut self.counters.unanswered_requests, 1);
@@ -1135,14 +1138,14 @@ impl Line {
         }
     }
 
-    /// A host on USB that has paused loses its turn to others who wait.
+    /// Ends the turn of a host on USB that has paused, if others wait.
     fn tick_turn(&mut self, now: Instant) {
         if self.turn_timeout().is_some_and(|at| at <= now) {
             self.from_host.end_turn();
         }
     }
 
-    /// The line's rate changes, or its holder loses it.
+    /// Changes the line's rate, or ends a hold.
     #[cold]
     fn tick_rate(&mut self, now: Instant) {
         let moved = self.from_host.moved().max(self.last_rx);
@@ -1150,13 +1153,13 @@ impl Line {
         self.follow_holder(now);
     }
 
-    /// When the command that waits for its turn is too old to move the arm.
+    /// The time at which the pending command becomes too old to move the arm.
     fn command_timeout(&self) -> Option<Instant> {
         let command = self.requests.command.as_ref()?;
         Some(command.since + self.command_timeout)
     }
 
-    /// When the host on USB, which has paused, loses its turn to others who wait.
+    /// The time at which the host on USB, which has paused, loses its turn to others that wait.
     fn turn_timeout(&self) -> Option<Instant> {
         if !self.from_host.is_speaking() || self.holder().is_some() && self.requests.torque_off.is_none() {
             return None;
@@ -1167,24 +1170,24 @@ impl Line {
         Some(self.from_host.turn_timeout(since, self.last_rx))
     }
 
-    /// Whether bytes for the arm stopped moving, or nobody has looked at the UART, for a second.
+    /// Returns true if bytes for the arm have not moved, or the UART has not been read, for a second.
     pub(crate) fn is_stuck(&self, now: Instant) -> bool {
         let unsent = self.from_host.len() > 0 || self.rate.changes();
-        // While the arm owes somebody an answer, bytes may wait for that. It ends by itself.
+        // While an answer is outstanding, bytes may wait for it. That wait has a timeout.
         let stands = self.holder().is_none();
         let moved = self.from_host.moved().max(self.last_tx);
         now.since(self.last_rx_poll) > STUCK_TIME || unsent && stands && now.since(moved) > STUCK_TIME
     }
 }
 
-/// How long a frame takes on a line on which a byte takes this many nanoseconds.
+/// The duration of a frame on a line on which a byte takes this many nanoseconds.
 fn on_wire(byte_nanos: u32, len: usize) -> Duration {
     Duration::from_micros(u64::from((len as u32).saturating_mul(byte_nanos) / 1_000))
 }
 
 #[cfg(test)]
 impl Line {
-    /// Requests of hosts on CAN that wait, and bytes of the host on USB.
+    /// Number of pending requests of hosts on CAN, and of pending bytes of the host on USB.
     pub(crate) fn waiting(&self) -> (usize, usize) {
         (self.requests.can.len(), self.from_host.len())
     }

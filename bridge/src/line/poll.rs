@@ -3,18 +3,18 @@
 use crate::config;
 use armwire::time::{Duration, Instant};
 
-/// How long before its slot a poll is handed over, so that nothing else that runs makes it late.
+/// Lead time of a poll over its slot: no other task can then make it late.
 pub const POLL_LEAD_TIME: Duration = Duration::from_micros(25);
 
-/// Says when it is time for a poll.
+/// The poll clock.
 ///
-/// The slots of a poll at a set rate are a fixed grid: the n-th is n periods after polling was switched on, each
-/// rounded down to a microsecond by itself, so that no error adds up.
+/// The slots of a poll at a set rate are a fixed grid: the n-th is n periods after the start of polling. Each is
+/// rounded down to a microsecond on its own. Rounding errors do not accumulate.
 pub(crate) struct Poll {
     rate: config::Poll,
     /// The next slot. `None` until the time is known.
     slot: Option<Instant>,
-    /// What was rounded off there, in parts of a microsecond of which `rate` make a whole one.
+    /// The rounding remainder of that slot, in units of 1/`rate` µs.
     rest: u32,
     state: State,
     is_paused: bool,
@@ -22,11 +22,11 @@ pub(crate) struct Poll {
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// The next slot has not come.
+    /// The next slot is in the future.
     Early,
-    /// It is time, since then.
+    /// The slot has come, at this time.
     Due(Instant),
-    /// The poll is with the arm.
+    /// The poll is in flight.
     InFlight,
 }
 
@@ -41,7 +41,7 @@ impl Poll {
         }
     }
 
-    /// Since when the next poll may go out, [`POLL_LEAD_TIME`] before its slot. `None` while it may not.
+    /// The time since which the next poll may go out, [`POLL_LEAD_TIME`] before its slot. `None` if it may not.
     pub(crate) fn due_since(&self, now: Instant) -> Option<Instant> {
         match self.state {
             _ if self.is_paused => None,
@@ -50,22 +50,22 @@ impl Poll {
         }
     }
 
-    /// Whether it is more urgent than what others have to ask.
+    /// Returns true for a poll at a set rate: it goes before the requests of others.
     pub(crate) const fn is_urgent(&self) -> bool {
         matches!(self.rate, config::Poll::Hertz(_))
     }
 
-    /// Whether there are no polls.
+    /// Returns true if polling is off.
     pub(crate) const fn is_off(&self) -> bool {
         matches!(self.rate, config::Poll::Off)
     }
 
-    /// The next slot. `None` without a rate, or when polling has not begun.
+    /// The next slot. `None` without a rate, or before polling begins.
     pub(crate) const fn slot(&self) -> Option<Instant> {
         self.slot
     }
 
-    /// The slot a period after this one. `None` without a rate.
+    /// The slot one period later. `None` without a rate.
     fn after(&mut self, slot: Instant) -> Option<Instant> {
         let config::Poll::Hertz(rate) = self.rate else {
             return None;
@@ -80,7 +80,7 @@ impl Poll {
         Some(slot + Duration::from_micros(period.saturating_add(carry.into()).into()))
     }
 
-    /// When to call [`tick`](Self::tick).
+    /// The time of the next [`tick`](Self::tick).
     pub(crate) fn timeout(&self) -> Option<Instant> {
         match (self.rate, self.state) {
             (config::Poll::Off, _) | (_, State::Due(_) | State::InFlight) => None,
@@ -88,7 +88,7 @@ impl Poll {
         }
     }
 
-    /// It is `now`. Returns how many slots have passed in a [pause](Self::pause).
+    /// Advances the time to `now`. Returns the number of slots that have passed in a [pause](Self::pause).
     pub(crate) fn tick(&mut self, now: Instant) -> usize {
         if self.timeout().is_none() {
             return 0;
@@ -105,7 +105,7 @@ impl Poll {
         }
     }
 
-    /// From here on no poll goes out, or polls go out again. Returns how many slots have passed by that.
+    /// Pauses or resumes polling. Returns the number of slots that this skips.
     pub(crate) fn pause(&mut self, pause: bool, now: Instant) -> usize {
         self.is_paused = pause;
         match pause {
@@ -114,7 +114,7 @@ impl Poll {
         }
     }
 
-    /// Passes over the slot of a poll at a set rate that may not go out, and those up to `now`. Returns how many.
+    /// Skips the due slot of a poll at a set rate, and all slots up to `now`. Returns their number.
     fn miss(&mut self, now: Instant) -> usize {
         if !self.is_urgent() || !matches!(self.state, State::Due(_)) {
             return 0;
@@ -128,7 +128,7 @@ impl Poll {
         self.state = State::InFlight;
     }
 
-    /// It was answered or given up. Returns how many slots have passed since its own.
+    /// The poll was answered or timed out. Returns the number of slots that have passed since its own.
     pub(crate) fn ended(&mut self, now: Instant) -> usize {
         if self.state != State::InFlight {
             return 0;
@@ -156,7 +156,7 @@ mod tests {
     const NOW: Instant = Instant::ZERO;
     const SECOND: u64 = super::SECOND as u64;
 
-    /// The slots of a day, each poll answered after `answer` µs, and how many were missed.
+    /// The slots of a day, each poll answered after `answer` µs, and the number of missed slots.
     fn day(rate: u16, answer: u64) -> impl Iterator<Item = (Instant, u64)> {
         let mut poll = Poll::new(config::Poll::Hertz(rate));
         poll.tick(Instant::from_micros(777));
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn slots_are_exact_for_a_day() {
-        // At the higher rates answers take a second, so that the day has fewer polls than slots.
+        // At the higher rates answers take a second: the day has fewer polls than slots.
         for (rate, answer, step) in [(1, 400, 1), (7, 400, 1), (300, SECOND, 300), (1_000, SECOND, 1_000)] {
             let mut number = 1;
             for (slot, missed) in day(rate, answer) {
@@ -188,11 +188,11 @@ mod tests {
 
     #[test]
     fn a_slot_that_passes_before_the_answer_is_missed_and_the_grid_stays() {
-        // 300 Hz: a slot each 3333.3 µs, and an answer after 10 000 µs, when the third one after has just come.
+        // 300 Hz: a slot every 3333.3 µs, and an answer after 10 000 µs, exactly at the third slot after its own.
         for (k, (slot, missed)) in day(300, 10_000).take(1_000).enumerate() {
             assert_eq!((slot.as_micros(), missed), (777 + (1 + 3 * k as u64) * SECOND / 300, 2));
         }
-        // One microsecond later it is missed, too.
+        // One microsecond later that slot is missed, too.
         assert!(day(300, 10_001).take(1_000).all(|(_, missed)| missed == 3));
     }
 

@@ -1,4 +1,4 @@
-//! The line's rate: the arm's own, unless the host on USB holds another, and the line that `hold-line` keeps for USB.
+//! The line's rate, set by the arm's kind or by the host on USB, and the exclusive hold of the line for USB.
 
 use crate::config::ArmKind;
 use crate::control::{LineHolder, LineState};
@@ -6,7 +6,7 @@ use crate::earliest::Earliest;
 use crate::line_coding::{LineCoding, UartConfig};
 use armwire::time::{Duration, Instant};
 
-/// The port that a host controls the adapter by.
+/// The control port of a host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ControlPort {
     /// The control interface on USB.
@@ -15,43 +15,43 @@ pub(crate) enum ControlPort {
     Can,
 }
 
-/// How long after SET_LINE_CODING an open port gets its rate without a byte: many programs set two rates in a row, and only
-/// the last is meant.
+/// Time after SET_LINE_CODING at which an open port gets its rate without a byte: many programs set two rates in a row,
+/// and only the last one counts.
 const SETTLE: Duration = Duration::from_millis(100);
 
-/// How long a host that does not raise DTR keeps its rate without a byte either way.
+/// Time without a byte in either direction after which a host without DTR loses its rate.
 const IDLE: Duration = Duration::from_millis(10_000);
 
-/// How long [`HoldLine`](crate::control::Request::HoldLine) holds unless it is renewed.
+/// The lease of [`HoldLine`](crate::control::Request::HoldLine).
 const LEASE: Duration = Duration::from_millis(crate::control::HOLD_LEASE_MS as u64);
 
 /// A change of the line between bytes of the host on USB.
 #[derive(Clone, Copy)]
 struct Change {
     to: UartConfig,
-    /// How many bytes go out before.
+    /// Number of bytes that go out before the change.
     behind: usize,
 }
 
-/// How the UART works, how it is to work, and who holds the line.
+/// The UART's configuration, its pending changes, and the holder of the line.
 pub(crate) struct LineRate {
     line: UartConfig,
-    /// How long a byte takes on it, in nanoseconds.
+    /// Duration of a byte on the line, in nanoseconds.
     byte_nanos: u32,
     /// The arm's own line.
     arm: UartConfig,
-    /// Whether the arm has a rate of its own. The rate of another is what the host on USB sets.
+    /// The arm has a fixed rate. Without one, the host on USB sets it.
     has_own_rate: bool,
-    /// The next change: it comes before the bytes that wait behind it.
+    /// The next change. The bytes queued after it wait for it.
     step: Option<Change>,
-    /// The target line, reached once no bytes wait.
+    /// The target configuration, reached when no bytes wait.
     goal: UartConfig,
     /// The line coding that the host on USB last set, in effect or not.
     requested: LineCoding,
-    /// While the port is open, when `requested` takes effect without a byte. Else, when to see whether the host has said
-    /// nothing for [`IDLE`].
+    /// With the port open: the time at which `requested` takes effect without a byte. Otherwise: the time of the next
+    /// check whether the host was idle for [`IDLE`].
     deadline: Option<Instant>,
-    /// Torque-off took the line from the host. Its rate stays out of effect until it sets one.
+    /// Torque-off took the line from the host. The host's rate stays out of effect until it sets one.
     revoked: bool,
     /// Bytes of the host were refused since it set its rate.
     refused: bool,
@@ -61,7 +61,7 @@ pub(crate) struct LineRate {
 }
 
 impl LineRate {
-    /// A UART as at [`UartConfig::default`], which is to become the arm's.
+    /// A UART in its default configuration, [`UartConfig::default`], that must change to the arm's.
     pub(crate) fn new(kind: ArmKind) -> Self {
         let (line, arm) = (UartConfig::default(), kind.uart());
         Self {
@@ -80,7 +80,7 @@ impl LineRate {
         }
     }
 
-    /// How long a byte takes on the line, in nanoseconds.
+    /// Duration of a byte on the line, in nanoseconds.
     pub(crate) const fn byte_nanos(&self) -> u32 {
         self.byte_nanos
     }
@@ -92,7 +92,7 @@ impl LineRate {
 
     // ---- Changes of the UART ----
 
-    /// The change that the UART makes before anything else goes out. `queued` bytes of the host on USB wait.
+    /// The change that is due before anything else goes out. `queued` bytes of the host on USB wait.
     pub(crate) fn change(&self, queued: usize) -> Option<UartConfig> {
         let (to, behind) = match &self.step {
             Some(step) => (&step.to, step.behind),
@@ -101,39 +101,39 @@ impl LineRate {
         Some(*to).filter(|to| behind == 0 && *to != self.line)
     }
 
-    /// Whether the UART has a change to make.
+    /// Returns true if a change is pending.
     #[inline(never)]
     pub(crate) fn changes(&self) -> bool {
         self.step.is_some() || self.goal != self.line
     }
 
-    /// How many bytes of the host on USB may go out before the next change, at most `most`.
+    /// Number of bytes of the host on USB that may go out before the next change, at most `most`.
     pub(crate) fn before_change(&self, most: usize) -> usize {
         self.step.map_or(most, |step| step.behind.min(most))
     }
 
-    /// So many bytes of the host on USB went out.
+    /// This many bytes of the host on USB went out.
     pub(crate) fn sent(&mut self, bytes: usize) {
         if let Some(step) = &mut self.step {
             step.behind = step.behind.saturating_sub(bytes);
         }
     }
 
-    /// The bytes of the host on USB that had not gone out are dropped.
+    /// The unsent bytes of the host on USB were dropped.
     pub(crate) fn dropped(&mut self) {
         self.step = None;
     }
 
-    /// The UART works like this now.
+    /// The UART has this configuration now.
     pub(crate) fn changed(&mut self, line: UartConfig) {
         let _ = self.step.take_if(|step| step.to == line);
         self.line = line;
         self.byte_nanos = line.coding.nanos_a_byte();
     }
 
-    /// The UART is to work like this behind the `queued` bytes of the host on USB.
+    /// Schedules a change after the `queued` bytes of the host on USB.
     fn schedule(&mut self, to: UartConfig, queued: usize) {
-        // Behind a change that has bytes behind it no packet is taken, so that the next change is behind all of them.
+        // No packet is accepted while bytes wait for a change: the next change therefore comes after all of them.
         if self.step.is_none_or(|step| step.behind == queued) {
             self.step = (to != self.line).then_some(Change { to, behind: queued });
         }
@@ -142,8 +142,8 @@ impl LineRate {
 
     // ---- The host on USB ----
 
-    /// The host on USB sent SET_LINE_CODING behind `queued` bytes. The arm's own rate takes effect behind these; another one
-    /// with the next byte, or, while the port is open, after 100 ms.
+    /// The host on USB sent SET_LINE_CODING after `queued` bytes. The arm's own rate takes effect after these; another
+    /// one with the next byte or, while the port is open, after 100 ms.
     pub(crate) fn request(&mut self, coding: LineCoding, queued: usize, now: Instant) {
         (self.requested, self.revoked, self.refused) = (coding, false, false);
         if !self.has_own_rate {
@@ -156,17 +156,17 @@ impl LineRate {
         }
     }
 
-    /// Whether the next byte of the host on USB is for another rate than the one that the line will have.
+    /// Returns true if the host's rate differs from the one that the line will have.
     pub(crate) fn is_unmet(&self) -> bool {
         self.goal.coding != self.requested
     }
 
-    /// Whether the host's rate stays out of effect until it sets one.
+    /// Returns true if the host's rate stays out of effect until it sets one.
     pub(crate) const fn is_revoked(&self) -> bool {
         self.revoked
     }
 
-    /// The rate that the host on USB has set takes effect behind the `queued` bytes.
+    /// Schedules the host's rate after the `queued` bytes.
     pub(crate) fn take(&mut self, queued: usize, now: Instant) {
         let to = UartConfig {
             coding: self.requested,
@@ -176,7 +176,7 @@ impl LineRate {
         self.deadline = (!self.dtr).then(|| now + IDLE);
     }
 
-    /// Bytes of the host on USB are refused. Returns whether they are the first since it set its rate.
+    /// Bytes of the host on USB are refused. Returns true for the first since it set its rate.
     pub(crate) fn refuse(&mut self) -> bool {
         !core::mem::replace(&mut self.refused, true)
     }
@@ -190,12 +190,13 @@ impl LineRate {
             (self.revoked, self.refused) = (false, false);
             self.release(queued);
         } else if rose && !self.revoked {
-            // Its driver may take the rate for set that an earlier program set.
+            // The host's driver may rely on the rate that an earlier program set.
             self.deadline = Some(now + SETTLE);
         }
     }
 
-    /// The line becomes the arm's behind the `queued` bytes. The host's next byte brings its rate back into effect.
+    /// The line returns to the arm's rate after the `queued` bytes. The host's next byte puts its own rate back into
+    /// effect.
     pub(crate) fn release(&mut self, queued: usize) {
         self.deadline = None;
         if self.is_other(&self.goal) {
@@ -203,14 +204,14 @@ impl LineRate {
         }
     }
 
-    /// The host is gone, and so is the rate that it set.
+    /// The host is gone. The rate that it set is discarded.
     pub(crate) fn reset(&mut self, queued: usize) {
         self.release(queued);
         self.requested = self.arm.coding;
         (self.revoked, self.refused, self.dtr) = (false, false, false);
     }
 
-    /// Another arm is there. Its line follows behind the `queued` bytes, and the host's rate is that.
+    /// Changes the kind of arm. Its line coding follows after the `queued` bytes and replaces the host's.
     pub(crate) fn set_arm(&mut self, kind: ArmKind, queued: usize) {
         let arm = kind.uart();
         (self.arm, self.has_own_rate) = (arm, kind.has_own_rate());
@@ -221,7 +222,8 @@ impl LineRate {
         }
     }
 
-    /// The line becomes the arm's at once, for torque-off. Returns whether it was to be another.
+    /// Returns the line to the arm's rate at once, for torque-off. Returns true if another rate was in effect or
+    /// pending.
     pub(crate) fn revoke(&mut self) -> bool {
         if self.is_arms() && !self.changes() {
             return false;
@@ -232,24 +234,24 @@ impl LineRate {
         true
     }
 
-    // ---- Who holds the line ----
+    // ---- The holder of the line ----
 
-    /// Whether the arm understands what goes out now.
+    /// Returns true if the line has the arm's rate.
     pub(crate) fn is_arms(&self) -> bool {
         !self.is_other(&self.line)
     }
 
-    /// Whether the host on USB has the line for itself, so that polls and CAN are refused.
+    /// Returns true if the host on USB has the line exclusively: polls and CAN are refused.
     pub(crate) fn is_held(&self, queued: usize) -> bool {
         self.hold.is_some() || self.has_other_rate(queued)
     }
 
-    /// Whether `hold-line` keeps the line for USB.
+    /// Returns true during `hold-line`.
     pub(crate) const fn is_on_hold(&self) -> bool {
         self.hold.is_some()
     }
 
-    /// Whether the line has another rate than the arm's, or will have it, until the last byte for that is out.
+    /// Returns true if the line has or will have a rate other than the arm's, until the last byte at that rate is out.
     fn has_other_rate(&self, queued: usize) -> bool {
         let is_coming = |step: &Change| self.is_other(&step.to);
         self.is_other(&self.goal)
@@ -257,13 +259,13 @@ impl LineRate {
             || self.is_other(&self.line) && self.change(queued).is_none()
     }
 
-    // Not inlined: it is asked in many places.
+    // Not inlined: it has many callers.
     #[inline(never)]
     fn is_other(&self, line: &UartConfig) -> bool {
         line.coding != self.arm.coding
     }
 
-    /// `port` keeps the line for USB for the time of a lease. Returns whether it may: another port may have it.
+    /// Begins or renews the lease of `port`. Returns false if the other port holds the line.
     pub(crate) fn hold(&mut self, port: ControlPort, now: Instant) -> bool {
         let is_free = self.hold.is_none_or(|(holder, _)| holder == port);
         if is_free {
@@ -272,7 +274,7 @@ impl LineRate {
         is_free
     }
 
-    /// `port` keeps the line no more.
+    /// Ends the lease of `port`.
     pub(crate) fn unhold(&mut self, port: ControlPort) {
         let _ = self.hold.take_if(|(holder, _)| *holder == port);
     }
@@ -297,14 +299,14 @@ impl LineRate {
 
     // ---- Time ----
 
-    /// When to call [`tick`](Self::tick). While the host's rate `may` not take effect, it waits.
+    /// The time of the next [`tick`](Self::tick). Without `may`, the host's rate has to wait.
     pub(crate) fn timeout(&self, may: bool) -> Option<Instant> {
         let deadline = self.deadline.filter(|_| may || !self.dtr);
         Earliest::of(deadline).or(self.hold.map(|(_, until)| until)).get()
     }
 
-    /// It is `now`: what [`timeout`](Self::timeout) has waited for comes. The last byte either way moved at `moved`, and
-    /// `queued` bytes of the host on USB wait.
+    /// Advances the time to `now` and executes the due [`timeout`](Self::timeout). The last byte in either direction
+    /// moved at `moved`, and `queued` bytes of the host on USB wait.
     pub(crate) fn tick(&mut self, may: bool, moved: Instant, queued: usize, now: Instant) {
         let _ = self.hold.take_if(|(_, until)| *until <= now);
         if self.deadline.is_none_or(|at| at > now) || self.dtr && !may {
@@ -314,7 +316,7 @@ impl LineRate {
             self.take(queued, now);
             return;
         }
-        // Under `hold-line` the host may be as quiet as it likes.
+        // During `hold-line` the host may be idle for any time.
         let since = if self.hold.is_some() { now } else { moved };
         match since + IDLE > now {
             true => self.deadline = Some(since + IDLE),

@@ -1,4 +1,4 @@
-//! The requests that wait for their turn, those of the host on USB aside.
+//! The pending requests of all initiators other than the host on USB.
 
 use armwire::dialect::{Dialect, Effect};
 use heapless::Deque;
@@ -8,14 +8,14 @@ use crate::config::ArmKind;
 use crate::control::{FrameBytes, Initiator};
 use armwire::time::Instant;
 
-/// Requests from CAN that wait for their turn.
+/// Capacity for pending requests from CAN.
 const CAN_REQUESTS: usize = 2;
 
-/// A request that waits for its turn.
+/// A pending request.
 #[derive(Clone)]
 pub(crate) struct Request {
     pub(crate) bytes: FrameBytes,
-    /// Its part in the exchange; `None` if it has none.
+    /// Its properties for the exchange; `None` if it has none.
     pub(crate) info: Option<Info>,
     pub(crate) since: Instant,
 }
@@ -35,21 +35,21 @@ impl Request {
     }
 }
 
-/// The requests that wait.
+/// The pending requests.
 #[derive(Default)]
 pub(crate) struct Requests {
-    /// Requests of hosts on CAN, in the order in which they came.
+    /// Requests of hosts on CAN, in the order of arrival.
     pub(crate) can: Deque<Request, CAN_REQUESTS>,
     /// The newest cyclic command.
     pub(crate) command: Option<Request>,
-    /// Since when the torque is to be switched off.
+    /// Start of the wait of torque-off.
     pub(crate) torque_off: Option<Instant>,
-    /// Since when the arm is to be identified.
+    /// Start of the wait of an identification.
     pub(crate) identify: Option<Instant>,
 }
 
 impl Requests {
-    /// Whether nothing waits, which is so nearly always.
+    /// Returns true if no request is pending, which is the usual case.
     pub(crate) fn is_empty(&self) -> bool {
         self.can.is_empty() && self.command.is_none() && self.torque_off.is_none() && self.identify.is_none()
     }
@@ -63,12 +63,12 @@ impl Requests {
         }
     }
 
-    /// The number of bytes of hosts on CAN.
+    /// The number of bytes in requests of hosts on CAN.
     pub(crate) fn can_bytes(&self) -> usize {
         self.can.iter().map(|request| request.bytes.len()).sum()
     }
 
-    /// Since when the oldest motion of a host on CAN waits.
+    /// Start of the wait of the oldest motion of a host on CAN.
     pub(crate) fn can_motion_since(&self) -> Option<Instant> {
         self.can
             .iter()

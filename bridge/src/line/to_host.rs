@@ -1,4 +1,4 @@
-//! The serial port towards the host: which bytes wait for it, and when a packet of them is due.
+//! The serial port towards the host: its queued bytes, and the moment at which a packet is due.
 
 use crate::counters::{Counters, count};
 use crate::queue::Queue;
@@ -6,34 +6,34 @@ use crate::queue::Queue;
 /// Bytes in a full USB packet (full speed, bulk).
 pub const PACKET: usize = 64;
 
-/// Room for bytes of the arm that the host on USB has not read yet: 20 ms of a saturated 1 Mbaud line.
+/// Capacity for bytes of the arm that the host on USB has not read yet: 20 ms of a saturated 1 Mbaud line.
 pub const TO_HOST_BUFFER: usize = 2048;
 
-/// Bytes for the host, up to [`TO_HOST_BUFFER`] of them.
+/// The queue towards the host, up to [`TO_HOST_BUFFER`] bytes.
 pub(crate) struct ToHost {
     bytes: Queue<TO_HOST_BUFFER>,
     /// The watermark: the first byte of the arm that was not passed, by the decoder's offset.
     passed: u64,
-    /// How many of them, from the front, no longer wait for more to fill the packet.
+    /// Number of bytes at the front that no longer wait for a full packet.
     due: usize,
     transfer: Transfer,
     state: State,
 }
 
-/// The USB transfer towards the host. A host waits for more until a packet is short.
+/// The state of the USB transfer towards the host. A short packet ends a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Transfer {
     /// The last packet was short.
     Closed,
-    /// The last packet was full and what follows it is still arriving.
+    /// The last packet was full, and more bytes are arriving.
     Open,
-    /// The last packet was full and ended what there was to say.
+    /// The last packet was full and took the last bytes: a zero-length packet is due.
     Unterminated,
 }
 
-/// Whether somebody listens at the host's end.
+/// The state of the port at the host's end.
 ///
-/// Some hosts never raise DTR, so a low DTR means a closed port only after it has been high.
+/// Some hosts never raise DTR: a low DTR means a closed port only after it has been high.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     /// No host has configured the adapter.
@@ -57,7 +57,7 @@ impl ToHost {
         }
     }
 
-    /// Whether a host has configured the adapter.
+    /// Returns true if a host has configured the adapter.
     pub(crate) fn is_attached(&self) -> bool {
         self.state != State::Detached
     }
@@ -68,7 +68,7 @@ impl ToHost {
         self.state = if configured { State::Attached } else { State::Detached };
     }
 
-    /// The host raised or lowered DTR. Whether it opened or closed the port by that.
+    /// The host raised or lowered DTR. Returns true if this opened or closed the port.
     pub(crate) fn dtr(&mut self, high: bool, counters: &mut Counters) -> bool {
         let state = match (self.state, high) {
             (State::Detached, _) => State::Detached,
@@ -84,7 +84,7 @@ impl ToHost {
         changed
     }
 
-    /// Passes bytes of the arm, the first of which has this offset, to the host: those that were not passed before.
+    /// Passes bytes of the arm that were not passed before. The first of `bytes` has this offset.
     pub(crate) fn pass(&mut self, offset: u64, bytes: &[u8], counters: &mut Counters) {
         let passed = self.passed.saturating_sub(offset) as usize;
         if let Some(bytes) = bytes.get(passed..).filter(|bytes| !bytes.is_empty()) {
@@ -93,12 +93,12 @@ impl ToHost {
         }
     }
 
-    /// Passes none of the `len` bytes from this offset on: they are another's.
+    /// Skips `len` bytes from this offset on: they belong to another initiator.
     pub(crate) const fn skip(&mut self, offset: u64, len: usize) {
         self.passed = offset.wrapping_add(len as u64);
     }
 
-    /// Queues bytes for the host, as far as there is one and room.
+    /// Queues bytes for the host, if there is one and as far as they fit.
     fn push(&mut self, bytes: &[u8], counters: &mut Counters) {
         match self.state {
             State::Detached | State::Closed => count(&mut counters.unheard_bytes, bytes.len()),
@@ -109,7 +109,7 @@ impl ToHost {
         }
     }
 
-    /// Bytes before this offset wait no longer. Those behind it begin the next frame.
+    /// Makes the bytes before this offset due. The bytes after it begin the next frame.
     pub(crate) fn release(&mut self, offset: u64) {
         let begun = self.passed.saturating_sub(offset) as usize;
         self.due = self.due.max(self.bytes.len().saturating_sub(begun));
@@ -118,7 +118,7 @@ impl ToHost {
         }
     }
 
-    /// How many more bytes fill a packet, at least 1.
+    /// Number of bytes that fill up a packet, at least 1.
     pub(crate) fn to_full_packet(&self) -> usize {
         match PACKET.checked_sub(self.bytes.len()) {
             None | Some(0) => PACKET,
@@ -126,12 +126,12 @@ impl ToHost {
         }
     }
 
-    /// Whether [`transmit`](Self::transmit) has a packet.
+    /// Returns true if [`transmit`](Self::transmit) has a packet.
     pub(crate) fn is_due(&self) -> bool {
         self.bytes.len() >= PACKET || self.due > 0 || self.transfer == Transfer::Unterminated
     }
 
-    /// Moves the next packet into `packet` and returns its length, 0 for one without data. `None` when none is due.
+    /// Moves the next packet into `packet` and returns its length, 0 for a zero-length packet. `None` if none is due.
     pub(crate) fn transmit(&mut self, packet: &mut [u8; PACKET], counters: &mut Counters) -> Option<usize> {
         let len = match self.due {
             _ if self.bytes.len() >= PACKET => PACKET,
@@ -151,7 +151,7 @@ impl ToHost {
         Some(len)
     }
 
-    /// Drops what was queued for the host that was.
+    /// Drops the bytes queued for the previous host.
     fn forget(&mut self, counters: &mut Counters) {
         count(&mut counters.unheard_bytes, self.bytes.len());
         self.bytes.clear();

@@ -1,26 +1,25 @@
-//! The configuration in flash: saved whole or not at all, whenever the power goes.
+//! The configuration in flash. A save is atomic at any loss of power.
 //!
-//! A save appends a record to a page. When the page is full, the next one is erased and taken; so all pages wear alike,
-//! and the newest record is never on a page that is being erased. The record with the highest sequence number counts; these
-//! wrap, and no two in flash are half of all numbers apart.
+//! A save appends a record to a page. When the page is full, the next page is erased and used. All pages therefore wear
+//! evenly, and the newest record is never on a page that is being erased. The record with the highest sequence number
+//! is valid. Sequence numbers wrap, and no two in flash are half of the number range apart.
 //!
-//! A record with a wrong checksum is passed over, for it is what is left of a save that was cut. One whose bytes went bad
-//! later looks the same: what counts then is the one before it. If there is none, that is not taken for a store to
-//! which nothing was ever saved.
+//! A record with a wrong checksum is skipped: it remains from an interrupted save. A record whose bytes went bad later
+//! looks the same, and the one before it becomes valid. If there is none, the store does not count as empty.
 //!
-//! Flash wears out: a page is good for some 10 000 erases. Saves are therefore counted against a budget that lasts
-//! [ten years](SAVE_INTERVAL) on every board, however often a host asks. What is left of it stands in each record, so that a
-//! restart gives nothing back. What is saved already is not written again, and costs nothing. A save that the power cuts is not
-//! counted.
+//! Flash wears out: a page endures some 10 000 erases. Saves are therefore limited by a budget that lasts [ten
+//! years](SAVE_INTERVAL) on every board, however often a host saves. Each record contains the rest of the budget: a
+//! restart does not reset it. A configuration that is already saved is not written again and costs nothing. A save
+//! interrupted by loss of power is not counted.
 //!
-//! Each page is a queue of its own of `sequential_storage`, which finds the free place, skips what was cut off, and tells
-//! by a checksum whether a record is whole. Its map over all pages would not do: it moves the newest record from page to
-//! page, and marks at both ends of a page tell it whether an erase was cut. What a page has in it after a cut erase is
-//! undefined (`embedded_storage_async::nor_flash::NorFlash::erase`), the marks included, and a page half erased can be
-//! taken for the one to keep.
+//! Each page is a `sequential_storage` queue of its own. The queue finds the free space, skips an interrupted write,
+//! and verifies each record by a checksum. The map of `sequential_storage` over all pages does not fit: it moves the
+//! newest record from page to page, and detects an interrupted erase by marks at both ends of a page. The content of a
+//! page after an interrupted erase is undefined (`embedded_storage_async::nor_flash::NorFlash::erase`), including the
+//! marks, and a partly erased page could be taken for the valid one.
 //!
-//! Flash with ECC may report an error in a word that was being written when the power went. Its driver, or the handler of
-//! the interrupt, must pass over that: reading gives any bytes then, and goes on.
+//! Flash with ECC may report an error in a word that was being written at a loss of power. The driver or the interrupt
+//! handler must tolerate it: the read then returns arbitrary bytes and continues.
 
 use core::fmt;
 use core::ops::Range;
@@ -34,28 +33,28 @@ use sequential_storage::queue::{QueueConfig, QueueStorage};
 use crate::config::{Config, ConfigError};
 use crate::control::Failure;
 
-/// Saves that may come one after another, from flash that nothing was saved to.
+/// Number of saves in a row, starting with empty flash.
 pub const SAVE_BUDGET: u16 = 1_000;
 
-/// How long an adapter must be on to earn one more save. In ten years these are 525 960.
+/// Uptime that earns one more save. Ten years earn 525 960.
 pub const SAVE_INTERVAL: Duration = Duration::from_millis(10 * 60 * 1_000);
 
-/// The layout of what is saved. A field more in [`Config`] is another layout.
+/// The layout of a record. An additional field in [`Config`] needs a new layout.
 const LAYOUT: u8 = 2;
 
-/// The longest record of this and every later layout, in bytes.
+/// Maximum length of a record in this and every later layout, in bytes.
 const MAX_RECORD: usize = 128;
 
-/// What a byte is that was erased and not written.
+/// The value of an erased byte.
 const ERASED: u8 = 0xFF;
 
-/// So many bytes at the front of a page tell whether it was written to: a mark of a word, and a record's header.
+/// Number of bytes at the front of a page that show whether it was written: a mark of one word, and a record's header.
 const FRONT: usize = 16;
 
-/// The length of what stands before the content of a record, in bytes.
+/// The length of a record's header before its content, in bytes.
 const HEAD: usize = size_of::<u32>() + size_of::<u16>();
 
-/// Where the configuration is kept: two pages of flash or more.
+/// The store of the configuration: two or more pages of flash.
 ///
 /// ```
 /// # mod ram {
@@ -112,41 +111,40 @@ const HEAD: usize = size_of::<u32>() + size_of::<u16>();
 pub struct Store<F> {
     flash: F,
     range: Range<u32>,
-    /// Until when time has earned saves that a record counts.
+    /// Uptime up to which earned saves are included in a record.
     credited: Instant,
 }
 
-/// What is saved.
+/// The saved content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Saved {
-    /// This configuration, which an adapter can have.
+    /// A valid configuration.
     Config(Config),
-    /// None: there never was one, or it was reset.
+    /// No configuration: none was ever saved, or it was reset.
     Nothing,
-    /// Something that is no configuration of this version, or none that an adapter can have. It stays in flash until
-    /// enough was saved after it. What went bad is such a thing, and so is the first that was ever saved if the power went
-    /// meanwhile.
+    /// Data that is no configuration of this version, or no valid one. It stays in flash until enough saves follow.
+    /// Corrupted data is an example, and so is the very first save if it was interrupted by a loss of power.
     Unreadable,
 }
 
-/// Why something was not saved. What was saved before still is.
+/// The reason for a failed save. The previous content stays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Error<E> {
-    /// No adapter can be like that.
+    /// The configuration is not valid.
     Config(ConfigError),
-    /// The flash reports this.
+    /// The error of the flash driver.
     Flash(E),
-    /// What was written is not what is read.
+    /// The data read back differs from the data written.
     VerifyFailed,
-    /// The [budget](SAVE_BUDGET) is spent.
+    /// The [budget](SAVE_BUDGET) is exhausted.
     TooManySaves {
-        /// In how many seconds the next save may come, at least 1.
+        /// Time until the next save is possible, in seconds, at least 1.
         wait_s: u16,
     },
 }
 
-/// A range of flash that is not made of two whole pages or more.
+/// A range of flash that does not consist of two or more whole pages.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BadRange {
     /// The range.
@@ -156,16 +154,16 @@ pub struct BadRange {
 }
 
 impl<F: NorFlash> Store<F> {
-    /// The store in `range` of `flash`, which is used for nothing else.
+    /// A store in `range` of `flash`, which must have no other use.
     ///
     /// # Errors
     ///
-    /// [`BadRange`] if that is not made of two whole pages or more, or pages are too short for a record.
+    /// [`BadRange`] if `range` does not consist of two or more whole pages, or if pages are too short for a record.
     ///
     /// # Panics
     ///
-    /// In no case that is known. This is the one part of the crate of which that is not proved, for `sequential_storage`
-    /// has assertions of its own.
+    /// None known. This is the only part of the crate without a proof, because `sequential_storage` has assertions of
+    /// its own.
     pub fn new(flash: F, range: Range<u32>) -> Result<Self, BadRange> {
         let pages = range.len() / F::ERASE_SIZE;
         if pages < 2 || F::ERASE_SIZE < 2 * MAX_RECORD || QueueConfig::<F>::try_new(range.clone()).is_err() {
@@ -181,7 +179,7 @@ impl<F: NorFlash> Store<F> {
         })
     }
 
-    /// What is saved.
+    /// Reads the saved content.
     ///
     /// # Errors
     ///
@@ -194,13 +192,13 @@ impl<F: NorFlash> Store<F> {
         })
     }
 
-    /// Saves a configuration, unless it is the one that is saved. Until this is done, what was saved before still is.
+    /// Saves a configuration, unless it is already saved. The previous one stays valid until this completes.
     ///
     /// `uptime` is the time since the adapter started.
     ///
     /// # Errors
     ///
-    /// [`Error`] says what is wrong.
+    /// [`Error`] has the reason.
     pub async fn save(&mut self, config: &Config, uptime: Instant) -> Result<(), Error<F::Error>> {
         config.check().map_err(Error::Config)?;
         let mut content = [0; MAX_RECORD - HEAD];
@@ -208,16 +206,16 @@ impl<F: NorFlash> Store<F> {
         self.append(content, uptime).await
     }
 
-    /// Forgets the configuration that is saved, in the same way as another is [saved](Self::save).
+    /// Discards the saved configuration, by the same procedure as a [save](Self::save).
     ///
     /// # Errors
     ///
-    /// [`Error`] says what is wrong.
+    /// [`Error`] has the reason.
     pub async fn reset(&mut self, uptime: Instant) -> Result<(), Error<F::Error>> {
         self.append(&[], uptime).await
     }
 
-    /// Puts a record behind the newest, or on the next page if that one is full or spoilt.
+    /// Appends a record after the newest, or on the next page if that page is full or corrupted.
     async fn append(&mut self, content: &[u8], uptime: Instant) -> Result<(), Error<F::Error>> {
         let (page, sequence, left) = match self.newest().await?.0 {
             Some((_, newest)) if newest.content() == content => return Ok(()),
@@ -241,7 +239,8 @@ impl<F: NorFlash> Store<F> {
         Ok(())
     }
 
-    /// The budget with the saves that time has earned, and the instant up to which time is counted. A full budget earns nothing.
+    /// The budget including the saves earned since, and the uptime up to which they are counted. A full budget earns
+    /// none.
     fn earn(&self, left: u16, uptime: Instant) -> (u16, Instant) {
         let (mut left, mut credited) = (left, self.credited);
         while left < SAVE_BUDGET {
@@ -254,7 +253,7 @@ impl<F: NorFlash> Store<F> {
         (SAVE_BUDGET, uptime)
     }
 
-    /// Puts a record behind the last of a page, and looks whether it is there.
+    /// Appends a record to a page, and verifies it.
     async fn push(&mut self, page: u32, record: &Record) -> Result<(), Error<F::Error>> {
         self.queue(page).push(&record.0, false).await.map_err(error)?;
         match self.last(page).await? {
@@ -263,12 +262,12 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// The newest record and its page, and whether there is a page that was written to.
+    /// The newest record with its page, and true if any page was written.
     async fn newest(&mut self) -> Result<(Option<(u32, Record)>, bool), Error<F::Error>> {
         let mut newest: Option<(u32, Record)> = None;
         let mut written = false;
         for page in self.range.clone().step_by(F::ERASE_SIZE) {
-            // Before a look for records, for that finishes an erase that was cut.
+            // This comes before the search for records, which completes an interrupted erase.
             let mut front = [ERASED; FRONT];
             self.flash.read(page, &mut front).await.map_err(Error::Flash)?;
             written |= front.iter().any(|byte| *byte != ERASED);
@@ -310,8 +309,8 @@ impl<F: NorFlash> Store<F> {
     }
 }
 
-/// A sequence number and what is left of the budget, both little endian, and what is saved: nothing after a reset; otherwise
-/// the layout and, in postcard format, the configuration.
+/// A sequence number and the rest of the budget, both little endian, followed by the content: nothing after a reset;
+/// otherwise the layout and the configuration in postcard format.
 #[derive(PartialEq)]
 struct Record(Vec<u8, MAX_RECORD>);
 
@@ -332,13 +331,13 @@ impl Record {
         self.0.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes))
     }
 
-    /// Saves that may follow this one.
+    /// The rest of the budget after this record.
     fn left(&self) -> u16 {
         let bytes = self.0.get(size_of::<u32>()..).and_then(<[u8]>::first_chunk);
         bytes.map_or(0, |bytes| u16::from_le_bytes(*bytes))
     }
 
-    /// Whether it was saved later. Sequence numbers wrap.
+    /// Returns true if this record was saved later. Sequence numbers wrap.
     fn is_newer_than(&self, other: &Self) -> bool {
         self.sequence().wrapping_sub(other.sequence()).cast_signed() > 0
     }
@@ -380,9 +379,9 @@ impl<E: fmt::Debug> fmt::Display for Error<E> {
         match self {
             Self::Config(error) => error.fmt(f),
             Self::Flash(error) => write!(f, "the flash reports {error:?}"),
-            Self::VerifyFailed => f.write_str("the flash does not keep what is written"),
+            Self::VerifyFailed => f.write_str("flash verification failed"),
             Self::TooManySaves { wait_s } => {
-                write!(f, "the flash would wear out: the next save may come in {wait_s} s")
+                write!(f, "too many saves for the flash: retry in {wait_s} s")
             }
         }
     }

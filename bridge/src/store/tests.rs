@@ -1,4 +1,4 @@
-//! Old or new, whenever the power goes.
+//! Loss of power at every step of a save.
 
 extern crate std;
 
@@ -21,27 +21,27 @@ type F405 = Nor<4, 0x4000>;
 type F405Bytes = Nor<1, 0x4000>;
 /// The pages of an STM32G431 (RM0440 section 3.3.1), written by double words.
 type G431 = Nor<8, 0x800>;
-/// Pages that are full soon.
+/// Small pages that fill quickly.
 type Tiny = Nor<8, 0x100>;
 
-/// NOR flash: erasing sets all bits of a page, programming clears bits, and the power may go at any step of that.
+/// NOR flash: an erase sets all bits of a page, programming clears bits, and the power may fail at any step.
 ///
-/// Where a word has eight bytes it has a check sum that cannot be seen: it can only be programmed when it is erased, or
-/// to zero (RM0440 section 3.3.8, PROGERR).
+/// A word of eight bytes has an invisible checksum: it can be programmed only when erased, or to zero (RM0440 section
+/// 3.3.8, PROGERR).
 #[derive(Clone)]
 struct Nor<const WRITE: usize, const ERASE: usize> {
     bytes: Vec<u8>,
-    /// How many steps there is power for, and what becomes of the one behind them.
+    /// The number of steps with power, and the damage to the next one.
     power: Option<(usize, Damage)>,
-    /// It says that it writes and erases, and does nothing.
+    /// The flash reports success without writing or erasing.
     worn: bool,
-    /// The steps there were, those without power not counted.
+    /// The completed steps.
     steps: Vec<Step>,
-    /// How often each page was erased.
+    /// Number of erases of each page.
     erased: Vec<u32>,
 }
 
-/// The programming of a word, or the erasing of a page.
+/// The programming of a word, or the erase of a page.
 #[derive(Clone)]
 struct Step {
     place: Range<usize>,
@@ -49,22 +49,22 @@ struct Step {
     is_erase: bool,
 }
 
-/// How far a step has come when the power goes. The `u64` says which bits.
+/// The progress of a step at the loss of power. The `u64` selects the bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Damage {
-    /// Nothing was done yet.
+    /// No progress.
     None,
-    /// The bytes up to some place are as they will be.
+    /// The first bytes have their final value.
     Front(u64),
-    /// The bytes from some place on are as they will be.
+    /// The last bytes have their final value.
     Back(u64),
-    /// Some bits are as they will be.
+    /// Some bits have their final value.
     Bits(u64),
-    /// Before a page is erased all of it is programmed to zero, and that has come to some place.
+    /// An erase begins by programming the page to zero, here up to some byte.
     Zeros(u64),
-    /// All is zero but for some bits.
+    /// The page is zero except for some bits.
     BitsOfZeros(u64),
-    /// All was done.
+    /// Complete.
     All,
 }
 
@@ -79,7 +79,7 @@ impl Damage {
         |_| Self::All,
     ];
 
-    /// `bytes` on their way to `after`.
+    /// `bytes` in transition to `after`.
     fn apply(self, bytes: &mut [u8], after: &[u8], is_erase: bool) {
         let (Self::Front(seed) | Self::Back(seed) | Self::Bits(seed) | Self::Zeros(seed) | Self::BitsOfZeros(seed)) =
             self
@@ -152,7 +152,7 @@ impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
             None => {}
             Some((steps @ 1.., _)) => *steps -= 1,
             Some((0, damage)) => {
-                // What comes after it does nothing.
+                // Later steps have no effect.
                 let damage = core::mem::replace(damage, Damage::None);
                 self.cut(&step, damage);
                 return Err(Fault::NoPower);
@@ -163,7 +163,7 @@ impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
         Ok(())
     }
 
-    /// Does a step as far as it has come when the power goes.
+    /// Executes a step up to its progress at the loss of power.
     fn cut(&mut self, step: &Step, damage: Damage) {
         damage.apply(&mut self.bytes[step.place.clone()], &step.after, step.is_erase);
     }
@@ -224,7 +224,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for Nor<WRITE, ERASE> {
     }
 }
 
-/// The result of a future that waits for nothing.
+/// The result of a future that never waits.
 fn now<T>(future: impl Future<Output = T>) -> T {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(result) => result,
@@ -232,7 +232,7 @@ fn now<T>(future: impl Future<Output = T>) -> T {
     }
 }
 
-/// When the budget is full, whatever was saved before.
+/// An uptime at which the budget is full after any saves.
 const UPTIME: Instant = Instant::from_millis(10 * 86_400_000);
 
 fn load<F: NorFlash>(flash: &mut F) -> Saved {
@@ -255,7 +255,7 @@ fn append<F: NorFlash>(flash: &mut F, content: &[u8]) {
     now(Store::new(flash, range).unwrap().append(content, UPTIME)).unwrap();
 }
 
-/// A configuration of that number.
+/// Configuration number `number`.
 fn config(number: u16) -> Config {
     Config {
         poll: PollRate::Hertz(number % 1_000 + 1),
@@ -267,7 +267,7 @@ fn config(number: u16) -> Config {
     }
 }
 
-/// Flash with so many configurations saved, the last of that number.
+/// Flash after this many saves, the last of them with this number.
 fn filled<const WRITE: usize, const ERASE: usize>(saves: u16) -> Nor<WRITE, ERASE> {
     let mut flash = Nor::new(2);
     for number in 1..=saves {
@@ -276,7 +276,7 @@ fn filled<const WRITE: usize, const ERASE: usize>(saves: u16) -> Nor<WRITE, ERAS
     flash
 }
 
-/// How many saves fill a page.
+/// The number of saves that fill a page.
 fn saves_a_page<const WRITE: usize, const ERASE: usize>() -> u16 {
     let mut flash = Nor::<WRITE, ERASE>::new(2);
     let saves = (1..).take_while(|&number| {
@@ -286,8 +286,8 @@ fn saves_a_page<const WRITE: usize, const ERASE: usize>() -> u16 {
     saves.count() as u16
 }
 
-/// `flash` after the power has gone at each step of a save of `config`, in each way. What is in flash then is often the
-/// same: nothing of a step is all of the one before, and a byte has no halves. It counts once.
+/// `flash` after a loss of power at each step of a save of `config`, with each kind of damage. Many results are equal:
+/// no progress in a step equals the completion of the one before, and a byte has no halves. Equal results count once.
 fn cuts<const WRITE: usize, const ERASE: usize>(
     flash: &Nor<WRITE, ERASE>,
     config: &Config,
@@ -311,7 +311,7 @@ fn cuts<const WRITE: usize, const ERASE: usize>(
     all
 }
 
-/// Cuts the save that comes after so many, at each of its steps.
+/// Interrupts the next save after this many, at each of its steps.
 fn cut_save<const WRITE: usize, const ERASE: usize>(flash: &Nor<WRITE, ERASE>, old: u16) {
     let configs = [old, old + 1, old + 2].map(config);
     let [old, new, next] = configs.map(Saved::Config);
@@ -328,7 +328,7 @@ fn cut_save<const WRITE: usize, const ERASE: usize>(flash: &Nor<WRITE, ERASE>, o
     }
 }
 
-/// Cuts every save of three rounds through the pages.
+/// Interrupts every save of three rounds through the pages.
 fn cut_every_save<const WRITE: usize, const ERASE: usize>() {
     let mut flash = filled::<WRITE, ERASE>(1);
     let mut number = 1;
@@ -339,7 +339,7 @@ fn cut_every_save<const WRITE: usize, const ERASE: usize>() {
     }
 }
 
-/// Cuts the saves about the first two ends of a page.
+/// Interrupts the saves around the first two ends of a page.
 fn cut_saves_about_page_ends<const WRITE: usize, const ERASE: usize>() {
     let saves = saves_a_page::<WRITE, ERASE>();
     let about_ends = [saves - 1, saves, 2 * saves - 1, 2 * saves];
@@ -399,7 +399,7 @@ proptest! {
     ) {
         let mut flash = Tiny::new(pages);
         let mut old = Saved::Nothing;
-        // Before anything is saved, what is cut is unreadable, and the adapter as from the factory all the same.
+        // Before the first save, interrupted data is unreadable, and the adapter has the factory defaults in any case.
         let mut is_first = true;
         for (number, step, kind, seed) in changes {
             flash.power = Some((step, Damage::KINDS[kind](seed)));
@@ -407,7 +407,7 @@ proptest! {
                 Some(config) => (Saved::Config(config), save(&mut flash, &config)),
                 None => (Saved::Nothing, reset(&mut flash)),
             };
-            // A load may finish an erase, and that is cut, too.
+            // A load may complete an erase, which is interrupted, too.
             flash.power = Some((0, Damage::KINDS[kind](!seed)));
             let _ = now(Store::new(&mut flash, 0..pages as u32 * 0x100).unwrap().load());
             flash.power = None;
@@ -441,7 +441,7 @@ proptest! {
     }
 }
 
-/// `flash` with each byte that is written changed, in two ways.
+/// `flash` with each written byte changed, in two ways.
 fn spoilt<const WRITE: usize, const ERASE: usize>(
     flash: &Nor<WRITE, ERASE>,
 ) -> impl Iterator<Item = (usize, Nor<WRITE, ERASE>)> {
@@ -512,7 +512,7 @@ fn what_is_saved_already_is_not_written_again() {
     assert_eq!(flash.steps.len(), before);
 }
 
-/// The configuration whose record is longest.
+/// The configuration with the longest record.
 fn longest() -> Config {
     Config {
         arm: ArmKind::Ling,
@@ -532,8 +532,8 @@ fn longest() -> Config {
     }
 }
 
-/// Saves configurations that differ, one after another and the adapter started anew before each, until one is refused.
-/// Returns how many were saved, and how long to wait for the next, in seconds.
+/// Saves differing configurations, each after a restart, until one is refused. Returns the number of saves, and the
+/// time to the next one in seconds.
 fn save_until_refused<F: NorFlash>(flash: &mut F, uptime: Instant) -> (u32, u16) {
     let range = 0..flash.capacity() as u32;
     let mut saves = 0;
@@ -573,7 +573,7 @@ fn time_earns_saves_one_by_one() {
     let range = flash.range();
     let mut store = Store::new(&mut flash, range).unwrap();
     let mut refused = Vec::new();
-    // Twice an hour for a minute, a save each second.
+    // Two minutes an hour, one save a second.
     for second in (1_795..1_855).chain(3_595..3_655) {
         let uptime = Instant::from_millis(second * 1_000);
         match now(store.save(&config(second as u16), uptime)) {
@@ -598,7 +598,7 @@ fn the_budget_of_ten_years_does_not_wear_the_flash_out() {
     fn erases_of<const WRITE: usize, const ERASE: usize>() -> u32 {
         let mut flash = Nor::<WRITE, ERASE>::new(2);
         let saves = save_until_refused(&mut flash, Instant::ZERO).0;
-        // The part of a page that is written and not erased yet counts as a whole one.
+        // A partly written page counts as one erase.
         let erases = flash.erased.iter().sum::<u32>() + 2;
         saves / erases
     }
@@ -623,14 +623,14 @@ fn all_pages_wear_alike() {
 
 #[test]
 fn the_newest_counts_also_when_sequence_numbers_have_wrapped() {
-    // So many records before the wrap that it comes with one page full and with the other, and between the two.
+    // The number of records before the wrap varies: the wrap then occurs in either page and between both.
     for left in 0..20 {
         let sequence = u32::MAX - left;
         let mut flash = Tiny::new(2);
         let range = flash.range();
         let record = Record::new(sequence, 0, &[]).unwrap();
         now(Store::new(&mut flash, range).unwrap().push(0, &record)).unwrap();
-        // More than both pages take.
+        // More than both pages hold.
         for number in 0..30 {
             save(&mut flash, &config(number)).unwrap();
             assert_eq!(load(&mut flash), Saved::Config(config(number)));
@@ -734,6 +734,6 @@ fn a_flash_that_keeps_nothing_of_what_it_says_it_writes_is_reported() {
         flash.worn = true;
         let error = save(&mut flash, &config(2)).unwrap_err();
         assert_eq!(error, Error::VerifyFailed);
-        assert_eq!(format!("{error}"), "the flash does not keep what is written");
+        assert_eq!(format!("{error}"), "flash verification failed");
     }
 }

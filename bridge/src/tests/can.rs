@@ -1,4 +1,4 @@
-//! What the CAN controller has been handed, and what becomes of what waits when the bus is lost or is another one.
+//! Frames in the CAN controller, and pending frames at bus-off or a reconfiguration.
 
 extern crate std;
 
@@ -11,7 +11,7 @@ use crate::config::{Can, Config};
 use crate::control::{FromHost, Identity, MAX_FRAME, Request, Subscription, encode};
 use crate::{Action, Bridge, CanEvent, Counters, Duration, Instant, Start, UartConfig, UartEvent};
 
-/// An adapter on this bus.
+/// An adapter on a bus with this configuration.
 fn on_bus(can: Can) -> Bridge {
     let config = Config {
         can,
@@ -20,7 +20,7 @@ fn on_bus(can: Can) -> Bridge {
     Bridge::new(Identity::default(), config, Start::default())
 }
 
-/// An adapter that hears a frame of this function.
+/// Passes a frame of this function to the adapter.
 fn hear(bridge: &mut Bridge, function: Function, data: &[u8], now: Instant) {
     let id = function.id(bridge.config().can.node);
     bridge.can_received(&Frame::new(id, data).unwrap(), now);
@@ -35,7 +35,7 @@ fn ask(bridge: &mut Bridge, request: Request, now: Instant) {
     hear(bridge, Function::ControlRequest, &bytes[..=len], now);
 }
 
-/// What the next frame for the bus is for.
+/// The function of the next frame for the bus.
 fn hand(bridge: &mut Bridge, now: Instant) -> Option<Function> {
     let due = bridge.update(now).can;
     let frame = bridge.can_transmit(now);
@@ -43,7 +43,7 @@ fn hand(bridge: &mut Bridge, now: Instant) -> Option<Function> {
     Some(Function::of(frame?.id()).unwrap().0)
 }
 
-/// An adapter that has sent the first frame of an answer, and is told to go on with this separation.
+/// An adapter that has sent the first frame of an answer, and received flow control with this separation time.
 fn answering(st_min: u8) -> Bridge {
     let mut bridge = Bridge::default();
     ask(&mut bridge, Request::GetLatencies, Instant::ZERO);
@@ -57,7 +57,7 @@ fn answering(st_min: u8) -> Bridge {
 #[test]
 fn a_consecutive_frame_keeps_its_distance_from_when_the_one_before_has_left() {
     let mut bridge = answering(1);
-    // The frame and others wait for a bus that others have.
+    // The frames wait while other nodes have the bus.
     bridge.can_event(CanEvent::BusOn, at(300));
     let now = at(300);
     assert_eq!(hand(&mut bridge, now), Some(Function::Event));
@@ -76,7 +76,7 @@ fn a_consecutive_frame_keeps_its_distance_from_when_the_one_before_has_left() {
             news
         );
     }
-    // It left at 5.2 ms.
+    // The frame left at 5.2 ms.
     assert_eq!(bridge.timeout(), Some(at(6_200)));
     assert_eq!(hand(&mut bridge, at(6_199)), None);
     assert_eq!(hand(&mut bridge, at(6_200)), Some(Function::ControlAnswer));
@@ -96,7 +96,7 @@ fn without_a_separation_the_controller_has_always_something_to_send() {
 #[test]
 fn what_the_bus_before_has_yet_to_send_is_not_taken_for_what_this_one_was_handed() {
     let mut bridge = answering(1);
-    // Three frames of the bus before are in front of it.
+    // Three frames of the old configuration precede it.
     assert_eq!(hand(&mut bridge, at(300)), Some(Function::ControlAnswer));
     for waiting in [4, 3, 2, 1] {
         assert!(!bridge.can_event(CanEvent::Waiting(waiting), at(400)));
@@ -105,7 +105,7 @@ fn what_the_bus_before_has_yet_to_send_is_not_taken_for_what_this_one_was_handed
     assert_eq!(bridge.timeout(), Some(at(1_500)));
 }
 
-/// What was counted while `f` ran: transfers that failed, answers dropped, events dropped, half commands.
+/// The counts during `f`: failed transfers, dropped answers, dropped events, incomplete commands.
 fn counted(bridge: &mut Bridge, f: impl FnOnce(&mut Bridge)) -> [u32; 4] {
     let counts = |c: Counters| {
         [
@@ -129,7 +129,7 @@ fn a_transfer_of_which_a_frame_never_leaves_the_controller_is_given_up_and_count
     assert_eq!(counted(&mut bridge, |bridge| bridge.tick(at(1_000_299))), [0; 4]);
     assert_eq!(counted(&mut bridge, |bridge| bridge.tick(at(1_000_300))), [1, 0, 0, 0]);
     assert_eq!((hand(&mut bridge, at(1_000_300)), bridge.timeout()), (None, None));
-    // The next is handed over behind that frame, and its time begins when both have left.
+    // The next frame is handed over after that one, and its timeout starts when both have left.
     let now = at(60_000_000);
     ask(&mut bridge, Request::GetLatencies, now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
@@ -176,14 +176,14 @@ fn transfers_under_way_when_the_bus_is_lost_are_counted_each_way() {
         bridge.can_event(CanEvent::BusOff, now);
     });
     assert_eq!(lost, [2, 0, 0, 0]);
-    // Nothing is under way now.
+    // No transfer is in progress.
     let lost = counted(&mut bridge, |bridge| {
         bridge.can_event(CanEvent::BusOff, now);
     });
     assert_eq!(lost, [0; 4]);
 }
 
-/// On this bus, if the host on USB has it so.
+/// Reconfigures the bus by request of the host on USB.
 fn configure(bridge: &mut Bridge, can: Can, now: Instant) {
     let config = Config { can, ..bridge.config() };
     rig::ask(bridge, 1, Request::SetConfig(config), now);
@@ -205,13 +205,13 @@ fn what_waits_when_the_bus_is_another_one_is_counted() {
     };
     ask(&mut bridge, Request::Subscribe(everything), now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
-    // Four frames of the arm, of which one is on its way on either connection and three wait, and the bus is back, which
-    // is told twice.
+    // Four frames of the arm, one in transfer and three pending on each connection. The recovery of the bus is reported
+    // twice.
     for _ in 0..4 {
         bridge.uart_received(&ling(0x06, 0, &[1; 15]), now);
     }
     bridge.can_event(CanEvent::BusOn, now);
-    // Half a request, and half a command.
+    // An incomplete request, and an incomplete command.
     hear(&mut bridge, Function::ArmRequest, &[0x10, 20, 0, 1, 2, 3, 4, 5], now);
     let command = Command {
         sequence: 0,
@@ -245,7 +245,7 @@ fn a_frame_for_a_subscriber_who_has_not_read_the_last_is_due_once() {
     ask(&mut bridge, Request::Subscribe(frames), now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
     bridge.can_event(CanEvent::Waiting(0), now);
-    // The first frame of the first event is out, and waits for flow control; the second event can only be queued.
+    // The first frame of the first event is out, and waits for flow control; the second event is queued.
     bridge.uart_received(&ling(0x06, 0, &[1; 15]), now);
     assert_eq!(hand(&mut bridge, now), Some(Function::ControlAnswer));
     bridge.can_event(CanEvent::Waiting(0), now);
@@ -272,7 +272,7 @@ fn half_a_command_is_counted_when_others_are_configured() {
     assert_eq!(lost, [0, 0, 0, 1]);
 }
 
-/// An adapter whose host on CAN is told what the arm says unasked, with two such frames heard, the second only just.
+/// An adapter that forwards unsolicited frames to CAN, after two of them, the second just now.
 fn told_of_two() -> (Bridge, [Vec<u8>; 2]) {
     let can = Can {
         unsolicited: true,
@@ -309,7 +309,7 @@ fn what_the_arm_says_reaches_the_bus_in_its_order_whenever_it_is_passed_on() {
 #[test]
 fn a_frame_that_was_not_passed_on_yet_is_of_the_adapter_as_it_was() {
     let others: [fn(&mut Bridge); 3] = [
-        // Nobody is told of what comes from here on.
+        // Later frames have no receiver.
         |bridge| configure(bridge, Can::default(), at(300)),
         |bridge| {
             bridge.can_event(CanEvent::BusOn, at(300));

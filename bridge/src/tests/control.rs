@@ -83,7 +83,7 @@ fn an_adapter_says_what_it_was_made_as() {
 #[test]
 fn what_is_not_known_is_answered_too() {
     let mut rig = quiet();
-    // A request of the future with more behind it, a field too many, one that is cut, no COBS, an empty message.
+    // An unknown request with trailing bytes, a field too many, a truncated one, invalid COBS, an empty message.
     let messages: [(&[u8], u8); 5] = [
         (&[5, 0x21, 99, 1, 2, 3, 0], 0),
         (&[4, 0x22, 0x06, 0x01, 0], 0x22),
@@ -110,7 +110,7 @@ fn what_is_not_known_is_answered_too() {
 fn requests_that_come_together_are_answered_in_order_and_packets_do_not_matter() {
     for cut in 1..20 {
         let mut rig = quiet();
-        // Requests 1 to 20 for the counters, whose replies take more room than there is at once.
+        // Requests 1 to 20 for the counters. Their replies exceed the queue.
         let stream: Vec<u8> = (1..=20).flat_map(|sequence| [3, sequence, 6, 0]).collect();
         let mut rest = &stream[..];
         while !rest.is_empty() {
@@ -169,7 +169,7 @@ fn the_arm_is_asked_what_it_is() {
     rig.run(50_000);
     assert_eq!(rig.replies.last().unwrap().1, Reply::Arm(identity(None)));
 
-    // There is nothing to ask the servos.
+    // The servos have no identification request.
     let servos = Config {
         arm: ArmKind::Alpha1Servo,
         ..Config::default()
@@ -275,7 +275,7 @@ fn a_configuration_is_in_force_at_once_or_refused_whole() {
             half_duplex: false
         }
     );
-    // What was saved is not touched.
+    // The saved configuration is unchanged.
     assert!(rig.actions.iter().all(|action| matches!(action, Action::RestartCan(_))));
 }
 
@@ -365,7 +365,7 @@ fn cyclic_frames_change_without_leaving_the_bus() {
     while rig.can_control.is_empty() {
         rig.run(1);
     }
-    // The next request, right behind the reply, finds the adapter on the bus.
+    // The next request, right after the reply, arrives on the bus.
     rig.ask_on_can(2, Request::GetConfig);
     rig.run(90_000);
     let reply = |sequence, reply| FromAdapter::Reply { sequence, reply };
@@ -508,7 +508,7 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
     rig.run(10);
     assert_eq!(rig.events[0].1, Event::BusOff { off: false });
 
-    // A host that reads nothing on either port.
+    // A host that reads neither port.
     let frame = ling(0x06, 0, &[1; 15]);
     for _ in 0..100 {
         rig.bridge.uart_received(&frame, at(rig.now));
@@ -519,7 +519,7 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
     assert_eq!(usb + can + dropped as usize, 200);
     assert!(usb >= 5 && can >= 5, "{usb} {can}");
 
-    // Nobody is told any more once the host on USB has gone.
+    // No subscriber remains once the host on USB has gone.
     rig.bridge.usb_event(UsbEvent::Reset, Instant::ZERO);
     rig.bridge.usb_event(UsbEvent::Configured(true), Instant::ZERO);
     rig.bridge.uart_received(&frame, at(rig.now));
@@ -527,7 +527,7 @@ fn subscribers_hear_what_they_asked_for_and_what_does_not_fit_is_counted() {
     assert_eq!((rig.events.len() - 1, rig.can_control.len() - 1), (usb, can + 1));
 }
 
-/// An adapter whose host on USB is told of frames, and has had the reply.
+/// An adapter with a subscription to frames on USB, after the reply.
 fn subscribed() -> Bridge {
     let mut bridge = Bridge::default();
     let frames = Subscription {
@@ -595,7 +595,7 @@ fn telemetry_goes_out_at_its_rate_and_never_twice() {
         fast.windows(2)
             .all(|pair| pair[1].0 / 10_000 > pair[0].0 / 10_000 && pair[1].1.stamp > pair[0].1.stamp)
     );
-    // Each is the newest there was.
+    // Each is the newest one.
     assert!(fast.iter().all(|(at, sample)| at - u64::from(sample.stamp) <= 1_000));
     assert!(fast.iter().zip(0..).all(|((_, sample), count)| sample.count == count));
 
@@ -699,7 +699,7 @@ proptest! {
         for packet in garbage.chunks(64) {
             while !rig.bridge.update(Instant::ZERO).control_room {
                 rig.run(100_000);
-                // Firmware has an answer to what it was asked by chance.
+                // Firmware's result of an action that it was not given.
                 rig.bridge.saved(Ok(()), at(rig.now));
             }
             rig.bridge.control_received(packet, at(rig.now));

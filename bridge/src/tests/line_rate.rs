@@ -1,4 +1,4 @@
-//! The line's rate: when a host on USB gets another one, when the line is the arm's again, and `hold-line`.
+//! The line's rate: changes by a host on USB, the return to the arm's rate, and `hold-line`.
 
 extern crate std;
 
@@ -24,7 +24,7 @@ const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
 const MS: u64 = 1_000;
 const SECOND: u64 = 1_000_000;
 
-/// How long a lease of the line is.
+/// Duration of a lease.
 const LEASE: u64 = HOLD_LEASE_MS as u64 * MS;
 
 fn coding(baud: u32) -> LineCoding {
@@ -49,7 +49,7 @@ fn baud(rig: &Rig) -> u32 {
     rig.uart.coding.baud
 }
 
-/// An adapter that polls, takes commands and switches the torque off, whose port is open.
+/// An adapter with polls, commands and torque-off, whose port is open.
 fn open(poll: Poll) -> Rig {
     let mut rig = Rig::new(Config {
         poll,
@@ -68,7 +68,7 @@ fn open(poll: Poll) -> Rig {
     rig
 }
 
-/// One whose host holds 9600 baud.
+/// The same with a host at 9600 baud.
 fn open_at_9600(poll: Poll) -> Rig {
     let mut rig = open(poll);
     set_rate(&mut rig, 9_600);
@@ -92,7 +92,7 @@ fn command(rig: &mut Rig, sequence: u8) {
     }
 }
 
-/// What was refused, and of whom.
+/// The refusals with their initiators.
 fn refusals(rig: &Rig) -> Vec<(Initiator, Refusal)> {
     let refused = rig.events.iter().filter_map(|(_, event)| match event {
         Event::Refused { initiator, reason } => Some((*initiator, *reason)),
@@ -181,7 +181,7 @@ fn the_line_is_the_arms_when_the_host_goes() {
     ];
     for goes in ways {
         let mut rig = open_at_9600(Poll::Hertz(100));
-        // What the host had said goes out as it meant it.
+        // The host's bytes go out at the rate they were meant for.
         rig.usb_out.extend([2; 40]);
         rig.run(0);
         goes(&mut rig);
@@ -206,7 +206,7 @@ fn the_rate_of_a_program_before_returns_with_a_byte_only() {
     dtr(&mut rig, false);
     rig.run(SECOND);
     assert_eq!((baud(&rig), rig.bridge.line_coding().baud), (1_000_000, 9_600));
-    // Its driver does not set again what it has set.
+    // The host's driver does not repeat SET_LINE_CODING.
     dtr(&mut rig, true);
     rig.run(50 * MS);
     assert_eq!(baud(&rig), 1_000_000);
@@ -230,7 +230,7 @@ fn a_host_without_dtr_loses_its_rate_after_10_s_of_quiet() {
     let mut rig = Rig::new(Config::default());
     set_rate(&mut rig, 9_600);
     rig.usb_out.push_back(1);
-    // Bytes of either side keep it.
+    // Bytes in either direction extend it.
     rig.run(9 * SECOND);
     rig.arm_says(&[0x11; 3]);
     rig.run(9 * SECOND);
@@ -338,7 +338,7 @@ fn polls_and_can_are_refused_while_another_rate_is_held() {
 #[test]
 fn a_request_that_waits_is_refused_when_the_line_is_held() {
     let mut rig = open(Poll::Off);
-    // The arm checks itself for the first, which it does not answer.
+    // The arm does not answer its self-check for the first host.
     rig.manners = std::boxed::Box::new(|_| None);
     rig.can_out.push_back(ling::SELF_CHECK.to_vec());
     rig.can_out.push_back(READ_JOINTS.to_vec());
@@ -355,11 +355,11 @@ fn a_request_that_waits_is_refused_when_the_line_is_held() {
         ]
     );
     assert_eq!(rig.replies.last(), Some(&(identify, Reply::Failed(Failure::LineHeld))));
-    // The answer that was waited for had its time at the arm's rate.
+    // The timeout of the pending answer was that of the arm's rate.
     assert_eq!(rig.bauds, [1_000_000, 9_600]);
 }
 
-/// A host on USB streams motion at the arm's rate, and then sets another one and sends without end.
+/// A host on USB that streams motion at the arm's rate, then sets another one and sends continuously.
 fn streams_then_sends_at(baud: u32) -> Rig {
     let mut rig = open(Poll::Off);
     for _ in 0..5 {
@@ -376,13 +376,13 @@ fn torque_off_goes_out_at_the_arms_rate_whatever_a_host_has_set() {
     for baud in [1_200, 9_600, 115_200, 2_000_000] {
         let mut rig = streams_then_sends_at(baud);
         while rig.now < 2 * SECOND {
-            // At a high rate all would be out.
+            // At a high rate the queue would be empty.
             if rig.usb_out.len() < 1_000 {
                 rig.usb_out.extend(vec![0x55; 10_000]);
             }
             rig.run(MS);
         }
-        // The last motion came after 80 ms.
+        // The last motion arrived after 80 ms.
         let due = 80 * MS + 500 * MS;
         let n = rig.said.iter().position(|(_, bytes)| *bytes == TORQUE_OFF).unwrap();
         assert!(
@@ -413,7 +413,8 @@ fn torque_off_goes_out_at_the_arms_rate_whatever_a_host_has_set() {
 
 #[test]
 fn zeros_end_what_the_arm_heard_before_or_at_another_rate() {
-    // Half a frame before the change, half of one at the other rate, and a whole one that the arm cannot have heard.
+    // Half a frame before the change, half a frame at the other rate, and a whole one that the arm cannot have
+    // received.
     for (before, after) in [
         (&[0xAA, 0x06][..], &[0x55; 100][..]),
         (&[], &[0xAA, 0x06]),
@@ -622,7 +623,7 @@ fn a_dropped_change_of_rate_holds_no_line() {
             rig.usb_out.extend(motion());
             rig.run(10 * MS);
         }
-        // A missing self-check of CAN holds up the bytes of the host, which were for two rates in a row.
+        // A missing answer to a self-check from CAN blocks the host's bytes, which were for two rates in a row.
         rig.manners = std::boxed::Box::new(|_| None);
         rig.can_out.push_back(ling(0xFE, 0, &[0xFE]));
         rig.run(MS);

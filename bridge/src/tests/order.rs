@@ -28,7 +28,7 @@ fn adapter(config: Config) -> Bridge {
     bridge
 }
 
-/// A config with this time-out, with torque-off.
+/// A configuration with torque-off at this timeout.
 fn silent_after(after_ms: u16) -> Config {
     Config {
         host_timeout: HostTimeout {
@@ -39,7 +39,7 @@ fn silent_after(after_ms: u16) -> Config {
     }
 }
 
-/// The messages that wait for the host on the control interface.
+/// The pending messages for the host on the control interface.
 fn messages(bridge: &mut Bridge, now: u64) -> Vec<FromAdapter> {
     let mut reader = Reader::<MAX_MESSAGE>::new();
     let mut messages = vec![];
@@ -92,7 +92,7 @@ fn motion_of_a_silent_host_is_dropped_though_nobody_can_be_told() {
         rig.can_out.push_back(motion());
         rig.run(10_000);
     }
-    // A self-check that the arm does not answer holds the line, and three motions wait.
+    // An unanswered self-check holds the line, and three motions wait.
     rig.manners = Box::new(|_| None);
     rig.usb_out.extend(ling::SELF_CHECK);
     rig.run(1_000);
@@ -140,13 +140,13 @@ fn a_subscriber_gets_the_frames_of_its_subscription() {
     };
     ask(&mut bridge, 1, FRAMES, at(0));
     assert_eq!(messages(&mut bridge, 0), [done(1)]);
-    // One that came before its host went.
+    // A frame from before its host went.
     bridge.uart_received(&ling(0x77, 0, &[1]), at(100));
     bridge.usb_event(UsbEvent::Reset, at(200));
     bridge.usb_event(UsbEvent::Configured(true), at(300));
     ask(&mut bridge, 2, FRAMES, at(3_600_000_000));
     assert_eq!(messages(&mut bridge, 3_600_000_000), [done(2)]);
-    // One that came before its end.
+    // A frame from before the end of its hold.
     bridge.uart_received(&ling(0x77, 0, &[2]), at(3_600_000_100));
     let nothing = Subscription {
         frames: false,
@@ -203,7 +203,7 @@ fn what_is_on_the_line_stays_what_it_is() {
     bridge.tick(at(200_000));
     bridge.uart_transmitted(at(200_001));
     assert!(bridge.update(at(200_001)).is_armed);
-    // The arm does not say what it is; then comes torque-off.
+    // The arm does not answer the identification; then torque-off follows.
     let silent = loop {
         let now = bridge.timeout().unwrap();
         bridge.tick(now);

@@ -1,4 +1,4 @@
-//! The adapter's own poll is on time.
+//! The timing of the adapter's own poll.
 
 extern crate std;
 
@@ -17,7 +17,7 @@ fn polling(poll: Poll) -> Rig {
     })
 }
 
-/// When each poll began.
+/// Start times of the polls.
 fn polls(rig: &Rig) -> Vec<u64> {
     let bursts = rig.initiators.iter().zip(&rig.said);
     let polls = bursts.filter(|(initiator, _)| **initiator == Initiator::Poll);

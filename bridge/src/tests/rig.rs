@@ -24,39 +24,39 @@ use crate::{
     Action, Bridge, CanEvent, Counters, Instant, PACKET, Start, Status, Transmit, UartConfig, UartEvent, UsbEvent,
 };
 
-/// What the arm says to a request, and after how long.
+/// The arm's answer to a request, and its delay in µs.
 pub(super) type Manners = Box<dyn FnMut(&[u8]) -> Option<(u64, Vec<u8>)>>;
 
-/// How long a frame takes on the CAN bus, in µs.
+/// Duration of a frame on the CAN bus, in µs.
 const CAN_FRAME: u64 = 130;
 
 pub(super) struct Rig {
     pub(super) bridge: Bridge,
     pub(super) now: u64,
-    /// How the UART works.
+    /// The UART's configuration.
     pub(super) uart: UartConfig,
-    /// What went to the arm, and when each burst began.
+    /// The bursts to the arm, and their start times.
     pub(super) said: Vec<(u64, Vec<u8>)>,
-    /// Who said each of them.
+    /// The initiator of each burst.
     pub(super) initiators: Vec<Initiator>,
-    /// The baud rate of each of them.
+    /// The baud rate of each burst.
     pub(super) bauds: Vec<u32>,
-    /// When the UART can take more.
+    /// The time at which the UART accepts more bytes.
     tx_free: u64,
-    /// What the arm hears, from when on, and its answers' bytes with the time each is in.
+    /// The arm's receiver, its start, and the bytes of its answers with their arrival times.
     ear: Decoder<70>,
     pub(super) manners: Manners,
     voice: VecDeque<(u64, u8)>,
     idle: Option<u64>,
-    /// What the host on USB has heard.
+    /// Bytes received by the host on USB.
     pub(super) usb: Vec<u8>,
-    /// What the host on USB still has to say.
+    /// Bytes that the host on USB still has to send.
     pub(super) usb_out: VecDeque<u8>,
     control_in: Reader<MAX_MESSAGE>,
     pub(super) replies: Vec<(u8, Reply)>,
     pub(super) events: Vec<(Stamp, Event)>,
     sequence: u8,
-    /// The host on CAN: to which node it speaks, its two connections, what it heard on them, and all other frames.
+    /// The host on CAN: its target node, its two connections, the messages received on them, and all other frames.
     node: Node,
     arm: Endpoint<100, 100>,
     control: Endpoint<300, 100>,
@@ -115,7 +115,7 @@ impl Rig {
         self.uart.coding.micros(1)
     }
 
-    /// Lets `micros` pass.
+    /// Runs for `micros`.
     pub(super) fn run(&mut self, micros: u64) {
         let end = self.now + micros;
         self.pump();
@@ -142,7 +142,8 @@ impl Rig {
         self.pump();
     }
 
-    /// Lets the bridge hear the arm. Without a frame nothing else is due than was, but for packets to the host.
+    /// Passes bytes of the arm to the bridge. Without a frame no more work may become due, apart from packets to the
+    /// host.
     fn hear(&mut self, now: Instant, hear: impl FnOnce(&mut Bridge) -> usize) {
         let due = |bridge: &mut Bridge| {
             let status = Status {
@@ -179,7 +180,7 @@ impl Rig {
         self.pump();
     }
 
-    /// Does all that can be done without waiting.
+    /// Executes all work that is due.
     fn pump(&mut self) {
         let now = at(self.now);
         loop {
@@ -209,7 +210,7 @@ impl Rig {
             }
             assert_eq!(self.bridge.control_transmit(&mut packet, now), None);
             if self.bridge.update(now).uart_cut {
-                // The byte on the line goes out, and perhaps the one behind it.
+                // The byte on the line goes out, and possibly the next.
                 self.tx_free = self.tx_free.min(now.as_micros() + self.uart.coding.micros(2));
             }
             if self.tx_free <= now.as_micros() {
@@ -263,7 +264,7 @@ impl Rig {
         }
     }
 
-    /// The arm hears bytes that are on the line from `start` on, and answers one request after the other.
+    /// The arm receives bytes that are on the line from `start` on, and answers one request after the other.
     fn tell_arm(&mut self, bytes: &[u8], start: u64) {
         let coding = self.uart.coding;
         for (n, byte) in bytes.iter().enumerate() {
@@ -282,7 +283,7 @@ impl Rig {
         }
     }
 
-    /// The arm says something of its own accord.
+    /// The arm sends an unsolicited frame.
     pub(super) fn arm_says(&mut self, bytes: &[u8]) {
         let start = self.voice.back().map_or(0, |&(at, _)| at).max(self.now);
         let coding = self.uart.coding;
@@ -340,7 +341,7 @@ impl Rig {
         }
     }
 
-    /// A frame from somebody on the bus.
+    /// Passes a frame from the bus to the adapter.
     pub(super) fn can_frame(&mut self, frame: &Frame) {
         self.bridge.can_received(frame, at(self.now));
         self.pump();
@@ -386,7 +387,7 @@ impl Rig {
     }
 }
 
-/// The instant so many microseconds after the start.
+/// The instant this many microseconds after the start.
 pub(super) const fn at(micros: u64) -> Instant {
     Instant::from_micros(micros)
 }
@@ -398,7 +399,7 @@ pub(super) struct Burst {
     pub(super) start: Option<Instant>,
 }
 
-/// Hands the next bytes for the arm over.
+/// Takes the next bytes for the arm.
 pub(super) fn transmit(bridge: &mut Bridge, out: &mut [u8], now: Instant) -> Option<Burst> {
     match bridge.uart_transmit(out, now)? {
         Transmit::Configure(_) => None,
@@ -409,7 +410,7 @@ pub(super) fn transmit(bridge: &mut Bridge, out: &mut [u8], now: Instant) -> Opt
     }
 }
 
-/// The initiator whose bytes went to the arm between these counts.
+/// The initiator of the bytes sent between these counts.
 fn initiator(before: &Counters, after: &Counters) -> Initiator {
     let requests = |c: &Counters| {
         [
@@ -424,7 +425,7 @@ fn initiator(before: &Counters, after: &Counters) -> Initiator {
     changed.next().map_or(Initiator::Usb, |((initiator, _), _)| initiator)
 }
 
-/// The host on USB asks something on the control interface.
+/// Sends a request of the host on USB on the control interface.
 pub(super) fn ask(bridge: &mut Bridge, sequence: u8, request: Request, now: Instant) {
     let mut bytes = [0; MAX_COBS];
     let len = encode_cobs(&FromHost { sequence, request }, &mut bytes).unwrap();
@@ -445,7 +446,7 @@ pub(super) fn motion() -> Vec<u8> {
     out[..len].to_vec()
 }
 
-/// A Ling arm that answers what it knows, 200 µs after it was asked. The first data byte of its answers counts them.
+/// A Ling arm that answers known requests after 200 µs. The first data byte of its answers counts them.
 pub(super) fn polite() -> impl FnMut(&[u8]) -> Option<(u64, Vec<u8>)> {
     let mut count = 0_u8;
     move |request: &[u8]| {

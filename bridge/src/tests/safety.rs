@@ -1,4 +1,4 @@
-//! A host that streams motion and falls silent, and cyclic commands.
+//! The silence of a host that streams motion, and cyclic commands.
 
 extern crate std;
 
@@ -90,7 +90,7 @@ fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
         bridge.usb_received(&motion(), Instant::ZERO);
         assert!(transmit(&mut bridge, &mut [0; MAX_FRAME], Instant::ZERO).is_some());
     }
-    // Room is left for four bytes less than a packet.
+    // Room remains for four bytes less than a packet.
     let moves = motion()
         .into_iter()
         .cycle()
@@ -115,7 +115,7 @@ fn a_host_that_was_held_back_is_silent_from_when_it_gets_room() {
 
 #[test]
 fn what_is_no_stream_or_never_silent_is_not_reported() {
-    // Two moves are no stream, nor are those further apart; one who only reads is not silent; 0 is never.
+    // Two moves are no stream, nor are moves further apart; a host that only reads is not silent; 0 is never.
     for (after, moves, gap, reads) in [
         (500, 2, 100, false),
         (500, 10, 500, false),
@@ -139,7 +139,7 @@ fn what_is_no_stream_or_never_silent_is_not_reported() {
     }
 }
 
-/// A host on USB streams motion, until CAN has the arm check itself, which takes 500 ms.
+/// A host on USB streams motion until a self-check from CAN, which takes 500 ms.
 fn streams_until_can_has_the_arm(config: Config) -> Rig {
     let mut rig = Rig::new(config);
     rig.subscribe();
@@ -168,7 +168,7 @@ fn what_a_silent_host_had_sent_and_is_not_out_is_dropped() {
     assert_eq!(silences(&rig), [(31_000 + 300_000, event)]);
     assert_eq!(rig.bridge.counters().silenced_bytes, u32::from(dropped));
     assert_eq!(rig.line(), [&motion().repeat(3)[..], &ling::SELF_CHECK].concat());
-    // The stream must begin anew.
+    // The stream must start again.
     rig.usb_out.extend(motion());
     rig.run(1_000_000);
     assert_eq!(rig.bridge.counters().host_silences, 1);
@@ -194,7 +194,7 @@ fn a_stream_from_can_is_watched_too() {
     ));
 }
 
-/// A host on CAN that streams motion, until an arm that checks itself for 500 ms leaves no room for what it says.
+/// A host on CAN streams motion until a self-check of 500 ms fills the queue.
 fn streaming_on_can_into_a_self_check(config: Config) -> Rig {
     let mut rig = Rig::new(config);
     rig.subscribe();
@@ -216,7 +216,8 @@ fn motion_that_waits_on_can_is_given_150_ms() {
         rig.can_out.push_back(motion());
         rig.run(10_000);
     }
-    // The queue was full before: the rest of its host's motion is refused, and cannot be told from another's words.
+    // The queue was full before: the rest of the host's motion is refused, and is indistinguishable from another host's
+    // requests.
     assert!(rig.bridge.counters().refused_can_requests > 30);
     let silent = silences(&rig);
     assert!(
@@ -356,7 +357,7 @@ fn what_a_silent_host_on_can_has_queued_is_dropped_to_the_last() {
         rig.can_out.push_back(motion());
     }
     rig.run(2_000_000);
-    // Two in the queue, one behind them in the connection.
+    // Two in the queue, one in the connection.
     assert_eq!(rig.bridge.counters().silenced_bytes as usize, 3 * motion().len());
     assert_eq!(rig.line(), [&motion().repeat(3)[..], &ling::SELF_CHECK].concat());
     rig.can_out.push_back(motion());
@@ -379,7 +380,7 @@ fn send(rig: &mut Rig, command: Command) {
     }
 }
 
-/// Starts a stream of commands and goes on with it, ten in all, one each 10 ms.
+/// Starts a stream of commands and continues it: ten in all, one every 10 ms.
 fn stream_commands(rig: &mut Rig) {
     for sequence in 0..10 {
         send(rig, command(sequence));
@@ -438,7 +439,7 @@ fn commands_move_the_arm_when_they_are_whole_new_and_in_range() {
     assert_eq!(told.len(), 3);
 }
 
-/// A host on USB waits for an answer that does not come, and a command behind it.
+/// A host on USB waits for a missing answer, and a command waits for its turn.
 fn command_waits() -> Rig {
     let mut rig = Rig::new(silence(0, false));
     rig.subscribe();
@@ -483,7 +484,7 @@ fn commands_end_with_the_configuration_though_the_bus_is_still_the_one_before() 
     send(&mut rig, command(0));
     let mut off = Config::default();
     off.can.node = Node::new(5).unwrap();
-    // Nobody has set up the controller anew yet.
+    // The controller is not reinitialised yet.
     let now = at(rig.now);
     ask(&mut rig.bridge, 1, Request::SetConfig(off), now);
     for frame in command(1).to_frames(Node::default()) {
@@ -502,7 +503,7 @@ fn a_silent_stream_of_commands_must_start_anew() {
         send(&mut rig, command(sequence));
         rig.run(10_000);
     }
-    // Within the time-out of commands, but after the silence.
+    // Within the timeout of commands, but after that of the host.
     rig.run(60_000);
     assert_eq!(silences(&rig).len(), 1);
     assert_eq!(rig.said.last().unwrap().1, TORQUE_OFF);
@@ -514,7 +515,7 @@ fn a_silent_stream_of_commands_must_start_anew() {
 #[test]
 fn a_host_on_usb_that_is_held_back_is_not_silent() {
     let mut rig = streams_until_can_has_the_arm(silence(100, true));
-    // More than there is room for.
+    // More than the queue holds.
     let more = motion().repeat(30);
     rig.usb_out.extend(&more);
     rig.run(400_000);
@@ -522,7 +523,7 @@ fn a_host_on_usb_that_is_held_back_is_not_silent() {
     assert_eq!(silences(&rig), []);
     rig.run(200_000);
     assert_eq!(rig.line(), [&motion().repeat(3)[..], &ling::SELF_CHECK, &more].concat());
-    // Now it is.
+    // Torque-off is out.
     rig.run(100_000);
     let c = rig.bridge.counters();
     assert_eq!((silences(&rig).len(), c.silenced_bytes), (1, 0));
@@ -575,7 +576,7 @@ fn a_command_that_waits_is_refused_when_the_arm_is_another_one() {
     assert_eq!(rig.bridge.counters().refused_can_frames, 1);
 }
 
-/// Asks the arm for what takes long, and never gets an answer: whoever else has something to say must wait.
+/// Sends a long request that is never answered: all other initiators must wait.
 fn keep_busy(rig: &mut Rig) {
     rig.manners = Box::new(|_| None);
     rig.usb_out.extend(ling::SELF_CHECK);
@@ -644,7 +645,7 @@ fn the_torque_goes_off_though_the_host_fell_silent_in_the_middle_of_a_frame() {
         rig.run(10_000);
         rig.usb_out.extend(&motion()[..cut]);
         rig.run(1_000_000);
-        // An arm that waits for the end of a frame for ever.
+        // An arm that waits forever for the end of a frame.
         let mut device = Device::<Ling, { ling::MAX_FRAME }>::new(Ling);
         let line = rig.line();
         let (mut rest, mut requests) = (&line[..], Vec::new());
@@ -726,7 +727,7 @@ fn a_request_on_can_has_waited_and_its_host_is_heard_since_it_came() {
     rig.run(3_000_000);
     let silent = silences(&rig);
     assert!(matches!(silent[..], [(at, _)] if at <= came + 600_000), "{silent:?}");
-    // Nobody asks for longer than 16 ms in vain.
+    // No turn waits for longer than 16 ms.
     assert_eq!(rig.bridge.line.latencies().turn.counts[15], 3);
 }
 
@@ -738,7 +739,7 @@ fn while_the_flash_is_written_nobody_is_silent() {
         rig.run(20_000);
     }
     rig.ask(Request::SaveConfig);
-    // The core of an STM32F405 stands still.
+    // The core of an STM32F405 stalls.
     rig.now += 250_000;
     rig.bridge.saved(Ok(()), at(rig.now));
     rig.run(100_000);

@@ -66,7 +66,7 @@ fn each_reply_goes_to_its_initiator_only() {
     assert!(rig.can.iter().all(|pdu| kinds(pdu) == [(0x06, 2)]));
     assert_eq!(u64::from(c.requests_poll), rig.now * 300 / 1_000_000);
 
-    // Subscribers hear them all, and whose each was.
+    // Subscribers receive all frames with their initiators.
     let asked = |initiator: Option<Initiator>| {
         rig.events
             .iter()
@@ -102,7 +102,7 @@ fn a_request_of_the_host_on_usb_waits_from_its_first_byte_on() {
     rig.run(10_000);
     let waited = rig.said[1].0 - 200;
     assert!((300..512).contains(&waited), "{waited}");
-    // CAN's did not wait at all.
+    // The request from CAN did not wait.
     let latencies = rig.bridge.line.latencies().turn.counts;
     assert_eq!((latencies[0], latencies[8], latencies.iter().sum()), (1, 1, 2));
 }
@@ -114,7 +114,7 @@ fn what_nobody_asked_for_goes_to_the_host_on_usb_and_to_subscribers_also_in_anot
     let unasked = ling(0x06, 0, &[9; 15]);
     let mut polite = polite();
     let spoken = unasked.clone();
-    // The arm says something else first, and then noise and what is asked for.
+    // The arm sends another frame first, then noise and the answer.
     rig.manners = Box::new(move |request| {
         polite(request).map(|(after, answer)| (after, [&spoken[..], b"??", &answer[..]].concat()))
     });
@@ -169,7 +169,7 @@ fn a_frame_that_had_begun_when_the_request_went_out_is_no_answer() {
 
 #[test]
 fn a_second_of_usb_alone_is_as_if_nobody_else_were_there() {
-    // Requests, half requests, noise, in any cuts: byte for byte and in packets as large as they come.
+    // Requests, partial requests and noise, split anywhere, byte by byte and in packets of any size.
     let mut rig = Rig::new(Config::default());
     let mut sent = vec![];
     for n in 0..200_usize {
@@ -209,7 +209,7 @@ fn a_host_on_usb_may_ask_more_than_is_remembered_and_nobody_gets_its_answers() {
 #[test]
 fn what_the_arm_says_unasked_is_no_answer_however_many_requests_are_with_it() {
     let mut rig = Rig::new(Config::default());
-    // The arm answers late, so that all of them are with it when it says something else.
+    // The arm answers late: all requests are in flight when it sends another frame.
     rig.manners = Box::new(|_| None);
     rig.usb_out.extend(JOINTS.repeat(9));
     rig.run(700);
@@ -220,7 +220,7 @@ fn what_the_arm_says_unasked_is_no_answer_however_many_requests_are_with_it() {
         rig.arm_says(&ling(0x06, 0, &[n; 15]));
         rig.run(1_000);
     }
-    // The answer to the ninth request, which is not tracked, is unasked for, too.
+    // The answer to the ninth request, which is not tracked, is unsolicited, too.
     let c = rig.bridge.counters();
     assert_eq!((c.unasked_frames, c.untracked_requests), (2, 1));
     assert_eq!((kinds(&rig.usb).len(), rig.can.len()), (10, 0));
@@ -234,7 +234,7 @@ fn an_answer_may_come_while_the_host_still_asks_for_more() {
     // The first answer is in at 480 µs, the last request out at 560 µs.
     let c = rig.bridge.counters();
     assert_eq!((c.frames, c.unasked_frames, c.unanswered_requests), (8, 0, 0));
-    // From its request to the answer, which waits for those before it.
+    // From the request to its answer, which waits for the answers before it.
     let latencies = rig.bridge.line.latencies().answer.counts;
     assert_eq!((latencies[8], latencies[9], latencies.iter().sum()), (1, 1, 8));
 }
@@ -250,7 +250,7 @@ fn pipelined_requests_are_cut_at_the_frame_when_another_waits() {
     rig.run(100_000);
     let order = kinds(&rig.line());
     let place = |kind| order.iter().position(|&k| k == kind).unwrap();
-    // The bus brings a request after the first packet has gone, and they take turns from then on.
+    // The bus brings a request after the first packet has gone, and the two alternate from then on.
     assert_eq!(order.len(), 10);
     assert!(place((0x06, 2)) - place((0x01, 0)) <= 2 || place((0x06, 2)) == 9);
     assert_eq!((kinds(&rig.usb).len(), rig.can.len()), (8, 2));
@@ -260,20 +260,20 @@ fn pipelined_requests_are_cut_at_the_frame_when_another_waits() {
 #[test]
 fn others_wait_while_more_is_pipelined_than_is_tracked() {
     let mut rig = Rig::new(Config::default());
-    // The first burst has ten of them.
+    // The first burst has ten requests.
     for _ in 0..20 {
         rig.usb_out.extend(JOINTS);
     }
     rig.can_out.push_back(info());
     rig.run(15_000);
-    // Nor does the host on USB go on.
+    // The host on USB does not continue either.
     assert_eq!((kinds(&rig.usb).len(), rig.can.len()), (10, 0));
     rig.run(100_000);
     assert_eq!((kinds(&rig.usb).len(), rig.can.len()), (20, 1));
     let c = rig.bridge.counters();
     assert_eq!((c.requests_usb, c.untracked_requests, c.frames), (20, 2, 21));
     assert_eq!((c.unasked_frames, c.unanswered_requests), (2, 0));
-    // Alone again, it may pipeline more, and those that are not answered are counted.
+    // Alone on the line again, it may pipeline more requests, and unanswered ones are counted.
     rig.run(1_000_000);
     rig.manners = Box::new(|_| None);
     rig.usb_out.extend(JOINTS.repeat(10));
@@ -292,7 +292,7 @@ fn one_who_asks_a_silent_arm_what_polls_ask_has_every_other_turn() {
         }
         rig.run(10_000);
     }
-    // While an answer may still come late, neither may go; when it no longer may, both wait.
+    // Neither may send while a late answer is possible. Both wait until then.
     let turns = |initiator| rig.initiators.iter().filter(|who| **who == initiator).count();
     let (can, polls) = (turns(Initiator::Can), turns(Initiator::Poll));
     assert!(can > 10 && can.abs_diff(polls) <= 1, "{can} of CAN, {polls} polls");
@@ -300,7 +300,7 @@ fn one_who_asks_a_silent_arm_what_polls_ask_has_every_other_turn() {
 
 #[test]
 fn nobody_waits_for_more_than_one_turn_of_each_other() {
-    // All want to speak all the time.
+    // All initiators have requests all the time.
     for poll in [Poll::Fastest, Poll::Hertz(1_000)] {
         let mut rig = polling(poll);
         let mut asked = 0;
@@ -340,7 +340,7 @@ fn the_fastest_poll_takes_its_turn_like_all_others() {
         }
         rig.run(200);
     }
-    // At first CAN has not said anything yet.
+    // The first request from CAN comes later.
     let turns = &rig.initiators[6..];
     assert!(turns.len() > 100);
     for round in turns.windows(3) {
@@ -358,7 +358,7 @@ fn a_partial_frame_keeps_the_line_for_ten_milliseconds() {
     rig.can_out.push_back(info());
     rig.run(5_000);
     assert_eq!(rig.line(), JOINTS[..3]);
-    // The rest comes in time: it goes first.
+    // The rest arrives in time and goes first.
     rig.usb_out.extend(&JOINTS[3..]);
     rig.run(5_000);
     assert_eq!(rig.line(), [&JOINTS[..], &info()].concat());
@@ -368,7 +368,7 @@ fn a_partial_frame_keeps_the_line_for_ten_milliseconds() {
     rig.run(100);
     rig.can_out.push_back(info());
     rig.run(20_000);
-    // An arm that waits for the rest would take what follows for that: zeros end it.
+    // An arm that waits for the rest would read the next bytes as that rest: zeros end it.
     assert_eq!(rig.said[1..], [(10_000, vec![0; 70]), (10_700, info())]);
     assert_eq!(rig.can.len(), 1);
 }
@@ -380,12 +380,12 @@ fn bytes_that_are_no_frame_keep_the_line_until_it_is_quiet_and_for_a_tenth_of_a_
     rig.run(100);
     rig.can_out.push_back(info());
     rig.run(1_000);
-    // The arm talks back: the 5 ms count from its last byte, which is in at 1200 µs.
+    // The arm answers: the 5 ms count from its last byte, which is in at 1200 µs.
     rig.arm_says(&[1; 10]);
     rig.run(20_000);
     assert_eq!(rig.said[1], (1_200 + 5_000, info()));
 
-    // One who never pauses: 100 ms after the other began to wait.
+    // A host that never pauses: its turn ends 100 ms after the other began to wait.
     let mut rig = Rig::new(Config::default());
     let mut began = None;
     for n in 0..200_u64 {
@@ -400,7 +400,7 @@ fn bytes_that_are_no_frame_keep_the_line_until_it_is_quiet_and_for_a_tenth_of_a_
     }
     let (at, _) = rig.said.iter().find(|(_, bytes)| *bytes == info()).unwrap();
     assert!((at - began.unwrap()).abs_diff(100_000) <= 1_000, "{at}");
-    // Not a byte was lost by it.
+    // No byte was lost.
     rig.run(100_000);
     assert_eq!(rig.line().len(), 200 * 30 + info().len());
 }
@@ -418,7 +418,7 @@ fn two_who_send_bytes_that_are_no_frames_take_turns() {
     rig.run(400_000);
     let line = rig.line();
     assert_eq!(line.iter().filter(|&&byte| byte == b'u').count(), 600);
-    // What came in one PDU is together.
+    // The bytes of one PDU stay together.
     let text = std::string::String::from_utf8(line).unwrap();
     let pdus: Vec<_> = text.split('u').filter(|run| !run.is_empty()).collect();
     assert_eq!(pdus.iter().map(|run| run.len()).sum::<usize>(), 60);
@@ -460,7 +460,7 @@ fn what_is_no_frame_of_the_arm_is_refused_on_can() {
 fn what_does_not_fit_the_queue_from_can_is_refused_and_counted() {
     let mut rig = Rig::new(Config::default());
     rig.subscribe();
-    // An arm that says nothing for long: one with the arm, two that wait, one in the connection, and then no more.
+    // A silent arm: one request in flight, two pending, one in the connection, and no more.
     rig.manners = Box::new(|_| None);
     let request = ling(0x05, 0, &[1]);
     rig.can_out.push_back(JOINTS.to_vec());
@@ -495,7 +495,7 @@ fn bytes_that_wait_for_an_answer_that_comes_in_time_are_no_fault() {
     });
     rig.usb_out.extend(armwire::ling::SELF_CHECK.repeat(4));
     rig.run(1_000);
-    // Another waits, so what the host on USB has more to say waits too.
+    // Another initiator waits: the next bytes of the host on USB wait too.
     rig.can_out.push_back(JOINTS.to_vec());
     rig.run(1_000);
     rig.usb_out.extend(JOINTS);
@@ -528,7 +528,7 @@ fn a_missing_answer_frees_the_line_and_its_like_wait_until_it_cannot_come_any_mo
     rig.run(100_000);
     let c = rig.bridge.counters();
     assert_eq!((c.late_answers, c.unasked_frames, c.unanswered_requests), (1, 0, 1));
-    // The late one went to the host on USB as what it is: something nobody waits for. The second got its own.
+    // The late answer went to the host on USB as an unsolicited frame. The second request got its own.
     assert_eq!(rig.usb[4], 1);
     assert_eq!(rig.can.iter().map(|pdu| pdu[4]).collect::<Vec<_>>(), [2]);
     assert_eq!(rig.bridge.line.holder(), None);
@@ -538,7 +538,7 @@ fn a_missing_answer_frees_the_line_and_its_like_wait_until_it_cannot_come_any_mo
 fn others_go_on_while_the_like_of_a_missing_answer_wait() {
     let mut rig = polling(Poll::Hertz(100));
     let mut polite = polite();
-    // The arm does not know of joints.
+    // The arm does not support joint requests.
     rig.manners = Box::new(move |request| polite(request).filter(|_| request[1..3] != [6, 0]));
     rig.run(65_000);
     rig.can_out.push_back(info());
@@ -546,7 +546,7 @@ fn others_go_on_while_the_like_of_a_missing_answer_wait() {
     assert_eq!(rig.can.len(), 1);
     rig.run(1_000_000);
     let c = rig.bridge.counters();
-    // Each takes 50 ms to be given up, and as long until the next may go out.
+    // Each takes 50 ms to time out, and as long until the next may go out.
     assert!((9..=11).contains(&c.requests_poll), "{}", c.requests_poll);
     assert!(c.unanswered_requests.abs_diff(c.requests_poll) <= 1);
     assert!(c.missed_polls > 50);
@@ -554,7 +554,7 @@ fn others_go_on_while_the_like_of_a_missing_answer_wait() {
 
 #[test]
 fn an_arm_of_another_kind_is_shared_by_its_own_frames() {
-    // UBTECH Alpha1: the robot says which servos run; a servo acknowledges with one byte.
+    // UBTECH Alpha1: the robot reports its servo states; a servo acknowledges with one byte.
     let states = [0xEF, 0xFE, 0, 0, 0, 0, 0, 0, 0, 0xED];
     let move_one = [0xFA, 0xAF, 0x01, 0x01, 0x5A, 0x32, 0x00, 0x32, 0xC0, 0xED];
     for (arm, half_duplex) in [(ArmKind::Alpha1, false), (ArmKind::Alpha1Servo, true)] {
@@ -594,7 +594,7 @@ fn a_line_coding_waits_for_the_answer_to_anothers_request() {
     assert_eq!((rig.can.len(), rig.uart.coding.baud), (1, 115_200));
 }
 
-/// What a host may say to the arm on USB.
+/// A host's bytes for the arm on USB.
 fn speech() -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![
         Just(JOINTS.to_vec()),
@@ -650,11 +650,12 @@ fn each_of_two_late_answers_of_a_kind_is_late() {
 
 #[test]
 fn a_late_answer_goes_to_no_other_host() {
-    // The host on USB asks again before its first answer, and another asks the same: at 61 ms, or when the first is there.
+    // The host on USB repeats its request before the first answer, and another initiator sends the same: at 61 ms, or
+    // when the first answer is in.
     for can_at in [61_000, 95_000] {
         let mut rig = polling(Poll::Off);
         let (mut polite, mut n) = (polite(), 0);
-        // Each is 90 ms late: the second one that long after the request, not after the first answer.
+        // Each answer is 90 ms late, the second by its own request.
         rig.manners = Box::new(move |request| {
             n += 1;
             polite(request).map(|(_, answer)| (if n == 2 { 59_000 } else { 90_000 }, answer))
@@ -676,7 +677,7 @@ fn a_late_answer_goes_to_no_other_host() {
 fn no_missing_answer_is_forgotten_for_another() {
     let mut rig = polling(Poll::Off);
     rig.manners = Box::new(|_| None);
-    // Seven kinds, and 20 of the last.
+    // Seven keys, and 20 requests with the last.
     for function in 0..6 {
         rig.usb_out.extend(ling(0x77, function, &[]));
     }
@@ -687,7 +688,7 @@ fn no_missing_answer_is_forgotten_for_another() {
     rig.can_out.push_back(ling(0x77, 0, &[]));
     rig.run(1_000);
     assert_eq!(rig.bridge.counters().requests_can, 0);
-    // Late: it is not what the host on CAN has asked for.
+    // A late answer: it does not belong to the request of the host on CAN.
     rig.arm_says(&ling(0x77, 0, &[1]));
     rig.run(5_000);
     let c = rig.bridge.counters();
@@ -711,7 +712,7 @@ fn a_host_on_usb_does_not_ask_again_what_another_may_be_answered_late() {
     rig.run(100_000);
     let asked = [&JOINTS.repeat(2)[..], &temperatures()].concat();
     assert_eq!(rig.line(), asked);
-    // The second request of the kind went out when the first was answered.
+    // The second request with this key went out after the first answer.
     assert!(rig.said[1].0 > 70_000 && rig.said[1].0 < 72_000, "{:?}", rig.said);
     assert_eq!(rig.bridge.counters().late_answers, 1);
 }
@@ -764,7 +765,7 @@ proptest! {
         let mut rig = polling(poll);
         let mut polite = polite();
         let mut n = 0_u8;
-        // Some answers never come, some come late.
+        // Some answers are missing, some are late.
         rig.manners = Box::new(move |request| {
             n = n.wrapping_mul(5).wrapping_add(deaf | 1);
             let (after, answer) = polite(request)?;
@@ -790,13 +791,13 @@ proptest! {
                 Step::Run(micros) => rig.run(micros),
             }
         }
-        // An end to it all.
+        // All traffic ends.
         let off = Config { poll: Poll::Off, ..Config::default() };
         rig.run(5_000_000);
         rig.call(crate::control::Request::SetConfig(off));
         rig.run(1_000_000);
 
-        // Down: what others said is whole frames; without those the host's bytes are as they were.
+        // To the arm: requests of others are whole frames; without them the host's bytes are unchanged.
         let c = rig.bridge.counters();
         let line = rig.line();
         prop_assert_eq!(c.host_to_arm_bytes as usize, line.len());
@@ -812,7 +813,7 @@ proptest! {
         prop_assert_eq!(rig.initiators.iter().filter(|initiator| **initiator == Initiator::Can).count() as u32, c.requests_can);
         prop_assert_eq!(rig.initiators.iter().filter(|initiator| **initiator == Initiator::Poll).count() as u32, c.requests_poll);
 
-        // Up: what others got is not on USB, and everything else is.
+        // To the host: answers of others are not on USB, and all other frames are.
         let on_can: usize = rig.can.iter().map(Vec::len).sum();
         let answered = c.requests_poll as usize;
         prop_assert_eq!(c.dropped_can_answers + c.dropped_bytes + c.unheard_bytes, 0);
@@ -822,7 +823,7 @@ proptest! {
             prop_assert_eq!(missing, 0);
         }
 
-        // Nothing is waited for any more.
+        // No answer is pending.
         prop_assert_eq!(rig.bridge.line.holder(), None);
         prop_assert_eq!(rig.bridge.line.waiting(), (0, 0));
         prop_assert!(rig.usb_out.is_empty());
@@ -865,7 +866,7 @@ fn an_answer_behind_a_slow_one_goes_to_its_initiator() {
         0xFE => Some((300_000, ling(0xFE, 0, &[1, 1]))),
         _ => polite(request),
     });
-    // A self-check, which the arm may answer for 0.5 s, and a read behind it.
+    // A self-check, which the arm may answer for 0.5 s, and a read after it.
     rig.usb_out.extend(ling(0xFE, 0, &[0xFE]));
     rig.usb_out.extend(JOINTS);
     rig.run(150_000);
@@ -873,6 +874,6 @@ fn an_answer_behind_a_slow_one_goes_to_its_initiator() {
     rig.run(1_000_000);
     let c = rig.bridge.counters();
     assert_eq!((c.unanswered_requests, c.late_answers, c.unasked_frames), (0, 0, 0));
-    // The answers of the joints count: the first is USB's, the second CAN's.
+    // The answers with joints count: the first is USB's, the second CAN's.
     assert_eq!(rig.can.iter().map(|answer| answer[4]).collect::<Vec<_>>(), [2]);
 }

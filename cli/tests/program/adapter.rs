@@ -138,11 +138,11 @@ fn refused_configuration_is_told_and_changes_nothing() {
     let board = Board::start("refused");
     let set = |setting: &str| failure(&run(&["config", &board.control, "set", setting]));
     for (setting, words) in [
-        ("poll=1001", "a poll rate of 1001 Hz, it is 1 to 1000 Hz"),
-        ("can.bit-rate=300000", "300000 bit/s, a CAN bus here has one of"),
+        ("poll=1001", "poll rate 1001 Hz, allowed 1 to 1000 Hz"),
+        ("can.bit-rate=300000", "CAN bit rate 300000 bit/s, allowed"),
         (
             "can.command-timeout-ms=0",
-            "a command time-out of 0 ms, it is 1 to 10000 ms",
+            "command timeout 0 ms, allowed 1 to 10000 ms",
         ),
     ] {
         let line = set(setting);

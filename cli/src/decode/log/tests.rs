@@ -117,7 +117,7 @@ fn a_frame_that_is_missing_costs_its_pdu_and_is_told() {
     let second = log.iter().position(|line| line.contains(" 61F#21")).unwrap();
     log.remove(second);
     let told = meanings(&log, ArmKind::Ling);
-    assert_eq!(told[1], "receiving: consecutive frame 1 was expected, 2 came");
+    assert_eq!(told[1], "receiving: expected consecutive frame 1, got 2");
     assert_eq!(told[told.len() - 2], CONTROL);
     assert!(told.last().unwrap().contains("PDUs: 2, lost: "), "{told:?}");
 }
