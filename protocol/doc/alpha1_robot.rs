@@ -3,7 +3,7 @@ use armwire::driver::{CallError, Clock};
 use armwire::time::Duration;
 use embedded_io_async::{Read, Write};
 
-/// Moves the robot and waits until it is there, then starts what it has by this name. Returns whether it did both.
+/// Moves the robot and waits until it has arrived, then plays the action of this name. Returns true if both succeeded.
 async fn robot<P: Read + Write>(
     arm: &mut Arm<P, impl Clock>,
     clock: impl Clock,
@@ -19,7 +19,7 @@ async fn robot<P: Read + Write>(
     if arm.act(action).await? == Outcome::Failure {
         return Ok(false);
     }
-    // The robot does not say when a servo is there: its states say which servos are powered, moving or not.
+    // The robot does not report arrival: its states report whether a servo is powered, moving or not.
     let time = action.time.duration().as_millis() as u64;
     clock.wait_until(clock.now() + Duration::from_millis(time)).await;
     println!("powered: {:032b}", arm.read_servo_states().await?.bits());

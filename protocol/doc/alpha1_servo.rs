@@ -2,7 +2,7 @@ use armwire::alpha1::{Address, Angle, Arm, Interval, Led, MoveTime, Offset, Outc
 use armwire::driver::{CallError, Clock};
 use embedded_io_async::{Read, Write};
 
-/// Puts the zero of a servo off by 1° more, moves it, and gives it another id. Returns whether it did all that.
+/// Increases a servo's zero offset by 1°, moves the servo, and changes its id. Returns true if all of it succeeded.
 async fn servo<P: Read + Write>(
     arm: &mut Arm<P, impl Clock>,
     servo: ServoId,
@@ -11,7 +11,7 @@ async fn servo<P: Read + Write>(
 ) -> Result<bool, CallError<P::Error>> {
     let (outcome, version) = arm.read_servo_version(servo).await?;
     println!("{outcome:?}: {version:02x?}");
-    // Of a servo that fails to tell, the number means nothing.
+    // The number in a failed answer has no meaning.
     let (Outcome::Success, thirds) = arm.read_servo_offset(servo).await? else {
         return Ok(false);
     };
@@ -27,6 +27,6 @@ async fn servo<P: Read + Write>(
     let (outcome, _target, actual) = arm.read_servo_angles(servo).await?; // and its motor is off
     println!("{outcome:?}: {actual}°");
     let changed = arm.change_servo_id(servo, free).await?;
-    arm.release_servo(Address::All).await?; // and what they hold up falls
+    arm.release_servo(Address::All).await?; // and whatever they hold up falls
     Ok(changed.is_success())
 }

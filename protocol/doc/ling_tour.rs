@@ -3,7 +3,8 @@ use armwire::ling::{Arm, Info, Move, Stroke, TemperatureLimit, Torque};
 use armwire::time::Duration;
 use embedded_io_async::{Read, Write};
 
-/// Moves, and makes that pose the zero if the arm gets there within 10 s. Returns who the arm is, and whether it did.
+/// Moves, and makes the pose the zero position if the arm reaches it within 10 s. Returns the arm's kind, and true if
+/// it did.
 async fn tour<P: Read + Write>(
     arm: &mut Arm<P, impl Clock>,
     clock: impl Clock,
@@ -25,7 +26,7 @@ async fn tour<P: Read + Write>(
         // One velocity for each servo, of which a joint may have two.
         let still = arm.read_velocities().await?.as_slice().iter().all(|&speed| speed == 0);
         if near && still {
-            arm.set_zero().await?; // and the torque is off: what the arm holds falls
+            arm.set_zero().await?; // and the torque is off: a load that the arm holds falls
             return Ok((info, true));
         }
     }

@@ -2,10 +2,10 @@ use armwire::driver::Clock;
 use armwire::xarm::{Arm, ArmError, Joint, ProtocolId, Raw, RotationRadius, TorqueSource};
 use embedded_io_async::{Read, Write};
 
-const READ_ERRORS: u8 = 15; // a register that has no type of its own
+const READ_ERRORS: u8 = 15; // a register without a type of its own
 
-/// Reboots an arm that reports an error. Returns the connection, the radius of rotation of the joint, and whether the arm was
-/// rebooted.
+/// Reboots an arm that reports an error. Returns the connection, the joint's radius of rotation, and true if the arm
+/// was rebooted.
 async fn tour<P: Read + Write>(
     mut arm: Arm<P, impl Clock>,
     joint: Joint,
@@ -25,7 +25,7 @@ async fn tour<P: Read + Write>(
         has_error = arm.raw(request, errors).await?.value;
     }
     if has_error {
-        arm.reboot().await?; // or arm.shut_down(), from which only a hand brings it back
+        arm.reboot().await?; // or arm.shut_down(), after which it must be switched on by hand
     }
     let _strange = arm.counters().unknown;
     let (port, _clock) = arm.into_parts();

@@ -32,12 +32,13 @@ const SENDS: usize = 4;
 pub struct Config {
     /// Baud rate of the line, which gives the time of messages on it; `NonZeroU32::MAX` for a line without one.
     pub baud: NonZeroU32,
-    /// The longest that the way to the line and back may delay an answer: USB and operating system, or nothing.
+    /// Maximum delay of an answer between host and line, both ways: USB and operating system, or zero.
     pub latency: Duration,
-    /// The number of repeats of a request that only reads and gets no answer.
+    /// Number of repeats of an unanswered request that only reads.
     pub repeats: u8,
-    /// The time after its due time in which an answer may still arrive. After a missing answer, the next request with the
-    /// same answer waits for this time, unless answers are numbered. An arm that is later than this can be mixed up.
+    /// Time after its timeout during which an answer may still arrive. After a missing answer, the next request with
+    /// the same answer is delayed by this time, unless answers are numbered. A later answer can be assigned to the
+    /// wrong request.
     pub stale_window: Duration,
 }
 
@@ -56,8 +57,8 @@ impl Config {
         stale_window: Duration::from_millis(100),
     };
 
-    /// A TCP connection in a local network: 100 ms of latency, no repeats, for TCP repeats by itself, and answers up to a second
-    /// late.
+    /// A TCP connection in a local network: 100 ms of latency, no repeats, as TCP retransmits by itself, and answers up
+    /// to a second late.
     pub const TCP: Self = Self {
         baud: NonZeroU32::MAX,
         latency: Duration::from_millis(100),
@@ -67,18 +68,19 @@ impl Config {
 
     /// The time that `len` bytes take on the line, ten bits a byte.
     fn on_wire(&self, len: usize) -> Duration {
-        // The time of a byte at 1 baud, in µs. In two parts, as a division of 64 bits is long for a microcontroller.
+        // Duration of a byte at 1 baud, in µs. The computation has two parts, because a division of 64 bits is slow on
+        // a microcontroller.
         const BYTE: u32 = 10_000_000;
         let (len, baud) = (u32::try_from(len).unwrap_or(u32::MAX), self.baud);
         let whole = u64::from(len) * u64::from(BYTE / baud);
-        // Less than 1 µs a byte.
+        // Less than 1 µs per byte.
         let rest = len
             .checked_mul(BYTE % baud)
             .map_or(len, |rest| rest.div_ceil(baud.get()));
         Duration::from_micros(whole + u64::from(rest))
     }
 
-    /// The time to wait for an answer, from the handover of the last of `len` bytes of its request.
+    /// The timeout of an answer, from the handover of the last of `len` bytes of its request.
     fn patience(&self, len: usize, response: ResponseTiming) -> Duration {
         self.on_wire(len.saturating_add(response.longest.into())) + response.turnaround + self.latency
     }
@@ -88,11 +90,11 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Output<'a, R> {
-    /// These bytes are to be transmitted. Say with [`transmitted`](Client::transmitted) how many the line took.
+    /// Transmit these bytes. Report the number that the line accepted with [`transmitted`](Client::transmitted).
     Transmit(&'a [u8]),
     /// An event.
     Event(Event<'a, R>),
-    /// Nothing to do before bytes arrive or this time is reached; `None` if there is nothing to wait for.
+    /// Nothing to do before bytes arrive or this time is reached; `None` if no timeout is running.
     Timeout(Option<Instant>),
 }
 
@@ -100,25 +102,25 @@ pub enum Output<'a, R> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Event<'a, R> {
-    /// The answer to the request in flight, which is done.
+    /// The answer to the request in flight, which is complete.
     Answer(R),
-    /// The answer to the request in flight has a value or a length that the protocol does not have, for this reason. The
-    /// request is done, and is not repeated: the arm would answer the same.
+    /// The answer to the request in flight has a value or a length that the protocol does not allow, for this reason.
+    /// The request is complete and is not repeated: the arm would send the same answer.
     Unacceptable(ParseError),
-    /// The request in flight, which the arm does not answer, is with the line: it is done.
+    /// The request in flight, which has no answer, was transmitted: it is complete.
     Sent,
-    /// The request in flight got no answer and is given up.
+    /// The request in flight got no answer in time.
     TimedOut {
         /// The number of times that it was sent.
         sends: u8,
     },
-    /// An answer to a request that was given up, cancelled, or answered before.
+    /// An answer to a request that timed out, was cancelled, or was answered before.
     Late(R),
-    /// A response that answers nothing.
+    /// A response to no request.
     Unsolicited(R),
-    /// A request: the line gave it back, or another host is on it.
+    /// A request: an echo of the line, or a request of another host.
     Echo,
-    /// A good frame that is no message of the protocol, and not the answer to the request in flight.
+    /// A valid frame that is no message of the protocol, and not the answer to the request in flight.
     Unknown {
         /// The frame.
         frame: &'a [u8],
@@ -127,24 +129,24 @@ pub enum Event<'a, R> {
     },
     /// Bytes that are not part of a frame.
     Noise {
-        /// The place of the first byte, in bytes since the client was made.
+        /// The offset of the first byte, in bytes since the client was created.
         offset: u64,
         /// The bytes. A run of noise may come in several events.
         bytes: &'a [u8],
         /// The reason.
         reason: Reason,
     },
-    /// A lossless stream broke here: nothing after this can be read, the request in flight if any is given up, and so is every
-    /// later one. Close the connection.
+    /// A lossless stream broke here: no later byte can be decoded. The request in flight fails, and so does every later
+    /// one. Close the connection.
     Broken {
-        /// The place of the break, in bytes since the client was made.
+        /// The offset of the break, in bytes since the client was created.
         offset: u64,
         /// The reason.
         reason: Reason,
     },
 }
 
-/// The reason for which a request was not accepted.
+/// The reason for a request that was not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -160,21 +162,21 @@ pub enum SubmitError {
 /// The request in flight.
 struct Call {
     state: State,
-    /// The number of times that all of it was sent.
+    /// The number of complete transmissions.
     sends: u8,
-    /// The number of repeats left.
+    /// The number of remaining repeats.
     repeats: u8,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// Not sent yet, or to be sent again.
+    /// Not sent yet, or waiting for a repeat.
     Ready,
     /// Its bytes are being transmitted.
     Writing,
-    /// All sent; an answer is expected.
+    /// Transmitted; an answer is expected.
     Waiting,
-    /// All sent; no answer is expected.
+    /// Transmitted; no answer is expected.
     Sent,
 }
 
@@ -182,18 +184,18 @@ enum State {
 struct Outgoing<M: Messages, const N: usize> {
     exchange: Exchange<M, (), SENDS>,
     call: Option<Call>,
-    /// The part of the frame in `tx` in its exchange. `None` before the first.
+    /// The properties of the frame in `tx` for the exchange. `None` before the first.
     info: Option<InfoOf<M>>,
     tx: [u8; N],
     /// The frame: `tx[..len]`.
     len: usize,
-    /// The number of its bytes that were transmitted, while it is being transmitted: the rest of a frame goes out even if its
+    /// The number of its bytes that were transmitted, during transmission: the rest of a frame goes out even if its
     /// call has ended.
     at: Option<usize>,
 }
 
 impl<M: Messages, const N: usize> Outgoing<M, N> {
-    /// Ends the request in flight. Answers to what was sent of it are stale from now on.
+    /// Ends the request in flight. Answers to its transmissions are stale from now on.
     fn end(&mut self) {
         self.call = None;
         self.exchange.give_up(());
@@ -202,18 +204,18 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         }
     }
 
-    /// Nothing is transmitted any more, not even the rest of a request: the arm would do what was given up.
+    /// Stops transmission, including the rest of a request: the arm would execute a request that has failed.
     fn stop(&mut self) -> bool {
         self.at = None;
         self.call.take().is_some()
     }
 
-    /// The bytes to transmit, if the request in flight may go.
+    /// Starts transmission, if the request in flight may go.
     fn start(&mut self) {
         let Some(call) = self.call.as_mut().filter(|call| call.state == State::Ready) else {
             return;
         };
-        // A repeat is of the same call, and waits for nothing.
+        // A repeat belongs to the same call and never waits.
         let may = match &self.info {
             Some(info) if call.sends == 0 => self.exchange.can_send(info, ()),
             _ => true,
@@ -224,7 +226,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
         }
     }
 
-    /// All of the frame was transmitted.
+    /// The frame was transmitted completely.
     fn sent(&mut self, config: &Config, handed: u64, now: Instant) {
         self.at = None;
         let call = self.call.as_mut().filter(|call| call.state == State::Writing);
@@ -246,18 +248,18 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
                 call.sends = call.sends.saturating_add(1);
                 call.state = State::Waiting;
             }
-            // The end of a request whose call has ended: only now can its answer come.
+            // The last byte of a request whose call has ended: its answer is possible only now.
             None => self.exchange.give_up(()),
         }
     }
 
-    /// When the answer to the request in flight is due.
+    /// The timeout of the answer to the request in flight.
     fn due(&self) -> Option<Instant> {
         let waiting = self.call.as_ref().is_some_and(|call| call.state == State::Waiting);
         self.exchange.due(()).filter(|_| waiting)
     }
 
-    /// The answer is missing: the request is sent again, or has timed out after the returned number of sends.
+    /// The answer is missing: the request is repeated, or has timed out after the returned number of transmissions.
     fn give_up(&mut self) -> Option<u8> {
         let call = self.call.as_mut()?;
         if call.repeats > 0 && self.info.is_some_and(|info| info.effect == Effect::Read) {
@@ -274,15 +276,15 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// A host-side state machine with buffers of `N` bytes.
 ///
 /// One request is in flight at a time. Bytes go in by [`space`](Self::space) and [`received`](Self::received), or by
-/// [`receive`](Self::receive), time by [`poll`](Self::poll), which says what to do next: transmit, take an event, or wait. It
-/// does no I/O and reads no clock, so it runs in an interrupt, in a task, or in a test in no time at all. 260 bytes hold every
-/// message of every protocol; a frame that is longer than `N` is noise.
+/// [`receive`](Self::receive). Time goes in by [`poll`](Self::poll), which returns the next step: transmit, handle an
+/// event, or wait. The client does no I/O and reads no clock: it runs in an interrupt handler, in a task, or in a test
+/// without real time. 260 bytes hold every message of every protocol; a frame that is longer than `N` is noise.
 ///
-/// A late answer never satisfies the next request: when an answer to an earlier request may still come (it timed out, was
-/// repeated, or was cancelled), the next request with the same key waits until it came or [`Config::stale_window`] is over.
-/// Requests without an answer, such as torque off, never wait, and none does where answers are numbered; the client numbers its
-/// requests. For this to hold, put in what has arrived before you transmit: bytes that waited in a port's buffer are as old as
-/// they are, whenever they are read.
+/// A late answer never satisfies the next request. While an answer to an earlier request is possible (the request timed
+/// out, was repeated, or was cancelled), the next request with the same key waits until the answer arrives or
+/// [`Config::stale_window`] ends. Requests without an answer, such as torque off, never wait, and no request does if
+/// answers are numbered; the client numbers its requests. This requires that received bytes are passed in before a
+/// transmission: the age of bytes in a port's buffer does not depend on the time of the read.
 ///
 /// ```
 /// use armwire::ling::{JointState, Ling, MotionStatus, Request, Response};
@@ -294,7 +296,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// let now = Instant::ZERO;
 /// let Output::Transmit(bytes) = client.poll(now) else { panic!("nothing to transmit") };
 /// assert_eq!(bytes, [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF]);
-/// let n = bytes.len(); // what the port took
+/// let n = bytes.len(); // number of bytes that the port accepted
 /// client.transmitted(now, n).unwrap();
 ///
 /// let now = Instant::from_micros(350);
@@ -308,7 +310,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 /// assert_eq!(client.poll(now), Output::Timeout(None));
 /// ```
 ///
-/// A whole call, over anything that can be read with a time-out and written:
+/// A complete call, over any port that can be written and read with a timeout:
 ///
 /// ```
 /// use armwire::ling::{Ling, Request, Response};
@@ -324,7 +326,7 @@ impl<M: Messages, const N: usize> Outgoing<M, N> {
 ///
 /// /// Makes a request and returns the answer, if there is one.
 /// fn call(client: &mut Client<Ling, 70>, port: &mut impl Port, request: &Request) -> Option<Response> {
-///     // What has arrived belongs to what was before.
+///     // Bytes received so far belong to earlier requests.
 ///     let n = port.read(client.space(), port.now());
 ///     client.received(port.now(), n).ok()?;
 ///     client.submit(request).ok()?;
@@ -350,7 +352,7 @@ pub struct Client<M: Messages, const N: usize> {
     config: Config,
     decoder: Decoder<N>,
     outgoing: Outgoing<M, N>,
-    /// When bytes last arrived.
+    /// Time of the last received byte.
     last_rx: Instant,
     /// The number of the last request.
     number: u16,
@@ -411,10 +413,10 @@ impl<M: Messages, const N: usize> Client<M, N> {
         Ok(())
     }
 
-    /// Gives up the request in flight, if there is one.
+    /// Cancels the request in flight, if there is one.
     ///
-    /// If it was not begun it is never sent. If it was, its remaining bytes are still to be transmitted, so that the arm is not
-    /// left with half a frame, and its answer will be [`Event::Late`].
+    /// An unstarted request is never sent. Otherwise its remaining bytes must still be transmitted, because the arm
+    /// must not be left with half a frame, and its answer becomes [`Event::Late`].
     ///
     /// ```
     /// # use armwire::ling::{Ling, Request};
@@ -431,12 +433,12 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
     }
 
-    /// Whether a request may be submitted: none is in flight, and nothing is left of a cancelled one.
+    /// Returns true if a request may be submitted: none is in flight, and no cancelled one is still being transmitted.
     pub const fn is_idle(&self) -> bool {
         self.outgoing.call.is_none() && self.outgoing.at.is_none()
     }
 
-    /// Whether the request in flight has an answer to wait for.
+    /// Returns true if the request in flight has an answer that is expected.
     pub fn expects_answer(&self) -> bool {
         self.outgoing.call.is_some() && self.outgoing.info.is_some_and(|info| info.response.is_some())
     }
@@ -446,12 +448,12 @@ impl<M: Messages, const N: usize> Client<M, N> {
         &self.messages
     }
 
-    /// The protocol, to change what its next requests are like.
+    /// The protocol, for changes that apply to later requests.
     pub const fn messages_mut(&mut self) -> &mut M {
         &mut self.messages
     }
 
-    /// Room to read or DMA into; say with [`received`](Self::received) how many bytes arrived. Never empty once
+    /// Free space for a read or DMA. Report the number of bytes with [`received`](Self::received). Never empty once
     /// [`poll`](Self::poll) has returned anything but an event.
     pub fn space(&mut self) -> &mut [u8] {
         self.decoder.space()
@@ -461,7 +463,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when that is more than there is room for. Nothing is accepted then.
+    /// [`OutOfRange`] if `n` exceeds the free space. Nothing is accepted then.
     pub fn received(&mut self, now: Instant, n: usize) -> Result<(), OutOfRange<usize>> {
         if n > 0 {
             self.last_rx = now;
@@ -469,8 +471,8 @@ impl<M: Messages, const N: usize> Client<M, N> {
         self.decoder.commit(n)
     }
 
-    /// Copies in as much of the bytes that arrived as there is room for and returns the rest: poll until there is no event, then
-    /// put it in.
+    /// Copies in as many of the received bytes as fit and returns the rest: poll until there is no event, then pass in
+    /// the rest.
     #[must_use = "bytes for which there is no room are returned"]
     pub fn receive<'b>(&mut self, now: Instant, bytes: &'b [u8]) -> &'b [u8] {
         if !bytes.is_empty() {
@@ -479,16 +481,16 @@ impl<M: Messages, const N: usize> Client<M, N> {
         self.decoder.push(bytes)
     }
 
-    /// The UART reported an idle line. Never call it for a gap between USB packets or TCP segments.
+    /// The UART reported an idle line. Never call this for a gap between USB packets or TCP segments.
     pub const fn idle(&mut self) {
         self.decoder.idle();
     }
 
-    /// The line took the first `n` bytes of what was to be transmitted.
+    /// The line accepted the first `n` bytes of [`Output::Transmit`].
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when `n` is more than what is left. Nothing is taken for transmitted then.
+    /// [`OutOfRange`] if `n` exceeds the remaining bytes. Nothing counts as transmitted then.
     pub fn transmitted(&mut self, now: Instant, n: usize) -> Result<(), OutOfRange<usize>> {
         let out = &mut self.outgoing;
         let left = out.at.map_or(0, |at| out.len.saturating_sub(at));
@@ -503,15 +505,15 @@ impl<M: Messages, const N: usize> Client<M, N> {
         Ok(())
     }
 
-    /// The next step. Call it again after an event, once bytes arrived or were transmitted, and at the time it gives.
+    /// The next step. Call it again after an event, after bytes were received or transmitted, and at the returned time.
     pub fn poll(&mut self, now: Instant) -> Output<'_, M::Response<'_>> {
         let out = &mut self.outgoing;
         if out.call.as_ref().is_some_and(|call| call.state == State::Sent) {
             out.call = None;
             return Output::Event(Event::Sent);
         }
-        // A false header may be holding the answer back. After this silence it is no frame. Or it is an answer whose end only
-        // silence can tell.
+        // A false header may hold the answer back: after this silence it is no frame. Or only silence marks the end of
+        // the answer.
         let due = out.due();
         if due.is_some_and(|due| due <= now) && self.last_rx + self.config.latency <= now {
             self.decoder.idle();
@@ -520,7 +522,7 @@ impl<M: Messages, const N: usize> Client<M, N> {
         if let Some(span) = self.decoder.advance_to_event(&self.messages, expect) {
             return Output::Event(self.event(span, expect, now));
         }
-        // Only now, for bytes may have arrived long before they were put in.
+        // Not earlier: bytes may have arrived long before they were passed in.
         self.outgoing.exchange.expire(now);
         if let Some((offset, reason)) = self.decoder.broken() {
             return match self.outgoing.stop() {
@@ -545,7 +547,8 @@ impl<M: Messages, const N: usize> Client<M, N> {
         }
     }
 
-    /// When the answer to the request in flight is given up. If one has begun, its end gets the time that one more packet takes.
+    /// The time at which the answer to the request in flight is overdue. An answer that has begun gets the time of one
+    /// more packet.
     fn overdue_at(&self) -> Option<Instant> {
         let due = self.outgoing.due()?;
         match self.decoder.pending() {

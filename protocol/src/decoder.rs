@@ -1,4 +1,4 @@
-//! Bytes in any chunks in, items out: frames, noise and padding, none of the bytes missing.
+//! Bytes in chunks of any size in, items out: frames, noise and padding, without a missing byte.
 
 use core::cell::Cell;
 
@@ -9,21 +9,21 @@ use crate::framing::{Framing, Reason, Scan};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Kind {
-    /// A frame whose envelope is good.
+    /// A frame with a valid envelope.
     Frame,
-    /// Bytes in no frame.
+    /// Bytes outside of frames.
     Noise(Reason),
     /// Bytes between frames that are no error.
     Padding,
-    /// Bytes from the place on where a lossless stream broke.
+    /// Bytes from the break of a lossless stream on.
     Broken(Reason),
 }
 
-/// The place of an item in a [`Decoder`]. It borrows nothing, and is valid until the next bytes are put in.
+/// The place of an item in a [`Decoder`]. It borrows nothing, and is valid until the next bytes are passed in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Span {
-    /// The item's first byte, in bytes since the decoder was made.
+    /// The offset of the item's first byte, in bytes since the decoder was created.
     pub offset: u64,
     /// Its kind.
     pub kind: Kind,
@@ -47,7 +47,7 @@ impl Span {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Item<'a> {
-    /// Its first byte, in bytes since the decoder was made.
+    /// The offset of its first byte, in bytes since the decoder was created.
     pub offset: u64,
     /// Its kind.
     pub kind: Kind,
@@ -57,12 +57,12 @@ pub struct Item<'a> {
 
 /// A streaming decoder over an inline buffer of `N` bytes.
 ///
-/// Every byte that is put in comes out once, in order, as part of one item. Bytes may arrive in any chunks: the frames, and
-/// the bytes and reasons of adjacent noise once joined, are the same. When a candidate for a frame turns out to be none,
-/// scanning resumes at its second byte, so a false header never costs a good frame; a frame longer than `N` is noise with
+/// Every byte that goes in comes out once, in order, as part of one item. The size of the chunks does not affect the
+/// frames, nor the bytes and reasons of adjacent noise once joined. If a candidate for a frame turns out to be none,
+/// scanning resumes at its second byte: a false header never costs a valid frame. A frame longer than `N` is noise with
 /// [`Reason::Length`] and is skipped whole.
 ///
-/// The decoder holds no framing: its owner knows the kind of arm on the line and passes the framing in.
+/// The decoder contains no framing: its owner knows the kind of arm on the line and passes the framing in.
 ///
 /// ```
 /// use armwire::decoder::{Decoder, Kind};
@@ -84,17 +84,17 @@ pub struct Item<'a> {
 #[derive(Debug)]
 pub struct Decoder<const N: usize> {
     buf: [u8; N],
-    /// The window, not yet decided on: `buf[head..tail]`.
+    /// The undecided window: `buf[head..tail]`.
     head: usize,
     tail: usize,
-    /// Bytes put in since the decoder was made.
+    /// Bytes passed in since the decoder was created.
     received: u64,
-    /// Bytes still to come of noise that reaches past the window, and its reason.
+    /// Remaining bytes of noise that extends beyond the window, and its reason.
     skip: usize,
     skip_reason: Reason,
     /// No byte has arrived since the line went idle.
     idle: bool,
-    /// The first byte of a break, in bytes since the decoder was made, and its reason.
+    /// The offset of the first byte of a break, in bytes since the decoder was created, and its reason.
     broken: Option<(u64, Reason)>,
 }
 
@@ -113,7 +113,7 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
-    /// Room to read or DMA into; [`commit`](Self::commit) what arrived.
+    /// Free space for a read or DMA; [`commit`](Self::commit) the bytes that arrived.
     ///
     /// Never empty once [`advance`](Self::advance) has returned `None`.
     ///
@@ -141,7 +141,7 @@ impl<const N: usize> Decoder<N> {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when that is more than there is room for. Nothing is accepted then.
+    /// [`OutOfRange`] if `n` exceeds the free space. Nothing is accepted then.
     pub fn commit(&mut self, n: usize) -> Result<(), OutOfRange<usize>> {
         let max = N.wrapping_sub(self.tail);
         if n > max {
@@ -151,16 +151,16 @@ impl<const N: usize> Decoder<N> {
         Ok(())
     }
 
-    /// Accepts bytes for which there is room.
+    /// Accepts bytes that fit.
     const fn accept(&mut self, n: usize) {
         self.tail = self.tail.wrapping_add(n);
         self.received = self.received.wrapping_add(n as u64);
         self.idle &= n == 0;
     }
 
-    /// Copies in as much of `bytes` as there is room for and returns the rest.
+    /// Copies in as many of `bytes` as fit and returns the rest.
     ///
-    /// Take all items out, then push the rest, until there is none.
+    /// Take all items, then push the rest, until it is empty.
     #[must_use = "bytes for which there is no room are returned"]
     pub fn push<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
         let space = self.space();
@@ -173,10 +173,10 @@ impl<const N: usize> Decoder<N> {
         later
     }
 
-    /// The line went idle: a frame that waits for its end will never get it. Then take the items out.
+    /// The line went idle: an incomplete frame will not be completed. Take the items afterwards.
     ///
-    /// Call it for an idle line that the UART reports, never for a gap between USB packets. It holds until more bytes come. On
-    /// a [`LOSSLESS`](Framing::LOSSLESS) line it changes nothing.
+    /// Call this for an idle line reported by the UART, never for a gap between USB packets. It holds until more bytes
+    /// arrive. On a [`LOSSLESS`](Framing::LOSSLESS) line it has no effect.
     ///
     /// ```
     /// use armwire::decoder::{Decoder, Kind};
@@ -194,12 +194,12 @@ impl<const N: usize> Decoder<N> {
         self.idle = true;
     }
 
-    /// Takes the next item out of the window and returns its place; `None` when a verdict needs more bytes.
+    /// Removes the next item from the window and returns its place; `None` if a verdict needs more bytes.
     ///
-    /// Loops are made of this, because an item that is returned from inside a loop would borrow the decoder for all of it.
+    /// Loops use this method: an item returned from inside a loop would borrow the decoder for the whole loop.
     pub fn advance<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
         if self.idle && !F::LOSSLESS {
-            // The rest of a frame that was too long does not come any more.
+            // The rest of an overlong frame will not arrive.
             self.skip = 0;
         }
         let window = self.window();
@@ -232,8 +232,8 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
-    /// Takes noise out that may reach past the window.
-    // Not inlined: copies of it slow the path of a frame.
+    /// Removes noise that may extend beyond the window.
+    // Not inlined: copies of it slow down the path of a frame.
     #[inline(never)]
     fn take_noise(&mut self, n: usize, reason: Reason) -> Span {
         let span = self.take(n, Kind::Noise(reason));
@@ -242,7 +242,7 @@ impl<const N: usize> Decoder<N> {
         span
     }
 
-    /// Takes the first `n` bytes out of the window, at least one and no more than it has.
+    /// Removes the first `n` bytes of the window, at least one and at most all.
     fn take(&mut self, n: usize, kind: Kind) -> Span {
         let (offset, start) = (self.offset(), self.head);
         let end = start.wrapping_add(n.max(1)).min(self.tail);
@@ -255,7 +255,7 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
-    /// The next item that is not padding. Of a broken stream it is only the first one.
+    /// The next item that is not padding. A broken stream yields only its first one.
     pub(crate) fn advance_to_event<F: Framing>(&mut self, framing: &F, expect: F::Expect) -> Option<Span> {
         loop {
             let was_broken = self.broken.is_some();
@@ -283,8 +283,8 @@ impl<const N: usize> Decoder<N> {
         Some(self.item(span))
     }
 
-    /// The receive threshold: the number of bytes before which there is no other frame, at least 1 once
-    /// [`advance`](Self::advance) has returned `None`. Zero while there is an item to take.
+    /// The receive threshold: the number of bytes without which no further frame can be complete, at least 1 once
+    /// [`advance`](Self::advance) has returned `None`. Zero while an item is ready.
     ///
     /// ```
     /// use armwire::decoder::Decoder;
@@ -310,7 +310,7 @@ impl<const N: usize> Decoder<N> {
         }
     }
 
-    /// Drops the bytes not yet decided on: those behind them are of another conversation.
+    /// Drops the undecided bytes: later bytes belong to another conversation.
     ///
     /// ```
     /// use armwire::decoder::Decoder;
@@ -328,37 +328,37 @@ impl<const N: usize> Decoder<N> {
         (self.idle, self.broken) = (false, None);
     }
 
-    /// The bytes not yet decided on.
+    /// The undecided bytes.
     pub fn window(&self) -> &[u8] {
         self.buf.get(self.head..self.tail).unwrap_or_default()
     }
 
-    /// The number of bytes not yet decided on.
+    /// The number of undecided bytes.
     pub const fn pending(&self) -> usize {
         self.tail.saturating_sub(self.head)
     }
 
-    /// The window's first byte, in bytes since the decoder was made.
+    /// The offset of the window's first byte, in bytes since the decoder was created.
     pub const fn offset(&self) -> u64 {
         self.received.wrapping_sub(self.pending() as u64)
     }
 
-    /// Bytes put in since the decoder was made.
+    /// Bytes passed in since the decoder was created.
     pub const fn received(&self) -> u64 {
         self.received
     }
 
-    /// The place of a break, in bytes since the decoder was made, and its reason. `None` for an intact stream, and always on a
-    /// line that is not lossless.
+    /// The offset of a break, in bytes since the decoder was created, and its reason. `None` for an intact stream, and
+    /// always on a line that is not lossless.
     pub const fn broken(&self) -> Option<(u64, Reason)> {
         self.broken
     }
 
-    /// Brings the window to the front of the buffer.
+    /// Moves the window to the front of the buffer.
     // Not inlined: most calls of `space` do not need it.
     #[inline(never)]
     fn move_to_front(&mut self) {
-        // `copy_within` has a panic that is left when it is not inlined.
+        // `copy_within` contains a panic that remains if it is not inlined.
         let cells = Cell::from_mut(&mut self.buf[..]).as_slice_of_cells();
         let window = cells.get(self.head..self.tail).unwrap_or_default();
         for (to, from) in cells.iter().zip(window) {

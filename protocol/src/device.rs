@@ -18,27 +18,27 @@ pub enum DeviceEvent<'a, R, K> {
         /// The key of its response.
         key: Option<K>,
     },
-    /// A good frame that is no request of the protocol.
+    /// A valid frame that is no request of the protocol.
     Unknown {
         /// The frame.
         frame: &'a [u8],
         /// The reason.
         error: ParseError,
-        /// The key that a response to it would have.
+        /// The key of a response to it.
         key: Option<K>,
     },
     /// Bytes that are not part of a frame.
     Noise {
-        /// The place of the first byte, in bytes since the device was made.
+        /// The offset of the first byte, in bytes since the device was created.
         offset: u64,
         /// The bytes. A run of noise may come in several events.
         bytes: &'a [u8],
         /// The reason.
         reason: Reason,
     },
-    /// A lossless stream broke here: nothing after this can be read. Close the connection.
+    /// A lossless stream broke here: no later byte can be decoded. Close the connection.
     Broken {
-        /// The place of the break, in bytes since the device was made.
+        /// The offset of the break, in bytes since the device was created.
         offset: u64,
         /// The reason.
         reason: Reason,
@@ -47,7 +47,7 @@ pub enum DeviceEvent<'a, R, K> {
 
 /// An arm-side state machine with a buffer of `N` bytes.
 ///
-/// It knows the protocol, not the arm: what a request does, and when its response goes out, is the caller's.
+/// It implements the protocol, not the arm: the caller executes the requests and decides when responses go out.
 ///
 /// ```
 /// use armwire::ling::{Ling, Request, Response, Stroke};
@@ -69,7 +69,7 @@ pub struct Device<M: Messages, const N: usize> {
 }
 
 impl<M: Messages, const N: usize> Device<M, N> {
-    /// A device that has received nothing.
+    /// A device without received bytes.
     pub const fn new(messages: M) -> Self {
         Self {
             messages,
@@ -77,7 +77,7 @@ impl<M: Messages, const N: usize> Device<M, N> {
         }
     }
 
-    /// Room to read or DMA into; say with [`received`](Self::received) how many bytes arrived. Never empty once
+    /// Free space for a read or DMA. Report the number of bytes with [`received`](Self::received). Never empty once
     /// [`poll`](Self::poll) has returned `None`.
     pub fn space(&mut self) -> &mut [u8] {
         self.decoder.space()
@@ -87,24 +87,24 @@ impl<M: Messages, const N: usize> Device<M, N> {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when that is more than there is room for. Nothing is accepted then.
+    /// [`OutOfRange`] if `n` exceeds the free space. Nothing is accepted then.
     pub fn received(&mut self, n: usize) -> Result<(), OutOfRange<usize>> {
         self.decoder.commit(n)
     }
 
-    /// Copies in as much of the bytes that arrived as there is room for and returns the rest: poll until there is no event, then
-    /// put it in.
+    /// Copies in as many of the received bytes as fit and returns the rest: poll until there is no event, then pass in
+    /// the rest.
     #[must_use = "bytes for which there is no room are returned"]
     pub fn receive<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
         self.decoder.push(bytes)
     }
 
-    /// The UART reported an idle line. Never call it for a gap between USB packets or TCP segments.
+    /// The UART reported an idle line. Never call this for a gap between USB packets or TCP segments.
     pub const fn idle(&mut self) {
         self.decoder.idle();
     }
 
-    /// The next event; `None` when more bytes are needed.
+    /// The next event; `None` if more bytes are needed.
     pub fn poll(&mut self) -> Option<DeviceEvent<'_, M::Request<'_>, M::Key>> {
         let span = self
             .decoder
@@ -133,12 +133,12 @@ impl<M: Messages, const N: usize> Device<M, N> {
         }
     }
 
-    /// Writes a response to the request with this key, or one that answers nothing, at the front of `out` and returns its length
+    /// Writes a response to the request with this key, or to no request, at the front of `out` and returns its length
     /// in bytes.
     ///
     /// # Errors
     ///
-    /// [`BufferTooShort`] when `out` has no room for it.
+    /// [`BufferTooShort`] if `out` is too short.
     pub fn respond(
         &self,
         response: &M::Response<'_>,

@@ -1,4 +1,4 @@
-//! The part of a frame in its exchange, from its bytes alone.
+//! A frame's properties for the exchange, from its bytes alone.
 
 use core::fmt::Debug;
 
@@ -19,25 +19,25 @@ pub enum Effect {
     Setting,
 }
 
-/// The response that a request gets, as far as time is concerned.
+/// The timing of the response to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ResponseTiming {
-    /// The longest that the response may be, in bytes on the wire.
+    /// Maximum length of the response, in bytes on the wire.
     pub longest: u16,
-    /// The longest time between the last byte of the request and the first of the response.
+    /// Maximum time between the last byte of the request and the first of the response.
     pub turnaround: Duration,
 }
 
-/// The part of a request in its exchange.
+/// A request's properties for the exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RequestInfo<K, E> {
     /// The key of its response.
     pub key: K,
-    /// The expectation of the line until the response has arrived.
+    /// The decoder's expectation until the response has arrived.
     pub expect: E,
-    /// The response to wait for; `None` if the arm does not respond.
+    /// The timing of the response; `None` if the arm does not respond.
     pub response: Option<ResponseTiming>,
     /// Its effect on the arm.
     pub effect: Effect,
@@ -46,25 +46,26 @@ pub struct RequestInfo<K, E> {
 /// A [`RequestInfo`] of this dialect.
 pub type InfoOf<D> = RequestInfo<<D as Dialect>::Key, <D as Framing>::Expect>;
 
-/// The requests and responses of one kind of line, and their assignment to each other.
+/// The requests and responses of one kind of line, and the matching between them.
 ///
-/// It works on the bytes of frames and makes no messages of them, so an adapter between a host and an arm can afford it.
+/// It works on the bytes of frames without decoding messages, which is cheap enough for an adapter between a host and
+/// an arm.
 pub trait Dialect: Framing {
-    /// Whether a request has a number that its response repeats. Where it has none, a response that is missing must be waited
-    /// for, or given up, before the next request of its key may go.
+    /// True if requests have a number that their response repeats. Without one, a missing response must arrive or
+    /// expire before the next request with its key may go.
     const HAS_TRANSACTION_ID: bool = false;
 
-    /// The part of a response that assigns it to its request.
+    /// The part of a response that matches it to its request.
     type Key: Copy + Eq + Debug;
 
-    /// The part of a host's frame in its exchange. A frame with a good envelope that the document does not have may be of
-    /// a newer arm: it is taken for a setting that is answered, if its shape allows. `None` if it can be no request.
+    /// A request's properties. A valid frame that the document does not have may belong to a newer arm: it counts as a
+    /// setting with an answer, if its shape allows. `None` if the frame can be no request.
     fn request(&self, frame: &[u8]) -> Option<RequestInfo<Self::Key, Self::Expect>>;
 
-    /// Whether a frame from the arm is the response to the request with this key, whatever its values are. A request is never
-    /// a response: a line may give it back.
+    /// Returns true if a frame from the arm is the response to the request with this key, with any values. A request is
+    /// never a response: the line may echo it.
     fn is_response_to(&self, key: Self::Key, frame: &[u8]) -> bool;
 
-    /// Writes the sender's number into a request, where the wire has room for one.
+    /// Writes the sender's number into a request, on protocols with a field for it.
     fn stamp(&self, _frame: &mut [u8], _number: u16) {}
 }

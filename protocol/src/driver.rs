@@ -13,7 +13,7 @@ use crate::messages::Messages;
 use crate::time::Instant;
 use crate::{Client, Config, Event, OutOfRange, Output, ParseError, SubmitError};
 
-/// A monotonic clock that can also wait: the driver's only need of a runtime.
+/// A monotonic clock that can also wait: the driver needs nothing else of a runtime.
 ///
 /// ```no_run
 /// use armwire::driver::Clock;
@@ -36,7 +36,7 @@ pub trait Clock {
     /// Now.
     fn now(&self) -> Instant;
 
-    /// Resolves at `instant`, or at once if it is past.
+    /// Resolves at `instant`, or at once if it has passed.
     fn wait_until(&self, instant: Instant) -> impl Future<Output = ()>;
 }
 
@@ -50,10 +50,10 @@ impl<C: Clock> Clock for &C {
     }
 }
 
-/// The most reads that give bytes before [`Driver::call`] sends a request, where the bytes do not end.
+/// Maximum number of reads that return bytes before [`Driver::call`] sends a request, on a port whose bytes do not end.
 ///
-/// The port's bytes are read first, so that an old answer is not taken for the new one. A port that keeps more than this
-/// many reads give may pass an old answer off as a new one.
+/// The port's bytes are read first: an old answer must not be taken for the new one. A port that buffers more than
+/// these reads return may deliver an old answer as a new one.
 pub const READS_BEFORE_SEND: usize = 256;
 
 /// The error of a call: `E` is the error of the port.
@@ -64,31 +64,31 @@ pub enum CallError<E> {
     /// The port failed.
     #[error("the port failed: {0}")]
     Io(#[source] E),
-    /// The port took or gave no bytes where it must: it is closed.
+    /// The port accepted or returned no bytes where it must: it is closed.
     #[error("the port is closed")]
     Closed,
-    /// The port says that it took or gave more bytes than there were.
-    #[error("the port miscounts: {0}")]
+    /// The port reported more bytes than were given or requested.
+    #[error("the port reported an invalid count: {0}")]
     Port(#[source] OutOfRange<usize>),
     /// The client did not accept the request.
     #[error("{0}")]
     Submit(#[source] SubmitError),
-    /// A lossless stream broke: nothing after this can be read, and the connection must be closed.
+    /// A lossless stream broke: no later byte can be decoded, and the connection must be closed.
     #[error("the connection is broken: byte {offset}: {reason}")]
     Broken {
-        /// The place of the break, in bytes since the driver was made.
+        /// The offset of the break, in bytes since the driver was created.
         offset: u64,
         /// The reason.
         #[source]
         reason: Reason,
     },
-    /// The arm's answer has a value or a length that the protocol does not have, for this reason.
+    /// The arm's answer has a value or a length that the protocol does not allow, for this reason.
     #[error("the arm's answer cannot be accepted: {0}")]
     Unacceptable(#[source] ParseError),
     /// The arm did not answer.
     #[error(fmt = timed_out)]
     TimedOut {
-        /// The number of times that the request was sent.
+        /// The number of transmissions of the request.
         sends: u8,
     },
 }
@@ -100,24 +100,24 @@ fn timed_out(sends: &u8, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     }
 }
 
-/// Counts of received frames and bytes besides answers.
+/// Counts of received frames and bytes other than answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Counters {
     /// Bytes that were not part of a frame.
     pub noise_bytes: u32,
-    /// Good frames that are no message of the protocol.
+    /// Valid frames that are no message of the protocol.
     pub unknown: u32,
     /// Answers that came too late, or twice.
     pub late: u32,
-    /// Responses that answer nothing.
+    /// Responses to no request.
     pub unsolicited: u32,
-    /// Requests that the line gave back.
+    /// Requests that the line echoed.
     pub echoes: u32,
 }
 
 impl Counters {
-    /// Counts an event that ends no call.
+    /// Counts an event that does not end a call.
     fn count<R>(&mut self, event: &Event<'_, R>) {
         let (count, n) = match event {
             Event::Noise { bytes, .. } => (&mut self.noise_bytes, bytes.len() as u32),
@@ -135,17 +135,17 @@ impl Counters {
 
 /// A client that owns its port.
 ///
-/// `N` is the size of its buffers in bytes; 260 hold every message.
+/// `N` is the size of its buffers in bytes; 260 bytes hold every message.
 ///
-/// **The port** must keep what arrives between reads, and a read that is dropped must lose nothing: every time-out
-/// drops one. A UART with a receive buffer does so. A port that takes no bytes stalls a call for as long: put a
-/// time-out around the call where that may be.
+/// **The port** must buffer bytes between reads, and a dropped read must lose nothing: every timeout drops one. A UART
+/// with a receive buffer meets both. A port that accepts no bytes stalls a call for as long: add a timeout around the
+/// call where this can happen.
 ///
-/// **Dropping a call** before it is done is allowed if the port's writes may be dropped too. A request that was not
-/// begun is then never sent. One that was half written is finished by the next call, before its own, so the arm is
-/// never left with half a frame. Its answer, should it come, satisfies nothing (see [`Client`]).
+/// **Dropping a call** before it is complete is allowed if the port's writes may be dropped too. An unstarted request
+/// is then never sent. A partly written one is completed by the next call, before its own: the arm is never left with
+/// half a frame. A later answer to it satisfies no request (see [`Client`]).
 ///
-/// Each protocol has an `Arm` with a call for each request; this is what they are made of.
+/// Each protocol has an `Arm` with a method for each request, built on these calls.
 ///
 /// ```
 /// # use armwire::driver::Clock;
@@ -190,22 +190,23 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         }
     }
 
-    /// Sends a request, waits for its answer, and returns what `take` makes of it; `None` for a request the arm does not answer,
+    /// Sends a request, waits for its answer, and returns the result of `take`. `None` for a request without an answer,
     /// once it is written.
     ///
-    /// What has arrived is read before the request is sent, with at most [`READS_BEFORE_SEND`] reads, and with one at most
-    /// before a request without an answer. Bytes that do not end delay neither the answer nor the time-out.
+    /// Bytes that have arrived are read before the request is sent, with at most [`READS_BEFORE_SEND`] reads, or at
+    /// most one before a request without an answer. An endless stream of bytes delays neither the answer nor the
+    /// timeout.
     ///
     /// # Errors
     ///
-    /// [`CallError`] when the port fails, the connection is broken, or the arm does not answer or gives an answer that is
-    /// none.
+    /// [`CallError`] if the port fails, the connection is broken, or the arm does not answer or sends an unacceptable
+    /// answer.
     pub async fn call<T>(
         &mut self,
         request: &M::Request<'_>,
         take: impl FnOnce(M::Response<'_>) -> T,
     ) -> Result<Option<T>, CallError<Port::Error>> {
-        // A request in flight here belongs to a call that was dropped, or failed.
+        // A request in flight belongs to a call that was dropped or has failed.
         self.client.cancel();
         self.finish().await?;
         self.client.submit(request).map_err(CallError::Submit)?;
@@ -221,7 +222,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
                     self.transmitted(n)?;
                     continue;
                 }
-                // Bytes that have arrived already are read first, so that no old answer is taken for a new one.
+                // Bytes that have already arrived are read first: no old answer can be taken for a new one.
                 Output::Transmit(_) => Instant::ZERO,
                 Output::Timeout(until) => until.unwrap_or_default(),
                 Output::Event(Event::Answer(response)) => return Ok(Some(take(response))),
@@ -239,7 +240,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         }
     }
 
-    /// Makes a call that has an answer. `take` takes every answer that the dialect lets through to the request.
+    /// Calls with an answer. `take` accepts every answer that the dialect matches to the request.
     #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
     pub(crate) async fn read<T>(
         &mut self,
@@ -250,18 +251,18 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         answer.flatten().ok_or(CallError::Unacceptable(ParseError::NO_FRAME))
     }
 
-    /// Makes a call whose answer, if there is one, says nothing.
+    /// Calls with an empty answer or none.
     #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
     pub(crate) async fn tell(&mut self, request: &M::Request<'_>) -> Result<(), CallError<Port::Error>> {
         self.call(request, |_| ()).await.map(drop)
     }
 
-    /// The counts of received frames and bytes besides answers, since the driver was made.
+    /// The counts of received frames and bytes other than answers, since the driver was created.
     pub const fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// The protocol, to change what later requests are like.
+    /// The protocol, for changes that apply to later requests.
     pub const fn messages_mut(&mut self) -> &mut M {
         self.client.messages_mut()
     }
@@ -292,7 +293,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
         self.client.transmitted(now, n).map_err(CallError::Port)
     }
 
-    /// Reads once. Returns whether bytes came before this time.
+    /// Reads once. Returns true if bytes arrived before this time.
     async fn read_once(&mut self, until: Instant) -> Result<bool, CallError<Port::Error>> {
         match first(self.port.read(self.client.space()), self.clock.wait_until(until)).await {
             None => Ok(false),
@@ -307,7 +308,7 @@ impl<M: Messages, Port: Read + Write, C: Clock, const N: usize> Driver<M, Port, 
     }
 }
 
-/// Writes bytes, and flushes once all are written. Returns how many the port took.
+/// Writes bytes, and flushes after the last. Returns the number of bytes that the port accepted.
 async fn write<Port: Write>(port: &mut Port, bytes: &[u8]) -> Result<usize, CallError<Port::Error>> {
     let n = port.write(bytes).await.map_err(CallError::Io)?;
     if n == 0 {
@@ -328,7 +329,7 @@ impl<M: Messages, Port, C, const N: usize> fmt::Debug for Driver<M, Port, C, N> 
     }
 }
 
-/// The output of `a`, or `None` when `b` is done first.
+/// The output of `a`, or `None` if `b` completes first.
 async fn first<A: Future>(a: A, b: impl Future<Output = ()>) -> Option<A::Output> {
     let (mut a, mut b) = (pin!(a), pin!(b));
     poll_fn(|cx| match a.as_mut().poll(cx) {

@@ -1,21 +1,21 @@
-//! Errors that every protocol shares.
+//! Errors common to all protocols.
 
 use core::fmt;
 
 use thiserror::Error;
 
-/// A buffer too short for what was to be written into it.
+/// A buffer that is too short for the data to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[error("the message takes {needed} bytes, the buffer has {got}")]
 pub struct BufferTooShort {
-    /// Bytes it would have taken.
+    /// Required length in bytes.
     pub needed: usize,
-    /// Bytes there were.
+    /// Actual length in bytes.
     pub got: usize,
 }
 
-/// A value outside what the protocol can say: a count as it is on the wire, or a quantity in SI units (`f32`).
+/// A value outside the protocol's range: a raw count, or a quantity in SI units (`f32`).
 ///
 /// ```
 /// use armwire::ling::Position;
@@ -35,9 +35,9 @@ pub struct OutOfRange<T = u16> {
     pub unit: &'static str,
     /// The value.
     pub got: T,
-    /// The least it may be.
+    /// The minimum.
     pub min: T,
-    /// The most it may be.
+    /// The maximum.
     pub max: T,
 }
 
@@ -59,7 +59,7 @@ impl<T: Copy> OutOfRange<T> {
     }
 }
 
-/// The value, if it is in its range.
+/// The value, if it is within its range.
 #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 pub(crate) fn within<T: Copy + PartialOrd>(
     what: &'static str,
@@ -74,21 +74,21 @@ pub(crate) fn within<T: Copy + PartialOrd>(
     }
 }
 
-/// Whether a length is at most `max`, which is less than 65 535.
+/// Checks that a length is at most `max`, which must be less than 65 535.
 #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 pub(crate) fn at_most(what: &'static str, unit: &'static str, len: usize, max: u16) -> Result<(), OutOfRange> {
     let len = u16::try_from(len).unwrap_or(u16::MAX);
     within(what, unit, len, 0, max).map(drop)
 }
 
-/// A count is a quantity too, so that one `?` takes both.
+/// A count converts to a quantity: one `?` handles both.
 impl From<OutOfRange> for OutOfRange<f32> {
     fn from(count: OutOfRange) -> Self {
         count.widen()
     }
 }
 
-/// The reason for which a frame cannot be written: its reader would not take it.
+/// The reason for a frame that cannot be written: its receiver would reject it.
 ///
 /// ```
 /// use armwire::ling::{Frame, MAX_DATA};
@@ -107,12 +107,12 @@ pub enum EncodeError {
     /// The buffer is too short.
     #[error(transparent)]
     BufferTooShort(#[from] BufferTooShort),
-    /// The data is longer than that of any frame.
+    /// The data is longer than the maximum of a frame.
     #[error(transparent)]
     OutOfRange(#[from] OutOfRange),
 }
 
-/// A good frame that is no message of its document: which message it would be, what is wrong with it, and where.
+/// A valid frame that is no message of its document: the message's name, the error and its place.
 ///
 /// ```
 /// use armwire::alpha1::Alpha1;
@@ -133,9 +133,9 @@ pub enum EncodeError {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[error("{message}: {cause}")]
 pub struct ParseError {
-    /// The message that the frame would be.
+    /// The name of the message.
     pub message: MessageId,
-    /// The error in it.
+    /// The error.
     pub cause: Cause,
 }
 
@@ -144,7 +144,7 @@ pub struct ParseError {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum MessageId {
-    /// Nothing: the bytes are no frame.
+    /// None: the bytes are no frame.
     None,
     /// A command.
     Command(u8),
@@ -159,7 +159,7 @@ pub enum MessageId {
     Register(u8),
     /// Standard Modbus.
     Modbus {
-        /// The unit.
+        /// The function, without the exception bit.
         unit: u8,
         /// The function, without the bit of a refusal.
         function: u8,
@@ -175,7 +175,7 @@ pub enum Cause {
     /// The document has no such message in this direction.
     #[error("unknown")]
     Unknown,
-    /// An unexpected answer of a servo, or the shape of one: its request is unknown.
+    /// An unexpected answer of a servo, or bytes with the shape of one: its request is unknown.
     #[error("an answer of a servo, but none is expected")]
     Unexpected,
     /// A frame of the robot's Bluetooth protocol.
@@ -187,25 +187,25 @@ pub enum Cause {
     /// The data has the wrong length.
     #[error("{got} data bytes, expected {}", either(expected, fmt::Display::fmt))]
     Length {
-        /// The lengths it may have, in bytes.
+        /// The allowed lengths, in bytes.
         expected: &'static [usize],
-        /// Its length, in bytes.
+        /// The actual length, in bytes.
         got: usize,
     },
-    /// A byte with few allowed values has another.
+    /// A byte is none of its allowed values.
     #[error("data byte {offset} is {got:02X}, must be {}", either(expected, |byte, f| write!(f, "{byte:02X}")))]
     Byte {
-        /// The byte's place.
+        /// The byte's offset.
         offset: usize,
         /// The allowed values.
         expected: &'static [u8],
         /// The byte.
         got: u8,
     },
-    /// A value is out of its range.
+    /// A value is out of range.
     #[error("{error} (data byte {offset})")]
     Value {
-        /// The value's place.
+        /// The value's offset.
         offset: usize,
         /// The value and its range.
         error: OutOfRange<i32>,
@@ -220,7 +220,7 @@ impl ParseError {
         cause: Cause::Unknown,
     };
 
-    /// Makes the error of a message from its cause.
+    /// Completes a cause to the error of a message.
     pub(crate) fn of(message: MessageId) -> impl Fn(Cause) -> Self {
         move |cause| Self { message, cause }
     }
@@ -228,13 +228,13 @@ impl ParseError {
 
 #[cfg(any(feature = "ling", feature = "xarm", feature = "alpha1"))]
 impl Cause {
-    /// A byte with another value than those allowed.
+    /// A byte that is none of its allowed values.
     #[cfg(any(feature = "ling", feature = "alpha1"))]
     pub(crate) const fn byte(offset: usize, expected: &'static [u8], got: u8) -> Self {
         Self::Byte { offset, expected, got }
     }
 
-    /// A value out of its range.
+    /// A value out of range.
     pub(crate) fn value<T: Copy>(offset: usize, error: OutOfRange<T>) -> Self
     where
         i32: From<T>,
@@ -258,14 +258,14 @@ impl fmt::Display for MessageId {
     }
 }
 
-/// Data of a known length, or the error that says which it should have.
+/// Data of a fixed length, or the error with the expected length.
 #[cfg(any(feature = "ling", feature = "alpha1"))]
 pub(crate) fn sized<'a, const N: usize>(data: &'a [u8], expected: &'static [usize]) -> Result<&'a [u8; N], Cause> {
     let got = data.len();
     data.try_into().map_err(|_| Cause::Length { expected, got })
 }
 
-/// Checks data that always is the same, `offset` bytes from the start of all data.
+/// Checks constant data, `offset` bytes from the start of all data.
 #[cfg(feature = "alpha1")]
 pub(crate) fn constant<const N: usize>(offset: usize, data: &[u8; N], expected: &'static [u8; N]) -> Result<(), Cause> {
     for (i, (got, expected)) in data.iter().zip(expected.chunks(1)).enumerate() {
@@ -276,7 +276,7 @@ pub(crate) fn constant<const N: usize>(offset: usize, data: &[u8; N], expected: 
     Ok(())
 }
 
-/// Choices as `a or b or c`.
+/// The choices as `a or b or c`.
 pub(crate) fn either<T>(
     choices: &[T],
     write: impl Fn(&T, &mut fmt::Formatter<'_>) -> fmt::Result,

@@ -1,36 +1,37 @@
-//! The assignment of answers to requests.
+//! The matching of answers to requests.
 //!
-//! A *send* is a request that was handed to the line and wants an answer. It is *pending* until its initiator gives it up, then
-//! *stale*. The rules:
+//! A *send* is a request that was handed to the line and expects an answer. It is *pending* until its initiator gives
+//! up the answer, then *stale*. The rules:
 //!
-//! * An answer belongs to the oldest unresolved send of its key that was handed over before the answer's first byte: by the
-//!   decoder's offset, and by time where bytes are stamped. A send is resolved by its answer, or, once stale, when it is due
-//!   plus the stale window. A repeat is of the same send, which then has as many answers.
-//! * A request that wants an answer may go when no stale send of its key by any initiator is unresolved, none of its key by another
-//!   initiator, and none with another `Expect`. Requests without an answer wait for nothing. The caller
-//!   decides the order of those that wait.
-//! * `N` counts sends, and nothing is evicted. Sends beyond them *saturate* the exchange until the stale window of the last of
-//!   them has passed: no request may go meanwhile.
-//! * With transaction ids nothing waits. A stale send then makes room for a new one if it must, because its answer, being
-//!   numbered, can be taken for no other's.
-//! * Only an answer moves a deadline: an arm answers one request after the other, so those behind it have their time from then.
+//! * An answer belongs to the oldest unresolved send of its key that was handed over before the answer's first byte: by
+//!   the decoder's offset, and by time if bytes have time stamps. A send is resolved by its answer or, once stale, at
+//!   its timeout plus the stale window. A repeat belongs to the same send, which then has as many answers.
+//! * A request with an answer may go if there is no unresolved stale send of its key by any initiator, no unresolved
+//!   send of its key by another initiator, and none with another `Expect`. Requests without an answer never wait. The
+//!   caller decides the order of waiting requests.
+//! * `N` limits the number of tracked sends, and nothing is evicted. Further sends *saturate* the exchange until the
+//!   stale window of the last of them has ended: no request may go meanwhile.
+//! * With transaction ids no request waits. A new send may then replace a stale one, because a numbered answer cannot
+//!   be assigned to another send.
+//! * Only an answer moves a deadline: an arm answers one request after the other, and the timeouts of later requests
+//!   start then.
 //!
-//! An arm whose answers are later than the stale window can be mixed up.
+//! An answer later than the stale window can be assigned to the wrong request.
 
 use core::cell::Cell;
 
 use crate::dialect::{Dialect, InfoOf};
 use crate::time::{Duration, Instant};
 
-/// When a request was handed to the line.
+/// The handover of a request to the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Handover {
-    /// The number of bytes that had arrived: the decoder's [`received`](crate::decoder::Decoder::received).
+    /// The number of bytes received before: the decoder's [`received`](crate::decoder::Decoder::received).
     pub offset: u64,
-    /// When its last byte is on the line.
+    /// The time of its last byte on the line.
     pub at: Instant,
-    /// When its answer is due.
+    /// The timeout of its answer.
     pub due: Instant,
 }
 
@@ -40,7 +41,7 @@ pub struct Handover {
 pub struct FirstByte {
     /// The number of bytes before it.
     pub offset: u64,
-    /// When it arrived, where bytes are stamped.
+    /// Its arrival, if bytes have time stamps.
     pub at: Option<Instant>,
 }
 
@@ -52,7 +53,7 @@ pub enum Match<I> {
     Answer {
         /// Its initiator.
         who: I,
-        /// When its last byte was on the line.
+        /// The time of its last byte on the line.
         sent: Instant,
     },
     /// A stale request of this initiator.
@@ -61,7 +62,7 @@ pub enum Match<I> {
     Unsolicited,
 }
 
-/// A request that was handed over and wants an answer.
+/// A request that was handed over and expects an answer.
 struct Sent<D: Dialect, I> {
     key: D::Key,
     expect: D::Expect,
@@ -69,9 +70,9 @@ struct Sent<D: Dialect, I> {
     offset: u64,
     at: Instant,
     due: Instant,
-    /// The longest time to the answer, from the end of the request or from the previous answer.
+    /// Maximum time to the answer, from the end of the request or from the previous answer.
     patience: Duration,
-    /// The number of times that it was handed over and not answered: repeats are of the same call.
+    /// The number of handovers that were not answered: repeats belong to the same call.
     times: u16,
     stale: bool,
 }
@@ -91,28 +92,29 @@ impl<D: Dialect, I: Copy + Eq> Sent<D, I> {
         }
     }
 
-    /// Whether a request of `who` must wait until this send is resolved.
+    /// Returns true if a request of `who` must wait until this send is resolved.
     fn blocks(&self, info: &InfoOf<D>, who: I) -> bool {
         self.expect != info.expect || self.key == info.key && (self.stale || self.who != who)
     }
 }
 
-/// Sends that are not counted one by one.
+/// Sends that are not tracked one by one.
 struct Saturation {
     until: Instant,
     patience: Duration,
 }
 
-/// The sends on one line that are not resolved, at most `N`. `I` tells the initiators apart, `()` where there is one.
+/// The unresolved sends on one line, at most `N`. `I` identifies the initiator; use `()` for a single one.
 pub struct Exchange<D: Dialect, I, const N: usize> {
     stale_window: Duration,
-    /// In the order in which they were handed over, without gaps.
+    /// In the order of handover, without gaps.
     sends: Slots<Sent<D, I>, N>,
     saturated: Option<Saturation>,
 }
 
 impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
-    /// An exchange without sends. An answer that comes within the stale window after its due time is taken for no other's.
+    /// An exchange without sends. An answer within the stale window after its timeout is never assigned to another
+    /// send.
     pub const fn new(stale_window: Duration) -> Self {
         Self {
             stale_window,
@@ -121,7 +123,7 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         }
     }
 
-    /// The expectation of the line: the answer to the oldest unresolved send.
+    /// The decoder's expectation: the answer to the oldest unresolved send.
     pub fn expect(&self, dialect: &D) -> D::Expect {
         match self.sends.iter().next() {
             Some(oldest) => oldest.expect,
@@ -129,7 +131,7 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         }
     }
 
-    /// Whether a request may go now.
+    /// Returns true if a request may go now.
     pub fn can_send(&self, info: &InfoOf<D>, who: I) -> bool {
         if info.response.is_none() {
             return true;
@@ -141,7 +143,7 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         has_room && self.saturated.is_none() && !self.sends.iter().any(|sent| sent.blocks(info, who))
     }
 
-    /// A request was handed over. Returns whether its send is counted.
+    /// A request was handed over. Returns true if its send is tracked.
     pub fn begin(&mut self, info: InfoOf<D>, who: I, handover: Handover) -> bool {
         if info.response.is_none() {
             return true;
@@ -150,11 +152,11 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
             self.sends.remove_first_where(|sent| sent.stale);
         }
         let mut sent = Sent::new(info, who, handover);
-        // An arm answers one request after the other: this one is not due before those that it still works on.
+        // An arm answers one request after the other: this answer is not due before those that are pending.
         let pending = self.sends.iter().filter(|sent| !D::HAS_TRANSACTION_ID && !sent.stale);
         sent.due = pending.map(|pending| pending.due).fold(sent.due, Instant::max);
         let due = sent.due;
-        // An answer to one of those that are not counted must not be taken for an answer to a newer one.
+        // An answer to an untracked send must not be taken for an answer to a newer one.
         if self.saturated.is_none() && self.sends.push(sent) {
             return true;
         }
@@ -169,7 +171,7 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         false
     }
 
-    /// A request was handed over again, and may be answered once more. It is due when this repeat is.
+    /// A request was handed over again: one more answer is possible. Its timeout is that of the repeat.
     pub fn repeat(&mut self, info: InfoOf<D>, who: I, handover: Handover) {
         let of_call = |sent: &&mut Sent<D, I>| sent.who == who && sent.key == info.key;
         let sent = self.sends.iter_mut().find(of_call);
@@ -182,8 +184,8 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         sent.stale = false;
     }
 
-    /// A frame arrived, its last byte at `now`: which request it answers. [Resolve](Self::expire) before what was over when it
-    /// came, not what was over when it was read.
+    /// A frame arrived, its last byte at `now`. Returns the request that it answers. First [resolve](Self::expire) the
+    /// sends that had ended when the frame arrived, not those that had ended when it was read.
     pub fn on_frame(&mut self, dialect: &D, frame: &[u8], first: FirstByte, now: Instant) -> Match<I> {
         let window = self.stale_window;
         let answered = self.sends.iter_mut().find(|sent| {
@@ -209,14 +211,14 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         }
     }
 
-    /// This initiator gives up its pending sends: they are stale from now on.
+    /// This initiator gives up its pending sends: they become stale.
     pub fn give_up(&mut self, who: I) {
         for sent in self.sends.iter_mut().filter(|sent| sent.who == who) {
             sent.stale = true;
         }
     }
 
-    /// When to call [`on_timeout`](Self::on_timeout), if nothing happens before.
+    /// The time of the next [`on_timeout`](Self::on_timeout), unless another event comes first.
     pub fn timeout(&self) -> Option<Instant> {
         let window = self.stale_window;
         let sends = self.sends.iter().map(|sent| match sent.stale {
@@ -228,15 +230,15 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
             .min()
     }
 
-    /// Resolves the stale sends whose window is over.
+    /// Resolves the stale sends whose window has ended.
     pub fn expire(&mut self, now: Instant) {
         let window = self.stale_window;
         self.sends.remove_where(|sent| sent.stale && sent.due + window <= now);
         let _ = self.saturated.take_if(|saturation| saturation.until <= now);
     }
 
-    /// [Resolves](Self::expire) stale sends, then gives up the oldest pending send whose answer is missing at `now` and says whose
-    /// it was. Call it until it returns `None`.
+    /// [Resolves](Self::expire) stale sends, then makes the oldest pending send stale whose answer is missing at `now`,
+    /// and returns its initiator. Call it until it returns `None`.
     pub fn on_timeout(&mut self, now: Instant) -> Option<I> {
         self.expire(now);
         let missing = self.sends.iter_mut().find(|sent| !sent.stale && sent.due <= now)?;
@@ -244,28 +246,28 @@ impl<D: Dialect, I: Copy + Eq, const N: usize> Exchange<D, I, N> {
         Some(missing.who)
     }
 
-    /// When the first answer is due that this initiator waits for.
+    /// The earliest timeout among this initiator's pending answers.
     pub fn due(&self, who: I) -> Option<Instant> {
         let pending = self.sends.iter().filter(|sent| sent.who == who && !sent.stale);
         pending.map(|sent| sent.due).min()
     }
 
-    /// The initiator of the oldest pending send: an answer to it may be on its way.
+    /// The initiator of the oldest pending send, whose answer may be in flight.
     pub fn holder(&self) -> Option<I> {
         self.sends.iter().find(|sent| !sent.stale).map(|sent| sent.who)
     }
 
-    /// Whether no send is unresolved.
+    /// Returns true if all sends are resolved.
     pub fn is_idle(&self) -> bool {
         self.sends.len() == 0 && self.saturated.is_none()
     }
 
-    /// Whether more was sent than is counted.
+    /// Returns true if there are more sends than are tracked.
     pub const fn is_saturated(&self) -> bool {
         self.saturated.is_some()
     }
 
-    /// Forgets all sends, because there is another arm on the line. Returns how many were pending.
+    /// Discards all sends, because another arm is on the line. Returns the number of pending ones.
     pub fn clear(&mut self) -> usize {
         let pending = self.sends.iter().filter(|sent| !sent.stale).count();
         *self = Self::new(self.stale_window);
@@ -293,7 +295,7 @@ impl<T, const N: usize> Slots<T, N> {
         self.iter().count()
     }
 
-    /// Whether there was room.
+    /// Appends a value. Returns false if it does not fit.
     fn push(&mut self, value: T) -> bool {
         match self.0.iter_mut().find(|slot| slot.is_none()) {
             Some(slot) => {

@@ -12,17 +12,18 @@ use crate::error::either;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Scan {
-    /// No verdict before this many more bytes have arrived, at least one. Once the header gives the frame's length, it is
-    /// exactly the number of bytes that the frame lacks.
+    /// No verdict before this many more bytes have arrived, at least one. Once the header contains the frame's length,
+    /// it is exactly the number of missing bytes.
     Need(usize),
     /// The first `n` bytes are a frame.
     Frame(usize),
-    /// The first `n` bytes, at least one, belong to no frame. Where the length of a refused frame is known, `n` may reach
-    /// past the window.
+    /// The first `n` bytes, at least one, belong to no frame. If the length of a refused frame is known, `n` may exceed
+    /// the window.
     Noise(usize, Reason),
-    /// The first `n` bytes, at least one, fill the room between frames, as zeros do in a USB HID report. They are no error.
+    /// The first `n` bytes, at least one, are padding between frames, for example zeros in a USB HID report. They are
+    /// no error.
     Padding(usize),
-    /// Nothing from here on can be read. Only on a [`LOSSLESS`](Framing::LOSSLESS) line.
+    /// No byte from here on can be decoded. Only on a [`LOSSLESS`](Framing::LOSSLESS) line.
     Broken(Reason),
 }
 
@@ -35,20 +36,20 @@ pub enum Reason {
     /// No frame starts here.
     #[error("no frame starts here")]
     Stray,
-    /// A frame seemed to start here, but no frame of this protocol, or none that the decoder has room for, has such a length.
+    /// A frame seemed to start here, but its length is outside the limits of the protocol or the decoder.
     #[error("length field says {got}, must be {min}..={max}")]
     Length {
-        /// The least that the length may be.
+        /// The minimum length.
         min: u16,
-        /// The most that the length may be.
+        /// The maximum length.
         max: u16,
         /// The length.
         got: u16,
     },
-    /// A frame seemed to start here, but a byte with few allowed values has another.
+    /// A frame seemed to start here, but a byte is none of its allowed values.
     #[error("byte {offset} is {got:#04x}, expected {}", either(expected, |byte, f| write!(f, "{byte:#04x}")))]
     Byte {
-        /// The byte's place, counted from the start of the frame.
+        /// The byte's offset from the start of the frame.
         offset: u8,
         /// The byte.
         got: u8,
@@ -58,9 +59,9 @@ pub enum Reason {
     /// A frame seemed to start here, but its checksum does not match.
     #[error("checksum {got:#04x}, expected {expected:#04x}")]
     Checksum {
-        /// The checksum of the bytes that arrived.
+        /// The checksum of the received bytes.
         expected: u8,
-        /// The checksum that arrived with them.
+        /// The received checksum.
         got: u8,
     },
     /// A frame seemed to start here, but its terminator is missing.
@@ -81,21 +82,23 @@ pub enum Reason {
 
 /// The boundaries of frames on one kind of line.
 ///
-/// An implementation keeps no state of the stream: it looks at the bytes received so far and classifies the front of them.
-/// The [`Decoder`](crate::decoder::Decoder) keeps the bytes, the [`Exchange`](crate::exchange::Exchange) knows what to expect.
+/// An implementation keeps no state of the stream: it classifies the front of the bytes received so far. The
+/// [`Decoder`](crate::decoder::Decoder) keeps the bytes, the [`Exchange`](crate::exchange::Exchange) provides the
+/// expectation.
 pub trait Framing {
-    /// Whether the line delivers every byte, in order, as TCP does. On such a line silence means nothing, and bytes that
-    /// cannot begin a frame break the stream ([`Scan::Broken`]).
+    /// True if the line delivers every byte, in order, as TCP does. On such a line silence has no meaning, and bytes
+    /// that cannot begin a frame break the stream ([`Scan::Broken`]).
     const LOSSLESS: bool = false;
 
-    /// The reader's knowledge of the next frame, for protocols whose frames do not carry their own end; `()` elsewhere.
+    /// The decoder's knowledge of the next frame, for protocols whose frames do not contain their own end; otherwise
+    /// `()`.
     type Expect: Copy + Eq + Debug;
 
     /// Classifies the front of `window`. A verdict other than [`Scan::Need`] does not change when more bytes follow, except
     /// that a run of stray bytes or padding may grow.
     fn scan(&self, window: &[u8], expect: Self::Expect) -> Scan;
 
-    /// Classifies the front of `window` on a line that went idle: bytes for which [`scan`](Self::scan) still waits are a
+    /// Classifies the front of `window` on an idle line: bytes for which [`scan`](Self::scan) still waits are a
     /// truncated frame, unless silence ends a frame of this protocol.
     fn scan_idle(&self, window: &[u8], expect: Self::Expect) -> Scan {
         match self.scan(window, expect) {
@@ -104,21 +107,21 @@ pub trait Framing {
         }
     }
 
-    /// The last byte of every frame, if it always is the same.
+    /// The last byte of every frame, if it is always the same.
     fn terminator(&self, expect: Self::Expect) -> Option<u8>;
 
     /// The length of the shortest frame, in bytes.
     fn shortest(&self, expect: Self::Expect) -> usize;
 
-    /// The arm's expectation, and that of a listener to its host.
+    /// The expectation of an arm, and of a listener to its host.
     fn requests(&self) -> Self::Expect;
 
     /// The expectation of a host without a pending request.
     fn unsolicited(&self) -> Self::Expect;
 }
 
-/// The verdict on a window that starts with a header, if the frame has `total` bytes: it ends with a checksum over all but
-/// its first `uncovered` bytes, and a terminator.
+/// The verdict on a window that starts with a header, if the frame has `total` bytes: it ends with a checksum over all
+/// but its first `uncovered` bytes, and a terminator.
 #[cfg(any(feature = "ling", feature = "alpha1"))]
 pub(crate) fn verify(
     window: &[u8],
@@ -147,7 +150,7 @@ pub(crate) fn write(out: &mut [u8], bytes: impl Iterator<Item = u8> + Clone) -> 
     let (needed, got) = (bytes.clone().count(), out.len());
     let out = out.get_mut(..needed).ok_or(BufferTooShort { needed, got })?;
     let mut out = out.iter_mut();
-    // One part after the other: `zip` would ask before each byte in which part it is.
+    // One part after the other: `zip` would compare before each byte.
     bytes.for_each(|byte| {
         if let Some(to) = out.next() {
             *to = byte;

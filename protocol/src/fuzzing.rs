@@ -4,7 +4,7 @@ use core::ops::RangeInclusive;
 
 use arbitrary::{Result, Unstructured};
 
-/// Bytes; as few as are left, but not fewer than allowed.
+/// As few bytes as remain, but not fewer than allowed.
 pub(crate) fn bytes<'a>(u: &mut Unstructured<'a>, lengths: RangeInclusive<usize>) -> Result<&'a [u8]> {
     let least = *lengths.start();
     let len = u.int_in_range(lengths)?;

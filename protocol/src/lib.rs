@@ -1,17 +1,17 @@
 //! Exact, allocation-free robot-arm protocols.
 //!
-//! Bytes in → [`Decoder`](decoder::Decoder) → frame → typed message → [`Client`] or [`Device`] → bytes out. No step does
-//! I/O, reads a clock, allocates, or panics on its input: the same code runs in an interrupt handler, in a task, on a desktop,
-//! and in a test in no time at all.
+//! Bytes in → [`Decoder`](decoder::Decoder) → frame → typed message → [`Client`] or [`Device`] → bytes out. No step
+//! does I/O, reads a clock, allocates, or panics on its input: the same code runs in an interrupt handler, in a task,
+//! on a desktop, and in a test without real time.
 //!
 //! | Layer | Knows | Does not know |
 //! |---|---|---|
-//! | [`framing`] | where a frame begins and ends, given what is expected | whose it is |
-//! | [`decoder`] | bytes in any chunks → items in order, none of the bytes missing | what frames mean, which arm |
-//! | [`dialect`] | which frames belong together, from their bytes alone | messages |
-//! | [`exchange`] | which answer belongs to which request: pending, stale, late, unsolicited | messages |
-//! | [`messages`] | typed requests and responses, both ways | time |
-//! | [`Client`], [`Device`] | these for one conversation, as the host and as the arm | I/O |
+//! | [`framing`] | the beginning and end of a frame, given an expectation | its initiator |
+//! | [`decoder`] | bytes in chunks of any size → items in order, without a missing byte | the meaning of frames, the kind of arm |
+//! | [`dialect`] | matching frames, from their bytes alone | messages |
+//! | [`exchange`] | the request of each answer: pending, stale, late, unsolicited | messages |
+//! | [`messages`] | typed requests and responses, in both directions | time |
+//! | [`Client`], [`Device`] | all of these for one conversation, as the host and as the arm | I/O |
 //! | `driver` (feature `async`) | a client over `embedded-io-async` | |
 //!
 //! The protocols are `ling` (Ling / Alicia-D), `xarm` (UFACTORY xArm) and `alpha1` (UBTECH Alpha1), each a module and a
@@ -19,20 +19,20 @@
 //!
 //! # Features
 //!
-//! * `ling`, `ling-legacy`, `xarm`, `alpha1`: the protocols, all on by default. One that is off costs nothing.
+//! * `ling`, `ling-legacy`, `xarm`, `alpha1`: the protocols, all on by default. A disabled protocol costs nothing.
 //! * `async`: the driver.
 //! * `defmt`: `defmt::Format` for every value, message, event and error.
 //!
 //! # Panics
 //!
-//! None, whatever arrives: a link test on Cortex-M0 and Cortex-M4 proves, for every set of protocols, that no path to a
-//! panic is left in decoder, client, device and messages. Outside the proof are formatting as text, where `core` has
-//! panics of its own, and two features: `async`, as a future panics when it is polled after it is done, and `defmt`, which
+//! None for any input. A link test on Cortex-M0 and Cortex-M4 proves, for every set of protocols, that decoder, client,
+//! device and messages contain no path to a panic. The proof excludes formatting as text, where `core` has panics of
+//! its own, and two features: `async`, because a future panics when it is polled after completion, and `defmt`, which
 //! formats.
 #![no_std]
 #![forbid(unsafe_code)]
 
-// The derived implementations of `Arbitrary` need it.
+// Needed by the derived implementations of `Arbitrary`.
 #[cfg(fuzzing)]
 extern crate std;
 

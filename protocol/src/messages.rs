@@ -1,4 +1,4 @@
-//! Typed requests and responses, both ways.
+//! Typed requests and responses, in both directions.
 
 use core::fmt::Debug;
 
@@ -7,9 +7,9 @@ use crate::{BufferTooShort, ParseError};
 
 /// The messages of one kind of arm.
 ///
-/// Both directions are here, so that a [`Client`](crate::Client) and a [`Device`](crate::Device) are made of the same
-/// definitions and tested against each other. A message borrows its texts and parameters from its frame.
-/// [`Ling`](crate::ling::Ling) is the one to read as an example.
+/// Both directions are here: a [`Client`](crate::Client) and a [`Device`](crate::Device) use the same definitions and
+/// are tested against each other. A message borrows its texts and parameters from its frame.
+/// [`Ling`](crate::ling::Ling) is a good example to read.
 pub trait Messages: Dialect {
     /// A message of the host.
     type Request<'a>: Copy + PartialEq + Debug;
@@ -21,22 +21,22 @@ pub trait Messages: Dialect {
     ///
     /// # Errors
     ///
-    /// [`BufferTooShort`] when `out` has no room for it.
+    /// [`BufferTooShort`] if `out` is too short.
     fn encode_request(&self, request: &Self::Request<'_>, out: &mut [u8]) -> Result<usize, BufferTooShort>;
 
-    /// Reads a frame from the host.
+    /// Decodes a frame from the host.
     ///
     /// # Errors
     ///
-    /// [`ParseError`] when it is no request of this protocol: what is wrong, and where.
+    /// [`ParseError`] if it is no request of this protocol, with the error and its place.
     fn parse_request<'a>(&self, frame: &'a [u8]) -> Result<Self::Request<'a>, ParseError>;
 
     /// Writes a response at the front of `out` and returns its length in bytes. `to` is the key of the request that it
-    /// answers, whose numbers it repeats where there are some; `None` for a message that answers nothing.
+    /// answers, whose number it repeats if there is one; `None` for an unsolicited message.
     ///
     /// # Errors
     ///
-    /// [`BufferTooShort`] when `out` has no room for it.
+    /// [`BufferTooShort`] if `out` is too short.
     fn encode_response(
         &self,
         response: &Self::Response<'_>,
@@ -44,10 +44,10 @@ pub trait Messages: Dialect {
         out: &mut [u8],
     ) -> Result<usize, BufferTooShort>;
 
-    /// Reads a frame from the arm, where `expect` is what was expected on the line: some answers do not say what they answer.
+    /// Decodes a frame from the arm. `expect` is the decoder's expectation: some answers do not identify their request.
     ///
     /// # Errors
     ///
-    /// [`ParseError`] when it is no response of this protocol: what is wrong, and where.
+    /// [`ParseError`] if it is no response of this protocol, with the error and its place.
     fn parse_response<'a>(&self, frame: &'a [u8], expect: Self::Expect) -> Result<Self::Response<'a>, ParseError>;
 }

@@ -1,4 +1,4 @@
-//! A line of which nothing is known: bytes without frames.
+//! A line without known framing.
 
 use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo};
 use crate::framing::{Framing, Reason, Scan};

@@ -1,10 +1,11 @@
-//! Time as the state machines see it: microseconds on the caller's monotonic clock.
+//! Time in the state machines: microseconds on the caller's monotonic clock.
 
 use core::ops::{Add, AddAssign, Sub};
 
 /// A point in time on the caller's monotonic clock, in microseconds since an origin that the caller chooses.
 ///
-/// The crate never reads a clock. 64 bits do not wrap in the life of any machine. Sums and differences saturate.
+/// The crate never reads a clock. 64 bits do not wrap within the lifetime of any machine. Sums and differences
+/// saturate.
 ///
 /// ```
 /// use armwire::time::{Duration, Instant};

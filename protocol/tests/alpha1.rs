@@ -1,4 +1,4 @@
-//! What holds of every Alpha1 message and every line of bytes.
+//! Properties of every Alpha1 message and every line of bytes.
 
 mod common;
 
@@ -21,7 +21,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 fn servo() -> impl Strategy<Value = ServoId> {
-    // Those whose single byte is a header, filling or an end mark more often than the rest.
+    // Servos whose single byte is a header, padding or an end mark are more frequent.
     let marked = prop_oneof![Just(80), Just(82), Just(86), Just(67), Just(71), Just(81)];
     prop_oneof![2 => 1..=240_u8, 1 => marked].prop_map(|id| ServoId::new(id).unwrap())
 }
@@ -88,7 +88,7 @@ fn request() -> impl Strategy<Value = Request<'static>> {
     ]
 }
 
-/// What the robot says for itself.
+/// A response of the robot.
 fn robot_response() -> impl Strategy<Value = Response<'static>> {
     let firmware = (outcome(), uniform10(noise())).prop_map(|(outcome, text)| FirmwareVersion { outcome, text });
     prop_oneof![
@@ -114,7 +114,7 @@ fn answer() -> impl Strategy<Value = ServoAnswer> {
     ]
 }
 
-/// What a servo says when this is expected of it.
+/// A response of a servo for this expectation.
 fn servo_response(answer: ServoAnswer) -> BoxedStrategy<ServoResponse> {
     let words = (any::<u16>(), any::<u16>(), uniform4(noise()));
     (servo(), outcome(), words)
@@ -146,7 +146,7 @@ fn servo_response(answer: ServoAnswer) -> BoxedStrategy<ServoResponse> {
         .boxed()
 }
 
-/// Headers, end marks, zeros, statuses and lengths of Bluetooth frames, and what is none of them.
+/// Headers, end marks, zeros, statuses and lengths of Bluetooth frames, and arbitrary bytes.
 fn noise() -> impl Strategy<Value = u8> {
     let marks =
         b"\xF1\x1F\xEF\xFE\xF2\x2F\xF5\x5F\xFB\xBF\xF4\x4F\xF9\x9F\xF3\x3F\xFA\xAF\xFC\xCF\xED\xED\xAA\xEE\x01\x06";
@@ -192,7 +192,7 @@ impl Subject for Alpha1 {
                 .prop_map(|request| common::request_bytes::<Alpha1>(&request))
                 .boxed(),
             Expect::Responses(None) => robot.boxed(),
-            // Noise may make a header of it.
+            // Noise may turn the byte into a header.
             Expect::Responses(Some(ServoAnswer::Acknowledgement(servo))) if is_header(servo) => robot.boxed(),
             Expect::Responses(Some(answer)) => {
                 let servo = servo_response(answer).prop_map(move |response| bytes(Response::Servo(response)));
@@ -206,7 +206,7 @@ impl Subject for Alpha1 {
     }
 }
 
-/// Whether the single byte of this servo begins a header too.
+/// Returns true if the single byte of this servo also begins a header.
 fn is_header(servo: ServoId) -> bool {
     matches!(servo.get(), 69 | 71..=75 | 79..=82)
 }
@@ -288,7 +288,7 @@ fn no_servos_late_byte_is_taken_for_another_servos() {
     }
 }
 
-/// A robot and its servos, which answer at once and give back what they hear, as a servo bus does.
+/// A robot and its servos, which answer at once and echo requests, as a servo bus does.
 struct Robot {
     now: Cell<Instant>,
     wake: Cell<Option<Instant>>,
@@ -376,7 +376,7 @@ fn answer_to(request: Request<'_>) -> Option<Response<'static>> {
                 outcome,
                 thirds: -3,
             },
-            // Servo 9 is not there.
+            // Servo 9 is missing.
             ServoRequest::ReadVersion(servo) if servo.get() == 9 => return None,
             ServoRequest::ReadVersion(servo) => ServoResponse::Version {
                 servo,

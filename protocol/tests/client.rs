@@ -1,4 +1,4 @@
-//! The client on a line: what it sends, what it waits for, and whose answers it takes.
+//! The client on a line: transmissions, timeouts, and the assignment of answers.
 
 use std::fmt::Debug;
 
@@ -62,7 +62,7 @@ impl<M: Messages + Default> Host<M> {
         }
     }
 
-    /// Transmits all there is and returns how many bytes that was.
+    /// Transmits all pending bytes and returns their number.
     fn transmit(&mut self) -> usize {
         let mut sent = 0;
         while let Output::Transmit(bytes) = self.client.poll(self.now) {
@@ -105,7 +105,7 @@ impl<M: Messages + Default> Host<M> {
         }
     }
 
-    /// Runs the request in flight to its time-out, and returns how often it was sent.
+    /// Runs the request in flight to its timeout, and returns the number of transmissions.
     fn time_out(&mut self) -> u8 {
         loop {
             self.now = self.timeout().expect("something to wait for");

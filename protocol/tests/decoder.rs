@@ -1,4 +1,4 @@
-//! The decoder on every kind of line: no byte missing, chunks without effect, every frame of the documents.
+//! The decoder on every kind of line: no missing byte, no effect of chunks, every frame of the documents.
 
 #[allow(dead_code, unreachable_pub, reason = "it is shared with other tests")]
 mod vectors;
@@ -18,7 +18,7 @@ use proptest::test_runner::TestCaseResult;
 /// Room for every frame.
 const ROOMY: usize = 260;
 
-/// Room for every frame of the lines that the adapter serves, but for long names.
+/// Room for every frame on the lines of the adapter, except for long names.
 const TIGHT: usize = 70;
 
 /// An item, with its bytes.
@@ -47,7 +47,7 @@ fn drain<F: Framing, const N: usize>(decoder: &mut Decoder<N>, framing: &F, expe
     }
 }
 
-/// The items, adjacent ones of the same kind as one. Frames stay by themselves.
+/// The items, with adjacent ones of the same kind joined. Frames are not joined.
 fn joined(items: Vec<Owned>) -> Vec<Owned> {
     let mut joined: Vec<Owned> = Vec::new();
     for (offset, kind, bytes) in items {
@@ -64,7 +64,7 @@ fn frames(items: &[Owned]) -> Vec<Vec<u8>> {
     frames.map(|(_, _, bytes)| bytes.clone()).collect()
 }
 
-/// The bytes come out once, in order; what cannot be decided on is only at the end of a lossless line.
+/// All bytes come out once, in order; only the end of a lossless line may stay undecided.
 fn no_byte_is_missing<F: Framing, const N: usize>(framing: &F, expect: F::Expect, line: &[u8]) -> TestCaseResult {
     let items = decode::<F, N>(framing, expect, &[line]);
     let mut at = 0;
@@ -77,7 +77,7 @@ fn no_byte_is_missing<F: Framing, const N: usize>(framing: &F, expect: F::Expect
     Ok(())
 }
 
-/// However a line is cut, the same comes out once joined.
+/// The items of a line do not depend on its chunks, once joined.
 fn chunks_have_no_effect<F: Framing, const N: usize>(
     framing: &F,
     expect: F::Expect,
@@ -98,7 +98,7 @@ fn chunks_have_no_effect<F: Framing, const N: usize>(
     Ok(())
 }
 
-/// The threshold is met by no more than the bytes that the next frame lacks, and never zero while nothing can be taken.
+/// The threshold never exceeds the number of missing bytes of the next frame, and is never zero while no item is ready.
 fn the_threshold_passes_no_frame<F: Framing, const N: usize>(
     framing: &F,
     expect: F::Expect,
@@ -228,7 +228,7 @@ proptest! {
         let line = [&noise[..], &frame.bytes].concat();
         let items = decode::<_, TIGHT>(&Ling, (), &[&line]);
         let start = noise.len() as u64;
-        // Noise that is a good frame by chance may reach into it: that came first.
+        // Noise that is a valid frame by chance may overlap the frame: it came first.
         let overlapped = items.iter().any(|(offset, kind, bytes)| {
             *kind == Kind::Frame && *offset < start && start < offset + bytes.len() as u64
         });
@@ -306,7 +306,7 @@ fn play(len: usize) -> Vec<u8> {
 
 #[test]
 fn a_frame_too_long_for_the_decoder_is_skipped_whole() {
-    // The name looks like frames itself: none of it may be taken for one.
+    // The name contains frames: none of it may be decoded as one.
     let mut long = play(100);
     let stop = vectors::hex("F2 2F 00 00 00 00 00 00 00 ED");
     long[20..30].copy_from_slice(&stop);

@@ -1,4 +1,4 @@
-//! Which frames are requests and responses, and which belong together.
+//! Classification of frames as requests and responses, and their matching.
 
 #[allow(dead_code, unreachable_pub, reason = "it is shared with other tests")]
 mod vectors;
@@ -94,7 +94,7 @@ fn every_xarm_request_says_what_it_does_and_gets() {
     assert_eq!(effects(&XArm::PRIVATE, &vectors::xarm_requests()), expected);
 }
 
-/// Each answer of the vectors is to its request, whose `expect` lets it through, and to no request of another key.
+/// Each answer of the vectors matches its request, whose `expect` accepts it, and no request with another key.
 fn each_answer_is_to_its_request<D: Dialect + Debug>(dialect: &D, requests: Vec<Vector>, answers: Vec<Vector>) {
     for answer in answers.iter().filter(|answer| answer.request.is_some()) {
         let request = dialect.request(answer.request.as_ref().unwrap()).unwrap();
@@ -112,7 +112,7 @@ fn each_answer_is_to_its_request<D: Dialect + Debug>(dialect: &D, requests: Vec<
             }
         }
     }
-    // A line may give a request back.
+    // A line may echo a request.
     for request in &requests {
         for other in &requests {
             let key = dialect.request(&other.bytes).unwrap().key;
@@ -140,7 +140,7 @@ fn a_servo_answer_must_be_of_the_servo_asked() {
     assert!(Alpha1.is_response_to(moves, &[0xAB]) && !Alpha1.is_response_to(moves, &[0xAC]));
     let angles = key("FA AF 01 02 00 00 00 00 03 ED");
     assert!(!Alpha1.is_response_to(angles, &hex("FA AF 02 AA 00 5A 00 5A 60 ED")));
-    // An answer with a status that is none still answers.
+    // An answer with an invalid status still matches.
     assert!(Alpha1.is_response_to(angles, &hex("FA AF 01 55 00 5A 00 5A 0A ED")));
 }
 

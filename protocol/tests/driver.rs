@@ -1,4 +1,4 @@
-//! The async driver on a line in virtual time, with an arm at its end that answers after 100 µs.
+//! The async driver on a line in virtual time, with an arm that answers after 100 µs.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -19,29 +19,29 @@ fn at(micros: u64) -> Instant {
     Instant::from_micros(micros)
 }
 
-/// The line and the arm. Whoever waits says until when, and `run` moves the time there.
+/// The line and the arm. A waiting future registers its deadline, and `run` advances the time to it.
 struct World {
     now: Instant,
     wake: Option<Instant>,
     arm: Device<Ling, MAX_FRAME>,
-    /// The whole requests that the arm heard.
+    /// The complete requests received by the arm.
     requests: Vec<Request>,
-    /// What is under way to the host.
+    /// Bytes in flight to the host.
     replies: VecDeque<(Instant, Vec<u8>)>,
-    /// Bytes that the port takes before it stalls.
+    /// Bytes that the port accepts before it stalls.
     room: usize,
-    /// The most bytes that one read gives.
+    /// Maximum number of bytes per read.
     chunk: usize,
-    /// What the arm says right after each answer.
+    /// Bytes that the arm sends right after each answer.
     after: Vec<u8>,
-    /// What the arm says in place of each answer.
+    /// Bytes that the arm sends in place of each answer.
     instead: Option<Vec<u8>>,
-    /// How long the arm thinks.
+    /// The turnaround of the arm.
     turnaround: Duration,
     joint: u16,
-    /// A byte that the port always has where the arm says nothing, 10 µs after the one before, and until when.
+    /// A byte that the port returns while the arm is silent, every 10 µs, and the end of this flood.
     flood: Option<(u8, Instant)>,
-    /// How many reads gave bytes before each write.
+    /// The number of reads that returned bytes before each write.
     reads_before_write: Vec<usize>,
     reads: usize,
     flooded: u32,
@@ -363,7 +363,7 @@ fn a_slow_arm_is_repeated_to_and_its_second_answer_is_not_mistaken() {
     assert_eq!(arm.counters().late, 1);
 }
 
-/// Lets time pass in which nobody reads.
+/// Advances the time without reads.
 fn rest(world: &Shared, span: Duration) {
     let now = world.borrow().now;
     world.borrow_mut().now = now + span;
@@ -373,7 +373,7 @@ fn rest(world: &Shared, span: Duration) {
 fn an_answer_that_waited_in_the_port_is_not_taken_for_a_new_one() {
     let world = world();
     let mut arm = arm(&world);
-    // Too late for its request, and read by nobody until long after.
+    // Too late for its request, and unread until long after.
     world.borrow_mut().turnaround = Duration::from_millis(61);
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2001; 6]);
     world.borrow_mut().turnaround = Duration::from_micros(100);
@@ -395,7 +395,7 @@ fn answers_after_a_time_out_are_not_taken_for_new_ones_however_long_nobody_reads
     assert_eq!(run(&world, arm.read_joints()).unwrap().joints, [2004; 6]);
 }
 
-/// A port that for a minute always has this byte where the arm says nothing.
+/// A port that returns this byte for a minute while the arm is silent.
 fn flooded(byte: u8) -> Shared {
     let world = world();
     world.borrow_mut().flood = Some((byte, at(60_000_000)));
@@ -424,7 +424,7 @@ fn a_port_that_always_has_a_byte_delays_no_time_out() {
         for calls in 1..4_usize {
             let begun = world.borrow().now;
             assert_eq!(run(&world, arm.read_joints()), Err(CallError::TimedOut { sends: 3 }));
-            // Three times 60 to 70 ms, and 100 ms in which the answers to the call before may still come.
+            // Three times 60 to 70 ms, and 100 ms for late answers to the previous call.
             let took = world.borrow().now.since(begun);
             assert!(took < Duration::from_millis(320), "{took:?}");
             assert_eq!(world.borrow().requests.len(), 3 * calls);
@@ -481,7 +481,7 @@ fn bytes_after_an_answer_stay_for_the_next_call() {
     let n = Ling
         .encode_response(&Response::Stroke(Stroke::Mm75), None, &mut out)
         .unwrap();
-    // The decoder holds what looked like a header, so it has no room for all of a read of a whole buffer.
+    // The decoder holds a false header and has no room for a read of a whole buffer.
     world
         .borrow_mut()
         .replies
@@ -490,7 +490,7 @@ fn bytes_after_an_answer_stay_for_the_next_call() {
     world.borrow_mut().after = [&[0x11; MAX_FRAME - 14][..], &out[..n]].concat();
     let mut arm = arm(&world);
     assert_eq!(run(&world, arm.read_stroke()), Ok(Stroke::Mm75));
-    // It stays for the next call.
+    // It remains for the next call.
     world.borrow_mut().after.clear();
     assert_eq!(run(&world, arm.read_info()), Ok(INFO));
     assert_eq!(arm.counters().unsolicited, 1);

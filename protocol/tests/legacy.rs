@@ -1,6 +1,6 @@
-//! What holds of every frame of Ling's older generation, and of every stream that a detector hears.
+//! Properties of every frame of Ling's older generation, and of every stream into a detector.
 
-// What it says of requests is not used: there are none.
+// Its functions for requests are unused: there are no requests.
 #[allow(dead_code)]
 mod common;
 
@@ -75,7 +75,7 @@ fn noise() -> impl Strategy<Value = Vec<u8>> {
     vec(Legacy::any_noise(), 0..24)
 }
 
-/// A frame of the current generation, as an arm sends them.
+/// A frame of the current generation, as sent by an arm.
 fn current() -> impl Strategy<Value = Vec<u8>> {
     let response = prop_oneof![
         (uniform6(any::<u16>()), any::<u16>(), any::<u8>()).prop_map(|(joints, gripper, status)| {
@@ -92,7 +92,7 @@ fn current() -> impl Strategy<Value = Vec<u8>> {
     response.prop_map(|response| common::response_bytes::<Ling>(&response))
 }
 
-/// After how many bytes of the stream a detector tells, if it does.
+/// The number of bytes before a detection, if there is one.
 fn told_after(stream: &[u8]) -> Option<usize> {
     let mut detector = Detector::new();
     let position = stream.iter().position(|&byte| detector.hear(&[byte]).is_some());
@@ -110,7 +110,7 @@ proptest! {
         common::a_prefix_of_a_frame_is_given_no_verdict::<Legacy>(&frame, ())?;
     }
 
-    /// With one bit of parity, noise is a good frame by chance oftener than in the current generation.
+    /// With one bit of parity, noise is a valid frame by chance more often than in the current generation.
     #[test]
     fn no_intact_frame_and_no_byte_is_lost(line in common::line::<Legacy>()) {
         common::nothing_is_lost_to_noise::<Legacy>(line)?;
@@ -133,7 +133,7 @@ proptest! {
         frames in vec(response(), 3..8),
     ) {
         let frames: Vec<u8> = frames.iter().flat_map(bytes_of).collect();
-        // What came before may seem to begin a frame: then that is found to be none within the longest frame.
+        // Earlier bytes may seem to begin a frame: it is rejected within the longest frame.
         let line = [&before[..], &frames[..], &frames[..], &frames[..], &[0; MAX_FRAME][..]].concat();
         prop_assert!(told_after(&line).is_some());
     }
@@ -204,7 +204,7 @@ fn ten_million_random_bytes_are_not_recognised() {
     assert_eq!(Detector::new().hear(&bytes), None);
 }
 
-/// The hardest noise: nothing but the bytes that such frames have at their beginning and end.
+/// The hardest noise: only the first and last bytes of such frames.
 #[test]
 fn noise_made_of_the_frames_own_marks_is_not_recognised() {
     let marks = [0xAA, 0x14, 0x12, 0x04, 0x02, 0x07, 0x00, 0xFF];

@@ -1,4 +1,4 @@
-//! What holds of every Ling message and every line of bytes.
+//! Properties of every Ling message and every line of bytes.
 
 mod common;
 
@@ -58,7 +58,7 @@ fn response() -> impl Strategy<Value = Response> {
     ]
 }
 
-/// Headers, end marks and small lengths, and what is none of them.
+/// Headers, end marks and small lengths, and arbitrary bytes.
 fn noise() -> impl Strategy<Value = u8> {
     prop_oneof![4 => any::<u8>(), 2 => Just(0xAA), 1 => Just(0xFF), 1 => 0..32_u8]
 }
@@ -118,8 +118,8 @@ proptest! {
     }
 }
 
-/// How many of the single-bit errors in a body of `len` bytes its checksum misses. The checksum is linear, so this is
-/// the same for every body of that length.
+/// The number of single-bit errors in a body of `len` bytes that the checksum misses. The checksum is linear: the
+/// number is the same for every body of that length.
 fn missed_single_bit_errors(len: usize) -> usize {
     let mut body = vec![0; len];
     let good = ling::checksum(&body);
@@ -135,7 +135,7 @@ fn missed_single_bit_errors(len: usize) -> usize {
 
 #[test]
 fn the_checksum_misses_single_bit_errors_only_in_long_frames() {
-    // Eight bits of CRC-32 are no CRC-8. Hence values are range-checked too, and lengths must fit the function.
+    // Eight bits of CRC-32 are no CRC-8. Values are therefore range-checked too, and lengths must fit the function.
     for len in 3..=21 {
         assert_eq!(missed_single_bit_errors(len), 0, "{len} bytes");
     }

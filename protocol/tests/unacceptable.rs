@@ -1,4 +1,4 @@
-//! Answers that match their request and cannot be accepted.
+//! Answers that match their request but are not acceptable.
 
 use armwire::alpha1::{self, Alpha1, Interval, MoveTime, Offset, ServoId, ServoRequest};
 use armwire::ling::{self, Ling, Stroke};
@@ -21,7 +21,7 @@ impl<M: Messages + Default, const N: usize> Host<M, N> {
         }
     }
 
-    /// Sends what there is to send, and returns how many bytes that is.
+    /// Transmits all pending bytes, and returns their number.
     fn transmit(&mut self) -> usize {
         let Output::Transmit(bytes) = self.client.poll(self.now) else {
             return 0;
@@ -36,7 +36,7 @@ impl<M: Messages + Default, const N: usize> Host<M, N> {
         assert!(self.transmit() > 0);
     }
 
-    /// What happens when these bytes arrive, in words.
+    /// The events for these bytes, in words.
     fn hear(&mut self, bytes: &[u8]) -> Vec<String> {
         self.now += Duration::from_micros(1);
         assert!(self.client.receive(self.now, bytes).is_empty());
@@ -68,7 +68,7 @@ fn xarm(transaction: u16, body: &[u8]) -> Vec<u8> {
     [numbers.as_flattened(), body].concat()
 }
 
-/// With a checksum, except a single status.
+/// With a checksum, except for a single status.
 fn alpha1(command: u8, data: &[u8]) -> Vec<u8> {
     let check: &[u8] = match data {
         [0xAA | 0xEE] => &[],
@@ -87,7 +87,7 @@ fn ends<M: Messages + Default, const N: usize>(request: M::Request<'_>, answer: 
     host.ask(request);
 }
 
-/// The frame is none that answers the request, which goes on waiting.
+/// The frame is no answer to the request, which stays pending.
 #[track_caller]
 fn ends_nothing<M: Messages + Default, const N: usize>(request: M::Request<'_>, frame: &[u8]) {
     let mut host = Host::<M, N>::new();

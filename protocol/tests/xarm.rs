@@ -1,6 +1,6 @@
-//! What holds of every xArm message, every stream of bytes, and every call.
+//! Properties of every xArm message, every stream of bytes, and every call.
 
-// What a client makes of any bytes is said in `client.rs`: the first of them can be the last here.
+// Arbitrary bytes for a client are tested in `client.rs`: here the first of them can be the last.
 #[allow(dead_code)]
 mod common;
 
@@ -104,7 +104,7 @@ impl Subject for XArm {
     }
 }
 
-/// A line as TCP gives it: frames and nothing between them.
+/// A line as delivered by TCP: frames without noise.
 fn sound_line() -> impl Strategy<Value = common::Line<XArm>> {
     XArm::any_expect().prop_flat_map(|expect| {
         let parts = vec((Just(Vec::new()), XArm::any_frame(expect)), 1..12);
@@ -160,7 +160,7 @@ proptest! {
                 prop_assert!(rest.len() < bytes.len());
                 bytes = rest;
                 loop {
-                    // Whatever a good frame says, there is an answer to it that can be sent.
+                    // Every valid frame has an answer that can be sent.
                     let refusal = match device.poll() {
                         None => break,
                         Some(_) if broken => panic!("something is read after the break"),
@@ -179,16 +179,16 @@ proptest! {
     }
 }
 
-/// A connection in virtual time, with an arm at its end that answers at once what it is told to.
+/// A connection in virtual time, with an arm that sends prepared answers at once.
 struct World {
     now: Instant,
     wake: Option<Instant>,
     arm: Device<XArm, MAX_FRAME>,
     /// The requests in words, and their numbers and protocol ids.
     requests: Vec<(String, u16, u16)>,
-    /// What the arm answers, in turn; after that nothing.
+    /// The arm's answers, in turn; no answer after the last.
     script: VecDeque<(State, Reply<'static>)>,
-    /// What comes right behind each answer.
+    /// Bytes right after each answer.
     behind: Vec<u8>,
     line: VecDeque<u8>,
 }

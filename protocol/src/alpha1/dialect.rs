@@ -64,7 +64,7 @@ impl Dialect for Alpha1 {
         let &[row, _, ref data @ ..] = frame else {
             return None;
         };
-        // A missing byte of a short frame decides nothing.
+        // A missing byte of a short frame does not affect the result.
         let [first, second, third, fourth] = [0, 1, 2, 3].map(|at| data.get(at).copied().unwrap_or(0));
         // The document gives no times. Reads take what the robot has at hand; the others wait for its SD card, USB or
         // Bluetooth.
@@ -101,7 +101,7 @@ impl Dialect for Alpha1 {
                     (_, NO_ANGLE) => Effect::Torque,
                     _ => Effect::Motion,
                 };
-                // No servo acknowledges a request to all of them.
+                // A request to all servos is not acknowledged.
                 let who = ServoId::new(first).ok();
                 RequestInfo {
                     key: Key::Acknowledgement { id: first },
@@ -143,7 +143,8 @@ impl Dialect for Alpha1 {
                 SUCCESS => (id, was) == (to, from),
                 _ => (id == from || id == to) && !is_servo_command(header::SERVO, status),
             },
-            // A request never has the length of a response, but for the hardware version, and that counts no zero.
+            // A request never has the length of a response, except for the hardware version, whose count is never 0 in
+            // a response.
             (Key::Row(row), &[first, _, third, ..]) => {
                 first == row
                     && match row {
@@ -160,7 +161,7 @@ impl Dialect for Alpha1 {
     }
 }
 
-/// Whether this byte in the place of a servo's status is a command to it.
+/// Returns true if this byte in the place of a servo's status is a command to it.
 fn is_servo_command(row: u8, byte: u8) -> bool {
     match row {
         header::SERVO => command::ALL.contains(&byte),

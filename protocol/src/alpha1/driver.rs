@@ -1,4 +1,4 @@
-//! The calls of an Alpha1 and of its servos, each with the answer it gets.
+//! Typed calls to an Alpha1 and its servos.
 
 use embedded_io_async::{Read, Write};
 
@@ -11,11 +11,11 @@ use crate::driver::{CallError, Clock, Driver};
 
 /// An Alpha1, or a bus of its servos, at the other end of a port.
 ///
-/// Every call fails with [`CallError`]; those that read repeat themselves after silence, but for
-/// [`read_servo_angles`](Self::read_servo_angles). What is told to all servos is answered by none, so such a call is
-/// done once it is written. See [`Driver`](crate::driver::Driver) on dropping a call.
+/// Every call fails with [`CallError`]. Reads are repeated after a timeout, except for
+/// [`read_servo_angles`](Self::read_servo_angles). Requests to all servos have no answer: their call returns after the
+/// write. See [`Driver`](crate::driver::Driver) for dropping a call.
 ///
-/// The servo bus is a line of 115 200 baud: say so in the [`Config`](crate::Config).
+/// The servo bus has 115 200 baud: set it in the [`Config`](crate::Config).
 ///
 /// ```
 /// # use armwire::driver::Clock;
@@ -35,7 +35,7 @@ use crate::driver::{CallError, Clock, Driver};
 /// }
 /// ```
 ///
-/// All the calls to a robot:
+/// All calls to a robot:
 ///
 /// ```
 #[doc = include_str!("../../doc/alpha1_robot.rs")]
@@ -54,7 +54,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         Self::new(Alpha1, port, clock, config)
     }
 
-    /// What `take` makes of the robot's hardware version, which is up to 254 bytes long.
+    /// Reads the robot's hardware version, up to 254 bytes, and returns the result of `take`.
     pub async fn read_hardware_version<T>(
         &mut self,
         take: impl FnOnce(Text<'_>) -> T,
@@ -66,7 +66,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// The robot's firmware version.
+    /// Reads the robot's firmware version.
     pub async fn read_firmware_version(&mut self) -> Result<FirmwareVersion, CallError<Port::Error>> {
         self.read(&Request::ReadFirmwareVersion, |response| match response {
             Response::FirmwareVersion(version) => Some(version),
@@ -75,7 +75,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// Which servos run.
+    /// Reads the servo states: running or powered off.
     pub async fn read_servo_states(&mut self) -> Result<ServoStates, CallError<Port::Error>> {
         self.read(&Request::ReadServoStates, |response| match response {
             Response::ServoStates(states) => Some(states),
@@ -94,7 +94,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.read(&Request::Play(name), outcome).await
     }
 
-    /// Stops the action that is played.
+    /// Stops the current action.
     pub async fn stop(&mut self) -> Result<Outcome, CallError<Port::Error>> {
         self.read(&Request::Stop, outcome).await
     }
@@ -104,7 +104,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.read(&Request::SetOffsetTool(tool), outcome).await
     }
 
-    /// Says what the robot is on USB from now on. The port may close over it.
+    /// Sets the robot's USB device type. The port may close.
     pub async fn set_usb_type(&mut self, usb: UsbType) -> Result<Outcome, CallError<Port::Error>> {
         self.read(&Request::SetUsbType(usb), outcome).await
     }
@@ -121,18 +121,18 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
             .await
     }
 
-    /// Switches the motor of a servo, or of all, off: **what it holds up falls.**
+    /// Switches the motor of a servo, or of all, off: **a load that it holds falls.**
     pub async fn release_servo(&mut self, to: Address) -> Result<(), CallError<Port::Error>> {
         self.tell(&Request::Servo(ServoRequest::Release(to))).await
     }
 
-    /// Switches the light of a servo, or of all.
+    /// Switches the LED of a servo, or of all.
     pub async fn set_servo_led(&mut self, to: Address, led: Led) -> Result<(), CallError<Port::Error>> {
         self.tell(&Request::Servo(ServoRequest::SetLed { to, led })).await
     }
 
-    /// The target and the actual angle of a servo, in degrees. **It switches its motor off to answer: what it holds up
-    /// falls.**
+    /// Reads the target and the actual angle of a servo, in degrees. **The servo switches its motor off to answer: a
+    /// load that it holds falls.**
     pub async fn read_servo_angles(&mut self, servo: ServoId) -> Result<(Outcome, u16, u16), CallError<Port::Error>> {
         self.read(
             &Request::Servo(ServoRequest::ReadAngles(servo)),
@@ -149,13 +149,13 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// Gives a servo another id.
+    /// Changes a servo's id.
     pub async fn change_servo_id(&mut self, from: ServoId, to: ServoId) -> Result<Outcome, CallError<Port::Error>> {
         self.read(&Request::Servo(ServoRequest::ChangeId { from, to }), outcome)
             .await
     }
 
-    /// Puts the zero of a servo off.
+    /// Sets a servo's zero offset.
     pub async fn set_servo_offset(
         &mut self,
         servo: ServoId,
@@ -165,7 +165,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
             .await
     }
 
-    /// How far the zero of a servo is put off, in thirds of a degree.
+    /// Reads a servo's zero offset, in thirds of a degree.
     pub async fn read_servo_offset(&mut self, servo: ServoId) -> Result<(Outcome, i16), CallError<Port::Error>> {
         self.read(
             &Request::Servo(ServoRequest::ReadOffset(servo)),
@@ -177,7 +177,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// The version of a servo's firmware.
+    /// Reads the version of a servo's firmware.
     pub async fn read_servo_version(&mut self, servo: ServoId) -> Result<(Outcome, [u8; 4]), CallError<Port::Error>> {
         self.read(
             &Request::Servo(ServoRequest::ReadVersion(servo)),
@@ -190,7 +190,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
     }
 }
 
-/// The outcome in a response that has nothing else to say.
+/// The outcome in a response without further data.
 const fn outcome(response: Response<'_>) -> Option<Outcome> {
     match response {
         Response::Stopped(outcome)

@@ -7,14 +7,14 @@
 //! +----+----+-----------+-------+------+
 //! ```
 //!
-//! `H'` is `H` with its nibbles swapped. CHECK is the low byte of the sum of DATA; some answers have none. Nothing says
-//! how long DATA is: that follows from the direction and the header, as the table `layout` has it. So the end mark ED
-//! is verified, never searched for: DATA and CHECK may be ED too.
+//! `H'` is `H` with its nibbles swapped. CHECK is the low byte of the sum of DATA; some answers have none. The length
+//! of DATA is not in the frame: it follows from the direction and the header by the table in `layout`. The end mark ED
+//! is therefore verified, never searched for: DATA and CHECK may contain ED too.
 //!
-//! The servos' own frames, FA AF and FC CF, look just like it. To some commands a servo answers with a single byte,
-//! which is its id plus AA. That is no frame at all, and is read only where it is expected.
+//! The servos' own frames, FA AF and FC CF, have the same layout. Some commands are answered by a single byte, the
+//! servo's id plus AA. That byte is no frame, and is read only where it is expected.
 //!
-//! The robot's Bluetooth frames have the header FB BF too, and then their length where this protocol has 01:
+//! The robot's Bluetooth frames have the header FB BF too, followed by their length in the place of this protocol's 01:
 //!
 //! ```text
 //!   0     1     2      3     4 .. n-1   n-1     n
@@ -32,17 +32,16 @@ use crate::framing::{Framing, Reason, Scan, verify, write};
 
 /// The longest frame, in bytes: a version or name of [`MAX_TEXT`] bytes. On USB HID such a frame takes five reports.
 ///
-/// A decoder for the servo bus, or for a robot whose names and versions are short, may have as few as 33 bytes, which an action
-/// takes.
+/// A decoder for the servo bus, or for a robot with short names and versions, needs only the 33 bytes of an action.
 pub const MAX_FRAME: usize = MAX_TEXT + 5;
 
-/// The most bytes of a version or a name: the byte that counts them counts itself, too.
+/// The maximum length of a version or a name, in bytes: the count byte includes itself.
 pub const MAX_TEXT: usize = u8::MAX as usize - 1;
 
-/// The end mark: the last byte of every frame but a servo's acknowledgement, which is a byte by itself.
+/// The end mark: the last byte of every frame. A servo's acknowledgement is a single byte without it.
 pub const TAIL: u8 = 0xED;
 
-/// The request for the servos that run (row EF).
+/// The request for the servo states (row EF).
 pub const READ_SERVO_STATES: [u8; 10] = [header::SERVO_STATES, 0xFE, 0, 0, 0, 0, 0, 0, 0, TAIL];
 
 /// The request for the firmware's version (row F5).
@@ -54,10 +53,10 @@ const STATUS: &[u8] = &[Outcome::Success as u8, Outcome::Failure as u8];
 /// The byte after FB BF, in both directions (row FB).
 pub(super) const ACT: u8 = 0x01;
 
-/// The range of a text's count; it counts itself.
+/// The range of a text's count byte, which includes itself.
 const COUNT: RangeInclusive<usize> = 1..=MAX_TEXT + 1;
 
-/// The range of a Bluetooth frame's length; it counts itself, one header byte and all that follows.
+/// The range of a Bluetooth frame's length, which includes itself, one header byte and all bytes after it.
 const BLUETOOTH: RangeInclusive<usize> = 6..=u8::MAX as usize;
 
 /// The first bytes of the headers.
@@ -83,7 +82,7 @@ pub fn checksum(data: &[u8]) -> u8 {
     data.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
 }
 
-/// The reader's knowledge of the next frame.
+/// The decoder's knowledge of the next frame.
 ///
 /// ```
 /// use armwire::alpha1::{Alpha1, Expect, ServoAnswer, ServoId};
@@ -100,12 +99,12 @@ pub fn checksum(data: &[u8]) -> u8 {
 pub enum Expect {
     /// Frames from the host.
     Requests,
-    /// Frames from the robot or a servo, and which of a servo's answers, if one.
+    /// Frames from the robot or a servo, with the expected answer of a servo, if any.
     Responses(Option<ServoAnswer>),
 }
 
 impl Expect {
-    /// The byte that is an answer all by itself.
+    /// The expected single-byte answer.
     const fn byte(self) -> Option<u8> {
         match self {
             Self::Responses(Some(ServoAnswer::Acknowledgement(servo))) => Some(acknowledgement(servo)),
@@ -114,7 +113,7 @@ impl Expect {
     }
 }
 
-/// The expected answer of a servo: the frames do not say it.
+/// The expected answer of a servo. The frames do not identify it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ServoAnswer {
@@ -132,7 +131,7 @@ pub enum ServoAnswer {
     Version,
 }
 
-/// The single byte by which a servo says that it understood.
+/// The single byte that acknowledges a request to this servo.
 pub(super) const fn acknowledgement(servo: ServoId) -> u8 {
     servo.get().wrapping_add(0xAA)
 }
@@ -141,13 +140,13 @@ pub(super) const fn acknowledgement(servo: ServoId) -> u8 {
 enum Layout {
     /// This number of bytes of DATA, CHECK, ED.
     Data(usize),
-    /// A byte that counts itself and the text that follows it, CHECK, ED.
+    /// A count byte, which includes itself; the text; CHECK, ED.
     Counted,
     /// AA or EE, ED: no CHECK.
     Status,
 }
 
-/// The layout of each frame: the whole table.
+/// The layout of each frame.
 const fn layout(first: u8, expect: Expect) -> Option<Layout> {
     use header::*;
     Some(match (expect, first) {
@@ -165,7 +164,7 @@ const fn layout(first: u8, expect: Expect) -> Option<Layout> {
     })
 }
 
-/// A frame whose header, length, checksum and end mark are good.
+/// A frame with valid header, length, checksum and end mark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Frame<'a> {
@@ -173,8 +172,7 @@ pub enum Frame<'a> {
     Message {
         /// The first byte of the header, which names the row of the document.
         command: u8,
-        /// DATA, with the byte that counts a text. Where row FB has 01 first, a frame of the Bluetooth protocol has its
-        /// length.
+        /// DATA, including the count byte of a text. A Bluetooth frame has its length where row FB has 01.
         data: &'a [u8],
     },
     /// The single byte of a servo.
@@ -212,7 +210,7 @@ fn scan_frame(window: &[u8], layout: Layout) -> Scan {
     }
 }
 
-/// The verdict on FB BF where no row of the document is: the same frame, but for what it says of its length.
+/// The verdict on FB BF without a row of the document: the same frame, except for its length byte.
 fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
     if !BLUETOOTH.contains(&len) {
         let (offset, expected, got) = (2, &[ACT], len as u8);
@@ -221,7 +219,8 @@ fn scan_bluetooth(window: &[u8], len: usize) -> Scan {
     verify(window, len + 1, 2, checksum, TAIL)
 }
 
-/// The verdict on an answer without a checksum. Its status must be one of two, or half the frame would be unguarded.
+/// The verdict on an answer without a checksum. Its status must be one of two values, or half of the frame would be
+/// unchecked.
 fn scan_status(window: &[u8]) -> Scan {
     match *window {
         [_, _, status, TAIL, ..] if STATUS.contains(&status) => Scan::Frame(4),
@@ -235,7 +234,7 @@ fn scan_status(window: &[u8]) -> Scan {
 }
 
 impl<'a> Frame<'a> {
-    /// The frame that these bytes are, which [`scan`](Framing::scan) has found to be one. Of other bytes the result is
+    /// Decodes a frame. `bytes` must be a frame according to [`scan`](Framing::scan). For any other bytes the result is
     /// unspecified.
     pub fn parse(bytes: &'a [u8]) -> Option<Self> {
         match bytes {
@@ -261,8 +260,8 @@ impl Framing for Alpha1 {
         let Some((&first, rest)) = window.split_first() else {
             return Scan::Need(1);
         };
-        // The bytes of ten servos could begin a frame, such as the echo of a request. Those wait for what follows, be it
-        // silence.
+        // The bytes of ten servos could begin a frame, for example an echoed request. They wait for the next byte or
+        // for silence.
         if rest.first().is_none_or(|second| *second == first.rotate_left(4))
             && let Some(layout) = layout(first, expect)
         {

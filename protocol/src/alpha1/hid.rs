@@ -1,13 +1,13 @@
-//! Reports of 64 bytes, in which an Alpha1 on USB HID speaks: frames, and zeros behind them.
+//! Reports of 64 bytes for an Alpha1 on USB HID: frames, padded with zeros.
 //!
-//! A report has no header of its own. So the bytes of a received report go to a [`Decoder`](crate::decoder::Decoder) as
-//! they are: the zeros between frames come out as padding, and a frame longer than a report goes on in the next one. The
-//! operating system may want a report number before the bytes that are written, as Linux's hidraw does: it is 0.
+//! A report has no header of its own. Pass the bytes of a received report to a [`Decoder`](crate::decoder::Decoder)
+//! unchanged: the zeros between frames become padding items, and a frame longer than a report continues in the next
+//! one. The operating system may require a report number before the bytes of a write, as Linux's hidraw does: it is 0.
 
-/// Bytes of a report.
+/// Length of a report, in bytes.
 pub const REPORT: usize = 64;
 
-/// The reports that a frame takes: one, or up to five for a long name.
+/// The reports of a frame: one, or up to five for a long name.
 ///
 /// ```
 /// use armwire::alpha1::{Alpha1, Expect, hid};

@@ -1,4 +1,4 @@
-//! The messages of the Alpha1 document and of the servos' manual, and the bytes they travel as.
+//! The messages of the Alpha1 document and of the servos' manual, and their encoding.
 
 use super::dialect::{NO_ANGLE, command, version_command};
 use super::frame::{ACT, acknowledgement, header, put};
@@ -11,10 +11,10 @@ use crate::framing::write;
 use crate::messages::Messages;
 use crate::{BufferTooShort, OutOfRange};
 
-/// What the reader of a response expects, as far as it matters to the writer: not which answer of a servo it is.
+/// The expectation for writing responses, which does not depend on a servo's answer.
 const RESPONSES: Expect = Expect::Responses(None);
 
-/// What the host says.
+/// A message of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
@@ -22,9 +22,9 @@ const RESPONSES: Expect = Expect::Responses(None);
 pub enum Request<'a> {
     /// Row F1: the robot's hardware version. Answered by [`Response::HardwareVersion`].
     ReadHardwareVersion,
-    /// Row EF: which servos run. Answered by [`Response::ServoStates`].
+    /// Row EF: reads the servo states. Answered by [`Response::ServoStates`].
     ReadServoStates,
-    /// Row F2: stops the action that is played. Answered by [`Response::Stopped`].
+    /// Row F2: stops the current action. Answered by [`Response::Stopped`].
     Stop,
     /// Row F5: the robot's firmware version. Answered by [`Response::FirmwareVersion`].
     ReadFirmwareVersion,
@@ -32,11 +32,11 @@ pub enum Request<'a> {
     Act(Action),
     /// Row F4: connects or disconnects the servo offset tool. Answered by [`Response::OffsetTool`].
     SetOffsetTool(OffsetTool),
-    /// Row F9: what the robot is on USB from now on. Answered by [`Response::UsbType`].
+    /// Row F9: sets the robot's USB device type. Answered by [`Response::UsbType`].
     SetUsbType(UsbType),
     /// Row F3: plays the action of this name. Answered by [`Response::Playing`].
     Play(Text<'a>),
-    /// Rows FA and FC: something to one servo, or to all. Answered by [`Response::Servo`], unless it is to all.
+    /// Rows FA and FC: a request to one servo, or to all. Answered by [`Response::Servo`], unless it is to all.
     Servo(ServoRequest),
 }
 
@@ -59,65 +59,66 @@ pub enum Request<'a> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Action {
-    /// Targets of servos 1 to 20. `None` leaves a servo as it is: it is FF on the wire, which is not in the document
-    /// but is what the public programs for this robot send. What the document wants for servos that a robot does not
-    /// have is not said.
+    /// Targets of servos 1 to 20. `None` leaves a servo unchanged: it is FF on the wire, which is not in the document
+    /// but is sent by the public programs for this robot. The document does not specify the value for servos that a
+    /// robot does not have.
     pub angles: [Option<Angle>; SERVOS],
-    /// How long the servos take to get there.
+    /// Duration of the servos' move.
     pub time: MoveTime,
-    /// From the end of this frame to the start of the next one that the robot takes.
+    /// Time from the end of this frame to the start of the next one that the robot accepts.
     pub interval: Interval,
 }
 
-/// What the host says to a servo (servo manual).
+/// A message of the host to a servo (servo manual).
 ///
-/// Moves, releases and lights are answered by a single byte, [`ServoResponse::Acknowledged`], or by nothing where all
-/// servos are told. The rest is answered by a frame, and is never to all servos ([`ServoId`] says why).
+/// Moves, releases and LED settings are answered by a single byte, [`ServoResponse::Acknowledged`], or not at all if
+/// they are to all servos. All other requests are answered by a frame, and are never to all servos ([`ServoId`] has the
+/// reason).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum ServoRequest {
-    /// Moves.
+    /// Moves a servo.
     Move {
-        /// Who.
+        /// The servos.
         to: Address,
-        /// Where to.
+        /// The target.
         angle: Angle,
-        /// How long it takes to get there.
+        /// The duration of the move.
         time: MoveTime,
         /// The completion time, which the manual also calls lock time.
         lock: Interval,
     },
-    /// Switches the power of the motor off: **what it holds up falls.** Sent as a move to FF, which is not in the
+    /// Switches the power of the motor off: **a load that it holds falls.** Sent as a move to FF, which is not in the
     /// manual.
     Release(Address),
-    /// Switches the light.
+    /// Switches the LED.
     SetLed {
-        /// Whose.
+        /// The servos.
         to: Address,
-        /// To what.
+        /// The setting.
         led: Led,
     },
-    /// Target and actual angle. **The servo switches its motor off to answer: what it holds up falls.** Answered by
-    /// [`ServoResponse::Angles`].
+    /// Reads the target and the actual angle. **The servo switches its motor off to answer: a load that it holds
+    /// falls.** Answered by [`ServoResponse::Angles`].
     ReadAngles(ServoId),
-    /// Gives a servo another id. Answered by [`ServoResponse::IdChanged`].
+    /// Changes a servo's id. Answered by [`ServoResponse::IdChanged`].
     ChangeId {
-        /// The id it has.
+        /// The old id.
         from: ServoId,
-        /// The id it gets.
+        /// The new id.
         to: ServoId,
     },
-    /// Puts the zero off. Answered by [`ServoResponse::OffsetSet`].
+    /// Sets the zero offset. Answered by [`ServoResponse::OffsetSet`].
     SetOffset(ServoId, Offset),
-    /// How far the zero is put off. Answered by [`ServoResponse::Offset`].
+    /// Reads the zero offset. Answered by [`ServoResponse::Offset`].
     ReadOffset(ServoId),
-    /// The version of the servo's firmware. Answered by [`ServoResponse::Version`].
+    /// Reads the version of the servo's firmware. Answered by [`ServoResponse::Version`].
     ReadVersion(ServoId),
 }
 
-/// What the robot or a servo says.
+/// A message of the robot or of a servo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
@@ -140,7 +141,7 @@ pub enum Response<'a> {
     /// Answers [`Request::Play`].
     Playing(Outcome),
     /// Answers [`Request::Servo`].
-    #[cfg_attr(fuzzing, arbitrary(skip))] // the frame alone does not tell which answer it is
+    #[cfg_attr(fuzzing, arbitrary(skip))] // the frame alone does not identify the answer
     Servo(ServoResponse),
 }
 
@@ -156,13 +157,13 @@ pub enum Response<'a> {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct FirmwareVersion {
-    /// Whether the robot could tell.
+    /// Success if the version is valid.
     pub outcome: Outcome,
-    /// The version, year first; any bytes if it could not.
+    /// The version, year first; arbitrary bytes after a failure.
     pub text: [u8; 10],
 }
 
-/// What a servo says (servo manual).
+/// A message of a servo (servo manual).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
@@ -170,54 +171,54 @@ pub struct FirmwareVersion {
 pub enum ServoResponse {
     /// The single byte that answers [`ServoRequest::Move`], [`ServoRequest::Release`] and [`ServoRequest::SetLed`].
     Acknowledged(ServoId),
-    /// Answers [`ServoRequest::ReadAngles`]. The motor is off now.
+    /// Answers [`ServoRequest::ReadAngles`]. The motor is now off.
     Angles {
-        /// Who says it.
+        /// The servo.
         servo: ServoId,
-        /// Whether it could tell.
+        /// Success if the angles are valid.
         outcome: Outcome,
-        /// Where it was sent, in degrees.
+        /// The target, in degrees.
         target: u16,
-        /// Where it is, in degrees.
+        /// The actual angle, in degrees.
         actual: u16,
     },
     /// Answers [`ServoRequest::ChangeId`].
     IdChanged {
-        /// Who says it: the id that it has now.
+        /// The servo, by its new id.
         servo: ServoId,
-        /// Whether it could do it.
+        /// The result of the change.
         outcome: Outcome,
-        /// The id that it had.
+        /// The old id.
         was: u8,
     },
     /// Answers [`ServoRequest::SetOffset`].
     OffsetSet {
-        /// Who says it.
+        /// The servo.
         servo: ServoId,
-        /// Whether it could do it.
+        /// The result of the change.
         outcome: Outcome,
     },
     /// Answers [`ServoRequest::ReadOffset`].
     Offset {
-        /// Who says it.
+        /// The servo.
         servo: ServoId,
-        /// Whether it could tell.
+        /// Success if the offset is valid.
         outcome: Outcome,
-        /// The offset in thirds of a degree; [`Offset::new`] says whether it is in range.
+        /// The offset in thirds of a degree; [`Offset::new`] checks its range.
         thirds: i16,
     },
     /// Answers [`ServoRequest::ReadVersion`].
     Version {
-        /// Who says it.
+        /// The servo.
         servo: ServoId,
-        /// Whether it could tell.
+        /// Success if the version is valid.
         outcome: Outcome,
-        /// The version. What its bytes mean is not documented.
+        /// The version. The meaning of its bytes is not documented.
         version: [u8; 4],
     },
 }
 
-/// The text after its count, which counts itself.
+/// The text after its count byte, which includes itself.
 fn text(data: &[u8]) -> Result<Text<'_>, Cause> {
     let [count, text @ ..] = data else {
         return Err(Cause::Length { expected: &[1], got: 0 });
@@ -246,7 +247,7 @@ fn outcome(offset: usize, status: u8) -> Result<Outcome, Cause> {
     ))
 }
 
-/// Data that is nothing but a status.
+/// Data that consists of a status only.
 fn status(data: &[u8]) -> Result<Outcome, Cause> {
     let [status] = sized(data, &[1])?;
     outcome(0, *status)
@@ -299,13 +300,13 @@ impl ServoRequest {
         }
     }
 
-    /// From the data of a frame FA AF.
+    /// Decodes the data of a frame FA AF.
     fn from_data(data: &[u8; 6]) -> Result<Self, Cause> {
         let [id, command, a, b, c, d] = *data;
         match command {
             command::MOVE => {
                 let to = address(id)?;
-                // Whatever times come with FF mean nothing.
+                // Times that accompany FF have no meaning.
                 Ok(Angle::from_wire(a).map_or(Self::Release(to), |angle| Self::Move {
                     to,
                     angle,
@@ -332,13 +333,13 @@ impl ServoRequest {
                 let offset = Offset::new(i16::from_be_bytes([c, d])).map_err(|error| Cause::value(4, error))?;
                 Ok(Self::SetOffset(servo(0, id)?, offset))
             }
-            // The manual allows anything in the four bytes that are left.
+            // The manual allows any values in the four remaining bytes.
             command::READ_OFFSET => servo(0, id).map(Self::ReadOffset),
             got => Err(Cause::byte(1, command::ALL, got)),
         }
     }
 
-    /// From the data of a frame FC CF.
+    /// Decodes the data of a frame FC CF.
     fn from_version_data(data: &[u8; 6]) -> Result<Self, Cause> {
         let [id, command, rest @ ..] = data;
         match *command {
@@ -353,7 +354,7 @@ impl ServoRequest {
 }
 
 impl ServoResponse {
-    /// From the data of a frame FA AF, as an answer of this kind.
+    /// Decodes the data of a frame FA AF as an answer of this kind.
     fn from_data(data: &[u8; 6], answer: Option<ServoAnswer>) -> Result<Self, Cause> {
         let [id, status, a, b, c, d] = *data;
         let (servo, outcome) = (servo(0, id)?, outcome(1, status)?);
@@ -375,7 +376,7 @@ impl ServoResponse {
         }
     }
 
-    /// From the data of a frame FC CF.
+    /// Decodes the data of a frame FC CF.
     fn from_version_data(data: &[u8; 6]) -> Result<Self, Cause> {
         let [id, status, version @ ..] = *data;
         Ok(Self::Version {
@@ -480,7 +481,7 @@ fn parse_response(command: u8, data: &[u8], answer: Option<ServoAnswer>) -> Resu
     }
 }
 
-/// The byte before a text, which counts itself too.
+/// The count byte of a text, which includes itself.
 fn count(text: Text<'_>) -> u8 {
     (text.as_bytes().len() as u8).wrapping_add(1)
 }

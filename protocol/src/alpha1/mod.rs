@@ -1,8 +1,8 @@
 //! UBTECH Alpha1: a humanoid of 16 servos on USB, and the servos on their own bus.
 //!
-//! Rows are those of *Alpha1 Series PC Communication Protocol*, V20151215, named by the first byte of their header.
-//! What they leave to the servos' manual (*UBT-12HC User Manual*, V1.02) is here too. The robot's Bluetooth protocol is
-//! another one: its frames are recognised, and passed over.
+//! Rows are those of *Alpha1 Series PC Communication Protocol*, V20151215, named by the first byte of their header. The
+//! messages of the servos' manual (*UBT-12HC User Manual*, V1.02), to which it refers, are included. The robot's
+//! Bluetooth protocol is a different one: its frames are recognised and skipped.
 //!
 //! ```
 //! use core::time::Duration;
@@ -44,7 +44,7 @@ pub use value::{
     ServoStates, Text, UsbType,
 };
 
-/// The Alpha1 protocol, and that of its servos.
+/// The protocol of the Alpha1 and of its servos.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Alpha1;

@@ -1,4 +1,4 @@
-//! Every row of the document and every command of the servos' manual, and what must not be taken for one.
+//! Every row of the document and every command of the servos' manual, and the sequences that resemble them.
 
 extern crate std;
 
@@ -56,7 +56,7 @@ fn acting() -> Request<'static> {
 }
 
 /// Row or command, frame, meaning. The document prints no whole frame: those of its rows are computed from its columns.
-/// Those of the servos are published examples, but for the ones marked *computed*.
+/// Those of the servos are published examples, except for the ones marked *computed*.
 fn requests() -> Vec<(&'static str, Vec<u8>, Request<'static>)> {
     let servo = Request::Servo;
     let sixteen = "5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A 5A";
@@ -174,7 +174,7 @@ fn requests() -> Vec<(&'static str, Vec<u8>, Request<'static>)> {
     ])
 }
 
-/// Row or command, frame, what is expected, meaning.
+/// Row or command, frame, expectation, meaning.
 fn responses() -> Vec<(&'static str, Vec<u8>, Option<ServoAnswer>, Response<'static>)> {
     let (yes, no) = (Outcome::Success, Outcome::Failure);
     let robot = |row, bytes, response| (row, hex(bytes), None, response);
@@ -295,7 +295,7 @@ fn frame_of(bytes: &[u8], expect: Expect) -> &[u8] {
     bytes
 }
 
-/// The first thing said of bytes that are no frame, by the time the line is idle.
+/// The reason of the first noise in these bytes, once the line is idle.
 fn noise(bytes: &[u8], expect: Expect) -> Reason {
     let mut decoder = Decoder::<MAX_FRAME>::new();
     assert!(decoder.push(bytes).is_empty());
@@ -337,7 +337,7 @@ fn transmit(client: &mut Client<Alpha1, MAX_FRAME>, now: Instant) -> usize {
     n
 }
 
-/// All that a client has to say, in words.
+/// All events of a client, in words.
 fn events(client: &mut Client<Alpha1, MAX_FRAME>, now: Instant) -> Vec<String> {
     core::iter::from_fn(|| match client.poll(now) {
         Output::Event(event) => Some(told(event)),
@@ -346,7 +346,7 @@ fn events(client: &mut Client<Alpha1, MAX_FRAME>, now: Instant) -> Vec<String> {
     .collect()
 }
 
-/// All that a client has to say of bytes while `request` is in flight, at one instant.
+/// All events of a client for these bytes while `request` is in flight, at one instant.
 fn hear(request: Request<'_>, bytes: &[u8]) -> Vec<String> {
     let mut client = sent(request, Config::DEFAULT);
     let now = at(1);
@@ -388,7 +388,7 @@ fn every_response_of_the_documents_holds_in_both_directions() {
     }
 }
 
-/// Whether this frame answers this request.
+/// Returns true if this frame answers this request.
 fn answers(request: &[u8], frame: &[u8]) -> bool {
     Alpha1.is_response_to(Alpha1.request(request).unwrap().key, frame)
 }
@@ -462,7 +462,7 @@ fn what_a_damaged_print_seems_to_say_is_rejected_and_the_error_names_it() {
     };
     for (print, bytes, expect, reason) in [
         // The column CHECK of the answers has a star for F1, EF, F5 and FB, and is empty for F2, F4, F9 and F3. The
-        // extracted text moves stars about.
+        // extracted text misplaces some stars.
         ("F2, a star", "F2 2F AA AA ED", responses, tail(0xAA)),
         ("F4, a star", "F4 4F AA AA ED", responses, tail(0xAA)),
         ("F9, a star", "F9 9F EE EE ED", responses, tail(0xEE)),
@@ -491,7 +491,7 @@ fn what_a_damaged_print_seems_to_say_is_rejected_and_the_error_names_it() {
             responses,
             Reason::Truncated { missing: 1 },
         ),
-        // "9F Success" and "0XEF 0XFE" have slipped into the cells of DATA.
+        // "9F Success" and "0XEF 0XFE" belong to other cells than those of DATA.
         ("F9, 9F twice", "F9 9F 9F AA ED", responses, status(0x9F)),
         ("F2, a state of 01", "F2 2F 01 ED", responses, status(0x01)),
         // The cell with six zeros belongs to F1 and F2 too, and every request has CHECK.
@@ -519,9 +519,9 @@ fn what_a_damaged_print_seems_to_say_is_rejected_and_the_error_names_it() {
                 got: 0x55,
             },
         ),
-        // "Two bytes that can switch places" are nibbles of the second byte.
+        // The "two bytes that can switch places" are the nibbles of the second byte.
         ("F1, switched", "1F F1 00 00 00 00 00 00 00 ED", requests, Reason::Stray),
-        // A checksum that public pages about the servos print.
+        // A checksum printed on public pages about the servos.
         (
             "FA 01, 32 EA",
             "FA AF 01 01 5A 32 00 32 EA ED",
@@ -575,7 +575,7 @@ fn padding_of_a_report_is_neither_noise_nor_data() {
 
 #[test]
 fn a_bluetooth_frame_is_named_and_passed_over_whole_whoever_sends_it() {
-    // A handshake, the question for the battery, its answer, and one whose parameters look like an answer.
+    // A handshake, a battery request, its answer, and a frame whose parameters look like an answer.
     for bytes in [
         "FB BF 06 01 00 07 ED",
         "FB BF 06 18 00 1E ED",
@@ -648,7 +648,7 @@ fn every_servo_is_heard_with_and_without_an_echo_before_it() {
             let mut client = sent(request, Config::DEFAULT);
             assert!(client.receive(at(900), &line[from..=len]).is_empty());
             let mut said = events(&mut client, at(900));
-            // Some could begin a frame, until the line goes idle or no answer is due any more.
+            // Some could begin a frame, until the line goes idle or the timeout of the answer.
             let header = [69, 71, 72, 73, 74, 75, 79, 80, 81, 82].contains(&n);
             assert_eq!(said == heard, !header, "servo {n}");
             while let Output::Timeout(Some(due)) = client.poll(at(901)) {
@@ -678,7 +678,7 @@ fn another_servos_byte_is_no_answer() {
     let answer = Response::Servo(ServoResponse::Acknowledged(id(2)));
     let events = hear(request, &[0xAB, 0xAD, 0xAC]);
     assert_eq!(events, ["Noise(2)".to_string(), answered(answer)]);
-    // Nor is it one where a frame is expected, or nothing.
+    // It is no answer either while a frame is expected, or nothing.
     let events = hear(Request::Servo(ServoRequest::ReadOffset(id(1))), &[0xAB, 0x00]);
     assert_eq!(events, ["Noise(1)"]);
 }
@@ -702,7 +702,7 @@ fn a_byte_that_comes_late_is_late_and_no_answer_to_the_next_request() {
     };
     assert_eq!(events(&mut client, due), ["TimedOut { sends: 1 }"]);
 
-    // The same servo again: held back until the byte came, which would pass for its answer.
+    // The same servo again: the request waits for the stale byte, which would look like its answer.
     client.submit(&request).unwrap();
     assert_eq!(transmit(&mut client, due), 0);
     assert!(client.receive(due, &[0xAB]).is_empty());
@@ -733,7 +733,7 @@ fn a_zero_is_the_answer_of_servo_86_and_filling_after_it() {
     let request = Request::Servo(moving(Address::One(id(86))));
     let answer = Response::Servo(ServoResponse::Acknowledged(id(86)));
     assert_eq!(hear(request, &report(&[0x00])), [answered(answer)]);
-    // Where another is expected, zeros are filling.
+    // While another answer is expected, zeros are padding.
     let request = Request::Servo(moving(Address::One(id(1))));
     let answer = Response::Servo(ServoResponse::Acknowledged(id(1)));
     assert_eq!(hear(request, &[0x00, 0x00, 0xAB, 0x00]), [answered(answer)]);
@@ -902,7 +902,7 @@ fn a_servo_answers_within_400_microseconds() {
         ..Config::DEFAULT
     };
     let mut client = sent(request, config);
-    // Eleven bytes on the wire, and the servo's time.
+    // Eleven bytes on the wire, plus the servo's turnaround.
     assert_eq!(client.poll(at(0)), Output::Timeout(Some(at(955 + 400))));
     assert_eq!(events(&mut client, at(1_355)), ["TimedOut { sends: 1 }"]);
 }
@@ -963,7 +963,7 @@ fn bytes_that_begin_nothing_are_stray_all_at_once() {
 
 #[test]
 fn a_frame_that_is_not_expected_any_more_holds_nothing_back() {
-    // Where a host is heard they begin a question. From servo 5, AF is an answer.
+    // In a host's stream they begin a request. From servo 5, AF is an answer.
     let expect = Expect::Responses(Some(ServoAnswer::Acknowledgement(id(5))));
     let mut decoder = Decoder::<MAX_FRAME>::new();
     assert!(decoder.push(&hex("F1 1F 00")).is_empty());

@@ -1,4 +1,4 @@
-//! The values in Alpha1 messages: raw bytes on the wire, degrees and durations in the program.
+//! The values in Alpha1 messages: raw bytes on the wire, degrees and durations in the API.
 
 use core::fmt;
 use core::str;
@@ -8,12 +8,12 @@ use super::MAX_TEXT;
 use crate::OutOfRange;
 use crate::error::at_most;
 
-/// Servos that an action has room for (row FB). An Alpha1 has 16.
+/// Number of servos in an action (row FB). An Alpha1 has 16.
 pub const SERVOS: usize = 20;
 
-/// The oldest firmware that speaks this protocol, as [`FirmwareVersion`](super::FirmwareVersion) spells it.
+/// The oldest firmware with this protocol, in the format of [`FirmwareVersion`](super::FirmwareVersion).
 ///
-/// The English print of the document says 201512159, a digit short.
+/// The English print of the document has 201512159, with a digit missing.
 pub const OLDEST_FIRMWARE: [u8; 10] = *b"2015121519";
 
 /// The unit of all durations on the wire, in milliseconds.
@@ -21,8 +21,8 @@ const UNIT_MILLIS: u64 = 20;
 
 /// The angle of a servo: `0..=240` whole degrees.
 ///
-/// The document gives no range; 240° is what the servo can do, and an Alpha1 stays within 180°. From the wire any byte
-/// is taken but FF, which is no angle: 241 to 254 are kept, and have no [`degrees`](Self::degrees).
+/// The document gives no range; 240° is the servo's range, and an Alpha1 stays within 180°. Any byte from the wire is
+/// accepted except FF, which is no angle: 241 to 254 are kept, and have no [`degrees`](Self::degrees).
 ///
 /// ```
 /// use armwire::alpha1::Angle;
@@ -40,7 +40,7 @@ pub struct Angle(
 );
 
 impl Angle {
-    /// The most a servo can do.
+    /// The servo's maximum.
     pub const MAX: Self = Self(240);
 
     /// An angle in degrees.
@@ -71,13 +71,13 @@ impl Angle {
         self.0
     }
 
-    /// FF is no angle: an action leaves that servo as it is, a move releases it.
+    /// FF is no angle: in an action it leaves the servo unchanged, in a move it releases the servo.
     pub(super) const fn from_wire(byte: u8) -> Option<Self> {
         if byte == u8::MAX { None } else { Some(Self(byte)) }
     }
 }
 
-/// How long a servo takes to get where it is sent: 0 to 5.1 s in steps of 20 ms.
+/// Duration of a servo's move: 0 to 5.1 s in steps of 20 ms.
 ///
 /// ```
 /// use core::time::Duration;
@@ -183,9 +183,9 @@ fn nearest(what: &'static str, duration: Duration, max: Duration) -> Result<u16,
 
 /// The id of a servo on the bus, `1..=240`.
 ///
-/// Id 0 is none: it means all servos, see [`Address`]. Only moves, releases and lights take it. The version cannot be read
-/// from all (servo manual), and of the other commands the manual says nothing with id 0: all servos would answer at once,
-/// and after a change of id all would have the same. They are not sent, and not accepted.
+/// Id 0 addresses all servos, see [`Address`]. Only moves, releases and LED settings accept it. The version cannot be
+/// read from all (servo manual), and the manual does not mention id 0 for the other commands: all servos would answer
+/// at once, and all would have the same id after a change of id. These are neither sent nor accepted.
 ///
 /// ```
 /// use armwire::alpha1::ServoId;
@@ -224,8 +224,8 @@ impl ServoId {
     }
 }
 
-/// The servo that a move, a release or a light is for, or all of them. A request to all is not answered. All other requests
-/// are to one [`ServoId`].
+/// The target of a move, a release or an LED setting: one servo, or all of them. A request to all is not answered. All
+/// other requests address one [`ServoId`].
 ///
 /// ```
 /// use armwire::alpha1::{Address, ServoId};
@@ -261,7 +261,7 @@ impl Address {
     }
 }
 
-/// How far a servo's zero is put off: `-90..=90` thirds of a degree, -30° to 30°.
+/// A servo's zero offset: `-90..=90` thirds of a degree, -30° to 30°.
 ///
 /// ```
 /// use armwire::alpha1::Offset;
@@ -313,10 +313,10 @@ impl Offset {
     }
 }
 
-/// What the light of a servo is told, as the byte on the wire.
+/// The setting of a servo's LED, as the byte on the wire.
 ///
-/// The sources contradict each other, so nothing is guessed: the servos' manual says 0 is off and 1 blinks; public
-/// programs for the same servos send 0 for on and 1 for off.
+/// The sources contradict each other: in the servos' manual 0 is off and 1 blinks; public programs for the same servos
+/// send 0 for on and 1 for off. The byte is therefore not interpreted.
 ///
 /// ```
 /// assert_eq!(armwire::alpha1::Led(1).0, 1);
@@ -326,7 +326,7 @@ impl Offset {
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct Led(pub u8);
 
-/// A version or the name of an action: 0 to 254 bytes. Their alphabet is not documented; names may be GBK.
+/// A version or the name of an action: 0 to 254 bytes. Their character set is not documented; names may be GBK.
 ///
 /// ```
 /// use armwire::alpha1::Text;
@@ -368,18 +368,18 @@ impl<'a> Text<'a> {
     }
 }
 
-/// What is not printable is escaped: it came from outside.
+/// Non-printable bytes are escaped: they come from outside.
 impl fmt::Display for Text<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.0.escape_ascii())
     }
 }
 
-/// Which servos run, as the four bytes on the wire (row EF). One that does not run is powered off and can be turned by
-/// hand.
+/// The servo states, as the four bytes on the wire (row EF). A servo that does not run is powered off and can be turned
+/// by hand.
 ///
-/// The document says that the least significant bit is servo 1, not in which order the bytes come. Every other number
-/// of this family has its high byte first, so that is what the methods take: servo 1 is bit 0 of the last byte.
+/// The document defines the least significant bit as servo 1, but not the order of the bytes. All other numbers of this
+/// family are big-endian, and the methods assume the same: servo 1 is bit 0 of the last byte.
 ///
 /// ```
 /// use armwire::alpha1::ServoStates;
@@ -394,7 +394,7 @@ impl fmt::Display for Text<'_> {
 pub struct ServoStates(pub [u8; 4]);
 
 impl ServoStates {
-    /// From a mask, servo 1 lowest.
+    /// The states from a mask, servo 1 lowest.
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits.to_be_bytes())
     }
@@ -410,7 +410,7 @@ impl ServoStates {
     }
 }
 
-/// Whether the robot or a servo did as it was told.
+/// The result of a request to the robot or a servo.
 ///
 /// ```
 /// assert!(armwire::alpha1::Outcome::Success.is_success());
@@ -420,14 +420,14 @@ impl ServoStates {
 #[must_use]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum Outcome {
-    /// AA: it did.
+    /// AA: success.
     Success = 0xAA,
-    /// EE: it did not. Why is not said.
+    /// EE: failure, without a reason.
     Failure = 0xEE,
 }
 
 impl Outcome {
-    /// Whether it did.
+    /// Returns true for success.
     ///
     /// ```
     /// use armwire::alpha1::Outcome;
@@ -447,7 +447,7 @@ impl Outcome {
     }
 }
 
-/// What the servo offset tool does (row F4).
+/// The state of the servo offset tool (row F4).
 ///
 /// ```
 /// # use armwire::alpha1::{OffsetTool, Request};
@@ -457,13 +457,13 @@ impl Outcome {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum OffsetTool {
-    /// Bluetooth may be used.
+    /// Bluetooth is available.
     Disconnect = 0x00,
-    /// Bluetooth may not be used.
+    /// Bluetooth is not available.
     Connect = 0x01,
 }
 
-/// What the robot is on USB (row F9). The vendor recommends HID for this protocol.
+/// The robot's USB device type (row F9). The vendor recommends HID for this protocol.
 ///
 /// ```
 /// # use armwire::alpha1::{Request, UsbType};
@@ -473,7 +473,7 @@ pub enum OffsetTool {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub enum UsbType {
-    /// A disk: **it no longer speaks this protocol.**
+    /// A disk: **this protocol is no longer available.**
     Disk = 0x01,
     /// A virtual serial port.
     SerialPort = 0x02,

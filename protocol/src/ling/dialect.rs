@@ -7,13 +7,13 @@ use crate::time::Duration;
 /// The longest known response on the wire: information, 24 data bytes.
 const LONGEST: u16 = 30;
 
-/// The data byte of requests that carry no value.
+/// The data byte of requests without a value.
 const READ: u8 = 0xFE;
 
-/// The self-check, a command by itself.
+/// The self-check command.
 const SELF_CHECK: u8 = 0xFE;
 
-/// The key of a response: the bytes that it has in common with its request.
+/// The key of a response: the bytes in common with its request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Key {
@@ -36,12 +36,13 @@ impl Dialect for Ling {
             }
             (0x06, 0x03, _) => (Effect::Motion, None),
             (0x05, _, _) => (Effect::Torque, None),
-            // Setting the zero switches the torque off, too.
+            // Setting the zero position switches the torque off, too.
             (0x03, 0x00, _) | (0x04, _, _) | (0x06, 0x01, _) => (Effect::Setting, None),
             // A newer arm may answer it.
             _ => (Effect::Setting, Some(MAX_FRAME as u16)),
         };
-        // The document gives no times. The vendor's software asks again after 200 ms. A self-check may ask each servo in turn.
+        // The document gives no times. The vendor's software repeats a request after 200 ms. A self-check may query
+        // each servo in turn.
         let turnaround = match command {
             SELF_CHECK => Duration::from_millis(500),
             _ => Duration::from_millis(50),
@@ -58,7 +59,7 @@ impl Dialect for Ling {
         let &[_, command, function, len, data, ..] = frame else {
             return false;
         };
-        // Requests have one data byte, which is FE where nothing is set.
+        // Requests have one data byte, which is FE unless it sets a value.
         let request = match (command, function, len) {
             (SELF_CHECK, 0x00, 0) | (0x05, _, _) | (0x06, 0x01, 1) | (0x06, 0x03, _) => true,
             (_, _, 1) => data == READ,

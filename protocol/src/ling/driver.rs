@@ -1,4 +1,4 @@
-//! The calls of a Ling arm, each with the answer it gets.
+//! Typed calls to a Ling arm.
 
 use embedded_io_async::{Read, Write};
 
@@ -10,8 +10,8 @@ use crate::driver::{CallError, Clock, Driver};
 
 /// A Ling arm at the other end of a port.
 ///
-/// Every call fails with [`CallError`]; those that read repeat themselves after silence. See
-/// [`Driver`](crate::driver::Driver) on dropping a call.
+/// Every call fails with [`CallError`]. Reads are repeated after a timeout. See [`Driver`](crate::driver::Driver) for
+/// dropping a call.
 ///
 /// ```
 /// # use armwire::driver::Clock;
@@ -28,7 +28,7 @@ use crate::driver::{CallError, Clock, Driver};
 /// }
 /// ```
 ///
-/// All the calls:
+/// All calls:
 ///
 /// ```
 #[doc = include_str!("../../doc/ling_tour.rs")]
@@ -41,7 +41,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         Self::new(Ling, port, clock, config)
     }
 
-    /// Who the arm is.
+    /// Reads the arm's kind, serial number and versions.
     pub async fn read_info(&mut self) -> Result<Info, CallError<Port::Error>> {
         self.read(&Request::ReadInfo, |response| match response {
             Response::Info(info) => Some(info),
@@ -50,7 +50,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// Where the arm is.
+    /// Reads the joint positions, the gripper and the motion status.
     pub async fn read_joints(&mut self) -> Result<JointState, CallError<Port::Error>> {
         self.read(&Request::ReadJoints, |response| match response {
             Response::Joints(state) => Some(state),
@@ -59,7 +59,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// The temperature of every servo, in °C.
+    /// Reads the temperature of every servo, in °C.
     pub async fn read_temperatures(&mut self) -> Result<PerServo<u8>, CallError<Port::Error>> {
         self.read(&Request::ReadTemperatures, |response| match response {
             Response::Temperatures(celsius) => Some(celsius),
@@ -68,7 +68,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// The velocity of every servo, in ticks per second.
+    /// Reads the velocity of every servo, in ticks per second.
     pub async fn read_velocities(&mut self) -> Result<PerServo<u16>, CallError<Port::Error>> {
         self.read(&Request::ReadVelocities, |response| match response {
             Response::Velocities(ticks) => Some(ticks),
@@ -77,7 +77,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// Which gripper the arm thinks it has.
+    /// Reads the gripper type that the arm is configured for.
     pub async fn read_stroke(&mut self) -> Result<Stroke, CallError<Port::Error>> {
         self.read(&Request::ReadStroke, |response| match response {
             Response::Stroke(stroke) => Some(stroke),
@@ -95,27 +95,27 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         .await
     }
 
-    /// Moves the joints and the gripper. The arm confirms nothing: read the joints to see it move.
+    /// Moves the joints and the gripper. The arm does not confirm it: read the joints to follow the motion.
     pub async fn move_to(&mut self, target: Move) -> Result<(), CallError<Port::Error>> {
         self.tell(&Request::Move(target)).await
     }
 
-    /// Switches the torque. The arm confirms nothing.
+    /// Switches the torque. The arm does not confirm it.
     pub async fn set_torque(&mut self, torque: Torque) -> Result<(), CallError<Port::Error>> {
         self.tell(&Request::SetTorque(torque)).await
     }
 
-    /// Makes the present pose the zero position, and switches the torque off. The arm confirms nothing.
+    /// Makes the present pose the zero position, and switches the torque off. The arm does not confirm it.
     pub async fn set_zero(&mut self) -> Result<(), CallError<Port::Error>> {
         self.tell(&Request::SetZero).await
     }
 
-    /// Tells the arm which gripper it has. The arm confirms nothing: [`read_stroke`](Self::read_stroke) does.
+    /// Configures the arm's gripper type. The arm does not confirm it: verify with [`read_stroke`](Self::read_stroke).
     pub async fn set_stroke(&mut self, stroke: Stroke) -> Result<(), CallError<Port::Error>> {
         self.tell(&Request::SetStroke(stroke)).await
     }
 
-    /// Sets the temperature at which the arm protects itself. The arm confirms nothing.
+    /// Sets the temperature limit of the arm's overheat protection. The arm does not confirm it.
     pub async fn set_temperature_limit(&mut self, limit: TemperatureLimit) -> Result<(), CallError<Port::Error>> {
         self.tell(&Request::SetTemperatureLimit(limit)).await
     }

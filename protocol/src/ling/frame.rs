@@ -7,12 +7,12 @@
 //! +----+---------+----------+------+-----------+----------+------+
 //! ```
 //!
-//! The checksum is the low byte of CRC-32/ISO-HDLC over `command .. data`. The document's "command + function +
-//! length + data" means concatenation: its own examples hold only so.
+//! The checksum is the low byte of CRC-32/ISO-HDLC over `command .. data`. "Command + function + length + data" in the
+//! document means concatenation: only then are its examples correct.
 //!
-//! One request is printed, and sent by the vendor's software, with length 0 and one data byte ([`SELF_CHECK`]). It is
-//! recognised as that one sequence of bytes and nothing else has such slack. No other frame can start like it: with
-//! length 0 its fifth byte would be the checksum, C8.
+//! One request is printed, and sent by the vendor's software, with length 0 and one data byte ([`SELF_CHECK`]). Exactly
+//! this sequence of bytes is accepted; no other frame may deviate from its length. The sequence is unambiguous: with
+//! length 0, the fifth byte would be the checksum, C8.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
@@ -21,10 +21,10 @@ use crate::error::at_most;
 use crate::framing::{Framing, Reason, Scan, verify, write};
 use crate::{BufferTooShort, EncodeError};
 
-/// The most data bytes a frame may have.
+/// Maximum number of data bytes in a frame.
 ///
-/// The document's longest message has 28. The length field could say 255, but every false header would then hold back
-/// up to 257 bytes of good frames; 64 leaves room to grow, and holds back 66 at most.
+/// The document's longest message has 28. The length field allows 255, but every false header would then hold back up
+/// to 257 bytes of valid frames; 64 leaves room for new messages, and holds back at most 66.
 pub const MAX_DATA: usize = 64;
 
 /// Bytes of a frame that are not data.
@@ -33,7 +33,7 @@ pub const OVERHEAD: usize = 6;
 /// The longest frame, in bytes.
 pub const MAX_FRAME: usize = MAX_DATA + OVERHEAD;
 
-/// The self-check request as the document prints it: length 0, yet one data byte, which the checksum covers.
+/// The self-check request as printed in the document: length 0 with one data byte, which the checksum covers.
 pub const SELF_CHECK: [u8; 7] = [HEADER, 0xFE, 0x00, 0x00, 0xFE, 0x93, TAIL];
 
 /// The request for the arm's kind and versions (section 2.1).
@@ -64,7 +64,7 @@ pub fn checksum(body: &[u8]) -> u8 {
     CRC.checksum(body) as u8
 }
 
-/// A frame whose header, length, checksum and end mark are good.
+/// A frame with valid header, length, checksum and end mark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Frame<'a> {
@@ -81,7 +81,7 @@ impl Frame<'_> {
     ///
     /// # Errors
     ///
-    /// [`EncodeError`] when `out` is shorter than the frame, or the data longer than [`MAX_DATA`].
+    /// [`EncodeError`] if `out` is shorter than the frame, or the data longer than [`MAX_DATA`].
     ///
     /// ```
     /// use armwire::ling::Frame;
@@ -101,7 +101,7 @@ impl Frame<'_> {
         Ok(self.put(out)?)
     }
 
-    /// Writes a frame whose data is known not to be too long.
+    /// Writes a frame whose data is within the maximum.
     pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let head = [self.command, self.function, self.data.len() as u8];
         let mut crc = CRC.digest();
@@ -114,7 +114,7 @@ impl Frame<'_> {
 }
 
 impl<'a> Frame<'a> {
-    /// The frame that these bytes are, which [`scan`](Framing::scan) has found to be one. Of other bytes the result is
+    /// Decodes a frame. `bytes` must be a frame according to [`scan`](Framing::scan). For any other bytes the result is
     /// unspecified.
     pub fn parse(bytes: &'a [u8]) -> Option<Self> {
         match bytes {
@@ -128,7 +128,7 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// The length that a header gives at this place, at most `max`; or the verdict on a window without one.
+/// The length in the header at this place, at most `max`; or the verdict on a window without one.
 pub(super) fn data_len(window: &[u8], place: usize, max: usize) -> Result<usize, Scan> {
     if window.first() != Some(&HEADER) {
         let stray = window.iter().position(|&byte| byte == HEADER);

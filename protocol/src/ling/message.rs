@@ -1,4 +1,4 @@
-//! The messages of the Ling document, section 2, and the bytes they travel as.
+//! The messages of the Ling document, section 2, and their encoding.
 
 use super::value::{
     JOINTS, MotionStatus, Opening, PerServo, Position, SelfCheck, SerialNumber, Speed, Stroke, TemperatureLimit,
@@ -19,7 +19,7 @@ mod command {
     pub(super) const SELF_CHECK: u8 = 0xFE;
 }
 
-/// Functions of [`command::JOINTS`] (section 2.5); [`command::STROKE`] has one of its own.
+/// Functions of [`command::JOINTS`] (section 2.5); [`command::STROKE`] has its own.
 mod function {
     pub(super) const STATE: u8 = 0x00;
     pub(super) const TEMPERATURE: u8 = 0x01;
@@ -28,10 +28,10 @@ mod function {
     pub(super) const READ_STROKE: u8 = 0x0E;
 }
 
-/// The data byte of requests that carry no value.
+/// The data byte of requests without a value.
 const ASK: u8 = 0xFE;
 
-/// What the host says.
+/// A message of the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
@@ -41,9 +41,9 @@ pub enum Request {
     ReadInfo,
     /// Makes the present pose the zero position, and switches the torque off (section 2.2). Not answered.
     SetZero,
-    /// Tells the arm which gripper it has (section 2.3). Not answered.
+    /// Configures the arm's gripper type (section 2.3). Not answered.
     SetStroke(Stroke),
-    /// Which gripper the arm thinks it has (section 2.3). Answered by [`Response::Stroke`].
+    /// Reads the gripper type that the arm is configured for (section 2.3). Answered by [`Response::Stroke`].
     ReadStroke,
     /// Switches the torque (section 2.4). Not answered.
     SetTorque(Torque),
@@ -51,7 +51,7 @@ pub enum Request {
     ReadJoints,
     /// Servo temperatures (section 2.5). Answered by [`Response::Temperatures`].
     ReadTemperatures,
-    /// Sets the temperature at which the arm protects itself (section 2.5). Not answered.
+    /// Sets the temperature limit of the arm's overheat protection (section 2.5). Not answered.
     SetTemperatureLimit(TemperatureLimit),
     /// Servo velocities (section 2.5). Answered by [`Response::Velocities`].
     ReadVelocities,
@@ -61,7 +61,7 @@ pub enum Request {
     SelfCheck,
 }
 
-/// Whether the servos hold their positions.
+/// The torque of the servos, which holds their positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
@@ -72,7 +72,7 @@ pub enum Torque {
     On,
 }
 
-/// Where to move, and how fast (section 2.5).
+/// Targets and speeds (section 2.5).
 ///
 /// ```
 /// use armwire::ling::{GripperSpeed, Move, Opening, Position, Speed};
@@ -95,13 +95,13 @@ pub struct Move {
 
 /// The speed of the gripper, in ticks per second.
 ///
-/// The document's maximum of 5000 is for joints: the vendor's software sends 5500 here.
+/// The document's maximum of 5000 applies to joints: the vendor's software sends 5500 here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct GripperSpeed(pub u16);
 
-/// What the arm says.
+/// A message of the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
@@ -121,7 +121,7 @@ pub enum Response {
     SelfCheck(SelfCheck),
 }
 
-/// Who the arm is (section 2.1).
+/// The arm's identity (section 2.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
@@ -134,10 +134,10 @@ pub struct Info {
     pub firmware: Version,
 }
 
-/// Where the arm is, in raw counts as it sent them (section 2.5).
+/// The arm's position, in raw counts as sent (section 2.5).
 ///
-/// An arm may send what no host may ask for: the document's own example has a gripper value of 2051. So the counts are
-/// kept, and become typed values, range-checked, on demand.
+/// An arm may send values that no host may request: the document's own example has a gripper value of 2051. The counts
+/// are therefore kept, and converted to range-checked values on demand.
 ///
 /// ```
 /// use armwire::ling::{JointState, MotionStatus};
@@ -159,7 +159,7 @@ pub struct JointState {
     pub joints: [u16; JOINTS],
     /// Gripper opening, in thousandths of the stroke.
     pub gripper: u16,
-    /// What the arm is doing.
+    /// The motion status.
     #[cfg_attr(fuzzing, arbitrary(with = |u: &mut arbitrary::Unstructured<'_>| u.arbitrary::<u8>().map(u8::into)))]
     pub status: MotionStatus,
 }
@@ -169,7 +169,7 @@ impl JointState {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] for the first joint that is over 4095 ticks.
+    /// [`OutOfRange`] for the first joint over 4095 ticks.
     pub fn positions(&self) -> Result<[Position; JOINTS], OutOfRange> {
         let mut positions = [Position::CENTRE; JOINTS];
         for (position, ticks) in positions.iter_mut().zip(self.joints) {
@@ -188,7 +188,7 @@ impl JointState {
     }
 }
 
-/// The data of a request that carries no value.
+/// Checks the data of a request without a value.
 fn asked(data: &[u8]) -> Result<(), Cause> {
     match *sized(data, &[1])? {
         [ASK] => Ok(()),
@@ -196,7 +196,7 @@ fn asked(data: &[u8]) -> Result<(), Cause> {
     }
 }
 
-/// Little-endian words of a known number.
+/// Decodes a known number of little-endian words.
 pub(super) fn words<const N: usize>(data: &[u8]) -> [u16; N] {
     let mut words = [0; N];
     for (word, bytes) in words.iter_mut().zip(data.as_chunks().0) {
@@ -280,7 +280,7 @@ fn parse_request(frame: Frame<'_>) -> Result<Request, Cause> {
         },
         (command::JOINTS, function::VELOCITY) => asked(frame.data).map(|()| Request::ReadVelocities),
         (command::JOINTS, function::MOVE) => Move::from_data(sized(frame.data, &[Move::LEN])?).map(Request::Move),
-        // As printed and with length 1 it has the usual data byte; with length 0, which the same print says, none.
+        // As printed, and with length 1, it has the usual data byte; with length 0, which the same print gives, none.
         (command::SELF_CHECK, 0) if frame.data.is_empty() => Ok(Request::SelfCheck),
         (command::SELF_CHECK, 0) => asked(frame.data).map(|()| Request::SelfCheck),
         _ => Err(Cause::Unknown),
@@ -410,7 +410,7 @@ impl Messages for Ling {
     }
 }
 
-/// Reads a frame, and names it in the error.
+/// Decodes a frame. Errors contain its command and function.
 fn parse<T>(frame: &[u8], message: impl Fn(Frame<'_>) -> Result<T, Cause>) -> Result<T, ParseError> {
     let Some(frame) = Frame::parse(frame) else {
         return Err(ParseError::NO_FRAME);

@@ -1,4 +1,4 @@
-//! Every example frame of the document, and the frames it should have printed.
+//! Every example frame of the document, and the corrected frames.
 
 extern crate std;
 

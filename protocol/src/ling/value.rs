@@ -1,4 +1,4 @@
-//! The values in Ling messages: raw counts on the wire, SI units in the program, and nothing in between.
+//! The values in Ling messages: raw counts on the wire, SI units in the API.
 
 use core::f32::consts::TAU;
 use core::fmt;
@@ -7,7 +7,7 @@ use core::str;
 use crate::OutOfRange;
 use crate::error::within;
 
-/// Joints of the arm, the gripper not counted.
+/// Number of joints, without the gripper.
 pub const JOINTS: usize = 6;
 
 /// Ticks in one turn of a joint.
@@ -16,15 +16,15 @@ pub const TICKS_PER_TURN: u16 = 4096;
 const CENTRE: f32 = TICKS_PER_TURN as f32 / 2.0;
 const TICKS_PER_RADIAN: f32 = TICKS_PER_TURN as f32 / TAU;
 
-/// The whole number nearest to `value`, which is not negative.
+/// The integer nearest to `value`, which is not negative.
 fn nearest(value: f32) -> u16 {
     (value + 0.5) as u16
 }
 
 /// A joint position: `0..=4095` ticks, 2048 at 0 rad, 4096 ticks per turn.
 ///
-/// The document gives only 0° = 0x0800; the scale is the vendor software's. So positions reach from -π to one tick
-/// (0.0015 rad) below +π.
+/// The document gives only 0° = 0x0800; the scale is that of the vendor's software. Positions therefore range from -π
+/// to one tick (0.0015 rad) below +π.
 ///
 /// ```
 /// use armwire::ling::Position;
@@ -42,7 +42,7 @@ pub struct Position(
 );
 
 impl Position {
-    /// The most ticks there are.
+    /// The maximum.
     pub const MAX: Self = Self(TICKS_PER_TURN - 1);
     /// 0 rad.
     pub const CENTRE: Self = Self(TICKS_PER_TURN / 2);
@@ -82,7 +82,7 @@ impl Position {
 
 /// The speed of a joint: `0..=5000` ticks per second (section 2.5), which is 0 to 7.67 rad/s.
 ///
-/// The vendor's software sends no less than 50. What an arm makes of 0 is not documented.
+/// The vendor's software sends no less than 50. The effect of 0 on an arm is not documented.
 ///
 /// ```
 /// use armwire::ling::Speed;
@@ -101,7 +101,7 @@ pub struct Speed(
 );
 
 impl Speed {
-    /// The fastest a joint may be told to move.
+    /// The maximum speed of a joint.
     pub const MAX: Self = Self(5000);
 
     /// A speed in ticks per second.
@@ -143,7 +143,7 @@ impl Speed {
     }
 }
 
-/// How far the gripper is open: `0..=1000`, 0 closed, 1000 at its full stroke (section 2.5).
+/// The opening of the gripper: `0..=1000`, 0 closed, 1000 at its full stroke (section 2.5).
 ///
 /// ```
 /// use armwire::ling::{Opening, Stroke};
@@ -217,7 +217,7 @@ impl Opening {
     }
 }
 
-/// How far a gripper opens: the three there are (section 2.3).
+/// The stroke of a gripper: one of three types (section 2.3).
 ///
 /// ```
 /// assert_eq!(armwire::ling::Stroke::Mm75.millimetres(), 75);
@@ -255,9 +255,9 @@ impl Stroke {
     }
 }
 
-/// The temperature at which the arm protects itself, `0..=255` °C but for 254; 85 °C from the factory (section 2.5).
+/// The temperature limit of the overheat protection, `0..=255` °C except 254; 85 °C from the factory (section 2.5).
 ///
-/// 254 cannot be said: on the wire it reads the temperatures.
+/// 254 cannot be encoded: on the wire it reads the temperatures.
 ///
 /// ```
 /// use armwire::ling::TemperatureLimit;
@@ -302,7 +302,7 @@ impl TemperatureLimit {
     }
 }
 
-/// What the arm is doing (section 2.5). Values the document does not name are kept.
+/// The motion status (section 2.5). Values that the document does not name are kept.
 ///
 /// ```
 /// use armwire::ling::MotionStatus;
@@ -323,7 +323,7 @@ pub enum MotionStatus {
     SyncLocked,
     /// E1: a servo is over its temperature limit.
     Overheating,
-    /// E2: stopped to protect itself from heat.
+    /// E2: stopped by the overheat protection.
     OverheatProtection,
     /// Any other value.
     Other(u8),
@@ -371,7 +371,7 @@ impl fmt::Display for MotionStatus {
     }
 }
 
-/// A hardware or firmware version, as the arm sends it: 610 is v6.10 (section 2.1).
+/// A hardware or firmware version, as sent by the arm: 610 is v6.10 (section 2.1).
 ///
 /// The vendor's software writes the same number as 6.1.0.
 ///
@@ -416,7 +416,7 @@ impl SerialNumber {
         self.0.split(|&byte| byte == 0).next().unwrap_or_default()
     }
 
-    /// What the product identifier says the arm is; `None` if it is not one that the vendor's software knows.
+    /// The kind of arm by its product identifier; `None` if the vendor's software does not know it.
     pub fn kind(&self) -> Option<Kind> {
         match self.0 {
             [b'A', b'D', b'L', ..] => Some(Kind::Leader),
@@ -426,14 +426,14 @@ impl SerialNumber {
     }
 }
 
-/// What is not printable is escaped: it came from outside.
+/// Non-printable bytes are escaped: they come from outside.
 impl fmt::Display for SerialNumber {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.text().escape_ascii())
     }
 }
 
-/// Which of the two arms it is.
+/// The two kinds of arm.
 ///
 /// ```
 /// assert_eq!(armwire::ling::Kind::Follower.servos(), 10);
@@ -443,12 +443,12 @@ impl fmt::Display for SerialNumber {
 pub enum Kind {
     /// Moved by hand: 6 servos.
     Leader,
-    /// Moves by itself: 10 servos.
+    /// Moves under power: 10 servos.
     Follower,
 }
 
 impl Kind {
-    /// How many servos it has: 6 or 10 (section 2.5).
+    /// Number of servos: 6 or 10 (section 2.5).
     pub const fn servos(self) -> usize {
         match self {
             Self::Leader => 6,
@@ -485,7 +485,7 @@ impl<T> PerServo<T> {
         }
     }
 
-    /// Which arm has so many servos.
+    /// The kind of arm with this number of servos.
     pub const fn kind(&self) -> Kind {
         match self {
             Self::Leader(_) => Kind::Leader,
@@ -494,7 +494,7 @@ impl<T> PerServo<T> {
     }
 }
 
-/// The outcome of a self-check: one bit a servo, servo 1 lowest, 1 = normal (section 2.6).
+/// The result of a self-check: one bit per servo, servo 1 lowest, 1 = normal (section 2.6).
 ///
 /// ```
 /// use armwire::ling::{Kind, SelfCheck};
@@ -509,7 +509,7 @@ impl<T> PerServo<T> {
 pub struct SelfCheck(pub u16);
 
 impl SelfCheck {
-    /// Whether every servo that such an arm has is normal.
+    /// Returns true if every servo of this kind of arm is normal.
     pub fn all_normal(self, kind: Kind) -> bool {
         self.faulty(kind).next().is_none()
     }

@@ -5,11 +5,11 @@ use super::{Direction, Frame, MAX_FRAME, XArm};
 use crate::dialect::{Dialect, Effect, InfoOf, RequestInfo, ResponseTiming};
 use crate::time::Duration;
 
-/// The key of a response: the values that it has in common with its request, and with no other.
+/// The key of a response: the values that identify its request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Key {
-    /// Transaction id. A client counts `1..=65535`; an arm gives back whatever comes, 0 too.
+    /// Transaction id. A client counts `1..=65535`; an arm echoes any value, including 0.
     pub transaction: u16,
     /// Protocol id, `0..=3`.
     pub protocol: u16,
@@ -17,11 +17,11 @@ pub struct Key {
     pub register: u8,
 }
 
-/// The last two bytes of a refusal in standard Modbus: the function with bit 7 set, exception 01.
+/// The last two bytes of a Modbus exception: the function with bit 7 set, exception 01.
 const MODBUS_REFUSED: u8 = 0x80;
 
 impl Key {
-    /// Of a request in this frame.
+    /// The key of the request in this frame.
     fn of_request(frame: Frame<'_>) -> Option<Self> {
         let register = match (frame.protocol, frame.body) {
             (MODBUS_ID, [_unit, function, ..]) => *function,
@@ -43,7 +43,7 @@ impl Dialect for XArm {
     fn request(&self, frame: &[u8]) -> Option<InfoOf<Self>> {
         let frame = Frame::parse(frame)?;
         let key = Key::of_request(frame)?;
-        // The document gives no times. The vendor's package waits 2 s for a reading or a setting, and 10 s for a move.
+        // The document gives no times. The vendor's package waits 2 s for a read or a setting, and 10 s for a move.
         let (quick, slow) = (Duration::from_millis(2_000), Duration::from_millis(10_000));
         let (effect, turnaround) = match (frame.protocol, key.register) {
             (HEARTBEAT_ID, _) => (Effect::Setting, None),
@@ -76,7 +76,7 @@ impl Dialect for XArm {
     }
 
     fn stamp(&self, frame: &mut [u8], number: u16) {
-        // A heartbeat has none.
+        // A heartbeat has no number.
         if let Some((id, [0, protocol, ..])) = frame.split_first_chunk_mut()
             && u16::from(*protocol) != HEARTBEAT_ID
         {

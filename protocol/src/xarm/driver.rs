@@ -1,4 +1,4 @@
-//! The calls of an xArm, each with the answer it gets.
+//! Typed calls to an xArm.
 
 use core::fmt;
 
@@ -14,11 +14,11 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 
 /// An xArm at the other end of a TCP connection.
 ///
-/// Every call fails with [`ArmError`]. What the arm says of its own state comes with every answer: a warning or an
-/// error of the arm does not make its answer wrong. See [`Driver`] on dropping a call.
+/// Every call fails with [`ArmError`]. Every answer contains the arm's state: a warning or an error of the arm does not
+/// invalidate the answer. See [`Driver`] for dropping a call.
 ///
-/// It is a type of its own, where those of the other protocols are names for [`Driver`], because it gives the state with every
-/// answer.
+/// It is a type of its own, not an alias of [`Driver`] as for the other protocols, because it returns the state with
+/// every answer.
 ///
 /// ```
 /// # use armwire::driver::Clock;
@@ -33,7 +33,7 @@ use crate::driver::{CallError, Clock, Counters, Driver};
 /// }
 /// ```
 ///
-/// All the calls:
+/// All calls:
 ///
 /// ```
 #[doc = include_str!("../../doc/xarm_tour.rs")]
@@ -42,43 +42,43 @@ pub struct Arm<Port, C> {
     driver: Driver<XArm, Port, C, MAX_FRAME>,
 }
 
-/// What the arm answered.
+/// An answer of the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Answer<T> {
-    /// What was asked for.
+    /// The requested value.
     pub value: T,
-    /// How the arm is.
+    /// The state of the arm.
     pub state: State,
 }
 
-/// Why a call failed.
+/// The error of a call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ArmError<E> {
-    /// There was no answer, or none that can be accepted.
+    /// No answer, or an unacceptable one.
     #[error(transparent)]
     Call(#[from] CallError<E>),
-    /// The arm answered, but that its state is invalid, or without what was asked for.
+    /// The arm answered with an invalid state, or without the requested value.
     #[error("the arm refused, its state: {0}")]
     Refused(State),
 }
 
 impl<Port: Read + Write, C: Clock> Arm<Port, C> {
-    /// The arm at the other end of `port`, in protocol id 2. [`Config::TCP`] suits.
+    /// The arm at the other end of `port`, with protocol id 2. [`Config::TCP`] is a suitable configuration.
     pub const fn open(port: Port, clock: C, config: Config) -> Self {
         Self {
             driver: Driver::new(XArm::PRIVATE, port, clock, config),
         }
     }
 
-    /// Makes every later call in this protocol id.
+    /// Sets the protocol id of all later calls.
     pub const fn set_protocol(&mut self, protocol: ProtocolId) {
         self.driver.messages_mut().protocol = protocol;
     }
 
-    /// The kind of the arm and the software on it: what `take` makes of the text.
+    /// Reads the kind of the arm and the versions of its software, and returns the result of `take`.
     pub async fn read_version<T>(
         &mut self,
         take: impl FnOnce(VersionText<'_>) -> T,
@@ -90,7 +90,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.call(Request::ReadVersion, take).await
     }
 
-    /// The serial numbers of the arm and of its control box: what `take` makes of them.
+    /// Reads the serial numbers of the arm and of its control box, and returns the result of `take`.
     pub async fn read_serials<T>(
         &mut self,
         take: impl FnOnce(SerialsText<'_>) -> T,
@@ -102,7 +102,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.call(Request::ReadSerials, take).await
     }
 
-    /// What the arm reports as the torque of its joints.
+    /// Reads the quantity that the arm reports as the torque of its joints.
     pub async fn read_torque_source(&mut self) -> Result<Answer<TorqueSource>, ArmError<Port::Error>> {
         let take = |reply: Reply<'_>| match reply {
             Reply::TorqueSource(source) => Some(source),
@@ -111,7 +111,7 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.call(Request::ReadTorqueSource, take).await
     }
 
-    /// The radius of rotation of a joint relative to the tool.
+    /// Reads the radius of rotation of a joint relative to the tool.
     pub async fn read_rotation_radius(
         &mut self,
         joint: Joint,
@@ -138,8 +138,8 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.call(Request::Reboot, done).await
     }
 
-    /// Asks any other register, waits 10 s for the answer, and returns what `take` makes of it: see [`Request::Raw`] for registers
-    /// that take longer.
+    /// Calls any other register, waits 10 s for the answer, and returns the result of `take`. See [`Request::Raw`] for
+    /// registers that take longer.
     pub async fn raw<T>(
         &mut self,
         request: Raw<'_>,
@@ -152,13 +152,13 @@ impl<Port: Read + Write, C: Clock> Arm<Port, C> {
         self.call(Request::Raw(request), take).await
     }
 
-    /// Says that the host is there. The arm does not answer.
+    /// Sends a sign of life. The arm does not answer.
     pub async fn heartbeat(&mut self) -> Result<(), ArmError<Port::Error>> {
         self.driver.tell(&Request::Heartbeat).await?;
         Ok(())
     }
 
-    /// What was heard besides answers, since the connection was made.
+    /// Counts of received frames and bytes other than answers, since the connection was made.
     pub const fn counters(&self) -> Counters {
         self.driver.counters()
     }
@@ -191,7 +191,7 @@ impl<Port, C> fmt::Debug for Arm<Port, C> {
     }
 }
 
-/// The answer of a register that has nothing to say but that it is done.
+/// An answer without further data.
 fn done(reply: Reply<'_>) -> Option<()> {
     matches!(reply, Reply::Empty(_) | Reply::SystemControl(_)).then_some(())
 }

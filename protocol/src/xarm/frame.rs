@@ -7,7 +7,7 @@
 //! +------+------+------+------+------+------+----------------------------------+
 //! ```
 //!
-//! The three numbers are big-endian. `n` counts all that follows it. Only responses have a state.
+//! The three numbers are big-endian. `n` is the number of bytes after it. Only responses have a state.
 //!
 //! | Protocol id | Body |
 //! |---|---|
@@ -15,9 +15,9 @@
 //! | 1 | two zero bytes, transaction 0: a heartbeat ([`HEARTBEAT`]) |
 //! | 2, 3 | register, [state], parameters |
 //!
-//! TCP neither loses nor invents bytes. So there is nothing to look past: bytes with another protocol id mean that both
-//! ends disagree, and the connection is broken. Of any other frame it is known where it ends: one that is too short or too
-//! long, or a heartbeat that is none, is skipped.
+//! TCP neither loses nor inserts bytes. Resynchronisation is therefore pointless: bytes with an unknown protocol id
+//! mean that both ends disagree, and the connection is broken. The end of any other frame is known: a frame that is too
+//! short or too long, or a malformed heartbeat, is skipped.
 
 use super::XArm;
 use crate::BufferTooShort;
@@ -26,19 +26,19 @@ use crate::framing::{Framing, Reason, Scan, write};
 /// Bytes before the body.
 pub const HEADER: usize = 6;
 
-/// The most parameters of a message, in bytes.
+/// Maximum length of a message's parameters, in bytes.
 ///
-/// With register and state they are as long as the longest body of Modbus TCP, with which the connection is shared. The
-/// longest of the vendor's package has 113, but for what it passes through to a serial line at the tool.
+/// With register and state they are as long as the longest body of Modbus TCP, which shares the connection. The longest
+/// of the vendor's package has 113, apart from data for a serial line at the tool.
 pub const MAX_PARAMS: usize = 252;
 
 /// The longest body, in bytes: register, state and parameters.
 pub const MAX_BODY: usize = MAX_PARAMS + 2;
 
-/// The longest frame, in bytes: that of Modbus TCP, with which the connection is shared.
+/// The longest frame, in bytes: that of Modbus TCP, which shares the connection.
 pub const MAX_FRAME: usize = HEADER + MAX_BODY;
 
-/// The heartbeat, the same in both directions. Nothing else has protocol id 1.
+/// The heartbeat, the same in both directions. No other frame has protocol id 1.
 pub const HEARTBEAT: [u8; 8] = [0, 0, 0, 1, 0, 2, 0, 0];
 
 /// The protocol id of [`HEARTBEAT`].
@@ -47,10 +47,10 @@ pub(super) const HEARTBEAT_ID: u16 = 1;
 /// The protocol id of standard Modbus TCP.
 pub(super) const MODBUS_ID: u16 = 0;
 
-/// The last protocol id there is.
+/// The highest protocol id.
 const LAST_ID: u16 = 3;
 
-/// Who sends the frame: a response is at least a byte longer than a request.
+/// The sender of the frame: a response is at least a byte longer than a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Direction {
@@ -60,7 +60,7 @@ pub enum Direction {
     Responses,
 }
 
-/// The least and the most that a frame's length field may say.
+/// The minimum and maximum of a frame's length field.
 const fn lengths(protocol: u16, direction: Direction) -> (u16, u16) {
     match (protocol, direction) {
         (HEARTBEAT_ID, _) => (2, 2),
@@ -69,11 +69,11 @@ const fn lengths(protocol: u16, direction: Direction) -> (u16, u16) {
     }
 }
 
-/// A frame whose header is good.
+/// A frame with a valid header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Frame<'a> {
-    /// Transaction id, which a response has from its request.
+    /// Transaction id, which a response copies from its request.
     pub transaction: u16,
     /// Protocol id, `0..=3`.
     pub protocol: u16,
@@ -100,7 +100,7 @@ const fn broken(offset: u8, expected: &'static [u8], got: u8) -> Scan {
 }
 
 impl<'a> Frame<'a> {
-    /// The frame that these bytes are; `None` if its length field does not say how many they are.
+    /// Decodes a frame; `None` if its length field does not match the number of bytes.
     pub fn parse(bytes: &'a [u8]) -> Option<Self> {
         let (&[t1, t0, p1, p0, n1, n0], body) = bytes.split_first_chunk()?;
         let n = usize::from(u16::from_be_bytes([n1, n0]));

@@ -1,4 +1,4 @@
-//! The messages of the xArm page, by register, and the bytes they travel as.
+//! The messages of the xArm page, by register, and their encoding.
 
 use super::frame::{HEARTBEAT_ID, MODBUS_ID, put};
 use super::value::{
@@ -19,7 +19,7 @@ mod control {
 /// Modbus: the server has no such function.
 const ILLEGAL_FUNCTION: u8 = 0x01;
 
-/// A message of the host. The client numbers it; its protocol id is that of [`XArm`].
+/// A message of the host. The client assigns its number; its protocol id is that of [`XArm`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
@@ -33,7 +33,7 @@ pub enum Request<'a> {
     ReadSerials,
     /// Register 4: reloads the friction parameters. Answered by [`Reply::Empty`].
     ReloadDynamics,
-    /// Register 5: what is reported as torque. Answered by [`Reply::TorqueSource`].
+    /// Register 5: the quantity that is reported as torque. Answered by [`Reply::TorqueSource`].
     ReadTorqueSource,
     /// Register 6: the radius of rotation of a joint relative to the tool. Answered by [`Reply::RotationRadius`].
     ReadRotationRadius(Joint),
@@ -43,9 +43,9 @@ pub enum Request<'a> {
     Reboot,
     /// Any other register. Answered by [`Reply::Raw`].
     ///
-    /// The answer is waited for 10 s, as the vendor's package does for a move. For identification that package waits
-    /// 300 to 500 s: for such registers make a client with as much [`Config::latency`](crate::Config::latency). All its
-    /// calls then wait so much longer before they time out.
+    /// The timeout of the answer is 10 s, as in the vendor's package for a move. For identification that package waits
+    /// 300 to 500 s: for such registers use a client with a corresponding [`Config::latency`](crate::Config::latency),
+    /// which extends the timeout of all its calls.
     Raw(Raw<'a>),
 }
 
@@ -75,7 +75,7 @@ impl Request<'_> {
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Response<'a> {
-    /// A sign of life. Answers nothing.
+    /// A sign of life. It answers no request.
     Heartbeat,
     /// Answers every other [`Request`].
     Reply {
@@ -84,7 +84,7 @@ pub enum Response<'a> {
         /// The answer.
         reply: Reply<'a>,
     },
-    /// Answers a request in standard Modbus, which is none of [`Request`]: exception 01, no such function.
+    /// Answers a request in standard Modbus, which is not part of [`Request`]: exception 01, illegal function.
     ModbusRefused {
         /// The Modbus unit of the request.
         unit: u8,
@@ -94,18 +94,17 @@ pub enum Response<'a> {
 }
 
 impl Response<'_> {
-    /// The response of an arm to a frame that is no request: to one of its own that its state is invalid, to Modbus that it does
-    /// not have the function. `None` if the frame names nothing.
+    /// The response of an arm to a frame that is no request: an invalid state in the private protocol, an illegal
+    /// function in Modbus. `None` if the frame has no register or function.
     ///
-    /// Neither is documented. The vendor's package takes the first for what it is, and would wait 2 s for an answer
-    /// that does not come.
+    /// Neither is documented. The vendor's package recognises the first, and would wait 2 s for a missing answer.
     ///
     /// ```
     /// use armwire::dialect::Dialect;
     /// use armwire::messages::Messages;
     /// use armwire::xarm::{MAX_FRAME, Response, XArm};
     ///
-    /// let (arm, frame) = (XArm::PRIVATE, [0, 7, 0, 3, 0, 2, 6, 8]); // there is no joint 8
+    /// let (arm, frame) = (XArm::PRIVATE, [0, 7, 0, 3, 0, 2, 6, 8]); // joint 8 does not exist
     /// let error = arm.parse_request(&frame).unwrap_err();
     /// assert_eq!(error.to_string(), "register 6: joint is 8, must be 1..=7 (data byte 0)");
     /// let key = arm.request(&frame).map(|info| info.key);
@@ -129,14 +128,14 @@ impl Response<'_> {
     }
 }
 
-/// What was asked for.
+/// The content of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Reply<'a> {
-    /// No parameters. Registers 4 and 10 have none; on the others the arm has nothing to say, and
-    /// [`State::INVALID`] says why.
+    /// No parameters. Registers 4 and 10 have none; on other registers the arm has no value, and [`State::INVALID`] has
+    /// the reason.
     Empty(Register),
     /// Answers [`Request::ReadVersion`].
     Version(VersionText<'a>),
@@ -146,8 +145,8 @@ pub enum Reply<'a> {
     TorqueSource(TorqueSource),
     /// Answers [`Request::ReadRotationRadius`].
     RotationRadius(RotationRadius),
-    /// Answers [`Request::Shutdown`] and [`Request::Reboot`] with a number whose meaning is not documented. An arm that does so
-    /// is understood; a virtual one should send [`Empty`](Self::Empty).
+    /// Answers [`Request::Shutdown`] and [`Request::Reboot`] with a number whose meaning is not documented. It is
+    /// accepted from an arm; a virtual arm should send [`Empty`](Self::Empty).
     SystemControl(u16),
     /// Answers [`Request::Raw`].
     Raw(Raw<'a>),
@@ -190,7 +189,7 @@ impl Reply<'_> {
 /// The start of a message in a frame.
 enum Start<'a> {
     Heartbeat,
-    /// Register, and the bytes behind it.
+    /// Register, and the bytes after it.
     Call(u8, &'a [u8]),
     Modbus {
         unit: u8,
@@ -211,7 +210,7 @@ impl<'a> Start<'a> {
     }
 }
 
-/// The error in a request or a response in standard Modbus.
+/// The error of a request or a response in standard Modbus.
 const fn modbus(unit: u8, function: u8) -> ParseError {
     let function = ModbusFunction::of_byte(function).number();
     ParseError {
@@ -228,7 +227,7 @@ impl Messages for XArm {
         let Some(register) = request.register() else {
             return write(out, HEARTBEAT.into_iter());
         };
-        // The number is stamped by the sender.
+        // The sender stamps the number.
         let mut encode = |params: &[u8]| put(out, 0, self.protocol as u16, [&[register], params]);
         match request {
             Request::ReadRotationRadius(joint) => encode(&[joint.number()]),
@@ -327,7 +326,7 @@ fn parse_request(register: u8, params: &[u8]) -> Result<Request<'_>, Cause> {
     }
 }
 
-/// The state, and the parameters behind it.
+/// The state, and the parameters after it.
 fn parse_response(register: u8, rest: &[u8]) -> Result<Response<'_>, Cause> {
     let [state, params @ ..] = rest else {
         return Err(Cause::Length { expected: &[1], got: 0 });

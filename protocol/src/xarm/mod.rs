@@ -31,7 +31,7 @@ pub use value::{
     TorqueSource, Version, VersionError, VersionText,
 };
 
-/// The xArm protocol, with the protocol id of its requests. Responses are read in any.
+/// The xArm protocol, with the protocol id of its requests. Responses are accepted with any id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct XArm {
@@ -40,7 +40,7 @@ pub struct XArm {
 }
 
 impl XArm {
-    /// In protocol id 2, the document's.
+    /// Protocol id 2, that of the document.
     pub const PRIVATE: Self = Self {
         protocol: ProtocolId::Private,
     };

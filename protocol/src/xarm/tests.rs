@@ -1,4 +1,4 @@
-//! Every example frame of the page, and the frames it should have printed.
+//! Every example frame of the page, and the corrected frames.
 
 extern crate std;
 
@@ -19,7 +19,7 @@ fn hex(text: &str) -> Vec<u8> {
         .collect()
 }
 
-/// The key of a request of register 0 in this frame: its numbers.
+/// The key of a request to register 0 in this frame: its numbers.
 fn numbers(bytes: &[u8]) -> Option<Key> {
     let frame = Frame::parse(bytes)?;
     Some(Key {
@@ -62,7 +62,7 @@ fn requests() -> Vec<(&'static str, Vec<u8>, Request<'static>)> {
     ])
 }
 
-/// The same; register 10 stands as the vendor's published page has it, its printed form is a test of its own.
+/// The same for responses. Register 10 is as on the vendor's published page; its printed form has a test of its own.
 fn responses() -> Vec<(&'static str, Vec<u8>, Response<'static>)> {
     let version = "36 2C 36 2C 58 49 31 32 30 32 2C 41 43 31 33 30 32 2C 76 31 2E 31 32 2E 31 30 \
                    00 00 00 00 00 00 00 00 00 00 00 00 00 00";
@@ -172,7 +172,7 @@ fn told(event: Event<'_, Response<'_>>) -> String {
     }
 }
 
-/// All that a client has to say of these bytes, in chunks of `chunk` bytes, with this request sent before.
+/// All events of a client for these bytes, in chunks of `chunk` bytes, after this request.
 fn client_hears(request: Option<Request<'_>>, bytes: &[u8], chunk: usize) -> Vec<String> {
     let mut client = Client::<XArm, MAX_FRAME>::new(XArm::PRIVATE, Config::TCP);
     let now = Instant::ZERO;
@@ -261,7 +261,7 @@ fn every_reply_of_the_page_answers_its_request_and_no_other() {
     for (_, request_bytes, request) in requests() {
         for (_, bytes, response) in responses() {
             let answers = match response {
-                // The client speaks protocol id 2.
+                // The client uses protocol id 2.
                 Response::Reply { reply, .. } => {
                     bytes[..4] == [0, 1, 0, 2] && request.register() == Some(reply.register())
                 }
@@ -302,12 +302,12 @@ fn the_state_of_register_6_is_that_of_the_frame_not_of_the_table() {
     assert_eq!((bytes[7], state), (0x10, State::NOT_READY));
 }
 
-/// Register 10 as it is printed: length 2, yet four bytes follow. Corrected, it is among the [`responses`].
+/// Register 10 as printed: length 2, but four bytes follow. The corrected frame is among the [`responses`].
 const PRINTED: &str = "00 01 00 02 00 02 0A 00 00 01";
 
 #[test]
 fn the_printed_reply_of_register_10_breaks_the_connection() {
-    // The two bytes too many pass for a transaction id, and the id of the next reply for a protocol id.
+    // The two surplus bytes look like a transaction id, and the id of the next reply like a protocol id.
     let line = [hex(PRINTED), hex("00 05 00 02 00 02 04 10")].concat();
     let first = told(Event::Answer(reply(State::OK, Reply::Empty(Register::SystemControl))));
     for chunk in 1..=line.len() {
@@ -442,7 +442,7 @@ fn a_reply_with_bad_parameters_names_what_they_may_be() {
         let frame = frame_of(&bytes, Direction::Responses);
         let error = XArm::PRIVATE.parse_response(frame, Direction::Responses).unwrap_err();
         assert_eq!(std::format!("{error}"), text);
-        // Nor is it taken for a request that came back.
+        // It is not taken for an echoed request either.
         assert_eq!(
             client_hears(None, &bytes, bytes.len()),
             [told(Event::Unknown { frame, error })]

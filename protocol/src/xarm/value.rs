@@ -1,4 +1,4 @@
-//! The values in xArm messages: what they are on the wire, and what they mean.
+//! The values in xArm messages: raw on the wire, and their meaning.
 
 use core::fmt;
 use core::ops::BitOr;
@@ -10,17 +10,17 @@ use super::MAX_PARAMS;
 use crate::OutOfRange;
 use crate::error::{at_most, within};
 
-/// How many axes an arm has at most.
+/// Maximum number of axes of an arm.
 pub const MAX_JOINTS: u8 = 7;
 
-/// Bytes of a text parameter (registers 1 and 2) as the arms send it, filled up with NUL. The document says "n Byte".
+/// Length of a text parameter (registers 1 and 2) as sent by the arms, padded with NUL. The document says "n Byte".
 pub const TEXT: usize = 40;
 
-/// Which of the arm's two dialects a message is in. A response is in that of its request.
+/// The protocol id of a message. A response has that of its request.
 ///
-/// The document knows only the first. The vendor's package changes to the second when it reads reports and the arm's
-/// firmware is 1.8.6 or later. It then watches the connection for silence: it reads the state after 30 s, and gives up
-/// after 90 s. Whether the arm watches it too is not known.
+/// The document knows only the first. The vendor's package changes to the second if it reads reports and the arm's
+/// firmware is 1.8.6 or later. It then supervises the connection: it reads the state after 30 s of silence, and
+/// disconnects after 90 s. It is unknown if the arm supervises it too.
 ///
 /// ```
 /// assert_eq!(armwire::xarm::ProtocolId::Supervised as u16, 3);
@@ -30,12 +30,12 @@ pub const TEXT: usize = 40;
 pub enum ProtocolId {
     /// 2: the private protocol.
     Private = 2,
-    /// 3: the same, on a connection that the host watches for silence.
+    /// 3: the same, on a connection that the host supervises.
     Supervised = 3,
 }
 
-/// The number of a function in standard Modbus, `0..=127`: bit 7 of its byte marks a refusal (Modbus application protocol
-/// V1.1b3, section 7).
+/// The number of a function in standard Modbus, `0..=127`: bit 7 of its byte marks an exception (Modbus application
+/// protocol V1.1b3, section 7).
 ///
 /// ```
 /// use armwire::xarm::ModbusFunction;
@@ -52,7 +52,7 @@ pub struct ModbusFunction(
 );
 
 impl ModbusFunction {
-    /// The bit that marks a refusal.
+    /// The bit that marks an exception.
     pub(super) const REFUSED: u8 = 0x80;
 
     /// The function with this number.
@@ -73,12 +73,12 @@ impl ModbusFunction {
         }
     }
 
-    /// That of a request or of a refusal, by the byte in it.
+    /// The function of a request or of an exception, from its byte.
     pub(super) const fn of_byte(byte: u8) -> Self {
         Self(byte & !Self::REFUSED)
     }
 
-    /// The byte in a refusal.
+    /// The byte in an exception.
     pub(super) const fn refused(self) -> u8 {
         self.0 | Self::REFUSED
     }
@@ -114,7 +114,7 @@ pub enum Register {
     Serials = 2,
     /// 4: reloads the friction parameters.
     ReloadDynamics = 4,
-    /// 5: what is reported as torque.
+    /// 5: the quantity that is reported as torque.
     TorqueSource = 5,
     /// 6: the radius of rotation of a joint.
     RotationRadius = 6,
@@ -137,10 +137,10 @@ impl Register {
     }
 }
 
-/// How the arm is, and what it made of the request: the second byte of every response's body.
+/// The state of the arm, and the result of the request: the second byte of every response's body.
 ///
-/// The document gives the byte but not its bits: three are the vendor's later page's, `INVALID` is the vendor
-/// package's. The others are kept.
+/// The document has the byte but not its bits: three are from the vendor's later page, `INVALID` is from the vendor's
+/// package. The other bits are kept.
 ///
 /// ```
 /// use armwire::xarm::State;
@@ -167,7 +167,7 @@ impl State {
     /// Bit 6: the arm has an error.
     pub const ERROR: Self = Self(0x40);
 
-    /// Whether all bits of `other` are set.
+    /// Returns true if all bits of `other` are set.
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
@@ -241,7 +241,7 @@ impl Joint {
     }
 }
 
-/// What the arm reports as the torque of its joints (register 5).
+/// The quantity that the arm reports as the torque of its joints (register 5).
 ///
 /// ```
 /// assert_eq!(armwire::xarm::TorqueSource::Current as u8, 1);
@@ -266,9 +266,9 @@ impl TorqueSource {
     }
 }
 
-/// The radius of rotation of a joint relative to the tool (register 6), as the arm sends it.
+/// The radius of rotation of a joint relative to the tool (register 6), as sent by the arm.
 ///
-/// Two are equal when they are the same bytes on the wire, NaN included.
+/// Two values are equal if their bytes on the wire are the same, NaN included.
 ///
 /// ```
 /// use armwire::xarm::RotationRadius;
@@ -283,12 +283,12 @@ impl TorqueSource {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct RotationRadius {
-    /// Millimetres: any number at all, for this is what arrived.
+    /// Millimetres, as received: any number.
     pub millimetres: f32,
 }
 
 impl RotationRadius {
-    /// The longest, in metres. The document has no limit; this is far beyond any arm.
+    /// The maximum, in metres. The document has no limit; this is far beyond any arm.
     pub const MAX_METRES: f32 = 100.0;
 
     /// A radius in metres.
@@ -324,7 +324,7 @@ impl PartialEq for RotationRadius {
 
 impl Eq for RotationRadius {}
 
-/// The kind of the arm and the software on it, as the arm sends it (register 1): text, filled up with NUL.
+/// The kind of the arm and the versions of its software, as sent by the arm (register 1): text, padded with NUL.
 ///
 /// ```
 /// use armwire::xarm::VersionText;
@@ -349,8 +349,8 @@ impl<'a> VersionText<'a> {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when it has more than 39 characters, for the vendor's package needs a NUL after it, or when one
-    /// of them is not printable ASCII.
+    /// [`OutOfRange`] for more than 39 characters, because the vendor's package needs a NUL after them, or if one of
+    /// them is not printable ASCII.
     pub fn encode(text: &str) -> Result<[u8; TEXT], OutOfRange> {
         at_most("version text", "characters", text.len(), TEXT as u16 - 1)?;
         check_characters("character of a version", text, b' ')?;
@@ -366,12 +366,12 @@ impl<'a> VersionText<'a> {
 
     /// The parts of the text: axes, type, arm, control box and firmware, separated by commas.
     ///
-    /// The document's words have the type before the axes; its example cannot tell, for both are 6. Axes first is how
-    /// the vendor's package reads it.
+    /// The document's wording has the type before the axes; its example does not decide it, because both are 6. The
+    /// vendor's package reads the axes first.
     ///
     /// # Errors
     ///
-    /// [`VersionError`] when the text is another. Old firmware sends its own version and nothing else.
+    /// [`VersionError`] for any other text. Old firmware sends only its own version.
     pub fn version(self) -> Result<Version<'a>, VersionError> {
         let text = self.as_str().ok_or(VersionError::NotText)?;
         // Not `str::split`: in `core` it has a path to a panic.
@@ -399,7 +399,7 @@ impl<'a> VersionText<'a> {
     }
 }
 
-/// What is not printable is escaped: it came from outside.
+/// Non-printable bytes are escaped: they come from outside.
 impl fmt::Display for VersionText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.text().escape_ascii())
@@ -410,20 +410,20 @@ impl fmt::Display for VersionText<'_> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Version<'a> {
-    /// How many axes the arm has, 5 to 7.
+    /// Number of axes, 5 to 7.
     pub axes: u8,
-    /// The type of the arm, a number of the vendor's.
+    /// The type of the arm, a number assigned by the vendor.
     pub kind: u8,
-    /// The arm's hardware, such as XI1202.
+    /// The arm's hardware, for example XI1202.
     pub arm: &'a str,
-    /// The control box's hardware, such as AC1302.
+    /// The control box's hardware, for example AC1302.
     pub control_box: &'a str,
-    /// The firmware, such as v1.12.10.
+    /// The firmware, for example v1.12.10.
     pub firmware: &'a str,
 }
 
 impl Version<'_> {
-    /// The firmware as three numbers, which compare as versions do; `None` if it is not `v` and three numbers.
+    /// The firmware version as three numbers, which can be compared; `None` if it is not `v` and three numbers.
     pub fn firmware_numbers(&self) -> Option<[u16; 3]> {
         let [b'v' | b'V', numbers @ ..] = self.firmware.as_bytes() else {
             return None;
@@ -437,14 +437,14 @@ impl Version<'_> {
     }
 }
 
-/// The number that these digits are, if they are digits and it fits.
+/// The number with these digits, if it fits.
 fn number<T: str::FromStr>(digits: &[u8]) -> Option<T> {
     let only_digits = digits.iter().all(u8::is_ascii_digit);
     let digits = str::from_utf8(digits).ok().filter(|_| only_digits)?;
     digits.parse().ok()
 }
 
-/// Why a text is no version.
+/// The reason for a text that is no version.
 ///
 /// ```
 /// use armwire::xarm::VersionText;
@@ -459,10 +459,10 @@ pub enum VersionError {
     /// A byte is not printable ASCII.
     #[error("the version is not printable ASCII")]
     NotText,
-    /// There are not five fields.
+    /// The number of fields is not five.
     #[error("the version has {got} fields, expected axes,type,arm,control box,firmware")]
     Fields {
-        /// How many there are.
+        /// The number of fields.
         got: usize,
     },
     /// This field is not a number up to 255.
@@ -470,8 +470,8 @@ pub enum VersionError {
     Number(&'static str),
 }
 
-/// The serial numbers of the arm and of its control box, as the arm sends them (register 2): the first, NUL, the
-/// second, a line feed, filled up with NUL.
+/// The serial numbers of the arm and of its control box, as sent by the arm (register 2): the first, NUL, the second, a
+/// line feed, padded with NUL.
 ///
 /// ```
 /// use armwire::xarm::SerialsText;
@@ -494,7 +494,7 @@ impl<'a> SerialsText<'a> {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] when the two have more than 37 characters together, or when one of them is not visible ASCII.
+    /// [`OutOfRange`] if the two have more than 37 characters together, or if one of them is not visible ASCII.
     pub fn encode(arm: &str, control_box: &str) -> Result<[u8; TEXT], OutOfRange> {
         let len = arm.len().saturating_add(control_box.len());
         at_most("serial numbers", "characters", len, TEXT as u16 - 3)?;
@@ -516,14 +516,14 @@ impl<'a> SerialsText<'a> {
         printable(self.part(1))
     }
 
-    /// What stands between two NULs, without the line feed at its end.
+    /// The text between two NULs, without the line feed at its end.
     fn part(self, n: usize) -> &'a [u8] {
         let part = self.0.split(|&byte| byte == 0).nth(n).unwrap_or_default();
         part.strip_suffix(b"\n").unwrap_or(part)
     }
 }
 
-/// What is not printable is escaped: it came from outside.
+/// Non-printable bytes are escaped: they come from outside.
 impl fmt::Display for SerialsText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (arm, control_box) = (self.part(0).escape_ascii(), self.part(1).escape_ascii());
@@ -531,7 +531,7 @@ impl fmt::Display for SerialsText<'_> {
     }
 }
 
-/// The text if all of it is printable ASCII.
+/// The text, if all of it is printable ASCII.
 fn printable(text: &[u8]) -> Option<&str> {
     let printable = text.iter().all(|byte| (b' '..=b'~').contains(byte));
     str::from_utf8(text).ok().filter(|_| printable)
@@ -550,7 +550,7 @@ fn put(bytes: &mut [u8], text: impl Iterator<Item = u8>) {
     }
 }
 
-/// A register that the document does not have, and its parameters as they are on the wire.
+/// A register that the document does not have, and its raw parameters.
 ///
 /// In parameters, 16-bit numbers are big-endian; 32-bit integers and floating-point numbers are little-endian.
 ///
@@ -581,7 +581,7 @@ impl<'a> Raw<'a> {
     ///
     /// # Errors
     ///
-    /// [`RawError`] when the register has types of its own, or there are more than [`MAX_PARAMS`] bytes of parameters.
+    /// [`RawError`] if the register has a type of its own, or if the parameters are longer than [`MAX_PARAMS`] bytes.
     pub const fn new(register: u8, params: &'a [u8]) -> Result<Self, RawError> {
         if let Some(register) = Register::from_code(register) {
             return Err(RawError::Typed(register));
@@ -592,7 +592,7 @@ impl<'a> Raw<'a> {
         }
     }
 
-    /// A register that is none of [`Register`], and its parameters, as they came in a frame.
+    /// A register outside of [`Register`], and its parameters, as received in a frame.
     pub(super) const fn from_wire(register: u8, params: &'a [u8]) -> Self {
         Self { register, params }
     }
@@ -608,20 +608,20 @@ impl<'a> Raw<'a> {
     }
 }
 
-/// Why there is no such [`Raw`] message.
+/// The reason for a [`Raw`] message that is not possible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum RawError {
-    /// The register has types of its own.
+    /// The register has a type of its own.
     #[error("register {} has types of its own", *.0 as u8)]
     Typed(Register),
-    /// There are too many parameters.
+    /// The parameters are too long.
     #[error("a message has at most {max} bytes of parameters, not {got}")]
     TooLong {
-        /// The most bytes of parameters a message may have.
+        /// The maximum length of the parameters, in bytes.
         max: usize,
-        /// How many there are.
+        /// Their length, in bytes.
         got: usize,
     },
 }
@@ -737,7 +737,7 @@ mod tests {
         assert_eq!(SerialsText(&text).arm(), None);
         assert_eq!(std::format!("{}", SerialsText(&text)), "AD\\x1b[31m, control box \\x07");
         assert_eq!(std::format!("{}", VersionText(&text)), "AD\\x1b[31m");
-        // UTF-8, and a terminal's control characters all the same: DEL and CSI.
+        // Valid UTF-8, but control characters of a terminal: DEL and CSI.
         for control in ["\u{7F}", "\u{9B}31m"] {
             let mut text = [0; TEXT];
             put(&mut text, control.bytes());

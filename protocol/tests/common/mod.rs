@@ -1,4 +1,4 @@
-//! What holds of every protocol: each of its test files says it of its own messages.
+//! Properties of every protocol, instantiated by each of its test files.
 
 use core::ops::Range;
 
@@ -13,22 +13,22 @@ use proptest::test_runner::TestCaseResult;
 
 /// A protocol under test.
 pub(crate) trait Subject: Messages<Expect: 'static, Request<'static>: 'static> + Default + 'static {
-    /// The byte that fills the room between frames.
+    /// The padding byte between frames.
     const PADDING: Option<u8>;
 
     /// Any request.
     fn any_request() -> BoxedStrategy<Self::Request<'static>>;
 
-    /// The bytes of any response, and what it must be expected as.
+    /// The bytes of any response, and its expectation.
     fn any_response() -> BoxedStrategy<(Vec<u8>, Self::Expect)>;
 
-    /// Anything that a reader may know about a line.
+    /// Any expectation of a decoder.
     fn any_expect() -> BoxedStrategy<Self::Expect>;
 
-    /// Any frame on a line of which this is known.
+    /// Any frame with this expectation.
     fn any_frame(expect: Self::Expect) -> BoxedStrategy<Vec<u8>>;
 
-    /// A byte that looks like part of a frame more often than chance would have it.
+    /// A byte that often looks like part of a frame.
     fn any_noise() -> BoxedStrategy<u8>;
 }
 
@@ -49,7 +49,7 @@ pub(crate) fn response_bytes<M: Messages + Default>(response: &M::Response<'_>) 
     out[..n].to_vec()
 }
 
-/// What is known of a line, and what comes on it: noise and a frame in turn.
+/// An expectation, and alternating noise and frames.
 pub(crate) type Line<P> = (<P as Framing>::Expect, Vec<(Vec<u8>, Vec<u8>)>);
 
 /// Any line.
@@ -60,12 +60,12 @@ pub(crate) fn line<P: Subject>() -> impl Strategy<Value = Line<P>> {
     })
 }
 
-/// What happens to a client: bytes, time, and whether the line goes idle.
+/// Inputs of a client: bytes, time, and an idle line.
 pub(crate) fn steps<P: Subject>() -> impl Strategy<Value = Vec<(Vec<u8>, u64, bool)>> {
     vec((vec(P::any_noise(), 0..24), 0..50_000_u64, any::<bool>()), 0..40)
 }
 
-/// All that comes out of a line that goes idle: where, and whether it is a frame or padding.
+/// All items of a line that goes idle, except noise: their place and kind.
 fn decode<P: Subject>(line: &[u8], expect: P::Expect) -> Vec<(Range<usize>, Kind)> {
     let (mut decoder, mut rest, mut out) = (Decoder::<ROOM>::new(), line, Vec::new());
     loop {
@@ -85,12 +85,12 @@ fn decode<P: Subject>(line: &[u8], expect: P::Expect) -> Vec<(Range<usize>, Kind
     }
 }
 
-/// In words, of which no two messages have the same.
+/// The text of a message, which is unique.
 fn told<T: std::fmt::Debug>(parsed: Result<T, ParseError>) -> Result<String, ParseError> {
     parsed.map(|message| format!("{message:?}"))
 }
 
-/// A request is the same after the way through bytes, and a buffer a byte too short for it is refused.
+/// A request survives encoding and decoding, and a buffer that is a byte too short is refused.
 pub(crate) fn a_request_survives_the_wire<P: Subject>(request: P::Request<'static>) -> TestCaseResult {
     let arm = P::default();
     let bytes = request_bytes::<P>(&request);
@@ -106,7 +106,7 @@ pub(crate) fn a_request_survives_the_wire<P: Subject>(request: P::Request<'stati
     Ok(())
 }
 
-/// The bytes of a response are the same after the way through what they mean, and a buffer a byte too short is refused.
+/// The bytes of a response survive decoding and encoding, and a buffer that is a byte too short is refused.
 pub(crate) fn a_response_survives_the_wire<P: Subject>((bytes, expect): (Vec<u8>, P::Expect)) -> TestCaseResult {
     let arm = P::default();
     prop_assert_eq!(arm.scan_idle(&bytes, expect), Scan::Frame(bytes.len()));
@@ -121,7 +121,7 @@ pub(crate) fn a_response_survives_the_wire<P: Subject>((bytes, expect): (Vec<u8>
     Ok(())
 }
 
-/// Until the last byte of a frame is there, nothing is said of it but how many are missing at least.
+/// A prefix of a frame gets no verdict except the minimum number of missing bytes.
 pub(crate) fn a_prefix_of_a_frame_is_given_no_verdict<P: Subject>(frame: &[u8], expect: P::Expect) -> TestCaseResult {
     for n in 1..frame.len() {
         let Scan::Need(more) = P::default().scan(&frame[..n], expect) else {
@@ -150,7 +150,7 @@ pub(crate) fn nothing_is_lost_to_noise<P: Subject>((expect, parts): Line<P>) -> 
     }
     prop_assert_eq!(at, line.len());
     for frame in intact {
-        // Noise that is a good frame by chance, of this protocol or another, may reach into it: that came first.
+        // Noise that is a valid frame by chance, of this protocol or another, may overlap the frame: it came first.
         let overlapped = out
             .iter()
             .any(|(range, kind)| *kind == Kind::Frame && range.start < frame.start && frame.start < range.end);
@@ -164,7 +164,7 @@ pub(crate) fn nothing_is_lost_to_noise<P: Subject>((expect, parts): Line<P>) -> 
     Ok(())
 }
 
-/// A client takes any bytes at any time, and ends every request in bounded time.
+/// A client accepts any bytes at any time, and ends every request in bounded time.
 pub(crate) fn a_client_takes_anything<P: Subject>(
     steps: Vec<(Vec<u8>, u64, bool)>,
     request: P::Request<'static>,
@@ -187,7 +187,7 @@ pub(crate) fn a_client_takes_anything<P: Subject>(
             settle(&mut client, now);
         }
     }
-    // What is in flight ends: with nothing more to come, each wait leads to the end or to another send.
+    // The request in flight ends: without more bytes, each timeout leads to its end or to a repeat.
     for _ in 0..20 {
         match settle(&mut client, now) {
             None => break,
@@ -198,7 +198,7 @@ pub(crate) fn a_client_takes_anything<P: Subject>(
     Ok(())
 }
 
-/// Takes all events and transmits all there is. Returns what the client waits for.
+/// Takes all events and transmits all bytes. Returns the next timeout.
 fn settle<P: Subject>(client: &mut Client<P, ROOM>, now: Instant) -> Option<Instant> {
     loop {
         match client.poll(now) {

@@ -5,7 +5,7 @@ use armwire::exchange::{Exchange, FirstByte, Handover, Match};
 use armwire::framing::{Framing, Reason, Scan};
 use armwire::time::{Duration, Instant};
 
-/// A frame is two bytes: its key, and whatever. What must be expected is the key divided by ten.
+/// A frame is two bytes: its key, and any byte. Its expectation is the key divided by ten.
 #[derive(Clone, Copy, Debug)]
 pub struct Bytes<const NUMBERED: bool>;
 
@@ -99,7 +99,7 @@ impl<D: Dialect<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
         self.exchange.can_send(&info(key), who)
     }
 
-    /// Hands a request over at this time, and returns whether it is counted.
+    /// Hands over a request at this time. Returns true if it is tracked.
     pub fn send(&mut self, key: u8, who: I, at: u64) -> bool {
         self.exchange.begin(info(key), who, self.handover(at))
     }
@@ -128,7 +128,7 @@ impl<D: Dialect<Key = u8, Expect = u8>, I: Copy + Eq> Line<D, I> {
             .on_frame(&self.dialect, &[key, 0], first, Instant::from_micros(now))
     }
 
-    /// Whose answers are missing at this time.
+    /// The initiators whose answers are missing at this time.
     pub fn missing(&mut self, now: u64) -> Vec<I> {
         std::iter::from_fn(|| self.exchange.on_timeout(Instant::from_micros(now))).collect()
     }
@@ -149,23 +149,23 @@ pub fn answer(who: Who, sent: u64) -> Match<Who> {
     }
 }
 
-/// What happens on a line.
+/// A step on the line.
 #[derive(Clone, Debug)]
 pub enum Step {
-    /// An initiator wants to send, and does if it may. USB sends beyond the count, too, while it alone has sends.
+    /// An initiator sends a request, if it may. USB also exceeds the tracked number, while only USB has sends.
     Send(u8, Who),
-    /// An initiator sends its oldest unresolved request of this key again, if it has one.
+    /// An initiator repeats its oldest unresolved request of this key, if it has one.
     Repeat(u8, Who),
-    /// An initiator gives up the answers to what it sent.
+    /// An initiator gives up its pending answers.
     GiveUp(Who),
-    /// The arm answers the nth request that it has.
+    /// The arm answers its nth pending request.
     Answer(usize),
-    /// A frame of this key ends, whose first byte arrived so many bytes and microseconds ago.
+    /// A frame of this key ends. Its first byte arrived this many bytes and microseconds ago.
     Say(u8, u64, u64),
     Wait(u64),
 }
 
-/// A send as the oracle keeps it: all of them, for ever.
+/// A send in the oracle, which keeps all of them.
 #[derive(Clone, Debug)]
 struct Fact {
     key: u8,
@@ -179,7 +179,7 @@ struct Fact {
     counted: bool,
 }
 
-/// Holds the exchange against an oracle that keeps every send for ever and looks each rule up.
+/// Compares the exchange with an oracle that keeps every send and evaluates each rule.
 pub fn check(steps: impl IntoIterator<Item = Step>) {
     let mut line = plain();
     let mut facts: Vec<Fact> = Vec::new();
@@ -271,7 +271,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
                 }
             }
         }
-        // Time passes for what is due.
+        // Time passes to the next timeouts.
         let mut missing = Vec::new();
         for fact in facts.iter_mut().filter(|fact| fact.counted && !fact.resolved) {
             if !fact.stale && fact.due <= now {
@@ -282,7 +282,7 @@ pub fn check(steps: impl IntoIterator<Item = Step>) {
         }
         saturated_until = saturated_until.filter(|until| now < *until);
         assert_eq!(line.missing(now), missing);
-        // Nothing that is due is left, and what is left is bounded.
+        // No overdue send is left, and the rest is bounded.
         let open: Vec<_> = facts.iter().filter(|fact| fact.counted && !fact.resolved).collect();
         assert!(open.len() <= 4);
         let next = open

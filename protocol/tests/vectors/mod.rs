@@ -1,11 +1,11 @@
 //! The frames of the documents, as bytes. Their meaning is in `protocol/src/*/tests.rs`.
 
-/// A frame, and what it answers.
+/// A frame and the request that it answers.
 #[derive(Clone, Debug)]
 pub struct Vector {
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
-    /// The request that it answers; none for a request, and for what is said unasked.
+    /// The request that it answers; none for a request, or for an unsolicited frame.
     pub request: Option<Vec<u8>>,
     /// The frame.
     pub bytes: Vec<u8>,
@@ -17,7 +17,7 @@ pub fn hex(text: &str) -> Vec<u8> {
     bytes.collect::<Result<_, _>>().expect("hex")
 }
 
-/// Frames that answer nothing.
+/// Frames without a request.
 fn alone(frames: &[(&'static str, &str)]) -> Vec<Vector> {
     frames
         .iter()
@@ -29,7 +29,7 @@ fn alone(frames: &[(&'static str, &str)]) -> Vec<Vector> {
         .collect()
 }
 
-/// Frames with the requests that they answer.
+/// Answers with their requests.
 fn answers(frames: &[(&'static str, &str, &str)]) -> Vec<Vector> {
     frames
         .iter()
@@ -41,7 +41,7 @@ fn answers(frames: &[(&'static str, &str, &str)]) -> Vec<Vector> {
         .collect()
 }
 
-/// What the host says to a Ling arm.
+/// Requests of a host to a Ling arm.
 pub fn ling_requests() -> Vec<Vector> {
     alone(&[
         ("read information", "AA 01 00 01 FE 23 FF"),
@@ -68,7 +68,7 @@ pub fn ling_requests() -> Vec<Vector> {
     ])
 }
 
-/// What a Ling arm answers.
+/// Answers of a Ling arm.
 pub fn ling_answers() -> Vec<Vector> {
     let (stroke, check) = ("AA 04 0E 01 FE 1B FF", "AA FE 00 00 FE 93 FF");
     answers(&[
@@ -100,7 +100,7 @@ pub fn ling_answers() -> Vec<Vector> {
     ])
 }
 
-/// What a Ling arm of the older generation says.
+/// Frames of a Ling arm of the older generation.
 pub fn legacy() -> Vec<Vector> {
     alone(&[
         (
@@ -120,7 +120,7 @@ pub fn legacy() -> Vec<Vector> {
     ])
 }
 
-/// What the host says to an xArm.
+/// Requests of a host to an xArm.
 pub fn xarm_requests() -> Vec<Vector> {
     alone(&[
         ("register 1", "00 01 00 02 00 01 01"),
@@ -136,7 +136,7 @@ pub fn xarm_requests() -> Vec<Vector> {
     ])
 }
 
-/// What an xArm answers, and its heartbeat.
+/// Answers of an xArm, and its heartbeat.
 pub fn xarm_answers() -> Vec<Vector> {
     let mut vectors = answers(&[
         (
@@ -188,7 +188,7 @@ pub fn xarm_answers() -> Vec<Vector> {
     vectors
 }
 
-/// What the PC says to an Alpha1 and its servos.
+/// Requests of the PC to an Alpha1 and its servos.
 pub fn alpha1_requests() -> Vec<Vector> {
     alone(&[
         ("F1 hardware version", "F1 1F 00 00 00 00 00 00 00 ED"),
@@ -219,7 +219,7 @@ pub fn alpha1_requests() -> Vec<Vector> {
     ])
 }
 
-/// What an Alpha1 answers.
+/// Answers of an Alpha1.
 pub fn alpha1_answers() -> Vec<Vector> {
     let (version, firmware) = ("F1 1F 00 00 00 00 00 00 00 ED", "F5 5F 01 00 00 00 00 00 01 ED");
     let (states, stop) = ("EF FE 00 00 00 00 00 00 00 ED", "F2 2F 00 00 00 00 00 00 00 ED");
@@ -256,7 +256,7 @@ pub fn alpha1_answers() -> Vec<Vector> {
     ])
 }
 
-/// What the servos of an Alpha1 answer.
+/// Answers of the servos of an Alpha1.
 pub fn alpha1_servo_answers() -> Vec<Vector> {
     let offset = "FA AF 01 D2 00 00 FF A6 78 ED";
     answers(&[

@@ -1,4 +1,4 @@
-//! Whether a line carries the older generation.
+//! Detection of arms of the older generation.
 
 use thiserror::Error;
 
@@ -6,12 +6,13 @@ use super::{BAUD_RATES, Legacy, MAX_FRAME};
 use crate::decoder::{Decoder, Kind};
 use crate::messages::Messages;
 
-/// So many frames in succession are no chance.
+/// Number of consecutive frames that make a detection.
 ///
-/// Random bytes are a joint or gripper frame, at a given place, once in 2³⁸; three in succession are not met.
+/// Random bytes form a joint or gripper frame at a given place with probability 2⁻³⁸; three consecutive ones do not
+/// occur.
 const ENOUGH: u8 = 3;
 
-/// There is an arm of the older generation on the line. As text it is for whoever uses the arm.
+/// An arm of the older generation was detected. Its text is written for the user of the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[error(
@@ -23,13 +24,13 @@ const ENOUGH: u8 = 3;
 )]
 pub struct OlderGeneration;
 
-/// Tells from what is heard on a line whether an arm of the older generation talks there.
+/// Detects an arm of the older generation from its bytes.
 ///
-/// It takes three joint or gripper frames with nothing between them that is no frame. It knows where they lie in the
-/// stream, not when: chunks make no difference. Good frames of other kinds neither count nor break the succession;
+/// A detection takes three joint or gripper frames without noise in between. It depends on their order in the stream,
+/// not on time: the size of chunks has no effect. Valid frames of other kinds neither count nor break the sequence;
 /// frames of the current generation break it.
 ///
-/// Once it has told, it tells so for good.
+/// A detection is permanent.
 ///
 /// ```
 /// use armwire::ling::legacy::{Detector, OlderGeneration};
@@ -46,12 +47,12 @@ pub struct OlderGeneration;
 #[derive(Debug, Default)]
 pub struct Detector {
     decoder: Decoder<MAX_FRAME>,
-    /// Frames in succession, up to [`ENOUGH`].
+    /// Number of consecutive frames, up to [`ENOUGH`].
     succession: u8,
 }
 
 impl Detector {
-    /// A detector that has heard nothing.
+    /// A detector without received bytes.
     pub const fn new() -> Self {
         Self {
             decoder: Decoder::new(),
@@ -59,7 +60,7 @@ impl Detector {
         }
     }
 
-    /// Hears what came from the arm next, and says what was found, now or before.
+    /// Processes the next bytes from the arm, and returns the detection, new or earlier.
     pub fn hear(&mut self, mut bytes: &[u8]) -> Option<OlderGeneration> {
         while self.succession < ENOUGH {
             let Some(item) = self.decoder.next(&Legacy, ()) else {

@@ -7,9 +7,9 @@
 //! +----+---------+------+-----------+--------+------+
 //! ```
 //!
-//! The parity is the sum of the data bytes modulo 2: 00 or 01. It is no checksum to trust. It depends on the lowest bit
-//! of each data byte alone, so of the single-bit errors in the data it misses seven in eight, and command and length
-//! are not covered. What arrives is good for a look, not for a control loop.
+//! The parity is the sum of the data bytes modulo 2: 00 or 01. It is a weak check: it depends only on the lowest bit of
+//! each data byte, misses seven in eight single-bit errors in the data, and does not cover command and length. The
+//! values are good enough for display, not for a control loop.
 
 use super::Legacy;
 use crate::BufferTooShort;
@@ -17,9 +17,9 @@ use crate::dialect::{Dialect, InfoOf};
 use crate::framing::{Framing, Scan, verify, write};
 use crate::ling::frame::{HEADER, TAIL, data_len};
 
-/// The most data bytes a frame may have.
+/// Maximum number of data bytes in a frame.
 ///
-/// The longest frame known has 21. The vendor's ROS drivers take frames of up to 64 bytes, and so do we.
+/// The longest known frame has 21. The vendor's ROS drivers accept frames of up to 64 bytes, and so does this crate.
 pub const MAX_DATA: usize = 59;
 
 /// Bytes of a frame that are not data.
@@ -38,10 +38,9 @@ pub fn parity(data: &[u8]) -> u8 {
     data.iter().fold(0, |sum, byte| sum ^ byte) & 1
 }
 
-/// A frame whose header, length, parity and end mark are good.
+/// A frame with valid header, length, parity and end mark.
 ///
-/// It cannot be written by itself: there is nothing to say to such an arm. What a virtual one says goes by
-/// a device.
+/// It has no public encoder, because such an arm has no known requests. A virtual arm encodes its messages by a device.
 ///
 /// ```
 /// use armwire::decoder::Decoder;
@@ -62,7 +61,7 @@ pub struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// Writes a frame whose data is known not to be too long.
+    /// Writes a frame whose data is within the maximum.
     pub(super) fn put(&self, out: &mut [u8]) -> Result<usize, BufferTooShort> {
         let bytes = [HEADER, self.command, self.data.len() as u8].into_iter();
         write(
@@ -73,7 +72,7 @@ impl Frame<'_> {
 }
 
 impl<'a> Frame<'a> {
-    /// The frame that these bytes are, which [`scan`](Framing::scan) has found to be one.
+    /// Decodes a frame. `bytes` must be a frame according to [`scan`](Framing::scan).
     pub fn parse(bytes: &'a [u8]) -> Option<Self> {
         match bytes {
             [HEADER, command, _, data @ .., _, TAIL] => Some(Self {
@@ -108,7 +107,7 @@ impl Framing for Legacy {
     fn unsolicited(&self) {}
 }
 
-/// Nothing is sent to such an arm, so nothing is an answer.
+/// Nothing is sent to such an arm: no frame is an answer.
 impl Dialect for Legacy {
     type Key = ();
 

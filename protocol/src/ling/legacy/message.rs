@@ -1,4 +1,4 @@
-//! What an arm of the older generation says, and the bytes it travels as.
+//! The messages of an arm of the older generation, and their encoding.
 
 use super::{Frame, Legacy};
 use crate::error::{Cause, MessageId, ParseError, sized};
@@ -18,26 +18,26 @@ mod command {
 /// Servos in a joint frame: two on each of joints 1 to 3, one on each of joints 4 to 6.
 pub const SERVOS: usize = 9;
 
-/// What the host says: nothing. No value of this type can be made.
+/// A message of the host: there is none. No value of this type exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Request {}
 
-/// What the arm says, unasked.
+/// A message of the arm, always unsolicited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 #[non_exhaustive]
 pub enum Response {
-    /// Where the joints are.
+    /// The positions of the joints.
     Joints(JointState),
-    /// Where the gripper is, and the buttons.
+    /// The position of the gripper, and the buttons.
     Gripper(GripperState),
 }
 
-/// Which firmware a frame is from, as its command tells. The data is the same.
+/// The firmware generation of a frame, from its command. The data is the same.
 ///
-/// The vendor's package 5.6 goes by the version that the arm reports. Others call the arms that send 14 and 12 "v5"
+/// The vendor's package 5.6 uses the version that the arm reports. Other sources call arms with commands 14 and 12 "v5"
 /// too.
 ///
 /// ```
@@ -74,9 +74,9 @@ impl Firmware {
     }
 }
 
-/// Where the joints are: nine servo positions in raw counts as the arm sent them.
+/// The positions of the joints: nine servo positions in raw counts as sent by the arm.
 ///
-/// A servo has 4096 ticks a turn, 2048 at 0 rad: the scale of the current generation. The vendor's ROS 2 driver alone
+/// A servo has 4096 ticks per turn, 2048 at 0 rad: the scale of the current generation. Only the vendor's ROS 2 driver
 /// divides by 4095.
 ///
 /// ```
@@ -94,7 +94,7 @@ impl Firmware {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct JointState {
-    /// Which firmware sent it.
+    /// The firmware generation of the arm.
     pub firmware: Firmware,
     /// Positions of servos 1 to 9, in ticks. Servo 2 moves with servo 1, servos 4 and 6 against servos 3 and 5.
     pub servos: [u16; SERVOS],
@@ -113,7 +113,7 @@ impl JointState {
     ///
     /// # Errors
     ///
-    /// [`OutOfRange`] for the first joint that is over 4095 ticks.
+    /// [`OutOfRange`] for the first joint over 4095 ticks.
     pub fn positions(&self) -> Result<[Position; JOINTS], OutOfRange> {
         let mut positions = [Position::CENTRE; JOINTS];
         for (position, ticks) in positions.iter_mut().zip(self.joints()) {
@@ -123,10 +123,10 @@ impl JointState {
     }
 }
 
-/// Where the gripper is, and the buttons, in raw counts as the arm sent them.
+/// The position of the gripper, and the buttons, in raw counts as sent by the arm.
 ///
-/// There is no typed opening, for the frame does not say which gripper it is. 2048 is open; where it is closed the
-/// vendor's software puts at 2900, 3290, 3600 or 3930.
+/// There is no typed opening, because the frame does not contain the gripper type. 2048 is open; the vendor's software
+/// has 2900, 3290, 3600 or 3930 for closed.
 ///
 /// ```
 /// use armwire::ling::legacy::{Firmware, GripperState};
@@ -145,17 +145,17 @@ impl JointState {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(fuzzing, derive(arbitrary::Arbitrary))]
 pub struct GripperState {
-    /// Which firmware sent it.
+    /// The firmware generation of the arm.
     pub firmware: Firmware,
-    /// Which gripper: 1 in all that was seen.
+    /// The gripper's id: 1 in all known frames.
     pub id: u8,
-    /// Where the gripper's servo is, or was told to be.
+    /// The actual or commanded position of the gripper's servo.
     pub servo: u16,
-    /// Where the handle is that a leader arm has in a gripper's place.
+    /// The position of a leader arm's handle, which takes the place of a gripper.
     pub potentiometer: u16,
-    /// The button that makes the follower follow: 0 released, 1 pressed.
+    /// The button that switches synchronisation of the follower: 0 released, 1 pressed.
     pub sync_button: u8,
-    /// The other button, named after the arm's attitude: 0 released, 1 pressed.
+    /// The second button, named after the arm's attitude: 0 released, 1 pressed.
     pub attitude_button: u8,
 }
 
@@ -210,7 +210,7 @@ impl Messages for Legacy {
         }
     }
 
-    /// No frame is a request: to such an arm, every one is unknown.
+    /// No frame is a request: all are unknown.
     fn parse_request(&self, frame: &[u8]) -> Result<Request, ParseError> {
         parse(frame, |_, _| Err(Cause::Unknown))
     }
@@ -226,7 +226,7 @@ impl Messages for Legacy {
     }
 }
 
-/// Reads a frame, and names it in the error.
+/// Decodes a frame. Errors contain its command.
 fn parse<T>(frame: &[u8], message: impl Fn(u8, &[u8]) -> Result<T, Cause>) -> Result<T, ParseError> {
     let Some(Frame { command, data }) = Frame::parse(frame) else {
         return Err(ParseError::NO_FRAME);

@@ -1,12 +1,12 @@
-//! The older generation of Ling arms, with firmware from before the function byte (late 2025): read, never written.
+//! The older generation of Ling arms, with firmware from before the function byte (late 2025): receive only.
 //!
-//! Such an arm talks unasked: where its joints are, where its gripper is, again and again, at 1 000 000 or 921 600
-//! baud. There is no vendor document of it. What is here was learnt from the vendor's older Python packages (5.4 to
-//! 6.0), its ROS drivers, and frames that users of such arms have published; `docs/protocols/ling.md`, section "Older
-//! generation", says where they contradict each other and what was chosen.
+//! Such an arm continuously sends the positions of its joints and its gripper, at 1 000 000 or 921 600 baud. There is
+//! no vendor document. The sources are the vendor's older Python packages (5.4 to 6.0), its ROS drivers, and frames
+//! published by users of such arms; `docs/protocols/ling.md`, section "Older generation", lists the contradictions
+//! between them and the choices made.
 //!
-//! [`Legacy`] has no requests: [`Request`] is an empty enum, so nothing can be sent with it. A [`Detector`] hears the
-//! same bytes as the decoder of current frames and tells when they are of this kind.
+//! [`Legacy`] has no requests: [`Request`] is an empty enum, and nothing can be sent. A [`Detector`] reads the same
+//! bytes as the decoder of current frames and detects this generation.
 //!
 //! ```
 //! use core::num::NonZeroU32;
@@ -41,10 +41,10 @@ pub use detector::{Detector, OlderGeneration};
 pub use frame::{Frame, MAX_DATA, MAX_FRAME, OVERHEAD, parity};
 pub use message::{Firmware, GripperState, JointState, Request, Response, SERVOS};
 
-/// The baud rates of such arms, the commoner first.
+/// The baud rates of such arms, the more common first.
 ///
-/// The vendor's packages of 2025 say that firmware up to 5.4.18 talks at 921 600 baud, later firmware at 1 000 000. Its
-/// package 6.1 says 921 600 of all firmware before 6.
+/// The vendor's packages of 2025 state 921 600 baud for firmware up to 5.4.18, and 1 000 000 for later firmware. Its
+/// package 6.1 states 921 600 for all firmware before 6.
 pub const BAUD_RATES: [u32; 2] = [1_000_000, 921_600];
 
 /// The older generation's protocol.

@@ -1,4 +1,4 @@
-//! Frames that arms of the older generation have sent, and what must come of such an arm.
+//! Frames sent by arms of the older generation, and their decoding.
 
 extern crate std;
 
@@ -20,8 +20,8 @@ fn hex(text: &str) -> Vec<u8> {
         .collect()
 }
 
-/// Where it is from, frame, meaning. Two were published by users, in the issues of the vendor's package (numbers 12 and
-/// 11); the others are computed.
+/// Source, frame, meaning. Two were published by users, in the issues of the vendor's package (numbers 12 and 11); the
+/// others are computed.
 fn responses() -> Vec<(&'static str, Vec<u8>, Response)> {
     let gripper = GripperState {
         firmware: Firmware::V6_0,
