@@ -405,7 +405,7 @@ impl Bridge {
 
     // ---- Time, and actions of firmware ----
 
-    /// The work that is due at `now`, and the adapter's state.
+    /// Moves pending work to the output buffers and returns the work due at `now` and the adapter's state.
     pub fn update(&mut self, now: Instant) -> Status {
         self.hosts.update(&mut self.line, now);
         Status {
