@@ -281,11 +281,21 @@ pub(crate) fn either<T>(
     choices: &[T],
     write: impl Fn(&T, &mut fmt::Formatter<'_>) -> fmt::Result,
 ) -> impl fmt::Display {
-    fmt::from_fn(move |f| {
-        for (i, choice) in choices.iter().enumerate() {
+    Either { choices, write }
+}
+
+/// Choices, and how each is written. `fmt::from_fn` would need Rust 1.93.
+struct Either<'a, T, F> {
+    choices: &'a [T],
+    write: F,
+}
+
+impl<T, F: Fn(&T, &mut fmt::Formatter<'_>) -> fmt::Result> fmt::Display for Either<'_, T, F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, choice) in self.choices.iter().enumerate() {
             f.write_str(if i == 0 { "" } else { " or " })?;
-            write(choice, f)?;
+            (self.write)(choice, f)?;
         }
         Ok(())
-    })
+    }
 }

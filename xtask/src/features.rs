@@ -1,28 +1,22 @@
-//! `cargo xtask features`: the protocol and bridge crates with their features, and the crates to publish with the oldest
+//! `cargo xtask features`: the protocol and bridge crates with their features, and each crate to publish with its oldest
 //! compiler.
-
-use std::env;
-use std::process::Command;
 
 use anyhow::Result;
 
 use crate::cargo::tool;
 use crate::packages::PACKAGES;
-use crate::process::{output, run};
-
-/// The oldest compiler that is supported, as in `Cargo.toml`.
-const OLDEST: &str = env!("CARGO_PKG_RUST_VERSION");
+use crate::process::run;
 
 /// Clippy on the two crates with no feature, each alone, and all; the tests of `armwire` with no feature and each alone;
-/// and a build with the oldest compiler.
+/// and a build of each crate with its oldest compiler.
 ///
 /// # Errors
 ///
-/// The first set that fails, or what [`oldest_compiler`] has to say.
+/// The first set that fails, or what [`oldest_compilers`] has to say.
 pub(crate) fn each() -> Result<()> {
     clippy("--each-feature")?;
     test("--each-feature --exclude-all-features")?;
-    oldest_compiler()
+    oldest_compilers()
 }
 
 /// Clippy on the two crates with every set of features, and the tests of `armwire` with each set of up to two.
@@ -48,19 +42,13 @@ fn test(sets: &str) -> Result<()> {
     ))?)
 }
 
-/// The crates to publish and their tests compile with the oldest compiler that is supported.
+/// Each crate to publish and its tests compile with the oldest compiler that its `Cargo.toml` names.
 ///
 /// # Errors
 ///
-/// If it does not, or if there is no such compiler and rustup cannot install it.
-fn oldest_compiler() -> Result<()> {
-    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    let version = output(Command::new(rustc).arg("--version"))?;
-    if version.starts_with(&format!("rustc {OLDEST}.")) {
-        println!("all of this is done with the oldest compiler that is supported, {OLDEST}");
-        return Ok(());
-    }
-    // cargo-hack installs the compiler.
+/// If one does not, or if there is no such compiler and rustup cannot install it.
+fn oldest_compilers() -> Result<()> {
+    // cargo-hack installs the compilers.
     let mut check = tool("hack check --rust-version --all-targets --all-features")?;
     run(check.args(PACKAGES.map(|package| format!("--package={package}"))))
 }

@@ -64,7 +64,7 @@ enum Command {
     Integrity(integrity::Options),
     /// Check licences, versions, sources and advisories of dependencies
     Deny,
-    /// Check each feature alone, and the oldest compiler
+    /// Check each feature alone, and the oldest compilers
     Features,
     /// Build the examples, and run the RP2040's on an emulated chip
     Examples,
