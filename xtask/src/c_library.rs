@@ -1,11 +1,10 @@
 //! `cargo xtask c`: the C library, its header, tests, sizes and packages.
 
-use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use object::Endianness;
 use object::read::elf::ElfFile32;
@@ -13,12 +12,12 @@ use object::{Object, ObjectSection, ObjectSymbol};
 
 use crate::cargo::{cargo, target_dir, tool};
 use crate::process::{output, run, shown};
-use crate::toolchain::Toolchain;
+use crate::toolchain::{Toolchain, rustc_property};
 use crate::workspace::root;
 
 /// The version of cbindgen: another one may write another header.
 const CBINDGEN: &str = "0.29.4";
-const HEADER: &str = "c/include/armwire.h";
+pub(crate) const HEADER: &str = "c/include/armwire.h";
 /// What else is used, and Debian's packages of it.
 const TOOLS: [(&str, &str); 7] = [
     ("gcc", "gcc"),
@@ -40,7 +39,7 @@ const MISUSES: &str = "1000000";
 /// The target whose sizes are printed.
 const SMALLEST: &str = "thumbv6m-none-eabi";
 /// Each target, and the C compiler for it.
-const TARGETS: [(&str, &str); 3] = [
+pub(crate) const TARGETS: [(&str, &str); 3] = [
     (SMALLEST, "arm-none-eabi-gcc -mcpu=cortex-m0plus"),
     (
         "thumbv7em-none-eabihf",
@@ -221,13 +220,10 @@ fn compile(dir: &Path, test: &str, options: &str, library: Option<&Path>) -> Res
 
 /// The library for this machine, with the address sanitizer in it too. That is an unstable option of the compiler.
 fn sanitized() -> Result<PathBuf> {
-    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    let about = output(Command::new(rustc).arg("-vV"))?;
-    let host = about.lines().find_map(|line| line.strip_prefix("host: "));
-    let host = host.context("`rustc -vV` names no host")?;
+    let host = rustc_property("host")?;
     let dir = target_dir()?.join("c-sanitized");
     let mut build = cargo(&library_command(""));
-    build.args(["--target", host]).env("CARGO_TARGET_DIR", &dir);
+    build.args(["--target", &host]).env("CARGO_TARGET_DIR", &dir);
     build
         .env("RUSTC_BOOTSTRAP", "1")
         .env("RUSTFLAGS", "-Zsanitizer=address -Zexternal-clangrt");
@@ -236,7 +232,7 @@ fn sanitized() -> Result<PathBuf> {
 }
 
 /// The words that make cargo build the static library with these features besides all protocols.
-fn library_command(features: &str) -> String {
+pub(crate) fn library_command(features: &str) -> String {
     format!("rustc --quiet --package armwire-c --profile c --crate-type staticlib --features={features}")
 }
 

@@ -11,8 +11,10 @@ use serde_json::Value;
 use crate::process::{output, run, shown};
 use crate::workspace::root;
 
-/// The version of each subcommand that is installed where it is missing.
-const TOOLS: [(&str, &str); 6] = [
+/// The version of each subcommand that is installed where it is missing, and options for that.
+const TOOLS: [(&str, &str); 8] = [
+    ("about", "0.9.3 --features=cli"),
+    ("cyclonedx", "0.5.9"),
     ("deny", "0.20.2"),
     ("fuzz", "0.13.2"),
     ("hack", "0.6.46"),

@@ -10,6 +10,7 @@ mod coverage;
 mod demo;
 mod deny;
 mod dfu;
+mod dist;
 mod examples;
 mod features;
 mod flash;
@@ -72,6 +73,8 @@ enum Command {
     Packages,
     /// Build the README's example with its dependencies
     Readme,
+    /// Make a release: images, command, C library, licences
+    Dist(dist::Options),
     /// Compare the public API with the last release
     Semver,
     /// Run the checks that take hours
@@ -109,6 +112,7 @@ impl Command {
             Self::Examples => examples::check(),
             Self::Packages => packages::check(),
             Self::Readme => readme::check(),
+            Self::Dist(options) => dist::run_all(&options),
             Self::Semver => semver::run(),
             Self::Soak(options) => soak::run(&options),
             Self::Mutants(options) => mutants::run(&options),

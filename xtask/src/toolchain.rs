@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 
 use crate::apt;
 use crate::cargo::{cargo, cargo_at, target_dir};
@@ -83,9 +83,28 @@ impl Toolchain {
     }
 }
 
+/// The compiler in use.
+pub(crate) fn rustc() -> Command {
+    Command::new(env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()))
+}
+
+/// A line of `rustc -vV`, such as `host`.
+///
+/// # Errors
+///
+/// If there is no such line.
+pub(crate) fn rustc_property(name: &str) -> Result<String> {
+    let lines = output(rustc().arg("-vV"))?;
+    let value = lines
+        .lines()
+        .find_map(|line| line.strip_prefix(name)?.strip_prefix(": "));
+    value
+        .map(Into::into)
+        .with_context(|| format!("`rustc -vV` has no {name}"))
+}
+
 fn is_installed(target: &str) -> bool {
-    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    let libraries = output(Command::new(rustc).args(["--print", "target-libdir", "--target", target]));
+    let libraries = output(rustc().args(["--print", "target-libdir", "--target", target]));
     let files = libraries.map(|folder| fs::read_dir(folder.trim()));
     let mut files = files.into_iter().flatten().flatten();
     files.any(|file| file.is_ok_and(|file| file.file_name().to_string_lossy().starts_with("libcore-")))

@@ -1,0 +1,350 @@
+//! `cargo xtask dist`: a release of the current commit, the same bytes in whatever folder it is made.
+
+use std::env;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+
+use crate::board::Board;
+use crate::c_library::{HEADER, TARGETS, library_command};
+use crate::cargo::{cargo, target_dir, tool};
+use crate::image;
+use crate::process::{output, run, run_to};
+use crate::toolchain::{Toolchain, rustc, rustc_property};
+use crate::workspace::root;
+
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+/// What a release has of the repository as it is.
+const PAGES: &str = "README.md CHANGELOG.md SECURITY.md LICENSE-MIT LICENSE-APACHE docs";
+/// The shells, and where each looks for completions below `/usr/local` or `~/.local`.
+const COMPLETIONS: [(&str, &str); 3] = [
+    ("bash", "share/bash-completion/completions/armwire"),
+    ("fish", "share/fish/vendor_completions.d/armwire.fish"),
+    ("zsh", "share/zsh/site-functions/_armwire"),
+];
+/// Where programs believe that they were built, so that no folder of this machine is in them.
+const SOURCES: &str = "/armwire";
+
+#[derive(Args)]
+pub(crate) struct Options {
+    /// Make it once more in another folder, and compare every byte
+    #[arg(long)]
+    check: bool,
+}
+
+/// Makes the release as a folder and an archive of it.
+///
+/// # Errors
+///
+/// If there are changes that are in no commit, if something does not build or has a path of this machine in it, or if a
+/// second release is to be compared and differs.
+pub(crate) fn run_all(options: &Options) -> Result<()> {
+    let release = Release::new()?;
+    release.make()?;
+    if options.check {
+        release.compare_with_another()?;
+    }
+    Ok(())
+}
+
+/// A release of this machine's kind.
+struct Release {
+    /// The commit.
+    commit: String,
+    /// The time of the commit, in seconds since 1970.
+    time: String,
+    /// The target of this machine.
+    host: String,
+    /// `target/dist`.
+    dist: PathBuf,
+}
+
+impl Release {
+    fn new() -> Result<Self> {
+        let changes = git("status --porcelain")?;
+        ensure!(
+            changes.is_empty(),
+            "a release is made of a commit, and these are in none:\n{changes}"
+        );
+        Ok(Self {
+            commit: git("rev-parse HEAD")?,
+            time: git("log -1 --format=%ct")?,
+            host: rustc_property("host")?,
+            dist: target_dir()?.join("dist"),
+        })
+    }
+
+    /// `armwire-0.1.0`.
+    fn name() -> String {
+        format!("armwire-{VERSION}")
+    }
+
+    /// The folder of the release.
+    fn folder(&self) -> PathBuf {
+        self.dist.join(Self::name())
+    }
+
+    /// The archive of the folder, in `dist` of this or another checkout.
+    fn archive(&self, dist: &Path) -> PathBuf {
+        dist.join(format!("{}-{}.tar.gz", Self::name(), self.host))
+    }
+
+    fn make(&self) -> Result<()> {
+        run(&mut cargo("fetch --locked"))?;
+        let folder = self.folder();
+        if folder.exists() {
+            fs::remove_dir_all(&folder)?;
+        }
+        fs::create_dir_all(&folder)?;
+        self.add_pages()?;
+        self.add_images()?;
+        self.add_command()?;
+        self.add_c_library()?;
+        self.add_licences()?;
+        self.add_bills_of_materials()?;
+        check_paths(&folder)?;
+        add_checksums(&folder)?;
+        self.pack()
+    }
+
+    fn add_pages(&self) -> Result<()> {
+        let pages = self.dist.join("pages.tar");
+        run(git_command(&format!("archive {} {PAGES} -o", self.commit)).arg(&pages))?;
+        run(Command::new("tar").arg("-xf").arg(pages).arg("-C").arg(self.folder()))
+    }
+
+    /// The images, by `cargo fw`.
+    fn add_images(&self) -> Result<()> {
+        for board in Board::ALL {
+            let mut fw = Command::new(env::current_exe()?);
+            fw.args(["fw", "--board", board.name()]);
+            run(self.reproducible(&mut fw)?)?;
+            for extension in ["elf", "bin", "dfu"] {
+                let file = format!("armwire-{}.{extension}", board.name());
+                copy(
+                    &self.build_dir().join(&file),
+                    &self.folder().join("firmware").join(file),
+                )?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The command, with its completions and manual.
+    fn add_command(&self) -> Result<()> {
+        let folder = self.folder();
+        run(self.reproducible(&mut cargo("build --quiet --release --package armwire-cli"))?)?;
+        let program = folder.join("bin/armwire");
+        copy(&self.build_dir().join("release/armwire"), &program)?;
+        for (shell, path) in COMPLETIONS {
+            let completions = output(Command::new(&program).args(["completions", shell]))?;
+            write(&folder.join(path), &completions)?;
+        }
+        let manual = folder.join("share/man/man1");
+        fs::create_dir_all(&manual)?;
+        run(Command::new(&program).arg("man").arg(manual))
+    }
+
+    /// The header, and the library for this machine and each microcontroller.
+    fn add_c_library(&self) -> Result<()> {
+        let folder = self.folder().join("c");
+        copy(&root().join(HEADER), &folder.join("include/armwire.h"))?;
+        let targets = TARGETS.map(|(target, _)| target);
+        let toolchain = Toolchain::find(&targets)?;
+        let mut native = cargo(&library_command(""));
+        native.args(["--target", &self.host]);
+        run(self.reproducible(&mut native)?)?;
+        for target in targets {
+            run(self.reproducible(&mut toolchain.cargo(&library_command(""), target)?)?)?;
+        }
+        for target in targets.into_iter().chain([&*self.host]) {
+            let library = self.build_dir().join(target).join("c/libarmwire_c.a");
+            copy(&library, &folder.join("lib").join(target).join("libarmwire_c.a"))?;
+        }
+        Ok(())
+    }
+
+    /// The texts of the licences of what is compiled into the programs.
+    fn add_licences(&self) -> Result<()> {
+        let folder = self.folder().join("licences");
+        fs::create_dir_all(&folder)?;
+        for (program, manifest) in self.programs() {
+            let mut about = tool(&format!(
+                "about generate --offline --locked --fail {manifest} -c about.toml -o"
+            ))?;
+            run(about.arg(folder.join(format!("{program}.txt"))).arg("about.hbs"))?;
+        }
+        Ok(())
+    }
+
+    /// The crates that the programs are made of, as CycloneDX.
+    fn add_bills_of_materials(&self) -> Result<()> {
+        const FILE: &str = "sbom-of-a-release";
+        let folder = self.folder().join("sbom");
+        for (program, manifest) in self.programs() {
+            let options = "--quiet --format json --spec-version 1.5 --no-build-deps --override-filename";
+            let mut cyclonedx = tool(&format!("cyclonedx {manifest} {options} {FILE}"))?;
+            run(self.reproducible(&mut cyclonedx)?)?;
+            // cargo-cyclonedx writes one beside each Cargo.toml of the workspace.
+            for crate_folder in fs::read_dir(root())? {
+                let path = crate_folder?.path();
+                let file = path.join(FILE).with_extension("json");
+                if !file.exists() {
+                    continue;
+                }
+                let sbom = fs::read_to_string(&file)?;
+                fs::remove_file(&file)?;
+                if manifest.contains(&format!("={}/", path.file_name().unwrap_or_default().display())) {
+                    // A crate of this workspace is known by its folder.
+                    let sbom = sbom.replace(&root().display().to_string(), SOURCES);
+                    write(&folder.join(format!("{program}.cdx.json")), &sbom)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The programs of a release, and for each the arguments of cargo that select its dependencies.
+    fn programs(&self) -> [(&'static str, String); 3] {
+        let select = |package: &str, target: &str| format!("--manifest-path={package}/Cargo.toml --target {target}");
+        // One board is on by default.
+        let firmware = format!("{} --features board-stm32g431", select("firmware", image::TARGET));
+        [
+            ("armwire", select("cli", &self.host)),
+            ("firmware", firmware),
+            ("c", select("c", &self.host)),
+        ]
+    }
+
+    fn pack(&self) -> Result<()> {
+        let archive = self.archive(&self.dist);
+        let mut tar = Command::new("tar");
+        tar.args(
+            "--create --format=ustar --sort=name --owner=0 --group=0 --numeric-owner --mode=u=rwX,go=rX".split(' '),
+        );
+        tar.arg(format!("--mtime=@{}", self.time));
+        tar.args(["--use-compress-program=gzip --no-name --best", "--file"])
+            .arg(&archive);
+        run(tar.arg("-C").arg(&self.dist).arg(Self::name()).env("LC_ALL", "C"))?;
+        println!("{}\n{}", self.folder().display(), archive.display());
+        Ok(())
+    }
+
+    /// Where cargo builds: other flags than usual are not to undo what else is built.
+    fn build_dir(&self) -> PathBuf {
+        self.dist.join("build")
+    }
+
+    /// Has a command, or a cargo that it starts, build in [`Self::build_dir`] and write no path and no time of this machine.
+    fn reproducible<'a>(&self, command: &'a mut Command) -> Result<&'a mut Command> {
+        let sysroot = output(rustc().args(["--print", "sysroot"]))?;
+        let library = Path::new(sysroot.trim()).join("lib/rustlib/src/rust");
+        let build_dir = self.build_dir();
+        // The last that fits is taken.
+        let flags = [
+            (&*cargo_home()?, "/cargo"),
+            (&library, &format!("/rustc/{}", rustc_property("commit-hash")?)),
+            (root(), SOURCES),
+            (&build_dir, &format!("{SOURCES}/target")),
+        ]
+        .map(|(from, to)| format!("--remap-path-prefix={}={to}", from.display()));
+        Ok(command
+            .env("CARGO_TARGET_DIR", self.build_dir())
+            .env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1f"))
+            .env("SOURCE_DATE_EPOCH", &self.time))
+    }
+
+    /// Makes the release in a clone, by the clone's own commands, and compares the archives.
+    fn compare_with_another(&self) -> Result<()> {
+        let clone = self.dist.join("clone");
+        if clone.exists() {
+            fs::remove_dir_all(&clone)?;
+        }
+        run(git_command("clone --quiet --shared --no-checkout .").arg(&clone))?;
+        run(git_command(&format!("checkout --quiet {}", self.commit)).current_dir(&clone))?;
+        let other = clone.join("target/dist");
+        let mut dist = cargo("run --quiet --package xtask -- dist");
+        dist.current_dir(&clone).env("CARGO_TARGET_DIR", clone.join("target"));
+        run(&mut dist)?;
+        run(Command::new("diff")
+            .args(["--recursive", "--brief"])
+            .arg(self.folder())
+            .arg(other.join(Self::name())))?;
+        let is_same = fs::read(self.archive(&self.dist))? == fs::read(self.archive(&other))?;
+        ensure!(is_same, "the files are the same, and the archives are not");
+        fs::remove_dir_all(&clone)?;
+        println!("a second one, made in {}, has the same bytes", clone.display());
+        Ok(())
+    }
+}
+
+/// No file names a folder of this machine.
+fn check_paths(folder: &Path) -> Result<()> {
+    let sysroot = output(rustc().args(["--print", "sysroot"]))?;
+    let mut grep = Command::new("grep");
+    grep.args(["--recursive", "--text", "--files-with-matches", "--fixed-strings"]);
+    for path in [root(), &*cargo_home()?, Path::new(sysroot.trim())] {
+        grep.arg("-e").arg(path);
+    }
+    // 1: it finds nothing.
+    run_to(&[1], grep.arg(folder)).context("the files above name folders of this machine")
+}
+
+fn cargo_home() -> Result<PathBuf> {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    home.or_else(|| Some(env::home_dir()?.join(".cargo")))
+        .context("neither CARGO_HOME nor HOME is set")
+}
+
+/// Writes `SHA256SUMS` of all files in a folder.
+fn add_checksums(folder: &Path) -> Result<()> {
+    let mut files = Vec::new();
+    list(folder, &mut files)?;
+    files.sort();
+    let names = files.iter().map(|file| file.strip_prefix(folder));
+    let names = names.collect::<Result<Vec<_>, _>>()?;
+    let sums = output(Command::new("sha256sum").args(names).current_dir(folder))?;
+    write(&folder.join("SHA256SUMS"), &sums)
+}
+
+fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        match path.is_dir() {
+            true => list(&path, files)?,
+            false => files.push(path),
+        }
+    }
+    Ok(())
+}
+
+fn git_command(words: &str) -> Command {
+    let mut git = Command::new("git");
+    git.args(words.split(' ')).current_dir(root());
+    git
+}
+
+fn git(words: &str) -> Result<String> {
+    Ok(output(&mut git_command(words))?.trim_end().into())
+}
+
+fn copy(from: &Path, to: &Path) -> Result<()> {
+    create_parent(to)?;
+    fs::copy(from, to).with_context(|| format!("cannot copy {}", from.display()))?;
+    Ok(())
+}
+
+fn write(file: &Path, text: &str) -> Result<()> {
+    create_parent(file)?;
+    fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
+}
+
+fn create_parent(file: &Path) -> Result<()> {
+    let Some(parent) = file.parent() else {
+        bail!("{} is in no folder", file.display());
+    };
+    Ok(fs::create_dir_all(parent)?)
+}
