@@ -2,24 +2,25 @@
 
 use std::collections::VecDeque;
 use std::fmt;
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{self, ErrorKind};
 use std::mem;
-use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use armwire::DeviceEvent;
 use armwire::framing::Reason;
 use armwire::messages::Messages;
 use armwire::time;
 use armwire::xarm::{HEADER, Key, MAX_FRAME, Request, Response, XArm};
-use armwire::{Device, DeviceEvent};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
-use rustix::net::sockopt::{set_socket_keepalive, set_tcp_keepidle};
 
 use super::VirtualXArm;
 use super::report::REPORT;
+use client::{Client, prepare};
 
+mod client;
 #[cfg(test)]
 mod tests;
 
@@ -29,16 +30,10 @@ const NOTICE: Duration = Duration::from_millis(100);
 const REPORT_PERIOD: Duration = Duration::from_millis(200);
 /// How many clients there may be. Further ones are sent away at once.
 const MAX_CLIENTS: usize = 64;
-/// With this many bytes of answers waiting for a client, its requests wait too.
-const MAX_ANSWERS: usize = 16 * 1024;
 /// With this many bytes of reports waiting for a client, further ones are left out.
 const MAX_REPORTS: usize = 8 * REPORT;
 /// How many bytes are read from one client before it is the others' turn.
 const READ: usize = 4 * 1024;
-/// How long a client is silent before the system asks whether it is still there.
-const VANISHED: Duration = Duration::from_secs(60);
-/// How long a client that is to go has to take what it is still to get.
-const LINGER: Duration = Duration::from_secs(1);
 
 /// The ports of a virtual arm, bound and ready for [`serve`](Self::serve).
 ///
@@ -390,15 +385,6 @@ impl Service<'_> {
     }
 }
 
-/// Makes a connection one that never waits, and that fails when the other end has vanished.
-fn prepare(stream: &TcpStream) -> io::Result<()> {
-    stream.set_nonblocking(true)?;
-    stream.set_nodelay(true)?;
-    set_socket_keepalive(stream, true)?;
-    set_tcp_keepidle(stream, VANISHED)?;
-    Ok(())
-}
-
 /// What ends all connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Cut {
@@ -416,99 +402,10 @@ impl Cut {
     }
 }
 
-/// A connection.
-struct Client {
-    stream: TcpStream,
-    peer: SocketAddr,
-    /// What hears its requests; `None` if it is there for reports.
-    device: Option<Device<XArm, MAX_FRAME>>,
-    /// Where the last frame ends that was skipped.
-    skipped: u64,
-    /// What it is still to get.
-    out: VecDeque<u8>,
-    /// Nothing more comes from it.
-    ended: bool,
-    /// It is to go: when it has got everything and has gone itself, or at this time. To close a connection on which
-    /// bytes wait to be read would lose what is still on the way to the other end.
-    leaves: Option<Instant>,
-}
-
-impl Client {
-    fn new(stream: TcpStream, peer: SocketAddr, port: Port) -> Self {
-        Self {
-            stream,
-            peer,
-            device: (port == Port::Control).then(|| Device::new(XArm::PRIVATE)),
-            skipped: 0,
-            out: VecDeque::new(),
-            ended: false,
-            leaves: None,
-        }
-    }
-
-    fn is_attended(&self) -> bool {
-        self.leaves.is_some() || self.out.len() < MAX_ANSWERS
-    }
-
-    /// What it says now, if it is heard.
-    fn read<'b>(&mut self, bytes: &'b mut [u8]) -> io::Result<&'b [u8]> {
-        if self.ended || !self.is_attended() {
-            return Ok(&[]);
-        }
-        let n = match self.stream.read(bytes) {
-            Ok(0) => {
-                self.ended = true;
-                0
-            }
-            Err(error) if is_nothing_yet(&error) => 0,
-            other => other?,
-        };
-        // What comes from one that is to go is read, but not heard.
-        Ok(if self.leaves.is_none() { &bytes[..n] } else { &[] })
-    }
-
-    /// Lets it go once it has got everything.
-    fn dismiss(&mut self) {
-        self.leaves.get_or_insert(Instant::now() + LINGER);
-    }
-
-    /// Sends what it takes now.
-    fn flush(&mut self) -> io::Result<()> {
-        while !self.out.is_empty() {
-            match self.stream.write(self.out.as_slices().0) {
-                Ok(n) => drop(self.out.drain(..n)),
-                Err(error) if is_nothing_yet(&error) => return Ok(()),
-                Err(error) => return Err(error),
-            }
-        }
-        if self.leaves.is_some() && !self.ended {
-            self.stream.shutdown(Shutdown::Write)?;
-        }
-        Ok(())
-    }
-
-    fn is_done(&self) -> bool {
-        let Some(leaves) = self.leaves else { return false };
-        (self.ended && self.out.is_empty()) || leaves <= Instant::now()
-    }
-
-    /// What to wait for.
-    fn interest(&self) -> PollFlags {
-        let mut interest = PollFlags::empty();
-        interest.set(PollFlags::IN, !self.ended && self.is_attended());
-        interest.set(PollFlags::OUT, !self.out.is_empty());
-        interest
-    }
-}
-
 /// Queues a response to the request with this key.
 fn tell(out: &mut VecDeque<u8>, response: &Response<'_>, to: Option<Key>) {
     let mut frame = [0; MAX_FRAME];
     // The buffer has room for any frame.
     let n = XArm::PRIVATE.encode_response(response, to, &mut frame).unwrap_or(0);
     out.extend(&frame[..n]);
-}
-
-fn is_nothing_yet(error: &io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
