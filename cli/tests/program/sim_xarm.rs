@@ -19,7 +19,11 @@ struct Arm {
 impl Arm {
     fn start(args: &[&str]) -> Self {
         let listen = ["sim", "xarm", "--listen", "127.0.0.1:0"];
-        let mut child = start(Command::new(PROGRAM).args(listen).args(args));
+        Self::run(Command::new(PROGRAM).args(listen).args(args))
+    }
+
+    fn run(command: &mut Command) -> Self {
+        let mut child = start(command);
         let mut line = String::new();
         // With room for no more than a byte, what follows the line stays where it is.
         let mut out = BufReader::with_capacity(1, child.stdout.as_mut().unwrap());
@@ -32,6 +36,18 @@ impl Arm {
     fn addresses(&self) -> Vec<&str> {
         let words = self.line.split([' ', ',', ';']);
         words.filter(|word| word.starts_with("127.0.0.1:")).collect()
+    }
+
+    /// The first line on stderr that has these words.
+    fn wait_for(&mut self, words: &str) -> String {
+        let mut out = BufReader::with_capacity(1, self.child.as_mut().unwrap().stderr.as_mut().unwrap());
+        loop {
+            let mut line = String::new();
+            assert_ne!(out.read_line(&mut line).unwrap(), 0, "it ended without '{words}'");
+            if line.contains(words) {
+                return line;
+            }
+        }
     }
 
     /// Waits until it has ended well, and returns what it printed and what it said of its clients.
@@ -184,4 +200,54 @@ fn an_arm_that_there_is_not_is_told() {
         let said = usage(&["sim", "xarm", "--listen", address]);
         assert!(said.contains("such as 127.0.0.1:15020"), "{said}");
     }
+}
+
+const STATE: [u8; 7] = [0, 9, 0, 3, 0, 1, 13];
+const STATE_ANSWER: [u8; 9] = [0, 9, 0, 3, 0, 3, 13, 0x10, 4];
+
+fn assert_answers(mut client: &TcpStream) {
+    client.write_all(&STATE).unwrap();
+    let mut answer = [0; STATE_ANSWER.len()];
+    client.read_exact(&mut answer).unwrap();
+    assert_eq!(answer, STATE_ANSWER);
+}
+
+#[test]
+fn silent_clients_do_not_lock_others_out() {
+    let arm = Arm::start(&["--report-listen", "127.0.0.1:0"]);
+    let [control, report] = arm.addresses()[..] else {
+        panic!("{}", arm.line)
+    };
+    let silent: Vec<_> = (0..64).map(|_| connect(control)).collect();
+    assert_answers(&connect(control));
+    let mut first = [0; 495];
+    connect(report).read_exact(&mut first).unwrap();
+    drop(silent);
+    arm.interrupt();
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn virtual_xarm_survives_running_out_of_files() {
+    // Fewer files than clients.
+    let limited = [
+        "-c",
+        r#"ulimit -n 24; exec "$@""#,
+        "sh",
+        PROGRAM,
+        "sim",
+        "xarm",
+        "--listen",
+        "127.0.0.1:0",
+        "--no-report",
+    ];
+    let mut arm = Arm::run(Command::new("sh").args(limited));
+    let control = arm.addresses()[0].to_owned();
+    let clients: Vec<_> = (0..30).map(|_| connect(&control)).collect();
+    let line = arm.wait_for("cannot accept");
+    assert!(line.contains("Too many open files"), "{line}");
+    drop(clients);
+    assert_answers(&connect(&control));
+    let (_, notices) = arm.interrupt();
+    assert!(!notices.contains("cannot accept"), "{notices}");
 }

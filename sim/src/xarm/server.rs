@@ -18,7 +18,7 @@ use rustix::io::Errno;
 
 use super::VirtualXArm;
 use super::report::REPORT;
-use client::{Client, prepare};
+use client::{Client, is_nothing_yet, prepare};
 
 mod client;
 #[cfg(test)]
@@ -28,8 +28,14 @@ mod tests;
 const NOTICE: Duration = Duration::from_millis(100);
 /// From one report to the next.
 const REPORT_PERIOD: Duration = Duration::from_millis(200);
-/// How many clients there may be. Further ones are sent away at once.
-const MAX_CLIENTS: usize = 64;
+/// How many clients of one port there may be. A further one takes the place of a client that has requested nothing yet,
+/// or is sent away.
+const MAX_CLIENTS: usize = 32;
+/// A client without a request for this long is sent away, as is one that takes no reports. An idle program of
+/// the vendor's SDK makes one every 30 s.
+const IDLE: Duration = Duration::from_secs(300);
+/// Pause after the system refused to accept a client, such as for want of file descriptors.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(500);
 /// With this many bytes of reports waiting for a client, further ones are left out.
 const MAX_REPORTS: usize = 8 * REPORT;
 /// How many bytes are read from one client before it is the others' turn.
@@ -79,6 +85,12 @@ pub enum Notice {
     Connected(SocketAddr, Port),
     /// There are too many clients, so another was sent away.
     TooMany(SocketAddr),
+    /// A client had requested nothing when another needed its place, so its connection is closed.
+    Displaced(SocketAddr),
+    /// A client requested nothing, or took no reports, for 5 minutes, so its connection is closed.
+    Idle(SocketAddr),
+    /// The system refuses to accept clients. They wait, and are accepted as soon as it does.
+    NotAccepting(io::Error),
     /// A client went away.
     Gone(SocketAddr),
     /// A client sent, after this many bytes, what cannot be a frame, so its connection is closed.
@@ -97,6 +109,12 @@ impl fmt::Display for Notice {
             Self::Connected(peer, Port::Control) => write!(f, "{peer}: connected"),
             Self::Connected(peer, Port::Report) => write!(f, "{peer}: connected for reports"),
             Self::TooMany(peer) => write!(f, "{peer}: sent away, there are {MAX_CLIENTS} clients already"),
+            Self::Displaced(peer) => write!(
+                f,
+                "{peer}: connection closed, no request yet, and another needs its place"
+            ),
+            Self::Idle(peer) => write!(f, "{peer}: connection closed, idle for {} minutes", IDLE.as_secs() / 60),
+            Self::NotAccepting(error) => write!(f, "cannot accept clients, they have to wait: {error}"),
             Self::Gone(peer) => write!(f, "{peer}: gone"),
             Self::Broken(peer, offset, reason) => {
                 write!(
@@ -168,24 +186,26 @@ impl Server {
     /// A request that a client sends while it does not read its answers waits; a report that it does not read in time
     /// is left out. What cannot be a frame ends that client's connection and no other.
     ///
+    /// Each port has places for 32 clients. If all are taken, a further client takes that of the oldest one without any
+    /// request so far, or is sent away. A client without a request for 5 minutes is sent away too, as is one that takes
+    /// no reports for so long. Clients that the system does not accept, such as for want of file descriptors, wait.
+    ///
     /// # Errors
     ///
-    /// When the system refuses to accept or to wait: never for what a client does.
+    /// When the system refuses to wait: never for what a client does.
     pub fn serve(self, arm: &mut VirtualXArm, stop: &AtomicBool, notice: &mut dyn FnMut(Notice)) -> io::Result<Served> {
         let mut service = Service {
             arm,
             notice,
             start: Instant::now(),
             clients: Vec::new(),
+            accept_again: None,
             served: Served::default(),
         };
         let mut next_report = service.start;
         while !stop.load(Ordering::Relaxed) {
-            service.accept(&self.control, Port::Control)?;
-            if let Some(report) = &self.report {
-                service.accept(report, Port::Report)?;
-            }
             let now = Instant::now();
+            service.dismiss_idle(now);
             if next_report <= now {
                 next_report = (next_report + REPORT_PERIOD).max(now);
                 service.report();
@@ -193,6 +213,12 @@ impl Server {
             let until_report = next_report.saturating_duration_since(Instant::now());
             if service.converse() == Some(Cut::Shutdown) {
                 break;
+            }
+            // Those that are there have been heard, so that none with a request loses its place to a further one.
+            let now = Instant::now();
+            service.accept(&self.control, Port::Control, now);
+            if let Some(report) = &self.report {
+                service.accept(report, Port::Report, now);
             }
             service.wait(&[Some(&self.control), self.report.as_ref()], until_report)?;
         }
@@ -211,6 +237,8 @@ struct Service<'a> {
     notice: &'a mut dyn FnMut(Notice),
     start: Instant,
     clients: Vec<Client>,
+    /// When to accept again, after the system refused to.
+    accept_again: Option<Instant>,
     served: Served,
 }
 
@@ -219,30 +247,66 @@ impl Service<'_> {
         time::Instant::from_micros(self.start.elapsed().as_micros().try_into().unwrap_or(u64::MAX))
     }
 
-    fn accept(&mut self, listener: &TcpListener, port: Port) -> io::Result<()> {
-        // Those who come without end do not hold up those who are there.
-        for _ in 0..MAX_CLIENTS {
-            let (stream, peer) = match listener.accept() {
-                Ok(accepted) => accepted,
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
-                // It went before we came.
-                Err(error) if matches!(error.kind(), ErrorKind::ConnectionAborted | ErrorKind::Interrupted) => continue,
-                Err(error) => return Err(error),
-            };
-            if self.clients.len() == MAX_CLIENTS {
-                (self.notice)(Notice::TooMany(peer));
-                continue;
+    /// Accepts one client, so that those who come without end do not hold up those who are there.
+    fn accept(&mut self, listener: &TcpListener, port: Port, now: Instant) {
+        if self.accept_again.is_some_and(|again| now < again) {
+            return;
+        }
+        let (stream, peer) = match listener.accept() {
+            Ok(accepted) => accepted,
+            // Nobody is there, or it went before we came.
+            Err(error) if is_nothing_yet(&error) || error.kind() == ErrorKind::ConnectionAborted => {
+                self.accept_again = None;
+                return;
             }
-            match prepare(&stream) {
-                Ok(()) => {
-                    self.served.clients += 1;
-                    (self.notice)(Notice::Connected(peer, port));
-                    self.clients.push(Client::new(stream, peer, port));
+            Err(error) => {
+                if self.accept_again.replace(now + ACCEPT_PAUSE).is_none() {
+                    (self.notice)(Notice::NotAccepting(error));
                 }
-                Err(error) => (self.notice)(Notice::Lost(peer, error)),
+                return;
+            }
+        };
+        self.accept_again = None;
+        if !self.has_place(port) {
+            (self.notice)(Notice::TooMany(peer));
+            return;
+        }
+        match prepare(&stream) {
+            Ok(()) => {
+                self.served.clients += 1;
+                (self.notice)(Notice::Connected(peer, port));
+                self.clients.push(Client::new(stream, peer, port, now));
+            }
+            Err(error) => (self.notice)(Notice::Lost(peer, error)),
+        }
+    }
+
+    /// Whether there is a place for a further client of a port, if need be that of one without any request so far.
+    fn has_place(&mut self, port: Port) -> bool {
+        let there = self.clients.iter_mut();
+        let mut there: Vec<_> = there
+            .filter(|client| client.port() == port && client.leaves.is_none())
+            .collect();
+        if there.len() < MAX_CLIENTS {
+            return true;
+        }
+        // The oldest is first.
+        let Some(silent) = there.iter_mut().find(|client| client.last_active.is_none()) else {
+            return false;
+        };
+        silent.dismiss();
+        (self.notice)(Notice::Displaced(silent.peer));
+        true
+    }
+
+    /// Sends away the clients that were idle for too long.
+    fn dismiss_idle(&mut self, now: Instant) {
+        for client in &mut self.clients {
+            if client.leaves.is_none() && client.idle(now) >= IDLE {
+                client.dismiss();
+                (self.notice)(Notice::Idle(client.peer));
             }
         }
-        Ok(())
     }
 
     /// Queues a report for everyone who is there for reports.
@@ -314,6 +378,7 @@ impl Service<'_> {
             match event {
                 DeviceEvent::Request { request, key } => {
                     self.served.requests += 1;
+                    client.last_active = Some(Instant::now());
                     if let Some(answer) = self.arm.answer(now, &request) {
                         tell(out, &answer, key);
                     }
@@ -368,9 +433,12 @@ impl Service<'_> {
     /// Waits until somebody connects, says something or can be told something, at most this long.
     fn wait(&self, listeners: &[Option<&TcpListener>], timeout: Duration) -> io::Result<()> {
         let timeout = Timespec::try_from(timeout.min(NOTICE)).map_err(|_| ErrorKind::InvalidInput)?;
+        // Those that have to wait would end the wait at once.
+        let accepts = self.accept_again.is_none();
         let listeners = listeners
             .iter()
             .flatten()
+            .filter(|_| accepts)
             .map(|&listener| PollFd::new(listener, PollFlags::IN));
         let clients = self
             .clients

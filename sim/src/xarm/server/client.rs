@@ -29,6 +29,9 @@ pub(super) struct Client {
     pub(super) skipped: u64,
     /// What it is still to get.
     pub(super) out: VecDeque<u8>,
+    /// When it last made a request, or took all of its reports.
+    pub(super) last_active: Option<Instant>,
+    since: Instant,
     /// Nothing more comes from it.
     pub(super) ended: bool,
     /// It is to go: when it has got everything and has gone itself, or at this time. To close a connection on which
@@ -37,16 +40,30 @@ pub(super) struct Client {
 }
 
 impl Client {
-    pub(super) fn new(stream: TcpStream, peer: SocketAddr, port: Port) -> Self {
+    pub(super) fn new(stream: TcpStream, peer: SocketAddr, port: Port, now: Instant) -> Self {
         Self {
             stream,
             peer,
             device: (port == Port::Control).then(|| Device::new(XArm::PRIVATE)),
             skipped: 0,
             out: VecDeque::new(),
+            last_active: None,
+            since: now,
             ended: false,
             leaves: None,
         }
+    }
+
+    pub(super) fn port(&self) -> Port {
+        match self.device {
+            Some(_) => Port::Control,
+            None => Port::Report,
+        }
+    }
+
+    /// How long it has been idle.
+    pub(super) fn idle(&self, now: Instant) -> Duration {
+        now.saturating_duration_since(self.last_active.unwrap_or(self.since))
     }
 
     fn is_attended(&self) -> bool {
@@ -84,6 +101,9 @@ impl Client {
                 Err(error) => return Err(error),
             }
         }
+        if self.device.is_none() {
+            self.last_active = Some(Instant::now());
+        }
         if self.leaves.is_some() && !self.ended {
             self.stream.shutdown(Shutdown::Write)?;
         }
@@ -113,6 +133,6 @@ pub(super) fn prepare(stream: &TcpStream) -> io::Result<()> {
     Ok(())
 }
 
-fn is_nothing_yet(error: &io::Error) -> bool {
+pub(super) fn is_nothing_yet(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }

@@ -206,20 +206,125 @@ fn clients_come_and_go() {
     assert_eq!((served.requests, served.broken), (100, 0));
 }
 
+/// A service to which clients come at times that the test chooses.
+struct Places<'a> {
+    listener: TcpListener,
+    service: Service<'a>,
+}
+
+impl Places<'_> {
+    fn connect(&mut self, port: Port, now: Instant) -> TcpStream {
+        let stream = connect_to(self.listener.local_addr().unwrap());
+        self.service.accept(&self.listener, port, now);
+        stream
+    }
+
+    /// The places of the clients that are to go.
+    fn leaving(&self) -> Vec<usize> {
+        let leaves = |&i: &usize| self.service.clients[i].leaves.is_some();
+        (0..self.service.clients.len()).filter(leaves).collect()
+    }
+}
+
+/// Runs the test and returns the notices, without addresses.
+fn with_places(test: impl FnOnce(&mut Places<'_>)) -> Vec<String> {
+    let mut notices = Vec::new();
+    let mut arm = VirtualXArm::new(Config::new(Model::XArm6));
+    let service = Service {
+        arm: &mut arm,
+        notice: &mut |notice| notices.push(notice.to_string().split_once(": ").unwrap().1.to_owned()),
+        start: Instant::now(),
+        clients: Vec::new(),
+        accept_again: None,
+        served: Served::default(),
+    };
+    // A connection on the loopback is there to be accepted as soon as it is made.
+    let listener = TcpListener::bind(ANY).unwrap();
+    listener.set_nonblocking(true).unwrap();
+    test(&mut Places { listener, service });
+    notices
+}
+
 #[test]
-fn too_many_clients_are_sent_away_and_the_others_stay() {
-    serving(|server| {
-        let mut clients = (0..MAX_CLIENTS).map(|_| server.connect()).collect::<Vec<_>>();
-        let further = connect_to(server.control);
-        server.wait_for("too many", |notice| matches!(notice, Notice::TooMany(_)));
-        assert_eq!(read_to_end(&further), []);
-        clients.pop();
-        server.wait_for("gone", |notice| matches!(notice, Notice::Gone(_)));
-        clients.push(server.connect());
-        for client in &clients {
-            write(client, &STATE);
-            assert_eq!(read(client), STATE_ANSWER);
+fn each_port_has_places_of_its_own() {
+    let notices = with_places(|places| {
+        let now = Instant::now();
+        let clients: Vec<_> = (0..MAX_CLIENTS).map(|_| places.connect(Port::Control, now)).collect();
+        for client in &mut places.service.clients {
+            client.last_active = Some(now);
         }
+        assert_eq!(read_to_end(&places.connect(Port::Control, now)), []);
+        let reports = places.connect(Port::Report, now);
+        assert_eq!(places.leaving(), []);
+        drop((clients, reports));
+    });
+    let expected = ["sent away, there are 32 clients already", "connected for reports"];
+    assert_eq!(notices[MAX_CLIENTS..], expected);
+}
+
+#[test]
+fn oldest_client_without_request_gives_its_place() {
+    let notices = with_places(|places| {
+        let now = Instant::now();
+        let clients: Vec<_> = (0..MAX_CLIENTS).map(|_| places.connect(Port::Control, now)).collect();
+        write(&clients[0], &STATE);
+        places.service.wait(&[], PATIENCE).unwrap();
+        places.service.converse();
+        let further = places.connect(Port::Control, now);
+        assert_eq!(places.leaving(), [1]);
+        places.service.converse();
+        assert_eq!(read_to_end(&clients[1]), []);
+        drop(further);
+    });
+    let expected = [
+        "connection closed, no request yet, and another needs its place",
+        "connected",
+    ];
+    assert_eq!(notices[MAX_CLIENTS..], expected);
+}
+
+#[test]
+fn idle_clients_are_sent_away() {
+    let notices = with_places(|places| {
+        let now = Instant::now();
+        let clients = [
+            places.connect(Port::Control, now),
+            places.connect(Port::Control, now),
+            places.connect(Port::Report, now),
+        ];
+        let nearly = now + IDLE - Duration::from_millis(1);
+        places.service.dismiss_idle(nearly);
+        assert_eq!(places.leaving(), []);
+        places.service.clients[1].last_active = Some(nearly);
+        places.service.clients[2].last_active = Some(nearly);
+        places.service.dismiss_idle(now + IDLE);
+        assert_eq!(places.leaving(), [0]);
+        places.service.dismiss_idle(nearly + IDLE);
+        assert_eq!(places.leaving(), [0, 1, 2]);
+        drop(clients);
+    });
+    assert_eq!(notices[3..], ["connection closed, idle for 5 minutes"; 3]);
+}
+
+#[test]
+fn client_that_reads_no_reports_is_idle() {
+    with_places(|places| {
+        let now = Instant::now();
+        let reader = places.connect(Port::Report, now);
+        let active = |places: &Places<'_>| places.service.clients[0].last_active;
+        places.service.report();
+        places.service.converse();
+        let last_active = active(places);
+        assert!(last_active.is_some());
+        // More than fits between here and there.
+        while places.service.served.lost == 0 {
+            places.service.report();
+            places.service.converse();
+        }
+        let stuck = active(places);
+        places.service.converse();
+        assert_eq!(active(places), stuck);
+        drop(reader);
     });
 }
 
@@ -259,7 +364,8 @@ fn reports_that_nobody_reads_are_left_out_whole() {
         arm: &mut VirtualXArm::new(Config::new(Model::XArm6)),
         notice: &mut |_| {},
         start: Instant::now(),
-        clients: vec![Client::new(stream, peer, Port::Report)],
+        clients: vec![Client::new(stream, peer, Port::Report, Instant::now())],
+        accept_again: None,
         served: Served::default(),
     };
     for _ in 0..20 {
