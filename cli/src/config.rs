@@ -196,6 +196,18 @@ fn setting(text: &str) -> Result<Setting, String> {
     Ok(Setting { key, value })
 }
 
+/// Refuses settings of which two have the same key.
+fn check_distinct(settings: &[Setting]) -> Result<(), Error> {
+    for (i, Setting { key, value }) in settings.iter().enumerate() {
+        if let Some(earlier) = settings[..i].iter().find(|earlier| earlier.key.name == key.name) {
+            let (name, first) = (key.name, &earlier.value);
+            let text = format!("{name} is given twice: {name}={first} and {name}={value}");
+            return Err(Error::Usage(text));
+        }
+    }
+    Ok(())
+}
+
 /// What settings there are, in lines for 80 columns.
 fn help() -> String {
     let lines = KEYS
@@ -206,6 +218,9 @@ fn help() -> String {
 
 impl Configure {
     pub(crate) fn run(&self) -> Result<(), Error> {
+        if let Some(Action::Set { settings, .. }) = &self.action {
+            check_distinct(settings)?;
+        }
         let mut control = self.adapter.open()?;
         match self.action.as_ref().unwrap_or(&Action::Show) {
             Action::Show => {}

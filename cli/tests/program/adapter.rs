@@ -121,6 +121,16 @@ fn a_configuration_is_shown_set_saved_and_forgotten() {
 }
 
 #[test]
+fn key_given_twice_is_refused_before_anything_is_opened() {
+    for settings in [["poll=5", "poll=6"], ["can.node=1", "can.node=1"]] {
+        let text = usage(&[&["config", "/dev/no-such-port", "set", "arm=raw"][..], &settings].concat());
+        let (key, _) = settings[0].split_once('=').unwrap();
+        let told = format!("{key} is given twice: {} and {}", settings[0], settings[1]);
+        assert!(text.contains(&told), "{text}");
+    }
+}
+
+#[test]
 fn a_configuration_is_json_for_programs() {
     let board = Board::start("config-json");
     let out = success(&["config", &board.control, "show", "--json"]);
