@@ -104,7 +104,7 @@ impl Served {
     /// What the host says, as far as there is room for it.
     fn hear(&mut self, now: time::Instant) -> io::Result<()> {
         let mut packet = [0; PACKET];
-        if self.bridge.status(now).usb_room {
+        if self.bridge.update(now).usb_room {
             match self.port.read(&mut packet)? {
                 0 => {}
                 n => {
@@ -112,7 +112,7 @@ impl Served {
                 }
             }
         }
-        if self.bridge.status(now).control_room {
+        if self.bridge.update(now).control_room {
             match self.control.read(&mut packet)? {
                 0 => {}
                 n => {
@@ -160,7 +160,7 @@ impl Served {
         while let Some(n) = self.bridge.usb_transmit(&mut packet) {
             self.port.write(&packet[..n])?;
         }
-        while self.bridge.status(now).control {
+        while self.bridge.update(now).control {
             if let Some(n) = self.bridge.control_transmit(&mut packet, now) {
                 self.control.write(&packet[..n])?;
             }
