@@ -1,14 +1,14 @@
-//! Hands the linker the board's memory map, which the workspace's `memory.x` includes, so that a plain `cargo build --target …`
-//! links.
+//! Passes the board's memory map to the linker as the `memory.x` that the workspace includes: a plain `cargo build
+//! --target …` then links.
 
 use std::path::Path;
 use std::process::Command;
 use std::{env, fs};
 
-/// The boards, as their features and memory files are called.
+/// The names of the boards' features and memory files.
 const BOARDS: [&str; 2] = ["stm32f405", "stm32g431"];
 
-/// What goes into the image, besides dependencies.
+/// Sources of the image, besides dependencies.
 const SOURCES: [&str; 5] = [".", "../bridge", "../protocol", "../Cargo.toml", "../Cargo.lock"];
 
 fn main() {
@@ -16,7 +16,7 @@ fn main() {
     let here = env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
     let out = env::var("OUT_DIR").expect("cargo sets OUT_DIR");
     let chosen = |board: &&str| env::var_os(format!("CARGO_FEATURE_BOARD_{}", board.to_uppercase())).is_some();
-    // Without a board, or with two, `src/board/mod.rs` says so.
+    // `src/board/mod.rs` reports a missing board, or two of them.
     let Some(board) = BOARDS.into_iter().find(chosen) else {
         return;
     };
@@ -27,14 +27,14 @@ fn main() {
     println!("cargo:rustc-link-search={out}");
     println!("cargo:rustc-link-arg-bins=--nmagic");
     println!("cargo:rustc-link-arg-bins=-Tlink.x");
-    // Functions that came out alike are kept once.
+    // Identical functions are kept once.
     println!("cargo:rustc-link-arg-bins=--icf=all");
     if env::var_os("CARGO_FEATURE_DEFMT").is_some() {
         println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
     }
 }
 
-/// The commit that is built, with `+` behind it if files that go into the image were changed. Empty without git.
+/// The commit of the build, followed by `+` if files of the image were modified. Empty without git.
 fn commit() -> String {
     let logs = git(&["rev-parse", "--git-path", "logs/HEAD"]);
     for path in SOURCES.into_iter().chain(logs.as_deref()) {
@@ -49,7 +49,7 @@ fn commit() -> String {
     }
 }
 
-/// What git says, without the end of the line. `None` if there is no git, or no repository.
+/// The output of git, without its line end. `None` without git or a repository.
 fn git(args: &[&str]) -> Option<String> {
     let output = Command::new("git").args(args).output().ok()?;
     let said = String::from_utf8(output.stdout).ok()?;

@@ -1,9 +1,8 @@
-//! What the bridge decides and only firmware can do: keep the configuration in flash, and start again.
+//! Actions of the bridge that only firmware can take: writing the configuration to flash, and restarts.
 //!
-//! The F405 can fetch no code from its flash while that is erased or written, so the core stands still: for 250 ms, and
-//! 500 ms at worst, when a sector of 16 kB is erased, which is once in some hundred times that a configuration is saved.
-//! Meanwhile USB and CAN answer nothing, and bytes from the arm are lost and counted as an overrun of the ring. The
-//! watchdog waits longer.
+//! The F405 cannot fetch code from its flash during an erase or a write. The core stalls for 250 ms, and 500 ms at
+//! worst, while a sector of 16 kB is erased, which happens once in some hundred saves. Meanwhile USB and CAN do not
+//! answer, and bytes from the arm are lost and counted as an overrun of the ring. The watchdog's timeout is longer.
 
 use armwire_bridge::Action;
 use armwire_bridge::config::Config;
@@ -17,17 +16,16 @@ use crate::board::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 use crate::restart;
 use crate::watchdog::{Task, rest};
 
-/// How long a reply may take to reach the host before its adapter starts again.
+/// Maximum time for a reply to reach the host before a restart.
 const PARTING_MS: u64 = 100;
 
-/// Where the configuration is kept.
+/// The store of the configuration.
 pub(crate) fn store(flash: ConfigFlash) -> Store<ConfigFlash> {
-    // It fails only for a range that is not of whole pages.
+    // It fails only for a range of partial pages.
     Store::new(flash, CONFIG_FLASH).unwrap()
 }
 
-/// The configuration that was saved, or as from the factory if there is none, or none that can be read; and whether
-/// that is so.
+/// The saved configuration, or the factory defaults if there is none or it is unreadable; and true if it is unreadable.
 pub(crate) fn load(store: &mut Store<ConfigFlash>) -> (Config, bool) {
     match block_on(store.load()) {
         Ok(Saved::Config(config)) => (config, false),
@@ -36,7 +34,7 @@ pub(crate) fn load(store: &mut Store<ConfigFlash>) -> (Config, bool) {
     }
 }
 
-/// What the host hears of it.
+/// The failure that is reported to the host.
 fn failure(error: Error<FlashError>) -> Failure {
     match error {
         Error::Flash(error) if is_supply_low(&error) => Failure::SupplyLow,
@@ -44,14 +42,14 @@ fn failure(error: Error<FlashError>) -> Failure {
     }
 }
 
-/// Does what the bridge asks for.
+/// Executes the bridge's actions.
 #[embassy_executor::task]
 pub(crate) async fn run(adapter: &'static Adapter, mut store: Store<ConfigFlash>) {
     loop {
         let resting = rest(Task::Action);
         let action = adapter.action.wait().await;
         drop(resting);
-        // There may be another.
+        // Another action may be pending.
         adapter.wake(Work::Dispatch);
         match action {
             Action::Save(config) => {

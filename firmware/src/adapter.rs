@@ -1,4 +1,4 @@
-//! What the tasks share: the bridge, and the work that each of them waits for.
+//! State shared by the tasks: the bridge, and the signals for their work.
 
 use core::cell::{Cell, RefCell};
 
@@ -13,50 +13,50 @@ use crate::restart;
 /// A signal between tasks. All of them run on one executor, so it needs no interrupt lock.
 type Notice<T = ()> = Signal<NoopRawMutex, T>;
 
-/// Work that a task waits for.
+/// A kind of work, for which a task waits.
 #[derive(Clone, Copy)]
 pub(crate) enum Work {
     /// Bytes for the arm, or a change of the line.
     Uart,
-    /// The bytes that the UART is sending are to be cut.
+    /// Torque-off must cut the bytes that the UART is sending.
     UartCut,
     /// A packet for the host on the serial port.
     Port,
-    /// Room for a packet of that host.
+    /// Room for a packet from that host.
     PortRoom,
-    /// That host came or went, or opened or closed the port.
+    /// A new session of that host, or a port that was opened or closed.
     PortSession,
     /// A packet for the host on the control interface.
     Control,
-    /// Room for a packet of that host.
+    /// Room for a packet from that host.
     ControlRoom,
-    /// That host came or went.
+    /// A new session of that host.
     ControlSession,
     /// A frame for the CAN bus.
     Can,
-    /// A look at all the others.
+    /// A check of all other kinds.
     Dispatch,
 }
 
-/// How many kinds there are.
+/// Number of kinds.
 const WORKS: usize = Work::Dispatch as usize + 1;
 
-/// The bridge, and the work there is.
+/// The bridge, and a signal for each kind of work.
 pub(crate) struct Adapter {
     bridge: RefCell<Bridge>,
     works: [Notice; WORKS],
-    /// An action that only firmware can take.
+    /// The next action of the bridge.
     pub(crate) action: Notice<Action>,
-    /// The CAN controller is to be set up anew.
+    /// A new configuration for the CAN controller.
     pub(crate) can_restart: Notice<config::Can>,
     /// The status at the last dispatch.
     pub(crate) status: Cell<Status>,
-    /// How long the last packet was that was put in the serial port's endpoint.
+    /// Length of the last packet in the serial port's endpoint.
     pub(crate) last_packet: Cell<usize>,
 }
 
 impl Adapter {
-    /// An adapter that no host has found yet.
+    /// An adapter without a USB host.
     pub(crate) fn new(identity: Identity, config: Config, start: Start) -> Self {
         Self {
             bridge: RefCell::new(Bridge::new(identity, config, start)),
@@ -68,14 +68,15 @@ impl Adapter {
         }
     }
 
-    /// Calls the bridge and wakes nobody.
+    /// Calls the bridge without waking a task.
     pub(crate) fn take<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
         f(&mut self.bridge.borrow_mut())
     }
 
-    /// Calls the bridge and wakes who sends to the arm, for whom a microsecond counts. All others are looked after then.
+    /// Calls the bridge, and wakes the task that transmits to the arm, where microseconds count. The dispatch to all
+    /// others follows.
     ///
-    /// So no caller needs to know what its call may lead to. A task that is woken without need looks and waits again.
+    /// Callers need not know the consequences of their call. A task that is woken without work checks and waits again.
     pub(crate) fn with<R>(&self, f: impl FnOnce(&mut Bridge) -> R) -> R {
         let result = self.take(f);
         self.wake(Work::Uart);
@@ -84,7 +85,7 @@ impl Adapter {
     }
 
     /// Wakes the task that waits for this work.
-    // One piece of code, not one for each call: 0.6 kB.
+    // One copy, not one for each call: 0.6 kB.
     #[inline(never)]
     pub(crate) fn wake(&self, work: Work) {
         self.works[work as usize].signal(());
@@ -95,16 +96,16 @@ impl Adapter {
         self.works[work as usize].wait().await;
     }
 
-    /// Forgets that there was such work.
+    /// Clears the signal for this work.
     pub(crate) fn reset(&self, work: Work) {
         self.works[work as usize].reset();
     }
 
-    /// Wakes all tasks for which there is work.
+    /// Wakes all tasks that have work.
     pub(crate) fn dispatch(&self) {
         let bridge = &mut *self.bridge.borrow_mut();
         let now = now();
-        // One at a time: the next is fetched when this one was taken.
+        // One at a time: the next is fetched after this one was taken.
         if !self.action.signaled()
             && let Some(action) = bridge.action(now)
         {
@@ -129,7 +130,7 @@ impl Adapter {
     }
 }
 
-/// Now, by the microsecond timer.
+/// The current time of the microsecond timer.
 pub(crate) fn now() -> Instant {
     Instant::from_micros(embassy_time::Instant::now().as_micros())
 }

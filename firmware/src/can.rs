@@ -11,26 +11,26 @@ use crate::adapter::{Adapter, Work, now};
 use crate::board::{CAN_CAPACITY, Can};
 use crate::watchdog::{Task, progress, rest};
 
-/// How long frames that the controller has may take to leave before it is set up anew.
+/// Maximum time for the controller's frames to leave before it is restarted.
 const PARTING: Duration = Duration::from_millis(10);
 
-/// For how long the bus must be without an error to count as back. As long as what took it away lasts, the controller
-/// comes back for a moment and goes again, every 2 to 15 ms.
+/// Time without an error after which the bus counts as recovered. While the cause of bus-off lasts, the controller
+/// returns to the bus for a moment every 2 to 15 ms.
 const CALM: Duration = Duration::from_millis(20);
 
 /// Serves the bus.
 #[embassy_executor::task]
 pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
     can.start(&adapter.take(|bridge| bridge.config().can));
-    // When the bus was last seen lost, or in trouble after that.
+    // The last time in bus-off, or with an error after it.
     let mut lost: Option<Instant> = None;
     loop {
         progress(Task::Can);
         if adapter.take(|bridge| bridge.can_event(CanEvent::Waiting(can.waiting()), now())) {
             adapter.wake(Work::Dispatch);
         }
-        // One frame at a time: a full bus must not keep the arm waiting. No more in one round than there can be at its
-        // start: of those that come later there is an event.
+        // One frame at a time: a full bus must not delay the arm. One round handles at most the frames that can be
+        // queued at its start: later frames cause another event.
         for _ in 0..CAN_CAPACITY {
             if !receive(adapter, &mut can) {
                 break;
@@ -51,7 +51,7 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
         } else if lost.take_if(|lost| lost.elapsed() >= CALM).is_some() {
             adapter.with(|bridge| bridge.can_event(CanEvent::BusOn, now()));
         }
-        // What the controller has no room for waits in the bridge, where what is more urgent overtakes it.
+        // Frames without room in the controller wait in the bridge, where more urgent frames overtake them.
         while transmit(adapter, &mut can) {
             yield_now().await;
         }
@@ -78,9 +78,9 @@ pub(crate) async fn run(adapter: &'static Adapter, mut can: Can) {
     }
 }
 
-// A frame that lives in a task is copied there byte by byte: these two are no part of it.
+// A frame in a task's state is copied there byte by byte: these two functions keep it out.
 
-/// Passes a frame from the controller to the bridge, and returns whether there was one.
+/// Passes a frame from the controller to the bridge. Returns false if there was none.
 fn receive(adapter: &Adapter, can: &mut Can) -> bool {
     let frame = can.receive();
     if let Some(frame) = &frame {
@@ -89,7 +89,7 @@ fn receive(adapter: &Adapter, can: &mut Can) -> bool {
     frame.is_some()
 }
 
-/// Passes a frame from the bridge to the controller, and returns whether there was one, and room for it.
+/// Passes a frame from the bridge to the controller. Returns false if there was none, or no room for it.
 fn transmit(adapter: &Adapter, can: &mut Can) -> bool {
     if !can.has_room() {
         return false;

@@ -1,11 +1,11 @@
-//! What happens at a hard fault, such as an access to nothing or a stack that overflowed: it is counted, and the chip starts
-//! again.
+//! The handler of hard faults, for example an access to unmapped memory or a stack overflow: counts the fault and
+//! restarts the chip.
 
 use cortex_m_rt::exception;
 
 use crate::restart;
 
-/// Without a trampoline, which would use a stack that may be gone.
+/// Without a trampoline, whose stack may be invalid.
 #[exception(trampoline = false)]
 unsafe fn HardFault() -> ! {
     restart::faulted();

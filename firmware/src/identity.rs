@@ -1,4 +1,4 @@
-//! What the adapter says it is.
+//! The adapter's identity.
 
 use armwire_bridge::control::{self, Identity};
 
@@ -7,7 +7,7 @@ use crate::board;
 /// The version of this package.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// The commit it was built from: see `build.rs`.
+/// The commit of the build: see `build.rs`.
 const COMMIT: &str = env!("ARMWIRE_COMMIT");
 
 /// This adapter's identity.
@@ -17,7 +17,7 @@ pub(crate) fn identity() -> Identity {
         can_fd: board::CAN_FD,
         ..Identity::default()
     };
-    // What is too long is left out: all but the serial number is known when this is compiled.
+    // Strings that are too long are left out: all but the serial number are known at compile time.
     let _ = identity.firmware.push_str(VERSION);
     let _ = identity.commit.push_str(COMMIT);
     let _ = identity.board.push_str(board::NAME);

@@ -6,7 +6,7 @@
 //! | on | a host has found the adapter |
 //! | flickering | bytes are passing |
 //!
-//! Before the tasks run, the board may show that its crystal does not.
+//! Before the tasks run, the board may show that its crystal does not start.
 
 use embassy_stm32::gpio::Output;
 use embassy_time::Timer;
@@ -21,7 +21,7 @@ const STEP_MS: u64 = 50;
 pub(crate) async fn show(adapter: &'static Adapter, mut led: Output<'static>) {
     let mut passed = 0;
     for step in (0..20_u32).cycle() {
-        // Bytes that are no frames lead to no dispatch.
+        // Bytes outside of frames cause no dispatch.
         adapter.wake(Work::Dispatch);
         let status = adapter.status.get();
         let on = match (status.is_attached, status.passed_bytes != passed) {

@@ -1,7 +1,7 @@
 //! The armwire adapter: a USB serial port to a robot arm's UART.
 //!
-//! Wiring only: clocks, pins, peripherals and tasks. What the adapter does is decided in `armwire-bridge`, which a
-//! desktop tests.
+//! Wiring only: clocks, pins, peripherals and tasks. The adapter's logic is in `armwire-bridge`, which is tested on a
+//! desktop.
 //!
 //! ```text
 //!  host ── USB ── usb::pipe::from_host ───→ ┌────────┐ ─→ uart::transmit ── UART ── arm
@@ -79,7 +79,7 @@ async fn main(spawner: Spawner) {
     Priority::UsbDevice.start(spawner, usb::run(usb.device));
 }
 
-/// The adapter. It is made on the stack, which has no room for it beside what `main` has there.
+/// Creates the adapter. It is built on the stack, which has no room for it besides the frame of `main`.
 #[inline(never)]
 fn adapter(config: Config, start: Start) -> &'static Adapter {
     static ADAPTER: StaticCell<Adapter> = StaticCell::new();

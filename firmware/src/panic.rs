@@ -1,7 +1,7 @@
-//! What happens when the firmware finds itself broken: it is counted, and the chip starts again.
+//! The panic handler: counts the panic and restarts the chip.
 //!
-//! An arm that lost its adapter for a millisecond is better off than one that lost it for good. To see a panic happen,
-//! set a breakpoint on `rust_begin_unwind`, or build with feature `defmt`.
+//! A restart costs the arm its adapter for a millisecond, a halt for good. To inspect a panic, set a breakpoint on
+//! `rust_begin_unwind`, or build with feature `defmt`.
 
 use core::panic::PanicInfo;
 

@@ -1,28 +1,28 @@
-//! Which task runs first of those that have something to do.
+//! Task priorities.
 
 use embassy_executor::{Metadata, SpawnError, SpawnToken, Spawner};
 use embassy_futures::yield_now;
 
-/// From the one that runs last to the one that runs first: what is nearer to a wire goes before what leads to it.
+/// From the lowest to the highest: a task closer to a wire runs before the tasks that feed it.
 #[derive(Clone, Copy)]
 pub(crate) enum Priority {
-    /// What hosts say and are told beside what the arm does: it can wait.
+    /// The control port, which can wait.
     Control,
-    /// Looks what else there is to do.
+    /// The dispatch of work.
     Time,
     Background,
     Can,
     FromHost,
-    /// What the arm says.
+    /// Bytes from the arm.
     FromArm,
     ToArm,
     ToHost,
-    /// Seldom has anything to do; switches on, first of all, the peripheral that others look at.
+    /// USB device: rarely has work, but must first enable the peripheral that the pipes use.
     UsbDevice,
 }
 
 impl Priority {
-    /// Starts a task with this priority, one that does not run yet.
+    /// Starts a task with this priority. The task must not be running yet.
     pub(crate) fn start<S>(self, spawner: Spawner, task: Result<SpawnToken<S>, SpawnError>) {
         let task = task.unwrap();
         task.metadata().set_priority(self as u8);
@@ -30,7 +30,7 @@ impl Priority {
     }
 }
 
-/// Lets all others run that have something to do, but those who can wait.
+/// Lets all other ready tasks run, except those of the lowest priority.
 pub(crate) async fn let_others_run() {
     let task = Metadata::for_current_task().await;
     let priority = task.priority();

@@ -1,15 +1,16 @@
-//! Starting again, and what outlives it: counts of how often the firmware found itself broken, and what to start.
+//! Restarts, and the state that survives them: fault counts and the next start.
 //!
-//! They lie in memory that start-up does not clear, behind a mark that tells them from what memory holds at power-on.
+//! This state is in memory that the start-up code does not clear, behind a mark that distinguishes it from power-on
+//! contents.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::SCB;
 
-/// The counts below are counts.
+/// The counts below are valid.
 const MARK: u32 = 0x71C4_E80B;
 
-/// The boot loader is to start instead of the firmware.
+/// The boot loader must start instead of the firmware.
 const BOOT_LOADER: u32 = 0x5C6B_07E1;
 
 /// A stream of motion is armed.
@@ -28,17 +29,17 @@ static HARD_FAULTS: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.restart")]
 static NEXT: AtomicU32 = AtomicU32::new(0);
 
-/// Panics, resets by the watchdog and hard faults since power-on, and what the firmware was doing when it stopped.
+/// Panics, watchdog resets and hard faults since power-on, and the state at the last stop.
 #[derive(Clone, Copy)]
 pub(crate) struct Restarts {
     pub(crate) panics: u32,
     pub(crate) watchdog: u32,
     pub(crate) hard_faults: u32,
-    /// Whether a stream of motion was armed.
+    /// True if a stream of motion was armed.
     pub(crate) while_armed: bool,
 }
 
-/// Takes note of a start, and whether the watchdog caused it.
+/// Records a start and its cause.
 pub(crate) fn started(by_watchdog: bool) -> Restarts {
     if MARKED.swap(MARK, Ordering::Relaxed) != MARK {
         PANICS.store(0, Ordering::Relaxed);
@@ -54,33 +55,33 @@ pub(crate) fn started(by_watchdog: bool) -> Restarts {
     }
 }
 
-/// Takes note of whether a stream of motion is armed, for the next start.
+/// Records for the next start that a stream of motion is armed, or is not.
 pub(crate) fn armed(is: bool) {
     ARMED.store(if is { ARMED_MARK } else { 0 }, Ordering::Relaxed);
 }
 
-/// Takes note of a panic, for the next start.
+/// Records a panic for the next start.
 pub(crate) fn panicked() {
     PANICS.fetch_add(1, Ordering::Relaxed);
 }
 
-/// Takes note of a hard fault, for the next start.
+/// Records a hard fault for the next start.
 pub(crate) fn faulted() {
     HARD_FAULTS.fetch_add(1, Ordering::Relaxed);
 }
 
-/// Starts again.
+/// Restarts the chip.
 pub(crate) fn restart() -> ! {
     SCB::sys_reset()
 }
 
-/// Starts the chip's own boot loader, by way of a reset, for it wants the chip as a reset leaves it.
+/// Starts the chip's boot loader after a reset, because it expects the chip's reset state.
 pub(crate) fn restart_into_boot_loader() -> ! {
     NEXT.store(BOOT_LOADER, Ordering::Relaxed);
     SCB::sys_reset()
 }
 
-/// Whether this start is to start the boot loader. The next one is not.
+/// Returns true if this start must enter the boot loader. The next one will not.
 pub(crate) fn is_into_boot_loader() -> bool {
     NEXT.swap(0, Ordering::Relaxed) == BOOT_LOADER
 }

@@ -1,4 +1,4 @@
-//! Tells the tasks what there is to do, and the bridge the time when it wants to know it.
+//! The dispatch of work to the tasks, and the bridge's timeout.
 
 use armwire_bridge::Bridge;
 use embassy_futures::select::{Either, select};
@@ -8,15 +8,15 @@ use embassy_time::{Instant, Timer};
 use crate::adapter::{Adapter, Work, now};
 use crate::watchdog::{Task, progress, rest};
 
-/// Looks what there is to do whenever the bridge was called, and calls it when the time has come that it said.
+/// Dispatches after every call of the bridge, and calls it at its timeout.
 #[embassy_executor::task]
 pub(crate) async fn tick(adapter: &'static Adapter) {
     loop {
         progress(Task::Time);
-        // What was said until now is looked at now, all of it.
+        // All calls up to now are covered by this dispatch.
         adapter.reset(Work::Dispatch);
         adapter.dispatch();
-        // Those that were woken do not wait for the rest.
+        // Woken tasks run before the rest.
         yield_now().await;
         let timeout = adapter.take(|bridge| Bridge::timeout(bridge));
         let resting = rest(Task::Time);
@@ -33,7 +33,7 @@ pub(crate) async fn tick(adapter: &'static Adapter) {
         drop(resting);
         if is_due {
             adapter.with(|bridge| bridge.tick(now()));
-            // A poll that is due is to be on its way before anything else is looked at.
+            // A due poll must be handed over before any other work.
             yield_now().await;
         }
     }

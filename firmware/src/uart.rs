@@ -1,19 +1,17 @@
-//! The arm's UART: in by circular DMA, out by DMA.
+//! The arm's UART: circular DMA for reception, DMA for transmission.
 //!
-//! The HAL's ring-buffered receiver is not used. It reads the data register each time it is asked for bytes, which on
-//! older UARTs takes a byte from the DMA when one arrives in that moment; it reports one error where the status
-//! register has several; and after an error it enables the DMA stream again without setting it up, so its count of the
-//! ring no longer holds. Here the interrupt handler alone touches the data register, only when a flag needs clearing,
-//! and each start of the receive path sets up the stream from nothing, so that it does not matter whether a stream that
-//! is enabled again starts over or carries on. The registers themselves are the board's, in
+//! The HAL's ring-buffered receiver is not used. Each call reads the data register, which on older UARTs takes a byte
+//! from the DMA if one arrives at that moment. It reports one error if the status register has several. After an error
+//! it re-enables the DMA stream without a new configuration, and its position in the ring is then wrong. Here only the
+//! interrupt handler reads the data register, and only to clear a flag. Each start of the receive path configures the
+//! stream from scratch, whether a re-enabled stream would start over or continue. The registers are in the board's
 //! [`usart`](crate::board::usart).
 //!
 //! # Time stamps
 //!
-//! The bridge says with which byte the next frame ends or, once it knows, how many bytes it needs before anything can be due.
-//! The interrupt handler is asked to look at each byte, or at each of the last of them, so that it sees the one that
-//! completes the frame come in and notes when that was. What the tasks and other interrupt handlers are doing in that
-//! moment does not matter: it interrupts all of them.
+//! The bridge gives the last byte of the next frame or, once known, the number of bytes before anything can be due. The
+//! interrupt handler checks each byte, or each of the last ones. It therefore sees the byte that completes the frame as
+//! it arrives, and records the time. Tasks and other interrupt handlers do not delay it: it preempts all of them.
 
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
@@ -41,53 +39,53 @@ use crate::board::{RX_REQUEST, RxInterrupt, TX_REQUEST, UartInterrupt, transmit_
 use crate::priority::let_others_run;
 use crate::watchdog::{Task, progress, rest};
 
-/// Bytes the receive ring holds. Half of them may wait to be taken: 2.5 ms at 2 Mbaud.
+/// Size of the receive ring in bytes. Half of it may be unread: 2.5 ms at 2 Mbaud.
 const SIZE: usize = 1024;
 
-/// A place in the ring, and what happened there.
+/// An event at a position in the ring.
 #[derive(Clone, Copy)]
 struct Mark {
     end: usize,
-    /// When the byte before it came in or, where the line went idle, when that was known.
+    /// Arrival of the byte before it or, for an idle line, the time of detection.
     at: Instant,
     idle: bool,
 }
 
-/// The receive ring, which the DMA writes.
+/// The receive ring, written by the DMA.
 static RING: [AtomicU8; SIZE] = [const { AtomicU8::new(0) }; SIZE];
-/// Where in the ring the next byte to take lies.
+/// The ring position of the next byte to read.
 static HEAD: AtomicUsize = AtomicUsize::new(0);
-/// From where in the ring on the bytes are counted that are needed.
+/// The ring position from which the threshold counts.
 static FROM: AtomicUsize = AtomicUsize::new(0);
-/// How many they must be for the interrupt handler to say so.
+/// The threshold: the interrupt handler records an event after this many bytes.
 static NEEDED: AtomicUsize = AtomicUsize::new(SIZE);
-/// Or how many, if the last of them is this one.
+/// The threshold with a terminator: this many bytes, if the last of them is the terminator.
 static LEAST: AtomicUsize = AtomicUsize::new(SIZE);
 static LAST: AtomicU8 = AtomicU8::new(0);
-/// Where they did, and where the line went idle. Several, as a frame may have such a byte just before its last, too.
+/// Ring positions of candidate frame ends and idle events. Up to 3: the terminator may also occur inside a frame.
 static MARKS: Mutex<RefCell<Deque<Mark, 3>>> = Mutex::new(RefCell::new(Deque::new()));
-/// What the interrupt handler has to say.
+/// Wakes the receive task after an interrupt.
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-/// What was counted of a byte that the DMA did not fetch in time, and where in the ring it is to lie.
+/// Errors already counted for a byte that the DMA did not fetch in time, and the byte's future position in the ring.
 static COUNTED: Mutex<Cell<Option<(usize, Status)>>> = Mutex::new(Cell::new(None));
-/// The errors that the bridge does not know of yet.
+/// Errors that were not reported to the bridge yet.
 static ERRORS: Mutex<Cell<Option<UartErrors>>> = Mutex::new(Cell::new(None));
-/// The receive path must be started anew.
+/// The receive path must be restarted.
 static RESTART: AtomicBool = AtomicBool::new(false);
 static RING_OVERRUN: AtomicBool = AtomicBool::new(false);
-/// On a single wire: the last bit is out.
+/// On a single wire: the last bit was sent.
 static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
-/// Notes when the bytes that are needed have come, idle lines and errors.
+/// Records the arrival of the threshold, idle lines and errors.
 pub(crate) struct InterruptHandler;
 
 impl Handler<UartInterrupt> for InterruptHandler {
     unsafe fn on_interrupt() {
-        // Where the byte is to lie of which the status tells, if it waits: the DMA may fetch it from here on.
+        // The future position of the byte that the status belongs to, if it waits: the DMA may fetch it from here on.
         let place = tail();
         let status = usart::take_status();
         let is_byte = !status.is_error() && !status.idle && !usart::is_transmitted_interrupt();
-        // Nearly always it is one more of the bytes before the one that is needed.
+        // Usually it is a byte before the threshold.
         if !is_byte || !wait_for_dma() {
             return note(status, place);
         }
@@ -99,12 +97,12 @@ impl Handler<UartInterrupt> for InterruptHandler {
     }
 }
 
-/// Notes that a byte has come that is needed, and asks only for others with which a frame can end, as long as there is
-/// room to note them.
+/// Records the arrival of the threshold. While there is room for further events, only further candidate frame ends are
+/// checked.
 fn reach(end: usize, at: Instant) {
     let is_full = critical_section::with(|cs| {
         let mut marks = MARKS.borrow_ref_mut(cs);
-        // What is not one more byte, such as the idle line behind it, brings the handler here again.
+        // Any other event, for example the idle line after it, triggers the handler again.
         if marks.back().is_none_or(|last| last.end != end) {
             let _ = marks.push_back(Mark { end, at, idle: false });
         }
@@ -117,7 +115,7 @@ fn reach(end: usize, at: Instant) {
     }
 }
 
-/// Notes where the line went idle. Without room, what was noted last was not long before.
+/// Records an idle line. Without room, the last recorded event was shortly before.
 fn fall_idle(end: usize, at: Instant) {
     critical_section::with(|cs| {
         let mut marks = MARKS.borrow_ref_mut(cs);
@@ -128,14 +126,14 @@ fn fall_idle(end: usize, at: Instant) {
     });
 }
 
-/// Notes what the UART has to say besides, of a byte that is to lie at this place in the ring if it waits.
+/// Records other flags, of a byte that will be at this position in the ring if it waits.
 #[cold]
 fn note(status: Status, place: usize) {
     let at = now();
     if usart::is_transmitted_interrupt() {
         listen();
     }
-    // The byte that brought the handler here is in the ring a few cycles later.
+    // The byte that triggered the handler is in the ring a few cycles later.
     let is_fetched = wait_for_dma();
     if status.is_error() {
         note_errors(status, place, is_fetched);
@@ -148,13 +146,13 @@ fn note(status: Status, place: usize) {
     if status.idle {
         fall_idle(end, at);
     }
-    // The bridge is told of errors with the bytes.
+    // Errors are reported to the bridge together with the bytes.
     if reached || status.idle {
         EVENT.signal(());
     }
 }
 
-/// Whether as many bytes have come before `end` as are needed.
+/// Returns true if the bytes before `end` reach the threshold.
 fn is_reached(end: usize) -> bool {
     let n = (end + SIZE - FROM.load(Ordering::Relaxed)) % SIZE;
     let last = RING.get(end.wrapping_sub(1) % SIZE);
@@ -162,10 +160,10 @@ fn is_reached(end: usize) -> bool {
     n >= NEEDED.load(Ordering::Relaxed) || n >= LEAST.load(Ordering::Relaxed) && is_mark()
 }
 
-/// Asks the interrupt handler to say when this is met.
+/// Sets the threshold of the interrupt handler.
 fn look_for(need: RxThreshold) {
     let (last, least) = need.terminator.map_or((0, SIZE), |mark| (mark, need.min));
-    // The handler is not to see a part of it.
+    // The handler must not see a partial update.
     critical_section::with(|_| {
         FROM.store(HEAD.load(Ordering::Relaxed), Ordering::Relaxed);
         LAST.store(last, Ordering::Relaxed);
@@ -175,20 +173,20 @@ fn look_for(need: RxThreshold) {
     });
 }
 
-/// How often the interrupt handler looks whether the DMA has fetched a byte, which takes it less long.
+/// Polls of the interrupt handler for the DMA's fetch of a byte, which takes less time.
 const FETCH_TRIES: usize = 16;
 
-/// Cycles in which the DMA has written and counted a byte that it has fetched.
+/// Cycles within which the DMA has written and counted a fetched byte.
 const COUNT_CYCLES: u32 = 24;
 
-/// Waits until the DMA has fetched what the UART holds, and counted it, but not for long. Returns whether it has.
+/// Waits briefly until the DMA has fetched and counted the UART's byte. Returns true if it has.
 fn wait_for_dma() -> bool {
     let is_fetched = (0..FETCH_TRIES).any(|_| !usart::is_byte_waiting());
     cortex_m::asm::delay(COUNT_CYCLES);
     is_fetched
 }
 
-/// On a single wire: the last bit is out.
+/// On a single wire: the last bit was sent.
 #[cold]
 fn listen() {
     usart::set_receiver(true);
@@ -196,8 +194,7 @@ fn listen() {
     SENT.signal(());
 }
 
-/// Counts the errors of a byte that is to lie at this place in the ring, but not again those of a byte that still waits for
-/// the DMA.
+/// Counts the errors of a byte at this future position in the ring, but only once while the byte waits for the DMA.
 #[cold]
 fn note_errors(status: Status, place: usize, is_fetched: bool) {
     critical_section::with(|cs| {
@@ -224,13 +221,13 @@ fn note_errors(status: Status, place: usize, is_fetched: bool) {
     }
 }
 
-/// Checks, each time the DMA enters a half of the ring, that what was in it had been taken.
+/// Checks, each time the DMA enters a half of the ring, that the content of that half had been read.
 pub(crate) struct RingHandler;
 
 impl Handler<RxInterrupt> for RingHandler {
     unsafe fn on_interrupt() {
-        // Asked twice per turn, this cannot miss that the DMA went past the head. Asked less often, as after the core
-        // stood still for the flash, it sees that itself.
+        // With two checks per turn the DMA cannot pass the head unnoticed. With fewer, as after a stall for the flash,
+        // `rx_went_round` detects it.
         if untaken(tail()) > SIZE / 2 - MARGIN || usart::rx_went_round() {
             RING_OVERRUN.store(true, Ordering::Relaxed);
         }
@@ -241,22 +238,22 @@ impl Handler<RxInterrupt> for RingHandler {
 /// Bytes that may arrive before the handler runs.
 const MARGIN: usize = 16;
 
-/// Where in the ring the DMA writes next.
+/// The DMA's next write position in the ring.
 fn tail() -> usize {
     (SIZE - usart::rx_remaining()) % SIZE
 }
 
-/// How many bytes lie in the ring before `end`.
+/// The number of bytes in the ring before `end`.
 fn untaken(end: usize) -> usize {
     (end + SIZE - HEAD.load(Ordering::Relaxed)) % SIZE
 }
 
-/// Looks at the UART even though nothing happened, so that whoever asks sees the task is alive.
+/// Triggers a read of the UART without an event, as a sign of life of the task.
 pub(crate) fn wake() {
     EVENT.signal(());
 }
 
-/// Passes what the arm says to the bridge.
+/// Passes the bytes of the arm to the bridge.
 #[embassy_executor::task]
 pub(crate) async fn receive(adapter: &'static Adapter, mut dma: Channel<'static>) {
     let mut receiver = Receiver {
@@ -273,21 +270,21 @@ pub(crate) async fn receive(adapter: &'static Adapter, mut dma: Channel<'static>
     }
 }
 
-/// The way of bytes from the ring to the bridge.
+/// Bytes on their way from the ring to the bridge.
 struct Receiver {
     adapter: &'static Adapter,
     chunk: [u8; 64],
-    /// How many bytes of `chunk` were in the ring when the stream was stopped.
+    /// The number of bytes in `chunk` that were in the ring when the stream was stopped.
     rest: usize,
-    /// Whether the line was idle behind them.
+    /// The line was idle after them.
     idle: bool,
 }
 
 impl Receiver {
-    /// Sets up the DMA stream and lets the UART feed it.
+    /// Configures the DMA stream and connects it to the UART.
     ///
-    /// Since [`stop`](Self::stop) the UART itself holds a byte, which is lost only when the one after it is in, too. So
-    /// there is no time in between to tell the bridge anything.
+    /// Since [`stop`](Self::stop) the UART may hold a byte, which is lost when the next one is in, too. No call of the
+    /// bridge may come in between.
     fn start<'a>(&self, dma: &'a mut Channel<'static>) -> Transfer<'a> {
         HEAD.store(0, Ordering::Relaxed);
         NEEDED.store(SIZE, Ordering::Relaxed);
@@ -297,24 +294,24 @@ impl Receiver {
         options.circular = true;
         options.half_transfer_ir = true;
         let transfer = critical_section::with(|cs| {
-            // The byte that the UART holds is the ring's first now, and what was counted of it stays counted.
+            // The byte that the UART holds becomes the first in the ring, and its counted errors stay counted.
             let counted = COUNTED.borrow(cs);
             let held = counted.take().filter(|&(end, _)| end == tail());
             counted.set(held.map(|(_, status)| (0, status)));
-            // SAFETY: the source is the UART's data register, whose stream this is; the target is made of atomics, for
-            // good.
+            // SAFETY: the source is the UART's data register, whose stream this is; the target consists of static
+            // atomics.
             unsafe { dma.read_raw(RX_REQUEST, usart::rx_data(), ring, options) }
         });
         usart::start_receiving();
         transfer
     }
 
-    /// Takes bytes as the bridge asks for them, until the receive path must be started anew.
+    /// Serves the bridge's threshold until the receive path must be restarted.
     async fn serve(&mut self) {
         while !RESTART.swap(false, Ordering::Relaxed) {
             progress(Task::Receive);
             if self.look() {
-                // The packet goes out before all else that a frame leads to.
+                // The packet goes out before all other consequences of a frame.
                 yield_now().await;
                 self.adapter.wake(Work::Uart);
                 self.adapter.wake(Work::Dispatch);
@@ -324,8 +321,8 @@ impl Receiver {
             }
             let need = self.adapter.take(|bridge| bridge.rx_threshold());
             look_for(need);
-            // Bytes that came before the interrupt handler knew of the need give no signal. What came before them, and what
-            // is asked next, goes out before they are looked at.
+            // Bytes that arrived before the interrupt handler knew the threshold cause no signal. Results of earlier
+            // bytes, and the next request, go out before they are read.
             if has_mark() || untaken(tail()) >= need.min.min(need.max) {
                 let_others_run().await;
             } else {
@@ -336,20 +333,20 @@ impl Receiver {
         }
     }
 
-    /// Passes what has arrived to the bridge, stops the stream and keeps the rest.
+    /// Passes received bytes to the bridge, stops the stream and keeps the rest.
     fn stop(&mut self, mut transfer: Transfer<'_>) {
         self.look();
-        // The interrupt handler leaves a byte in the data register to the DMA, which will not come for it now.
+        // The interrupt handler leaves a byte in the data register to the DMA, which will not fetch it now.
         usart::stop_receiving();
         transfer.request_pause();
         while transfer.is_running() {}
         self.rest = copy(&mut self.chunk, tail());
-        // Places in the ring mean nothing from here on.
+        // Positions in the ring are invalid from here on.
         let marks = critical_section::with(|cs| MARKS.take(cs));
         self.idle = marks.iter().any(|mark| mark.idle);
     }
 
-    /// Passes what was kept when the stream was stopped to the bridge.
+    /// Passes the bytes that were kept when the stream was stopped to the bridge.
     fn pass_rest(&mut self) {
         let at = now();
         self.adapter.with(|bridge| {
@@ -360,29 +357,29 @@ impl Receiver {
         });
     }
 
-    /// Passes what has arrived to the bridge, and returns whether a frame ended.
+    /// Passes received bytes to the bridge. Returns true if a frame ended.
     fn look(&mut self) -> bool {
         let chunk = &mut self.chunk;
         let is_frame = self.adapter.take(|bridge| {
             let mut errors = critical_section::with(|cs| ERRORS.borrow(cs).take());
             if RING_OVERRUN.swap(false, Ordering::Relaxed) {
-                // What the ring holds is of two turns: none of it can be told apart.
+                // The ring contains bytes of two turns, which cannot be separated.
                 critical_section::with(|cs| {
                     HEAD.store(tail(), Ordering::Relaxed);
                     MARKS.borrow_ref_mut(cs).clear();
                 });
                 errors.get_or_insert_default().ring_overrun = 1;
             }
-            // What comes from here on is looked at the next time.
+            // Later bytes are read the next time.
             let (end, at) = critical_section::with(|_| (tail(), now()));
             let (mut frames, mut late, mut is_marked) = (0, 0, false);
-            // A frame goes out before what is behind it is looked at.
+            // A frame goes out before the bytes after it are read.
             while frames == 0
                 && let Some(mark) = take_mark(end)
             {
                 is_marked = true;
                 if mark.idle {
-                    // It takes the time of a byte to know.
+                    // The detection takes one byte time.
                     let at = mark.at - Duration::from_micros(bridge.line_coding().micros(1));
                     late = take(bridge, chunk, mark.end, at);
                     frames = late + bridge.uart_event(UartEvent::Idle, mark.at);
@@ -395,7 +392,7 @@ impl Receiver {
                 frames = late;
             }
             if late > 0 {
-                // No interrupt handler saw their last bytes come.
+                // The interrupt handler missed their last bytes.
                 errors.get_or_insert_default().late_stamps = late as u32;
             }
             if let Some(errors) = errors {
@@ -408,12 +405,12 @@ impl Receiver {
     }
 }
 
-/// Whether there is a mark that was not looked at.
+/// Returns true if an event is unread.
 fn has_mark() -> bool {
     critical_section::with(|cs| !MARKS.borrow_ref(cs).is_empty())
 }
 
-/// The first mark that is not after `end`.
+/// The first event that is not after `end`.
 fn take_mark(end: usize) -> Option<Mark> {
     critical_section::with(|cs| {
         let mut marks = MARKS.borrow_ref_mut(cs);
@@ -425,7 +422,7 @@ fn take_mark(end: usize) -> Option<Mark> {
     })
 }
 
-/// Passes the bytes before `end` to the bridge, or tells it that there are none. Returns the number of frames that ended.
+/// Passes the bytes before `end`, possibly none, to the bridge. Returns the number of frames that ended.
 fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], end: usize, at: Instant) -> usize {
     let mut frames = 0;
     loop {
@@ -437,7 +434,7 @@ fn take(bridge: &mut Bridge, chunk: &mut [u8; 64], end: usize, at: Instant) -> u
     }
 }
 
-/// Copies bytes before `end` out of the ring, as many as there is room for, and returns how many.
+/// Copies bytes before `end` out of the ring, as many as fit, and returns their number.
 fn copy(chunk: &mut [u8; 64], end: usize) -> usize {
     let n = untaken(end).min(chunk.len());
     let head = HEAD.load(Ordering::Relaxed);
@@ -448,14 +445,14 @@ fn copy(chunk: &mut [u8; 64], end: usize) -> usize {
     n
 }
 
-/// Loads as many bytes as there is room for.
+/// Loads as many bytes as fit.
 fn load(to: &mut [u8], from: &[AtomicU8]) {
     for (to, from) in to.iter_mut().zip(from) {
         *to = from.load(Ordering::Relaxed);
     }
 }
 
-/// Sends what the bridge has for the arm, and changes the line between two bytes.
+/// Transmits the bridge's bytes for the arm, and changes the line between two bytes.
 #[embassy_executor::task]
 pub(crate) async fn transmit(
     adapter: &'static Adapter,
@@ -470,7 +467,7 @@ pub(crate) async fn transmit(
         let at = now();
         match adapter.take(|bridge| bridge.uart_transmit(&mut chunk, at)) {
             Some(Transmit::Burst { len, start }) => {
-                // Bytes that were to be cut before this burst have been.
+                // Bytes to cut before this burst have been cut.
                 adapter.reset(Work::UartCut);
                 let sending = send(&mut dma, &chunk[..len], start, config.half_duplex);
                 let accounting = async {
@@ -495,9 +492,9 @@ pub(crate) async fn transmit(
     }
 }
 
-/// Hands `bytes` to the UART, the first of which is to start at `start`. Returns when the last one waits behind the one
-/// on the line; on a single wire, when it is out and the receiver listens again. When it is dropped, no further byte goes to
-/// the UART.
+/// Transmits `bytes`, the first of them at `start`. Returns when the last one is in the data register behind the one on
+/// the line; on a single wire, when it was sent and the receiver is on again. After a drop, no further byte goes to the
+/// UART.
 async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Instant>, half_duplex: bool) {
     if half_duplex {
         usart::set_receiver(false);
@@ -505,7 +502,7 @@ async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Instant>, 
     if start.is_some() {
         usart::set_transmit_requests(false);
     }
-    // To tell when these bytes are out, not the ones before.
+    // This makes the flag refer to these bytes, not to earlier ones.
     usart::clear_transmitted();
     // SAFETY: the address is that of the UART's data register, and the stream is the one wired to it.
     let transfer = unsafe { dma.write(TX_REQUEST, bytes, usart::tx_data(), Default::default()) };
@@ -519,13 +516,13 @@ async fn send(dma: &mut Channel<'static>, bytes: &[u8], start: Option<Instant>, 
     }
 }
 
-/// Waits for the last bit to leave the line as it was, and changes it.
+/// Waits for the last bit at the old configuration, and applies the new one.
 async fn change(uart: &mut UartRx<'static, Blocking>, was: UartConfig, wanted: UartConfig) {
     while !usart::is_transmitted() {
         Timer::after_micros(10).await;
     }
-    // That may be true of the byte before the last transfer, if it ended between the clearing and the first byte. Then
-    // two bytes are left: one in the shift register, one behind it.
+    // The flag may refer to the byte before the last transfer, if that byte ended between the clearing and the first
+    // byte. Two bytes are then left: one in the shift register, one behind it.
     Timer::after_micros(was.coding.micros(2)).await;
     let coding = wanted.coding;
     let mut config = hal::Config::default();
@@ -541,7 +538,7 @@ async fn change(uart: &mut UartRx<'static, Blocking>, was: UartConfig, wanted: U
     };
     // The UART is disabled meanwhile.
     usart::hold_tx_high();
-    // The bridge lets through only what this UART can do.
+    // The bridge accepts only configurations that this UART supports.
     if uart.set_config(&config).is_err() {
         unreachable!()
     }

@@ -1,10 +1,9 @@
 //! The independent watchdog: resets the chip when a task makes no progress.
 //!
-//! A task with nothing to do rests: it waits for a signal, for as long as it takes, and says so with [`rest`].
-//! Everything else that it waits for, such as the end of a DMA transfer, takes a time that is bounded. A task that is
-//! not at rest must come to rest, or say now and then that it has done something, with [`progress`]. The watchdog is
-//! fed while none owes that. It is fed by a task of its own, so one that never yields starves it too; and only while
-//! the bridge says that bytes move, for a task might rest where there is something to do.
+//! An idle task rests: it waits for a signal, for any time, inside [`rest`]. All other waits, for example for the end
+//! of a DMA transfer, are bounded. A task that is not at rest must come to rest, or report [`progress`] from time to
+//! time. The watchdog is fed while no task is overdue. It is fed by a separate task: a task that never yields starves
+//! it too. It is fed only while the bridge reports that bytes move, because a task might rest despite pending work.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -16,17 +15,17 @@ use crate::adapter::{Adapter, now};
 use crate::board::Watchdog;
 use crate::uart;
 
-/// How long it may go unfed, by its own clock, which may be off by half. The erasing of a flash sector stops the core
-/// for 500 ms at worst.
+/// The timeout, by the watchdog's own clock, which may be off by half. The erase of a flash sector stalls the core for
+/// 500 ms at worst.
 const TIMEOUT_US: u32 = 2_000_000;
 
-/// How often the tasks are looked at.
+/// Period of the checks.
 const ROUND_MS: u64 = 100;
 
-/// How many rounds a task may be busy. At 1200 baud a frame takes half a second.
+/// Maximum number of rounds for a busy task. At 1200 baud a frame takes half a second.
 const PATIENCE: u32 = 12;
 
-/// Those that must make progress.
+/// Tasks that must make progress.
 #[derive(Clone, Copy)]
 pub(crate) enum Task {
     Receive,
@@ -41,16 +40,16 @@ pub(crate) enum Task {
     Action,
 }
 
-/// How many there are.
+/// Number of tasks.
 const TASKS: usize = Task::Action as usize + 1;
 
-/// Counts rounds.
+/// Number of the current round.
 static ROUND: AtomicU32 = AtomicU32::new(0);
-/// The round in which each task was last heard of, or [`AT_REST`].
+/// The round of each task's last progress, or [`AT_REST`].
 static HEARD: [AtomicU32; TASKS] = [const { AtomicU32::new(0) }; TASKS];
 const AT_REST: u32 = u32::MAX;
 
-/// The task has nothing to do and begins to wait for a signal, until what this returns is dropped.
+/// The task is idle and waits for a signal, until the returned guard is dropped.
 pub(crate) fn rest(task: Task) -> Resting {
     HEARD[task as usize].store(AT_REST, Ordering::Relaxed);
     Resting(task)
@@ -66,15 +65,15 @@ impl Drop for Resting {
     }
 }
 
-/// The task has done something.
+/// The task has made progress.
 pub(crate) fn progress(task: Task) {
     HEARD[task as usize].store(ROUND.load(Ordering::Relaxed), Ordering::Relaxed);
 }
 
-/// Starts the watchdog, which runs on an oscillator of its own: whoever waits for a clock is restarted. Nothing stops it
-/// but a reset. To be called once, and not before the boot loader, which does not feed it.
+/// Starts the watchdog, which runs on an oscillator of its own: a wait for a clock that never starts ends in a reset.
+/// It can only be stopped by a reset. Call this once, and not before the boot loader, which does not feed it.
 pub(crate) fn start() -> Watchdog {
-    // SAFETY: nobody else takes it.
+    // SAFETY: no other code takes it.
     let mut watchdog = IndependentWatchdog::new(unsafe { IWDG::steal() }, TIMEOUT_US);
     watchdog.unleash();
     watchdog
@@ -84,7 +83,7 @@ pub(crate) fn start() -> Watchdog {
 #[embassy_executor::task]
 pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog) {
     watchdog.pet();
-    // Out of step with the LED: both at once would hold up the end of a frame for longer.
+    // Offset from the LED's period: both at once would delay the end of a frame for longer.
     Timer::after_millis(ROUND_MS / 4).await;
     loop {
         let round = ROUND.fetch_add(1, Ordering::Relaxed);
@@ -93,7 +92,7 @@ pub(crate) async fn feed(adapter: &'static Adapter, mut watchdog: Watchdog) {
         if !HEARD.iter().any(is_late) && !adapter.take(|bridge| bridge.is_stuck(now())) {
             watchdog.pet();
         }
-        // The bridge wants to see that somebody looks at the UART.
+        // The bridge requires regular reads of the UART.
         uart::wake();
         Timer::after_millis(ROUND_MS).await;
     }

@@ -1,8 +1,8 @@
-//! The CAN controller, whatever the chip: what its interrupts bring waits here until somebody takes it.
+//! The chip-independent part of the CAN driver: a queue between the interrupt handlers and the task.
 //!
-//! The HAL's drivers are not used. They tell of an error on the bus only whoever waits for a frame, and of lost frames
-//! nobody. The one for FDCAN also leaves out the compensation of the transmitter's delay, which a data phase above
-//! 1 Mbit/s needs. What is left is little: [`Controller`] has the registers.
+//! The HAL's drivers are not used. They report a bus error only to a pending receive call, and lost frames not at all.
+//! The driver for FDCAN also lacks transmitter delay compensation, which a data phase above 1 Mbit/s needs. The
+//! remaining code is small: [`Controller`] has the registers.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
@@ -17,28 +17,27 @@ use embassy_time::Timer;
 
 use super::{Controller, Waiting};
 
-/// How many frames may wait to be taken, beside the controller's own three.
+/// Capacity for received frames, besides the controller's own three.
 pub(crate) const CAPACITY: usize = 8;
 
-/// How many frames a controller has room for on their way to the bus.
+/// Number of frames that a controller can hold for transmission.
 pub(super) const ROOM: u8 = 3;
 
 /// Frames from the bus.
 static FRAMES: Channel<CriticalSectionRawMutex, Waiting, CAPACITY> = Channel::new();
-/// What the interrupt handlers have to say.
+/// Wakes the task after an interrupt.
 static EVENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static ERRORS: AtomicU32 = AtomicU32::new(0);
 static OVERRUNS: AtomicU32 = AtomicU32::new(0);
 static LOST: AtomicBool = AtomicBool::new(false);
 
-/// How long nobody looks at the bus when nothing happens, in milliseconds. A controller that comes back from bus-off
-/// does not say so.
+/// Polling period without an event, in milliseconds: the controller does not report a recovery from bus-off.
 const LOOK_MS: u64 = 5;
 
 /// The CAN bus.
 pub(crate) struct Can {
     controller: Controller,
-    /// Frames that were forgotten, since somebody asked.
+    /// Unsent frames that were dropped, since they were last reported.
     unsent: u32,
 }
 
@@ -48,14 +47,14 @@ impl Can {
         Self { controller, unsent: 0 }
     }
 
-    /// Puts the controller on the bus, anew if it is there. Frames that it has not sent are forgotten.
+    /// Starts or restarts the controller. Its unsent frames are dropped.
     pub(crate) fn start(&mut self, config: &config::Can) {
         self.unsent += u32::from(self.waiting());
         self.controller.start(config);
         EVENT.signal(());
     }
 
-    /// Waits until something may have happened: a frame came or went out, or the bus was lost or is back.
+    /// Waits for a possible event: a frame was received or sent, or the bus state changed.
     pub(crate) async fn event(&self) {
         select(EVENT.wait(), Timer::after_millis(LOOK_MS)).await;
     }
@@ -65,22 +64,22 @@ impl Can {
         FRAMES.try_receive().ok()?.into_frame()
     }
 
-    /// How many frames have not left yet.
+    /// Number of frames in the controller.
     pub(crate) fn waiting(&self) -> u8 {
         self.controller.waiting()
     }
 
-    /// Whether there is room for a frame to the bus.
+    /// Returns true if the controller can take a frame.
     pub(crate) fn has_room(&self) -> bool {
         self.waiting() < ROOM
     }
 
-    /// Sends a frame as soon as the bus is free, after those before it. Only when there is room.
+    /// Queues a frame behind those before it. Call this only if [`has_room`](Self::has_room) returns true.
     pub(crate) fn transmit(&mut self, frame: &Frame) {
         self.controller.transmit(frame);
     }
 
-    /// What went wrong since this was last asked.
+    /// The errors since the last call.
     pub(crate) fn take_errors(&mut self) -> CanErrors {
         CanErrors {
             bus: ERRORS.swap(0, Ordering::Relaxed),
@@ -89,14 +88,13 @@ impl Can {
         }
     }
 
-    /// Whether the controller is off the bus because of too many errors, or was since this was last asked. It comes back by
-    /// itself.
+    /// Returns true if the controller is bus-off, or was since the last call. It recovers by itself.
     pub(crate) fn take_bus_off(&mut self) -> bool {
         LOST.swap(false, Ordering::Relaxed) || self.controller.is_bus_off()
     }
 }
 
-/// The identifiers of frames to the adapter. The controller lets no other pass.
+/// The identifiers of frames to the adapter. The controller rejects all others.
 pub(super) fn heard(node: Node) -> [Id; 4] {
     [
         Function::CommandA,
@@ -107,7 +105,7 @@ pub(super) fn heard(node: Node) -> [Id; 4] {
     .map(|function| function.id(node))
 }
 
-/// A frame came.
+/// A frame was received.
 pub(super) fn received(frame: Waiting) {
     if FRAMES.try_send(frame).is_err() {
         overrun();
@@ -115,22 +113,22 @@ pub(super) fn received(frame: Waiting) {
     EVENT.signal(());
 }
 
-/// A frame was lost because the ones before it had not been taken.
+/// A frame was lost because the queue was full.
 pub(super) fn overrun() {
     OVERRUNS.fetch_add(1, Ordering::Relaxed);
 }
 
-/// The controller saw an error on the bus. A bus that brings nothing else does not wake anybody.
+/// The controller saw an error on the bus. Errors alone do not wake the task.
 pub(super) fn error() {
     ERRORS.fetch_add(1, Ordering::Relaxed);
 }
 
-/// A frame went out.
+/// A frame was sent.
 pub(super) fn changed() {
     EVENT.signal(());
 }
 
-/// The bus was lost.
+/// The controller went bus-off.
 pub(super) fn lost() {
     LOST.store(true, Ordering::Relaxed);
     EVENT.signal(());

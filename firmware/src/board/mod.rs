@@ -1,25 +1,25 @@
-//! The board: the one place that knows which chip, which pins and which clocks.
+//! The board: chip, pins and clocks are known only here.
 //!
-//! A cargo feature chooses it, `board-stm32f405` or `board-stm32g431`. `docs/porting.md` says how to add one. Each
-//! brings the same items:
+//! A cargo feature selects it, `board-stm32f405` or `board-stm32g431`. `docs/porting.md` describes how to add one. Each
+//! provides the same items:
 //!
-//! | Item | What it is |
+//! | Item | Meaning |
 //! |---|---|
-//! | `NAME`, `CAN_FD` | what the board is called, and whether its CAN is CAN FD |
+//! | `NAME`, `CAN_FD` | the board's name, and true for CAN FD |
 //! | `init()` | holds the line to the arm high, starts the clocks, takes the pins and makes a [`Board`] of them |
 //! | `UsbDriver` | the driver of the USB peripheral |
 //! | `usb` | the registers of endpoint 0, behind [`usb_control`] |
-//! | `cancel_unfetched_packets()` | takes back what waits in an endpoint for a host that will not fetch it |
-//! | `cancel_unfetched_packet()` | takes back what waits in one endpoint, while the host asks for packets |
-//! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of the DMA that serves it, receiving |
-//! | `RX_REQUEST`, `TX_REQUEST` | what that DMA calls the UART's requests |
+//! | `cancel_unfetched_packets()` | withdraws the packets in endpoints that the host will not fetch |
+//! | `cancel_unfetched_packet()` | withdraws the packet in one endpoint, while the host polls it |
+//! | `UartInterrupt`, `RxInterrupt` | the interrupts of the arm's UART and of its receive DMA |
+//! | `RX_REQUEST`, `TX_REQUEST` | the numbers of the UART's requests at that DMA |
 //! | `TIMER`, `TimerPeripheral`, `TimerInterrupt` | a timer of 32 bits, for the clock |
 //! | `LED` | the pin of the status LED |
-//! | `UART`, `TX_PIN` | the UART's registers, and the pin that it sends on with its alternate function |
-//! | `uart` | what is the chip's own in them, behind [`usart`] |
-//! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a frame from it that waits there |
-//! | `ConfigFlash`, `CONFIG_FLASH` | where the configuration is kept: a `NorFlash`, and which part of it |
-//! | `FlashError`, `is_supply_low()` | why that was not changed, and whether because the supply is too low |
+//! | `UART`, `TX_PIN` | the UART's registers, and its TX pin with the alternate function |
+//! | `uart` | the chip-specific part of these registers, behind [`usart`] |
+//! | `Controller`, `Waiting` | the registers of the CAN controller, behind [`Can`], and a received frame in the queue there |
+//! | `ConfigFlash`, `CONFIG_FLASH` | the flash of the configuration: a `NorFlash`, and a range of it |
+//! | `FlashError`, `is_supply_low()` | the error of a failed write, and true if the supply voltage was too low |
 //! | `enter_boot_loader()` | starts the boot loader in the chip's ROM |
 
 mod can;
@@ -51,24 +51,24 @@ compile_error!("no board: enable `board-stm32f405` or `board-stm32g431`");
 #[cfg(all(feature = "board-stm32f405", feature = "board-stm32g431"))]
 compile_error!("two boards: `board-stm32g431` needs `--no-default-features`");
 
-/// What the board gives the firmware.
+/// The peripherals that the board provides.
 pub(crate) struct Board {
     /// The status LED.
     pub(crate) led: Output<'static>,
-    /// The arm's UART, to set its line coding with. The pin that it sends on is not the HAL's, which would leave it to a UART
-    /// that is disabled: see [`usart`].
+    /// The arm's UART, for its line coding. The TX pin is not given to the HAL, which would leave it floating while the
+    /// UART is disabled: see [`usart`].
     pub(crate) uart: UartRx<'static, Blocking>,
-    /// The DMA for bytes from the arm.
+    /// The receive DMA.
     pub(crate) rx_dma: Channel<'static>,
-    /// The DMA for bytes to the arm.
+    /// The transmit DMA.
     pub(crate) tx_dma: Channel<'static>,
     /// USB full speed.
     pub(crate) usb: UsbDriver,
     /// The CAN bus, not yet started.
     pub(crate) can: Can,
-    /// The flash that has the configuration in it.
+    /// The flash with the configuration.
     pub(crate) flash: ConfigFlash,
-    /// Whether the watchdog reset the chip.
+    /// True after a watchdog reset.
     pub(crate) reset_by_watchdog: bool,
 }
 

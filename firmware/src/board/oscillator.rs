@@ -1,8 +1,8 @@
-//! The crystal's oscillator: started with a time-out before the clock tree is set up. Until then everything runs from the
-//! internal oscillator of 16 MHz (HSI), and the timer of the clock counts microseconds.
+//! The crystal oscillator, started with a timeout before the clock tree is configured. Until then the chip runs from
+//! the internal 16 MHz oscillator (HSI), and the clock's timer counts microseconds.
 //!
-//! Without a crystal that runs, or with one of another frequency than the board can do with, the LED flashes three times
-//! every 2 s, and each time the crystal is started anew.
+//! If no crystal starts, or only one with an unsupported frequency, the LED flashes three times every 2 s, and the
+//! crystal is restarted each time.
 
 use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::vals::Moder;
@@ -12,17 +12,17 @@ use super::{LED, TIMER, Watchdog};
 /// The internal oscillator.
 pub(super) const HSI_MEGAHERTZ: u32 = 16;
 
-/// How long a crystal has to start until it is started anew, in microseconds.
+/// Time for a crystal to start before it is restarted, in microseconds.
 const RETRY_US: u32 = 2_000_000;
-/// How long nobody looks whether it has started, in cycles of HSI: 1 ms.
+/// Polling period, in cycles of HSI: 1 ms.
 const LOOK_CYCLES: u32 = HSI_MEGAHERTZ * 1_000;
-/// When the LED flashes first, in microseconds after the crystal was started: crystals need a few milliseconds.
+/// Time of the first LED flash after the crystal's start, in microseconds: crystals need a few milliseconds.
 const PATIENCE_US: u32 = 200_000;
-/// From one flash to the next, how long it is on, and how many there are.
+/// Period and duration of the LED flashes in microseconds, and their number.
 const FLASH_US: (u32, u32) = (300_000, 100_000);
 const FLASHES: u32 = 3;
 
-/// Starts the crystal. Returns when it runs and `measure` knows it, with what that makes of it.
+/// Starts the crystal. Returns the result of `measure` once the crystal runs and `measure` recognises it.
 ///
 /// The core must run from HSI, and the timer and the LED's port must have their clocks.
 pub(super) fn start<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>) -> T {
@@ -38,7 +38,7 @@ pub(super) fn start<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>)
     crystal
 }
 
-/// Starts the crystal, and gives up after a while.
+/// Starts the crystal, with a timeout.
 fn attempt<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>) -> Option<T> {
     let control = pac::RCC.cr();
     control.modify(|w| w.set_hseon(false));
@@ -60,7 +60,7 @@ fn attempt<T>(watchdog: &mut Watchdog, measure: impl Fn() -> Option<T>) -> Optio
     }
 }
 
-/// Whether the LED is on so long after the crystal was started.
+/// Returns true if the LED is on at this time after the crystal's start.
 fn is_flash(elapsed: u32) -> bool {
     let (period, on) = FLASH_US;
     elapsed
@@ -76,15 +76,15 @@ fn set_led(on: bool) {
     });
 }
 
-/// Lets the timer count microseconds. The clock of the firmware resets it.
+/// Starts the timer at one count per microsecond. The firmware's clock resets it.
 fn start_timer() {
     TIMER.psc().write_value(HSI_MEGAHERTZ as u16 - 1);
-    // The prescaler counts from the next update on.
+    // The prescaler takes effect at the next update.
     TIMER.egr().write(|w| w.set_ug(true));
     TIMER.cr1().write(|w| w.set_cen(true));
 }
 
-/// Microseconds since the crystal was started first.
+/// Microseconds since the first start of the crystal.
 pub(super) fn micros() -> u32 {
     TIMER.cnt().read()
 }

@@ -1,10 +1,10 @@
-//! The clock: embassy's time driver on a timer of 32 bits, which counts microseconds.
+//! The clock: embassy's time driver on a 32-bit timer that counts microseconds.
 //!
-//! The HAL's driver uses 16 bits of any timer and counts their turns by interrupts, one each 33 ms. When the flash is
-//! erased, the chip stands still for longer, and that clock would lose the time. This one may be left alone for half an
-//! hour.
+//! The HAL's driver uses 16 bits of any timer and counts its periods by interrupts, one every 33 ms. The erase of the
+//! flash stalls the chip for longer, and that clock would lose time. This one tolerates half an hour without an
+//! interrupt.
 //!
-//! It also starts the UART at a time that was said before: see [`transmit_at`].
+//! It also starts the UART at a given time: see [`transmit_at`].
 
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -20,20 +20,19 @@ use embassy_time_queue_utils::Queue;
 
 use super::{TIMER, TimerInterrupt, TimerPeripheral, usart};
 
-/// The bits of the count that do not tell which half-turn of the counter it is.
+/// Number of counter bits below the half-turn.
 const HALF_TURN: u32 = 31;
-/// The compare channels: the one that tells of the middle of a turn, the one that tells when something is due, and the
-/// one that tells when the UART is to start.
+/// The compare channels: the middle of a turn, the next alarm, and the start of the UART.
 const MIDDLE: usize = 0;
 const ALARM: usize = 1;
 const START: usize = 2;
 
-/// The half-turns of the counter, and who waits for what time.
+/// The half-turns of the counter, and the queue of timers.
 struct Clock {
-    /// Only the interrupt handler writes it. It may be late by almost a half-turn: see [`now`](Self::now).
+    /// Written only by the interrupt handler. It may lag by almost a half-turn: see [`now`](Self::now).
     half_turns: AtomicU32,
     queue: Mutex<RefCell<Queue>>,
-    /// When the queue is looked at next.
+    /// The time of the next alarm.
     alarm: Mutex<Cell<u64>>,
 }
 
@@ -51,7 +50,7 @@ pub(super) fn start() {
         .write_value((u64::from(rcc::frequency::<TimerPeripheral>().0) / TICK_HZ - 1) as u16);
     TIMER.arr().write_value(u32::MAX);
     TIMER.ccr(MIDDLE).write_value(1 << HALF_TURN);
-    // The prescaler counts from the next update on, which is made here and is no turn of the counter.
+    // The prescaler takes effect at the next update, which is made here and does not count as a turn of the counter.
     TIMER.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
     TIMER.egr().write(|w| w.set_ug(true));
     TIMER.dier().write(|w| {
@@ -59,22 +58,22 @@ pub(super) fn start() {
         w.set_ccie(MIDDLE, true);
     });
     TIMER.cr1().modify(|w| w.set_cen(true));
-    // SAFETY: the handler needs nothing that is not there.
+    // SAFETY: the handler uses only initialised state.
     unsafe { TimerInterrupt::enable() };
 }
 
-/// Lets the DMA bring what goes out from `at` on, which is less than a half-turn away, or at once if that has passed.
+/// Starts the transmit DMA at `at`, less than a half-turn ahead, or at once if that has passed.
 ///
-/// The interrupt handler does it: no task could be as punctual.
+/// The interrupt handler starts it: no task would be as punctual.
 pub(crate) fn transmit_at(at: Instant) {
     TIMER.ccr(START).write_value(at.as_micros() as u32);
     TIMER.sr().write(|w| {
-        // Writing 0 clears, writing 1 leaves alone.
+        // Writing 0 clears, writing 1 has no effect.
         w.0 = u32::MAX;
         w.set_ccif(START, false);
     });
     ask_for_start(true);
-    // The counter may have gone past it meanwhile.
+    // The counter may have passed it in between.
     if CLOCK.now() >= at.as_micros() {
         start_transmitting();
     }
@@ -85,18 +84,18 @@ fn start_transmitting() {
     usart::set_transmit_requests(true);
 }
 
-/// Whether there is to be an interrupt when the UART is to start.
+/// Enables the interrupt for the start of the UART.
 fn ask_for_start(on: bool) {
     critical_section::with(|_| TIMER.dier().modify(|w| w.set_ccie(START, on)));
 }
 
 impl Driver for Clock {
-    // One piece of code, not one for each call.
+    // One copy, not one for each call.
     #[inline(never)]
     fn now(&self) -> u64 {
-        // In this order: a half-turn that ends in between does no harm. An even number belongs to the lower half of the
-        // counter. If the counter is in the other half, the handler has not run yet, and the half-turn is not over for
-        // the count.
+        // This order tolerates a half-turn that ends in between. An even number belongs to the lower half of the
+        // counter. If the counter is in the other half, the handler has not run yet, and the previous half-turn still
+        // counts.
         let half_turns = self.half_turns.load(Ordering::Acquire);
         let count = TIMER.cnt().read();
         (u64::from(half_turns) << HALF_TURN) + u64::from(count ^ (half_turns & 1) << HALF_TURN)
@@ -105,7 +104,7 @@ impl Driver for Clock {
     fn schedule_wake(&self, at: u64, waker: &Waker) {
         critical_section::with(|cs| {
             let is_new = self.queue.borrow_ref_mut(cs).schedule_wake(at, waker);
-            // What is due no sooner than the alarm is seen to then.
+            // A timer that is due no sooner than the alarm is handled at the alarm.
             if is_new && at < self.alarm.borrow(cs).get() {
                 self.arm(cs);
             }
@@ -114,17 +113,17 @@ impl Driver for Clock {
 }
 
 impl Clock {
-    /// Wakes whoever's time has come, and asks for an interrupt when the next one's has.
+    /// Wakes expired timers, and sets the alarm for the next one.
     fn arm(&self, cs: CriticalSection<'_>) {
         loop {
             let now = self.now();
             let next = self.queue.borrow_ref_mut(cs).next_expiration(now);
             self.alarm.borrow(cs).set(next);
-            // What is further away is looked at again when the half-turn ends.
+            // A later timer is checked again when the half-turn ends.
             let is_near = next - now < 1 << HALF_TURN;
             TIMER.ccr(ALARM).write_value(next as u32);
             TIMER.dier().modify(|w| w.set_ccie(ALARM, is_near));
-            // The counter may have gone past it meanwhile.
+            // The counter may have passed it in between.
             if !is_near || self.now() < next {
                 return;
             }
@@ -132,13 +131,13 @@ impl Clock {
     }
 }
 
-/// Counts half-turns and wakes whoever's time has come.
+/// Counts half-turns and wakes expired timers.
 pub(crate) struct TimerHandler;
 
 impl Handler<TimerInterrupt> for TimerHandler {
     unsafe fn on_interrupt() {
         let flags = TIMER.sr().read();
-        // Writing 0 clears, writing 1 leaves alone.
+        // Writing 0 clears, writing 1 has no effect.
         TIMER.sr().write(|w| w.0 = !flags.0);
         let ended = u32::from(flags.uif()) + u32::from(flags.ccif(MIDDLE));
         CLOCK.half_turns.store(

@@ -1,7 +1,7 @@
-//! The control registers of the arm's UART, which are the same in every STM32. What is not is the board's.
+//! The control registers of the arm's UART that are the same in every STM32. The board has the others.
 //!
-//! Interrupt handlers change them, too, and the handler of one may interrupt that of another: nobody else may come in
-//! between the reading and the writing of one.
+//! Interrupt handlers write them, too, and can preempt each other: every read-modify-write must be in a critical
+//! section.
 
 use embassy_stm32::pac::gpio::vals::{Moder, Ot, Pupdr};
 
@@ -12,29 +12,29 @@ pub(crate) use super::uart::{
     rx_went_round, take_status, tx_data,
 };
 
-/// What the UART had to say since it was last asked.
+/// The UART's flags since the last read.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Status {
-    /// A byte without its stop bit came.
+    /// A byte without a stop bit.
     pub(crate) framing: bool,
-    /// A byte with the wrong parity came.
+    /// A byte with wrong parity.
     pub(crate) parity: bool,
-    /// A byte with noise on it came.
+    /// A byte with noise.
     pub(crate) noise: bool,
-    /// A byte was lost: nobody had fetched the one before.
+    /// A lost byte: the previous one had not been fetched.
     pub(crate) overrun: bool,
-    /// The line went idle after a byte.
+    /// An idle line after a byte.
     pub(crate) idle: bool,
 }
 
 impl Status {
-    /// Whether something was wrong.
+    /// Returns true for any error.
     pub(crate) fn is_error(&self) -> bool {
         self.framing || self.parity || self.noise || self.overrun
     }
 }
 
-/// Lets the DMA fetch what comes in, and asks for interrupts when the line goes idle and on errors.
+/// Enables the receive DMA, and the interrupts for an idle line and errors.
 pub(crate) fn start_receiving() {
     set_receive_requests(true);
     critical_section::with(|_| {
@@ -45,7 +45,7 @@ pub(crate) fn start_receiving() {
     });
 }
 
-/// Takes back all that [`start_receiving`] and [`set_byte_interrupt`] asked for.
+/// Disables everything that [`start_receiving`] and [`set_byte_interrupt`] enable.
 pub(crate) fn stop_receiving() {
     critical_section::with(|_| {
         UART.cr1().modify(|w| {
@@ -57,7 +57,7 @@ pub(crate) fn stop_receiving() {
     set_receive_requests(false);
 }
 
-/// Whether the DMA is asked to fetch what comes in, and an interrupt when something is wrong with it.
+/// Enables or disables the receive DMA requests and the error interrupt.
 fn set_receive_requests(on: bool) {
     critical_section::with(|_| {
         UART.cr3().modify(|w| {
@@ -67,52 +67,52 @@ fn set_receive_requests(on: bool) {
     });
 }
 
-/// Whether there is to be an interrupt when a byte comes.
+/// Enables or disables the interrupt for each byte.
 pub(crate) fn set_byte_interrupt(on: bool) {
     critical_section::with(|_| UART.cr1().modify(|w| w.set_rxneie(on)));
 }
 
-/// Whether the DMA is asked to bring what goes out.
+/// Enables or disables the transmit DMA requests.
 pub(crate) fn set_transmit_requests(on: bool) {
     critical_section::with(|_| UART.cr3().modify(|w| w.set_dmat(on)));
 }
 
-/// Whether there is to be an interrupt when the last bit of what was sent is out.
+/// Enables or disables the interrupt after the last bit.
 pub(crate) fn set_transmitted_interrupt(on: bool) {
     critical_section::with(|_| UART.cr1().modify(|w| w.set_tcie(on)));
 }
 
-/// Whether the interrupt that [`set_transmitted_interrupt`] asks for is there.
+/// Returns true if the interrupt of [`set_transmitted_interrupt`] is pending.
 pub(crate) fn is_transmitted_interrupt() -> bool {
     UART.cr1().read().tcie() && is_transmitted()
 }
 
-/// Holds the pin that sends high, whatever becomes of the UART. Nothing drives the pin while the UART is disabled, and the arm
-/// may take that for a start bit. The pin's port must have its clock.
+/// Drives the TX pin high, independent of the UART. A disabled UART leaves the pin floating, and the arm may read that
+/// as a start bit. The pin's port must have its clock.
 pub(crate) fn hold_tx_high() {
     let (port, pin, _) = TX_PIN;
     port.bsrr().write(|w| w.set_bs(pin, true));
     port.moder().modify(|w| w.set_moder(pin, Moder::OUTPUT));
 }
 
-/// Gives the pin that sends to the UART, which must be enabled.
+/// Returns the TX pin to the UART, which must be enabled.
 pub(crate) fn release_tx() {
     let (port, pin, function) = TX_PIN;
     port.afr(pin / 8).modify(|w| w.set_afr(pin % 8, function));
     port.moder().modify(|w| w.set_moder(pin, Moder::ALTERNATE));
 }
 
-/// Lets a UART that is enabled send.
+/// Enables the transmitter of an enabled UART.
 pub(crate) fn start_transmitter() {
     critical_section::with(|_| UART.cr1().modify(|w| w.set_te(true)));
     release_tx();
 }
 
-/// One wire for both ways, on the pin that sends, or two. Only while nothing is on the line.
+/// Selects one wire for both directions, on the TX pin, or two. Call this only on an idle line.
 ///
-/// What goes out on one wire also comes in, unless the receiver is off meanwhile: [`set_receiver`].
+/// Bytes sent on one wire are also received, unless the receiver is off: [`set_receiver`].
 pub(crate) fn set_half_duplex(on: bool) {
-    // Nobody drives the wire between bytes: a pull-up keeps it high.
+    // The wire floats between bytes: a pull-up keeps it high.
     let (output, pull) = match on {
         true => (Ot::OPEN_DRAIN, Pupdr::PULL_UP),
         false => (Ot::PUSH_PULL, Pupdr::FLOATING),
@@ -120,7 +120,7 @@ pub(crate) fn set_half_duplex(on: bool) {
     let (port, pin, _) = TX_PIN;
     port.otyper().modify(|w| w.set_ot(pin, output));
     port.pupdr().modify(|w| w.set_pupdr(pin, pull));
-    // Newer UARTs keep HDSEL as it is while they are enabled.
+    // Newer UARTs ignore writes to HDSEL while they are enabled.
     critical_section::with(|_| {
         UART.cr1().modify(|w| w.set_ue(false));
         UART.cr3().modify(|w| w.set_hdsel(on));

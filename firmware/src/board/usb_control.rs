@@ -1,7 +1,7 @@
-//! Endpoint 0 of USB: the HAL's, which here also gets over a host that gives up a request.
+//! Endpoint 0 of USB: the HAL's, extended for hosts that abandon a request.
 //!
-//! The HAL's waits for the end of each stage of a request, though the host may begin another request at any time (USB 2.0,
-//! 8.5.3). The registers are the board's, in its `usb`.
+//! The HAL waits for the end of each stage of a request, but the host may begin another request at any time (USB 2.0,
+//! 8.5.3). The registers are in the board's `usb`.
 
 use core::future::{Future, poll_fn};
 use core::pin::pin;
@@ -13,26 +13,26 @@ use embassy_usb::driver::{self, EndpointError};
 
 use super::usb::{HalControlPipe, is_over, poll_request, take_answer_back};
 
-/// A SETUP packet came since the last request was taken.
+/// A SETUP packet arrived since the last request was taken.
 pub(super) static IS_SET_UP: AtomicBool = AtomicBool::new(false);
 
 /// The task that waits for the end of a stage.
 static WAITING: AtomicWaker = AtomicWaker::new();
 
-/// Wakes the task that waits for a stage, if the request is over for the host. The interrupt handler calls it.
+/// Wakes the task that waits for a stage, if the host has ended the request. The interrupt handler calls this.
 pub(super) fn wake_if_over() {
     if is_over() {
         WAITING.wake();
     }
 }
 
-/// Waits for the end of a stage of a request. `None` once the request is over for the host.
+/// Waits for the end of a stage of a request. `None` once the host has ended the request.
 async fn unless_over<R>(stage: impl Future<Output = R>) -> Option<R> {
     let mut stage = pin!(stage);
     poll_fn(|cx| {
         WAITING.register(cx.waker());
-        // An answer that is armed just as the host begins another request is taken back before the host fetches it. The host
-        // needs 5 µs, and an interrupt handler in between may take as long.
+        // An answer that is armed just as the host begins another request is withdrawn before the host fetches it. The
+        // host needs 5 µs, and an interrupt handler in between may take as long.
         critical_section::with(|_| {
             if !is_over() {
                 let polled = stage.as_mut().poll(cx).map(Some);

@@ -17,16 +17,17 @@ use crate::board::{self, UsbDriver};
 use crate::usb::pipe::Endpoints;
 use crate::watchdog::{Task, rest};
 
-/// The pid.codes test id. It is for private use: a product needs an id of its own.
+/// The pid.codes test id for private use: a product needs an id of its own.
 const VENDOR_AND_PRODUCT: (u16, u16) = (0x1209, 0x0001);
 
-/// Communications devices (CDC 1.2, section 4) that are modems without commands (PSTN 1.2), and their data.
+/// Class codes: communications devices (CDC 1.2, section 4), abstract control model without AT commands (PSTN 1.2),
+/// data.
 const COMMUNICATIONS: u8 = 0x02;
 const ABSTRACT_CONTROL_MODEL: u8 = 0x02;
 const DATA: u8 = 0x0A;
 
-/// The descriptors of such a device (CDC 1.2, section 5.2.3, and PSTN 1.2, section 5.3): version 1.10, it has a line
-/// coding and control lines, and it consists of these two interfaces.
+/// Functional descriptors (CDC 1.2, section 5.2.3, and PSTN 1.2, section 5.3): version 1.10, line coding and control
+/// lines, and the two interfaces.
 const CS_INTERFACE: u8 = 0x24;
 const HEADER: [u8; 3] = [0x00, 0x10, 0x01];
 const ABSTRACT_CONTROL: [u8; 2] = [0x02, 0x02];
@@ -38,13 +39,13 @@ const SET_LINE_CODING: u8 = 0x20;
 const GET_LINE_CODING: u8 = 0x21;
 const SET_CONTROL_LINE_STATE: u8 = 0x22;
 
-/// The interface that they go to: the serial port's first of two.
+/// The interface of these requests: the first of the serial port's two.
 const PORT_INTERFACE: u8 = 0;
 
-/// The class of interfaces that are in no other.
+/// The vendor-specific interface class.
 const VENDOR_SPECIFIC: u8 = 0xFF;
 
-/// What the control interface is called, for hosts to find it by.
+/// The name by which hosts find the control interface.
 const CONTROL_NAME: &str = "armwire control";
 
 /// The device interface class of the control interface, by which programs on Windows find it.
@@ -55,7 +56,7 @@ const READ_MSOS_DESCRIPTORS: u8 = 0x20;
 
 const _: () = assert!(READ_MSOS_DESCRIPTORS != Counters::READ_REQUEST.1);
 
-/// The device, and the two things it is.
+/// The device and its two functions.
 pub(crate) struct Usb {
     pub(crate) device: UsbDevice<'static, UsbDriver>,
     pub(crate) port: Endpoints,
@@ -85,7 +86,7 @@ pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
         MSOS_DESCRIPTORS.init([0; 178]),
         CONTROL_BUFFER.init([0; Counters::MAX_LEN]),
     );
-    // Windows 8.1 is the first version that reads these.
+    // Windows 8.1 is the first version that reads these descriptors.
     builder.msos_descriptor(windows_version::WIN8_1, READ_MSOS_DESCRIPTORS);
     let control_name = builder.string();
     let port = serial_port(builder.function(COMMUNICATIONS, ABSTRACT_CONTROL_MODEL, 0));
@@ -102,14 +103,14 @@ pub(crate) fn new(driver: UsbDriver, adapter: &'static Adapter) -> Usb {
     }
 }
 
-/// Two interfaces: one that takes requests, and one with the data.
+/// Two interfaces: one for requests, and one for data.
 fn serial_port(mut function: FunctionBuilder<'_, 'static, UsbDriver>) -> Endpoints {
     let mut interface = function.interface();
     let mut requests = interface.alt_setting(COMMUNICATIONS, ABSTRACT_CONTROL_MODEL, 0, None);
     for descriptor in [&HEADER[..], &ABSTRACT_CONTROL, &UNION] {
         requests.descriptor(CS_INTERFACE, descriptor);
     }
-    // Hosts want one. Nothing is ever sent on it.
+    // Hosts expect this endpoint. It is never used.
     requests.endpoint_interrupt_in(None, 8, 255);
     let mut interface = function.interface();
     let mut data = interface.alt_setting(DATA, 0, 0, None);
@@ -119,10 +120,10 @@ fn serial_port(mut function: FunctionBuilder<'_, 'static, UsbDriver>) -> Endpoin
     }
 }
 
-/// A vendor-specific interface. It is no second serial port, for the F405 has too few endpoints for two of them (RM0090
+/// A vendor-specific interface. It is no second serial port, because the F405 has too few endpoints for two (RM0090
 /// 34.1).
 fn control_interface(mut function: FunctionBuilder<'_, 'static, UsbDriver>, name: StringIndex) -> Endpoints {
-    // Windows binds its own driver, WinUSB, without the user's help.
+    // Windows binds its own driver, WinUSB, automatically.
     function.msos_feature(CompatibleIdFeatureDescriptor::new("WINUSB", ""));
     function.msos_feature(RegistryPropertyFeatureDescriptor::new(
         "DeviceInterfaceGUIDs",
@@ -136,16 +137,16 @@ fn control_interface(mut function: FunctionBuilder<'_, 'static, UsbDriver>, name
     }
 }
 
-/// Tells the bridge what the host does, and answers for the line coding as the UART really has it.
+/// Passes the host's requests to the bridge, and returns the UART's actual line coding.
 struct Requests {
     adapter: &'static Adapter,
     control_name: StringIndex,
-    /// The endpoint of the serial port's packets to the host.
+    /// The IN endpoint of the serial port.
     to_host: usize,
 }
 
 impl Requests {
-    /// Takes back what waits in the serial port's endpoint for a host that is no longer the one that it was for.
+    /// Withdraws the packet in the serial port's endpoint, which was for another session.
     fn cancel_unfetched_packet(&self) {
         if board::cancel_unfetched_packet(self.to_host) {
             let len = self.adapter.last_packet.get();
@@ -153,7 +154,7 @@ impl Requests {
         }
     }
 
-    /// What is on its way to the host is for nobody now.
+    /// Packets in flight to the host have lost their receiver.
     fn end_sessions(&self) {
         self.adapter.wake(Work::PortSession);
         self.adapter.wake(Work::ControlSession);
@@ -239,7 +240,7 @@ fn is_for_the_adapter(request: &Request) -> bool {
 /// Answers the host's requests.
 #[embassy_executor::task]
 pub(crate) async fn run(mut device: UsbDevice<'static, UsbDriver>) {
-    // What it does takes no time to speak of; all else is waiting for the host.
+    // Its own work is negligible; all other time is spent waiting for the host.
     let _resting = rest(Task::Usb);
     device.run().await
 }

@@ -1,5 +1,5 @@
-//! The two pipes between hosts and the bridge: the arm's serial port and the control interface. Each has a bulk endpoint
-//! each way.
+//! The two pipes between hosts and the bridge: the arm's serial port and the control interface. Each has a bulk
+//! endpoint in each direction.
 
 use armwire_bridge::{Bridge, PACKET, UsbEvent};
 use embassy_futures::select::{Either, select};
@@ -19,7 +19,7 @@ pub(crate) struct Endpoints {
     pub(crate) from_host: FromHost,
 }
 
-/// Which pipe.
+/// The two pipes.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pipe {
     Port,
@@ -34,7 +34,7 @@ impl Pipe {
         }
     }
 
-    /// A packet to the host, room for a packet of the host, and the end of its session.
+    /// The work of a pipe: a packet to the host, room for a packet from it, and a new session.
     const fn works(self) -> (Work, Work, Work) {
         match self {
             Self::Port => (Work::Port, Work::PortRoom, Work::PortSession),
@@ -50,7 +50,7 @@ impl Pipe {
         }
     }
 
-    /// Returns whether there is room for the next packet.
+    /// Passes a packet to the bridge. Returns true if the next one fits.
     fn received(self, bridge: &mut Bridge, packet: &[u8]) -> bool {
         match self {
             Self::Port => bridge.usb_received(packet, now()),
@@ -65,20 +65,20 @@ impl Pipe {
         }
     }
 
-    /// A packet of `len` bytes waits for the host to fetch it, or could not be sent.
+    /// A packet of `len` bytes waits for the host, or could not be sent.
     fn finish(self, adapter: &Adapter, len: usize, is_sent: bool) {
         match (self, is_sent) {
             (Self::Port, true) => adapter.last_packet.set(len),
             (Self::Port, false) => {
                 adapter.take(|bridge| bridge.usb_event(UsbEvent::Lost(len), now()));
             }
-            // There is room for a reply.
+            // A reply may fit now.
             (Self::Control, _) => adapter.wake(Work::Dispatch),
         }
     }
 }
 
-/// Sends the host what the bridge has for it.
+/// Sends the bridge's packets to the host.
 #[embassy_executor::task(pool_size = 2)]
 pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint: ToHost) {
     let (task, _) = pipe.tasks();
@@ -100,8 +100,8 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
                 drop(resting);
                 continue;
             };
-            // A packet that waits for the host to fetch the one before it is not for the next host. Nor may it go when that
-            // one was taken back: the end of the session comes first.
+            // A packet that waits behind another is not for the next host. Nor may it go after the other was withdrawn:
+            // the end of the session comes first.
             let sending = select(adapter.wait(session), endpoint.write(&packet[..n]));
             let resting = rest(task);
             let sent = sending.await;
@@ -114,7 +114,7 @@ pub(crate) async fn to_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint:
     }
 }
 
-/// Takes what the host sends.
+/// Receives the host's packets.
 #[embassy_executor::task(pool_size = 2)]
 pub(crate) async fn from_host(adapter: &'static Adapter, pipe: Pipe, mut endpoint: FromHost) {
     let (_, task) = pipe.tasks();
@@ -126,7 +126,7 @@ pub(crate) async fn from_host(adapter: &'static Adapter, pipe: Pipe, mut endpoin
         endpoint.wait_enabled().await;
         drop(resting);
         loop {
-            // Until a packet is read, USB holds the host back.
+            // USB flow control holds the host back until a packet is read.
             while !has_room {
                 let resting = rest(task);
                 adapter.wait(room).await;

@@ -17,8 +17,8 @@ const CAN: pac::can::Can = pac::CAN1;
 
 /// APB1's clock, which the controller divides.
 const CLOCK: u32 = 42_000_000;
-/// A bit: its first quantum, those before the sample point and those behind it. Every rate there is divides
-/// `CLOCK` / 14, and 12 of 14 is within CiA 301's 85 % to 90 %.
+/// A bit: one quantum, the quanta before the sample point and those after it. Every supported rate divides `CLOCK` /
+/// 14, and 12 of 14 is within CiA 301's 85 % to 90 %.
 const SEGMENTS: [u8; 2] = [11, 2];
 const QUANTA: u32 = 14;
 
@@ -33,14 +33,13 @@ const _: () = {
 /// PB8 and PB9 are CAN1 as alternate function 9 (datasheet, "Alternate function mapping").
 const ALTERNATE_FUNCTION: u8 = 9;
 
-/// The mailboxes that frames leave from.
+/// Number of transmit mailboxes.
 const MAILBOXES: usize = ROOM as usize;
 
-/// How often the interrupt handler looks whether initialization mode was entered, which takes a few cycles at a bus that is
-/// lost.
+/// Polls of the interrupt handler for initialization mode, which takes a few cycles in bus-off.
 const INITIALIZATION_TRIES: usize = 16;
 
-/// In bus-off: the way back was started.
+/// Recovery from bus-off was started.
 static RETURNING: AtomicBool = AtomicBool::new(false);
 
 /// The controller.
@@ -62,20 +61,20 @@ impl Controller {
         Self { _pins: [rx, tx] }
     }
 
-    /// Puts the controller on the bus, anew if it is there.
+    /// Starts or restarts the controller.
     pub(crate) fn start(&mut self, config: &config::Can) {
         rcc::enable_and_reset::<CAN1>();
-        // RM0090 32.4.1. No bus is needed to get there.
+        // RM0090 32.4.1. This works without a bus.
         CAN.mcr().modify(|w| {
             w.set_sleep(false);
             w.set_inrq(true);
         });
         while !CAN.msr().read().inak() {}
         CAN.mcr().modify(|w| {
-            // After bus-off it waits for the interrupt handler. It would come back without, but of a bus that was lost and
-            // is back before anybody looks nothing would be seen (32.7.6).
+            // Recovery from bus-off is started by the interrupt handler. Automatic recovery could complete before the
+            // state is read, and bus-off would go unnoticed (32.7.6).
             w.set_abom(false);
-            // Frames leave in the order they came, or those of one ISO-TP PDU would not (32.7.1).
+            // Frames leave in the order of their requests, as the frames of an ISO-TP PDU must (32.7.1).
             w.set_txfp(true);
         });
         CAN.btr().write(|w| {
@@ -93,17 +92,17 @@ impl Controller {
             w.set_lecie(true);
             w.set_bofie(true);
         });
-        // SAFETY: the handlers need nothing that is not there.
+        // SAFETY: the handlers use only initialised state.
         unsafe {
             CAN1_TX::enable();
             CAN1_RX0::enable();
             CAN1_SCE::enable();
         }
-        // It is on the bus when that has been idle for 11 bits, which nobody waits for here.
+        // The controller joins the bus after 11 idle bits. The code does not wait for that.
         CAN.mcr().modify(|w| w.set_inrq(false));
     }
 
-    /// How many mailboxes are not empty.
+    /// Number of occupied mailboxes.
     pub(crate) fn waiting(&self) -> u8 {
         let status = CAN.tsr().read();
         (0..MAILBOXES).map(|mailbox| u8::from(!status.tme(mailbox))).sum()
@@ -128,10 +127,10 @@ impl Controller {
         });
     }
 
-    /// Whether the controller has left the bus because of too many errors. To be asked now and then: nothing else sees to
-    /// a way back that was not started.
+    /// Returns true in bus-off. Call this periodically: it also starts a recovery that the interrupt handler could not
+    /// start.
     pub(crate) fn is_bus_off(&self) -> bool {
-        // The interrupt handler asks for initialization mode, too.
+        // The interrupt handler requests initialization mode, too.
         critical_section::with(|_| leave_initialization());
         let is_off = CAN.esr().read().boff();
         if !RETURNING.swap(is_off, Ordering::Relaxed) && is_off {
@@ -141,9 +140,10 @@ impl Controller {
     }
 }
 
-/// Lets data frames with these identifiers into FIFO 0, and no others: bank 0 as a list of four (RM0090 32.7.4).
+/// Accepts data frames with these identifiers to FIFO 0, and rejects all others: bank 0 as a list of four (RM0090
+/// 32.7.4).
 fn listen([a, b, c, d]: [Id; 4]) {
-    // The 11 bits of the identifier; RTR, IDE and what an extended identifier has more are 0.
+    // The 11 bits of the identifier; RTR, IDE and the bits of an extended identifier are 0.
     let half = |id: Id| u32::from(id.get()) << 5;
     CAN.fmr().modify(|w| w.set_finit(true));
     CAN.fm1r().write(|w| w.set_fbm(0, true));
@@ -155,19 +155,19 @@ fn listen([a, b, c, d]: [Id; 4]) {
     CAN.fmr().modify(|w| w.set_finit(false));
 }
 
-/// Notes that a mailbox is empty again.
+/// Handles a mailbox that became empty.
 pub(crate) struct TransmitHandler;
 
 impl Handler<CAN1_TX> for TransmitHandler {
     unsafe fn on_interrupt() {
-        // Writing 1 clears; the other bits of this register do nothing when 0 is written.
+        // Writing 1 clears; writing 0 has no effect on the other bits of this register.
         CAN.tsr()
             .write(|w| (0..MAILBOXES).for_each(|mailbox| w.set_rqcp(mailbox, true)));
         changed();
     }
 }
 
-/// Takes frames from FIFO 0.
+/// Moves frames from FIFO 0 to the queue.
 pub(crate) struct ReceiveHandler;
 
 impl Handler<CAN1_RX0> for ReceiveHandler {
@@ -187,7 +187,7 @@ impl Handler<CAN1_RX0> for ReceiveHandler {
     }
 }
 
-/// A frame that waits to be taken: a classic one, in a quarter of the room.
+/// A received frame in the queue: a classic one, a quarter of the size of an FD frame.
 pub(crate) struct Waiting {
     id: Id,
     len: usize,
@@ -201,7 +201,7 @@ impl Waiting {
     }
 }
 
-/// The frame at the front of FIFO 0: `None` if it is none that the filter lets pass.
+/// The frame at the front of FIFO 0. `None` if the filter should have rejected it.
 fn frame() -> Option<Waiting> {
     let mailbox = CAN.rx(0);
     let header = mailbox.rir().read();
@@ -218,32 +218,33 @@ fn frame() -> Option<Waiting> {
     })
 }
 
-/// Counts errors on the bus, and brings the controller back from bus-off.
+/// Counts bus errors, and starts the recovery from bus-off.
 pub(crate) struct StatusHandler;
 
 impl Handler<CAN1_SCE> for StatusHandler {
     unsafe fn on_interrupt() {
-        // Before ESR is read: what is set in it from here on brings the handler here again (RM0090 32.9.2). Writing 1
-        // clears.
+        // This comes before the read of ESR: a bit set from here on triggers the handler again (RM0090 32.9.2). Writing
+        // 1 clears.
         CAN.msr().write(|w| w.set_erri(true));
         let status = CAN.esr().read();
         if !matches!(status.lec(), Lec::NO_ERROR | Lec::CUSTOM) {
             error();
-            // So that it is counted once (RM0090 32.9.2, LEC).
+            // This makes each error count once (RM0090 32.9.2, LEC).
             CAN.esr().write(|w| w.set_lec(Lec::CUSTOM));
         }
         if status.boff() {
             lost();
             RETURNING.store(true, Ordering::Relaxed);
-            // To enter and leave this mode is what starts the way back, as soon as the standard allows (32.7.6).
+            // Entering and leaving this mode starts the recovery, at the earliest time that the standard allows
+            // (32.7.6).
             CAN.mcr().modify(|w| w.set_inrq(true));
-            // What is not entered by then is left when somebody asks for bus-off.
+            // If it is not entered by then, `is_bus_off` leaves it.
             (0..INITIALIZATION_TRIES).any(|_| leave_initialization());
         }
     }
 }
 
-/// Ends initialization mode, if it was asked for and entered (RM0090 32.4.1). Returns whether it was.
+/// Leaves initialization mode, if it was requested and entered (RM0090 32.4.1). Returns true if it was.
 fn leave_initialization() -> bool {
     let is_entered = CAN.mcr().read().inrq() && CAN.msr().read().inak();
     if is_entered {

@@ -31,12 +31,12 @@ pub(super) fn config(crystal: &Crystal) -> Config {
     config
 }
 
-/// DEV_ID of DBGMCU_IDCODE, and the first REV_ID whose prefetch works, revision Z (RM0090 38.6.1). Revision A is also told by
-/// a DEV_ID that is the STM32F2's (ES0182, "MCU device ID is incorrect").
+/// DEV_ID of DBGMCU_IDCODE, and the first REV_ID with a working prefetch, revision Z (RM0090 38.6.1). Revision A can
+/// also be recognised by the DEV_ID of an STM32F2 (ES0182, "MCU device ID is incorrect").
 const DEVICE: u16 = 0x413;
 const FIRST_WITH_PREFETCH: u16 = 0x1001;
 
-/// Switches on the flash prefetch and caches (RM0090 3.5.2), which hide most of the five wait states of 168 MHz. On
+/// Enables the flash prefetch and caches (RM0090 3.5.2), which hide most of the five wait states at 168 MHz. On
 /// revision A the prefetch stays off (ES0182).
 pub(crate) fn accelerate_flash() {
     let id = pac::DBGMCU.idcode().read();

@@ -1,7 +1,7 @@
-//! The crystal: measured before the clock tree is set up, so that one image runs with each of [`CRYSTALS`].
+//! The crystal, measured before the clock tree is configured: one image runs with each of [`CRYSTALS`].
 //!
-//! Until then everything runs from the internal oscillator of 16 MHz (HSI), and TIM11 counts its cycles between edges of
-//! the crystal's clock, divided (RM0090 7.2.11, 19.5.11).
+//! Until then the chip runs from the internal 16 MHz oscillator (HSI), and TIM11 counts its cycles between edges of the
+//! crystal's divided clock (RM0090 7.2.11, 19.5.11).
 
 use embassy_stm32::pac;
 use embassy_stm32::pac::timer::vals::CcmrInputCcs;
@@ -10,14 +10,14 @@ use embassy_stm32::rcc::{PllMul, PllPreDiv};
 use super::super::Watchdog;
 use super::super::oscillator::{self, HSI_MEGAHERTZ, micros};
 
-/// A crystal, and what the PLL makes 336 MHz of it with (RM0090 7.3.2).
+/// A crystal, and the PLL settings for 336 MHz (RM0090 7.3.2).
 pub(super) struct Crystal {
     pub(super) megahertz: u32,
     pub(super) divider: PllPreDiv,
     pub(super) multiplier: PllMul,
 }
 
-/// The crystals that boards have.
+/// The supported crystals.
 const CRYSTALS: [Crystal; 4] = [
     Crystal {
         megahertz: 8,
@@ -41,14 +41,14 @@ const CRYSTALS: [Crystal; 4] = [
     },
 ];
 
-/// How far off a measurement may be, in percent: HSI is −8 % to +4.5 % off over all temperatures (DS8626, 5.3.9).
+/// Tolerance of a measurement, in percent: HSI is −8 % to +4.5 % off over all temperatures (DS8626, 5.3.9).
 const TOLERANCE: u32 = 10;
 
 /// RTCPRE of RCC_CFGR, which divides the crystal's clock for TIM11.
 const DIVIDER: u8 = 30;
-/// TIM11 captures each eighth edge.
+/// TIM11 captures every eighth edge.
 const EDGES: u32 = 8;
-/// IC1PSC of TIM11_CCMR1 for that.
+/// IC1PSC of TIM11_CCMR1 for every eighth edge.
 const EACH_EIGHTH: u8 = 3;
 /// TI1_RMP of TIM11_OR: the divided clock is the input.
 const HSE_RTC: u32 = 0b10;
@@ -67,11 +67,11 @@ pub(super) fn start(watchdog: &mut Watchdog) -> &'static Crystal {
     crystal
 }
 
-/// Lets TIM11 capture edges.
+/// Starts the edge capture of TIM11.
 fn start_capturing() {
     let rcc = pac::RCC;
     rcc.apb2enr().modify(|w| w.set_tim11en(true));
-    // A clock is there two cycles after it was switched on (ES0182, "Delay after an RCC peripheral clock enabling").
+    // A clock is available two cycles after it was enabled (ES0182, "Delay after an RCC peripheral clock enabling").
     rcc.apb2enr().read();
 
     rcc.cfgr().modify(|w| w.set_rtcpre(DIVIDER));
@@ -86,7 +86,7 @@ fn start_capturing() {
     capture.cr1().write(|w| w.set_cen(true));
 }
 
-/// Leaves TIM11 and the divider as a reset does.
+/// Returns TIM11 and the divider to their reset state.
 fn stop_capturing() {
     let rcc = pac::RCC;
     rcc.apb2rstr().modify(|w| w.set_tim11rst(true));
@@ -95,9 +95,9 @@ fn stop_capturing() {
     rcc.cfgr().modify(|w| w.set_rtcpre(0));
 }
 
-/// Which crystal runs. `None` if it is none of [`CRYSTALS`], or stands still.
+/// The crystal that runs. `None` if it is none of [`CRYSTALS`], or stopped.
 fn measure() -> Option<&'static Crystal> {
-    // What was captured before is of no use.
+    // Earlier captures are discarded.
     pac::TIM11.sr().write(|_| {});
     let start = capture()?;
     let cycles = u32::from(capture()?.wrapping_sub(start));
@@ -115,8 +115,8 @@ fn capture() -> Option<u16> {
             return None;
         }
     }
-    // Reading it clears the flag (RM0090 19.5.4).
+    // Reading clears the flag (RM0090 19.5.4).
     let captured = pac::TIM11.ccr(0).read().ccr();
-    // Another one that came meanwhile makes the time to the next one too short.
+    // After another capture in between, the time to the next one would be too short.
     (!pac::TIM11.sr().read().ccof(0)).then_some(captured)
 }

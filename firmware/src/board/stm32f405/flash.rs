@@ -1,10 +1,10 @@
-//! Where the configuration is kept: sectors 1 and 2 of the flash, 16 kB each (RM0090 table 5).
+//! The flash of the configuration: sectors 1 and 2, 16 kB each (RM0090 table 5).
 //!
-//! Erasing a sector takes 250 ms, and 500 ms at worst (DS8626, 5.3.12). Meanwhile the chip fetches no code and does nothing
-//! else: what comes in then may be lost and is counted.
+//! The erase of a sector takes 250 ms, and 500 ms at worst (DS8626, 5.3.12). Meanwhile the chip cannot fetch code:
+//! received bytes may be lost and are counted.
 //!
-//! Erasing and programming 32 bits at once needs 2.7 V (RM0090 3.6.2). The supply is looked at before each sector and each
-//! word; a supply that falls while a sector is erased is not seen.
+//! Erasing and programming by 32 bits needs 2.7 V (RM0090 3.6.2). The supply is checked before each sector and each
+//! word; a drop during the erase of a sector goes undetected.
 
 use core::ops::Range;
 
@@ -16,28 +16,28 @@ use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::peripherals::FLASH;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
-/// The HAL's driver of the first four sectors, which are of one size.
+/// The HAL's driver of the first four sectors, which have the same size.
 type Sectors = BlockingAsync<Bank1Region1<'static, Blocking>>;
 
-/// What unlocks FLASH_CR (RM0090 3.6.1).
+/// Unlock keys of FLASH_CR (RM0090 3.6.1).
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 
-/// PLS of PWR_CR: the supply is low below 2.87 V to 2.99 V, and not low any more above 2.97 V to 3.09 V (DS8626, 5.3.2).
+/// PLS of PWR_CR: the supply counts as low below 2.87 V to 2.99 V, and as good above 2.97 V to 3.09 V (DS8626, 5.3.2).
 const SUPPLY_LEVEL: u8 = 0b110;
 
-/// The first four sectors, read as they are and not as the data cache has them from before.
+/// The first four sectors, read past the data cache.
 pub(crate) struct ConfigFlash(Sectors);
 
-/// Why a sector was not erased or a word not programmed.
+/// The error of an erase or a write.
 #[derive(Debug)]
 pub(crate) enum FlashError {
-    /// The chip refused it.
+    /// The HAL's error.
     Hal(HalError),
-    /// The supply is too low for it.
+    /// The supply voltage is too low.
     SupplyLow,
 }
 
-/// Whether the supply is too low.
+/// Returns true if the supply voltage was too low.
 pub(crate) fn is_supply_low(error: &FlashError) -> bool {
     matches!(error, FlashError::SupplyLow)
 }
@@ -93,7 +93,7 @@ impl NorFlash for ConfigFlash {
     }
 }
 
-/// Whether the supply is high enough to erase and to program.
+/// Checks that the supply voltage allows erasing and programming.
 fn check_supply() -> Result<(), FlashError> {
     match pac::PWR.csr1().read().pvdo() {
         true => Err(FlashError::SupplyLow),
@@ -101,8 +101,8 @@ fn check_supply() -> Result<(), FlashError> {
     }
 }
 
-/// Lets the next erase go by words of 32 bits (RM0090 3.6.2). The HAL leaves PSIZE as a reset does, at bytes, which takes
-/// 400 ms, and 800 ms at worst.
+/// Sets 32 bits for the next erase (RM0090 3.6.2). The HAL keeps PSIZE at its reset value, 8 bits, with which an erase
+/// takes 400 ms, and 800 ms at worst.
 fn erase_words() {
     let control = pac::FLASH.cr();
     if control.read().lock() {
@@ -113,21 +113,21 @@ fn erase_words() {
     control.modify(|w| w.set_psize(Psize::PSIZE32));
 }
 
-/// Empties the data cache, which nobody tells what was erased or written (RM0090 3.6). The HAL does so only on chips
-/// with two banks.
+/// Invalidates the data cache, which does not follow erases and writes (RM0090 3.6). The HAL does so only on chips with
+/// two banks.
 fn forget_cached() {
     let control = pac::FLASH.acr();
-    // It can only be emptied while it is off (3.9.2, DCRST).
+    // It can be invalidated only while it is disabled (3.9.2, DCRST).
     control.modify(|w| w.set_dcen(false));
     control.modify(|w| w.set_dcrst(true));
     control.modify(|w| w.set_dcrst(false));
     control.modify(|w| w.set_dcen(true));
 }
 
-/// Where in it the configuration is kept. The memory file leaves this room between the vector table and the code.
+/// The range of the configuration. The memory file leaves it free between the vector table and the code.
 pub(crate) const CONFIG_FLASH: Range<u32> = 0x4000..0xC000;
 
-/// The flash that has the configuration in it. The supply is watched from here on.
+/// The flash with the configuration. This starts the monitoring of the supply voltage.
 pub(super) fn new(flash: Peri<'static, FLASH>) -> ConfigFlash {
     pac::PWR.cr1().modify(|w| {
         w.set_pls(SUPPLY_LEVEL);

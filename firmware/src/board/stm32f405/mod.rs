@@ -30,18 +30,18 @@ pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 pub(crate) use usb::UsbDriver;
 
-/// What the board is called.
+/// The board's name.
 pub(crate) const NAME: &str = "stm32f405";
 
-/// Whether its CAN is CAN FD.
+/// True for CAN FD.
 pub(crate) const CAN_FD: bool = false;
 
 bind_interrupts!(struct Irqs {
-    // Before the HAL's, as below.
+    // Ahead of the HAL's handler, as below.
     OTG_FS => usb::SetupHandler, hal_usb::InterruptHandler<USB_OTG_FS>;
     TIM5 => TimerHandler;
     USART2 => InterruptHandler;
-    // Before the HAL's, which clears the flags.
+    // Ahead of the HAL's handler, which clears the flags.
     DMA1_STREAM5 => RingHandler, dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
     CAN1_TX => can::TransmitHandler;
@@ -49,7 +49,7 @@ bind_interrupts!(struct Irqs {
     CAN1_SCE => can::StatusHandler;
 });
 
-/// The interrupts whose handlers those of the UART and of its DMA may interrupt.
+/// The interrupts that those of the UART and of its DMA preempt.
 const LESS_URGENT: [Interrupt; 5] = [
     Interrupt::OTG_FS,
     Interrupt::TIM5,
@@ -58,7 +58,7 @@ const LESS_URGENT: [Interrupt; 5] = [
     Interrupt::CAN1_SCE,
 ];
 
-/// A timer of 32 bits, its peripheral and its interrupt: the clock.
+/// The clock: a 32-bit timer, its peripheral and its interrupt.
 pub(super) const TIMER: pac::timer::TimGp32 = pac::TIM5;
 /// See [`TIMER`].
 pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM5;
@@ -71,16 +71,16 @@ pub(super) const LED: (pac::gpio::Gpio, usize) = (pac::GPIOB, 2);
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
 
-/// The pin that it sends on, PA2, and the number of the alternate function that this is (DS8626, table 9).
+/// The TX pin, PA2, and the number of its alternate function (DS8626, table 9).
 pub(super) const TX_PIN: (pac::gpio::Gpio, usize, u8) = (pac::GPIOA, 2, 7);
 
 /// The interrupt of the arm's UART.
 pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
 
-/// The interrupt of the DMA stream that serves it, receiving.
+/// The interrupt of its receive DMA stream.
 pub(crate) type RxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_STREAM5;
 
-/// The number of that stream, on DMA1.
+/// The number of the receive stream, on DMA1.
 const RX_STREAM: usize = 5;
 
 /// DMA1 stream 5 channel 4 is USART2_RX, stream 6 channel 4 USART2_TX (RM0090 table 42).
@@ -88,7 +88,7 @@ pub(crate) const RX_REQUEST: Request = 4;
 /// See [`RX_REQUEST`].
 pub(crate) const TX_REQUEST: Request = 4;
 
-/// The endpoints of the USB peripheral, each way (RM0090 34.1).
+/// Number of endpoints of the USB peripheral in each direction (RM0090 34.1).
 const USB_ENDPOINTS: usize = 4;
 
 /// Starts the clocks and takes the pins. The line to the arm is high from the beginning.
@@ -108,17 +108,17 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
 
     let mut line = UartConfig::default();
     line.baudrate = 1_000_000;
-    // An arm that is not plugged in shall look like an idle line.
+    // Without an arm the line must look idle.
     line.rx_pull = Pull::Up;
     let Ok(uart) = UartRx::new_blocking(p.USART2, p.PA3, line) else {
         unreachable!()
     };
     usart::start_transmitter();
 
-    // One for each of the three OUT endpoints.
+    // One packet for each of the three OUT endpoints.
     static OUT_PACKETS: StaticCell<[u8; 3 * PACKET]> = StaticCell::new();
     let mut usb = hal_usb::Config::default();
-    // VBUS is not wired to PA9 on most boards; without it the adapter counts as plugged in.
+    // VBUS is not connected to PA9 on most boards; without detection the adapter counts as plugged in.
     usb.vbus_detection = false;
 
     Board {
@@ -140,16 +140,16 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     }
 }
 
-/// Reads why the chip was reset, and clears it for the next time (RM0090 7.3.21).
+/// Reads the reset cause, and clears it for the next reset (RM0090 7.3.21).
 fn reset_by_watchdog() -> bool {
     let cause = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
     cause.wdgrstf()
 }
 
-/// Takes back what waits in an endpoint for a host that will not fetch it.
+/// Withdraws the packets in endpoints that the host will not fetch.
 ///
-/// A bus reset leaves such an endpoint enabled, and the HAL would wait for ever for it to be done (RM0090 34.17.6, "IN
+/// A bus reset leaves these endpoints enabled, and the HAL would wait forever for their packets (RM0090 34.17.6, "IN
 /// endpoint disable").
 pub(crate) fn cancel_unfetched_packets() {
     for endpoint in 1..USB_ENDPOINTS {
@@ -163,17 +163,17 @@ pub(crate) fn cancel_unfetched_packets() {
     }
 }
 
-/// Takes back the packet that waits in an IN endpoint for the host to fetch it. Returns whether there was one (RM0090
-/// 34.17.6, "IN endpoint disable").
+/// Withdraws the packet in an IN endpoint. Returns true if it was still unfetched (RM0090 34.17.6, "IN endpoint
+/// disable").
 pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
     let (control, flags) = (pac::USB_OTG_FS.diepctl(endpoint), pac::USB_OTG_FS.diepint(endpoint));
-    // The HAL's interrupt handler clears the flags of an endpoint.
+    // The HAL's interrupt handler clears an endpoint's flags.
     critical_section::with(|_| {
         if !control.read().epena() {
             return false;
         }
         control.modify(|w| w.set_snak(true));
-        // A packet on the wire goes on to its end, for up to 50 µs. Then it was fetched.
+        // A packet on the wire is completed within 50 µs. It then counts as fetched.
         if !soon(|| flags.read().inepne()) {
             control.modify(|w| w.set_cnak(true));
             return false;
@@ -190,7 +190,7 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
     })
 }
 
-/// Empties the transmit FIFO of an endpoint that is disabled. Returns whether it is empty.
+/// Flushes the transmit FIFO of a disabled endpoint. Returns true if it is empty.
 fn flush(endpoint: usize) -> bool {
     let resets = pac::USB_OTG_FS.grstctl();
     resets.write(|w| {
@@ -200,7 +200,7 @@ fn flush(endpoint: usize) -> bool {
     soon(|| !resets.read().txfflsh())
 }
 
-/// Waits for what comes within 50 µs, but not for ever. Returns whether it has come.
+/// Waits up to 50 µs for a condition. Returns true if it was met.
 fn soon(has_come: impl Fn() -> bool) -> bool {
     const TRIES: usize = 2_000;
     (0..TRIES).any(|_| has_come())

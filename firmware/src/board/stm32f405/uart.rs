@@ -1,5 +1,4 @@
-//! What is this chip's own in the registers of the arm's UART (RM0090 section 30.6) and of the DMA stream that serves
-//! it.
+//! The chip-specific registers of the arm's UART (RM0090 section 30.6) and of its receive DMA stream.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -14,11 +13,11 @@ use super::{RX_STREAM, UART, UartInterrupt};
 const FLAGS: u32 = 0b1_1111;
 /// The flags that the last read of SR showed.
 static SHOWN: AtomicU32 = AtomicU32::new(0);
-/// The flags that reads of SR have shown since the interrupt handler was last told.
+/// The flags from reads of SR that the interrupt handler has not processed.
 static UNTOLD: AtomicU32 = AtomicU32::new(0);
 
-/// Reads SR for something else than its flags. The DMA's read of DR then clears a flag that this read showed (RM0090 30.6.1),
-/// so the interrupt handler is told of it, and comes for it.
+/// Reads SR for other bits than its flags. The DMA's read of DR then clears a flag that this read returned (RM0090
+/// 30.6.1): the flags are passed on to the interrupt handler, which is triggered.
 fn look_at_status() -> Sr {
     critical_section::with(|_| {
         let sr = UART.sr().read();
@@ -27,7 +26,7 @@ fn look_at_status() -> Sr {
     })
 }
 
-/// Keeps the flags of SR for the interrupt handler. To be called in the critical section in which SR was read.
+/// Keeps the flags of SR for the interrupt handler. Call this in the critical section of the read of SR.
 fn keep_flags(sr: Sr) {
     let flags = sr.0 & FLAGS;
     let new = flags & !SHOWN.load(Ordering::Relaxed);
@@ -38,9 +37,9 @@ fn keep_flags(sr: Sr) {
     }
 }
 
-/// Reads and clears what the UART has to say.
+/// Reads and clears the UART's flags.
 ///
-/// What is read while a byte waits stays set until the DMA has fetched that byte.
+/// A flag that is read while a byte waits stays set until the DMA has fetched that byte.
 pub(crate) fn take_status() -> Status {
     let shown = critical_section::with(|_| {
         let sr = UART.sr().read();
@@ -59,10 +58,10 @@ pub(crate) fn take_status() -> Status {
     }
 }
 
-/// Clears the flags of SR, which was read just before: reading SR and then DR does (RM0090 30.6.1).
+/// Clears the flags of SR, which was read just before: reading SR and then DR clears them (RM0090 30.6.1).
 ///
-/// With RXNE set the DMA is about to do that read, and must: the byte is its. A byte that ends between the two reads would be
-/// taken from the DMA, and nothing tells of it, so the reads are a few cycles apart.
+/// While RXNE is set, the DMA must read DR, because the byte belongs to it. A byte that arrives between the two reads
+/// would be lost for the DMA without notice. The reads are therefore a few cycles apart.
 #[inline(always)]
 fn clear_flags(sr: Sr) {
     if sr.0 & FLAGS != 0 && !sr.rxne() {
@@ -70,8 +69,8 @@ fn clear_flags(sr: Sr) {
     }
 }
 
-/// Clears errors that still stand after the DMA has fetched their byte: a byte that is sent between the two reads breaks
-/// the sequence.
+/// Clears errors that remain after the DMA has fetched their byte: a byte received between the two reads breaks the
+/// sequence.
 pub(crate) fn clear_errors() {
     critical_section::with(|_| {
         let sr = UART.sr().read();
@@ -80,46 +79,46 @@ pub(crate) fn clear_errors() {
     });
 }
 
-/// Lets the UART, which is disabled, tell of one byte at a time: this one knows nothing else.
+/// Configures the disabled UART for one byte at a time. This UART has no other mode.
 pub(crate) fn keep_to_bytes() {}
 
-/// Whether a byte waits for the DMA.
+/// Returns true if a byte waits for the DMA.
 pub(crate) fn is_byte_waiting() -> bool {
     look_at_status().rxne()
 }
 
-/// Where the DMA fetches what came in.
+/// The DMA's source for received bytes.
 pub(crate) fn rx_data() -> *mut u8 {
     UART.dr().as_ptr().cast()
 }
 
-/// How many bytes the DMA has left in its round of the receive ring.
+/// The number of bytes left in the DMA's pass over the receive ring.
 pub(crate) fn rx_remaining() -> usize {
     pac::DMA1.st(RX_STREAM).ndtr().read().ndt().into()
 }
 
-/// Whether the DMA has gone through both halves of the receive ring since its interrupt handler last ran. To be asked
-/// there, before the flags are cleared.
+/// Returns true if the DMA has passed through both halves of the receive ring since its interrupt handler last ran.
+/// Call this in the handler, before the flags are cleared.
 pub(crate) fn rx_went_round() -> bool {
     let flags = pac::DMA1.isr(RX_STREAM / 4).read();
     flags.htif(RX_STREAM % 4) && flags.tcif(RX_STREAM % 4)
 }
 
-/// Where the DMA brings what goes out.
+/// The DMA's target for bytes to send.
 pub(crate) fn tx_data() -> *mut u8 {
     UART.dr().as_ptr().cast()
 }
 
-/// Lets [`is_transmitted`] speak of what is sent from now on (RM0090 30.3.13).
+/// Makes [`is_transmitted`] refer to bytes sent from now on (RM0090 30.3.13).
 pub(crate) fn clear_transmitted() {
-    // Writing 1 leaves the other flags alone.
+    // Writing 1 leaves the other flags unchanged.
     UART.sr().write(|w| {
         w.0 = !0;
         w.set_tc(false);
     });
 }
 
-/// Whether the last bit of what was sent is out.
+/// Returns true if the last bit has been sent.
 pub(crate) fn is_transmitted() -> bool {
     look_at_status().tc()
 }

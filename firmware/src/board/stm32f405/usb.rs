@@ -1,7 +1,7 @@
-//! The driver of the USB peripheral: the HAL's, which here also gets over a host that clears a halt or configures again.
-//! [`usb_control`](super::super::usb_control) gets over a host that gives up a request.
+//! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION.
+//! [`usb_control`](super::super::usb_control) handles hosts that abandon a request.
 //!
-//! The HAL's leaves data toggles as they are.
+//! The HAL's driver does not reset data toggles.
 
 use core::future::Future as _;
 use core::pin::pin;
@@ -19,18 +19,18 @@ use embassy_usb::driver::{
 use super::super::usb_control::{ControlPipe, IS_SET_UP, wake_if_over};
 use super::{USB_ENDPOINTS, flush, soon};
 
-/// The HAL's driver and what it consists of.
+/// The HAL's driver and its parts.
 type Hal = usb::Driver<'static, peripherals::USB_OTG_FS>;
 type HalBus = <Hal as driver::Driver<'static>>::Bus;
 pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
 
-/// For how many SETUP packets the HAL makes room. The controller counts down with each (RM0090 34.17.5).
+/// Number of SETUP packets that the HAL makes room for. The controller counts down with each (RM0090 34.17.5).
 const SETUP_PACKETS: u8 = 3;
 
-/// The longest packet of endpoint 0.
+/// Maximum packet size of endpoint 0.
 const CONTROL_PACKET: usize = 64;
 
-/// Tells the task that waits for a stage of a request that the host has gone on. It runs before the HAL's.
+/// Wakes the task that waits for a stage of a request when the host has gone on. It runs ahead of the HAL's handler.
 pub(super) struct SetupHandler;
 
 impl Handler<OTG_FS> for SetupHandler {
@@ -42,23 +42,24 @@ impl Handler<OTG_FS> for SetupHandler {
     }
 }
 
-/// Whether a SETUP packet came since the last request was taken. A bus reset loses the controller's count, but not the flag.
+/// Returns true if a SETUP packet arrived since the last request was taken. A bus reset clears the controller's count,
+/// but not the flag.
 fn is_set_up() -> bool {
     IS_SET_UP.load(Ordering::Relaxed) || USB_OTG_FS.doeptsiz(0).read().rxdpid_stupcnt() != SETUP_PACKETS
 }
 
-/// Whether the next that the HAL will fetch is a SETUP packet (RM0090 34.16.2, OTG_FS_GRXSTSR).
+/// Returns true if the next FIFO entry for the HAL is a SETUP packet (RM0090 34.16.2, OTG_FS_GRXSTSR).
 fn setup_waits() -> bool {
     USB_OTG_FS.gintsts().read().rxflvl() && USB_OTG_FS.grxstsr().read().pktstsd() == Pktstsd::SETUP_DATA_RX
 }
 
-/// Whether the request under way is over for the host: it began another, or the bus was reset or suspended.
+/// Returns true if the host has ended the current request: by another request, a bus reset or a suspend.
 pub(in crate::board) fn is_over() -> bool {
     let events = USB_OTG_FS.gintsts().read();
     is_set_up() || events.usbrst() || events.enumdne() || events.usbsusp()
 }
 
-/// Takes back what endpoint 0 has for a host that has begun another request, which has set the endpoint's NAK (RM0090
+/// Withdraws the answer in endpoint 0 after the host began another request, which has set the endpoint's NAK (RM0090
 /// 34.17.6, "IN endpoint disable").
 pub(in crate::board) fn take_answer_back() {
     let control = USB_OTG_FS.diepctl(0);
@@ -72,10 +73,10 @@ pub(in crate::board) fn take_answer_back() {
     }
 }
 
-/// Lets an endpoint begin at DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
+/// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
 fn start_at_data0(endpoint: EndpointAddress) {
     let index = endpoint.index();
-    // A one that is written back would begin the transfer anew that ended meanwhile.
+    // Writing back a one would restart a transfer that ended in between.
     critical_section::with(|_| match endpoint.direction() {
         Direction::In => USB_OTG_FS.diepctl(index).modify(|w| {
             w.set_epena(false);
@@ -88,7 +89,7 @@ fn start_at_data0(endpoint: EndpointAddress) {
     });
 }
 
-/// Whether an endpoint is in use.
+/// Returns true if an endpoint is in use.
 fn is_active(endpoint: EndpointAddress) -> bool {
     match endpoint.direction() {
         Direction::In => USB_OTG_FS.diepctl(endpoint.index()).read().usbaep(),
@@ -148,7 +149,8 @@ impl driver::Bus for Bus {
     }
 
     fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {
-        // The HAL would let one that is in use take a packet for which it has no room, and lose the one that waits there.
+        // The HAL would let an active endpoint accept a packet for which it has no room, and lose the packet that waits
+        // there.
         if !enabled || !is_active(endpoint) {
             self.0.endpoint_set_enabled(endpoint, enabled);
         }
@@ -156,7 +158,7 @@ impl driver::Bus for Bus {
     }
 
     fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
-        // The HAL panics at one that the controller does not have.
+        // The HAL panics for an endpoint that the controller does not have.
         if endpoint.index() >= USB_ENDPOINTS {
             return;
         }
@@ -175,10 +177,10 @@ impl driver::Bus for Bus {
     }
 }
 
-/// Takes the next request, if there is one that was not taken yet.
+/// Takes the next request, unless it was already taken.
 pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context<'_>) -> Poll<[u8; 8]> {
     if USB_OTG_FS.gintsts().read().rxflvl() {
-        // Perhaps another SETUP packet, which the HAL's interrupt handler fetches next.
+        // Possibly another SETUP packet, which the HAL's interrupt handler fetches next.
         cx.waker().wake_by_ref();
         return Poll::Pending;
     }
@@ -188,20 +190,20 @@ pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context
         return Poll::Pending;
     };
     if setup_waits() {
-        // It came just now, and the HAL has put back the count of them.
+        // It arrived just now, and the HAL has reset the count.
         IS_SET_UP.store(true, Ordering::Relaxed);
         cx.waker().wake_by_ref();
         return Poll::Pending;
     }
     if !is_new {
-        // The end of the SETUP stage of a request that was taken already.
+        // The end of the SETUP stage of a request that was already taken.
         return Poll::Pending;
     }
     take_answer_back();
     Poll::Ready(request)
 }
 
-/// Drops data of a request that was given up: none of the next one is let in before that is taken.
+/// Drops data of an abandoned request: data of the next one is not accepted before that request is taken.
 fn drop_data(pipe: &mut HalControlPipe, cx: &mut Context<'_>) {
     let mut data = [0; CONTROL_PACKET];
     let _ = pin!(pipe.data_out(&mut data, true, true)).poll(cx);

@@ -16,35 +16,35 @@ const RAM: pac::fdcanram::Fdcanram = pac::FDCANRAM1;
 
 /// PLL1's output Q, which the controller divides.
 const CLOCK: u32 = 80_000_000;
-/// The most quanta of a bit in the arbitration phase. The fewer the controller divides its clock by, the better the two
-/// phases fit together.
+/// Maximum number of quanta per bit in the arbitration phase. A smaller divider of the controller's clock makes the two
+/// phases fit better.
 const MAX_QUANTA: u32 = 160;
-/// The most quanta of a bit in the data phase: 1, 32 before the sample point and 16 behind it.
+/// Maximum number of quanta per bit in the data phase: 1, 32 before the sample point and 16 after it.
 const MAX_DATA_QUANTA: u32 = 49;
-/// Above this bit rate the sample point comes before the transmitter hears its own bit from the transceiver.
+/// Above this bit rate the sample point comes before the transmitter receives its own bit from the transceiver.
 const DELAY_MATTERS: u32 = 1_000_000;
 
 /// PB8 and PB9 are FDCAN1 as alternate function 9 (datasheet, "Alternate function").
 const ALTERNATE_FUNCTION: u8 = 9;
 
-/// The words of a received frame, or one to be sent: two of header, then the data (RM0440 44.3.3).
+/// Number of words of a received or transmitted frame: two of header, then the data (RM0440 44.3.3).
 const ELEMENT: usize = 2 + MAX_FD / 4;
-/// In an element's first word: an extended identifier, a remote frame, where the 11 bits of the identifier lie.
+/// First word of an element: extended identifier, remote frame, position of the 11-bit identifier.
 const EXTENDED: u32 = 1 << 30;
 const REMOTE: u32 = 1 << 29;
 const ID_AT: u32 = 18;
-/// In an element's second word: CAN FD, the data phase at its own bit rate, where the DLC lies.
+/// Second word of an element: CAN FD, bit rate switch, position of the DLC.
 const FD: u32 = 1 << 21;
 const RATE_SWITCH: u32 = 1 << 20;
 const DLC_AT: u32 = 16;
-/// In a filter: it lets two identifiers pass, to FIFO 0.
+/// A filter that accepts two identifiers to FIFO 0.
 const TWO_IDS: u32 = 0b01 << 30;
 const TO_FIFO_0: u32 = 0b001 << 27;
 
-/// The buffers that frames leave from.
+/// Number of transmit buffers.
 const BUFFERS: usize = ROOM as usize;
 
-/// A frame that waits to be taken.
+/// A received frame in the queue.
 pub(crate) struct Waiting(Frame);
 
 impl Waiting {
@@ -72,7 +72,7 @@ impl Controller {
         Self { _pins: [rx, tx] }
     }
 
-    /// Puts the controller on the bus, anew if it is there.
+    /// Starts or restarts the controller.
     pub(crate) fn start(&mut self, config: &config::Can) {
         rcc::enable_and_reset::<FDCAN1>();
         CAN.cccr().modify(|w| w.set_init(true));
@@ -94,7 +94,7 @@ impl Controller {
             w.set_brse(config.data_bit_rate.is_some());
         });
         listen(heard(config.node));
-        // Frames leave in the order they came, or those of one ISO-TP PDU would not.
+        // Frames leave in the order of their requests, as the frames of an ISO-TP PDU must.
         CAN.txbc().write(|w| w.set_tfqm(Tfqm::FIFO));
         CAN.txbtie()
             .write(|w| (0..BUFFERS).for_each(|buffer| w.set_tie(buffer, true)));
@@ -107,13 +107,13 @@ impl Controller {
             w.set_pede(true);
         });
         CAN.ile().write(|w| w.set_eint0(true));
-        // SAFETY: the handler needs nothing that is not there.
+        // SAFETY: the handler uses only initialised state.
         unsafe { FDCAN1_IT0::enable() };
-        // It is on the bus when that has been idle for 11 bits, which nobody waits for here.
+        // The controller joins the bus after 11 idle bits. The code does not wait for that.
         CAN.cccr().modify(|w| w.set_init(false));
     }
 
-    /// How many buffers are not empty.
+    /// Number of occupied buffers.
     pub(crate) fn waiting(&self) -> u8 {
         CAN.txbrp().read().0.count_ones() as u8
     }
@@ -136,13 +136,13 @@ impl Controller {
         CAN.txbar().write(|w| w.set_ar(buffer, true));
     }
 
-    /// Whether the controller has left the bus because of too many errors.
+    /// Returns true in bus-off.
     pub(crate) fn is_bus_off(&self) -> bool {
         CAN.psr().read().bo()
     }
 }
 
-/// How a bit is divided: one quantum, those before the sample point and those behind it.
+/// The division of a bit: one quantum, the quanta before the sample point and those after it.
 struct Timing {
     prescaler: u16,
     before: u8,
@@ -150,7 +150,7 @@ struct Timing {
 }
 
 impl Timing {
-    /// A bit of at most `max_quanta`, of which one in `behind` comes behind the sample point.
+    /// A bit of at most `max_quanta`, with one in `behind` after the sample point.
     const fn new(bit_rate: u32, max_quanta: u32, behind: u32) -> Self {
         let ticks = CLOCK / bit_rate;
         let prescaler = ticks.div_ceil(max_quanta);
@@ -163,18 +163,18 @@ impl Timing {
         }
     }
 
-    /// Whether it makes this bit rate exactly.
+    /// Returns true if the timing gives this bit rate exactly.
     const fn makes(&self, bit_rate: u32) -> bool {
         (1 + self.before as u32 + self.behind as u32) * self.prescaler as u32 * bit_rate == CLOCK
     }
 }
 
-/// A bit of the arbitration phase: its sample point is at 87.5 %, as CiA 301 has it.
+/// The timing of the arbitration phase: its sample point is at 87.5 %, as in CiA 301.
 const fn nominal(bit_rate: u32) -> Timing {
     Timing::new(bit_rate, MAX_QUANTA, 8)
 }
 
-/// A bit of the data phase: its sample point is at 75 %.
+/// The timing of the data phase: its sample point is at 75 %.
 const fn data(bit_rate: u32) -> Timing {
     Timing::new(bit_rate, MAX_DATA_QUANTA, 4)
 }
@@ -205,12 +205,12 @@ fn set_data_phase(bit_rate: u32) {
         w.set_dsjw(timing.behind - 1);
         w.set_tdc(compensate);
     });
-    // The second sample point is as far behind the bit's echo as the first is behind its start, in ticks of the clock
-    // (44.4.14). Where it matters the prescaler is 1, as the compensation needs it to be 1 or 2.
+    // The second sample point is as far after the bit's echo as the first is after its start, in ticks of the clock
+    // (44.4.14). At the rates where it matters the prescaler is 1; compensation requires 1 or 2.
     CAN.tdcr().write(|w| w.set_tdco(1 + timing.before));
 }
 
-/// Lets data frames with these identifiers into FIFO 0, and no others.
+/// Accepts data frames with these identifiers to FIFO 0, and rejects all others.
 fn listen([a, b, c, d]: [Id; 4]) {
     let filter = |one: Id, other: Id| TWO_IDS | TO_FIFO_0 | u32::from(one.get()) << 16 | u32::from(other.get());
     RAM.flssa(0).write_value(filter(a, b));
@@ -224,7 +224,7 @@ fn listen([a, b, c, d]: [Id; 4]) {
     });
 }
 
-/// Takes frames from FIFO 0, counts errors, and brings the controller back from bus-off.
+/// Moves frames from FIFO 0 to the queue, counts errors, and starts the recovery from bus-off.
 pub(crate) struct InterruptHandler;
 
 impl Handler<FDCAN1_IT0> for InterruptHandler {
@@ -243,13 +243,14 @@ impl Handler<FDCAN1_IT0> for InterruptHandler {
             CAN.rxfa(0).write(|w| w.set_fai(index));
         }
         let is_off = CAN.psr().read().bo();
-        // On the way back from bus-off each idle bus of 11 bits looks like an error (44.4.13).
+        // During recovery from bus-off each sequence of 11 idle bits looks like an error (44.4.13).
         if (flags.pea() || flags.ped()) && !is_off {
             error();
         }
         if flags.bo() && is_off {
             lost();
-            // INIT keeps it off the bus; without, it comes back as soon as the standard allows.
+            // INIT keeps the controller off the bus; clearing it starts the recovery, at the earliest time that the
+            // standard allows.
             CAN.cccr().modify(|w| w.set_init(false));
         }
         if flags.tc() {
@@ -258,7 +259,7 @@ impl Handler<FDCAN1_IT0> for InterruptHandler {
     }
 }
 
-/// The frame in that place of FIFO 0: `None` if it is none that the filter lets pass.
+/// The frame at this index of FIFO 0. `None` if the filter should have rejected it.
 fn frame(index: usize) -> Option<Frame> {
     let word = |i| RAM.rxfifo0(index * ELEMENT + i).read();
     let (header, kind) = (word(0), word(1));

@@ -1,8 +1,9 @@
 //! The clock tree: 160 MHz core and buses and 80 MHz CAN from the crystal, 48 MHz USB from HSI48.
 //!
-//! 160 MHz and not the 170 MHz that the chip can do: all bit rates of CAN and CAN FD divide 80 MHz, but 4 Mbit/s does
-//! not divide 170 MHz or any part of it. USB's 48 MHz do not come out either, so they come from an oscillator of their
-//! own, which the clock recovery system trims to the host's start-of-frame packets. CAN needs the crystal (CiA 601-3).
+//! The core runs at 160 MHz instead of the possible 170 MHz: 80 MHz is divisible by all bit rates of CAN and CAN FD,
+//! but no fraction of 170 MHz is divisible by 4 Mbit/s. 48 MHz for USB are not available from the PLL either; they come
+//! from HSI48, which the clock recovery system trims to the host's start-of-frame packets. CAN needs the crystal (CiA
+//! 601-3).
 
 use embassy_stm32::Peri;
 use embassy_stm32::pac;
@@ -15,15 +16,14 @@ use embassy_stm32::time::Hertz;
 
 use super::super::{Watchdog, oscillator};
 
-/// R1MODE of PWR_CR5: boost mode while it is clear (RM0440 6.4.22).
+/// R1MODE of PWR_CR5: boost mode is on while it is clear (RM0440 6.4.22).
 const R1MODE: u32 = 1 << 8;
 
-/// Starts the clocks of a chip that runs on its internal oscillator. Returns when the crystal runs, whose frequency is not
-/// measured.
+/// Starts the clocks of a chip that runs on its internal oscillator. Returns when the crystal runs. Its frequency is
+/// not measured.
 ///
-/// The HAL's description of the chip, stm32-metapac 21, has R1MODE at bit 0 of PWR_CR5, where nothing is, so that the HAL
-/// does not switch on boost mode. And its `init` resets PWR before it starts the clocks: boost mode has to be on between the
-/// two.
+/// The HAL's chip description, stm32-metapac 21, has R1MODE at the unused bit 0 of PWR_CR5: the HAL does not enable
+/// boost mode. Its `init` resets PWR before it starts the clocks: boost mode must be enabled between the two.
 pub(crate) fn start(rcc: &mut Peri<'static, RCC>, watchdog: &mut Watchdog) {
     pac::RCC.apb1enr1().modify(|w| w.set_tim2en(true));
     oscillator::start(watchdog, || Some(()));
@@ -48,7 +48,7 @@ fn config() -> Config {
         divr: Some(PllRDiv::DIV2),
     });
     rcc.sys = Sysclk::PLL1_R;
-    // Above 150 MHz (RM0440 6.1.5). The HAL sets the wait states of boost mode with it, but not the mode.
+    // Above 150 MHz (RM0440 6.1.5). The HAL only sets the wait states of boost mode.
     rcc.boost = true;
     rcc.ahb_pre = AHBPrescaler::DIV1;
     rcc.apb1_pre = APBPrescaler::DIV1;
@@ -59,8 +59,8 @@ fn config() -> Config {
     rcc
 }
 
-/// Switches on the flash prefetch (RM0440 5.3.4), which hides most of the four wait states of 160 MHz. The caches are
-/// on after a reset.
+/// Enables the flash prefetch (RM0440 5.3.4), which hides most of the four wait states at 160 MHz. The caches are
+/// enabled after a reset.
 fn accelerate_flash() {
     pac::FLASH.acr().modify(|w| w.set_prften(true));
 }

@@ -1,7 +1,7 @@
-//! Where the configuration is kept: the last two pages of the flash, 2 kB each (RM0440 5.3.1).
+//! The flash of the configuration: the last two pages, 2 kB each (RM0440 5.3.1).
 //!
-//! Erasing a page takes some 20 ms, in which the chip fetches no code and does nothing else: what comes in then may be
-//! lost and is counted.
+//! The erase of a page takes some 20 ms, during which the chip cannot fetch code: received bytes may be lost and are
+//! counted.
 
 use core::ops::Range;
 
@@ -14,24 +14,24 @@ use embassy_stm32::peripherals::FLASH;
 /// The flash.
 pub(crate) type ConfigFlash = BlockingAsync<Bank1Region<'static, Blocking>>;
 
-/// Why a page was not erased or a word not programmed.
+/// The error of an erase or a write.
 pub(crate) type FlashError = Error;
 
-/// Whether the supply is too low. It never is: the chip erases and programs at each supply at which it runs.
+/// Always false: the chip erases and programs at any supply voltage at which it runs.
 pub(crate) fn is_supply_low(_error: &FlashError) -> bool {
     false
 }
 
-/// Where in it the configuration is kept. The memory file leaves this room behind the code.
+/// The range of the configuration. The memory file leaves it free after the code.
 pub(crate) const CONFIG_FLASH: Range<u32> = 0x1F000..0x20000;
 
-/// The flash that has the configuration in it.
+/// The flash with the configuration.
 pub(super) fn new(flash: Peri<'static, FLASH>) -> ConfigFlash {
     BlockingAsync::new(Flash::new_blocking(flash).into_blocking_regions().bank1_region)
 }
 
-/// Passes over a word of the configuration that was being written when the power went. Its ECC does not hold, which the
-/// chip reports this way (RM0440 5.3.2); the store finds what is read to be no good.
+/// Tolerates a word of the configuration that was being written at a loss of power. The chip reports its ECC error by
+/// this interrupt (RM0440 5.3.2); the store recognises the word as invalid.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     let error = pac::FLASH.eccr().read();

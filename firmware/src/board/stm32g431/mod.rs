@@ -1,5 +1,5 @@
 //! A WeAct STM32G431 core board, or any with an STM32G431CB, an 8 MHz crystal, USB on PA11/PA12, the arm on PA2/PA3 and
-//! CAN FD on PB8/PB9. It has never been powered up: `docs/porting.md` says what to look at when it is.
+//! CAN FD on PB8/PB9. It has not been tried on hardware: `docs/porting.md` lists the points to check.
 //!
 //! Sections are those of RM0440.
 
@@ -28,27 +28,27 @@ pub(crate) use can::{Controller, Waiting};
 pub(crate) use flash::{CONFIG_FLASH, ConfigFlash, FlashError, is_supply_low};
 pub(crate) use usb::{UsbDriver, cancel_unfetched_packet, cancel_unfetched_packets};
 
-/// What the board is called.
+/// The board's name.
 pub(crate) const NAME: &str = "stm32g431";
 
-/// Whether its CAN is CAN FD.
+/// True for CAN FD.
 pub(crate) const CAN_FD: bool = true;
 
 bind_interrupts!(struct Irqs {
-    // Before the HAL's, which clears the flags.
+    // Ahead of the HAL's handler, which clears the flags.
     USB_LP => usb::EventHandler, hal_usb::InterruptHandler<USB>;
     TIM2 => TimerHandler;
     USART2 => InterruptHandler;
-    // Before the HAL's, which clears the flags.
+    // Ahead of the HAL's handler, which clears the flags.
     DMA1_CHANNEL1 => RingHandler, dma::InterruptHandler<DMA1_CH1>;
     DMA1_CHANNEL2 => dma::InterruptHandler<DMA1_CH2>;
     FDCAN1_IT0 => can::InterruptHandler;
 });
 
-/// The interrupts whose handlers those of the UART and of its DMA may interrupt.
+/// The interrupts that those of the UART and of its DMA preempt.
 const LESS_URGENT: [Interrupt; 3] = [Interrupt::USB_LP, Interrupt::TIM2, Interrupt::FDCAN1_IT0];
 
-/// A timer of 32 bits, its peripheral and its interrupt: the clock.
+/// The clock: a 32-bit timer, its peripheral and its interrupt.
 pub(super) const TIMER: pac::timer::TimGp32 = pac::TIM2;
 /// See [`TIMER`].
 pub(super) type TimerPeripheral = embassy_stm32::peripherals::TIM2;
@@ -61,19 +61,19 @@ pub(super) const LED: (pac::gpio::Gpio, usize) = (pac::GPIOC, 6);
 /// The registers of the arm's UART.
 pub(super) const UART: pac::usart::Usart = pac::USART2;
 
-/// The pin that it sends on, PA2, and the number of the alternate function that this is (DS12589, table 13).
+/// The TX pin, PA2, and the number of its alternate function (DS12589, table 13).
 pub(super) const TX_PIN: (pac::gpio::Gpio, usize, u8) = (pac::GPIOA, 2, 7);
 
 /// The interrupt of the arm's UART.
 pub(crate) type UartInterrupt = embassy_stm32::interrupt::typelevel::USART2;
 
-/// The interrupt of the DMA channel that serves it, receiving.
+/// The interrupt of its receive DMA channel.
 pub(crate) type RxInterrupt = embassy_stm32::interrupt::typelevel::DMA1_CHANNEL1;
 
-/// The number of that channel on DMA1, from 0.
+/// The number of the receive channel on DMA1, from 0.
 const RX_CHANNEL: usize = 0;
 
-/// The DMAMUX's input of USART2_RX, and below that of USART2_TX (RM0440 13.3.2, assignment of inputs to resources).
+/// The DMAMUX inputs of USART2_RX and, below, USART2_TX (RM0440 13.3.2, assignment of inputs to resources).
 pub(crate) const RX_REQUEST: Request = 26;
 /// See [`RX_REQUEST`].
 pub(crate) const TX_REQUEST: Request = 27;
@@ -91,7 +91,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
 
     let mut line = UartConfig::default();
     line.baudrate = 1_000_000;
-    // An arm that is not plugged in shall look like an idle line.
+    // Without an arm the line must look idle.
     line.rx_pull = Pull::Up;
     let Ok(uart) = UartRx::new_blocking(p.USART2, p.PA3, line) else {
         unreachable!()
@@ -111,7 +111,7 @@ pub(crate) fn init(watchdog: &mut Watchdog) -> Board {
     }
 }
 
-/// Reads why the chip was reset, and clears it for the next time (RM0440 7.4, RCC_CSR).
+/// Reads the reset cause, and clears it for the next reset (RM0440 7.4, RCC_CSR).
 fn reset_by_watchdog() -> bool {
     let cause = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));

@@ -1,10 +1,10 @@
-//! The driver of the USB peripheral: the HAL's, which here also gets over a host that clears a halt or configures again, and
-//! which can take back a packet. [`usb_control`](super::super::usb_control) gets over a host that gives up a request.
+//! The driver of the USB peripheral: the HAL's, extended for hosts that clear a halt or repeat SET_CONFIGURATION, and
+//! for the withdrawal of a packet. [`usb_control`](super::super::usb_control) handles hosts that abandon a request.
 //!
-//! The HAL's clears a halt in a loop that never ends at NAK, and leaves data toggles as they are.
+//! The HAL's driver clears a halt in a loop that never ends at NAK, and does not reset data toggles.
 //!
-//! Bits of USB_EPnR toggle when a one is written, or are cleared by a zero (RM0440 45.6.2). The controller changes them, too:
-//! what is written must be right whatever it has done since they were read.
+//! Bits of USB_EPnR toggle if a one is written, or are cleared by a zero (RM0440 45.6.2). The controller changes them,
+//! too: a write must be correct for any change since the read.
 
 use core::future::Future as _;
 use core::pin::pin;
@@ -24,7 +24,7 @@ use embassy_usb::driver::{
 
 use super::super::usb_control::{ControlPipe, IS_SET_UP, wake_if_over};
 
-/// The HAL's driver and what it consists of.
+/// The HAL's driver and its parts.
 type Hal = usb::Driver<'static, peripherals::USB>;
 type HalBus = <Hal as driver::Driver<'static>>::Bus;
 pub(in crate::board) type HalControlPipe = <Hal as driver::Driver<'static>>::ControlPipe;
@@ -34,17 +34,17 @@ type HalOut = <Hal as driver::Driver<'static>>::EndpointOut;
 /// The endpoint registers of the controller.
 const ENDPOINTS: usize = 8;
 
-/// The time of a packet of 64 bytes and its handshake on the wire, with some to spare.
+/// The duration of a 64-byte packet and its handshake on the wire, with a margin.
 const PACKET_TIME: Duration = Duration::from_micros(60);
 
-/// The bus was reset or suspended, and the HAL has not been told.
+/// The bus was reset or suspended, and the HAL has not been notified.
 static IS_LEFT: AtomicBool = AtomicBool::new(false);
-/// The endpoints in which a packet waits for the host to fetch it, by bits.
+/// Endpoints with a packet that the host has not fetched, as a bit mask.
 static ARMED: AtomicU8 = AtomicU8::new(0);
-/// The endpoints in which a packet of the host waits to be read, by bits.
+/// Endpoints with an unread packet of the host, as a bit mask.
 static UNREAD: AtomicU8 = AtomicU8::new(0);
 
-/// Notes what the HAL's handler, which comes behind it, clears.
+/// Records the events that the HAL's handler clears. It runs ahead of that handler.
 pub(super) struct EventHandler;
 
 impl Handler<USB_LP> for EventHandler {
@@ -69,13 +69,13 @@ impl Handler<USB_LP> for EventHandler {
     }
 }
 
-/// Whether a SETUP packet came that no interrupt handler has seen yet.
+/// Returns true if a SETUP packet arrived that no interrupt handler has processed.
 fn setup_waits() -> bool {
     let endpoint = USB.epr(0).read();
     endpoint.ctr_rx() && endpoint.setup()
 }
 
-/// Whether the request under way is over for the host: it began another, or the bus was reset or suspended.
+/// Returns true if the host has ended the current request: by another request, a bus reset or a suspend.
 pub(in crate::board) fn is_over() -> bool {
     let events = USB.istr().read();
     IS_SET_UP.load(Ordering::Relaxed)
@@ -85,7 +85,7 @@ pub(in crate::board) fn is_over() -> bool {
         || events.susp()
 }
 
-/// The value that changes nothing when it is written to USB_EPnR.
+/// The value whose write leaves USB_EPnR unchanged.
 fn unchanged(mut register: Epr) -> Epr {
     register.set_ctr_rx(true);
     register.set_ctr_tx(true);
@@ -104,7 +104,7 @@ fn status(endpoint: EndpointAddress) -> Stat {
     }
 }
 
-/// Changes the status of an endpoint that the controller leaves as it is: one that is disabled, at STALL or at NAK.
+/// Sets the status of an endpoint that the controller does not change: one that is disabled, or at STALL or NAK.
 fn set_status(endpoint: EndpointAddress, status: Stat) {
     let register = USB.epr(endpoint.index());
     let now = register.read();
@@ -116,7 +116,7 @@ fn set_status(endpoint: EndpointAddress, status: Stat) {
     register.write_value(change);
 }
 
-/// Lets an endpoint begin at DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
+/// Resets an endpoint's data toggle to DATA0 (USB 2.0, 9.1.1.5, 9.4.5, 9.4.10).
 fn start_at_data0(endpoint: EndpointAddress) {
     critical_section::with(|_| {
         let register = USB.epr(endpoint.index());
@@ -130,11 +130,11 @@ fn start_at_data0(endpoint: EndpointAddress) {
     });
 }
 
-/// Lets endpoint 0 answer NAK both ways, as a SETUP packet leaves it and as the HAL takes it to be.
+/// Sets endpoint 0 to NAK in both directions, the state after a SETUP packet, which the HAL assumes.
 pub(in crate::board) fn take_answer_back() {
     const TRIES: usize = 4;
     let ways = [Direction::In, Direction::Out].map(|way| EndpointAddress::from_parts(0, way));
-    // Another SETUP packet may come in between and do the same.
+    // Another SETUP packet may arrive in between with the same effect.
     for _ in 0..TRIES {
         for way in ways {
             if status(way) != Stat::NAK {
@@ -144,7 +144,7 @@ pub(in crate::board) fn take_answer_back() {
     }
 }
 
-/// Takes back the packet that waits in an IN endpoint for the host to fetch it. Returns whether there was one.
+/// Withdraws the packet in an IN endpoint. Returns true if it was still unfetched.
 pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
     let bit = 1 << endpoint;
     let address = EndpointAddress::from_parts(endpoint, Direction::In);
@@ -155,22 +155,22 @@ pub(crate) fn cancel_unfetched_packet(endpoint: usize) -> bool {
     let was_valid = critical_section::with(|_| {
         let was_valid = status(address) == Stat::VALID;
         if was_valid {
-            // If the host fetches it just now, the endpoint is at NAK, and this makes it STALL, until the next line: the
-            // host takes longer than that for its next token.
+            // If the host fetches it at this moment, the endpoint is at NAK, and this makes it STALL until the next
+            // line: the host's next token comes later than that.
             set_status(address, Stat::DISABLED);
             set_status(address, Stat::NAK);
         }
         was_valid
     });
     if was_valid {
-        // A packet on the wire goes on to its end. Then it was fetched.
+        // A packet on the wire is completed. It then counts as fetched.
         let start = Instant::now();
         while is_armed() && start.elapsed() < PACKET_TIME {}
     }
     ARMED.fetch_and(!bit, Ordering::Relaxed) & bit != 0
 }
 
-/// Forgets what waits in an endpoint for a host that will not fetch it: a bus reset has disabled the endpoints.
+/// Clears the record of unfetched packets: a bus reset has disabled the endpoints.
 pub(crate) fn cancel_unfetched_packets() {
     ARMED.store(0, Ordering::Relaxed);
 }
@@ -212,7 +212,7 @@ impl driver::Driver<'static> for UsbDriver {
     }
 }
 
-/// An endpoint to the host.
+/// An IN endpoint.
 pub(crate) struct In(HalIn);
 
 impl driver::Endpoint for In {
@@ -230,7 +230,7 @@ impl driver::EndpointIn for In {
         self.0.write(packet).await?;
         let address = self.0.info().addr;
         critical_section::with(|_| {
-            // The host may have fetched it already. Or a bus reset came just now, and nobody will.
+            // The host may have fetched it already. Or a bus reset occurred just now, and it will not be fetched.
             if status(address) != Stat::NAK {
                 ARMED.fetch_or(1 << address.index(), Ordering::Relaxed);
             }
@@ -239,7 +239,7 @@ impl driver::EndpointIn for In {
     }
 }
 
-/// An endpoint from the host.
+/// An OUT endpoint.
 pub(crate) struct Out(HalOut);
 
 impl driver::Endpoint for Out {
@@ -256,12 +256,12 @@ impl driver::EndpointOut for Out {
     async fn read(&mut self, packet: &mut [u8]) -> Result<usize, EndpointError> {
         let address = self.0.info().addr;
         let len = match self.0.read(packet).await {
-            // The host knows that the packet has arrived, and sends it no more.
+            // The packet was acknowledged: the host will not repeat it.
             Err(EndpointError::Disabled) if take_unread(address) => return fetch(address.index(), packet),
             read => read?,
         };
         critical_section::with(|_| {
-            // The host's next packet may be there already.
+            // The host's next packet may have arrived.
             if status(address) == Stat::VALID {
                 UNREAD.fetch_and(!(1 << address.index()), Ordering::Relaxed);
             }
@@ -270,13 +270,13 @@ impl driver::EndpointOut for Out {
     }
 }
 
-/// Takes note that the packet that waits in an endpoint is read. Returns whether there was one.
+/// Marks an endpoint's packet as read. Returns true if there was one.
 fn take_unread(endpoint: EndpointAddress) -> bool {
     let bit = 1 << endpoint.index();
     UNREAD.fetch_and(!bit, Ordering::Relaxed) & bit != 0
 }
 
-/// Reads the packet that an endpoint had received when a bus reset disabled it, from where its descriptor says (RM0440
+/// Reads a packet that an endpoint received before a bus reset disabled it, from the address in its descriptor (RM0440
 /// 45.6.3).
 fn fetch(endpoint: usize, packet: &mut [u8]) -> Result<usize, EndpointError> {
     const COUNT: u16 = 0x3FF;
@@ -308,7 +308,7 @@ impl driver::Bus for Bus {
         let event = self.0.poll().await;
         match event {
             Event::Reset => {
-                // A stage that was under way may have changed endpoint 0 after the reset.
+                // A stage in progress may have changed endpoint 0 after the reset.
                 critical_section::with(|_| take_answer_back());
                 IS_LEFT.store(false, Ordering::Relaxed);
                 IS_SET_UP.store(false, Ordering::Relaxed);
@@ -320,11 +320,12 @@ impl driver::Bus for Bus {
     }
 
     fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {
-        // The HAL would let one that is in use take a packet for which it has no room, and lose the one that waits there.
+        // The HAL would let an active endpoint accept a packet for which it has no room, and lose the packet that waits
+        // there.
         if !enabled || status(endpoint) == Stat::DISABLED {
             self.0.endpoint_set_enabled(endpoint, enabled);
             if enabled {
-                // Before the host sends anything: a packet that waits to be read stays.
+                // This comes before the host's next packet: an unread packet stays.
                 set_status(endpoint, idle_status(endpoint));
             }
         }
@@ -332,7 +333,7 @@ impl driver::Bus for Bus {
     }
 
     fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
-        // The HAL panics at one that the controller does not have.
+        // The HAL panics for an endpoint that the controller does not have.
         if endpoint.index() >= ENDPOINTS {
             return;
         }
@@ -342,7 +343,7 @@ impl driver::Bus for Bus {
         } else if endpoint.index() != 0 {
             start_at_data0(endpoint);
             if was_stalled {
-                // It is stalled already: this wakes the one that waits for it.
+                // It is already stalled: this wakes the task that waits for it.
                 self.0.endpoint_set_stalled(endpoint, true);
                 set_status(endpoint, idle_status(endpoint));
             }
@@ -358,7 +359,7 @@ impl driver::Bus for Bus {
     }
 }
 
-/// The status of an endpoint in which a packet waits, or does not.
+/// The status of an endpoint with or without a packet.
 fn idle_status(endpoint: EndpointAddress) -> Stat {
     let waits = |packets: &AtomicU8| packets.load(Ordering::Relaxed) >> endpoint.index() & 1 != 0;
     let is_valid = match endpoint.direction() {
@@ -374,7 +375,7 @@ pub(in crate::board) fn poll_request(pipe: &mut HalControlPipe, cx: &mut Context
         return Poll::Pending;
     };
     if setup_waits() {
-        // Another came while this one was read. The interrupt handlers are yet to see it.
+        // Another arrived while this one was read. The interrupt handlers have not processed it yet.
         cx.waker().wake_by_ref();
         return Poll::Pending;
     }
