@@ -1,9 +1,9 @@
-//! The page about safety names tests that there are.
+//! `docs/safety.md` names existing tests.
 
 use std::fs;
 use std::path::Path;
 
-/// Where the tests are that it names.
+/// The files of these tests.
 const TESTS: [&str; 5] = [
     "bridge/src/tests/line_rate.rs",
     "bridge/src/tests/safety.rs",
@@ -13,19 +13,19 @@ const TESTS: [&str; 5] = [
 ];
 
 #[test]
-fn each_promise_has_a_test() {
+fn each_guarantee_has_a_test() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let page = fs::read_to_string(root.join("docs/safety.md")).unwrap();
-    let (_, rest) = page.split_once("| Promise | Test |\n|---|---|\n").unwrap();
+    let (_, rest) = page.split_once("| Guarantee | Test |\n|---|---|\n").unwrap();
     let (table, _) = rest.split_once("\n\n").unwrap();
     let code = TESTS.map(|path| fs::read_to_string(root.join(path)).unwrap()).concat();
     let rows: Vec<&str> = table.lines().collect();
-    assert!(rows.len() >= 14, "{} promises", rows.len());
+    assert!(rows.len() >= 14, "{} guarantees", rows.len());
     for row in rows {
-        let (promise, tests) = row.trim_matches('|').split_once(" | ").unwrap();
+        let (guarantee, tests) = row.trim_matches('|').split_once(" | ").unwrap();
         // Every other part is between backticks.
         let tests: Vec<&str> = tests.split('`').skip(1).step_by(2).collect();
-        assert!(!tests.is_empty(), "no test of: {promise}");
+        assert!(!tests.is_empty(), "no test of: {guarantee}");
         for name in tests {
             assert!(
                 code.contains(&format!("#[test]\nfn {name}()")),

@@ -21,7 +21,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 fn each_behaviour_in_the_docs_is_held_by_a_test_of_that_name() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let page = fs::read_to_string(here.join("../docs/virtual-board.md")).unwrap();
-    let (_, rest) = page.split_once("## What is modelled").unwrap();
+    let (_, rest) = page.split_once("## Modelled behaviour").unwrap();
     let (table, _) = rest.split_once("\n## ").unwrap();
     // Frames on the CAN bus are the simulator's.
     let code: String = [here.join("src"), here.join("../sim/src/can")]

@@ -36,8 +36,7 @@ pub(crate) fn places(data: usize) -> Vec<Place> {
 
 /// A table of them all.
 pub(crate) fn table() -> String {
-    let mut table =
-        String::from("| The byte so many before the checksum | Bit | What it is, with n data bytes |\n|---|---|---|\n");
+    let mut table = String::from("| Bytes before the checksum | Bit | Field, with n data bytes |\n|---|---|---|\n");
     for Place { back, bit } in places(ling::MAX_DATA) {
         // The byte is there in frames whose command, function, length and data are so many.
         let data = format!("data, if n ≥ {back}");

@@ -41,11 +41,11 @@ impl Kind {
             Self::OneBit => "one bit flipped",
             Self::TwoBits => "two bits flipped",
             Self::Burst => "burst of 2 to 8 bits",
-            Self::OtherByte => "one byte another",
+            Self::OtherByte => "one byte replaced",
             Self::LostByte => "one byte lost",
-            Self::ByteTwice => "one byte twice",
-            Self::ExtraByte => "one byte too many",
-            Self::CutShort => "cut short",
+            Self::ByteTwice => "one byte duplicated",
+            Self::ExtraByte => "one byte inserted",
+            Self::CutShort => "truncated",
         }
     }
 

@@ -91,7 +91,7 @@ pub(crate) fn tables(boards: &[Measured], protocols: &[Protocol]) -> Tables {
         ("load", table("load of the core", &names, load)),
         (
             "rates",
-            table("passes in a second, of what the wires allow", &names, rates),
+            table("throughput per second, share of the wire limit", &names, rates),
         ),
         ("images", table("image", &names, images)),
         ("protocols", self::protocols(protocols)),

@@ -43,7 +43,7 @@ pub(crate) fn write(folder: &Path, boards: &[Measured]) -> Result<()> {
     let rate = |figures: &Figures| figures.rate.as_ref().map(|rate| rate.percent);
     Ok(fs::write(
         folder.join("rates.svg"),
-        bars("share of what the wires allow", &boards, rate)?,
+        bars("share of the wire limit", &boards, rate)?,
     )?)
 }
 

@@ -64,10 +64,10 @@ impl Scene {
         match self {
             Self::Idle => "idle".to_owned(),
             Self::Polled => "poll and telemetry at 200 Hz".to_owned(),
-            Self::Fastest(pause) => format!("fastest poll, arm thinks {} µs", pause.as_micros()),
-            Self::Saturated(baud, None) => format!("{} kbaud both ways", f64::from(baud) / 1e3),
-            Self::Saturated(_, Some(Link::Classic)) => "1000 kbaud both ways, CAN full".to_owned(),
-            Self::Saturated(_, Some(Link::Fd)) => "1000 kbaud both ways, CAN FD full".to_owned(),
+            Self::Fastest(pause) => format!("fastest poll, {} µs turnaround", pause.as_micros()),
+            Self::Saturated(baud, None) => format!("{} kbaud duplex", f64::from(baud) / 1e3),
+            Self::Saturated(_, Some(Link::Classic)) => "1000 kbaud duplex, CAN full".to_owned(),
+            Self::Saturated(_, Some(Link::Fd)) => "1000 kbaud duplex, CAN FD full".to_owned(),
         }
     }
 }

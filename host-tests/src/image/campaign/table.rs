@@ -85,7 +85,7 @@ impl fmt::Display for Table {
         }
         writeln!(
             f,
-            "\n{recovered} of {runs} runs recovered; in {} of them a second fault came on top.",
+            "\n{recovered} of {runs} runs recovered; {} of them with a second fault.",
             self.two
         )
     }
