@@ -14,8 +14,9 @@ use crate::tcp::Host;
 #[derive(Args)]
 pub(crate) struct Place {
     /// The serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or slcan:PORT@BITRATE/NODE, an
-    /// adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux. For xarm the host, such as
-    /// 192.168.1.10 or 192.168.1.10:502.
+    /// adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux; or hid:, an alpha1 that is a HID
+    /// device (hid:VID:PID or hid:NAME where there are several). For xarm the host, such as 192.168.1.10 or
+    /// 192.168.1.10:502.
     pub(crate) port: String,
     /// Which arm it is.
     #[arg(long, value_enum, default_value_t)]
@@ -63,7 +64,8 @@ impl Place {
 #[derive(Args)]
 pub(crate) struct ArmPort {
     /// The arm's serial port, such as /dev/ttyACM0 or COM3; or tcp:HOST:PORT, a server of one; or
-    /// slcan:PORT@BITRATE/NODE, an adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux.
+    /// slcan:PORT@BITRATE/NODE, an adapter on the bus of an SLCAN adapter; or can:IFACE/NODE, on a CAN bus of Linux; or, for
+    /// an alpha1 that is a HID device, hid: (hid:VID:PID or hid:NAME where there are several).
     port: Port,
     #[command(flatten)]
     baud: Baud,
@@ -92,6 +94,6 @@ pub enum ArmKind {
     Ling,
     /// UFACTORY xArm, on TCP.
     Xarm,
-    /// UBTECH Alpha1, on a serial port.
+    /// UBTECH Alpha1, on a serial port or as a HID device.
     Alpha1,
 }

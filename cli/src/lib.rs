@@ -16,6 +16,7 @@ mod decode;
 mod describe;
 mod error;
 mod hex;
+mod hid;
 mod hold;
 mod info;
 mod legacy;

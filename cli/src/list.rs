@@ -13,14 +13,14 @@ use crate::error::Error;
 use crate::link::Link;
 use crate::output::{print_json, say};
 use crate::port::{Connection, Port};
-use crate::{available, config, legacy};
+use crate::{available, config, hid, legacy};
 
 /// The arguments of `armwire list`.
 #[derive(Args)]
 pub(crate) struct List {
     /// Ports to list, too, and to ask for their arm, such as that of a virtual arm.
     ports: Vec<String>,
-    /// Ask on every serial port which arm is there. What is no arm gets requests, too; without this only adapters get them.
+    /// Ask on every serial port and HID device which arm is there. What is no arm gets requests, too; without this only adapters get them.
     #[arg(long)]
     ask: bool,
     /// Print a JSON array with an object for each port.
@@ -35,6 +35,9 @@ impl List {
         for port in available::serial_ports() {
             let is_adapter = usb::serial_number_of(&port).is_some_and(|serial| adapters.contains(&serial));
             self.show(&mut found, on_port(&port, is_adapter, self.ask))?;
+        }
+        for robot in hid::alpha1_names() {
+            self.show(&mut found, on_port(&format!("hid:{robot}"), false, self.ask))?;
         }
         for port in &self.ports {
             self.show(&mut found, on_port(port, false, true))?;
@@ -95,6 +98,9 @@ fn on_adapter(connection: &Connection) -> Result<Vec<Fact>, Error> {
 
 /// The arm on a port, whichever it is.
 fn arm(connection: &Connection) -> Result<Vec<Fact>, Error> {
+    if connection.is_hid() {
+        return answer(&mut connection.arm::<Alpha1>()?, &alpha1::Request::ReadHardwareVersion);
+    }
     let ling = legacy::open(connection).and_then(|mut link| answer(&mut link, &ling::Request::ReadInfo));
     match ling {
         Err(Error::NoAnswer { .. }) => {}

@@ -14,6 +14,7 @@ use crate::can::{self, CanLine, Channel, SharedBus};
 use crate::control::ControlLink;
 use crate::describe::Arm;
 use crate::error::Error;
+use crate::hid::{self, Selector};
 use crate::link::{Line, Link};
 use crate::serial::Serial;
 use crate::tcp::{Host, Tcp};
@@ -42,6 +43,8 @@ pub(crate) enum Port {
         bit_rate: BitRate,
         node: Node,
     },
+    /// `hid:`, `hid:VID:PID` or `hid:NAME`: an Alpha1 that is a HID device on USB.
+    Hid(Selector),
     /// `control:PORT`: the control port alone, where it is a port of its own, as with the virtual board.
     Control(String),
 }
@@ -79,6 +82,7 @@ impl FromStr for Port {
                 let port = named(port, text)?;
                 Self::Slcan { port, bit_rate, node }
             }
+            "hid" => Self::Hid(Selector::parse(rest)),
             "control" => Self::Control(named(rest, text)?),
             // A path may have colons, as those under /dev/serial/by-path.
             _ => Self::Serial(text.to_owned()),
@@ -118,6 +122,7 @@ impl fmt::Display for Port {
         let node = match self {
             Self::Serial(port) => return f.write_str(port),
             Self::Tcp(host) => return write!(f, "tcp:{host}"),
+            Self::Hid(selector) => return write!(f, "hid:{selector}"),
             Self::Control(port) => return write!(f, "control:{port}"),
             Self::Can { interface, node } => {
                 write!(f, "can:{interface}")?;
@@ -151,7 +156,7 @@ impl Port {
             return Err(Error::Usage(format!("{self} is no serial port, which has a --baud")));
         }
         let bus = match self {
-            Self::Serial(_) | Self::Tcp(_) | Self::Control(_) => None,
+            Self::Serial(_) | Self::Tcp(_) | Self::Hid(_) | Self::Control(_) => None,
             Self::Can { interface, node } => Some(can::open_interface(self.to_string(), interface, *node)?),
             Self::Slcan { port, bit_rate, .. } => {
                 let serial = Serial::open(port, baud.map_or(SLCAN_BAUD, NonZeroU32::get))?;
@@ -177,6 +182,11 @@ impl Connection {
         matches!(self.port, Port::Control(_))
     }
 
+    /// Whether it is a HID device, as which only an Alpha1 speaks.
+    pub(crate) fn is_hid(&self) -> bool {
+        matches!(self.port, Port::Hid(_))
+    }
+
     /// The arm there.
     pub(crate) fn arm<P: Arm>(&self) -> Result<Link<P>, Error> {
         let (line, config) = self.line::<P>()?;
@@ -199,6 +209,14 @@ impl Connection {
                 };
                 (Box::new(Tcp::connect_serial(host)?), config)
             }
+            Port::Hid(_) if !P::ON_HID => {
+                let text = format!(
+                    "{} is a HID device, as which only an alpha1 speaks (--arm alpha1)",
+                    self.port
+                );
+                return Err(Error::Usage(text));
+            }
+            Port::Hid(selector) => (Box::new(hid::open(selector)?), usual),
             Port::Can { node, .. } | Port::Slcan { node, .. } => {
                 let line = self.on_can(*node, Function::ArmRequest, Function::ArmAnswer);
                 let latency = usual.latency + CAN_LATENCY;
@@ -220,7 +238,7 @@ impl Connection {
                 let line = self.on_can(*node, Function::ControlRequest, Function::ControlAnswer);
                 Ok(ControlLink::on_can(line))
             }
-            Port::Tcp(_) => Err(Error::NoControl {
+            Port::Tcp(_) | Port::Hid(_) => Err(Error::NoControl {
                 name: self.port.to_string(),
             }),
         }
@@ -256,6 +274,10 @@ mod tests {
             ("slcan:COM3/15", "slcan:COM3@1000000/15"),
             ("slcan:COM3@250000", "slcan:COM3@250000"),
             ("control:/tmp/control", "control:/tmp/control"),
+            ("hid:", "hid:"),
+            ("hid:0483:5750", "hid:0483:5750"),
+            ("hid:046D:C52B", "hid:046d:c52b"),
+            ("hid:/dev/hidraw3", "hid:/dev/hidraw3"),
         ] {
             let port: Port = typed.parse().unwrap();
             assert_eq!(port.to_string(), told);

@@ -26,6 +26,8 @@ impl Arm for Alpha1 {
         ..Config::DEFAULT
     };
 
+    const ON_HID: bool = true;
+
     /// The two bytes of the header.
     const HEADER: usize = 2;
 

@@ -223,3 +223,36 @@ fn wrong_values_are_refused_with_their_range() {
         assert!(printed.contains(message), "{printed}");
     }
 }
+
+#[test]
+fn hid_device_that_is_not_there_is_told() {
+    for args in [
+        &["info", "--arm", "alpha1", "hid:/dev/no-such-hidraw"][..],
+        &["call", "alpha1", "hid:/dev/no-such-hidraw", "stop"],
+        &["monitor", "--arm", "alpha1", "hid:/dev/no-such-hidraw", "--csv"],
+    ] {
+        let line = failure(&run(args));
+        assert!(
+            line.starts_with("hid:/dev/no-such-hidraw: no such HID device"),
+            "{line}"
+        );
+    }
+}
+
+#[test]
+fn only_an_alpha1_is_a_hid_device() {
+    for args in [
+        &["info", "hid:"][..],
+        &["call", "ling", "hid:0483:5750", "read-joints"],
+        &["torque", "hid:", "on"],
+    ] {
+        let text = usage(args);
+        assert!(
+            text.contains("is a HID device, as which only an alpha1 speaks (--arm alpha1)"),
+            "{text}"
+        );
+    }
+    assert!(usage(&["info", "--arm", "xarm", "hid:"]).contains("and not on hid:"));
+    let text = usage(&["info", "--arm", "alpha1", "hid:", "--baud", "9600"]);
+    assert!(text.contains("hid: is no serial port"), "{text}");
+}

@@ -1,0 +1,108 @@
+//! HID devices of this computer, by the system's own interface: hidraw on Linux, Win32 and IOKit elsewhere.
+
+use std::future::Future;
+use std::io::{self, ErrorKind};
+use std::time::Duration;
+
+use armwire::alpha1::hid::REPORT;
+use async_hid::{AsyncHidRead, AsyncHidWrite, DeviceId, DeviceReaderWriter, HidBackend, HidError};
+use async_io::{Timer, block_on};
+use futures_lite::{StreamExt, future};
+
+use super::{Failure, Named, Reports};
+
+/// How long a device may take no report.
+const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// An open device.
+pub(super) struct Device(DeviceReaderWriter);
+
+/// All devices, each once.
+///
+/// # Errors
+///
+/// The system's, if it does not list them.
+pub(super) fn list() -> Result<Vec<(Named, async_hid::Device)>, HidError> {
+    let backend = HidBackend::default();
+    let found: Vec<_> = match block_on(async { Ok(backend.enumerate().await?.collect().await) }) {
+        // So Linux says that there is none.
+        Err(error) if kind(&error) == Some(ErrorKind::NotFound) => return Ok(Vec::new()),
+        found => found?,
+    };
+    let mut devices: Vec<(Named, async_hid::Device)> = Vec::new();
+    // There is one for each use of a device.
+    for device in found {
+        let name = name(&device.id);
+        if devices.iter().all(|(named, _)| named.name != name) {
+            let ids = (device.vendor_id, device.product_id);
+            devices.push((Named { name, ids }, device));
+        }
+    }
+    Ok(devices)
+}
+
+/// What the system calls a device.
+fn name(id: &DeviceId) -> String {
+    match id {
+        // The folder of `/dev/hidraw3` in sysfs, which has its name.
+        #[cfg(target_os = "linux")]
+        DeviceId::DevPath(path) => match path.file_name() {
+            Some(name) => format!("/dev/{}", name.to_string_lossy()),
+            None => path.to_string_lossy().into_owned(),
+        },
+        #[cfg(windows)]
+        DeviceId::UncPath(path) => path.to_string_lossy(),
+        #[cfg(target_os = "macos")]
+        DeviceId::RegistryEntryId(id) => id.to_string(),
+        _ => format!("{id:?}"),
+    }
+}
+
+impl Device {
+    pub(super) fn open(device: &async_hid::Device) -> Result<Self, Failure> {
+        Ok(Self(block_on(device.open())?))
+    }
+}
+
+impl Reports for Device {
+    fn read(&mut self, report: &mut [u8; REPORT], wait: Duration) -> Result<usize, Failure> {
+        Ok(within(wait, self.0.read_input_report(report))?.unwrap_or(0))
+    }
+
+    fn write(&mut self, report: &[u8; REPORT]) -> Result<(), Failure> {
+        // All systems want a report number in front, which is 0 where reports have none.
+        let mut numbered = [0; 1 + REPORT];
+        numbered[1..].copy_from_slice(report);
+        within(WRITE_TIMEOUT, self.0.write_output_report(&numbered))?.ok_or(Failure::Stuck)
+    }
+}
+
+/// What comes of it in this time, if anything.
+fn within<T>(wait: Duration, act: impl Future<Output = Result<T, HidError>>) -> Result<Option<T>, HidError> {
+    let act = async { act.await.map(Some) };
+    let expire = async {
+        Timer::after(wait).await;
+        Ok(None)
+    };
+    block_on(future::or(act, expire))
+}
+
+/// What kind of error the system reports, if it does.
+fn kind(error: &HidError) -> Option<ErrorKind> {
+    match error {
+        HidError::Other(error) => error.downcast_ref::<io::Error>().map(io::Error::kind),
+        _ => None,
+    }
+}
+
+impl From<HidError> for Failure {
+    fn from(error: HidError) -> Self {
+        match (&error, kind(&error)) {
+            (HidError::Disconnected | HidError::NotConnected, _) => Self::Gone,
+            // An unplugged device, too.
+            (_, Some(ErrorKind::BrokenPipe | ErrorKind::NotFound)) => Self::Gone,
+            (_, Some(ErrorKind::PermissionDenied)) => Self::Denied,
+            _ => Self::Other(error.to_string()),
+        }
+    }
+}

@@ -1,0 +1,352 @@
+//! A robot that is a HID device on USB, as a line: frames in reports of 64 bytes.
+
+mod device;
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::io::Read;
+use std::time::Duration;
+
+use armwire::alpha1::hid::{self, REPORT};
+
+use crate::error::Error;
+use crate::link::{Came, Line, Names};
+
+use device::Device;
+
+/// Vendor and product id of an Alpha1, as public programs have them. STMicroelectronics gives them to examples of HID
+/// devices, so a device with them may be something else.
+const ALPHA1: (u16, u16) = (0x0483, 0x5750);
+
+/// Which HID device, as it is typed behind `hid:`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Selector {
+    /// Nothing: the only one with the ids of an Alpha1.
+    Alpha1,
+    /// `VID:PID`, in hexadecimal: the only one with these ids.
+    Ids(u16, u16),
+    /// The name that `armwire list` shows.
+    Name(String),
+}
+
+impl Selector {
+    pub(crate) fn parse(text: &str) -> Self {
+        let is_id = |text: &str| text.len() == 4 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let id = |text: &str| is_id(text).then(|| u16::from_str_radix(text, 16).ok()).flatten();
+        let ids = text
+            .split_once(':')
+            .and_then(|(vendor, product)| Some((id(vendor)?, id(product)?)));
+        match ids {
+            Some((vendor, product)) => Self::Ids(vendor, product),
+            None if text.is_empty() => Self::Alpha1,
+            None => Self::Name(text.to_owned()),
+        }
+    }
+
+    fn selects(&self, device: &Named) -> bool {
+        match self {
+            Self::Alpha1 => device.ids == ALPHA1,
+            Self::Ids(vendor, product) => device.ids == (*vendor, *product),
+            Self::Name(name) => device.name == *name,
+        }
+    }
+}
+
+impl fmt::Display for Selector {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Alpha1 => Ok(()),
+            Self::Ids(vendor, product) => write!(f, "{vendor:04x}:{product:04x}"),
+            Self::Name(name) => f.write_str(name),
+        }
+    }
+}
+
+/// A HID device of this computer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Named {
+    /// The system's name of it, such as `/dev/hidraw3`.
+    name: String,
+    /// Vendor and product id.
+    ids: (u16, u16),
+}
+
+/// The names of all devices with the ids of an Alpha1; none where HID devices cannot be searched.
+pub(crate) fn alpha1_names() -> Vec<String> {
+    let devices = device::list().unwrap_or_default().into_iter();
+    let robots = devices
+        .map(|(named, _)| named)
+        .filter(|named| Selector::Alpha1.selects(named));
+    robots.map(|robot| robot.name).collect()
+}
+
+/// Opens the only device that is selected.
+///
+/// # Errors
+///
+/// There is none, there are several, or the system refuses to open it.
+pub(crate) fn open(selector: &Selector) -> Result<impl Line + use<>, Error> {
+    let name = format!("hid:{selector}");
+    let mut devices = device::list().map_err(|error| Error::at(&name, error))?;
+    let named: Vec<_> = devices.iter().map(|(named, _)| named.clone()).collect();
+    let chosen = choose(selector, &named).map_err(|reason| Error::at(&name, reason))?;
+    let (_, found) = devices.swap_remove(chosen);
+    let device = Device::open(&found).map_err(|error| error.on(&name))?;
+    Ok(HidLine::new(name, device))
+}
+
+/// The position of the only device that is selected, or why there is not one.
+fn choose(selector: &Selector, devices: &[Named]) -> Result<usize, String> {
+    let selected = |&i: &usize| selector.selects(&devices[i]);
+    let selected: Vec<_> = (0..devices.len()).filter(selected).collect();
+    match (selected.as_slice(), selector) {
+        ([one], _) => Ok(*one),
+        ([], Selector::Name(_)) => {
+            let names: Vec<_> = devices.iter().map(|device| format!("hid:{}", device.name)).collect();
+            Err(match names.as_slice() {
+                [] => "no such HID device, nor any other".to_owned(),
+                names => format!("no such HID device; there are: {}", names.join(", ")),
+            })
+        }
+        ([], Selector::Alpha1) => {
+            let (vendor, product) = ALPHA1;
+            Err(format!(
+                "no HID device {vendor:04x}:{product:04x}: is the robot plugged in and on, and is it a HID device and not a \
+                 serial port? Other ids: hid:VID:PID"
+            ))
+        }
+        ([], Selector::Ids(..)) => Err("no HID device has these ids".to_owned()),
+        (several, _) => {
+            let names: Vec<_> = several.iter().map(|&i| format!("hid:{}", devices[i].name)).collect();
+            Err(format!(
+                "several HID devices have these ids, choose one: {}",
+                names.join(", ")
+            ))
+        }
+    }
+}
+
+/// What carries reports.
+trait Reports {
+    /// Reads a report, waiting so long for it; 0 when none came.
+    fn read(&mut self, report: &mut [u8; REPORT], wait: Duration) -> Result<usize, Failure>;
+
+    fn write(&mut self, report: &[u8; REPORT]) -> Result<(), Failure>;
+}
+
+/// Why a report is not carried, or a device not opened.
+#[derive(Debug)]
+enum Failure {
+    /// The device is gone.
+    Gone,
+    /// The device takes no report.
+    Stuck,
+    /// Its user may not open it.
+    Denied,
+    /// What else the system says.
+    Other(String),
+}
+
+impl Failure {
+    fn on(self, name: &str) -> Error {
+        let name = name.to_owned();
+        let (vendor, product) = ALPHA1;
+        match self {
+            Self::Gone => {
+                let reason = "the device is gone: was it unplugged, or switched off?".to_owned();
+                Error::Lost { name, reason }
+            }
+            Self::Stuck => Error::At {
+                name,
+                reason: "the device takes no report: is the robot stuck?".to_owned(),
+            },
+            Self::Denied if cfg!(target_os = "linux") => Error::At {
+                name,
+                reason: format!(
+                    "permission denied: put 'KERNEL==\"hidraw*\", ATTRS{{idVendor}}==\"{vendor:04x}\", \
+                     ATTRS{{idProduct}}==\"{product:04x}\", TAG+=\"uaccess\"' in /etc/udev/rules.d/70-alpha1.rules, run \
+                     'sudo udevadm control --reload', and plug the robot in again"
+                ),
+            },
+            Self::Denied => Error::At {
+                name,
+                reason: "permission denied: does another program use it?".to_owned(),
+            },
+            Self::Other(reason) => Error::Lost { name, reason },
+        }
+    }
+}
+
+/// Bytes in reports.
+struct HidLine<R> {
+    name: String,
+    reports: R,
+    /// The rest of a report for which there was no room.
+    unread: VecDeque<u8>,
+}
+
+impl<R: Reports> HidLine<R> {
+    fn new(name: String, reports: R) -> Self {
+        let unread = VecDeque::new();
+        Self { name, reports, unread }
+    }
+}
+
+impl<R: Reports> Line for HidLine<R> {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn read(&mut self, buf: &mut [u8], wait: Duration) -> Result<usize, Error> {
+        if self.unread.is_empty() {
+            let mut report = [0; REPORT];
+            let n = self
+                .reports
+                .read(&mut report, wait)
+                .map_err(|failure| failure.on(&self.name))?;
+            self.unread.extend(&report[..n]);
+        }
+        self.unread.read(buf).map_err(|error| Error::at(&self.name, error))
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+        for report in hid::reports(bytes) {
+            self.reports.write(&report).map_err(|failure| failure.on(&self.name))?;
+        }
+        Ok(bytes.len())
+    }
+
+    fn hints(&mut self, came: Came, names: Names) -> String {
+        match came {
+            Came::Nothing => format!(
+                "is the robot on, is it {}, and does no other program use it?",
+                names.arm
+            ),
+            Came::Garbage => format!("is it {}, and not another HID device?", names.arm),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use armwire::alpha1::{Alpha1, Outcome, Request, Response};
+    use armwire::time;
+    use armwire_sim::alpha1::{Alpha1Robot, RobotConfig};
+    use armwire_sim::serial::SerialDevice;
+
+    use super::*;
+    use crate::describe::Arm;
+    use crate::link::Link;
+
+    /// A virtual robot that is a HID device, whose time passes while a report is waited for.
+    struct VirtualDevice {
+        robot: Alpha1Robot,
+        now: time::Instant,
+        written: usize,
+    }
+
+    impl VirtualDevice {
+        fn new() -> Self {
+            let config = RobotConfig {
+                hid: true,
+                ..RobotConfig::default()
+            };
+            Self {
+                robot: Alpha1Robot::new(config),
+                now: time::Instant::ZERO,
+                written: 0,
+            }
+        }
+    }
+
+    impl Reports for VirtualDevice {
+        fn read(&mut self, report: &mut [u8; REPORT], _: Duration) -> Result<usize, Failure> {
+            let Some(due) = self.robot.poll_timeout() else {
+                return Ok(0);
+            };
+            self.now = self.now.max(due);
+            let said = std::iter::from_fn(|| self.robot.transmit(self.now)).take(REPORT);
+            Ok(report.iter_mut().zip(said).map(|(to, byte)| *to = byte).count())
+        }
+
+        fn write(&mut self, report: &[u8; REPORT]) -> Result<(), Failure> {
+            self.written += 1;
+            report.iter().for_each(|&byte| self.robot.receive(self.now, byte));
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn robot_answers_in_reports() {
+        let line = HidLine::new("hid:".to_owned(), VirtualDevice::new());
+        let mut link = Link::<Alpha1>::new(Box::new(line), Alpha1::CONFIG);
+        let version = link.call(&Request::ReadHardwareVersion, |response| {
+            Alpha1::show_response(&response)
+        });
+        assert_eq!(version.unwrap().unwrap(), "arm: Alpha1, hardware: Alpha1_V2.0");
+        let stopped = link.call(&Request::Stop, |response| {
+            response == Response::Stopped(Outcome::Success)
+        });
+        assert_eq!(stopped.unwrap(), Some(true));
+        assert_eq!(link.dropped(), 0);
+    }
+
+    #[test]
+    fn long_frame_takes_several_reports() {
+        let mut line = HidLine::new("hid:".to_owned(), VirtualDevice::new());
+        assert_eq!(line.write(&[1; 65]).unwrap(), 65);
+        assert_eq!(line.reports.written, 2);
+    }
+
+    #[test]
+    fn report_is_read_in_small_parts() {
+        let mut line = HidLine::new("hid:".to_owned(), VirtualDevice::new());
+        line.write(&[0xF2, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0xED]).unwrap();
+        let mut answer: Vec<u8> = Vec::new();
+        let mut part = [0; 3];
+        while answer.len() < REPORT {
+            let n = line.read(&mut part, Duration::ZERO).unwrap();
+            answer.extend(&part[..n]);
+        }
+        assert_eq!(answer[..5], [0xF2, 0x2F, 0xAA, 0xED, 0]);
+        assert_eq!(answer.len(), REPORT);
+    }
+
+    #[test]
+    fn device_is_chosen_by_ids_or_name() {
+        let device = |name: &str, ids| Named {
+            name: name.to_owned(),
+            ids,
+        };
+        let devices = [
+            device("/dev/hidraw0", (0x046d, 0xc52b)),
+            device("/dev/hidraw1", ALPHA1),
+            device("/dev/hidraw2", (0x1234, 0xabcd)),
+            device("/dev/hidraw3", (0x1234, 0xabcd)),
+        ];
+        let choose = |text: &str| choose(&Selector::parse(text), &devices);
+        for (text, chosen) in [("", 1), ("0483:5750", 1), ("046D:C52B", 0), ("/dev/hidraw3", 3)] {
+            assert_eq!(choose(text), Ok(chosen), "{text}");
+        }
+        for (text, reason) in [
+            (
+                "1234:abcd",
+                "several HID devices have these ids, choose one: hid:/dev/hidraw2, hid:/dev/hidraw3",
+            ),
+            ("1234:0001", "no HID device has these ids"),
+            (
+                "/dev/hidraw4",
+                "no such HID device; there are: hid:/dev/hidraw0, hid:/dev/hidraw1",
+            ),
+            ("123:4567", "no such HID device"),
+        ] {
+            let told = choose(text).unwrap_err();
+            assert!(told.starts_with(reason), "{told}");
+        }
+        assert!(
+            super::choose(&Selector::Alpha1, &devices[..1])
+                .unwrap_err()
+                .starts_with("no HID device 0483:5750")
+        );
+    }
+}
