@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::io::{self, BufRead, ErrorKind, Read};
 
+use super::format::BYTE_ORDER_MARK;
 use super::output::Output;
 use crate::error::Error;
 use crate::printable::cut;
@@ -81,6 +82,15 @@ impl<'a> Input<'a> {
                 Err(error) => return Err(error),
             }
         }
+    }
+
+    /// Skips what some editors begin UTF-8 text with.
+    pub(super) fn skip_byte_order_mark(&mut self) -> Result<(), Error> {
+        while BYTE_ORDER_MARK.starts_with(self.buffered()) && self.buffered() != BYTE_ORDER_MARK && self.more()? {}
+        if self.buffered().starts_with(BYTE_ORDER_MARK) {
+            self.consume(BYTE_ORDER_MARK.len());
+        }
+        Ok(())
     }
 
     /// How many bytes were taken.

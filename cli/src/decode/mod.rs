@@ -24,16 +24,10 @@ use clap::{Args, ValueEnum};
 use crate::args::ArmKind;
 use crate::describe::Arm;
 use crate::error::Error;
-use bus::{Buses, Refused};
+use bus::Buses;
 use digits::Digits;
-use format::{BYTE_ORDER_MARK, Format};
+use format::Format;
 use input::Input;
-use log::asc::Asc;
-use log::candump::Candump;
-use log::csv::Csv;
-use log::gvret::Gvret;
-use log::trc::Trc;
-use log::{Record, TextLog, blf};
 use output::{Console, Entries, Output};
 use recording::{Frames, LingFrames, Recording};
 
@@ -106,16 +100,12 @@ fn decode_input(
     from: Option<Speaker>,
 ) -> Result<(), Error> {
     let format = format.map_or_else(|| format::detect(&mut input), Ok)?;
-    let log: &mut dyn TextLog = match format {
-        Format::Raw | Format::Hex => return decode_line(input, out, format, arm, from),
-        Format::Blf => return decode_blf(&mut input, out, buses(arm)?),
-        Format::Candump => &mut Candump,
-        Format::Asc => &mut Asc::new(),
-        Format::Trc => &mut Trc::new(),
-        Format::Csv => &mut Csv,
-        Format::Gvret => &mut Gvret::new(),
-    };
-    decode_log(&mut input, out, log, buses(arm)?)
+    if matches!(format, Format::Raw | Format::Hex) {
+        return decode_line(input, out, format, arm, from);
+    }
+    let mut buses = buses(arm)?;
+    log::read(&mut input, format, &mut |record| buses.take(record, out))?;
+    buses.finish(out).map_err(Error::Output)
 }
 
 /// A recording of a line.
@@ -133,7 +123,7 @@ fn decode_line(
     };
     let mut digits = (format == Format::Hex).then(Digits::new);
     if digits.is_some() {
-        skip_byte_order_mark(&mut input)?;
+        input.skip_byte_order_mark()?;
     }
     let mut bytes = Vec::new();
     while recording.broken().is_none() && (!input.buffered().is_empty() || input.more()?) {
@@ -173,44 +163,6 @@ fn buses(arm: ArmKind) -> Result<Buses, Error> {
         ArmKind::Alpha1 => Ok(Buses::new::<Alpha1>()),
         ArmKind::Xarm => Err(Error::Usage("an xarm is not on a CAN bus".to_owned())),
     }
-}
-
-/// A log of CAN buses with a record in each line.
-fn decode_log(input: &mut Input<'_>, out: &dyn Output, log: &mut dyn TextLog, mut buses: Buses) -> Result<(), Error> {
-    skip_byte_order_mark(input)?;
-    while let Some(line) = input.line()? {
-        if line.text.trim().is_empty() {
-            continue;
-        }
-        let taken = match log.record(&line.text) {
-            // Its end may not be what it means.
-            Ok(Record::Frame(_)) | Err(_) if !line.is_whole => Err("the line is too long".to_owned()),
-            Ok(record) => match buses.take(record, out) {
-                Ok(()) => Ok(()),
-                Err(Refused::Log(reason)) => Err(reason),
-                Err(Refused::Output(error)) => return Err(Error::Output(error)),
-            },
-            Err(reason) => Err(reason),
-        };
-        if let Err(reason) = taken {
-            let (number, text) = (line.number, line.text.into_owned());
-            return Err(input.refused_line(number, &text, &reason));
-        }
-    }
-    buses.finish(out).map_err(Error::Output)
-}
-
-fn decode_blf(input: &mut Input<'_>, out: &dyn Output, mut buses: Buses) -> Result<(), Error> {
-    blf::read(input, &mut |record| buses.take(record, out))?;
-    buses.finish(out).map_err(Error::Output)
-}
-
-fn skip_byte_order_mark(input: &mut Input<'_>) -> Result<(), Error> {
-    while BYTE_ORDER_MARK.starts_with(input.buffered()) && input.buffered() != BYTE_ORDER_MARK && input.more()? {}
-    if input.buffered().starts_with(BYTE_ORDER_MARK) {
-        input.consume(BYTE_ORDER_MARK.len());
-    }
-    Ok(())
 }
 
 /// Bytes as `AA 06 00`.

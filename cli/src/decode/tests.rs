@@ -8,7 +8,7 @@ use armwire::messages::Messages;
 use super::*;
 
 /// A source that gives so many bytes at a time.
-struct Pieces<'a>(&'a [u8], usize);
+pub(super) struct Pieces<'a>(pub(super) &'a [u8], pub(super) usize);
 
 impl Read for Pieces<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {

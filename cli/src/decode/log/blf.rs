@@ -11,7 +11,7 @@ use armwire_bridge::Instant;
 use armwire_bridge::can::Frame;
 use flate2::bufread::ZlibDecoder;
 
-use super::{Logged, Record, Time, frame};
+use super::{Logged, Record, Take, Time, frame};
 use crate::decode::bus::Refused;
 use crate::decode::input::Input;
 use crate::error::Error;
@@ -44,9 +44,6 @@ mod object {
     pub(super) const CAN_FD_MESSAGE_64: u32 = 101;
     pub(super) const CAN_FD_ERROR_64: u32 = 104;
 }
-
-/// What takes the records.
-type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;
 
 /// Hands the records of a file, one after the other, to `take`.
 pub(in crate::decode) fn read(input: &mut Input<'_>, take: &mut Take<'_>) -> Result<(), Error> {

@@ -8,6 +8,8 @@ pub(super) mod gvret;
 pub(super) mod trc;
 
 #[cfg(test)]
+mod properties;
+#[cfg(test)]
 mod tests;
 
 use std::borrow::Cow;
@@ -15,10 +17,60 @@ use std::borrow::Cow;
 use armwire_bridge::Instant;
 use armwire_bridge::can::{Frame, Id};
 
+use super::bus::Refused;
+use super::format::Format;
+use super::input::Input;
+use crate::error::Error;
 use crate::printable::cut;
+use asc::Asc;
+use candump::Candump;
+use csv::Csv;
+use gvret::Gvret;
+use trc::Trc;
 
 /// The highest identifier of 29 bits.
 const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
+
+/// What takes the records.
+pub(super) type Take<'a> = dyn FnMut(Record<'_>) -> Result<(), Refused> + 'a;
+
+/// Hands the records of a log, one after the other, to `take`. A recording of a line has none.
+pub(super) fn read(input: &mut Input<'_>, format: Format, take: &mut Take<'_>) -> Result<(), Error> {
+    match format {
+        Format::Raw | Format::Hex => Ok(()),
+        Format::Blf => blf::read(input, take),
+        Format::Candump => read_lines(input, &mut Candump, take),
+        Format::Asc => read_lines(input, &mut Asc::new(), take),
+        Format::Trc => read_lines(input, &mut Trc::new(), take),
+        Format::Csv => read_lines(input, &mut Csv, take),
+        Format::Gvret => read_lines(input, &mut Gvret::new(), take),
+    }
+}
+
+/// The same of a log with a record in each line.
+fn read_lines(input: &mut Input<'_>, log: &mut dyn TextLog, take: &mut Take<'_>) -> Result<(), Error> {
+    input.skip_byte_order_mark()?;
+    while let Some(line) = input.line()? {
+        if line.text.trim().is_empty() {
+            continue;
+        }
+        let taken = match log.record(&line.text) {
+            // Its end may not be what it means.
+            Ok(Record::Frame(_)) | Err(_) if !line.is_whole => Err("the line is too long".to_owned()),
+            Ok(record) => match take(record) {
+                Ok(()) => Ok(()),
+                Err(Refused::Log(reason)) => Err(reason),
+                Err(Refused::Output(error)) => return Err(Error::Output(error)),
+            },
+            Err(reason) => Err(reason),
+        };
+        if let Err(reason) = taken {
+            let (number, text) = (line.number, line.text.into_owned());
+            return Err(input.refused_line(number, &text, &reason));
+        }
+    }
+    Ok(())
+}
 
 /// A format with one record in each line.
 pub(super) trait TextLog {
