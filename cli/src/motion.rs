@@ -19,6 +19,10 @@ use crate::output::say;
 
 /// How near a joint is when it is there: 3 ticks, 0.26°.
 const NEAR: u16 = 3;
+/// How near the gripper is when it is there: 5 thousandths of its stroke, 0.5 %.
+const NEAR_OPENING: u16 = 5;
+/// A gripper whose reading is the same for this long stands still: it may hold something.
+const STANDS_STILL: time::Duration = time::Duration::from_millis(1_000);
 /// Zero, in ticks.
 const ZERO: u16 = Position::CENTRE.ticks();
 /// How long an arm may take to obey.
@@ -33,8 +37,8 @@ pub(crate) struct MoveArm {
     arm: ArmPort,
     #[command(flatten)]
     target: Target,
-    /// Wait until the joints are within 3 ticks (0.26°) of where they go. The gripper is not waited for: it may hold
-    /// something.
+    /// Wait until the joints are within 3 ticks (0.26°) of where they go and the gripper is within 0.5 % of its stroke, or
+    /// stands still for 1 s: it may hold something.
     #[arg(long)]
     wait: bool,
     /// How long to wait at most. The arm moves on after that, too.
@@ -78,18 +82,26 @@ impl MoveArm {
             say(format_args!("sent: {}", Ling::show_request(&request)))?;
             return say(format_args!("now: {}", show(read(&mut link)?)));
         }
-        let is_there = |state: &JointState| far(&target, state).is_empty();
+        let mut gripper = Standstill::default();
+        let is_there = |now, state: &JointState| {
+            let stands_still = gripper.lasts(now, state.gripper) >= STANDS_STILL;
+            far_joints(&target, state).is_empty() && (stands_still || far_gripper(&target, state).is_none())
+        };
         let (state, is_there) = read_until(&mut link, self.timeout, is_there)?;
-        if is_there {
-            return say(format_args!("there: {}", show(state)));
+        match (is_there, far_gripper(&target, &state)) {
+            (true, None) => say(format_args!("there: {}", show(state))),
+            (true, Some(off)) => say(format_args!(
+                "there, but {off} and stands still, does it hold something? {}",
+                show(state)
+            )),
+            (false, gripper) => {
+                let mut off = far_joints(&target, &state);
+                off.extend(gripper);
+                let (seconds, off, status) = (self.timeout.as_secs_f32(), off.join(", "), state.status);
+                let reason = format!("not there after {seconds} s: {off} (status {status})");
+                Err(Error::at(link.name(), reason))
+            }
         }
-        let reason = format!(
-            "not there after {} s: {} (status {})",
-            self.timeout.as_secs_f32(),
-            far(&target, &state).join(", "),
-            state.status
-        );
-        Err(Error::at(link.name(), reason))
     }
 }
 
@@ -104,7 +116,7 @@ impl SetTorque {
         }
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetTorque(self.torque), drop)?;
-        let is_so = |state: &JointState| is_holding(state.status) == Some(wanted);
+        let is_so = |_, state: &JointState| is_holding(state.status) == Some(wanted);
         let (JointState { status, .. }, is_so) = read_until(&mut link, OBEYS, is_so)?;
         let request = Ling::show_request(&Request::SetTorque(self.torque));
         match is_holding(status) {
@@ -126,7 +138,7 @@ impl SetZero {
             .ask("The arm takes its pose for zero, switches its torque off and falls: hold it.")?;
         let mut link = legacy::open(&self.arm.connect()?)?;
         link.call(&Request::SetZero, drop)?;
-        let is_zero = |state: &JointState| state.joints.iter().all(|ticks| ticks.abs_diff(ZERO) <= NEAR);
+        let is_zero = |_, state: &JointState| state.joints.iter().all(|ticks| ticks.abs_diff(ZERO) <= NEAR);
         let (state, is_zero) = read_until(&mut link, OBEYS, is_zero)?;
         let text = show(state);
         match is_zero {
@@ -163,12 +175,12 @@ fn read(link: &mut Link<Ling>) -> Result<JointState, Error> {
 fn read_until(
     link: &mut Link<Ling>,
     timeout: Duration,
-    is_so: impl Fn(&JointState) -> bool,
+    mut is_so: impl FnMut(time::Instant, &JointState) -> bool,
 ) -> Result<(JointState, bool), Error> {
     let until = link.now() + time::Duration::from_micros(timeout.as_micros().try_into().unwrap_or(u64::MAX));
     loop {
         let state = read(link)?;
-        let is_so = is_so(&state);
+        let is_so = is_so(link.now(), &state);
         if is_so || until <= link.now() {
             return Ok((state, is_so));
         }
@@ -176,8 +188,32 @@ fn read_until(
     }
 }
 
+/// Since when a gripper's reading is the same.
+#[derive(Default)]
+struct Standstill(Option<(u16, time::Instant)>);
+
+impl Standstill {
+    /// Takes a reading, and returns how long it has been the same.
+    fn lasts(&mut self, now: time::Instant, opening: u16) -> time::Duration {
+        match self.0 {
+            Some((before, since)) if before == opening => now.since(since),
+            _ => {
+                self.0 = Some((opening, now));
+                time::Duration::default()
+            }
+        }
+    }
+}
+
+/// How far off the gripper is, if it is not near its target.
+fn far_gripper(target: &Move, state: &JointState) -> Option<String> {
+    let (goal, _speed) = target.gripper;
+    let off = goal.per_mille().abs_diff(state.gripper);
+    (off > NEAR_OPENING).then(|| format!("gripper is {:.1} % off", f32::from(off) / 10.0))
+}
+
 /// Each joint that is not near its target, and how far off.
-fn far(target: &Move, state: &JointState) -> Vec<String> {
+fn far_joints(target: &Move, state: &JointState) -> Vec<String> {
     let joints = (1..).zip(target.joints.iter().zip(state.joints));
     let off = joints.filter_map(|(n, ((goal, _speed), ticks))| {
         let off = goal.ticks().abs_diff(ticks);
@@ -204,9 +240,42 @@ mod tests {
             gripper: 0,
             status: MotionStatus::Locked,
         };
-        assert!(far(&target, &state).is_empty(), "the gripper is not waited for");
+        assert!(far_joints(&target, &state).is_empty());
         state.joints[1] = 2052;
         state.joints[5] = 1024;
-        assert_eq!(far(&target, &state), ["joint 2 is 0.35° off", "joint 6 is 90.00° off"]);
+        let off = ["joint 2 is 0.35° off", "joint 6 is 90.00° off"];
+        assert_eq!(far_joints(&target, &state), off);
+    }
+
+    #[test]
+    fn gripper_is_there_within_half_a_percent() {
+        let target = Move {
+            joints: [(Position::CENTRE, Speed::MAX); 6],
+            gripper: (Opening::new(500).unwrap(), GripperSpeed(1000)),
+        };
+        for (gripper, off) in [
+            (495, None),
+            (505, None),
+            (494, Some("gripper is 0.6 % off")),
+            (2051, Some("gripper is 155.1 % off")),
+        ] {
+            let state = JointState {
+                joints: [2048; 6],
+                gripper,
+                status: MotionStatus::Locked,
+            };
+            assert_eq!(far_gripper(&target, &state).as_deref(), off, "{gripper}");
+        }
+    }
+
+    #[test]
+    fn gripper_stands_still_while_its_reading_is_the_same() {
+        let mut gripper = Standstill::default();
+        let lasts = |(millis, opening): (u64, u16)| {
+            let now = time::Instant::from_micros(millis * 1_000);
+            gripper.lasts(now, opening).as_micros() / 1_000
+        };
+        let readings = [(10, 0), (500, 0), (600, 1), (1600, 1), (1601, 0), (1602, 0)];
+        assert_eq!(readings.map(lasts), [0, 490, 0, 1000, 0, 1]);
     }
 }

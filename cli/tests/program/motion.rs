@@ -1,9 +1,11 @@
 //! `armwire move` and `armwire torque` on a virtual arm.
 
+use armwire::ling::{JointState, Ling, MAX_FRAME, MotionStatus, Response};
+use armwire::messages::Messages;
 use armwire_sim::pty::Pty;
 
 use crate::common::terminal::Terminal;
-use crate::common::{Arm, NO_ANSWER, again_while, failure, run, success, usage};
+use crate::common::{Arm, NO_ANSWER, again_while, failure, run, run_against, success, usage};
 
 /// The arguments of a move of the second joint.
 fn to<'a>(port: &'a str, joints: &'a str, speed: &'a str) -> Vec<&'a str> {
@@ -23,12 +25,72 @@ fn awaited_move_ends_at_its_target() {
 }
 
 #[test]
+fn awaited_move_ends_with_the_gripper_at_its_target() {
+    let arm = Arm::start("ling", "move-gripper", &[]);
+    let joints = ["--joints", "0,0,0,0,0,0", "--speed", "400"];
+    let gripper = ["--gripper", "80", "--gripper-speed", "1000", "--wait"];
+    let out = success(&[&["move", &arm.port][..], &joints, &gripper].concat());
+    let (_, opening) = out.split_once("gripper: ").unwrap();
+    let percent: f32 = opening.split(' ').next().unwrap().parse().unwrap();
+    assert!(out.starts_with("there: ") && (79.5..=80.5).contains(&percent), "{out}");
+}
+
+#[test]
+fn gripper_that_holds_something_ends_the_wait() {
+    const READ_JOINTS: [u8; 7] = [0xAA, 0x06, 0x00, 0x01, 0xFE, 0x9A, 0xFF];
+    let state = JointState {
+        joints: [2048; 6],
+        gripper: 400,
+        status: MotionStatus::Locked,
+    };
+    let mut answer = [0; MAX_FRAME];
+    let n = Ling
+        .encode_response(&Response::Joints(state), None, &mut answer)
+        .unwrap();
+    let args = [
+        "move",
+        "PORT",
+        "--joints",
+        "0,0,0,0,0,0",
+        "--speed",
+        "20",
+        "--gripper",
+        "0",
+        "--wait",
+    ];
+    let output = again_while(NO_ANSWER, || {
+        run_against(&args, |_, pty, request| {
+            if request.ends_with(&READ_JOINTS) {
+                pty.write(&answer[..n]).unwrap();
+            }
+        })
+    });
+    let told = String::from_utf8(output.stdout).unwrap();
+    let expected = "there, but gripper is 40.0 % off and stands still, does it hold something? joints: ";
+    assert!(output.status.success() && told.starts_with(expected), "{told}");
+}
+
+#[test]
+fn late_gripper_reports_the_distance_left() {
+    let arm = Arm::start("ling", "gripper-late", &[]);
+    let joints = ["--joints", "0,0,0,0,0,0", "--speed", "400"];
+    let gripper = ["--gripper", "100", "--gripper-speed", "1", "--wait", "--timeout", "0"];
+    let args = [&["move", &arm.port][..], &joints, &gripper].concat();
+    let line = failure(&again_while(NO_ANSWER, || run(&args)));
+    assert!(line.contains(": not there after 0 s: gripper is "), "{line}");
+    assert!(line.contains(" % off (status "), "{line}");
+}
+
+#[test]
 fn late_move_reports_the_distance_left() {
     let arm = Arm::start("ling", "move-late", &[]);
     let args = [&to(&arm.port, "0,170,0,0,0,0", "1")[..], &["--wait", "--timeout", "0"]].concat();
     let line = failure(&again_while(NO_ANSWER, || run(&args)));
     assert!(line.contains(": not there after 0 s: joint 2 is 1"), "{line}");
-    assert!(!line.contains("joint 1 ") && line.contains("° off (status "), "{line}");
+    assert!(
+        !line.contains("joint 1 ") && line.contains("° off, gripper is "),
+        "{line}"
+    );
 }
 
 #[test]
