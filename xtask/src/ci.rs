@@ -10,7 +10,7 @@ use crate::cargo::cargo;
 use crate::image::{self, Image, Options, TARGET};
 use crate::process::{self, shown};
 use crate::steps::Steps;
-use crate::toolchain::Toolchain;
+use crate::toolchain::{self, Toolchain};
 use crate::workspace::{ALONE, root};
 use crate::{
     c_library, campaign, coverage, deny, examples, features, fuzz, integrity, no_panic, packages, performance, readme,
@@ -28,6 +28,9 @@ const ADAPTER_RUNS: &str = "20000";
 /// Where the crates without `std` must build.
 const NO_STD_TARGETS: [&str; 3] = ["thumbv6m-none-eabi", TARGET, "riscv32imc-unknown-none-elf"];
 const NO_STD: &str = "--package armwire --package armwire-bridge";
+/// The systems besides Linux that the command is for, and the crates that are. Nothing of them needs a compiler for C.
+const OTHER_SYSTEMS: [&str; 2] = ["x86_64-pc-windows-gnu", "x86_64-apple-darwin"];
+const PORTABLE: &str = "--package armwire --package armwire-bridge --package armwire-sim --package armwire-cli";
 /// The one of [`ALONE`] for a microcontroller only.
 const LINK_TEST: &str = ALONE[0];
 /// The program whose instructions are counted.
@@ -63,6 +66,7 @@ pub(crate) fn run() -> Result<()> {
             check(cargo("clippy --all-targets -- -D warnings").current_dir(root().join(alone)))
         })
     })?;
+    ci.step("clippy for Windows and macOS", clippy_other_systems)?;
     ci.step("documentation", || {
         let doc = |select: &str| check(cargo(&format!("doc {select} --no-deps")).env("RUSTDOCFLAGS", "-D warnings"));
         doc(&format!("{HOST} --all-features"))?;
@@ -188,6 +192,19 @@ fn clippy_thumb() -> Result<()> {
         check(clippy.args(["--", "-D", "warnings"]))?;
     }
     Ok(())
+}
+
+/// Clippy, and so the type check, as the compilers for the other systems see the code. Nothing is linked or run there.
+fn clippy_other_systems() -> Result<()> {
+    if !toolchain::is_usable(&OTHER_SYSTEMS) {
+        println!("skipped: `rustup target add {}` helps", OTHER_SYSTEMS.join(" "));
+        return Ok(());
+    }
+    each(&OTHER_SYSTEMS, |target| {
+        check(&mut cargo(&format!(
+            "clippy {PORTABLE} --all-targets --target {target} -- -D warnings"
+        )))
+    })
 }
 
 /// Does the same with each of these packages.

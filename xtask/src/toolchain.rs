@@ -37,10 +37,10 @@ impl Toolchain {
     ///
     /// If there is none and none can be installed: with the command that would.
     pub(crate) fn find(targets: &[&str]) -> Result<Self> {
-        let missing: Vec<&str> = targets.iter().copied().filter(|target| !is_installed(target)).collect();
-        if missing.is_empty() || add_with_rustup(&missing) {
+        if is_usable(targets) {
             return Ok(Self::Installed);
         }
+        let missing = missing(targets);
         if !debian_is_complete() {
             apt::install(&DEBIAN_PACKAGES)?;
         }
@@ -101,6 +101,16 @@ pub(crate) fn rustc_property(name: &str) -> Result<String> {
     value
         .map(Into::into)
         .with_context(|| format!("`rustc -vV` has no {name}"))
+}
+
+/// Whether the compiler in use has these targets, or rustup has added them.
+pub(crate) fn is_usable(targets: &[&str]) -> bool {
+    let missing = missing(targets);
+    missing.is_empty() || add_with_rustup(&missing)
+}
+
+fn missing<'a>(targets: &[&'a str]) -> Vec<&'a str> {
+    targets.iter().copied().filter(|target| !is_installed(target)).collect()
 }
 
 fn is_installed(target: &str) -> bool {

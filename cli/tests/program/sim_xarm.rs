@@ -226,7 +226,6 @@ fn silent_clients_do_not_lock_others_out() {
     arm.interrupt();
 }
 
-#[cfg(target_os = "linux")]
 #[test]
 fn virtual_xarm_survives_running_out_of_files() {
     // Fewer files than clients.
